@@ -17,7 +17,12 @@ pub fn find(views: &[LoadedView]) -> Option<u8> {
     let mut histogram = [0u64; 256 / CLASS];
     for view in views {
         let [width, height] = view.size_px.map(|side| side as usize);
-        for (i, pixel) in view.color.iter().enumerate().filter(|(_, pixel)| pixel[3] > 0) {
+        for (i, pixel) in view
+            .color
+            .iter()
+            .enumerate()
+            .filter(|(_, pixel)| pixel[3] > 0)
+        {
             let level = pixel[0].max(pixel[1]).max(pixel[2]);
             histogram[usize::from(level) / CLASS] += 1;
             let (x, y) = (i % width, i / width);
@@ -47,8 +52,11 @@ pub(super) fn shows_nothing(view: &LoadedView, dark: Option<u8>) -> Vec<bool> {
             reached.push(i);
         }
     };
-    let at_rim = |i: &usize| [0, width - 1].contains(&(i % width)) || [0, height - 1].contains(&(i / width));
-    (0..width * height).filter(at_rim).for_each(|i| reach(i, &mut nothing, &mut reached));
+    let at_rim =
+        |i: &usize| [0, width - 1].contains(&(i % width)) || [0, height - 1].contains(&(i / width));
+    (0..width * height)
+        .filter(at_rim)
+        .for_each(|i| reach(i, &mut nothing, &mut reached));
     while let Some(i) = reached.pop() {
         let (x, y) = (i % width, i / width);
         let sides = [
@@ -57,7 +65,10 @@ pub(super) fn shows_nothing(view: &LoadedView, dark: Option<u8>) -> Vec<bool> {
             (y > 0, i.wrapping_sub(width)),
             (y + 1 < height, i + width),
         ];
-        sides.into_iter().filter(|side| side.0).for_each(|side| reach(side.1, &mut nothing, &mut reached));
+        sides
+            .into_iter()
+            .filter(|side| side.0)
+            .for_each(|side| reach(side.1, &mut nothing, &mut reached));
     }
     nothing
 }
@@ -71,13 +82,20 @@ mod tests {
     fn view(object: u8, backdrop: u8) -> LoadedView {
         let color = |i: usize| {
             let inside = (8..24).contains(&(i % 32)) && (8..24).contains(&(i / 32));
-            let level = if inside { object.saturating_add((i % 7) as u8) } else { backdrop + (i % 5) as u8 };
+            let level = if inside {
+                object.saturating_add((i % 7) as u8)
+            } else {
+                backdrop + (i % 5) as u8
+            };
             [level, level / 2, level / 3, 255]
         };
         LoadedView {
             size_px: [32, 32],
             lens: Lens::Equirectangular,
-            pose: Pose { world_from_eye: DMat3::IDENTITY, eye: DVec3::ZERO },
+            pose: Pose {
+                world_from_eye: DMat3::IDENTITY,
+                eye: DVec3::ZERO,
+            },
             color: (0..32 * 32).map(color).collect(),
             depth: Vec::new(),
         }
@@ -101,6 +119,12 @@ mod tests {
             let inside = (8..24).contains(&(i % 32)) && (8..24).contains(&(i / 32));
             assert_eq!(nothing, !inside || i == 20 * 32 + 20, "{i}");
         }
-        assert_eq!(shows_nothing(&view, None).into_iter().filter(|nothing| *nothing).count(), 1);
+        assert_eq!(
+            shows_nothing(&view, None)
+                .into_iter()
+                .filter(|nothing| *nothing)
+                .count(),
+            1
+        );
     }
 }

@@ -46,7 +46,11 @@ const FAR_APART: f64 = 10.0;
 ///
 /// # Errors
 /// [`ImagesError`] of the first view whose files are not there, or that cannot be loaded.
-pub fn check(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<CheckReport, ImagesError> {
+pub fn check(
+    set: &ImageSet,
+    most: usize,
+    look: &mut dyn FnMut(&str),
+) -> Result<CheckReport, ImagesError> {
     set.views.iter().try_for_each(View::check_files)?;
     check_neighbors(set, most, look)
 }
@@ -56,8 +60,15 @@ pub fn check(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<
 ///
 /// # Errors
 /// [`ImagesError`] of the first view that cannot be loaded.
-pub fn check_neighbors(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<CheckReport, ImagesError> {
-    let mut report = CheckReport { warnings: duplicates(&set.views), ..CheckReport::default() };
+pub fn check_neighbors(
+    set: &ImageSet,
+    most: usize,
+    look: &mut dyn FnMut(&str),
+) -> Result<CheckReport, ImagesError> {
+    let mut report = CheckReport {
+        warnings: duplicates(&set.views),
+        ..CheckReport::default()
+    };
     let views: Vec<&View> = set.with_depth().collect();
     let (mut depths, mut known, mut pixels) = (Vec::new(), 0u64, 0u64);
     let pairs = views.len().saturating_sub(1);
@@ -96,9 +107,11 @@ pub fn check_neighbors(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) 
         gather(&load(view, look)?, &view.name);
     }
     let unknown = text::first_of(&unknown);
-    report
-        .warnings
-        .extend(unknown.map(|which| format!("depth of no pixel is known (all are zero, or no numbers): {which}")));
+    report.warnings.extend(
+        unknown.map(|which| {
+            format!("depth of no pixel is known (all are zero, or no numbers): {which}")
+        }),
+    );
     report.median_depth_m = median(depths).unwrap_or(f64::NAN);
     report.depth_share = known as f64 / pixels.max(1) as f64;
     if report.median_depth_m > 500.0 || report.median_depth_m < 0.01 {
@@ -113,8 +126,15 @@ pub fn check_neighbors(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) 
 
 /// Poses in millimetres beside depth in metres make neighbours that see nothing of each other.
 fn other_units(views: &[&View], report: &CheckReport) -> Option<String> {
-    let apart = median(views.windows(2).map(|pair| pair[0].pose.eye.distance(pair[1].pose.eye)))?;
-    let none_agree = report.residuals.iter().all(|residual| residual.relative_depth.is_nan());
+    let apart = median(
+        views
+            .windows(2)
+            .map(|pair| pair[0].pose.eye.distance(pair[1].pose.eye)),
+    )?;
+    let none_agree = report
+        .residuals
+        .iter()
+        .all(|residual| residual.relative_depth.is_nan());
     (none_agree && apart > FAR_APART * report.median_depth_m).then(|| {
         format!(
             "neighbours stand {apart:.3} m apart (median) and see nothing of each other, as half of all depths lie within {:.3} m: poses and \
@@ -134,12 +154,26 @@ fn duplicates(views: &[View]) -> Vec<String> {
     let mut order: Vec<&View> = views.iter().collect();
     order.sort_by(|a, b| {
         // Of a camera that turns in one place all eyes are the same.
-        let key = |view: &View| (view.pose.eye.to_array(), view.pose.world_from_eye.to_cols_array());
-        key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)
+        let key = |view: &View| {
+            (
+                view.pose.eye.to_array(),
+                view.pose.world_from_eye.to_cols_array(),
+            )
+        };
+        key(a)
+            .partial_cmp(&key(b))
+            .unwrap_or(std::cmp::Ordering::Equal)
     });
-    let same = order.windows(2).filter(|pair| pair[0].pose == pair[1].pose && pair[0].lens == pair[1].lens);
-    let same: Vec<String> = same.map(|pair| format!("{} and {}", pair[0].name, pair[1].name)).collect();
-    text::first_of(&same).map(|which| format!("views with the same pose: {which}")).into_iter().collect()
+    let same = order
+        .windows(2)
+        .filter(|pair| pair[0].pose == pair[1].pose && pair[0].lens == pair[1].lens);
+    let same: Vec<String> = same
+        .map(|pair| format!("{} and {}", pair[0].name, pair[1].name))
+        .collect();
+    text::first_of(&same)
+        .map(|which| format!("views with the same pose: {which}"))
+        .into_iter()
+        .collect()
 }
 
 fn gather(view: &LoadedView, depths: &mut Vec<f64>, known: &mut u64, pixels: &mut u64) {
@@ -166,13 +200,20 @@ fn for_each_looked_at(view: &LoadedView, mut visit: impl FnMut(u32, u32)) {
 fn compare(a: &LoadedView, b: &LoadedView, from: &str, to: &str) -> Residual {
     let (mut relative, mut levels, mut points, mut seen) = (Vec::new(), Vec::new(), 0u64, 0u64);
     for_each_looked_at(a, |x, y| {
-        let Some(point) = a.point_at(x, y) else { return };
+        let Some(point) = a.point_at(x, y) else {
+            return;
+        };
         points += 1;
-        let Some([bx, by, expected]) = b.lens.project(b.pose.to_eye(point), b.size_px) else { return };
-        if !(bx >= 0.0 && by >= 0.0 && bx < f64::from(b.size_px[0]) && by < f64::from(b.size_px[1])) {
+        let Some([bx, by, expected]) = b.lens.project(b.pose.to_eye(point), b.size_px) else {
+            return;
+        };
+        if !(bx >= 0.0 && by >= 0.0 && bx < f64::from(b.size_px[0]) && by < f64::from(b.size_px[1]))
+        {
             return;
         }
-        let Some(found) = b.depth_at(bx as u32, by as u32) else { return };
+        let Some(found) = b.depth_at(bx as u32, by as u32) else {
+            return;
+        };
         let error = (f64::from(found) / expected - 1.0).abs();
         seen += 1;
         relative.push(error);
@@ -180,7 +221,12 @@ fn compare(a: &LoadedView, b: &LoadedView, from: &str, to: &str) -> Residual {
             && let Some(color) = b.color_at([bx, by])
         {
             let own = a.color[y as usize * a.size_px[0] as usize + x as usize];
-            levels.push((0..3).map(|c| (color[c] - f64::from(own[c])).abs()).sum::<f64>() / 3.0);
+            levels.push(
+                (0..3)
+                    .map(|c| (color[c] - f64::from(own[c])).abs())
+                    .sum::<f64>()
+                    / 3.0,
+            );
         }
     });
     Residual {

@@ -3,10 +3,10 @@
 use super::ImagesError;
 use super::depth::extension;
 use super::exr_layer::ExrLayer;
+use exr::meta::MetaData;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::image_file;
 use headbox_core::image_file::MAX_PIXELS;
-use exr::meta::MetaData;
 use std::path::Path;
 
 /// Width, height, and row-major sRGB with straight alpha.
@@ -17,7 +17,11 @@ pub type ColorPicture = (u32, u32, Vec<[u8; 4]>);
 /// # Errors
 /// [`ImagesError`] that names the file.
 pub fn read_color(path: &Path) -> Result<ColorPicture, ImagesError> {
-    if extension(path) == "exr" { read_exr(path) } else { read_other(path) }
+    if extension(path) == "exr" {
+        read_exr(path)
+    } else {
+        read_other(path)
+    }
 }
 
 /// Names of the channels that are red, green, blue and alpha; [`CONSTANT_ZERO`] and [`CONSTANT_ONE`] are of none.
@@ -46,18 +50,30 @@ type Find = Box<dyn Fn(&str) -> Option<Vec<f32>>>;
 ///
 /// # Errors
 /// [`ImagesError`] that names the file, also if it lacks a channel.
-pub(super) fn read_channels(path: &Path, channels: &ColorChannels) -> Result<ColorPicture, ImagesError> {
+pub(super) fn read_channels(
+    path: &Path,
+    channels: &ColorChannels,
+) -> Result<ColorPicture, ImagesError> {
     let is_exr = extension(path) == "exr";
     let (width, height, find): (u32, u32, Find) = if is_exr {
         let layer = ExrLayer::read(path)?;
         let (width, height) = (layer.width, layer.height);
-        let find = move |name: &str| layer.channel(name).map(|samples| samples.values_as_f32().collect());
+        let find = move |name: &str| {
+            layer
+                .channel(name)
+                .map(|samples| samples.values_as_f32().collect())
+        };
         (width, height, Box::new(find))
     } else {
         let (width, height, pixels) = read_other(path)?;
         let find = move |name: &str| {
             let channel = USUAL.iter().position(|known| *known == name)?;
-            Some(pixels.iter().map(|pixel| f32::from(pixel[channel]) / 255.0).collect())
+            Some(
+                pixels
+                    .iter()
+                    .map(|pixel| f32::from(pixel[channel]) / 255.0)
+                    .collect(),
+            )
         };
         (width, height, Box::new(find))
     };
@@ -66,20 +82,34 @@ pub(super) fn read_channels(path: &Path, channels: &ColorChannels) -> Result<Col
         CONSTANT_ZERO => Ok(vec![0.0; count]),
         CONSTANT_ONE => Ok(vec![1.0; count]),
         _ => {
-            let missing = || ImagesError::Picture { path: path.into(), cause: format!("has no channel {name}") };
+            let missing = || ImagesError::Picture {
+                path: path.into(),
+                cause: format!("has no channel {name}"),
+            };
             find(name).ok_or_else(missing)
         }
     };
     let [r, g, b, a] = &channels.0;
     let (r, g, b, a) = (samples(r)?, samples(g)?, samples(b)?, samples(a)?);
     let pixel = if is_exr { from_linear } else { from_shares };
-    Ok((width, height, (0..count).map(|i| pixel([r[i], g[i], b[i], a[i]])).collect()))
+    Ok((
+        width,
+        height,
+        (0..count)
+            .map(|i| pixel([r[i], g[i], b[i], a[i]]))
+            .collect(),
+    ))
 }
 
 /// Levels of premultiplied linear light.
 fn from_linear([r, g, b, a]: [f32; 4]) -> [u8; 4] {
     let straight = |c: f32| srgb8_from_linear(if a > 0.0 { c / a } else { c });
-    [straight(r), straight(g), straight(b), (a.clamp(0.0, 1.0) * 255.0 + 0.5) as u8]
+    [
+        straight(r),
+        straight(g),
+        straight(b),
+        (a.clamp(0.0, 1.0) * 255.0 + 0.5) as u8,
+    ]
 }
 
 /// Levels of what a picture of 8 bits holds.
@@ -92,26 +122,42 @@ fn from_shares(shares: [f32; 4]) -> [u8; 4] {
 /// # Errors
 /// [`ImagesError`] that names the file.
 pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
-    let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
+    let bad = |cause: String| ImagesError::Picture {
+        path: path.into(),
+        cause,
+    };
     if extension(path) == "exr" {
-        let meta = MetaData::read_from_file(path, false).map_err(|error| ImagesError::picture(path, error.into()))?;
+        let meta = MetaData::read_from_file(path, false)
+            .map_err(|error| ImagesError::picture(path, error.into()))?;
         let size = meta.headers.first().map(|header| header.layer_size);
-        return size.map(|size| [size.x() as u32, size.y() as u32]).ok_or_else(|| bad("has no layer".into()));
+        return size
+            .map(|size| [size.x() as u32, size.y() as u32])
+            .ok_or_else(|| bad("has no layer".into()));
     }
     let reader = image::ImageReader::open(path).map_err(|cause| ImagesError::io(path, cause))?;
-    let (width, height) = reader.into_dimensions().map_err(|error| ImagesError::picture(path, error.into()))?;
+    let (width, height) = reader
+        .into_dimensions()
+        .map_err(|error| ImagesError::picture(path, error.into()))?;
     Ok([width, height])
 }
 
 fn read_other(path: &Path) -> Result<ColorPicture, ImagesError> {
-    let decoded = image_file::read(path, 8 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
+    let decoded = image_file::read(path, 8 * MAX_PIXELS)
+        .map_err(|error| ImagesError::picture(path, error))?;
     let picture = decoded.into_rgba8();
     let (width, height) = picture.dimensions();
-    Ok((width, height, picture.pixels().map(|pixel| pixel.0).collect()))
+    Ok((
+        width,
+        height,
+        picture.pixels().map(|pixel| pixel.0).collect(),
+    ))
 }
 
 fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
-    let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
+    let bad = |cause: String| ImagesError::Picture {
+        path: path.into(),
+        cause,
+    };
     let [width, height] = read_size(path)?;
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(bad(format!("has more than {MAX_PIXELS} pixels")));

@@ -1,10 +1,10 @@
 //! The channels of a flat EXR, by their names.
 
 use super::ImagesError;
-use headbox_core::image_file::MAX_PIXELS;
 use exr::image::{AnyChannel, FlatSamples};
 use exr::meta::MetaData;
 use exr::prelude::{ReadChannels, ReadLayers, read};
+use headbox_core::image_file::MAX_PIXELS;
 use std::path::Path;
 
 /// From so many pixels on one picture is worth threads of its own, which are started for it; many smaller ones are read side by side anyhow.
@@ -21,24 +21,47 @@ impl ExrLayer {
     /// # Errors
     /// [`ImagesError`] that names the file.
     pub(super) fn read(path: &Path) -> Result<Self, ImagesError> {
-        let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
+        let bad = |cause: String| ImagesError::Picture {
+            path: path.into(),
+            cause,
+        };
         let failed = |error: exr::error::Error| ImagesError::picture(path, error.into());
         let meta = MetaData::read_from_file(path, false).map_err(failed)?;
-        let pixels = meta.headers.iter().map(|header| header.layer_size.area()).max().unwrap_or(0);
+        let pixels = meta
+            .headers
+            .iter()
+            .map(|header| header.layer_size.area())
+            .max()
+            .unwrap_or(0);
         if pixels as u64 > MAX_PIXELS {
             return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
         }
-        let reader =
-            read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
-        let reader = if pixels < PARALLEL_PIXELS { reader.non_parallel() } else { reader };
+        let reader = read()
+            .no_deep_data()
+            .largest_resolution_level()
+            .all_channels()
+            .first_valid_layer()
+            .all_attributes();
+        let reader = if pixels < PARALLEL_PIXELS {
+            reader.non_parallel()
+        } else {
+            reader
+        };
         let layer = reader.from_file(path).map_err(failed)?.layer_data;
         let size = layer.size;
-        Ok(Self { width: size.x() as u32, height: size.y() as u32, channels: layer.channel_data.list.into_vec() })
+        Ok(Self {
+            width: size.x() as u32,
+            height: size.y() as u32,
+            channels: layer.channel_data.list.into_vec(),
+        })
     }
 
     /// The samples of a channel, row-major.
     pub(super) fn channel(&self, name: &str) -> Option<&FlatSamples> {
-        self.channels.iter().find(|channel| channel.name == *name).map(|channel| &channel.sample_data)
+        self.channels
+            .iter()
+            .find(|channel| channel.name == *name)
+            .map(|channel| &channel.sample_data)
     }
 
     /// Those of the only channel.

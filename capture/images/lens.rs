@@ -35,8 +35,15 @@ impl Pinhole {
         if !self.focal_px.iter().all(|&focal| focal > 0.0) {
             return Err("has a focal length that is not above 0");
         }
-        if !self.focal_px.iter().chain(&self.principal_px).all(|px| px.abs() <= FARTHEST_PX) {
-            return Err("has a focal length or a principal point of more than 1e10 pixels, as no camera has");
+        if !self
+            .focal_px
+            .iter()
+            .chain(&self.principal_px)
+            .all(|px| px.abs() <= FARTHEST_PX)
+        {
+            return Err(
+                "has a focal length or a principal point of more than 1e10 pixels, as no camera has",
+            );
         }
         let Distortion { radial, tangential } = self.distortion;
         match radial.iter().chain(&tangential).all(|k| k.is_finite()) {
@@ -69,7 +76,10 @@ impl Distortion {
         let series = |a: f64, b: f64, c: f64| 1.0 + r2 * (a + r2 * (b + r2 * c));
         let radial = series(k1, k2, k3) / series(k4, k5, k6);
         let xy2 = 2.0 * p.x * p.y;
-        let tangential = DVec2::new(p1 * xy2 + p2 * (r2 + 2.0 * p.x * p.x), p1 * (r2 + 2.0 * p.y * p.y) + p2 * xy2);
+        let tangential = DVec2::new(
+            p1 * xy2 + p2 * (r2 + 2.0 * p.x * p.x),
+            p1 * (r2 + 2.0 * p.y * p.y) + p2 * xy2,
+        );
         p * radial + tangential
     }
 
@@ -82,13 +92,18 @@ impl Distortion {
             if error.length() < 1e-12 {
                 break;
             }
-            let dx = (self.apply(p + DVec2::X * STEP) - self.apply(p - DVec2::X * STEP)) / (2.0 * STEP);
-            let dy = (self.apply(p + DVec2::Y * STEP) - self.apply(p - DVec2::Y * STEP)) / (2.0 * STEP);
+            let dx =
+                (self.apply(p + DVec2::X * STEP) - self.apply(p - DVec2::X * STEP)) / (2.0 * STEP);
+            let dy =
+                (self.apply(p + DVec2::Y * STEP) - self.apply(p - DVec2::Y * STEP)) / (2.0 * STEP);
             let determinant = dx.x * dy.y - dy.x * dx.y;
             if determinant.abs() < 1e-12 {
                 return None;
             }
-            p -= DVec2::new(error.x * dy.y - error.y * dy.x, error.y * dx.x - error.x * dx.y) / determinant;
+            p -= DVec2::new(
+                error.x * dy.y - error.y * dy.x,
+                error.y * dx.x - error.x * dx.y,
+            ) / determinant;
         }
         // What strong distortion folds over from the other side is no ideal position either.
         let same_side = p.dot(distorted) >= 0.0;
@@ -101,9 +116,15 @@ impl Lens {
     /// pinhole, of length 1 for a panorama. A pixel's depth is a multiple of it.
     pub fn ray(&self, [x, y]: [f64; 2], [width, height]: [u32; 2]) -> DVec3 {
         match self {
-            Self::Pinhole(Pinhole { focal_px, principal_px, .. }) => {
-                DVec3::new((x - principal_px[0]) / focal_px[0], (principal_px[1] - y) / focal_px[1], -1.0)
-            }
+            Self::Pinhole(Pinhole {
+                focal_px,
+                principal_px,
+                ..
+            }) => DVec3::new(
+                (x - principal_px[0]) / focal_px[0],
+                (principal_px[1] - y) / focal_px[1],
+                -1.0,
+            ),
             Self::Equirectangular => {
                 let longitude = (x / f64::from(width) - 0.5) * std::f64::consts::TAU;
                 let latitude = (0.5 - y / f64::from(height)) * std::f64::consts::PI;
@@ -116,7 +137,11 @@ impl Lens {
     /// Position in a picture, and depth as a multiple of [`Self::ray`], of a point of eye space; `None` behind a pinhole.
     pub fn project(&self, point: DVec3, [width, height]: [u32; 2]) -> Option<[f64; 3]> {
         match self {
-            Self::Pinhole(Pinhole { focal_px, principal_px, .. }) => {
+            Self::Pinhole(Pinhole {
+                focal_px,
+                principal_px,
+                ..
+            }) => {
                 let depth = -point.z;
                 (depth > 0.0).then(|| {
                     [
@@ -152,7 +177,10 @@ impl Lens {
     /// The same lens without distortion.
     pub fn ideal(self) -> Self {
         match self {
-            Self::Pinhole(pinhole) => Self::Pinhole(Pinhole { distortion: Distortion::default(), ..pinhole }),
+            Self::Pinhole(pinhole) => Self::Pinhole(Pinhole {
+                distortion: Distortion::default(),
+                ..pinhole
+            }),
             Self::Equirectangular => self,
         }
     }
@@ -166,12 +194,18 @@ mod tests {
 
     fn pinhole() -> Lens {
         let distortion = Distortion::default();
-        Lens::Pinhole(Pinhole { focal_px: [500.0, 510.0], principal_px: [321.0, 239.5], distortion })
+        Lens::Pinhole(Pinhole {
+            focal_px: [500.0, 510.0],
+            principal_px: [321.0, 239.5],
+            distortion,
+        })
     }
 
     #[test]
     fn lenses_that_no_camera_has_are_refused() {
-        let Lens::Pinhole(good) = pinhole() else { panic!("made as a pinhole") };
+        let Lens::Pinhole(good) = pinhole() else {
+            panic!("made as a pinhole")
+        };
         assert_eq!(good.checked(), Ok(good));
         let refused = |change: fn(&mut Pinhole)| {
             let mut lens = good;
@@ -189,11 +223,18 @@ mod tests {
     fn rays_project_to_where_they_came_from() {
         for lens in [pinhole(), Lens::Equirectangular] {
             for (x, y, depth) in [(10.5, 20.5, 0.3), (320.0, 240.0, 2.0), (639.5, 479.5, 70.0)] {
-                let [px, py, found] = lens.project(lens.ray([x, y], SIZE) * depth, SIZE).expect("in front");
-                assert!((px - x).abs() < 1e-9 && (py - y).abs() < 1e-9 && (found - depth).abs() < 1e-9);
+                let [px, py, found] = lens
+                    .project(lens.ray([x, y], SIZE) * depth, SIZE)
+                    .expect("in front");
+                assert!(
+                    (px - x).abs() < 1e-9 && (py - y).abs() < 1e-9 && (found - depth).abs() < 1e-9
+                );
             }
         }
-        assert!(pinhole().project(DVec3::Z, SIZE).is_none(), "behind the eye");
+        assert!(
+            pinhole().project(DVec3::Z, SIZE).is_none(),
+            "behind the eye"
+        );
     }
 
     #[test]
@@ -206,14 +247,30 @@ mod tests {
 
     #[test]
     fn distortion_is_undone() {
-        let strong = Distortion { radial: [-0.31, 0.12, -0.02, 0.01, 0.0, 0.0], tangential: [0.002, -0.001] };
+        let strong = Distortion {
+            radial: [-0.31, 0.12, -0.02, 0.01, 0.0, 0.0],
+            tangential: [0.002, -0.001],
+        };
         for i in 0..200 {
-            let p = DVec2::new(f64::from(i % 20) / 20.0 - 0.5, f64::from(i / 20) / 10.0 - 0.5);
+            let p = DVec2::new(
+                f64::from(i % 20) / 20.0 - 0.5,
+                f64::from(i / 20) / 10.0 - 0.5,
+            );
             let back = strong.undo(strong.apply(p)).expect("within the picture");
             assert!((back - p).length() < 1e-9, "{p} {back}");
         }
-        assert_eq!(Distortion::default().undo(DVec2::new(0.3, 0.4)), Some(DVec2::new(0.3, 0.4)));
-        let folding = Distortion { radial: [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], ..Distortion::default() };
-        assert_eq!(folding.undo(DVec2::new(5.0, 0.0)), None, "no ideal position is there");
+        assert_eq!(
+            Distortion::default().undo(DVec2::new(0.3, 0.4)),
+            Some(DVec2::new(0.3, 0.4))
+        );
+        let folding = Distortion {
+            radial: [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            ..Distortion::default()
+        };
+        assert_eq!(
+            folding.undo(DVec2::new(5.0, 0.0)),
+            None,
+            "no ideal position is there"
+        );
     }
 }

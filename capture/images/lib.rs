@@ -33,22 +33,22 @@ mod register;
 pub mod traced_view;
 mod view;
 
+pub use crate::color_images::{ColorChannels, ColorPicture, read_color};
+pub use crate::readers::colmap_points::{SparsePoint, sparse_points};
+pub use crate::readers::nerfstudio::{SetWriter, write_set};
 pub use align::{AlignError, AlignProgress, AlignStep, Aligned, align};
 pub use check::{CheckReport, Residual, check, check_neighbors};
 pub use depth::{DepthPicture, DepthSource, write_depth_exr};
 pub use lens::{Distortion, Lens, Pinhole};
-pub use crate::readers::nerfstudio::{SetWriter, write_set};
-pub use crate::color_images::{ColorChannels, ColorPicture, read_color};
 pub use pose::Pose;
 pub use refine::{RefinementReport, RefinementStep};
 pub use register::{Kept, Registration, RegistrationReport, RegistrationStep};
-pub use crate::readers::colmap_points::{SparsePoint, sparse_points};
 pub use view::{FARTHEST_M, LoadedView, View};
 
-use headbox_core::image_file::PictureError;
-use headbox_core::file_frame::FileFrame;
-use headbox_core::statistics::median;
 use glam::{DMat3, DVec3};
+use headbox_core::file_frame::FileFrame;
+use headbox_core::image_file::PictureError;
+use headbox_core::statistics::median;
 use std::path::{Path, PathBuf};
 
 /// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light errs by some 1.5 mm at a metre and
@@ -109,17 +109,27 @@ pub enum ImagesError {
 
 impl ImagesError {
     pub(crate) fn field(path: &Path, field: impl Into<String>, cause: impl Into<String>) -> Self {
-        Self::Field { path: path.into(), field: field.into(), cause: cause.into() }
+        Self::Field {
+            path: path.into(),
+            field: field.into(),
+            cause: cause.into(),
+        }
     }
 
     pub(crate) fn io(path: &Path, cause: std::io::Error) -> Self {
-        Self::Io { path: path.into(), cause }
+        Self::Io {
+            path: path.into(),
+            cause,
+        }
     }
 
     fn picture(path: &Path, error: PictureError) -> Self {
         match error {
             PictureError::Io(cause) => Self::io(path, cause),
-            error => Self::Picture { path: path.into(), cause: error.to_string() },
+            error => Self::Picture {
+                path: path.into(),
+                cause: error.to_string(),
+            },
         }
     }
 }
@@ -168,7 +178,12 @@ impl ImageSet {
     fn leave_out_missing(&mut self) -> Result<(), ImagesError> {
         let is_missing = |view: &View| view.depth.is_none() && !view.color.is_file();
         let all = self.views.len();
-        let Some(first) = self.views.iter().find(|view| is_missing(view)).map(|view| view.color.clone()) else {
+        let Some(first) = self
+            .views
+            .iter()
+            .find(|view| is_missing(view))
+            .map(|view| view.color.clone())
+        else {
             return Ok(());
         };
         self.views.retain(|view| !is_missing(view));
@@ -187,12 +202,19 @@ impl ImageSet {
     /// The set without depth that was found from its pictures.
     fn read(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
         let is_file = path.is_file();
-        let folder = if is_file { path.parent().unwrap_or(Path::new(".")) } else { path };
+        let folder = if is_file {
+            path.parent().unwrap_or(Path::new("."))
+        } else {
+            path
+        };
         if !is_file {
             std::fs::read_dir(path).map_err(|cause| ImagesError::io(path, cause))?;
         }
         let named = |name: &str| match is_file {
-            true => path.file_name().is_some_and(|found| found == name).then(|| path.to_path_buf()),
+            true => path
+                .file_name()
+                .is_some_and(|found| found == name)
+                .then(|| path.to_path_buf()),
             false => Some(folder.join(name)).filter(|file| file.is_file()),
         };
         let allow = options.allow_outside;
@@ -202,7 +224,12 @@ impl ImageSet {
         if let Some(file) = named("manifest.json").or_else(|| is_file.then(|| path.to_path_buf())) {
             return readers::seurat::open(&file, allow);
         }
-        for reader in [readers::colmap::open, readers::rgbd::open, readers::middlebury::open, readers::panorama::open] {
+        for reader in [
+            readers::colmap::open,
+            readers::rgbd::open,
+            readers::middlebury::open,
+            readers::panorama::open,
+        ] {
             if let Some(set) = reader(folder)? {
                 return Ok(set);
             }
@@ -217,21 +244,33 @@ impl ImageSet {
 
     /// Whether all depth that there is was found from the pictures themselves.
     pub fn depth_is_found(&self) -> bool {
-        let mut sources = self.views.iter().filter_map(|view| view.depth.as_ref()).peekable();
+        let mut sources = self
+            .views
+            .iter()
+            .filter_map(|view| view.depth.as_ref())
+            .peekable();
         sources.peek().is_some() && sources.all(|source| source.found.is_some())
     }
 
     /// Standard deviation of the views' inverse depths, 1/m: what was measured where depth was found from the pictures, that of sensors where
     /// depth is in integers beside perspective pictures, else 0.
     pub fn depth_noise(&self) -> f32 {
-        let found = self.views.iter().filter_map(|view| view.depth.as_ref()?.found).map(f64::from);
+        let found = self
+            .views
+            .iter()
+            .filter_map(|view| view.depth.as_ref()?.found)
+            .map(f64::from);
         if self.depth_is_found() {
             return median(found).unwrap_or(0.0) as f32;
         }
-        let from_sensor =
-            |view: &View| view.depth.as_ref().is_some_and(|depth| depth.path.extension().is_some_and(|e| e == "png"));
+        let from_sensor = |view: &View| {
+            view.depth
+                .as_ref()
+                .is_some_and(|depth| depth.path.extension().is_some_and(|e| e == "png"))
+        };
         let first = self.with_depth().next();
-        let sensor = first.is_some_and(|view| from_sensor(view) && matches!(view.lens, Lens::Pinhole(_)));
+        let sensor =
+            first.is_some_and(|view| from_sensor(view) && matches!(view.lens, Lens::Pinhole(_)));
         if sensor { SENSOR_NOISE } else { 0.0 }
     }
 
@@ -239,7 +278,11 @@ impl ImageSet {
     pub fn up(&self) -> Option<DVec3> {
         /// Of the mean of unit vectors: they spread by about 60 degrees.
         const LEAST_LENGTH: f64 = 0.5;
-        let sum: DVec3 = self.views.iter().map(|view| view.pose.world_from_eye.y_axis).sum();
+        let sum: DVec3 = self
+            .views
+            .iter()
+            .map(|view| view.pose.world_from_eye.y_axis)
+            .sum();
         (sum.length() > LEAST_LENGTH * self.views.len() as f64).then(|| sum.normalize())
     }
 
@@ -248,7 +291,11 @@ impl ImageSet {
         /// Others that count.
         const NEIGHBORS: usize = 4;
         let spread = |view: &View| {
-            let mut apart: Vec<f64> = self.views.iter().map(|other| other.pose.eye.distance(view.pose.eye)).collect();
+            let mut apart: Vec<f64> = self
+                .views
+                .iter()
+                .map(|other| other.pose.eye.distance(view.pose.eye))
+                .collect();
             if apart.len() > NEIGHBORS + 1 {
                 apart.select_nth_unstable_by(NEIGHBORS, f64::total_cmp);
             }
@@ -261,7 +308,13 @@ impl ImageSet {
         let (view, apart) = spreads.min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
         // Poses of one place are written with some digits.
         let same = apart.last().map_or(0.0, |distance| distance * 1e-3);
-        Some((view, apart.into_iter().find(|distance| *distance > same).unwrap_or(0.1)))
+        Some((
+            view,
+            apart
+                .into_iter()
+                .find(|distance| *distance > same)
+                .unwrap_or(0.1),
+        ))
     }
 
     /// The point nearest to all viewing axes.
@@ -269,28 +322,47 @@ impl ImageSet {
         let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
         for view in &self.views {
             let axis = view.pose.world_from_eye.z_axis;
-            let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+            let across =
+                DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
             matrix += across;
             right += across * view.pose.eye;
         }
-        let ahead = self.views.first().map_or(DVec3::ZERO, |view| view.pose.eye - view.pose.world_from_eye.z_axis);
-        if matrix.determinant().abs() > 1e-9 { matrix.inverse() * right } else { ahead }
+        let ahead = self.views.first().map_or(DVec3::ZERO, |view| {
+            view.pose.eye - view.pose.world_from_eye.z_axis
+        });
+        if matrix.determinant().abs() > 1e-9 {
+            matrix.inverse() * right
+        } else {
+            ahead
+        }
     }
 
     /// The view whose eye is nearest to the mean of all eyes: an original camera suits best as the centre of an LDI, for
     /// fewer pixels are resampled twice (S12).
     pub fn central_view(&self) -> Option<&View> {
-        let mean = self.views.iter().map(|view| view.pose.eye).sum::<DVec3>() / self.views.len().max(1) as f64;
+        let mean = self.views.iter().map(|view| view.pose.eye).sum::<DVec3>()
+            / self.views.len().max(1) as f64;
         let apart = |view: &&View| view.pose.eye.distance_squared(mean);
-        self.views.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)))
+        self.views
+            .iter()
+            .min_by(|a, b| apart(a).total_cmp(&apart(b)))
     }
 }
 
 /// Makes a path of a manifest one of the file system: relative to the manifest's folder, and under it unless `allow_outside`.
-fn resolve(manifest: &Path, field: &str, written: &str, allow_outside: bool) -> Result<PathBuf, ImagesError> {
+fn resolve(
+    manifest: &Path,
+    field: &str,
+    written: &str,
+    allow_outside: bool,
+) -> Result<PathBuf, ImagesError> {
     use std::path::Component;
     if written.is_empty() {
-        return Err(ImagesError::field(manifest, field, "is empty, and names no file"));
+        return Err(ImagesError::field(
+            manifest,
+            field,
+            "is empty, and names no file",
+        ));
     }
     let folder = manifest.parent().unwrap_or(Path::new(""));
     let path = Path::new(written);
@@ -305,7 +377,11 @@ fn resolve(manifest: &Path, field: &str, written: &str, allow_outside: bool) -> 
             depth < 0
         });
     if escapes && !allow_outside {
-        return Err(ImagesError::Outside { path: manifest.into(), field: field.into(), leads_to: written.into() });
+        return Err(ImagesError::Outside {
+            path: manifest.into(),
+            field: field.into(),
+            leads_to: written.into(),
+        });
     }
     Ok(folder.join(path))
 }
@@ -318,12 +394,23 @@ mod tests {
     fn paths_stay_under_their_manifest() {
         let manifest = Path::new("/data/set/manifest.json");
         let resolved = |written, allow| resolve(manifest, "color", written, allow);
-        assert_eq!(resolved("a/../b.png", false).expect("inside"), Path::new("/data/set/a/../b.png"));
+        assert_eq!(
+            resolved("a/../b.png", false).expect("inside"),
+            Path::new("/data/set/a/../b.png")
+        );
         for outside in ["../b.png", "a/../../b.png", "/etc/passwd"] {
             let error = resolved(outside, false).expect_err(outside).to_string();
-            assert!(error.contains("manifest.json") && error.contains("color"), "{error}");
+            assert!(
+                error.contains("manifest.json") && error.contains("color"),
+                "{error}"
+            );
             assert!(resolved(outside, true).is_ok());
         }
-        assert!(resolved("", true).expect_err("no name").to_string().contains("names no file"));
+        assert!(
+            resolved("", true)
+                .expect_err("no name")
+                .to_string()
+                .contains("names no file")
+        );
     }
 }

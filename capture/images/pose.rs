@@ -26,7 +26,10 @@ impl Pose {
         if !world_from_eye.is_finite() {
             return Err("is not finite".into());
         }
-        let (rotation, eye) = (DMat3::from_mat4(world_from_eye), world_from_eye.w_axis.truncate());
+        let (rotation, eye) = (
+            DMat3::from_mat4(world_from_eye),
+            world_from_eye.w_axis.truncate(),
+        );
         let last_row = world_from_eye.transpose().w_axis;
         if (last_row - glam::DVec4::W).abs().max_element() > ROTATION_TOLERANCE {
             return Err(format!("its last row is {last_row}, not 0, 0, 0, 1"));
@@ -35,7 +38,10 @@ impl Pose {
         if farthest > FARTHEST_EYE {
             return Err(format!("puts the eye {farthest:.3e} away from the origin"));
         }
-        Ok(Self { eye, world_from_eye: rotation_of(rotation)? })
+        Ok(Self {
+            eye,
+            world_from_eye: rotation_of(rotation)?,
+        })
     }
 
     /// From a camera-to-world matrix whose camera has X right, Y down, Z forward (OpenCV, RGB-D sensors).
@@ -62,15 +68,26 @@ impl Pose {
     /// The same pose in other axes and another unit.
     pub fn in_world(self, frame: &headbox_core::file_frame::FileFrame) -> Self {
         let turn = |axis: DVec3| frame.world_direction_from_file(axis);
-        let [x, y, z] = [self.world_from_eye.x_axis, self.world_from_eye.y_axis, self.world_from_eye.z_axis].map(turn);
-        Self { eye: frame.world_from_file(self.eye), world_from_eye: DMat3::from_cols(x, y, z) }
+        let [x, y, z] = [
+            self.world_from_eye.x_axis,
+            self.world_from_eye.y_axis,
+            self.world_from_eye.z_axis,
+        ]
+        .map(turn);
+        Self {
+            eye: frame.world_from_file(self.eye),
+            world_from_eye: DMat3::from_cols(x, y, z),
+        }
     }
 
     /// The angle between two poses, degrees, and the distance of their eyes, metres.
     pub fn apart_from(&self, other: &Self) -> [f64; 2] {
         let turn = self.world_from_eye * other.world_from_eye.transpose();
         let cosine = (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0) / 2.0;
-        [cosine.clamp(-1.0, 1.0).acos().to_degrees(), self.eye.distance(other.eye)]
+        [
+            cosine.clamp(-1.0, 1.0).acos().to_degrees(),
+            self.eye.distance(other.eye),
+        ]
     }
 
     /// A point of eye space in the world.
@@ -88,23 +105,37 @@ impl Pose {
 pub(super) fn mean_apart(pairs: impl ExactSizeIterator<Item = (Pose, Pose)>) -> [f64; 2] {
     let count = pairs.len().max(1) as f64;
     let sum = pairs.map(|(pose, other)| pose.apart_from(&other));
-    sum.fold([0.0; 2], |sum, apart| [sum[0] + apart[0], sum[1] + apart[1]]).map(|sum| sum / count)
+    sum.fold([0.0; 2], |sum, apart| {
+        [sum[0] + apart[0], sum[1] + apart[1]]
+    })
+    .map(|sum| sum / count)
 }
 
 /// The rotation next to a matrix that is nearly one.
 fn rotation_of(matrix: DMat3) -> Result<DMat3, String> {
     let gram = matrix.transpose() * matrix;
-    let off = (gram - DMat3::IDENTITY).abs().to_cols_array().into_iter().fold(0.0, f64::max);
+    let off = (gram - DMat3::IDENTITY)
+        .abs()
+        .to_cols_array()
+        .into_iter()
+        .fold(0.0, f64::max);
     if off > ROTATION_TOLERANCE * 3.0 {
         let scale = matrix.determinant().abs().cbrt();
-        let same = (gram * (1.0 / (scale * scale)) - DMat3::IDENTITY).abs().to_cols_array();
-        return Err(match same.into_iter().fold(0.0, f64::max) < ROTATION_TOLERANCE * 3.0 {
-            true => format!("is a rotation times a scale of {scale:.6}; poses must not scale"),
-            false => format!("is no rotation: its columns are off by {off:.3}"),
-        });
+        let same = (gram * (1.0 / (scale * scale)) - DMat3::IDENTITY)
+            .abs()
+            .to_cols_array();
+        return Err(
+            match same.into_iter().fold(0.0, f64::max) < ROTATION_TOLERANCE * 3.0 {
+                true => format!("is a rotation times a scale of {scale:.6}; poses must not scale"),
+                false => format!("is no rotation: its columns are off by {off:.3}"),
+            },
+        );
     }
     if matrix.determinant() < 0.0 {
-        return Err("mirrors (its determinant is -1): the file is left-handed, or an axis is flipped".into());
+        return Err(
+            "mirrors (its determinant is -1): the file is left-handed, or an axis is flipped"
+                .into(),
+        );
     }
     let x = matrix.x_axis.normalize();
     let y = (matrix.y_axis - x * x.dot(matrix.y_axis)).normalize();
@@ -117,10 +148,21 @@ mod tests {
 
     #[test]
     fn opencv_cameras_look_along_their_z() {
-        let pose = Pose::from_opencv(DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0))).expect("a pose");
-        assert_eq!(pose.to_world(DVec3::new(0.0, 0.0, -2.0)), DVec3::new(1.0, 2.0, 5.0), "forward");
-        assert_eq!(pose.to_world(DVec3::Y), DVec3::new(1.0, 1.0, 3.0), "up is minus the file's y");
-        let turned = Pose::from_camera_from_world(DMat3::from_rotation_y(0.4), DVec3::new(0.1, 0.2, 0.3)).expect("one");
+        let pose =
+            Pose::from_opencv(DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0))).expect("a pose");
+        assert_eq!(
+            pose.to_world(DVec3::new(0.0, 0.0, -2.0)),
+            DVec3::new(1.0, 2.0, 5.0),
+            "forward"
+        );
+        assert_eq!(
+            pose.to_world(DVec3::Y),
+            DVec3::new(1.0, 1.0, 3.0),
+            "up is minus the file's y"
+        );
+        let turned =
+            Pose::from_camera_from_world(DMat3::from_rotation_y(0.4), DVec3::new(0.1, 0.2, 0.3))
+                .expect("one");
         let p = DVec3::new(3.0, -2.0, 1.0);
         let camera = DMat3::from_rotation_y(0.4) * p + DVec3::new(0.1, 0.2, 0.3);
         assert!((turned.to_eye(p) - camera * DVec3::new(1.0, -1.0, -1.0)).length() < 1e-12);

@@ -24,9 +24,13 @@ pub fn view(
     LoadedView {
         size_px: [camera.width(), camera.height()],
         lens: Lens::Pinhole(lens),
-        pose: Pose { eye: camera.eye(), world_from_eye: camera.world_from_eye() },
-        color: render(tracer, lighting, lit, camera, samples, progress).frame.color,
+        pose: Pose {
+            eye: camera.eye(),
+            world_from_eye: camera.world_from_eye(),
+        },
+        color: render(tracer, lighting, lit, camera, samples, progress)
+            .frame
+            .color,
         depth: eye_depth(tracer, camera),
     }
 }
-

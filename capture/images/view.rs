@@ -3,12 +3,12 @@
 use super::ImagesError;
 use super::depth::DepthSource;
 use super::lens::{Lens, Pinhole};
-use crate::color_images::{ColorChannels, read_channels, read_color, read_size};
 use super::pose::Pose;
 use super::register::Registration;
+use crate::color_images::{ColorChannels, read_channels, read_color, read_size};
+use glam::{DVec2, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::depth_kind::DepthKind;
-use glam::{DVec2, DVec3};
 use std::path::PathBuf;
 
 /// Where what is infinitely far is taken to be, metres: a step of a metre moves it by a hundredth of a pixel where a thousand pixels show a radian.
@@ -69,8 +69,12 @@ impl View {
         if let Some(mask) = &self.mask {
             let (mask_width, mask_height, mask_pixels) = read_color(mask)?;
             if (mask_width, mask_height) != (width, height) {
-                let cause = format!("is {mask_width}x{mask_height} pixels, its picture {width}x{height}");
-                return Err(ImagesError::Picture { path: mask.clone(), cause });
+                let cause =
+                    format!("is {mask_width}x{mask_height} pixels, its picture {width}x{height}");
+                return Err(ImagesError::Picture {
+                    path: mask.clone(),
+                    cause,
+                });
             }
             for (pixel, masked) in color.iter_mut().zip(mask_pixels) {
                 if masked[3] == 0 || masked[..3].iter().all(|&level| level < 128) {
@@ -79,11 +83,31 @@ impl View {
             }
         }
         let depth = self.load_depth()?;
-        let of_ideal_lens = self.depth.as_ref().is_some_and(|depth| depth.found.is_some());
-        let (distorted, ideal) = if of_ideal_lens { (Vec::new(), depth) } else { (depth, Vec::new()) };
-        let loaded = LoadedView { size_px: self.size_px, lens: self.lens, pose: self.pose, color, depth: distorted };
+        let of_ideal_lens = self
+            .depth
+            .as_ref()
+            .is_some_and(|depth| depth.found.is_some());
+        let (distorted, ideal) = if of_ideal_lens {
+            (Vec::new(), depth)
+        } else {
+            (depth, Vec::new())
+        };
+        let loaded = LoadedView {
+            size_px: self.size_px,
+            lens: self.lens,
+            pose: self.pose,
+            color,
+            depth: distorted,
+        };
         let undistorted = loaded.undistorted();
-        let ideal = if of_ideal_lens { LoadedView { depth: ideal, ..undistorted } } else { undistorted };
+        let ideal = if of_ideal_lens {
+            LoadedView {
+                depth: ideal,
+                ..undistorted
+            }
+        } else {
+            undistorted
+        };
         Ok(match &self.registration {
             Some(registration) => registration.apply(ideal),
             None => ideal,
@@ -97,10 +121,11 @@ impl View {
     pub(super) fn check_files(&self) -> Result<(), ImagesError> {
         self.is_of_size(read_size(&self.color)?)?;
         let depth = self.depth.as_ref().map(|depth| &depth.path);
-        depth
-            .into_iter()
-            .chain(&self.mask)
-            .try_for_each(|path| std::fs::metadata(path).map(|_| ()).map_err(|cause| ImagesError::io(path, cause)))
+        depth.into_iter().chain(&self.mask).try_for_each(|path| {
+            std::fs::metadata(path)
+                .map(|_| ())
+                .map_err(|cause| ImagesError::io(path, cause))
+        })
     }
 
     fn is_of_size(&self, [width, height]: [u32; 2]) -> Result<(), ImagesError> {
@@ -109,23 +134,41 @@ impl View {
         }
         let [w, h] = self.size_px;
         let cause = format!("is {width}x{height} pixels, but the set says {w}x{h}");
-        Err(ImagesError::Picture { path: self.color.clone(), cause })
+        Err(ImagesError::Picture {
+            path: self.color.clone(),
+            cause,
+        })
     }
 
     fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {
-        let Some(source) = &self.depth else { return Ok(Vec::new()) };
+        let Some(source) = &self.depth else {
+            return Ok(Vec::new());
+        };
         let mut picture = source.read()?;
         if [picture.width, picture.height] != self.size_px {
             let [w, h] = self.size_px;
-            let cause = format!("is {}x{} pixels, its picture {w}x{h}", picture.width, picture.height);
-            return Err(ImagesError::Picture { path: source.path.clone(), cause });
+            let cause = format!(
+                "is {}x{} pixels, its picture {w}x{h}",
+                picture.width, picture.height
+            );
+            return Err(ImagesError::Picture {
+                path: source.path.clone(),
+                cause,
+            });
         }
-        for (y, row) in picture.values.chunks_exact_mut(self.size_px[0] as usize).enumerate() {
+        for (y, row) in picture
+            .values
+            .chunks_exact_mut(self.size_px[0] as usize)
+            .enumerate()
+        {
             for (x, depth) in row.iter_mut().enumerate() {
                 let scale = match (source.kind, self.lens) {
                     // From the length along the ray to a multiple of the ray (C24).
                     (DepthKind::RayDistance, Lens::Pinhole(_)) => {
-                        (1.0 / self.lens.ray([x as f64 + 0.5, y as f64 + 0.5], self.size_px).length()) as f32
+                        (1.0 / self
+                            .lens
+                            .ray([x as f64 + 0.5, y as f64 + 0.5], self.size_px)
+                            .length()) as f32
                     }
                     _ => 1.0,
                 };
@@ -137,12 +180,16 @@ impl View {
 
     /// Whether it has depth that was not found from pictures.
     pub fn has_own_depth(&self) -> bool {
-        self.depth.as_ref().is_some_and(|depth| depth.found.is_none())
+        self.depth
+            .as_ref()
+            .is_some_and(|depth| depth.found.is_none())
     }
 
     /// The ideal lens of its colours; `None` for a panorama.
     pub fn pinhole(&self) -> Option<Pinhole> {
-        let lens = self.registration.map_or(self.lens, |registration| Lens::Pinhole(registration.lens));
+        let lens = self
+            .registration
+            .map_or(self.lens, |registration| Lens::Pinhole(registration.lens));
         match lens.ideal() {
             Lens::Pinhole(pinhole) => Some(pinhole),
             Lens::Equirectangular => None,
@@ -152,9 +199,18 @@ impl View {
     /// The camera of frames that show what this view shows: its eye and direction, square pixels, the principal point in
     /// the middle. `None` for a panorama.
     pub fn camera(&self) -> Option<Camera> {
-        let Lens::Pinhole(pinhole) = self.lens else { return None };
+        let Lens::Pinhole(pinhole) = self.lens else {
+            return None;
+        };
         let [width, height] = self.size_px;
-        Camera::from_parts(self.pose.eye, self.pose.world_from_eye, pinhole.focal_px[1], width, height).ok()
+        Camera::from_parts(
+            self.pose.eye,
+            self.pose.world_from_eye,
+            pinhole.focal_px[1],
+            width,
+            height,
+        )
+        .ok()
     }
 }
 
@@ -171,7 +227,9 @@ impl LoadedView {
     /// The world point of a pixel of known depth.
     pub fn point_at(&self, x: u32, y: u32) -> Option<DVec3> {
         let depth = f64::from(self.depth_at(x, y)?);
-        let ray = self.lens.ray([f64::from(x) + 0.5, f64::from(y) + 0.5], self.size_px);
+        let ray = self
+            .lens
+            .ray([f64::from(x) + 0.5, f64::from(y) + 0.5], self.size_px);
         Some(self.pose.to_world(ray * depth))
     }
 
@@ -181,14 +239,23 @@ impl LoadedView {
         if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
             return None;
         }
-        let (x, y) = ((x - 0.5).clamp(0.0, width - 1.0), (y - 0.5).clamp(0.0, height - 1.0));
+        let (x, y) = (
+            (x - 0.5).clamp(0.0, width - 1.0),
+            (y - 0.5).clamp(0.0, height - 1.0),
+        );
         let (x0, y0) = (x as usize, y as usize);
         let (fx, fy) = (x - x0 as f64, y - y0 as f64);
-        let (x1, y1) = ((x0 + 1).min(width as usize - 1), (y0 + 1).min(height as usize - 1));
+        let (x1, y1) = (
+            (x0 + 1).min(width as usize - 1),
+            (y0 + 1).min(height as usize - 1),
+        );
         let (mut sum, mut total) = ([0.0; 3], 0.0);
-        for (px, py, weight) in
-            [(x0, y0, (1.0 - fx) * (1.0 - fy)), (x1, y0, fx * (1.0 - fy)), (x0, y1, (1.0 - fx) * fy), (x1, y1, fx * fy)]
-        {
+        for (px, py, weight) in [
+            (x0, y0, (1.0 - fx) * (1.0 - fy)),
+            (x1, y0, fx * (1.0 - fy)),
+            (x0, y1, (1.0 - fx) * fy),
+            (x1, y1, fx * fy),
+        ] {
             let pixel = self.color[py * width as usize + px];
             if pixel[3] > 0 && weight > 0.0 {
                 (0..3).for_each(|c| sum[c] += f64::from(pixel[c]) * weight);
@@ -203,8 +270,12 @@ impl LoadedView {
     pub fn color_on_plane(&self, at: DVec3, eye: DVec3, direction: DVec3) -> Option<[f64; 3]> {
         let normal = self.pose.world_from_eye.z_axis;
         let depth = (at - eye).dot(normal) / direction.dot(normal);
-        let point = self.pose.world_from_eye.transpose() * (eye + direction * depth - self.pose.eye);
-        let [x, y, _] = self.lens.project(point, self.size_px).filter(|_| depth > 0.0)?;
+        let point =
+            self.pose.world_from_eye.transpose() * (eye + direction * depth - self.pose.eye);
+        let [x, y, _] = self
+            .lens
+            .project(point, self.size_px)
+            .filter(|_| depth > 0.0)?;
         self.color_at([x, y])
     }
 
@@ -213,16 +284,23 @@ impl LoadedView {
     #[must_use]
     pub fn smaller(self, times: u32) -> Self {
         let size_px = self.size_px.map(|side| side / times.max(1));
-        let Lens::Pinhole(pinhole) = self.lens else { return self };
+        let Lens::Pinhole(pinhole) = self.lens else {
+            return self;
+        };
         if times <= 1 || size_px.contains(&0) {
             return self;
         }
         let mut color = Vec::with_capacity(size_px[0] as usize * size_px[1] as usize);
-        for (x, y) in (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x * times, y * times))) {
+        for (x, y) in
+            (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x * times, y * times)))
+        {
             let (mut sum, mut count) = ([0; 3], 0);
             for row in y..y + times {
                 let start = (row * self.size_px[0] + x) as usize;
-                for pixel in self.color[start..start + times as usize].iter().filter(|pixel| pixel[3] > 0) {
+                for pixel in self.color[start..start + times as usize]
+                    .iter()
+                    .filter(|pixel| pixel[3] > 0)
+                {
                     (0..3).for_each(|c| sum[c] += u32::from(pixel[c]));
                     count += 1;
                 }
@@ -231,14 +309,32 @@ impl LoadedView {
             color.push([r, g, b, if count > 0 { 255 } else { 0 }]);
         }
         let share = 1.0 / f64::from(times);
-        let [focal_px, principal_px] = [pinhole.focal_px, pinhole.principal_px].map(|px| px.map(|px| px * share));
-        let lens = Lens::Pinhole(Pinhole { focal_px, principal_px, ..pinhole });
-        Self { size_px, lens, color, depth: Vec::new(), ..self }
+        let [focal_px, principal_px] =
+            [pinhole.focal_px, pinhole.principal_px].map(|px| px.map(|px| px * share));
+        let lens = Lens::Pinhole(Pinhole {
+            focal_px,
+            principal_px,
+            ..pinhole
+        });
+        Self {
+            size_px,
+            lens,
+            color,
+            depth: Vec::new(),
+            ..self
+        }
     }
 
     /// The same view through an ideal lens.
     pub(super) fn undistorted(self) -> Self {
-        let Lens::Pinhole(Pinhole { focal_px, principal_px, distortion }) = self.lens else { return self };
+        let Lens::Pinhole(Pinhole {
+            focal_px,
+            principal_px,
+            distortion,
+        }) = self.lens
+        else {
+            return self;
+        };
         if distortion.is_none() {
             return self;
         }
@@ -248,20 +344,34 @@ impl LoadedView {
         let mut color = vec![[0; 4]; pixels];
         let mut depth = vec![f32::NAN; self.depth.len()];
         for (i, color) in color.iter_mut().enumerate() {
-            let (x, y) = ((i % width as usize) as f64 + 0.5, (i / width as usize) as f64 + 0.5);
-            let ideal = DVec2::new((x - principal_px[0]) / focal_px[0], (y - principal_px[1]) / focal_px[1]);
+            let (x, y) = (
+                (i % width as usize) as f64 + 0.5,
+                (i / width as usize) as f64 + 0.5,
+            );
+            let ideal = DVec2::new(
+                (x - principal_px[0]) / focal_px[0],
+                (y - principal_px[1]) / focal_px[1],
+            );
             let there = distortion.apply(ideal);
             let position = [0, 1].map(|axis| principal_px[axis] + focal_px[axis] * there[axis]);
-            let Some(found) = self.color_at(position) else { continue };
+            let Some(found) = self.color_at(position) else {
+                continue;
+            };
             let [r, g, b] = found.map(|c| (c + 0.5) as u8);
             let nearest = [position[0] as usize, position[1] as usize];
-            let at = nearest[1].min(height as usize - 1) * width as usize + nearest[0].min(width as usize - 1);
+            let at = nearest[1].min(height as usize - 1) * width as usize
+                + nearest[0].min(width as usize - 1);
             *color = [r, g, b, self.color[at][3]];
             if let (Some(depth), Some(&known)) = (depth.get_mut(i), self.depth.get(at)) {
                 *depth = known;
             }
         }
-        Self { lens, color, depth, ..self }
+        Self {
+            lens,
+            color,
+            depth,
+            ..self
+        }
     }
 }
 
@@ -278,10 +388,25 @@ mod tests {
             principal_px: [6.2, 4.1],
             distortion: Distortion::default(),
         });
-        let pixel =
-            |i: u32| [(i % 13 * 19) as u8, (i / 13 * 28) as u8, (i * 7 % 256) as u8, if i % 13 < 11 { 255 } else { 0 }];
-        let pose = Pose { eye: DVec3::new(0.3, -0.2, 0.5), world_from_eye: DMat3::from_rotation_y(0.3) };
-        LoadedView { size_px, lens, pose, color: (0..13 * 9).map(pixel).collect(), depth: vec![1.0; 13 * 9] }
+        let pixel = |i: u32| {
+            [
+                (i % 13 * 19) as u8,
+                (i / 13 * 28) as u8,
+                (i * 7 % 256) as u8,
+                if i % 13 < 11 { 255 } else { 0 },
+            ]
+        };
+        let pose = Pose {
+            eye: DVec3::new(0.3, -0.2, 0.5),
+            world_from_eye: DMat3::from_rotation_y(0.3),
+        };
+        LoadedView {
+            size_px,
+            lens,
+            pose,
+            color: (0..13 * 9).map(pixel).collect(),
+            depth: vec![1.0; 13 * 9],
+        }
     }
 
     #[test]
@@ -298,8 +423,12 @@ mod tests {
             let block = (0..9).map(|k| whole.color[((y + k / 3) * 13 + x + k % 3) as usize]);
             let known: Vec<[u8; 4]> = block.filter(|pixel| pixel[3] > 0).collect();
             for c in 0..3 {
-                let mean = known.iter().map(|pixel| f64::from(pixel[c])).sum::<f64>() / known.len() as f64;
-                assert!((f64::from(found[c]) - mean).abs() <= 0.5, "{i}: {found:?} {mean}");
+                let mean =
+                    known.iter().map(|pixel| f64::from(pixel[c])).sum::<f64>() / known.len() as f64;
+                assert!(
+                    (f64::from(found[c]) - mean).abs() <= 0.5,
+                    "{i}: {found:?} {mean}"
+                );
             }
         }
         assert_eq!(whole.clone().smaller(1), whole);
@@ -318,9 +447,16 @@ mod tests {
             let point = view.pose.eye + direction * 4.0;
             for eye in [view.pose.eye, view.pose.eye + DVec3::new(0.4, 0.1, -0.3)] {
                 let found = view.color_on_plane(at, eye, point - eye).unwrap();
-                assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-9), "{found:?} {expected:?}");
+                assert!(
+                    (0..3).all(|c| (found[c] - expected[c]).abs() < 1e-9),
+                    "{found:?} {expected:?}"
+                );
             }
-            assert_eq!(view.color_on_plane(at, view.pose.eye, -direction), None, "behind");
+            assert_eq!(
+                view.color_on_plane(at, view.pose.eye, -direction),
+                None,
+                "behind"
+            );
         }
     }
 }

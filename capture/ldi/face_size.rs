@@ -4,13 +4,13 @@
 //! what the centre sees at P larger by |P| / |P - b|. What a sample shows lies within half of its width, so that with a width of
 //! 2 E frame pixels nothing is sampled coarser than E; what is narrower than that, no frame can tell.
 
-use headbox_cube::planes::DEFAULT_ERROR_PX;
-use headbox_core::random::Rng;
-use headbox_trace::sampler::Strata;
-use headbox_trace::bvh::{Ray, Tracer};
-use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
 use crate::job::CaptureJob;
 use glam::Vec3;
+use headbox_core::random::Rng;
+use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
+use headbox_cube::planes::DEFAULT_ERROR_PX;
+use headbox_trace::bvh::{Ray, Tracer};
+use headbox_trace::sampler::Strata;
 
 /// Eyes and directions that are asked.
 const PAIRS: usize = 4096;
@@ -28,8 +28,16 @@ fn face_size_px(tracer: &Tracer, half_size_m: f64, focal_px: f64, error_px: f64)
     let mut random = Rng::keyed(0xface);
     let mut larger: Vec<f64> = (0..PAIRS)
         .map(|_| {
-            let (toward, eye) = (random.in_ball().normalize_or_zero(), random.in_cube(half_size_m));
-            let ray = Ray { origin: Vec3::ZERO, direction: toward.as_vec3(), t_min: 0.0, t_max: f32::INFINITY };
+            let (toward, eye) = (
+                random.in_ball().normalize_or_zero(),
+                random.in_cube(half_size_m),
+            );
+            let ray = Ray {
+                origin: Vec3::ZERO,
+                direction: toward.as_vec3(),
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             let hit = tracer.closest(&ray);
             // What nothing hides is at infinity, where no step makes it larger.
             hit.map_or(1.0, |hit| {
@@ -40,14 +48,22 @@ fn face_size_px(tracer: &Tracer, half_size_m: f64, focal_px: f64, error_px: f64)
         .filter(|larger| larger.is_finite())
         .collect();
     let rank = ((larger.len() as f64 * SHARE) as usize).min(larger.len().saturating_sub(1));
-    let larger = if larger.is_empty() { 1.0 } else { *larger.select_nth_unstable_by(rank, f64::total_cmp).1 };
+    let larger = if larger.is_empty() {
+        1.0
+    } else {
+        *larger.select_nth_unstable_by(rank, f64::total_cmp).1
+    };
     let size_px = focal_px * larger / error_px;
     ((size_px / STEP_PX).ceil() * STEP_PX).clamp(STEP_PX, f64::from(MAX_FACE_SIZE_PX)) as u32
 }
 
 /// Makes the faces of a capture that large, with as many rays for each of their pixels. With an error that is no positive number, the usual one.
 pub fn settle(job: &mut CaptureJob, tracer: &Tracer, focal_px: f64, error_px: f64) {
-    let error_px = if error_px > 0.0 { error_px } else { DEFAULT_ERROR_PX };
+    let error_px = if error_px > 0.0 {
+        error_px
+    } else {
+        DEFAULT_ERROR_PX
+    };
     let size_px = face_size_px(tracer, job.half_size_m, focal_px, error_px);
     job.parameters.strata = strata_for(job.parameters.strata, job.face_size_px, size_px);
     job.face_size_px = size_px;
@@ -57,27 +73,44 @@ pub fn settle(job: &mut CaptureJob, tracer: &Tracer, focal_px: f64, error_px: f6
 fn strata_for(strata: u32, of_px: u32, size_px: u32) -> u32 {
     // Rays grow with the fourth power of strata, face pixels with the second of a face's side.
     let strata = f64::from(strata) * (f64::from(size_px) / f64::from(of_px.max(1))).sqrt();
-    strata.round().clamp(1.0, f64::from(Strata::MAX_PER_DIMENSION)) as u32
+    strata
+        .round()
+        .clamp(1.0, f64::from(Strata::MAX_PER_DIMENSION)) as u32
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
     use headbox_scene::material::Material;
     use headbox_scene::scene::Scene;
     use headbox_scene::scene::Triangle;
-    use glam::DVec3;
     use std::sync::Arc;
 
     /// A closed cube of two metres about the origin, scaled.
     fn room(half_m: f64) -> Tracer {
-        let positions =
-            (0..8).map(|i| DVec3::from_array([0, 1, 2].map(|axis| f64::from((i >> axis & 1) * 2 - 1) * half_m)));
-        let quads = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
-        let triangles = quads.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]);
+        let positions = (0..8).map(|i| {
+            DVec3::from_array([0, 1, 2].map(|axis| f64::from((i >> axis & 1) * 2 - 1) * half_m))
+        });
+        let quads = [
+            [0, 1, 3, 2],
+            [4, 5, 7, 6],
+            [0, 1, 5, 4],
+            [2, 3, 7, 6],
+            [0, 2, 6, 4],
+            [1, 3, 7, 5],
+        ];
+        let triangles = quads
+            .into_iter()
+            .flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]);
         let scene = Scene {
             positions: positions.collect(),
-            triangles: triangles.map(|vertices| Triangle { vertices, material: 0 }).collect(),
+            triangles: triangles
+                .map(|vertices| Triangle {
+                    vertices,
+                    material: 0,
+                })
+                .collect(),
             materials: vec![Material::default()],
             ..Scene::default()
         };
@@ -87,8 +120,13 @@ mod tests {
     #[test]
     fn faces_are_as_fine_as_frames() {
         // From the centre a face pixel is 2 f / size frame pixels wide: 2 E of them where nothing comes nearer.
-        let [from_afar, finer] = [0.5, 0.25].map(|error_px| face_size_px(&room(1e6), 0.4, 665.0, error_px));
-        assert_eq!((from_afar, finer), (1344, 2672), "665 / E, to multiples of 16");
+        let [from_afar, finer] =
+            [0.5, 0.25].map(|error_px| face_size_px(&room(1e6), 0.4, 665.0, error_px));
+        assert_eq!(
+            (from_afar, finer),
+            (1344, 2672),
+            "665 / E, to multiples of 16"
+        );
         assert_eq!(face_size_px(&room(1e6), 0.4, 415.7, 0.5), 832);
         // Walls 2 m away, eyes within 0.4 m: up to 1.25 times as wide straight ahead, and at the worst 1.53 times.
         let near = face_size_px(&room(2.0), 0.4, 665.0, 0.5);

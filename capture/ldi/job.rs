@@ -1,18 +1,18 @@
 //! A capture from beginning to end: scene, headbox and settings in; cube LDI (or shard) out.
 
+use crate::merge::finish;
 use crate::rays::trace;
 use crate::rays::trace::Tracing;
-use headbox_cube::model::parameters::CaptureParameters;
-use crate::settings::{CaptureSettings, Resources};
-use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::samples::CubeLdi;
-use crate::merge::finish;
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
-use headbox_trace::viewpoint;
-use headbox_core::progress::Progress;
 use crate::scene_source::SceneSource;
+use crate::settings::{CaptureSettings, Resources};
 use glam::DVec3;
+use headbox_core::progress::Progress;
+use headbox_cube::model::info::CaptureInfo;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_trace::viewpoint;
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::time::{Duration, Instant};
@@ -41,13 +41,30 @@ impl CaptureJob {
     /// What `headbox capture` does where nothing is said, for a headbox (world metres).
     pub fn new(scene: SceneSource, centre: DVec3, half_size_m: f64) -> Self {
         let (face_size_px, parameters) = (Self::DEFAULT_FACE_SIZE_PX, CaptureParameters::DEFAULT);
-        Self { scene, centre, half_size_m, face_size_px, parameters }
+        Self {
+            scene,
+            centre,
+            half_size_m,
+            face_size_px,
+            parameters,
+        }
     }
 
     /// The settings of one part of the job.
     pub fn settings(&self, resources: &Resources, shard: (u32, u32)) -> CaptureSettings {
-        let Self { half_size_m, face_size_px, parameters, .. } = *self;
-        CaptureSettings { half_size_m, face_size_px, parameters, resources: resources.clone(), shard }
+        let Self {
+            half_size_m,
+            face_size_px,
+            parameters,
+            ..
+        } = *self;
+        CaptureSettings {
+            half_size_m,
+            face_size_px,
+            parameters,
+            resources: resources.clone(),
+            shard,
+        }
     }
 
     /// Traces the whole job.
@@ -65,7 +82,10 @@ impl CaptureJob {
         let start = Instant::now();
         let tracing = trace::trace(tracer, &settings, progress)?;
         let trace_time = start.elapsed();
-        Ok((self.finish(&tracing, tracer, lighting, resources, progress)?, trace_time))
+        Ok((
+            self.finish(&tracing, tracer, lighting, resources, progress)?,
+            trace_time,
+        ))
     }
 
     /// Lights and merges traced rays.
@@ -81,7 +101,14 @@ impl CaptureJob {
         progress: &dyn Progress,
     ) -> io::Result<CubeLdi> {
         let settings = self.settings(resources, (0, 1));
-        finish::finish(tracing, self.info(tracer, lighting), tracer, lighting, &settings, progress)
+        finish::finish(
+            tracing,
+            self.info(tracer, lighting),
+            tracer,
+            lighting,
+            &settings,
+            progress,
+        )
     }
 
     /// What a look at the rays so far needs to know of them.

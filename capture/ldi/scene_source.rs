@@ -1,12 +1,11 @@
 //! Scenes by name: a path, or `builtin:NAME`.
 
-
 pub use headbox_core::light_parameters::{LightParameters, SunPlace};
 
-use headbox_scene::scene::Scene;
+use headbox_core::file_frame::FileFrame;
 use headbox_model::load::load_scene;
 use headbox_scene::load::{LoadError, LoadOptions};
-use headbox_core::file_frame::FileFrame;
+use headbox_scene::scene::Scene;
 use headbox_scene::scene::{Sky, SkyError};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -63,7 +62,11 @@ impl SceneSource {
     }
 
     fn in_frame_or_own(name: impl Into<String>, options: LoadOptions) -> Self {
-        Self { name: name.into(), options, light: LightParameters::default() }
+        Self {
+            name: name.into(),
+            options,
+            light: LightParameters::default(),
+        }
     }
 
     /// The same scene in this light.
@@ -79,12 +82,21 @@ impl SceneSource {
     pub fn open(&self) -> Result<Scene, SceneSourceError> {
         let mut scene = match self.name.strip_prefix("builtin:") {
             None if names_builtin(&self.name) && !Path::new(&self.name).exists() => {
-                return Err(SceneSourceError::MeansBuiltin { name: self.name.clone() });
+                return Err(SceneSourceError::MeansBuiltin {
+                    name: self.name.clone(),
+                });
             }
             None => load_scene(Path::new(&self.name), &self.options)?,
             Some(builtin) => headbox_scenes::build(builtin, 0).ok_or_else(|| {
-                let known: Vec<_> = headbox_scenes::all().iter().map(|scene| scene.name).collect();
-                SceneSourceError::NoSuchBuiltin { name: builtin.into(), tip: tip(builtin), known: known.join(", ") }
+                let known: Vec<_> = headbox_scenes::all()
+                    .iter()
+                    .map(|scene| scene.name)
+                    .collect();
+                SceneSourceError::NoSuchBuiltin {
+                    name: builtin.into(),
+                    tip: tip(builtin),
+                    known: known.join(", "),
+                }
             })?,
         };
         scene.set_light(&self.light)?;
@@ -101,8 +113,13 @@ fn tip(name: &str) -> String {
     /// As the command line has it for its own words.
     const NEAR: f64 = 0.7;
     let near = |scene: &headbox_scenes::BuiltinScene| strsim::jaro(name, scene.name);
-    let best = headbox_scenes::all().iter().max_by(|a, b| near(a).total_cmp(&near(b))).filter(|best| near(best) > NEAR);
-    best.map_or(String::new(), |best| format!(" (did you mean builtin:{}?)", best.name))
+    let best = headbox_scenes::all()
+        .iter()
+        .max_by(|a, b| near(a).total_cmp(&near(b)))
+        .filter(|best| near(best) > NEAR);
+    best.map_or(String::new(), |best| {
+        format!(" (did you mean builtin:{}?)", best.name)
+    })
 }
 
 /// A checksum of a scene's geometry, materials and picture of the sky: tells whether two processes see the same scene.

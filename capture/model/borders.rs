@@ -7,8 +7,8 @@
 
 use super::polygon::Polygon;
 use super::{Finding, Portal, PortalModel, Prism};
-use headbox_trace::bvh::{Ray, Tracer};
 use glam::{DVec2, DVec3};
+use headbox_trace::bvh::{Ray, Tracer};
 use std::collections::VecDeque;
 
 /// Distance of the rays along a border and in height, metres; a post or slit narrower than this may be missed.
@@ -72,7 +72,13 @@ impl PortalModel {
         let mut borders: VecDeque<Border> = self.borders().into();
         while let Some(border) = borders.pop_front() {
             // Those of earlier borders count: the neighbour's side of an opening is not found again.
-            let found = Survey { model: self, tracer, polygons: self.polygons(), border }.openings();
+            let found = Survey {
+                model: self,
+                tracer,
+                polygons: self.polygons(),
+                border,
+            }
+            .openings();
             for opening in found {
                 findings.extend(self.add_opening(&border, &opening, &mut borders));
             }
@@ -81,32 +87,60 @@ impl PortalModel {
     }
 
     fn polygons(&self) -> Vec<Polygon<'_>> {
-        self.portals.iter().filter_map(|portal| Polygon::new(&portal.polygon).ok()).collect()
+        self.portals
+            .iter()
+            .filter_map(|portal| Polygon::new(&portal.polygon).ok())
+            .collect()
     }
 
     fn borders(&self) -> Vec<Border> {
-        let cells = (0_u32..).zip(&self.cells).filter(|(cell, _)| !self.is_outside(*cell));
+        let cells = (0_u32..)
+            .zip(&self.cells)
+            .filter(|(cell, _)| !self.is_outside(*cell));
         let prisms = cells.flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)));
-        prisms.flat_map(|(cell, prism)| Border::of(cell, prism)).collect()
+        prisms
+            .flat_map(|(cell, prism)| Border::of(cell, prism))
+            .collect()
     }
 
     /// Adds the portal of an opening; the borders of space that it gives to the neighbour are to be looked at too.
-    fn add_opening(&mut self, border: &Border, opening: &Opening, borders: &mut VecDeque<Border>) -> Option<Finding> {
-        let Opening { beyond, span, heights: [low, high] } = *opening;
+    fn add_opening(
+        &mut self,
+        border: &Border,
+        opening: &Opening,
+        borders: &mut VecDeque<Border>,
+    ) -> Option<Finding> {
+        let Opening {
+            beyond,
+            span,
+            heights: [low, high],
+        } = *opening;
         let [start, end] = span.map(|s| border.from + border.along * s);
         let is_outside = self.is_outside(beyond.cell);
         if beyond.gap > 0.0 && !is_outside {
             let far = border.outward * (beyond.gap + STEP_M);
-            let prism = Prism { outline: vec![start, end, end + far, start + far], floor_y: low, ceiling_y: high };
+            let prism = Prism {
+                outline: vec![start, end, end + far, start + far],
+                floor_y: low,
+                ceiling_y: high,
+            };
             borders.extend(Border::of(beyond.cell, &prism));
             self.cells.get_mut(beyond.cell as usize)?.space.push(prism);
         }
         // `a to b` cross up points into the cell that the border is of.
-        let [a, b] = if border.along.perp().dot(border.outward) < 0.0 { [start, end] } else { [end, start] };
+        let [a, b] = if border.along.perp().dot(border.outward) < 0.0 {
+            [start, end]
+        } else {
+            [end, start]
+        };
         let at = |p: DVec2, y: f64| DVec3::new(p.x, y, p.y);
         let polygon = vec![at(a, low), at(b, low), at(b, high), at(a, high)];
         let name = if is_outside { "gap" } else { "passage" };
-        self.portals.push(Portal { name: name.into(), cells: [border.cell, beyond.cell], polygon });
+        self.portals.push(Portal {
+            name: name.into(),
+            cells: [border.cell, beyond.cell],
+            polygon,
+        });
         is_outside.then(|| Finding::NoWall {
             cell: self.cells[border.cell as usize].name.clone(),
             width: span[1] - span[0],
@@ -120,15 +154,31 @@ impl Border {
     /// The edges of a prism; none if it has no area.
     fn of(cell: u32, prism: &Prism) -> Vec<Self> {
         let outline = &prism.outline;
-        let pairs = || outline.iter().copied().zip(outline.iter().copied().cycle().skip(1));
+        let pairs = || {
+            outline
+                .iter()
+                .copied()
+                .zip(outline.iter().copied().cycle().skip(1))
+        };
         let area: f64 = pairs().map(|(a, b)| a.perp_dot(b)).sum();
         let edge = |(a, b): (DVec2, DVec2)| {
             let length = a.distance(b);
             let along = (b - a).try_normalize()?;
             let outward = -along.perp() * area.signum();
             let (floor, ceiling) = (prism.floor_y, prism.ceiling_y);
-            let is_sound = area != 0.0 && area.is_finite() && length > 2.0 * RIM_M && ceiling - floor > 2.0 * RIM_M;
-            is_sound.then_some(Self { cell, from: a, along, outward, length, floor, ceiling })
+            let is_sound = area != 0.0
+                && area.is_finite()
+                && length > 2.0 * RIM_M
+                && ceiling - floor > 2.0 * RIM_M;
+            is_sound.then_some(Self {
+                cell,
+                from: a,
+                along,
+                outward,
+                length,
+                floor,
+                ceiling,
+            })
         };
         pairs().filter_map(edge).collect()
     }
@@ -146,7 +196,9 @@ fn places(low: f64, high: f64) -> Vec<f64> {
     const MOST: usize = 4096;
     let span = high - low - 2.0 * RIM_M;
     let steps = ((span / GRID_M).ceil() as usize).clamp(1, MOST);
-    (0..=steps).map(|i| low + RIM_M + span * i as f64 / steps as f64).collect()
+    (0..=steps)
+        .map(|i| low + RIM_M + span * i as f64 / steps as f64)
+        .collect()
 }
 
 /// A border being felt for openings.
@@ -174,7 +226,10 @@ impl Column {
 
 impl Survey<'_> {
     fn openings(&self) -> Vec<Opening> {
-        let (columns, rows) = (places(0.0, self.border.length), places(self.border.floor, self.border.ceiling));
+        let (columns, rows) = (
+            places(0.0, self.border.length),
+            places(self.border.floor, self.border.ceiling),
+        );
         let found: Vec<Option<Column>> = columns.iter().map(|&s| self.column(s, &rows)).collect();
         let mut openings = Vec::new();
         let mut first = 0;
@@ -183,15 +238,33 @@ impl Survey<'_> {
                 first += 1;
                 continue;
             };
-            let run: Vec<&Column> =
-                found[first..].iter().map_while(Option::as_ref).take_while(|c| begun.continues(c)).collect();
+            let run: Vec<&Column> = found[first..]
+                .iter()
+                .map_while(Option::as_ref)
+                .take_while(|c| begun.continues(c))
+                .collect();
             let span = self.span(&columns, &rows, first, run.len());
             // Around portals that stand in the open, what is below and what is above them.
-            let bottom = run.iter().filter_map(|column| Some(column.portal?[0])).min().unwrap_or(rows.len());
-            let top = run.iter().filter_map(|column| Some(column.portal?[1])).max().unwrap_or(rows.len());
+            let bottom = run
+                .iter()
+                .filter_map(|column| Some(column.portal?[0]))
+                .min()
+                .unwrap_or(rows.len());
+            let top = run
+                .iter()
+                .filter_map(|column| Some(column.portal?[1]))
+                .max()
+                .unwrap_or(rows.len());
             let places = &columns[first..first + run.len()];
             for wanted in [0..bottom, top..rows.len()] {
-                let open = |column: &Column| column.open.iter().copied().filter(|row| wanted.contains(row)).collect();
+                let open = |column: &Column| {
+                    column
+                        .open
+                        .iter()
+                        .copied()
+                        .filter(|row| wanted.contains(row))
+                        .collect()
+                };
                 let open: Vec<Vec<usize>> = run.iter().map(|column| open(column)).collect();
                 openings.extend(self.opening(places, &rows, &run, &open, span));
             }
@@ -207,10 +280,18 @@ impl Survey<'_> {
             _ => false,
         };
         let last = columns[first + count - 1];
-        let start =
-            if first == 0 { 0.0 } else { bisect(columns[first], columns[first - 1], |s| same_as(columns[first], s)) };
-        let end =
-            columns.get(first + count).map_or(self.border.length, |&next| bisect(last, next, |s| same_as(last, s)));
+        let start = if first == 0 {
+            0.0
+        } else {
+            bisect(columns[first], columns[first - 1], |s| {
+                same_as(columns[first], s)
+            })
+        };
+        let end = columns
+            .get(first + count)
+            .map_or(self.border.length, |&next| {
+                bisect(last, next, |s| same_as(last, s))
+            });
         [start, end]
     }
 
@@ -223,16 +304,37 @@ impl Survey<'_> {
         open: &[Vec<usize>],
         span: [f64; 2],
     ) -> Option<Opening> {
-        let gap = run.iter().map(|column| column.beyond.gap).fold(0.0, f64::max);
-        let beyond = Beyond { gap, ..run.first()?.beyond };
+        let gap = run
+            .iter()
+            .map(|column| column.beyond.gap)
+            .fold(0.0, f64::max);
+        let beyond = Beyond {
+            gap,
+            ..run.first()?.beyond
+        };
         let lowest = *open.iter().filter_map(|rows| rows.first()).min()?;
         let highest = *open.iter().filter_map(|rows| rows.last()).max()?;
-        let is_open = |y: f64| columns.iter().any(|&s| self.beyond(s, y).is_some_and(|other| self.passes(s, y, other)));
-        let low = if lowest == 0 { self.border.floor } else { bisect(rows[lowest], rows[lowest - 1], is_open) };
-        let high = rows.get(highest + 1).map_or(self.border.ceiling, |&next| bisect(rows[highest], next, is_open));
+        let is_open = |y: f64| {
+            columns.iter().any(|&s| {
+                self.beyond(s, y)
+                    .is_some_and(|other| self.passes(s, y, other))
+            })
+        };
+        let low = if lowest == 0 {
+            self.border.floor
+        } else {
+            bisect(rows[lowest], rows[lowest - 1], is_open)
+        };
+        let high = rows.get(highest + 1).map_or(self.border.ceiling, |&next| {
+            bisect(rows[highest], next, is_open)
+        });
         let least = LEAST_M[usize::from(self.model.is_outside(beyond.cell))];
         let is_large = span[1] - span[0] >= least && high - low >= least;
-        is_large.then_some(Opening { beyond, span, heights: [low, high] })
+        is_large.then_some(Opening {
+            beyond,
+            span,
+            heights: [low, high],
+        })
     }
 
     /// What is beyond a place of the border, and the rows whose rays reach it; none if no ray does.
@@ -240,7 +342,9 @@ impl Survey<'_> {
         let mut reached = Vec::new();
         let mut portal: Option<[usize; 2]> = None;
         for (row, &y) in rows.iter().enumerate() {
-            let Some(beyond) = self.beyond(s, y) else { continue };
+            let Some(beyond) = self.beyond(s, y) else {
+                continue;
+            };
             if self.is_in_portal(s, y) {
                 portal = Some([portal.map_or(row, |[first, _]| first), row]);
             } else if self.passes(s, y, beyond) {
@@ -248,15 +352,27 @@ impl Survey<'_> {
             }
         }
         // A room before the outside.
-        let (beyond, _) = *reached.iter().min_by_key(|(beyond, _)| self.model.is_outside(beyond.cell))?;
-        let open = reached.iter().filter(|(other, _)| other.cell == beyond.cell).map(|(_, row)| *row).collect();
-        Some(Column { beyond, open, portal })
+        let (beyond, _) = *reached
+            .iter()
+            .min_by_key(|(beyond, _)| self.model.is_outside(beyond.cell))?;
+        let open = reached
+            .iter()
+            .filter(|(other, _)| other.cell == beyond.cell)
+            .map(|(_, row)| *row)
+            .collect();
+        Some(Column {
+            beyond,
+            open,
+            portal,
+        })
     }
 
     /// Whether there is a portal already, within the reach of a wall.
     fn is_in_portal(&self, s: f64, y: f64) -> bool {
         let [near, far] = [-CLEAR_M[0], REACH_M + CLEAR_M[0]].map(|out| self.border.at(s, y, out));
-        self.polygons.iter().any(|polygon| polygon.hit(near, far - near, 0.0).is_some_and(|t| t <= 1.0))
+        self.polygons
+            .iter()
+            .any(|polygon| polygon.hit(near, far - near, 0.0).is_some_and(|t| t <= 1.0))
     }
 
     /// The nearest other cell beyond the border, else the outside; none where the border is inside of its own cell, or of
@@ -269,13 +385,21 @@ impl Survey<'_> {
         }
         let is_room = |cell: u32| !self.model.is_outside(cell) && cell != self.border.cell;
         let steps = (1..=(REACH_M / STEP_M) as u32).map(|step| f64::from(step) * STEP_M);
-        let room = steps.clone().find_map(|out| Some((out, cell_at(out).filter(|&cell| is_room(cell))?)));
+        let room = steps
+            .clone()
+            .find_map(|out| Some((out, cell_at(out).filter(|&cell| is_room(cell))?)));
         match room {
             // Closer than a step there is no gap.
-            Some((out, cell)) => Some(Beyond { cell, gap: if out <= STEP_M { 0.0 } else { out } }),
+            Some((out, cell)) => Some(Beyond {
+                cell,
+                gap: if out <= STEP_M { 0.0 } else { out },
+            }),
             // The other side of a thin part of its own cell.
             None if steps.clone().any(|out| cell_at(out) == own) => None,
-            None => Some(Beyond { cell: self.model.outside?, gap: 0.0 }),
+            None => Some(Beyond {
+                cell: self.model.outside?,
+                gap: 0.0,
+            }),
         }
     }
 
@@ -291,10 +415,16 @@ impl Survey<'_> {
         } else {
             clear(beyond.cell, beyond.gap, 1.0)
         };
-        let (Some(near), Some(far)) = (clear(self.border.cell, 0.0, -1.0), far) else { return false };
+        let (Some(near), Some(far)) = (clear(self.border.cell, 0.0, -1.0), far) else {
+            return false;
+        };
         let (origin, way) = (at(near), at(far) - at(near));
-        let ray =
-            Ray { origin: (origin - self.tracer.origin()).as_vec3(), direction: way.as_vec3(), t_min: 0.0, t_max: 1.0 };
+        let ray = Ray {
+            origin: (origin - self.tracer.origin()).as_vec3(),
+            direction: way.as_vec3(),
+            t_min: 0.0,
+            t_max: 1.0,
+        };
         !self.is_in_portal(s, y) && !self.tracer.occluded(&ray)
     }
 }

@@ -2,8 +2,8 @@
 
 use super::polygon::{Polygon, Shape, crosses_itself};
 use super::{Portal, PortalModel, Prism};
-use headbox_core::file_frame::FileFrame;
 use glam::DVec3;
+use headbox_core::file_frame::FileFrame;
 use std::fmt;
 
 /// How bad a [`Finding`] is.
@@ -17,7 +17,11 @@ pub enum Severity {
 
 impl fmt::Display for Severity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(if *self == Self::Error { "error" } else { "warning" })
+        f.write_str(if *self == Self::Error {
+            "error"
+        } else {
+            "warning"
+        })
     }
 }
 
@@ -31,7 +35,9 @@ pub enum Finding {
     #[error("there is no portal, so no cell is seen from another; each is shown by itself")]
     NoPortals,
     /// A portal refers to a cell that does not exist.
-    #[error("portal {portal} ({name}) leads to cell {cell}, but there are {cells} cells; it is left out")]
+    #[error(
+        "portal {portal} ({name}) leads to cell {cell}, but there are {cells} cells; it is left out"
+    )]
     MissingCell {
         /// Index of the portal.
         portal: usize,
@@ -63,7 +69,9 @@ pub enum Finding {
         shape: Shape,
     },
     /// The corners run clockwise seen from the first cell.
-    #[error("portal {portal} ({name}) runs clockwise seen from its first cell; its corners are reversed")]
+    #[error(
+        "portal {portal} ({name}) runs clockwise seen from its first cell; its corners are reversed"
+    )]
     WrongWay {
         /// Index of the portal.
         portal: usize,
@@ -71,7 +79,9 @@ pub enum Finding {
         name: String,
     },
     /// The opening does not lie on the border of a cell that it names.
-    #[error("portal {portal} ({name}) does not touch {cell}; it is kept, but what is seen through it may be wrong")]
+    #[error(
+        "portal {portal} ({name}) does not touch {cell}; it is kept, but what is seen through it may be wrong"
+    )]
     TouchesNot {
         /// Index of the portal.
         portal: usize,
@@ -199,7 +209,11 @@ impl Flaw {
         if height.is_nan() || height <= 0.0 {
             return Some(Self::NoHeight);
         }
-        let outline: Vec<DVec3> = prism.outline.iter().map(|corner| DVec3::new(corner.x, 0.0, corner.y)).collect();
+        let outline: Vec<DVec3> = prism
+            .outline
+            .iter()
+            .map(|corner| DVec3::new(corner.x, 0.0, corner.y))
+            .collect();
         crosses_itself(&outline, DVec3::Y).then_some(Self::CrossesItself)
     }
 }
@@ -208,15 +222,20 @@ impl Finding {
     /// How bad it is.
     pub fn severity(&self) -> Severity {
         match self {
-            Self::NoCells | Self::MissingCell { .. } | Self::SameCell { .. } | Self::Shape { .. } => Severity::Error,
+            Self::NoCells
+            | Self::MissingCell { .. }
+            | Self::SameCell { .. }
+            | Self::Shape { .. } => Severity::Error,
             _ => Severity::Warning,
         }
     }
 
     /// The same with its place in the axes and unit of the file that the model is from: what its sentence says of places.
     pub fn in_file(mut self, frame: &FileFrame) -> Self {
-        if let Self::NoWall { at, .. } | Self::Joined { at, .. } | Self::Coplanar { at, .. } | Self::Leak { at, .. } =
-            &mut self
+        if let Self::NoWall { at, .. }
+        | Self::Joined { at, .. }
+        | Self::Coplanar { at, .. }
+        | Self::Leak { at, .. } = &mut self
         {
             *at = frame.file_from_world(*at);
         }
@@ -253,17 +272,35 @@ impl PortalModel {
         } else if self.portals.is_empty() {
             findings.push(Finding::NoPortals);
         }
-        let of_portals: Vec<Option<Finding>> =
-            self.portals.iter().enumerate().map(|(index, portal)| self.check_portal(index, portal)).collect();
-        let usable: Vec<bool> =
-            of_portals.iter().map(|finding| finding.as_ref().is_none_or(|f| !f.is_error())).collect();
+        let of_portals: Vec<Option<Finding>> = self
+            .portals
+            .iter()
+            .enumerate()
+            .map(|(index, portal)| self.check_portal(index, portal))
+            .collect();
+        let usable: Vec<bool> = of_portals
+            .iter()
+            .map(|finding| finding.as_ref().is_none_or(|f| !f.is_error()))
+            .collect();
         findings.extend(of_portals.into_iter().flatten());
         for (cell, it) in (0_u32..).zip(&self.cells) {
             if it.space.is_empty() && !self.is_outside(cell) {
-                findings.push(Finding::NoSpace { cell, name: it.name.clone() });
+                findings.push(Finding::NoSpace {
+                    cell,
+                    name: it.name.clone(),
+                });
             }
-            let flaws = it.space.iter().enumerate().filter_map(|(part, prism)| Some((part, Flaw::of(prism)?)));
-            findings.extend(flaws.map(|(part, flaw)| Finding::Space { cell, name: it.name.clone(), part, flaw }));
+            let flaws = it
+                .space
+                .iter()
+                .enumerate()
+                .filter_map(|(part, prism)| Some((part, Flaw::of(prism)?)));
+            findings.extend(flaws.map(|(part, flaw)| Finding::Space {
+                cell,
+                name: it.name.clone(),
+                part,
+                flaw,
+            }));
         }
         if let Some(from) = self.first_cell(&usable) {
             let reached = self.reachable_by(from, &usable);
@@ -284,12 +321,19 @@ impl PortalModel {
     /// out is numbered on from there.
     pub fn mend(&mut self) -> Vec<Finding> {
         let unusable: Vec<bool> = (self.portals.iter().enumerate())
-            .map(|(index, portal)| self.check_portal(index, portal).is_some_and(|finding| finding.is_error()))
+            .map(|(index, portal)| {
+                self.check_portal(index, portal)
+                    .is_some_and(|finding| finding.is_error())
+            })
             .collect();
         let portals = std::mem::take(&mut self.portals).into_iter().zip(unusable);
         let (left_out, kept): (Vec<_>, Vec<_>) = portals.partition(|(_, unusable)| *unusable);
         let count = kept.len();
-        self.portals = kept.into_iter().chain(left_out).map(|(portal, _)| portal).collect();
+        self.portals = kept
+            .into_iter()
+            .chain(left_out)
+            .map(|(portal, _)| portal)
+            .collect();
         let findings = self.check();
         for finding in &findings {
             if let Finding::WrongWay { portal, .. } = finding {
@@ -317,12 +361,19 @@ impl PortalModel {
     /// As [`Self::reachable`], through those portals alone that are marked.
     fn reachable_by(&self, from: u32, usable: &[bool]) -> Vec<bool> {
         let mut reached = vec![false; self.cells.len()];
-        let mut next: Vec<u32> = reached.get(from as usize).map(|_| from).into_iter().collect();
+        let mut next: Vec<u32> = reached
+            .get(from as usize)
+            .map(|_| from)
+            .into_iter()
+            .collect();
         while let Some(cell) = next.pop() {
             if std::mem::replace(&mut reached[cell as usize], true) {
                 continue;
             }
-            let behind = self.portals_of(cell).filter(|(portal, _)| usable[*portal]).map(|(_, behind)| behind);
+            let behind = self
+                .portals_of(cell)
+                .filter(|(portal, _)| usable[*portal])
+                .map(|(_, behind)| behind);
             next.extend(behind.filter(|&behind| reached.get(behind as usize) == Some(&false)));
         }
         reached
@@ -331,7 +382,8 @@ impl PortalModel {
     /// Where a search begins: the first cell that a marked portal leads out of, else the first.
     fn first_cell(&self, usable: &[bool]) -> Option<u32> {
         let count = self.cells.len() as u32;
-        let with_a_way_out = (0..count).find(|&cell| self.portals_of(cell).any(|(portal, _)| usable[portal]));
+        let with_a_way_out =
+            (0..count).find(|&cell| self.portals_of(cell).any(|(portal, _)| usable[portal]));
         with_a_way_out.or((count > 0).then_some(0))
     }
 
@@ -343,17 +395,34 @@ impl PortalModel {
     fn check_portal(&self, portal: usize, it: &Portal) -> Option<Finding> {
         let (name, cells) = (it.name.clone(), self.cells.len());
         if let Some(&cell) = it.cells.iter().find(|&&cell| cell as usize >= cells) {
-            return Some(Finding::MissingCell { portal, name, cell, cells });
+            return Some(Finding::MissingCell {
+                portal,
+                name,
+                cell,
+                cells,
+            });
         }
         if it.cells[0] == it.cells[1] {
-            return Some(Finding::SameCell { portal, name, cell: self.cells[it.cells[0] as usize].name.clone() });
+            return Some(Finding::SameCell {
+                portal,
+                name,
+                cell: self.cells[it.cells[0] as usize].name.clone(),
+            });
         }
         let polygon = match Polygon::new(&it.polygon) {
             Ok(polygon) => polygon,
-            Err(shape) => return Some(Finding::Shape { portal, name, shape }),
+            Err(shape) => {
+                return Some(Finding::Shape {
+                    portal,
+                    name,
+                    shape,
+                });
+            }
         };
         let touches = |side: f64, cell: u32| {
-            PROBES_M.iter().any(|step| self.cell_at(polygon.centroid + polygon.normal * (side * step)) == Some(cell))
+            PROBES_M.iter().any(|step| {
+                self.cell_at(polygon.centroid + polygon.normal * (side * step)) == Some(cell)
+            })
         };
         let as_they_should = [touches(1.0, it.cells[0]), touches(-1.0, it.cells[1])];
         if as_they_should == [true, true] {
@@ -366,6 +435,11 @@ impl PortalModel {
             .filter(|&side| !as_they_should[side])
             .map(|side| self.cells[it.cells[side] as usize].name.as_str())
             .collect();
-        Some(Finding::TouchesNot { portal, name, cell: missed.join(" or "), neither: missed.len() == 2 })
+        Some(Finding::TouchesNot {
+            portal,
+            name,
+            cell: missed.join(" or "),
+            neither: missed.len() == 2,
+        })
     }
 }

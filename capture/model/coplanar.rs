@@ -43,7 +43,11 @@ impl PortalModel {
             flats.sort_by(|a, b| a.low.x.total_cmp(&b.low.x));
             for (i, a) in flats.iter().enumerate() {
                 for b in flats[i + 1..].iter().take_while(|b| b.low.x < a.high.x) {
-                    if a.material == b.material || a.cell != b.cell || b.low.y >= a.high.y || a.low.y >= b.high.y {
+                    if a.material == b.material
+                        || a.cell != b.cell
+                        || b.low.y >= a.high.y
+                        || a.low.y >= b.high.y
+                    {
                         continue;
                     }
                     let (area, middle) = overlap(&a.corners, &b.corners);
@@ -57,7 +61,11 @@ impl PortalModel {
         }
         let finding = |(cell, (area, _, at)): (u32, (f64, f64, DVec3))| {
             let name = self.cells[cell as usize].name.clone();
-            (area >= LEAST_M2).then_some(Finding::Coplanar { cell: name, area, at })
+            (area >= LEAST_M2).then_some(Finding::Coplanar {
+                cell: name,
+                area,
+                at,
+            })
         };
         cells.into_iter().filter_map(finding).collect()
     }
@@ -70,12 +78,29 @@ impl PortalModel {
         // By the normal on the grid, so that all corners of one plane are projected alike.
         let axes = [direction.x, direction.y, direction.z].map(on_grid);
         let rounded = DVec3::from(axes.map(|x| x as f64)).try_normalize()?;
-        let plane = [axes[0], axes[1], axes[2], on_grid(a.dot(rounded) / ONE_PLANE_M)];
+        let plane = [
+            axes[0],
+            axes[1],
+            axes[2],
+            on_grid(a.dot(rounded) / ONE_PLANE_M),
+        ];
         let [u, v] = frame(plane);
         let corners = [a, b, c].map(|p| DVec2::new(p.dot(u), p.dot(v)));
-        let (low, high) = (corners[0].min(corners[1]).min(corners[2]), corners[0].max(corners[1]).max(corners[2]));
+        let (low, high) = (
+            corners[0].min(corners[1]).min(corners[2]),
+            corners[0].max(corners[1]).max(corners[2]),
+        );
         let material = self.scene.triangles.get(triangle as usize)?.material;
-        Some((plane, Flat { cell, material, corners, low, high }))
+        Some((
+            plane,
+            Flat {
+                cell,
+                material,
+                corners,
+                low,
+                high,
+            },
+        ))
     }
 }
 
@@ -113,7 +138,10 @@ fn overlap(a: &[DVec2; 3], b: &[DVec2; 3]) -> (f64, DVec2) {
     }
     let next = polygon.iter().cycle().skip(1);
     let doubled: f64 = polygon.iter().zip(next).map(|(p, q)| p.perp_dot(*q)).sum();
-    (doubled / 2.0, polygon.iter().sum::<DVec2>() / polygon.len().max(1) as f64)
+    (
+        doubled / 2.0,
+        polygon.iter().sum::<DVec2>() / polygon.len().max(1) as f64,
+    )
 }
 
 #[cfg(test)]
@@ -125,8 +153,18 @@ mod tests {
         let at = |corners: [[f64; 2]; 3]| corners.map(DVec2::from);
         let whole = at([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]]);
         assert_eq!(overlap(&whole, &whole).0, 2.0);
-        assert_eq!(overlap(&whole, &at([[1.0, 0.0], [3.0, 0.0], [1.0, 2.0]])).0, 0.5);
-        assert_eq!(overlap(&whole, &at([[2.0, 2.0], [0.0, 2.0], [2.0, 0.0]])).0, 0.0, "side by side");
-        assert_eq!(overlap(&whole, &at([[5.0, 5.0], [6.0, 5.0], [5.0, 6.0]])).0, 0.0);
+        assert_eq!(
+            overlap(&whole, &at([[1.0, 0.0], [3.0, 0.0], [1.0, 2.0]])).0,
+            0.5
+        );
+        assert_eq!(
+            overlap(&whole, &at([[2.0, 2.0], [0.0, 2.0], [2.0, 0.0]])).0,
+            0.0,
+            "side by side"
+        );
+        assert_eq!(
+            overlap(&whole, &at([[5.0, 5.0], [6.0, 5.0], [5.0, 6.0]])).0,
+            0.0
+        );
     }
 }

@@ -27,13 +27,24 @@ impl PortalModel {
         for (&(from, into), &(rays, at)) in &leaks {
             let back = leaks.get(&(into, from)).map_or(0, |(rays, _)| *rays);
             let counted_already = back > 0 && into < from;
-            if counted_already || rays + back <= FEW || self.is_outside(from) || self.is_outside(into) {
+            if counted_already
+                || rays + back <= FEW
+                || self.is_outside(from)
+                || self.is_outside(into)
+            {
                 continue;
             }
             let name = |cell: u32| self.cells[cell as usize].name.clone();
-            findings.push(Finding::Joined { cells: [name(from), name(into)], rays: rays + back, at });
+            findings.push(Finding::Joined {
+                cells: [name(from), name(into)],
+                rays: rays + back,
+                at,
+            });
             let [a, b] = [joined[from as usize], joined[into as usize]];
-            joined.iter_mut().filter(|to| **to == a.max(b)).for_each(|to| *to = a.min(b));
+            joined
+                .iter_mut()
+                .filter(|to| **to == a.max(b))
+                .for_each(|to| *to = a.min(b));
         }
         if !findings.is_empty() {
             self.unite(&joined);
@@ -47,24 +58,37 @@ impl PortalModel {
         let mut new_of_old = vec![0_u32; old.len()];
         let mut triangles = Vec::with_capacity(self.scene.triangles.len());
         for first in (0..old.len()).filter(|&cell| joined[cell] as usize == cell) {
-            let members: Vec<usize> = (0..old.len()).filter(|&cell| joined[cell] as usize == first).collect();
+            let members: Vec<usize> = (0..old.len())
+                .filter(|&cell| joined[cell] as usize == first)
+                .collect();
             let begin = triangles.len() as u32;
             for &member in &members {
                 new_of_old[member] = self.cells.len() as u32;
                 let run = &old[member].triangles;
-                triangles.extend_from_slice(&self.scene.triangles[run.start as usize..run.end as usize]);
+                triangles
+                    .extend_from_slice(&self.scene.triangles[run.start as usize..run.end as usize]);
             }
             self.cells.push(Cell {
-                name: members.iter().map(|&m| old[m].name.as_str()).collect::<Vec<_>>().join(" + "),
-                space: members.iter().flat_map(|&m| old[m].space.iter().cloned()).collect(),
+                name: members
+                    .iter()
+                    .map(|&m| old[m].name.as_str())
+                    .collect::<Vec<_>>()
+                    .join(" + "),
+                space: members
+                    .iter()
+                    .flat_map(|&m| old[m].space.iter().cloned())
+                    .collect(),
                 triangles: begin..triangles.len() as u32,
             });
         }
         self.scene.triangles = triangles;
         self.outside = self.outside.map(|outside| new_of_old[outside as usize]);
         for portal in &mut self.portals {
-            portal.cells = portal.cells.map(|cell| new_of_old.get(cell as usize).copied().unwrap_or(cell));
+            portal.cells = portal
+                .cells
+                .map(|cell| new_of_old.get(cell as usize).copied().unwrap_or(cell));
         }
-        self.portals.retain(|portal| portal.cells[0] != portal.cells[1]);
+        self.portals
+            .retain(|portal| portal.cells[0] != portal.cells[1]);
     }
 }

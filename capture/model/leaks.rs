@@ -2,9 +2,9 @@
 
 use super::polygon::Polygon;
 use super::{Finding, Portal, PortalModel, distance_to_outline};
-use headbox_trace::sampler::{random4, unit_float};
-use headbox_trace::bvh::{Ray, Tracer};
 use glam::{DVec2, DVec3};
+use headbox_trace::bvh::{Ray, Tracer};
+use headbox_trace::sampler::{random4, unit_float};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -36,9 +36,21 @@ impl PortalModel {
     /// `tracer` is over this model's scene. The same on any number of threads.
     pub fn leaks(&self, tracer: &Tracer, rays_per_cell: u32, seed: u64) -> Vec<Finding> {
         let name = |cell: u32| self.cells[cell as usize].name.clone();
-        let of = rays_per_cell as usize * (0..self.cells.len() as u32).filter(|&cell| !self.is_outside(cell)).count();
-        let finding = |((from, into), (rays, at))| Finding::Leak { from: name(from), into: name(into), rays, of, at };
-        self.stray_pairs(tracer, rays_per_cell, seed).into_iter().map(finding).collect()
+        let of = rays_per_cell as usize
+            * (0..self.cells.len() as u32)
+                .filter(|&cell| !self.is_outside(cell))
+                .count();
+        let finding = |((from, into), (rays, at))| Finding::Leak {
+            from: name(from),
+            into: name(into),
+            rays,
+            of,
+            at,
+        };
+        self.stray_pairs(tracer, rays_per_cell, seed)
+            .into_iter()
+            .map(finding)
+            .collect()
     }
 
     /// How many rays pass from one cell to another past all portals, and where one of them was found.
@@ -49,12 +61,29 @@ impl PortalModel {
         seed: u64,
     ) -> BTreeMap<(u32, u32), (usize, DVec3)> {
         // Portals to cells that do not exist lead nowhere.
-        let is_sound = |p: &Portal| p.cells.iter().all(|&cell| (cell as usize) < self.cells.len());
-        let polygons: Vec<Option<Polygon>> =
-            self.portals.iter().map(|p| if is_sound(p) { Polygon::new(&p.polygon).ok() } else { None }).collect();
-        let cells: Vec<u32> = (0..self.cells.len() as u32).filter(|&cell| !self.is_outside(cell)).collect();
-        let rays: Vec<(u32, u32)> =
-            cells.into_iter().flat_map(|cell| (0..rays_per_cell).map(move |ray| (cell, ray))).collect();
+        let is_sound = |p: &Portal| {
+            p.cells
+                .iter()
+                .all(|&cell| (cell as usize) < self.cells.len())
+        };
+        let polygons: Vec<Option<Polygon>> = self
+            .portals
+            .iter()
+            .map(|p| {
+                if is_sound(p) {
+                    Polygon::new(&p.polygon).ok()
+                } else {
+                    None
+                }
+            })
+            .collect();
+        let cells: Vec<u32> = (0..self.cells.len() as u32)
+            .filter(|&cell| !self.is_outside(cell))
+            .collect();
+        let rays: Vec<(u32, u32)> = cells
+            .into_iter()
+            .flat_map(|cell| (0..rays_per_cell).map(move |ray| (cell, ray)))
+            .collect();
         let strays: Vec<Option<Stray>> = rays
             .par_iter()
             .map(|&(cell, ray)| {
@@ -64,7 +93,10 @@ impl PortalModel {
             .collect();
         let mut pairs: BTreeMap<(u32, u32), (usize, DVec3)> = BTreeMap::new();
         for stray in strays.into_iter().flatten() {
-            pairs.entry((stray.from, stray.into)).or_insert((0, stray.at)).0 += 1;
+            pairs
+                .entry((stray.from, stray.into))
+                .or_insert((0, stray.at))
+                .0 += 1;
         }
         pairs
     }
@@ -79,14 +111,21 @@ impl PortalModel {
             let low = prism.outline.iter().copied().reduce(|a, b| a.min(b))?;
             let high = prism.outline.iter().copied().reduce(|a, b| a.max(b))?;
             let y = prism.floor_y + (prism.ceiling_y - prism.floor_y) * (0.05 + 0.9 * random[1]);
-            let p = DVec3::new(low.x + (high.x - low.x) * random[0], y, low.y + (high.y - low.y) * random[2]);
+            let p = DVec3::new(
+                low.x + (high.x - low.x) * random[0],
+                y,
+                low.y + (high.y - low.y) * random[2],
+            );
             let clear = distance_to_outline(&prism.outline, DVec2::new(p.x, p.z)) >= FROM_BORDER_M;
             (clear && self.cell_at(p) == Some(cell)).then_some(p)
         })?;
         let [a, b, ..] = random4([key, cell, ray, ATTEMPTS]).map(|r| f64::from(unit_float(r)));
         let (up, around) = (2.0 * a - 1.0, b * std::f64::consts::TAU);
         let aside = (1.0 - up * up).max(0.0).sqrt();
-        Some((point, DVec3::new(around.cos() * aside, up, around.sin() * aside)))
+        Some((
+            point,
+            DVec3::new(around.cos() * aside, up, around.sin() * aside),
+        ))
     }
 
     /// Follows a ray from a cell to what it hits.
@@ -109,7 +148,9 @@ impl PortalModel {
         let mut crossings: Vec<(f64, usize)> = polygons
             .iter()
             .enumerate()
-            .filter_map(|(index, polygon)| Some((polygon.as_ref()?.hit(origin, direction, EDGE_M)?, index)))
+            .filter_map(|(index, polygon)| {
+                Some((polygon.as_ref()?.hit(origin, direction, EDGE_M)?, index))
+            })
             // A surface in a portal's plane closes it.
             .filter(|&(t, _)| t + EDGE_M < reach)
             .collect();
@@ -126,13 +167,23 @@ impl PortalModel {
         let Some(hit) = hit else {
             // Into the sky: that is outside. A model without an outside has nothing there to be missed.
             let into = self.outside.filter(|&outside| outside != current)?;
-            return Some(Stray { from: current, into, at: origin });
+            return Some(Stray {
+                from: current,
+                into,
+                at: origin,
+            });
         };
         // Not back through the portal that it came through last.
         let at = origin + direction * (reach - BEFORE_HIT_M).max((last_crossing + reach) / 2.0);
         let found = self.cell_at(at)?;
-        let owner =
-            (0_u32..).zip(&self.cells).find(|(_, it)| it.triangles.contains(&hit.primitive)).map(|(cell, _)| cell);
-        (found != current && owner != Some(current)).then_some(Stray { from: current, into: found, at })
+        let owner = (0_u32..)
+            .zip(&self.cells)
+            .find(|(_, it)| it.triangles.contains(&hit.primitive))
+            .map(|(cell, _)| cell);
+        (found != current && owner != Some(current)).then_some(Stray {
+            from: current,
+            into: found,
+            at,
+        })
     }
 }

@@ -18,9 +18,9 @@ mod polygon;
 pub use check::{Finding, Flaw, Severity};
 pub use polygon::Shape;
 
+use glam::{DVec2, DVec3};
 use headbox_core::headbox::Headbox;
 use headbox_scene::scene::Scene;
-use glam::{DVec2, DVec3};
 use std::ops::Range;
 
 /// An upright prism: a simple polygon in plan, from its floor to its ceiling.
@@ -99,17 +99,23 @@ impl PortalModel {
     /// The cell that contains a point (world metres): the first whose space does, else the outside cell, else none (a
     /// point in a wall of a model without an outside).
     pub fn cell_at(&self, p: DVec3) -> Option<u32> {
-        let inside = self.cells.iter().position(|cell| cell.space.iter().any(|prism| prism.contains(p)));
+        let inside = self
+            .cells
+            .iter()
+            .position(|cell| cell.space.iter().any(|prism| prism.contains(p)));
         inside.map_or(self.outside, |cell| u32::try_from(cell).ok())
     }
 
     /// The portals of a cell, as (index of the portal, the cell behind it).
     pub fn portals_of(&self, cell: u32) -> impl Iterator<Item = (usize, u32)> + '_ {
-        self.portals.iter().enumerate().filter_map(move |(index, portal)| match portal.cells {
-            [a, b] if a == cell => Some((index, b)),
-            [a, b] if b == cell => Some((index, a)),
-            _ => None,
-        })
+        self.portals
+            .iter()
+            .enumerate()
+            .filter_map(move |(index, portal)| match portal.cells {
+                [a, b] if a == cell => Some((index, b)),
+                [a, b] if b == cell => Some((index, a)),
+                _ => None,
+            })
     }
 }
 
@@ -134,7 +140,10 @@ impl PortalModel {
     /// a jamb is seen from the room where it stands out of the wall, though the middle of it lies in the wall.
     pub(crate) fn sides(&self) -> Vec<Side> {
         let mut sides = vec![Side::Any; self.scene.triangles.len()];
-        for (cell, it) in (0_u32..).zip(&self.cells).filter(|(cell, _)| !self.is_outside(*cell)) {
+        for (cell, it) in (0_u32..)
+            .zip(&self.cells)
+            .filter(|(cell, _)| !self.is_outside(*cell))
+        {
             for triangle in it.triangles.clone() {
                 sides[triangle as usize] = self.side_toward(cell, self.scene.corners(triangle));
             }
@@ -147,10 +156,14 @@ impl PortalModel {
         const INWARD: f64 = 0.05;
         let [a, b, c] = corners;
         let (normal, middle) = ((b - a).cross(c - a).normalize_or_zero(), (a + b + c) / 3.0);
-        let places = [middle].into_iter().chain(corners.map(|corner| corner.lerp(middle, INWARD)));
+        let places = [middle]
+            .into_iter()
+            .chain(corners.map(|corner| corner.lerp(middle, INWARD)));
         let mut seen = [false; 2];
         for place in places {
-            match [1.0, -1.0].map(|side| self.cell_at(place + normal * (side * Side::PROBE_M)) == Some(cell)) {
+            match [1.0, -1.0]
+                .map(|side| self.cell_at(place + normal * (side * Side::PROBE_M)) == Some(cell))
+            {
                 [true, true] => return Side::Any,
                 here => seen = [seen[0] || here[0], seen[1] || here[1]],
             }
@@ -169,15 +182,26 @@ impl PortalModel {
         const HALF_SIZE_M: f64 = 0.4;
         let doubled_area = |prism: &&Prism| {
             let next = prism.outline.iter().cycle().skip(1);
-            prism.outline.iter().zip(next).map(|(a, b)| a.perp_dot(*b)).sum::<f64>().abs()
+            prism
+                .outline
+                .iter()
+                .zip(next)
+                .map(|(a, b)| a.perp_dot(*b))
+                .sum::<f64>()
+                .abs()
         };
         let rooms = self.cells.iter().flat_map(|cell| &cell.space);
-        let Some(largest) = rooms.max_by(|a, b| doubled_area(a).total_cmp(&doubled_area(b))) else { return };
+        let Some(largest) = rooms.max_by(|a, b| doubled_area(a).total_cmp(&doubled_area(b))) else {
+            return;
+        };
         let middle = largest.outline.iter().sum::<DVec2>() / largest.outline.len().max(1) as f64;
         let height = (largest.ceiling_y - largest.floor_y).min(2.0 * EYE_M) / 2.0;
         let centre = DVec3::new(middle.x, largest.floor_y + height, middle.y);
         if self.scene.headbox.is_none() && largest.contains(centre) {
-            self.scene.headbox = Some(Headbox { centre, half_size_m: HALF_SIZE_M });
+            self.scene.headbox = Some(Headbox {
+                centre,
+                half_size_m: HALF_SIZE_M,
+            });
         }
     }
 }
@@ -186,7 +210,8 @@ impl PortalModel {
 pub(crate) fn distance_to_outline(outline: &[DVec2], p: DVec2) -> f64 {
     let edges = outline.iter().zip(outline.iter().cycle().skip(1));
     let distance = |(&a, &b): (&DVec2, &DVec2)| {
-        let along = ((p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let along =
+            ((p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         p.distance(a.lerp(b, along))
     };
     edges.map(distance).fold(f64::INFINITY, f64::min)
@@ -200,14 +225,35 @@ mod tests {
     /// one contains a point of it.
     #[test]
     fn an_l_shaped_room_contains_its_arms_only() {
-        let corners = [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]];
-        let room = Prism { outline: corners.map(DVec2::from).to_vec(), floor_y: 0.0, ceiling_y: 2.5 };
-        for (p, inside) in [([3.0, 1.0, 1.0], true), ([1.0, 1.0, 3.0], true), ([3.0, 1.0, 3.0], false)] {
+        let corners = [
+            [0.0, 0.0],
+            [4.0, 0.0],
+            [4.0, 2.0],
+            [2.0, 2.0],
+            [2.0, 4.0],
+            [0.0, 4.0],
+        ];
+        let room = Prism {
+            outline: corners.map(DVec2::from).to_vec(),
+            floor_y: 0.0,
+            ceiling_y: 2.5,
+        };
+        for (p, inside) in [
+            ([3.0, 1.0, 1.0], true),
+            ([1.0, 1.0, 3.0], true),
+            ([3.0, 1.0, 3.0], false),
+        ] {
             assert_eq!(room.contains(DVec3::from(p)), inside, "{p:?}");
         }
-        assert!(!room.contains(DVec3::new(1.0, 2.6, 1.0)) && !room.contains(DVec3::new(1.0, -0.1, 1.0)));
+        assert!(
+            !room.contains(DVec3::new(1.0, 2.6, 1.0)) && !room.contains(DVec3::new(1.0, -0.1, 1.0))
+        );
         let next_corners = [[4.0, 0.0], [6.0, 0.0], [6.0, 2.0], [4.0, 2.0]];
-        let next = Prism { outline: next_corners.map(DVec2::from).to_vec(), floor_y: 0.0, ceiling_y: 2.5 };
+        let next = Prism {
+            outline: next_corners.map(DVec2::from).to_vec(),
+            floor_y: 0.0,
+            ceiling_y: 2.5,
+        };
         let on_the_wall = DVec3::new(4.0, 1.0, 1.0);
         assert!(room.contains(on_the_wall) != next.contains(on_the_wall));
     }

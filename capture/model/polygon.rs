@@ -58,21 +58,35 @@ impl<'a> Polygon<'a> {
             return Err(Shape::NotFinite);
         }
         let centroid = corners.iter().sum::<DVec3>() / count as f64;
-        let size = corners.iter().map(|corner| corner.distance(centroid)).fold(0.0, f64::max);
+        let size = corners
+            .iter()
+            .map(|corner| corner.distance(centroid))
+            .fold(0.0, f64::max);
         let edge = |i: usize| corners[(i + 1) % count] - corners[i % count];
         // Newell's sum: twice the area times the normal. Nothing is left of it where the edges of a figure of eight
         // cancel, so that shape is told from the corners too.
-        let newell: DVec3 = (0..count).map(|i| (corners[i] - centroid).cross(edge(i))).sum();
+        let newell: DVec3 = (0..count)
+            .map(|i| (corners[i] - centroid).cross(edge(i)))
+            .sum();
         let largest = (0..count)
             .flat_map(|i| (0..i).map(move |j| (i, j)))
             .map(|(i, j)| (corners[i] - centroid).cross(corners[j] - centroid))
-            .fold(DVec3::ZERO, |a, b| if b.length_squared() > a.length_squared() { b } else { a });
+            .fold(DVec3::ZERO, |a, b| {
+                if b.length_squared() > a.length_squared() {
+                    b
+                } else {
+                    a
+                }
+            });
         if largest.length() <= size * size * STRAIGHT {
             return Err(Shape::NoArea);
         }
         let cancelled = newell.length() <= size * size * STRAIGHT;
         let normal = if cancelled { largest } else { newell }.normalize_or_zero();
-        let off = corners.iter().map(|corner| (*corner - centroid).dot(normal).abs()).fold(0.0, f64::max);
+        let off = corners
+            .iter()
+            .map(|corner| (*corner - centroid).dot(normal).abs())
+            .fold(0.0, f64::max);
         if off > FLAT_M.max(FLAT_SHARE * size) {
             return Err(Shape::NotPlanar(off));
         }
@@ -86,7 +100,11 @@ impl<'a> Polygon<'a> {
         if cancelled || (0..count).any(turns_inward) {
             return Err(Shape::NotConvex);
         }
-        Ok(Self { corners, centroid, normal })
+        Ok(Self {
+            corners,
+            centroid,
+            normal,
+        })
     }
 
     /// Where a ray meets the polygon grown by `margin` metres: its parameter, if it is not negative.

@@ -15,9 +15,9 @@
 use crate::load::LoadError;
 use crate::load::gltf::cameras;
 use crate::load::gltf::cameras::GltfCamera;
-use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_core::camera::{Camera, CameraError};
 use glam::{DMat4, DVec3};
+use headbox_core::camera::{Camera, CameraError};
+use headbox_core::file_frame::{FileFrame, UpAxis};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -106,7 +106,14 @@ impl CameraRecord {
     pub fn new(eye: DVec3, forward: DVec3, up: DVec3, fov_y_deg: f64, frame: &FileFrame) -> Self {
         let point = |p: DVec3| frame.file_from_world(p).to_array();
         let up = (frame.file_from_world(up) * frame.unit_m).to_array();
-        Self { eye: point(eye), look_at: point(eye + forward), up: Some(up), fov: fov_y_deg, size: None, time_s: None }
+        Self {
+            eye: point(eye),
+            look_at: point(eye + forward),
+            up: Some(up),
+            fov: fov_y_deg,
+            size: None,
+            time_s: None,
+        }
     }
 
     /// The camera in the world.
@@ -114,8 +121,13 @@ impl CameraRecord {
     /// # Errors
     /// See [`CameraError`].
     pub fn camera(&self, frame: &FileFrame) -> Result<Camera, CameraError> {
-        let file_up = if frame.up == UpAxis::Z { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
-        let [eye, look_at] = [self.eye, self.look_at].map(|p| frame.world_from_file(DVec3::from(p)));
+        let file_up = if frame.up == UpAxis::Z {
+            [0.0, 0.0, 1.0]
+        } else {
+            [0.0, 1.0, 0.0]
+        };
+        let [eye, look_at] =
+            [self.eye, self.look_at].map(|p| frame.world_from_file(DVec3::from(p)));
         let up = frame.world_direction_from_file(DVec3::from(self.up.unwrap_or(file_up)));
         let [width, height] = self.size.unwrap_or(DEFAULT_SIZE);
         Camera::look_at(eye, look_at, up, self.fov, [width, height])
@@ -142,10 +154,14 @@ struct NerfstudioPose {
 
 impl NerfstudioPath {
     fn records(self) -> Vec<CameraRecord> {
-        let size = self.render_width.zip(self.render_height).map(|(width, height)| [width, height]);
+        let size = self
+            .render_width
+            .zip(self.render_height)
+            .map(|(width, height)| [width, height]);
         let record = |(i, pose): (usize, NerfstudioPose)| {
             let camera = DMat4::from_cols_array(&pose.camera_to_world).transpose();
-            let [up, back, eye] = [camera.y_axis, camera.z_axis, camera.w_axis].map(|column| column.truncate());
+            let [up, back, eye] =
+                [camera.y_axis, camera.z_axis, camera.w_axis].map(|column| column.truncate());
             CameraRecord {
                 eye: eye.to_array(),
                 look_at: (eye - back).to_array(),
@@ -155,18 +171,31 @@ impl NerfstudioPath {
                 time_s: self.fps.filter(|fps| *fps > 0.0).map(|fps| i as f64 / fps),
             }
         };
-        self.camera_path.into_iter().enumerate().map(record).collect()
+        self.camera_path
+            .into_iter()
+            .enumerate()
+            .map(record)
+            .collect()
     }
 }
 
 /// A glTF camera that says its aspect gets pictures of this height.
 fn gltf_record(camera: &GltfCamera, frame: &FileFrame) -> CameraRecord {
-    let width =
-        |aspect: f64| (aspect * f64::from(DEFAULT_SIZE[1])).round().clamp(1.0, f64::from(Camera::MAX_SIDE_PX)) as u32;
+    let width = |aspect: f64| {
+        (aspect * f64::from(DEFAULT_SIZE[1]))
+            .round()
+            .clamp(1.0, f64::from(Camera::MAX_SIDE_PX)) as u32
+    };
     CameraRecord {
         size: camera.aspect.map(|aspect| [width(aspect), DEFAULT_SIZE[1]]),
         time_s: Some(camera.time_s),
-        ..CameraRecord::new(camera.eye, camera.forward, camera.up, camera.fov_y.to_degrees(), frame)
+        ..CameraRecord::new(
+            camera.eye,
+            camera.forward,
+            camera.up,
+            camera.fov_y.to_degrees(),
+            frame,
+        )
     }
 }
 
@@ -174,12 +203,28 @@ fn gltf_record(camera: &GltfCamera, frame: &FileFrame) -> CameraRecord {
 ///
 /// # Errors
 /// See [`PathError`]; poses are not looked at here.
-pub fn read_records(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<CameraRecord>, PathError> {
-    let bytes = std::fs::read(path).map_err(|source| PathError::Io { path: path.into(), source })?;
-    let json = |source| PathError::Json { path: path.into(), source };
-    let has_ending = |ending: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending));
+pub fn read_records(
+    path: &Path,
+    frame: &FileFrame,
+    fps: f64,
+) -> Result<Vec<CameraRecord>, PathError> {
+    let bytes = std::fs::read(path).map_err(|source| PathError::Io {
+        path: path.into(),
+        source,
+    })?;
+    let json = |source| PathError::Json {
+        path: path.into(),
+        source,
+    };
+    let has_ending = |ending: &str| {
+        path.extension()
+            .is_some_and(|found| found.eq_ignore_ascii_case(ending))
+    };
     let poses: Vec<CameraRecord> = if has_ending("gltf") || has_ending("glb") {
-        cameras::read(path, &bytes, fps)?.iter().map(|camera| gltf_record(camera, frame)).collect()
+        cameras::read(path, &bytes, fps)?
+            .iter()
+            .map(|camera| gltf_record(camera, frame))
+            .collect()
     } else {
         // An untagged enum would swallow the parser's words: look which form it is first.
         let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(json)?;
@@ -188,14 +233,23 @@ pub fn read_records(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<Came
         } else if value.get("eye").is_some() {
             vec![serde_json::from_slice(&bytes).map_err(json)?]
         } else if value.get("camera_path").is_some() {
-            serde_json::from_slice::<NerfstudioPath>(&bytes).map_err(json)?.records()
+            serde_json::from_slice::<NerfstudioPath>(&bytes)
+                .map_err(json)?
+                .records()
         } else {
             let path: PathRecord = serde_json::from_slice(&bytes).map_err(json)?;
-            let sized = |pose: CameraRecord| CameraRecord { size: pose.size.or(path.size), ..pose };
+            let sized = |pose: CameraRecord| CameraRecord {
+                size: pose.size.or(path.size),
+                ..pose
+            };
             path.poses.into_iter().map(sized).collect()
         }
     };
-    if poses.is_empty() { Err(PathError::Empty { path: path.into() }) } else { Ok(poses) }
+    if poses.is_empty() {
+        Err(PathError::Empty { path: path.into() })
+    } else {
+        Ok(poses)
+    }
 }
 
 /// Reads a path and turns it into cameras in the world; of animations `fps` moments a second.
@@ -204,9 +258,17 @@ pub fn read_records(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<Came
 /// See [`PathError`].
 pub fn read(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<Camera>, PathError> {
     let camera = |(number, pose): (usize, &CameraRecord)| {
-        pose.camera(frame).map_err(|source| PathError::Pose { path: path.into(), pose: number, source })
+        pose.camera(frame).map_err(|source| PathError::Pose {
+            path: path.into(),
+            pose: number,
+            source,
+        })
     };
-    read_records(path, frame, fps)?.iter().enumerate().map(camera).collect()
+    read_records(path, frame, fps)?
+        .iter()
+        .enumerate()
+        .map(camera)
+        .collect()
 }
 
 #[cfg(test)]
@@ -217,14 +279,26 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("path.json");
         std::fs::write(&path, text).unwrap();
-        read(&path, &FileFrame { up: UpAxis::Z, unit_m: 0.01 }, 30.0)
+        read(
+            &path,
+            &FileFrame {
+                up: UpAxis::Z,
+                unit_m: 0.01,
+            },
+            30.0,
+        )
     }
 
     #[test]
     fn poses_are_in_the_files_axes_and_unit() {
-        let cameras = read_text(r#"[{"eye": [100, 0, 200], "look_at": [100, 50, 200], "size": [8, 4]}]"#).unwrap();
+        let cameras =
+            read_text(r#"[{"eye": [100, 0, 200], "look_at": [100, 50, 200], "size": [8, 4]}]"#)
+                .unwrap();
         assert!((cameras[0].eye() - DVec3::new(1.0, 2.0, 0.0)).length() < 1e-12);
-        assert!((cameras[0].forward() - DVec3::NEG_Z).length() < 1e-12, "+Y of a file with Z up is -Z of the world");
+        assert!(
+            (cameras[0].forward() - DVec3::NEG_Z).length() < 1e-12,
+            "+Y of a file with Z up is -Z of the world"
+        );
         assert!((cameras[0].world_from_eye().y_axis - DVec3::Y).length() < 1e-12);
     }
 
@@ -237,13 +311,25 @@ mod tests {
 
     #[test]
     fn a_saved_camera_is_a_path_of_one_pose() {
-        let frame = FileFrame { up: UpAxis::Z, unit_m: 0.01 };
+        let frame = FileFrame {
+            up: UpAxis::Z,
+            unit_m: 0.01,
+        };
         let (eye, forward) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(0.6, 0.0, -0.8));
-        let record = CameraRecord { size: Some([8, 4]), ..CameraRecord::new(eye, forward, DVec3::Y, 55.0, &frame) };
-        assert_eq!((record.eye, record.up), ([100.0, -300.0, 200.0], Some([0.0, 0.0, 1.0])));
+        let record = CameraRecord {
+            size: Some([8, 4]),
+            ..CameraRecord::new(eye, forward, DVec3::Y, 55.0, &frame)
+        };
+        assert_eq!(
+            (record.eye, record.up),
+            ([100.0, -300.0, 200.0], Some([0.0, 0.0, 1.0]))
+        );
         let cameras = read_text(&serde_json::to_string(&record).unwrap()).unwrap();
         assert_eq!((cameras.len(), cameras[0].width()), (1, 8));
-        assert!((cameras[0].eye() - eye).length() < 1e-12 && (cameras[0].forward() - forward).length() < 1e-12);
+        assert!(
+            (cameras[0].eye() - eye).length() < 1e-12
+                && (cameras[0].forward() - forward).length() < 1e-12
+        );
     }
 
     #[test]
@@ -254,7 +340,10 @@ mod tests {
             r#"{{"camera_path": [{pose}, {pose}], "render_height": 4, "render_width": 8, "fps": 24, "seconds": 1}}"#
         );
         let cameras = read_text(&text).unwrap();
-        assert_eq!((cameras.len(), cameras[1].width(), cameras[1].height()), (2, 8, 4));
+        assert_eq!(
+            (cameras.len(), cameras[1].width(), cameras[1].height()),
+            (2, 8, 4)
+        );
         assert!((cameras[0].eye() - DVec3::new(1.0, 2.0, 0.0)).length() < 1e-12);
         assert!((cameras[0].forward() - DVec3::NEG_Z).length() < 1e-12);
         assert!((cameras[0].world_from_eye().y_axis - DVec3::Y).length() < 1e-12);
@@ -263,10 +352,29 @@ mod tests {
 
     /// A camera on an arm: the arm turns by 90 degrees about Y in 1 s, the camera stands 2 m before it and moves up by 1 m.
     fn arm(interpolation: &str) -> String {
-        let floats =
-            [0.0f32, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.5f32.sqrt(), 0.0, 0.5f32.sqrt(), 0.0, 0.0, 2.0, 0.0, 1.0, 2.0];
-        let numbers: Vec<String> =
-            floats.iter().flat_map(|f| f.to_le_bytes()).map(|byte| format!("%{byte:02x}")).collect();
+        let floats = [
+            0.0f32,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+            0.5f32.sqrt(),
+            0.0,
+            0.5f32.sqrt(),
+            0.0,
+            0.0,
+            2.0,
+            0.0,
+            1.0,
+            2.0,
+        ];
+        let numbers: Vec<String> = floats
+            .iter()
+            .flat_map(|f| f.to_le_bytes())
+            .map(|byte| format!("%{byte:02x}"))
+            .collect();
         format!(
             r#"{{"asset": {{"version": "2.0"}}, "scene": 0, "scenes": [{{"nodes": [0]}}],
             "nodes": [{{"children": [1]}}, {{"camera": 0, "translation": [9, 9, 9]}}],
@@ -295,17 +403,27 @@ mod tests {
     #[test]
     fn an_animated_camera_of_gltf_is_a_path() {
         let cameras = read_gltf(&arm("LINEAR"), 4.0).unwrap();
-        assert_eq!((cameras.len(), cameras[0].width(), cameras[0].height()), (5, 1536, 768));
+        assert_eq!(
+            (cameras.len(), cameras[0].width(), cameras[0].height()),
+            (5, 1536, 768)
+        );
         for (i, camera) in cameras.iter().enumerate() {
             let t = i as f64 / 4.0;
             let angle = t * std::f64::consts::FRAC_PI_2;
             let eye = DVec3::new(2.0 * angle.sin(), t, 2.0 * angle.cos());
             // Keys are floats.
-            assert!((camera.eye() - eye).length() < 1e-6, "{t}: {}", camera.eye());
+            assert!(
+                (camera.eye() - eye).length() < 1e-6,
+                "{t}: {}",
+                camera.eye()
+            );
             assert!((camera.forward() + eye.with_y(0.0) / 2.0).length() < 1e-6);
         }
         let held = read_gltf(&arm("STEP"), 4.0).unwrap();
-        assert!((held[3].eye() - DVec3::new(0.0, 0.0, 2.0)).length() < 1e-6 && (held[4].eye().y - 1.0).abs() < 1e-6);
+        assert!(
+            (held[3].eye() - DVec3::new(0.0, 0.0, 2.0)).length() < 1e-6
+                && (held[4].eye().y - 1.0).abs() < 1e-6
+        );
         let standing = arm("LINEAR").replace("\"animations\"", "\"stillness\"");
         let standing = read_gltf(&standing, 4.0).unwrap();
         assert!(standing.len() == 1 && (standing[0].eye() - DVec3::splat(9.0)).length() < 1e-12);
@@ -316,10 +434,16 @@ mod tests {
         let message = |text: &str| read_gltf(text, 30.0).err().unwrap().to_string();
         assert!(message(r#"{"asset": {"version": "2.0"}}"#).contains("no perspective camera"));
         assert!(
-            message(&arm("LINEAR").replace("\"count\": 2, \"type\": \"VEC4\"", "\"count\": 3, \"type\": \"VEC4\""))
-                .contains("keys")
+            message(&arm("LINEAR").replace(
+                "\"count\": 2, \"type\": \"VEC4\"",
+                "\"count\": 3, \"type\": \"VEC4\""
+            ))
+            .contains("keys")
         );
-        assert!(message(&arm("CUBICSPLINE")).contains("keys"), "three values a key");
+        assert!(
+            message(&arm("CUBICSPLINE")).contains("keys"),
+            "three values a key"
+        );
         assert!(message("glTF").contains("path.gltf"));
     }
 

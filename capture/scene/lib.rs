@@ -11,5 +11,5 @@ mod set_light;
 mod sky_picture;
 mod sky_sun;
 mod stitch;
-mod surface;
 pub mod subdivide;
+mod surface;

@@ -60,7 +60,11 @@ impl Default for Sky {
 impl SkyGradient {
     /// The same radiance in all directions.
     pub fn uniform(radiance: [f32; 3]) -> Self {
-        Self { zenith: radiance, horizon: radiance, ground: radiance }
+        Self {
+            zenith: radiance,
+            horizon: radiance,
+            ground: radiance,
+        }
     }
 
     /// Radiance that arrives from the unit direction `direction` (world axes).
@@ -75,7 +79,11 @@ impl SkyGradient {
 
     fn times(&self, factor: f32) -> Self {
         let scaled = |color: [f32; 3]| color.map(|c| c * factor);
-        Self { zenith: scaled(self.zenith), horizon: scaled(self.horizon), ground: scaled(self.ground) }
+        Self {
+            zenith: scaled(self.zenith),
+            horizon: scaled(self.horizon),
+            ground: scaled(self.ground),
+        }
     }
 }
 

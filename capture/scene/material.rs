@@ -1,7 +1,7 @@
 //! Materials and textures: diffuse colour, emission, gloss and cut-out.
 
-use headbox_core::color::linear_levels;
 use glam::Vec4;
+use headbox_core::color::linear_levels;
 
 /// How a surface lets rays through: wherever the alpha of `texture` is below `threshold`, the surface is not there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,14 +70,25 @@ impl Texture {
     /// `width * height > 0` entries.
     pub fn new(width: u32, height: u32, texels: Vec<[u8; 4]>) -> Option<Self> {
         let count = usize::try_from(u64::from(width) * u64::from(height)).ok()?;
-        (count > 0 && texels.len() == count).then_some(Self { width, height, texels })
+        (count > 0 && texels.len() == count).then_some(Self {
+            width,
+            height,
+            texels,
+        })
     }
 
     /// A texture painted texel by texel: `texel(x, y)` is sRGB with straight alpha, row 0 on top. A side of 0 becomes 1.
     pub fn from_fn(width: u32, height: u32, texel: impl Fn(u32, u32) -> [u8; 4]) -> Self {
         let (width, height) = (width.max(1), height.max(1));
-        let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| texel(x, y)).collect();
-        Self { width, height, texels }
+        let texels = (0..height)
+            .flat_map(|y| (0..width).map(move |x| (x, y)))
+            .map(|(x, y)| texel(x, y))
+            .collect();
+        Self {
+            width,
+            height,
+            texels,
+        }
     }
 
     /// Width in texels.
@@ -97,12 +108,19 @@ impl Texture {
 
     /// Bilinear sample: linear RGB and straight alpha.
     pub fn sample(&self, u: f32, v: f32) -> [f32; 4] {
-        let ((x0, x1, fx), (y0, y1, fy)) = (neighbours(u, self.width), neighbours(1.0 - v, self.height));
+        let ((x0, x1, fx), (y0, y1, fy)) =
+            (neighbours(u, self.width), neighbours(1.0 - v, self.height));
         let (linear, width) = (linear_levels(), self.width as usize);
         let (above, below) = (y0 * width, y1 * width);
-        let (a, b) = (self.texel(linear, above + x0), self.texel(linear, above + x1));
+        let (a, b) = (
+            self.texel(linear, above + x0),
+            self.texel(linear, above + x1),
+        );
         let top = a + (b - a) * fx;
-        let (a, b) = (self.texel(linear, below + x0), self.texel(linear, below + x1));
+        let (a, b) = (
+            self.texel(linear, below + x0),
+            self.texel(linear, below + x1),
+        );
         let bottom = a + (b - a) * fx;
         (top + (bottom - top) * fy).to_array()
     }
@@ -111,7 +129,11 @@ impl Texture {
     #[inline(always)]
     fn texel(&self, linear: &[f32; 256], index: usize) -> Vec4 {
         let [r, g, b, alpha] = self.texels[index];
-        let [r, g, b] = [linear[usize::from(r)], linear[usize::from(g)], linear[usize::from(b)]];
+        let [r, g, b] = [
+            linear[usize::from(r)],
+            linear[usize::from(g)],
+            linear[usize::from(b)],
+        ];
         Vec4::new(r, g, b, f32::from(alpha) / 255.0)
     }
 }
@@ -123,7 +145,11 @@ pub fn floor(t: f32) -> f32 {
         return t; // no room for a fraction
     }
     let truncated = t as i32 as f32;
-    if truncated > t { truncated - 1.0 } else { truncated }
+    if truncated > t {
+        truncated - 1.0
+    } else {
+        truncated
+    }
 }
 
 /// The two texels on either side of the texture coordinate `t` and the weight of the second.
@@ -135,7 +161,11 @@ fn neighbours(t: f32, size: u32) -> (usize, usize, f32) {
     let x = (t - floor(t)) * size_f - 0.5;
     let x = if x < 0.0 { x + size_f } else { x };
     let first = (x as usize).min(size as usize - 1);
-    let second = if first + 1 == size as usize { 0 } else { first + 1 };
+    let second = if first + 1 == size as usize {
+        0
+    } else {
+        first + 1
+    };
     (first, second, (x - first as f32).clamp(0.0, 1.0))
 }
 
@@ -145,12 +175,26 @@ mod tests {
 
     #[test]
     fn texel_centres_are_exact_and_coordinates_wrap() {
-        let texels = vec![[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 0], [255, 255, 255, 255]];
+        let texels = vec![
+            [255, 0, 0, 255],
+            [0, 255, 0, 255],
+            [0, 0, 255, 0],
+            [255, 255, 255, 255],
+        ];
         let texture = Texture::new(2, 2, texels).expect("2x2");
         assert_eq!(texture.sample(0.25, 0.75), [1.0, 0.0, 0.0, 1.0], "top left");
-        assert_eq!(texture.sample(0.25, 0.25), [0.0, 0.0, 1.0, 0.0], "bottom left");
+        assert_eq!(
+            texture.sample(0.25, 0.25),
+            [0.0, 0.0, 1.0, 0.0],
+            "bottom left"
+        );
         assert_eq!(texture.sample(-0.75, 3.75), [1.0, 0.0, 0.0, 1.0], "wrapped");
-        assert!(texture.sample(f32::NAN, f32::INFINITY).iter().all(|c| c.is_finite()));
+        assert!(
+            texture
+                .sample(f32::NAN, f32::INFINITY)
+                .iter()
+                .all(|c| c.is_finite())
+        );
         assert!(Texture::new(0, 0, vec![]).is_none());
         assert!(Texture::new(2, 1, vec![[0; 4]]).is_none());
     }

@@ -1,12 +1,11 @@
 //! A scene in memory: triangles in world metres, materials, textures, and how the file's axes map to the world.
 
-
-pub use headbox_core::exposure::Exposure;
-pub use headbox_core::file_frame::{FileFrame, UpAxis};
-pub use headbox_core::headbox::Headbox;
 pub use crate::lights::{Lamp, Reach, Sky, SkyGradient, Sun};
 pub use crate::sky_picture::{SkyError, SkyPicture};
 pub use crate::surface::{Paint, Surface};
+pub use headbox_core::exposure::Exposure;
+pub use headbox_core::file_frame::{FileFrame, UpAxis};
+pub use headbox_core::headbox::Headbox;
 pub use headbox_core::tone::ToneMap;
 
 use crate::material::{Material, Texture};
@@ -132,11 +131,18 @@ impl Scene {
     /// The first promise that is broken.
     pub fn validate(&self) -> Result<(), SceneError> {
         let positions = self.positions.len();
-        let arrays =
-            [("normals", self.normals.len()), ("texcoords", self.texcoords.len()), ("colors", self.colors.len())];
+        let arrays = [
+            ("normals", self.normals.len()),
+            ("texcoords", self.texcoords.len()),
+            ("colors", self.colors.len()),
+        ];
         for (array, length) in arrays {
             if length != 0 && length != positions {
-                return Err(SceneError::ArrayLength { array, length, positions });
+                return Err(SceneError::ArrayLength {
+                    array,
+                    length,
+                    positions,
+                });
             }
         }
         if let Some(bad) = self.positions.iter().position(|p| !p.is_finite()) {
@@ -155,9 +161,21 @@ impl Scene {
     fn validate_materials(&self) -> Result<(), SceneError> {
         let textures = self.textures.len();
         for (material, m) in self.materials.iter().enumerate() {
-            let used = [m.albedo_texture, m.emission_texture, m.cutout.map(|cutout| cutout.texture)];
-            if let Some(texture) = used.into_iter().flatten().find(|&texture| texture as usize >= textures) {
-                return Err(SceneError::TextureIndex { material, texture, textures });
+            let used = [
+                m.albedo_texture,
+                m.emission_texture,
+                m.cutout.map(|cutout| cutout.texture),
+            ];
+            if let Some(texture) = used
+                .into_iter()
+                .flatten()
+                .find(|&texture| texture as usize >= textures)
+            {
+                return Err(SceneError::TextureIndex {
+                    material,
+                    texture,
+                    textures,
+                });
             }
         }
         Ok(())
@@ -166,11 +184,23 @@ impl Scene {
     fn validate_triangles(&self) -> Result<(), SceneError> {
         let (positions, materials) = (self.positions.len(), self.materials.len());
         for (triangle, t) in self.triangles.iter().enumerate() {
-            if let Some(vertex) = t.vertices.into_iter().find(|&vertex| vertex as usize >= positions) {
-                return Err(SceneError::VertexIndex { triangle, vertex, positions });
+            if let Some(vertex) = t
+                .vertices
+                .into_iter()
+                .find(|&vertex| vertex as usize >= positions)
+            {
+                return Err(SceneError::VertexIndex {
+                    triangle,
+                    vertex,
+                    positions,
+                });
             }
             if t.material as usize >= materials {
-                return Err(SceneError::MaterialIndex { triangle, material: t.material, materials });
+                return Err(SceneError::MaterialIndex {
+                    triangle,
+                    material: t.material,
+                    materials,
+                });
             }
         }
         Ok(())
@@ -179,12 +209,20 @@ impl Scene {
     /// The smallest axis-aligned box around all triangles, as its lowest and highest corner (world metres). A scene
     /// without triangles, which no loader makes, has the box (+infinity, -infinity).
     pub fn bounds(&self) -> [DVec3; 2] {
-        let corners = self.triangles.iter().flat_map(|t| t.vertices).map(|v| self.positions[v as usize]);
-        corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+        let corners = self
+            .triangles
+            .iter()
+            .flat_map(|t| t.vertices)
+            .map(|v| self.positions[v as usize]);
+        corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| {
+            [low.min(p), high.max(p)]
+        })
     }
 
     /// The corners of a triangle, world metres.
     pub fn corners(&self, primitive: u32) -> [DVec3; 3] {
-        self.triangles[primitive as usize].vertices.map(|vertex| self.positions[vertex as usize])
+        self.triangles[primitive as usize]
+            .vertices
+            .map(|vertex| self.positions[vertex as usize])
     }
 }

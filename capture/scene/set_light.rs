@@ -19,14 +19,21 @@ impl Scene {
         }
         if let Some(place) = light.sun {
             let toward = place.direction(&self.frame);
-            self.sun = toward.map(|direction| crate::scene::Sun { direction, ..self.sun.unwrap_or_default() });
+            self.sun = toward.map(|direction| crate::scene::Sun {
+                direction,
+                ..self.sun.unwrap_or_default()
+            });
         }
         if let (Some(sun), Some(strength)) = (&mut self.sun, light.sun_strength) {
             let factor = strength / luminance(sun.irradiance).max(f32::MIN_POSITIVE);
             sun.irradiance = sun.irradiance.map(|c| c * factor);
         }
         self.exposure = light.exposure;
-        self.tone = if light.hdr { ToneMap::SrgbCompressed } else { ToneMap::SrgbClipped };
+        self.tone = if light.hdr {
+            ToneMap::SrgbCompressed
+        } else {
+            ToneMap::SrgbClipped
+        };
         Ok(())
     }
 }
@@ -34,20 +41,35 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_core::light_parameters::SunPlace;
     use crate::scene::Sun;
     use glam::{DVec3, Vec3};
+    use headbox_core::light_parameters::SunPlace;
 
     #[test]
     fn the_sun_keeps_its_colour_and_takes_its_strength() {
-        let mut scene = Scene { sun: Some(Sun::default()), ..Scene::default() };
-        let asked =
-            LightParameters { sun: Some(SunPlace::Toward(DVec3::Y)), sun_strength: Some(6.0), ..Default::default() };
+        let mut scene = Scene {
+            sun: Some(Sun::default()),
+            ..Scene::default()
+        };
+        let asked = LightParameters {
+            sun: Some(SunPlace::Toward(DVec3::Y)),
+            sun_strength: Some(6.0),
+            ..Default::default()
+        };
         scene.set_light(&asked).expect("no file to read");
         let (sun, default) = (scene.sun.expect("a sun"), Sun::default());
         assert!((luminance(sun.irradiance) - 6.0).abs() < 1e-5 && sun.direction == Vec3::Y);
-        assert!((sun.irradiance[0] / sun.irradiance[2] - default.irradiance[0] / default.irradiance[2]).abs() < 1e-5);
-        scene.set_light(&LightParameters { sun: Some(SunPlace::Off), ..asked }).expect("no file to read");
+        assert!(
+            (sun.irradiance[0] / sun.irradiance[2] - default.irradiance[0] / default.irradiance[2])
+                .abs()
+                < 1e-5
+        );
+        scene
+            .set_light(&LightParameters {
+                sun: Some(SunPlace::Off),
+                ..asked
+            })
+            .expect("no file to read");
         assert_eq!(scene.sun, None);
     }
 }

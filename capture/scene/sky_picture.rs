@@ -9,12 +9,12 @@
 //! Where a sun stands in the picture, it can be taken out of the light (`sky_sun`). Eyes see it in its place.
 
 use super::sky_sun::SunSpot;
+use exr::meta::MetaData;
+use glam::Vec3;
 use headbox_core::color::luminance;
 use headbox_core::image_file;
 use headbox_core::image_file::MAX_PIXELS;
 use headbox_core::image_file::PictureError;
-use exr::meta::MetaData;
-use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 use std::fmt;
 use std::hash::{DefaultHasher, Hasher};
@@ -32,7 +32,9 @@ pub enum SkyError {
         cause: String,
     },
     /// It is of another shape.
-    #[error("{width}x{height} pixels; an equirectangular picture of the sky is twice as wide as high")]
+    #[error(
+        "{width}x{height} pixels; an equirectangular picture of the sky is twice as wide as high"
+    )]
     Shape {
         /// Columns.
         width: u32,
@@ -79,8 +81,17 @@ impl fmt::Debug for SkyPicture {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut hash = DefaultHasher::new();
         hash.write(bytemuck::cast_slice(&self.texels));
-        let (width, height, turn_deg, sun) = (self.width, self.height, self.turn_rad.to_degrees(), &self.sun);
-        write!(f, "SkyPicture({width}x{height}, {turn_deg} degrees, {sun:?}, {:016x})", hash.finish())
+        let (width, height, turn_deg, sun) = (
+            self.width,
+            self.height,
+            self.turn_rad.to_degrees(),
+            &self.sun,
+        );
+        write!(
+            f,
+            "SkyPicture({width}x{height}, {turn_deg} degrees, {sun:?}, {:016x})",
+            hash.finish()
+        )
     }
 }
 
@@ -91,15 +102,27 @@ impl SkyPicture {
     /// # Errors
     /// [`SkyError`], in one sentence that names the file.
     pub fn read(path: &Path, turn_deg: f64) -> Result<Self, SkyError> {
-        let unreadable = |cause: String| SkyError::Unreadable { path: path.to_path_buf(), cause };
-        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let unreadable = |cause: String| SkyError::Unreadable {
+            path: path.to_path_buf(),
+            cause,
+        };
+        let ending = path
+            .extension()
+            .map(|ending| ending.to_string_lossy().to_lowercase())
+            .unwrap_or_default();
         let (size, texels) = match ending.as_str() {
             "exr" => read_exr(path),
             "hdr" => read_hdr(path),
-            _ => Err("not a kind of sky that is read; give an equirectangular .hdr or .exr picture".into()),
+            _ => Err(
+                "not a kind of sky that is read; give an equirectangular .hdr or .exr picture"
+                    .into(),
+            ),
         }
         .map_err(unreadable)?;
-        let texels = texels.into_iter().map(|texel| texel.map(radiance)).collect();
+        let texels = texels
+            .into_iter()
+            .map(|texel| texel.map(radiance))
+            .collect();
         Self::new(size, texels, turn_deg).map_err(|cause| unreadable(cause.to_string()))
     }
 
@@ -107,13 +130,23 @@ impl SkyPicture {
     ///
     /// # Errors
     /// [`SkyError::Shape`], also where there are not as many texels as the size says; [`SkyError::Texel`].
-    pub fn new([width, height]: [u32; 2], texels: Vec<[f32; 3]>, turn_deg: f64) -> Result<Self, SkyError> {
+    pub fn new(
+        [width, height]: [u32; 2],
+        texels: Vec<[f32; 3]>,
+        turn_deg: f64,
+    ) -> Result<Self, SkyError> {
         let count = u64::from(width) * u64::from(height);
-        if height == 0 || u64::from(width) != 2 * u64::from(height) || count != texels.len() as u64 {
+        if height == 0 || u64::from(width) != 2 * u64::from(height) || count != texels.len() as u64
+        {
             return Err(SkyError::Shape { width, height });
         }
         let is_radiance = |c: &f32| c.is_finite() && *c >= 0.0;
-        if let Some((at, &value)) = texels.as_flattened().iter().enumerate().find(|(_, c)| !is_radiance(c)) {
+        if let Some((at, &value)) = texels
+            .as_flattened()
+            .iter()
+            .enumerate()
+            .find(|(_, c)| !is_radiance(c))
+        {
             let (x, y) = ((at / 3) as u32 % width, (at / 3) as u32 / width);
             return Err(SkyError::Texel { x, y, value });
         }
@@ -121,8 +154,20 @@ impl SkyPicture {
         Ok(Self::tabulated([width, height], texels, turn_rad, None))
     }
 
-    fn tabulated([width, height]: [u32; 2], texels: Vec<[f32; 3]>, turn_rad: f32, sun: Option<SunSpot>) -> Self {
-        let mut picture = Self { width, height, texels, turn_rad, sun, tables: Tables::default() };
+    fn tabulated(
+        [width, height]: [u32; 2],
+        texels: Vec<[f32; 3]>,
+        turn_rad: f32,
+        sun: Option<SunSpot>,
+    ) -> Self {
+        let mut picture = Self {
+            width,
+            height,
+            texels,
+            turn_rad,
+            sun,
+            tables: Tables::default(),
+        };
         picture.tables = Tables::of(&picture);
         picture
     }
@@ -149,24 +194,44 @@ impl SkyPicture {
 
     /// The same sky, so many times as bright.
     pub fn times(&self, factor: f32) -> Self {
-        let texels = self.texels.iter().map(|texel| texel.map(|c| c * factor)).collect();
-        Self::tabulated(self.size(), texels, self.turn_rad, self.sun.map(|sun| sun.times(factor)))
+        let texels = self
+            .texels
+            .iter()
+            .map(|texel| texel.map(|c| c * factor))
+            .collect();
+        Self::tabulated(
+            self.size(),
+            texels,
+            self.turn_rad,
+            self.sun.map(|sun| sun.times(factor)),
+        )
     }
 
     /// A picture of no more than `columns` columns, each texel the mean of those that it replaces.
     pub fn reduced(&self, columns: u32) -> Self {
-        let size = [self.width.min(columns.max(2) & !1), self.height.min((columns / 2).max(1))];
+        let size = [
+            self.width.min(columns.max(2) & !1),
+            self.height.min((columns / 2).max(1)),
+        ];
         let span = |at: u32, to: u32, from: u32| {
             let edge = |at: u32| u64::from(at) * u64::from(from);
             (edge(at) / u64::from(to)) as u32..edge(at + 1).div_ceil(u64::from(to)) as u32
         };
         let mean = |at: u32| {
-            let (xs, ys) = (span(at % size[0], size[0], self.width), span(at / size[0], size[1], self.height));
+            let (xs, ys) = (
+                span(at % size[0], size[0], self.width),
+                span(at / size[0], size[1], self.height),
+            );
             let count = (xs.len() * ys.len()) as f32;
             let inner = ys.flat_map(|y| xs.clone().map(move |x| Vec3::from(self.texel(x, y))));
             (inner.sum::<Vec3>() / count).to_array()
         };
-        Self::tabulated(size, (0..size[0] * size[1]).map(mean).collect(), self.turn_rad, self.sun)
+        Self::tabulated(
+            size,
+            (0..size[0] * size[1]).map(mean).collect(),
+            self.turn_rad,
+            self.sun,
+        )
     }
 
     /// Of each texel of a row, steradians.
@@ -197,13 +262,19 @@ impl SkyPicture {
     fn place(&self, direction: Vec3) -> [f32; 2] {
         let azimuth = direction.x.atan2(-direction.z) - self.turn_rad;
         let x = (azimuth / TAU + 0.5).rem_euclid(1.0) * self.width as f32;
-        [x, direction.y.clamp(-1.0, 1.0).acos() / PI * self.height as f32]
+        [
+            x,
+            direction.y.clamp(-1.0, 1.0).acos() / PI * self.height as f32,
+        ]
     }
 
     /// Radiance with which it lights from a unit direction (world axes): that of the texel there, without the sun.
     pub fn radiance(&self, direction: Vec3) -> [f32; 3] {
         let [x, y] = self.place(direction);
-        self.light_of((x as u32).min(self.width - 1), (y as u32).min(self.height - 1))
+        self.light_of(
+            (x as u32).min(self.width - 1),
+            (y as u32).min(self.height - 1),
+        )
     }
 
     /// What an eye sees in a unit direction (world axes): between the four texels around it, with the sun.
@@ -222,12 +293,20 @@ impl SkyPicture {
 
     /// Density with which [`Self::sample`] draws a direction of this radiance, 1/sr.
     pub fn density(&self, radiance: [f32; 3]) -> f32 {
-        if self.tables.power > 0.0 { luminance(radiance) / self.tables.power } else { 0.0 }
+        if self.tables.power > 0.0 {
+            luminance(radiance) / self.tables.power
+        } else {
+            0.0
+        }
     }
 
     /// The direction for two numbers in [0, 1), by radiance, and that radiance; `None` if the sky is black.
     pub fn sample(&self, [u, v]: [f32; 2]) -> Option<(Vec3, [f32; 3])> {
-        let Tables { rows, columns, power } = &self.tables;
+        let Tables {
+            rows,
+            columns,
+            power,
+        } = &self.tables;
         if *power <= 0.0 {
             return None;
         }
@@ -266,16 +345,29 @@ impl Tables {
             rows.push(power);
         }
         let whole = power.max(f64::MIN_POSITIVE);
-        Self { rows: rows.into_iter().map(|sum| (sum / whole) as f32).collect(), columns, power: power as f32 }
+        Self {
+            rows: rows.into_iter().map(|sum| (sum / whole) as f32).collect(),
+            columns,
+            power: power as f32,
+        }
     }
 }
 
 /// The entry of a table of running shares that `number` falls on, and how far into it, [0, 1).
 fn drawn(shares: &[f32], number: f32) -> (usize, f32) {
-    let at = shares.partition_point(|&share| share <= number).min(shares.len() - 1);
+    let at = shares
+        .partition_point(|&share| share <= number)
+        .min(shares.len() - 1);
     let before = if at == 0 { 0.0 } else { shares[at - 1] };
     let within = (number - before) / (shares[at] - before);
-    (at, if within.is_finite() { within.clamp(0.0, 1.0) } else { 0.5 })
+    (
+        at,
+        if within.is_finite() {
+            within.clamp(0.0, 1.0)
+        } else {
+            0.5
+        },
+    )
 }
 
 /// A radiance as a file has it, made one that is finite and not negative unless it is no number.
@@ -291,24 +383,43 @@ fn radiance(channel: f32) -> f32 {
 type Texels = ([u32; 2], Vec<[f32; 3]>);
 
 fn read_hdr(path: &Path) -> Result<Texels, String> {
-    let picture = image_file::read(path, image_file::MAX_BYTES).map_err(|error| error.to_string())?.into_rgb32f();
+    let picture = image_file::read(path, image_file::MAX_BYTES)
+        .map_err(|error| error.to_string())?
+        .into_rgb32f();
     let (width, height) = picture.dimensions();
-    Ok(([width, height], picture.pixels().map(|pixel| pixel.0).collect()))
+    Ok((
+        [width, height],
+        picture.pixels().map(|pixel| pixel.0).collect(),
+    ))
 }
 
 fn read_exr(path: &Path) -> Result<Texels, String> {
-    let meta = MetaData::read_from_file(path, false).map_err(|error| PictureError::from(error).to_string())?;
-    let size = meta.headers.first().map(|header| header.layer_size).ok_or("it has no layer")?;
+    let meta = MetaData::read_from_file(path, false)
+        .map_err(|error| PictureError::from(error).to_string())?;
+    let size = meta
+        .headers
+        .first()
+        .map(|header| header.layer_size)
+        .ok_or("it has no layer")?;
     if size.x() as u64 * size.y() as u64 > MAX_PIXELS {
-        return Err(format!("{}x{} pixels, more than {MAX_PIXELS} in all", size.x(), size.y()));
+        return Err(format!(
+            "{}x{} pixels, more than {MAX_PIXELS} in all",
+            size.x(),
+            size.y()
+        ));
     }
     let image = exr::prelude::read_first_rgba_layer_from_file(
         path,
         |size, _| (size.x(), vec![[0f32; 3]; size.x() * size.y()]),
-        |(stride, texels), at, (r, g, b, _): (f32, f32, f32, f32)| texels[at.y() * *stride + at.x()] = [r, g, b],
+        |(stride, texels), at, (r, g, b, _): (f32, f32, f32, f32)| {
+            texels[at.y() * *stride + at.x()] = [r, g, b]
+        },
     );
     let image = image.map_err(|error| PictureError::from(error).to_string())?;
-    Ok(([size.x() as u32, size.y() as u32], image.layer_data.channel_data.pixels.1))
+    Ok((
+        [size.x() as u32, size.y() as u32],
+        image.layer_data.channel_data.pixels.1,
+    ))
 }
 
 #[cfg(test)]

@@ -2,8 +2,8 @@
 //! shadows whose edges are sought and never pooled.
 
 use crate::scene::{SkyPicture, Sun};
-use headbox_core::color::luminance;
 use glam::Vec3;
+use headbox_core::color::luminance;
 use std::f32::consts::PI;
 
 /// A sun shines from within this angle about the brightest texel, radians: glare that film and lens spread about it is part of it.
@@ -32,12 +32,19 @@ impl SunSpot {
     pub(super) fn without(&self, texel: [f32; 3], direction: impl Fn() -> Vec3) -> [f32; 3] {
         let level = luminance(texel);
         let is_sun = level > self.level && direction().dot(self.direction) > RADIUS_RAD.cos();
-        if is_sun { texel.map(|c| c * (self.level / level)) } else { texel }
+        if is_sun {
+            texel.map(|c| c * (self.level / level))
+        } else {
+            texel
+        }
     }
 
     /// The same, where all is so many times as bright.
     pub(super) fn times(self, factor: f32) -> Self {
-        Self { level: self.level * factor, ..self }
+        Self {
+            level: self.level * factor,
+            ..self
+        }
     }
 }
 
@@ -62,8 +69,9 @@ impl SkyPicture {
     fn find_sun(&self) -> Option<(SunSpot, Sun)> {
         let about = self.brightest()?;
         let near = self.texels_within(RADIUS_RAD * RING, about);
-        let (spot, ring): (Vec<Texel>, Vec<Texel>) =
-            near.into_iter().partition(|texel| texel.direction.dot(about) > RADIUS_RAD.cos());
+        let (spot, ring): (Vec<Texel>, Vec<Texel>) = near
+            .into_iter()
+            .partition(|texel| texel.direction.dot(about) > RADIUS_RAD.cos());
         let mut beside: Vec<f32> = ring.iter().map(|texel| texel.luminance).collect();
         beside.sort_by(f32::total_cmp);
         let level = *beside.get(beside.len() / 2)?;
@@ -73,13 +81,21 @@ impl SkyPicture {
         }
         let sun = sun_of(&spot, level, about);
         let is_strong = luminance(sun.irradiance) >= LEAST_SHARE * self.power();
-        is_strong.then_some((SunSpot { direction: about, level }, sun))
+        is_strong.then_some((
+            SunSpot {
+                direction: about,
+                level,
+            },
+            sun,
+        ))
     }
 
     /// Where the first of the brightest texels is.
     fn brightest(&self) -> Option<Vec3> {
         let level = |at: usize| luminance(self.texels()[at]);
-        let at = (0..self.texels().len()).max_by(|&a, &b| level(a).total_cmp(&level(b)).then(b.cmp(&a)))? as u32;
+        let at = (0..self.texels().len())
+            .max_by(|&a, &b| level(a).total_cmp(&level(b)).then(b.cmp(&a)))?
+            as u32;
         let [width, _] = self.size();
         Some(self.direction([(at % width) as f32 + 0.5, (at / width) as f32 + 0.5]))
     }
@@ -87,7 +103,8 @@ impl SkyPicture {
     fn texels_within(&self, angle_rad: f32, about: Vec3) -> Vec<Texel> {
         let [width, height] = self.size();
         let (polar, row_rad) = (about.y.clamp(-1.0, 1.0).acos(), PI / height as f32);
-        let rows = (0..height).filter(|&y| ((y as f32 + 0.5) * row_rad - polar).abs() <= angle_rad + row_rad);
+        let rows = (0..height)
+            .filter(|&y| ((y as f32 + 0.5) * row_rad - polar).abs() <= angle_rad + row_rad);
         let texel = |(x, y): (u32, u32)| {
             let radiance = self.texel(x, y);
             Texel {
@@ -98,7 +115,9 @@ impl SkyPicture {
             }
         };
         let texels = rows.flat_map(|y| (0..width).map(move |x| texel((x, y))));
-        texels.filter(|texel| texel.direction.dot(about) > angle_rad.cos()).collect()
+        texels
+            .filter(|texel| texel.direction.dot(about) > angle_rad.cos())
+            .collect()
     }
 }
 
@@ -113,9 +132,16 @@ fn sun_of(spot: &[Texel], level: f32, about: Vec3) -> Sun {
         power += excess;
     }
     let direction = toward.normalize_or(about);
-    let spread: f32 = spot.iter().map(|texel| excess(texel) * texel.direction.distance_squared(direction)).sum();
+    let spread: f32 = spot
+        .iter()
+        .map(|texel| excess(texel) * texel.direction.distance_squared(direction))
+        .sum();
     // The mean squared distance of a disk's points from its middle is half of its squared radius.
     let radius = (2.0 * spread / power.max(f32::MIN_POSITIVE)).sqrt();
     let angular_radius_rad = radius.clamp(Sun::default().angular_radius_rad, RADIUS_RAD);
-    Sun { direction, irradiance: irradiance.to_array(), angular_radius_rad }
+    Sun {
+        direction,
+        irradiance: irradiance.to_array(),
+        angular_radius_rad,
+    }
 }

@@ -21,7 +21,12 @@ impl Scene {
     pub fn stitch(&mut self) -> Vec<u32> {
         let corners = Corners::of(self);
         let on_edges = corners.on_edges(self);
-        let mut stitcher = Stitcher { scene: self, corners, on_edges, made: HashMap::new() };
+        let mut stitcher = Stitcher {
+            scene: self,
+            corners,
+            on_edges,
+            made: HashMap::new(),
+        };
         let sources = std::mem::take(&mut stitcher.scene.triangles);
         let mut pieces = Vec::with_capacity(sources.len());
         let mut firsts = Vec::with_capacity(sources.len() + 1);
@@ -42,10 +47,15 @@ impl Scene {
             let (a, b) = (self.normals[i], self.normals[j]);
             // Between a vertex with a normal and one without there is none either.
             let none = a == Vec3::ZERO || b == Vec3::ZERO;
-            self.normals.push(if none { Vec3::ZERO } else { a.lerp(b, share).normalize_or_zero() });
+            self.normals.push(if none {
+                Vec3::ZERO
+            } else {
+                a.lerp(b, share).normalize_or_zero()
+            });
         }
         if !self.texcoords.is_empty() {
-            self.texcoords.push(self.texcoords[i].lerp(self.texcoords[j], share));
+            self.texcoords
+                .push(self.texcoords[i].lerp(self.texcoords[j], share));
         }
         if !self.colors.is_empty() {
             self.colors.push(self.colors[i].lerp(self.colors[j], share));
@@ -69,12 +79,19 @@ type Edge = [u32; 2];
 
 impl Corners {
     fn of(scene: &Scene) -> Self {
-        let edges =
-            || scene.triangles.iter().flat_map(|t| [[0, 1], [1, 2], [2, 0]].map(|side| side.map(|i| t.vertices[i])));
-        let lengths =
-            edges().map(|edge| edge.map(|vertex| scene.positions[vertex as usize])).map(|[a, b]| a.distance(b));
+        let edges = || {
+            scene
+                .triangles
+                .iter()
+                .flat_map(|t| [[0, 1], [1, 2], [2, 0]].map(|side| side.map(|i| t.vertices[i])))
+        };
+        let lengths = edges()
+            .map(|edge| edge.map(|vertex| scene.positions[vertex as usize]))
+            .map(|[a, b]| a.distance(b));
         let finite = lengths.filter(|length| length.is_finite());
-        let (count, sum) = finite.fold((0_u32, 0.0), |(count, sum), length| (count + 1, sum + length));
+        let (count, sum) = finite.fold((0_u32, 0.0), |(count, sum), length| {
+            (count + 1, sum + length)
+        });
         let cube_m = (sum / f64::from(count.max(1))).max(SMALLEST_CUBE_M);
 
         let mut known = HashMap::new();
@@ -82,15 +99,22 @@ impl Corners {
         let mut cubes: HashMap<_, Vec<u32>> = HashMap::new();
         let mut place = |&p: &DVec3| {
             // -0 and 0 are one place.
-            *known.entry((p + 0.0).to_array().map(f64::to_bits)).or_insert_with(|| {
-                let index = places.len() as u32;
-                places.push(p);
-                cubes.entry(cube_of(p, cube_m)).or_default().push(index);
-                index
-            })
+            *known
+                .entry((p + 0.0).to_array().map(f64::to_bits))
+                .or_insert_with(|| {
+                    let index = places.len() as u32;
+                    places.push(p);
+                    cubes.entry(cube_of(p, cube_m)).or_default().push(index);
+                    index
+                })
         };
         let place_of = scene.positions.iter().map(&mut place).collect();
-        Self { place_of, places, cube_m, cubes }
+        Self {
+            place_of,
+            places,
+            cube_m,
+            cubes,
+        }
     }
 
     fn edge(&self, a: u32, b: u32) -> Edge {
@@ -107,7 +131,10 @@ impl Corners {
         let mut edges: Vec<Edge> = scene.triangles.par_iter().flat_map_iter(sides).collect();
         edges.par_sort_unstable();
         edges.dedup();
-        let split = edges.par_iter().map(|&edge| (edge, self.on_edge(edge))).filter(|(_, on)| !on.is_empty());
+        let split = edges
+            .par_iter()
+            .map(|&edge| (edge, self.on_edge(edge)))
+            .filter(|(_, on)| !on.is_empty());
         split.collect()
     }
 
@@ -141,10 +168,15 @@ impl Corners {
         Box::new((0..steps as u32).flat_map(move |step| {
             let at = |step: u32| a.lerp(b, f64::from(step) / steps);
             let [p, q] = [at(step), at(step + 1)];
-            let [low, high] = [p.min(q) - ON_EDGE_M, p.max(q) + ON_EDGE_M].map(|corner| cube_of(corner, self.cube_m));
-            let cubes = (low[0]..=high[0])
-                .flat_map(move |x| (low[1]..=high[1]).flat_map(move |y| (low[2]..=high[2]).map(move |z| [x, y, z])));
-            cubes.filter_map(|cube| self.cubes.get(&cube)).flatten().copied()
+            let [low, high] = [p.min(q) - ON_EDGE_M, p.max(q) + ON_EDGE_M]
+                .map(|corner| cube_of(corner, self.cube_m));
+            let cubes = (low[0]..=high[0]).flat_map(move |x| {
+                (low[1]..=high[1]).flat_map(move |y| (low[2]..=high[2]).map(move |z| [x, y, z]))
+            });
+            cubes
+                .filter_map(|cube| self.cubes.get(&cube))
+                .flatten()
+                .copied()
         }))
     }
 }
@@ -166,7 +198,11 @@ impl Stitcher<'_> {
     fn split(&mut self, source: &Triangle, pieces: &mut Vec<Triangle>) {
         let [a, b, c] = source.vertices;
         let on = |[p, q]: [u32; 2]| {
-            let mut on = self.on_edges.get(&self.corners.edge(p, q)).cloned().unwrap_or_default();
+            let mut on = self
+                .on_edges
+                .get(&self.corners.edge(p, q))
+                .cloned()
+                .unwrap_or_default();
             if self.corners.place_of[p as usize] > self.corners.place_of[q as usize] {
                 on.reverse();
             }
@@ -175,7 +211,10 @@ impl Stitcher<'_> {
         let mut open = vec![(source.vertices, [on([a, b]), on([b, c]), on([c, a])])];
         while let Some((vertices, on)) = open.pop() {
             let Some(side) = (0..3).find(|&side| !on[side].is_empty()) else {
-                pieces.push(Triangle { vertices, material: source.material });
+                pieces.push(Triangle {
+                    vertices,
+                    material: source.material,
+                });
                 continue;
             };
             let [p, q, r] = [0, 1, 2].map(|i| vertices[(side + i) % 3]);
@@ -199,7 +238,9 @@ impl Stitcher<'_> {
         let [p, q, r] = corners.map(|vertex| self.scene.positions[vertex as usize]);
         let v = self.corners.places[place as usize];
         let normal = (q - p).cross(r - p);
-        [(v - p).cross(r - p), (q - v).cross(r - v)].iter().all(|piece| piece.dot(normal) > 0.0)
+        [(v - p).cross(r - p), (q - v).cross(r - v)]
+            .iter()
+            .all(|piece| piece.dot(normal) > 0.0)
     }
 
     /// The vertex at a place on the edge between two.
@@ -209,7 +250,8 @@ impl Stitcher<'_> {
         *self.made.entry((ends, place)).or_insert_with(|| {
             let position = corners.places[place as usize];
             let [start, end] = ends.map(|end| self.scene.positions[end as usize]);
-            let share = (position - start).length() / ((position - start).length() + (end - position).length());
+            let share = (position - start).length()
+                / ((position - start).length() + (end - position).length());
             corners.place_of.push(place);
             self.scene.vertex_between(ends, position, share as f32)
         })
@@ -224,17 +266,28 @@ mod tests {
     /// Corners on somebody's edge, found by trying all against all.
     fn t_junctions(scene: &Scene) -> usize {
         let corner = |vertex: u32| scene.positions[vertex as usize];
-        let mut used: Vec<DVec3> = scene.triangles.iter().flat_map(|t| t.vertices).map(corner).collect();
+        let mut used: Vec<DVec3> = scene
+            .triangles
+            .iter()
+            .flat_map(|t| t.vertices)
+            .map(corner)
+            .collect();
         used.sort_by(|p, q| p.to_array().partial_cmp(&q.to_array()).unwrap());
         used.dedup();
-        let edges =
-            scene.triangles.iter().flat_map(|t| [[0, 1], [1, 2], [2, 0]].map(|edge| edge.map(|i| t.vertices[i])));
+        let edges = scene
+            .triangles
+            .iter()
+            .flat_map(|t| [[0, 1], [1, 2], [2, 0]].map(|edge| edge.map(|i| t.vertices[i])));
         let on_an_edge = |[a, b]: [u32; 2]| {
             let [a, b] = [corner(a), corner(b)];
             let lies_on = |&&p: &&DVec3| {
                 let t = (p - a).dot(b - a) / (b - a).length_squared();
                 let far = 2.0 * ON_EDGE_M;
-                p.distance(a) > far && p.distance(b) > far && p.distance(a + (b - a) * t) < 1e-9 && t > 0.0 && t < 1.0
+                p.distance(a) > far
+                    && p.distance(b) > far
+                    && p.distance(a + (b - a) * t) < 1e-9
+                    && t > 0.0
+                    && t < 1.0
             };
             used.iter().filter(lies_on).count()
         };
@@ -243,12 +296,27 @@ mod tests {
 
     /// A square of two triangles, a metre wide, beside two of half a metre.
     fn one_beside_two() -> Scene {
-        let positions = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [1.0, 0.4], [2.0, 0.0], [2.0, 1.0]];
+        let positions = [
+            [0.0, 0.0],
+            [1.0, 0.0],
+            [1.0, 1.0],
+            [0.0, 1.0],
+            [1.0, 0.4],
+            [2.0, 0.0],
+            [2.0, 1.0],
+        ];
         let triangles = [[0, 1, 2], [0, 2, 3], [1, 5, 4], [4, 5, 6], [4, 6, 2]];
         Scene {
             positions: positions.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec(),
-            texcoords: positions.map(|[x, y]| glam::Vec2::new(x as f32, y as f32)).to_vec(),
-            triangles: triangles.map(|vertices| Triangle { vertices, material: 0 }).to_vec(),
+            texcoords: positions
+                .map(|[x, y]| glam::Vec2::new(x as f32, y as f32))
+                .to_vec(),
+            triangles: triangles
+                .map(|vertices| Triangle {
+                    vertices,
+                    material: 0,
+                })
+                .to_vec(),
             materials: vec![crate::material::Material::default()],
             ..Scene::default()
         }
@@ -286,7 +354,11 @@ mod tests {
         let (before, vertices) = (scene.triangles.len(), scene.positions.len());
         let stitched = scene.stitch();
         assert_eq!(t_junctions(&scene), 0);
-        assert!(scene.triangles.len() < before + 40, "{before} -> {}", scene.triangles.len());
+        assert!(
+            scene.triangles.len() < before + 40,
+            "{before} -> {}",
+            scene.triangles.len()
+        );
         assert!((area(&scene) - 2.0).abs() < 1e-9);
         assert_eq!(stitched.len(), before + 1);
         assert_eq!(*stitched.last().unwrap() as usize, scene.triangles.len());
@@ -301,12 +373,23 @@ mod tests {
     fn needles_landscapes_and_what_is_no_number_end() {
         let mut scene = one_beside_two();
         // A needle thinner than the tolerance, with the corner of another on it; an edge of a thousand kilometres; no number.
-        let far = [[0.0, 0.0, 0.0], [1e6, 0.0, 0.0], [0.0, 1e6, 0.0], [0.5, 1e-4, 0.0], [f64::NAN, 0.0, 0.0]];
+        let far = [
+            [0.0, 0.0, 0.0],
+            [1e6, 0.0, 0.0],
+            [0.0, 1e6, 0.0],
+            [0.5, 1e-4, 0.0],
+            [f64::NAN, 0.0, 0.0],
+        ];
         let first = scene.positions.len() as u32;
         scene.positions.extend(far.map(DVec3::from));
-        scene.texcoords.resize(scene.positions.len(), glam::Vec2::ZERO);
+        scene
+            .texcoords
+            .resize(scene.positions.len(), glam::Vec2::ZERO);
         for vertices in [[0, 1, 2], [0, 3, 1], [0, 1, 4]] {
-            scene.triangles.push(Triangle { vertices: vertices.map(|v| v + first), material: 0 });
+            scene.triangles.push(Triangle {
+                vertices: vertices.map(|v| v + first),
+                material: 0,
+            });
         }
         let stitched = scene.stitch();
         assert_eq!(*stitched.last().unwrap() as usize, scene.triangles.len());

@@ -13,7 +13,11 @@ const DEEPEST: u32 = 32;
 /// Returns for each triangle the index of its first piece, and at the end the number of pieces; nothing if there would
 /// be more than `most` triangles.
 pub fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>> {
-    let mut cutter = Cutter { scene, edge_m, middles: HashMap::new() };
+    let mut cutter = Cutter {
+        scene,
+        edge_m,
+        middles: HashMap::new(),
+    };
     let sources = std::mem::take(&mut cutter.scene.triangles);
     let mut firsts = Vec::with_capacity(sources.len() + 1);
     let mut pieces = Vec::with_capacity(sources.len());
@@ -22,8 +26,13 @@ pub fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>
         let mut open = vec![(source.vertices, 0)];
         while let Some((vertices, depth)) = open.pop() {
             match cutter.cut(vertices) {
-                Some(children) if depth < DEEPEST => open.extend(children.into_iter().rev().map(|c| (c, depth + 1))),
-                _ => pieces.push(Triangle { vertices, material: source.material }),
+                Some(children) if depth < DEEPEST => {
+                    open.extend(children.into_iter().rev().map(|c| (c, depth + 1)))
+                }
+                _ => pieces.push(Triangle {
+                    vertices,
+                    material: source.material,
+                }),
             }
             if pieces.len() + open.len() > most {
                 return None;
@@ -66,11 +75,17 @@ impl Cutter<'_> {
 
     /// The pieces of a triangle with a long edge.
     fn cut(&mut self, [a, b, c]: [u32; 3]) -> Option<Vec<[u32; 3]>> {
-        let middles = [self.middle_of_long(a, b), self.middle_of_long(b, c), self.middle_of_long(c, a)];
+        let middles = [
+            self.middle_of_long(a, b),
+            self.middle_of_long(b, c),
+            self.middle_of_long(c, a),
+        ];
         let corners = [a, b, c];
         match middles {
             [None, None, None] => None,
-            [Some(ab), Some(bc), Some(ca)] => Some(vec![[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]),
+            [Some(ab), Some(bc), Some(ca)] => {
+                Some(vec![[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
+            }
             _ => {
                 // Turned so that the edge (p, q) is long and, if two are, (q, r) too.
                 let long = middles.map(|middle| middle.is_some());
@@ -81,8 +96,8 @@ impl Cutter<'_> {
                     None => Some(vec![[p, pq, r], [pq, q, r]]),
                     Some(qr) => {
                         // The shorter diagonal of what is left beside the corner q.
-                        let [across, along] =
-                            [(pq, r), (p, qr)].map(|(s, t)| self.position(s).distance_squared(self.position(t)));
+                        let [across, along] = [(pq, r), (p, qr)]
+                            .map(|(s, t)| self.position(s).distance_squared(self.position(t)));
                         Some(if across <= along {
                             vec![[pq, q, qr], [pq, qr, r], [p, pq, r]]
                         } else {

@@ -1,7 +1,7 @@
 //! What a ray finds where it hits a triangle.
 
-use crate::scene::Scene;
 use crate::material::{Gloss, Texture};
+use crate::scene::Scene;
 use glam::{Vec2, Vec3};
 
 /// A point on a triangle as the shading needs it.
@@ -42,9 +42,17 @@ impl Scene {
         if self.normals.is_empty() {
             return normal;
         }
-        let corners = self.triangles[primitive as usize].vertices.map(|vertex| self.normals[vertex as usize]);
-        let smooth = blend(corners, [1.0 - u - v, u, v]).try_normalize().unwrap_or(normal);
-        if smooth.dot(normal) < 0.0 { -smooth } else { smooth }
+        let corners = self.triangles[primitive as usize]
+            .vertices
+            .map(|vertex| self.normals[vertex as usize]);
+        let smooth = blend(corners, [1.0 - u - v, u, v])
+            .try_normalize()
+            .unwrap_or(normal);
+        if smooth.dot(normal) < 0.0 {
+            -smooth
+        } else {
+            smooth
+        }
     }
 
     /// [`Surface::emission`].
@@ -53,14 +61,20 @@ impl Scene {
         if material.emission == [0.0; 3] {
             return [0.0; 3];
         }
-        let texel = self.paint(primitive).texel(self.emission_texture(primitive), [1.0 - u - v, u, v]);
-        (Vec3::from(material.emission) * texel).max(Vec3::ZERO).into()
+        let texel = self
+            .paint(primitive)
+            .texel(self.emission_texture(primitive), [1.0 - u - v, u, v]);
+        (Vec3::from(material.emission) * texel)
+            .max(Vec3::ZERO)
+            .into()
     }
 
     /// The texture that says where triangle `primitive` emits light, if it does and one says so.
     pub fn emission_texture(&self, primitive: u32) -> Option<&Texture> {
         let material = &self.materials[self.triangles[primitive as usize].material as usize];
-        let index = material.emission_texture.filter(|_| material.emission != [0.0; 3])?;
+        let index = material
+            .emission_texture
+            .filter(|_| material.emission != [0.0; 3])?;
         self.textures.get(index as usize)
     }
 
@@ -71,8 +85,12 @@ impl Scene {
             return self.emission(primitive, 1.0 / 3.0, 1.0 / 3.0);
         };
         let paint = self.paint(primitive);
-        let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|weights| paint.texel_at(texture, weights));
-        let longest = [b - a, c - a, c - b].map(|edge| edge.abs().max_element()).into_iter().fold(0.0, f32::max);
+        let [a, b, c] =
+            [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|weights| paint.texel_at(texture, weights));
+        let longest = [b - a, c - a, c - b]
+            .map(|edge| edge.abs().max_element())
+            .into_iter()
+            .fold(0.0, f32::max);
         let steps = longest.ceil().clamp(1.0, MOST_STEPS) as u32;
         let third = 1.0 / (3.0 * steps as f32);
         let (mut sum, mut count) = (Vec3::ZERO, 0);
@@ -98,9 +116,15 @@ impl Scene {
         Paint {
             albedo: Vec3::from(material.albedo),
             colors: (!self.colors.is_empty()).then(|| corners.map(|c| self.colors[c])),
-            texcoords: if self.texcoords.is_empty() { [Vec2::ZERO; 3] } else { corners.map(|c| self.texcoords[c]) },
+            texcoords: if self.texcoords.is_empty() {
+                [Vec2::ZERO; 3]
+            } else {
+                corners.map(|c| self.texcoords[c])
+            },
             texture: material.albedo_texture.map(texture),
-            cutout: material.cutout.map(|cutout| (texture(cutout.texture), cutout.threshold)),
+            cutout: material
+                .cutout
+                .map(|cutout| (texture(cutout.texture), cutout.threshold)),
         }
     }
 
@@ -114,7 +138,10 @@ impl Scene {
     /// a scene at 1e5 m have no digits left in `f32`.
     pub fn geometric_normal(&self, primitive: u32) -> Vec3 {
         let [a, b, c] = self.corners(primitive);
-        (b - a).cross(c - a).try_normalize().map_or(Vec3::Y, |normal| normal.as_vec3())
+        (b - a)
+            .cross(c - a)
+            .try_normalize()
+            .map_or(Vec3::Y, |normal| normal.as_vec3())
     }
 }
 
@@ -135,15 +162,20 @@ impl Paint<'_> {
 
     /// Where a texture is looked up, texels from a corner of the plane of its copies.
     pub fn texel_at(&self, texture: &Texture, [u, v]: [f32; 2]) -> Vec2 {
-        Vec2::from(self.texcoord([1.0 - u - v, u, v])) * Vec2::new(texture.width() as f32, texture.height() as f32)
+        Vec2::from(self.texcoord([1.0 - u - v, u, v]))
+            * Vec2::new(texture.width() as f32, texture.height() as f32)
     }
 
     /// As [`Surface::albedo`].
     #[inline]
     pub fn albedo(&self, u: f32, v: f32) -> [f32; 3] {
         let weights = [1.0 - u - v, u, v];
-        let color = self.colors.map_or(Vec3::ONE, |colors| blend(colors, weights));
-        (self.albedo * self.texel(self.texture, weights) * color).clamp(Vec3::ZERO, Vec3::ONE).into()
+        let color = self
+            .colors
+            .map_or(Vec3::ONE, |colors| blend(colors, weights));
+        (self.albedo * self.texel(self.texture, weights) * color)
+            .clamp(Vec3::ZERO, Vec3::ONE)
+            .into()
     }
 
     /// As [`Scene::is_solid`].
@@ -157,7 +189,9 @@ impl Paint<'_> {
 
     /// A texture's colour at the given weights of three corners; white without a texture.
     fn texel(&self, texture: Option<&Texture>, weights: [f32; 3]) -> Vec3 {
-        let Some(texture) = texture else { return Vec3::ONE };
+        let Some(texture) = texture else {
+            return Vec3::ONE;
+        };
         let [s, t] = self.texcoord(weights);
         let [r, g, b, _alpha] = texture.sample(s, t);
         Vec3::new(r, g, b)
@@ -183,16 +217,30 @@ mod tests {
     fn scene() -> Scene {
         let texture = Texture::new(2, 1, vec![[255, 0, 0, 255], [0, 255, 0, 0]]).expect("2x1");
         Scene {
-            positions: vec![dvec3(0.0, 0.0, 0.0), dvec3(0.0, 0.0, 1.0), dvec3(1.0, 0.0, 0.0)],
-            texcoords: vec![Vec2::new(0.25, 0.5), Vec2::new(0.25, 0.5), Vec2::new(0.75, 0.5)],
-            triangles: vec![Triangle { vertices: [0, 1, 2], material: 0 }],
+            positions: vec![
+                dvec3(0.0, 0.0, 0.0),
+                dvec3(0.0, 0.0, 1.0),
+                dvec3(1.0, 0.0, 0.0),
+            ],
+            texcoords: vec![
+                Vec2::new(0.25, 0.5),
+                Vec2::new(0.25, 0.5),
+                Vec2::new(0.75, 0.5),
+            ],
+            triangles: vec![Triangle {
+                vertices: [0, 1, 2],
+                material: 0,
+            }],
             materials: vec![Material {
                 albedo: [0.5; 3],
                 albedo_texture: Some(0),
                 emission: [2.0, 3.0, 4.0],
                 emission_texture: Some(0),
                 gloss: None,
-                cutout: Some(Cutout { texture: 0, threshold: 0.5 }),
+                cutout: Some(Cutout {
+                    texture: 0,
+                    threshold: 0.5,
+                }),
                 ..Material::default()
             }],
             textures: vec![texture],
@@ -207,17 +255,33 @@ mod tests {
         let s = scene.surface(0, 0.5, 0.0);
         assert_eq!((s.normal, s.shading_normal), (Vec3::Y, Vec3::Y));
         assert_eq!((s.albedo, s.emission), ([0.5, 0.0, 0.0], [2.0, 0.0, 0.0]));
-        assert_eq!(scene.surface(0, 0.0, 1.0).albedo, [0.0, 0.5, 0.0], "the weight v belongs to vertex 2");
+        assert_eq!(
+            scene.surface(0, 0.0, 1.0).albedo,
+            [0.0, 0.5, 0.0],
+            "the weight v belongs to vertex 2"
+        );
         assert!(scene.is_solid(0, 0.5, 0.0) && !scene.is_solid(0, 0.0, 1.0));
 
         scene.colors = vec![Vec3::splat(0.5), Vec3::splat(9.0), Vec3::ONE];
         assert_eq!(scene.surface(0, 0.0, 0.0).albedo, [0.25, 0.0, 0.0]);
-        assert_eq!(scene.surface(0, 1.0, 0.0).albedo, [1.0, 0.0, 0.0], "clamped");
+        assert_eq!(
+            scene.surface(0, 1.0, 0.0).albedo,
+            [1.0, 0.0, 0.0],
+            "clamped"
+        );
 
         scene.normals = vec![Vec3::NEG_Y, Vec3::X, Vec3::ZERO];
-        assert_eq!(scene.surface(0, 0.0, 0.0).shading_normal, Vec3::Y, "turned to the geometric side");
+        assert_eq!(
+            scene.surface(0, 0.0, 0.0).shading_normal,
+            Vec3::Y,
+            "turned to the geometric side"
+        );
         assert_eq!(scene.surface(0, 1.0, 0.0).shading_normal, Vec3::X);
-        assert_eq!(scene.surface(0, 0.0, 1.0).shading_normal, Vec3::Y, "no normal given there");
+        assert_eq!(
+            scene.surface(0, 0.0, 1.0).shading_normal,
+            Vec3::Y,
+            "no normal given there"
+        );
     }
 
     #[test]
@@ -229,15 +293,51 @@ mod tests {
         };
         assert_eq!(broken(|s| s.triangles.clear()), SceneError::NoTriangles);
         assert_eq!(broken(|s| s.materials.clear()), SceneError::NoMaterials);
-        assert_eq!(broken(|s| s.positions[2].y = f64::NAN), SceneError::Position(2));
+        assert_eq!(
+            broken(|s| s.positions[2].y = f64::NAN),
+            SceneError::Position(2)
+        );
         let error = broken(|s| s.normals.push(Vec3::Y));
-        assert_eq!(error, SceneError::ArrayLength { array: "normals", length: 1, positions: 3 });
+        assert_eq!(
+            error,
+            SceneError::ArrayLength {
+                array: "normals",
+                length: 1,
+                positions: 3
+            }
+        );
         let error = broken(|s| s.triangles[0].vertices[1] = 3);
-        assert_eq!(error, SceneError::VertexIndex { triangle: 0, vertex: 3, positions: 3 });
+        assert_eq!(
+            error,
+            SceneError::VertexIndex {
+                triangle: 0,
+                vertex: 3,
+                positions: 3
+            }
+        );
         let error = broken(|s| s.triangles[0].material = 1);
-        assert_eq!(error, SceneError::MaterialIndex { triangle: 0, material: 1, materials: 1 });
-        let error = broken(|s| s.materials[0].cutout = Some(Cutout { texture: 7, threshold: 0.5 }));
-        assert_eq!(error, SceneError::TextureIndex { material: 0, texture: 7, textures: 1 });
+        assert_eq!(
+            error,
+            SceneError::MaterialIndex {
+                triangle: 0,
+                material: 1,
+                materials: 1
+            }
+        );
+        let error = broken(|s| {
+            s.materials[0].cutout = Some(Cutout {
+                texture: 7,
+                threshold: 0.5,
+            })
+        });
+        assert_eq!(
+            error,
+            SceneError::TextureIndex {
+                material: 0,
+                texture: 7,
+                textures: 1
+            }
+        );
     }
 
     #[test]

@@ -8,9 +8,9 @@
 //! Strata are visited direction by direction, all positions of one direction cell together (a [`DirectionCell`]): those
 //! rays are nearly parallel, so that they walk the same part of the tree, and land close together in the LDI.
 
-use headbox_core::cube_face::Face;
 use crate::bvh::{PACKET, RayPacket};
 use glam::{DVec3, Vec3};
+use headbox_core::cube_face::Face;
 
 /// A planar window and the half space that its rays go into.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +85,9 @@ impl Strata {
 
 /// The name of a ray: domain (8 bits), stratum (32 bits), number in its stratum (24 bits). Orders and identifies rays
 /// whatever thread traced them, so that ties between samples never depend on arrival.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, bytemuck::Pod, bytemuck::Zeroable,
+)]
 #[repr(transparent)]
 pub struct RayKey(pub u64);
 
@@ -152,7 +154,11 @@ pub fn disk_from_square(u: f32, v: f32) -> [f32; 2] {
     let sin = phi * (1.0 - p2 * (1.0 / 6.0 - p2 * (1.0 / 120.0 - p2 * (1.0 / 5040.0))));
     let cos = 1.0 - p2 * (0.5 - p2 * (1.0 / 24.0 - p2 * (1.0 / 720.0 - p2 * (1.0 / 40320.0))));
     let (along, across) = (radius * cos, radius * sin);
-    if a_is_radius { [along, across] } else { [across, along] }
+    if a_is_radius {
+        [along, across]
+    } else {
+        [across, along]
+    }
 }
 
 /// The point of the unit square that [`disk_from_square`] maps to a point of the unit disk.
@@ -161,8 +167,16 @@ pub fn square_from_disk([x, y]: [f32; 2]) -> [f32; 2] {
     let x_is_radius = x.abs() > y.abs();
     let (along, across) = if x_is_radius { (x, y) } else { (y, x) };
     let radius = x.hypot(y).copysign(along);
-    let other = if along == 0.0 { 0.0 } else { radius * (across / along).atan() / FRAC_PI_4 };
-    let [a, b] = if x_is_radius { [radius, other] } else { [other, radius] };
+    let other = if along == 0.0 {
+        0.0
+    } else {
+        radius * (across / along).atan() / FRAC_PI_4
+    };
+    let [a, b] = if x_is_radius {
+        [radius, other]
+    } else {
+        [other, radius]
+    };
     [0.5 * a + 0.5, 0.5 * b + 0.5]
 }
 
@@ -191,21 +205,31 @@ pub struct DirectionCell {
 impl DirectionCell {
     /// The key of a ray.
     pub fn key(&self, position_cell: u32, ray: u32) -> RayKey {
-        RayKey::new(self.domain_number, self.cell * self.strata.position_cells() + position_cell, ray)
+        RayKey::new(
+            self.domain_number,
+            self.cell * self.strata.position_cells() + position_cell,
+            ray,
+        )
     }
 
     /// Fills `packet` with up to 16 rays, named by (position cell, number in the stratum); the others are inactive.
     pub fn fill_packet(&self, names: &[(u32, u32)], packet: &mut RayPacket) {
         let mut square = [[0.0f32; PACKET]; 4];
         self.square_positions(names, &mut square);
-        let RayDomain { centre, half_u, half_v, normal } = self.domain;
+        let RayDomain {
+            centre,
+            half_u,
+            half_v,
+            normal,
+        } = self.domain;
         let (unit_u, unit_v) = (half_u.normalize_or_zero(), half_v.normalize_or_zero());
         for lane in 0..PACKET {
             let (s, t) = (2.0 * square[0][lane] - 1.0, 2.0 * square[1][lane] - 1.0);
             let [x, y, z] = cosine_direction(square[2][lane], square[3][lane]);
             for axis in 0..3 {
                 packet.origin[axis][lane] = centre[axis] + s * half_u[axis] + t * half_v[axis];
-                packet.direction[axis][lane] = x * unit_u[axis] + y * unit_v[axis] + z * normal[axis];
+                packet.direction[axis][lane] =
+                    x * unit_u[axis] + y * unit_v[axis] + z * normal[axis];
             }
         }
         packet.t_min = [0.0; PACKET];
@@ -230,9 +254,15 @@ impl DirectionCell {
         let (dir_x, dir_y) = ((self.cell % n) as f32, (self.cell / n) as f32);
         let stratified = self.strata.sampling == Sampling::Stratified;
         for lane in 0..PACKET {
-            let random = random4([counters[0][lane], counters[1][lane], counters[2][lane], key]).map(unit_float);
+            let random = random4([counters[0][lane], counters[1][lane], counters[2][lane], key])
+                .map(unit_float);
             let position_cell = counters[0][lane];
-            let corner = [(position_cell % n) as f32, (position_cell / n) as f32, dir_x, dir_y];
+            let corner = [
+                (position_cell % n) as f32,
+                (position_cell / n) as f32,
+                dir_x,
+                dir_y,
+            ];
             for dimension in 0..4 {
                 // `min`: rounding may carry (n - 1 + 0.99999994) / n up to 1.
                 square[dimension][lane] = if stratified {
@@ -251,11 +281,16 @@ mod tests {
 
     #[test]
     fn the_disk_maps_back_to_the_square() {
-        let steps = [0.0, 1e-6, 0.1, 0.25, 0.499_999, 0.5, 0.500_001, 0.7, 0.999, 1.0];
+        let steps = [
+            0.0, 1e-6, 0.1, 0.25, 0.499_999, 0.5, 0.500_001, 0.7, 0.999, 1.0,
+        ];
         for (u, v) in steps.iter().flat_map(|&u| steps.map(|v| (u, v))) {
             let [x, y] = square_from_disk(disk_from_square(u, v));
             // The polynomials' error (4e-7) and a few roundings.
-            assert!((x - u).abs() < 2e-6 && (y - v).abs() < 2e-6, "{u}, {v}: {x}, {y}");
+            assert!(
+                (x - u).abs() < 2e-6 && (y - v).abs() < 2e-6,
+                "{u}, {v}: {x}, {y}"
+            );
         }
     }
 
@@ -271,21 +306,40 @@ mod tests {
                 let [x, y] = disk_from_square(u, v);
                 let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
                 let quarter = std::f32::consts::FRAC_PI_4;
-                let (r, phi) =
-                    if a.abs() > b.abs() { (a, quarter * b / a) } else { (b, 2.0 * quarter - quarter * a / b) };
-                assert!((x - r * phi.cos()).abs() < POLYNOMIAL_ERROR && (y - r * phi.sin()).abs() < POLYNOMIAL_ERROR);
+                let (r, phi) = if a.abs() > b.abs() {
+                    (a, quarter * b / a)
+                } else {
+                    (b, 2.0 * quarter - quarter * a / b)
+                };
+                assert!(
+                    (x - r * phi.cos()).abs() < POLYNOMIAL_ERROR
+                        && (y - r * phi.sin()).abs() < POLYNOMIAL_ERROR
+                );
                 inside_half_radius += i32::from(x * x + y * y < 0.25);
             }
         }
         let share = f64::from(inside_half_radius) / f64::from(n * n);
-        assert!((share - 0.25).abs() < 0.01, "a disk of half the radius holds a quarter of the area: {share}");
+        assert!(
+            (share - 0.25).abs() < 0.01,
+            "a disk of half the radius holds a quarter of the area: {share}"
+        );
         assert_eq!(disk_from_square(0.5, 0.5), [0.0, 0.0]);
     }
 
     fn face_cell(cell: u32, sampling: Sampling) -> DirectionCell {
-        let strata = Strata { per_dimension: 8, rays: 4, seed: 3, sampling };
+        let strata = Strata {
+            per_dimension: 8,
+            rays: 4,
+            seed: 3,
+            sampling,
+        };
         let domain = RayDomain::cube_face(Face::NegY, 0.5);
-        DirectionCell { domain, domain_number: 3, strata, cell }
+        DirectionCell {
+            domain,
+            domain_number: 3,
+            strata,
+            cell,
+        }
     }
 
     #[test]
@@ -300,12 +354,16 @@ mod tests {
                 for lane in 0..4 {
                     let origin = Vec3::from_array(packet.origin.map(|c| c[lane]));
                     let direction = Vec3::from_array(packet.direction.map(|c| c[lane]));
-                    assert!(direction.dot(Vec3::NEG_Y) > 0.0 && (direction.length() - 1.0).abs() < 1e-3);
+                    assert!(
+                        direction.dot(Vec3::NEG_Y) > 0.0 && (direction.length() - 1.0).abs() < 1e-3
+                    );
                     assert_eq!(origin.y, -0.5);
                     let [x, y, _] = Face::NegY.project(origin.as_dvec3(), 8);
                     let v_from_bottom = 8.0 - y;
                     assert!((x - 0.5 - f64::from(position_cell % 8)).abs() <= 0.5 + 1e-5);
-                    assert!((v_from_bottom - 0.5 - f64::from(position_cell / 8)).abs() <= 0.5 + 1e-5);
+                    assert!(
+                        (v_from_bottom - 0.5 - f64::from(position_cell / 8)).abs() <= 0.5 + 1e-5
+                    );
                 }
             }
         }
@@ -322,19 +380,28 @@ mod tests {
                     let names: Vec<_> = (0..4).map(|ray| (position_cell, ray)).collect();
                     let mut packet = RayPacket::EMPTY;
                     job.fill_packet(&names, &mut packet);
-                    sum += packet.direction[1][..4].iter().map(|y| f64::from(-y)).sum::<f64>();
+                    sum += packet.direction[1][..4]
+                        .iter()
+                        .map(|y| f64::from(-y))
+                        .sum::<f64>();
                     count += 4;
                 }
             }
             let mean = sum / f64::from(count);
-            assert!((mean - 2.0 / 3.0).abs() < 4.0 * 0.0018, "{sampling:?}: {mean}");
+            assert!(
+                (mean - 2.0 / 3.0).abs() < 4.0 * 0.0018,
+                "{sampling:?}: {mean}"
+            );
         }
     }
 
     #[test]
     fn keys_take_apart_again() {
         let key = RayKey::new(5, 0xdead_beef, 0x12_3456);
-        assert_eq!((key.domain(), key.stratum(), key.ray()), (5, 0xdead_beef, 0x12_3456));
+        assert_eq!(
+            (key.domain(), key.stratum(), key.ray()),
+            (5, 0xdead_beef, 0x12_3456)
+        );
         assert!(RayKey::new(0, 7, 9) < RayKey::new(0, 8, 0));
     }
 }

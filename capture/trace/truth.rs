@@ -1,12 +1,12 @@
 //! Ray-traced reference frames: the same camera, the same light as a capture, to convergence.
 
-use headbox_core::camera::Camera;
+use crate::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
 use crate::light::{LightSample, Lighting, pixel_jitter};
 use crate::sampler::random4;
-use crate::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
+use glam::Vec3;
+use headbox_core::camera::Camera;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::progress::Progress;
-use glam::Vec3;
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -34,7 +34,9 @@ impl Truth {
     /// The colours of each half of the samples as a picture.
     pub fn halves(&self) -> [RgbImage; 2] {
         let Frame { width, height, .. } = self.frame;
-        self.halves.each_ref().map(|half| RgbImage::from_raw(width, height, half.concat()).unwrap_or_default())
+        self.halves
+            .each_ref()
+            .map(|half| RgbImage::from_raw(width, height, half.concat()).unwrap_or_default())
     }
 }
 
@@ -58,13 +60,26 @@ pub fn render(
         }
         let mut pixels = Vec::with_capacity(width as usize);
         for x in 0..width {
-            let pixel = PixelTracer { tracer, lighting, lit, camera, x, y };
-            let [(first, hits), (second, more_hits)] = [0, half].map(|first| pixel.radiance(first, half));
+            let pixel = PixelTracer {
+                tracer,
+                lighting,
+                lit,
+                camera,
+                x,
+                y,
+            };
+            let [(first, hits), (second, more_hits)] =
+                [0, half].map(|first| pixel.radiance(first, half));
             let halves = [first, second].map(|half| lighting.stored(half));
             let mean = (first + second) / 2.0;
             let [r, g, b] = lighting.stored(mean);
             let coverage = surfaces_of(hits + more_hits, 2 * half);
-            pixels.push(TracedPixel { radiance: mean.to_array(), color: [r, g, b, 255], halves, coverage });
+            pixels.push(TracedPixel {
+                radiance: mean.to_array(),
+                color: [r, g, b, 255],
+                halves,
+                coverage,
+            });
         }
         progress.advance(1);
         pixels
@@ -72,17 +87,30 @@ pub fn render(
     let rows: Vec<Vec<TracedPixel>> = (0..height).into_par_iter().map(row).collect();
     let pixels = || rows.iter().flatten();
     let (color, coverage) = pixels().map(|pixel| (pixel.color, pixel.coverage)).unzip();
-    let frame = Frame { width, height, color, coverage, depth_m: Vec::new() };
+    let frame = Frame {
+        width,
+        height,
+        color,
+        coverage,
+        depth_m: Vec::new(),
+    };
     let radiance = pixels().map(|pixel| pixel.radiance).collect();
     let halves = [0, 1].map(|half| pixels().map(|pixel| pixel.halves[half]).collect());
     let standard_error_psnr_db = standard_error_psnr_db(&halves);
-    Truth { frame, radiance, halves, standard_error_psnr_db }
+    Truth {
+        frame,
+        radiance,
+        halves,
+        standard_error_psnr_db,
+    }
 }
 
 /// How far the mean of two halves is from its own limit, as a PSNR in dB: it has half the standard deviation of their difference.
 fn standard_error_psnr_db([first, second]: &[Vec<[u8; 3]>; 2]) -> f64 {
     let levels = first.as_flattened().iter().zip(second.as_flattened());
-    let squared_error: f64 = levels.map(|(a, b)| (f64::from(a.abs_diff(*b)) / 2.0).powi(2)).sum();
+    let squared_error: f64 = levels
+        .map(|(a, b)| (f64::from(a.abs_diff(*b)) / 2.0).powi(2))
+        .sum();
     let mean_square = squared_error / (3 * first.len()) as f64;
     10.0 * (255.0f64.powi(2) / mean_square).log10()
 }
@@ -97,22 +125,37 @@ struct TracedPixel {
 
 impl TracedPixel {
     /// What nobody waited for.
-    const DARK: Self =
-        Self { radiance: [0.0; 3], color: [0, 0, 0, 255], halves: [[0; 3]; 2], coverage: Coverage::ENVIRONMENT };
+    const DARK: Self = Self {
+        radiance: [0.0; 3],
+        color: [0, 0, 0, 255],
+        halves: [[0; 3]; 2],
+        coverage: Coverage::ENVIRONMENT,
+    };
 }
 
 /// Eye depth of what each pixel's middle shows, metres, row by row; infinite where there is nothing.
 pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
-    let pixels: Vec<(u32, u32)> = (0..camera.height()).flat_map(|y| (0..camera.width()).map(move |x| (x, y))).collect();
+    let pixels: Vec<(u32, u32)> = (0..camera.height())
+        .flat_map(|y| (0..camera.width()).map(move |x| (x, y)))
+        .collect();
     let of_packet = |pixels: &[(u32, u32)]| {
         // Directions reach to eye depth 1.
         let ray = |&(x, y): &(u32, u32)| {
-            let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).as_vec3();
-            Ray { origin: (camera.eye() - tracer.origin()).as_vec3(), direction, t_min: 0.0, t_max: f32::INFINITY }
+            let direction = camera
+                .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
+                .as_vec3();
+            Ray {
+                origin: (camera.eye() - tracer.origin()).as_vec3(),
+                direction,
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            }
         };
         let rays: Vec<Ray> = pixels.iter().map(ray).collect();
         let hits = tracer.closest_packet(&RayPacket::from_rays(&rays));
-        (0..pixels.len()).map(|lane| hits.hit(lane).map_or(f32::INFINITY, |hit| hit.t)).collect::<Vec<f32>>()
+        (0..pixels.len())
+            .map(|lane| hits.hit(lane).map_or(f32::INFINITY, |hit| hit.t))
+            .collect::<Vec<f32>>()
     };
     pixels.par_chunks(PACKET).flat_map_iter(of_packet).collect()
 }
@@ -157,15 +200,27 @@ impl PixelTracer<'_> {
     /// Camera ray number `index`.
     fn ray(&self, index: u32) -> Ray {
         let [dx, dy] = pixel_jitter(self.x, self.y, index).map(f64::from);
-        let direction = self.camera.direction(f64::from(self.x) + dx, f64::from(self.y) + dy).as_vec3();
+        let direction = self
+            .camera
+            .direction(f64::from(self.x) + dx, f64::from(self.y) + dy)
+            .as_vec3();
         let origin = (self.camera.eye() - self.tracer.origin()).as_vec3();
-        Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
+        Ray {
+            origin,
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        }
     }
 
     /// Radiance along a ray; samples from number `first` on are spread evenly, independently of those before.
     fn seen(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
         let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
-        let sample = LightSample { stream, index: index - first };
-        self.lighting.seen(self.tracer, ray, hit, self.lit.then_some(&sample))
+        let sample = LightSample {
+            stream,
+            index: index - first,
+        };
+        self.lighting
+            .seen(self.tracer, ray, hit, self.lit.then_some(&sample))
     }
 }

@@ -14,12 +14,27 @@ const HALF: f64 = 2.0;
 /// The scene stands upright: the plane is z = 0, and what is on it rises toward +z, where the headbox is.
 pub(crate) fn build(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
-    let plane = mesh.textured("plane", checks([0.85, 0.83, 0.78], [0.25, 0.33, 0.45], seed));
-    let dome = mesh.textured("hemisphere", stripes([0.90, 0.45, 0.20], [0.98, 0.90, 0.75]));
-    let pyramid = mesh.textured("pyramid", checks([0.30, 0.60, 0.35], [0.92, 0.95, 0.80], seed + 1));
+    let plane = mesh.textured(
+        "plane",
+        checks([0.85, 0.83, 0.78], [0.25, 0.33, 0.45], seed),
+    );
+    let dome = mesh.textured(
+        "hemisphere",
+        stripes([0.90, 0.45, 0.20], [0.98, 0.90, 0.75]),
+    );
+    let pyramid = mesh.textured(
+        "pyramid",
+        checks([0.30, 0.60, 0.35], [0.92, 0.95, 0.80], seed + 1),
+    );
 
     let corner = DVec3::new(-HALF, -HALF, 0.0);
-    mesh.add_rectangle(corner, DVec3::X * HALF * 2.0, DVec3::Y * HALF * 2.0, 1.0, plane);
+    mesh.add_rectangle(
+        corner,
+        DVec3::X * HALF * 2.0,
+        DVec3::Y * HALF * 2.0,
+        1.0,
+        plane,
+    );
     add_dome(&mut mesh, DVec3::new(-0.8, 0.1, 0.0), 0.7, dome);
     add_pyramid(&mut mesh, DVec3::new(0.9, -0.1, 0.0), 0.65, 0.9, pyramid);
     mesh.finish("bump", DVec3::new(0.0, 0.0, 3.0), 0.5)
@@ -35,19 +50,29 @@ fn add_dome(mesh: &mut Mesh, centre: DVec3, radius: f64, material: u32) {
         let height = place.y * FRAC_PI_2;
         let rim = if row == ROWS { 0.0 } else { height.cos() };
         let normal = DVec3::new(cos * rim, sin * rim, height.sin());
-        Vertex::new(centre + normal * radius, normal, place * DVec2::new(4.0, 1.0))
+        Vertex::new(
+            centre + normal * radius,
+            normal,
+            place * DVec2::new(4.0, 1.0),
+        )
     });
 }
 
 /// A square pyramid that rises toward +z.
 fn add_pyramid(mesh: &mut Mesh, centre: DVec3, half: f64, height: f64, material: u32) {
-    let foot = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| centre + DVec3::new(x, y, 0.0) * half);
+    let foot = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+        .map(|(x, y)| centre + DVec3::new(x, y, 0.0) * half);
     let apex = centre + DVec3::Z * height;
     for side in 0..4 {
         let (a, b) = (foot[side], foot[(side + 1) % 4]);
         let normal = (b - a).cross(apex - a).normalize_or_zero();
-        let corners = [(a, DVec2::ZERO), (b, DVec2::X * 2.0), (apex, DVec2::new(1.0, 2.0))];
-        let triangle = corners.map(|(position, texcoord)| mesh.add_vertex(Vertex::new(position, normal, texcoord)));
+        let corners = [
+            (a, DVec2::ZERO),
+            (b, DVec2::X * 2.0),
+            (apex, DVec2::new(1.0, 2.0)),
+        ];
+        let triangle = corners
+            .map(|(position, texcoord)| mesh.add_vertex(Vertex::new(position, normal, texcoord)));
         mesh.add_triangle(triangle, material);
     }
 }

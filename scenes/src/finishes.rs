@@ -2,8 +2,8 @@
 
 use crate::mesh::Mesh;
 use crate::texture::{fractal, mix, noise, paint, shade};
-use headbox_scene::material::Texture;
 use headbox_core::random::{hash, unit};
+use headbox_scene::material::Texture;
 
 /// Indices of the room's materials.
 pub(crate) struct Finishes {
@@ -45,8 +45,14 @@ impl Finishes {
             tiles: mesh.textured("tiles", tiles(seed)),
             wallpaper: mesh.textured("wallpaper", wallpaper()),
             plaster: mesh.plain("plaster", [0.82, 0.81, 0.78]),
-            oak: mesh.textured("oak", wood([0.62, 0.44, 0.27], [0.78, 0.61, 0.41], seed + 1)),
-            walnut: mesh.textured("walnut", wood([0.27, 0.17, 0.11], [0.43, 0.29, 0.19], seed + 2)),
+            oak: mesh.textured(
+                "oak",
+                wood([0.62, 0.44, 0.27], [0.78, 0.61, 0.41], seed + 1),
+            ),
+            walnut: mesh.textured(
+                "walnut",
+                wood([0.27, 0.17, 0.11], [0.43, 0.29, 0.19], seed + 2),
+            ),
             fabric: mesh.textured("fabric", weave([0.33, 0.43, 0.50], [0.42, 0.53, 0.60])),
             cushion: mesh.textured("cushion", weave([0.80, 0.56, 0.20], [0.90, 0.70, 0.38])),
             rug: mesh.textured("rug", rug()),
@@ -58,7 +64,8 @@ impl Finishes {
             bulb: mesh.emissive("bulb", [110.0, 90.0, 62.0]),
             shade: mesh.emissive("lamp shade", [1.6, 1.3, 0.9]),
             lawn: mesh.textured("lawn", lawn(seed)),
-            pictures: [0, 1, 2].map(|i| mesh.textured("picture", picture(i, seed + 10 + u64::from(i)))),
+            pictures: [0, 1, 2]
+                .map(|i| mesh.textured("picture", picture(i, seed + 10 + u64::from(i)))),
             books: books.map(|albedo| mesh.plain("book", albedo)),
             fruit: fruit.map(|albedo| mesh.plain("fruit", albedo)),
         }
@@ -71,7 +78,11 @@ fn wood(dark: [f64; 3], light: [f64; 3], seed: u64) -> Texture {
         let rings = (v + 0.08 * noise(u, v, 2, 4, seed)) * 9.0 + noise(u, v, 3, 12, seed + 1);
         let ring = 0.5 + 0.5 * (rings * std::f64::consts::TAU).sin();
         let pores = noise(u, v, 12, 128, seed + 2);
-        mix(dark, light, 0.25 + 0.45 * ring * (1.0 - 0.4 * pores) + 0.3 * pores)
+        mix(
+            dark,
+            light,
+            0.25 + 0.45 * ring * (1.0 - 0.4 * pores) + 0.3 * pores,
+        )
     })
 }
 
@@ -83,7 +94,11 @@ fn parquet(seed: u64) -> Texture {
         let plank = hash(seed ^ (row as u64) << 8 ^ along.floor() as u64);
         let joint = (v * 8.0).fract() < 0.03 || along.fract() < 0.006;
         let grain = fractal(u, v + unit(plank), 6, 96, seed + 5);
-        let base = mix([0.52, 0.33, 0.18], [0.73, 0.51, 0.31], 0.6 * unit(hash(plank)) + 0.4 * grain);
+        let base = mix(
+            [0.52, 0.33, 0.18],
+            [0.73, 0.51, 0.31],
+            0.6 * unit(hash(plank)) + 0.4 * grain,
+        );
         if joint { shade(base, 0.45) } else { base }
     })
 }
@@ -91,10 +106,20 @@ fn parquet(seed: u64) -> Texture {
 /// Two by two tiles, dark and light, with grout between.
 fn tiles(seed: u64) -> Texture {
     paint(256, 256, |u, v| {
-        let grout = [u, v].iter().any(|t| (t * 2.0 - (t * 2.0).round()).abs() < 0.015);
+        let grout = [u, v]
+            .iter()
+            .any(|t| (t * 2.0 - (t * 2.0).round()).abs() < 0.015);
         let is_light = ((u * 2.0).floor() + (v * 2.0).floor()) % 2.0 == 0.0;
-        let base = if is_light { [0.86, 0.84, 0.80] } else { [0.24, 0.27, 0.30] };
-        if grout { [0.55, 0.54, 0.52] } else { shade(base, 0.88 + 0.18 * fractal(u, v, 4, 4, seed + 6)) }
+        let base = if is_light {
+            [0.86, 0.84, 0.80]
+        } else {
+            [0.24, 0.27, 0.30]
+        };
+        if grout {
+            [0.55, 0.54, 0.52]
+        } else {
+            shade(base, 0.88 + 0.18 * fractal(u, v, 4, 4, seed + 6))
+        }
     })
 }
 
@@ -143,7 +168,8 @@ fn rug() -> Texture {
 fn picture(kind: u32, seed: u64) -> Texture {
     paint(256, 192, |u, v| match kind {
         0 => {
-            let hill = |k: u64| 0.2 + 0.15 * k as f64 + 0.25 * noise(u, 0.5, 3 + k as u32, 1, seed + k);
+            let hill =
+                |k: u64| 0.2 + 0.15 * k as f64 + 0.25 * noise(u, 0.5, 3 + k as u32, 1, seed + k);
             match (0..3).find(|&k| v < hill(k)) {
                 Some(k) => mix([0.15, 0.30, 0.18], [0.55, 0.65, 0.70], k as f64 / 3.0),
                 None => mix([0.95, 0.75, 0.50], [0.35, 0.55, 0.80], v),
@@ -152,13 +178,20 @@ fn picture(kind: u32, seed: u64) -> Texture {
         1 => {
             let (x, y) = (u * 6.0, v * 4.0);
             let cell = hash(seed ^ (x.floor() as u64) << 8 ^ y.floor() as u64);
-            let inside = [x.fract(), y.fract()].iter().all(|t| (0.06..0.94).contains(t));
-            let color = [0, 21, 42].map(|shift| 0.15 + 0.8 * ((cell >> shift) & 0xff) as f64 / 255.0);
+            let inside = [x.fract(), y.fract()]
+                .iter()
+                .all(|t| (0.06..0.94).contains(t));
+            let color =
+                [0, 21, 42].map(|shift| 0.15 + 0.8 * ((cell >> shift) & 0xff) as f64 / 255.0);
             if inside { color } else { [0.95, 0.94, 0.90] }
         }
         _ => {
             let from_centre = ((u - 0.5) * 4.0 / 3.0).hypot(v - 0.5);
-            if (from_centre * 7.0).fract() < 0.5 { [0.85, 0.30, 0.15] } else { [0.96, 0.90, 0.80] }
+            if (from_centre * 7.0).fract() < 0.5 {
+                [0.85, 0.30, 0.15]
+            } else {
+                [0.96, 0.90, 0.80]
+            }
         }
     })
 }
@@ -166,6 +199,9 @@ fn picture(kind: u32, seed: u64) -> Texture {
 fn lawn(seed: u64) -> Texture {
     paint(256, 256, |u, v| {
         let patch = fractal(u, v, 4, 4, seed + 7);
-        shade(mix([0.24, 0.36, 0.12], [0.46, 0.54, 0.22], patch), 0.8 + 0.4 * noise(u, v, 64, 64, seed + 8))
+        shade(
+            mix([0.24, 0.36, 0.12], [0.46, 0.54, 0.22], patch),
+            0.8 + 0.4 * noise(u, v, 64, 64, seed + 8),
+        )
     })
 }

@@ -4,14 +4,20 @@ use crate::bump;
 use crate::mesh::Mesh;
 use crate::texture::paint;
 use glam::DVec3;
-use headbox_scene::material::Texture;
-use headbox_core::random::Rng;
 use headbox_core::headbox::Headbox;
+use headbox_core::random::Rng;
+use headbox_scene::material::Texture;
 use headbox_scene::scene::Scene;
 use std::f64::consts::TAU;
 
 fn checkerboard(a: [f64; 3], b: [f64; 3]) -> Texture {
-    paint(64, 64, |u, v| if ((u * 4.0).floor() + (v * 4.0).floor()) % 2.0 == 0.0 { a } else { b })
+    paint(64, 64, |u, v| {
+        if ((u * 4.0).floor() + (v * 4.0).floor()) % 2.0 == 0.0 {
+            a
+        } else {
+            b
+        }
+    })
 }
 
 /// `poles`: poles from 1 mm to 4 cm thick on rings from 2 m to 64 m, over a checkered ground. Most are thinner than a
@@ -19,9 +25,24 @@ fn checkerboard(a: [f64; 3], b: [f64; 3]) -> Texture {
 pub(crate) fn poles(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let rng = Rng::new(seed);
-    let ground = mesh.textured("ground", checkerboard([0.55, 0.55, 0.5], [0.35, 0.38, 0.35]));
-    mesh.add_rectangle(DVec3::new(-80.0, 0.0, 80.0), DVec3::X * 160.0, DVec3::NEG_Z * 160.0, 4.0, ground);
-    let paints = [[0.75, 0.15, 0.1], [0.85, 0.85, 0.8], [0.1, 0.25, 0.6], [0.8, 0.65, 0.1], [0.1, 0.1, 0.1]];
+    let ground = mesh.textured(
+        "ground",
+        checkerboard([0.55, 0.55, 0.5], [0.35, 0.38, 0.35]),
+    );
+    mesh.add_rectangle(
+        DVec3::new(-80.0, 0.0, 80.0),
+        DVec3::X * 160.0,
+        DVec3::NEG_Z * 160.0,
+        4.0,
+        ground,
+    );
+    let paints = [
+        [0.75, 0.15, 0.1],
+        [0.85, 0.85, 0.8],
+        [0.1, 0.25, 0.6],
+        [0.8, 0.65, 0.1],
+        [0.1, 0.1, 0.1],
+    ];
     let paints = paints.map(|albedo| mesh.plain("pole", albedo));
     for ring in 0..6_u32 {
         let distance = 2.0 * f64::from(1_u32 << ring);
@@ -30,9 +51,18 @@ pub(crate) fn poles(seed: u64) -> Scene {
             let around = (f64::from(pole) + draw.between(0.0, 0.8)) / 40.0 * TAU;
             let reach = distance * draw.between(1.0, 1.4);
             let base = DVec3::new(around.cos() * reach, 0.0, around.sin() * reach);
-            let lean = DVec3::new(draw.between(-0.3, 0.3), draw.between(2.0, 6.0), draw.between(-0.3, 0.3));
+            let lean = DVec3::new(
+                draw.between(-0.3, 0.3),
+                draw.between(2.0, 6.0),
+                draw.between(-0.3, 0.3),
+            );
             let radius = [0.0005, 0.002, 0.005, 0.02][pole as usize % 4];
-            mesh.add_tube(&[(base, radius), (base + lean, radius)], 6, 1.0, paints[pole as usize % paints.len()]);
+            mesh.add_tube(
+                &[(base, radius), (base + lean, radius)],
+                6,
+                1.0,
+                paints[pole as usize % paints.len()],
+            );
         }
     }
     mesh.finish("poles", DVec3::Y * 1.6, 0.5)
@@ -99,20 +129,28 @@ pub(crate) fn miniature(seed: u64) -> Scene {
 
 /// Adds the geometry of another scene.
 fn append(scene: &mut Scene, other: Scene) {
-    let counts = [scene.positions.len(), scene.materials.len(), scene.textures.len()];
+    let counts = [
+        scene.positions.len(),
+        scene.materials.len(),
+        scene.textures.len(),
+    ];
     let [vertices, materials, textures] = counts.map(|count| count as u32);
     scene.positions.extend(other.positions);
     scene.normals.extend(other.normals);
     scene.texcoords.extend(other.texcoords);
-    scene.triangles.extend(other.triangles.into_iter().map(|mut triangle| {
-        triangle.vertices = triangle.vertices.map(|vertex| vertex + vertices);
-        triangle.material += materials;
-        triangle
-    }));
-    scene.materials.extend(other.materials.into_iter().map(|mut material| {
-        material.albedo_texture = material.albedo_texture.map(|texture| texture + textures);
-        material
-    }));
+    scene
+        .triangles
+        .extend(other.triangles.into_iter().map(|mut triangle| {
+            triangle.vertices = triangle.vertices.map(|vertex| vertex + vertices);
+            triangle.material += materials;
+            triangle
+        }));
+    scene
+        .materials
+        .extend(other.materials.into_iter().map(|mut material| {
+            material.albedo_texture = material.albedo_texture.map(|texture| texture + textures);
+            material
+        }));
     scene.textures.extend(other.textures);
 }
 
@@ -122,9 +160,10 @@ fn moved(scene: Scene, name: &str, scale: f64, offset: DVec3) -> Scene {
     Scene {
         name: name.into(),
         positions: scene.positions.into_iter().map(place).collect(),
-        headbox: scene
-            .headbox
-            .map(|headbox| Headbox { centre: place(headbox.centre), half_size_m: headbox.half_size_m * scale }),
+        headbox: scene.headbox.map(|headbox| Headbox {
+            centre: place(headbox.centre),
+            half_size_m: headbox.half_size_m * scale,
+        }),
         ..scene
     }
 }

@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
 use headbox_core::headbox::Headbox;
-use headbox_scene::scene::{Scene, Triangle};
 use headbox_scene::material::{Gloss, Material, Texture};
+use headbox_scene::scene::{Scene, Triangle};
 
 /// A vertex of a shape, world metres.
 #[derive(Clone, Copy, Debug)]
@@ -18,7 +18,12 @@ pub(crate) struct Vertex {
 
 impl Vertex {
     pub(crate) fn new(position: DVec3, normal: DVec3, texcoord: DVec2) -> Self {
-        Self { position, normal, texcoord, color: [1.0; 3] }
+        Self {
+            position,
+            normal,
+            texcoord,
+            color: [1.0; 3],
+        }
     }
 }
 
@@ -34,7 +39,10 @@ pub(crate) struct Fineness {
 impl Default for Fineness {
     /// As coarse as the shapes allow, round shapes as they ask to be.
     fn default() -> Self {
-        Self { edge_m: f64::INFINITY, round: 1.0 }
+        Self {
+            edge_m: f64::INFINITY,
+            round: 1.0,
+        }
     }
 }
 
@@ -51,7 +59,11 @@ pub(crate) struct Mesh {
 impl Mesh {
     /// A mesh that keeps no triangles and only counts those of its grids.
     pub(crate) fn counting(fineness: Fineness) -> Self {
-        Self { fineness, counted: Some(0), ..Self::default() }
+        Self {
+            fineness,
+            counted: Some(0),
+            ..Self::default()
+        }
     }
 
     /// Number of triangles so far.
@@ -81,23 +93,40 @@ impl Mesh {
 
     /// A material of one colour, linear RGB.
     pub(crate) fn plain(&mut self, name: &str, albedo: [f32; 3]) -> u32 {
-        self.add_material(Material { name: name.into(), albedo, ..Material::default() })
+        self.add_material(Material {
+            name: name.into(),
+            albedo,
+            ..Material::default()
+        })
     }
 
     /// A material with a texture.
     pub(crate) fn textured(&mut self, name: &str, texture: Texture) -> u32 {
         let albedo_texture = Some(self.add_texture(texture));
-        self.add_material(Material { name: name.into(), albedo: [1.0; 3], albedo_texture, ..Material::default() })
+        self.add_material(Material {
+            name: name.into(),
+            albedo: [1.0; 3],
+            albedo_texture,
+            ..Material::default()
+        })
     }
 
     /// A material that emits `emission` (linear RGB radiance).
     pub(crate) fn emissive(&mut self, name: &str, emission: [f32; 3]) -> u32 {
-        self.add_material(Material { name: name.into(), albedo: [0.8; 3], emission, ..Material::default() })
+        self.add_material(Material {
+            name: name.into(),
+            albedo: [0.8; 3],
+            emission,
+            ..Material::default()
+        })
     }
 
     /// Gives a material gloss: the share that it mirrors, and how sharply.
     pub(crate) fn glossy(&mut self, material: u32, reflectance: f32, exponent: f32) {
-        self.scene.materials[material as usize].gloss = Some(Gloss { reflectance: [reflectance; 3], exponent });
+        self.scene.materials[material as usize].gloss = Some(Gloss {
+            reflectance: [reflectance; 3],
+            exponent,
+        });
     }
 
     pub(crate) fn add_vertex(&mut self, vertex: Vertex) -> u32 {
@@ -105,7 +134,9 @@ impl Mesh {
         scene.positions.push(vertex.position);
         scene.normals.push(vertex.normal.as_vec3());
         scene.texcoords.push(vertex.texcoord.as_vec2());
-        scene.colors.push(Vec3::from(vertex.color.map(|c| c as f32)));
+        scene
+            .colors
+            .push(Vec3::from(vertex.color.map(|c| c as f32)));
         scene.positions.len() as u32 - 1
     }
 
@@ -149,9 +180,20 @@ impl Mesh {
 
     /// A flat rectangle from `corner` along two edges; its front is on the side of `right x up`. One unit of texture
     /// is `tile` metres; zero stretches the texture once over the rectangle.
-    pub(crate) fn add_rectangle(&mut self, corner: DVec3, right: DVec3, up: DVec3, tile: f64, material: u32) {
+    pub(crate) fn add_rectangle(
+        &mut self,
+        corner: DVec3,
+        right: DVec3,
+        up: DVec3,
+        tile: f64,
+        material: u32,
+    ) {
         let normal = right.cross(up).normalize_or_zero();
-        let size = if tile > 0.0 { DVec2::new(right.length(), up.length()) / tile } else { DVec2::ONE };
+        let size = if tile > 0.0 {
+            DVec2::new(right.length(), up.length()) / tile
+        } else {
+            DVec2::ONE
+        };
         let (columns, rows) = (self.cells(right.length()), self.cells(up.length()));
         self.add_grid(columns, rows, material, |column, row| {
             let at = DVec2::new(column as f64 / columns as f64, row as f64 / rows as f64);
@@ -160,7 +202,14 @@ impl Mesh {
     }
 
     /// A box about `centre`, turned by `world_from_box`, its faces outward.
-    pub(crate) fn add_box(&mut self, centre: DVec3, half: DVec3, world_from_box: DMat3, tile: f64, material: u32) {
+    pub(crate) fn add_box(
+        &mut self,
+        centre: DVec3,
+        half: DVec3,
+        world_from_box: DMat3,
+        tile: f64,
+        material: u32,
+    ) {
         for axis in 0..3 {
             for side in [-1.0, 1.0] {
                 // The texture stands upright on the four sides.
@@ -168,32 +217,60 @@ impl Mesh {
                 let direction = |axis: usize| world_from_box.col(axis) * half[axis];
                 let (normal, up) = (direction(axis) * side, direction(up_axis));
                 let right = direction(right_axis);
-                let right = if right.cross(up).dot(normal) < 0.0 { -right } else { right };
-                self.add_rectangle(centre + normal - right - up, right * 2.0, up * 2.0, tile, material);
+                let right = if right.cross(up).dot(normal) < 0.0 {
+                    -right
+                } else {
+                    right
+                };
+                self.add_rectangle(
+                    centre + normal - right - up,
+                    right * 2.0,
+                    up * 2.0,
+                    tile,
+                    material,
+                );
             }
         }
     }
 
     /// A box with its edges along the world's axes, between two opposite corners.
     pub(crate) fn add_block(&mut self, low: DVec3, high: DVec3, tile: f64, material: u32) {
-        self.add_box((low + high) / 2.0, (high - low) / 2.0, DMat3::IDENTITY, tile, material);
+        self.add_box(
+            (low + high) / 2.0,
+            (high - low) / 2.0,
+            DMat3::IDENTITY,
+            tile,
+            material,
+        );
     }
 
     /// A tube along `path` (centre and radius at each step), open at both ends; the texture goes once around and
     /// repeats every `tile` metres along.
-    pub(crate) fn add_tube(&mut self, path: &[(DVec3, f64)], sides: usize, tile: f64, material: u32) {
-        let Some(&(start, _)) = path.first() else { return };
+    pub(crate) fn add_tube(
+        &mut self,
+        path: &[(DVec3, f64)],
+        sides: usize,
+        tile: f64,
+        material: u32,
+    ) {
+        let Some(&(start, _)) = path.first() else {
+            return;
+        };
         let sides = self.rounds(sides);
         let path = self.cut_path(path);
-        let direction =
-            |i: usize| (path[(i + 1).min(path.len() - 1)].0 - path[i.saturating_sub(1)].0).normalize_or_zero();
+        let direction = |i: usize| {
+            (path[(i + 1).min(path.len() - 1)].0 - path[i.saturating_sub(1)].0).normalize_or_zero()
+        };
         // A frame carried along, so that the tube does not twist.
         let mut across = direction(0).any_orthonormal_vector();
         let mut frames = Vec::with_capacity(path.len());
         let (mut along, mut previous) = (0.0, start);
         for (i, &(centre, _)) in path.iter().enumerate() {
             let forward = direction(i);
-            across = across.reject_from(forward).try_normalize().unwrap_or(across);
+            across = across
+                .reject_from(forward)
+                .try_normalize()
+                .unwrap_or(across);
             along += centre.distance(previous);
             previous = centre;
             frames.push((across, forward.cross(across), along / tile));
@@ -213,16 +290,29 @@ impl Mesh {
         for step in path.windows(2) {
             let [(a, thin), (b, thick)] = [step[0], step[1]];
             let cells = self.cells(a.distance(b));
-            cut.extend((1..cells).map(|i| i as f64 / cells as f64).map(|s| (a.lerp(b, s), thin + (thick - thin) * s)));
+            cut.extend(
+                (1..cells)
+                    .map(|i| i as f64 / cells as f64)
+                    .map(|s| (a.lerp(b, s), thin + (thick - thin) * s)),
+            );
             cut.push((b, thick));
         }
         cut
     }
 
     /// A box with soft edges, as a cushion or a mattress: a superellipsoid of exponent 8 over the cells of a box.
-    pub(crate) fn add_cushion(&mut self, centre: DVec3, half: DVec3, world_from_box: DMat3, tile: f64, material: u32) {
+    pub(crate) fn add_cushion(
+        &mut self,
+        centre: DVec3,
+        half: DVec3,
+        world_from_box: DMat3,
+        tile: f64,
+        material: u32,
+    ) {
         const EXPONENT: i32 = 8;
-        let cells = half.to_array().map(|h| self.cells(2.0 * h).max(self.rounds(8)));
+        let cells = half
+            .to_array()
+            .map(|h| self.cells(2.0 * h).max(self.rounds(8)));
         for axis in 0..3 {
             for side in [-1.0, 1.0] {
                 let (right, up) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -233,18 +323,34 @@ impl Mesh {
                     let along = 2.0 * row as f64 / rows as f64 - 1.0;
                     let mut on_box = DVec3::ZERO;
                     (on_box[axis], on_box[right], on_box[up]) = (side, across, along);
-                    let norm = on_box.to_array().map(|c| c.powi(EXPONENT)).iter().sum::<f64>();
+                    let norm = on_box
+                        .to_array()
+                        .map(|c| c.powi(EXPONENT))
+                        .iter()
+                        .sum::<f64>();
                     let place = on_box / norm.powf(1.0 / f64::from(EXPONENT));
-                    let normal = world_from_box * (DVec3::from(place.to_array().map(|c| c.powi(EXPONENT - 1))) / half);
+                    let normal = world_from_box
+                        * (DVec3::from(place.to_array().map(|c| c.powi(EXPONENT - 1))) / half);
                     let texcoord = DVec2::new(across * half[right], along * half[up]) / tile;
-                    Vertex::new(centre + world_from_box * (place * half), normal.normalize_or_zero(), texcoord)
+                    Vertex::new(
+                        centre + world_from_box * (place * half),
+                        normal.normalize_or_zero(),
+                        texcoord,
+                    )
                 });
             }
         }
     }
 
     /// An upright cylinder with a lid at each end.
-    pub(crate) fn add_cylinder(&mut self, base: DVec3, radius: f64, height: f64, sides: usize, material: u32) {
+    pub(crate) fn add_cylinder(
+        &mut self,
+        base: DVec3,
+        radius: f64,
+        height: f64,
+        sides: usize,
+        material: u32,
+    ) {
         let top = base + DVec3::Y * height;
         self.add_tube(&[(base, radius), (top, radius)], sides, 1.0, material);
         for (centre, normal) in [(base, DVec3::NEG_Y), (top, DVec3::Y)] {
@@ -253,7 +359,14 @@ impl Mesh {
     }
 
     /// A horizontal disk whose front is on the side of `normal` (up or down).
-    pub(crate) fn add_disk(&mut self, centre: DVec3, radius: f64, normal: DVec3, sides: usize, material: u32) {
+    pub(crate) fn add_disk(
+        &mut self,
+        centre: DVec3,
+        radius: f64,
+        normal: DVec3,
+        sides: usize,
+        material: u32,
+    ) {
         let sides = self.rounds(sides);
         self.add_grid(sides, 1, material, |column, row| {
             let turn = column as f64 / sides as f64 * std::f64::consts::TAU * normal.y.signum();
@@ -263,15 +376,34 @@ impl Mesh {
     }
 
     /// A patch of a sphere: `from` and `to` are heights above the equator in radians.
-    pub(crate) fn add_sphere(&mut self, centre: DVec3, radius: f64, from: f64, to: f64, sides: usize, material: u32) {
+    pub(crate) fn add_sphere(
+        &mut self,
+        centre: DVec3,
+        radius: f64,
+        from: f64,
+        to: f64,
+        sides: usize,
+        material: u32,
+    ) {
         let sides = self.rounds(sides);
         let rows = (sides / 2).max(1);
         self.add_grid(sides, rows, material, |column, row| {
             let place = DVec2::new(column as f64 / sides as f64, row as f64 / rows as f64);
-            let (around, height) = (place.x * std::f64::consts::TAU, from + (to - from) * place.y);
+            let (around, height) = (
+                place.x * std::f64::consts::TAU,
+                from + (to - from) * place.y,
+            );
             // The rows at the poles are exact, so that their cells are seen to have no area.
-            let rim = if row == rows && to >= std::f64::consts::FRAC_PI_2 { 0.0 } else { height.cos() };
-            let rim = if row == 0 && from <= -std::f64::consts::FRAC_PI_2 { 0.0 } else { rim };
+            let rim = if row == rows && to >= std::f64::consts::FRAC_PI_2 {
+                0.0
+            } else {
+                height.cos()
+            };
+            let rim = if row == 0 && from <= -std::f64::consts::FRAC_PI_2 {
+                0.0
+            } else {
+                rim
+            };
             let normal = DVec3::new(around.cos() * rim, height.sin(), -around.sin() * rim);
             Vertex::new(centre + normal * radius, normal, place)
         });
@@ -283,14 +415,21 @@ impl Mesh {
         if scene.colors.iter().all(|&color| color == Vec3::ONE) {
             scene.colors = Vec::new();
         }
-        if scene.texcoords.iter().all(|&texcoord| texcoord == Vec2::ZERO) {
+        if scene
+            .texcoords
+            .iter()
+            .all(|&texcoord| texcoord == Vec2::ZERO)
+        {
             scene.texcoords = Vec::new();
         }
         Scene {
             name: name.into(),
             sun: Some(headbox_scene::scene::Sun::default()),
             sky: Some(headbox_scene::scene::Sky::default()),
-            headbox: Some(Headbox { centre, half_size_m }),
+            headbox: Some(Headbox {
+                centre,
+                half_size_m,
+            }),
             ..scene
         }
     }

@@ -14,11 +14,19 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 pub(crate) fn net(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let wall = mesh.textured("wall", plaster([0.52, 0.60, 0.68], seed));
-    mesh.add_rectangle(DVec3::new(-4.0, -4.0, -3.088), DVec3::X * 8.0, DVec3::Y * 8.0, 1.5, wall);
+    mesh.add_rectangle(
+        DVec3::new(-4.0, -4.0, -3.088),
+        DVec3::X * 8.0,
+        DVec3::Y * 8.0,
+        1.5,
+        wall,
+    );
     let bands = mesh.textured("ball", stripes([0.85, 0.32, 0.22], [0.95, 0.88, 0.70]));
-    for (centre, radius) in
-        [(DVec3::new(0.1, -0.2, -2.75), 0.28), (DVec3::new(-0.6, 0.5, -2.7), 0.2), (DVec3::new(0.75, 0.45, -2.8), 0.24)]
-    {
+    for (centre, radius) in [
+        (DVec3::new(0.1, -0.2, -2.75), 0.28),
+        (DVec3::new(-0.6, 0.5, -2.7), 0.2),
+        (DVec3::new(0.75, 0.45, -2.8), 0.24),
+    ] {
         mesh.add_sphere(centre, radius, -FRAC_PI_2, FRAC_PI_2, 48, bands);
     }
     let cord = mesh.textured("cord", rope([0.80, 0.72, 0.52], seed));
@@ -31,11 +39,24 @@ pub(crate) fn net(seed: u64) -> Scene {
     };
     let at = |i: u32| f64::from(i) / f64::from(CELLS * STEPS);
     for line in (0..=CELLS).map(|i| at(i * STEPS)) {
-        let across: Vec<_> = (0..=CELLS * STEPS).map(|i| (hanging(at(i), line), 0.006)).collect();
-        let up: Vec<_> = (0..=CELLS * STEPS).map(|i| (hanging(line, at(i)), 0.006)).collect();
+        let across: Vec<_> = (0..=CELLS * STEPS)
+            .map(|i| (hanging(at(i), line), 0.006))
+            .collect();
+        let up: Vec<_> = (0..=CELLS * STEPS)
+            .map(|i| (hanging(line, at(i)), 0.006))
+            .collect();
         mesh.add_tube(&across, 8, 0.1, cord);
         mesh.add_tube(&up, 8, 0.1, cord);
-        (0..=CELLS).for_each(|i| mesh.add_sphere(hanging(at(i * STEPS), line), 0.013, -FRAC_PI_2, FRAC_PI_2, 10, knot));
+        (0..=CELLS).for_each(|i| {
+            mesh.add_sphere(
+                hanging(at(i * STEPS), line),
+                0.013,
+                -FRAC_PI_2,
+                FRAC_PI_2,
+                10,
+                knot,
+            )
+        });
     }
     mesh.finish("net", DVec3::ZERO, 0.5)
 }
@@ -44,11 +65,21 @@ pub(crate) fn net(seed: u64) -> Scene {
 pub(crate) fn statue(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let floor = mesh.textured("floor", tiles());
-    mesh.add_rectangle(DVec3::new(-6.0, -1.6, -2.33), DVec3::X * 12.0, DVec3::NEG_Z * 3.6, 1.0, floor);
+    mesh.add_rectangle(
+        DVec3::new(-6.0, -1.6, -2.33),
+        DVec3::X * 12.0,
+        DVec3::NEG_Z * 3.6,
+        1.0,
+        floor,
+    );
     let cloth = mesh.textured("curtain", plaster([0.46, 0.16, 0.18], seed));
     let fold = |i: usize| {
         let x = -6.0 + i as f64 * 0.05;
-        DVec3::new(x, 0.0, -5.66 - 0.15 * (x * 11.0).sin().abs() + 0.05 * (x * 3.1).sin().min(0.0))
+        DVec3::new(
+            x,
+            0.0,
+            -5.66 - 0.15 * (x * 11.0).sin().abs() + 0.05 * (x * 3.1).sin().min(0.0),
+        )
     };
     mesh.add_grid(240, 1, cloth, |column, row| {
         let place = fold(column) + DVec3::Y * if row == 0 { -1.6 } else { 4.0 };
@@ -56,7 +87,12 @@ pub(crate) fn statue(seed: u64) -> Scene {
     });
     let stone = mesh.textured("stone", plaster([0.72, 0.70, 0.66], seed + 1));
     let base = mesh.textured("pedestal", plaster([0.35, 0.36, 0.38], seed + 2));
-    mesh.add_block(DVec3::new(-0.55, -1.6, -3.75), DVec3::new(0.55, -0.9, -2.75), 0.8, base);
+    mesh.add_block(
+        DVec3::new(-0.55, -1.6, -3.75),
+        DVec3::new(0.55, -0.9, -2.75),
+        0.8,
+        base,
+    );
     // Turned on a lathe: heights and radii of robe, waist, shoulders and neck.
     let profile = [
         (-0.9, 0.42),
@@ -69,9 +105,19 @@ pub(crate) fn statue(seed: u64) -> Scene {
         (0.66, 0.1),
         (0.74, 0.09),
     ];
-    let body: Vec<_> = profile.iter().map(|&(y, radius)| (DVec3::new(0.0, y, -3.25), radius)).collect();
+    let body: Vec<_> = profile
+        .iter()
+        .map(|&(y, radius)| (DVec3::new(0.0, y, -3.25), radius))
+        .collect();
     mesh.add_tube(&body, 64, 0.9, stone);
-    mesh.add_sphere(DVec3::new(0.0, 0.9, -3.23), 0.19, -FRAC_PI_2, FRAC_PI_2, 48, stone);
+    mesh.add_sphere(
+        DVec3::new(0.0, 0.9, -3.23),
+        0.19,
+        -FRAC_PI_2,
+        FRAC_PI_2,
+        48,
+        stone,
+    );
     let arm = [
         (DVec3::new(0.3, 0.42, -3.2), 0.1),
         (DVec3::new(0.55, 0.1, -3.0), 0.085),
@@ -79,7 +125,14 @@ pub(crate) fn statue(seed: u64) -> Scene {
         (DVec3::new(0.3, 0.5, -2.45), 0.05),
     ];
     mesh.add_tube(&arm, 32, 0.5, stone);
-    mesh.add_sphere(DVec3::new(0.28, 0.54, -2.43), 0.085, -FRAC_PI_2, FRAC_PI_2, 32, stone);
+    mesh.add_sphere(
+        DVec3::new(0.28, 0.54, -2.43),
+        0.085,
+        -FRAC_PI_2,
+        FRAC_PI_2,
+        32,
+        stone,
+    );
     let other = [
         (DVec3::new(-0.3, 0.42, -3.25), 0.1),
         (DVec3::new(-0.5, 0.05, -3.2), 0.085),
@@ -94,16 +147,34 @@ pub(crate) fn blocks(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let rng = Rng::new(seed);
     let wall = mesh.textured("wall", plaster([0.62, 0.60, 0.52], seed));
-    mesh.add_rectangle(DVec3::new(-5.0, -5.0, -3.35), DVec3::X * 10.0, DVec3::Y * 10.0, 1.2, wall);
-    let colors = [[0.75, 0.22, 0.18], [0.20, 0.42, 0.70], [0.90, 0.74, 0.25], [0.28, 0.55, 0.32], [0.85, 0.83, 0.78]];
-    let paints: Vec<u32> =
-        (0..colors.len()).map(|i| mesh.textured("block", crate_of(colors[i], seed + i as u64))).collect();
+    mesh.add_rectangle(
+        DVec3::new(-5.0, -5.0, -3.35),
+        DVec3::X * 10.0,
+        DVec3::Y * 10.0,
+        1.2,
+        wall,
+    );
+    let colors = [
+        [0.75, 0.22, 0.18],
+        [0.20, 0.42, 0.70],
+        [0.90, 0.74, 0.25],
+        [0.28, 0.55, 0.32],
+        [0.85, 0.83, 0.78],
+    ];
+    let paints: Vec<u32> = (0..colors.len())
+        .map(|i| mesh.textured("block", crate_of(colors[i], seed + i as u64)))
+        .collect();
     for i in 0..70_u32 {
         let mut draw = rng.fork(u64::from(i));
         // Evenly over the square root of depth: far ones are many, as they look small.
-        let depth = (0.98f64.sqrt() + (3.1f64.sqrt() - 0.98f64.sqrt()) * f64::from(i) / 69.0).powi(2);
+        let depth =
+            (0.98f64.sqrt() + (3.1f64.sqrt() - 0.98f64.sqrt()) * f64::from(i) / 69.0).powi(2);
         let reach = 0.85 * depth;
-        let centre = DVec3::new(draw.between(-reach, reach), draw.between(-reach, reach), -depth - 0.08);
+        let centre = DVec3::new(
+            draw.between(-reach, reach),
+            draw.between(-reach, reach),
+            -depth - 0.08,
+        );
         let axis = draw.in_cube(1.0).normalize_or(DVec3::Y);
         let turn = DMat3::from_axis_angle(axis, draw.between(0.0, TAU));
         let half = DVec3::splat(0.035 * depth.max(1.2) + draw.between(0.0, 0.03));
@@ -122,14 +193,41 @@ pub(crate) fn blocks(seed: u64) -> Scene {
 pub(crate) fn lacquer(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let wall = mesh.textured("wall", plaster([0.50, 0.53, 0.58], seed));
-    mesh.add_rectangle(DVec3::new(-5.0, -1.0, -4.2), DVec3::X * 10.0, DVec3::Y * 6.0, 1.5, wall);
+    mesh.add_rectangle(
+        DVec3::new(-5.0, -1.0, -4.2),
+        DVec3::X * 10.0,
+        DVec3::Y * 6.0,
+        1.5,
+        wall,
+    );
     let polished = mesh.textured("floor", tiles());
     mesh.glossy(polished, 0.15, 120.0);
-    mesh.add_rectangle(DVec3::new(-5.0, -1.0, -1.2), DVec3::X * 10.0, DVec3::NEG_Z * 3.0, 1.0, polished);
+    mesh.add_rectangle(
+        DVec3::new(-5.0, -1.0, -1.2),
+        DVec3::X * 10.0,
+        DVec3::NEG_Z * 3.0,
+        1.0,
+        polished,
+    );
     let balls = [
-        ([0.62, 0.10, 0.08], DVec3::new(-0.75, -0.55, -2.7), 0.45, 40.0),
-        ([0.10, 0.22, 0.48], DVec3::new(0.15, -0.62, -2.3), 0.38, 120.0),
-        ([0.08, 0.30, 0.14], DVec3::new(0.95, -0.45, -3.1), 0.55, 20.0),
+        (
+            [0.62, 0.10, 0.08],
+            DVec3::new(-0.75, -0.55, -2.7),
+            0.45,
+            40.0,
+        ),
+        (
+            [0.10, 0.22, 0.48],
+            DVec3::new(0.15, -0.62, -2.3),
+            0.38,
+            120.0,
+        ),
+        (
+            [0.08, 0.30, 0.14],
+            DVec3::new(0.95, -0.45, -3.1),
+            0.55,
+            20.0,
+        ),
         ([0.55, 0.42, 0.12], DVec3::new(0.1, -0.5, -3.4), 0.5, 400.0),
     ];
     for (i, (color, centre, radius, exponent)) in balls.into_iter().enumerate() {
@@ -142,11 +240,19 @@ pub(crate) fn lacquer(seed: u64) -> Scene {
 
 /// A rough surface of one colour.
 fn plaster(color: [f64; 3], seed: u64) -> headbox_scene::material::Texture {
-    paint(512, 512, |u, v| shade(color, 0.65 + 0.5 * fractal(u, v, 16, 16, seed)))
+    paint(512, 512, |u, v| {
+        shade(color, 0.65 + 0.5 * fractal(u, v, 16, 16, seed))
+    })
 }
 
 fn stripes(a: [f64; 3], b: [f64; 3]) -> headbox_scene::material::Texture {
-    paint(256, 256, |u, v| if ((u * 12.0).floor() + (v * 8.0).floor()) % 2.0 == 0.0 { a } else { b })
+    paint(256, 256, |u, v| {
+        if ((u * 12.0).floor() + (v * 8.0).floor()) % 2.0 == 0.0 {
+            a
+        } else {
+            b
+        }
+    })
 }
 
 /// Strands that run around a cord.
@@ -178,7 +284,11 @@ fn crate_of(color: [f64; 3], seed: u64) -> headbox_scene::material::Texture {
         let rim = [u, v].iter().any(|t| *t < 0.1 || *t > 0.9);
         let board = ((v * 5.0).fract() - 0.5).abs() > 0.45;
         let grain = 0.75 + 0.4 * noise(u, v, 4, 32, seed);
-        let base = if rim { mix(color, [0.95, 0.93, 0.88], 0.5) } else { color };
+        let base = if rim {
+            mix(color, [0.95, 0.93, 0.88], 0.5)
+        } else {
+            color
+        };
         shade(base, if board && !rim { 0.45 } else { grain })
     })
 }

@@ -1,7 +1,7 @@
 //! Procedural textures, all of which repeat without a seam.
 
-use headbox_scene::material::Texture;
 use headbox_core::random::{hash, unit};
+use headbox_scene::material::Texture;
 
 /// Paints a texture: `color(u, v)` is the sRGB colour (0..1) at the centre of a texel, u to the right and v up, both in
 /// 0..1.
@@ -45,6 +45,7 @@ pub(crate) fn noise(u: f64, v: f64, columns: u32, rows: u32, seed: u64) -> f64 {
 
 /// Four octaves of [`noise`], in 0..1.
 pub(crate) fn fractal(u: f64, v: f64, columns: u32, rows: u32, seed: u64) -> f64 {
-    let octave = |k: u32| noise(u, v, columns << k, rows << k, seed + u64::from(k)) / f64::from(1_u32 << k);
+    let octave =
+        |k: u32| noise(u, v, columns << k, rows << k, seed + u64::from(k)) / f64::from(1_u32 << k);
     (0..4).map(octave).sum::<f64>() / 1.875
 }

@@ -3,8 +3,8 @@
 use crate::mesh::{Mesh, Vertex};
 use crate::texture::{fractal, mix, noise, paint, shade};
 use glam::{DQuat, DVec2, DVec3};
-use headbox_scene::material::Texture;
 use headbox_core::random::Rng;
+use headbox_scene::material::Texture;
 use headbox_scene::scene::Scene;
 use std::f64::consts::TAU;
 
@@ -95,9 +95,22 @@ pub(crate) fn build(seed: u64) -> Scene {
     let bark = mesh.textured("bark", bark_texture(seed));
     let leaf = mesh.plain("leaf", [0.33, 0.45, 0.10]);
 
-    let mut tree = Tree { mesh, bark, twigs: Vec::new() };
+    let mut tree = Tree {
+        mesh,
+        bark,
+        twigs: Vec::new(),
+    };
     let start = DVec3::Y * (ground_height(0.0, 0.0) - 0.15);
-    tree.grow(Shoot { start, direction: DVec3::Y, length: 5.4, radius: 0.34 }, 0, &rng.fork(0));
+    tree.grow(
+        Shoot {
+            start,
+            direction: DVec3::Y,
+            length: 5.4,
+            radius: 0.34,
+        },
+        0,
+        &rng.fork(0),
+    );
     tree.add_leaves(leaf, &rng.fork(1));
 
     let centre = DVec3::new(1.2, ground_height(1.2, 7.5) + 1.8, 7.5);
@@ -119,11 +132,18 @@ impl Tree {
             // The last child goes on where its parent ends.
             let is_leader = child + 1 == order.children;
             let share = (child as f64 + draw.between(0.1, 0.9)) / (order.children - 1) as f64;
-            let at = if is_leader { 1.0 } else { order.first_child + (0.97 - order.first_child) * share.min(1.0) };
+            let at = if is_leader {
+                1.0
+            } else {
+                order.first_child + (0.97 - order.first_child) * share.min(1.0)
+            };
             let (start, radius, along) = point_on(&path, at);
             let [low, high] = order.child_angle_deg;
-            let angle =
-                if is_leader { 0.15 } else { (low + (high - low) * at + draw.between(-10.0, 10.0)).to_radians() };
+            let angle = if is_leader {
+                0.15
+            } else {
+                (low + (high - low) * at + draw.between(-10.0, 10.0)).to_radians()
+            };
             // The golden angle spreads shoots evenly around the stem.
             let around = child as f64 * 2.399_963 + draw.between(-0.4, 0.4);
             let across = DQuat::from_axis_angle(along, around) * along.any_orthonormal_vector();
@@ -147,7 +167,10 @@ impl Tree {
             let across = around * along.any_orthonormal_vector();
             let stalk = (across + along * 0.6 + DVec3::Y * 0.25).normalize();
             let normal = (DVec3::Y + draw.in_cube(1.0) * 0.55 + stalk * 0.25).normalize();
-            let forward = stalk.reject_from(normal).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
+            let forward = stalk
+                .reject_from(normal)
+                .try_normalize()
+                .unwrap_or_else(|| normal.any_orthonormal_vector());
             let color = leaf_color(&mut draw);
             let hub = start + stalk * draw.between(0.06, 0.14);
             let length = draw.between(0.13, 0.21);
@@ -155,7 +178,17 @@ impl Tree {
                 let spread = (leaflet as f64 - (LEAFLETS - 1) as f64 / 2.0) * 0.62;
                 let direction = DQuat::from_axis_angle(normal, spread) * forward;
                 let length = length * (1.0 - 0.16 * spread * spread);
-                add_leaflet(&mut self.mesh, Leaflet { hub, direction, normal, length, color }, material);
+                add_leaflet(
+                    &mut self.mesh,
+                    Leaflet {
+                        hub,
+                        direction,
+                        normal,
+                        length,
+                        color,
+                    },
+                    material,
+                );
             }
         }
     }
@@ -167,9 +200,14 @@ fn walk(shoot: &Shoot, order: &Order, is_trunk: bool, draw: &mut Rng) -> Vec<(DV
     let mut path = Vec::with_capacity(order.steps + 1);
     for step in 0..=order.steps {
         let t = step as f64 / order.steps as f64;
-        let flare = if is_trunk { 1.0 + 0.6 * (1.0 - t * 6.0).max(0.0).powi(2) } else { 1.0 };
+        let flare = if is_trunk {
+            1.0 + 0.6 * (1.0 - t * 6.0).max(0.0).powi(2)
+        } else {
+            1.0
+        };
         path.push((at, shoot.radius * (1.0 - 0.62 * t) * flare));
-        direction = (direction + draw.in_cube(1.0) * order.wander + DVec3::Y * order.upward).normalize();
+        direction =
+            (direction + draw.in_cube(1.0) * order.wander + DVec3::Y * order.upward).normalize();
         at += direction * (shoot.length / order.steps as f64);
     }
     path
@@ -181,7 +219,11 @@ fn point_on(path: &[(DVec3, f64)], at: f64) -> (DVec3, f64, DVec3) {
     let first = (x as usize).min(path.len() - 2);
     let ((a, radius_a), (b, radius_b)) = (path[first], path[first + 1]);
     let t = x - first as f64;
-    (a.lerp(b, t), radius_a + (radius_b - radius_a) * t, (b - a).normalize())
+    (
+        a.lerp(b, t),
+        radius_a + (radius_b - radius_a) * t,
+        (b - a).normalize(),
+    )
 }
 
 /// Most leaves are green, lighter or darker; a few turn yellow or brown.
@@ -202,16 +244,32 @@ struct Leaflet {
 
 /// A blade widest beyond its middle, folded along its rib and bent down toward the tip: eight triangles.
 fn add_leaflet(mesh: &mut Mesh, leaflet: Leaflet, material: u32) {
-    let Leaflet { hub, direction, normal, length, color } = leaflet;
+    let Leaflet {
+        hub,
+        direction,
+        normal,
+        length,
+        color,
+    } = leaflet;
     let side = normal.cross(direction);
     let mut vertex = |along: f64, across: f64, light: f64| {
         let lift = 0.35 * across.abs() - 0.3 * along * along;
         let position = hub + (direction * along + side * across + normal * lift) * length;
         let color = shade(color, light);
-        mesh.add_vertex(Vertex { position, normal: DVec3::ZERO, texcoord: DVec2::ZERO, color })
+        mesh.add_vertex(Vertex {
+            position,
+            normal: DVec3::ZERO,
+            texcoord: DVec2::ZERO,
+            color,
+        })
     };
     let rib = [0.0, 0.4, 0.72, 1.0].map(|along| vertex(along, 0.0, 1.0));
-    let edges = [-1.0, 1.0].map(|sign| [vertex(0.36, 0.13 * sign, 0.88), vertex(0.7, 0.2 * sign, 0.88)]);
+    let edges = [-1.0, 1.0].map(|sign| {
+        [
+            vertex(0.36, 0.13 * sign, 0.88),
+            vertex(0.7, 0.2 * sign, 0.88),
+        ]
+    });
     for (edge, is_left) in edges.into_iter().zip([false, true]) {
         let half = [
             [rib[0], edge[0], rib[1]],
@@ -238,10 +296,20 @@ fn add_meadow(mesh: &mut Mesh, seed: u64) {
     mesh.add_grid(96, 72, grass, |column, row| {
         let radius = 160.0 * (1.0 - row as f64 / 72.0).powi(2);
         let around = column as f64 / 96.0 * TAU;
-        let (x, z) = if row == 72 { (0.0, 0.0) } else { (radius * around.cos(), -radius * around.sin()) };
-        let slope = |dx: f64, dz: f64| (ground_height(x + dx, z + dz) - ground_height(x - dx, z - dz)) / 0.02;
+        let (x, z) = if row == 72 {
+            (0.0, 0.0)
+        } else {
+            (radius * around.cos(), -radius * around.sin())
+        };
+        let slope = |dx: f64, dz: f64| {
+            (ground_height(x + dx, z + dz) - ground_height(x - dx, z - dz)) / 0.02
+        };
         let normal = DVec3::new(-slope(0.01, 0.0), 1.0, -slope(0.0, 0.01)).normalize();
-        Vertex::new(DVec3::new(x, ground_height(x, z), z), normal, DVec2::new(x, -z) / 3.0)
+        Vertex::new(
+            DVec3::new(x, ground_height(x, z), z),
+            normal,
+            DVec2::new(x, -z) / 3.0,
+        )
     });
 }
 
@@ -251,7 +319,11 @@ fn grass_texture(seed: u64) -> Texture {
         let blade = noise(u, v, 128, 256, seed + 20);
         let earth = (fractal(u, v, 8, 8, seed + 30) - 0.62).max(0.0) * 5.0;
         let green = mix([0.26, 0.36, 0.12], [0.50, 0.56, 0.22], patch);
-        mix(shade(green, 0.65 + 0.55 * blade), [0.38, 0.30, 0.20], earth.min(0.8))
+        mix(
+            shade(green, 0.65 + 0.55 * blade),
+            [0.38, 0.30, 0.20],
+            earth.min(0.8),
+        )
     })
 }
 
@@ -261,6 +333,10 @@ fn bark_texture(seed: u64) -> Texture {
         let wander = (noise(u, v, 4, 8, seed + 40) - 0.5) * 0.12;
         let furrow = (noise(u + wander, v, 24, 5, seed + 50) - 0.5).abs() * 2.0;
         let grain = fractal(u, v, 16, 8, seed + 60);
-        mix([0.20, 0.16, 0.12], [0.52, 0.45, 0.37], furrow.sqrt() * (0.5 + 0.5 * grain))
+        mix(
+            [0.20, 0.16, 0.12],
+            [0.52, 0.45, 0.37],
+            furrow.sqrt() * (0.5 + 0.5 * grain),
+        )
     })
 }

@@ -55,7 +55,12 @@ pub(crate) fn build(seed: u64) -> Scene {
         add_panel(&mut mesh, dvec3(x, HEIGHT, 0.0), &materials);
     }
     for room in 0..2 * ROOMS {
-        add_room(&mut mesh, (room / 2) as f64 * PITCH, if room % 2 == 0 { 1.0 } else { -1.0 }, &materials);
+        add_room(
+            &mut mesh,
+            (room / 2) as f64 * PITCH,
+            if room % 2 == 0 { 1.0 } else { -1.0 },
+            &materials,
+        );
     }
     let centre = dvec3(PITCH * 7.0 + 2.2, 1.5, CORRIDOR + WALL + 2.0);
     mesh.finish("ward", centre, 0.3)
@@ -65,15 +70,34 @@ pub(crate) fn build(seed: u64) -> Scene {
 fn add_shell(mesh: &mut Mesh, materials: &Materials) {
     let (length, far) = (PITCH * ROOMS as f64, CORRIDOR + WALL + DEPTH);
     let slab = |mesh: &mut Mesh, low: f64, high: f64, material: u32| {
-        mesh.add_block(dvec3(-WALL, low, -far - WALL), dvec3(length + WALL, high, far + WALL), 1.0, material);
+        mesh.add_block(
+            dvec3(-WALL, low, -far - WALL),
+            dvec3(length + WALL, high, far + WALL),
+            1.0,
+            material,
+        );
     };
     slab(mesh, -0.2, 0.0, materials.floor);
     slab(mesh, HEIGHT, HEIGHT + 0.2, materials.wall);
     for side in [-1.0, 1.0] {
         let (a, b) = (side * far, side * (far + WALL));
-        add_wall(mesh, dvec3(-WALL, 0.0, a.min(b)), dvec3(length + WALL, HEIGHT, a.max(b)), materials.wall);
-        let (a, b) = if side < 0.0 { (-WALL, 0.0) } else { (length, length + WALL) };
-        add_wall(mesh, dvec3(a, 0.0, -far), dvec3(b, HEIGHT, far), materials.wall);
+        add_wall(
+            mesh,
+            dvec3(-WALL, 0.0, a.min(b)),
+            dvec3(length + WALL, HEIGHT, a.max(b)),
+            materials.wall,
+        );
+        let (a, b) = if side < 0.0 {
+            (-WALL, 0.0)
+        } else {
+            (length, length + WALL)
+        };
+        add_wall(
+            mesh,
+            dvec3(a, 0.0, -far),
+            dvec3(b, HEIGHT, far),
+            materials.wall,
+        );
     }
 }
 
@@ -84,41 +108,84 @@ fn add_wall(mesh: &mut Mesh, low: DVec3, high: DVec3, material: u32) {
 /// A panel that shines down, a centimetre below the ceiling at `place`.
 fn add_panel(mesh: &mut Mesh, place: DVec3, materials: &Materials) {
     let corner = place - dvec3(PANEL / 2.0, 0.01, PANEL / 2.0);
-    mesh.add_rectangle(corner, DVec3::X * PANEL, DVec3::Z * PANEL, 0.0, materials.panel);
+    mesh.add_rectangle(
+        corner,
+        DVec3::X * PANEL,
+        DVec3::Z * PANEL,
+        0.0,
+        materials.panel,
+    );
 }
 
 /// The room that begins at `x`, on one side of the corridor: two walls, a door, panels and furniture.
 fn add_room(mesh: &mut Mesh, x: f64, side: f64, materials: &Materials) {
     let at = |along: f64, height: f64, away: f64| dvec3(x + along, height, side * away);
-    let block = |mesh: &mut Mesh, a: DVec3, b: DVec3| add_wall(mesh, a.min(b), a.max(b), materials.wall);
+    let block =
+        |mesh: &mut Mesh, a: DVec3, b: DVec3| add_wall(mesh, a.min(b), a.max(b), materials.wall);
     let (near, inner, far) = (CORRIDOR, CORRIDOR + WALL, CORRIDOR + WALL + DEPTH);
     let [from, to, lintel] = DOOR;
     block(mesh, at(0.0, 0.0, near), at(from, HEIGHT, inner));
     block(mesh, at(to, 0.0, near), at(PITCH, HEIGHT, inner));
     block(mesh, at(from, lintel, near), at(to, HEIGHT, inner));
     if x > 0.0 {
-        block(mesh, at(-WALL / 2.0, 0.0, inner), at(WALL / 2.0, HEIGHT, far));
+        block(
+            mesh,
+            at(-WALL / 2.0, 0.0, inner),
+            at(WALL / 2.0, HEIGHT, far),
+        );
     }
     for i in 0..PANELS[0] * PANELS[1] {
         let share = |i: usize, of: usize| (i as f64 + 0.5) / of as f64;
-        let (along, away) = (share(i % PANELS[0], PANELS[0]) * PITCH, share(i / PANELS[0], PANELS[1]) * DEPTH);
+        let (along, away) = (
+            share(i % PANELS[0], PANELS[0]) * PITCH,
+            share(i / PANELS[0], PANELS[1]) * DEPTH,
+        );
         add_panel(mesh, at(along, HEIGHT, inner + away), materials);
     }
     add_furniture(mesh, &at, side, materials);
 }
 
 /// A bed, a table with two chairs, and a picture.
-fn add_furniture(mesh: &mut Mesh, at: &dyn Fn(f64, f64, f64) -> DVec3, side: f64, materials: &Materials) {
+fn add_furniture(
+    mesh: &mut Mesh,
+    at: &dyn Fn(f64, f64, f64) -> DVec3,
+    side: f64,
+    materials: &Materials,
+) {
     let (inner, finishes) = (CORRIDOR + WALL, &materials.finishes);
     let bed = at(PITCH - 1.3, 0.0, inner + 3.6);
-    mesh.add_box(bed + DVec3::Y * 0.42, dvec3(1.05, 0.06, 0.48), DMat3::IDENTITY, 0.6, finishes.metal);
-    mesh.add_cushion(bed + DVec3::Y * 0.58, dvec3(1.02, 0.1, 0.46), DMat3::IDENTITY, 0.5, materials.linen);
-    mesh.add_cushion(bed + dvec3(0.75, 0.7, 0.0), dvec3(0.22, 0.07, 0.34), DMat3::IDENTITY, 0.5, materials.linen);
+    mesh.add_box(
+        bed + DVec3::Y * 0.42,
+        dvec3(1.05, 0.06, 0.48),
+        DMat3::IDENTITY,
+        0.6,
+        finishes.metal,
+    );
+    mesh.add_cushion(
+        bed + DVec3::Y * 0.58,
+        dvec3(1.02, 0.1, 0.46),
+        DMat3::IDENTITY,
+        0.5,
+        materials.linen,
+    );
+    mesh.add_cushion(
+        bed + dvec3(0.75, 0.7, 0.0),
+        dvec3(0.22, 0.07, 0.34),
+        DMat3::IDENTITY,
+        0.5,
+        materials.linen,
+    );
     for (dx, dz) in [(-1.0, -0.4), (-1.0, 0.4), (1.0, -0.4), (1.0, 0.4)] {
         mesh.add_cylinder(bed + dvec3(dx, 0.0, dz), 0.03, 0.4, 12, finishes.metal);
     }
     let table = at(0.75, 0.0, inner + 4.0);
-    furniture::table(mesh, table, 0.0, dvec3(0.9, 0.72, 0.7), [finishes.oak, finishes.metal]);
+    furniture::table(
+        mesh,
+        table,
+        0.0,
+        dvec3(0.9, 0.72, 0.7),
+        [finishes.oak, finishes.metal],
+    );
     furniture::chair(
         mesh,
         table - dvec3(0.0, 0.0, side * 0.75),
@@ -127,5 +194,12 @@ fn add_furniture(mesh: &mut Mesh, at: &dyn Fn(f64, f64, f64) -> DVec3, side: f64
     );
     let right = DVec3::X * side;
     let picture = at(PITCH / 2.0, 1.6, inner + DEPTH - 0.02);
-    furniture::picture(mesh, picture, -right, DVec2::new(1.1, 0.8), finishes.pictures[0], finishes.oak);
+    furniture::picture(
+        mesh,
+        picture,
+        -right,
+        DVec2::new(1.1, 0.8),
+        finishes.pictures[0],
+        finishes.oak,
+    );
 }

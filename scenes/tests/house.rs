@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use headbox_model::{PortalModel, Prism};
-use headbox_trace::bvh::Tracer;
 use headbox_scenes::house;
+use headbox_trace::bvh::Tracer;
 use std::sync::Arc;
 
 /// Small, so that the tests are quick; whole steps of fineness come within a fifth of it.
@@ -13,11 +13,18 @@ const BUDGET: usize = 30_000;
 fn it_has_the_cells_and_portals_of_the_paper() {
     for seed in 0..3 {
         let model = house(seed, BUDGET);
-        assert_eq!((model.cells.len(), model.portals.len()), (19, 52), "seed {seed}");
+        assert_eq!(
+            (model.cells.len(), model.portals.len()),
+            (19, 52),
+            "seed {seed}"
+        );
         assert_eq!(model.scene.validate(), Ok(()), "seed {seed}");
         assert_eq!(model.outside, Some(18));
         let count = model.scene.triangles.len();
-        assert!((BUDGET * 4 / 5..=BUDGET).contains(&count), "seed {seed}: {count} triangles");
+        assert!(
+            (BUDGET * 4 / 5..=BUDGET).contains(&count),
+            "seed {seed}: {count} triangles"
+        );
     }
 }
 
@@ -49,7 +56,12 @@ fn the_budget_is_kept_down_to_the_bare_walls() {
 fn middle_and_normal(model: &PortalModel, portal: usize) -> (DVec3, DVec3) {
     let polygon = &model.portals[portal].polygon;
     let middle = polygon.iter().sum::<DVec3>() / polygon.len() as f64;
-    (middle, (polygon[1] - polygon[0]).cross(polygon[2] - polygon[1]).normalize())
+    (
+        middle,
+        (polygon[1] - polygon[0])
+            .cross(polygon[2] - polygon[1])
+            .normalize(),
+    )
 }
 
 #[test]
@@ -59,7 +71,12 @@ fn portals_lie_between_their_two_cells() {
         for (i, portal) in model.portals.iter().enumerate() {
             let (middle, normal) = middle_and_normal(&model, i);
             let sides = [0.01, -0.01].map(|step| model.cell_at(middle + normal * step));
-            assert_eq!(sides, portal.cells.map(Some), "seed {seed}, {}", portal.name);
+            assert_eq!(
+                sides,
+                portal.cells.map(Some),
+                "seed {seed}, {}",
+                portal.name
+            );
         }
     }
 }
@@ -69,12 +86,24 @@ fn portals_lie_between_their_two_cells() {
 fn stray(model: &PortalModel, cell: usize, p: DVec3) -> f64 {
     let beyond = |prism: &Prism| {
         let (low, high) = (prism.outline[0], prism.outline[2]);
-        let gaps = [low.x - p.x, p.x - high.x, low.y - p.z, p.z - high.y, prism.floor_y - p.y, p.y - prism.ceiling_y];
+        let gaps = [
+            low.x - p.x,
+            p.x - high.x,
+            low.y - p.z,
+            p.z - high.y,
+            prism.floor_y - p.y,
+            p.y - prism.ceiling_y,
+        ];
         gaps.into_iter().fold(f64::NEG_INFINITY, f64::max)
     };
     match model.cells[cell].space.first() {
         Some(prism) => beyond(prism),
-        None => -model.cells.iter().flat_map(|room| &room.space).map(beyond).fold(f64::INFINITY, f64::min),
+        None => -model
+            .cells
+            .iter()
+            .flat_map(|room| &room.space)
+            .map(beyond)
+            .fold(f64::INFINITY, f64::min),
     }
 }
 
@@ -84,11 +113,17 @@ fn no_triangle_crosses_into_another_cell() {
     const ROUNDING_M: f64 = 4e-15;
     let model = house(0, 200_000);
     for (index, cell) in model.cells.iter().enumerate() {
-        for triangle in &model.scene.triangles[cell.triangles.start as usize..cell.triangles.end as usize] {
+        for triangle in
+            &model.scene.triangles[cell.triangles.start as usize..cell.triangles.end as usize]
+        {
             for p in triangle.vertices.map(|v| model.scene.positions[v as usize]) {
                 let material = &model.scene.materials[triangle.material as usize].name;
                 let stray = stray(&model, index, p);
-                assert!(stray <= ROUNDING_M, "{material} of {} at {p} by {stray} m", cell.name);
+                assert!(
+                    stray <= ROUNDING_M,
+                    "{material} of {} at {p} by {stray} m",
+                    cell.name
+                );
             }
         }
     }

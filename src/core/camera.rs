@@ -58,9 +58,19 @@ impl Camera {
         if !(0.1..=179.0).contains(&fov_y_deg) {
             return Err(CameraError::FieldOfView(fov_y_deg));
         }
-        let forward = (look_at - eye).try_normalize().ok_or(CameraError::NoDirection)?;
-        let up = up.try_normalize().filter(|up| up.cross(forward).length() > 1e-6);
-        let up = up.unwrap_or_else(|| if forward.y.abs() < 0.9 { DVec3::Y } else { DVec3::Z });
+        let forward = (look_at - eye)
+            .try_normalize()
+            .ok_or(CameraError::NoDirection)?;
+        let up = up
+            .try_normalize()
+            .filter(|up| up.cross(forward).length() > 1e-6);
+        let up = up.unwrap_or_else(|| {
+            if forward.y.abs() < 0.9 {
+                DVec3::Y
+            } else {
+                DVec3::Z
+            }
+        });
         let right = forward.cross(up).normalize();
         // With `up` nearly along the view, the product cancels down to its last digits and is no longer perpendicular.
         let right = (right - forward * forward.dot(right)).normalize();
@@ -86,7 +96,14 @@ impl Camera {
             return Err(CameraError::Size(width, height));
         }
         let principal_px = [f64::from(width) / 2.0, f64::from(height) / 2.0];
-        Ok(Self { eye, world_from_eye, focal_px, principal_px, width, height })
+        Ok(Self {
+            eye,
+            world_from_eye,
+            focal_px,
+            principal_px,
+            width,
+            height,
+        })
     }
 
     /// The same camera with its eye moved to `eye`.
@@ -104,13 +121,19 @@ impl Camera {
         let [width, height] = [&columns, &rows].map(|range| range.end.saturating_sub(range.start));
         let whole = Self::from_parts(self.eye, self.world_from_eye, self.focal_px, width, height)?;
         let [x, y] = self.principal_px;
-        Ok(Self { principal_px: [x - f64::from(columns.start), y - f64::from(rows.start)], ..whole })
+        Ok(Self {
+            principal_px: [x - f64::from(columns.start), y - f64::from(rows.start)],
+            ..whole
+        })
     }
 
     /// The same camera with its principal point elsewhere, pixels, as photographs have it.
     #[must_use]
     pub fn with_principal_px(self, principal_px: [f64; 2]) -> Self {
-        Self { principal_px, ..self }
+        Self {
+            principal_px,
+            ..self
+        }
     }
 
     /// Where the viewing axis meets the image, pixels; the middle of the image unless it was cropped.
@@ -165,7 +188,11 @@ impl Camera {
         let eye_depth = -in_eye.z;
         (eye_depth > 0.0).then(|| {
             let scale = self.focal_px / eye_depth;
-            [self.principal_px[0] + in_eye.x * scale, self.principal_px[1] - in_eye.y * scale, eye_depth]
+            [
+                self.principal_px[0] + in_eye.x * scale,
+                self.principal_px[1] - in_eye.y * scale,
+                eye_depth,
+            ]
         })
     }
 
@@ -185,11 +212,14 @@ mod tests {
     #[test]
     fn image_from_world_agrees_with_project_and_direction() {
         let eye = dvec3(0.3, -1.0, 2.0);
-        let camera = Camera::look_at(eye, dvec3(4.0, 0.5, -3.0), DVec3::Y, 50.0, [320, 200]).expect("valid camera");
+        let camera = Camera::look_at(eye, dvec3(4.0, 0.5, -3.0), DVec3::Y, 50.0, [320, 200])
+            .expect("valid camera");
         for (x, y, depth) in [(0.0, 0.0, 0.5), (319.5, 10.0, 3.0), (100.0, 199.0, 250.0)] {
             let point = eye + camera.direction(x, y) * depth;
             let [px, py, eye_depth] = camera.project(point).expect("in front");
-            assert!((px - x).abs() < 1e-9 && (py - y).abs() < 1e-9 && (eye_depth - depth).abs() < 1e-9);
+            assert!(
+                (px - x).abs() < 1e-9 && (py - y).abs() < 1e-9 && (eye_depth - depth).abs() < 1e-9
+            );
             let h = camera.image_from_world() * point.extend(1.0);
             assert!((h.x / h.w - x).abs() < 1e-9 && (h.y / h.w - y).abs() < 1e-9);
             assert!((h.z / h.w - 1.0 / depth).abs() < 1e-12 && (h.w - depth).abs() < 1e-9);
@@ -199,9 +229,19 @@ mod tests {
 
     #[test]
     fn a_cropped_camera_sees_the_same_shifted() {
-        let camera = Camera::look_at(DVec3::ZERO, dvec3(1.0, 0.2, -3.0), DVec3::Y, 50.0, [320, 200]).expect("valid");
+        let camera = Camera::look_at(
+            DVec3::ZERO,
+            dvec3(1.0, 0.2, -3.0),
+            DVec3::Y,
+            50.0,
+            [320, 200],
+        )
+        .expect("valid");
         let part = camera.cropped(100..140, 7..200).expect("a part");
-        assert_eq!((part.width(), part.height(), part.principal_px()), (40, 193, [60.0, 93.0]));
+        assert_eq!(
+            (part.width(), part.height(), part.principal_px()),
+            (40, 193, [60.0, 93.0])
+        );
         assert!((part.direction(3.0, 4.0) - camera.direction(103.0, 11.0)).length() < 1e-12);
         assert_eq!(camera.cropped(5..5, 0..9), Err(CameraError::Size(0, 9)));
     }
@@ -211,9 +251,18 @@ mod tests {
         let look = |eye, at, fov, w, h| Camera::look_at(eye, at, DVec3::Y, fov, [w, h]);
         let (o, x) = (DVec3::ZERO, DVec3::X);
         assert_eq!(look(o, o, 60.0, 4, 4), Err(CameraError::NoDirection));
-        assert_eq!(look(DVec3::NAN, x, 60.0, 4, 4), Err(CameraError::NotFinite("eye")));
-        assert_eq!(look(o, x, 180.0, 4, 4), Err(CameraError::FieldOfView(180.0)));
+        assert_eq!(
+            look(DVec3::NAN, x, 60.0, 4, 4),
+            Err(CameraError::NotFinite("eye"))
+        );
+        assert_eq!(
+            look(o, x, 180.0, 4, 4),
+            Err(CameraError::FieldOfView(180.0))
+        );
         assert_eq!(look(o, x, 60.0, 0, 4), Err(CameraError::Size(0, 4)));
-        assert!(look(o, DVec3::Y, 60.0, 4, 4).is_ok(), "looking along the up vector is allowed");
+        assert!(
+            look(o, DVec3::Y, 60.0, 4, 4).is_ok(),
+            "looking along the up vector is allowed"
+        );
     }
 }

@@ -25,7 +25,14 @@ pub enum Face {
 
 impl Face {
     /// All faces, in the order of their indices.
-    pub const ALL: [Self; 6] = [Self::PosX, Self::NegX, Self::PosY, Self::NegY, Self::PosZ, Self::NegZ];
+    pub const ALL: [Self; 6] = [
+        Self::PosX,
+        Self::NegX,
+        Self::PosY,
+        Self::NegY,
+        Self::PosZ,
+        Self::NegZ,
+    ];
 
     /// 0 to 5, the position in [`Self::ALL`].
     pub fn index(self) -> usize {
@@ -39,7 +46,14 @@ impl Face {
 
     /// Outward normal, which is the viewing direction of the face's camera.
     pub fn normal(self) -> DVec3 {
-        [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z][self.index()]
+        [
+            DVec3::X,
+            DVec3::NEG_X,
+            DVec3::Y,
+            DVec3::NEG_Y,
+            DVec3::Z,
+            DVec3::NEG_Z,
+        ][self.index()]
     }
 
     /// Direction that points up in the face's image.
@@ -65,7 +79,11 @@ impl Face {
     /// absolute coordinate; ties go to the lower index.
     pub fn containing(from_centre: DVec3) -> Self {
         let a = from_centre.abs();
-        let axis = if a.x >= a.y && a.x >= a.z { 0 } else { 1 + usize::from(a.z > a.y) };
+        let axis = if a.x >= a.y && a.x >= a.z {
+            0
+        } else {
+            1 + usize::from(a.z > a.y)
+        };
         Self::ALL[2 * axis + usize::from(from_centre[axis] < 0.0)]
     }
 
@@ -137,28 +155,49 @@ mod tests {
     fn every_direction_projects_into_the_face_that_contains_it() {
         for (i, face) in Face::ALL.into_iter().enumerate() {
             assert_eq!(face.index(), i);
-            assert_eq!(face.right().cross(face.up()), -face.normal(), "right-handed");
+            assert_eq!(
+                face.right().cross(face.up()),
+                -face.normal(),
+                "right-handed"
+            );
             for (x, y) in [(0.1, 0.1), (7.9, 3.0), (4.0, 4.0), (2.5, 7.5)] {
                 let direction = face.direction(x, y, 8);
                 assert_eq!(Face::containing(direction * 3.0), face);
                 let [px, py, eye_depth] = face.project(direction * 3.0, 8);
-                assert!((px - x).abs() < 1e-12 && (py - y).abs() < 1e-12 && (eye_depth - 3.0).abs() < 1e-12);
+                assert!(
+                    (px - x).abs() < 1e-12
+                        && (py - y).abs() < 1e-12
+                        && (eye_depth - 3.0).abs() < 1e-12
+                );
             }
         }
-        assert_eq!(Face::containing(dvec3(1.0, 1.0, -1.0)), Face::PosX, "ties go to the lower index");
-        assert_eq!(Face::containing(dvec3(0.0, -1.0, 1.0)), Face::NegY, "ties go to the lower index");
+        assert_eq!(
+            Face::containing(dvec3(1.0, 1.0, -1.0)),
+            Face::PosX,
+            "ties go to the lower index"
+        );
+        assert_eq!(
+            Face::containing(dvec3(0.0, -1.0, 1.0)),
+            Face::NegY,
+            "ties go to the lower index"
+        );
     }
 
     #[test]
     fn locate_is_containing_and_the_eye_space_coordinates() {
         for i in 0..343 {
-            let point = dvec3(f64::from(i % 7) - 3.0, f64::from(i / 7 % 7) - 3.0, f64::from(i / 49) - 3.0);
+            let point = dvec3(
+                f64::from(i % 7) - 3.0,
+                f64::from(i / 7 % 7) - 3.0,
+                f64::from(i / 49) - 3.0,
+            );
             if point == DVec3::ZERO {
                 continue;
             }
             let (face, local) = Face::locate(point.as_vec3());
             assert_eq!(face, Face::containing(point));
-            let expected = [face.right(), face.up(), face.normal()].map(|axis| point.dot(axis) as f32);
+            let expected =
+                [face.right(), face.up(), face.normal()].map(|axis| point.dot(axis) as f32);
             assert_eq!(local, expected);
         }
     }

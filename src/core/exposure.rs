@@ -47,15 +47,22 @@ impl FromStr for Exposure {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let stops = |text: &str| text.parse::<f32>().ok().filter(|stops| stops.abs() <= MOST_EV);
+        let stops = |text: &str| {
+            text.parse::<f32>()
+                .ok()
+                .filter(|stops| stops.abs() <= MOST_EV)
+        };
         let parsed = match text.strip_prefix("auto") {
             Some("") => Some(Self::default()),
             Some(more) if more.starts_with(['+', '-']) => stops(more).map(Self::Auto),
             Some(_) => None,
             None => stops(text).map(Self::Stops),
         };
-        parsed
-            .ok_or_else(|| format!("give auto, auto+1 or auto-0.5, or a number of stops from -{MOST_EV} to {MOST_EV}"))
+        parsed.ok_or_else(|| {
+            format!(
+                "give auto, auto+1 or auto-0.5, or a number of stops from -{MOST_EV} to {MOST_EV}"
+            )
+        })
     }
 }
 
@@ -79,12 +86,33 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read() {
-        for exposure in [Exposure::Auto(0.0), Exposure::Auto(1.5), Exposure::Auto(-0.25), Exposure::Stops(-3.5)] {
+        for exposure in [
+            Exposure::Auto(0.0),
+            Exposure::Auto(1.5),
+            Exposure::Auto(-0.25),
+            Exposure::Stops(-3.5),
+        ] {
             assert_eq!(exposure.to_string().parse(), Ok(exposure));
         }
-        for wrong in ["", "auto1", "auto+", "nan", "inf", "41", "-41", "1e9", "automatic"] {
+        for wrong in [
+            "",
+            "auto1",
+            "auto+",
+            "nan",
+            "inf",
+            "41",
+            "-41",
+            "1e9",
+            "automatic",
+        ] {
             assert!(wrong.parse::<Exposure>().is_err(), "{wrong}");
         }
-        assert_eq!((Exposure::Auto(1.0).factor(0.3), Exposure::Stops(-2.0).factor(0.3)), (0.6, 0.25));
+        assert_eq!(
+            (
+                Exposure::Auto(1.0).factor(0.3),
+                Exposure::Stops(-2.0).factor(0.3)
+            ),
+            (0.6, 0.25)
+        );
     }
 }

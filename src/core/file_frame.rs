@@ -47,7 +47,10 @@ pub struct FileFrame {
 
 impl Default for FileFrame {
     fn default() -> Self {
-        Self { up: UpAxis::Y, unit_m: 1.0 }
+        Self {
+            up: UpAxis::Y,
+            unit_m: 1.0,
+        }
     }
 }
 

@@ -118,7 +118,8 @@ impl Frame {
         (self.width, self.height) = (width, height);
         self.color.resize(count, [0; 4]);
         self.coverage.resize(count, Coverage::HOLE);
-        self.depth_m.resize(if depth { count } else { 0 }, f32::INFINITY);
+        self.depth_m
+            .resize(if depth { count } else { 0 }, f32::INFINITY);
     }
 
     /// Copies the colours, 4 bytes a pixel, to a buffer whose rows start `stride` bytes apart, as those of windows and of
@@ -129,12 +130,23 @@ impl Frame {
     pub fn copy_to(&self, to: &mut [u8], stride: usize) -> Result<(), FrameError> {
         let row_bytes = self.width as usize * 4;
         let rows = self.height;
-        let needed = (rows as usize).saturating_sub(1).saturating_mul(stride).saturating_add(row_bytes);
+        let needed = (rows as usize)
+            .saturating_sub(1)
+            .saturating_mul(stride)
+            .saturating_add(row_bytes);
         if row_bytes > stride || (rows > 0 && needed > to.len()) {
-            return Err(FrameError::Buffer { bytes: to.len(), stride, rows, row_bytes });
+            return Err(FrameError::Buffer {
+                bytes: to.len(),
+                stride,
+                rows,
+                row_bytes,
+            });
         }
         if row_bytes > 0 {
-            for (to, from) in to.chunks_mut(stride).zip(self.color.chunks_exact(self.width as usize)) {
+            for (to, from) in to
+                .chunks_mut(stride)
+                .zip(self.color.chunks_exact(self.width as usize))
+            {
                 to[..row_bytes].copy_from_slice(from.as_flattened());
             }
         }
@@ -151,8 +163,13 @@ impl Frame {
     /// # Errors
     /// [`FrameError::Size`] if width, height and the number of colours do not fit together.
     pub fn to_rgb(&self) -> Result<RgbImage, FrameError> {
-        let rgb = self.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
-        Ok(RgbImage::from_raw(self.width, self.height, rgb).ok_or(CameraError::Size(self.width, self.height))?)
+        let rgb = self
+            .color
+            .iter()
+            .flat_map(|&[r, g, b, _]| [r, g, b])
+            .collect();
+        Ok(RgbImage::from_raw(self.width, self.height, rgb)
+            .ok_or(CameraError::Size(self.width, self.height))?)
     }
 
     /// Saves the frame as a PNG file, whole or not at all.
@@ -162,7 +179,10 @@ impl Frame {
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FrameError> {
         let (path, png) = (path.as_ref(), self.to_png()?);
         let written = write_whole(path, |file| file.write_all(&png));
-        written.map_err(|source| FrameError::Write { path: path.into(), source })
+        written.map_err(|source| FrameError::Write {
+            path: path.into(),
+            source,
+        })
     }
 
     /// The frame as the bytes of a PNG file (8-bit sRGB with alpha).
@@ -174,7 +194,12 @@ impl Frame {
             return Err(CameraError::Size(self.width, self.height).into());
         }
         let kind = image::ExtendedColorType::Rgba8;
-        Ok(image_file::png(self.color.as_flattened(), self.width, self.height, kind)?)
+        Ok(image_file::png(
+            self.color.as_flattened(),
+            self.width,
+            self.height,
+            kind,
+        )?)
     }
 }
 
@@ -193,8 +218,13 @@ mod tests {
             assert_eq!(row[12..], [9; 8]);
         }
         // The last row needs no room behind it.
-        assert!(frame.copy_to(&mut [0; 32], 20).is_ok() && frame.copy_to(&mut [0; 31], 20).is_err());
-        assert!(frame.copy_to(&mut [0; 100], 11).is_err(), "rows that are too short");
+        assert!(
+            frame.copy_to(&mut [0; 32], 20).is_ok() && frame.copy_to(&mut [0; 31], 20).is_err()
+        );
+        assert!(
+            frame.copy_to(&mut [0; 100], 11).is_err(),
+            "rows that are too short"
+        );
         assert!(Frame::default().copy_to(&mut [], 0).is_ok());
     }
 

@@ -3,7 +3,8 @@
 
 use image::codecs::png::PngEncoder;
 use image::{
-    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat,
+    ImageReader, Limits,
 };
 use std::io::Cursor;
 use std::path::Path;
@@ -59,7 +60,10 @@ pub fn read(path: &Path, most_bytes: u64) -> Result<DynamicImage, PictureError> 
 /// # Errors
 /// [`PictureError`].
 pub fn bits_per_channel(path: &Path) -> Result<u16, PictureError> {
-    let kind = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?.color_type();
+    let kind = ImageReader::open(path)?
+        .with_guessed_format()?
+        .into_decoder()?
+        .color_type();
     Ok(kind.bits_per_pixel() / u16::from(kind.channel_count()))
 }
 
@@ -67,7 +71,11 @@ pub fn bits_per_channel(path: &Path) -> Result<u16, PictureError> {
 ///
 /// # Errors
 /// [`PictureError`].
-pub fn decode(bytes: &[u8], name: Option<&Path>, most_bytes: u64) -> Result<DynamicImage, PictureError> {
+pub fn decode(
+    bytes: &[u8],
+    name: Option<&Path>,
+    most_bytes: u64,
+) -> Result<DynamicImage, PictureError> {
     let mut reader = ImageReader::new(Cursor::new(bytes));
     if let Some(format) = name.and_then(|name| ImageFormat::from_path(name).ok()) {
         reader.set_format(format);
@@ -88,7 +96,12 @@ pub fn decode(bytes: &[u8], name: Option<&Path>, most_bytes: u64) -> Result<Dyna
 ///
 /// # Errors
 /// [`PictureError::Image`] if they are not `width * height` pixels, or have none.
-pub fn png(pixels: &[u8], width: u32, height: u32, kind: ExtendedColorType) -> Result<Vec<u8>, PictureError> {
+pub fn png(
+    pixels: &[u8],
+    width: u32,
+    height: u32,
+    kind: ExtendedColorType,
+) -> Result<Vec<u8>, PictureError> {
     let bytes = u64::from(width) * u64::from(height) * u64::from(kind.bits_per_pixel()) / 8;
     if bytes != pixels.len() as u64 {
         let kind = image::error::ParameterErrorKind::DimensionMismatch;
@@ -107,11 +120,26 @@ mod tests {
     fn what_is_written_is_read() {
         let pixels: Vec<u8> = (0..5 * 3 * 4).map(|i| i * 4).collect();
         let file = png(&pixels, 5, 3, ExtendedColorType::Rgba8).expect("fits");
-        assert_eq!(decode(&file, None, MAX_BYTES).expect("a picture").to_rgba8().into_raw(), pixels);
-        assert!(png(&pixels, 5, 2, ExtendedColorType::Rgba8).is_err(), "too many pixels");
-        assert!(matches!(decode(&file[..20], None, MAX_BYTES), Err(PictureError::Image(_))));
+        assert_eq!(
+            decode(&file, None, MAX_BYTES)
+                .expect("a picture")
+                .to_rgba8()
+                .into_raw(),
+            pixels
+        );
+        assert!(
+            png(&pixels, 5, 2, ExtendedColorType::Rgba8).is_err(),
+            "too many pixels"
+        );
+        assert!(matches!(
+            decode(&file[..20], None, MAX_BYTES),
+            Err(PictureError::Image(_))
+        ));
         let folder = tempfile::tempdir().expect("a folder");
-        assert!(matches!(read(&folder.path().join("none.png"), MAX_BYTES), Err(PictureError::Io(_))));
+        assert!(matches!(
+            read(&folder.path().join("none.png"), MAX_BYTES),
+            Err(PictureError::Io(_))
+        ));
     }
 
     #[test]
@@ -121,12 +149,17 @@ mod tests {
         file[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
         let checksum = crc32(&file[12..29]);
         file[29..33].copy_from_slice(&checksum.to_be_bytes());
-        assert!(matches!(decode(&file, None, MAX_BYTES), Err(PictureError::TooLarge { width: 65_536, .. })));
+        assert!(matches!(
+            decode(&file, None, MAX_BYTES),
+            Err(PictureError::TooLarge { width: 65_536, .. })
+        ));
     }
 
     fn crc32(bytes: &[u8]) -> u32 {
         let step = |crc: u32, byte: &u8| {
-            (0..8).fold(crc ^ u32::from(*byte), |crc, _| (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg()))
+            (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+                (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg())
+            })
         };
         !bytes.iter().fold(u32::MAX, step)
     }

@@ -68,9 +68,15 @@ impl SunPlace {
     pub fn direction(self, frame: &FileFrame) -> Option<Vec3> {
         match self {
             Self::Off => None,
-            Self::Toward(direction) => Some(frame.world_direction_from_file(direction).normalize().as_vec3()),
+            Self::Toward(direction) => Some(
+                frame
+                    .world_direction_from_file(direction)
+                    .normalize()
+                    .as_vec3(),
+            ),
             Self::Angles { azimuth, elevation } => {
-                let [(east, north), (up, level)] = [azimuth, elevation].map(|angle| angle.to_radians().sin_cos());
+                let [(east, north), (up, level)] =
+                    [azimuth, elevation].map(|angle| angle.to_radians().sin_cos());
                 Some(DVec3::new(level * east, up, -level * north).as_vec3())
             }
         }
@@ -81,7 +87,8 @@ impl FromStr for SunPlace {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+        let numbers: Result<Vec<f64>, _> =
+            text.split(',').map(|part| part.trim().parse()).collect();
         match numbers.as_deref() {
             _ if text == "off" => Ok(Self::Off),
             Ok(&[x, y, z]) if (1e-9..1e9).contains(&DVec3::new(x, y, z).length()) => {
@@ -129,7 +136,9 @@ impl LightParameters {
             turn => format!("sky {}, turned by {turn} degrees", path.display()),
         });
         let sun = self.sun.map(|place| format!("sun {place}"));
-        let strength = self.sun_strength.map(|strength| format!("sun's strength {strength}"));
+        let strength = self
+            .sun_strength
+            .map(|strength| format!("sun's strength {strength}"));
         let words: Vec<String> = [sky, sun, strength].into_iter().flatten().collect();
         (!words.is_empty()).then(|| words.join(", "))
     }
@@ -151,22 +160,33 @@ mod tests {
         let close = |a: Option<Vec3>, b: Vec3| a.is_some_and(|a| (a - b).length() < 1e-6);
         assert!(close(direction("0,0", UpAxis::Y), Vec3::NEG_Z), "north");
         assert!(close(direction("90,0", UpAxis::Y), Vec3::X), "east");
-        assert!(close(direction("-90,0", UpAxis::Z), Vec3::NEG_X), "west, in whatever axes");
+        assert!(
+            close(direction("-90,0", UpAxis::Z), Vec3::NEG_X),
+            "west, in whatever axes"
+        );
         assert!(close(direction("123,90", UpAxis::Y), Vec3::Y), "the zenith");
         let half = std::f32::consts::FRAC_1_SQRT_2;
-        assert!(close(direction("180,45", UpAxis::Y), Vec3::new(0.0, half, half)));
+        assert!(close(
+            direction("180,45", UpAxis::Y),
+            Vec3::new(0.0, half, half)
+        ));
         // North of a file whose Z points up is its +Y.
         assert!(close(direction("0,7,0", UpAxis::Z), Vec3::NEG_Z));
         assert!(close(direction("0,0,2", UpAxis::Z), Vec3::Y));
         assert_eq!(direction("off", UpAxis::Y), None);
-        for wrong in ["", "0,0,0", "nan,0", "10,91", "361,0", "1", "1,2,3,4", "inf,0,0", "on"] {
+        for wrong in [
+            "", "0,0,0", "nan,0", "10,91", "361,0", "1", "1,2,3,4", "inf,0,0", "on",
+        ] {
             assert!(wrong.parse::<SunPlace>().is_err(), "{wrong}");
         }
     }
 
     #[test]
     fn files_say_nothing_of_what_was_not_asked_for() {
-        assert_eq!(serde_json::to_string(&LightParameters::default()).expect("json"), "{}");
+        assert_eq!(
+            serde_json::to_string(&LightParameters::default()).expect("json"),
+            "{}"
+        );
         let asked = LightParameters {
             sky: Some("a.hdr".into()),
             sky_turn: 30.0,
@@ -176,7 +196,13 @@ mod tests {
             hdr: true,
         };
         let text = serde_json::to_string(&asked).expect("json");
-        assert_eq!(serde_json::from_str::<LightParameters>(&text).expect("read"), asked);
-        assert_eq!(asked.in_words().as_deref(), Some("sky a.hdr, turned by 30 degrees, sun 12,34, sun's strength 2"));
+        assert_eq!(
+            serde_json::from_str::<LightParameters>(&text).expect("read"),
+            asked
+        );
+        assert_eq!(
+            asked.in_words().as_deref(),
+            Some("sky a.hdr, turned by 30 degrees, sun 12,34, sun's strength 2")
+        );
     }
 }

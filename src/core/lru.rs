@@ -23,7 +23,11 @@ struct Held<V> {
 
 impl<K, V> Default for Shelves<K, V> {
     fn default() -> Self {
-        Self { held: BTreeMap::new(), bytes: 0, now: 0 }
+        Self {
+            held: BTreeMap::new(),
+            bytes: 0,
+            now: 0,
+        }
     }
 }
 
@@ -48,7 +52,14 @@ impl<K: Ord + Copy, V: Clone> Shelves<K, V> {
     /// Puts a value in its place, where none or another was; it counts as used now.
     pub fn put(&mut self, key: K, value: V, bytes: u64) {
         self.bytes += bytes;
-        if let Some(before) = self.held.insert(key, Held { value, bytes, last_used: self.now }) {
+        if let Some(before) = self.held.insert(
+            key,
+            Held {
+                value,
+                bytes,
+                last_used: self.now,
+            },
+        ) {
             self.bytes -= before.bytes;
         }
     }
@@ -58,11 +69,19 @@ impl<K: Ord + Copy, V: Clone> Shelves<K, V> {
     pub fn make_room(&mut self, budget: u64) -> Vec<V> {
         let mut gone = Vec::new();
         while self.bytes > budget {
-            let idle = self.held.iter().filter(|(_, held)| held.last_used < self.now);
-            let Some(oldest) = idle.min_by_key(|(key, held)| (held.last_used, **key)).map(|(key, _)| *key) else {
+            let idle = self
+                .held
+                .iter()
+                .filter(|(_, held)| held.last_used < self.now);
+            let Some(oldest) = idle
+                .min_by_key(|(key, held)| (held.last_used, **key))
+                .map(|(key, _)| *key)
+            else {
                 break;
             };
-            let Some(held) = self.held.remove(&oldest) else { break };
+            let Some(held) = self.held.remove(&oldest) else {
+                break;
+            };
             self.bytes -= held.bytes;
             gone.push(held.value);
         }
@@ -101,13 +120,27 @@ mod tests {
         }
         assert!(shelves.make_room(0).is_empty(), "all are used now");
         shelves.next_moment();
-        assert_eq!((shelves.take_down(1), shelves.take_down(9)), (Some('b'), None));
-        assert_eq!((shelves.make_room(50).len(), shelves.make_room(30)), (0, vec!['a', 'c']));
+        assert_eq!(
+            (shelves.take_down(1), shelves.take_down(9)),
+            (Some('b'), None)
+        );
+        assert_eq!(
+            (shelves.make_room(50).len(), shelves.make_room(30)),
+            (0, vec!['a', 'c'])
+        );
         shelves.next_moment();
         shelves.take_down(4);
         assert_eq!(shelves.look_at(3), Some(&'d'));
-        assert_eq!((shelves.make_room(20), keys(&shelves)), (vec!['d'], vec![1, 4]), "a look is no use");
-        assert_eq!((shelves.make_room(1), shelves.len()), (vec!['b'], 1), "the rest is used now");
+        assert_eq!(
+            (shelves.make_room(20), keys(&shelves)),
+            (vec!['d'], vec![1, 4]),
+            "a look is no use"
+        );
+        assert_eq!(
+            (shelves.make_room(1), shelves.len()),
+            (vec!['b'], 1),
+            "the rest is used now"
+        );
         shelves.put(4, 'f', 25);
         assert_eq!((shelves.bytes(), shelves.look_at(4)), (25, Some(&'f')));
     }

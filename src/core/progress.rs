@@ -17,7 +17,11 @@ pub trait Progress: Sync {
 
 /// The error of work that was given up.
 pub fn check_cancelled(progress: &dyn Progress) -> io::Result<()> {
-    if progress.is_cancelled() { Err(io::ErrorKind::Interrupted.into()) } else { Ok(()) }
+    if progress.is_cancelled() {
+        Err(io::ErrorKind::Interrupted.into())
+    } else {
+        Ok(())
+    }
 }
 
 /// Reports to nobody.

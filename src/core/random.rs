@@ -40,7 +40,10 @@ impl Rng {
 
     /// An independent stream for part `part`; the same whatever was drawn from `self`.
     pub fn fork(&self, part: u64) -> Self {
-        Self { key: hash(self.key ^ hash(part.wrapping_add(INCREMENT))), counter: 0 }
+        Self {
+            key: hash(self.key ^ hash(part.wrapping_add(INCREMENT))),
+            counter: 0,
+        }
     }
 
     /// 64 uniform bits.
@@ -100,7 +103,11 @@ mod tests {
     fn numbers_are_those_of_splitmix64() {
         // The first three of the reference implementation (Vigna 2015) from state 1234567.
         let mut rng = Rng::keyed(1_234_567);
-        let expected = [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
+        let expected = [
+            6_457_827_717_110_365_317,
+            3_203_168_211_198_807_973,
+            9_817_491_932_198_370_423,
+        ];
         assert_eq!([(); 3].map(|()| rng.bits()), expected);
     }
 }

@@ -40,7 +40,11 @@ fn named(wanted: &str) -> Result<Level, LevelError> {
     let found = levels.iter().find(|level| name(**level) == wanted);
     found.copied().ok_or_else(|| LevelError {
         wanted: wanted.to_owned(),
-        available: levels.iter().map(|level| name(*level)).collect::<Vec<_>>().join(", "),
+        available: levels
+            .iter()
+            .map(|level| name(*level))
+            .collect::<Vec<_>>()
+            .join(", "),
     })
 }
 
@@ -87,13 +91,20 @@ mod tests {
     #[test]
     fn a_level_is_found_by_its_name_and_others_are_refused() {
         let levels = levels();
-        assert_eq!(name(levels[levels.len() - 1]), name(Level::new()), "the best comes last");
+        assert_eq!(
+            name(levels[levels.len() - 1]),
+            name(Level::new()),
+            "the best comes last"
+        );
         for level in &levels {
             assert_eq!(named(name(*level)).map(name), Ok(name(*level)));
         }
         for wanted in ["AVX2", "sse9", "fast"] {
             let error = named(wanted).expect_err("is no level").to_string();
-            assert!(error.contains(wanted) && error.contains(name(levels[0])), "{error}");
+            assert!(
+                error.contains(wanted) && error.contains(name(levels[0])),
+                "{error}"
+            );
         }
     }
 }

@@ -27,7 +27,11 @@ static TABLE: LazyLock<SrgbTable> = LazyLock::new(|| SrgbTable {
         let (mut same, mut next) = (first, first + (1 << SHIFT));
         while next - same > 1 {
             let middle = same.midpoint(next);
-            *(if srgb8_from_linear(f32::from_bits(middle)) == level { &mut same } else { &mut next }) = middle;
+            *(if srgb8_from_linear(f32::from_bits(middle)) == level {
+                &mut same
+            } else {
+                &mut next
+            }) = middle;
         }
         u32::from(level) << 24 | (next - first)
     })),
@@ -61,7 +65,10 @@ impl SrgbTable {
         }
         let entries = u32x16::load_array(simd, entries);
         let one = u32x16::splat(simd, 1);
-        (entries >> 24) + (bits & REST).simd_ge(entries & 0xff_ffff).select(one, u32x16::splat(simd, 0))
+        (entries >> 24)
+            + (bits & REST)
+                .simd_ge(entries & 0xff_ffff)
+                .select(one, u32x16::splat(simd, 0))
     }
 
     #[inline(always)]
@@ -90,10 +97,26 @@ mod tests {
                 table.encode_sixteen(simd, f32x16::splat(simd, value), 8).to_array()[7]
             })
         };
-        let hard = [0.0, -1.0, f32::NAN, 1.0, f32::INFINITY, f32::NEG_INFINITY, 0.003_130_8];
-        for value in (0..1.5f32.to_bits()).step_by(997).map(f32::from_bits).chain(hard) {
+        let hard = [
+            0.0,
+            -1.0,
+            f32::NAN,
+            1.0,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            0.003_130_8,
+        ];
+        for value in (0..1.5f32.to_bits())
+            .step_by(997)
+            .map(f32::from_bits)
+            .chain(hard)
+        {
             let level = srgb8_from_linear(value);
-            assert_eq!((table.encode(value), sixteen(value)), (level, u32::from(level)), "{value}");
+            assert_eq!(
+                (table.encode(value), sixteen(value)),
+                (level, u32::from(level)),
+                "{value}"
+            );
         }
     }
 }

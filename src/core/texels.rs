@@ -11,21 +11,39 @@ pub const LANES: usize = 16;
 /// Registers are put together from registers of two pairs: put together from pairs, they become a chain of sixteen steps
 /// (docs/decisions/0005).
 #[inline(always)]
-pub fn fours<S: Simd>(simd: S, texels: &[[u8; 4]], index: u32x16<S>, stride: usize) -> Option<[u32x16<S>; 4]> {
+pub fn fours<S: Simd>(
+    simd: S,
+    texels: &[[u8; 4]],
+    index: u32x16<S>,
+    stride: usize,
+) -> Option<[u32x16<S>; 4]> {
     let count = texels.len().checked_sub(stride)?;
     let (upper, lower) = (texels.get(..count)?, texels.get(stride..stride + count)?);
     if count < 2 {
         return None;
     }
     let index = index.to_array();
-    let (mut above, mut below) = ([u32x4::splat(simd, 0); LANES / 2], [u32x4::splat(simd, 0); LANES / 2]);
+    let (mut above, mut below) = (
+        [u32x4::splat(simd, 0); LANES / 2],
+        [u32x4::splat(simd, 0); LANES / 2],
+    );
     for i in 0..LANES / 2 {
         // In these words the compiler sees that nothing lies outside.
-        let (a, b) = ((index[2 * i] as usize).min(count - 2), (index[2 * i + 1] as usize).min(count - 2));
-        above[i] = u32x4::load_array(simd, bytemuck::cast([upper[a], upper[a + 1], upper[b], upper[b + 1]]));
-        below[i] = u32x4::load_array(simd, bytemuck::cast([lower[a], lower[a + 1], lower[b], lower[b + 1]]));
+        let (a, b) = (
+            (index[2 * i] as usize).min(count - 2),
+            (index[2 * i + 1] as usize).min(count - 2),
+        );
+        above[i] = u32x4::load_array(
+            simd,
+            bytemuck::cast([upper[a], upper[a + 1], upper[b], upper[b + 1]]),
+        );
+        below[i] = u32x4::load_array(
+            simd,
+            bytemuck::cast([lower[a], lower[a + 1], lower[b], lower[b + 1]]),
+        );
     }
-    let ([upper_left, upper_right], [lower_left, lower_right]) = (left_and_right(above), left_and_right(below));
+    let ([upper_left, upper_right], [lower_left, lower_right]) =
+        (left_and_right(above), left_and_right(below));
     Some([upper_left, upper_right, lower_left, lower_right])
 }
 
@@ -43,7 +61,10 @@ fn left_and_right<S: Simd>(two: [u32x4<S>; LANES / 2]) -> [u32x16<S>; 2] {
 pub fn place<S: Simd>(position: f32x16<S>, side_px: u32) -> (u32x16<S>, u32x16<S>) {
     let position = position.max(0.0).min((side_px - 1) as f32);
     let before = u32x16::truncate_from(position).min(side_px.saturating_sub(2));
-    (before, u32x16::truncate_from((position - f32x16::float_from(before)) * 256.0 + 0.5))
+    (
+        before,
+        u32x16::truncate_from((position - f32x16::float_from(before)) * 256.0 + 0.5),
+    )
 }
 
 /// Between four texels as [`fours`] gives them, byte by byte: to the right by one share of 256, then down by the other. Each of the
@@ -54,7 +75,10 @@ pub fn between<S: Simd>(
     [across, down]: [u32x16<S>; 2],
 ) -> u32x16<S> {
     let (across, down) = (in_both_halves(across), in_both_halves(down));
-    let (upper, lower) = (mix_bytes(upper_left, upper_right, across), mix_bytes(lower_left, lower_right, across));
+    let (upper, lower) = (
+        mix_bytes(upper_left, upper_right, across),
+        mix_bytes(lower_left, lower_right, across),
+    );
     let (even, odd) = (mix(upper[0], lower[0], down), mix(upper[1], lower[1], down));
     (even | (odd << 8)).bitcast()
 }
@@ -97,9 +121,18 @@ mod tests {
     ) -> Option<([[u32; LANES]; 4], [u32; LANES])> {
         let found = fours(simd, texels, u32x16::load_array(simd, *at), stride)?;
         let [across, down] = shares;
-        let color = between(found, [u32x16::load_array(simd, *across), u32x16::load_array(simd, *down)]);
+        let color = between(
+            found,
+            [
+                u32x16::load_array(simd, *across),
+                u32x16::load_array(simd, *down),
+            ],
+        );
         let [a, b, c, d] = found;
-        Some(([a.to_array(), b.to_array(), c.to_array(), d.to_array()], color.to_array()))
+        Some((
+            [a.to_array(), b.to_array(), c.to_array(), d.to_array()],
+            color.to_array(),
+        ))
     }
 
     #[test]
@@ -110,7 +143,12 @@ mod tests {
             let mut byte = |_: u8| [0, 255, 255, random.below(256) as u8][random.below(4) as usize];
             let texels: Vec<[u8; 4]> = (0..width * height).map(|_| [0; 4].map(&mut byte)).collect();
             for _ in 0..200 {
-                let place = [0; LANES].map(|_: u32| [random.below(width as u64 - 1), random.below(height as u64 - 1)]);
+                let place = [0; LANES].map(|_: u32| {
+                    [
+                        random.below(width as u64 - 1),
+                        random.below(height as u64 - 1),
+                    ]
+                });
                 let at = place.map(|[x, y]| (y * width as u64 + x) as u32);
                 let shares = [[0; LANES]; 2].map(|all| all.map(|_: u32| random.below(257) as u32));
                 for level in simd::levels() {
@@ -118,7 +156,8 @@ mod tests {
                     let (four, color) = found.expect("all have four");
                     for i in 0..LANES {
                         let first = at[i] as usize;
-                        let expected = [first, first + 1, first + width, first + width + 1].map(|k| texels[k]);
+                        let expected =
+                            [first, first + 1, first + width, first + width + 1].map(|k| texels[k]);
                         assert_eq!(four.map(|of| of[i].to_ne_bytes()), expected);
                         let [a, b, c, d] = expected.map(|texel| texel.map(f64::from));
                         let [x, y] = shares.map(|of| f64::from(of[i]) / 256.0);
@@ -126,7 +165,10 @@ mod tests {
                             let upper = a[channel] * (1.0 - x) + b[channel] * x;
                             let lower = c[channel] * (1.0 - x) + d[channel] * x;
                             let exact = upper * (1.0 - y) + lower * y;
-                            assert!((f64::from(byte) - exact).abs() <= LEVELS, "{byte} for {exact} at {level:?}");
+                            assert!(
+                                (f64::from(byte) - exact).abs() <= LEVELS,
+                                "{byte} for {exact} at {level:?}"
+                            );
                         }
                     }
                 }
@@ -141,7 +183,10 @@ mod tests {
         for level in simd::levels() {
             let look = |texels: &[[u8; 4]], at: u32, stride: usize| dispatch!(level, simd => look(simd, texels, &[at; LANES], stride, &none));
             for at in [1, 2, 6, u32::MAX] {
-                assert_eq!(look(&texels, at, 3).map(|(four, _)| four.map(|of| of[0])), Some([1, 2, 4, 5]));
+                assert_eq!(
+                    look(&texels, at, 3).map(|(four, _)| four.map(|of| of[0])),
+                    Some([1, 2, 4, 5])
+                );
             }
             for (count, stride) in [(0, 0), (1, 0), (4, 3), (3, 3), (2, 9)] {
                 assert_eq!(look(&texels[..count], 0, stride), None, "{count} {stride}");

@@ -58,7 +58,11 @@ impl fmt::Display for ToneMap {
         match self {
             Self::SrgbClipped => f.write_str("sRGB, cut off at white"),
             Self::SrgbCompressed => {
-                write!(f, "sRGB, compressed, cut off {} stops above white", Self::BRIGHTEST.log2())
+                write!(
+                    f,
+                    "sRGB, compressed, cut off {} stops above white",
+                    Self::BRIGHTEST.log2()
+                )
             }
         }
     }
@@ -71,7 +75,10 @@ mod tests {
     #[test]
     fn every_level_comes_back_from_the_light_it_stands_for() {
         for tone in [ToneMap::SrgbClipped, ToneMap::SrgbCompressed] {
-            assert!((0..=255).all(|level| tone.level(tone.exposed(level)) == level), "{tone}");
+            assert!(
+                (0..=255).all(|level| tone.level(tone.exposed(level)) == level),
+                "{tone}"
+            );
         }
     }
 
@@ -83,15 +90,27 @@ mod tests {
             (tone.exposed(level) - tone.exposed(level - 1)) / tone.exposed(level)
         };
         for (light, share) in [(1.0, 0.0233), (2.0, 0.0302), (ToneMap::BRIGHTEST, 0.0731)] {
-            assert!((step(light) / share - 1.0).abs() < 0.01, "{light}: {}", step(light));
+            assert!(
+                (step(light) / share - 1.0).abs() < 0.01,
+                "{light}: {}",
+                step(light)
+            );
         }
     }
 
     #[test]
     fn what_is_no_light_is_black_and_what_is_too_bright_is_white() {
         for tone in [ToneMap::SrgbClipped, ToneMap::SrgbCompressed] {
-            assert_eq!([f32::NAN, -1.0, 0.0].map(|x| tone.level(x)), [0; 3], "{tone}");
-            assert_eq!([f32::INFINITY, f32::MAX, 17.0].map(|x| tone.level(x)), [255; 3], "{tone}");
+            assert_eq!(
+                [f32::NAN, -1.0, 0.0].map(|x| tone.level(x)),
+                [0; 3],
+                "{tone}"
+            );
+            assert_eq!(
+                [f32::INFINITY, f32::MAX, 17.0].map(|x| tone.level(x)),
+                [255; 3],
+                "{tone}"
+            );
         }
         assert_eq!(ToneMap::SrgbCompressed.exposed(255), ToneMap::BRIGHTEST);
     }

@@ -39,7 +39,11 @@ pub(super) fn pack(pictures: &[&AtlasPicture]) -> (Vec<AtlasPlace>, Vec<AtlasPag
             (at.x, at.y, shelf) = (0, at.y + shelf, 0);
         }
         if at.y + height > PAGE_PX {
-            at = AtlasPlace { page: at.page + 1, x: 0, y: 0 };
+            at = AtlasPlace {
+                page: at.page + 1,
+                x: 0,
+                y: 0,
+            };
             shelf = 0;
         }
         places[i] = at;
@@ -48,8 +52,13 @@ pub(super) fn pack(pictures: &[&AtlasPicture]) -> (Vec<AtlasPlace>, Vec<AtlasPag
         heights.resize(heights.len().max(at.page + 1), 0);
         heights[at.page] = heights[at.page].max(at.y + height);
     }
-    let mut pages: Vec<AtlasPage> =
-        heights.into_iter().map(|height| AtlasPage { height, texels: vec![[0; 4]; height * PAGE_PX] }).collect();
+    let mut pages: Vec<AtlasPage> = heights
+        .into_iter()
+        .map(|height| AtlasPage {
+            height,
+            texels: vec![[0; 4]; height * PAGE_PX],
+        })
+        .collect();
     for (picture, place) in pictures.iter().zip(&places) {
         for (row, texels) in picture.texels.chunks_exact(picture.width).enumerate() {
             let start = (place.y + row) * PAGE_PX + place.x;
@@ -65,7 +74,14 @@ mod tests {
 
     #[test]
     fn no_picture_covers_another() {
-        let sizes = [(4096, 3000), (2000, 1500), (2096, 900), (7, 1), (1, 7), (4096, 1)];
+        let sizes = [
+            (4096, 3000),
+            (2000, 1500),
+            (2096, 900),
+            (7, 1),
+            (1, 7),
+            (4096, 1),
+        ];
         let picture = |(i, (width, height)): (usize, &(usize, usize))| AtlasPicture {
             width: *width,
             height: *height,
@@ -75,7 +91,12 @@ mod tests {
         let (places, pages) = pack(&pictures.iter().collect::<Vec<_>>());
         assert!(pages.len() == 2 && pages.iter().all(|page| page.height <= PAGE_PX));
         for (i, (place, (width, height))) in places.iter().zip(sizes).enumerate() {
-            for (x, y) in [(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)] {
+            for (x, y) in [
+                (0, 0),
+                (width - 1, 0),
+                (0, height - 1),
+                (width - 1, height - 1),
+            ] {
                 let texel = pages[place.page].texels[(place.y + y) * PAGE_PX + place.x + x];
                 assert_eq!(texel[0], i as u8 + 1);
             }

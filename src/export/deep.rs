@@ -7,16 +7,16 @@
 //! ([`DeepView::of_camera`]).
 
 use super::ExportError;
-use crate::pieces;
 use super::stacks::{Deep, Stacks};
-use headbox_images::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
-use headbox_core::cube_face::Face;
-use headbox_core::camera::{Camera, CameraError};
-use headbox_cube::pack::PackedCube;
+use crate::pieces;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes,
-    SmallVec, Text, WritableImage, f16,
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer,
+    LayerAttributes, SmallVec, Text, WritableImage, f16,
 };
+use headbox_core::camera::{Camera, CameraError};
+use headbox_core::cube_face::Face;
+use headbox_cube::pack::PackedCube;
+use headbox_images::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
 use rayon::prelude::*;
 use std::io::{self, Write};
 
@@ -38,9 +38,20 @@ impl Faces {
     }
 
     fn view(self, cube: &PackedCube) -> Result<DeepView, CameraError> {
-        let Self::One(face) = self else { return Ok(DeepView { cube: true, ..DeepView::default() }) };
+        let Self::One(face) = self else {
+            return Ok(DeepView {
+                cube: true,
+                ..DeepView::default()
+            });
+        };
         let px = cube.face_size_px;
-        let camera = Camera::from_parts(cube.info.centre, face.world_from_eye(), f64::from(px) / 2.0, px, px)?;
+        let camera = Camera::from_parts(
+            cube.info.centre,
+            face.world_from_eye(),
+            f64::from(px) / 2.0,
+            px,
+            px,
+        )?;
         Ok(DeepView::of_camera(&camera))
     }
 }
@@ -58,7 +69,11 @@ pub struct DeepSummary {
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
-pub fn write(cube: &PackedCube, faces: Faces, to: &mut dyn Write) -> Result<DeepSummary, ExportError> {
+pub fn write(
+    cube: &PackedCube,
+    faces: Faces,
+    to: &mut dyn Write,
+) -> Result<DeepSummary, ExportError> {
     let stacks = stacks(cube, faces)?;
     let mut offsets = vec![0u32];
     for of_face in &stacks {
@@ -66,18 +81,36 @@ pub fn write(cube: &PackedCube, faces: Faces, to: &mut dyn Write) -> Result<Deep
         offsets.extend(of_face.offsets[1..].iter().map(|end| before + end));
     }
     let values = |of: &(dyn Fn(&Deep) -> f32 + Sync)| -> Vec<f32> {
-        stacks.iter().flat_map(|of_face| &of_face.samples).map(of).collect()
+        stacks
+            .iter()
+            .flat_map(|of_face| &of_face.samples)
+            .map(of)
+            .collect()
     };
     let mut channels: Vec<DeepChannel> = ["A", "B", "G", "R"]
         .into_iter()
         .zip([3, 2, 1, 0])
-        .map(|(name, i)| DeepChannel { name: name.into(), kind: DeepKind::Half, values: values(&|s| s.rgba[i]) })
+        .map(|(name, i)| DeepChannel {
+            name: name.into(),
+            kind: DeepKind::Half,
+            values: values(&|s| s.rgba[i]),
+        })
         .collect();
-    channels.push(DeepChannel { name: "Z".into(), kind: DeepKind::Float, values: values(&|s| s.depth_m) });
+    channels.push(DeepChannel {
+        name: "Z".into(),
+        kind: DeepKind::Float,
+        values: values(&|s| s.depth_m),
+    });
     let size_px = [cube.face_size_px, cube.face_size_px * stacks.len() as u32];
     let samples = u64::from(offsets[offsets.len() - 1]);
-    let image =
-        DeepImage { size_px, origin_px: [0, 0], stored_px: size_px, offsets, channels, view: faces.view(cube)? };
+    let image = DeepImage {
+        size_px,
+        origin_px: [0, 0],
+        stored_px: size_px,
+        offsets,
+        channels,
+        view: faces.view(cube)?,
+    };
     let bytes = image
         .to_bytes(DeepCompression::Zips)
         .map_err(|(field, cause)| io::Error::other(format!("{field}: {cause}")))?;
@@ -102,42 +135,79 @@ pub fn write_layers(
     let view = faces.view(cube)?;
     let parts: SmallVec<[Layer<AnyChannels<FlatSamples>>; 2]> = (0..layers)
         .map(|i| {
-            let mut attributes = LayerAttributes::named(Text::new_or_panic(format!("layer{}", i + 1)));
-            attributes.environment_map = view.cube.then_some(exr::meta::attribute::EnvironmentMap::Cube);
+            let mut attributes =
+                LayerAttributes::named(Text::new_or_panic(format!("layer{}", i + 1)));
+            attributes.environment_map = view
+                .cube
+                .then_some(exr::meta::attribute::EnvironmentMap::Cube);
             attributes.world_to_camera = view.world_to_camera;
             attributes.world_to_normalized_device = view.world_to_ndc;
-            Layer::new(size, attributes, Encoding::SMALL_LOSSLESS, layer(&stacks, i, i + 1 == layers))
+            Layer::new(
+                size,
+                attributes,
+                Encoding::SMALL_LOSSLESS,
+                layer(&stacks, i, i + 1 == layers),
+            )
         })
         .collect();
     let window = IntegerBounds::from_dimensions(size);
     let image = Image::from_layers(ImageAttributes::new(window), parts);
     let mut file = io::Cursor::new(Vec::new());
-    image.write().to_buffered(&mut file).map_err(io::Error::other)?;
+    image
+        .write()
+        .to_buffered(&mut file)
+        .map_err(io::Error::other)?;
     to.write_all(file.get_ref())?;
-    Ok(DeepSummary { samples: stacks.iter().map(|of_face| of_face.samples.len() as u64).sum(), size_px })
+    Ok(DeepSummary {
+        samples: stacks
+            .iter()
+            .map(|of_face| of_face.samples.len() as u64)
+            .sum(),
+        size_px,
+    })
 }
 
 fn stacks(cube: &PackedCube, faces: Faces) -> Result<Vec<Stacks>, ExportError> {
     super::check_held(cube)?;
     let cube = &pieces::with_whole_rims(cube);
-    let stacks: Vec<Stacks> = faces.list().into_par_iter().map(|face| Stacks::of_face(cube, face)).collect();
-    if stacks.iter().all(|of_face| of_face.samples.is_empty()) { Err(ExportError::Empty) } else { Ok(stacks) }
+    let stacks: Vec<Stacks> = faces
+        .list()
+        .into_par_iter()
+        .map(|face| Stacks::of_face(cube, face))
+        .collect();
+    if stacks.iter().all(|of_face| of_face.samples.is_empty()) {
+        Err(ExportError::Empty)
+    } else {
+        Ok(stacks)
+    }
 }
 
 /// The channels of the sample number `i` of each pixel; of the last layer, with all behind it.
 fn layer(stacks: &[Stacks], i: usize, last: bool) -> AnyChannels<FlatSamples> {
-    const NOTHING: Deep = Deep { depth_m: f32::INFINITY, rgba: [0.0; 4] };
+    const NOTHING: Deep = Deep {
+        depth_m: f32::INFINITY,
+        rgba: [0.0; 4],
+    };
     let found: Vec<Deep> = stacks
         .iter()
         .flat_map(|of_face| (0..of_face.offsets.len() - 1).map(move |at| of_face.pixel(at)))
         .map(|pixel| match pixel.get(i..) {
-            Some([first, behind @ ..]) if last => behind.iter().fold(*first, |front, behind| front.over(*behind)),
+            Some([first, behind @ ..]) if last => behind
+                .iter()
+                .fold(*first, |front, behind| front.over(*behind)),
             Some([first, ..]) => *first,
             _ => NOTHING,
         })
         .collect();
     let channel = |name: &str, samples| AnyChannel::new(name, samples);
-    let half = |i: usize| FlatSamples::F16(found.iter().map(|sample| f16::from_f32(sample.rgba[i])).collect());
+    let half = |i: usize| {
+        FlatSamples::F16(
+            found
+                .iter()
+                .map(|sample| f16::from_f32(sample.rgba[i]))
+                .collect(),
+        )
+    };
     let [r, g, b, a] = [0, 1, 2, 3].map(half);
     let depth = FlatSamples::F32(found.iter().map(|sample| sample.depth_m).collect());
     AnyChannels::sort(SmallVec::from_vec(vec![

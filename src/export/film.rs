@@ -1,7 +1,7 @@
 //! Films: frames one after the other to MP4 or WebM through ffmpeg, where it is installed, or to an animated PNG or GIF.
 
-use crate::spherical;
 use super::stereo::View;
+use crate::spherical;
 use headbox_core::files::write_whole;
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, RgbImage};
@@ -22,7 +22,8 @@ pub fn is_film(path: &Path) -> bool {
 pub const ENDINGS: [&str; 4] = ["mp4", "webm", "apng", "gif"];
 
 fn has_ending(path: &Path, wanted: &str) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(wanted))
+    path.extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case(wanted))
 }
 
 /// Writes a film of `count` frames of one size, whole or not at all. `.mp4` and `.webm` say what of its surroundings a `view` shows.
@@ -48,7 +49,9 @@ pub fn write(
         return write_whole(path, |mut to| gif(&mut to, fps, checked));
     }
     if has_ending(path, "apng") {
-        return write_whole(path, |mut to| apng(&mut to, [width, height], fps, count, checked));
+        return write_whole(path, |mut to| {
+            apng(&mut to, [width, height], fps, count, checked)
+        });
     }
     let told = spherical::is_told(view);
     let codec: &[&[&str]] = match has_ending(path, "webm") {
@@ -65,12 +68,23 @@ pub fn write(
             film = webm_of(&film)?;
         }
     }
-    write_whole(path, |mut to| io::copy(&mut film.reopen()?, &mut to).map(drop))
+    write_whole(path, |mut to| {
+        io::copy(&mut film.reopen()?, &mut to).map(drop)
+    })
 }
 
 /// Browsers and phones play this; `yuv420p` and even sides are what they all can.
 const H264: &[&str] = &["-c:v", "libx264", "-crf", "18", "-preset", "medium"];
-const VP9: &[&str] = &["-c:v", "libvpx-vp9", "-crf", "28", "-b:v", "0", "-row-mt", "1"];
+const VP9: &[&str] = &[
+    "-c:v",
+    "libvpx-vp9",
+    "-crf",
+    "28",
+    "-b:v",
+    "0",
+    "-row-mt",
+    "1",
+];
 
 /// ffmpeg with what it is to do besides; it says only what goes wrong, and writes to `film`.
 fn ffmpeg(arguments: &[&str], film: &NamedTempFile) -> io::Result<Child> {
@@ -93,7 +107,11 @@ fn ffmpeg(arguments: &[&str], film: &NamedTempFile) -> io::Result<Child> {
 /// Waits for it; what it says is the error if it fails, else what came of feeding it.
 fn finished(mut ffmpeg: Child, fed: io::Result<()>) -> io::Result<()> {
     let mut words = String::new();
-    ffmpeg.stderr.take().map(|mut stderr| stderr.read_to_string(&mut words)).transpose()?;
+    ffmpeg
+        .stderr
+        .take()
+        .map(|mut stderr| stderr.read_to_string(&mut words))
+        .transpose()?;
     match ffmpeg.wait()?.success() {
         true => fed,
         // A pipe that broke says less than who broke it.
@@ -105,16 +123,34 @@ fn finished(mut ffmpeg: Child, fed: io::Result<()>) -> io::Result<()> {
 fn webm_of(film: &NamedTempFile) -> io::Result<NamedTempFile> {
     let webm = NamedTempFile::new()?;
     let from = film.path().to_string_lossy();
-    finished(ffmpeg(&["-f", "mp4", "-i", &from, "-c", "copy", "-f", "webm"], &webm)?, Ok(()))?;
+    finished(
+        ffmpeg(
+            &["-f", "mp4", "-i", &from, "-c", "copy", "-f", "webm"],
+            &webm,
+        )?,
+        Ok(()),
+    )?;
     Ok(webm)
 }
 
 /// The file that ffmpeg makes of frames.
-fn encode([width, height]: [u32; 2], fps: u32, codec: &[&str], frames: Frames) -> io::Result<NamedTempFile> {
+fn encode(
+    [width, height]: [u32; 2],
+    fps: u32,
+    codec: &[&str],
+    frames: Frames,
+) -> io::Result<NamedTempFile> {
     let film = NamedTempFile::new()?;
     let (size, rate) = (format!("{width}x{height}"), fps.to_string());
-    let raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", &size, "-r", &rate, "-i", "-"];
-    let even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"];
+    let raw = [
+        "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", &size, "-r", &rate, "-i", "-",
+    ];
+    let even = [
+        "-vf",
+        "pad=ceil(iw/2)*2:ceil(ih/2)*2",
+        "-pix_fmt",
+        "yuv420p",
+    ];
     let mut ffmpeg = ffmpeg(&[&raw, even.as_slice(), codec].concat(), &film)?;
     let fed = feed(&mut ffmpeg, frames);
     finished(ffmpeg, fed)?;
@@ -122,7 +158,9 @@ fn encode([width, height]: [u32; 2], fps: u32, codec: &[&str], frames: Frames) -
 }
 
 fn feed(ffmpeg: &mut Child, frames: Frames) -> io::Result<()> {
-    let Some(mut pipe) = ffmpeg.stdin.take() else { return Err(io::Error::other("ffmpeg takes no input")) };
+    let Some(mut pipe) = ffmpeg.stdin.take() else {
+        return Err(io::Error::other("ffmpeg takes no input"));
+    };
     for frame in frames {
         pipe.write_all(frame?.as_raw())?;
     }
@@ -133,7 +171,9 @@ fn gif(to: &mut dyn Write, fps: u32, frames: Frames) -> io::Result<()> {
     /// 1 is the slowest and best, 30 the fastest.
     const SPEED: i32 = 10;
     let mut encoder = GifEncoder::new_with_speed(to, SPEED);
-    encoder.set_repeat(Repeat::Infinite).map_err(io::Error::other)?;
+    encoder
+        .set_repeat(Repeat::Infinite)
+        .map_err(io::Error::other)?;
     let mut next = 0;
     for (frame, number) in frames.zip(0u32..) {
         let frame = frame?;
@@ -143,7 +183,8 @@ fn gif(to: &mut dyn Write, fps: u32, frames: Frames) -> io::Result<()> {
         let hundredths;
         (next, hundredths) = gif_delay(number, fps);
         let rgba = image::DynamicImage::ImageRgb8(frame).into_rgba8();
-        let frame = image::Frame::from_parts(rgba, 0, 0, Delay::from_numer_denom_ms(10 * hundredths, 1));
+        let frame =
+            image::Frame::from_parts(rgba, 0, 0, Delay::from_numer_denom_ms(10 * hundredths, 1));
         encoder.encode_frame(frame).map_err(io::Error::other)?;
     }
     Ok(())
@@ -163,15 +204,25 @@ fn gif_delay(number: u32, fps: u32) -> (u32, u32) {
     (next as u32, (start(next) - start(number)) as u32)
 }
 
-fn apng(to: &mut dyn Write, [width, height]: [u32; 2], fps: u32, count: u32, frames: Frames) -> io::Result<()> {
+fn apng(
+    to: &mut dyn Write,
+    [width, height]: [u32; 2],
+    fps: u32,
+    count: u32,
+    frames: Frames,
+) -> io::Result<()> {
     let mut encoder = png::Encoder::new(to, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_animated(count, 0).map_err(io::Error::other)?;
-    encoder.set_frame_delay(1, u16::try_from(fps).unwrap_or(u16::MAX)).map_err(io::Error::other)?;
+    encoder
+        .set_frame_delay(1, u16::try_from(fps).unwrap_or(u16::MAX))
+        .map_err(io::Error::other)?;
     let mut writer = encoder.write_header().map_err(io::Error::other)?;
     for frame in frames {
-        writer.write_image_data(frame?.as_raw()).map_err(io::Error::other)?;
+        writer
+            .write_image_data(frame?.as_raw())
+            .map_err(io::Error::other)?;
     }
     writer.finish().map_err(io::Error::other)
 }
@@ -189,7 +240,10 @@ mod tests {
                 assert!(delay >= 2, "{fps}: {delay}");
                 (number, hundredths, shown) = (next, hundredths + delay, shown + 1);
             }
-            assert!(hundredths.abs_diff(100) <= 2, "{fps}: {hundredths} hundredths of a second");
+            assert!(
+                hundredths.abs_diff(100) <= 2,
+                "{fps}: {hundredths} hundredths of a second"
+            );
             // Of 60 a second every third is left out. The last may end after the second.
             let expected: u32 = if fps == 60 { 40 } else { fps.min(50) };
             assert!(shown.abs_diff(expected) <= 1, "{fps}: {shown}");
@@ -197,7 +251,13 @@ mod tests {
     }
 
     fn frames(size: [u32; 2]) -> impl Iterator<Item = io::Result<RgbImage>> {
-        (0..3u8).map(move |i| Ok(RgbImage::from_pixel(size[0], size[1], image::Rgb([80 * i, 10, 200]))))
+        (0..3u8).map(move |i| {
+            Ok(RgbImage::from_pixel(
+                size[0],
+                size[1],
+                image::Rgb([80 * i, 10, 200]),
+            ))
+        })
     }
 
     #[test]
@@ -208,10 +268,20 @@ mod tests {
             write(path, [5, 4], 10, 3, View::Frame, &mut frames([5, 4])).unwrap();
         }
         let bytes = std::fs::read(&apng).unwrap();
-        let reader = png::Decoder::new(io::Cursor::new(&bytes)).read_info().unwrap();
-        assert_eq!(reader.info().animation_control().map(|control| control.num_frames), Some(3));
+        let reader = png::Decoder::new(io::Cursor::new(&bytes))
+            .read_info()
+            .unwrap();
+        assert_eq!(
+            reader
+                .info()
+                .animation_control()
+                .map(|control| control.num_frames),
+            Some(3)
+        );
         use image::AnimationDecoder;
-        let decoder = image::codecs::gif::GifDecoder::new(io::Cursor::new(std::fs::read(&gif).unwrap())).unwrap();
+        let decoder =
+            image::codecs::gif::GifDecoder::new(io::Cursor::new(std::fs::read(&gif).unwrap()))
+                .unwrap();
         assert_eq!(decoder.into_frames().count(), 3);
     }
 
@@ -245,9 +315,16 @@ mod tests {
             let find = |bytes: &[u8]| film.windows(bytes.len()).position(|found| found == bytes);
             // Elements ProjectionType (1: equirectangular), ProjectionPrivate (the box `equi` without its head), StereoMode (1: side by
             // side, 3: one above the other, the left eye first).
-            let private: Vec<u8> = [0, 0, 0, beside, beside].into_iter().flat_map(u32::to_be_bytes).collect();
+            let private: Vec<u8> = [0, 0, 0, beside, beside]
+                .into_iter()
+                .flat_map(u32::to_be_bytes)
+                .collect();
             let projection = find(&[&[0x76, 0x72, 0x94], private.as_slice()].concat());
-            assert_eq!(find(&[0x76, 0x71, 0x81, 1]).is_some(), view != View::Frame, "{view:?}");
+            assert_eq!(
+                find(&[0x76, 0x71, 0x81, 1]).is_some(),
+                view != View::Frame,
+                "{view:?}"
+            );
             assert_eq!(projection.is_some(), view != View::Frame, "{view:?}");
             let modes = [1, 3].map(|mode| find(&[0x53, 0xb8, 0x81, mode]).is_some());
             assert_eq!(modes, [stereo == Some(1), stereo == Some(3)], "{view:?}");

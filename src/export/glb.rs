@@ -1,19 +1,19 @@
 //! GLB files for engines: quadrilaterals with unlit textures, and the environment as a box around them.
 
-use crate::atlas;
-use super::atlas::{AtlasPicture, PAGE_PX};
-use crate::mesh;
-use super::mesh::TexturedQuads;
 use super::ExportError;
+use super::atlas::{AtlasPicture, PAGE_PX};
+use super::mesh::TexturedQuads;
+use crate::atlas;
+use crate::mesh;
 use crate::{sheets, surfels};
-use headbox_scene::load::HEADBOX_HALF_SIZE;
-use headbox_core::image_file::PictureError;
+use glam::DVec3;
 use headbox_core::cube_face::Face;
 use headbox_core::headbox::Headbox;
+use headbox_core::image_file::PictureError;
 use headbox_cube::model::samples::CubeLdi;
 use headbox_cube::pack::{PackedCube, Split};
 use headbox_cube::planes as primitives;
-use glam::DVec3;
+use headbox_scene::load::HEADBOX_HALF_SIZE;
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::CompressionType;
@@ -49,13 +49,20 @@ pub struct GlbSummary {
 ///
 /// # Errors
 /// [`ExportError`].
-pub fn write(cube: &PackedCube, budget: u64, to: &mut dyn Write) -> Result<GlbSummary, ExportError> {
+pub fn write(
+    cube: &PackedCube,
+    budget: u64,
+    to: &mut dyn Write,
+) -> Result<GlbSummary, ExportError> {
     super::check_held(cube)?;
     let with_planes;
     let cube = if cube.planes.tiles.is_empty() && cube.depth_pixel_count() > 0 {
         let mut ldi: CubeLdi = cube.unpack();
         let planes = primitives::choose(&mut ldi, PLANES_ERROR_PX);
-        with_planes = PackedCube { planes, ..PackedCube::pack(&ldi, cube.layout, Split::None)? };
+        with_planes = PackedCube {
+            planes,
+            ..PackedCube::pack(&ldi, cube.layout, Split::None)?
+        };
         &with_planes
     } else {
         cube
@@ -71,16 +78,32 @@ pub fn write(cube: &PackedCube, budget: u64, to: &mut dyn Write) -> Result<GlbSu
     if file.primitives.is_empty() {
         return Err(ExportError::Empty);
     }
-    file.write(Headbox { centre: cube.info.centre, half_size_m: cube.info.half_size_m }, to)?;
-    Ok(GlbSummary { triangles: triangles(&charts), error_px, dropped_samples })
+    file.write(
+        Headbox {
+            centre: cube.info.centre,
+            half_size_m: cube.info.half_size_m,
+        },
+        to,
+    )?;
+    Ok(GlbSummary {
+        triangles: triangles(&charts),
+        error_px,
+        dropped_samples,
+    })
 }
 
 fn triangles(charts: &[TexturedQuads]) -> u64 {
-    charts.iter().map(|chart| 2 * chart.quads.len() as u64).sum()
+    charts
+        .iter()
+        .map(|chart| 2 * chart.quads.len() as u64)
+        .sum()
 }
 
 /// The least error, face pixels, that makes no more than `budget` triangles, or the largest; and its charts.
-fn least_error(budget: u64, charts: impl Fn(f64) -> Vec<TexturedQuads>) -> (f64, Vec<TexturedQuads>) {
+fn least_error(
+    budget: u64,
+    charts: impl Fn(f64) -> Vec<TexturedQuads>,
+) -> (f64, Vec<TexturedQuads>) {
     let of = |i: i32| FIRST_ERROR_PX * GROWTH.powi(i);
     let first = charts(of(0));
     if triangles(&first) <= budget {
@@ -111,7 +134,10 @@ fn drop_smallest(charts: &mut Vec<TexturedQuads>, budget: u64) -> u64 {
         }
         kept += 1;
     }
-    charts.drain(kept..).map(|chart| u64::from(chart.samples)).sum()
+    charts
+        .drain(kept..)
+        .map(|chart| u64::from(chart.samples))
+        .sum()
 }
 
 /// A file that grows.
@@ -139,15 +165,18 @@ const MOST_VERTICES: usize = 65_532;
 impl Mesh {
     /// Corners as of [`mesh::Quad`]; `texels` over the size of the texture.
     fn add(&mut self, corners: [DVec3; 4], texels: [[f64; 2]; 4]) {
-        self.positions.extend(corners.map(|corner| corner.as_vec3().to_array()));
-        self.texcoords.extend(texels.map(|at| at.map(|c| (c.clamp(0.0, 1.0) * 65_535.0).round() as u16)));
+        self.positions
+            .extend(corners.map(|corner| corner.as_vec3().to_array()));
+        self.texcoords
+            .extend(texels.map(|at| at.map(|c| (c.clamp(0.0, 1.0) * 65_535.0).round() as u16)));
     }
 }
 
 impl File {
     fn view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let mut view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
+        let mut view =
+            json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
         if let Some(target) = target {
             view["target"] = target.into();
         }
@@ -170,7 +199,8 @@ impl File {
             return;
         }
         let view = self.view(image, None);
-        self.images.push(json!({"bufferView": view, "mimeType": mime}));
+        self.images
+            .push(json!({"bufferView": view, "mimeType": mime}));
         let mut material = json!({
             "pbrMetallicRoughness": {
                 "baseColorTexture": {"index": self.images.len() - 1}, "metallicFactor": 0.0, "roughnessFactor": 1.0,
@@ -182,24 +212,34 @@ impl File {
             (material["alphaMode"], material["alphaCutoff"]) = ("MASK".into(), ALPHA_CUTOFF.into());
         }
         self.materials.push(material);
-        let runs = mesh.positions.chunks(MOST_VERTICES).zip(mesh.texcoords.chunks(MOST_VERTICES));
+        let runs = mesh
+            .positions
+            .chunks(MOST_VERTICES)
+            .zip(mesh.texcoords.chunks(MOST_VERTICES));
         runs.for_each(|(positions, texcoords)| self.primitive(positions, texcoords));
     }
 
     /// Quadrilaterals of the last material.
     fn primitive(&mut self, positions: &[[f32; 3]], texcoords: &[[u16; 2]]) {
         let bound = |pick: fn(f32, f32) -> f32| {
-            positions.iter().copied().reduce(|a, b| [0, 1, 2].map(|i| pick(a[i], b[i]))).unwrap_or_default()
+            positions
+                .iter()
+                .copied()
+                .reduce(|a, b| [0, 1, 2].map(|i| pick(a[i], b[i])))
+                .unwrap_or_default()
         };
         let count = positions.len();
         let position = json!({
             "componentType": 5126, "count": count, "type": "VEC3", "min": bound(f32::min), "max": bound(f32::max),
         });
         let position = self.accessor(bytemuck::cast_slice(positions), false, position);
-        let texcoord = json!({"componentType": 5123, "normalized": true, "count": count, "type": "VEC2"});
+        let texcoord =
+            json!({"componentType": 5123, "normalized": true, "count": count, "type": "VEC2"});
         let texcoord = self.accessor(bytemuck::cast_slice(texcoords), false, texcoord);
-        let corners: Vec<u16> =
-            (0..count as u16).step_by(4).flat_map(|first| [0, 2, 1, 1, 2, 3].map(|i| first + i)).collect();
+        let corners: Vec<u16> = (0..count as u16)
+            .step_by(4)
+            .flat_map(|first| [0, 2, 1, 1, 2, 3].map(|i| first + i))
+            .collect();
         let indices = json!({"componentType": 5123, "count": corners.len(), "type": "SCALAR"});
         let indices = self.accessor(bytemuck::cast_slice(&corners), true, indices);
         self.primitives.push(json!({
@@ -210,7 +250,10 @@ impl File {
     /// Charts on pages: those that hide all behind them as JPEG, the others as PNG with a mask.
     fn charts(&mut self, charts: &[TexturedQuads]) -> Result<(), ExportError> {
         for opaque in [true, false] {
-            let of_kind: Vec<&TexturedQuads> = charts.iter().filter(|chart| chart.opaque == opaque).collect();
+            let of_kind: Vec<&TexturedQuads> = charts
+                .iter()
+                .filter(|chart| chart.opaque == opaque)
+                .collect();
             let pictures: Vec<&AtlasPicture> = of_kind.iter().map(|chart| &chart.picture).collect();
             let (places, pages) = atlas::pack(&pictures);
             let mut meshes: Vec<Mesh> = pages.iter().map(|_| Mesh::default()).collect();
@@ -218,17 +261,25 @@ impl File {
                 let size = [PAGE_PX as f64, pages[place.page].height as f64];
                 let corner = [place.x as f64, place.y as f64];
                 for quad in &chart.quads {
-                    let texels = quad.texels.map(|at| [0, 1].map(|i| (corner[i] + at[i]) / size[i]));
+                    let texels = quad
+                        .texels
+                        .map(|at| [0, 1].map(|i| (corner[i] + at[i]) / size[i]));
                     meshes[place.page].add(quad.corners, texels);
                 }
             }
             for (page, mesh) in pages.iter().zip(&meshes) {
                 let (width, height) = (PAGE_PX as u32, page.height as u32);
                 if opaque {
-                    let rgb: Vec<u8> = page.texels.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
+                    let rgb: Vec<u8> = page
+                        .texels
+                        .iter()
+                        .flat_map(|[r, g, b, _]| [*r, *g, *b])
+                        .collect();
                     let mut jpeg = Vec::new();
                     let mut encoder = JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY);
-                    encoder.encode(&rgb, width, height, ExtendedColorType::Rgb8).map_err(PictureError::from)?;
+                    encoder
+                        .encode(&rgb, width, height, ExtendedColorType::Rgb8)
+                        .map_err(PictureError::from)?;
                     self.textured(mesh, &jpeg, "image/jpeg", false);
                 } else {
                     let png = super::png(&page.texels, [width, height], PNG_EFFORT)?;
@@ -244,7 +295,10 @@ impl File {
         let size = cube.environment.size_px;
         let per_face = size as usize * size as usize;
         let distance = surfels::sky(cube);
-        for (face, texels) in Face::ALL.into_iter().zip(cube.environment.texels.chunks_exact(per_face.max(1))) {
+        for (face, texels) in Face::ALL
+            .into_iter()
+            .zip(cube.environment.texels.chunks_exact(per_face.max(1)))
+        {
             if texels.iter().all(|texel| texel[3] == 0) {
                 continue;
             }
@@ -258,14 +312,21 @@ impl File {
                 corners.map(|[x, y]| [inset(x), inset(y)]),
             );
             let png = super::png(texels, [size, size], PNG_EFFORT)?;
-            self.textured(&mesh, &png, "image/png", texels.iter().any(|texel| texel[3] == 0));
+            self.textured(
+                &mesh,
+                &png,
+                "image/png",
+                texels.iter().any(|texel| texel[3] == 0),
+            );
         }
         Ok(())
     }
 
     fn write(mut self, headbox: Headbox, to: &mut dyn Write) -> Result<(), ExportError> {
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let textures: Vec<Value> = (0..self.images.len()).map(|i| json!({"source": i, "sampler": 0})).collect();
+        let textures: Vec<Value> = (0..self.images.len())
+            .map(|i| json!({"source": i, "sampler": 0}))
+            .collect();
         let all = json!({
             "asset": {"version": "2.0", "generator": "headbox"},
             "extensionsUsed": ["KHR_materials_unlit"],
@@ -284,8 +345,10 @@ impl File {
         let mut json = all.to_string().into_bytes();
         json.resize(json.len().next_multiple_of(4), b' ');
         let total = 12 + 8 + json.len() as u64 + 8 + self.bytes.len() as u64;
-        let length =
-            u32::try_from(total).map_err(|_| ExportError::TooLarge { bytes: total, limit: u64::from(u32::MAX) })?;
+        let length = u32::try_from(total).map_err(|_| ExportError::TooLarge {
+            bytes: total,
+            limit: u64::from(u32::MAX),
+        })?;
         to.write_all(b"glTF")?;
         for word in [2, length, json.len() as u32] {
             to.write_all(&word.to_le_bytes())?;

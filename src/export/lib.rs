@@ -17,9 +17,9 @@ mod stacks;
 pub mod stereo;
 mod surfels;
 
-use headbox_core::image_file::PictureError;
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::frame::Frame;
+use headbox_core::image_file::PictureError;
 use headbox_cube::pack::{PackError, PackedCube};
 use headbox_cube::render::Renderer;
 use image::codecs::jpeg::JpegEncoder;
@@ -32,7 +32,9 @@ use std::io;
 #[non_exhaustive]
 pub enum ExportError {
     /// There is nothing to show.
-    #[error("there is nothing in it to export: no depth pixel, no picture on a plane and no environment")]
+    #[error(
+        "there is nothing in it to export: no depth pixel, no picture on a plane and no environment"
+    )]
     Empty,
     /// It would be larger than what its readers can open.
     #[error(
@@ -82,7 +84,10 @@ const MAX_HELD_BYTES: u64 = 1 << 30;
 /// Refuses a capture that is too large to be held several times.
 fn check_held(cube: &PackedCube) -> Result<(), ExportError> {
     match cube.bytes() as u64 {
-        bytes if bytes > MAX_HELD_BYTES => Err(ExportError::CaptureTooLarge { bytes, limit: MAX_HELD_BYTES }),
+        bytes if bytes > MAX_HELD_BYTES => Err(ExportError::CaptureTooLarge {
+            bytes,
+            limit: MAX_HELD_BYTES,
+        }),
         _ => Ok(()),
     }
 }
@@ -103,15 +108,26 @@ pub(crate) fn jpeg(frame: &Frame) -> Result<Vec<u8>, ExportError> {
     const QUALITY: u8 = 75;
     let picture = frame.to_rgb().map_err(io::Error::other)?;
     let mut file = Vec::new();
-    JpegEncoder::new_with_quality(&mut file, QUALITY).encode_image(&picture).map_err(PictureError::from)?;
+    JpegEncoder::new_with_quality(&mut file, QUALITY)
+        .encode_image(&picture)
+        .map_err(PictureError::from)?;
     Ok(file)
 }
 
 /// A PNG file of some texels; each row is predicted from what suits it.
-fn png(texels: &[[u8; 4]], [width, height]: [u32; 2], effort: CompressionType) -> Result<Vec<u8>, ExportError> {
+fn png(
+    texels: &[[u8; 4]],
+    [width, height]: [u32; 2],
+    effort: CompressionType,
+) -> Result<Vec<u8>, ExportError> {
     let mut file = Vec::new();
     let encoder = PngEncoder::new_with_quality(&mut file, effort, FilterType::Adaptive);
-    let written = encoder.write_image(texels.as_flattened(), width, height, ExtendedColorType::Rgba8);
+    let written = encoder.write_image(
+        texels.as_flattened(),
+        width,
+        height,
+        ExtendedColorType::Rgba8,
+    );
     written.map_err(PictureError::from)?;
     Ok(file)
 }
@@ -129,7 +145,10 @@ mod tests {
             layout: SplatIndexLayout::Normal,
             segments: Vec::new(),
             environment: headbox_core::environment::Environment::default(),
-            planes: PlaneSet { texels: vec![[0; 4]; count], ..PlaneSet::default() },
+            planes: PlaneSet {
+                texels: vec![[0; 4]; count],
+                ..PlaneSet::default()
+            },
         }
     }
 
@@ -143,12 +162,23 @@ mod tests {
             deep::write_layers(&cube, deep::Faces::All, 2, &mut out).map(drop),
         ];
         for error in errors {
-            assert!(error.unwrap_err().to_string().contains("it has 1024 MB, and only captures of up to 1024 MB"));
+            assert!(
+                error
+                    .unwrap_err()
+                    .to_string()
+                    .contains("it has 1024 MB, and only captures of up to 1024 MB")
+            );
         }
         let mut cube = of_texels((1 << 30) + 1);
         // Something is there.
         cube.planes.tiles.push(bytemuck::Zeroable::zeroed());
-        let error = page::Page::new(&cube, "large").map(drop).unwrap_err().to_string();
-        assert!(error.contains("at least 1024 MB, and such files may have 1024 MB") && out.is_empty(), "{error}");
+        let error = page::Page::new(&cube, "large")
+            .map(drop)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("at least 1024 MB, and such files may have 1024 MB") && out.is_empty(),
+            "{error}"
+        );
     }
 }

@@ -3,9 +3,9 @@
 use super::atlas::AtlasPicture;
 use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet};
 use super::surfels::straight;
+use glam::{DMat3, DVec3, dvec3};
 use headbox_core::cube_face::Face;
 use headbox_cube::pack::PackedCube;
-use glam::{DMat3, DVec3, dvec3};
 use rayon::prelude::*;
 
 /// By how much of a pixel a quadrilateral is larger than its samples, so that neighbours leave no crack.
@@ -45,9 +45,16 @@ fn holds_texels(length_px: f64, [q0, q1]: [f64; 2]) -> bool {
 }
 
 /// Charts of sheets, whose quadrilaterals show no sample elsewhere by more than `error_px` face pixels to an eye in the headbox.
-pub(super) fn of_sheets(cube: &PackedCube, sheets: &[SurfaceSheet], error_px: f64) -> Vec<TexturedQuads> {
+pub(super) fn of_sheets(
+    cube: &PackedCube,
+    sheets: &[SurfaceSheet],
+    error_px: f64,
+) -> Vec<TexturedQuads> {
     let tolerance = error_px * 2.0 / (f64::from(cube.face_size_px) * cube.info.half_size_m);
-    sheets.par_iter().map(|sheet| sheet_chart(cube, sheet, tolerance)).collect()
+    sheets
+        .par_iter()
+        .map(|sheet| sheet_chart(cube, sheet, tolerance))
+        .collect()
 }
 
 /// Inverse depth on a face as coefficients of (1, x, y).
@@ -85,13 +92,27 @@ pub(super) fn of_planes(cube: &PackedCube) -> Vec<TexturedQuads> {
         let (width, height) = (usize::from(tile.width), usize::from(tile.height));
         let picture = framed(set.texels.get(tile.texel_range())?, width, height);
         let face = Face::ALL[usize::from(tile.face) % 6];
-        let inverse_depth = Affine::from(set.planes.get(tile.plane as usize)?.inverse_depth(face, face_px));
+        let inverse_depth = Affine::from(
+            set.planes
+                .get(tile.plane as usize)?
+                .inverse_depth(face, face_px),
+        );
         let (x0, y0) = (f64::from(tile.x0), f64::from(tile.y0));
         let (right, bottom) = (x0 + width as f64, y0 + height as f64);
         let mut quads = Vec::new();
-        let whole = Rectangle { face, face_px, sides: [x0, y0, right, bottom], picture: [x0 - 1.0, y0 - 1.0] };
+        let whole = Rectangle {
+            face,
+            face_px,
+            sides: [x0, y0, right, bottom],
+            picture: [x0 - 1.0, y0 - 1.0],
+        };
         cut_plane(whole, inverse_depth, infinity, &mut quads);
-        Some(TexturedQuads { picture, quads, opaque: tile.opaque == 1, samples: tile.texel_count() as u32 })
+        Some(TexturedQuads {
+            picture,
+            quads,
+            opaque: tile.opaque == 1,
+            samples: tile.texel_count() as u32,
+        })
     };
     set.tiles.par_iter().filter_map(chart).collect()
 }
@@ -101,9 +122,14 @@ pub(super) fn of_planes(cube: &PackedCube) -> Vec<TexturedQuads> {
 fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> AtlasPicture {
     let inside = |i: usize, length: usize| i.saturating_sub(1).min(length.saturating_sub(1));
     let rows = (0..height + 2).map(|row| inside(row, height) * width);
-    let framed =
-        rows.flat_map(|start| (0..width + 2).map(move |column| straight(texels[start + inside(column, width)])));
-    let mut picture = AtlasPicture { width: width + 2, height: height + 2, texels: framed.collect() };
+    let framed = rows.flat_map(|start| {
+        (0..width + 2).map(move |column| straight(texels[start + inside(column, width)]))
+    });
+    let mut picture = AtlasPicture {
+        width: width + 2,
+        height: height + 2,
+        texels: framed.collect(),
+    };
     spread(&mut picture);
     picture
 }
@@ -114,7 +140,10 @@ fn cut_plane(whole: Rectangle, inverse_depth: Affine, least: f64, to: &mut Vec<Q
     let q = |x: f64, y: f64| inverse_depth.dot(dvec3(1.0, x, y)).max(least);
     let across = [q(left, top), q(right, top)];
     let down = [q(left, top), q(left, bottom)];
-    let holds = [holds_texels(right - left, across), holds_texels(bottom - top, down)];
+    let holds = [
+        holds_texels(right - left, across),
+        holds_texels(bottom - top, down),
+    ];
     let halves = |at: usize| {
         let middle = f64::midpoint(whole.sides[at], whole.sides[at + 2]);
         let (mut first, mut second) = (whole.sides, whole.sides);
@@ -143,27 +172,57 @@ struct SheetCut<'a> {
 }
 
 fn sheet_chart(cube: &PackedCube, sheet: &SurfaceSheet, tolerance: f64) -> TexturedQuads {
-    let cut = SheetCut { sheet, face_px: cube.face_size_px, tolerance };
+    let cut = SheetCut {
+        sheet,
+        face_px: cube.face_size_px,
+        tolerance,
+    };
     let mut quads = Vec::new();
     cut.cut([1, 1, SHEET_COLUMNS - 1, SHEET_ROWS - 1], &mut quads);
-    let texels: Vec<[u8; 4]> =
-        sheet.entries.iter().map(|entry| entry.map_or([0; 4], |entry| entry.color_srgb)).collect();
+    let texels: Vec<[u8; 4]> = sheet
+        .entries
+        .iter()
+        .map(|entry| entry.map_or([0; 4], |entry| entry.color_srgb))
+        .collect();
     let opaque = texels.iter().all(|texel| texel[3] == 255);
-    let mut picture = AtlasPicture { width: SHEET_COLUMNS, height: SHEET_ROWS, texels };
+    let mut picture = AtlasPicture {
+        width: SHEET_COLUMNS,
+        height: SHEET_ROWS,
+        texels,
+    };
     spread(&mut picture);
-    TexturedQuads { picture, quads, opaque, samples: sheet.samples }
+    TexturedQuads {
+        picture,
+        quads,
+        opaque,
+        samples: sheet.samples,
+    }
 }
 
 /// Gives texels without a sample the mean colour of those beside them, so that rims do not darken between texels.
-fn spread(AtlasPicture { width, height, texels }: &mut AtlasPicture) {
+fn spread(
+    AtlasPicture {
+        width,
+        height,
+        texels,
+    }: &mut AtlasPicture,
+) {
     let known = texels.clone();
     for at in (0..texels.len()).filter(|at| known[*at][3] == 0) {
         let (x, y) = (at % *width, at / *width);
         let rows = y.saturating_sub(1)..(y + 2).min(*height);
-        let around = rows.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(*width)).map(move |x| (x, y)));
+        let around =
+            rows.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(*width)).map(move |x| (x, y)));
         let (mut sum, mut count) = ([0u32; 3], 0);
-        for [r, g, b, _] in around.map(|(x, y)| known[y * *width + x]).filter(|texel| texel[3] > 0) {
-            sum = [sum[0] + u32::from(r), sum[1] + u32::from(g), sum[2] + u32::from(b)];
+        for [r, g, b, _] in around
+            .map(|(x, y)| known[y * *width + x])
+            .filter(|texel| texel[3] > 0)
+        {
+            sum = [
+                sum[0] + u32::from(r),
+                sum[1] + u32::from(g),
+                sum[2] + u32::from(b),
+            ];
             count += 1;
         }
         if count > 0 {
@@ -182,7 +241,10 @@ impl SheetCut<'_> {
 
     /// The middle of an entry on the face.
     fn at(&self, column: usize, row: usize) -> [f64; 2] {
-        [self.sheet.origin[0] + column as f64 + 0.5, self.sheet.origin[1] + row as f64 + 0.5]
+        [
+            self.sheet.origin[0] + column as f64 + 0.5,
+            self.sheet.origin[1] + row as f64 + 0.5,
+        ]
     }
 
     /// Cuts entries (left, top, right, bottom) until a plane holds the samples among them.
@@ -195,7 +257,10 @@ impl SheetCut<'_> {
             let ends = (samples.iter().map(of).min(), samples.iter().map(of).max());
             ends.0.zip(ends.1)
         };
-        let (Some((left, last_column)), Some((top, last_row))) = (bound(|s| s.0), bound(|s| s.1)) else { return };
+        let (Some((left, last_column)), Some((top, last_row))) = (bound(|s| s.0), bound(|s| s.1))
+        else {
+            return;
+        };
         let (right, bottom) = (last_column + 1, last_row + 1);
         let plane = self.fit(&samples);
         let (mut least, mut most, mut off) = (f64::INFINITY, 0.0f64, 0.0f64);
@@ -215,8 +280,12 @@ impl SheetCut<'_> {
                 x + right as f64 + OVERLAP_PX,
                 y + bottom as f64 + OVERLAP_PX,
             ];
-            let rectangle =
-                Rectangle { face: self.sheet.face, face_px: self.face_px, sides, picture: self.sheet.origin };
+            let rectangle = Rectangle {
+                face: self.sheet.face,
+                face_px: self.face_px,
+                sides,
+                picture: self.sheet.origin,
+            };
             // A plane of few samples must not run away at their rim.
             to.push(rectangle.quad(plane, [least * (1.0 - BEYOND), most * (1.0 + BEYOND)]));
         } else if right - left >= bottom - top {
@@ -237,8 +306,10 @@ impl SheetCut<'_> {
         let [middle_x, middle_y] = [0, 1].map(|i| mean(&|s| self.at(s.0, s.1)[i]));
         let [q, slope_x, slope_y] = [0, 1, 2].map(|i| mean(&|s| s.2[i]));
         let prior = SLOPE_WEIGHT * count;
-        let (mut matrix, mut right) =
-            (DMat3::from_diagonal(dvec3(0.0, prior, prior)), dvec3(0.0, slope_x, slope_y) * prior);
+        let (mut matrix, mut right) = (
+            DMat3::from_diagonal(dvec3(0.0, prior, prior)),
+            dvec3(0.0, slope_x, slope_y) * prior,
+        );
         for (column, row, [q, ..]) in samples {
             let [x, y] = self.at(*column, *row);
             let v = dvec3(1.0, x - middle_x, y - middle_y);
@@ -246,7 +317,11 @@ impl SheetCut<'_> {
             right += v * *q;
         }
         let found = matrix.inverse() * right;
-        let [a, b, c] = if found.is_finite() { found.to_array() } else { [q, slope_x, slope_y] };
+        let [a, b, c] = if found.is_finite() {
+            found.to_array()
+        } else {
+            [q, slope_x, slope_y]
+        };
         dvec3(a - b * middle_x - c * middle_y, b, c)
     }
 }
@@ -269,7 +344,8 @@ mod tests {
             for i in 0..face_px * face_px {
                 if face == Face::NegZ {
                     ldi.samples.push(sample(4.0));
-                    ldi.samples.extend((i % face_px >= face_px / 2).then(|| sample(2.0)));
+                    ldi.samples
+                        .extend((i % face_px >= face_px / 2).then(|| sample(2.0)));
                 }
                 ldi.offsets[i as usize + 1] = ldi.samples.len() as u32;
             }
@@ -277,7 +353,11 @@ mod tests {
         });
         let mut info = headbox_cube::model::info::CaptureInfo::default();
         (info.half_size_m, info.exposure) = (0.4, 1.0);
-        let ldi = CubeLdi { info, faces: faces.to_vec(), environment: Default::default() };
+        let ldi = CubeLdi {
+            info,
+            faces: faces.to_vec(),
+            environment: Default::default(),
+        };
         PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap()
     }
 
@@ -290,15 +370,24 @@ mod tests {
         for quad in charts.iter().flat_map(|chart| &chart.quads) {
             let wall = usize::from(quad.corners[0].z < -3.0);
             // Normals of eleven bits are up to 2.9 degrees off, and have a little part in the fit.
-            quad.corners.iter().for_each(|corner| assert!((corner.z + [2.0, 4.0][wall]).abs() < 1e-3, "{corner}"));
+            quad.corners
+                .iter()
+                .for_each(|corner| assert!((corner.z + [2.0, 4.0][wall]).abs() < 1e-3, "{corner}"));
             let [a, b, c, _] = quad.corners;
             area[wall] += (b - a).length() * (c - a).length();
         }
         // Widths on the walls, and overlaps of a fifth of a pixel in at least 14.
         for (found, expected) in area.into_iter().zip([2.0 * 4.0, 8.0 * 8.0]) {
-            assert!(found >= expected && found < expected * 1.05, "{found} {expected}");
+            assert!(
+                found >= expected && found < expected * 1.05,
+                "{found} {expected}"
+            );
         }
         let quads: usize = charts.iter().map(|chart| chart.quads.len()).sum();
-        assert!(quads <= charts.len() && charts.len() <= 40, "{quads} {}", charts.len());
+        assert!(
+            quads <= charts.len() && charts.len() <= 40,
+            "{quads} {}",
+            charts.len()
+        );
     }
 }

@@ -1,6 +1,7 @@
 //! Sprites with depth as a cube LDI about the eye that took them, so that what takes a cube takes them.
 
 use super::ExportError;
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::info::CaptureInfo;
@@ -9,7 +10,6 @@ use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_sprite::{SpriteSet, SpriteWithDepth};
-use glam::DVec3;
 use rayon::prelude::*;
 
 /// Half of the headbox's edge over the distance of what is nearest: sprites tell of what is seen from about one side only.
@@ -24,7 +24,10 @@ const SAME_EYE: f64 = 1e-5;
 /// # Errors
 /// [`ExportError::Empty`] if there is no surface before the eye.
 pub(super) fn half_size_m(set: &SpriteSet) -> Result<f64, ExportError> {
-    let depths = set.sprites().iter().flat_map(|sprite| View::new(sprite.sprite()).inverse_depths);
+    let depths = set
+        .sprites()
+        .iter()
+        .flat_map(|sprite| View::new(sprite.sprite()).inverse_depths);
     match depths.fold(0.0, f64::max) {
         highest if highest > 0.0 => Ok(HEADBOX_SHARE / highest),
         _ => Err(ExportError::Empty),
@@ -36,17 +39,30 @@ pub(super) fn half_size_m(set: &SpriteSet) -> Result<f64, ExportError> {
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Eyes`] if sprites were taken from several places, [`ExportError::Pack`].
 pub fn cube(set: &SpriteSet) -> Result<PackedCube, ExportError> {
-    let views: Vec<View> = set.sprites().iter().map(|sprite| View::new(sprite.sprite())).collect();
+    let views: Vec<View> = set
+        .sprites()
+        .iter()
+        .map(|sprite| View::new(sprite.sprite()))
+        .collect();
     let first = views.first().ok_or(ExportError::Empty)?;
     let half_size_m = half_size_m(set)?;
     let centre = first.camera.eye();
-    if views.iter().any(|view| (view.camera.eye() - centre).length() > SAME_EYE * half_size_m) {
+    if views
+        .iter()
+        .any(|view| (view.camera.eye() - centre).length() > SAME_EYE * half_size_m)
+    {
         return Err(ExportError::Eyes);
     }
     // A face pixel in the middle of a face is as wide as a pixel of the sharpest picture.
-    let focal_px = views.iter().map(|view| view.camera.focal_px()).fold(1.0, f64::max);
+    let focal_px = views
+        .iter()
+        .map(|view| view.camera.focal_px())
+        .fold(1.0, f64::max);
     let face_px = ((2.0 * focal_px).ceil() as u32).clamp(16, MAX_FACE_PX);
-    let faces: Vec<LayeredDepthImage> = Face::ALL.into_par_iter().map(|face| face_of(&views, face, face_px)).collect();
+    let faces: Vec<LayeredDepthImage> = Face::ALL
+        .into_par_iter()
+        .map(|face| face_of(&views, face, face_px))
+        .collect();
     let info = CaptureInfo {
         scene: set.info.source.clone(),
         centre,
@@ -56,8 +72,17 @@ pub fn cube(set: &SpriteSet) -> Result<PackedCube, ExportError> {
         ahead: Some(first.camera.forward()),
         ..CaptureInfo::default()
     };
-    let ldi = CubeLdi { info, faces, environment: set.environment.clone() };
-    Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX)?)
+    let ldi = CubeLdi {
+        info,
+        faces,
+        environment: set.environment.clone(),
+    };
+    Ok(primitives::pack(
+        ldi,
+        SplatIndexLayout::Normal,
+        Split::Auto,
+        DEFAULT_ERROR_PX,
+    )?)
 }
 
 /// A sprite, and 1/Z at its displacements, 1/m; 0 where it shows nothing.
@@ -71,8 +96,14 @@ impl<'a> View<'a> {
     fn new(sprite: &'a SpriteWithDepth) -> Self {
         let (columns, rows) = sprite.displacement().size();
         let cells = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
-        let inverse_depths = cells.map(|(x, y)| sprite.eye_depth(x, y).map_or(0.0, |depth| 1.0 / depth)).collect();
-        Self { sprite, camera: sprite.sprite().camera(), inverse_depths }
+        let inverse_depths = cells
+            .map(|(x, y)| sprite.eye_depth(x, y).map_or(0.0, |depth| 1.0 / depth))
+            .collect();
+        Self {
+            sprite,
+            camera: sprite.sprite().camera(),
+            inverse_depths,
+        }
     }
 
     /// What is seen in a direction from the eye.
@@ -85,8 +116,15 @@ impl<'a> View<'a> {
         let q = self.inverse_depth(column, row)?;
         let point = self.camera.direction(x, y) / q;
         let eye_depth = point.dot(face.normal());
-        let normal = EncodedNormal::new(self.normal(column, row, q, self.camera.direction(x, y)).as_vec3());
-        (eye_depth > 0.0).then(|| DepthPixel { inverse_depth: (1.0 / eye_depth) as f32, normal, color_srgb })
+        let normal = EncodedNormal::new(
+            self.normal(column, row, q, self.camera.direction(x, y))
+                .as_vec3(),
+        );
+        (eye_depth > 0.0).then(|| DepthPixel {
+            inverse_depth: (1.0 / eye_depth) as f32,
+            normal,
+            color_srgb,
+        })
     }
 
     /// Straight alpha, between four pixels.
@@ -98,12 +136,21 @@ impl<'a> View<'a> {
         }
         let [(left, u), (top, v)] = [x - 0.5, y - 0.5].map(|c| (c.floor(), c - c.floor()));
         let mut sum = [0.0; 4];
-        for (dx, dy, weight) in
-            [(0.0, 0.0, (1.0 - u) * (1.0 - v)), (1.0, 0.0, u * (1.0 - v)), (0.0, 1.0, (1.0 - u) * v), (1.0, 1.0, u * v)]
-        {
+        for (dx, dy, weight) in [
+            (0.0, 0.0, (1.0 - u) * (1.0 - v)),
+            (1.0, 0.0, u * (1.0 - v)),
+            (0.0, 1.0, (1.0 - u) * v),
+            (1.0, 1.0, u * v),
+        ] {
             let inside = |c: f64, side: u32| c.clamp(0.0, f64::from(side - 1)) as u32;
-            let [r, g, b, a] = picture.get_pixel(inside(left + dx, width), inside(top + dy, height)).0.map(f64::from);
-            [r * a, g * a, b * a, a].into_iter().zip(&mut sum).for_each(|(c, sum)| *sum += weight * c);
+            let [r, g, b, a] = picture
+                .get_pixel(inside(left + dx, width), inside(top + dy, height))
+                .0
+                .map(f64::from);
+            [r * a, g * a, b * a, a]
+                .into_iter()
+                .zip(&mut sum)
+                .for_each(|(c, sum)| *sum += weight * c);
         }
         let [r, g, b, alpha] = sum;
         (alpha >= 0.5).then(|| [r / alpha, g / alpha, b / alpha, alpha].map(|c| c.round() as u8))
@@ -112,7 +159,10 @@ impl<'a> View<'a> {
     fn inverse_depth(&self, column: u32, row: u32) -> Option<f64> {
         let (columns, rows) = self.sprite.displacement().size();
         let at = row as usize * columns as usize + column as usize;
-        self.inverse_depths.get(at).copied().filter(|q| *q > 0.0 && column < columns && row < rows)
+        self.inverse_depths
+            .get(at)
+            .copied()
+            .filter(|q| *q > 0.0 && column < columns && row < rows)
     }
 
     /// The normal of the surface at a displacement, toward the eye: where inverse depth changes by `a` and `b` a pixel to the right and
@@ -120,17 +170,26 @@ impl<'a> View<'a> {
     fn normal(&self, column: u32, row: u32, q: f64, ray: DVec3) -> DVec3 {
         // Over a gap the side that changes less is the surface's own.
         let change = |before: Option<f64>, after: Option<f64>| {
-            let steps = [before.map(|before| q - before), after.map(|after| after - q)];
-            steps.into_iter().flatten().min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
+            let steps = [
+                before.map(|before| q - before),
+                after.map(|after| after - q),
+            ];
+            steps
+                .into_iter()
+                .flatten()
+                .min_by(|a, b| a.abs().total_cmp(&b.abs()))
+                .unwrap_or(0.0)
         };
         let at = |dx: i64, dy: i64| {
             let place = |c: u32, d: i64| u32::try_from(i64::from(c) + d).ok();
             self.inverse_depth(place(column, dx)?, place(row, dy)?)
         };
         let (columns, rows) = self.sprite.displacement().size();
-        let per_radian =
-            [f64::from(columns) / f64::from(self.camera.width()), f64::from(rows) / f64::from(self.camera.height())]
-                .map(|cells_a_px| cells_a_px * self.camera.focal_px());
+        let per_radian = [
+            f64::from(columns) / f64::from(self.camera.width()),
+            f64::from(rows) / f64::from(self.camera.height()),
+        ]
+        .map(|cells_a_px| cells_a_px * self.camera.focal_px());
         let a = change(at(-1, 0), at(1, 0)) * per_radian[0];
         let b = -change(at(0, -1), at(0, 1)) * per_radian[1];
         let axes = self.camera.world_from_eye();
@@ -142,9 +201,15 @@ impl<'a> View<'a> {
 fn face_of(views: &[View], face: Face, face_px: u32) -> LayeredDepthImage {
     let mut image = LayeredDepthImage::empty(face, face_px);
     for at in 0..face_px * face_px {
-        let direction = face.direction(f64::from(at % face_px) + 0.5, f64::from(at / face_px) + 0.5, face_px);
+        let direction = face.direction(
+            f64::from(at % face_px) + 0.5,
+            f64::from(at / face_px) + 0.5,
+            face_px,
+        );
         let first = image.samples.len();
-        image.samples.extend(views.iter().filter_map(|view| view.sample(face, direction)));
+        image
+            .samples
+            .extend(views.iter().filter_map(|view| view.sample(face, direction)));
         image.samples[first..].sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
         image.offsets[at as usize + 1] = image.samples.len() as u32;
     }
@@ -155,23 +220,47 @@ fn face_of(views: &[View], face: Face, face_px: u32) -> LayeredDepthImage {
 mod tests {
     use super::*;
     use headbox_cube::render::Renderer;
-    use headbox_sprite::{Displacement, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer};
+    use headbox_sprite::{
+        Displacement, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer,
+    };
     use image::RgbaImage;
 
     /// A slanted wall with a pattern, behind a smaller board that faces the eye.
     fn set() -> SpriteSet {
-        let camera = Camera::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.2, 2.0, -1.0), DVec3::Y, 60.0, [160, 120]);
+        let camera = Camera::look_at(
+            DVec3::new(1.0, 2.0, 3.0),
+            DVec3::new(1.2, 2.0, -1.0),
+            DVec3::Y,
+            60.0,
+            [160, 120],
+        );
         let camera = camera.unwrap();
         let sprite = |plane: SpritePlane, color: &dyn Fn(u32, u32) -> [u8; 4]| {
             let color = RgbaImage::from_fn(160, 120, |x, y| image::Rgba(color(x, y)));
-            SpriteWithDepth::new(Sprite::new(color, camera, plane).unwrap(), Displacement::zero(160, 120)).unwrap()
+            SpriteWithDepth::new(
+                Sprite::new(color, camera, plane).unwrap(),
+                Displacement::zero(160, 120),
+            )
+            .unwrap()
         };
-        let wall = SpritePlane::through(DVec3::new(1.0, 2.0, -2.0), DVec3::new(0.4, 0.1, 1.0).normalize());
+        let wall = SpritePlane::through(
+            DVec3::new(1.0, 2.0, -2.0),
+            DVec3::new(0.4, 0.1, 1.0).normalize(),
+        );
         let board = SpritePlane::parallel_to_image(&camera, 3.0);
         SpriteSet::new(vec![
             sprite(wall, &|x, y| [(x * 3 / 2) as u8, (y * 2) as u8, 90, 255]),
             sprite(board, &|x, y| {
-                [200, 180, 40, if (60..100).contains(&x) && (40..80).contains(&y) { 255 } else { 0 }]
+                [
+                    200,
+                    180,
+                    40,
+                    if (60..100).contains(&x) && (40..80).contains(&y) {
+                        255
+                    } else {
+                        0
+                    },
+                ]
             }),
         ])
     }
@@ -184,15 +273,33 @@ mod tests {
         let camera = set.sprites()[0].sprite().sprite().camera();
         let aside = camera.world_from_eye().x_axis * cube.info.half_size_m * 0.8;
         for eye in [camera.eye(), camera.eye() + aside] {
-            let camera = Camera::look_at(eye, eye + camera.forward() + aside * 0.1, DVec3::Y, 45.0, [120, 90]).unwrap();
+            let camera = Camera::look_at(
+                eye,
+                eye + camera.forward() + aside * 0.1,
+                DVec3::Y,
+                45.0,
+                [120, 90],
+            )
+            .unwrap();
             let mut expected = SpriteLayer::default();
-            set.render(&mut SpriteRenderer::default(), &camera, &RenderOptions::default(), &mut expected);
+            set.render(
+                &mut SpriteRenderer::default(),
+                &camera,
+                &RenderOptions::default(),
+                &mut expected,
+            );
             let expected = expected.to_rgb([0; 3]);
             let mut renderer = Renderer::new();
-            let found = renderer.render(&cube, &camera, &Default::default()).to_rgb().unwrap();
+            let found = renderer
+                .render(&cube, &camera, &Default::default())
+                .to_rgb()
+                .unwrap();
             let (mut off, mut count) = (0, 0);
             for (x, y, pixel) in found.enumerate_pixels() {
-                let most = (0..3).map(|i| pixel.0[i].abs_diff(expected.get_pixel(x, y).0[i])).max().unwrap_or(0);
+                let most = (0..3)
+                    .map(|i| pixel.0[i].abs_diff(expected.get_pixel(x, y).0[i]))
+                    .max()
+                    .unwrap_or(0);
                 // The pattern changes by 2 levels a pixel; rims of the board are elsewhere by less than one.
                 off += u32::from(most > 6);
                 count += 1;
@@ -203,12 +310,17 @@ mod tests {
 
     #[test]
     fn several_eyes_and_none_are_refused() {
-        assert!(matches!(cube(&SpriteSet::new(Vec::new())), Err(ExportError::Empty)));
+        assert!(matches!(
+            cube(&SpriteSet::new(Vec::new())),
+            Err(ExportError::Empty)
+        ));
         let (mut here, mut there) = (set(), set());
         let sprite = there.sprites()[0].sprite().sprite();
         let camera = sprite.camera().with_eye(DVec3::new(1.5, 2.0, 3.0));
         let moved = Sprite::new(sprite.color().clone(), camera, *sprite.plane()).unwrap();
-        there = SpriteSet::new(vec![SpriteWithDepth::new(moved, Displacement::zero(160, 120)).unwrap()]);
+        there = SpriteSet::new(vec![
+            SpriteWithDepth::new(moved, Displacement::zero(160, 120)).unwrap(),
+        ]);
         here.append(there);
         assert!(matches!(cube(&here), Err(ExportError::Eyes)));
     }

@@ -1,8 +1,8 @@
 //! All directions about an eye in one picture: equirectangular, as players of 360-degree films have it.
 
-use headbox_core::cube_face::Face;
-use headbox_core::camera::{Camera, CameraError};
 use glam::{DMat3, DVec3};
+use headbox_core::camera::{Camera, CameraError};
+use headbox_core::cube_face::Face;
 use image::RgbImage;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -58,7 +58,11 @@ fn columns<E: From<CameraError>>(
     for (face, seen) in Face::ALL.into_iter().zip(seen) {
         let rotation = world_from_level * face.world_from_eye();
         let camera = Camera::from_parts(camera.eye(), rotation, focal_px, size, size)?;
-        faces.push(if seen { draw(&camera)? } else { RgbImage::default() });
+        faces.push(if seen {
+            draw(&camera)?
+        } else {
+            RgbImage::default()
+        });
     }
     Ok(RgbImage::from_fn(width, height, |x, y| {
         let (face, [right, up, depth]) = located(x, y);
@@ -70,21 +74,33 @@ fn columns<E: From<CameraError>>(
 
 /// The axes of a picture whose middle is where a camera looks, but level: right, up, back.
 pub(super) fn level(camera: &Camera) -> DMat3 {
-    let ahead = DVec3::new(camera.forward().x, 0.0, camera.forward().z).try_normalize().unwrap_or(DVec3::NEG_Z);
+    let ahead = DVec3::new(camera.forward().x, 0.0, camera.forward().z)
+        .try_normalize()
+        .unwrap_or(DVec3::NEG_Z);
     DMat3::from_cols(ahead.cross(DVec3::Y), DVec3::Y, -ahead)
 }
 
 /// The direction of a position in pixels; the middle looks along -Z.
 fn direction([x, y]: [f64; 2], height: f64) -> DVec3 {
     let (longitude, latitude) = ((x / (2.0 * height) - 0.5) * TAU, (0.5 - y / height) * PI);
-    DVec3::new(longitude.sin() * latitude.cos(), latitude.sin(), -longitude.cos() * latitude.cos())
+    DVec3::new(
+        longitude.sin() * latitude.cos(),
+        latitude.sin(),
+        -longitude.cos() * latitude.cos(),
+    )
 }
 
 pub(super) fn bilinear(picture: &RgbImage, [x, y]: [f32; 2]) -> image::Rgb<u8> {
     let (left, top) = (x.floor(), y.floor());
     let at = |dx: f32, dy: f32| {
         let inside = |v: f32, size: u32| v.clamp(0.0, size as f32 - 1.0) as u32;
-        picture.get_pixel(inside(left + dx, picture.width()), inside(top + dy, picture.height())).0.map(f32::from)
+        picture
+            .get_pixel(
+                inside(left + dx, picture.width()),
+                inside(top + dy, picture.height()),
+            )
+            .0
+            .map(f32::from)
     };
     let (u, v) = (x - left, y - top);
     let [a, b, c, d] = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)];
@@ -104,11 +120,24 @@ mod tests {
     #[test]
     fn every_direction_is_where_it_belongs() {
         let color = |d: DVec3| (d.normalize() * 100.0 + 128.0).to_array().map(|c| c as u8);
-        let camera = Camera::look_at(DVec3::ONE, DVec3::new(2.0, 1.4, 0.5), DVec3::Y, 60.0, [10, 10]).unwrap();
+        let camera = Camera::look_at(
+            DVec3::ONE,
+            DVec3::new(2.0, 1.4, 0.5),
+            DVec3::Y,
+            60.0,
+            [10, 10],
+        )
+        .unwrap();
         let picture = equirectangular(&camera, 64, |camera| {
-            Ok::<_, CameraError>(RgbImage::from_fn(camera.width(), camera.height(), |x, y| {
-                image::Rgb(color(camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5)))
-            }))
+            Ok::<_, CameraError>(RgbImage::from_fn(
+                camera.width(),
+                camera.height(),
+                |x, y| {
+                    image::Rgb(color(
+                        camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5),
+                    ))
+                },
+            ))
         });
         let picture = picture.unwrap();
         let level = DVec3::new(1.0, 0.0, -0.5).normalize();
@@ -122,18 +151,32 @@ mod tests {
 
     #[test]
     fn the_half_before_the_eye_is_the_middle_of_all() {
-        let camera = Camera::look_at(DVec3::ONE, DVec3::new(2.0, 1.4, 0.5), DVec3::Y, 60.0, [10, 10]).unwrap();
+        let camera = Camera::look_at(
+            DVec3::ONE,
+            DVec3::new(2.0, 1.4, 0.5),
+            DVec3::Y,
+            60.0,
+            [10, 10],
+        )
+        .unwrap();
         let mut drawn = 0;
         let mut draw = |camera: &Camera| {
             drawn += 1;
-            let color = |x, y| (camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5) * 30.0 + 128.0).to_array();
-            Ok::<_, CameraError>(RgbImage::from_fn(camera.width(), camera.height(), |x, y| {
-                image::Rgb(color(x, y).map(|c| c as u8))
-            }))
+            let color = |x, y| {
+                (camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5) * 30.0 + 128.0).to_array()
+            };
+            Ok::<_, CameraError>(RgbImage::from_fn(
+                camera.width(),
+                camera.height(),
+                |x, y| image::Rgb(color(x, y).map(|c| c as u8)),
+            ))
         };
         let half = half_sphere(&camera, 32, &mut draw).unwrap();
         let all = equirectangular(&camera, 32, &mut draw).unwrap();
         assert_eq!((half.dimensions(), drawn), ((32, 32), 5 + 6));
-        assert_eq!(half, image::imageops::crop_imm(&all, 16, 0, 32, 32).to_image());
+        assert_eq!(
+            half,
+            image::imageops::crop_imm(&all, 16, 0, 32, 32).to_image()
+        );
     }
 }

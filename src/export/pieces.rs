@@ -1,7 +1,7 @@
 //! What each pixel of a face sees from the centre of the headbox, from front to back, and coverage that several of them share.
 
-use crate::surfels;
 use super::surfels::straight;
+use crate::surfels;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::pack::{PackedCube, PlaneSet};
@@ -34,12 +34,20 @@ pub(super) fn of_face(cube: &PackedCube, face: Face) -> Vec<Piece> {
     depth_pixels(cube, face, &mut pieces);
     texels(cube, face, &mut pieces);
     // Stable: of two at one depth the order in the file decides.
-    pieces.sort_by(|a, b| a.at.cmp(&b.at).then(b.inverse_depth.total_cmp(&a.inverse_depth)));
+    pieces.sort_by(|a, b| {
+        a.at.cmp(&b.at)
+            .then(b.inverse_depth.total_cmp(&a.inverse_depth))
+    });
     pieces
 }
 
 fn depth_pixels(cube: &PackedCube, face: Face, to: &mut Vec<Piece>) {
-    for (i, segment) in cube.segments.iter().enumerate().filter(|(_, segment)| segment.face == face) {
+    for (i, segment) in cube
+        .segments
+        .iter()
+        .enumerate()
+        .filter(|(_, segment)| segment.face == face)
+    {
         let (width, face_px) = (segment.width as usize, cube.face_size_px);
         for (y, counts) in segment.row_counts.chunks_exact(width + 1).enumerate() {
             for x in 0..width {
@@ -48,7 +56,12 @@ fn depth_pixels(cube: &PackedCube, face: Face, to: &mut Vec<Piece>) {
                 to.extend((of_row(counts[x])..of_row(counts[x + 1])).map(|sample| {
                     let found = segment.decode(cube.layout, segment.depth_pixels[sample]);
                     let inverse_depth = found.inverse_depth.max(f64::MIN_POSITIVE);
-                    Piece { at, inverse_depth, color_srgb: found.color_srgb, place: Place::Segment(i, sample) }
+                    Piece {
+                        at,
+                        inverse_depth,
+                        color_srgb: found.color_srgb,
+                        place: Place::Segment(i, sample),
+                    }
                 }));
             }
         }
@@ -57,21 +70,36 @@ fn depth_pixels(cube: &PackedCube, face: Face, to: &mut Vec<Piece>) {
 
 fn texels(cube: &PackedCube, face: Face, to: &mut Vec<Piece>) {
     let (set, face_px, infinity) = (&cube.planes, cube.face_size_px, surfels::infinity(cube));
-    for tile in set.tiles.iter().filter(|tile| Face::ALL[usize::from(tile.face) % 6] == face) {
-        let (Some(plane), Some(texels)) = (set.planes.get(tile.plane as usize), set.texels.get(tile.texel_range()))
-        else {
+    for tile in set
+        .tiles
+        .iter()
+        .filter(|tile| Face::ALL[usize::from(tile.face) % 6] == face)
+    {
+        let (Some(plane), Some(texels)) = (
+            set.planes.get(tile.plane as usize),
+            set.texels.get(tile.texel_range()),
+        ) else {
             continue;
         };
         let [q, along_x, along_y] = plane.inverse_depth(face, face_px);
         let (width, side) = (usize::from(tile.width), face_px as usize);
         for (i, texel) in texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0) {
             // Pictures may begin beyond the face.
-            let [x, y] = [(tile.x0, i % width), (tile.y0, i / width)].map(|(first, i)| first as isize + i as isize);
+            let [x, y] = [(tile.x0, i % width), (tile.y0, i / width)]
+                .map(|(first, i)| first as isize + i as isize);
             let inside = |c: isize| usize::try_from(c).ok().filter(|c| *c < side);
             if let Some((column, row)) = inside(x).zip(inside(y)) {
                 let here = q + along_x * (x as f64 + 0.5) + along_y * (y as f64 + 0.5);
-                let (at, place) = ((row * side + column) as u32, Place::Texel(tile.texel_range().start + i));
-                to.push(Piece { at, inverse_depth: here.max(infinity), color_srgb: straight(*texel), place });
+                let (at, place) = (
+                    (row * side + column) as u32,
+                    Place::Texel(tile.texel_range().start + i),
+                );
+                to.push(Piece {
+                    at,
+                    inverse_depth: here.max(infinity),
+                    color_srgb: straight(*texel),
+                    place,
+                });
             }
         }
     }
@@ -86,10 +114,18 @@ pub(super) fn with_whole_rims(cube: &PackedCube) -> PackedCube {
     let of_face = |face: &Face| {
         let pieces = of_face(cube, *face);
         let mut whole = Vec::new();
-        for pixel in pieces.chunk_by(|a, b| a.at == b.at).filter(|pixel| pixel.len() > 1) {
+        for pixel in pieces
+            .chunk_by(|a, b| a.at == b.at)
+            .filter(|pixel| pixel.len() > 1)
+        {
             for surface in pixel.chunk_by(|a, b| connects(a.inverse_depth, b.inverse_depth)) {
-                let Some(most) = surface.iter().max_by_key(|piece| piece.color_srgb[3]) else { continue };
-                let sum: u32 = surface.iter().map(|piece| u32::from(piece.color_srgb[3])).sum();
+                let Some(most) = surface.iter().max_by_key(|piece| piece.color_srgb[3]) else {
+                    continue;
+                };
+                let sum: u32 = surface
+                    .iter()
+                    .map(|piece| u32::from(piece.color_srgb[3]))
+                    .sum();
                 whole.push((most.place, sum.min(255) as u8));
             }
         }
@@ -99,7 +135,9 @@ pub(super) fn with_whole_rims(cube: &PackedCube) -> PackedCube {
     let mut cube = cube.clone();
     for (place, alpha) in whole {
         match place {
-            Place::Segment(segment, i) => cube.segments[segment].depth_pixels[i].color_srgb[3] = alpha,
+            Place::Segment(segment, i) => {
+                cube.segments[segment].depth_pixels[i].color_srgb[3] = alpha
+            }
             Place::Texel(i) => {
                 let [r, g, b, _] = straight(cube.planes.texels[i]);
                 cube.planes.texels[i] = PlaneSet::covered([r, g, b, alpha]);

@@ -10,14 +10,29 @@ use std::io::Write;
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
 pub fn write_points(cube: &PackedCube, to: &mut dyn Write) -> Result<(), ExportError> {
-    let properties = ["double x", "double y", "double z", "float nx", "float ny", "float nz"].into_iter();
+    let properties = [
+        "double x", "double y", "double z", "float nx", "float ny", "float nz",
+    ]
+    .into_iter();
     let colors = ["uchar red", "uchar green", "uchar blue", "uchar alpha"];
-    header(to, cube, surfels::count(cube, false), properties.chain(colors))?;
+    header(
+        to,
+        cube,
+        surfels::count(cube, false),
+        properties.chain(colors),
+    )?;
     surfels::for_each(cube, false, &mut |surfel| {
         let mut bytes = Vec::with_capacity(40);
         let position = cube.info.centre + surfel.position;
         bytes.extend(position.to_array().iter().flat_map(|c| c.to_le_bytes()));
-        bytes.extend(surfel.normal.as_vec3().to_array().iter().flat_map(|c| c.to_le_bytes()));
+        bytes.extend(
+            surfel
+                .normal
+                .as_vec3()
+                .to_array()
+                .iter()
+                .flat_map(|c| c.to_le_bytes()),
+        );
         bytes.extend(surfel.color_srgb);
         to.write_all(&bytes)
     })?;
@@ -34,7 +49,10 @@ pub(super) fn header<'a>(
         return Err(ExportError::Empty);
     }
     let [x, y, z] = cube.info.centre.to_array();
-    write!(to, "ply\nformat binary_little_endian 1.0\ncomment headbox: centre {x} {y} {z}, metres, Y up\n")?;
+    write!(
+        to,
+        "ply\nformat binary_little_endian 1.0\ncomment headbox: centre {x} {y} {z}, metres, Y up\n"
+    )?;
     writeln!(to, "element vertex {count}")?;
     for property in properties {
         writeln!(to, "property {property}")?;

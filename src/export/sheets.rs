@@ -7,8 +7,8 @@
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::pack::{PackedCube, PackedSegment};
-use headbox_cube::render::footprint::rules::MAX_SLOPE;
 use headbox_cube::render::canvas::surface::SurfaceCanvas;
+use headbox_cube::render::footprint::rules::MAX_SLOPE;
 use rayon::prelude::*;
 
 /// Columns of a sheet with its border.
@@ -53,11 +53,21 @@ pub(super) fn sheets(cube: &PackedCube) -> Vec<SurfaceSheet> {
     });
     let places: Vec<_> = places.collect();
     let of_place = |(face, x0, y0): &(Face, u32, u32)| place(cube, *face, *x0, *y0);
-    places.par_iter().map(of_place).collect::<Vec<_>>().into_iter().flatten().collect()
+    places
+        .par_iter()
+        .map(of_place)
+        .collect::<Vec<_>>()
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 fn place(cube: &PackedCube, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
-    let segments: Vec<&PackedSegment> = cube.segments.iter().filter(|segment| segment.face == face).collect();
+    let segments: Vec<&PackedSegment> = cube
+        .segments
+        .iter()
+        .filter(|segment| segment.face == face)
+        .collect();
     let dealer = Dealer {
         tolerance: f64::from(SurfaceCanvas::tolerance(cube.face_size_px)),
         bin: DepthBins::new(cube.info.half_size_m, cube.face_size_px).inverse_depth(1.0),
@@ -65,17 +75,32 @@ fn place(cube: &PackedCube, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
     let mut dealt: Vec<Vec<Option<SheetSample>>> = Vec::new();
     for at in 0..SHEET_LEN {
         let (column, row) = ((at % SHEET_COLUMNS) as u32, (at / SHEET_COLUMNS) as u32);
-        let Some((x, y)) = (x0 + column).checked_sub(1).zip((y0 + row).checked_sub(1)) else { continue };
-        let samples: Vec<SheetSample> = segments.iter().flat_map(|segment| entries(cube, segment, x, y)).collect();
+        let Some((x, y)) = (x0 + column).checked_sub(1).zip((y0 + row).checked_sub(1)) else {
+            continue;
+        };
+        let samples: Vec<SheetSample> = segments
+            .iter()
+            .flat_map(|segment| entries(cube, segment, x, y))
+            .collect();
         dealer.deal(&samples, at, &mut dealt);
     }
     let inside = |at: usize| {
-        (1..SHEET_COLUMNS - 1).contains(&(at % SHEET_COLUMNS)) && (1..SHEET_ROWS - 1).contains(&(at / SHEET_COLUMNS))
+        (1..SHEET_COLUMNS - 1).contains(&(at % SHEET_COLUMNS))
+            && (1..SHEET_ROWS - 1).contains(&(at / SHEET_COLUMNS))
     };
     let origin = [f64::from(x0) - 1.0, f64::from(y0) - 1.0];
     let sheets = dealt.into_iter().map(|entries| {
-        let samples = entries.iter().enumerate().filter(|(at, entry)| entry.is_some() && inside(*at)).count() as u32;
-        SurfaceSheet { face, origin, entries, samples }
+        let samples = entries
+            .iter()
+            .enumerate()
+            .filter(|(at, entry)| entry.is_some() && inside(*at))
+            .count() as u32;
+        SurfaceSheet {
+            face,
+            origin,
+            entries,
+            samples,
+        }
     });
     sheets.filter(|sheet| sheet.samples > 0).collect()
 }
@@ -88,17 +113,25 @@ fn entries<'a>(
     y: u32,
 ) -> impl Iterator<Item = SheetSample> + use<'a> {
     let within = x.checked_sub(segment.x0).zip(y.checked_sub(segment.y0));
-    let pixel = within.filter(|(x, _)| *x < segment.width).map_or(&[][..], |(x, y)| segment.pixel(x, y));
+    let pixel = within
+        .filter(|(x, _)| *x < segment.width)
+        .map_or(&[][..], |(x, y)| segment.pixel(x, y));
     let face_px = cube.face_size_px;
-    let d = segment.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
+    let d = segment
+        .face
+        .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
     let step = 2.0 / f64::from(face_px);
     let most = f64::from(MAX_SLOPE) * step;
     pixel.iter().map(move |pixel| {
         let found = segment.decode(cube.layout, *pixel);
         let (n, q) = (found.normal, found.inverse_depth);
-        let slopes =
-            [segment.face.right(), -segment.face.up()].map(|to| (n.dot(to) * step / n.dot(d)).min(most).max(-most) * q);
-        SheetSample { inverse_depth: q, slopes, color_srgb: found.color_srgb }
+        let slopes = [segment.face.right(), -segment.face.up()]
+            .map(|to| (n.dot(to) * step / n.dot(d)).min(most).max(-most) * q);
+        SheetSample {
+            inverse_depth: q,
+            slopes,
+            color_srgb: found.color_srgb,
+        }
     })
 }
 

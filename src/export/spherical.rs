@@ -15,18 +15,34 @@ struct Spherical {
 impl Spherical {
     fn of(view: View) -> Option<Self> {
         match view {
-            View::Panorama => Some(Self { stereo: 0, beside: 0 }),
-            View::StereoPanorama(_) => Some(Self { stereo: 1, beside: 0 }),
-            View::HalfSpheres(_) => Some(Self { stereo: 2, beside: 1 << 30 }),
+            View::Panorama => Some(Self {
+                stereo: 0,
+                beside: 0,
+            }),
+            View::StereoPanorama(_) => Some(Self {
+                stereo: 1,
+                beside: 0,
+            }),
+            View::HalfSpheres(_) => Some(Self {
+                stereo: 2,
+                beside: 1 << 30,
+            }),
             View::Frame | View::SideBySide(_) => None,
         }
     }
 
     fn boxes(&self) -> Vec<u8> {
-        let words = |words: &[u32]| words.iter().flat_map(|word| word.to_be_bytes()).collect::<Vec<u8>>();
+        let words = |words: &[u32]| {
+            words
+                .iter()
+                .flat_map(|word| word.to_be_bytes())
+                .collect::<Vec<u8>>()
+        };
         // Version and flags first, then heading, pitch and roll; and what is missing above, below, left and right.
-        let (prhd, equi) =
-            (boxed(b"prhd", &words(&[0; 4])), boxed(b"equi", &words(&[0, 0, 0, self.beside, self.beside])));
+        let (prhd, equi) = (
+            boxed(b"prhd", &words(&[0; 4])),
+            boxed(b"equi", &words(&[0, 0, 0, self.beside, self.beside])),
+        );
         let svhd = boxed(b"svhd", &[&[0; 4], b"headbox\0".as_slice()].concat());
         let proj = boxed(b"proj", &[prhd, equi].concat());
         let st3d = boxed(b"st3d", &[0, 0, 0, 0, self.stereo]);
@@ -35,7 +51,12 @@ impl Spherical {
 }
 
 fn boxed(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
-    [(content.len() as u32 + 8).to_be_bytes().as_slice(), name, content].concat()
+    [
+        (content.len() as u32 + 8).to_be_bytes().as_slice(),
+        name,
+        content,
+    ]
+    .concat()
 }
 
 /// Boxes on the way to the video's sample entry, of H.264 or VP9, and bytes of each before its first child.
@@ -59,8 +80,11 @@ pub(super) fn is_told(view: View) -> bool {
 /// # Errors
 /// If it is no such file.
 pub(super) fn tagged(mut film: Vec<u8>, view: View) -> io::Result<Vec<u8>> {
-    let Some(spherical) = Spherical::of(view) else { return Ok(film) };
-    let wrong = || io::Error::other("the film that ffmpeg made has no video track where one is expected");
+    let Some(spherical) = Spherical::of(view) else {
+        return Ok(film);
+    };
+    let wrong =
+        || io::Error::other("the film that ffmpeg made has no video track where one is expected");
     let more = spherical.boxes();
     let mut within = 0..film.len();
     let mut way = Vec::new();
@@ -84,7 +108,11 @@ fn word(film: &[u8], at: usize) -> Option<u32> {
 }
 
 /// Where the first box of some names is among those that lie one after the other.
-fn find(film: &[u8], within: std::ops::Range<usize>, names: &[&[u8; 4]]) -> Option<std::ops::Range<usize>> {
+fn find(
+    film: &[u8],
+    within: std::ops::Range<usize>,
+    names: &[&[u8; 4]],
+) -> Option<std::ops::Range<usize>> {
     let mut at = within.start;
     while at + 8 <= within.end {
         // A size of 0 or 1 (to the end, 64 bits) is that of media alone, which comes last.
@@ -121,10 +149,18 @@ mod tests {
     /// A file as ffmpeg writes it with its index first: one chunk of media, `MEDIA`, and where it says that it is.
     fn film(codec: &[u8; 4]) -> Vec<u8> {
         let file = |place: u32| {
-            let stsd = boxed(b"stsd", &[vec![0, 0, 0, 0, 0, 0, 0, 1], boxed(codec, &[7; 90])].concat());
-            let stco = boxed(b"stco", &[[0, 0, 0, 0], [0, 0, 0, 1], place.to_be_bytes()].concat());
+            let stsd = boxed(
+                b"stsd",
+                &[vec![0, 0, 0, 0, 0, 0, 0, 1], boxed(codec, &[7; 90])].concat(),
+            );
+            let stco = boxed(
+                b"stco",
+                &[[0, 0, 0, 0], [0, 0, 0, 1], place.to_be_bytes()].concat(),
+            );
             let nested = [b"stbl", b"minf", b"mdia", b"trak", b"moov"];
-            let moov = nested.iter().fold([stsd, stco].concat(), |content, name| boxed(name, &content));
+            let moov = nested
+                .iter()
+                .fold([stsd, stco].concat(), |content, name| boxed(name, &content));
             [boxed(b"ftyp", b"isom"), moov, boxed(b"mdat", b"MEDIA")].concat()
         };
         let place = file(0).len() as u32 - 5;
@@ -152,7 +188,10 @@ mod tests {
             let sv3d = find(&tagged, ours, &[b"sv3d"]).unwrap();
             let proj = find(&tagged, sv3d.start + 8..sv3d.end, &[b"proj"]).unwrap();
             let equi = find(&tagged, proj.start + 8..proj.end, &[b"equi"]).unwrap();
-            assert_eq!((tagged[st3d.start + 12], word(&tagged, equi.end - 4)), (stereo, Some(beside)));
+            assert_eq!(
+                (tagged[st3d.start + 12], word(&tagged, equi.end - 4)),
+                (stereo, Some(beside))
+            );
             let stco = tagged.windows(4).position(|name| name == b"stco").unwrap();
             let place = word(&tagged, stco + 12).unwrap() as usize;
             assert_eq!(&tagged[place..], b"MEDIA");
@@ -164,7 +203,12 @@ mod tests {
         let mut short = film(b"avc1");
         short.truncate(60);
         for film in [Vec::new(), vec![0; 40], short] {
-            assert!(tagged(film, View::Panorama).unwrap_err().to_string().contains("no video track"));
+            assert!(
+                tagged(film, View::Panorama)
+                    .unwrap_err()
+                    .to_string()
+                    .contains("no video track")
+            );
         }
     }
 }

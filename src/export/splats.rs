@@ -2,12 +2,12 @@
 //!
 //! Positions are metres from the centre of the headbox, X right, Y down, Z ahead, as trained splats have it.
 
-use crate::surfels;
-use super::surfels::{Ellipse, Surfel};
 use super::ExportError;
+use super::surfels::{Ellipse, Surfel};
 use crate::ply;
-use headbox_cube::pack::PackedCube;
+use crate::surfels;
 use glam::{Mat3, Quat, Vec3};
+use headbox_cube::pack::PackedCube;
 use std::io::Write;
 
 /// Deviation of a Gaussian, in spacings of samples. Sorted Gaussians are laid over one another, not averaged: at half a spacing, as the
@@ -26,10 +26,23 @@ const HARMONIC_0: f32 = 0.282_094_8;
 /// [`ExportError::Empty`], [`ExportError::Io`].
 pub fn write_ply(cube: &PackedCube, to: &mut dyn Write) -> Result<(), ExportError> {
     let names = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
-    let properties: Vec<String> = names.split(' ').map(|name| format!("float {name}")).collect();
-    ply::header(to, cube, surfels::count(cube, true), properties.iter().map(String::as_str))?;
+    let properties: Vec<String> = names
+        .split(' ')
+        .map(|name| format!("float {name}"))
+        .collect();
+    ply::header(
+        to,
+        cube,
+        surfels::count(cube, true),
+        properties.iter().map(String::as_str),
+    )?;
     surfels::for_each(cube, true, &mut |surfel| {
-        to.write_all(&Gaussian::new(&surfel).trained().map(f32::to_le_bytes).concat())
+        to.write_all(
+            &Gaussian::new(&surfel)
+                .trained()
+                .map(f32::to_le_bytes)
+                .concat(),
+        )
     })?;
     Ok(())
 }
@@ -48,7 +61,10 @@ struct Gaussian {
 impl Gaussian {
     fn new(surfel: &Surfel) -> Self {
         let turned = |v: Vec3| Vec3::new(v.x, -v.y, -v.z);
-        let Ellipse { axes, deviations: [a, b] } = surfel.ellipse(SPACINGS);
+        let Ellipse {
+            axes,
+            deviations: [a, b],
+        } = surfel.ellipse(SPACINGS);
         let [u, v, w] = axes.map(turned);
         Self {
             position: turned(surfel.position.as_vec3()),
@@ -67,7 +83,25 @@ impl Gaussian {
         let opacity = alpha.clamp(OPACITY[0], OPACITY[1]);
         let [sa, sb, sc] = self.deviations.map(f32::ln);
         let [qx, qy, qz, qw] = self.rotation.to_array();
-        [x, y, z, nx, ny, nz, r, g, b, (opacity / (1.0 - opacity)).ln(), sa, sb, sc, qw, qx, qy, qz]
+        [
+            x,
+            y,
+            z,
+            nx,
+            ny,
+            nz,
+            r,
+            g,
+            b,
+            (opacity / (1.0 - opacity)).ln(),
+            sa,
+            sb,
+            sc,
+            qw,
+            qx,
+            qy,
+            qz,
+        ]
     }
 }
 
@@ -79,7 +113,12 @@ mod tests {
     fn gaussian() -> Gaussian {
         let along = [DVec3::new(0.1, 0.0, 0.0), DVec3::new(0.0, 0.2, 0.0)];
         let position = DVec3::new(1.0, 2.0, -3.0);
-        Gaussian::new(&Surfel { position, normal: DVec3::Z, along, color_srgb: [255, 0, 128, 255] })
+        Gaussian::new(&Surfel {
+            position,
+            normal: DVec3::Z,
+            along,
+            color_srgb: [255, 0, 128, 255],
+        })
     }
 
     #[test]
@@ -88,7 +127,10 @@ mod tests {
         assert_eq!([x, y, z], [1.0, -2.0, 3.0]);
         assert!((sa.exp() - 0.13).abs() < 1e-6 && (sb.exp() - 0.065).abs() < 1e-6 && sc < sb - 3.0);
         let rotation = Mat3::from_quat(Quat::from_xyzw(qx, qy, qz, qw));
-        assert!(rotation.x_axis.y.abs() > 0.999, "the longer axis is that of the wider step");
+        assert!(
+            rotation.x_axis.y.abs() > 0.999,
+            "the longer axis is that of the wider step"
+        );
         assert!(rotation.z_axis.z.abs() > 0.999);
     }
 }

@@ -19,13 +19,19 @@ impl Deep {
     fn new(depth_m: f64, [r, g, b, a]: [u8; 4], tone: ToneMap) -> Self {
         let alpha = f32::from(a) / 255.0;
         let [r, g, b] = [r, g, b].map(|c| tone.exposed(c) * alpha);
-        Self { depth_m: depth_m as f32, rgba: [r, g, b, alpha] }
+        Self {
+            depth_m: depth_m as f32,
+            rgba: [r, g, b, alpha],
+        }
     }
 
     /// This before another.
     pub(super) fn over(self, behind: Self) -> Self {
         let open = 1.0 - self.rgba[3];
-        Self { rgba: std::array::from_fn(|i| self.rgba[i] + open * behind.rgba[i]), ..self }
+        Self {
+            rgba: std::array::from_fn(|i| self.rgba[i] + open * behind.rgba[i]),
+            ..self
+        }
     }
 }
 
@@ -42,15 +48,21 @@ impl Stacks {
     pub(super) fn of_face(cube: &PackedCube, face: Face) -> Self {
         let (face_px, distance, tone) = (cube.face_size_px, surfels::sky(cube), cube.info.tone);
         let pieces = pieces::of_face(cube, face);
-        let mut stacks = Self { offsets: vec![0], samples: Vec::with_capacity(pieces.len()) };
+        let mut stacks = Self {
+            offsets: vec![0],
+            samples: Vec::with_capacity(pieces.len()),
+        };
         let mut rest = pieces.iter().peekable();
-        for (at, (y, x)) in (0u32..).zip((0..face_px).flat_map(|y| (0..face_px).map(move |x| (y, x)))) {
+        for (at, (y, x)) in
+            (0u32..).zip((0..face_px).flat_map(|y| (0..face_px).map(move |x| (y, x))))
+        {
             let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
             let sky = cube.environment.sample(direction.as_vec3());
             while let Some(piece) = rest.next_if(|piece| piece.at == at) {
                 stacks.put_behind(Deep::new(1.0 / piece.inverse_depth, piece.color_srgb, tone));
             }
-            sky.into_iter().for_each(|[r, g, b]| stacks.put_behind(Deep::new(distance, [r, g, b, 255], tone)));
+            sky.into_iter()
+                .for_each(|[r, g, b]| stacks.put_behind(Deep::new(distance, [r, g, b, 255], tone)));
             stacks.offsets.push(stacks.samples.len() as u32);
         }
         stacks
@@ -78,12 +90,18 @@ mod tests {
 
     #[test]
     fn colours_are_the_light_that_was_stored() {
-        for (tone, brightest) in [(ToneMap::SrgbClipped, 1.0), (ToneMap::SrgbCompressed, ToneMap::BRIGHTEST)] {
+        for (tone, brightest) in [
+            (ToneMap::SrgbClipped, 1.0),
+            (ToneMap::SrgbCompressed, ToneMap::BRIGHTEST),
+        ] {
             let levels = [0.25, 1.0, brightest].map(|light| tone.level(light));
             let [r, g, b] = levels;
             let deep = Deep::new(2.0, [r, g, b, 255], tone);
             for (found, light) in deep.rgba.into_iter().zip([0.25, 1.0, brightest, 1.0]) {
-                assert!((found / light - 1.0).abs() < 0.05, "{tone}: {found}, not {light}; steps of 8 bits");
+                assert!(
+                    (found / light - 1.0).abs() < 0.05,
+                    "{tone}: {found}, not {light}; steps of 8 bits"
+                );
             }
         }
     }

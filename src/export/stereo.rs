@@ -5,8 +5,8 @@
 //! Here some columns share an eye.
 
 use super::panorama::{bilinear, equirectangular, half_sphere, level};
-use headbox_core::camera::{Camera, CameraError};
 use glam::{DMat3, DVec3};
+use headbox_core::camera::{Camera, CameraError};
 use image::RgbImage;
 use image::imageops::replace;
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_8, PI, TAU};
@@ -56,7 +56,10 @@ impl View {
         let height = camera.height();
         let beside = |distance_m: f64, axes: DMat3| {
             let aside = axes.x_axis * (distance_m / 2.0);
-            [camera.with_eye(camera.eye() - aside), camera.with_eye(camera.eye() + aside)]
+            [
+                camera.with_eye(camera.eye() - aside),
+                camera.with_eye(camera.eye() + aside),
+            ]
         };
         let (first, second, at) = match self {
             Self::Frame => return draw(camera),
@@ -68,11 +71,19 @@ impl View {
             Self::HalfSpheres(distance_m) => {
                 let [left, right] = beside(distance_m, level(camera));
                 let left = half_sphere(&left, height, &mut draw)?;
-                (left, half_sphere(&right, height, &mut draw)?, [i64::from(height), 0])
+                (
+                    left,
+                    half_sphere(&right, height, &mut draw)?,
+                    [i64::from(height), 0],
+                )
             }
             Self::StereoPanorama(distance_m) => {
                 let left = turning(camera, height, -distance_m / 2.0, &mut draw)?;
-                (left, turning(camera, height, distance_m / 2.0, &mut draw)?, [0, i64::from(height)])
+                (
+                    left,
+                    turning(camera, height, distance_m / 2.0, &mut draw)?,
+                    [0, i64::from(height)],
+                )
             }
         };
         let [width, height] = self.size_px([camera.width(), height]);
@@ -99,7 +110,13 @@ fn turning<E: From<CameraError>>(
         let middle = (f64::from(columns.start + columns.end) / 2.0 - f64::from(height)) * column;
         let axes = level * DMat3::from_rotation_y(-middle);
         let eye = camera.eye() + axes.x_axis * aside_m;
-        let strips = Strips::new(eye, axes, height, f64::from(columns.end - columns.start) * column / 2.0, draw)?;
+        let strips = Strips::new(
+            eye,
+            axes,
+            height,
+            f64::from(columns.end - columns.start) * column / 2.0,
+            draw,
+        )?;
         for x in columns {
             let turn = (f64::from(x) + 0.5 - f64::from(height)) * column - middle;
             (0..height).for_each(|y| {
@@ -136,18 +153,36 @@ impl Strips {
         let side = |half: f64| (2.0 * (focal_px * half.tan() + MARGIN_PX)).ceil() as u32;
         let mut frame = |i: usize| {
             let rotation = axes * DMat3::from_rotation_x(Self::ELEVATIONS[i]);
-            draw(&Camera::from_parts(eye, rotation, focal_px, side(half), side(Self::HALVES[i]))?)
+            draw(&Camera::from_parts(
+                eye,
+                rotation,
+                focal_px,
+                side(half),
+                side(Self::HALVES[i]),
+            )?)
         };
-        Ok(Self { focal_px, frames: [frame(0)?, frame(1)?, frame(2)?] })
+        Ok(Self {
+            focal_px,
+            frames: [frame(0)?, frame(1)?, frame(2)?],
+        })
     }
 
     fn color(&self, turn: f64, elevation: f64) -> image::Rgb<u8> {
-        let i = if elevation.abs() <= FRAC_PI_4 { 1 } else { 2 * usize::from(elevation > 0.0) };
-        let direction = DVec3::new(turn.sin() * elevation.cos(), elevation.sin(), -turn.cos() * elevation.cos());
+        let i = if elevation.abs() <= FRAC_PI_4 {
+            1
+        } else {
+            2 * usize::from(elevation > 0.0)
+        };
+        let direction = DVec3::new(
+            turn.sin() * elevation.cos(),
+            elevation.sin(),
+            -turn.cos() * elevation.cos(),
+        );
         let seen = DMat3::from_rotation_x(-Self::ELEVATIONS[i]) * direction;
         let frame = &self.frames[i];
-        let at = [(seen.x, frame.width()), (-seen.y, frame.height())]
-            .map(|(aside, side)| (f64::from(side) / 2.0 - aside / seen.z * self.focal_px - 0.5) as f32);
+        let at = [(seen.x, frame.width()), (-seen.y, frame.height())].map(|(aside, side)| {
+            (f64::from(side) / 2.0 - aside / seen.z * self.focal_px - 0.5) as f32
+        });
         bilinear(frame, at)
     }
 }
@@ -159,7 +194,9 @@ mod tests {
     /// A world that is a colour for each direction at infinity, but for a pole: a vertical line, red, at a distance.
     fn draw(camera: &Camera, pole: DVec3) -> RgbImage {
         RgbImage::from_fn(camera.width(), camera.height(), |x, y| {
-            let d = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).normalize();
+            let d = camera
+                .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
+                .normalize();
             let to = (pole - camera.eye()) * DVec3::new(1.0, 0.0, 1.0);
             let level = (d * DVec3::new(1.0, 0.0, 1.0)).normalize();
             let on_pole = level.cross(to).length() < 0.02 && level.dot(to) > 0.0;
@@ -170,8 +207,8 @@ mod tests {
 
     /// Where the pole is in a row, pixels; its middle.
     fn pole_at(picture: &RgbImage, y: u32) -> f64 {
-        let red =
-            (0..picture.width()).filter(|x| picture.get_pixel(*x, y).0[0] > 240 && picture.get_pixel(*x, y).0[1] < 40);
+        let red = (0..picture.width())
+            .filter(|x| picture.get_pixel(*x, y).0[0] > 240 && picture.get_pixel(*x, y).0[1] < 40);
         let red: Vec<f64> = red.map(|x| f64::from(x) + 0.5).collect();
         red.iter().sum::<f64>() / red.len() as f64
     }
@@ -188,26 +225,47 @@ mod tests {
             assert_eq!(both.dimensions(), (512, 512));
             // A ray along the tangent of a circle of radius r meets what is R away at asin(r / R) from its own azimuth.
             let aside = (distance_m / 2.0 / 1.5f64).asin();
-            for (row, sign) in [(height / 2, 1.0), (height / 2 + 40, 1.0), (height + height / 2, -1.0)] {
+            for (row, sign) in [
+                (height / 2, 1.0),
+                (height / 2 + 40, 1.0),
+                (height + height / 2, -1.0),
+            ] {
                 let expected = (azimuth + sign * aside) / TAU * 512.0 + 256.0;
                 let found = pole_at(&both, row);
                 // Half a pixel for finding the pole, and 0.15 for eyes that columns share.
-                assert!((found - expected).abs() < 0.65, "{azimuth} {row}: {found} {expected}");
+                assert!(
+                    (found - expected).abs() < 0.65,
+                    "{azimuth} {row}: {found} {expected}"
+                );
             }
         }
     }
 
     #[test]
     fn without_distance_both_eyes_see_the_panorama() {
-        let camera = Camera::look_at(DVec3::ONE, DVec3::new(2.0, 1.4, 0.5), DVec3::Y, 60.0, [64, 64]).unwrap();
+        let camera = Camera::look_at(
+            DVec3::ONE,
+            DVec3::new(2.0, 1.4, 0.5),
+            DVec3::Y,
+            60.0,
+            [64, 64],
+        )
+        .unwrap();
         let far = DVec3::new(1e9, 0.0, 0.7e9);
-        let both = View::StereoPanorama(0.0).draw(&camera, |camera| Ok::<_, CameraError>(draw(camera, far))).unwrap();
-        let one = View::Panorama.draw(&camera, |camera| Ok::<_, CameraError>(draw(camera, far))).unwrap();
+        let both = View::StereoPanorama(0.0)
+            .draw(&camera, |camera| Ok::<_, CameraError>(draw(camera, far)))
+            .unwrap();
+        let one = View::Panorama
+            .draw(&camera, |camera| Ok::<_, CameraError>(draw(camera, far)))
+            .unwrap();
         for (x, y, pixel) in one.enumerate_pixels() {
             for below in [0, 64] {
                 let found = both.get_pixel(x, y + below).0;
                 // Two pictures of 8 bits, looked up between pixels.
-                assert!((0..3).all(|i| found[i].abs_diff(pixel.0[i]) <= 3), "{x} {y}: {found:?} {pixel:?}");
+                assert!(
+                    (0..3).all(|i| found[i].abs_diff(pixel.0[i]) <= 3),
+                    "{x} {y}: {found:?} {pixel:?}"
+                );
             }
         }
     }
@@ -215,10 +273,17 @@ mod tests {
     #[test]
     fn the_left_eye_is_on_the_left() {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).unwrap();
-        for (view, size, right) in [(View::SideBySide(0.5), (8, 3), 6), (View::HalfSpheres(0.5), (6, 3), 4)] {
+        for (view, size, right) in [
+            (View::SideBySide(0.5), (8, 3), 6),
+            (View::HalfSpheres(0.5), (6, 3), 4),
+        ] {
             let both = view.draw(&camera, |camera| {
                 let level = if camera.eye().x < 0.0 { 10 } else { 200 };
-                Ok::<_, CameraError>(RgbImage::from_pixel(camera.width(), camera.height(), image::Rgb([level; 3])))
+                Ok::<_, CameraError>(RgbImage::from_pixel(
+                    camera.width(),
+                    camera.height(),
+                    image::Rgb([level; 3]),
+                ))
             });
             let both = both.unwrap();
             let levels = (both.get_pixel(1, 1).0[0], both.get_pixel(right, 1).0[0]);

@@ -1,9 +1,9 @@
 //! A capture as pieces of surfaces in space, for formats that know no cameras.
 
+use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::footprint::rules::MAX_SLOPE;
-use glam::{DVec3, Vec3};
 use std::io;
 
 /// A piece of a surface: what one sample stands for.
@@ -20,21 +20,39 @@ pub(super) struct Surfel {
 
 impl Surfel {
     /// What a face sees in the direction `d` (eye depth 1) at an inverse depth, on a plane with a normal.
-    fn new(face: Face, face_px: u32, d: DVec3, inverse_depth: f64, normal: DVec3, color_srgb: [u8; 4]) -> Self {
+    fn new(
+        face: Face,
+        face_px: u32,
+        d: DVec3,
+        inverse_depth: f64,
+        normal: DVec3,
+        color_srgb: [u8; 4],
+    ) -> Self {
         let pixel = 2.0 / f64::from(face_px);
         let most = f64::from(MAX_SLOPE) * pixel;
         let along = [face.right(), -face.up()].map(|step| {
             // On a plane, inverse depth is proportional to n . d. `min` and `max` also turn 0 / 0 into a number.
-            let slope = (normal.dot(step) * pixel / normal.dot(d)).min(most).max(-most);
+            let slope = (normal.dot(step) * pixel / normal.dot(d))
+                .min(most)
+                .max(-most);
             (step * pixel - d * slope) / inverse_depth
         });
-        Self { position: d / inverse_depth, normal, along, color_srgb }
+        Self {
+            position: d / inverse_depth,
+            normal,
+            along,
+            color_srgb,
+        }
     }
 }
 
 /// Inverse depth, 1/m, at which what is at infinity is put: so far that no eye in the headbox sees it move by a face pixel.
 pub(super) fn infinity(cube: &PackedCube) -> f64 {
-    let farthest = cube.segments.iter().map(|s| s.inverse_depth(0)).fold(f64::INFINITY, f64::min);
+    let farthest = cube
+        .segments
+        .iter()
+        .map(|s| s.inverse_depth(0))
+        .fold(f64::INFINITY, f64::min);
     let still = (1.0 / (cube.info.half_size_m * f64::from(cube.face_size_px))).max(1.0 / 400.0);
     still.min(farthest / 1.25)
 }
@@ -62,7 +80,11 @@ pub(super) fn count(cube: &PackedCube, sky: bool) -> u64 {
 }
 
 /// Hands over all samples, all texels of pictures on planes, and with `sky` those of the environment, far away.
-pub(super) fn for_each(cube: &PackedCube, sky: bool, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
+pub(super) fn for_each(
+    cube: &PackedCube,
+    sky: bool,
+    to: &mut dyn FnMut(Surfel) -> io::Result<()>,
+) -> io::Result<()> {
     samples(cube, to)?;
     texels(cube, to)?;
     if sky { environment(cube, to) } else { Ok(()) }
@@ -73,12 +95,22 @@ fn samples(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> i
     for segment in &cube.segments {
         for y in 0..segment.height {
             for x in 0..segment.width {
-                let d =
-                    segment.face.direction(f64::from(segment.x0 + x) + 0.5, f64::from(segment.y0 + y) + 0.5, face_px);
+                let d = segment.face.direction(
+                    f64::from(segment.x0 + x) + 0.5,
+                    f64::from(segment.y0 + y) + 0.5,
+                    face_px,
+                );
                 for pixel in segment.pixel(x, y) {
                     let found = segment.decode(cube.layout, *pixel);
                     let q = found.inverse_depth.max(f64::MIN_POSITIVE);
-                    to(Surfel::new(segment.face, face_px, d, q, found.normal, found.color_srgb))?;
+                    to(Surfel::new(
+                        segment.face,
+                        face_px,
+                        d,
+                        q,
+                        found.normal,
+                        found.color_srgb,
+                    ))?;
                 }
             }
         }
@@ -89,8 +121,10 @@ fn samples(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> i
 fn texels(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
     let (set, face_px, infinity) = (&cube.planes, cube.face_size_px, infinity(cube));
     for tile in &set.tiles {
-        let (Some(plane), Some(texels)) = (set.planes.get(tile.plane as usize), set.texels.get(tile.texel_range()))
-        else {
+        let (Some(plane), Some(texels)) = (
+            set.planes.get(tile.plane as usize),
+            set.texels.get(tile.texel_range()),
+        ) else {
             continue;
         };
         let face = Face::ALL[usize::from(tile.face) % 6];
@@ -98,7 +132,10 @@ fn texels(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io
         let [q, along_x, along_y] = plane.inverse_depth(face, face_px);
         for (i, texel) in texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0) {
             let (column, row) = (i % usize::from(tile.width), i / usize::from(tile.width));
-            let (x, y) = (f64::from(tile.x0) + column as f64 + 0.5, f64::from(tile.y0) + row as f64 + 0.5);
+            let (x, y) = (
+                f64::from(tile.x0) + column as f64 + 0.5,
+                f64::from(tile.y0) + row as f64 + 0.5,
+            );
             let d = face.direction(x, y, face_px);
             let normal = -n.try_normalize().unwrap_or(d.normalize());
             let q = (q + along_x * x + along_y * y).max(infinity);
@@ -111,12 +148,27 @@ fn texels(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io
 fn environment(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
     let (size_px, q) = (cube.environment.size_px, 1.0 / sky(cube));
     let per_face = size_px as usize * size_px as usize;
-    let known = cube.environment.texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0);
+    let known = cube
+        .environment
+        .texels
+        .iter()
+        .enumerate()
+        .filter(|(_, texel)| texel[3] > 0);
     for (i, color_srgb) in known {
-        let (x, y) = ((i % per_face) as u32 % size_px, (i % per_face) as u32 / size_px);
+        let (x, y) = (
+            (i % per_face) as u32 % size_px,
+            (i % per_face) as u32 / size_px,
+        );
         let face = Face::ALL[(i / per_face) % 6];
         let d = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px);
-        to(Surfel::new(face, size_px, d, q, -d.normalize(), *color_srgb))?;
+        to(Surfel::new(
+            face,
+            size_px,
+            d,
+            q,
+            -d.normalize(),
+            *color_srgb,
+        ))?;
     }
     Ok(())
 }
@@ -131,7 +183,9 @@ impl Surfel {
     /// The ellipse of a Gaussian with a deviation of `spacings` between samples: the principal axes of both steps.
     pub(super) fn ellipse(&self, spacings: f64) -> Ellipse {
         let [a, b] = self.along;
-        let first = a.try_normalize().unwrap_or_else(|| self.normal.any_orthonormal_vector());
+        let first = a
+            .try_normalize()
+            .unwrap_or_else(|| self.normal.any_orthonormal_vector());
         let normal = a.cross(b).try_normalize().unwrap_or(self.normal);
         let second = normal.cross(first);
         // The covariance a a^T + b b^T in the plane, and the angle to its larger axis.
@@ -142,7 +196,10 @@ impl Surfel {
         let deviation = |variance: f64| (variance.max(0.0).sqrt() * spacings) as f32;
         let major = first * angle.cos() + second * angle.sin();
         let axes = [major, normal.cross(major), normal].map(|axis| axis.as_vec3());
-        Ellipse { axes, deviations: [deviation(mean + apart), deviation(mean - apart)] }
+        Ellipse {
+            axes,
+            deviations: [deviation(mean + apart), deviation(mean - apart)],
+        }
     }
 }
 
@@ -154,14 +211,34 @@ mod tests {
     #[test]
     fn ellipses_have_the_covariance_of_both_steps() {
         let along = [dvec3(0.2, 0.0, 0.1), dvec3(-0.05, 0.3, 0.02)];
-        let surfel = Surfel { position: DVec3::ZERO, normal: DVec3::Z, along, color_srgb: [0; 4] };
+        let surfel = Surfel {
+            position: DVec3::ZERO,
+            normal: DVec3::Z,
+            along,
+            color_srgb: [0; 4],
+        };
         let Ellipse { axes, deviations } = surfel.ellipse(0.5);
-        for probe in [dvec3(1.0, 0.0, 0.0), dvec3(0.3, -0.7, 0.2), dvec3(0.0, 0.1, 1.0)] {
-            let expected: f64 = along.iter().map(|step| (step.dot(probe) * 0.5).powi(2)).sum();
-            let found: f32 = (0..2).map(|i| (axes[i].dot(probe.as_vec3()) * deviations[i]).powi(2)).sum();
-            assert!((f64::from(found) - expected).abs() < 1e-6, "{found} {expected}");
+        for probe in [
+            dvec3(1.0, 0.0, 0.0),
+            dvec3(0.3, -0.7, 0.2),
+            dvec3(0.0, 0.1, 1.0),
+        ] {
+            let expected: f64 = along
+                .iter()
+                .map(|step| (step.dot(probe) * 0.5).powi(2))
+                .sum();
+            let found: f32 = (0..2)
+                .map(|i| (axes[i].dot(probe.as_vec3()) * deviations[i]).powi(2))
+                .sum();
+            assert!(
+                (f64::from(found) - expected).abs() < 1e-6,
+                "{found} {expected}"
+            );
         }
-        assert!((axes[0].cross(axes[1]) - axes[2]).length() < 1e-6, "right-handed");
+        assert!(
+            (axes[0].cross(axes[1]) - axes[2]).length() < 1e-6,
+            "right-handed"
+        );
     }
 
     #[test]
@@ -170,6 +247,9 @@ mod tests {
         let d = Face::NegZ.direction(10.5, 30.5, 64);
         let surfel = Surfel::new(Face::NegZ, 64, d, 0.25, normal, [0; 4]);
         assert!((surfel.position - d * 4.0).length() < 1e-12);
-        surfel.along.iter().for_each(|step| assert!(step.dot(normal).abs() < 1e-12));
+        surfel
+            .along
+            .iter()
+            .for_each(|step| assert!(step.dot(normal).abs() < 1e-12));
     }
 }

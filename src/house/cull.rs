@@ -13,9 +13,9 @@
 //!   sight crosses each portal's plane once, no portal can occur twice on a path; the path's portals are skipped, which
 //!   bounds the recursion by the number of portals. [`Limits`] bound it further, toward showing more.
 
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_model::PortalModel;
-use glam::DVec3;
 
 /// A convex cone of directions from the eye: those d with `plane . d >= 0` for all of its planes; with its edges, in order.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +28,11 @@ impl Window {
     /// What a camera sees.
     pub fn of_camera(camera: &Camera) -> Self {
         let (w, h) = (f64::from(camera.width()), f64::from(camera.height()));
-        Self { edges: [[0.0, h], [w, h], [w, 0.0], [0.0, 0.0]].map(|[x, y]| camera.direction(x, y)).to_vec() }
+        Self {
+            edges: [[0.0, h], [w, h], [w, 0.0], [0.0, 0.0]]
+                .map(|[x, y]| camera.direction(x, y))
+                .to_vec(),
+        }
     }
 
     /// Directions of the edges, counter-clockwise seen from the eye.
@@ -39,7 +43,10 @@ impl Window {
     /// The half spaces whose intersection it is: inward normals, unit length.
     fn planes(&self) -> impl Iterator<Item = DVec3> + '_ {
         let next = self.edges.iter().cycle().skip(1);
-        self.edges.iter().zip(next).filter_map(|(a, b)| b.cross(*a).try_normalize())
+        self.edges
+            .iter()
+            .zip(next)
+            .filter_map(|(a, b)| b.cross(*a).try_normalize())
     }
 
     /// Whether it contains a direction, or passes it by no more than `slack` (a sine).
@@ -73,9 +80,15 @@ impl Window {
     /// The smallest rectangle of pixels, columns and rows, that holds every pixel whose centre the window can contain.
     pub fn rectangle(&self, camera: &Camera) -> [std::ops::Range<u32>; 2] {
         let size = [camera.width(), camera.height()];
-        let points: Option<Vec<[f64; 3]>> = self.edges.iter().map(|d| camera.project(camera.eye() + *d)).collect();
+        let points: Option<Vec<[f64; 3]>> = self
+            .edges
+            .iter()
+            .map(|d| camera.project(camera.eye() + *d))
+            .collect();
         // An edge beside or behind the eye: it bounds nothing.
-        let Some(points) = points.filter(|points| points.iter().all(|p| p[0].is_finite() && p[1].is_finite())) else {
+        let Some(points) =
+            points.filter(|points| points.iter().all(|p| p[0].is_finite() && p[1].is_finite()))
+        else {
             return size.map(|pixels| 0..pixels);
         };
         [0, 1].map(|axis| {
@@ -104,7 +117,11 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { depth: 32, views: 4096, touching_m: 1e-3 }
+        Self {
+            depth: 32,
+            views: 4096,
+            touching_m: 1e-3,
+        }
     }
 }
 
@@ -138,7 +155,11 @@ pub fn visible_cells(
     limits: &Limits,
     mut open: impl FnMut(u32, &CellView) -> bool,
 ) -> Vec<CellView> {
-    let first = CellView { cell: eye_cell, portals: Vec::new(), window: Window::of_camera(camera) };
+    let first = CellView {
+        cell: eye_cell,
+        portals: Vec::new(),
+        window: Window::of_camera(camera),
+    };
     let mut views = Vec::new();
     let mut stack = vec![first];
     while let Some(view) = stack.pop() {
@@ -158,7 +179,11 @@ pub fn visible_cells(
                     Passage::Outline(outline) => view.window.clip(&outline),
                 };
                 let Some(window) = window else { continue };
-                let next = CellView { cell, portals: [view.portals.as_slice(), &[number]].concat(), window };
+                let next = CellView {
+                    cell,
+                    portals: [view.portals.as_slice(), &[number]].concat(),
+                    window,
+                };
                 if open(number, &next) {
                     behind.push(next);
                 }
@@ -179,13 +204,25 @@ fn passage(model: &PortalModel, eye: DVec3, portal: usize, cell: u32, limits: &L
     }
     // Newell's normal, which points back to the cell: its length is twice the area.
     let next = outline.iter().cycle().skip(1);
-    let normal = outline.iter().zip(next).map(|(a, b)| a.cross(*b)).sum::<DVec3>();
-    let (Some(normal), Some(corner)) = (normal.try_normalize(), outline.first()) else { return Passage::Closed };
+    let normal = outline
+        .iter()
+        .zip(next)
+        .map(|(a, b)| a.cross(*b))
+        .sum::<DVec3>();
+    let (Some(normal), Some(corner)) = (normal.try_normalize(), outline.first()) else {
+        return Passage::Closed;
+    };
     let in_front = -normal.dot(*corner);
-    if in_front.abs() <= limits.touching_m && distance_to_outline(&outline, normal) <= limits.touching_m {
+    if in_front.abs() <= limits.touching_m
+        && distance_to_outline(&outline, normal) <= limits.touching_m
+    {
         return Passage::Touching;
     }
-    if in_front <= 0.0 { Passage::Closed } else { Passage::Outline(outline) }
+    if in_front <= 0.0 {
+        Passage::Closed
+    } else {
+        Passage::Outline(outline)
+    }
 }
 
 /// Distance of the origin from a convex polygon, counter-clockwise seen from where its unit normal points, in its plane.

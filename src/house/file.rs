@@ -7,20 +7,22 @@
 //!
 //! Version 2 is for houses with pictures on planes; one without is written as version 1.
 
-use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide, PortalSprite, TextureSet};
+use super::backdrop::{
+    Backdrop, BackdropKind, BackdropQuality, PortalSide, PortalSprite, TextureSet,
+};
 use super::house::{House, HouseError};
 use super::opening::Opening;
 use super::store::{Key, Store};
-use headbox_model::{Cell, Portal, PortalModel, Prism};
+use glam::{DVec2, DVec3, Vec3};
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::headbox::Headbox;
-use headbox_scene::scene::{Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};
-use headbox_scene::material::{Cutout, Material, Texture};
-use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use headbox_cube::pack::PackedCube;
 use headbox_cube::pack::file::CubeHeader;
+use headbox_model::{Cell, Portal, PortalModel, Prism};
+use headbox_scene::material::{Cutout, Material, Texture};
+use headbox_scene::scene::{Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};
 use headbox_sprite::{SpriteHeader, SpriteWithDepth};
-use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
@@ -115,24 +117,53 @@ enum Content {
 ///
 /// # Errors
 /// [`FileError::Io`].
-pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQuality) -> Result<(), FileError> {
+pub fn write(
+    path: &Path,
+    house: &House,
+    store: &Store,
+    quality: &BackdropQuality,
+) -> Result<(), FileError> {
     let captures = store.all();
     let names: Vec<String> = (0..captures.len()).map(section_name).collect();
     let scene: &Scene = house.scene();
     let header = header(house, quality, &captures);
-    let version = if captures.iter().any(|(_, backdrop)| backdrop.has_planes()) { 2 } else { 1 };
-    let mut writer = ContainerWriter::new(FileKind { version, ..HOUSE_FILE });
+    let version = if captures.iter().any(|(_, backdrop)| backdrop.has_planes()) {
+        2
+    } else {
+        1
+    };
+    let mut writer = ContainerWriter::new(FileKind {
+        version,
+        ..HOUSE_FILE
+    });
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-    writer.section("positions", || Ok(bytemuck::cast_slice(&scene.positions).to_vec()));
-    writer.section("normals", || Ok(bytemuck::cast_slice(&scene.normals).to_vec()));
-    writer.section("texcoords", || Ok(bytemuck::cast_slice(&scene.texcoords).to_vec()));
-    writer.section("colors", || Ok(bytemuck::cast_slice(&scene.colors).to_vec()));
+    writer.section("positions", || {
+        Ok(bytemuck::cast_slice(&scene.positions).to_vec())
+    });
+    writer.section("normals", || {
+        Ok(bytemuck::cast_slice(&scene.normals).to_vec())
+    });
+    writer.section("texcoords", || {
+        Ok(bytemuck::cast_slice(&scene.texcoords).to_vec())
+    });
+    writer.section(
+        "colors",
+        || Ok(bytemuck::cast_slice(&scene.colors).to_vec()),
+    );
     let triangle = |t: &Triangle| [t.vertices[0], t.vertices[1], t.vertices[2], t.material];
     writer.section("triangles", || {
-        Ok(bytemuck::cast_slice(&scene.triangles.iter().map(triangle).collect::<Vec<_>>()).to_vec())
+        Ok(
+            bytemuck::cast_slice(&scene.triangles.iter().map(triangle).collect::<Vec<_>>())
+                .to_vec(),
+        )
     });
     writer.section("texels", || {
-        Ok(scene.textures.iter().flat_map(|t| bytemuck::cast_slice::<_, u8>(t.texels())).copied().collect())
+        Ok(scene
+            .textures
+            .iter()
+            .flat_map(|t| bytemuck::cast_slice::<_, u8>(t.texels()))
+            .copied()
+            .collect())
     });
     if let Some(Sky::Picture(picture)) = &scene.sky {
         writer.section(SKY, || Ok(bytemuck::cast_slice(picture.texels()).to_vec()));
@@ -140,7 +171,11 @@ pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQualit
     for (name, (_, backdrop)) in names.iter().zip(&captures) {
         writer.section(name, || {
             Ok(match &**backdrop {
-                Backdrop::Cubes(cubes) => cubes.iter().map(PackedCube::arrays).collect::<Vec<_>>().concat(),
+                Backdrop::Cubes(cubes) => cubes
+                    .iter()
+                    .map(PackedCube::arrays)
+                    .collect::<Vec<_>>()
+                    .concat(),
                 Backdrop::Textures(set) => bytemuck::cast_slice(&set.texels).to_vec(),
                 Backdrop::Sprite(sprite) => sprite.sprite().arrays(),
             })
@@ -153,14 +188,20 @@ pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQualit
 ///
 /// # Errors
 /// See [`HouseFileError`].
-pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, BackdropQuality), HouseFileError> {
+pub fn read(
+    path: &Path,
+    budget_bytes: u64,
+) -> Result<(House, Store, BackdropQuality), HouseFileError> {
     let file = Container::open(path, HOUSE_FILE)?;
     let info = file.section("info")?;
     let mut header: HouseHeader = info.json()?;
     let captures = std::mem::take(&mut header.captures);
     let quality = header.quality;
     let model = model(&file, &info, header)?;
-    let house = House::new(model).map_err(|source| HouseFileError::House { path: path.into(), source })?;
+    let house = House::new(model).map_err(|source| HouseFileError::House {
+        path: path.into(),
+        source,
+    })?;
     let store = Store::new(budget_bytes);
     for (number, record) in captures.into_iter().enumerate() {
         let key = (record.at, record.kind);
@@ -177,7 +218,11 @@ fn section_name(number: usize) -> String {
     format!("c{number}")
 }
 
-fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdrop>)]) -> HouseHeader {
+fn header(
+    house: &House,
+    quality: &BackdropQuality,
+    captures: &[(Key, Arc<Backdrop>)],
+) -> HouseHeader {
     let (scene, plan) = (house.scene(), house.plan());
     let material = |m: &Material| MaterialRecord {
         name: m.name.clone(),
@@ -189,16 +234,29 @@ fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdr
     };
     let cell = |cell: &Cell| CellRecord {
         name: cell.name.clone(),
-        space: cell.space.iter().map(|p| (p.outline.clone(), p.floor_y, p.ceiling_y)).collect(),
+        space: cell
+            .space
+            .iter()
+            .map(|p| (p.outline.clone(), p.floor_y, p.ceiling_y))
+            .collect(),
         triangles: [cell.triangles.start, cell.triangles.end],
     };
-    let portal = |p: &Portal| PortalRecord { name: p.name.clone(), cells: p.cells, polygon: p.polygon.clone() };
+    let portal = |p: &Portal| PortalRecord {
+        name: p.name.clone(),
+        cells: p.cells,
+        polygon: p.polygon.clone(),
+    };
     let capture = |((at, kind), backdrop): &(Key, Arc<Backdrop>)| CaptureRecord {
         at: *at,
         kind: *kind,
         content: match &**backdrop {
-            Backdrop::Cubes(cubes) => Content::Cubes(cubes.iter().map(PackedCube::header).collect()),
-            Backdrop::Textures(set) => Content::Textures { size: set.size, places: set.places.clone() },
+            Backdrop::Cubes(cubes) => {
+                Content::Cubes(cubes.iter().map(PackedCube::header).collect())
+            }
+            Backdrop::Textures(set) => Content::Textures {
+                size: set.size,
+                places: set.places.clone(),
+            },
             Backdrop::Sprite(sprite) => Content::Sprite(sprite.sprite().header()),
         },
     };
@@ -210,17 +268,25 @@ fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdr
     HouseHeader {
         name: scene.name.clone(),
         frame: scene.frame,
-        sun: scene.sun.map(|sun| (sun.direction, sun.irradiance, sun.angular_radius_rad)),
+        sun: scene
+            .sun
+            .map(|sun| (sun.direction, sun.irradiance, sun.angular_radius_rad)),
         sky,
         sky_picture,
-        headbox: scene.headbox.map(|headbox| (headbox.centre, headbox.half_size_m)),
+        headbox: scene
+            .headbox
+            .map(|headbox| (headbox.centre, headbox.half_size_m)),
         notes: scene.summary.notes.clone(),
         positions: scene.positions.len(),
         normals: scene.normals.len(),
         texcoords: scene.texcoords.len(),
         colors: scene.colors.len(),
         triangles: scene.triangles.len(),
-        textures: scene.textures.iter().map(|t| [t.width(), t.height()]).collect(),
+        textures: scene
+            .textures
+            .iter()
+            .map(|t| [t.width(), t.height()])
+            .collect(),
         materials: scene.materials.iter().map(material).collect(),
         cells: plan.cells.iter().map(cell).collect(),
         portals: plan.portals.iter().map(portal).collect(),
@@ -231,34 +297,61 @@ fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdr
 }
 
 /// A section of one array.
-fn array<T: bytemuck::Pod>(file: &Container, name: &str, count: usize) -> Result<Vec<T>, FileError> {
+fn array<T: bytemuck::Pod>(
+    file: &Container,
+    name: &str,
+    count: usize,
+) -> Result<Vec<T>, FileError> {
     let mut section = file.section(name)?;
     let values = section.array(count)?;
     section.end()?;
     Ok(values)
 }
 
-fn picture_of_sky(file: &Container, info: &Section, (size, turn_deg): ([u32; 2], f64)) -> Result<Sky, FileError> {
-    let texels = array(file, SKY, (size[0] as usize).saturating_mul(size[1] as usize))?;
+fn picture_of_sky(
+    file: &Container,
+    info: &Section,
+    (size, turn_deg): ([u32; 2], f64),
+) -> Result<Sky, FileError> {
+    let texels = array(
+        file,
+        SKY,
+        (size[0] as usize).saturating_mul(size[1] as usize),
+    )?;
     let picture = SkyPicture::new(size, texels, turn_deg);
-    let picture = picture.map_err(|error| info.damaged("a picture of the sky", error.to_string()))?;
+    let picture =
+        picture.map_err(|error| info.damaged("a picture of the sky", error.to_string()))?;
     Ok(Sky::Picture(Arc::new(picture)))
 }
 
 fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<PortalModel, FileError> {
     if !header.frame.is_sane() {
-        return Err(info.damaged("a unit between 1e-9 and 1e9 m", header.frame.unit_m.to_string()));
+        return Err(info.damaged(
+            "a unit between 1e-9 and 1e9 m",
+            header.frame.unit_m.to_string(),
+        ));
     }
     let count = header.triangles;
     let cell_ends = header.cells.iter().map(|cell| cell.triangles);
-    if let Some(run) = cell_ends.into_iter().find(|&[start, end]| start > end || end as usize > count) {
-        return Err(info.damaged(format!("cells with some of {count} triangles"), format!("{run:?}")));
+    if let Some(run) = cell_ends
+        .into_iter()
+        .find(|&[start, end]| start > end || end as usize > count)
+    {
+        return Err(info.damaged(
+            format!("cells with some of {count} triangles"),
+            format!("{run:?}"),
+        ));
     }
-    let outside = header.outside.filter(|&outside| (outside as usize) < header.cells.len());
+    let outside = header
+        .outside
+        .filter(|&outside| (outside as usize) < header.cells.len());
     if outside != header.outside {
         return Err(info.damaged("an outside that is a cell", format!("{:?}", header.outside)));
     }
-    let triangle = |[a, b, c, material]: [u32; 4]| Triangle { vertices: [a, b, c], material };
+    let triangle = |[a, b, c, material]: [u32; 4]| Triangle {
+        vertices: [a, b, c],
+        material,
+    };
     let material = |m: MaterialRecord| Material {
         name: m.name,
         albedo: m.albedo,
@@ -266,43 +359,80 @@ fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<Portal
         emission: m.emission,
         emission_texture: m.emission_texture,
         gloss: None,
-        cutout: m.cutout.map(|(texture, threshold)| Cutout { texture, threshold }),
+        cutout: m
+            .cutout
+            .map(|(texture, threshold)| Cutout { texture, threshold }),
     };
     let mut texels = file.section("texels")?;
     let textures = header.textures.iter().map(|&[width, height]| {
-        let texture = Texture::new(width, height, texels.array((width as usize).saturating_mul(height as usize))?);
-        texture.ok_or_else(|| info.damaged("textures of at least one texel", format!("{width}x{height}")))
+        let texture = Texture::new(
+            width,
+            height,
+            texels.array((width as usize).saturating_mul(height as usize))?,
+        );
+        texture.ok_or_else(|| {
+            info.damaged(
+                "textures of at least one texel",
+                format!("{width}x{height}"),
+            )
+        })
     });
     let textures = textures.collect::<Result<_, _>>()?;
     texels.end()?;
-    let gradient = header.sky.map(|[zenith, horizon, ground]| Sky::Gradient(SkyGradient { zenith, horizon, ground }));
-    let sky = header.sky_picture.map(|header| picture_of_sky(file, info, header)).transpose()?.or(gradient);
+    let gradient = header.sky.map(|[zenith, horizon, ground]| {
+        Sky::Gradient(SkyGradient {
+            zenith,
+            horizon,
+            ground,
+        })
+    });
+    let sky = header
+        .sky_picture
+        .map(|header| picture_of_sky(file, info, header))
+        .transpose()?
+        .or(gradient);
     let scene = Scene {
         name: header.name,
         positions: array(file, "positions", header.positions)?,
         normals: array(file, "normals", header.normals)?,
         texcoords: array(file, "texcoords", header.texcoords)?,
         colors: array(file, "colors", header.colors)?,
-        triangles: array(file, "triangles", count)?.into_iter().map(triangle).collect(),
+        triangles: array(file, "triangles", count)?
+            .into_iter()
+            .map(triangle)
+            .collect(),
         materials: header.materials.into_iter().map(material).collect(),
         textures,
-        sun: header.sun.map(|(direction, irradiance, angular_radius_rad)| Sun {
-            direction,
-            irradiance,
-            angular_radius_rad,
-        }),
+        sun: header
+            .sun
+            .map(|(direction, irradiance, angular_radius_rad)| Sun {
+                direction,
+                irradiance,
+                angular_radius_rad,
+            }),
         sky,
         frame: header.frame,
-        headbox: header.headbox.map(|(centre, half_size_m)| Headbox { centre, half_size_m }),
+        headbox: header.headbox.map(|(centre, half_size_m)| Headbox {
+            centre,
+            half_size_m,
+        }),
         ..Scene::default()
     };
-    let prism = |(outline, floor_y, ceiling_y)| Prism { outline, floor_y, ceiling_y };
+    let prism = |(outline, floor_y, ceiling_y)| Prism {
+        outline,
+        floor_y,
+        ceiling_y,
+    };
     let cell = |cell: CellRecord| Cell {
         name: cell.name,
         space: cell.space.into_iter().map(prism).collect(),
         triangles: cell.triangles[0]..cell.triangles[1],
     };
-    let portal = |p: PortalRecord| Portal { name: p.name, cells: p.cells, polygon: p.polygon };
+    let portal = |p: PortalRecord| Portal {
+        name: p.name,
+        cells: p.cells,
+        polygon: p.polygon,
+    };
     let mut model = PortalModel {
         scene,
         cells: header.cells.into_iter().map(cell).collect(),
@@ -313,13 +443,24 @@ fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<Portal
     Ok(model)
 }
 
-fn capture(mut section: Section, info: &Section, house: &House, record: CaptureRecord) -> Result<Backdrop, FileError> {
+fn capture(
+    mut section: Section,
+    info: &Section,
+    house: &House,
+    record: CaptureRecord,
+) -> Result<Backdrop, FileError> {
     let opening: Option<Opening> = record.at.opening(house);
-    let opening = opening
-        .ok_or_else(|| info.damaged("captures of portals that exist", format!("portal {}", record.at.portal)))?;
+    let opening = opening.ok_or_else(|| {
+        info.damaged(
+            "captures of portals that exist",
+            format!("portal {}", record.at.portal),
+        )
+    })?;
     let backdrop = match record.content {
         Content::Cubes(headers) => {
-            let cubes = headers.into_iter().map(|header| PackedCube::from_arrays(header, &mut section));
+            let cubes = headers
+                .into_iter()
+                .map(|header| PackedCube::from_arrays(header, &mut section));
             Backdrop::Cubes(cubes.collect::<Result<_, _>>()?)
         }
         Content::Sprite(header) => {
@@ -335,7 +476,12 @@ fn capture(mut section: Section, info: &Section, house: &House, record: CaptureR
             }
             let per_texture = (width as usize).saturating_mul(height as usize);
             let texels = section.array(per_texture.saturating_mul(places.len()))?;
-            Backdrop::Textures(TextureSet { opening, size, places, texels })
+            Backdrop::Textures(TextureSet {
+                opening,
+                size,
+                places,
+                texels,
+            })
         }
     };
     section.end()?;

@@ -1,15 +1,15 @@
 //! A portal model made ready to be walked: its scene in the tracer and in the rasteriser.
 
 use super::opening::Opening;
-use headbox_trace::light::Lighting;
-use headbox_scene::load::LoadError;
-use headbox_model::load::{ModelOptions, load_model};
+use glam::{DVec3, Vec3};
+use headbox_core::environment::Environment;
 use headbox_model::PortalModel;
+use headbox_model::load::{ModelOptions, load_model};
+use headbox_raster::RasterMesh;
+use headbox_scene::load::LoadError;
 use headbox_scene::scene::{Scene, SceneError};
 use headbox_trace::bvh::{Hit, Ray, Tracer};
-use headbox_core::environment::Environment;
-use headbox_raster::RasterMesh;
-use glam::{DVec3, Vec3};
+use headbox_trace::light::Lighting;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -39,7 +39,9 @@ pub enum HouseError {
     #[error("the model has no cells: nothing can be walked")]
     NoCells,
     /// A portal refers to a cell that does not exist, or twice to one.
-    #[error("portal {portal} joins the cells {cells:?}; it must join two different ones of {count}")]
+    #[error(
+        "portal {portal} joins the cells {cells:?}; it must join two different ones of {count}"
+    )]
     PortalCells {
         /// Index of the portal.
         portal: usize,
@@ -87,7 +89,11 @@ impl House {
         for (portal, p) in model.portals.iter().enumerate() {
             let count = model.cells.len();
             if p.cells[0] == p.cells[1] || p.cells.iter().any(|&cell| cell as usize >= count) {
-                return Err(HouseError::PortalCells { portal, cells: p.cells, count });
+                return Err(HouseError::PortalCells {
+                    portal,
+                    cells: p.cells,
+                    count,
+                });
             }
             if Opening::new(p, 0).is_none() {
                 return Err(HouseError::PortalShape(portal));
@@ -96,12 +102,22 @@ impl House {
         let scene = Arc::new(std::mem::take(&mut model.scene));
         let [low, high] = scene.bounds();
         let origin = (low + high) / 2.0;
-        let groups: Vec<_> = model.cells.iter().map(|cell| cell.triangles.clone()).collect();
+        let groups: Vec<_> = model
+            .cells
+            .iter()
+            .map(|cell| cell.triangles.clone())
+            .collect();
         let mesh = RasterMesh::new(Arc::clone(&scene), &groups, origin);
         let tracer = Tracer::new(Arc::clone(&scene), origin);
         let lighting = Lighting::of_scene(&tracer, 0);
         let sky = lighting.environment();
-        Ok(Self { plan: model, tracer, mesh, lighting, sky })
+        Ok(Self {
+            plan: model,
+            tracer,
+            mesh,
+            lighting,
+            sky,
+        })
     }
 
     /// The model without its scene: cells and portals.
@@ -141,7 +157,14 @@ impl House {
         let albedo = Vec3::from(scene.paint(hit.primitive).albedo(hit.u, hit.v));
         let emission = Vec3::from(scene.emission(hit.primitive, hit.u, hit.v));
         let radiance = (albedo + emission) * self.lighting.exposure;
-        (radiance, if normal.dot(ray.direction) > 0.0 { -normal } else { normal })
+        (
+            radiance,
+            if normal.dot(ray.direction) > 0.0 {
+                -normal
+            } else {
+                normal
+            },
+        )
     }
 
     /// The middle of a cell's space, at the height of an eye, world metres; `None` for the outside.
@@ -150,7 +173,10 @@ impl House {
         let corners = || space.iter().flat_map(|prism| prism.outline.iter());
         let low = corners().copied().reduce(glam::DVec2::min)?;
         let high = corners().copied().reduce(glam::DVec2::max)?;
-        let floor = space.iter().map(|prism| prism.floor_y).fold(f64::INFINITY, f64::min);
+        let floor = space
+            .iter()
+            .map(|prism| prism.floor_y)
+            .fold(f64::INFINITY, f64::min);
         let middle = (low + high) / 2.0;
         Some(DVec3::new(middle.x, floor + EYE_HEIGHT_M, middle.y))
     }
@@ -174,19 +200,30 @@ impl House {
     fn is_in_wall(&self, p: DVec3) -> bool {
         let origin = (p - self.tracer.origin()).as_vec3();
         let to_back = |direction: Vec3, t_max: f32| {
-            let hit = self.tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max })?;
+            let hit = self.tracer.closest(&Ray {
+                origin,
+                direction,
+                t_min: 0.0,
+                t_max,
+            })?;
             (self.scene().geometric_normal(hit.primitive).dot(direction) > 0.0).then_some(hit.t)
         };
         let between_two = [Vec3::X, Vec3::Z].into_iter().any(|axis| {
             let reach = 2.0 * REVEAL_M as f32;
-            let between = to_back(axis, reach).zip(to_back(-axis, reach)).map(|(a, b)| f64::from(a + b));
+            let between = to_back(axis, reach)
+                .zip(to_back(-axis, reach))
+                .map(|(a, b)| f64::from(a + b));
             between.is_some_and(|between| between < 2.0 * REVEAL_M)
         });
         // None of them along a wall that stands square.
-        let around =
-            [[5.0, 12.0], [12.0, 5.0], [12.0, -5.0], [5.0, -12.0]].map(|[x, z]| Vec3::new(x / 13.0, 0.0, z / 13.0));
+        let around = [[5.0, 12.0], [12.0, 5.0], [12.0, -5.0], [5.0, -12.0]]
+            .map(|[x, z]| Vec3::new(x / 13.0, 0.0, z / 13.0));
         let longest = (2.0 * REVEAL_M * 13.0 / 5.0) as f32;
-        between_two || around.iter().flat_map(|d| [*d, -*d]).all(|d| to_back(d, longest).is_some())
+        between_two
+            || around
+                .iter()
+                .flat_map(|d| [*d, -*d])
+                .all(|d| to_back(d, longest).is_some())
     }
 }
 

@@ -1,7 +1,7 @@
 //! A portal as it is seen from one of its two cells.
 
-use headbox_model::Portal;
 use glam::{DVec2, DVec3};
+use headbox_model::Portal;
 
 /// The plane of a portal with a frame of its own, on the side of one of its cells.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,20 +32,38 @@ impl Opening {
         }
         let anchor = corners[0];
         let next = corners.iter().cycle().skip(1);
-        let normal = corners.iter().zip(next).map(|(a, b)| (*a - anchor).cross(*b - anchor)).sum::<DVec3>();
+        let normal = corners
+            .iter()
+            .zip(next)
+            .map(|(a, b)| (*a - anchor).cross(*b - anchor))
+            .sum::<DVec3>();
         let normal = normal.try_normalize()?;
         let right = DVec3::Y.cross(normal);
-        let right = if right.length() > 0.1 { right } else { DVec3::Z.cross(normal) }.try_normalize()?;
+        let right = if right.length() > 0.1 {
+            right
+        } else {
+            DVec3::Z.cross(normal)
+        }
+        .try_normalize()?;
         let up = normal.cross(right);
         let flat = |p: &DVec3| DVec2::new((*p - anchor).dot(right), (*p - anchor).dot(up));
         let [low, high] = corners
             .iter()
             .map(flat)
-            .fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)]);
+            .fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| {
+                [low.min(p), high.max(p)]
+            });
         let middle = (low + high) / 2.0;
         let centre = anchor + right * middle.x + up * middle.y;
         let half = (high - low) / 2.0;
-        (half.min_element() > 0.0).then_some(Self { centre, right, up, normal, half, corners })
+        (half.min_element() > 0.0).then_some(Self {
+            centre,
+            right,
+            up,
+            normal,
+            half,
+            corners,
+        })
     }
 
     /// Distance of a point from the portal's plane, metres, positive on the side of the cell that looks.
@@ -56,7 +74,10 @@ impl Opening {
     /// Whether a point's foot on the portal's plane lies in the polygon.
     pub fn contains(&self, p: DVec3) -> bool {
         let next = self.corners.iter().cycle().skip(1);
-        self.corners.iter().zip(next).all(|(a, b)| (*b - *a).cross(p - *a).dot(self.normal) >= 0.0)
+        self.corners
+            .iter()
+            .zip(next)
+            .all(|(a, b)| (*b - *a).cross(p - *a).dot(self.normal) >= 0.0)
     }
 
     /// The point of the plane at a position in -1..1 of the bounding rectangle.
@@ -81,9 +102,14 @@ impl Opening {
         let height = (eye_height_m - self.half.y).clamp(-self.half.y, self.half.y);
         let place = |k: i32| {
             let angle = f64::from(k) / (f64::from(n) + 0.5) * std::f64::consts::FRAC_PI_2;
-            self.centre + self.up * height + (self.right * angle.sin() + self.normal * angle.cos()) * radius_m
+            self.centre
+                + self.up * height
+                + (self.right * angle.sin() + self.normal * angle.cos()) * radius_m
         };
-        std::iter::once(0).chain((1..=n as i32).flat_map(|k| [k, -k])).map(place).collect()
+        std::iter::once(0)
+            .chain((1..=n as i32).flat_map(|k| [k, -k]))
+            .map(place)
+            .collect()
     }
 }
 
@@ -94,21 +120,53 @@ mod tests {
 
     #[test]
     fn a_door_has_two_sides() {
-        let polygon = vec![dvec3(1.0, 0.0, 5.0), dvec3(2.0, 0.0, 5.0), dvec3(2.0, 2.0, 5.0), dvec3(1.0, 2.0, 5.0)];
-        let portal = Portal { name: "door".into(), cells: [0, 1], polygon };
-        let (front, back) = (Opening::new(&portal, 0).expect("an area"), Opening::new(&portal, 1).expect("an area"));
-        assert_eq!((front.normal, front.right, front.up), (DVec3::Z, DVec3::X, DVec3::Y));
-        assert_eq!((back.normal, back.right, back.centre), (-DVec3::Z, -DVec3::X, dvec3(1.5, 1.0, 5.0)));
+        let polygon = vec![
+            dvec3(1.0, 0.0, 5.0),
+            dvec3(2.0, 0.0, 5.0),
+            dvec3(2.0, 2.0, 5.0),
+            dvec3(1.0, 2.0, 5.0),
+        ];
+        let portal = Portal {
+            name: "door".into(),
+            cells: [0, 1],
+            polygon,
+        };
+        let (front, back) = (
+            Opening::new(&portal, 0).expect("an area"),
+            Opening::new(&portal, 1).expect("an area"),
+        );
+        assert_eq!(
+            (front.normal, front.right, front.up),
+            (DVec3::Z, DVec3::X, DVec3::Y)
+        );
+        assert_eq!(
+            (back.normal, back.right, back.centre),
+            (-DVec3::Z, -DVec3::X, dvec3(1.5, 1.0, 5.0))
+        );
         assert_eq!(front.half, DVec2::new(0.5, 1.0));
         let eye = dvec3(1.2, 1.6, 6.0);
-        assert_eq!((front.distance_in_front(eye), back.distance_in_front(eye)), (1.0, -1.0));
+        assert_eq!(
+            (front.distance_in_front(eye), back.distance_in_front(eye)),
+            (1.0, -1.0)
+        );
         assert!(front.contains(eye) && back.contains(eye) && !front.contains(dvec3(2.2, 1.0, 5.0)));
         assert!((front.distance(dvec3(2.3, 1.0, 5.4)) - 0.5).abs() < 1e-12);
         let places = front.semicircle(6, 2.0, 1.6);
         assert_eq!(places.len(), 13);
-        assert!((places[0] - dvec3(1.5, 1.6, 7.0)).length() < 1e-12 && places[1].x > 1.5 && places[2].x < 1.5);
-        assert!(places.iter().all(|p| front.distance_in_front(*p) > 0.2 && p.y == 1.6));
-        let thin = Portal { polygon: vec![DVec3::ZERO, DVec3::X, DVec3::X * 2.0], ..portal };
+        assert!(
+            (places[0] - dvec3(1.5, 1.6, 7.0)).length() < 1e-12
+                && places[1].x > 1.5
+                && places[2].x < 1.5
+        );
+        assert!(
+            places
+                .iter()
+                .all(|p| front.distance_in_front(*p) > 0.2 && p.y == 1.6)
+        );
+        let thin = Portal {
+            polygon: vec![DVec3::ZERO, DVec3::X, DVec3::X * 2.0],
+            ..portal
+        };
         assert_eq!(Opening::new(&thin, 0), None);
     }
 }

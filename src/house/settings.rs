@@ -3,8 +3,8 @@
 use super::backdrop::{BackdropKind, BackdropQuality, BackdropStats, PortalSide};
 use super::cull::Limits;
 use headbox_core::camera::Camera;
-use headbox_raster::RasterStats;
 use headbox_cube::render::{Parallel, RenderSettings};
+use headbox_raster::RasterStats;
 use serde::Serialize;
 
 /// When a cell behind a portal is drawn as geometry (R3 gives no rule).
@@ -28,8 +28,16 @@ pub enum Near {
 impl Default for Near {
     /// Of [`BackdropKind::WindowLdi`] as [`BackdropQuality::default`] captures it.
     fn default() -> Self {
-        let BackdropQuality { window_face_px, window_back_m, .. } = BackdropQuality::default();
-        Self::ProjectedError { spacing_px: 2.77, face_px: window_face_px, back_m: window_back_m }
+        let BackdropQuality {
+            window_face_px,
+            window_back_m,
+            ..
+        } = BackdropQuality::default();
+        Self::ProjectedError {
+            spacing_px: 2.77,
+            face_px: window_face_px,
+            back_m: window_back_m,
+        }
     }
 }
 
@@ -44,7 +52,11 @@ impl Near {
     pub fn distance_m(self, camera: &Camera) -> f64 {
         match self {
             Self::Distance(distance) => distance,
-            Self::ProjectedError { spacing_px, face_px, back_m } => {
+            Self::ProjectedError {
+                spacing_px,
+                face_px,
+                back_m,
+            } => {
                 // At depth z behind the portal samples are (z + back) / f1 apart, which is f2 / (z + d) as large in the frame.
                 let ratio = camera.focal_px() / (f64::from(face_px) / 2.0 * spacing_px);
                 ((REFERENCE_DEPTH_M + back_m) * ratio - REFERENCE_DEPTH_M).max(LEAST_DISTANCE_M)
@@ -71,9 +83,18 @@ impl Division {
         let threads = rayon::current_num_threads() as u32;
         match self {
             Self::Bands if warp.band_rows > 0 => *warp,
-            Self::Bands => RenderSettings { band_rows: rows / threads + 1, ..*warp },
-            Self::Portals => RenderSettings { band_rows: rows, ..*warp },
-            Self::Fragments => RenderSettings { parallel: Parallel::Fragments(threads), ..*warp },
+            Self::Bands => RenderSettings {
+                band_rows: rows / threads + 1,
+                ..*warp
+            },
+            Self::Portals => RenderSettings {
+                band_rows: rows,
+                ..*warp
+            },
+            Self::Fragments => RenderSettings {
+                parallel: Parallel::Fragments(threads),
+                ..*warp
+            },
         }
     }
 }
@@ -127,15 +148,22 @@ pub struct WalkStats {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_core::cube_face::Face;
     use glam::{DVec3, dvec3};
+    use headbox_core::cube_face::Face;
 
     /// The tilt of a line of sight half a sample off the axis: (1/2 / f1)^2.
     const TILT: f64 = 1e-4;
 
     #[test]
     fn doors_open_where_the_default_backdrops_samples_come_apart() {
-        let Near::ProjectedError { spacing_px, face_px, back_m } = Near::default() else { panic!("a rule of samples") };
+        let Near::ProjectedError {
+            spacing_px,
+            face_px,
+            back_m,
+        } = Near::default()
+        else {
+            panic!("a rule of samples")
+        };
         let quality = BackdropQuality::default();
         assert_eq!(
             (face_px, back_m),
@@ -144,16 +172,29 @@ mod tests {
         );
         for (fov_y_deg, size) in [(60.0, [640, 512]), (60.0, [1280, 1024]), (40.0, [800, 600])] {
             // A portal about the origin, the eye before it on +z, and the wall behind it.
-            let camera = |z: f64| Camera::look_at(DVec3::Z * z, DVec3::ZERO, DVec3::Y, fov_y_deg, [size[0], size[1]]);
+            let camera = |z: f64| {
+                Camera::look_at(
+                    DVec3::Z * z,
+                    DVec3::ZERO,
+                    DVec3::Y,
+                    fov_y_deg,
+                    [size[0], size[1]],
+                )
+            };
             let distance = Near::default().distance_m(&camera(1.0).expect("valid"));
             let camera = camera(distance).expect("valid");
             let middle = f64::from(face_px) / 2.0;
             let sample = |column: f64| {
                 let toward = Face::NegZ.direction(middle + column, middle, face_px);
-                camera.project(dvec3(0.0, 0.0, back_m) + toward * (REFERENCE_DEPTH_M + back_m)).expect("in front")[0]
+                camera
+                    .project(dvec3(0.0, 0.0, back_m) + toward * (REFERENCE_DEPTH_M + back_m))
+                    .expect("in front")[0]
             };
             let spacing = sample(0.5) - sample(-0.5);
-            assert!((spacing / spacing_px - 1.0).abs() < TILT, "{spacing} px at {distance} m");
+            assert!(
+                (spacing / spacing_px - 1.0).abs() < TILT,
+                "{spacing} px at {distance} m"
+            );
         }
         let tiny = Camera::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y, 60.0, [8, 8]).expect("valid");
         assert_eq!(Near::default().distance_m(&tiny), LEAST_DISTANCE_M);

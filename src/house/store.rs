@@ -25,7 +25,10 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Store {
     /// An empty store that keeps at most so many bytes.
     pub fn new(budget_bytes: u64) -> Self {
-        Self { budget: budget_bytes, shelves: Mutex::default() }
+        Self {
+            budget: budget_bytes,
+            shelves: Mutex::default(),
+        }
     }
 
     /// A backdrop, if it is there; it counts as used now.
@@ -70,7 +73,10 @@ impl Store {
 
     /// All backdrops, by key.
     pub fn all(&self) -> Vec<(Key, Arc<Backdrop>)> {
-        lock(&self.shelves).iter().map(|(key, backdrop)| (key, Arc::clone(backdrop))).collect()
+        lock(&self.shelves)
+            .iter()
+            .map(|(key, backdrop)| (key, Arc::clone(backdrop)))
+            .collect()
     }
 }
 
@@ -112,7 +118,10 @@ impl BackdropBuilder {
         let desk = Arc::new(Desk::default());
         let at_desk = Arc::clone(&desk);
         let thread = std::thread::spawn(move || work(&at_desk, &house, &store, &quality));
-        Self { desk, thread: Some(thread) }
+        Self {
+            desk,
+            thread: Some(thread),
+        }
     }
 
     /// Replaces the list of wanted backdrops, the most urgent first.
@@ -132,7 +141,11 @@ impl BackdropBuilder {
     pub fn wait(&self) {
         let mut orders = lock(&self.desk.orders);
         while orders.in_hand() {
-            orders = self.desk.changed.wait(orders).unwrap_or_else(PoisonError::into_inner);
+            orders = self
+                .desk
+                .changed
+                .wait(orders)
+                .unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
@@ -155,7 +168,10 @@ fn work(desk: &Desk, house: &House, store: &Store, quality: &BackdropQuality) {
     while !orders.stop {
         let Some(key) = orders.wanted.pop_front() else {
             desk.changed.notify_all();
-            orders = desk.changed.wait(orders).unwrap_or_else(PoisonError::into_inner);
+            orders = desk
+                .changed
+                .wait(orders)
+                .unwrap_or_else(PoisonError::into_inner);
             continue;
         };
         if orders.refused.contains(&key) {
@@ -199,9 +215,15 @@ mod tests {
     #[test]
     fn the_least_recently_used_goes_first() {
         let store = Store::new(0);
-        assert!(store.insert(key(0), Arc::new(Backdrop::Cubes(Vec::new()))), "nothing fits into nothing");
+        assert!(
+            store.insert(key(0), Arc::new(Backdrop::Cubes(Vec::new()))),
+            "nothing fits into nothing"
+        );
         let cube = || {
-            let environment = headbox_core::environment::Environment { size_px: 1, texels: vec![[0; 4]; 6] };
+            let environment = headbox_core::environment::Environment {
+                size_px: 1,
+                texels: vec![[0; 4]; 6],
+            };
             let info = headbox_cube::model::info::CaptureInfo::default();
             let layout = headbox_cube::pack::SplatIndexLayout::Normal;
             let segments = Vec::new();
@@ -214,12 +236,23 @@ mod tests {
                 planes: headbox_cube::pack::PlaneSet::default(),
             }]))
         };
-        assert_eq!((cube().bytes(), store.insert(key(1), cube())), (24, false), "larger than the budget");
+        assert_eq!(
+            (cube().bytes(), store.insert(key(1), cube())),
+            (24, false),
+            "larger than the budget"
+        );
         let store = Store::new(60);
         assert!(store.insert(key(1), cube()) && store.insert(key(2), cube()));
         assert!(store.get(key(1)).is_some());
         assert!(store.insert(key(3), cube()));
-        assert_eq!(store.all().iter().map(|(key, _)| key.0.portal).collect::<Vec<_>>(), [1, 3]);
+        assert_eq!(
+            store
+                .all()
+                .iter()
+                .map(|(key, _)| key.0.portal)
+                .collect::<Vec<_>>(),
+            [1, 3]
+        );
         assert!(store.insert(key(3), cube()));
         assert_eq!(store.bytes(), 48);
     }

@@ -24,17 +24,31 @@ pub struct Tour {
 
 impl Tour {
     /// Starts the thread. The store may hold backdrops already, from a `.house` file for instance.
-    pub fn new(house: Arc<House>, store: Arc<Store>, quality: BackdropQuality, settings: WalkSettings) -> Self {
+    pub fn new(
+        house: Arc<House>,
+        store: Arc<Store>,
+        quality: BackdropQuality,
+        settings: WalkSettings,
+    ) -> Self {
         let builder = BackdropBuilder::new(Arc::clone(&house), Arc::clone(&store), quality);
-        Self { settings, house, store, builder, walker: Walker::new() }
+        Self {
+            settings,
+            house,
+            store,
+            builder,
+            walker: Walker::new(),
+        }
     }
 
     /// Draws what a camera sees, on the current rayon thread pool, and orders what was missing.
     pub fn frame(&mut self, camera: &Camera) -> (&Frame, &WalkStats) {
-        let (frame, stats) = self.walker.frame(&self.house, &self.store, camera, &self.settings);
+        let (frame, stats) = self
+            .walker
+            .frame(&self.house, &self.store, camera, &self.settings);
         if let Some(kind) = self.settings.backdrops {
             let urgent = stats.missing.iter().map(|at| (*at, kind));
-            self.builder.want(urgent.chain(likely(&self.house, camera.eye(), kind)));
+            self.builder
+                .want(urgent.chain(likely(&self.house, camera.eye(), kind)));
         }
         (frame, stats)
     }
@@ -56,10 +70,13 @@ impl Tour {
 
     /// Whether the last frame would be better by now or soon: a backdrop that it lacked is there, or one is being built.
     pub fn can_improve(&self) -> bool {
-        let Some(kind) = self.settings.backdrops else { return false };
+        let Some(kind) = self.settings.backdrops else {
+            return false;
+        };
         let missing = &self.walker.stats().missing;
         // In this order: what is not being built any more is in the store, if it ever will be.
-        !missing.is_empty() && (self.builder.is_busy() || missing.iter().any(|at| self.store.contains((*at, kind))))
+        !missing.is_empty()
+            && (self.builder.is_busy() || missing.iter().any(|at| self.store.contains((*at, kind))))
     }
 
     /// Waits until nothing is ordered that could still be built.

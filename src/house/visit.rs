@@ -1,11 +1,11 @@
 //! Which cells a frame draws as geometry, and at which portals backdrops begin.
 
 use super::backdrop::{Backdrop, BackdropKind, PortalSide};
-use crate::cull;
 use super::cull::CellView;
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::{Key, Store};
+use crate::cull;
 use headbox_core::camera::Camera;
 use headbox_raster::GroupWindow;
 use std::ops::Range;
@@ -29,35 +29,62 @@ pub(super) fn visit(
 ) -> (Vec<GroupWindow>, Vec<BackedPortal>) {
     let Some(cell) = stats.cell else {
         let all = 0..house.mesh().group_count() as u32;
-        return (all.map(|group| GroupWindow { group, window: None }).collect(), Vec::new());
+        return (
+            all.map(|group| GroupWindow {
+                group,
+                window: None,
+            })
+            .collect(),
+            Vec::new(),
+        );
     };
     let near = settings.near.distance_m(camera);
     let mut boundaries: Vec<BackedPortal> = Vec::new();
-    let views = cull::visible_cells(house.plan(), camera, cell, &settings.limits, |portal, view| {
-        let Some(kind) = settings.backdrops else { return true };
-        let Some(at) = side_toward(house, portal, view.cell) else { return true };
-        if at.opening(house).is_none_or(|opening| opening.distance(camera.eye()) < near) {
-            return true;
-        }
-        let window = view.window.rectangle(camera);
-        if let Some(known) = boundaries.iter_mut().find(|boundary| boundary.at == at) {
-            known.window = union(&known.window, &window);
-            return false;
-        }
-        let Some(backdrop) = store.get((at, kind)) else {
-            stats.missing.push(at);
-            return true;
-        };
-        boundaries.push(BackedPortal { at, backdrop, window });
-        false
-    });
+    let views = cull::visible_cells(
+        house.plan(),
+        camera,
+        cell,
+        &settings.limits,
+        |portal, view| {
+            let Some(kind) = settings.backdrops else {
+                return true;
+            };
+            let Some(at) = side_toward(house, portal, view.cell) else {
+                return true;
+            };
+            if at
+                .opening(house)
+                .is_none_or(|opening| opening.distance(camera.eye()) < near)
+            {
+                return true;
+            }
+            let window = view.window.rectangle(camera);
+            if let Some(known) = boundaries.iter_mut().find(|boundary| boundary.at == at) {
+                known.window = union(&known.window, &window);
+                return false;
+            }
+            let Some(backdrop) = store.get((at, kind)) else {
+                stats.missing.push(at);
+                return true;
+            };
+            boundaries.push(BackedPortal {
+                at,
+                backdrop,
+                window,
+            });
+            false
+        },
+    );
     (groups(&views, camera), boundaries)
 }
 
 /// The side of a portal that looks into a cell.
 fn side_toward(house: &House, portal: u32, cell: u32) -> Option<PortalSide> {
     let cells = house.plan().portals.get(portal as usize)?.cells;
-    Some(PortalSide { portal, side: u8::from(cells[0] == cell) })
+    Some(PortalSide {
+        portal,
+        side: u8::from(cells[0] == cell),
+    })
 }
 
 /// Each visited cell once, with the rectangle that holds all of its windows.
@@ -67,7 +94,10 @@ fn groups(views: &[CellView], camera: &Camera) -> Vec<GroupWindow> {
         let window = view.window.rectangle(camera);
         match groups.iter_mut().find(|group| group.group == view.cell) {
             Some(group) => group.window = group.window.as_ref().map(|known| union(known, &window)),
-            None => groups.push(GroupWindow { group: view.cell, window: Some(window) }),
+            None => groups.push(GroupWindow {
+                group: view.cell,
+                window: Some(window),
+            }),
         }
     }
     groups
@@ -81,7 +111,9 @@ pub(super) fn union(a: &[Range<u32>; 2], b: &[Range<u32>; 2]) -> [Range<u32>; 2]
 /// The backdrops that an eye is likely to need, the likeliest first: those of its own cell by distance, then those of the
 /// cells behind near portals.
 pub fn likely(house: &House, eye: glam::DVec3, kind: BackdropKind) -> Vec<Key> {
-    let Some(cell) = house.cell_of_eye(eye) else { return Vec::new() };
+    let Some(cell) = house.cell_of_eye(eye) else {
+        return Vec::new();
+    };
     let sides = |cell: u32| {
         let of_cell = house.plan().portals_of(cell);
         let mut sides: Vec<(f64, PortalSide, u32)> = of_cell

@@ -8,7 +8,9 @@
 //!    buffer says which pixels look through which portal, whatever overlaps (the order that R15 leaves open).
 //! 3. Each backdrop is drawn for the smallest rectangle that holds its portal's pixels, and copied into these alone.
 
-use super::backdrop::{Backdrop, BackdropError, BackdropQuality, BackdropStats, Drawer, PortalSide};
+use super::backdrop::{
+    Backdrop, BackdropError, BackdropQuality, BackdropStats, Drawer, PortalSide,
+};
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::Store;
@@ -60,10 +62,15 @@ impl Walker {
         settings: &WalkSettings,
         quality: &BackdropQuality,
     ) -> Result<u32, BackdropError> {
-        let Some(kind) = settings.backdrops else { return Ok(0) };
+        let Some(kind) = settings.backdrops else {
+            return Ok(0);
+        };
         let mut captured = 0;
         // One at a time: a portal that is missing only behind another one is none that the frame needs.
-        while let Some(at) = Self::missing(house, store, camera, settings).first().copied() {
+        while let Some(at) = Self::missing(house, store, camera, settings)
+            .first()
+            .copied()
+        {
             let backdrop = Backdrop::capture(house, at, kind, quality)?;
             if !store.insert((at, kind), Arc::new(backdrop)) {
                 break;
@@ -74,17 +81,36 @@ impl Walker {
     }
 
     /// The sides of portals whose backdrops a frame would use if the store had them, the eye's own cell first.
-    pub fn missing(house: &House, store: &Store, camera: &Camera, settings: &WalkSettings) -> Vec<PortalSide> {
-        let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
+    pub fn missing(
+        house: &House,
+        store: &Store,
+        camera: &Camera,
+        settings: &WalkSettings,
+    ) -> Vec<PortalSide> {
+        let mut stats = WalkStats {
+            cell: house.cell_of_eye(camera.eye()),
+            ..WalkStats::default()
+        };
         visit(house, store, camera, settings, &mut stats);
         stats.missing
     }
 
     /// The backdrops that a frame uses.
-    pub fn shown(house: &House, store: &Store, camera: &Camera, settings: &WalkSettings) -> Vec<Arc<Backdrop>> {
-        let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
+    pub fn shown(
+        house: &House,
+        store: &Store,
+        camera: &Camera,
+        settings: &WalkSettings,
+    ) -> Vec<Arc<Backdrop>> {
+        let mut stats = WalkStats {
+            cell: house.cell_of_eye(camera.eye()),
+            ..WalkStats::default()
+        };
         let (_, boundaries) = visit(house, store, camera, settings, &mut stats);
-        boundaries.into_iter().map(|boundary| boundary.backdrop).collect()
+        boundaries
+            .into_iter()
+            .map(|boundary| boundary.backdrop)
+            .collect()
     }
 
     /// Draws what a camera sees of a house, with the backdrops that the store has, on the current rayon thread pool.
@@ -96,16 +122,25 @@ impl Walker {
         settings: &WalkSettings,
     ) -> (&Frame, &WalkStats) {
         let started = Instant::now();
-        let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
+        let mut stats = WalkStats {
+            cell: house.cell_of_eye(camera.eye()),
+            ..WalkStats::default()
+        };
         let (groups, boundaries) = visit(house, store, camera, settings, &mut stats);
-        let markers: Vec<Marker> = (0..).zip(&boundaries).filter_map(|(n, b)| marker(house, n, b)).collect();
+        let markers: Vec<Marker> = (0..)
+            .zip(&boundaries)
+            .filter_map(|(n, b)| marker(house, n, b))
+            .collect();
         let view = RasterView {
             groups: &groups,
             markers: &markers,
             exposure: house.lighting().exposure,
             hole_color_srgb: settings.warp.hole_color_srgb,
         };
-        stats.raster = *self.rasterizer.draw(house.mesh(), camera, &view, house.sky()).1;
+        stats.raster = *self
+            .rasterizer
+            .draw(house.mesh(), camera, &view, house.sky())
+            .1;
         stats.geometry_cells = groups.len() as u32;
         stats.pixels = u64::from(camera.width()) * u64::from(camera.height());
         stats.backdrop_pixels = stats.raster.marker_pixels;
@@ -136,14 +171,24 @@ impl Walker {
     }
 
     /// Draws the backdrops into the pixels of their markers.
-    fn fill(&mut self, boundaries: &[BackedPortal], camera: &Camera, settings: &WalkSettings, stats: &mut WalkStats) {
+    fn fill(
+        &mut self,
+        boundaries: &[BackedPortal],
+        camera: &Camera,
+        settings: &WalkSettings,
+        stats: &mut WalkStats,
+    ) {
         let output = self.rasterizer.output_mut();
         let numbered = (0..).zip(boundaries);
-        let parts: Vec<BackdropArea> =
-            numbered.filter_map(|(number, boundary)| BackdropArea::of(output, number, boundary, camera)).collect();
-        self.drawers.resize_with(self.drawers.len().max(parts.len()), Drawer::default);
+        let parts: Vec<BackdropArea> = numbered
+            .filter_map(|(number, boundary)| BackdropArea::of(output, number, boundary, camera))
+            .collect();
+        self.drawers
+            .resize_with(self.drawers.len().max(parts.len()), Drawer::default);
         let side_by_side = self.drawers.par_iter_mut().zip(&parts).with_max_len(1);
-        let drawn: Vec<_> = side_by_side.map(|(drawer, part)| part.draw(drawer, settings)).collect();
+        let drawn: Vec<_> = side_by_side
+            .map(|(drawer, part)| part.draw(drawer, settings))
+            .collect();
         for (part, (drawn, took)) in parts.iter().zip(drawn) {
             part.copy(drawn, took, output, stats);
         }
@@ -151,19 +196,42 @@ impl Walker {
 }
 
 impl<'a> BackdropArea<'a> {
-    fn of(output: &RasterOutput, number: u32, boundary: &'a BackedPortal, camera: &Camera) -> Option<Self> {
+    fn of(
+        output: &RasterOutput,
+        number: u32,
+        boundary: &'a BackedPortal,
+        camera: &Camera,
+    ) -> Option<Self> {
         let [columns, rows] = touched(output, number, &boundary.window)?;
         let part = camera.cropped(columns.clone(), rows.clone()).ok()?;
-        Some(Self { number, backdrop: &boundary.backdrop, columns, rows, camera: part })
+        Some(Self {
+            number,
+            backdrop: &boundary.backdrop,
+            columns,
+            rows,
+            camera: part,
+        })
     }
 
-    fn draw<'d>(&self, drawer: &'d mut Drawer, settings: &WalkSettings) -> (&'d Frame, BackdropStats) {
-        let warp = settings.division.settings(&settings.warp, self.rows.len() as u32);
+    fn draw<'d>(
+        &self,
+        drawer: &'d mut Drawer,
+        settings: &WalkSettings,
+    ) -> (&'d Frame, BackdropStats) {
+        let warp = settings
+            .division
+            .settings(&settings.warp, self.rows.len() as u32);
         drawer.draw(self.backdrop, &self.camera, &warp)
     }
 
     /// Copies what was drawn of it into the marker's pixels.
-    fn copy(&self, drawn: &Frame, took: BackdropStats, output: &mut RasterOutput, stats: &mut WalkStats) {
+    fn copy(
+        &self,
+        drawn: &Frame,
+        took: BackdropStats,
+        output: &mut RasterOutput,
+        stats: &mut WalkStats,
+    ) {
         stats.portals += 1;
         stats.backdrop.samples += took.samples;
         stats.backdrop.depth_pixels_in += took.depth_pixels_in;
@@ -173,7 +241,8 @@ impl<'a> BackdropArea<'a> {
                 let at = y as usize * output.frame.width as usize + x as usize;
                 if output.seen(at) == Seen::Marker(self.number) {
                     let from = row as usize * drawn.width as usize + column as usize;
-                    (output.frame.color[at], output.frame.coverage[at]) = (drawn.color[from], drawn.coverage[from]);
+                    (output.frame.color[at], output.frame.coverage[at]) =
+                        (drawn.color[from], drawn.coverage[from]);
                     stats.hole_pixels += u64::from(drawn.coverage[from].is_hole());
                 }
             }
@@ -182,16 +251,26 @@ impl<'a> BackdropArea<'a> {
 }
 
 fn marker(house: &House, number: u32, boundary: &BackedPortal) -> Option<Marker> {
-    Some(Marker { polygon: boundary.at.opening(house)?.corners, number })
+    Some(Marker {
+        polygon: boundary.at.opening(house)?.corners,
+        number,
+    })
 }
 
 /// The smallest rectangle, inside a window, that holds the pixels of a marker.
-fn touched(output: &RasterOutput, number: u32, [columns, rows]: &[Range<u32>; 2]) -> Option<[Range<u32>; 2]> {
+fn touched(
+    output: &RasterOutput,
+    number: u32,
+    [columns, rows]: &[Range<u32>; 2],
+) -> Option<[Range<u32>; 2]> {
     let mut found: Option<[Range<u32>; 2]> = None;
     for y in rows.clone() {
         let start = y as usize * output.frame.width as usize;
         let shows = |x: &u32| output.seen(start + *x as usize) == Seen::Marker(number);
-        let (Some(first), Some(last)) = (columns.clone().find(shows), columns.clone().rev().find(shows)) else {
+        let (Some(first), Some(last)) = (
+            columns.clone().find(shows),
+            columns.clone().rev().find(shows),
+        ) else {
             continue;
         };
         let row = [first..last + 1, y..y + 1];
@@ -206,7 +285,12 @@ fn persist(output: &mut RasterOutput, previous: &Frame, camera: &Camera) {
         return;
     }
     let frame = &mut output.frame;
-    for ((color, coverage), old) in frame.color.iter_mut().zip(&frame.coverage).zip(&previous.color) {
+    for ((color, coverage), old) in frame
+        .color
+        .iter_mut()
+        .zip(&frame.coverage)
+        .zip(&previous.color)
+    {
         if coverage.is_hole() {
             *color = *old;
         }

@@ -2,10 +2,10 @@
 
 use super::house::House;
 use super::opening::Opening;
+use glam::{DVec2, DVec3};
+use headbox_core::camera::{Camera, CameraError};
 use headbox_model::{Portal, PortalModel};
 use headbox_trace::sampler::random4;
-use headbox_core::camera::{Camera, CameraError};
-use glam::{DVec2, DVec3};
 
 /// Poses of the papers' path.
 pub const PAPER_POSES: usize = 520;
@@ -27,7 +27,13 @@ pub struct WalkPath {
 
 impl Default for WalkPath {
     fn default() -> Self {
-        Self { poses: PAPER_POSES, size: [640, 512], fov_y_deg: 60.0, eye_height_m: 1.6, seed: 0 }
+        Self {
+            poses: PAPER_POSES,
+            size: [640, 512],
+            fov_y_deg: 60.0,
+            eye_height_m: 1.6,
+            seed: 0,
+        }
     }
 }
 
@@ -49,7 +55,9 @@ impl WalkPath {
     /// If size or field of view are no camera's.
     pub fn cameras(&self, house: &House) -> Result<Vec<Camera>, CameraError> {
         let (line, _) = self.line(house.plan());
-        let Some(first) = line.first() else { return Ok(Vec::new()) };
+        let Some(first) = line.first() else {
+            return Ok(Vec::new());
+        };
         let mut lengths = vec![0.0];
         for pair in line.windows(2) {
             lengths.push(lengths[lengths.len() - 1] + (pair[1] - pair[0]).length());
@@ -57,7 +65,9 @@ impl WalkPath {
         let total = lengths[lengths.len() - 1];
         let at = |s: f64| {
             let s = s.clamp(0.0, total);
-            let i = lengths.partition_point(|&l| l <= s).clamp(1, line.len().max(2) - 1);
+            let i = lengths
+                .partition_point(|&l| l <= s)
+                .clamp(1, line.len().max(2) - 1);
             match (line.get(i - 1), line.get(i)) {
                 (Some(a), Some(b)) => {
                     let span = (lengths[i] - lengths[i - 1]).max(1e-9);
@@ -70,14 +80,32 @@ impl WalkPath {
             let s = total * k as f64 / self.poses.max(2).saturating_sub(1) as f64;
             let eye = at(s);
             // Where the path doubles back, the mean of several points ahead turns the head smoothly.
-            let ahead = (1..=6).map(|j| at(s + AHEAD_M * f64::from(j) / 3.0)).sum::<DVec3>() / 6.0 - eye;
-            let ahead = if ahead.length() > 0.05 { ahead } else { at(s + 0.01) - at(s - AHEAD_M) };
+            let ahead = (1..=6)
+                .map(|j| at(s + AHEAD_M * f64::from(j) / 3.0))
+                .sum::<DVec3>()
+                / 6.0
+                - eye;
+            let ahead = if ahead.length() > 0.05 {
+                ahead
+            } else {
+                at(s + 0.01) - at(s - AHEAD_M)
+            };
             let phase = s * 0.35 + f64::from(self.seed);
             let turn = DVec2::from_angle(0.5 * phase.sin());
             let flat = turn.rotate(DVec2::new(ahead.x, ahead.z));
-            let flat = if flat.length() > 1e-6 { flat.normalize() } else { DVec2::X };
+            let flat = if flat.length() > 1e-6 {
+                flat.normalize()
+            } else {
+                DVec2::X
+            };
             let look = eye + DVec3::new(flat.x, 0.12 * (phase * 1.7).sin() - 0.05, flat.y);
-            Camera::look_at(eye, look, DVec3::Y, self.fov_y_deg, [self.size[0], self.size[1]])
+            Camera::look_at(
+                eye,
+                look,
+                DVec3::Y,
+                self.fov_y_deg,
+                [self.size[0], self.size[1]],
+            )
         };
         (0..self.poses).map(pose).collect()
     }
@@ -87,7 +115,13 @@ impl WalkPath {
     /// # Errors
     /// As of [`Self::cameras`].
     pub fn first(house: &House) -> Result<Option<Camera>, CameraError> {
-        Ok(Self { poses: 1, ..Self::default() }.cameras(house)?.first().copied())
+        Ok(Self {
+            poses: 1,
+            ..Self::default()
+        }
+        .cameras(house)?
+        .first()
+        .copied())
     }
 
     /// Names of the rooms that the walk does not enter: no door leads there from where it begins, or there is nowhere to
@@ -95,15 +129,22 @@ impl WalkPath {
     pub fn unvisited<'a>(&self, house: &'a House) -> Vec<&'a str> {
         let plan = house.plan();
         let (_, visited) = self.line(plan);
-        let cells = (0_u32..).zip(&plan.cells).filter(|(cell, _)| plan.outside != Some(*cell));
-        cells.filter(|(cell, _)| !visited[*cell as usize]).map(|(_, it)| it.name.as_str()).collect()
+        let cells = (0_u32..)
+            .zip(&plan.cells)
+            .filter(|(cell, _)| plan.outside != Some(*cell));
+        cells
+            .filter(|(cell, _)| !visited[*cell as usize])
+            .map(|(_, it)| it.name.as_str())
+            .collect()
     }
 
     /// Corners of the walk, world metres: a depth-first tour of the rooms and back; and which cells it enters. It begins where
     /// the most rooms can be entered.
     fn line(&self, plan: &PortalModel) -> (Vec<DVec3>, Vec<bool>) {
         let count = plan.cells.len();
-        let rooms: Vec<u32> = (0..count as u32).filter(|&cell| self.standing_point(plan, cell).is_some()).collect();
+        let rooms: Vec<u32> = (0..count as u32)
+            .filter(|&cell| self.standing_point(plan, cell).is_some())
+            .collect();
         let begin = self.random(0) as usize % rooms.len().max(1);
         let mut best = (Vec::new(), vec![false; count]);
         let entered = |visited: &[bool]| visited.iter().filter(|v| **v).count();
@@ -115,7 +156,9 @@ impl WalkPath {
             }
             let mut walk = (Vec::new(), vec![false; count]);
             self.tour(plan, start, &mut walk.1, &mut walk.0);
-            seen.iter_mut().zip(&walk.1).for_each(|(seen, entered)| *seen |= entered);
+            seen.iter_mut()
+                .zip(&walk.1)
+                .for_each(|(seen, entered)| *seen |= entered);
             if entered(&walk.1) > entered(&best.1) {
                 best = walk;
             }
@@ -130,14 +173,18 @@ impl WalkPath {
     fn tour(&self, plan: &PortalModel, start: u32, visited: &mut [bool], line: &mut Vec<DVec3>) {
         visited[start as usize] = true;
         line.extend(self.standing_point(plan, start));
-        let mut doors: Vec<(usize, u32)> =
-            plan.portals_of(start).filter(|&(_, next)| plan.outside != Some(next)).collect();
+        let mut doors: Vec<(usize, u32)> = plan
+            .portals_of(start)
+            .filter(|&(_, next)| plan.outside != Some(next))
+            .collect();
         doors.sort_by_key(|&(portal, _)| self.random(portal as u32 + 1));
         for (portal, next) in doors {
             if visited[next as usize] || self.standing_point(plan, next).is_none() {
                 continue;
             }
-            let Some([here, middle, there]) = self.passage(plan, portal, start) else { continue };
+            let Some([here, middle, there]) = self.passage(plan, portal, start) else {
+                continue;
+            };
             line.extend([here, middle, there]);
             self.tour(plan, next, visited, line);
             line.extend([there, middle, here]);
@@ -151,30 +198,57 @@ impl WalkPath {
         let cell = plan.cells.get(cell as usize)?;
         let area = |outline: &[DVec2]| {
             let next = outline.iter().cycle().skip(1);
-            outline.iter().zip(next).map(|(a, b)| a.perp_dot(*b)).sum::<f64>().abs()
+            outline
+                .iter()
+                .zip(next)
+                .map(|(a, b)| a.perp_dot(*b))
+                .sum::<f64>()
+                .abs()
         };
-        let prism = cell.space.iter().max_by(|a, b| area(&a.outline).total_cmp(&area(&b.outline)))?;
+        let prism = cell
+            .space
+            .iter()
+            .max_by(|a, b| area(&a.outline).total_cmp(&area(&b.outline)))?;
         let y = prism.floor_y + self.eye_height_m;
         let lift = |p: DVec2| DVec3::new(p.x, y.min(prism.ceiling_y - 0.1), p.y);
         let corners = &prism.outline;
         let middle = corners.iter().sum::<DVec2>() / corners.len().max(1) as f64;
-        let between = corners.iter().flat_map(|a| corners.iter().map(move |b| (*a + *b) / 2.0));
-        std::iter::once(middle).chain(between).map(lift).find(|p| prism.contains(*p))
+        let between = corners
+            .iter()
+            .flat_map(|a| corners.iter().map(move |b| (*a + *b) / 2.0));
+        std::iter::once(middle)
+            .chain(between)
+            .map(lift)
+            .find(|p| prism.contains(*p))
     }
 
     /// Points before, in and after a door, from a cell; `None` for a window.
     fn passage(&self, plan: &PortalModel, portal: usize, from: u32) -> Option<[DVec3; 3]> {
         let (opening, floor) = door(plan, plan.portals.get(portal)?, from)?;
         let top = opening.centre.y + opening.half.y - 0.1;
-        let middle = DVec3::new(opening.centre.x, (floor + self.eye_height_m).min(top), opening.centre.z);
-        Some([middle + opening.normal * APPROACH_M, middle, middle - opening.normal * APPROACH_M])
+        let middle = DVec3::new(
+            opening.centre.x,
+            (floor + self.eye_height_m).min(top),
+            opening.centre.z,
+        );
+        Some([
+            middle + opening.normal * APPROACH_M,
+            middle,
+            middle - opening.normal * APPROACH_M,
+        ])
     }
 }
 
 /// A portal as seen from one of its cells, and the height of that cell's floor, if it is a door there and no window.
 pub fn door(plan: &PortalModel, portal: &Portal, from: u32) -> Option<(Opening, f64)> {
     let opening = Opening::new(portal, usize::from(portal.cells[0] != from))?;
-    let floor = plan.cells.get(from as usize)?.space.iter().map(|p| p.floor_y).fold(f64::INFINITY, f64::min);
+    let floor = plan
+        .cells
+        .get(from as usize)?
+        .space
+        .iter()
+        .map(|p| p.floor_y)
+        .fold(f64::INFINITY, f64::min);
     let sill = opening.centre.y - opening.half.y;
     let too_small = 2.0 * opening.half.y < DOOR_HEIGHT_M || 2.0 * opening.half.x < DOOR_WIDTH_M;
     (sill <= floor + SILL_M && !too_small).then_some((opening, floor))

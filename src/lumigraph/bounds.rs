@@ -129,14 +129,19 @@ mod tests {
     }
 
     /// The paper's table 4: UV plane, ST plane, F, depths.
-    const SCENES: [[f64; 5]; 3] =
-        [[200.0, 100.0, 160.0, 183.4, 308.8], [400.0, 200.0, 300.0, 232.6, 581.8], [80.0, 40.0, 60.0, 35.4, 134.0]];
+    const SCENES: [[f64; 5]; 3] = [
+        [200.0, 100.0, 160.0, 183.4, 308.8],
+        [400.0, 200.0, 300.0, 232.6, 581.8],
+        [80.0, 40.0, 60.0, 35.4, 134.0],
+    ];
 
     #[test]
     fn the_papers_scenes_need_the_layers_that_were_derived() {
         let layers = [[22.7, 7.6, 3.2], [49.5, 16.5, 7.1], [79.8, 26.6, 11.4]];
         let cameras = [23.7, 50.5, 80.8];
-        for (([uv, st, f, near, far], layers), cameras) in SCENES.into_iter().zip(layers).zip(cameras) {
+        for (([uv, st, f, near, far], layers), cameras) in
+            SCENES.into_iter().zip(layers).zip(cameras)
+        {
             let (range, pixel) = ([1.0 / far, 1.0 / near], uv / 256.0);
             for (m, derived) in [2.0, 4.0, 8.0].into_iter().zip(layers) {
                 let found = min_layers(f, range, st / (m - 1.0), pixel);
@@ -149,7 +154,12 @@ mod tests {
 
     #[test]
     fn a_layer_that_the_eye_is_in_or_has_passed_is_never_within_the_bound() {
-        let bound = ErrorBound { focal: 1.0, spacing: 1.0, behind: -2.0, tolerance: 1e9 };
+        let bound = ErrorBound {
+            focal: 1.0,
+            spacing: 1.0,
+            behind: -2.0,
+            tolerance: 1e9,
+        };
         assert!(bound.allows([0.1, 0.4]));
         for passed in [[0.1, 0.5], [0.4, 0.6], [0.6, 0.7]] {
             assert!(!bound.allows(passed), "{passed:?}");

@@ -7,7 +7,9 @@ pub enum LumigraphError {
     #[error("a lumigraph needs at least one camera")]
     NoCameras,
     /// A number of the grid is not finite, or a spacing is not positive.
-    #[error("the {0} of the camera grid must be finite, and cameras of a row or column must follow each other")]
+    #[error(
+        "the {0} of the camera grid must be finite, and cameras of a row or column must follow each other"
+    )]
     Grid(&'static str),
     /// The images cannot be worked with.
     #[error("images of {0}x{1} pixels; each side must lie between 2 and {max}", max = headbox_core::camera::Camera::MAX_SIDE_PX)]

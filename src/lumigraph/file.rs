@@ -6,11 +6,11 @@
 //! image, row by row of the grid from the lowest, row-major. Of several light slabs each section but `info` and `environment` has all,
 //! slab after slab.
 
-use crate::make::slabs::{MAX_SLABS, Slabs};
 use super::{CameraGrid, DisparityLayer, GridParts, Lumigraph, LumigraphInfo, Picture};
+use crate::make::slabs::{MAX_SLABS, Slabs};
+use glam::{DMat3, DVec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use headbox_cube::pack::file::read_environment;
-use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -57,7 +57,11 @@ impl SlabHeader {
 
 /// Bytes of an index that tells infinity, some layers and, if there is any, what is not known apart.
 pub(super) fn index_bytes(layers: usize, unknown: bool) -> usize {
-    if layers + usize::from(unknown) < 256 { 1 } else { 2 }
+    if layers + usize::from(unknown) < 256 {
+        1
+    } else {
+        2
+    }
 }
 
 /// Numbers of the section `geometry` before the cameras' places.
@@ -106,20 +110,38 @@ impl Slabs {
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let file = Container::open(path, LUMI_FILE)?;
         let info_section = file.section("info")?;
-        let FileHeader { info, environment_size_px, first, others } = info_section.json()?;
+        let FileHeader {
+            info,
+            environment_size_px,
+            first,
+            others,
+        } = info_section.json()?;
         if !info.frame.is_sane() {
-            return Err(info_section.damaged("a unit between 1e-9 and 1e9 m", info.frame.unit_m.to_string()));
+            return Err(info_section.damaged(
+                "a unit between 1e-9 and 1e9 m",
+                info.frame.unit_m.to_string(),
+            ));
         }
         if others.len() >= MAX_SLABS {
-            return Err(info_section.damaged(format!("at most {MAX_SLABS} slabs"), (others.len() + 1).to_string()));
+            return Err(info_section.damaged(
+                format!("at most {MAX_SLABS} slabs"),
+                (others.len() + 1).to_string(),
+            ));
         }
-        let [mut geometry, mut layers, mut color, mut index] =
-            [file.section("geometry")?, file.section("layers")?, file.section("color")?, file.section("index")?];
+        let [mut geometry, mut layers, mut color, mut index] = [
+            file.section("geometry")?,
+            file.section("layers")?,
+            file.section("color")?,
+            file.section("index")?,
+        ];
         let mut slabs = Vec::new();
         for header in std::iter::once(&first).chain(&others) {
             let grid = read_grid(&mut geometry, header)?;
             let ranges: Vec<[f64; 2]> = layers.array(header.layers as usize)?;
-            let of_slab: Vec<_> = ranges.into_iter().map(|[min, max]| DisparityLayer { min, max }).collect();
+            let of_slab: Vec<_> = ranges
+                .into_iter()
+                .map(|[min, max]| DisparityLayer { min, max })
+                .collect();
             let bytes = index_bytes(of_slab.len(), header.unknown);
             let pictures = read_pictures([&mut color, &mut index], &grid, bytes)?;
             let slab = Lumigraph::new(grid, of_slab, pictures);
@@ -136,7 +158,9 @@ impl Slabs {
 
 /// Writes slabs of which the first says what all have in common.
 fn write(slabs: &[&Lumigraph], path: &Path) -> Result<(), FileError> {
-    let [first, others @ ..] = slabs else { return Ok(()) };
+    let [first, others @ ..] = slabs else {
+        return Ok(());
+    };
     let header = FileHeader {
         info: first.info.clone(),
         environment_size_px: first.environment.size_px,
@@ -145,17 +169,29 @@ fn write(slabs: &[&Lumigraph], path: &Path) -> Result<(), FileError> {
     };
     let mut writer = ContainerWriter::new(LUMI_FILE);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-    writer.section("geometry", || Ok(slabs.iter().flat_map(|slab| geometry(slab.grid())).collect()));
+    writer.section("geometry", || {
+        Ok(slabs
+            .iter()
+            .flat_map(|slab| geometry(slab.grid()))
+            .collect())
+    });
     writer.section("layers", || {
         let layers = slabs.iter().flat_map(|slab| slab.layers());
         Ok(bytemuck::cast_slice(&layers.map(DisparityLayer::range).collect::<Vec<_>>()).to_vec())
     });
-    writer.section("environment", || Ok(bytemuck::cast_slice(&first.environment.texels).to_vec()));
+    writer.section("environment", || {
+        Ok(bytemuck::cast_slice(&first.environment.texels).to_vec())
+    });
     writer.section("color", || {
         let pictures = slabs.iter().flat_map(|slab| slab.pictures());
-        Ok(pictures.map(|picture| picture.color.as_flattened()).collect::<Vec<_>>().concat())
+        Ok(pictures
+            .map(|picture| picture.color.as_flattened())
+            .collect::<Vec<_>>()
+            .concat())
     });
-    writer.section("index", || Ok(slabs.iter().flat_map(|slab| indices(slab)).collect()));
+    writer.section("index", || {
+        Ok(slabs.iter().flat_map(|slab| indices(slab)).collect())
+    });
     writer.write(path)
 }
 
@@ -207,7 +243,11 @@ fn read_pictures(
     for _ in 0..grid.camera_count() {
         let color = color.array(pixels)?;
         let index = match index_bytes {
-            1 => index.array::<u8>(pixels)?.into_iter().map(u16::from).collect(),
+            1 => index
+                .array::<u8>(pixels)?
+                .into_iter()
+                .map(u16::from)
+                .collect(),
             _ => index.array::<u16>(pixels)?,
         };
         pictures.push(Picture { color, index });

@@ -5,8 +5,8 @@
 //! each unit of z.
 
 use super::LumigraphError;
-use headbox_core::camera::Camera;
 use glam::{DMat3, DVec2, DVec3};
+use headbox_core::camera::Camera;
 
 /// Cameras in columns and rows, not necessarily evenly spaced (the paper's limitation 1), with one focal length and size.
 ///
@@ -50,8 +50,15 @@ impl CameraGrid {
     /// # Errors
     /// [`LumigraphError::NoCameras`], [`LumigraphError::Grid`], [`LumigraphError::Size`], [`LumigraphError::TooLarge`].
     pub fn new(parts: GridParts) -> Result<Self, LumigraphError> {
-        let GridParts { origin, world_from_eye, columns, rows, focal_px, size_px: [width, height], convergence } =
-            parts;
+        let GridParts {
+            origin,
+            world_from_eye,
+            columns,
+            rows,
+            focal_px,
+            size_px: [width, height],
+            convergence,
+        } = parts;
         if columns.is_empty() || rows.is_empty() {
             return Err(LumigraphError::NoCameras);
         }
@@ -72,18 +79,36 @@ impl CameraGrid {
             return Err(LumigraphError::Size(width, height));
         }
         let cameras = columns.len().saturating_mul(rows.len());
-        if (cameras as u64).saturating_mul(u64::from(width) * u64::from(height)) > super::MAX_PIXELS {
-            return Err(LumigraphError::TooLarge { cameras, width, height });
+        if (cameras as u64).saturating_mul(u64::from(width) * u64::from(height)) > super::MAX_PIXELS
+        {
+            return Err(LumigraphError::TooLarge {
+                cameras,
+                width,
+                height,
+            });
         }
         let first = Camera::from_parts(origin, world_from_eye, focal_px, width, height);
         let first = first.map_err(|_| LumigraphError::Size(width, height))?;
-        Ok(Self { origin, world_from_eye, columns, rows, focal_px, size_px: [width, height], convergence, first })
+        Ok(Self {
+            origin,
+            world_from_eye,
+            columns,
+            rows,
+            focal_px,
+            size_px: [width, height],
+            convergence,
+            first,
+        })
     }
 
     /// `count` evenly spaced places of an extent about 0; the middle alone for one.
     pub fn evenly(count: usize, extent: f64) -> Vec<f64> {
         let place = |i: usize| (i as f64 / (count.max(2) - 1) as f64 - 0.5) * extent;
-        if count == 1 { vec![0.0] } else { (0..count).map(place).collect() }
+        if count == 1 {
+            vec![0.0]
+        } else {
+            (0..count).map(place).collect()
+        }
     }
 
     /// The axes of cameras that look along `normal`, with `up` (any length, not along the normal) pointing up.
@@ -153,7 +178,12 @@ impl CameraGrid {
 
     /// The widest gap between neighbours in a row or column, metres; 0 for a single camera.
     pub fn spacing(&self) -> f64 {
-        let widest = |places: &[f64]| places.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        let widest = |places: &[f64]| {
+            places
+                .windows(2)
+                .map(|pair| pair[1] - pair[0])
+                .fold(0.0, f64::max)
+        };
         widest(&self.columns).max(widest(&self.rows))
     }
 
@@ -171,26 +201,53 @@ impl CameraGrid {
     /// The camera in a column and row.
     pub fn camera(&self, column: usize, row: usize) -> Camera {
         let (right, up) = (self.columns[column], self.rows[row]);
-        let eye = self.origin + self.world_from_eye.x_axis * right + self.world_from_eye.y_axis * up;
+        let eye =
+            self.origin + self.world_from_eye.x_axis * right + self.world_from_eye.y_axis * up;
         let [width, height] = self.size_px;
         let [x, y] = [f64::from(width) / 2.0, f64::from(height) / 2.0];
         let shift = self.focal_px * self.convergence;
-        self.first.with_eye(eye).with_principal_px([x + shift * right, y - shift * up])
+        self.first
+            .with_eye(eye)
+            .with_principal_px([x + shift * right, y - shift * up])
     }
 
     /// What it is made of.
     pub fn parts(&self) -> GridParts {
-        let Self { origin, world_from_eye, focal_px, size_px, convergence, .. } = *self;
+        let Self {
+            origin,
+            world_from_eye,
+            focal_px,
+            size_px,
+            convergence,
+            ..
+        } = *self;
         let (columns, rows) = (self.columns.clone(), self.rows.clone());
-        GridParts { origin, world_from_eye, columns, rows, focal_px, size_px, convergence }
+        GridParts {
+            origin,
+            world_from_eye,
+            columns,
+            rows,
+            focal_px,
+            size_px,
+            convergence,
+        }
     }
 
     /// Turned about a line through `centre` along `axis`, by an angle in radians; `None` if the line has no direction.
     pub fn turned(&self, centre: DVec3, axis: DVec3, angle: f64) -> Option<Self> {
         let turn = DMat3::from_axis_angle(axis.try_normalize()?, angle);
-        let GridParts { origin, world_from_eye, .. } = self.parts();
+        let GridParts {
+            origin,
+            world_from_eye,
+            ..
+        } = self.parts();
         let (origin, world_from_eye) = (centre + turn * (origin - centre), turn * world_from_eye);
-        Self::new(GridParts { origin, world_from_eye, ..self.parts() }).ok()
+        Self::new(GridParts {
+            origin,
+            world_from_eye,
+            ..self.parts()
+        })
+        .ok()
     }
 }
 
@@ -215,7 +272,12 @@ impl PlaneView {
         let start = along(0.0, 0.0);
         let step = [along(1.0, 0.0) - start, along(0.0, 1.0) - start];
         let size = [f64::from(camera.width()), f64::from(camera.height())];
-        Self { eye: grid.plane_from_world(camera.eye()), start, step, size }
+        Self {
+            eye: grid.plane_from_world(camera.eye()),
+            start,
+            step,
+            size,
+        }
     }
 
     /// Distance of the eye behind the plane; negative in front of it.
@@ -246,16 +308,26 @@ impl PlaneView {
             let at = [self.size[0] * share_x, self.size[1] * share_y];
             let direction = self.start + self.step[0] * at[0] + self.step[1] * at[1];
             let slopes = self.slopes(at)?;
-            let [across, down] = self.step.map(|step| (step.truncate() - slopes * step.z) / direction.z);
+            let [across, down] = self
+                .step
+                .map(|step| (step.truncate() - slopes * step.z) / direction.z);
             // Singular values of the matrix with these columns.
-            let (area, squares) = (across.perp_dot(down).abs(), across.length_squared() + down.length_squared());
+            let (area, squares) = (
+                across.perp_dot(down).abs(),
+                across.length_squared() + down.length_squared(),
+            );
             let least = 0.5 * (squares - (squares * squares - 4.0 * area * area).max(0.0).sqrt());
             (area > 0.0 && least > 0.0).then(|| [1.0 / least.sqrt(), 1.0 / area.sqrt()])
         };
         let [_, middle] = scale(0.5, 0.5)?;
         let places = [0.0, 0.5, 1.0];
-        let most = places.iter().flat_map(|&x| places.iter().map(move |&y| [x, y]));
-        let most = most.filter_map(|[x, y]| scale(x, y)).map(|[most, _]| most).fold(middle, f64::max);
+        let most = places
+            .iter()
+            .flat_map(|&x| places.iter().map(move |&y| [x, y]));
+        let most = most
+            .filter_map(|[x, y]| scale(x, y))
+            .map(|[most, _]| most)
+            .fold(middle, f64::max);
         Some([most, middle])
     }
 }
@@ -275,7 +347,7 @@ pub(super) mod tests {
     use super::*;
 
     /// A turned and moved grid of 3 columns, unevenly spaced, and 2 rows.
-    pub(in crate) fn any_grid() -> CameraGrid {
+    pub(crate) fn any_grid() -> CameraGrid {
         let axes = CameraGrid::facing(DVec3::new(0.3, -0.2, -1.0), DVec3::Y).expect("a direction");
         CameraGrid::new(GridParts {
             origin: DVec3::new(1.0, 2.0, -3.0),
@@ -294,7 +366,8 @@ pub(super) mod tests {
         let grid = any_grid();
         let eye = grid.origin() + grid.world_from_eye() * DVec3::new(0.2, 0.1, 0.7);
         let at = eye - grid.world_from_eye().z_axis + DVec3::new(0.1, 0.2, 0.0);
-        let frame = Camera::look_at(eye, at, DVec3::new(0.2, 1.0, 0.0), 40.0, [30, 20]).expect("valid");
+        let frame =
+            Camera::look_at(eye, at, DVec3::new(0.2, 1.0, 0.0), 40.0, [30, 20]).expect("valid");
         let view = PlaneView::new(&grid, &frame);
         assert!((view.behind() - 0.7).abs() < 1e-12);
         for (pixel, d) in [([3.0, 4.5], 0.2), ([29.0, 1.0], 1.3), ([15.0, 10.0], 0.05)] {
@@ -309,10 +382,16 @@ pub(super) mod tests {
                 let (s, t) = (grid.columns()[column], grid.rows()[row]);
                 let shift = grid.focal_px() * (d - grid.convergence());
                 let found = [
-                    32.0 + grid.focal_px() * (view.eye.x * d + (1.0 - view.eye.z * d) * slopes.x) - s * shift,
-                    24.0 - grid.focal_px() * (view.eye.y * d + (1.0 - view.eye.z * d) * slopes.y) + t * shift,
+                    32.0 + grid.focal_px() * (view.eye.x * d + (1.0 - view.eye.z * d) * slopes.x)
+                        - s * shift,
+                    24.0 - grid.focal_px() * (view.eye.y * d + (1.0 - view.eye.z * d) * slopes.y)
+                        + t * shift,
                 ];
-                assert!((found[0] - u).abs() < 1e-9 && (found[1] - v).abs() < 1e-9 && (depth * d - 1.0).abs() < 1e-9);
+                assert!(
+                    (found[0] - u).abs() < 1e-9
+                        && (found[1] - v).abs() < 1e-9
+                        && (depth * d - 1.0).abs() < 1e-9
+                );
             }
             let crossing = view.crossing(slopes);
             let back = direction * (view.behind() / grid.direction_from_world(direction).z);
@@ -324,7 +403,9 @@ pub(super) mod tests {
     fn the_scale_of_a_parallel_frame_is_its_focal_length_and_a_turned_ones_is_larger() {
         let grid = any_grid();
         let ahead = -grid.world_from_eye().z_axis;
-        let frame = |look: DVec3| Camera::look_at(DVec3::ZERO, look, DVec3::Y, 60.0, [40, 30]).expect("valid");
+        let frame = |look: DVec3| {
+            Camera::look_at(DVec3::ZERO, look, DVec3::Y, 60.0, [40, 30]).expect("valid")
+        };
         let scale = |look: DVec3| PlaneView::new(&grid, &frame(look)).px_per_slope();
         let focal = frame(ahead).focal_px();
         let [most, middle] = scale(ahead).expect("forward");
@@ -344,13 +425,33 @@ pub(super) mod tests {
             change(&mut parts);
             CameraGrid::new(parts).expect_err("refused")
         };
-        assert_eq!(refused(|grid| grid.columns.clear()), LumigraphError::NoCameras);
-        assert_eq!(refused(|grid| grid.rows = vec![1.0, 1.0]), LumigraphError::Grid("rows"));
-        assert_eq!(refused(|grid| grid.columns = vec![f64::NAN]), LumigraphError::Grid("columns"));
-        assert_eq!(refused(|grid| grid.origin.x = f64::INFINITY), LumigraphError::Grid("place"));
-        assert_eq!(refused(|grid| grid.focal_px = 0.0), LumigraphError::Grid("focal length"));
-        assert_eq!(refused(|grid| grid.size_px = [1, 9]), LumigraphError::Size(1, 9));
-        let large = refused(|grid| (grid.columns, grid.size_px) = ((0..300).map(f64::from).collect(), [4096, 4096]));
+        assert_eq!(
+            refused(|grid| grid.columns.clear()),
+            LumigraphError::NoCameras
+        );
+        assert_eq!(
+            refused(|grid| grid.rows = vec![1.0, 1.0]),
+            LumigraphError::Grid("rows")
+        );
+        assert_eq!(
+            refused(|grid| grid.columns = vec![f64::NAN]),
+            LumigraphError::Grid("columns")
+        );
+        assert_eq!(
+            refused(|grid| grid.origin.x = f64::INFINITY),
+            LumigraphError::Grid("place")
+        );
+        assert_eq!(
+            refused(|grid| grid.focal_px = 0.0),
+            LumigraphError::Grid("focal length")
+        );
+        assert_eq!(
+            refused(|grid| grid.size_px = [1, 9]),
+            LumigraphError::Size(1, 9)
+        );
+        let large = refused(|grid| {
+            (grid.columns, grid.size_px) = ((0..300).map(f64::from).collect(), [4096, 4096])
+        });
         assert!(matches!(large, LumigraphError::TooLarge { .. }));
         assert!(CameraGrid::facing(DVec3::ZERO, DVec3::Y).is_none());
         assert_eq!(CameraGrid::evenly(1, 3.0), [0.0]);

@@ -24,28 +24,27 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-
-pub use bounds::{ErrorBound, detail, max_spacing, min_cameras, min_layers, optimal_disparity};
 pub use crate::make::capture::{LumigraphCapture, middle_disparity};
-pub use error::LumigraphError;
-pub use file::LUMI_FILE;
 pub use crate::make::from_images::FromImages;
 pub use crate::make::from_images_error::FromImagesError;
-pub use grid::{CameraGrid, GridParts};
 pub use crate::make::layers::{DisparityLayer, Placement, classify, place, uniform};
-pub use crate::render::merge::{Merger, merge};
-pub use oracle::render as render_by_rays;
 pub use crate::make::raw::RawLumigraph;
-pub use crate::render::render::LumigraphRenderer;
-pub use settings::{Blend, LumigraphSettings, LumigraphStats};
-pub use crate::render::show::Show;
 pub use crate::make::slabs::{MAX_SLABS, SlabShare, Slabs};
+pub use crate::render::merge::{Merger, merge};
+pub use crate::render::render::LumigraphRenderer;
+pub use crate::render::show::Show;
 pub use crate::render::slabs_render::{SlabsRenderer, render_slabs_by_rays};
+pub use bounds::{ErrorBound, detail, max_spacing, min_cameras, min_layers, optimal_disparity};
+pub use error::LumigraphError;
+pub use file::LUMI_FILE;
+pub use grid::{CameraGrid, GridParts};
+pub use oracle::render as render_by_rays;
+pub use settings::{Blend, LumigraphSettings, LumigraphStats};
 
-use headbox_core::file_frame::FileFrame;
-use headbox_core::environment::Environment;
 use crate::render::cells::{Buckets, Cells};
 use crate::render::pyramid::Pyramid;
+use headbox_core::environment::Environment;
+use headbox_core::file_frame::FileFrame;
 use serde::{Deserialize, Serialize};
 
 /// Pixels of all images together, at most: indices of texels have 32 bits, and levels of detail add a third.
@@ -100,33 +99,58 @@ impl Lumigraph {
     ///
     /// # Errors
     /// [`LumigraphError`] if an invariant does not hold.
-    pub fn new(grid: CameraGrid, layers: Vec<DisparityLayer>, pictures: Vec<Picture>) -> Result<Self, LumigraphError> {
+    pub fn new(
+        grid: CameraGrid,
+        layers: Vec<DisparityLayer>,
+        pictures: Vec<Picture>,
+    ) -> Result<Self, LumigraphError> {
         if layers.len() > MAX_LAYERS {
             return Err(LumigraphError::TooManyLayers(layers.len()));
         }
-        let is_sane = |layer: &DisparityLayer| layer.min > 0.0 && layer.max >= layer.min && layer.max.is_finite();
+        let is_sane = |layer: &DisparityLayer| {
+            layer.min > 0.0 && layer.max >= layer.min && layer.max.is_finite()
+        };
         if !layers.iter().all(is_sane) || !layers.windows(2).all(|pair| pair[0].max < pair[1].min) {
             return Err(LumigraphError::Layers);
         }
         let pixels = grid.picture_pixels();
         let fits = |picture: &Picture| {
             let in_range = |index: &u16| usize::from(*index) <= layers.len() + 1;
-            picture.color.len() == pixels && picture.index.len() == pixels && picture.index.iter().all(in_range)
+            picture.color.len() == pixels
+                && picture.index.len() == pixels
+                && picture.index.iter().all(in_range)
         };
         if let Some(bad) = pictures.iter().position(|picture| !fits(picture)) {
             return Err(LumigraphError::Picture(bad));
         }
         if pictures.len() != grid.camera_count() {
-            return Err(LumigraphError::Picture(pictures.len().min(grid.camera_count())));
+            return Err(LumigraphError::Picture(
+                pictures.len().min(grid.camera_count()),
+            ));
         }
-        let unknown =
-            |picture: &Picture| picture.index.iter().filter(|i| usize::from(**i) > layers.len()).count() as u64;
+        let unknown = |picture: &Picture| {
+            picture
+                .index
+                .iter()
+                .filter(|i| usize::from(**i) > layers.len())
+                .count() as u64
+        };
         let unknown_pixels = pictures.iter().map(unknown).sum();
         let pyramid = Pyramid::new(&grid, &pictures);
         let buckets = Buckets::new(layers.len());
         let cells = Cells::new(&pyramid, buckets);
         let (info, environment) = (LumigraphInfo::default(), Environment::default());
-        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, pyramid, buckets, cells })
+        Ok(Self {
+            info,
+            environment,
+            grid,
+            layers,
+            pictures,
+            unknown_pixels,
+            pyramid,
+            buckets,
+            cells,
+        })
     }
 
     /// The cameras.
@@ -167,6 +191,7 @@ impl Lumigraph {
 
     /// As [`CameraGrid::clear_fov_deg`], of the surfaces that the images show.
     pub fn clear_fov_deg(&self, size_px: [u32; 2]) -> f64 {
-        self.grid.clear_fov_deg(self.range().unwrap_or_default(), size_px)
+        self.grid
+            .clear_fov_deg(self.range().unwrap_or_default(), size_px)
     }
 }

@@ -2,15 +2,15 @@
 
 use super::Lumigraph;
 use super::grid::PlaneView;
+use super::settings::{Blend, LumigraphSettings};
 use crate::render::layer_in_view::MergedLayer;
 use crate::render::merge::Merger;
 use crate::render::plan::{Step, merged_layers, steps};
 use crate::render::pyramid::{Level, Texel};
-use super::settings::{Blend, LumigraphSettings};
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::frame::{Coverage, Frame};
-use glam::DVec3;
 
 /// What [`super::LumigraphRenderer::render`] draws, to within rounding: positions there have 24 bits, so that a position near the
 /// border of a texel may find the next one.
@@ -22,8 +22,15 @@ pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettin
     let width = camera.width() as usize;
     for (i, (color, coverage)) in frame.color.iter_mut().zip(&mut frame.coverage).enumerate() {
         let direction = camera.direction((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        let ray = Ray { lumigraph, eye: camera.eye(), direction };
-        let steps = steps(lumigraph.grid().columns().len(), lumigraph.grid().rows().len());
+        let ray = Ray {
+            lumigraph,
+            eye: camera.eye(),
+            direction,
+        };
+        let steps = steps(
+            lumigraph.grid().columns().len(),
+            lumigraph.grid().rows().len(),
+        );
         match ray.shows(&layers, settings.blend, &steps) {
             Shows::Color(linear) => {
                 let [r, g, b] = linear.map(|c| srgb8_from_linear(c as f32));
@@ -70,39 +77,61 @@ impl Ray<'_> {
             return Shows::Color(color);
         }
         let grid = self.lumigraph.grid();
-        let (eye, along) = (grid.plane_from_world(self.eye), grid.direction_from_world(self.direction));
-        let Some(infinity) = layers.last().filter(|_| along.z > super::grid::LEAST_FORWARD) else {
+        let (eye, along) = (
+            grid.plane_from_world(self.eye),
+            grid.direction_from_world(self.direction),
+        );
+        let Some(infinity) = layers
+            .last()
+            .filter(|_| along.z > super::grid::LEAST_FORWARD)
+        else {
             return Shows::Nothing;
         };
         let far = self.eye + self.direction * 1e12;
         let neighbours = self.neighbours(eye - along * (eye.z / along.z), [0, 0]);
-        let images = neighbours.iter().filter_map(|neighbour| self.image(neighbour, far, infinity.level));
+        let images = neighbours
+            .iter()
+            .filter_map(|neighbour| self.image(neighbour, far, infinity.level));
         if images.filter(|image| image.nearest()[3] > 0).count() == 0 {
             return Shows::Nothing;
         }
-        steps.iter().find_map(|step| self.color(layers, blend, *step)).map_or(Shows::Hidden, Shows::Color)
+        steps
+            .iter()
+            .find_map(|step| self.color(layers, blend, *step))
+            .map_or(Shows::Hidden, Shows::Color)
     }
 
     /// Linear red, green and blue, 1 for white; `None` if no camera of a cell shows what the ray meets.
     fn color(&self, layers: &[MergedLayer], blend: Blend, step: Step) -> Option<[f64; 3]> {
         let grid = self.lumigraph.grid();
-        let (eye, along) = (grid.plane_from_world(self.eye), grid.direction_from_world(self.direction));
+        let (eye, along) = (
+            grid.plane_from_world(self.eye),
+            grid.direction_from_world(self.direction),
+        );
         if along.z <= super::grid::LEAST_FORWARD {
             return None;
         }
         let neighbours = self.neighbours(eye - along * (eye.z / along.z), step.shift);
         let (mut color, mut open) = ([0.0; 3], 1.0);
         for layer in layers {
-            let indices = if step.loose { layer.with_neighbours } else { layer.indices };
+            let indices = if step.loose {
+                layer.with_neighbours
+            } else {
+                layer.indices
+            };
             // Infinity is a direction, whatever the camera.
             let point = match layer.drawn {
-                drawn if drawn > 0.0 => self.eye + self.direction * ((1.0 / drawn - eye.z) / along.z),
+                drawn if drawn > 0.0 => {
+                    self.eye + self.direction * ((1.0 / drawn - eye.z) / along.z)
+                }
                 _ => self.eye + self.direction * 1e12,
             };
             let mut sum = [0.0; 4];
             let (mut showing, mut through) = (0.0, 0.0);
             for neighbour in &neighbours {
-                let Some(image) = self.image(neighbour, point, layer.level) else { continue };
+                let Some(image) = self.image(neighbour, point, layer.level) else {
+                    continue;
+                };
                 let index = image.nearest()[3];
                 if index < indices[0] {
                     through += neighbour.weight;
@@ -136,11 +165,20 @@ impl Ray<'_> {
             let low = (cell.clamp(0, last_cell.max(0)) + shift).clamp(0, last_cell.max(0)) as usize;
             let high = (low + 1).min(places.len() - 1);
             let gap = places[high] - places[low];
-            let share = if gap > 0.0 { ((position - places[low]) / gap).clamp(least, 1.0 - least) } else { 0.5 };
+            let share = if gap > 0.0 {
+                ((position - places[low]) / gap).clamp(least, 1.0 - least)
+            } else {
+                0.5
+            };
             [(low, 1.0 - share), (high, share)]
         };
-        let (columns, rows) = (sides(grid.columns(), crossing.x, shift[0]), sides(grid.rows(), crossing.y, shift[1]));
-        let all = rows.into_iter().flat_map(|row| columns.map(|column| (column, row)));
+        let (columns, rows) = (
+            sides(grid.columns(), crossing.x, shift[0]),
+            sides(grid.rows(), crossing.y, shift[1]),
+        );
+        let all = rows
+            .into_iter()
+            .flat_map(|row| columns.map(|column| (column, row)));
         let neighbour = |((column, of_column), (row, of_row))| Neighbour {
             camera: grid.camera(column, row),
             number: row * grid.columns().len() + column,
@@ -156,9 +194,14 @@ impl Ray<'_> {
         let level_at = pyramid.levels[level];
         let coarser = 0.5f64.powi(level as i32);
         let (x, y) = (x * coarser, y * coarser);
-        let inside = x >= 0.0 && y >= 0.0 && x < level_at.width as f64 && y < level_at.height as f64;
+        let inside =
+            x >= 0.0 && y >= 0.0 && x < level_at.width as f64 && y < level_at.height as f64;
         let texels = &pyramid.texels[neighbour.number * pyramid.stride + level_at.first..];
-        inside.then_some(Place { texels, level: level_at, at: [x, y] })
+        inside.then_some(Place {
+            texels,
+            level: level_at,
+            at: [x, y],
+        })
     }
 }
 

@@ -5,8 +5,8 @@
 
 use super::Marker;
 use super::view::{GUARD_PX, NEAR_M, Snapped, snap_f64};
-use headbox_core::camera::Camera;
 use glam::DVec3;
+use headbox_core::camera::Camera;
 
 /// A corner: (x w, y w, w) in px, and where it was snapped to if it was there before clipping.
 type Corner = (DVec3, Option<Snapped>);
@@ -25,7 +25,11 @@ fn planes() -> [(DVec3, f64); 5] {
 }
 
 /// Cuts a triangle and passes what is left to `draw`, as triangles. `snapped`: the corners that need not be moved.
-pub(super) fn clipped(corners: [DVec3; 3], snapped: [Option<Snapped>; 3], draw: impl FnMut([Snapped; 3])) {
+pub(super) fn clipped(
+    corners: [DVec3; 3],
+    snapped: [Option<Snapped>; 3],
+    draw: impl FnMut([Snapped; 3]),
+) {
     let polygon = (0..3).map(|i| (corners[i], snapped[i])).collect();
     fan(cut(polygon), draw);
 }
@@ -38,7 +42,10 @@ pub(super) fn project_polygon(camera: &Camera, marker: &Marker) -> Vec<[Snapped;
         (DVec3::new(h.x, h.y, h.w), None)
     };
     let mut triangles = Vec::new();
-    fan(cut(marker.polygon.iter().map(project).collect()), |corners| triangles.push(corners));
+    fan(
+        cut(marker.polygon.iter().map(project).collect()),
+        |corners| triangles.push(corners),
+    );
     triangles
 }
 
@@ -53,9 +60,15 @@ fn cut(mut polygon: Vec<Corner>) -> Vec<Corner> {
                 kept.push(corner);
             }
             if (here >= 0.0) != (there >= 0.0) {
-                let ([inside, outside], [in_by, out_by]) =
-                    if here >= 0.0 { ([corner.0, next.0], [here, there]) } else { ([next.0, corner.0], [there, here]) };
-                kept.push((inside + (outside - inside) * (in_by / (in_by - out_by)), None));
+                let ([inside, outside], [in_by, out_by]) = if here >= 0.0 {
+                    ([corner.0, next.0], [here, there])
+                } else {
+                    ([next.0, corner.0], [there, here])
+                };
+                kept.push((
+                    inside + (outside - inside) * (in_by / (in_by - out_by)),
+                    None,
+                ));
             }
         }
         polygon = kept;
@@ -75,6 +88,7 @@ fn fan(polygon: Vec<Corner>, mut draw: impl FnMut([Snapped; 3])) {
         })
         .collect();
     if let [first, rest @ ..] = snapped.as_slice() {
-        rest.windows(2).for_each(|pair| draw([*first, pair[0], pair[1]]));
+        rest.windows(2)
+            .for_each(|pair| draw([*first, pair[0], pair[1]]));
     }
 }

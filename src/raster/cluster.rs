@@ -1,10 +1,10 @@
 //! From local positions to the frame: the transfer of a cluster's vertices, and what becomes of its triangles.
 
+use super::SurfaceId;
 use super::cull::VisibleCluster;
 use super::mesh::{CLUSTER_VERTICES, RasterMesh};
 use super::scan::{CutoutTest, DrawnRows};
 use super::view::{GUARD_PX, LocalCamera, NEAR_M, Snapped, snap};
-use super::SurfaceId;
 use crate::clip;
 use fearless_simd::{Simd, dispatch};
 
@@ -29,12 +29,23 @@ impl LocalCamera {
     }
 
     /// Draws the triangles of a cluster.
-    pub(super) fn draw_cluster(&self, mesh: &RasterMesh, cluster: &VisibleCluster, target: &mut DrawnRows) {
+    pub(super) fn draw_cluster(
+        &self,
+        mesh: &RasterMesh,
+        cluster: &VisibleCluster,
+        target: &mut DrawnRows,
+    ) {
         dispatch!(self.level, simd => self.draw_cluster_at(simd, mesh, cluster, target));
     }
 
     #[inline(always)]
-    fn draw_cluster_at<S: Simd>(&self, simd: S, mesh: &RasterMesh, visible: &VisibleCluster, target: &mut DrawnRows) {
+    fn draw_cluster_at<S: Simd>(
+        &self,
+        simd: S,
+        mesh: &RasterMesh,
+        visible: &VisibleCluster,
+        target: &mut DrawnRows,
+    ) {
         let cluster = &mesh.clusters[visible.cluster as usize];
         let mut vertices = Transferred {
             x: [0; CLUSTER_VERTICES],
@@ -43,25 +54,43 @@ impl LocalCamera {
             outside: [0; CLUSTER_VERTICES],
         };
         let run = cluster.vertices.start as usize..cluster.vertices.end as usize;
-        self.transfer(simd, mesh.positions.each_ref().map(|axis| &axis[run.clone()]), &mut vertices);
+        self.transfer(
+            simd,
+            mesh.positions.each_ref().map(|axis| &axis[run.clone()]),
+            &mut vertices,
+        );
         for primitive in cluster.triangles.clone() {
             let face = &mesh.faces[primitive as usize];
             let corners = face.corners;
-            let local = |corner: u32| corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES;
+            let local = |corner: u32| {
+                corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES
+            };
             let (i, j, k) = (local(corners[0]), local(corners[1]), local(corners[2]));
             if vertices.outside[i] & vertices.outside[j] & vertices.outside[k] & !CLIPPED != 0 {
                 continue;
             }
-            let has_cutout = cluster.has_cutouts && mesh.surfaces[face.material as usize].has_cutout;
-            let cutout = has_cutout.then_some(CutoutTest { mesh, view: self, primitive });
+            let has_cutout =
+                cluster.has_cutouts && mesh.surfaces[face.material as usize].has_cutout;
+            let cutout = has_cutout.then_some(CutoutTest {
+                mesh,
+                view: self,
+                primitive,
+            });
             if (vertices.outside[i] | vertices.outside[j] | vertices.outside[k]) & CLIPPED != 0 {
-                let homogeneous = mesh.corners(face).map(|corner| self.homogeneous_f64(corner.position));
-                let snapped = [i, j, k].map(|i| (vertices.outside[i] & CLIPPED == 0).then(|| vertices.snapped(i)));
+                let homogeneous = mesh
+                    .corners(face)
+                    .map(|corner| self.homogeneous_f64(corner.position));
+                let snapped = [i, j, k]
+                    .map(|i| (vertices.outside[i] & CLIPPED == 0).then(|| vertices.snapped(i)));
                 clip::clipped(homogeneous, snapped, |corners| {
                     target.triangle(simd, corners, SurfaceId(primitive), cutout);
                 });
             } else {
-                let corners = [vertices.snapped(i), vertices.snapped(j), vertices.snapped(k)];
+                let corners = [
+                    vertices.snapped(i),
+                    vertices.snapped(j),
+                    vertices.snapped(k),
+                ];
                 target.triangle(simd, corners, SurfaceId(primitive), cutout);
             }
         }
@@ -99,6 +128,10 @@ impl LocalCamera {
 impl Transferred {
     #[inline]
     fn snapped(&self, i: usize) -> Snapped {
-        Snapped { x: self.x[i], y: self.y[i], inverse_depth: self.inverse_depth[i] }
+        Snapped {
+            x: self.x[i],
+            y: self.y[i],
+            inverse_depth: self.inverse_depth[i],
+        }
     }
 }

@@ -42,28 +42,57 @@ pub(super) fn visible_clusters(
     visible.clear();
     let mut triangles = 0;
     for group in groups {
-        let Some(run) = mesh.groups.get(group.group as usize) else { continue };
+        let Some(run) = mesh.groups.get(group.group as usize) else {
+            continue;
+        };
         let clusters = &mesh.clusters[run.start as usize..run.end as usize];
-        triangles += clusters.iter().map(|cluster| cluster.triangles.len() as u64).sum::<u64>();
-        let window = group.window.clone().unwrap_or([0..view.width, 0..view.height]);
-        let found = clusters.par_iter().enumerate().with_min_len(512).filter_map(|(i, cluster)| {
-            let rows = touched_rows(cluster, view, &window)?;
-            Some(VisibleCluster { cluster: run.start + i as u32, triangles: cluster.triangles.len() as u32, rows })
-        });
+        triangles += clusters
+            .iter()
+            .map(|cluster| cluster.triangles.len() as u64)
+            .sum::<u64>();
+        let window = group
+            .window
+            .clone()
+            .unwrap_or([0..view.width, 0..view.height]);
+        let found = clusters
+            .par_iter()
+            .enumerate()
+            .with_min_len(512)
+            .filter_map(|(i, cluster)| {
+                let rows = touched_rows(cluster, view, &window)?;
+                Some(VisibleCluster {
+                    cluster: run.start + i as u32,
+                    triangles: cluster.triangles.len() as u32,
+                    rows,
+                })
+            });
         visible.par_extend(found);
     }
     triangles
 }
 
 /// The rows of the window that a cluster can touch; `None` if it is outside.
-fn touched_rows(cluster: &Cluster, view: &LocalCamera, [columns, rows]: &[Range<u32>; 2]) -> Option<Range<u32>> {
+fn touched_rows(
+    cluster: &Cluster,
+    view: &LocalCamera,
+    [columns, rows]: &[Range<u32>; 2],
+) -> Option<Range<u32>> {
     let [low, high] = cluster.bounds;
     let corners: [Vec3; 8] = std::array::from_fn(|i| {
-        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        let pick = |axis: usize| {
+            if i >> axis & 1 == 0 {
+                low[axis]
+            } else {
+                high[axis]
+            }
+        };
         view.homogeneous(Vec3::new(pick(0), pick(1), pick(2)))
     });
     let all = |outside: &dyn Fn(&Vec3) -> bool| corners.iter().all(outside);
-    let (left, right) = (columns.start as f32 - MARGIN_PX, columns.end as f32 + MARGIN_PX);
+    let (left, right) = (
+        columns.start as f32 - MARGIN_PX,
+        columns.end as f32 + MARGIN_PX,
+    );
     let (top, bottom) = (rows.start as f32 - MARGIN_PX, rows.end as f32 + MARGIN_PX);
     let hidden = columns.is_empty()
         || rows.is_empty()
@@ -81,5 +110,8 @@ fn touched_rows(cluster: &Cluster, view: &LocalCamera, [columns, rows]: &[Range<
     let y = corners.map(|h| h.y / h.z);
     let first = y.into_iter().fold(f32::INFINITY, f32::min) - MARGIN_PX;
     let last = y.into_iter().fold(f32::NEG_INFINITY, f32::max) + MARGIN_PX;
-    Some((first as u32).clamp(rows.start, rows.end)..(last.ceil() as u32).clamp(rows.start, rows.end))
+    Some(
+        (first as u32).clamp(rows.start, rows.end)
+            ..(last.ceil() as u32).clamp(rows.start, rows.end),
+    )
 }

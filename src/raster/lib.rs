@@ -26,14 +26,14 @@ mod weights;
 
 pub use mesh::RasterMesh;
 
-use headbox_core::camera::Camera;
-use headbox_core::simd;
-use headbox_core::environment::Environment;
-use headbox_core::frame::{Coverage, Frame};
 use cull::VisibleCluster;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, u32x16};
 use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_core::environment::Environment;
+use headbox_core::frame::{Coverage, Frame};
+use headbox_core::simd;
 use rayon::prelude::*;
 use scan::{Drawn, DrawnRows};
 use std::ops::Range;
@@ -74,7 +74,11 @@ impl SurfaceId {
     #[inline(always)]
     fn are_triangles<S: Simd>(simd: S, pixels: &[Self]) -> bool {
         let ids = bytemuck::cast_slice(pixels).first_chunk::<LANES>();
-        ids.is_some_and(|ids| u32x16::load_array_ref(simd, ids).simd_lt(Self::MARKER).all_true())
+        ids.is_some_and(|ids| {
+            u32x16::load_array_ref(simd, ids)
+                .simd_lt(Self::MARKER)
+                .all_true()
+        })
     }
 
     /// Which of the first `count` pixels from an index on show it, as bits; at most [`LANES`] are looked at.
@@ -82,8 +86,13 @@ impl SurfaceId {
     fn shown_in<S: Simd>(self, simd: S, pixels: &[Self], start: usize, count: u32) -> u32 {
         let ids: &[u32] = bytemuck::cast_slice(pixels.get(start..).unwrap_or_default());
         let shown = match ids.first_chunk::<LANES>() {
-            Some(ids) => u32x16::load_array_ref(simd, ids).simd_eq(self.0).to_bitmask() as u32,
-            None => ids.iter().rev().fold(0, |bits, id| bits << 1 | u32::from(*id == self.0)),
+            Some(ids) => u32x16::load_array_ref(simd, ids)
+                .simd_eq(self.0)
+                .to_bitmask() as u32,
+            None => ids
+                .iter()
+                .rev()
+                .fold(0, |bits, id| bits << 1 | u32::from(*id == self.0)),
         };
         shown & ((1u32 << count.min(LANES as u32)) - 1)
     }
@@ -145,7 +154,9 @@ impl RasterOutput {
     /// What the pixel of this index (row-major) shows.
     #[inline]
     pub fn seen(&self, pixel: usize) -> Seen {
-        self.surface.get(pixel).map_or(Seen::Nothing, |id| id.seen())
+        self.surface
+            .get(pixel)
+            .map_or(Seen::Nothing, |id| id.seen())
     }
 }
 
@@ -234,8 +245,11 @@ impl Rasterizer {
 
         let view = LocalCamera::new(camera, mesh.origin(), self.level);
         let triangles_in = cull::visible_clusters(mesh, &view, what.groups, &mut self.visible);
-        let markers: Vec<_> =
-            what.markers.iter().map(|marker| (marker, clip::project_polygon(camera, marker))).collect();
+        let markers: Vec<_> = what
+            .markers
+            .iter()
+            .map(|marker| (marker, clip::project_polygon(camera, marker)))
+            .collect();
 
         let rows = match self.band_rows {
             0 => height.div_ceil(BANDS_A_THREAD * rayon::current_num_threads() as u32),
@@ -243,32 +257,60 @@ impl Rasterizer {
         };
         let pixels = width as usize * rows as usize;
         let visible = &self.visible;
-        self.drawn.resize_with(height.div_ceil(rows.max(1)) as usize, Vec::new);
-        let colors = output.frame.color.par_chunks_mut(pixels).zip(output.frame.coverage.par_chunks_mut(pixels));
-        let depths = output.inverse_depth.par_chunks_mut(pixels).zip(output.surface.par_chunks_mut(pixels));
-        let bands = colors.zip(depths).zip(&mut self.drawn).enumerate().with_max_len(1);
-        let drawn = bands.map(|(i, (((color, coverage), (inverse_depth, surface)), drawn))| {
-            let [red, green, blue] = what.hole_color_srgb;
-            color.fill([red, green, blue, 255]);
-            coverage.fill(Coverage::HOLE);
-            inverse_depth.fill(0.0);
-            surface.fill(SurfaceId::NOTHING);
-            drawn.clear();
-            let start = i as u32 * rows;
-            let band = start..start.saturating_add(rows).min(height);
-            let mut target =
-                DrawnRows { width, rows: band.clone(), inverse_depth, surface, drawn, stats: RasterStats::default() };
-            // First, for what they hide: of surfaces in the same place they never show.
-            for (marker, triangles) in &markers {
-                triangles.iter().for_each(|corners| view.draw_marker(*corners, marker.number, &mut target));
-            }
-            for cluster in visible.iter().filter(|cluster| cluster.touches(&band)) {
-                view.draw_cluster(mesh, cluster, &mut target);
-            }
-            let shader = shade::PixelShader { mesh, view: &view, camera, environment, exposure: what.exposure };
-            shader.resolve(&mut target, color, coverage);
-            target.stats
-        });
+        self.drawn
+            .resize_with(height.div_ceil(rows.max(1)) as usize, Vec::new);
+        let colors = output
+            .frame
+            .color
+            .par_chunks_mut(pixels)
+            .zip(output.frame.coverage.par_chunks_mut(pixels));
+        let depths = output
+            .inverse_depth
+            .par_chunks_mut(pixels)
+            .zip(output.surface.par_chunks_mut(pixels));
+        let bands = colors
+            .zip(depths)
+            .zip(&mut self.drawn)
+            .enumerate()
+            .with_max_len(1);
+        let drawn = bands.map(
+            |(i, (((color, coverage), (inverse_depth, surface)), drawn))| {
+                let [red, green, blue] = what.hole_color_srgb;
+                color.fill([red, green, blue, 255]);
+                coverage.fill(Coverage::HOLE);
+                inverse_depth.fill(0.0);
+                surface.fill(SurfaceId::NOTHING);
+                drawn.clear();
+                let start = i as u32 * rows;
+                let band = start..start.saturating_add(rows).min(height);
+                let mut target = DrawnRows {
+                    width,
+                    rows: band.clone(),
+                    inverse_depth,
+                    surface,
+                    drawn,
+                    stats: RasterStats::default(),
+                };
+                // First, for what they hide: of surfaces in the same place they never show.
+                for (marker, triangles) in &markers {
+                    triangles
+                        .iter()
+                        .for_each(|corners| view.draw_marker(*corners, marker.number, &mut target));
+                }
+                for cluster in visible.iter().filter(|cluster| cluster.touches(&band)) {
+                    view.draw_cluster(mesh, cluster, &mut target);
+                }
+                let shader = shade::PixelShader {
+                    mesh,
+                    view: &view,
+                    camera,
+                    environment,
+                    exposure: what.exposure,
+                };
+                shader.resolve(&mut target, color, coverage);
+                target.stats
+            },
+        );
         self.stats = drawn.reduce(RasterStats::default, |a, b| RasterStats {
             triangles_set_up: a.triangles_set_up + b.triangles_set_up,
             pixels_written: a.pixels_written + b.pixels_written,
@@ -276,7 +318,11 @@ impl Rasterizer {
             ..a
         });
         self.stats.triangles_in = triangles_in;
-        self.stats.triangles_kept = self.visible.iter().map(|cluster| u64::from(cluster.triangles)).sum();
+        self.stats.triangles_kept = self
+            .visible
+            .iter()
+            .map(|cluster| u64::from(cluster.triangles))
+            .sum();
         self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
         (&self.output, &self.stats)
     }

@@ -2,10 +2,10 @@
 
 use super::SurfaceId;
 use super::mip::MipTexture;
+use glam::{DVec3, Vec2, Vec3};
 use headbox_scene::material::Material;
 use headbox_scene::scene::Scene;
 use headbox_trace::bvh::MAX_COORDINATE;
-use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -103,7 +103,14 @@ impl RasterMesh {
             origin,
             positions: [Vec::new(), Vec::new(), Vec::new()],
             vertices: Vec::new(),
-            faces: scene.triangles.iter().map(|t| MeshTriangle { corners: [0; 3], material: t.material }).collect(),
+            faces: scene
+                .triangles
+                .iter()
+                .map(|t| MeshTriangle {
+                    corners: [0; 3],
+                    material: t.material,
+                })
+                .collect(),
             clusters: Vec::new(),
             groups: Vec::with_capacity(groups.len()),
             scene: Arc::clone(&scene),
@@ -139,7 +146,11 @@ impl RasterMesh {
     #[inline]
     pub(super) fn corners(&self, face: &MeshTriangle) -> [&Vertex; 3] {
         let [a, b, c] = face.corners;
-        [&self.vertices[a as usize], &self.vertices[b as usize], &self.vertices[c as usize]]
+        [
+            &self.vertices[a as usize],
+            &self.vertices[b as usize],
+            &self.vertices[c as usize],
+        ]
     }
 
     /// Takes triangles from the front of a run until the cluster is full; returns the first that is left.
@@ -154,8 +165,12 @@ impl RasterMesh {
                 break;
             }
             end = primitive + 1;
-            let local = vertices.map(|vertex| (scene.positions[vertex as usize] - self.origin).as_vec3());
-            if local.iter().any(|p| p.is_nan() || p.abs().max_element() > MAX_COORDINATE) {
+            let local =
+                vertices.map(|vertex| (scene.positions[vertex as usize] - self.origin).as_vec3());
+            if local
+                .iter()
+                .any(|p| p.is_nan() || p.abs().max_element() > MAX_COORDINATE)
+            {
                 continue;
             }
             self.faces[primitive as usize].corners = std::array::from_fn(|i| {
@@ -177,8 +192,15 @@ impl RasterMesh {
         if bounds[0].x <= bounds[1].x {
             let vertices = first_vertex..self.vertices.len() as u32;
             let faces = &self.faces[run.start as usize..end as usize];
-            let has_cutouts = faces.iter().any(|face| self.surfaces[face.material as usize].has_cutout);
-            self.clusters.push(Cluster { vertices, triangles: run.start..end, bounds, has_cutouts });
+            let has_cutouts = faces
+                .iter()
+                .any(|face| self.surfaces[face.material as usize].has_cutout);
+            self.clusters.push(Cluster {
+                vertices,
+                triangles: run.start..end,
+                bounds,
+                has_cutouts,
+            });
         }
         end
     }

@@ -1,10 +1,10 @@
 //! Textures with their minified copies.
 
 use super::LANES;
-use headbox_scene::material::Texture;
-use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};
+use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
+use headbox_scene::material::Texture;
 
 /// Sixteen bits of linear light: a step is a twentieth of the darkest step of 8-bit sRGB.
 const FULL: f32 = 65_535.0;
@@ -22,7 +22,11 @@ pub(super) struct MipTexture {
 
 impl MipTexture {
     pub(super) fn new(texture: &Texture) -> Self {
-        let mut mips = Self { size: [texture.width(), texture.height()], starts: Vec::new(), texels: Vec::new() };
+        let mut mips = Self {
+            size: [texture.width(), texture.height()],
+            starts: Vec::new(),
+            texels: Vec::new(),
+        };
         mips.append(texture);
         let mut next = halved(texture);
         while let Some(texture) = next {
@@ -73,9 +77,15 @@ impl MipTexture {
         // is nothing. NaN becomes 1 by the comparison.
         let one = f32x16::splat(simd, 1.0);
         let footprint = footprint.simd_gt(one).select(footprint, one);
-        let octaves = (f32x16::float_from(footprint.bitcast::<u32x16<S>>()) * (1.0 / 8_388_608.0) - 127.0) * 0.25 + 0.5;
+        let octaves = (f32x16::float_from(footprint.bitcast::<u32x16<S>>()) * (1.0 / 8_388_608.0)
+            - 127.0)
+            * 0.25
+            + 0.5;
         let level = u32x16::truncate_from(octaves).min(self.starts.len() as u32 - 1);
-        let (x, y) = (Neighbours::new(u, self.size[0], level), Neighbours::new(1.0 - v, self.size[1], level));
+        let (x, y) = (
+            Neighbours::new(u, self.size[0], level),
+            Neighbours::new(1.0 - v, self.size[1], level),
+        );
         let (upper, lower) = (y.first * x.size, y.second * x.size);
         let (a, b) = ((upper + x.first).to_array(), (upper + x.second).to_array());
         let (c, d) = ((lower + x.first).to_array(), (lower + x.second).to_array());
@@ -84,14 +94,26 @@ impl MipTexture {
         for i in 0..count.min(LANES) {
             let start = self.starts.get(level[i] as usize).copied().unwrap_or(0);
             for (texels, at) in texels.iter_mut().zip([a[i], b[i], c[i], d[i]]) {
-                texels[i] = self.texels.get((start + at) as usize).copied().unwrap_or([0; 4]);
+                texels[i] = self
+                    .texels
+                    .get((start + at) as usize)
+                    .copied()
+                    .unwrap_or([0; 4]);
             }
         }
         let [a, b, c, d] = &texels;
-        let (a, b, c, d) = (unpacked(simd, a), unpacked(simd, b), unpacked(simd, c), unpacked(simd, d));
+        let (a, b, c, d) = (
+            unpacked(simd, a),
+            unpacked(simd, b),
+            unpacked(simd, c),
+            unpacked(simd, d),
+        );
         let mut color = [f32x16::splat(simd, 0.0); 3];
         for (k, color) in color.iter_mut().enumerate() {
-            let (top, bottom) = (a[k] + (b[k] - a[k]) * x.share, c[k] + (d[k] - c[k]) * x.share);
+            let (top, bottom) = (
+                a[k] + (b[k] - a[k]) * x.share,
+                c[k] + (d[k] - c[k]) * x.share,
+            );
             *color = (top + (bottom - top) * y.share) * (1.0 / FULL);
         }
         color
@@ -103,8 +125,15 @@ impl MipTexture {
 fn unpacked<S: Simd>(simd: S, texels: &[[u16; 4]; LANES]) -> [f32x16<S>; 3] {
     let words: [u32; 2 * LANES] = bytemuck::cast(*texels);
     let (low, high) = words.split_at(LANES);
-    let (red_green, blue) = simd.deinterleave_u32x16(u32x16::from_slice(simd, low), u32x16::from_slice(simd, high));
-    [f32x16::float_from(red_green & 0xffff), f32x16::float_from(red_green >> 16), f32x16::float_from(blue & 0xffff)]
+    let (red_green, blue) = simd.deinterleave_u32x16(
+        u32x16::from_slice(simd, low),
+        u32x16::from_slice(simd, high),
+    );
+    [
+        f32x16::float_from(red_green & 0xffff),
+        f32x16::float_from(red_green >> 16),
+        f32x16::float_from(blue & 0xffff),
+    ]
 }
 
 /// The two texels on either side of texture coordinates, and the weight of the second.
@@ -125,13 +154,19 @@ impl<S: Simd> Neighbours<S> {
         let (last_f, size_f) = (f32x16::float_from(last), f32x16::float_from(last + 1));
         let fraction = t - t.floor();
         // False for NaN, and what is left of infinity.
-        let fraction = (fraction.simd_ge(zero) & fraction.simd_le(f32x16::splat(t.simd, 1.0))).select(fraction, zero);
+        let fraction = (fraction.simd_ge(zero) & fraction.simd_le(f32x16::splat(t.simd, 1.0)))
+            .select(fraction, zero);
         let x = fraction * size_f - 0.5;
         let x = x.simd_lt(zero).select(x + size_f, x);
         let first = x.floor().min(last_f);
         let second = first.simd_lt(last_f).select(first + 1.0, zero);
         let share = (x - first).max(zero).min(f32x16::splat(t.simd, 1.0));
-        Self { size: last + 1, first: u32x16::truncate_from(first), second: u32x16::truncate_from(second), share }
+        Self {
+            size: last + 1,
+            first: u32x16::truncate_from(first),
+            second: u32x16::truncate_from(second),
+            share,
+        }
     }
 }
 
@@ -141,14 +176,19 @@ fn halved(texture: &Texture) -> Option<Texture> {
     if width == 1 && height == 1 {
         return None;
     }
-    let at = |x: u32, y: u32| texture.texels()[(y.min(height - 1) * width + x.min(width - 1)) as usize];
+    let at =
+        |x: u32, y: u32| texture.texels()[(y.min(height - 1) * width + x.min(width - 1)) as usize];
     let texel = |x: u32, y: u32| {
         let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| at(2 * x + dx, 2 * y + dy));
         let mean = |of: &dyn Fn([u8; 4]) -> f32| four.iter().map(|t| of(*t)).sum::<f32>() / 4.0;
         let [r, g, b] = [0, 1, 2].map(|c| srgb8_from_linear(mean(&|t| linear_from_srgb8(t[c]))));
         [r, g, b, (mean(&|t| f32::from(t[3])) + 0.5) as u8]
     };
-    Some(Texture::from_fn(width.div_ceil(2), height.div_ceil(2), texel))
+    Some(Texture::from_fn(
+        width.div_ceil(2),
+        height.div_ceil(2),
+        texel,
+    ))
 }
 
 #[cfg(test)]
@@ -161,7 +201,9 @@ mod tests {
 
     /// The texture in one lane between others that look elsewhere.
     fn sample(mips: &MipTexture, footprint: f32, u: f32, v: f32) -> [f32; 3] {
-        let lanes = |other: f32, at_five: f32| std::array::from_fn(|i| if i == 5 { at_five } else { other });
+        let lanes = |other: f32, at_five: f32| {
+            std::array::from_fn(|i| if i == 5 { at_five } else { other })
+        };
         let (us, vs, footprints) = (lanes(0.4, u), lanes(0.6, v), lanes(1e9, footprint.powi(4)));
         dispatch!(fearless_simd::Level::new(), simd => {
             let load = |lanes: [f32; LANES]| f32x16::load_array(simd, lanes);
@@ -172,16 +214,39 @@ mod tests {
 
     #[test]
     fn the_first_level_is_the_texture_and_the_last_its_mean() {
-        let texture = Texture::from_fn(5, 3, |x, y| if (x + y) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] });
+        let texture = Texture::from_fn(5, 3, |x, y| {
+            if (x + y) % 2 == 0 {
+                [255; 4]
+            } else {
+                [0, 0, 0, 255]
+            }
+        });
         let mips = MipTexture::new(&texture);
-        assert_eq!((mips.size, mips.starts.as_slice()), ([5, 3], [0, 15, 21, 23].as_slice()), "5x3, 3x2, 2x1, 1x1");
-        for (u, v) in [(0.1, 0.2), (0.77, 0.5), (-3.3, 9.9), (1.0, 0.0), (-1.0, 1.0)] {
+        assert_eq!(
+            (mips.size, mips.starts.as_slice()),
+            ([5, 3], [0, 15, 21, 23].as_slice()),
+            "5x3, 3x2, 2x1, 1x1"
+        );
+        for (u, v) in [
+            (0.1, 0.2),
+            (0.77, 0.5),
+            (-3.3, 9.9),
+            (1.0, 0.0),
+            (-1.0, 1.0),
+        ] {
             for footprint in [0.0, 1.0, f32::NAN] {
                 let (found, expected) = (sample(&mips, footprint, u, v), texture.sample(u, v));
-                assert!((0..3).all(|c| (found[c] - expected[c]).abs() < STORED), "({u}, {v}): {found:?} {expected:?}");
+                assert!(
+                    (0..3).all(|c| (found[c] - expected[c]).abs() < STORED),
+                    "({u}, {v}): {found:?} {expected:?}"
+                );
             }
         }
-        assert!(sample(&mips, 2.0, f32::NAN, f32::INFINITY).iter().all(|c| c.is_finite()));
+        assert!(
+            sample(&mips, 2.0, f32::NAN, f32::INFINITY)
+                .iter()
+                .all(|c| c.is_finite())
+        );
         let [grey, ..] = sample(&mips, 1e9, 0.3, 0.3);
         assert!((0.3..0.7).contains(&grey), "{grey}");
     }

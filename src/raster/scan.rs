@@ -49,7 +49,9 @@ impl CutoutTest<'_> {
     fn is_solid(&self, x: u32, y: u32) -> bool {
         let corners = self.mesh.corners(&self.mesh.faces[self.primitive as usize]);
         let weights = CornerWeights::new(self.view, corners).at(x, y);
-        self.mesh.scene().is_solid(self.primitive, weights.y, weights.z)
+        self.mesh
+            .scene()
+            .is_solid(self.primitive, weights.y, weights.z)
     }
 }
 
@@ -67,10 +69,17 @@ struct Edge {
 impl Edge {
     #[inline(always)]
     fn new(a: Snapped, b: Snapped, [x, y]: [u32; 2]) -> Self {
-        let (dx, dy) = (i64::from(b.x) - i64::from(a.x), i64::from(b.y) - i64::from(a.y));
+        let (dx, dy) = (
+            i64::from(b.x) - i64::from(a.x),
+            i64::from(b.y) - i64::from(a.y),
+        );
         let from_a = |pixel: u32, a: i32| i64::from(pixel) * 256 + 128 - i64::from(a);
         let value = dx * from_a(y, a.y) - dy * from_a(x, a.x);
-        Self { start: value >> 8, column: -dy, row: dx }
+        Self {
+            start: value >> 8,
+            column: -dy,
+            row: dx,
+        }
     }
 
     /// Columns from the box's first, of `count`, at which the edge accepts a row with this value at its first pixel.
@@ -78,7 +87,10 @@ impl Edge {
     fn accepted(&self, value: i64, count: i64) -> [i64; 2] {
         match self.column {
             0 => [if value >= 0 { 0 } else { count }, count],
-            up if up > 0 => [(-value).div_euclid(up) + i64::from((-value).rem_euclid(up) != 0), count],
+            up if up > 0 => [
+                (-value).div_euclid(up) + i64::from((-value).rem_euclid(up) != 0),
+                count,
+            ],
             down => [0, value.div_euclid(-down) + 1],
         }
     }
@@ -100,7 +112,10 @@ impl DepthPlane {
     fn new([a, b, c]: [Snapped; 3], area: i64) -> Self {
         let per_area = 256.0 / area as f64;
         let at_origin = f64::from(a.inverse_depth);
-        let (qb, qc) = (f64::from(b.inverse_depth) - at_origin, f64::from(c.inverse_depth) - at_origin);
+        let (qb, qc) = (
+            f64::from(b.inverse_depth) - at_origin,
+            f64::from(c.inverse_depth) - at_origin,
+        );
         let apart = |p: i32, q: i32| f64::from(p) - f64::from(q);
         let q = [a.inverse_depth, b.inverse_depth, c.inverse_depth];
         let per_column = (qb * apart(c.y, a.y) - qc * apart(b.y, a.y)) * per_area;
@@ -109,7 +124,10 @@ impl DepthPlane {
             at_origin,
             per_column,
             per_row,
-            from_origin: [(128.0 - f64::from(a.x)) * (1.0 / 256.0), (128.0 - f64::from(a.y)) * (1.0 / 256.0)],
+            from_origin: [
+                (128.0 - f64::from(a.x)) * (1.0 / 256.0),
+                (128.0 - f64::from(a.y)) * (1.0 / 256.0),
+            ],
             range: [q[0].min(q[1]).min(q[2]), q[0].max(q[1]).max(q[2])],
         }
     }
@@ -117,7 +135,10 @@ impl DepthPlane {
     /// At the centre of a pixel.
     #[inline(always)]
     fn at(&self, x: u32, y: u32) -> f32 {
-        let [dx, dy] = [f64::from(x) + self.from_origin[0], f64::from(y) + self.from_origin[1]];
+        let [dx, dy] = [
+            f64::from(x) + self.from_origin[0],
+            f64::from(y) + self.from_origin[1],
+        ];
         ((self.at_origin + self.per_row * dy) + self.per_column * dx) as f32
     }
 
@@ -125,7 +146,9 @@ impl DepthPlane {
     #[inline(always)]
     fn lanes<S: Simd>(&self, first: f32, along: i32x16<S>) -> f32x16<S> {
         let [least, most] = self.range;
-        (first + f32x16::float_from(along) * self.per_column as f32).max(least).min(most)
+        (first + f32x16::float_from(along) * self.per_column as f32)
+            .max(least)
+            .min(most)
     }
 }
 
@@ -178,8 +201,14 @@ impl DrawnRows<'_> {
             return;
         }
         let area = |b: Snapped, c: Snapped| {
-            let [bx, by] = [i64::from(b.x) - i64::from(a.x), i64::from(b.y) - i64::from(a.y)];
-            let [cx, cy] = [i64::from(c.x) - i64::from(a.x), i64::from(c.y) - i64::from(a.y)];
+            let [bx, by] = [
+                i64::from(b.x) - i64::from(a.x),
+                i64::from(b.y) - i64::from(a.y),
+            ];
+            let [cx, cy] = [
+                i64::from(c.x) - i64::from(a.x),
+                i64::from(c.y) - i64::from(a.y),
+            ];
             bx * cy - by * cx
         };
         let mut twice_area = area(b, c);
@@ -209,8 +238,10 @@ impl DrawnRows<'_> {
     fn list(&mut self, drawn: Drawn) {
         match self.drawn.last_mut() {
             Some(last) if last.id == drawn.id => {
-                last.columns = last.columns.start.min(drawn.columns.start)..last.columns.end.max(drawn.columns.end);
-                last.rows = last.rows.start.min(drawn.rows.start)..last.rows.end.max(drawn.rows.end);
+                last.columns = last.columns.start.min(drawn.columns.start)
+                    ..last.columns.end.max(drawn.columns.end);
+                last.rows =
+                    last.rows.start.min(drawn.rows.start)..last.rows.end.max(drawn.rows.end);
             }
             _ => self.drawn.push(drawn),
         }
@@ -238,14 +269,21 @@ impl DrawnRows<'_> {
                 // Negative beyond the box, where the next row of the frame begins.
                 let mut inside = (count - 1) - along;
                 for edge in &edges {
-                    let start = (edge.start as i32).wrapping_add((edge.row as i32).wrapping_mul(below));
+                    let start =
+                        (edge.start as i32).wrapping_add((edge.row as i32).wrapping_mul(below));
                     inside |= along * edge.column as i32 + start;
                 }
                 let covered = inside.simd_ge(0);
                 if !covered.any_true() {
                     continue;
                 }
-                written += self.test(simd, row + done as usize, covered, plane.lanes(first, along), id);
+                written += self.test(
+                    simd,
+                    row + done as usize,
+                    covered,
+                    plane.lanes(first, along),
+                    id,
+                );
             }
         }
         self.stats.pixels_written += u64::from(written);
@@ -253,22 +291,38 @@ impl DrawnRows<'_> {
 
     /// Depth test and number of the surface for [`LANES`] pixels from an index on; returns how many were written.
     #[inline(always)]
-    fn test<S: Simd>(&mut self, simd: S, at: usize, covered: mask32x16<S>, value: f32x16<S>, id: SurfaceId) -> u32 {
-        let depths = self.inverse_depth.get_mut(at..).and_then(<[f32]>::first_chunk_mut::<LANES>);
-        let surfaces: &mut [u32] = bytemuck::cast_slice_mut(self.surface.get_mut(at..).unwrap_or_default());
+    fn test<S: Simd>(
+        &mut self,
+        simd: S,
+        at: usize,
+        covered: mask32x16<S>,
+        value: f32x16<S>,
+        id: SurfaceId,
+    ) -> u32 {
+        let depths = self
+            .inverse_depth
+            .get_mut(at..)
+            .and_then(<[f32]>::first_chunk_mut::<LANES>);
+        let surfaces: &mut [u32] =
+            bytemuck::cast_slice_mut(self.surface.get_mut(at..).unwrap_or_default());
         if let (Some(depths), Some(surfaces)) = (depths, surfaces.first_chunk_mut::<LANES>()) {
             let depth = f32x16::load_array_ref(simd, depths);
             let surface = u32x16::load_array_ref(simd, surfaces);
             let ours = u32x16::splat(simd, id.0);
             // As `is_nearer`.
-            let nearer = covered & (value.simd_gt(depth) | (value.simd_eq(depth) & ours.simd_lt(surface)));
+            let nearer =
+                covered & (value.simd_gt(depth) | (value.simd_eq(depth) & ours.simd_lt(surface)));
             *depths = nearer.select(value, depth).to_array();
             *surfaces = nearer.select(ours, surface).to_array();
             return nearer.to_bitmask().count_ones();
         }
         // The end of the band.
         let (covered, value) = (covered.to_bitmask(), value.to_array());
-        let rest = self.inverse_depth.iter_mut().zip(self.surface.iter_mut()).skip(at);
+        let rest = self
+            .inverse_depth
+            .iter_mut()
+            .zip(self.surface.iter_mut())
+            .skip(at);
         let mut written = 0;
         for (lane, (depth, surface)) in rest.enumerate().take(LANES) {
             if covered >> lane & 1 == 1 && is_nearer([value[lane], *depth], [id, *surface]) {
@@ -310,28 +364,57 @@ impl DrawnRows<'_> {
 
     /// Depth test and number of the surface for a run of covered pixels.
     #[inline(always)]
-    fn span<S: Simd>(&mut self, simd: S, columns: Range<u32>, y: u32, plane: &DepthPlane, id: SurfaceId) {
+    fn span<S: Simd>(
+        &mut self,
+        simd: S,
+        columns: Range<u32>,
+        y: u32,
+        plane: &DepthPlane,
+        id: SurfaceId,
+    ) {
         let lane = i32x16::load_array_ref(simd, &LANE_NUMBERS);
         let first = plane.at(columns.start, y);
-        let (row, count) = ((y - self.rows.start) as usize * self.width as usize, columns.len() as i32);
+        let (row, count) = (
+            (y - self.rows.start) as usize * self.width as usize,
+            columns.len() as i32,
+        );
         let mut written = 0;
         for done in (0..count).step_by(LANES) {
             let along = lane + done;
             let at = row + columns.start as usize + done as usize;
-            written += self.test(simd, at, along.simd_lt(count), plane.lanes(first, along), id);
+            written += self.test(
+                simd,
+                at,
+                along.simd_lt(count),
+                plane.lanes(first, along),
+                id,
+            );
         }
         self.stats.pixels_written += u64::from(written);
     }
 
     /// As [`Self::span`] for a material with holes.
-    fn span_with_holes(&mut self, columns: Range<u32>, y: u32, plane: &DepthPlane, id: SurfaceId, cutout: CutoutTest) {
+    fn span_with_holes(
+        &mut self,
+        columns: Range<u32>,
+        y: u32,
+        plane: &DepthPlane,
+        id: SurfaceId,
+        cutout: CutoutTest,
+    ) {
         let start = (y - self.rows.start) as usize * self.width as usize;
         let run = start + columns.start as usize..start + columns.end as usize;
-        let (Some(depths), Some(surfaces)) = (self.inverse_depth.get_mut(run.clone()), self.surface.get_mut(run))
-        else {
+        let (Some(depths), Some(surfaces)) = (
+            self.inverse_depth.get_mut(run.clone()),
+            self.surface.get_mut(run),
+        ) else {
             return;
         };
-        let (first, step, [least, most]) = (plane.at(columns.start, y), plane.per_column as f32, plane.range);
+        let (first, step, [least, most]) = (
+            plane.at(columns.start, y),
+            plane.per_column as f32,
+            plane.range,
+        );
         for (((k, x), depth), surface) in (0u32..).zip(columns).zip(depths).zip(surfaces) {
             let value = (first + step * k as f32).max(least).min(most);
             if is_nearer([value, *depth], [id, *surface]) && cutout.is_solid(x, y) {

@@ -12,14 +12,14 @@ use super::scan::{Drawn, DrawnRows};
 use super::view::LocalCamera;
 use super::weights::{CornerWeights, Slopes, mixed};
 use super::{LANES, Seen, SurfaceId};
-use headbox_core::camera::Camera;
-use headbox_core::environment::Environment;
-use headbox_core::frame::Coverage;
-use headbox_core::srgb_table::SrgbTable;
 use fearless_simd::dispatch;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};
 use glam::{Vec2, Vec3};
+use headbox_core::camera::Camera;
+use headbox_core::environment::Environment;
+use headbox_core::frame::Coverage;
+use headbox_core::srgb_table::SrgbTable;
 
 /// What the colours of a frame need.
 pub(super) struct PixelShader<'a> {
@@ -50,7 +50,12 @@ struct Shading<'a> {
 
 impl PixelShader<'_> {
     /// Colours the rows of a target.
-    pub(super) fn resolve(&self, target: &mut DrawnRows, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
+    pub(super) fn resolve(
+        &self,
+        target: &mut DrawnRows,
+        colors: &mut [[u8; 4]],
+        coverages: &mut [Coverage],
+    ) {
         dispatch!(self.view.level, simd => {
             self.surroundings(simd, target, colors, coverages);
             self.triangles(simd, target, colors);
@@ -67,9 +72,15 @@ impl PixelShader<'_> {
         coverages: &mut [Coverage],
     ) {
         let width = target.width as usize;
-        let rows = colors.chunks_mut(width).zip(coverages.chunks_mut(width)).zip(target.surface.chunks(width));
+        let rows = colors
+            .chunks_mut(width)
+            .zip(coverages.chunks_mut(width))
+            .zip(target.surface.chunks(width));
         for (y, ((colors, coverages), surfaces)) in target.rows.clone().zip(rows) {
-            let chunks = colors.chunks_mut(LANES).zip(coverages.chunks_mut(LANES)).zip(surfaces.chunks(LANES));
+            let chunks = colors
+                .chunks_mut(LANES)
+                .zip(coverages.chunks_mut(LANES))
+                .zip(surfaces.chunks(LANES));
             for (x, ((colors, coverages), surfaces)) in (0u32..).step_by(LANES).zip(chunks) {
                 if SurfaceId::are_triangles(simd, surfaces) {
                     coverages.fill(Coverage::FULL);
@@ -79,7 +90,9 @@ impl PixelShader<'_> {
                     match surface.seen() {
                         Seen::Marker(_) => target.stats.marker_pixels += 1,
                         Seen::Triangle(_) => coverages[i] = Coverage::FULL,
-                        Seen::Nothing => self.environment_at(x + i as u32, y, &mut colors[i], &mut coverages[i]),
+                        Seen::Nothing => {
+                            self.environment_at(x + i as u32, y, &mut colors[i], &mut coverages[i])
+                        }
                     }
                 }
             }
@@ -87,7 +100,9 @@ impl PixelShader<'_> {
     }
 
     fn environment_at(&self, x: u32, y: u32, color: &mut [u8; 4], coverage: &mut Coverage) {
-        let direction = self.camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let direction = self
+            .camera
+            .direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
         if let Some([r, g, b]) = self.environment.sample(direction.as_vec3()) {
             (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
         }
@@ -96,14 +111,20 @@ impl PixelShader<'_> {
     /// Colours the pixels that show a triangle.
     #[inline(always)]
     fn triangles<S: Simd>(&self, simd: S, target: &DrawnRows, colors: &mut [[u8; 4]]) {
-        let mut batch = Batch { count: 0, pixels: [0; LANES] };
+        let mut batch = Batch {
+            count: 0,
+            pixels: [0; LANES],
+        };
         for Drawn { id, columns, rows } in target.drawn.iter() {
-            let Seen::Triangle(primitive) = id.seen() else { continue };
+            let Seen::Triangle(primitive) = id.seen() else {
+                continue;
+            };
             let mut shading = None;
             for y in rows.clone() {
                 let row = (y - target.rows.start) as usize * target.width as usize;
                 for x in columns.clone().step_by(LANES) {
-                    let mut shown = id.shown_in(simd, target.surface, row + x as usize, columns.end - x);
+                    let mut shown =
+                        id.shown_in(simd, target.surface, row + x as usize, columns.end - x);
                     while shown != 0 {
                         let x = x + shown.trailing_zeros();
                         shown &= shown - 1;
@@ -174,21 +195,29 @@ impl PixelShader<'_> {
         let u = mixed(weights, [a.texcoord.x, b.texcoord.x, c.texcoord.x]);
         let v = mixed(weights, [a.texcoord.y, b.texcoord.y, c.texcoord.y]);
         let albedo = match &shading.albedo_texture {
-            Some((texture, slopes)) => texture.sample(simd, [u, v], slopes.footprint(u, v, per), batch.count),
+            Some((texture, slopes)) => {
+                texture.sample(simd, [u, v], slopes.footprint(u, v, per), batch.count)
+            }
             None => white,
         };
         let emission = match &shading.emission_texture {
-            Some((texture, slopes)) => texture.sample(simd, [u, v], slopes.footprint(u, v, per), batch.count),
+            Some((texture, slopes)) => {
+                texture.sample(simd, [u, v], slopes.footprint(u, v, per), batch.count)
+            }
             None => white,
         };
         let mut color = u32x16::splat(simd, 0xff00_0000);
         for channel in 0..3 {
             let at_corners = [a.color[channel], b.color[channel], c.color[channel]];
             let lit = mixed(weights, at_corners) * shading.albedo[channel] * albedo[channel];
-            let linear = lit.max(0.0).min(self.exposure) + emission[channel] * shading.emission[channel];
+            let linear =
+                lit.max(0.0).min(self.exposure) + emission[channel] * shading.emission[channel];
             color |= table.encode_sixteen(simd, linear, batch.count) << (8 * channel as u32);
         }
-        let (color, index) = (color.to_array(), ((y - target.rows.start) * target.width + x).to_array());
+        let (color, index) = (
+            color.to_array(),
+            ((y - target.rows.start) * target.width + x).to_array(),
+        );
         for i in 0..batch.count.min(LANES) {
             colors[index[i] as usize] = color[i].to_le_bytes();
         }

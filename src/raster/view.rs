@@ -1,8 +1,8 @@
 //! A camera as the rasteriser takes it, and positions in its frame: multiples of a part of a pixel.
 
-use headbox_core::camera::Camera;
 use fearless_simd::Level;
 use glam::{DVec3, Vec3};
+use headbox_core::camera::Camera;
 
 /// Nothing nearer than this is drawn, metres. Only keeps divisions finite: what it cuts off is smaller than a pixel.
 pub(super) const NEAR_M: f32 = 1e-5;
@@ -42,7 +42,15 @@ impl LocalCamera {
         let rows_f64 = [0, 1, 3].map(|row| matrix.row(row).truncate());
         let eye_f64 = camera.eye() - origin;
         let (eye, rows) = (eye_f64.as_vec3(), rows_f64.map(|row| row.as_vec3()));
-        Self { eye, rows, eye_f64, rows_f64, width: camera.width(), height: camera.height(), level }
+        Self {
+            eye,
+            rows,
+            eye_f64,
+            rows_f64,
+            width: camera.width(),
+            height: camera.height(),
+            level,
+        }
     }
 
     /// (x w, y w, w) of a local position.

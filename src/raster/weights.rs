@@ -24,40 +24,70 @@ impl CornerWeights {
     #[inline(always)]
     pub(super) fn new(view: &LocalCamera, corners: [&Vertex; 3]) -> Self {
         let [a, b, c] = corners;
-        let (a, b, c) =
-            (view.homogeneous_f64(a.position), view.homogeneous_f64(b.position), view.homogeneous_f64(c.position));
+        let (a, b, c) = (
+            view.homogeneous_f64(a.position),
+            view.homogeneous_f64(b.position),
+            view.homogeneous_f64(c.position),
+        );
         let (p, q, r) = (b.cross(c), c.cross(a), a.cross(b));
         let of_corners = |axis: usize| DVec3::new(p[axis], q[axis], r[axis]);
-        Self { at_origin: of_corners(2), along: [of_corners(0), of_corners(1)] }
+        Self {
+            at_origin: of_corners(2),
+            along: [of_corners(0), of_corners(1)],
+        }
     }
 
     /// The weights at the centre of a pixel.
     pub(super) fn at(&self, x: u32, y: u32) -> Vec3 {
-        let w = self.at_origin + self.along[0] * (f64::from(x) + 0.5) + self.along[1] * (f64::from(y) + 0.5);
+        let w = self.at_origin
+            + self.along[0] * (f64::from(x) + 0.5)
+            + self.along[1] * (f64::from(y) + 0.5);
         // Seen from its back, all three are negative.
         let w = (w * (w.x + w.y + w.z).signum()).as_vec3().max(Vec3::ZERO);
         let sum = w.x + w.y + w.z;
-        w * if sum >= f32::MIN_POSITIVE { 1.0 / sum } else { 0.0 }
+        w * if sum >= f32::MIN_POSITIVE {
+            1.0 / sum
+        } else {
+            0.0
+        }
     }
 
     /// As [`Self::at`] for [`LANES`] pixels, corner by corner, and the reciprocals of the sums before they were made positive,
     /// for [`Slopes::footprint`].
     #[inline(always)]
-    pub(super) fn lanes<S: Simd>(&self, simd: S, x: &[u32; LANES], y: &[u32; LANES]) -> ([f32x16<S>; 3], f32x16<S>) {
+    pub(super) fn lanes<S: Simd>(
+        &self,
+        simd: S,
+        x: &[u32; LANES],
+        y: &[u32; LANES],
+    ) -> ([f32x16<S>; 3], f32x16<S>) {
         let mut weights = [[0.0; LANES]; 3];
         for (corner, weights) in weights.iter_mut().enumerate() {
-            let (here, [right, down]) = (self.at_origin[corner], [self.along[0][corner], self.along[1][corner]]);
+            let (here, [right, down]) = (
+                self.at_origin[corner],
+                [self.along[0][corner], self.along[1][corner]],
+            );
             for i in 0..LANES {
-                weights[i] =
-                    (here + right * (f64::from(x[i] as i32) + 0.5) + down * (f64::from(y[i] as i32) + 0.5)) as f32;
+                weights[i] = (here
+                    + right * (f64::from(x[i] as i32) + 0.5)
+                    + down * (f64::from(y[i] as i32) + 0.5)) as f32;
             }
         }
         let zero = f32x16::splat(simd, 0.0);
         let [a, b, c] = &weights;
-        let (a, b) = (f32x16::load_array_ref(simd, a), f32x16::load_array_ref(simd, b));
+        let (a, b) = (
+            f32x16::load_array_ref(simd, a),
+            f32x16::load_array_ref(simd, b),
+        );
         let c = f32x16::load_array_ref(simd, c);
-        let sign = ((a + b) + c).simd_lt(zero).select(f32x16::splat(simd, -1.0), f32x16::splat(simd, 1.0));
-        let (a, b, c) = ((a * sign).max(zero), (b * sign).max(zero), (c * sign).max(zero));
+        let sign = ((a + b) + c)
+            .simd_lt(zero)
+            .select(f32x16::splat(simd, -1.0), f32x16::splat(simd, 1.0));
+        let (a, b, c) = (
+            (a * sign).max(zero),
+            (b * sign).max(zero),
+            (c * sign).max(zero),
+        );
         let sum = (a + b) + c;
         let per = sum.simd_ge(f32::MIN_POSITIVE).select(1.0 / sum, zero);
         ([a * per, b * per, c * per], per * sign)
@@ -68,10 +98,14 @@ impl CornerWeights {
     pub(super) fn slopes(&self, corners: [&Vertex; 3], size: Vec2) -> Slopes {
         let along = |axis: usize| {
             let w = self.along[axis].as_vec3();
-            let texcoord = (corners[0].texcoord * w.x + corners[1].texcoord * w.y) + corners[2].texcoord * w.z;
+            let texcoord =
+                (corners[0].texcoord * w.x + corners[1].texcoord * w.y) + corners[2].texcoord * w.z;
             (texcoord * size, (w.x + w.y) + w.z)
         };
-        Slopes { size, along: [along(0), along(1)] }
+        Slopes {
+            size,
+            along: [along(0), along(1)],
+        }
     }
 }
 
@@ -87,7 +121,12 @@ impl Slopes {
     /// geometric mean, as the longer one blurs what is seen at a grazing angle. From texture coordinates and the
     /// reciprocals of the sums of weights.
     #[inline(always)]
-    pub(super) fn footprint<S: Simd>(&self, u: f32x16<S>, v: f32x16<S>, per: f32x16<S>) -> f32x16<S> {
+    pub(super) fn footprint<S: Simd>(
+        &self,
+        u: f32x16<S>,
+        v: f32x16<S>,
+        per: f32x16<S>,
+    ) -> f32x16<S> {
         let (u, v) = (u * self.size.x, v * self.size.y);
         let [right, down] = self.along;
         steepness(right, [u, v], per) * steepness(down, [u, v], per)
@@ -96,7 +135,11 @@ impl Slopes {
 
 /// The square of the change of texture coordinates (texels) along an axis of the frame: the quotient rule.
 #[inline(always)]
-fn steepness<S: Simd>((texels, sum): (Vec2, f32), [u, v]: [f32x16<S>; 2], per: f32x16<S>) -> f32x16<S> {
+fn steepness<S: Simd>(
+    (texels, sum): (Vec2, f32),
+    [u, v]: [f32x16<S>; 2],
+    per: f32x16<S>,
+) -> f32x16<S> {
     let (du, dv) = ((texels.x - u * sum) * per, (texels.y - v * sum) * per);
     du * du + dv * dv
 }

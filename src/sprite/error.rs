@@ -61,6 +61,15 @@ impl SpriteError {
         b: &'static str,
         b_size: (u32, u32),
     ) -> Result<(), Self> {
-        if a_size == b_size { Ok(()) } else { Err(Self::SizeMismatch { a, a_size, b, b_size }) }
+        if a_size == b_size {
+            Ok(())
+        } else {
+            Err(Self::SizeMismatch {
+                a,
+                a_size,
+                b,
+                b_size,
+            })
+        }
     }
 }

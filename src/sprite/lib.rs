@@ -22,23 +22,23 @@ mod make;
 mod model;
 mod warp;
 
-pub use headbox_images::DepthPicture;
 pub use crate::make::capture::{SlabCapture, capture_slabs, slabs_at_gaps};
+pub use crate::make::from_layers::sprites_of_layers;
+pub use crate::make::import::DepthImport;
 pub use crate::model::displacement::{Displacement, DisplacementFormat};
-pub use error::SpriteError;
 pub use crate::model::file::SPRITE_FILE;
 pub use crate::model::file::SpriteHeader;
-pub use crate::make::from_layers::sprites_of_layers;
 pub use crate::model::image_files::{ImageFileError, write_depth_exr};
-pub use crate::make::import::DepthImport;
-pub use crate::warp::layer::SpriteLayer;
-pub(crate) use crate::warp::layer::straight;
 pub use crate::model::plane::SpritePlane;
-pub use crate::warp::render::{PreparedSprite, RenderOptions, SpriteRenderer, SpriteVariant};
-pub use crate::warp::sampling::SpriteSampling;
 pub use crate::model::set::visible_points;
 pub use crate::model::set::{SpriteInfo, SpriteSet};
+pub use crate::warp::layer::SpriteLayer;
+pub(crate) use crate::warp::layer::straight;
+pub use crate::warp::render::{PreparedSprite, RenderOptions, SpriteRenderer, SpriteVariant};
+pub use crate::warp::sampling::SpriteSampling;
 pub use crate::warp::transfer::{Outcome, SpriteTransfer};
+pub use error::SpriteError;
+pub use headbox_images::DepthPicture;
 
 /// Numbers of the two passes that whoever draws like them has to know.
 pub mod rules {
@@ -50,8 +50,8 @@ pub mod rules {
     pub use crate::warp::transfer::EDGE_ON;
 }
 
-use headbox_core::camera::Camera;
 use glam::DVec3;
+use headbox_core::camera::Camera;
 use image::RgbaImage;
 
 /// An alpha-matted picture on a plane (S2).
@@ -72,14 +72,24 @@ impl Sprite {
     /// [`SpriteError::SizeMismatch`] if picture and camera differ in size, [`SpriteError::PlaneThroughEye`] if the plane
     /// is seen edge-on or is not finite.
     pub fn new(color: RgbaImage, camera: Camera, plane: SpritePlane) -> Result<Self, SpriteError> {
-        SpriteError::check_sizes("colour", color.dimensions(), "camera", (camera.width(), camera.height()))?;
+        SpriteError::check_sizes(
+            "colour",
+            color.dimensions(),
+            "camera",
+            (camera.width(), camera.height()),
+        )?;
         let plane = plane.facing(camera.eye());
         // A plane closer to the eye than a millionth of a pixel's width at unit depth cannot be told from one through it.
         let distance = plane.signed_distance(camera.eye());
-        if !plane.is_finite() || !camera.eye().is_finite() || distance.is_nan() || distance <= 1e-9 {
+        if !plane.is_finite() || !camera.eye().is_finite() || distance.is_nan() || distance <= 1e-9
+        {
             return Err(SpriteError::PlaneThroughEye);
         }
-        Ok(Self { color, camera, plane })
+        Ok(Self {
+            color,
+            camera,
+            plane,
+        })
     }
 
     /// The picture: 8-bit sRGB, straight alpha.
@@ -100,7 +110,11 @@ impl Sprite {
     /// Where on the plane the middle of the picture is, world.
     pub fn middle(&self) -> DVec3 {
         let (camera, plane) = (&self.camera, &self.plane);
-        let axis = plane.inverse_depth(camera, f64::from(camera.width()) / 2.0, f64::from(camera.height()) / 2.0);
+        let axis = plane.inverse_depth(
+            camera,
+            f64::from(camera.width()) / 2.0,
+            f64::from(camera.height()) / 2.0,
+        );
         // Where the axis misses the plane, the foot of the perpendicular stands for the middle.
         if axis > 0.0 {
             camera.eye() + camera.forward() / axis
@@ -127,9 +141,15 @@ impl SpriteWithDepth {
     pub fn new(sprite: Sprite, displacement: Displacement) -> Result<Self, SpriteError> {
         let (displacement_size, color) = (displacement.size(), sprite.color.dimensions());
         if displacement_size.0 > color.0 || displacement_size.1 > color.1 {
-            return Err(SpriteError::DisplacementSize { displacement: displacement_size, color });
+            return Err(SpriteError::DisplacementSize {
+                displacement: displacement_size,
+                color,
+            });
         }
-        Ok(Self { sprite, displacement })
+        Ok(Self {
+            sprite,
+            displacement,
+        })
     }
 
     /// Picture, camera and plane.

@@ -11,8 +11,12 @@ use std::collections::btree_map::Entry;
 /// One sentence, if threads cannot be started.
 pub(super) fn pool(name: &'static str) -> Result<ThreadPool, String> {
     let builder = ThreadPoolBuilder::new().num_threads(rayon::current_num_threads());
-    let builder = builder.thread_name(move |i| format!("{name} {i}")).start_handler(|_| yield_to_others());
-    builder.build().map_err(|error| format!("Cannot start threads for the {name}: {error}."))
+    let builder = builder
+        .thread_name(move |i| format!("{name} {i}"))
+        .start_handler(|_| yield_to_others());
+    builder
+        .build()
+        .map_err(|error| format!("Cannot start threads for the {name}: {error}."))
 }
 
 /// Linux has a nice value per thread, and `setpriority` of "this process" sets that of the calling thread. That it fails
@@ -33,7 +37,13 @@ impl FewerThreads {
     /// The control that says how many threads draw a frame.
     pub(super) fn setting() -> Setting {
         let cores = rayon::current_num_threads() as u32;
-        Setting::count("threads", "Threads", "Number of threads that draw a frame.", cores, 1..=cores)
+        Setting::count(
+            "threads",
+            "Threads",
+            "Number of threads that draw a frame.",
+            cores,
+            1..=cores,
+        )
     }
 
     /// Does `work` on as many threads as [`Self::setting`] is set to; on those of the program if they are not more.
@@ -52,8 +62,13 @@ impl FewerThreads {
         let pool = match self.0.entry(count) {
             Entry::Occupied(pool) => pool.into_mut(),
             Entry::Vacant(place) => {
-                let pool = ThreadPoolBuilder::new().num_threads(count).thread_name(|i| format!("frame {i}")).build();
-                place.insert(pool.map_err(|error| format!("Cannot start {count} threads: {error}."))?)
+                let pool = ThreadPoolBuilder::new()
+                    .num_threads(count)
+                    .thread_name(|i| format!("frame {i}"))
+                    .build();
+                place.insert(
+                    pool.map_err(|error| format!("Cannot start {count} threads: {error}."))?,
+                )
             }
         };
         Ok(pool.install(work))

@@ -6,10 +6,19 @@ use headbox_viewer::Fact;
 
 /// What frames are drawn with.
 pub(super) fn simd_fact() -> Fact {
-    Fact { name: "SIMD level", text: simd::name(simd::level()).into() }
+    Fact {
+        name: "SIMD level",
+        text: simd::name(simd::level()).into(),
+    }
 }
 
 /// What was taken for the file's axes and unit.
 pub(super) fn axes_fact(frame: &FileFrame) -> Fact {
-    Fact { name: "in the file", text: format!("{} is up, 1 is {} m (view --up, --unit)", frame.up, frame.unit_m) }
+    Fact {
+        name: "in the file",
+        text: format!(
+            "{} is up, 1 is {} m (view --up, --unit)",
+            frame.up, frame.unit_m
+        ),
+    }
 }

@@ -31,9 +31,11 @@ mod terms;
 #[cfg(test)]
 mod tests;
 
-pub use crate::sources::library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs};
 pub use crate::overlays::marks::Marks;
-
+pub use crate::sources::library::{
+    OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks,
+    show_photographs,
+};
 
 use headbox_core::camera::Camera;
 use headbox_trace::viewpoint::level_up;
@@ -41,7 +43,10 @@ use headbox_viewer::Pose;
 
 /// Where one starts that is to see what a camera shows, upright.
 fn start_at(camera: &Camera) -> Pose {
-    let fov_y_deg = 2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px()).atan().to_degrees();
+    let fov_y_deg = 2.0
+        * (f64::from(camera.height()) / 2.0 / camera.focal_px())
+            .atan()
+            .to_degrees();
     let up = level_up(Some(camera.world_from_eye().y_axis));
     Pose::upright(camera.eye(), camera.eye() + camera.forward(), up, fov_y_deg)
 }

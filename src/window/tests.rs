@@ -1,37 +1,51 @@
 //! Files of each kind through the sources, without a window.
 
 use super::{open, show_geometry, show_live};
+use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_images::ImageSet;
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
-use headbox_ldi::from_images::{ImagesJob, NearImages};
-use headbox_lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement};
+use headbox_core::progress::Silent;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_fixtures::{frame_at, plane_view, saved, set_of};
 use headbox_house::backdrop::BackdropQuality;
 use headbox_house::house::House;
 use headbox_house::store::Store;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk_path::WalkPath;
-use headbox_core::progress::Silent;
+use headbox_images::ImageSet;
+use headbox_ldi::from_images::{ImagesJob, NearImages};
 use headbox_ldi::scene_source::SceneSource;
+use headbox_lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement};
+use headbox_photos::view_geometry::{
+    GeometryResources, GeometrySettings, SampleGrid, ViewGeometry,
+};
 use headbox_sprite::{DisplacementFormat, SlabCapture, SpriteSet, capture_slabs, slabs_at_gaps};
-use headbox_fixtures::{frame_at, plane_view, saved, set_of};
-use headbox_photos::view_geometry::{GeometryResources, GeometrySettings, SampleGrid, ViewGeometry};
-use glam::DVec3;
-use headbox_viewer::{Control, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, SettingValues};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_viewer::{
+    Control, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, SettingValues,
+};
 use std::path::Path;
 use std::sync::Arc;
 
 const SIZE: (u32, u32) = (96, 64);
 
 /// Renders what `source` shows from `pose` with settings given as text.
-fn render(source: &mut dyn FrameSource, pose: Pose, settings: &[(&str, &str)]) -> (Vec<[u8; 4]>, FrameReport) {
+fn render(
+    source: &mut dyn FrameSource,
+    pose: Pose,
+    settings: &[(&str, &str)],
+) -> (Vec<[u8; 4]>, FrameReport) {
     let known = source.settings();
     let mut values = SettingValues::initial(&known);
-    settings.iter().for_each(|(id, text)| values.set_text(&known, id, text).unwrap());
+    settings
+        .iter()
+        .for_each(|(id, text)| values.set_text(&known, id, text).unwrap());
     let camera = pose.camera(SIZE.0, SIZE.1).unwrap();
-    let request = FrameRequest { camera, settings: Arc::new(values), moving: false };
+    let request = FrameRequest {
+        camera,
+        settings: Arc::new(values),
+        moving: false,
+    };
     let mut pixels = vec![[1, 2, 3, 4]; (SIZE.0 * SIZE.1) as usize];
     let report = source.render(&request, &mut pixels).unwrap();
     (pixels, report)
@@ -52,7 +66,11 @@ fn first_round(growing: &mut dyn FrameSource) {
 }
 
 fn figure(report: &FrameReport, name: &str) -> Option<f64> {
-    report.figures.iter().find(|f| f.name == name).map(|f| f.value)
+    report
+        .figures
+        .iter()
+        .find(|f| f.name == name)
+        .map(|f| f.value)
 }
 
 #[test]
@@ -62,7 +80,14 @@ fn a_growing_capture_is_saved_and_opened_again_and_judged_against_truth() {
     let start = growing.start_pose();
     assert!(growing.bounds().unwrap().contains(start.eye));
     first_round(&mut *growing);
-    assert_eq!(growing.act("save").unwrap().matches("miniature.ldi").count(), 1);
+    assert_eq!(
+        growing
+            .act("save")
+            .unwrap()
+            .matches("miniature.ldi")
+            .count(),
+        1
+    );
     assert!(growing.act("nonsense").is_err());
     drop(growing);
 
@@ -73,24 +98,45 @@ fn a_growing_capture_is_saved_and_opened_again_and_judged_against_truth() {
     assert_eq!(report.refinement, Refinement::Done);
     let (other, _) = render(&mut *saved, start, &[("kernel", "paper")]);
     assert!(plain != other, "the kernel counts");
-    assert!(plain.iter().all(|p| p[3] == 255), "no pixel keeps what was there");
+    assert!(
+        plain.iter().all(|p| p[3] == 255),
+        "no pixel keeps what was there"
+    );
 
     for same in [("clip", "off"), ("threads", "1")] {
         assert!(render(&mut *saved, start, &[same]).0 == plain, "{same:?}");
     }
-    let overlays = ["holes", "coverage", "depth", "layer", "face", "segment", "footprint", "overdraw", "clipping"];
+    let overlays = [
+        "holes",
+        "coverage",
+        "depth",
+        "layer",
+        "face",
+        "segment",
+        "footprint",
+        "overdraw",
+        "clipping",
+    ];
     for overlay in overlays {
         let (painted, report) = render(&mut *saved, start, &[("overlay", overlay)]);
         assert!(painted != plain && !report.legend.is_empty(), "{overlay}");
     }
     let (_, report) = render(&mut *saved, start, &[("overlay", "overdraw")]);
-    let [mean, most] = ["draws a pixel, mean", "draws a pixel, most"].map(|name| figure(&report, name).unwrap());
+    let [mean, most] =
+        ["draws a pixel, mean", "draws a pixel, most"].map(|name| figure(&report, name).unwrap());
     assert!(mean >= 1.0 && most >= mean, "{mean}, {most}");
-    let parts = ["face+x", "face-x", "face+y", "face-y", "face+z", "face-z"].map(|face| (face, "off"));
+    let parts =
+        ["face+x", "face-x", "face+y", "face-y", "face+z", "face-z"].map(|face| (face, "off"));
     assert!(figure(&render(&mut *saved, start, &parts).1, "depth pixels") == Some(0.0));
-    let aside = Pose { eye: start.eye - 0.5 * saved.bounds().unwrap().half_size.x * start.forward(), ..start };
+    let aside = Pose {
+        eye: start.eye - 0.5 * saved.bounds().unwrap().half_size.x * start.forward(),
+        ..start
+    };
     let marked = render(&mut *saved, aside, &[("epipole", "on")]).0;
-    assert!(marked != render(&mut *saved, aside, &[]).0, "seen from behind, the centre is marked");
+    assert!(
+        marked != render(&mut *saved, aside, &[]).0,
+        "seen from behind, the centre is marked"
+    );
 
     let (mut judged, mut report) = render(&mut *saved, start, &[("overlay", "error")]);
     while report.refinement != Refinement::Done {
@@ -99,7 +145,10 @@ fn a_growing_capture_is_saved_and_opened_again_and_judged_against_truth() {
     }
     let [flip, psnr_db] = ["FLIP", "PSNR"].map(|name| figure(&report, name).unwrap());
     // A coarse capture of a simple scene: far from perfect, far from another picture.
-    assert!(flip > 0.0 && flip < 0.5 && psnr_db > 15.0, "FLIP {flip}, PSNR {psnr_db} dB");
+    assert!(
+        flip > 0.0 && flip < 0.5 && psnr_db > 15.0,
+        "FLIP {flip}, PSNR {psnr_db} dB"
+    );
     assert!(judged != plain);
 }
 
@@ -110,13 +159,23 @@ fn sprites_are_shown_and_orbited() {
     write_sprites(&file);
     let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
     let start = source.start_pose();
-    let Navigation::Orbit { pivot, nearest } = source.navigation() else { panic!("sprites are orbited") };
+    let Navigation::Orbit { pivot, nearest } = source.navigation() else {
+        panic!("sprites are orbited")
+    };
     assert!(nearest > 0.0 && start.forward().dot((pivot - start.eye).normalize()) > 0.999);
     let (front, report) = render(&mut *source, start, &[]);
     assert!(figure(&report, "pixels covered").unwrap() > 50.0);
-    let aside = Pose::looking_at(start.eye + DVec3::X * 0.2 * start.eye.distance(pivot), pivot, start.fov_y_deg);
+    let aside = Pose::looking_at(
+        start.eye + DVec3::X * 0.2 * start.eye.distance(pivot),
+        pivot,
+        start.fov_y_deg,
+    );
     let (tilted, _) = render(&mut *source, aside, &[]);
-    let (flat, _) = render(&mut *source, aside, &[("variant", "homography"), ("nearest", "on"), ("fill", "0")]);
+    let (flat, _) = render(
+        &mut *source,
+        aside,
+        &[("variant", "homography"), ("nearest", "on"), ("fill", "0")],
+    );
     assert!(front != tilted && tilted != flat);
 }
 
@@ -129,7 +188,13 @@ fn write_sprites(file: &Path) {
     let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, [128, 96]).unwrap();
     let slabs = slabs_at_gaps(&tracer, &camera, 4);
     let format = DisplacementFormat::I16;
-    let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 4, format };
+    let capture = SlabCapture {
+        tracer: &tracer,
+        lighting: &lighting,
+        lit: false,
+        samples: 4,
+        format,
+    };
     let sprites = capture_slabs(&capture, &camera, &slabs, &Silent).unwrap();
     SpriteSet::new(sprites).write(file).unwrap();
 }
@@ -160,26 +225,57 @@ fn a_house_is_walked_from_room_to_room() {
     let file = dir.path().join("bare.house");
     let house = write_house(&file);
     let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
-    assert_eq!((source.navigation(), source.bounds()), (Navigation::Walk, None));
+    assert_eq!(
+        (source.navigation(), source.bounds()),
+        (Navigation::Walk, None)
+    );
     let start = source.start_pose();
     let first = house.cell_of_eye(start.eye).unwrap();
     let model = house.plan();
     let floor = model.cells[first as usize].space[0].floor_y;
-    assert!(Some(first) != model.outside && (start.eye.y - floor - 1.6).abs() < 1e-9, "{start:?} in cell {first}");
+    assert!(
+        Some(first) != model.outside && (start.eye.y - floor - 1.6).abs() < 1e-9,
+        "{start:?} in cell {first}"
+    );
     let plan = source.plan().unwrap();
-    let here = plan.room_at(start.eye).map(|room| plan.rooms[room].name.as_str());
-    assert_eq!((here, plan.openings.len()), (Some(model.cells[first as usize].name.as_str()), model.portals.len()));
+    let here = plan
+        .room_at(start.eye)
+        .map(|room| plan.rooms[room].name.as_str());
+    assert_eq!(
+        (here, plan.openings.len()),
+        (
+            Some(model.cells[first as usize].name.as_str()),
+            model.portals.len()
+        )
+    );
 
     let mut cells = std::collections::BTreeSet::new();
-    for camera in (WalkPath { poses: 24, ..WalkPath::default() }).cameras(&house).unwrap() {
+    for camera in (WalkPath {
+        poses: 24,
+        ..WalkPath::default()
+    })
+    .cameras(&house)
+    .unwrap()
+    {
         let (pixels, report) = render(&mut *source, pose_of(&camera), &[]);
         let cell = house.cell_of_eye(camera.eye());
         let name = cell.map_or("in a wall", |cell| model.cells[cell as usize].name.as_str());
-        assert!(report.facts.iter().any(|fact| fact.text.starts_with(name)), "{name}: {:?}", report.facts);
+        assert!(
+            report.facts.iter().any(|fact| fact.text.starts_with(name)),
+            "{name}: {:?}",
+            report.facts
+        );
         assert_eq!(report.refinement, Refinement::Done);
         let colors: std::collections::BTreeSet<_> = pixels.iter().collect();
-        assert!(colors.len() > 20, "{camera:?} sees {} colours", colors.len());
-        assert!(pixels.iter().all(|pixel| pixel[3] == 255), "a closed house has no holes");
+        assert!(
+            colors.len() > 20,
+            "{camera:?} sees {} colours",
+            colors.len()
+        );
+        assert!(
+            pixels.iter().all(|pixel| pixel[3] == 255),
+            "a closed house has no holes"
+        );
         cells.insert(cell);
     }
     assert!(cells.len() > 5, "{cells:?}");
@@ -192,7 +288,11 @@ fn the_built_in_house_is_walked_at_once_and_lit_later() {
     let (start, plan) = (source.start_pose(), source.plan().unwrap());
     let here = plan.rooms[plan.room_at(start.eye).unwrap()].name.clone();
     let (_, report) = render(&mut *source, start, &[]);
-    assert!(report.facts[0].text.starts_with(&here), "{here}: {:?}", report.facts);
+    assert!(
+        report.facts[0].text.starts_with(&here),
+        "{here}: {:?}",
+        report.facts
+    );
     // Closing it while its light is being baked does not wait for that.
     assert!(matches!(report.refinement, Refinement::Later(_)));
 }
@@ -204,23 +304,51 @@ fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
     let mut growing = open("builtin:miniature", dir.path()).unwrap();
     first_round(&mut *growing);
     growing.act("save").unwrap();
-    let (file, path) = (dir.path().join("miniature.ldi"), dir.path().join("path.json"));
+    let (file, path) = (
+        dir.path().join("miniature.ldi"),
+        dir.path().join("path.json"),
+    );
     let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
     let (start, frame) = (source.start_pose(), source.file_frame());
     let poses = [0.0, 0.1, 0.2].map(|turn| start.turned(turn, -turn));
-    let record =
-        |pose: &Pose| headbox_scene::camera_path::CameraRecord::new(pose.eye, pose.forward(), DVec3::Y, pose.fov_y_deg, &frame);
-    let record = headbox_scene::camera_path::PathRecord { size: Some([SIZE.0, SIZE.1]), poses: poses.iter().map(record).collect() };
+    let record = |pose: &Pose| {
+        headbox_scene::camera_path::CameraRecord::new(
+            pose.eye,
+            pose.forward(),
+            DVec3::Y,
+            pose.fov_y_deg,
+            &frame,
+        )
+    };
+    let record = headbox_scene::camera_path::PathRecord {
+        size: Some([SIZE.0, SIZE.1]),
+        poses: poses.iter().map(record).collect(),
+    };
     std::fs::write(&path, serde_json::to_string(&record).unwrap()).unwrap();
     let cube = PackedCube::read(&file).unwrap();
     let cameras = headbox_scene::camera_path::read(&path, &frame, 30.0).unwrap();
-    let (mut renderer, settings) = (headbox_cube::render::Renderer::new(), headbox_cube::render::RenderSettings::default());
+    let (mut renderer, settings) = (
+        headbox_cube::render::Renderer::new(),
+        headbox_cube::render::RenderSettings::default(),
+    );
     for (i, pose) in poses.into_iter().enumerate() {
         let written = &renderer.render(&cube, &cameras[i], &settings).color;
-        let shown: Vec<u8> = render(&mut *source, pose, &[]).0.into_iter().flatten().collect();
-        let differing = shown.iter().zip(written.iter().flatten()).filter(|(a, b)| a != b).count();
+        let shown: Vec<u8> = render(&mut *source, pose, &[])
+            .0
+            .into_iter()
+            .flatten()
+            .collect();
+        let differing = shown
+            .iter()
+            .zip(written.iter().flatten())
+            .filter(|(a, b)| a != b)
+            .count();
         // A pose goes through degrees and a look-at point: the last bit of a direction may move a sample's rounding.
-        assert!(differing < shown.len() / 1000, "pose {i}: {differing} of {} bytes", shown.len());
+        assert!(
+            differing < shown.len() / 1000,
+            "pose {i}: {differing} of {} bytes",
+            shown.len()
+        );
     }
 }
 
@@ -231,8 +359,14 @@ fn every_way_to_draw_a_house_shows_backdrops_once_they_are_built() {
     write_house(&file);
     let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
     let start = source.start_pose();
-    let Control::Choice { options, selected } = source.settings().remove(0).control else { panic!("a choice") };
-    assert_eq!((options.len(), selected), (HouseVariant::ALL.len(), 0), "geometry first: the file has nothing else");
+    let Control::Choice { options, selected } = source.settings().remove(0).control else {
+        panic!("a choice")
+    };
+    assert_eq!(
+        (options.len(), selected),
+        (HouseVariant::ALL.len(), 0),
+        "geometry first: the file has nothing else"
+    );
     let (geometry, _) = render(&mut *source, start, &[("variant", "geometry")]);
     for variant in &options {
         let settings = [("variant", variant.as_str())];
@@ -241,16 +375,30 @@ fn every_way_to_draw_a_house_shows_backdrops_once_they_are_built() {
             std::thread::yield_now();
             (pixels, report) = render(&mut *source, start, &settings);
         }
-        let [portals, missing] = ["portals as backdrops", "backdrops missing"].map(|name| figure(&report, name));
-        assert_eq!((portals > Some(0.0), missing), (variant != "geometry", Some(0.0)), "{variant}");
+        let [portals, missing] =
+            ["portals as backdrops", "backdrops missing"].map(|name| figure(&report, name));
+        assert_eq!(
+            (portals > Some(0.0), missing),
+            (variant != "geometry", Some(0.0)),
+            "{variant}"
+        );
         assert_eq!(pixels != geometry, variant != "geometry", "{variant}");
         let holes = figure(&report, "hole pixels").unwrap();
-        assert!(holes < 0.2 * pixels.len() as f64, "{variant}: {holes} holes");
+        assert!(
+            holes < 0.2 * pixels.len() as f64,
+            "{variant}: {holes} holes"
+        );
     }
     let settings = [("variant", "window-ldi"), ("overlay", "backdrops")];
     let overlaid = render(&mut *source, start, &settings).0;
-    let grey = overlaid.iter().filter(|&&[r, g, b, _]| r == g && g == b).count();
-    assert!(grey > 0 && grey < overlaid.len(), "geometry is grey, backdrops are not");
+    let grey = overlaid
+        .iter()
+        .filter(|&&[r, g, b, _]| r == g && g == b)
+        .count();
+    assert!(
+        grey > 0 && grey < overlaid.len(),
+        "geometry is grey, backdrops are not"
+    );
 }
 
 #[test]
@@ -271,17 +419,35 @@ fn a_lumigraph_starts_where_its_cameras_look_and_tells_its_layers() {
         size_px: [96, 64],
         convergence: 0.3,
     };
-    let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 2 };
-    let raw = capture.run(&CameraGrid::new(parts).unwrap(), &Silent).unwrap();
-    raw.layered(100, Placement::Uniform).unwrap().write(&file).unwrap();
+    let capture = LumigraphCapture {
+        tracer: &tracer,
+        lighting: &lighting,
+        lit: false,
+        samples: 2,
+    };
+    let raw = capture
+        .run(&CameraGrid::new(parts).unwrap(), &Silent)
+        .unwrap();
+    raw.layered(100, Placement::Uniform)
+        .unwrap()
+        .write(&file)
+        .unwrap();
     let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
     let start = source.start_pose();
-    assert!(start.eye == origin && start.forward().distance(DVec3::NEG_Z) < 1e-9 && source.speed_m_per_s() >= 1.0);
+    assert!(
+        start.eye == origin
+            && start.forward().distance(DVec3::NEG_Z) < 1e-9
+            && source.speed_m_per_s() >= 1.0
+    );
     let (colors, report) = render(&mut *source, start, &[]);
     let layers = |report: &FrameReport| figure(report, "layers after merging").unwrap();
     assert!(layers(&report) < 30.0 && figure(&report, "pixels covered") == Some(100.0));
     let (unmerged, all) = render(&mut *source, start, &[("merge", "0")]);
-    assert!(layers(&all) > 60.0 && unmerged != colors, "{}", layers(&all));
+    assert!(
+        layers(&all) > 60.0 && unmerged != colors,
+        "{}",
+        layers(&all)
+    );
     assert!(render(&mut *source, start, &[("skip", "off")]).0 == colors);
     let mut seen = vec![colors];
     for overlay in ["layer", "merged layers", "camera"] {
@@ -296,8 +462,14 @@ fn a_file_that_is_no_house_is_refused_in_one_sentence() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("damaged.house");
     std::fs::write(&file, "not a house").unwrap();
-    let message = open(file.to_str().unwrap(), dir.path()).err().unwrap().to_string();
-    assert!(message.contains("damaged.house") && !message.contains('\n'), "{message}");
+    let message = open(file.to_str().unwrap(), dir.path())
+        .err()
+        .unwrap()
+        .to_string();
+    assert!(
+        message.contains("damaged.house") && !message.contains('\n'),
+        "{message}"
+    );
 }
 
 #[test]
@@ -305,34 +477,68 @@ fn a_folder_of_images_is_walked_through() {
     let eyes = [DVec3::ZERO, DVec3::X * 0.2, DVec3::Y * 0.2];
     let views = eyes.map(|eye| plane_view(eye, 3.0, [96, 64]));
     let folder = tempfile::tempdir().unwrap();
-    let on_disk: Vec<_> = views.iter().enumerate().map(|(i, view)| saved(view, folder.path(), &i.to_string())).collect();
+    let on_disk: Vec<_> = views
+        .iter()
+        .enumerate()
+        .map(|(i, view)| saved(view, folder.path(), &i.to_string()))
+        .collect();
     let set = set_of(folder.path(), &on_disk);
-    let resources = GeometryResources { grid: SampleGrid::default(), budget: 1 << 30, cache: None };
-    let geometry = ViewGeometry::open(&set, &on_disk.iter().collect::<Vec<_>>(), &resources, &Silent).unwrap();
+    let resources = GeometryResources {
+        grid: SampleGrid::default(),
+        budget: 1 << 30,
+        cache: None,
+    };
+    let geometry = ViewGeometry::open(
+        &set,
+        &on_disk.iter().collect::<Vec<_>>(),
+        &resources,
+        &Silent,
+    )
+    .unwrap();
     let start = frame_at(DVec3::new(0.05, 0.05, 0.0), [96, 64]);
     let mut source = show_geometry(geometry, folder.path(), &start, GeometrySettings::default());
     assert!(source.title().ends_with("(images)"));
     let pose = source.start_pose();
     let (blended, report) = render(&mut *source, pose, &[]);
-    assert_eq!((report.refinement, figure(&report, "cameras used")), (Refinement::Done, Some(3.0)));
+    assert_eq!(
+        (report.refinement, figure(&report, "cameras used")),
+        (Refinement::Done, Some(3.0))
+    );
     assert!(blended.iter().all(|pixel| pixel[3] == 255));
-    assert!(blended != render(&mut *source, pose, &[("texturing", "geometry-nearest")]).0, "what textures counts");
+    assert!(
+        blended != render(&mut *source, pose, &[("texturing", "geometry-nearest")]).0,
+        "what textures counts"
+    );
     let (_, one) = render(&mut *source, pose, &[("cameras", "1")]);
     assert_eq!(figure(&one, "cameras used"), Some(1.0));
     let mut painted = vec![blended];
     for overlay in ["holes", "camera", "owners", "mesh", "age"] {
         let (pixels, report) = render(&mut *source, pose, &[("overlay", overlay)]);
-        assert!(!painted.contains(&pixels) && !report.legend.is_empty(), "{overlay}");
+        assert!(
+            !painted.contains(&pixels) && !report.legend.is_empty(),
+            "{overlay}"
+        );
         assert!(pixels.iter().all(|pixel| pixel[3] == 255));
         painted.push(pixels);
     }
     let away = Pose::looking_at(pose.eye, pose.eye + DVec3::Z, 60.0);
     let (_, report) = render(&mut *source, away, &[]);
-    assert!(report.facts.iter().any(|fact| fact.text.contains("none of the 3 cameras")), "{:?}", report.facts);
+    assert!(
+        report
+            .facts
+            .iter()
+            .any(|fact| fact.text.contains("none of the 3 cameras")),
+        "{:?}",
+        report.facts
+    );
 }
 
 /// Looks until nothing better can come.
-fn settled(source: &mut dyn FrameSource, pose: Pose, settings: &[(&str, &str)]) -> (Vec<[u8; 4]>, FrameReport) {
+fn settled(
+    source: &mut dyn FrameSource,
+    pose: Pose,
+    settings: &[(&str, &str)],
+) -> (Vec<[u8; 4]>, FrameReport) {
     loop {
         let (pixels, report) = render(source, pose, settings);
         if report.refinement == Refinement::Done {
@@ -344,7 +550,13 @@ fn settled(source: &mut dyn FrameSource, pose: Pose, settings: &[(&str, &str)]) 
 
 /// Images of a plane, a metre from each to the next.
 fn six_images(folder: &Path) -> ImageSet {
-    let view = |i: u32| saved(&plane_view(DVec3::X * f64::from(i), 3.0, [96, 64]), folder, &format!("image {i}"));
+    let view = |i: u32| {
+        saved(
+            &plane_view(DVec3::X * f64::from(i), 3.0, [96, 64]),
+            folder,
+            &format!("image {i}"),
+        )
+    };
     set_of(folder, &(0..6).map(view).collect::<Vec<_>>())
 }
 
@@ -356,7 +568,15 @@ fn cubes_of_the_nearest_images_follow_the_eye() {
     let start = frame_at(DVec3::X * 0.2, [SIZE.0, SIZE.1]);
     let mut source = show_live(near(), folder.path(), &start).unwrap();
     assert!(source.bounds().is_none() && source.start_pose().eye == start.eye());
-    let made_of = |report: &FrameReport| report.facts.iter().find(|fact| fact.name == "made of").unwrap().text.clone();
+    let made_of = |report: &FrameReport| {
+        report
+            .facts
+            .iter()
+            .find(|fact| fact.name == "made of")
+            .unwrap()
+            .text
+            .clone()
+    };
     let (_, report) = settled(source.as_mut(), source_pose(0.2), &[]);
     assert_eq!(made_of(&report), "image 0, image 1, image 2");
     // While the next is built the last is shown.
@@ -383,7 +603,11 @@ fn an_image_that_is_gone_is_told_once_and_the_last_cube_stays() {
     std::fs::remove_file(&set.views[5].color).unwrap();
     let values = SettingValues::initial(&source.settings());
     let camera = source_pose(5.0).camera(SIZE.0, SIZE.1).unwrap();
-    let request = FrameRequest { camera, settings: Arc::new(values), moving: false };
+    let request = FrameRequest {
+        camera,
+        settings: Arc::new(values),
+        moving: false,
+    };
     let mut pixels = vec![[0; 4]; (SIZE.0 * SIZE.1) as usize];
     let error = loop {
         match source.render(&request, &mut pixels) {
@@ -394,7 +618,12 @@ fn an_image_that_is_gone_is_told_once_and_the_last_cube_stays() {
     assert!(error.contains("image 5.png"), "{error}");
     let report = source.render(&request, &mut pixels).unwrap();
     assert_eq!(report.refinement, Refinement::Done);
-    assert!(report.facts.iter().any(|fact| fact.text == "image 0, image 1, image 2"));
+    assert!(
+        report
+            .facts
+            .iter()
+            .any(|fact| fact.text == "image 0, image 1, image 2")
+    );
 }
 
 /// Looking down -Z from a place on the X axis.

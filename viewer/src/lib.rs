@@ -66,16 +66,15 @@ mod tests;
 mod thread;
 mod window;
 
-
 pub use crate::input::bounds::EyeBounds;
-pub use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
-pub use crate::window::options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use crate::input::pose::Pose;
-pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
-pub use source::{
-    Coming, Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Ongoing, Refinement,
-    Room, RoomMap, Stage, Swatch, Thumbnail,
-};
+pub use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
 pub use crate::playback::tape::ReplayMode;
+pub use crate::window::options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use crate::window::views::Stereo;
 pub use crate::window::window::run;
+pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
+pub use source::{
+    Coming, Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation,
+    Ongoing, Refinement, Room, RoomMap, Stage, Swatch, Thumbnail,
+};

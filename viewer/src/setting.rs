@@ -54,7 +54,14 @@ pub enum Control {
 impl Setting {
     /// A control of any kind, under the heading "View".
     pub fn new(id: &'static str, label: &str, tooltip: &str, control: Control) -> Self {
-        Self { id, group: "View".into(), folded: false, label: label.into(), tooltip: tooltip.into(), control }
+        Self {
+            id,
+            group: "View".into(),
+            folded: false,
+            label: label.into(),
+            tooltip: tooltip.into(),
+            control,
+        }
     }
 
     /// A check box.
@@ -65,7 +72,15 @@ impl Setting {
     /// One of several; the first option is the initial one.
     pub fn choice(id: &'static str, label: &str, tooltip: &str, options: &[&str]) -> Self {
         let options = options.iter().map(ToString::to_string).collect();
-        Self::new(id, label, tooltip, Control::Choice { options, selected: 0 })
+        Self::new(
+            id,
+            label,
+            tooltip,
+            Control::Choice {
+                options,
+                selected: 0,
+            },
+        )
     }
 
     /// A slider over a continuous range.
@@ -77,13 +92,36 @@ impl Setting {
         range: RangeInclusive<f64>,
         unit: &'static str,
     ) -> Self {
-        Self::new(id, label, tooltip, Control::Number { value, range, step: 0.0, unit, logarithmic: false })
+        Self::new(
+            id,
+            label,
+            tooltip,
+            Control::Number {
+                value,
+                range,
+                step: 0.0,
+                unit,
+                logarithmic: false,
+            },
+        )
     }
 
     /// A slider over whole numbers.
-    pub fn count(id: &'static str, label: &str, tooltip: &str, value: u32, range: RangeInclusive<u32>) -> Self {
+    pub fn count(
+        id: &'static str,
+        label: &str,
+        tooltip: &str,
+        value: u32,
+        range: RangeInclusive<u32>,
+    ) -> Self {
         let range = f64::from(*range.start())..=f64::from(*range.end());
-        let control = Control::Number { value: value.into(), range, step: 1.0, unit: "", logarithmic: false };
+        let control = Control::Number {
+            value: value.into(),
+            range,
+            step: 1.0,
+            unit: "",
+            logarithmic: false,
+        };
         Self::new(id, label, tooltip, control)
     }
 
@@ -102,7 +140,10 @@ impl Setting {
     /// The same control under another heading that is folded at first.
     #[must_use]
     pub fn folded_under(self, group: &str) -> Self {
-        Self { folded: true, ..self.under(group) }
+        Self {
+            folded: true,
+            ..self.under(group)
+        }
     }
 }
 
@@ -180,7 +221,10 @@ impl SettingValues {
     pub fn toggle(&self, id: &str) -> Result<bool, SettingError> {
         match self.0.get(id) {
             Some(SettingValue::Toggle(on)) => Ok(*on),
-            _ => Err(SettingError::Unknown { id: id.into(), kind: "toggle" }),
+            _ => Err(SettingError::Unknown {
+                id: id.into(),
+                kind: "toggle",
+            }),
         }
     }
 
@@ -191,7 +235,10 @@ impl SettingValues {
     pub fn choice(&self, id: &str) -> Result<usize, SettingError> {
         match self.0.get(id) {
             Some(SettingValue::Choice(index)) => Ok(*index),
-            _ => Err(SettingError::Unknown { id: id.into(), kind: "choice" }),
+            _ => Err(SettingError::Unknown {
+                id: id.into(),
+                kind: "choice",
+            }),
         }
     }
 
@@ -202,7 +249,10 @@ impl SettingValues {
     pub fn number(&self, id: &str) -> Result<f64, SettingError> {
         match self.0.get(id) {
             Some(SettingValue::Number(value)) => Ok(*value),
-            _ => Err(SettingError::Unknown { id: id.into(), kind: "number" }),
+            _ => Err(SettingError::Unknown {
+                id: id.into(),
+                kind: "number",
+            }),
         }
     }
 
@@ -215,11 +265,29 @@ impl SettingValues {
     ///
     /// # Errors
     /// [`SettingError`] if `settings` has no such control or the text is none of its values.
-    pub fn set_text(&mut self, settings: &[Setting], id: &str, text: &str) -> Result<(), SettingError> {
-        let ids = || settings.iter().map(|setting| setting.id).collect::<Vec<_>>().join(", ");
-        let unknown = || SettingError::NoSuch { id: id.into(), known: ids() };
+    pub fn set_text(
+        &mut self,
+        settings: &[Setting],
+        id: &str,
+        text: &str,
+    ) -> Result<(), SettingError> {
+        let ids = || {
+            settings
+                .iter()
+                .map(|setting| setting.id)
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
+        let unknown = || SettingError::NoSuch {
+            id: id.into(),
+            known: ids(),
+        };
         let setting = settings.iter().find(|s| s.id == id).ok_or_else(unknown)?;
-        let wrong = |expected: String| SettingError::Value { id: id.into(), text: text.into(), expected };
+        let wrong = |expected: String| SettingError::Value {
+            id: id.into(),
+            text: text.into(),
+            expected,
+        };
         let value = match &setting.control {
             Control::Toggle { .. } => match text {
                 "on" | "true" => SettingValue::Toggle(true),
@@ -227,12 +295,23 @@ impl SettingValues {
                 _ => return Err(wrong("on or off".into())),
             },
             Control::Choice { options, .. } => {
-                let index = options.iter().position(|option| option.eq_ignore_ascii_case(text));
+                let index = options
+                    .iter()
+                    .position(|option| option.eq_ignore_ascii_case(text));
                 SettingValue::Choice(index.ok_or_else(|| wrong(options.join(", ")))?)
             }
             Control::Number { range, .. } => {
-                let value = text.parse().ok().filter(|value: &f64| range.contains(value));
-                let expected = || wrong(format!("a number from {} to {}", range.start(), range.end()));
+                let value = text
+                    .parse()
+                    .ok()
+                    .filter(|value: &f64| range.contains(value));
+                let expected = || {
+                    wrong(format!(
+                        "a number from {} to {}",
+                        range.start(),
+                        range.end()
+                    ))
+                };
                 SettingValue::Number(value.ok_or_else(expected)?)
             }
             Control::Action => return Err(unknown()),
@@ -248,9 +327,26 @@ mod tests {
 
     fn settings() -> Vec<Setting> {
         vec![
-            Setting::toggle("clip", "Clipping", "Skips what lies outside the view.", true),
-            Setting::choice("kernel", "Kernel", "Shape of the splats.", &["Square", "Gauss"]),
-            Setting::number("width", "Width", "Width of the splats in pixels.", 1.5, 0.5..=4.0, "px"),
+            Setting::toggle(
+                "clip",
+                "Clipping",
+                "Skips what lies outside the view.",
+                true,
+            ),
+            Setting::choice(
+                "kernel",
+                "Kernel",
+                "Shape of the splats.",
+                &["Square", "Gauss"],
+            ),
+            Setting::number(
+                "width",
+                "Width",
+                "Width of the splats in pixels.",
+                1.5,
+                0.5..=4.0,
+                "px",
+            ),
             Setting::action("save", "Save", "Writes the file."),
         ]
     }
@@ -274,9 +370,14 @@ mod tests {
         assert_eq!(values.toggle("clip"), Ok(false));
         assert_eq!(values.choice("kernel"), Ok(1));
         assert_eq!(values.number("width"), Ok(2.0));
-        for (id, text) in
-            [("clip", "2"), ("kernel", "disk"), ("width", "9"), ("width", "NaN"), ("save", "on"), ("x", "1")]
-        {
+        for (id, text) in [
+            ("clip", "2"),
+            ("kernel", "disk"),
+            ("width", "9"),
+            ("width", "NaN"),
+            ("save", "on"),
+            ("x", "1"),
+        ] {
             assert!(values.set_text(&settings, id, text).is_err(), "{id}={text}");
         }
     }

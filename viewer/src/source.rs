@@ -34,7 +34,8 @@ pub trait FrameSource: Send {
     /// Speed of the eye with a key held, metres per second. By default the headbox's half width in one second, or a
     /// stroll.
     fn speed_m_per_s(&self) -> f64 {
-        self.bounds().map_or(1.4, |bounds| bounds.half_size.max_element().max(1e-3))
+        self.bounds()
+            .map_or(1.4, |bounds| bounds.half_size.max_element().max(1e-3))
     }
 
     /// A plan to show the eye on, for sources with rooms.
@@ -69,14 +70,20 @@ pub trait FrameSource: Send {
     ///
     /// # Errors
     /// One sentence for the person at the window; the last good frame stays.
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String>;
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String>;
 
     /// Does what a button of the panel ([`Setting::action`]) says, and returns one sentence that says what was done.
     ///
     /// # Errors
     /// One sentence for the person at the window.
     fn act(&mut self, action: &str) -> Result<String, String> {
-        Err(format!("\"{action}\" is not something that this view can do."))
+        Err(format!(
+            "\"{action}\" is not something that this view can do."
+        ))
     }
 }
 
@@ -133,7 +140,8 @@ impl Thumbnail {
     pub(crate) fn texture(&self, ctx: &egui::Context, name: &str) -> Option<egui::TextureHandle> {
         let size = [self.width as usize, self.height as usize];
         (size[0] * size[1] == self.pixels.len()).then(|| {
-            let image = egui::ColorImage::from_rgba_unmultiplied(size, bytemuck::cast_slice(&self.pixels));
+            let image =
+                egui::ColorImage::from_rgba_unmultiplied(size, bytemuck::cast_slice(&self.pixels));
             ctx.load_texture(name, image, egui::TextureOptions::LINEAR)
         })
     }
@@ -201,9 +209,17 @@ impl Ongoing {
     pub fn since(what: impl Into<String>, share: f64, begun: Instant) -> Self {
         /// Shares below this say nothing about the pace.
         const LEAST: f64 = 0.02;
-        let share = if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 };
+        let share = if share.is_finite() {
+            share.clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
         let left = (share >= LEAST).then(|| begun.elapsed().mul_f64((1.0 - share) / share));
-        Self { what: what.into(), share, left }
+        Self {
+            what: what.into(),
+            share,
+            left,
+        }
     }
 }
 
@@ -287,17 +303,23 @@ pub struct Room {
 impl RoomMap {
     /// The first room whose outline holds the eye, by the even-odd rule.
     pub fn room_at(&self, eye: DVec3) -> Option<usize> {
-        self.rooms.iter().position(|room| room.holds([eye.x, eye.z]))
+        self.rooms
+            .iter()
+            .position(|room| room.holds([eye.x, eye.z]))
     }
 }
 
 impl Room {
     fn holds(&self, [x, z]: [f64; 2]) -> bool {
         let next = self.outline.iter().cycle().skip(1);
-        let crossings = self.outline.iter().zip(next).filter(|&(&[ax, az], &[bx, bz])| {
-            let spans = (az > z) != (bz > z);
-            spans && x < ax + (z - az) / (bz - az) * (bx - ax)
-        });
+        let crossings = self
+            .outline
+            .iter()
+            .zip(next)
+            .filter(|&(&[ax, az], &[bx, bz])| {
+                let spans = (az > z) != (bz > z);
+                spans && x < ax + (z - az) / (bz - az) * (bx - ax)
+            });
         crossings.count() % 2 == 1
     }
 }
@@ -309,10 +331,23 @@ mod tests {
 
     #[test]
     fn the_plan_knows_the_room() {
-        let room = |name: &str, outline: &[[f64; 2]]| Room { name: name.into(), outline: outline.to_vec() };
-        let ell = [[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]];
+        let room = |name: &str, outline: &[[f64; 2]]| Room {
+            name: name.into(),
+            outline: outline.to_vec(),
+        };
+        let ell = [
+            [0.0, 0.0],
+            [4.0, 0.0],
+            [4.0, 1.0],
+            [1.0, 1.0],
+            [1.0, 3.0],
+            [0.0, 3.0],
+        ];
         let square = [[1.0, 1.0], [4.0, 1.0], [4.0, 3.0], [1.0, 3.0]];
-        let plan = RoomMap { rooms: vec![room("ell", &ell), room("square", &square)], openings: vec![] };
+        let plan = RoomMap {
+            rooms: vec![room("ell", &ell), room("square", &square)],
+            openings: vec![],
+        };
         assert_eq!(plan.room_at(dvec3(0.5, 1.6, 2.0)), Some(0));
         assert_eq!(plan.room_at(dvec3(3.0, -9.0, 0.5)), Some(0));
         assert_eq!(plan.room_at(dvec3(2.0, 0.0, 2.0)), Some(1));

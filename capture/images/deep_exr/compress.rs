@@ -22,7 +22,9 @@ const EFFORT: u32 = 4;
 
 impl DeepCompression {
     pub(super) fn from_code(code: u8) -> Option<Self> {
-        [Self::None, Self::Rle, Self::Zips].get(usize::from(code)).copied()
+        [Self::None, Self::Rle, Self::Zips]
+            .get(usize::from(code))
+            .copied()
     }
 
     pub(super) fn code(self) -> u8 {
@@ -37,13 +39,19 @@ impl DeepCompression {
             Self::Zips => {
                 let mut packed = Vec::new();
                 let apart = apart(raw);
-                match ZlibEncoder::new(apart.as_slice(), Compression::new(EFFORT)).read_to_end(&mut packed) {
+                match ZlibEncoder::new(apart.as_slice(), Compression::new(EFFORT))
+                    .read_to_end(&mut packed)
+                {
                     Ok(_) => packed,
                     Err(_) => return raw.to_vec(),
                 }
             }
         };
-        if packed.len() < raw.len() { packed } else { raw.to_vec() }
+        if packed.len() < raw.len() {
+            packed
+        } else {
+            raw.to_vec()
+        }
     }
 
     /// The inverse of [`Self::pack`]; `length` bytes are expected, and no more are ever unpacked.
@@ -56,21 +64,30 @@ impl DeepCompression {
             Self::None => {}
             Self::Rle => bytes = unrun(packed, length),
             Self::Zips => {
-                let read = ZlibDecoder::new(packed).take(length as u64 + 1).read_to_end(&mut bytes);
+                let read = ZlibDecoder::new(packed)
+                    .take(length as u64 + 1)
+                    .read_to_end(&mut bytes);
                 read.map_err(|cause| format!("its ZIP data is damaged: {cause}"))?;
             }
         }
         if bytes.len() == length {
             Ok(together(bytes))
         } else {
-            Err(format!("does not unpack to the {length} bytes that it says"))
+            Err(format!(
+                "does not unpack to the {length} bytes that it says"
+            ))
         }
     }
 }
 
 /// Even places first, then odd ones; then each byte as its difference from the one before, plus 128.
 fn apart(raw: &[u8]) -> Vec<u8> {
-    let mut bytes: Vec<u8> = raw.iter().step_by(2).chain(raw.iter().skip(1).step_by(2)).copied().collect();
+    let mut bytes: Vec<u8> = raw
+        .iter()
+        .step_by(2)
+        .chain(raw.iter().skip(1).step_by(2))
+        .copied()
+        .collect();
     for i in (1..bytes.len()).rev() {
         bytes[i] = bytes[i].wrapping_sub(bytes[i - 1]).wrapping_add(128);
     }
@@ -82,7 +99,9 @@ fn together(mut bytes: Vec<u8>) -> Vec<u8> {
         bytes[i] = bytes[i].wrapping_add(bytes[i - 1]).wrapping_sub(128);
     }
     let half = bytes.len().div_ceil(2);
-    (0..bytes.len()).map(|i| bytes[i / 2 + if i % 2 == 0 { 0 } else { half }]).collect()
+    (0..bytes.len())
+        .map(|i| bytes[i / 2 + if i % 2 == 0 { 0 } else { half }])
+        .collect()
 }
 
 /// The shortest run that is worth a pair of bytes, and the longest that one holds.
@@ -91,7 +110,13 @@ const RUN: std::ops::RangeInclusive<usize> = 3..=128;
 /// A count (one less than the run's length) and a byte for a run; minus the count and as many bytes for others.
 fn runs(bytes: &[u8]) -> Vec<u8> {
     let mut packed = Vec::new();
-    let run_at = |i: usize| bytes[i..].iter().take(*RUN.end()).take_while(|&&byte| byte == bytes[i]).count();
+    let run_at = |i: usize| {
+        bytes[i..]
+            .iter()
+            .take(*RUN.end())
+            .take_while(|&&byte| byte == bytes[i])
+            .count()
+    };
     let mut i = 0;
     while i < bytes.len() {
         let run = run_at(i);

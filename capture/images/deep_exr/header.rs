@@ -44,9 +44,12 @@ pub(super) struct Cursor<'a> {
 
 impl<'a> Cursor<'a> {
     pub(super) fn take(&mut self, count: u64, field: &str) -> Result<&'a [u8], Wrong> {
-        let end = usize::try_from(count).ok().and_then(|count| self.at.checked_add(count));
+        let end = usize::try_from(count)
+            .ok()
+            .and_then(|count| self.at.checked_add(count));
         let taken = end.and_then(|end| Some((end, self.bytes.get(self.at..end)?)));
-        let (end, taken) = taken.ok_or_else(|| wrong(field, "the file ends before it, or points beyond its end"))?;
+        let (end, taken) = taken
+            .ok_or_else(|| wrong(field, "the file ends before it, or points beyond its end"))?;
         self.at = end;
         Ok(taken)
     }
@@ -77,12 +80,18 @@ impl<'a> Cursor<'a> {
 impl Header {
     pub(super) fn read(bytes: &[u8]) -> Result<Self, Wrong> {
         let mut cursor = Cursor { bytes, at: 0 };
-        let [magic, version] = [cursor.i32("the first bytes")? as u32, cursor.i32("the version")? as u32];
+        let [magic, version] = [
+            cursor.i32("the first bytes")? as u32,
+            cursor.i32("the version")? as u32,
+        ];
         if magic != MAGIC {
             return Err(wrong("the first bytes", "are not those of OpenEXR"));
         }
         if version & 0xff != VERSION || version & PARTS != 0 {
-            return Err(wrong("the version", format!("{version:#x} is not that of one deep part")));
+            return Err(wrong(
+                "the version",
+                format!("{version:#x} is not that of one deep part"),
+            ));
         }
         if version & DEEP == 0 {
             let cause = "is that of a flat picture, with one depth a pixel at most; such pictures are read by the folder, with depth beside them (NAME_depth.exr)";
@@ -97,8 +106,10 @@ impl Header {
             }
             cursor.text(&name)?;
             let length = cursor.i32(&name)?;
-            let value =
-                cursor.take(u64::try_from(length).map_err(|_| wrong(&name, "has a negative length"))?, &name)?;
+            let value = cursor.take(
+                u64::try_from(length).map_err(|_| wrong(&name, "has a negative length"))?,
+                &name,
+            )?;
             match name.as_str() {
                 "type" => kind = Some(String::from_utf8_lossy(value).into_owned()),
                 "compression" => compression = value.first().copied(),
@@ -114,27 +125,51 @@ impl Header {
         if kind.as_deref() != Some(DEEP_SCANLINE) {
             return Err(wrong(
                 "type",
-                format!("{} is not read, only {DEEP_SCANLINE}", kind.as_deref().unwrap_or("missing")),
+                format!(
+                    "{} is not read, only {DEEP_SCANLINE}",
+                    kind.as_deref().unwrap_or("missing")
+                ),
             ));
         }
         let missing = |name: &str| wrong(name, "is missing");
         let code = compression.ok_or_else(|| missing("compression"))?;
-        let compression = DeepCompression::from_code(code)
-            .ok_or_else(|| wrong("compression", format!("{code} is none that deep data may have")))?;
-        let [(_, size_px), (origin_px, stored_px)] =
-            [windows[0].ok_or_else(|| missing("displayWindow"))?, windows[1].ok_or_else(|| missing("dataWindow"))?];
+        let compression = DeepCompression::from_code(code).ok_or_else(|| {
+            wrong(
+                "compression",
+                format!("{code} is none that deep data may have"),
+            )
+        })?;
+        let [(_, size_px), (origin_px, stored_px)] = [
+            windows[0].ok_or_else(|| missing("displayWindow"))?,
+            windows[1].ok_or_else(|| missing("dataWindow"))?,
+        ];
         let channels = channels.ok_or_else(|| missing("channels"))?;
-        Ok(Self { compression, size_px, origin_px, stored_px, channels, view, end: cursor.at })
+        Ok(Self {
+            compression,
+            size_px,
+            origin_px,
+            stored_px,
+            channels,
+            view,
+            end: cursor.at,
+        })
     }
 }
 
 /// Corner and size of a window.
 fn window(value: &[u8], field: &str) -> Result<([i32; 2], [u32; 2]), Wrong> {
-    let mut cursor = Cursor { bytes: value, at: 0 };
+    let mut cursor = Cursor {
+        bytes: value,
+        at: 0,
+    };
     let mut number = || cursor.i32(field);
     let [left, top, right, bottom] = [number()?, number()?, number()?, number()?];
-    let [width, height] = [(left, right), (top, bottom)].map(|(low, high)| i64::from(high) - i64::from(low) + 1);
-    if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) || width * height > MAX_PIXELS {
+    let [width, height] =
+        [(left, right), (top, bottom)].map(|(low, high)| i64::from(high) - i64::from(low) + 1);
+    if !(1..=MAX_SIDE).contains(&width)
+        || !(1..=MAX_SIDE).contains(&height)
+        || width * height > MAX_PIXELS
+    {
         return Err(wrong(field, format!("is {width}x{height} pixels")));
     }
     Ok(([left, top], [width as u32, height as u32]))
@@ -142,17 +177,26 @@ fn window(value: &[u8], field: &str) -> Result<([i32; 2], [u32; 2]), Wrong> {
 
 fn matrix(value: &[u8], field: &str) -> Result<[f32; 16], Wrong> {
     let words: &[[u8; 4]] = value.as_chunks().0;
-    let words: [[u8; 4]; 16] = words.try_into().map_err(|_| wrong(field, "is no matrix of 4x4 numbers"))?;
+    let words: [[u8; 4]; 16] = words
+        .try_into()
+        .map_err(|_| wrong(field, "is no matrix of 4x4 numbers"))?;
     Ok(words.map(f32::from_le_bytes))
 }
 
 fn channel_list(value: &[u8]) -> Result<Vec<(String, DeepKind)>, Wrong> {
-    let mut cursor = Cursor { bytes: value, at: 0 };
+    let mut cursor = Cursor {
+        bytes: value,
+        at: 0,
+    };
     let mut channels = Vec::new();
     loop {
         let name = cursor.text("channels")?;
         if name.is_empty() {
-            return if channels.is_empty() { Err(wrong("channels", "there are none")) } else { Ok(channels) };
+            return if channels.is_empty() {
+                Err(wrong("channels", "there are none"))
+            } else {
+                Ok(channels)
+            };
         }
         let field = format!("channel \"{name}\"");
         let kind = match cursor.i32(&field)? {
@@ -170,8 +214,16 @@ fn channel_list(value: &[u8]) -> Result<Vec<(String, DeepKind)>, Wrong> {
 }
 
 /// Everything up to the table of scanlines.
-pub(super) fn written(image: &DeepImage, channels: &[&DeepChannel], compression: DeepCompression) -> Vec<u8> {
-    let long = if channels.iter().any(|channel| channel.name.len() > 31) { LONG_NAMES } else { 0 };
+pub(super) fn written(
+    image: &DeepImage,
+    channels: &[&DeepChannel],
+    compression: DeepCompression,
+) -> Vec<u8> {
+    let long = if channels.iter().any(|channel| channel.name.len() > 31) {
+        LONG_NAMES
+    } else {
+        0
+    };
     let mut out = Vec::new();
     out.extend(MAGIC.to_le_bytes());
     out.extend((VERSION | DEEP | long).to_le_bytes());
@@ -188,17 +240,26 @@ pub(super) fn written(image: &DeepImage, channels: &[&DeepChannel], compression:
         list.extend(channel.name.as_bytes());
         list.push(0);
         let kind = channel.kind as u32;
-        [kind, 0, 1, 1].into_iter().for_each(|number| list.extend(number.to_le_bytes()));
+        [kind, 0, 1, 1]
+            .into_iter()
+            .for_each(|number| list.extend(number.to_le_bytes()));
     }
     list.push(0);
     let window = |[left, top]: [i32; 2], [width, height]: [u32; 2]| {
         let corners = [left, top, left + width as i32 - 1, top + height as i32 - 1];
-        corners.into_iter().flat_map(i32::to_le_bytes).collect::<Vec<u8>>()
+        corners
+            .into_iter()
+            .flat_map(i32::to_le_bytes)
+            .collect::<Vec<u8>>()
     };
     attribute("channels", "chlist", &list);
     attribute("chunkCount", "int", &image.stored_px[1].to_le_bytes());
     attribute("compression", "compression", &[compression.code()]);
-    attribute("dataWindow", "box2i", &window(image.origin_px, image.stored_px));
+    attribute(
+        "dataWindow",
+        "box2i",
+        &window(image.origin_px, image.stored_px),
+    );
     attribute("displayWindow", "box2i", &window([0, 0], image.size_px));
     if image.view.cube {
         attribute(ENVIRONMENT, "envmap", &[ENVIRONMENT_CUBE]);
@@ -209,8 +270,14 @@ pub(super) fn written(image: &DeepImage, channels: &[&DeepChannel], compression:
     attribute("screenWindowWidth", "float", &1f32.to_le_bytes());
     attribute("type", "string", DEEP_SCANLINE.as_bytes());
     attribute("version", "int", &1u32.to_le_bytes());
-    let matrices = [(WORLD_TO_CAMERA, image.view.world_to_camera), (WORLD_TO_NDC, image.view.world_to_ndc)];
-    for (name, matrix) in matrices.iter().filter_map(|(name, matrix)| Some((name, (*matrix)?))) {
+    let matrices = [
+        (WORLD_TO_CAMERA, image.view.world_to_camera),
+        (WORLD_TO_NDC, image.view.world_to_ndc),
+    ];
+    for (name, matrix) in matrices
+        .iter()
+        .filter_map(|(name, matrix)| Some((name, (*matrix)?)))
+    {
         attribute(name, "m44f", &matrix.map(f32::to_le_bytes).concat());
     }
     out.push(0);
@@ -230,8 +297,18 @@ pub(super) fn put_values(kind: DeepKind, values: &[f32], out: &mut Vec<u8>) {
 pub(super) fn take_values(kind: DeepKind, bytes: &[u8], values: &mut Vec<f32>) {
     let four = |b: &[u8]| [b[0], b[1], b[2], b[3]];
     match kind {
-        DeepKind::Uint => values.extend(bytes.chunks_exact(4).map(|b| u32::from_le_bytes(four(b)) as f32)),
-        DeepKind::Half => values.extend(bytes.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32())),
-        DeepKind::Float => values.extend(bytes.chunks_exact(4).map(|b| f32::from_le_bytes(four(b)))),
+        DeepKind::Uint => values.extend(
+            bytes
+                .chunks_exact(4)
+                .map(|b| u32::from_le_bytes(four(b)) as f32),
+        ),
+        DeepKind::Half => values.extend(
+            bytes
+                .chunks_exact(2)
+                .map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()),
+        ),
+        DeepKind::Float => {
+            values.extend(bytes.chunks_exact(4).map(|b| f32::from_le_bytes(four(b))))
+        }
     }
 }

@@ -10,9 +10,9 @@ mod tests;
 
 pub use compress::DeepCompression;
 
+use glam::{DMat4, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::files;
-use glam::{DMat4, DVec3};
 use header::{Cursor, Header};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -100,7 +100,11 @@ impl DeepView {
         let size = DVec3::new(f64::from(camera.width()), f64::from(camera.height()), 1.0);
         let ndc_from_world = DMat4::from_scale(size.recip()) * camera.image_from_world();
         let array = |matrix: DMat4| Some(matrix.as_mat4().to_cols_array());
-        Self { cube: false, world_to_camera: array(camera_from_world), world_to_ndc: array(ndc_from_world) }
+        Self {
+            cube: false,
+            world_to_camera: array(camera_from_world),
+            world_to_ndc: array(ndc_from_world),
+        }
     }
 }
 
@@ -119,12 +123,18 @@ impl DeepKind {
 impl DeepImage {
     /// A channel's values.
     pub fn channel(&self, name: &str) -> Option<&[f32]> {
-        self.channels.iter().find(|channel| channel.name == name).map(|channel| channel.values.as_slice())
+        self.channels
+            .iter()
+            .find(|channel| channel.name == name)
+            .map(|channel| channel.values.as_slice())
     }
 
     /// The numbers of the samples at a column and row of the whole picture; none outside of the stored pixels.
     pub fn samples_at(&self, x: u32, y: u32) -> std::ops::Range<usize> {
-        let [column, row] = [i64::from(x) - i64::from(self.origin_px[0]), i64::from(y) - i64::from(self.origin_px[1])];
+        let [column, row] = [
+            i64::from(x) - i64::from(self.origin_px[0]),
+            i64::from(y) - i64::from(self.origin_px[1]),
+        ];
         let [width, height] = self.stored_px.map(i64::from);
         if !(0..width).contains(&column) || !(0..height).contains(&row) {
             return 0..0;
@@ -140,8 +150,13 @@ impl DeepImage {
         for image in images {
             let [r, g, b, a, z] = ["R", "G", "B", "A", "Z"].map(|name| image.channel(name));
             for i in image.samples_at(x, y) {
-                let value = |channel: Option<&[f32]>, missing: f32| channel.map_or(missing, |values| values[i]);
-                samples.push((value(z, 0.0), [value(r, 0.0), value(g, 0.0), value(b, 0.0), value(a, 1.0)]));
+                let value = |channel: Option<&[f32]>, missing: f32| {
+                    channel.map_or(missing, |values| values[i])
+                };
+                samples.push((
+                    value(z, 0.0),
+                    [value(r, 0.0), value(g, 0.0), value(b, 0.0), value(a, 1.0)],
+                ));
             }
         }
         samples.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -156,8 +171,15 @@ impl DeepImage {
     /// # Errors
     /// [`DeepExrError`] that names the file and the field.
     pub fn read(path: &Path) -> Result<Self, DeepExrError> {
-        let bytes = std::fs::read(path).map_err(|cause| DeepExrError::Io { path: path.into(), cause })?;
-        parse(&bytes).map_err(|(field, cause)| DeepExrError::Format { path: path.into(), field, cause })
+        let bytes = std::fs::read(path).map_err(|cause| DeepExrError::Io {
+            path: path.into(),
+            cause,
+        })?;
+        parse(&bytes).map_err(|(field, cause)| DeepExrError::Format {
+            path: path.into(),
+            field,
+            cause,
+        })
     }
 
     /// Writes it, whole or not at all.
@@ -165,10 +187,16 @@ impl DeepImage {
     /// # Errors
     /// [`DeepExrError`] if the file cannot be written, or if counts and channels do not fit together.
     pub fn write(&self, path: &Path, compression: DeepCompression) -> Result<(), DeepExrError> {
-        let format = |(field, cause): Wrong| DeepExrError::Format { path: path.into(), field, cause };
+        let format = |(field, cause): Wrong| DeepExrError::Format {
+            path: path.into(),
+            field,
+            cause,
+        };
         let bytes = self.to_bytes(compression).map_err(format)?;
-        files::write_whole(path, |out| out.write_all(&bytes))
-            .map_err(|cause| DeepExrError::Io { path: path.into(), cause })
+        files::write_whole(path, |out| out.write_all(&bytes)).map_err(|cause| DeepExrError::Io {
+            path: path.into(),
+            cause,
+        })
     }
 
     /// The file's bytes.
@@ -187,7 +215,10 @@ impl DeepImage {
             let at = out.len() as u64;
             out[table + 8 * row..][..8].copy_from_slice(&at.to_le_bytes());
             let offsets = &self.offsets[row * width..=(row + 1) * width];
-            let counts: Vec<u8> = offsets[1..].iter().flat_map(|end| (end - offsets[0]).to_le_bytes()).collect();
+            let counts: Vec<u8> = offsets[1..]
+                .iter()
+                .flat_map(|end| (end - offsets[0]).to_le_bytes())
+                .collect();
             let samples = offsets[0] as usize..offsets[width] as usize;
             let mut data = Vec::new();
             for channel in &order {
@@ -209,9 +240,16 @@ impl DeepImage {
         let total = self.offsets.last().copied().unwrap_or(0) as usize;
         let rising = self.offsets.windows(2).all(|pair| pair[0] <= pair[1]);
         if self.offsets.len() != pixels + 1 || self.offsets[0] != 0 || !rising || pixels == 0 {
-            return Err(wrong("offsets", "do not count the samples of the stored pixels"));
+            return Err(wrong(
+                "offsets",
+                "do not count the samples of the stored pixels",
+            ));
         }
-        match self.channels.iter().find(|channel| channel.values.len() != total || channel.name.is_empty()) {
+        match self
+            .channels
+            .iter()
+            .find(|channel| channel.values.len() != total || channel.name.is_empty())
+        {
             Some(channel) => Err(wrong(
                 &format!("channel \"{}\"", channel.name),
                 "has another number of values than there are samples",
@@ -230,53 +268,87 @@ fn wrong(field: &str, cause: impl Into<String>) -> Wrong {
 
 fn parse(bytes: &[u8]) -> Result<DeepImage, Wrong> {
     let header = Header::read(bytes)?;
-    let Header { compression, stored_px, ref channels, .. } = header;
+    let Header {
+        compression,
+        stored_px,
+        ref channels,
+        ..
+    } = header;
     let [width, height] = stored_px.map(|side| side as usize);
-    let mut cursor = Cursor { bytes, at: header.end };
-    let table: Vec<u64> = (0..height).map(|_| cursor.u64("the table of scanlines")).collect::<Result<_, _>>()?;
+    let mut cursor = Cursor {
+        bytes,
+        at: header.end,
+    };
+    let table: Vec<u64> = (0..height)
+        .map(|_| cursor.u64("the table of scanlines"))
+        .collect::<Result<_, _>>()?;
     let bytes_a_sample: u64 = channels.iter().map(|(_, kind)| kind.bytes() as u64).sum();
     let mut counts = vec![0u32; width * height];
     // Where each row's samples are packed, and how many bytes they unpack to.
     let mut rows: Vec<(&[u8], u64)> = vec![(&[], 0); height];
     let mut total = 0u64;
     for start in table {
-        let mut chunk = Cursor { bytes, at: usize::try_from(start).unwrap_or(usize::MAX) };
+        let mut chunk = Cursor {
+            bytes,
+            at: usize::try_from(start).unwrap_or(usize::MAX),
+        };
         let y = chunk.i32("a scanline's number")?;
         let row = (i64::from(y) - i64::from(header.origin_px[1])) as usize;
         if row >= height {
-            return Err(wrong("a scanline's number", format!("{y} lies outside of the data window")));
+            return Err(wrong(
+                "a scanline's number",
+                format!("{y} lies outside of the data window"),
+            ));
         }
         let field = format!("scanline {y}");
         let packed: [u64; 3] = [chunk.u64(&field)?, chunk.u64(&field)?, chunk.u64(&field)?];
         let packed_counts = chunk.take(packed[0], &field)?;
         rows[row] = (chunk.take(packed[1], &field)?, packed[2]);
-        let ends = compression.unpack(packed_counts, 4 * width).map_err(|cause| wrong(&field, cause))?;
+        let ends = compression
+            .unpack(packed_counts, 4 * width)
+            .map_err(|cause| wrong(&field, cause))?;
         let mut before = 0;
         for (count, end) in counts[row * width..].iter_mut().zip(ends.chunks_exact(4)) {
             let end = u32::from_le_bytes([end[0], end[1], end[2], end[3]]);
-            *count = end.checked_sub(before).ok_or_else(|| wrong(&field, "its counts of samples fall"))?;
+            *count = end
+                .checked_sub(before)
+                .ok_or_else(|| wrong(&field, "its counts of samples fall"))?;
             before = end;
         }
         let expected = u64::from(before) * bytes_a_sample;
         total += expected;
         if expected != packed[2] || expected > (packed[1] + 1) * MAX_RATIO || total > MAX_BYTES {
-            return Err(wrong(&field, format!("says {} bytes of samples, but counts {before} samples", packed[2])));
+            return Err(wrong(
+                &field,
+                format!(
+                    "says {} bytes of samples, but counts {before} samples",
+                    packed[2]
+                ),
+            ));
         }
     }
     let mut offsets = Vec::with_capacity(counts.len() + 1);
     let mut sum = 0u32;
     offsets.push(0);
     for count in counts {
-        sum = sum.checked_add(count).ok_or_else(|| wrong("the counts of samples", "add up to more than 2^32"))?;
+        sum = sum
+            .checked_add(count)
+            .ok_or_else(|| wrong("the counts of samples", "add up to more than 2^32"))?;
         offsets.push(sum);
     }
     let mut read: Vec<DeepChannel> = channels
         .iter()
-        .map(|(name, kind)| DeepChannel { name: name.clone(), kind: *kind, values: Vec::with_capacity(sum as usize) })
+        .map(|(name, kind)| DeepChannel {
+            name: name.clone(),
+            kind: *kind,
+            values: Vec::with_capacity(sum as usize),
+        })
         .collect();
     for (row, (packed, length)) in rows.into_iter().enumerate() {
         let field = || format!("scanline {}", i64::from(header.origin_px[1]) + row as i64);
-        let data = compression.unpack(packed, length as usize).map_err(|cause| wrong(&field(), cause))?;
+        let data = compression
+            .unpack(packed, length as usize)
+            .map_err(|cause| wrong(&field(), cause))?;
         let samples = (offsets[(row + 1) * width] - offsets[row * width]) as usize;
         let mut rest = data.as_slice();
         for channel in &mut read {
@@ -294,4 +366,3 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, Wrong> {
         view: header.view,
     })
 }
-

@@ -9,19 +9,42 @@ fn random_image(seed: u64, stored_px: [u32; 2]) -> DeepImage {
     }
     let total = offsets[offsets.len() - 1] as usize;
     // Halves of whole numbers: exact in all three kinds but for integers.
-    let mut values = |step: f32| (0..total).map(|_| random.below(200) as f32 * step).collect::<Vec<f32>>();
-    let channels = [("A", DeepKind::Half, 0.5), ("Z", DeepKind::Float, 0.37), ("id", DeepKind::Uint, 1.0)];
-    let channels = channels.map(|(name, kind, step)| DeepChannel { name: name.into(), kind, values: values(step) });
+    let mut values = |step: f32| {
+        (0..total)
+            .map(|_| random.below(200) as f32 * step)
+            .collect::<Vec<f32>>()
+    };
+    let channels = [
+        ("A", DeepKind::Half, 0.5),
+        ("Z", DeepKind::Float, 0.37),
+        ("id", DeepKind::Uint, 1.0),
+    ];
+    let channels = channels.map(|(name, kind, step)| DeepChannel {
+        name: name.into(),
+        kind,
+        values: values(step),
+    });
     let matrix = |step: f32| std::array::from_fn(|i| i as f32 * step);
     let view = DeepView {
         cube: seed.is_multiple_of(2),
         world_to_camera: Some(matrix(0.5)),
         world_to_ndc: (seed > 1).then(|| matrix(-2.0)),
     };
-    DeepImage { size_px: [40, 30], origin_px: [-3, 5], stored_px, offsets, channels: channels.into(), view }
+    DeepImage {
+        size_px: [40, 30],
+        origin_px: [-3, 5],
+        stored_px,
+        offsets,
+        channels: channels.into(),
+        view,
+    }
 }
 
-const ALL: [DeepCompression; 3] = [DeepCompression::None, DeepCompression::Rle, DeepCompression::Zips];
+const ALL: [DeepCompression; 3] = [
+    DeepCompression::None,
+    DeepCompression::Rle,
+    DeepCompression::Zips,
+];
 
 #[test]
 fn what_is_written_is_read() {
@@ -29,7 +52,11 @@ fn what_is_written_is_read() {
         let image = random_image(seed as u64, size);
         for compression in ALL {
             let bytes = image.to_bytes(compression).expect("is whole");
-            assert_eq!(parse(&bytes).expect("reads"), image, "{compression:?} {size:?}");
+            assert_eq!(
+                parse(&bytes).expect("reads"),
+                image,
+                "{compression:?} {size:?}"
+            );
         }
     }
 }
@@ -37,16 +64,24 @@ fn what_is_written_is_read() {
 #[test]
 fn runs_and_deflate_make_even_data_small() {
     let mut image = random_image(3, [64, 9]);
-    image.channels.iter_mut().for_each(|channel| channel.values.fill(1.0));
+    image
+        .channels
+        .iter_mut()
+        .for_each(|channel| channel.values.fill(1.0));
     let sizes = ALL.map(|compression| image.to_bytes(compression).expect("is whole").len());
-    assert!(sizes[1] < sizes[0] / 2 && sizes[2] < sizes[0] / 2, "{sizes:?}");
+    assert!(
+        sizes[1] < sizes[0] / 2 && sizes[2] < sizes[0] / 2,
+        "{sizes:?}"
+    );
 }
 
 #[test]
 fn damage_is_an_error_and_never_more_than_that() {
     let mut random = Rng::new(11);
     for compression in ALL {
-        let bytes = random_image(5, [20, 6]).to_bytes(compression).expect("is whole");
+        let bytes = random_image(5, [20, 6])
+            .to_bytes(compression)
+            .expect("is whole");
         for end in 0..bytes.len() {
             assert!(parse(&bytes[..end]).is_err(), "cut at {end}");
         }
@@ -60,7 +95,10 @@ fn damage_is_an_error_and_never_more_than_that() {
         }
     }
     let (field, cause) = parse(b"x").expect_err("no file");
-    assert!(field.contains("first bytes") && cause.contains("ends"), "{field} {cause}");
+    assert!(
+        field.contains("first bytes") && cause.contains("ends"),
+        "{field} {cause}"
+    );
 }
 
 #[test]
@@ -73,18 +111,28 @@ fn samples_that_do_not_fit_their_counts_are_not_written() {
 
 #[test]
 fn samples_lie_over_each_other_by_depth() {
-    let channel =
-        |name: &str, values: [f32; 2]| DeepChannel { name: name.into(), kind: DeepKind::Float, values: values.into() };
+    let channel = |name: &str, values: [f32; 2]| DeepChannel {
+        name: name.into(),
+        kind: DeepKind::Float,
+        values: values.into(),
+    };
     let image = DeepImage {
         size_px: [1, 1],
         origin_px: [0, 0],
         stored_px: [1, 1],
         offsets: vec![0, 2],
-        channels: vec![channel("A", [1.0, 0.25]), channel("R", [0.8, 0.1]), channel("Z", [5.0, 2.0])],
+        channels: vec![
+            channel("A", [1.0, 0.25]),
+            channel("R", [0.8, 0.1]),
+            channel("Z", [5.0, 2.0]),
+        ],
         view: DeepView::default(),
     };
     let found = DeepImage::composite(&[&image], 0, 0);
-    assert!((found[0] - (0.1 + 0.75 * 0.8)).abs() < 1e-6 && (found[3] - 1.0).abs() < 1e-6, "{found:?}");
+    assert!(
+        (found[0] - (0.1 + 0.75 * 0.8)).abs() < 1e-6 && (found[3] - 1.0).abs() < 1e-6,
+        "{found:?}"
+    );
     assert_eq!(DeepImage::composite(&[&image], 1, 0), [0.0; 4]);
 }
 
@@ -92,7 +140,10 @@ fn samples_lie_over_each_other_by_depth() {
 /// all three make the whole picture.
 #[test]
 fn deep_images_of_others_make_their_flat_composite() {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/openexr_deep/LowResLeftView"));
+    let folder = Path::new(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../shared/data/openexr_deep/LowResLeftView"
+    ));
     if !folder.is_dir() {
         println!("skipped: no shared/data/openexr_deep");
         return;
@@ -102,7 +153,9 @@ fn deep_images_of_others_make_their_flat_composite() {
     let flat = exr::prelude::read_first_rgba_layer_from_file(
         folder.join("composited.exr"),
         |size, _| (size.x(), vec![[0f32; 4]; size.x() * size.y()]),
-        |(stride, pixels), at, (r, g, b, a): (f32, f32, f32, f32)| pixels[at.y() * *stride + at.x()] = [r, g, b, a],
+        |(stride, pixels), at, (r, g, b, a): (f32, f32, f32, f32)| {
+            pixels[at.y() * *stride + at.x()] = [r, g, b, a]
+        },
     );
     let layer = flat.expect("reads").layer_data;
     let (stride, pixels) = layer.channel_data.pixels;
@@ -112,11 +165,15 @@ fn deep_images_of_others_make_their_flat_composite() {
     for y in 2..170u32 {
         for x in 2..1020u32 {
             let found = DeepImage::composite(&[&balls, &leaves, &trunks], x, y);
-            let expected = pixels[(y as i32 - corner.y()) as usize * stride + (x as i32 - corner.x()) as usize];
+            let expected = pixels
+                [(y as i32 - corner.y()) as usize * stride + (x as i32 - corner.x()) as usize];
             covered += u32::from(expected[3] > 0.0);
             for (found, expected) in found.into_iter().zip(expected) {
                 // Samples and composite are halves: 11 bits each.
-                assert!((found - expected).abs() <= 2e-3, "{x} {y}: {found} {expected}");
+                assert!(
+                    (found - expected).abs() <= 2e-3,
+                    "{x} {y}: {found} {expected}"
+                );
             }
         }
     }

@@ -26,7 +26,13 @@ pub struct Agreement {
 
 impl Default for Agreement {
     fn default() -> Self {
-        Self { pixels: 0, found: 0, known: 0, both: 0, errors: vec![0; STEPS + 1] }
+        Self {
+            pixels: 0,
+            found: 0,
+            known: 0,
+            both: 0,
+            errors: vec![0; STEPS + 1],
+        }
     }
 }
 
@@ -72,7 +78,13 @@ impl Agreement {
             below += count;
             below * 2 >= self.both && self.both > 0
         });
-        middle.map_or(f64::NAN, |step| if step < STEPS { (step + 1) as f64 * STEP } else { f64::INFINITY })
+        middle.map_or(f64::NAN, |step| {
+            if step < STEPS {
+                (step + 1) as f64 * STEP
+            } else {
+                f64::INFINITY
+            }
+        })
     }
 }
 
@@ -87,11 +99,26 @@ mod tests {
         agreement.add(&[1.0, 2.03, 3.0, nan, 5.0], &[1.0, 2.0, 2.0, 4.0, nan]);
         agreement.add(&[1.0003, nan], &[]);
         agreement.add(&[4.001, 1.0], &[4.0, f32::INFINITY]);
-        assert_eq!([agreement.pixels, agreement.found, agreement.known, agreement.both], [9, 7, 5, 4]);
+        assert_eq!(
+            [
+                agreement.pixels,
+                agreement.found,
+                agreement.known,
+                agreement.both
+            ],
+            [9, 7, 5, 4]
+        );
         // Errors of 0, 0.00025, 0.015 and 0.5; infinite depth is unknown.
         assert_eq!(agreement.shares_within(), [0.5, 0.75, 0.75]);
-        assert!((agreement.median_error() - 0.0003).abs() < 1e-9, "{}", agreement.median_error());
-        assert!((agreement.covered() - 0.8).abs() < 1e-12 && (agreement.found_share() - 7.0 / 9.0).abs() < 1e-12);
+        assert!(
+            (agreement.median_error() - 0.0003).abs() < 1e-9,
+            "{}",
+            agreement.median_error()
+        );
+        assert!(
+            (agreement.covered() - 0.8).abs() < 1e-12
+                && (agreement.found_share() - 7.0 / 9.0).abs() < 1e-12
+        );
     }
 
     #[test]

@@ -56,7 +56,8 @@ pub(super) fn judge(others: &[Other], [x, y]: [f32; 2], plane: &Hypothesis) -> V
         }
         let back = known.back.at(px, py, there);
         let distance = (back.x / back.z - x).hypot(back.y / back.z - y);
-        if back.z > 0.0 && distance < RETURNS_PX && (there - expected).abs() < SAME_DEPTH * expected {
+        if back.z > 0.0 && distance < RETURNS_PX && (there - expected).abs() < SAME_DEPTH * expected
+        {
             verdict.confirm += 1;
             verdict.off += (there / back.z - plane.inverse_depth).abs();
         } else if there < expected * (1.0 - THROUGH) {

@@ -18,7 +18,10 @@ impl Hypothesis {
     #[inline(always)]
     pub(super) fn moved(&self, dx: f32, dy: f32) -> Self {
         let inverse_depth = self.inverse_depth + self.slopes[0] * dx + self.slopes[1] * dy;
-        Self { inverse_depth, ..*self }
+        Self {
+            inverse_depth,
+            ..*self
+        }
     }
 }
 
@@ -34,7 +37,11 @@ pub(super) struct Chequerboard {
 impl Chequerboard {
     pub(super) fn new(width: usize, height: usize) -> Self {
         let half = vec![Hypothesis::default(); width.div_ceil(2) * height];
-        Self { width, height, halves: [half.clone(), half] }
+        Self {
+            width,
+            height,
+            halves: [half.clone(), half],
+        }
     }
 
     /// Squares of a colour that a row has room for.
@@ -63,9 +70,13 @@ impl Chequerboard {
         for y in 0..height {
             for x in 0..width {
                 let (cx, cy) = ((x / 2).min(self.width - 1), (y / 2).min(self.height - 1));
-                let offset = |fine: usize, coarse: usize| (fine as f32 + 0.5) / 2.0 - (coarse as f32 + 0.5);
+                let offset =
+                    |fine: usize, coarse: usize| (fine as f32 + 0.5) / 2.0 - (coarse as f32 + 0.5);
                 let plane = self.get(cx, cy).moved(offset(x, cx), offset(y, cy));
-                *fine.get_mut(x, y) = Hypothesis { slopes: plane.slopes.map(|slope| slope / 2.0), ..plane };
+                *fine.get_mut(x, y) = Hypothesis {
+                    slopes: plane.slopes.map(|slope| slope / 2.0),
+                    ..plane
+                };
             }
         }
         fine
@@ -73,7 +84,9 @@ impl Chequerboard {
 
     /// All, row by row.
     pub(super) fn rows(&self) -> Vec<Hypothesis> {
-        (0..self.height).flat_map(|y| (0..self.width).map(move |x| *self.get(x, y))).collect()
+        (0..self.height)
+            .flat_map(|y| (0..self.width).map(move |x| *self.get(x, y)))
+            .collect()
     }
 
     /// Of all, row by row.

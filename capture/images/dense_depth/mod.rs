@@ -39,7 +39,9 @@ pub enum DenseDepthError {
     #[error(transparent)]
     Images(#[from] ImagesError),
     /// Depth follows from what moves between views.
-    #[error("{0} perspective views: at least two, from different places, are needed to find depth from")]
+    #[error(
+        "{0} perspective views: at least two, from different places, are needed to find depth from"
+    )]
     TooFew(usize),
     /// No room for what is found on the way.
     #[error("{}: what is found on the way cannot be kept there: {cause}", folder.display())]
@@ -68,7 +70,13 @@ pub struct DenseDepth {
 
 impl Default for DenseDepth {
     fn default() -> Self {
-        Self { longest_px: 1600, coarsest_px: 100, neighbors: MOST_OTHERS, confirmations: 2, budget_bytes: 512 << 20 }
+        Self {
+            longest_px: 1600,
+            coarsest_px: 100,
+            neighbors: MOST_OTHERS,
+            confirmations: 2,
+            budget_bytes: 512 << 20,
+        }
     }
 }
 
@@ -88,7 +96,11 @@ impl DenseDepth {
     ///
     /// # Errors
     /// See [`DenseDepthError`].
-    pub fn find(&self, views: &[&View], advance: &dyn Fn()) -> Result<Vec<FoundDepth>, DenseDepthError> {
+    pub fn find(
+        &self,
+        views: &[&View],
+        advance: &dyn Fn(),
+    ) -> Result<Vec<FoundDepth>, DenseDepthError> {
         let mut all = Vec::with_capacity(views.len());
         self.run(views, &std::env::temp_dir(), advance, &mut |_, found| {
             all.push(found);
@@ -102,7 +114,12 @@ impl DenseDepth {
     ///
     /// # Errors
     /// See [`DenseDepthError`].
-    pub fn partners(&self, views: &[&View], own: usize, most: usize) -> Result<Vec<usize>, DenseDepthError> {
+    pub fn partners(
+        &self,
+        views: &[&View],
+        own: usize,
+        most: usize,
+    ) -> Result<Vec<usize>, DenseDepthError> {
         let lenses = lenses(views)?;
         Ok(Work::new(self, views, lenses, &std::env::temp_dir())?.partners(own, most)?)
     }
@@ -148,7 +165,11 @@ impl DenseDepth {
 /// Of the views' colours; all must be perspective, and two at least.
 fn lenses(views: &[&View]) -> Result<Vec<Pinhole>, DenseDepthError> {
     let lenses: Vec<Pinhole> = views.iter().filter_map(|view| view.pinhole()).collect();
-    if lenses.len() < 2 || lenses.len() < views.len() { Err(DenseDepthError::TooFew(lenses.len())) } else { Ok(lenses) }
+    if lenses.len() < 2 || lenses.len() < views.len() {
+        Err(DenseDepthError::TooFew(lenses.len()))
+    } else {
+        Ok(lenses)
+    }
 }
 
 impl ImageSet {
@@ -164,7 +185,11 @@ impl ImageSet {
         look: &mut dyn FnMut(&View, &FoundDepth),
     ) -> Result<(), DenseDepthError> {
         let mut store = DepthStore::beside(self)?;
-        let views: Vec<&View> = self.views.iter().filter(|view| view.pinhole().is_some()).collect();
+        let views: Vec<&View> = self
+            .views
+            .iter()
+            .filter(|view| view.pinhole().is_some())
+            .collect();
         let folder = store.folder().to_path_buf();
         how.run(&views, &folder, advance, &mut |i, found| {
             if !views[i].has_own_depth() {
@@ -182,6 +207,11 @@ impl ImageSet {
 
     /// Steps of [`Self::find_depth`].
     pub fn find_depth_steps(&self) -> u64 {
-        DenseDepth::steps(self.views.iter().filter(|view| view.pinhole().is_some()).count())
+        DenseDepth::steps(
+            self.views
+                .iter()
+                .filter(|view| view.pinhole().is_some())
+                .count(),
+        )
     }
 }

@@ -31,15 +31,23 @@ pub(super) struct Candidate {
 
 /// The views that are looked at more closely: near ones all, of the far ones some.
 pub(super) fn candidates(eyes: &[DVec3], own: usize) -> Vec<usize> {
-    let mut order: Vec<(f64, usize)> =
-        (0..eyes.len()).filter(|&i| i != own).map(|i| (eyes[i].distance_squared(eyes[own]), i)).collect();
+    let mut order: Vec<(f64, usize)> = (0..eyes.len())
+        .filter(|&i| i != own)
+        .map(|i| (eyes[i].distance_squared(eyes[own]), i))
+        .collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     // From the same place nothing moves.
-    let same = order.get(CLOSEST).or(order.last()).map_or(0.0, |(distance, _)| distance * SAME_PLACE * SAME_PLACE);
+    let same = order
+        .get(CLOSEST)
+        .or(order.last())
+        .map_or(0.0, |(distance, _)| distance * SAME_PLACE * SAME_PLACE);
     order.retain(|(distance, _)| *distance > same);
     let (near, far) = order.split_at(order.len().min(CLOSEST));
     let step = far.len().div_ceil(CANDIDATES - CLOSEST).max(1);
-    near.iter().chain(far.iter().step_by(step)).map(|&(_, i)| i).collect()
+    near.iter()
+        .chain(far.iter().step_by(step))
+        .map(|&(_, i)| i)
+        .collect()
 }
 
 /// Points of the world, in groups of one depth each, along lines of sight of a view: `DEPTHS` depths, evenly in their logarithm, from half the distance of the
@@ -49,30 +57,60 @@ pub(super) fn anywhere(own: &Candidate, others: &[Candidate]) -> Vec<Vec<DVec3>>
     let nearest = others.iter().map(apart).fold(f64::INFINITY, f64::min) * 0.5;
     let farthest = others.iter().map(apart).fold(0.0, f64::max) * 50.0;
     let depth = |k: usize| nearest * (farthest / nearest).powf(k as f64 / (DEPTHS - 1) as f64);
-    (0..DEPTHS).map(|k| grid(own).map(|ray| own.camera.pose.to_world(ray * depth(k))).collect()).collect()
+    (0..DEPTHS)
+        .map(|k| {
+            grid(own)
+                .map(|ray| own.camera.pose.to_world(ray * depth(k)))
+                .collect()
+        })
+        .collect()
 }
 
 /// Rays of eye space over a picture.
 fn grid(own: &Candidate) -> impl Iterator<Item = DVec3> {
     let at = |k: usize, side: f64| (k as f64 + 0.5) / GRID as f64 * side;
-    (0..GRID * GRID).map(move |i| own.camera.ray(at(i % GRID, own.size[0]), at(i / GRID, own.size[1])))
+    (0..GRID * GRID).map(move |i| {
+        own.camera
+            .ray(at(i % GRID, own.size[0]), at(i / GRID, own.size[1]))
+    })
 }
 
 /// The best of some views, at most `most`: each is chosen for what it sees at good angles and those before it do not.
-pub(super) fn choose(own: &Candidate, others: &[Candidate], points: &[Vec<DVec3>], most: usize) -> Vec<usize> {
-    let worth: Vec<Vec<f64>> =
-        others.iter().map(|other| points.iter().map(|group| mean_worth(own, other, group)).collect()).collect();
+pub(super) fn choose(
+    own: &Candidate,
+    others: &[Candidate],
+    points: &[Vec<DVec3>],
+    most: usize,
+) -> Vec<usize> {
+    let worth: Vec<Vec<f64>> = others
+        .iter()
+        .map(|other| {
+            points
+                .iter()
+                .map(|group| mean_worth(own, other, group))
+                .collect()
+        })
+        .collect();
     let mut sums = vec![0.0f64; points.len()];
     let mut chosen = Vec::new();
     while chosen.len() < most.min(MOST_OTHERS) {
         let gain = |i: usize| {
-            let gains = sums.iter().zip(&worth[i]).map(|(sum, worth)| (sum + worth).sqrt() - sum.sqrt());
+            let gains = sums
+                .iter()
+                .zip(&worth[i])
+                .map(|(sum, worth)| (sum + worth).sqrt() - sum.sqrt());
             gains.sum::<f64>()
         };
         let left = (0..others.len()).filter(|i| !chosen.contains(i));
-        let best = left.map(|i| (gain(i), i)).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-        let Some((_, best)) = best.filter(|(gain, _)| *gain > 1e-4) else { break };
-        sums.iter_mut().zip(&worth[best]).for_each(|(sum, worth)| *sum += worth);
+        let best = left
+            .map(|i| (gain(i), i))
+            .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        let Some((_, best)) = best.filter(|(gain, _)| *gain > 1e-4) else {
+            break;
+        };
+        sums.iter_mut()
+            .zip(&worth[best])
+            .for_each(|(sum, worth)| *sum += worth);
         chosen.push(best);
     }
     chosen
@@ -83,12 +121,16 @@ pub(super) fn spread(own: &Candidate, others: &[Candidate], most: usize) -> Vec<
     /// The cosine of the angle between two axes that look the same way.
     const SAME_WAY: f64 = 0.8;
     let axis = |candidate: &Candidate| candidate.camera.pose.world_from_eye.z_axis;
-    let mut alike: Vec<usize> = (0..others.len()).filter(|i| axis(own).dot(axis(&others[*i])) > SAME_WAY).collect();
+    let mut alike: Vec<usize> = (0..others.len())
+        .filter(|i| axis(own).dot(axis(&others[*i])) > SAME_WAY)
+        .collect();
     if alike.is_empty() {
         alike = (0..others.len()).collect();
     }
     let count = most.min(alike.len());
-    (1..=count).map(|k| alike[k * alike.len() / count - 1]).collect()
+    (1..=count)
+        .map(|k| alike[k * alike.len() / count - 1])
+        .collect()
 }
 
 /// How well another view sees some points of this one, 0..=1.
@@ -128,11 +170,16 @@ pub(super) fn range(own: &Candidate, others: &[&Candidate]) -> Option<[f32; 2]> 
         };
         rays.iter().filter(count).count() > 0
     };
-    let apart = others.iter().map(|other| other.camera.pose.eye.distance(own.camera.pose.eye));
+    let apart = others
+        .iter()
+        .map(|other| other.camera.pose.eye.distance(own.camera.pose.eye));
     let widest = apart.fold(0.0, f64::max);
     let at = |k: i32| (f64::from(k) / FINE).exp2() / widest;
     let [far, near] = [-12 * FINE as i32, 5 * FINE as i32];
-    let (first, last) = ((far..=near).find(|&k| seen(at(k)))?, (far..=near).rev().find(|&k| seen(at(k)))?);
+    let (first, last) = (
+        (far..=near).find(|&k| seen(at(k)))?,
+        (far..=near).rev().find(|&k| seen(at(k)))?,
+    );
     let low = if first == far { 0.0 } else { at(first - 1) };
     Some([low as f32, at(last + 1) as f32])
 }

@@ -9,8 +9,8 @@ use super::hypotheses::{Chequerboard, Hypothesis};
 use super::picture::Grey;
 use super::relative::Relative;
 use super::zncc::{Patch, WORST};
-use headbox_core::random;
 use fearless_simd::{Level, Simd, dispatch};
+use headbox_core::random;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -97,24 +97,41 @@ impl Matcher<'_> {
             // Improved from the other half, which stays as it is meanwhile: the order of rows does not count.
             let mut half = std::mem::take(&mut board.halves[colour]);
             let still = &*board;
-            half.par_chunks_mut(stride).enumerate().for_each(|(y, row)| {
-                dispatch!(self.level, simd => self.row(simd, still, [colour, y], row, task));
-            });
+            half.par_chunks_mut(stride)
+                .enumerate()
+                .for_each(|(y, row)| {
+                    dispatch!(self.level, simd => self.row(simd, still, [colour, y], row, task));
+                });
             board.halves[colour] = half;
         }
     }
 
     #[inline(always)]
-    fn row<S: Simd>(&self, simd: S, board: &Chequerboard, [colour, y]: [usize; 2], row: &mut [Hypothesis], task: Task) {
+    fn row<S: Simd>(
+        &self,
+        simd: S,
+        board: &Chequerboard,
+        [colour, y]: [usize; 2],
+        row: &mut [Hypothesis],
+        task: Task,
+    ) {
         let first = Chequerboard::first(colour, y);
         let columns = (board.width - first.min(board.width)).div_ceil(2);
         for (k, best) in row[..columns].iter_mut().enumerate() {
             let x = first + 2 * k;
             if self.picture.nothing[y * self.picture.width + x] {
-                *best = Hypothesis { cost: WORST, ..Hypothesis::default() };
+                *best = Hypothesis {
+                    cost: WORST,
+                    ..Hypothesis::default()
+                };
                 continue;
             }
-            let mut pixel = Pixel { matcher: self, patch: Patch::new(self.picture, x, y), at: [x, y], best: *best };
+            let mut pixel = Pixel {
+                matcher: self,
+                patch: Patch::new(self.picture, x, y),
+                at: [x, y],
+                best: *best,
+            };
             match task {
                 Task::Sweep(steps) => pixel.sweep(simd, steps),
                 Task::Evaluate => pixel.best.cost = pixel.cost(simd, best),
@@ -139,7 +156,13 @@ impl Pixel<'_> {
         self.best.cost = f32::INFINITY;
         for step in 0..steps {
             let inverse_depth = low + (high - low) * (step as f32 + 0.5) / steps as f32;
-            self.consider(simd, Hypothesis { inverse_depth, ..Hypothesis::default() });
+            self.consider(
+                simd,
+                Hypothesis {
+                    inverse_depth,
+                    ..Hypothesis::default()
+                },
+            );
         }
     }
 
@@ -187,21 +210,53 @@ impl Pixel<'_> {
         let [g, h, i, j, k] = std::array::from_fn(|_| next());
         let best = self.best;
         let inverse_depth = best.inverse_depth + reach * a;
-        self.consider(simd, Hypothesis { inverse_depth, ..best });
+        self.consider(
+            simd,
+            Hypothesis {
+                inverse_depth,
+                ..best
+            },
+        );
         let best = self.best;
         let turned = |[p, q]: [f32; 2]| {
             let scale = draw.slope * per_slope(best.inverse_depth);
             [best.slopes[0] + scale * p, best.slopes[1] + scale * q]
         };
-        self.consider(simd, Hypothesis { slopes: turned([b, c]), ..best });
+        self.consider(
+            simd,
+            Hypothesis {
+                slopes: turned([b, c]),
+                ..best
+            },
+        );
         let inverse_depth = best.inverse_depth + reach * f;
-        self.consider(simd, Hypothesis { inverse_depth, slopes: turned([d, e]), ..best });
+        self.consider(
+            simd,
+            Hypothesis {
+                inverse_depth,
+                slopes: turned([d, e]),
+                ..best
+            },
+        );
         if draw.anywhere {
             let inverse_depth = low + (high - low) * (0.5 + 0.5 * g);
             let slopes = [h, i].map(|slope| 2.0 * slope * per_slope(inverse_depth));
-            self.consider(simd, Hypothesis { inverse_depth, slopes, cost: 0.0 });
+            self.consider(
+                simd,
+                Hypothesis {
+                    inverse_depth,
+                    slopes,
+                    cost: 0.0,
+                },
+            );
             let slopes = [j, k].map(|slope| 2.0 * slope * per_slope(self.best.inverse_depth));
-            self.consider(simd, Hypothesis { slopes, ..self.best });
+            self.consider(
+                simd,
+                Hypothesis {
+                    slopes,
+                    ..self.best
+                },
+            );
         }
     }
 
@@ -209,7 +264,9 @@ impl Pixel<'_> {
     fn fastest_px(&self) -> f32 {
         let [x, y] = self.at.map(|at| at as f32 + 0.5);
         let others = self.matcher.others.iter();
-        others.map(|other| other.relative.motion_px(x, y, self.best.inverse_depth)).fold(0.0, f32::max)
+        others
+            .map(|other| other.relative.motion_px(x, y, self.best.inverse_depth))
+            .fold(0.0, f32::max)
     }
 
     fn consider<S: Simd>(&mut self, simd: S, plane: Hypothesis) {
@@ -236,7 +293,9 @@ impl Pixel<'_> {
                 let [x, y] = self.at.map(|at| at as f32 + 0.5);
                 let (mut costs, mut count) = ([WORST; MOST_OTHERS], 0);
                 for other in &self.matcher.others {
-                    let seen = other.relative.plane(x, y, plane.inverse_depth, plane.slopes);
+                    let seen = other
+                        .relative
+                        .plane(x, y, plane.inverse_depth, plane.slopes);
                     let mut cost = self.patch.cost(simd, &seen, other.picture);
                     if let Some(known) = &other.known {
                         cost += INCONSISTENT * known.returns_px(other, [x, y], plane.inverse_depth);
@@ -269,7 +328,9 @@ impl Hypothesis {
         const SEEN: f32 = 0.02;
         /// From the middle of a patch to its rim.
         const RIM: f32 = 5.0;
-        let slopes = (self.slopes[0] - other.slopes[0]).abs().max((self.slopes[1] - other.slopes[1]).abs());
+        let slopes = (self.slopes[0] - other.slopes[0])
+            .abs()
+            .max((self.slopes[1] - other.slopes[1]).abs());
         ((self.inverse_depth - other.inverse_depth).abs() + slopes * RIM) * fastest_px > SEEN
     }
 }
@@ -296,7 +357,11 @@ impl Known {
         let back = self.back.at(px, py, there);
         let (dx, dy) = (back.x / back.z - x, back.y / back.z - y);
         let distance = (dx * dx + dy * dy).sqrt();
-        if back.z > 0.0 && distance < MOST_PX { distance } else { MOST_PX }
+        if back.z > 0.0 && distance < MOST_PX {
+            distance
+        } else {
+            MOST_PX
+        }
     }
 }
 
@@ -306,8 +371,44 @@ const NEIGHBOURHOODS: [&[[i8; 2]]; 8] = [
     &[[0, 1], [-1, 2], [1, 2], [-2, 3], [2, 3]],
     &[[-1, 0], [-2, -1], [-2, 1], [-3, -2], [-3, 2]],
     &[[1, 0], [2, -1], [2, 1], [3, -2], [3, 2]],
-    &[[0, -3], [0, -5], [0, -7], [0, -9], [0, -11], [0, -15], [0, -19], [0, -23]],
-    &[[0, 3], [0, 5], [0, 7], [0, 9], [0, 11], [0, 15], [0, 19], [0, 23]],
-    &[[-3, 0], [-5, 0], [-7, 0], [-9, 0], [-11, 0], [-15, 0], [-19, 0], [-23, 0]],
-    &[[3, 0], [5, 0], [7, 0], [9, 0], [11, 0], [15, 0], [19, 0], [23, 0]],
+    &[
+        [0, -3],
+        [0, -5],
+        [0, -7],
+        [0, -9],
+        [0, -11],
+        [0, -15],
+        [0, -19],
+        [0, -23],
+    ],
+    &[
+        [0, 3],
+        [0, 5],
+        [0, 7],
+        [0, 9],
+        [0, 11],
+        [0, 15],
+        [0, 19],
+        [0, 23],
+    ],
+    &[
+        [-3, 0],
+        [-5, 0],
+        [-7, 0],
+        [-9, 0],
+        [-11, 0],
+        [-15, 0],
+        [-19, 0],
+        [-23, 0],
+    ],
+    &[
+        [3, 0],
+        [5, 0],
+        [7, 0],
+        [9, 0],
+        [11, 0],
+        [15, 0],
+        [19, 0],
+        [23, 0],
+    ],
 ];

@@ -19,13 +19,19 @@ impl Grey {
     pub(super) fn new(width: usize, height: usize, levels: &[u8], nothing: Vec<bool>) -> Self {
         let mut quads = vec![0; width * height];
         for (y, row) in quads.chunks_exact_mut(width).enumerate() {
-            let [upper, lower] = [y, (y + 1).min(height - 1)].map(|y| &levels[y * width..(y + 1) * width]);
+            let [upper, lower] =
+                [y, (y + 1).min(height - 1)].map(|y| &levels[y * width..(y + 1) * width]);
             for (x, quad) in row.iter_mut().enumerate() {
                 let right = (x + 1).min(width - 1);
                 *quad = u32::from_le_bytes([upper[x], upper[right], lower[x], lower[right]]);
             }
         }
-        Self { width, height, quads, nothing }
+        Self {
+            width,
+            height,
+            quads,
+            nothing,
+        }
     }
 
     /// The level of a pixel; beyond the rims that of the nearest one.
@@ -39,13 +45,19 @@ impl Grey {
     /// Half as wide and high: means of four pixels. An odd last column or row is left out.
     fn halved(&self) -> Self {
         let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
-        let (mut levels, mut nothing) = (Vec::with_capacity(width * height), Vec::with_capacity(width * height));
+        let (mut levels, mut nothing) = (
+            Vec::with_capacity(width * height),
+            Vec::with_capacity(width * height),
+        );
         for y in 0..height {
             for x in 0..width {
-                let [own, right, below, last] = self.quads[2 * y * self.width + 2 * x].to_le_bytes().map(u32::from);
+                let [own, right, below, last] = self.quads[2 * y * self.width + 2 * x]
+                    .to_le_bytes()
+                    .map(u32::from);
                 levels.push(((own + right + below + last + 2) / 4) as u8);
                 let at = |dx: usize, dy: usize| {
-                    self.nothing[(2 * y + dy).min(self.height - 1) * self.width + (2 * x + dx).min(self.width - 1)]
+                    self.nothing[(2 * y + dy).min(self.height - 1) * self.width
+                        + (2 * x + dx).min(self.width - 1)]
                 };
                 nothing.push(at(0, 0) && at(1, 0) && at(0, 1) && at(1, 1));
             }
@@ -67,12 +79,20 @@ pub(super) struct MatchView {
 
 impl MatchView {
     /// `None` for a panorama. The finest level is no longer than `longest_px`; levels are halved down to `coarsest_px`.
-    pub(super) fn new(view: &LoadedView, nothing: Vec<bool>, longest_px: u32, coarsest_px: u32) -> Option<Self> {
-        let Lens::Pinhole(lens) = view.lens else { return None };
+    pub(super) fn new(
+        view: &LoadedView,
+        nothing: Vec<bool>,
+        longest_px: u32,
+        coarsest_px: u32,
+    ) -> Option<Self> {
+        let Lens::Pinhole(lens) = view.lens else {
+            return None;
+        };
         let [width, height] = view.size_px.map(|side| side as usize);
         // Weights of Rec. 601, in 1/256.
-        let grey =
-            |&[r, g, b, _]: &[u8; 4]| ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b) + 128) >> 8) as u8;
+        let grey = |&[r, g, b, _]: &[u8; 4]| {
+            ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b) + 128) >> 8) as u8
+        };
         let levels: Vec<u8> = view.color.iter().map(grey).collect();
         let mut finest = Grey::new(width, height, &levels, nothing);
         let mut shift = 0;
@@ -86,7 +106,12 @@ impl MatchView {
         {
             levels.push(last.halved());
         }
-        Some(Self { pose: view.pose, lens, shift, levels })
+        Some(Self {
+            pose: view.pose,
+            lens,
+            shift,
+            levels,
+        })
     }
 
     /// How many levels there are; 0 is the finest.

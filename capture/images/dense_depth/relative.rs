@@ -16,20 +16,33 @@ impl CameraAt {
     /// Of a picture that is halved `shift` times.
     pub(super) fn new(lens: Pinhole, pose: Pose, shift: u32) -> Self {
         let scale = 0.5f64.powi(shift as i32);
-        let [focal_px, principal_px] = [lens.focal_px, lens.principal_px].map(|pair| pair.map(|c| c * scale));
-        Self { focal_px, principal_px, pose }
+        let [focal_px, principal_px] =
+            [lens.focal_px, lens.principal_px].map(|pair| pair.map(|c| c * scale));
+        Self {
+            focal_px,
+            principal_px,
+            pose,
+        }
     }
 
     /// The ray through a position, pixels, at eye depth 1; eye space.
     pub(super) fn ray(&self, x: f64, y: f64) -> DVec3 {
         let [cx, cy] = self.principal_px;
-        DVec3::new((x - cx) / self.focal_px[0], (cy - y) / self.focal_px[1], -1.0)
+        DVec3::new(
+            (x - cx) / self.focal_px[0],
+            (cy - y) / self.focal_px[1],
+            -1.0,
+        )
     }
 
     /// (x w, y w, w) of a point or direction of eye space.
     fn homogeneous(&self, p: DVec3) -> DVec3 {
         let [cx, cy] = self.principal_px;
-        DVec3::new(self.focal_px[0] * p.x - cx * p.z, -self.focal_px[1] * p.y - cy * p.z, -p.z)
+        DVec3::new(
+            self.focal_px[0] * p.x - cx * p.z,
+            -self.focal_px[1] * p.y - cy * p.z,
+            -p.z,
+        )
     }
 }
 
@@ -92,7 +105,10 @@ impl Relative {
         if h.z <= 0.0 {
             return 0.0;
         }
-        let [dx, dy] = [self.shift.x - h.x / h.z * self.shift.z, self.shift.y - h.y / h.z * self.shift.z];
+        let [dx, dy] = [
+            self.shift.x - h.x / h.z * self.shift.z,
+            self.shift.y - h.y / h.z * self.shift.z,
+        ];
         (dx * dx + dy * dy).sqrt() / h.z
     }
 }

@@ -17,8 +17,15 @@ pub(super) struct Shelf<'a> {
 }
 
 impl<'a> Shelf<'a> {
-    pub(super) fn new(budget_bytes: usize, load: impl Fn(usize) -> Result<MatchView, ImagesError> + 'a) -> Self {
-        Self { kept: VecDeque::new(), budget_bytes, load: Box::new(load) }
+    pub(super) fn new(
+        budget_bytes: usize,
+        load: impl Fn(usize) -> Result<MatchView, ImagesError> + 'a,
+    ) -> Self {
+        Self {
+            kept: VecDeque::new(),
+            budget_bytes,
+            load: Box::new(load),
+        }
     }
 
     /// The picture of a view, read again if it was given up.
@@ -32,7 +39,14 @@ impl<'a> Shelf<'a> {
             None => Arc::new((self.load)(view)?),
         };
         self.kept.push_back((view, Arc::clone(&picture)));
-        while self.kept.len() > 1 && self.kept.iter().map(|(_, kept)| kept.bytes()).sum::<usize>() > self.budget_bytes {
+        while self.kept.len() > 1
+            && self
+                .kept
+                .iter()
+                .map(|(_, kept)| kept.bytes())
+                .sum::<usize>()
+                > self.budget_bytes
+        {
             self.kept.pop_front();
         }
         Ok(picture)
@@ -48,14 +62,20 @@ pub(super) struct Spool {
 
 impl Spool {
     /// In a folder, for so many planes of each view.
-    pub(super) fn new(folder: &std::path::Path, planes: impl Iterator<Item = usize>) -> io::Result<Self> {
+    pub(super) fn new(
+        folder: &std::path::Path,
+        planes: impl Iterator<Item = usize>,
+    ) -> io::Result<Self> {
         let mut offsets = vec![0];
         let mut end = 0;
         for planes in planes {
             end += (planes * size_of::<Hypothesis>()) as u64;
             offsets.push(end);
         }
-        Ok(Self { file: tempfile::tempfile_in(folder)?, offsets })
+        Ok(Self {
+            file: tempfile::tempfile_in(folder)?,
+            offsets,
+        })
     }
 
     pub(super) fn write(&mut self, view: usize, planes: &[Hypothesis]) -> io::Result<()> {
@@ -67,12 +87,17 @@ impl Spool {
         let bytes = self.offsets[view + 1] - self.offsets[view];
         let mut planes = vec![Hypothesis::default(); bytes as usize / size_of::<Hypothesis>()];
         self.file.seek(SeekFrom::Start(self.offsets[view]))?;
-        self.file.read_exact(bytemuck::cast_slice_mut(&mut planes))?;
+        self.file
+            .read_exact(bytemuck::cast_slice_mut(&mut planes))?;
         Ok(planes)
     }
 
     /// Inverse depths of a view, 1/m, 0 where unknown.
     pub(super) fn inverse_depths(&mut self, view: usize) -> io::Result<Vec<f32>> {
-        Ok(self.read(view)?.iter().map(|plane| plane.inverse_depth).collect())
+        Ok(self
+            .read(view)?
+            .iter()
+            .map(|plane| plane.inverse_depth)
+            .collect())
     }
 }

@@ -2,11 +2,11 @@
 
 use super::DenseDepthError;
 use super::hypotheses::{Chequerboard, Hypothesis};
-use crate::dense_depth::neighbors;
 use super::neighbors::Candidate;
 use super::picture::MatchView;
 use super::work::{ROUNDS, Work, matcher_alone, rounds};
 use crate::ImagesError;
+use crate::dense_depth::neighbors;
 use glam::DVec3;
 
 /// Planes that cost no more are believed where it is asked how far away things are.
@@ -37,12 +37,15 @@ impl Work<'_> {
         let here = self.candidate(view);
         let pictures = self.pictures(near, &asked)?;
         let chosen: Vec<&Candidate> = asked.iter().map(|&i| &candidates[i]).collect();
-        let Some(mut range) = neighbors::range(&here, &chosen) else { return Ok(None) };
+        let Some(mut range) = neighbors::range(&here, &chosen) else {
+            return Ok(None);
+        };
         let coarsest = own.levels() - 1;
         let seed = headbox_core::random::hash(view as u64);
         let picture = own.level(coarsest);
         let mut board = Chequerboard::new(picture.width, picture.height);
-        let motion = neighbors::motion_px(&here, &chosen, range) / (own.reduced() << coarsest) as f32;
+        let motion =
+            neighbors::motion_px(&here, &chosen, range) / (own.reduced() << coarsest) as f32;
         let coarse = matcher_alone(&own, &pictures, coarsest, range, seed);
         coarse.sweep(&mut board, (motion as u32).clamp(16, 192));
         rounds(&coarse, &mut board, ROUNDS[2], true);
@@ -50,20 +53,40 @@ impl Work<'_> {
             asked = suits(&here, points);
             range = [range[0].max(near_and_far[0]), range[1].min(near_and_far[1])];
         }
-        Ok(Some(Start { asked, range, board, seed }))
+        Ok(Some(Start {
+            asked,
+            range,
+            board,
+            seed,
+        }))
     }
 
     /// Planes of a view that knows nothing of others' planes.
     pub(super) fn alone(&mut self, view: usize) -> Result<(), DenseDepthError> {
         let own = self.shelf.get(view)?;
-        let eyes: Vec<_> = self.views.iter().map(|view| view.color_pose().eye).collect();
+        let eyes: Vec<_> = self
+            .views
+            .iter()
+            .map(|view| view.color_pose().eye)
+            .collect();
         let near = neighbors::candidates(&eyes, view);
         let candidates: Vec<Candidate> = near.iter().map(|&i| self.candidate(i)).collect();
         let here = self.candidate(view);
         let most = self.most();
-        let asked = neighbors::choose(&here, &candidates, &neighbors::anywhere(&here, &candidates), most);
-        let suits = |here: &Candidate, points| neighbors::choose(here, &candidates, &[points], most);
-        let Some(Start { mut asked, range, mut board, seed }) = self.start(view, &near, &candidates, asked, suits)?
+        let asked = neighbors::choose(
+            &here,
+            &candidates,
+            &neighbors::anywhere(&here, &candidates),
+            most,
+        );
+        let suits =
+            |here: &Candidate, points| neighbors::choose(here, &candidates, &[points], most);
+        let Some(Start {
+            mut asked,
+            range,
+            mut board,
+            seed,
+        }) = self.start(view, &near, &candidates, asked, suits)?
         else {
             let planes = own.level(0).width * own.level(0).height;
             return self.keep(view, Vec::new(), &vec![Hypothesis::default(); planes]);
@@ -84,7 +107,11 @@ impl Work<'_> {
     /// The views, at most `most`, from which a view's depth is found best: first some at all distances are asked, then those that suit what they say. None if all were
     /// taken from one place.
     pub(super) fn partners(&mut self, view: usize, most: usize) -> Result<Vec<usize>, ImagesError> {
-        let eyes: Vec<_> = self.views.iter().map(|view| view.color_pose().eye).collect();
+        let eyes: Vec<_> = self
+            .views
+            .iter()
+            .map(|view| view.color_pose().eye)
+            .collect();
         let near = neighbors::candidates(&eyes, view);
         let candidates: Vec<Candidate> = near.iter().map(|&i| self.candidate(i)).collect();
         let spread = neighbors::spread(&self.candidate(view), &candidates, self.most());
@@ -94,7 +121,9 @@ impl Work<'_> {
             neighbors::choose(here, &candidates, &alone, most)
         };
         let start = self.start(view, &near, &candidates, spread, suits)?;
-        Ok(start.map(|start| start.asked.iter().map(|&i| near[i]).collect()).unwrap_or_default())
+        Ok(start
+            .map(|start| start.asked.iter().map(|&i| near[i]).collect())
+            .unwrap_or_default())
     }
 }
 
@@ -117,7 +146,10 @@ fn surfaces(own: &MatchView, level: usize, board: &Chequerboard) -> Option<(Vec<
     }
     let step = good.len().div_ceil(MOST);
     let points = good.iter().step_by(step).map(|&(i, q)| {
-        let ray = camera.ray((i % board.width) as f64 + 0.5, (i / board.width) as f64 + 0.5);
+        let ray = camera.ray(
+            (i % board.width) as f64 + 0.5,
+            (i / board.width) as f64 + 0.5,
+        );
         camera.pose.to_world(ray / f64::from(q))
     });
     let points = points.collect();

@@ -8,28 +8,43 @@ use super::zncc::{NEAR_PX, NOISE, PLACES, Patch, SAMPLES, SIMILAR_LEVELS, WORST}
 use super::*;
 use crate::readers::test_set::photographs;
 use crate::{Distortion, ImageSetOptions, Lens, Pose};
-use headbox_core::random::Rng;
-use headbox_core::simd;
 use fearless_simd::dispatch;
 use glam::{DMat3, DVec3, dvec3};
+use headbox_core::random::Rng;
+use headbox_core::simd;
 
 const SIZE: [u32; 2] = [96, 72];
 
 fn lens() -> Pinhole {
-    Pinhole { focal_px: [90.0, 92.0], principal_px: [47.3, 36.4], distortion: Distortion::default() }
+    Pinhole {
+        focal_px: [90.0, 92.0],
+        principal_px: [47.3, 36.4],
+        distortion: Distortion::default(),
+    }
 }
 
 /// Eyes on an arc before the scene, all looking at its middle.
 fn pose(i: usize) -> Pose {
     let angle = 0.12 * (i as f64 - 2.0);
-    let eye = dvec3(3.0 * angle.sin(), 0.1 * (i % 2) as f64, 3.0 * angle.cos() - 3.0);
-    Pose { eye, world_from_eye: DMat3::from_rotation_y(angle) * DMat3::from_rotation_z(0.05 * i as f64) }
+    let eye = dvec3(
+        3.0 * angle.sin(),
+        0.1 * (i % 2) as f64,
+        3.0 * angle.cos() - 3.0,
+    );
+    Pose {
+        eye,
+        world_from_eye: DMat3::from_rotation_y(angle) * DMat3::from_rotation_z(0.05 * i as f64),
+    }
 }
 
 /// Distance along a ray to a ball before a slanted wall.
 fn distance(eye: DVec3, ray: DVec3) -> f64 {
     let (centre, radius) = (dvec3(0.1, 0.05, -2.6), 0.45);
-    let (a, b, c) = (ray.length_squared(), ray.dot(eye - centre), (eye - centre).length_squared() - radius * radius);
+    let (a, b, c) = (
+        ray.length_squared(),
+        ray.dot(eye - centre),
+        (eye - centre).length_squared() - radius * radius,
+    );
     let inside = b * b - a * c;
     if inside > 0.0 {
         return (-b - inside.sqrt()) / a;
@@ -46,13 +61,23 @@ fn level(p: DVec3) -> u8 {
         (dvec3(9.0, -14.0, 19.0), 25.0),
         (dvec3(41.0, 33.0, 2.0), 20.0),
     ];
-    (128.0 + waves.iter().map(|(wave, much)| much * wave.dot(p).sin()).sum::<f64>()) as u8
+    (128.0
+        + waves
+            .iter()
+            .map(|(wave, much)| much * wave.dot(p).sin())
+            .sum::<f64>()) as u8
 }
 
 /// A view of the scene in memory, with its true depth.
 fn loaded(i: usize, color: impl Fn(DVec3) -> [u8; 4]) -> LoadedView {
     let (pose, lens) = (pose(i), Lens::Pinhole(lens()));
-    let mut view = LoadedView { size_px: SIZE, lens, pose, color: Vec::new(), depth: Vec::new() };
+    let mut view = LoadedView {
+        size_px: SIZE,
+        lens,
+        pose,
+        color: Vec::new(),
+        depth: Vec::new(),
+    };
     for y in 0..SIZE[1] {
         for x in 0..SIZE[0] {
             let ray = lens.ray([f64::from(x) + 0.5, f64::from(y) + 0.5], SIZE);
@@ -74,13 +99,18 @@ fn written(folder: &Path, color: impl Fn(DVec3) -> [u8; 4] + Copy) -> ImageSet {
 }
 
 fn how() -> DenseDepth {
-    DenseDepth { coarsest_px: 30, ..DenseDepth::default() }
+    DenseDepth {
+        coarsest_px: 30,
+        ..DenseDepth::default()
+    }
 }
 
 fn find(set: &mut ImageSet) -> Result<Agreement, DenseDepthError> {
     let mut agreement = Agreement::default();
     set.find_depth(&how(), &|| {}, &mut |view, found| {
-        let truth = (0..5).map(|i| loaded(i, textured)).find(|truth| truth.pose.eye.distance(view.pose.eye) < 1e-6);
+        let truth = (0..5)
+            .map(|i| loaded(i, textured))
+            .find(|truth| truth.pose.eye.distance(view.pose.eye) < 1e-6);
         agreement.add(&found.view.depth, &truth.expect("one of the five").depth);
     })?;
     Ok(agreement)
@@ -97,22 +127,38 @@ fn slow_cost(own: &LoadedView, other: &LoadedView, [x, y]: [usize; 2], plane: &H
     for k in 0..SAMPLES {
         let (dx, dy) = (f64::from(PLACES[0][k]), f64::from(PLACES[1][k]));
         let a = at(own, x as i32 + dx as i32, y as i32 + dy as i32);
-        let inverse_depth =
-            f64::from(plane.inverse_depth) + f64::from(plane.slopes[0]) * dx + f64::from(plane.slopes[1]) * dy;
-        let ray = own.lens.ray([x as f64 + 0.5 + dx, y as f64 + 0.5 + dy], SIZE);
+        let inverse_depth = f64::from(plane.inverse_depth)
+            + f64::from(plane.slopes[0]) * dx
+            + f64::from(plane.slopes[1]) * dy;
+        let ray = own
+            .lens
+            .ray([x as f64 + 0.5 + dx, y as f64 + 0.5 + dy], SIZE);
         let point = own.pose.to_world(ray / inverse_depth);
-        let Some([px, py, _]) = other.lens.project(other.pose.to_eye(point), SIZE) else { return f64::from(WORST) };
-        let (px, py) = ((px - 0.5).clamp(0.0, f64::from(width - 1)), (py - 0.5).clamp(0.0, f64::from(height - 1)));
+        let Some([px, py, _]) = other.lens.project(other.pose.to_eye(point), SIZE) else {
+            return f64::from(WORST);
+        };
+        let (px, py) = (
+            (px - 0.5).clamp(0.0, f64::from(width - 1)),
+            (py - 0.5).clamp(0.0, f64::from(height - 1)),
+        );
         let (u, v) = (px - px.floor(), py - py.floor());
         let texel = |dx: i32, dy: i32| at(other, px as i32 + dx, py as i32 + dy);
         let upper = texel(0, 0) * (1.0 - u) + texel(1, 0) * u;
         let lower = texel(0, 1) * (1.0 - u) + texel(1, 1) * u;
         pairs.push([a, upper * (1.0 - v) + lower * v]);
-        let similar = (a - at(own, x as i32, y as i32)).powi(2) / (2.0 * SIMILAR_LEVELS * SIMILAR_LEVELS);
+        let similar =
+            (a - at(own, x as i32, y as i32)).powi(2) / (2.0 * SIMILAR_LEVELS * SIMILAR_LEVELS);
         weights.push((-similar - (dx * dx + dy * dy) / (2.0 * NEAR_PX * NEAR_PX)).exp());
     }
     let total: f64 = weights.iter().sum();
-    let mean = |f: &dyn Fn(&[f64; 2]) -> f64| pairs.iter().zip(&weights).map(|(p, w)| f(p) * w).sum::<f64>() / total;
+    let mean = |f: &dyn Fn(&[f64; 2]) -> f64| {
+        pairs
+            .iter()
+            .zip(&weights)
+            .map(|(p, w)| f(p) * w)
+            .sum::<f64>()
+            / total
+    };
     let means = [mean(&|p| p[0]), mean(&|p| p[1])];
     let product = |i: usize, j: usize| mean(&|p| (p[i] - means[i]) * (p[j] - means[j]));
     let noise = f64::from(NOISE);
@@ -124,15 +170,22 @@ fn costs_are_those_of_the_slow_way_at_every_level() {
     /// Sums of squares of levels, up to 65,025, in `f32`, of which a variance of some hundreds is left.
     const TOLERANCE: f64 = 2e-3;
     let views = [0, 1, 4].map(|i| loaded(i, textured));
-    let grey = |view: &LoadedView| MatchView::new(view, vec![false; view.color.len()], 1600, 100).expect("a pinhole");
+    let grey = |view: &LoadedView| {
+        MatchView::new(view, vec![false; view.color.len()], 1600, 100).expect("a pinhole")
+    };
     let pictures = views.each_ref().map(grey);
     let mut rng = Rng::new(7);
     let mut compared = 0;
     for _ in 0..2000 {
         let [x, y] = SIZE.map(|side| rng.below(u64::from(side)) as usize);
-        let inverse_depth = 1.0 / views[0].depth[y * SIZE[0] as usize + x] * rng.between(0.9, 1.1) as f32;
+        let inverse_depth =
+            1.0 / views[0].depth[y * SIZE[0] as usize + x] * rng.between(0.9, 1.1) as f32;
         let slopes = [0; 2].map(|_| rng.between(-0.005, 0.005) as f32);
-        let plane = Hypothesis { inverse_depth, slopes, cost: 0.0 };
+        let plane = Hypothesis {
+            inverse_depth,
+            slopes,
+            cost: 0.0,
+        };
         for (view, picture) in views.iter().zip(&pictures).skip(1) {
             let relative = Relative::new(&pictures[0].camera(0), &picture.camera(0));
             let seen = relative.plane(x as f32 + 0.5, y as f32 + 0.5, inverse_depth, slopes);
@@ -141,12 +194,21 @@ fn costs_are_those_of_the_slow_way_at_every_level() {
                 .into_iter()
                 .map(|level| dispatch!(level, simd => patch.cost(simd, &seen, picture.level(0))))
                 .collect();
-            assert!(costs.iter().all(|cost| cost.to_bits() == costs[0].to_bits()), "{costs:?}");
+            assert!(
+                costs
+                    .iter()
+                    .all(|cost| cost.to_bits() == costs[0].to_bits()),
+                "{costs:?}"
+            );
             // What leads out of the picture costs most, and the slow way does not look where the rim is.
             if costs[0] < WORST {
                 compared += 1;
                 let slow = slow_cost(&views[0], view, [x, y], &plane);
-                assert!((f64::from(costs[0]) - slow).abs() < TOLERANCE, "{x} {y} {plane:?}: {} {slow}", costs[0]);
+                assert!(
+                    (f64::from(costs[0]) - slow).abs() < TOLERANCE,
+                    "{x} {y} {plane:?}: {} {slow}",
+                    costs[0]
+                );
             }
         }
     }
@@ -159,18 +221,32 @@ fn depth_is_found_the_same_on_any_number_of_threads_and_read_from_then_on() {
         let folder = tempfile::tempdir().expect("a folder");
         let mut set = written(folder.path(), textured);
         assert_eq!(set.with_depth().count(), 0);
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a pool");
         let agreement = pool.install(|| find(&mut set)).expect("found");
         (folder, set, agreement)
     };
     let (folder, set, agreement) = run(1);
     let [one, two, five] = agreement.shares_within();
     // Measured: see the message; what is left are the ball's rim and what fewer than three views see.
-    assert!(agreement.found_share() > 0.7 && one > 0.9 && two > 0.95 && five > 0.98, "{agreement:?}");
-    assert!(set.depth_is_found() && set.depth_noise() > 0.0 && set.depth_noise() < 0.01, "{}", set.depth_noise());
+    assert!(
+        agreement.found_share() > 0.7 && one > 0.9 && two > 0.95 && five > 0.98,
+        "{agreement:?}"
+    );
+    assert!(
+        set.depth_is_found() && set.depth_noise() > 0.0 && set.depth_noise() < 0.01,
+        "{}",
+        set.depth_noise()
+    );
     let again = ImageSet::open(folder.path(), &ImageSetOptions::default()).expect("a set");
     assert_eq!(again.with_depth().count(), 5);
-    assert!(again.notes.iter().any(|note| note.contains("5 views")), "{:?}", again.notes);
+    assert!(
+        again.notes.iter().any(|note| note.contains("5 views")),
+        "{:?}",
+        again.notes
+    );
     let view = again.views[2].load().expect("read");
     let known = view.depth.iter().filter(|depth| depth.is_finite()).count();
     assert!(known as f64 > 0.6 * view.color.len() as f64, "{known}");
@@ -178,7 +254,12 @@ fn depth_is_found_the_same_on_any_number_of_threads_and_read_from_then_on() {
     for view in &set.views {
         let file = |folder: &Path| {
             let source = &view.depth.as_ref().expect("found").path;
-            std::fs::read(folder.join("headbox-depth/images").join(source.file_name().expect("a name"))).expect("read")
+            std::fs::read(
+                folder
+                    .join("headbox-depth/images")
+                    .join(source.file_name().expect("a name")),
+            )
+            .expect("read")
         };
         assert!(file(folder.path()) == file(other.path()), "{}", view.name);
     }
@@ -186,7 +267,11 @@ fn depth_is_found_the_same_on_any_number_of_threads_and_read_from_then_on() {
 
 #[test]
 fn where_pictures_say_nothing_nothing_is_found() {
-    for color in [|_: DVec3| [120, 120, 120, 255], |_: DVec3| [2, 2, 2, 255], |_: DVec3| [90, 90, 90, 0]] {
+    for color in [
+        |_: DVec3| [120, 120, 120, 255],
+        |_: DVec3| [2, 2, 2, 255],
+        |_: DVec3| [90, 90, 90, 0],
+    ] {
         let folder = tempfile::tempdir().expect("a folder");
         let mut set = written(folder.path(), color);
         let agreement = find(&mut set).expect("runs");
@@ -204,7 +289,10 @@ fn one_view_or_many_in_one_place_are_too_few() {
     assert!(find(&mut set).expect("runs").found == 0, "nothing moves");
     set.views.truncate(1);
     let error = find(&mut set).expect_err("too few").to_string();
-    assert!(error.contains("1 perspective views") && error.contains("at least two"), "{error}");
+    assert!(
+        error.contains("1 perspective views") && error.contains("at least two"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -221,31 +309,56 @@ fn depth_for_other_cameras_and_damaged_lists_are_told() {
     let before = "\"camera\": \"";
     let moved = open(&text.replacen(before, "\"camera\": \"x", 1)).expect("a set");
     assert_eq!(moved.with_depth().count(), 4);
-    assert!(moved.notes.iter().any(|note| note.contains("1 views") && note.contains("--depth")), "{:?}", moved.notes);
+    assert!(
+        moved
+            .notes
+            .iter()
+            .any(|note| note.contains("1 views") && note.contains("--depth")),
+        "{:?}",
+        moved.notes
+    );
     for (damaged, said) in [
-        (text.replacen("\"file\": \"images/", "\"file\": \"../../", 1), "leads out"),
+        (
+            text.replacen("\"file\": \"images/", "\"file\": \"../../", 1),
+            "leads out",
+        ),
         (text.replace("\"version\": 1", "\"version\": 2"), "version"),
-        (text.replace("\"deviation\": ", "\"deviation\": -"), "deviation"),
+        (
+            text.replace("\"deviation\": ", "\"deviation\": -"),
+            "deviation",
+        ),
         ("{".into(), "no JSON"),
     ] {
         let error = open(&damaged).expect_err(said).to_string();
-        assert!(error.contains("index.json") && error.contains(said), "{error}");
+        assert!(
+            error.contains("index.json") && error.contains(said),
+            "{error}"
+        );
     }
 }
 
 #[test]
 fn planes_are_the_same_in_finer_pictures_and_in_rows() {
-    let plane = Hypothesis { inverse_depth: 0.5, slopes: [0.01, -0.02], cost: 0.1 };
+    let plane = Hypothesis {
+        inverse_depth: 0.5,
+        slopes: [0.01, -0.02],
+        cost: 0.1,
+    };
     let (width, height) = (5, 3);
     let at = |x: usize, y: usize| plane.moved(x as f32, y as f32);
-    let rows: Vec<Hypothesis> = (0..width * height).map(|i| at(i % width, i / width)).collect();
+    let rows: Vec<Hypothesis> = (0..width * height)
+        .map(|i| at(i % width, i / width))
+        .collect();
     let coarse = Chequerboard::from_rows(width, height, &rows);
     assert_eq!(coarse.rows(), rows);
     let fine = coarse.doubled(11, 6);
     for (i, found) in fine.rows().iter().enumerate() {
         // Centres of fine pixels, in coarse pixels from the first's centre.
         let [x, y] = [i % 11, i / 11].map(|at| (at as f32 + 0.5) / 2.0 - 0.5);
-        assert!((found.inverse_depth - plane.moved(x, y).inverse_depth).abs() < 1e-6, "{i}");
+        assert!(
+            (found.inverse_depth - plane.moved(x, y).inverse_depth).abs() < 1e-6,
+            "{i}"
+        );
         assert!((found.slopes[0] - 0.005).abs() < 1e-7 && (found.slopes[1] + 0.01).abs() < 1e-7);
     }
 }
@@ -262,16 +375,32 @@ fn specks_go_and_surfaces_stay() {
     let before = depths.clone();
     remove_specks(&mut depths, 12, 10);
     for i in 0..120 {
-        assert_eq!(depths[i], if i == 5 * 12 + 9 || i == 3 { 0.0 } else { before[i] }, "{i}");
+        assert_eq!(
+            depths[i],
+            if i == 5 * 12 + 9 || i == 3 {
+                0.0
+            } else {
+                before[i]
+            },
+            "{i}"
+        );
     }
 }
 
 #[test]
 fn pixels_between_pictures_of_one_place_do_not_help() {
-    let eyes: Vec<DVec3> =
-        (0..60).map(|i| dvec3(f64::from(i) * 0.1, 0.0, 0.0)).chain([dvec3(1e-9, 0.0, 0.0)]).collect();
+    let eyes: Vec<DVec3> = (0..60)
+        .map(|i| dvec3(f64::from(i) * 0.1, 0.0, 0.0))
+        .chain([dvec3(1e-9, 0.0, 0.0)])
+        .collect();
     let near = neighbors::candidates(&eyes, 0);
     assert!(!near.contains(&0) && !near.contains(&60), "{near:?}");
-    assert!(near[..8] == [1, 2, 3, 4, 5, 6, 7, 8] && near.len() <= 48, "{near:?}");
-    assert!(neighbors::candidates(&[DVec3::ZERO; 3], 0).is_empty(), "all in one place");
+    assert!(
+        near[..8] == [1, 2, 3, 4, 5, 6, 7, 8] && near.len() <= 48,
+        "{near:?}"
+    );
+    assert!(
+        neighbors::candidates(&[DVec3::ZERO; 3], 0).is_empty(),
+        "all in one place"
+    );
 }

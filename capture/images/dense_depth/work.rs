@@ -59,15 +59,21 @@ impl<'a> Work<'a> {
         folder: &'a Path,
     ) -> Result<Self, DenseDepthError> {
         let step = views.len().div_ceil(BACKDROP_VIEWS);
-        let some: Result<Vec<LoadedView>, ImagesError> =
-            views.par_iter().step_by(step).map(|view| view.load()).collect();
+        let some: Result<Vec<LoadedView>, ImagesError> = views
+            .par_iter()
+            .step_by(step)
+            .map(|view| view.load())
+            .collect();
         let dark = backdrop::find(&some?);
         let load = move |i: usize| {
             let view = views[i].load()?;
             let nothing = backdrop::shows_nothing(&view, dark);
-            MatchView::new(&view, nothing, settings.longest_px, settings.coarsest_px).ok_or_else(|| {
-                ImagesError::Picture { path: views[i].color.clone(), cause: "is no perspective picture".into() }
-            })
+            MatchView::new(&view, nothing, settings.longest_px, settings.coarsest_px).ok_or_else(
+                || ImagesError::Picture {
+                    path: views[i].color.clone(),
+                    cause: "is no perspective picture".into(),
+                },
+            )
         };
         let planes = || {
             views.iter().map(|view| {
@@ -78,8 +84,12 @@ impl<'a> Work<'a> {
                 width as usize * height as usize
             })
         };
-        let spool =
-            || Spool::new(folder, planes()).map_err(|cause| DenseDepthError::Spool { folder: folder.into(), cause });
+        let spool = || {
+            Spool::new(folder, planes()).map_err(|cause| DenseDepthError::Spool {
+                folder: folder.into(),
+                cause,
+            })
+        };
         let shelf = Shelf::new(settings.budget_bytes, load);
         Ok(Self {
             settings,
@@ -94,7 +104,10 @@ impl<'a> Work<'a> {
     }
 
     fn spool_error(&self, cause: std::io::Error) -> DenseDepthError {
-        DenseDepthError::Spool { folder: self.folder.into(), cause }
+        DenseDepthError::Spool {
+            folder: self.folder.into(),
+            cause,
+        }
     }
 
     /// Keeps what was found of a view, and which others are asked about it from now on.
@@ -105,7 +118,9 @@ impl<'a> Work<'a> {
         planes: &[Hypothesis],
     ) -> Result<(), DenseDepthError> {
         self.asked[view] = asked;
-        self.found.write(view, planes).map_err(|cause| self.spool_error(cause))
+        self.found
+            .write(view, planes)
+            .map_err(|cause| self.spool_error(cause))
     }
 
     /// Other views that are asked about each.
@@ -121,7 +136,11 @@ impl<'a> Work<'a> {
         }
     }
 
-    pub(super) fn pictures(&mut self, near: &[usize], asked: &[usize]) -> Result<Vec<Arc<MatchView>>, ImagesError> {
+    pub(super) fn pictures(
+        &mut self,
+        near: &[usize],
+        asked: &[usize],
+    ) -> Result<Vec<Arc<MatchView>>, ImagesError> {
         asked.iter().map(|&i| self.shelf.get(near[i])).collect()
     }
 
@@ -130,7 +149,10 @@ impl<'a> Work<'a> {
         let own = self.shelf.get(view)?;
         let mut others = Vec::new();
         for other in self.asked[view].clone() {
-            let known = self.found.inverse_depths(other).map_err(|cause| self.spool_error(cause))?;
+            let known = self
+                .found
+                .inverse_depths(other)
+                .map_err(|cause| self.spool_error(cause))?;
             others.push((self.shelf.get(other)?, Arc::new(known)));
         }
         Ok(Informed { own, others })
@@ -145,10 +167,18 @@ impl<'a> Work<'a> {
     pub(super) fn together(&mut self, view: usize) -> Result<(), DenseDepthError> {
         let informed = self.informed(view)?;
         let own = informed.own.level(0);
-        let planes = self.found.read(view).map_err(|cause| self.spool_error(cause))?;
+        let planes = self
+            .found
+            .read(view)
+            .map_err(|cause| self.spool_error(cause))?;
         let mut board = Chequerboard::from_rows(own.width, own.height, &planes);
-        let depths = planes.iter().map(|plane| plane.inverse_depth).filter(|q| *q > 0.0);
-        let range = depths.fold([f32::INFINITY, 0.0f32], |[low, high], q| [low.min(q), high.max(q)]);
+        let depths = planes
+            .iter()
+            .map(|plane| plane.inverse_depth)
+            .filter(|q| *q > 0.0);
+        let range = depths.fold([f32::INFINITY, 0.0f32], |[low, high], q| {
+            [low.min(q), high.max(q)]
+        });
         let matcher = Matcher {
             picture: own,
             focal_px: informed.own.camera(0).focal_px[0] as f32,
@@ -159,14 +189,19 @@ impl<'a> Work<'a> {
         };
         matcher.evaluate(&mut board);
         rounds(&matcher, &mut board, &TOGETHER_ROUNDS, false);
-        self.improved.write(view, &board.rows()).map_err(|cause| self.spool_error(cause))
+        self.improved
+            .write(view, &board.rows())
+            .map_err(|cause| self.spool_error(cause))
     }
 
     /// What the others confirm of a view, in pixels of its picture.
     pub(super) fn confirmed(&mut self, view: usize) -> Result<FoundDepth, DenseDepthError> {
         let informed = self.informed(view)?;
         let own = informed.own.level(0);
-        let mut planes = self.found.read(view).map_err(|cause| self.spool_error(cause))?;
+        let mut planes = self
+            .found
+            .read(view)
+            .map_err(|cause| self.spool_error(cause))?;
         let others = informed.others();
         let needed = self.settings.confirmations.min(others.len()).max(1);
         let verdicts: Vec<Option<Verdict>> = planes
@@ -175,23 +210,40 @@ impl<'a> Work<'a> {
             .map(|(i, plane)| {
                 let at = [(i % own.width) as f32 + 0.5, (i / own.width) as f32 + 0.5];
                 let known = plane.inverse_depth > 0.0 && plane.cost <= MOST_COST;
-                known.then(|| judge(&others, at, plane)).filter(|verdict| verdict.confirms(needed))
+                known
+                    .then(|| judge(&others, at, plane))
+                    .filter(|verdict| verdict.confirms(needed))
             })
             .collect();
-        let off = median(verdicts.iter().flatten().map(|verdict| f64::from(verdict.off)));
+        let off = median(
+            verdicts
+                .iter()
+                .flatten()
+                .map(|verdict| f64::from(verdict.off)),
+        );
         let deviation = (off.unwrap_or(0.0) * DEVIATION) as f32;
-        let share = |verdict: &Option<Verdict>| verdict.map_or(0.0, |v| f32::from(v.confirm) / others.len() as f32);
+        let share = |verdict: &Option<Verdict>| {
+            verdict.map_or(0.0, |v| f32::from(v.confirm) / others.len() as f32)
+        };
         let confidence: Vec<f32> = verdicts.iter().map(share).collect();
-        let mut kept: Vec<f32> =
-            planes.iter().zip(&confidence).map(|(plane, c)| if *c > 0.0 { plane.inverse_depth } else { 0.0 }).collect();
+        let mut kept: Vec<f32> = planes
+            .iter()
+            .zip(&confidence)
+            .map(|(plane, c)| if *c > 0.0 { plane.inverse_depth } else { 0.0 })
+            .collect();
         remove_specks(&mut kept, own.width, SPECK);
         for (plane, kept) in planes.iter_mut().zip(kept) {
             plane.inverse_depth = kept;
         }
         let mut loaded = self.views[view].load()?;
-        let (depth, confidence) = full_size(&loaded, own, informed.own.reduced(), &planes, &confidence);
+        let (depth, confidence) =
+            full_size(&loaded, own, informed.own.reduced(), &planes, &confidence);
         loaded.depth = depth;
-        Ok(FoundDepth { view: loaded, confidence, deviation })
+        Ok(FoundDepth {
+            view: loaded,
+            confidence,
+            deviation,
+        })
     }
 }
 
@@ -203,14 +255,29 @@ struct Informed {
 
 impl Informed {
     fn others(&self) -> Vec<Other<'_>> {
-        self.others.iter().map(|(picture, known)| other(&self.own, picture, 0, Some(Arc::clone(known)))).collect()
+        self.others
+            .iter()
+            .map(|(picture, known)| other(&self.own, picture, 0, Some(Arc::clone(known))))
+            .collect()
     }
 }
 
-fn other<'a>(own: &MatchView, other: &'a MatchView, level: usize, known: Option<Arc<Vec<f32>>>) -> Other<'a> {
+fn other<'a>(
+    own: &MatchView,
+    other: &'a MatchView,
+    level: usize,
+    known: Option<Arc<Vec<f32>>>,
+) -> Other<'a> {
     let (here, there) = (own.camera(level), other.camera(level));
-    let known = known.map(|inverse_depths| Known { inverse_depths, back: Relative::new(&there, &here) });
-    Other { relative: Relative::new(&here, &there), picture: other.level(level), known }
+    let known = known.map(|inverse_depths| Known {
+        inverse_depths,
+        back: Relative::new(&there, &here),
+    });
+    Other {
+        relative: Relative::new(&here, &there),
+        picture: other.level(level),
+        known,
+    }
 }
 
 /// At a level of a view, with others of which nothing is known.
@@ -224,16 +291,32 @@ pub(super) fn matcher_alone<'a>(
     Matcher {
         picture: own.level(level),
         focal_px: own.camera(level).focal_px[0] as f32,
-        others: pictures.iter().map(|picture| other(own, picture, level, None)).collect(),
+        others: pictures
+            .iter()
+            .map(|picture| other(own, picture, level, None))
+            .collect(),
         range,
         seed: seed ^ level as u64,
         level: simd::level(),
     }
 }
 
-pub(super) fn rounds(matcher: &Matcher, board: &mut Chequerboard, rounds: &[(f32, f32)], anywhere: bool) {
+pub(super) fn rounds(
+    matcher: &Matcher,
+    board: &mut Chequerboard,
+    rounds: &[(f32, f32)],
+    anywhere: bool,
+) {
     for (round, &(motion_px, slope)) in rounds.iter().enumerate() {
-        matcher.improve(board, Draw { motion_px, slope, anywhere, round: round as u64 });
+        matcher.improve(
+            board,
+            Draw {
+                motion_px,
+                slope,
+                anywhere,
+                round: round as u64,
+            },
+        );
     }
 }
 
@@ -255,7 +338,9 @@ fn full_size(
                 continue;
             }
             let plane = &planes[row * small.width + column];
-            let at = |fine: u32, coarse: usize| (fine as f32 + 0.5) / reduced as f32 - (coarse as f32 + 0.5);
+            let at = |fine: u32, coarse: usize| {
+                (fine as f32 + 0.5) / reduced as f32 - (coarse as f32 + 0.5)
+            };
             let inverse_depth = plane.moved(at(x, column), at(y, row)).inverse_depth;
             if plane.inverse_depth > 0.0 && inverse_depth > 0.0 {
                 let pixel = (y * width + x) as usize;

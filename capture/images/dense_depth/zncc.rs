@@ -46,7 +46,8 @@ struct Falloff {
 }
 
 static FALLOFF: LazyLock<Falloff> = LazyLock::new(|| {
-    let gauss = |squared: f64, deviation: f64| (-squared / (2.0 * deviation * deviation)).exp() as f32;
+    let gauss =
+        |squared: f64, deviation: f64| (-squared / (2.0 * deviation * deviation)).exp() as f32;
     let distance = |k: usize| f64::from(PLACES[0][k]).powi(2) + f64::from(PLACES[1][k]).powi(2);
     Falloff {
         of_levels: std::array::from_fn(|levels| gauss((levels * levels) as f64, SIMILAR_LEVELS)),
@@ -74,7 +75,8 @@ impl Patch {
         for k in 0..SAMPLES {
             let level = picture.level(x + PLACES[0][k] as i32, y + PLACES[1][k] as i32);
             levels[k] = f32::from(level);
-            weights[k] = falloff.of_levels[usize::from(level.abs_diff(middle))] * falloff.of_places[k];
+            weights[k] =
+                falloff.of_levels[usize::from(level.abs_diff(middle))] * falloff.of_places[k];
             total += weights[k];
         }
         // Nothing within the window may look like its middle.
@@ -86,7 +88,12 @@ impl Patch {
             mean += weighted[k];
             square += weighted[k] * levels[k];
         }
-        Self { weights, weighted, mean, variance: (square - mean * mean).max(0.0) }
+        Self {
+            weights,
+            weighted,
+            mean,
+            variance: (square - mean * mean).max(0.0),
+        }
     }
 
     /// 1 minus the correlation with what another picture shows of the plane, 0 to [`WORST`].
@@ -94,14 +101,23 @@ impl Patch {
     pub(super) fn cost<S: Simd>(&self, simd: S, seen: &Seen, other: &Grey) -> f32 {
         let (px, py) = (seen.at.x / seen.at.z, seen.at.y / seen.at.z);
         // Not a number fails as well.
-        let inside = seen.at.z > 0.0 && px >= 0.0 && py >= 0.0 && px < other.width as f32 && py < other.height as f32;
+        let inside = seen.at.z > 0.0
+            && px >= 0.0
+            && py >= 0.0
+            && px < other.width as f32
+            && py < other.height as f32;
         if !inside || other.nothing[py as usize * other.width + px as usize] {
             return WORST;
         }
-        let (mut sum, mut square, mut cross) =
-            (f32x16::splat(simd, 0.0), f32x16::splat(simd, 0.0), f32x16::splat(simd, 0.0));
-        let (right, lower) =
-            (f32x16::splat(simd, other.width as f32 - 1.0), f32x16::splat(simd, other.height as f32 - 1.0));
+        let (mut sum, mut square, mut cross) = (
+            f32x16::splat(simd, 0.0),
+            f32x16::splat(simd, 0.0),
+            f32x16::splat(simd, 0.0),
+        );
+        let (right, lower) = (
+            f32x16::splat(simd, other.width as f32 - 1.0),
+            f32x16::splat(simd, other.height as f32 - 1.0),
+        );
         let zero = f32x16::splat(simd, 0.0);
         for first in [0, LANES] {
             let lanes = first..first + LANES;
@@ -167,6 +183,11 @@ fn total<S: Simd>(v: f32x16<S>) -> f32 {
     for k in 0..8 {
         half[k] = lanes[k] + lanes[k + 8];
     }
-    let four = [half[0] + half[4], half[1] + half[5], half[2] + half[6], half[3] + half[7]];
+    let four = [
+        half[0] + half[4],
+        half[1] + half[5],
+        half[2] + half[6],
+        half[3] + half[7],
+    ];
     (four[0] + four[2]) + (four[1] + four[3])
 }

@@ -35,9 +35,12 @@ impl Seen {
     fn add(&mut self, canvas: &Canvas, [x, y]: [f64; 2], color: [f32; 3], off: f32) {
         let (column, row) = ((x - 0.5).floor(), (y - 0.5).floor());
         let (u, v) = ((x - 0.5 - column) as f32, (y - 0.5 - row) as f32);
-        for (dx, dy, weight) in
-            [(0.0, 0.0, (1.0 - u) * (1.0 - v)), (1.0, 0.0, u * (1.0 - v)), (0.0, 1.0, (1.0 - u) * v), (1.0, 1.0, u * v)]
-        {
+        for (dx, dy, weight) in [
+            (0.0, 0.0, (1.0 - u) * (1.0 - v)),
+            (1.0, 0.0, u * (1.0 - v)),
+            (0.0, 1.0, (1.0 - u) * v),
+            (1.0, 1.0, u * v),
+        ] {
             let (x, y) = (column + dx, row + dy);
             if x >= 0.0 && y >= 0.0 && x < canvas.width as f64 && y < canvas.height as f64 {
                 let sum = &mut self.sums[y as usize * canvas.width + x as usize];
@@ -54,13 +57,28 @@ impl Seen {
                 if self.at(pixel).is_some() {
                     return None;
                 }
-                let near: Vec<([f32; 3], f32)> = canvas.around(pixel, 1).filter_map(|near| self.at(near)).collect();
-                let mean = |of: fn(&([f32; 3], f32)) -> f32| near.iter().map(of).sum::<f32>() / near.len() as f32;
-                let values = || [mean(|n| n.0[0]), mean(|n| n.0[1]), mean(|n| n.0[2]), mean(|n| n.1), 1.0];
+                let near: Vec<([f32; 3], f32)> = canvas
+                    .around(pixel, 1)
+                    .filter_map(|near| self.at(near))
+                    .collect();
+                let mean = |of: fn(&([f32; 3], f32)) -> f32| {
+                    near.iter().map(of).sum::<f32>() / near.len() as f32
+                };
+                let values = || {
+                    [
+                        mean(|n| n.0[0]),
+                        mean(|n| n.0[1]),
+                        mean(|n| n.0[2]),
+                        mean(|n| n.1),
+                        1.0,
+                    ]
+                };
                 (near.len() >= CLOSE).then(|| (pixel, values()))
             });
             let closed: Vec<(usize, [f32; 5])> = closed.collect();
-            closed.into_iter().for_each(|(pixel, sums)| self.sums[pixel] = sums);
+            closed
+                .into_iter()
+                .for_each(|(pixel, sums)| self.sums[pixel] = sums);
         }
     }
 }
@@ -69,8 +87,15 @@ impl Seen {
 pub(super) fn see(canvas: &Canvas, frames: &Frames, planes: &[Affine], labels: &[u8]) -> Vec<Seen> {
     let near = near_own(canvas, labels);
     let of_layer = |label: usize| {
-        let mut seen = Seen { sums: vec![[0.0; 5]; labels.len()] };
-        let view = Looking { canvas, planes, labels, near: &near };
+        let mut seen = Seen {
+            sums: vec![[0.0; 5]; labels.len()],
+        };
+        let view = Looking {
+            canvas,
+            planes,
+            labels,
+            near: &near,
+        };
         for frame in frames.others() {
             view.add(frame, label, &mut seen);
         }
@@ -108,8 +133,15 @@ impl Looking<'_> {
         for y in 0..height {
             for x in 0..width {
                 let point = view.point_at(x, y);
-                let Some([cx, cy, depth]) = point.and_then(|point| self.canvas.camera.project(point)) else { continue };
-                let inside = cx >= 0.0 && cy >= 0.0 && cx < self.canvas.width as f64 && cy < self.canvas.height as f64;
+                let Some([cx, cy, depth]) =
+                    point.and_then(|point| self.canvas.camera.project(point))
+                else {
+                    continue;
+                };
+                let inside = cx >= 0.0
+                    && cy >= 0.0
+                    && cx < self.canvas.width as f64
+                    && cy < self.canvas.height as f64;
                 let pixel = cy as usize * self.canvas.width + cx as usize;
                 let inverse_depth = 1.0 / depth;
                 if inside
@@ -127,7 +159,9 @@ impl Looking<'_> {
 
     /// The plane nearest to a point, if it is near.
     fn belongs(&self, at: [f64; 2], inverse_depth: f64) -> Option<usize> {
-        let off = |plane: &Affine| (plane.at(at) - inverse_depth).abs() * self.canvas.px_per_inverse_depth;
+        let off = |plane: &Affine| {
+            (plane.at(at) - inverse_depth).abs() * self.canvas.px_per_inverse_depth
+        };
         let offs = self.planes.iter().map(off).enumerate();
         let nearest = offs.min_by(|a, b| a.1.total_cmp(&b.1))?;
         (nearest.1 <= FARTHEST * self.canvas.on_plane_px).then_some(nearest.0)
@@ -140,7 +174,8 @@ impl Looking<'_> {
             return !self.canvas.inside[pixel];
         }
         let front = &self.planes[usize::from(own)];
-        let hidden = -front.off_px(self.canvas, pixel, inverse_depth as f32) > self.canvas.on_plane_px;
+        let hidden =
+            -front.off_px(self.canvas, pixel, inverse_depth as f32) > self.canvas.on_plane_px;
         usize::from(own) != label && (hidden || self.near[pixel] >> label & 1 == 1)
     }
 }

@@ -1,9 +1,9 @@
 //! What layers are made on: the middle frame's picture, wider all round, its pixels square and its principal point in the middle.
 
 use super::frames::{Frame, Frames};
-use headbox_core::camera::Camera;
 use crate::Lens;
 use glam::DVec3;
+use headbox_core::camera::Camera;
 use rayon::prelude::*;
 
 /// What is added at each side, as a share of the picture's side: other frames see beyond its rim.
@@ -46,8 +46,14 @@ impl Canvas {
             width,
             height,
             inside: samples.iter().map(|sample| sample.inside).collect(),
-            shown: samples.iter().map(|sample| sample.color.is_some()).collect(),
-            color: samples.iter().map(|sample| sample.color.unwrap_or_default()).collect(),
+            shown: samples
+                .iter()
+                .map(|sample| sample.color.is_some())
+                .collect(),
+            color: samples
+                .iter()
+                .map(|sample| sample.color.unwrap_or_default())
+                .collect(),
             inverse_depth: samples.iter().map(|sample| sample.inverse_depth).collect(),
             px_per_inverse_depth,
             on_plane_px: (ON_PLANE_DEVIATIONS * deviation_px).max(ON_PLANE_PX),
@@ -56,7 +62,10 @@ impl Canvas {
 
     /// The middle of a pixel.
     pub(super) fn center(&self, pixel: usize) -> [f64; 2] {
-        [(pixel % self.width) as f64 + 0.5, (pixel / self.width) as f64 + 0.5]
+        [
+            (pixel % self.width) as f64 + 0.5,
+            (pixel / self.width) as f64 + 0.5,
+        ]
     }
 
     /// The point at an inverse depth, 1/m, that a pixel shows.
@@ -66,7 +75,11 @@ impl Canvas {
     }
 
     /// The pixels around one, itself among them, within a square of `2 radius + 1`.
-    pub(super) fn around(&self, pixel: usize, radius: usize) -> impl Iterator<Item = usize> + use<> {
+    pub(super) fn around(
+        &self,
+        pixel: usize,
+        radius: usize,
+    ) -> impl Iterator<Item = usize> + use<> {
         let (x, y, width) = (pixel % self.width, pixel / self.width, self.width);
         let columns = x.saturating_sub(radius)..(x + radius + 1).min(self.width);
         let rows = y.saturating_sub(radius)..(y + radius + 1).min(self.height);
@@ -118,7 +131,10 @@ fn samples(middle: &Frame, camera: &Camera) -> Vec<Sample> {
     // Pixels of a smaller canvas are means of several of the picture's.
     let across = (scale.ceil() as u32).max(1);
     let sample = |pixel: usize| {
-        let (x, y) = ((pixel % camera.width() as usize) as f64, (pixel / camera.width() as usize) as f64);
+        let (x, y) = (
+            (pixel % camera.width() as usize) as f64,
+            (pixel / camera.width() as usize) as f64,
+        );
         let place = |u: f64, v: f64| {
             let ahead = camera.eye() + camera.direction(x + u, y + v);
             middle.place(ahead)
@@ -126,7 +142,9 @@ fn samples(middle: &Frame, camera: &Camera) -> Vec<Sample> {
         let part = |k: u32| (f64::from(k) + 0.5) / f64::from(across);
         let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
         for k in 0..across * across {
-            let Some([px, py, _]) = place(part(k % across), part(k / across)) else { continue };
+            let Some([px, py, _]) = place(part(k % across), part(k / across)) else {
+                continue;
+            };
             let visible = view.color[py as usize * view.size_px[0] as usize + px as usize][3] > 0;
             if let Some(color) = view.color_at([px, py]).filter(|_| visible) {
                 (0..3).for_each(|c| sum[c] += color[c] as f32);
@@ -136,8 +154,17 @@ fn samples(middle: &Frame, camera: &Camera) -> Vec<Sample> {
         let color = (2.0 * count >= (across * across) as f32).then(|| sum.map(|c| c / count));
         let middle = place(0.5, 0.5);
         let depth = middle.and_then(|[px, py, _]| view.depth_at(px as u32, py as u32));
-        let inverse_depth = depth.filter(|_| color.is_some()).map_or(0.0, |depth| 1.0 / depth);
-        Sample { inside: middle.is_some(), color, inverse_depth }
+        let inverse_depth = depth
+            .filter(|_| color.is_some())
+            .map_or(0.0, |depth| 1.0 / depth);
+        Sample {
+            inside: middle.is_some(),
+            color,
+            inverse_depth,
+        }
     };
-    (0..camera.width() as usize * camera.height() as usize).into_par_iter().map(sample).collect()
+    (0..camera.width() as usize * camera.height() as usize)
+        .into_par_iter()
+        .map(sample)
+        .collect()
 }

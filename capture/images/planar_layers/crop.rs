@@ -10,7 +10,12 @@ const LEAST_KNOWN: f64 = 0.4;
 
 /// The layers without margins of which little is known; the principal point stays in the middle.
 pub(super) fn crop(layers: PlanarLayers, canvas: &Canvas) -> PlanarLayers {
-    let known = |pixel: usize| layers.layers.iter().any(|layer| !layer.depth[pixel].is_nan());
+    let known = |pixel: usize| {
+        layers
+            .layers
+            .iter()
+            .any(|layer| !layer.depth[pixel].is_nan())
+    };
     let known: Vec<bool> = (0..layers.labels.len()).map(known).collect();
     let (width, height) = (canvas.width, canvas.height);
     let column = |x: usize| (0..height).map(move |y| y * width + x);
@@ -21,14 +26,30 @@ pub(super) fn crop(layers: PlanarLayers, canvas: &Canvas) -> PlanarLayers {
         let share = pixels().filter(|p| known[**p]).count() as f64 / pixels().count().max(1) as f64;
         pixels().all(|p| !canvas.inside[*p]) && share < LEAST_KNOWN
     };
-    let left = (0..width / 2).take_while(|&x| goes([column(x).collect(), column(width - 1 - x).collect()])).count();
-    let top = (0..height / 2).take_while(|&y| goes([row(y).collect(), row(height - 1 - y).collect()])).count();
+    let left = (0..width / 2)
+        .take_while(|&x| goes([column(x).collect(), column(width - 1 - x).collect()]))
+        .count();
+    let top = (0..height / 2)
+        .take_while(|&y| goes([row(y).collect(), row(height - 1 - y).collect()]))
+        .count();
     let [w, h] = [width - 2 * left, height - 2 * top].map(|side| side as u32);
     let camera = &layers.camera;
-    let Ok(camera) = Camera::from_parts(camera.eye(), camera.world_from_eye(), camera.focal_px(), w, h) else {
+    let Ok(camera) = Camera::from_parts(
+        camera.eye(),
+        camera.world_from_eye(),
+        camera.focal_px(),
+        w,
+        h,
+    ) else {
         return layers; // of no pixels
     };
-    let part = Part { left, top, stride: width, width: w as usize, height: h as usize };
+    let part = Part {
+        left,
+        top,
+        stride: width,
+        width: w as usize,
+        height: h as usize,
+    };
     let mut kept = layers.layers;
     for layer in &mut kept {
         layer.color = imageops::crop_imm(&layer.color, left as u32, top as u32, w, h).to_image();
@@ -56,6 +77,8 @@ struct Part {
 impl Part {
     fn of<T: Copy>(&self, values: &[T]) -> Vec<T> {
         let row = |y: usize| (self.top + y) * self.stride + self.left;
-        (0..self.height).flat_map(|y| values[row(y)..row(y) + self.width].iter().copied()).collect()
+        (0..self.height)
+            .flat_map(|y| values[row(y)..row(y) + self.width].iter().copied())
+            .collect()
     }
 }

@@ -15,8 +15,15 @@ const PRIOR: f32 = 1e-3;
 /// A value for each pixel of a picture from those that are known, which stay as they are.
 pub(super) fn smoothly(known: &[Option<f32>], width: usize) -> Vec<f32> {
     let height = known.len() / width.max(1);
-    let values = known.iter().map(|value| value.map_or([0.0; 2], |value| [value, 1.0])).collect();
-    let mut levels = vec![Level { width, height, values }];
+    let values = known
+        .iter()
+        .map(|value| value.map_or([0.0; 2], |value| [value, 1.0]))
+        .collect();
+    let mut levels = vec![Level {
+        width,
+        height,
+        values,
+    }];
     while let Some(last) = levels.last().filter(|last| last.width.max(last.height) > 1) {
         let halved = last.halved();
         levels.push(halved);
@@ -25,7 +32,9 @@ pub(super) fn smoothly(known: &[Option<f32>], width: usize) -> Vec<f32> {
     while let Some(level) = levels.pop() {
         let filled = (0..level.values.len()).map(|i| {
             let [value, weight] = level.values[i];
-            let around = above.as_ref().map_or(0.0, |(above, filled)| above.between(filled, i, level.width));
+            let around = above
+                .as_ref()
+                .map_or(0.0, |(above, filled)| above.between(filled, i, level.width));
             value * weight + around * (1.0 - weight)
         });
         let filled: Vec<f32> = filled.collect();
@@ -47,9 +56,20 @@ impl Level {
                     weight += own;
                 }
             }
-            [if weight > 0.0 { sum / (weight + PRIOR) } else { 0.0 }, weight.min(1.0)]
+            [
+                if weight > 0.0 {
+                    sum / (weight + PRIOR)
+                } else {
+                    0.0
+                },
+                weight.min(1.0),
+            ]
         };
-        Self { width, height, values: (0..width * height).map(of).collect() }
+        Self {
+            width,
+            height,
+            values: (0..width * height).map(of).collect(),
+        }
     }
 
     /// What this level has at a pixel of the finer one: bilinear.
@@ -61,7 +81,8 @@ impl Level {
         };
         let (x0, x1, u) = along(fine % fine_width, self.width);
         let (y0, y1, v) = along(fine / fine_width, self.height);
-        let row = |y: usize| filled[y * self.width + x0] * (1.0 - u) + filled[y * self.width + x1] * u;
+        let row =
+            |y: usize| filled[y * self.width + x0] * (1.0 - u) + filled[y * self.width + x1] * u;
         row(y0) * (1.0 - v) + row(y1) * v
     }
 }
@@ -74,13 +95,18 @@ mod tests {
     fn what_is_known_stays_and_the_rest_lies_between() {
         let (width, height) = (37, 23);
         let truth = |i: usize| (i % width) as f32 * 0.5 + (i / width) as f32;
-        let known: Vec<Option<f32>> =
-            (0..width * height).map(|i| (i % 7 == 0 || i % 11 == 3).then(|| truth(i))).collect();
+        let known: Vec<Option<f32>> = (0..width * height)
+            .map(|i| (i % 7 == 0 || i % 11 == 3).then(|| truth(i)))
+            .collect();
         let filled = smoothly(&known, width);
         assert_eq!(filled.len(), known.len());
         for (i, (filled, known)) in filled.iter().zip(&known).enumerate() {
             assert!(known.is_none_or(|known| known == *filled), "{i}: {filled}");
-            assert!((filled - truth(i)).abs() < 4.0, "{i}: {filled} for {}", truth(i));
+            assert!(
+                (filled - truth(i)).abs() < 4.0,
+                "{i}: {filled} for {}",
+                truth(i)
+            );
         }
         assert!(smoothly(&[None; 12], 4).iter().all(|value| *value == 0.0));
         assert!(smoothly(&[], 0).is_empty());

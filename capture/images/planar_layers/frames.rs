@@ -3,8 +3,8 @@
 use super::{LayerJob, LayersError, no_view};
 use crate::dense_depth::DenseDepth;
 use crate::{ImageSet, LoadedView, View, backdrop};
-use headbox_core::statistics::median;
 use glam::DVec3;
+use headbox_core::statistics::median;
 use rayon::prelude::*;
 
 /// A frame.
@@ -37,38 +37,82 @@ const LEAST_POINTS: usize = 60;
 
 impl Frames {
     /// Chooses frames, reads them, and finds their depth.
-    pub(super) fn load(job: &LayerJob, set: &ImageSet, advance: &dyn Fn()) -> Result<Self, LayersError> {
-        let middle =
-            set.views.get(job.view).filter(|view| view.pinhole().is_some() && (!job.own_depth || view.depth.is_some()));
-        let Some(middle) = middle else { return Err(no_view(set, &(job.view + 1).to_string())) };
-        let usable = |view: &&View| view.pinhole().is_some() && (!job.own_depth || view.depth.is_some());
+    pub(super) fn load(
+        job: &LayerJob,
+        set: &ImageSet,
+        advance: &dyn Fn(),
+    ) -> Result<Self, LayersError> {
+        let middle = set
+            .views
+            .get(job.view)
+            .filter(|view| view.pinhole().is_some() && (!job.own_depth || view.depth.is_some()));
+        let Some(middle) = middle else {
+            return Err(no_view(set, &(job.view + 1).to_string()));
+        };
+        let usable =
+            |view: &&View| view.pinhole().is_some() && (!job.own_depth || view.depth.is_some());
         let perspective: Vec<&View> = set.views.iter().filter(usable).collect();
-        let own = perspective.iter().position(|view| std::ptr::eq(*view, middle)).unwrap_or(0);
+        let own = perspective
+            .iter()
+            .position(|view| std::ptr::eq(*view, middle))
+            .unwrap_or(0);
         let near = DenseDepth::default().partners(&perspective, own, job.others)?;
         if near.is_empty() {
-            return Err(LayersError::NoParallax { folder: set.folder.clone(), name: middle.name.clone() });
+            return Err(LayersError::NoParallax {
+                folder: set.folder.clone(),
+                name: middle.name.clone(),
+            });
         }
-        let views: Vec<&View> = std::iter::once(own).chain(near).map(|i| perspective[i]).collect();
+        let views: Vec<&View> = std::iter::once(own)
+            .chain(near)
+            .map(|i| perspective[i])
+            .collect();
         let (mut loaded, deviation) = Self::with_depth(job, &views, advance)?;
         forget_backdrop(&mut loaded);
-        let apart = views[1..].iter().map(|view| view.color_pose().eye.distance(middle.color_pose().eye));
+        let apart = views[1..]
+            .iter()
+            .map(|view| view.color_pose().eye.distance(middle.color_pose().eye));
         let baseline_m = median(apart).unwrap_or(0.0);
-        let gains: Vec<[f32; 3]> = loaded.par_iter().map(|view| gain(&loaded[0], view)).collect();
-        let frames = loaded.into_iter().zip(gains).map(|(view, gain)| Frame { view, gain }).collect();
-        Ok(Self { frames, names: views.iter().map(|view| view.name.clone()).collect(), baseline_m, deviation })
+        let gains: Vec<[f32; 3]> = loaded
+            .par_iter()
+            .map(|view| gain(&loaded[0], view))
+            .collect();
+        let frames = loaded
+            .into_iter()
+            .zip(gains)
+            .map(|(view, gain)| Frame { view, gain })
+            .collect();
+        Ok(Self {
+            frames,
+            names: views.iter().map(|view| view.name.clone()).collect(),
+            baseline_m,
+            deviation,
+        })
     }
 
     /// Depth from files, if all of it is to be used; else it is found from the pictures.
-    fn with_depth(job: &LayerJob, views: &[&View], advance: &dyn Fn()) -> Result<(Vec<LoadedView>, f32), LayersError> {
-        let is_at_hand = |view: &&View| view.depth.is_some() && (job.own_depth || !view.has_own_depth());
+    fn with_depth(
+        job: &LayerJob,
+        views: &[&View],
+        advance: &dyn Fn(),
+    ) -> Result<(Vec<LoadedView>, f32), LayersError> {
+        let is_at_hand =
+            |view: &&View| view.depth.is_some() && (job.own_depth || !view.has_own_depth());
         if views.iter().all(is_at_hand) {
-            let loaded: Result<Vec<LoadedView>, _> = views.par_iter().map(|view| view.load()).collect();
-            let deviation = views.first().and_then(|view| view.depth.as_ref()?.found).unwrap_or(0.0);
+            let loaded: Result<Vec<LoadedView>, _> =
+                views.par_iter().map(|view| view.load()).collect();
+            let deviation = views
+                .first()
+                .and_then(|view| view.depth.as_ref()?.found)
+                .unwrap_or(0.0);
             return Ok((loaded?, deviation));
         }
         let found = DenseDepth::default().find(views, advance)?;
         let deviation = found.first().map_or(0.0, |found| found.deviation);
-        Ok((found.into_iter().map(|found| found.view).collect(), deviation))
+        Ok((
+            found.into_iter().map(|found| found.view).collect(),
+            deviation,
+        ))
     }
 
     /// The frame whose layers are made.
@@ -125,13 +169,17 @@ fn gain(middle: &LoadedView, view: &LoadedView) -> [f32; 3] {
     for y in (0..height).step_by(STEP) {
         for x in (0..width).step_by(STEP) {
             let point = middle.point_at(x, y);
-            let Some([px, py, depth]) = point.and_then(|point| place(view, point)) else { continue };
+            let Some([px, py, depth]) = point.and_then(|point| place(view, point)) else {
+                continue;
+            };
             let there = view.depth_at(px as u32, py as u32).map(f64::from);
             if there.is_none_or(|there| (there / depth - 1.0).abs() > SAME_POINT) {
                 continue;
             }
             let own = middle.color[(y * width + x) as usize];
-            let Some(other) = view.color_at([px, py]) else { continue };
+            let Some(other) = view.color_at([px, py]) else {
+                continue;
+            };
             for c in 0..3 {
                 let pair = [f64::from(own[c]), other[c]];
                 if pair.iter().all(|level| EXPOSED.contains(level)) {
@@ -140,7 +188,10 @@ fn gain(middle: &LoadedView, view: &LoadedView) -> [f32; 3] {
             }
         }
     }
-    if ratios.iter().any(|of_channel| of_channel.len() < LEAST_POINTS) {
+    if ratios
+        .iter()
+        .any(|of_channel| of_channel.len() < LEAST_POINTS)
+    {
         return [1.0; 3];
     }
     ratios.map(|of_channel| median(of_channel).unwrap_or(1.0) as f32)

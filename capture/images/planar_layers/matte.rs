@@ -3,9 +3,9 @@
 use super::PlanarLayer;
 use super::behind::Seen;
 use super::canvas::Canvas;
-use crate::planar_layers::fill;
 use super::labels::NONE;
 use super::planes::Affine;
+use crate::planar_layers::fill;
 use image::{Rgba, RgbaImage};
 use rayon::prelude::*;
 
@@ -41,7 +41,13 @@ pub(super) struct Built {
 
 impl Built {
     /// Of a layer's own pixels and of what other frames see of it.
-    pub(super) fn new(canvas: &Canvas, planes: &[Affine], labels: &[u8], label: usize, seen: &Seen) -> Self {
+    pub(super) fn new(
+        canvas: &Canvas,
+        planes: &[Affine],
+        labels: &[u8],
+        label: usize,
+        seen: &Seen,
+    ) -> Self {
         let plane = planes[label];
         let (mut color, mut known) = (vec![[0.0; 4]; labels.len()], vec![None; labels.len()]);
         // What the middle frame sees there is no layer's.
@@ -56,7 +62,12 @@ impl Built {
                 known[pixel] = Some(off);
             }
         }
-        Self { label, plane, color, off: fill::smoothly(&known, canvas.width) }
+        Self {
+            label,
+            plane,
+            color,
+            off: fill::smoothly(&known, canvas.width),
+        }
     }
 
     fn inverse_depth(&self, canvas: &Canvas, pixel: usize) -> f64 {
@@ -65,7 +76,8 @@ impl Built {
 
     /// As pictures.
     pub(super) fn finish(self, canvas: &Canvas) -> PlanarLayer {
-        let in_front = |pixel: usize| self.color[pixel][3] > 0.0 && self.inverse_depth(canvas, pixel) > 0.0;
+        let in_front =
+            |pixel: usize| self.color[pixel][3] > 0.0 && self.inverse_depth(canvas, pixel) > 0.0;
         let rgba = |pixel: usize| {
             let [r, g, b, alpha] = self.color[pixel];
             [r, g, b, alpha * 255.0].map(|level| (level + 0.5) as u8)
@@ -80,7 +92,12 @@ impl Built {
         };
         let depth = color.pixels().enumerate().map(depth).collect();
         let (normal, offset) = self.plane.in_world(canvas);
-        PlanarLayer { normal, offset, color, depth }
+        PlanarLayer {
+            normal,
+            offset,
+            color,
+            depth,
+        }
     }
 }
 
@@ -90,7 +107,8 @@ fn own_residual(canvas: &Canvas, planes: &[Affine], label: usize, pixel: usize) 
     let off = |plane: &Affine| plane.off_px(canvas, pixel, inverse_depth).abs();
     let nearest = planes.iter().map(off).fold(f64::INFINITY, f64::min);
     let agrees = off(&planes[label]) <= nearest + STEP * canvas.on_plane_px;
-    (inverse_depth > 0.0 && agrees).then(|| (f64::from(inverse_depth) - planes[label].at(canvas.center(pixel))) as f32)
+    (inverse_depth > 0.0 && agrees)
+        .then(|| (f64::from(inverse_depth) - planes[label].at(canvas.center(pixel))) as f32)
 }
 
 /// What a pixel of a layer becomes.
@@ -104,9 +122,16 @@ struct Paint {
 pub(super) fn blend(canvas: &Canvas, labels: &[u8], layers: &mut [&mut Built]) {
     let band = Band::new(canvas, labels);
     let shown: &[&mut Built] = layers;
-    let paints: Vec<Paint> =
-        (0..labels.len()).into_par_iter().flat_map_iter(|pixel| band.paint(shown, pixel)).collect();
-    for Paint { layer, pixel, color } in paints {
+    let paints: Vec<Paint> = (0..labels.len())
+        .into_par_iter()
+        .flat_map_iter(|pixel| band.paint(shown, pixel))
+        .collect();
+    for Paint {
+        layer,
+        pixel,
+        color,
+    } in paints
+    {
         layers[layer].color[pixel] = color;
     }
 }
@@ -128,16 +153,32 @@ struct Side {
 
 impl<'a> Band<'a> {
     fn new(canvas: &'a Canvas, labels: &'a [u8]) -> Self {
-        let inside = |pixel: usize| canvas.around(pixel, BAND).all(|near| labels[near] == labels[pixel]);
+        let inside = |pixel: usize| {
+            canvas
+                .around(pixel, BAND)
+                .all(|near| labels[near] == labels[pixel])
+        };
         let inside = (0..labels.len()).into_par_iter().map(inside).collect();
-        Self { canvas, labels, inside }
+        Self {
+            canvas,
+            labels,
+            inside,
+        }
     }
 
     /// What a pixel near a border becomes in the two layers that meet there.
     fn paint(&self, layers: &[&mut Built], pixel: usize) -> Vec<Paint> {
-        let of = |label: u8| layers.iter().position(|layer| layer.label == usize::from(label));
-        let Some(own) = of(self.labels[pixel]).filter(|_| !self.inside[pixel]) else { return Vec::new() };
-        let Some(other) = self.most_beside(pixel).and_then(of) else { return Vec::new() };
+        let of = |label: u8| {
+            layers
+                .iter()
+                .position(|layer| layer.label == usize::from(label))
+        };
+        let Some(own) = of(self.labels[pixel]).filter(|_| !self.inside[pixel]) else {
+            return Vec::new();
+        };
+        let Some(other) = self.most_beside(pixel).and_then(of) else {
+            return Vec::new();
+        };
         let [r, g, b] = self.canvas.color[pixel];
         let nearer_px = |a: usize, b: usize| {
             let inverse_depth = |layer: usize| layers[layer].inverse_depth(self.canvas, pixel);
@@ -146,10 +187,19 @@ impl<'a> Band<'a> {
         let step = nearer_px(own, other);
         if step.abs() < STEP * self.canvas.on_plane_px {
             // A crease: both reach a little beyond it, so that no crack opens.
-            return vec![Paint { layer: other, pixel, color: [r, g, b, 1.0] }];
+            return vec![Paint {
+                layer: other,
+                pixel,
+                color: [r, g, b, 1.0],
+            }];
         }
-        let (front, back) = if step > 0.0 { (own, other) } else { (other, own) };
-        let [front_side, back_side] = [front, back].map(|layer| self.side(layers[layer].label, pixel));
+        let (front, back) = if step > 0.0 {
+            (own, other)
+        } else {
+            (other, own)
+        };
+        let [front_side, back_side] =
+            [front, back].map(|layer| self.side(layers[layer].label, pixel));
         let behind = layers[back].color[pixel];
         // What other frames see there is better than a mean; what the middle one sees is mixed.
         let behind = match own == back || behind[3] == 0.0 {
@@ -158,26 +208,52 @@ impl<'a> Band<'a> {
             false => [behind[0], behind[1], behind[2]],
         };
         let is_front = own == front;
-        let alpha = share(&[r, g, b], &front_side, &back_side).unwrap_or_else(|| self.soft(layers[front].label, pixel));
+        let alpha = share(&[r, g, b], &front_side, &back_side)
+            .unwrap_or_else(|| self.soft(layers[front].label, pixel));
         if alpha >= CLEAR.end || (is_front && front_side.count < LEAST_PIXELS) {
             let [x, y, z] = behind;
             let own = [r, g, b, 1.0];
             return vec![
-                Paint { layer: front, pixel, color: own },
-                Paint { layer: back, pixel, color: [x, y, z, 1.0] },
+                Paint {
+                    layer: front,
+                    pixel,
+                    color: own,
+                },
+                Paint {
+                    layer: back,
+                    pixel,
+                    color: [x, y, z, 1.0],
+                },
             ];
         }
         if alpha < CLEAR.start {
             return vec![
-                Paint { layer: front, pixel, color: [0.0; 4] },
-                Paint { layer: back, pixel, color: [r, g, b, 1.0] },
+                Paint {
+                    layer: front,
+                    pixel,
+                    color: [0.0; 4],
+                },
+                Paint {
+                    layer: back,
+                    pixel,
+                    color: [r, g, b, 1.0],
+                },
             ];
         }
         let mixed = [r, g, b];
-        let unmixed = [0, 1, 2].map(|c| ((mixed[c] - (1.0 - alpha) * behind[c]) / alpha).clamp(0.0, 255.0));
+        let unmixed =
+            [0, 1, 2].map(|c| ((mixed[c] - (1.0 - alpha) * behind[c]) / alpha).clamp(0.0, 255.0));
         vec![
-            Paint { layer: front, pixel, color: [unmixed[0], unmixed[1], unmixed[2], alpha] },
-            Paint { layer: back, pixel, color: [behind[0], behind[1], behind[2], 1.0] },
+            Paint {
+                layer: front,
+                pixel,
+                color: [unmixed[0], unmixed[1], unmixed[2], alpha],
+            },
+            Paint {
+                layer: back,
+                pixel,
+                color: [behind[0], behind[1], behind[2], 1.0],
+            },
         ]
     }
 
@@ -187,7 +263,10 @@ impl<'a> Band<'a> {
         for near in self.canvas.around(pixel, BAND) {
             counts[usize::from(self.labels[near])] += 1;
         }
-        (counts[usize::from(NONE)], counts[usize::from(self.labels[pixel])]) = (0, 0);
+        (
+            counts[usize::from(NONE)],
+            counts[usize::from(self.labels[pixel])],
+        ) = (0, 0);
         let most = (0..256).max_by_key(|label| (counts[*label], std::cmp::Reverse(*label)))?;
         (counts[most] > 0).then_some(most as u8)
     }
@@ -203,8 +282,13 @@ impl<'a> Band<'a> {
             count += 1.0;
         }
         let mean = sum.map(|sum| sum / count.max(1.0));
-        let variance = squares / count.max(1.0) - mean.iter().map(|level| level * level).sum::<f32>();
-        Side { mean, deviation: variance.max(0.0).sqrt(), count }
+        let variance =
+            squares / count.max(1.0) - mean.iter().map(|level| level * level).sum::<f32>();
+        Side {
+            mean,
+            deviation: variance.max(0.0).sqrt(),
+            count,
+        }
     }
 
     /// The share of a label in a pixel's neighbourhood: an edge that is soft by a pixel, where colours do not tell.
@@ -212,7 +296,11 @@ impl<'a> Band<'a> {
         let (mut own, mut all) = (0.0, 0.0);
         for near in self.canvas.around(pixel, 1) {
             all += 1.0;
-            own += if usize::from(self.labels[near]) == label { 1.0 } else { 0.0 };
+            own += if usize::from(self.labels[near]) == label {
+                1.0
+            } else {
+                0.0
+            };
         }
         own / all
     }
@@ -223,7 +311,8 @@ fn share(color: &[f32; 3], front: &Side, back: &Side) -> Option<f32> {
     let between = [0, 1, 2].map(|c| front.mean[c] - back.mean[c]);
     let squared: f32 = between.iter().map(|d| d * d).sum();
     let apart = APART_LEVELS.max(APART_DEVIATIONS * front.deviation.max(back.deviation));
-    let told = front.count >= LEAST_PIXELS && back.count >= LEAST_PIXELS && squared >= apart * apart;
+    let told =
+        front.count >= LEAST_PIXELS && back.count >= LEAST_PIXELS && squared >= apart * apart;
     let along: f32 = (0..3).map(|c| (color[c] - back.mean[c]) * between[c]).sum();
     told.then(|| (along / squared).clamp(0.0, 1.0))
 }

@@ -30,9 +30,9 @@ pub use frames::Frames;
 
 use super::dense_depth::{DenseDepth, DenseDepthError};
 use super::{ImageSet, ImagesError, View};
-use headbox_core::camera::Camera;
 use canvas::Canvas;
 use glam::DVec3;
+use headbox_core::camera::Camera;
 use image::{GrayImage, RgbaImage};
 use planes::Affine;
 use std::path::PathBuf;
@@ -127,7 +127,14 @@ pub struct LayerJob {
 impl LayerJob {
     /// Of the view in the middle of a set.
     pub fn suggest(set: &ImageSet) -> Self {
-        Self { view: set.views.len() / 2, others: 6, layers: 6, own_depth: false, masks: Vec::new(), longest_px: 1600 }
+        Self {
+            view: set.views.len() / 2,
+            others: 6,
+            layers: 6,
+            own_depth: false,
+            masks: Vec::new(),
+            longest_px: 1600,
+        }
     }
 
     /// The number of a view by its name (as the set has it, or without its ending) or by its number from 1.
@@ -135,15 +142,31 @@ impl LayerJob {
     /// # Errors
     /// [`LayersError::NoView`].
     pub fn find_view(set: &ImageSet, name: &str) -> Result<usize, LayersError> {
-        let stem = |view: &View| view.name.rsplit_once('.').map_or(view.name.clone(), |(stem, _)| stem.to_owned());
-        let named = set.views.iter().position(|view| view.name == name || stem(view) == name);
-        let numbered = || name.parse::<usize>().ok()?.checked_sub(1).filter(|i| *i < set.views.len());
+        let stem = |view: &View| {
+            view.name
+                .rsplit_once('.')
+                .map_or(view.name.clone(), |(stem, _)| stem.to_owned())
+        };
+        let named = set
+            .views
+            .iter()
+            .position(|view| view.name == name || stem(view) == name);
+        let numbered = || {
+            name.parse::<usize>()
+                .ok()?
+                .checked_sub(1)
+                .filter(|i| *i < set.views.len())
+        };
         named.or_else(numbered).ok_or_else(|| no_view(set, name))
     }
 }
 
 fn no_view(set: &ImageSet, name: &str) -> LayersError {
-    LayersError::NoView { folder: set.folder.clone(), name: name.into(), count: set.views.len() }
+    LayersError::NoView {
+        folder: set.folder.clone(),
+        name: name.into(),
+        count: set.views.len(),
+    }
 }
 
 /// A layer: a plane, and what lies on it or a little off.
@@ -180,7 +203,9 @@ impl PlanarLayers {
     /// For each pixel of the camera the eye depth of the layer that the middle view shows there, metres, NaN where there is none.
     pub fn depth(&self) -> Vec<f32> {
         let of = |(pixel, label): (usize, &Option<u8>)| {
-            label.and_then(|label| self.layers.get(usize::from(label))).map_or(f32::NAN, |layer| layer.depth[pixel])
+            label
+                .and_then(|label| self.layers.get(usize::from(label)))
+                .map_or(f32::NAN, |layer| layer.depth[pixel])
         };
         self.labels.iter().enumerate().map(of).collect()
     }
@@ -218,7 +243,11 @@ impl LayerJob {
         let found = canvas.inverse_depth.iter().filter(|q| **q > 0.0).count();
         let pixels = canvas.shown.iter().filter(|shown| **shown).count();
         if found < LEAST_PIXELS || (found as f64) < LEAST_SHARE * pixels as f64 {
-            return Err(LayersError::NoDepth { name: frames.middle_name().into(), found, pixels });
+            return Err(LayersError::NoDepth {
+                name: frames.middle_name().into(),
+                found,
+                pixels,
+            });
         }
         let (planes, labels) = match self.masks.as_slice() {
             [] => {
@@ -228,7 +257,10 @@ impl LayerJob {
             }
             masks => labels::from_masks(&canvas, frames, masks)?,
         };
-        Ok(crop::crop(layers(&canvas, frames, &planes, labels), &canvas))
+        Ok(crop::crop(
+            layers(&canvas, frames, &planes, labels),
+            &canvas,
+        ))
     }
 }
 
@@ -236,15 +268,40 @@ impl LayerJob {
 fn layers(canvas: &Canvas, frames: &Frames, planes: &[Affine], labels: Vec<u8>) -> PlanarLayers {
     let seen = behind::see(canvas, frames, planes, &labels);
     let mut layers: Vec<(usize, matte::Built)> = (0..planes.len())
-        .map(|label| (labels.iter().filter(|own| usize::from(**own) == label).count(), label))
+        .map(|label| {
+            (
+                labels
+                    .iter()
+                    .filter(|own| usize::from(**own) == label)
+                    .count(),
+                label,
+            )
+        })
         .filter(|(pixels, _)| *pixels > 0)
-        .map(|(pixels, label)| (pixels, matte::Built::new(canvas, planes, &labels, label, &seen[label])))
+        .map(|(pixels, label)| {
+            (
+                pixels,
+                matte::Built::new(canvas, planes, &labels, label, &seen[label]),
+            )
+        })
         .collect();
-    matte::blend(canvas, &labels, &mut layers.iter_mut().map(|(_, layer)| layer).collect::<Vec<_>>());
+    matte::blend(
+        canvas,
+        &labels,
+        &mut layers
+            .iter_mut()
+            .map(|(_, layer)| layer)
+            .collect::<Vec<_>>(),
+    );
     // Stable: equal ones stay in the order of their planes.
     layers.sort_by_key(|(pixels, _)| std::cmp::Reverse(*pixels));
     let order: Vec<usize> = layers.iter().map(|(_, layer)| layer.label).collect();
-    let place = |label: u8| order.iter().position(|own| *own == usize::from(label)).map(|place| place as u8);
+    let place = |label: u8| {
+        order
+            .iter()
+            .position(|own| *own == usize::from(label))
+            .map(|place| place as u8)
+    };
     let on_plane = |(pixel, label): (usize, &u8)| match planes.get(usize::from(*label)) {
         Some(plane) => (1.0 / plane.at(canvas.center(pixel))) as f32,
         None => f32::NAN,
@@ -253,8 +310,15 @@ fn layers(canvas: &Canvas, frames: &Frames, planes: &[Affine], labels: Vec<u8>) 
         camera: canvas.camera,
         plane_depth: labels.iter().enumerate().map(on_plane).collect(),
         labels: labels.iter().map(|label| place(*label)).collect(),
-        matched_depth: canvas.inverse_depth.iter().map(|q| if *q > 0.0 { 1.0 / q } else { f32::NAN }).collect(),
-        layers: layers.into_iter().map(|(_, layer)| layer.finish(canvas)).collect(),
+        matched_depth: canvas
+            .inverse_depth
+            .iter()
+            .map(|q| if *q > 0.0 { 1.0 / q } else { f32::NAN })
+            .collect(),
+        layers: layers
+            .into_iter()
+            .map(|(_, layer)| layer.finish(canvas))
+            .collect(),
         used: frames.names.clone(),
     }
 }

@@ -2,8 +2,8 @@
 //! neighbouring pixels.
 
 use super::canvas::Canvas;
-use headbox_core::random::Rng;
 use glam::{DMat3, DVec3};
+use headbox_core::random::Rng;
 use rayon::prelude::*;
 
 /// A plane: inverse depth, 1/m, is affine in the canvas' pixels.
@@ -52,7 +52,9 @@ impl Affine {
         let row = |k: usize| DVec3::new(samples[k].at[0], samples[k].at[1], 1.0);
         let rows = DMat3::from_cols(row(0), row(1), row(2)).transpose();
         let values = DVec3::from_array(samples.map(|sample| sample.inverse_depth));
-        (rows.determinant().abs() > 1.0).then(|| Self { coefficients: rows.inverse() * values })
+        (rows.determinant().abs() > 1.0).then(|| Self {
+            coefficients: rows.inverse() * values,
+        })
     }
 
     /// Least squares, about the mean; a constant where the samples lie in a row. `None` without samples.
@@ -61,7 +63,9 @@ impl Affine {
         if count == 0 {
             return None;
         }
-        let sum = samples.clone().fold(DVec3::ZERO, |sum, s| sum + DVec3::new(s.at[0], s.at[1], s.inverse_depth));
+        let sum = samples.clone().fold(DVec3::ZERO, |sum, s| {
+            sum + DVec3::new(s.at[0], s.at[1], s.inverse_depth)
+        });
         let mean = sum / count as f64;
         let (mut xx, mut xy, mut yy, mut xq, mut yq) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for sample in samples {
@@ -74,10 +78,15 @@ impl Affine {
         }
         let determinant = xx * yy - xy * xy;
         let (a, b) = match determinant > 1e-9 * (xx + yy).powi(2) {
-            true => ((xq * yy - yq * xy) / determinant, (yq * xx - xq * xy) / determinant),
+            true => (
+                (xq * yy - yq * xy) / determinant,
+                (yq * xx - xq * xy) / determinant,
+            ),
             false => (0.0, 0.0),
         };
-        Some(Self { coefficients: DVec3::new(a, b, mean.z - a * mean.x - b * mean.y) })
+        Some(Self {
+            coefficients: DVec3::new(a, b, mean.z - a * mean.x - b * mean.y),
+        })
     }
 
     /// By how many pixels of parallax a point that a pixel shows is nearer than the plane.
@@ -91,7 +100,11 @@ impl Affine {
         let [cx, cy] = camera.principal_px();
         // The inverse depth of an eye-space direction (x, y, -1) is its product with m; so m . P = 1 for the plane's points P.
         let [a, b, _] = self.coefficients.to_array();
-        let m = DVec3::new(a * camera.focal_px(), -b * camera.focal_px(), -self.at([cx, cy]));
+        let m = DVec3::new(
+            a * camera.focal_px(),
+            -b * camera.focal_px(),
+            -self.at([cx, cy]),
+        );
         let normal = camera.world_from_eye() * m / m.length();
         (normal, -1.0 / m.length() - normal.dot(camera.eye()))
     }
@@ -104,7 +117,9 @@ pub(super) fn dominant(canvas: &Canvas, count: usize) -> Vec<Affine> {
     let mut left: Vec<&Sample> = all.iter().collect();
     let mut planes = Vec::new();
     while planes.len() < count {
-        let Some((plane, support)) = best(canvas, &left, planes.len() as u64) else { break };
+        let Some((plane, support)) = best(canvas, &left, planes.len() as u64) else {
+            break;
+        };
         if !planes.is_empty() && (support as f64) < LEAST_SHARE * all.len() as f64 {
             break;
         }
@@ -123,10 +138,17 @@ pub(super) fn of_pixels(canvas: &Canvas, pixels: &[usize], seed: u64) -> Option<
 
 /// Of pixels with depth every so manieth.
 fn samples(canvas: &Canvas, pixels: &[usize]) -> Vec<Sample> {
-    let known: Vec<usize> = pixels.iter().copied().filter(|&p| canvas.inverse_depth[p] > 0.0).collect();
+    let known: Vec<usize> = pixels
+        .iter()
+        .copied()
+        .filter(|&p| canvas.inverse_depth[p] > 0.0)
+        .collect();
     let sample = |k: usize| {
         let pixel = known[k * known.len() / MOST_SAMPLES.min(known.len())];
-        Sample { at: canvas.center(pixel), inverse_depth: f64::from(canvas.inverse_depth[pixel]) }
+        Sample {
+            at: canvas.center(pixel),
+            inverse_depth: f64::from(canvas.inverse_depth[pixel]),
+        }
     };
     (0..MOST_SAMPLES.min(known.len())).map(sample).collect()
 }
@@ -134,8 +156,15 @@ fn samples(canvas: &Canvas, pixels: &[usize]) -> Vec<Sample> {
 /// The plane with which most samples agree, and how many.
 fn best(canvas: &Canvas, samples: &[&Sample], seed: u64) -> Option<(Affine, usize)> {
     let tolerance = canvas.on_plane_px / canvas.px_per_inverse_depth;
-    let agrees = |plane: &Affine, sample: &Sample| (plane.at(sample.at) - sample.inverse_depth).abs() <= tolerance;
-    let support = |plane: &Affine| samples.iter().filter(|sample| agrees(plane, sample)).count();
+    let agrees = |plane: &Affine, sample: &Sample| {
+        (plane.at(sample.at) - sample.inverse_depth).abs() <= tolerance
+    };
+    let support = |plane: &Affine| {
+        samples
+            .iter()
+            .filter(|sample| agrees(plane, sample))
+            .count()
+    };
     let reach = NEAR * canvas.width.max(canvas.height) as f64;
     let drawn = (0..DRAWS).into_par_iter().filter_map(|draw| {
         let mut random = Rng::new(seed << 32 | draw);
@@ -143,11 +172,20 @@ fn best(canvas: &Canvas, samples: &[&Sample], seed: u64) -> Option<(Affine, usiz
         let plane = Affine::through(triple)?;
         Some((support(&plane), std::cmp::Reverse(draw), plane))
     });
-    let first = drawn.max_by_key(|(support, draw, _)| (*support, *draw)).map(|(_, _, plane)| plane);
+    let first = drawn
+        .max_by_key(|(support, draw, _)| (*support, *draw))
+        .map(|(_, _, plane)| plane);
     let mut plane = first.or_else(|| Affine::fit(samples.iter().copied()))?;
     let mut most = support(&plane);
     for _ in 0..REFINEMENTS {
-        let Some(refined) = Affine::fit(samples.iter().copied().filter(|sample| agrees(&plane, sample))) else { break };
+        let Some(refined) = Affine::fit(
+            samples
+                .iter()
+                .copied()
+                .filter(|sample| agrees(&plane, sample)),
+        ) else {
+            break;
+        };
         let found = support(&refined);
         if found < most {
             break;
@@ -161,10 +199,12 @@ fn best(canvas: &Canvas, samples: &[&Sample], seed: u64) -> Option<(Affine, usiz
 fn triple<'a>(random: &mut Rng, samples: &[&'a Sample], reach: f64) -> Option<[&'a Sample; 3]> {
     let first = *samples.get(random.below(samples.len() as u64) as usize)?;
     let mut near = || {
-        (0..TRIES).map(|_| samples[random.below(samples.len() as u64) as usize]).find(|sample| {
-            let off = [0, 1].map(|axis| (sample.at[axis] - first.at[axis]).abs());
-            off[0].max(off[1]) <= reach && off != [0.0; 2]
-        })
+        (0..TRIES)
+            .map(|_| samples[random.below(samples.len() as u64) as usize])
+            .find(|sample| {
+                let off = [0, 1].map(|axis| (sample.at[axis] - first.at[axis]).abs());
+                off[0].max(off[1]) <= reach && off != [0.0; 2]
+            })
     };
     Some([first, near()?, near()?])
 }

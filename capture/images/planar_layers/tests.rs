@@ -5,8 +5,8 @@ use super::labels::NONE;
 use super::*;
 use crate::readers::test_set::photographs;
 use crate::{Distortion, Lens, LoadedView, Pinhole, Pose};
-use headbox_core::random::Rng;
 use glam::{DMat3, dvec3};
+use headbox_core::random::Rng;
 use image::Luma;
 use std::path::Path;
 
@@ -40,7 +40,11 @@ fn pose(i: usize) -> Pose {
 }
 
 fn lens() -> Lens {
-    Lens::Pinhole(Pinhole { focal_px: [150.0, 150.0], principal_px: [80.5, 59.0], distortion: Distortion::default() })
+    Lens::Pinhole(Pinhole {
+        focal_px: [150.0, 150.0],
+        principal_px: [80.5, 59.0],
+        distortion: Distortion::default(),
+    })
 }
 
 /// What a ray meets first, and how many times the ray away.
@@ -49,9 +53,17 @@ fn hit(eye: DVec3, ray: DVec3) -> (Part, f64) {
     let there = eye + ray * to_panel;
     if there.x.abs() < HALF[0] && there.y.abs() < HALF[1] {
         let centre = dvec3(0.0, 0.0, PANEL_Z + BULGE - BALL);
-        let (a, b, c) = (ray.length_squared(), ray.dot(eye - centre), (eye - centre).length_squared() - BALL * BALL);
+        let (a, b, c) = (
+            ray.length_squared(),
+            ray.dot(eye - centre),
+            (eye - centre).length_squared() - BALL * BALL,
+        );
         let inside = b * b - a * c;
-        let to_ball = if inside > 0.0 { (-b - inside.sqrt()) / a } else { f64::INFINITY };
+        let to_ball = if inside > 0.0 {
+            (-b - inside.sqrt()) / a
+        } else {
+            f64::INFINITY
+        };
         return (Part::Panel, to_panel.min(to_ball));
     }
     (Part::Wall, (WALL_OFFSET - WALL.dot(eye)) / WALL.dot(ray))
@@ -65,7 +77,11 @@ fn color(part: Part, p: DVec3) -> [f64; 3] {
         (dvec3(31.0, -24.0, 9.0), 20.0),
         (dvec3(41.0, 33.0, 2.0), 20.0),
     ];
-    let level = 110.0 + waves.iter().map(|(wave, much)| much * wave.dot(p).sin()).sum::<f64>();
+    let level = 110.0
+        + waves
+            .iter()
+            .map(|(wave, much)| much * wave.dot(p).sin())
+            .sum::<f64>();
     match part {
         Part::Panel => [level + 40.0, level * 0.5, 20.0],
         Part::Wall => [20.0, level * 0.6, level + 30.0],
@@ -75,17 +91,27 @@ fn color(part: Part, p: DVec3) -> [f64; 3] {
 /// A view with its true depth; pixels are means of nine rays.
 fn view(i: usize) -> LoadedView {
     let (pose, lens) = (pose(i), lens());
-    let mut view = LoadedView { size_px: SIZE, lens, pose, color: Vec::new(), depth: Vec::new() };
+    let mut view = LoadedView {
+        size_px: SIZE,
+        lens,
+        pose,
+        color: Vec::new(),
+        depth: Vec::new(),
+    };
     for y in 0..SIZE[1] {
         for x in 0..SIZE[0] {
             let look = |u: f64, v: f64| {
-                let ray = pose.world_from_eye * lens.ray([f64::from(x) + u, f64::from(y) + v], SIZE);
+                let ray =
+                    pose.world_from_eye * lens.ray([f64::from(x) + u, f64::from(y) + v], SIZE);
                 let (part, distance) = hit(pose.eye, ray);
                 (color(part, pose.eye + ray * distance), distance)
             };
             let mut sum = [0.0; 3];
             for k in 0..9 {
-                let (color, _) = look((f64::from(k % 3) + 0.5) / 3.0, (f64::from(k / 3) + 0.5) / 3.0);
+                let (color, _) = look(
+                    (f64::from(k % 3) + 0.5) / 3.0,
+                    (f64::from(k / 3) + 0.5) / 3.0,
+                );
                 (0..3).for_each(|c| sum[c] += color[c] / 9.0);
             }
             let [r, g, b] = sum.map(|level| (level + 0.5) as u8);
@@ -99,7 +125,10 @@ fn view(i: usize) -> LoadedView {
 /// All frames, their depth as it is.
 fn frames() -> Frames {
     let order = [MIDDLE, 0, 1, 3, 4];
-    let frame = |i: &usize| Frame { view: view(*i), gain: [1.0; 3] };
+    let frame = |i: &usize| Frame {
+        view: view(*i),
+        gain: [1.0; 3],
+    };
     Frames {
         frames: order.iter().map(frame).collect(),
         names: order.iter().map(|i| format!("{i}.png")).collect(),
@@ -109,17 +138,34 @@ fn frames() -> Frames {
 }
 
 fn job() -> LayerJob {
-    LayerJob { view: MIDDLE, others: 4, layers: 6, own_depth: false, masks: Vec::new(), longest_px: 1600 }
+    LayerJob {
+        view: MIDDLE,
+        others: 4,
+        layers: 6,
+        own_depth: false,
+        masks: Vec::new(),
+        longest_px: 1600,
+    }
 }
 
 /// What a pixel's middle shows from the middle frame's eye.
 fn truth(camera: &Camera, pixel: usize) -> (Part, f64) {
-    let (x, y) = (pixel % camera.width() as usize, pixel / camera.width() as usize);
-    hit(camera.eye(), camera.direction(x as f64 + 0.5, y as f64 + 0.5))
+    let (x, y) = (
+        pixel % camera.width() as usize,
+        pixel / camera.width() as usize,
+    );
+    hit(
+        camera.eye(),
+        camera.direction(x as f64 + 0.5, y as f64 + 0.5),
+    )
 }
 
 fn part_of(layer: &PlanarLayer) -> Part {
-    if layer.normal.z.abs() > 0.99 { Part::Panel } else { Part::Wall }
+    if layer.normal.z.abs() > 0.99 {
+        Part::Panel
+    } else {
+        Part::Wall
+    }
 }
 
 #[test]
@@ -129,10 +175,18 @@ fn planes_regions_and_depths_are_found() {
     let parts: Vec<Part> = layers.layers.iter().map(part_of).collect();
     assert_eq!(parts, [Part::Wall, Part::Panel], "the larger one first");
     let wall = WALL.normalize();
-    assert!(layers.layers[0].normal.dot(wall).abs() > 1.0 - 1e-6, "{}", layers.layers[0].normal);
+    assert!(
+        layers.layers[0].normal.dot(wall).abs() > 1.0 - 1e-6,
+        "{}",
+        layers.layers[0].normal
+    );
     assert!((layers.layers[0].offset.abs() - WALL_OFFSET.abs() / WALL.length()).abs() < 1e-3);
     // The bulge pulls the panel's plane towards the eye, by less than its height.
-    assert!((layers.layers[1].offset.abs() - PANEL_Z.abs()).abs() < BULGE, "{}", layers.layers[1].offset);
+    assert!(
+        (layers.layers[1].offset.abs() - PANEL_Z.abs()).abs() < BULGE,
+        "{}",
+        layers.layers[1].offset
+    );
     let depth = layers.depth();
     let (mut shown, mut right, mut near) = (0.0, 0.0, 0.0);
     let mut flat = 0.0f64;
@@ -141,12 +195,18 @@ fn planes_regions_and_depths_are_found() {
         let (part, distance) = truth(&layers.camera, pixel);
         shown += 1.0;
         right += f64::from(u8::from(parts[usize::from(*label)] == part));
-        near += f64::from(u8::from((f64::from(depth[pixel]) / distance - 1.0).abs() < 1e-3));
+        near += f64::from(u8::from(
+            (f64::from(depth[pixel]) / distance - 1.0).abs() < 1e-3,
+        ));
         if part == Part::Panel && parts[usize::from(*label)] == part {
             flat = flat.max((f64::from(layers.plane_depth[pixel]) / distance - 1.0).abs());
         }
     }
-    assert_eq!(shown, f64::from(SIZE[0] * SIZE[1]), "each pixel of the picture is a pixel of the canvas");
+    assert_eq!(
+        shown,
+        f64::from(SIZE[0] * SIZE[1]),
+        "each pixel of the picture is a pixel of the canvas"
+    );
     assert!(right / shown > 0.995, "{}", right / shown);
     assert!(near / shown > 0.98, "{}", near / shown);
     assert!(flat > 0.008, "planes alone lack the bulge: {flat}");
@@ -170,14 +230,26 @@ fn other_frames_show_what_is_hidden_and_what_lies_beyond_the_rim() {
         let (x, y) = (i % camera.width() as usize, i / camera.width() as usize);
         let ray = camera.direction(x as f64 + 0.5, y as f64 + 0.5);
         let distance = (WALL_OFFSET - WALL.dot(camera.eye())) / WALL.dot(ray);
-        assert!((f64::from(wall.depth[i]) / distance - 1.0).abs() < 0.02, "{x} {y}: {} {distance}", wall.depth[i]);
+        assert!(
+            (f64::from(wall.depth[i]) / distance - 1.0).abs() < 0.02,
+            "{x} {y}: {} {distance}",
+            wall.depth[i]
+        );
         let truth = color(Part::Wall, camera.eye() + ray * distance);
-        off += (0..3).map(|c| (f64::from(pixel.0[c]) - truth[c]).abs()).sum::<f64>() / 3.0;
+        off += (0..3)
+            .map(|c| (f64::from(pixel.0[c]) - truth[c]).abs())
+            .sum::<f64>()
+            / 3.0;
     }
     assert!(hidden > 600 && beyond > 500, "{hidden} {beyond}");
     let off = off / f64::from(hidden + beyond);
     assert!(off < 12.0, "levels off by {off}");
-    let unseen = wall.color.pixels().zip(&layers.labels).filter(|(p, label)| label.is_some() && p.0[3] == 0).count();
+    let unseen = wall
+        .color
+        .pixels()
+        .zip(&layers.labels)
+        .filter(|(p, label)| label.is_some() && p.0[3] == 0)
+        .count();
     assert!(unseen > 100, "what nobody sees stays unknown: {unseen}");
 }
 
@@ -190,15 +262,24 @@ fn layers_over_each_other_are_the_picture() {
     let layers = layers(&canvas, &frames, &planes, labels);
     let (mut sum, mut worst, mut soft) = (0.0, 0.0f32, 0);
     let mut count = 0.0;
-    for (i, _) in layers.labels.iter().enumerate().filter(|(_, label)| label.is_some()) {
+    for (i, _) in layers
+        .labels
+        .iter()
+        .enumerate()
+        .filter(|(_, label)| label.is_some())
+    {
         let at = |layer: &PlanarLayer| {
-            layer.color.as_raw()[4 * i..4 * i + 4].iter().map(|v| f32::from(*v)).collect::<Vec<_>>()
+            layer.color.as_raw()[4 * i..4 * i + 4]
+                .iter()
+                .map(|v| f32::from(*v))
+                .collect::<Vec<_>>()
         };
         let (wall, panel) = (at(&layers.layers[0]), at(&layers.layers[1]));
         let alpha = panel[3] / 255.0;
         soft += u32::from(panel[3] > 0.0 && panel[3] < 255.0);
-        let off =
-            (0..3).map(|c| (panel[c] * alpha + wall[c] * (1.0 - alpha) - canvas.color[i][c]).abs()).fold(0.0, f32::max);
+        let off = (0..3)
+            .map(|c| (panel[c] * alpha + wall[c] * (1.0 - alpha) - canvas.color[i][c]).abs())
+            .fold(0.0, f32::max);
         sum += off;
         count += 1.0;
         worst = worst.max(off);
@@ -214,18 +295,25 @@ fn a_plane_is_a_homography() {
     let frames = frames();
     let canvas = Canvas::new(&frames, 1600);
     let other = &frames.others()[0];
-    let plane = Affine { coefficients: dvec3(2e-4, -3e-4, 0.41) };
+    let plane = Affine {
+        coefficients: dvec3(2e-4, -3e-4, 0.41),
+    };
     let (normal, offset) = plane.in_world(&canvas);
     let (own, there) = (canvas.camera, other.view.pose);
     let turn = there.world_from_eye.transpose() * own.world_from_eye();
     let shift = there.world_from_eye.transpose() * (own.eye() - there.eye);
     let m = own.world_from_eye().transpose() * normal / -(normal.dot(own.eye()) + offset);
     let pixels = |focal: f64, [cx, cy]: [f64; 2]| {
-        DMat3::from_cols(dvec3(focal, 0.0, 0.0), dvec3(0.0, -focal, 0.0), dvec3(-cx, -cy, -1.0))
+        DMat3::from_cols(
+            dvec3(focal, 0.0, 0.0),
+            dvec3(0.0, -focal, 0.0),
+            dvec3(-cx, -cy, -1.0),
+        )
     };
     let outer = DMat3::from_cols(shift * m.x, shift * m.y, shift * m.z);
-    let homography =
-        pixels(150.0, [80.5, 59.0]) * (turn + outer) * pixels(own.focal_px(), own.principal_px()).inverse();
+    let homography = pixels(150.0, [80.5, 59.0])
+        * (turn + outer)
+        * pixels(own.focal_px(), own.principal_px()).inverse();
     let mut random = Rng::new(7);
     for _ in 0..200 {
         let pixel = random.below(canvas.shown.len() as u64) as usize;
@@ -243,47 +331,94 @@ fn a_plane_is_a_homography() {
 fn threads_change_nothing() {
     let frames = frames();
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("threads");
         pool.install(|| job().layers(&frames).expect("layers"))
     };
     let (one, three) = (on(1), on(3));
     assert_eq!(one.labels, three.labels);
     for (a, b) in one.layers.iter().zip(&three.layers) {
-        assert_eq!((a.normal, a.offset, &a.color), (b.normal, b.offset, &b.color));
-        assert!(a.depth.iter().zip(&b.depth).all(|(a, b)| a.to_bits() == b.to_bits()));
+        assert_eq!(
+            (a.normal, a.offset, &a.color),
+            (b.normal, b.offset, &b.color)
+        );
+        assert!(
+            a.depth
+                .iter()
+                .zip(&b.depth)
+                .all(|(a, b)| a.to_bits() == b.to_bits())
+        );
     }
 }
 
 fn mask(name: &str, belongs: impl Fn(u32, u32) -> bool) -> Mask {
     let level = |x, y| Luma([if belongs(x, y) { 255 } else { 0 }]);
-    Mask { path: name.into(), picture: GrayImage::from_fn(SIZE[0], SIZE[1], level) }
+    Mask {
+        path: name.into(),
+        picture: GrayImage::from_fn(SIZE[0], SIZE[1], level),
+    }
 }
 
 #[test]
 fn regions_made_by_hand_are_taken() {
     let frames = frames();
     let left = mask("a.png", |x, _| x < 40);
-    let middle = mask("b.png", |x, y| (60..100).contains(&x) && (40..80).contains(&y));
-    let job = LayerJob { masks: vec![middle, left], ..job() };
+    let middle = mask("b.png", |x, y| {
+        (60..100).contains(&x) && (40..80).contains(&y)
+    });
+    let job = LayerJob {
+        masks: vec![middle, left],
+        ..job()
+    };
     let layers = job.layers(&frames).expect("layers");
     let parts: Vec<Part> = layers.layers.iter().map(part_of).collect();
-    assert_eq!(parts, [Part::Wall, Part::Panel], "40 x 120 pixels and 40 x 40");
+    assert_eq!(
+        parts,
+        [Part::Wall, Part::Panel],
+        "40 x 120 pixels and 40 x 40"
+    );
     let count = |label: Option<u8>| layers.labels.iter().filter(|own| **own == label).count();
     assert_eq!((count(Some(0)), count(Some(1))), (40 * 120, 40 * 40));
 
-    let wrong =
-        |mask: Mask| LayerJob { masks: vec![mask], ..job.clone() }.layers(&frames).expect_err("no layers").to_string();
-    let small = Mask { path: "small.png".into(), picture: GrayImage::new(9, 7) };
+    let wrong = |mask: Mask| {
+        LayerJob {
+            masks: vec![mask],
+            ..job.clone()
+        }
+        .layers(&frames)
+        .expect_err("no layers")
+        .to_string()
+    };
+    let small = Mask {
+        path: "small.png".into(),
+        picture: GrayImage::new(9, 7),
+    };
     assert_eq!(
         wrong(small),
         "small.png: is 9x7 pixels, but 2.png 160x120: masks have a pixel for each of the picture's"
     );
-    assert!(wrong(mask("black.png", |_, _| false)).starts_with("black.png: depth was found for 0 of its white pixels"));
+    assert!(
+        wrong(mask("black.png", |_, _| false))
+            .starts_with("black.png: depth was found for 0 of its white pixels")
+    );
 }
 
 /// A set of photographs in a folder.
-fn written(folder: &Path, pose: impl Fn(usize) -> Pose, color: impl Fn(usize) -> Vec<[u8; 4]>) -> ImageSet {
-    photographs(folder, (0..FRAMES).map(|i| LoadedView { pose: pose(i), color: color(i), ..view(i) }))
+fn written(
+    folder: &Path,
+    pose: impl Fn(usize) -> Pose,
+    color: impl Fn(usize) -> Vec<[u8; 4]>,
+) -> ImageSet {
+    photographs(
+        folder,
+        (0..FRAMES).map(|i| LoadedView {
+            pose: pose(i),
+            color: color(i),
+            ..view(i)
+        }),
+    )
 }
 
 #[test]
@@ -294,10 +429,17 @@ fn photographs_alone_give_layers() {
     assert_eq!(job.view, MIDDLE);
     let frames = job.load(&set, &|| {}).expect("frames");
     let layers = job.layers(&frames).expect("layers");
-    assert!((2..=4).contains(&layers.layers.len()), "{}", layers.layers.len());
+    assert!(
+        (2..=4).contains(&layers.layers.len()),
+        "{}",
+        layers.layers.len()
+    );
     let depth = layers.depth();
-    let shown: Vec<usize> = (0..depth.len()).filter(|i| layers.labels[*i].is_some()).collect();
-    let off = |pixel: &usize| (f64::from(depth[*pixel]) / truth(&layers.camera, *pixel).1 - 1.0).abs();
+    let shown: Vec<usize> = (0..depth.len())
+        .filter(|i| layers.labels[*i].is_some())
+        .collect();
+    let off =
+        |pixel: &usize| (f64::from(depth[*pixel]) / truth(&layers.camera, *pixel).1 - 1.0).abs();
     let near = shown.iter().filter(|pixel| off(pixel) < 0.03).count() as f64 / shown.len() as f64;
     assert!(near > 0.93, "{near}");
 }
@@ -308,17 +450,33 @@ fn what_has_no_layers_says_why() {
     let even = |_: usize| vec![[90, 90, 90, 255]; (SIZE[0] * SIZE[1]) as usize];
     let set = written(&folder.path().join("even"), pose, even);
     let wrong = |set: &ImageSet, job: &LayerJob| {
-        job.load(set, &|| {}).and_then(|frames| job.layers(&frames)).expect_err("no layers").to_string()
+        job.load(set, &|| {})
+            .and_then(|frames| job.layers(&frames))
+            .expect_err("no layers")
+            .to_string()
     };
     let suggested = LayerJob::suggest(&set);
-    assert!(wrong(&set, &suggested).contains("no texture"), "{}", wrong(&set, &suggested));
-    let beyond = LayerJob { view: FRAMES, ..suggested };
+    assert!(
+        wrong(&set, &suggested).contains("no texture"),
+        "{}",
+        wrong(&set, &suggested)
+    );
+    let beyond = LayerJob {
+        view: FRAMES,
+        ..suggested
+    };
     assert!(wrong(&set, &beyond).contains("no perspective view \"6\"; there are 5 views"));
     assert_eq!(LayerJob::find_view(&set, "1").expect("by number"), 0);
-    assert_eq!(LayerJob::find_view(&set, &set.views[3].name).expect("by name"), 3);
+    assert_eq!(
+        LayerJob::find_view(&set, &set.views[3].name).expect("by name"),
+        3
+    );
     assert!(LayerJob::find_view(&set, "0").is_err() && LayerJob::find_view(&set, "six").is_err());
 
-    let turning = |i: usize| Pose { eye: pose(MIDDLE).eye, ..pose(i) };
+    let turning = |i: usize| Pose {
+        eye: pose(MIDDLE).eye,
+        ..pose(i)
+    };
     let set = written(&folder.path().join("turning"), turning, |i| view(i).color);
     assert!(wrong(&set, &LayerJob::suggest(&set)).contains("without parallax"));
     let mut set = set;
@@ -343,7 +501,11 @@ fn what_is_masked_out_belongs_to_no_layer() {
     assert!((0..layers.labels.len()).filter(masked).count() == SIZE[0] as usize * 20);
     for layer in &layers.layers {
         let alpha = |i: usize| layer.color.as_raw()[4 * i + 3];
-        assert!((0..layers.labels.len()).filter(masked).all(|i| alpha(i) == 0));
+        assert!(
+            (0..layers.labels.len())
+                .filter(masked)
+                .all(|i| alpha(i) == 0)
+        );
     }
 }
 
@@ -356,23 +518,37 @@ fn margins_of_which_nothing_is_known_are_left_out() {
     };
     let size = |frames: &Frames| {
         let layers = job().layers(frames).expect("layers");
-        assert_eq!(layers.labels.iter().filter(|label| label.is_some()).count(), (SIZE[0] * SIZE[1]) as usize);
+        assert_eq!(
+            layers.labels.iter().filter(|label| label.is_some()).count(),
+            (SIZE[0] * SIZE[1]) as usize
+        );
         [layers.camera.width(), layers.camera.height()]
     };
     let canvas = Canvas::new(&frames(), 1600);
     let (wide, narrow) = (size(&frames()), size(&alone()));
     assert_eq!(narrow, [161, 122], "the picture about its principal point");
-    assert!(wide[0] > narrow[0] && wide[0] as usize <= canvas.width, "{wide:?}");
+    assert!(
+        wide[0] > narrow[0] && wide[0] as usize <= canvas.width,
+        "{wide:?}"
+    );
 }
 
 #[test]
 fn a_smaller_canvas_shows_the_same() {
-    let layers = LayerJob { longest_px: 100, ..job() }.layers(&frames()).expect("layers");
+    let layers = LayerJob {
+        longest_px: 100,
+        ..job()
+    }
+    .layers(&frames())
+    .expect("layers");
     assert!(layers.camera.width().max(layers.camera.height()) <= 101);
     assert_eq!(layers.layers.len(), 2);
     let depth = layers.depth();
-    let shown: Vec<usize> = (0..depth.len()).filter(|i| layers.labels[*i].is_some()).collect();
-    let off = |pixel: &usize| (f64::from(depth[*pixel]) / truth(&layers.camera, *pixel).1 - 1.0).abs();
+    let shown: Vec<usize> = (0..depth.len())
+        .filter(|i| layers.labels[*i].is_some())
+        .collect();
+    let off =
+        |pixel: &usize| (f64::from(depth[*pixel]) / truth(&layers.camera, *pixel).1 - 1.0).abs();
     let near = shown.iter().filter(|pixel| off(pixel) < 0.01).count() as f64 / shown.len() as f64;
     assert!(near > 0.95, "{near}");
 }

@@ -1,7 +1,7 @@
 //! The sparse points of a COLMAP model: what its photographs were aligned by, seen in several of them each.
 
-use crate::ImagesError;
 use super::colmap::{Bytes, lines, model_of};
+use crate::ImagesError;
 use glam::DVec3;
 use std::path::Path;
 
@@ -20,7 +20,9 @@ pub struct SparsePoint {
 /// # Errors
 /// [`ImagesError::Io`] and [`ImagesError::Field`] if there is a file of points that cannot be read.
 pub fn sparse_points(folder: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
-    let Some((model, ending)) = model_of(folder) else { return Ok(Vec::new()) };
+    let Some((model, ending)) = model_of(folder) else {
+        return Ok(Vec::new());
+    };
     let file = model.join(format!("points3D.{ending}"));
     if !file.is_file() {
         return Ok(Vec::new());
@@ -43,7 +45,9 @@ fn binary_points(file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
         let color = bytes.array()?;
         let [_error] = bytes.f64s()?;
         // Which pictures show it, and which of their features it is.
-        let track = usize::try_from(bytes.u64()?).ok().and_then(|pictures| pictures.checked_mul(8));
+        let track = usize::try_from(bytes.u64()?)
+            .ok()
+            .and_then(|pictures| pictures.checked_mul(8));
         bytes.take(track.ok_or_else(|| bytes.truncated())?)?;
         points.push(SparsePoint { position, color });
     }
@@ -62,13 +66,19 @@ fn text_points(file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
         for channel in &mut color {
             *channel = words.next()?.parse().ok()?;
         }
-        Some(SparsePoint { position: DVec3::from_array(position), color })
+        Some(SparsePoint {
+            position: DVec3::from_array(position),
+            color,
+        })
     };
     let expected = "expected POINT3D_ID X Y Z R G B ERROR TRACK[]";
     let of_line = |(number, line): (usize, &str)| {
         point(line).ok_or_else(|| ImagesError::field(file, format!("line {number}"), expected))
     };
-    lines(&text).filter(|(_, line)| !line.is_empty()).map(of_line).collect()
+    lines(&text)
+        .filter(|(_, line)| !line.is_empty())
+        .map(of_line)
+        .collect()
 }
 
 #[cfg(test)]
@@ -76,14 +86,21 @@ mod tests {
     use super::*;
 
     fn point(x: f64, color: [u8; 3]) -> SparsePoint {
-        SparsePoint { position: DVec3::new(x, 2.0, -3.5), color }
+        SparsePoint {
+            position: DVec3::new(x, 2.0, -3.5),
+            color,
+        }
     }
 
     fn binary(points: &[SparsePoint], pictures: u64) -> Vec<u8> {
         let mut bytes = (points.len() as u64).to_le_bytes().to_vec();
         for (id, point) in (7u64..).zip(points) {
             bytes.extend(id.to_le_bytes());
-            point.position.to_array().iter().for_each(|axis| bytes.extend(axis.to_le_bytes()));
+            point
+                .position
+                .to_array()
+                .iter()
+                .for_each(|axis| bytes.extend(axis.to_le_bytes()));
             bytes.extend(point.color);
             bytes.extend(0.5f64.to_le_bytes());
             bytes.extend(pictures.to_le_bytes());
@@ -97,28 +114,47 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let model = folder.path().join("sparse/0");
         std::fs::create_dir_all(&model).expect("made");
-        let write = |name: &str, bytes: &[u8]| std::fs::write(model.join(name), bytes).expect("written");
+        let write =
+            |name: &str, bytes: &[u8]| std::fs::write(model.join(name), bytes).expect("written");
         assert_eq!(sparse_points(folder.path()).expect("no model"), []);
         write("cameras.txt", b"");
         assert_eq!(sparse_points(folder.path()).expect("no points"), []);
         let points = [point(1.0, [1, 2, 3]), point(-4.0, [255, 0, 9])];
-        write("points3D.txt", b"# a comment\n1 1 2 -3.5 1 2 3 0.5 1 1 2 2\n\n9 -4 2 -3.5 255 0 9 0.1\n");
+        write(
+            "points3D.txt",
+            b"# a comment\n1 1 2 -3.5 1 2 3 0.5 1 1 2 2\n\n9 -4 2 -3.5 255 0 9 0.1\n",
+        );
         assert_eq!(sparse_points(folder.path()).expect("text"), points);
         write("points3D.txt", b"1 1 2 -3.5 1 2 3 0.5\n2 1 2 here 1 2 3\n");
-        let error = sparse_points(folder.path()).expect_err("no number").to_string();
-        assert!(error.contains("points3D.txt") && error.contains("line 2"), "{error}");
+        let error = sparse_points(folder.path())
+            .expect_err("no number")
+            .to_string();
+        assert!(
+            error.contains("points3D.txt") && error.contains("line 2"),
+            "{error}"
+        );
         // A binary model comes before one in text.
         write("cameras.bin", b"");
         let whole = binary(&[points[0], point(f64::NAN, [0; 3]), points[1]], 3);
         write("points3D.bin", &whole);
-        assert_eq!(sparse_points(folder.path()).expect("binary"), points, "what is not finite is nowhere");
+        assert_eq!(
+            sparse_points(folder.path()).expect("binary"),
+            points,
+            "what is not finite is nowhere"
+        );
         for end in [0, 4, 60, whole.len() - 1] {
             write("points3D.bin", &whole[..end]);
-            assert!(sparse_points(folder.path()).is_err(), "cut off after {end} bytes");
+            assert!(
+                sparse_points(folder.path()).is_err(),
+                "cut off after {end} bytes"
+            );
         }
         let mut endless = whole.clone();
         endless[..8].copy_from_slice(&u64::MAX.to_le_bytes());
         write("points3D.bin", &endless);
-        assert!(sparse_points(folder.path()).is_err(), "nothing is allocated by what a file claims");
+        assert!(
+            sparse_points(folder.path()).is_err(),
+            "nothing is allocated by what a file claims"
+        );
     }
 }

@@ -9,7 +9,15 @@ use std::path::{Path, PathBuf};
 pub(crate) fn read(path: &Path) -> Result<Value, ImagesError> {
     let text = std::fs::read(path).map_err(|cause| ImagesError::io(path, cause))?;
     serde_json::from_slice(&text).map_err(|error| {
-        ImagesError::field(path, "the file", format!("is no JSON (line {}, column {})", error.line(), error.column()))
+        ImagesError::field(
+            path,
+            "the file",
+            format!(
+                "is no JSON (line {}, column {})",
+                error.line(),
+                error.column()
+            ),
+        )
     })
 }
 
@@ -23,11 +31,19 @@ pub(super) struct Object<'a> {
 
 impl<'a> Object<'a> {
     pub(super) fn root(file: &'a PathBuf, value: &'a Value) -> Self {
-        Self { file, place: String::new(), value }
+        Self {
+            file,
+            place: String::new(),
+            value,
+        }
     }
 
     pub(super) fn place_of(&self, key: &str) -> String {
-        if self.place.is_empty() { key.into() } else { format!("{}.{key}", self.place) }
+        if self.place.is_empty() {
+            key.into()
+        } else {
+            format!("{}.{key}", self.place)
+        }
     }
 
     pub(super) fn error(&self, key: &str, cause: impl Into<String>) -> ImagesError {
@@ -41,13 +57,21 @@ impl<'a> Object<'a> {
     pub(super) fn object(&self, key: &str) -> Result<Object<'a>, ImagesError> {
         let value = self.value.get(key).filter(|value| value.is_object());
         let value = value.ok_or_else(|| self.error(key, "is missing, or no object"))?;
-        Ok(Object { file: self.file, place: self.place_of(key), value })
+        Ok(Object {
+            file: self.file,
+            place: self.place_of(key),
+            value,
+        })
     }
 
     pub(super) fn list(&self, key: &str) -> Result<Vec<Object<'a>>, ImagesError> {
         let list = self.value.get(key).and_then(Value::as_array);
         let list = list.ok_or_else(|| self.error(key, "is missing, or no list"))?;
-        let item = |(i, value)| Object { file: self.file, place: self.place_of(&format!("{key}[{i}]")), value };
+        let item = |(i, value)| Object {
+            file: self.file,
+            place: self.place_of(&format!("{key}[{i}]")),
+            value,
+        };
         Ok(list.iter().enumerate().map(item).collect())
     }
 
@@ -57,29 +81,50 @@ impl<'a> Object<'a> {
     }
 
     pub(super) fn number(&self, key: &str) -> Result<f64, ImagesError> {
-        let number = self.value.get(key).and_then(Value::as_f64).filter(|number| number.is_finite());
+        let number = self
+            .value
+            .get(key)
+            .and_then(Value::as_f64)
+            .filter(|number| number.is_finite());
         number.ok_or_else(|| self.error(key, "is missing, or no finite number"))
     }
 
     pub(super) fn number_or(&self, key: &str, default: f64) -> Result<f64, ImagesError> {
-        if self.has(key) { self.number(key) } else { Ok(default) }
+        if self.has(key) {
+            self.number(key)
+        } else {
+            Ok(default)
+        }
     }
 
     /// A side of a picture.
     pub(super) fn side(&self, key: &str) -> Result<u32, ImagesError> {
         let side = self.number(key)?;
-        let allowed = (1.0..=f64::from(headbox_core::camera::Camera::MAX_SIDE_PX)).contains(&side) && side.fract() == 0.0;
-        if allowed { Ok(side as u32) } else { Err(self.error(key, format!("is {side}, no width or height in pixels"))) }
+        let allowed = (1.0..=f64::from(headbox_core::camera::Camera::MAX_SIDE_PX)).contains(&side)
+            && side.fract() == 0.0;
+        if allowed {
+            Ok(side as u32)
+        } else {
+            Err(self.error(key, format!("is {side}, no width or height in pixels")))
+        }
     }
 
     /// Sixteen numbers, row by row: in one list, or in four.
     pub(super) fn matrix(&self, key: &str) -> Result<DMat4, ImagesError> {
         let wrong = || self.error(key, "must hold 16 numbers, row by row");
-        let list = self.value.get(key).and_then(Value::as_array).ok_or_else(wrong)?;
-        let flat: Vec<&Value> =
-            list.iter().flat_map(|row| row.as_array().map_or(vec![row], |r| r.iter().collect())).collect();
+        let list = self
+            .value
+            .get(key)
+            .and_then(Value::as_array)
+            .ok_or_else(wrong)?;
+        let flat: Vec<&Value> = list
+            .iter()
+            .flat_map(|row| row.as_array().map_or(vec![row], |r| r.iter().collect()))
+            .collect();
         let numbers: Option<Vec<f64>> = flat.into_iter().map(Value::as_f64).collect();
-        let numbers: [f64; 16] = numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(wrong)?;
+        let numbers: [f64; 16] = numbers
+            .and_then(|numbers| numbers.try_into().ok())
+            .ok_or_else(wrong)?;
         Ok(DMat4::from_cols_array(&numbers).transpose())
     }
 }

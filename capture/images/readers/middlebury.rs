@@ -1,19 +1,26 @@
 //! Middlebury's multi-view sets: photographs and `NAME_par.txt`, a line each of name, K, R and t.
 
-use crate::lens::{Distortion, Lens, Pinhole};
 use crate::color_images::read_size;
+use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
 use crate::view::View;
 use crate::{ImageSet, ImagesError, resolve};
-use headbox_core::file_frame::FileFrame;
 use glam::{DMat3, DVec3};
+use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let Some(file) = parameter_file(folder)? else { return Ok(None) };
+    let Some(file) = parameter_file(folder)? else {
+        return Ok(None);
+    };
     let text = std::fs::read_to_string(&file).map_err(|cause| ImagesError::io(&file, cause))?;
     let mut views = Vec::new();
-    for (line, number) in text.lines().zip(1..).skip(1).filter(|(line, _)| !line.trim().is_empty()) {
+    for (line, number) in text
+        .lines()
+        .zip(1..)
+        .skip(1)
+        .filter(|(line, _)| !line.trim().is_empty())
+    {
         views.push(read_line(&file, line, number)?);
     }
     if views.is_empty() {
@@ -35,16 +42,23 @@ fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError
     let bad = |cause: &str| ImagesError::field(file, place.clone(), cause);
     let mut words = line.split_whitespace();
     let name = words.next().ok_or_else(|| bad("names no picture"))?;
-    let numbers: Option<Vec<f64>> = words.map(|word| word.parse().ok().filter(|n: &f64| n.is_finite())).collect();
+    let numbers: Option<Vec<f64>> = words
+        .map(|word| word.parse().ok().filter(|n: &f64| n.is_finite()))
+        .collect();
     let numbers: Option<[f64; 21]> = numbers.and_then(|numbers| numbers.try_into().ok());
     let p = numbers.ok_or_else(|| bad("expected a name and 21 finite numbers: K, R, t"))?;
     let rotation = DMat3::from_cols_array(&std::array::from_fn(|i| p[9 + i])).transpose();
-    let pose = Pose::from_camera_from_world(rotation, DVec3::new(p[18], p[19], p[20])).map_err(|cause| bad(&cause))?;
+    let pose = Pose::from_camera_from_world(rotation, DVec3::new(p[18], p[19], p[20]))
+        .map_err(|cause| bad(&cause))?;
     let color = resolve(file, &place, name, false)?;
     let size_px = read_size(&color)?;
     // Centres of pixels lie at whole numbers in these files.
     let principal_px = [p[2] + 0.5, p[5] + 0.5];
-    let lens = Pinhole { focal_px: [p[0], p[4]], principal_px, distortion: Distortion::default() };
+    let lens = Pinhole {
+        focal_px: [p[0], p[4]],
+        principal_px,
+        distortion: Distortion::default(),
+    };
     let lens = lens.checked().map(Lens::Pinhole).map_err(bad)?;
     Ok(View {
         name: name.into(),
@@ -63,7 +77,9 @@ fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError
 fn parameter_file(folder: &Path) -> Result<Option<PathBuf>, ImagesError> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
-        let path = entry.map_err(|cause| ImagesError::io(folder, cause))?.path();
+        let path = entry
+            .map_err(|cause| ImagesError::io(folder, cause))?
+            .path();
         if path.to_string_lossy().ends_with("_par.txt") {
             found.push(path);
         }

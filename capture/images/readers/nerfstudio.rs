@@ -1,17 +1,17 @@
 //! nerfstudio's and NeRF's `transforms.json`.
 
-use crate::depth::{DepthPicture, DepthSource, write_depth_exr};
-use crate::readers::json as fields;
 use super::json::Object;
-use crate::lens::{Distortion, Lens, Pinhole};
 use crate::color_images::read_size;
+use crate::depth::{DepthPicture, DepthSource, write_depth_exr};
+use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
+use crate::readers::json as fields;
 use crate::view::{LoadedView, View};
 use crate::{ImageSet, ImagesError, resolve};
-use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_core::depth_kind::DepthKind;
-use headbox_core::files;
 use glam::{DMat4, DVec3};
+use headbox_core::depth_kind::DepthKind;
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::files;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use serde_json::{Value, json};
@@ -26,7 +26,10 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
     let file = file.to_path_buf();
     let value = fields::read(&file)?;
     let root = Object::root(&file, &value);
-    let frame = FileFrame { up: UpAxis::Z, unit_m: 1.0 };
+    let frame = FileFrame {
+        up: UpAxis::Z,
+        unit_m: 1.0,
+    };
     let mut views = Vec::new();
     for view in root.list("frames")? {
         views.push(read_view(&root, &view, &frame, allow_outside)?);
@@ -44,31 +47,63 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
     })
 }
 
-fn read_view(root: &Object, view: &Object, frame: &FileFrame, allow_outside: bool) -> Result<View, ImagesError> {
+fn read_view(
+    root: &Object,
+    view: &Object,
+    frame: &FileFrame,
+    allow_outside: bool,
+) -> Result<View, ImagesError> {
     // What a frame does not say of its camera, the whole file does.
-    let of = |key: &str| if view.has(key) || !root.has(key) { view.clone() } else { root.clone() };
-    let color =
-        with_extension(resolve(view.file, &view.place_of("file_path"), view.text("file_path")?, allow_outside)?);
+    let of = |key: &str| {
+        if view.has(key) || !root.has(key) {
+            view.clone()
+        } else {
+            root.clone()
+        }
+    };
+    let color = with_extension(resolve(
+        view.file,
+        &view.place_of("file_path"),
+        view.text("file_path")?,
+        allow_outside,
+    )?);
     let size_px = match of("w").has("w") && of("h").has("h") {
         true => [of("w").side("w")?, of("h").side("h")?],
         false => read_size(&color)?,
     };
     let lens = lens_of(&of, view, size_px)?;
-    let pose =
-        Pose::from_opengl(view.matrix("transform_matrix")?).map_err(|cause| view.error("transform_matrix", cause))?;
+    let pose = Pose::from_opengl(view.matrix("transform_matrix")?)
+        .map_err(|cause| view.error("transform_matrix", cause))?;
     let path_of = |key: &str| match view.has(key) {
-        true => resolve(view.file, &view.place_of(key), view.text(key)?, allow_outside).map(Some),
+        true => resolve(
+            view.file,
+            &view.place_of(key),
+            view.text(key)?,
+            allow_outside,
+        )
+        .map(Some),
         false => Ok(None),
     };
     let depth = path_of("depth_file_path")?;
     let unit = of("depth_unit_scale_factor");
     let unit_m = unit.number_or("depth_unit_scale_factor", DEPTH_UNIT_M)?;
     if unit_m <= 0.0 {
-        return Err(unit.error("depth_unit_scale_factor", "must be above 0: metres for a step of depth"));
+        return Err(unit.error(
+            "depth_unit_scale_factor",
+            "must be above 0: metres for a step of depth",
+        ));
     }
     let depth = depth.map(|path| {
-        let unit_m = if crate::depth::extension(&path) == "exr" { 1.0 } else { unit_m as f32 };
-        let kind = if lens == Lens::Equirectangular { DepthKind::RayDistance } else { DepthKind::EyeDepth };
+        let unit_m = if crate::depth::extension(&path) == "exr" {
+            1.0
+        } else {
+            unit_m as f32
+        };
+        let kind = if lens == Lens::Equirectangular {
+            DepthKind::RayDistance
+        } else {
+            DepthKind::EyeDepth
+        };
         DepthSource::metres(path, kind, unit_m)
     });
     let name = view.text("file_path")?.to_owned();
@@ -91,7 +126,11 @@ fn read_view(root: &Object, view: &Object, frame: &FileFrame, allow_outside: boo
 ///
 /// # Errors
 /// [`ImagesError`] that names the file.
-pub fn write_set(views: &[View], folder: &Path, look: &mut dyn FnMut(&str)) -> Result<(), ImagesError> {
+pub fn write_set(
+    views: &[View],
+    folder: &Path,
+    look: &mut dyn FnMut(&str),
+) -> Result<(), ImagesError> {
     let mut set = SetWriter::new(folder);
     for (number, view) in views.iter().enumerate() {
         if view.pinhole().is_some() && set.add(number, &view.load()?, false)? {
@@ -110,16 +149,29 @@ pub struct SetWriter {
 impl SetWriter {
     /// Into a folder.
     pub fn new(folder: &Path) -> Self {
-        Self { folder: folder.into(), frames: Vec::new() }
+        Self {
+            folder: folder.into(),
+            frames: Vec::new(),
+        }
     }
 
     /// Writes the pictures of a view: `images/NNNNN.png`, and `depth/NNNNN.exr` if it is to be known; false if it is not a perspective view.
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
-    pub fn add(&mut self, number: usize, view: &LoadedView, with_depth: bool) -> Result<bool, ImagesError> {
-        let Lens::Pinhole(lens) = view.lens else { return Ok(false) };
-        let frame = FileFrame { up: UpAxis::Z, unit_m: 1.0 };
+    pub fn add(
+        &mut self,
+        number: usize,
+        view: &LoadedView,
+        with_depth: bool,
+    ) -> Result<bool, ImagesError> {
+        let Lens::Pinhole(lens) = view.lens else {
+            return Ok(false);
+        };
+        let frame = FileFrame {
+            up: UpAxis::Z,
+            unit_m: 1.0,
+        };
         let name = format!("images/{number:05}.png");
         write_picture(view, &self.folder.join(&name))?;
         let axis = |axis: DVec3| frame.file_from_world(axis).extend(0.0);
@@ -138,7 +190,11 @@ impl SetWriter {
         if with_depth {
             let name = format!("depth/{number:05}.exr");
             let path = self.folder.join(&name);
-            let depth = DepthPicture { width, height, values: view.depth.clone() };
+            let depth = DepthPicture {
+                width,
+                height,
+                values: view.depth.clone(),
+            };
             write_depth_exr(&depth, &path).map_err(|cause| ImagesError::io(&path, cause))?;
             entry["depth_file_path"] = json!(name);
         }
@@ -153,8 +209,10 @@ impl SetWriter {
     pub fn finish(self) -> Result<(), ImagesError> {
         let file = self.folder.join("transforms.json");
         let set = json!({"camera_model": "PINHOLE", "frames": self.frames});
-        files::write_whole(&file, |writer| serde_json::to_writer_pretty(writer, &set).map_err(io::Error::other))
-            .map_err(|cause| ImagesError::io(&file, cause))
+        files::write_whole(&file, |writer| {
+            serde_json::to_writer_pretty(writer, &set).map_err(io::Error::other)
+        })
+        .map_err(|cause| ImagesError::io(&file, cause))
     }
 }
 
@@ -162,30 +220,53 @@ fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {
     let [width, height] = view.size_px;
     let opaque = view.color.iter().all(|pixel| pixel[3] == 255);
     let bytes: Vec<u8> = match opaque {
-        true => view.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect(),
+        true => view
+            .color
+            .iter()
+            .flat_map(|&[r, g, b, _]| [r, g, b])
+            .collect(),
         false => view.color.iter().flatten().copied().collect(),
     };
-    let kind = if opaque { ExtendedColorType::Rgb8 } else { ExtendedColorType::Rgba8 };
+    let kind = if opaque {
+        ExtendedColorType::Rgb8
+    } else {
+        ExtendedColorType::Rgba8
+    };
     let write = |writer: &mut io::BufWriter<&File>| {
-        PngEncoder::new(writer).write_image(&bytes, width, height, kind).map_err(io::Error::other)
+        PngEncoder::new(writer)
+            .write_image(&bytes, width, height, kind)
+            .map_err(io::Error::other)
     };
     files::write_whole(path, write).map_err(|cause| ImagesError::io(path, cause))
 }
 
 /// NeRF's synthetic scenes leave `.png` away.
 fn with_extension(path: PathBuf) -> PathBuf {
-    if path.extension().is_some() || path.is_file() { path } else { path.with_extension("png") }
+    if path.extension().is_some() || path.is_file() {
+        path
+    } else {
+        path.with_extension("png")
+    }
 }
 
-fn lens_of<'a>(of: &impl Fn(&str) -> Object<'a>, view: &Object, size_px: [u32; 2]) -> Result<Lens, ImagesError> {
+fn lens_of<'a>(
+    of: &impl Fn(&str) -> Object<'a>,
+    view: &Object,
+    size_px: [u32; 2],
+) -> Result<Lens, ImagesError> {
     let model = of("camera_model");
-    let model = if model.has("camera_model") { model.text("camera_model")? } else { "OPENCV" };
+    let model = if model.has("camera_model") {
+        model.text("camera_model")?
+    } else {
+        "OPENCV"
+    };
     match model {
         "EQUIRECTANGULAR" => return Ok(Lens::Equirectangular),
         "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" => {}
         other => {
-            let cause =
-                format!("is \"{other}\"; expected PINHOLE, OPENCV or EQUIRECTANGULAR: undistort the pictures first");
+            let cause = format!(
+                "is \"{other}\"; expected PINHOLE, OPENCV or EQUIRECTANGULAR: undistort the pictures first"
+            );
             return Err(view.error("camera_model", cause));
         }
     }
@@ -202,17 +283,39 @@ fn lens_of<'a>(of: &impl Fn(&str) -> Object<'a>, view: &Object, size_px: [u32; 2
             false => Err(object.error(key, format!("is {angle}, no angle between 0 and pi"))),
         }
     };
-    let across =
-        if of("fl_x").has("fl_x") { Some(of("fl_x").number("fl_x")?) } else { of_angle("camera_angle_x", width)? };
-    let down =
-        if of("fl_y").has("fl_y") { Some(of("fl_y").number("fl_y")?) } else { of_angle("camera_angle_y", height)? };
+    let across = if of("fl_x").has("fl_x") {
+        Some(of("fl_x").number("fl_x")?)
+    } else {
+        of_angle("camera_angle_x", width)?
+    };
+    let down = if of("fl_y").has("fl_y") {
+        Some(of("fl_y").number("fl_y")?)
+    } else {
+        of_angle("camera_angle_y", height)?
+    };
     let Some(across) = across.or(down) else {
-        return Err(view.error("fl_x", "is missing, and so is camera_angle_x: one of them must say how wide a view is"));
+        return Err(view.error(
+            "fl_x",
+            "is missing, and so is camera_angle_x: one of them must say how wide a view is",
+        ));
     };
     let focal_px = [across, down.unwrap_or(across)];
-    let radial = [number("k1", 0.0)?, number("k2", 0.0)?, number("k3", 0.0)?, number("k4", 0.0)?, 0.0, 0.0];
+    let radial = [
+        number("k1", 0.0)?,
+        number("k2", 0.0)?,
+        number("k3", 0.0)?,
+        number("k4", 0.0)?,
+        0.0,
+        0.0,
+    ];
     let tangential = [number("p1", 0.0)?, number("p2", 0.0)?];
     let principal_px = [number("cx", width / 2.0)?, number("cy", height / 2.0)?];
-    let lens = Pinhole { focal_px, principal_px, distortion: Distortion { radial, tangential } };
-    lens.checked().map(Lens::Pinhole).map_err(|cause| view.error("fl_x", cause))
+    let lens = Pinhole {
+        focal_px,
+        principal_px,
+        distortion: Distortion { radial, tangential },
+    };
+    lens.checked()
+        .map(Lens::Pinhole)
+        .map_err(|cause| view.error("fl_x", cause))
 }

@@ -5,16 +5,16 @@
 //! panoramas) or `NAME_depth.png` (16 bits, millimetres). Cube faces: `NAME_front`, `_back`, `_left`, `_right`, `_bottom`, `_top`
 //! (as Seurat's: front -Z, right +X, top +Y), with `NAME_front_depth` and so on, eye depth.
 
+use crate::color_images::read_size;
 use crate::depth::{DepthSource, extension};
 use crate::lens::{Distortion, Lens, Pinhole};
-use crate::color_images::read_size;
 use crate::pose::Pose;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
-use headbox_core::depth_kind::DepthKind;
-use headbox_core::cube_face::Face;
-use headbox_core::file_frame::FileFrame;
 use glam::DVec3;
+use headbox_core::cube_face::Face;
+use headbox_core::depth_kind::DepthKind;
+use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
 /// Names of cube faces and the faces that they are.
@@ -30,27 +30,46 @@ const FACES: [(&str, Face); 6] = [
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     let mut views = Vec::new();
     for color in pictures(folder)? {
-        let stem = color.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-        let Some(depth) = depth_beside(folder, &stem) else { continue };
+        let stem = color
+            .file_stem()
+            .map(|stem| stem.to_string_lossy().into_owned())
+            .unwrap_or_default();
+        let Some(depth) = depth_beside(folder, &stem) else {
+            continue;
+        };
         let size_px = read_size(&color)?;
-        let face = FACES.iter().find(|(name, _)| stem.ends_with(&format!("_{name}")) || stem == *name);
+        let face = FACES
+            .iter()
+            .find(|(name, _)| stem.ends_with(&format!("_{name}")) || stem == *name);
         let (lens, kind, world_from_eye) = match face {
-            Some((_, face)) if size_px[0] == size_px[1] => {
-                (face_lens(size_px[0]), DepthKind::EyeDepth, face.world_from_eye())
-            }
-            None if size_px[0] == 2 * size_px[1] => {
-                (Lens::Equirectangular, DepthKind::RayDistance, Face::NegZ.world_from_eye())
-            }
+            Some((_, face)) if size_px[0] == size_px[1] => (
+                face_lens(size_px[0]),
+                DepthKind::EyeDepth,
+                face.world_from_eye(),
+            ),
+            None if size_px[0] == 2 * size_px[1] => (
+                Lens::Equirectangular,
+                DepthKind::RayDistance,
+                Face::NegZ.world_from_eye(),
+            ),
             _ => {
                 let [width, height] = size_px;
-                let cause =
-                    format!("is {width}x{height} pixels; a panorama is twice as wide as high, a cube face square");
+                let cause = format!(
+                    "is {width}x{height} pixels; a panorama is twice as wide as high, a cube face square"
+                );
                 return Err(ImagesError::Picture { path: color, cause });
             }
         };
-        let unit_m = if extension(&depth) == "exr" { 1.0 } else { 0.001 };
+        let unit_m = if extension(&depth) == "exr" {
+            1.0
+        } else {
+            0.001
+        };
         let depth = Some(DepthSource::metres(depth, kind, unit_m));
-        let pose = Pose { eye: DVec3::ZERO, world_from_eye };
+        let pose = Pose {
+            eye: DVec3::ZERO,
+            world_from_eye,
+        };
         views.push(View {
             name: stem,
             size_px,
@@ -67,21 +86,40 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     if views.is_empty() {
         return Ok(None);
     }
-    let (frame, notes) = (FileFrame::default(), vec!["no poses: every panorama lies at the origin".into()]);
-    Ok(Some(ImageSet { folder: folder.into(), format: "panoramas", frame, views, headbox_centre: None, notes }))
+    let (frame, notes) = (
+        FileFrame::default(),
+        vec!["no poses: every panorama lies at the origin".into()],
+    );
+    Ok(Some(ImageSet {
+        folder: folder.into(),
+        format: "panoramas",
+        frame,
+        views,
+        headbox_centre: None,
+        notes,
+    }))
 }
 
 fn face_lens(side_px: u32) -> Lens {
     let half = f64::from(side_px) / 2.0;
-    Lens::Pinhole(Pinhole { focal_px: [half; 2], principal_px: [half; 2], distortion: Distortion::default() })
+    Lens::Pinhole(Pinhole {
+        focal_px: [half; 2],
+        principal_px: [half; 2],
+        distortion: Distortion::default(),
+    })
 }
 
 fn pictures(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
-        let path = entry.map_err(|cause| ImagesError::io(folder, cause))?.path();
-        let is_picture = ["png", "jpg", "jpeg", "exr", "hdr", "tif", "tiff"].contains(&extension(&path).as_str());
-        let is_depth = path.file_stem().is_some_and(|stem| stem.to_string_lossy().ends_with("_depth"));
+        let path = entry
+            .map_err(|cause| ImagesError::io(folder, cause))?
+            .path();
+        let is_picture = ["png", "jpg", "jpeg", "exr", "hdr", "tif", "tiff"]
+            .contains(&extension(&path).as_str());
+        let is_depth = path
+            .file_stem()
+            .is_some_and(|stem| stem.to_string_lossy().ends_with("_depth"));
         if is_picture && !is_depth {
             found.push(path);
         }
@@ -91,5 +129,8 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
 }
 
 fn depth_beside(folder: &Path, stem: &str) -> Option<PathBuf> {
-    ["exr", "png"].into_iter().map(|ending| folder.join(format!("{stem}_depth.{ending}"))).find(|path| path.is_file())
+    ["exr", "png"]
+        .into_iter()
+        .map(|ending| folder.join(format!("{stem}_depth.{ending}")))
+        .find(|path| path.is_file())
 }

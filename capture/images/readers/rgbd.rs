@@ -1,16 +1,16 @@
 //! RGB-D frames: `frame-NNNNNN.color.png`, `.depth.png` (16 bits, millimetres) and `.pose.txt` (camera to world), with
 //! 3x3 intrinsics beside them; the layout of the TSDF demo and of 7-Scenes.
 
+use crate::color_images::read_size;
 use crate::depth::DepthSource;
 use crate::lens::{Distortion, Lens, Pinhole};
-use crate::color_images::read_size;
 use crate::pose::Pose;
+use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
-use crate::readers::text;
+use glam::DMat4;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::file_frame::FileFrame;
-use glam::DMat4;
 use std::path::{Path, PathBuf};
 
 /// Metres for a step of depth.
@@ -21,7 +21,9 @@ const DEPTH_UNIT_M: f32 = 0.001;
 const SEVEN_SCENES: [f64; 3] = [585.0, 320.0, 240.0];
 
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let Some((place, poses)) = find_poses(folder, 3)? else { return Ok(None) };
+    let Some((place, poses)) = find_poses(folder, 3)? else {
+        return Ok(None);
+    };
     let mut notes = Vec::new();
     let pinhole = match intrinsics_file(&place, folder) {
         Some(file) => {
@@ -31,14 +33,19 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         }
         None => {
             let [focal, x, y] = SEVEN_SCENES;
-            notes.push(format!("no camera-intrinsics.txt: taken as {focal} px at {x}, {y}, the camera of 7-Scenes"));
+            notes.push(format!(
+                "no camera-intrinsics.txt: taken as {focal} px at {x}, {y}, the camera of 7-Scenes"
+            ));
             pinhole_of([focal; 2], [x, y])
         }
     };
     let lens = Lens::Pinhole(pinhole);
     let (mut views, mut without_pose, mut without_depth) = (Vec::new(), Vec::new(), Vec::new());
     for pose_file in poses {
-        let stem = pose_file.to_string_lossy().trim_end_matches("pose.txt").to_owned();
+        let stem = pose_file
+            .to_string_lossy()
+            .trim_end_matches("pose.txt")
+            .to_owned();
         let matrix: [f64; 16] = match text::numbers(&pose_file, 16, "the 4x4 pose") {
             Ok(numbers) => numbers.try_into().unwrap_or([0.0; 16]),
             // Trackers write infinities where they were lost.
@@ -51,7 +58,9 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         let pose = Pose::from_opencv(DMat4::from_cols_array(&matrix).transpose());
         let pose = pose.map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))?;
         let ending = |ending: &str| PathBuf::from(format!("{stem}{ending}"));
-        let color = [ending("color.png"), ending("color.jpg")].into_iter().find(|path| path.is_file());
+        let color = [ending("color.png"), ending("color.jpg")]
+            .into_iter()
+            .find(|path| path.is_file());
         let color = color.unwrap_or_else(|| ending("color.png"));
         let size_px = read_size(&color)?;
         let depth = Some(ending("depth.png")).filter(|path| path.is_file());
@@ -74,35 +83,63 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         });
     }
     if views.is_empty() {
-        return Err(ImagesError::field(&place, "frame-*.pose.txt", "no frame has a pose"));
+        return Err(ImagesError::field(
+            &place,
+            "frame-*.pose.txt",
+            "no frame has a pose",
+        ));
     }
-    notes.extend(text::first_of(&without_pose).map(|which| format!("left out, as the tracker was lost: {which}")));
+    notes.extend(
+        text::first_of(&without_pose)
+            .map(|which| format!("left out, as the tracker was lost: {which}")),
+    );
     notes.extend(text::first_of(&without_depth).map(|which| format!("without depth: {which}")));
     let frame = FileFrame::default();
-    Ok(Some(ImageSet { folder: folder.into(), format: "RGB-D frames", frame, views, headbox_centre: None, notes }))
+    Ok(Some(ImageSet {
+        folder: folder.into(),
+        format: "RGB-D frames",
+        frame,
+        views,
+        headbox_centre: None,
+        notes,
+    }))
 }
 
 /// Centres of pixels lie at whole numbers in these files, and at halves here.
 fn pinhole_of(focal_px: [f64; 2], principal: [f64; 2]) -> Pinhole {
-    Pinhole { focal_px, principal_px: principal.map(|c| c + 0.5), distortion: Distortion::default() }
+    Pinhole {
+        focal_px,
+        principal_px: principal.map(|c| c + 0.5),
+        distortion: Distortion::default(),
+    }
 }
 
 fn is_lost(pose_file: &Path) -> bool {
-    std::fs::read_to_string(pose_file).is_ok_and(|text| text.to_lowercase().contains("inf") || text.contains("nan"))
+    std::fs::read_to_string(pose_file)
+        .is_ok_and(|text| text.to_lowercase().contains("inf") || text.contains("nan"))
 }
 
 fn intrinsics_file(place: &Path, folder: &Path) -> Option<PathBuf> {
     let names = ["camera-intrinsics.txt", "intrinsics.txt", "intrinsic.txt"];
-    let parents = place.ancestors().take_while(|parent| parent.starts_with(folder)).map(Path::to_path_buf);
+    let parents = place
+        .ancestors()
+        .take_while(|parent| parent.starts_with(folder))
+        .map(Path::to_path_buf);
     let around = parents.chain(folder.parent().map(Path::to_path_buf));
-    around.flat_map(|place| names.map(|name| place.join(name))).find(|file| file.is_file())
+    around
+        .flat_map(|place| names.map(|name| place.join(name)))
+        .find(|file| file.is_file())
 }
 
 /// The first folder, at most so many levels down, that holds poses, and these in the order of their names.
 fn find_poses(folder: &Path, levels: u32) -> Result<Option<(PathBuf, Vec<PathBuf>)>, ImagesError> {
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
-        entries.push(entry.map_err(|cause| ImagesError::io(folder, cause))?.path());
+        entries.push(
+            entry
+                .map_err(|cause| ImagesError::io(folder, cause))?
+                .path(),
+        );
     }
     entries.sort();
     let is_pose = |path: &&PathBuf| path.to_string_lossy().ends_with(".pose.txt");

@@ -1,23 +1,27 @@
 //! Seurat's `manifest.json`: view groups of RGB-D views with projection matrices.
 
-use crate::depth::DepthSource;
-use crate::readers::json;
 use super::json::Object;
-use crate::lens::{Distortion, Lens, Pinhole};
 use crate::color_images::ColorChannels;
+use crate::depth::DepthSource;
+use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
+use crate::readers::json;
 use crate::view::View;
 use crate::{ImageSet, ImagesError, resolve};
+use glam::{DMat4, DVec3};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::file_frame::FileFrame;
-use glam::{DMat4, DVec3};
 use std::path::{Path, PathBuf};
 
 pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
     let file = file.to_path_buf();
     let value = json::read(&file)?;
     let root = Object::root(&file, &value);
-    let centre = if root.has("headbox_center") { Some(headbox_centre(&root)?) } else { None };
+    let centre = if root.has("headbox_center") {
+        Some(headbox_centre(&root)?)
+    } else {
+        None
+    };
     let mut views = Vec::new();
     for group in root.list("view_groups")? {
         for view in group.list("views")? {
@@ -40,16 +44,20 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
 
 fn headbox_centre(root: &Object) -> Result<DVec3, ImagesError> {
     let list = root.value["headbox_center"].as_array();
-    let numbers: Option<Vec<f64>> = list.and_then(|list| list.iter().map(serde_json::Value::as_f64).collect());
+    let numbers: Option<Vec<f64>> =
+        list.and_then(|list| list.iter().map(serde_json::Value::as_f64).collect());
     let three: Option<[f64; 3]> = numbers.and_then(|numbers| numbers.try_into().ok());
-    three.map(DVec3::from).ok_or_else(|| root.error("headbox_center", "must hold three numbers"))
+    three
+        .map(DVec3::from)
+        .ok_or_else(|| root.error("headbox_center", "must hold three numbers"))
 }
 
 fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
     let camera = view.object("projective_camera")?;
     let size_px = [camera.side("image_width")?, camera.side("image_height")?];
     let clip_from_eye = camera.matrix("clip_from_eye_matrix")?;
-    let pinhole = pinhole_of(clip_from_eye, size_px).map_err(|cause| camera.error("clip_from_eye_matrix", cause))?;
+    let pinhole = pinhole_of(clip_from_eye, size_px)
+        .map_err(|cause| camera.error("clip_from_eye_matrix", cause))?;
     let pose = Pose::from_opengl(camera.matrix("world_from_eye_matrix")?)
         .map_err(|cause| camera.error("world_from_eye_matrix", cause))?;
     let kind = match camera.text("depth_type")? {
@@ -57,13 +65,21 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
         "EYE_Z" => DepthKind::EyeDepth,
         "RAY_DEPTH" => DepthKind::RayDistance,
         other => {
-            return Err(camera.error("depth_type", format!("is \"{other}\"; expected WINDOW_Z, EYE_Z or RAY_DEPTH")));
+            return Err(camera.error(
+                "depth_type",
+                format!("is \"{other}\"; expected WINDOW_Z, EYE_Z or RAY_DEPTH"),
+            ));
         }
     };
     let files = view.object("depth_image_file")?;
     let (color, depth) = (files.object("color")?, files.object("depth")?);
     let path = |object: &Object| -> Result<PathBuf, ImagesError> {
-        resolve(object.file, &object.place_of("path"), object.text("path")?, allow_outside)
+        resolve(
+            object.file,
+            &object.place_of("path"),
+            object.text("path")?,
+            allow_outside,
+        )
     };
     let rows = clip_from_eye.transpose();
     let depth_path = path(&depth)?;
@@ -81,7 +97,10 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
         found: None,
     };
     let color_path = path(&color)?;
-    let name = color_path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = color_path
+        .file_name()
+        .map(|name| name.to_string_lossy().into_owned())
+        .unwrap_or_default();
     let lens = Lens::Pinhole(pinhole);
     Ok(View {
         name,
@@ -98,14 +117,18 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
 }
 
 fn channel(file: &Object, key: &str) -> Option<String> {
-    file.value.get(key).and_then(serde_json::Value::as_str).map(str::to_owned)
+    file.value
+        .get(key)
+        .and_then(serde_json::Value::as_str)
+        .map(str::to_owned)
 }
 
 /// Channels of a colour picture where they are not the usual ones. Captures of game engines keep depth in alpha.
 fn color_channels(color: &Object) -> Option<ColorChannels> {
     let keys = ["channel_0", "channel_1", "channel_2", "channel_alpha"];
     let usual = ColorChannels::default();
-    let named = std::array::from_fn(|i| channel(color, keys[i]).unwrap_or_else(|| usual.0[i].clone()));
+    let named =
+        std::array::from_fn(|i| channel(color, keys[i]).unwrap_or_else(|| usual.0[i].clone()));
     Some(ColorChannels(named)).filter(|channels| *channels != usual)
 }
 
@@ -113,8 +136,15 @@ fn color_channels(color: &Object) -> Option<ColorChannels> {
 fn pinhole_of(clip_from_eye: DMat4, [width, height]: [u32; 2]) -> Result<Pinhole, String> {
     let rows = clip_from_eye.transpose();
     let (x, y, w) = (rows.x_axis, rows.y_axis, rows.w_axis);
-    if !clip_from_eye.is_finite() || (w.z + 1.0).abs() > 1e-6 || w.x != 0.0 || w.y != 0.0 || w.w != 0.0 {
-        return Err("its last row must be 0, 0, -1, 0: a perspective projection that looks down -Z".into());
+    if !clip_from_eye.is_finite()
+        || (w.z + 1.0).abs() > 1e-6
+        || w.x != 0.0
+        || w.y != 0.0
+        || w.w != 0.0
+    {
+        return Err(
+            "its last row must be 0, 0, -1, 0: a perspective projection that looks down -Z".into(),
+        );
     }
     if !(x.x > 0.0 && y.y > 0.0) {
         return Err("mirrors, or has no width: its diagonal must be above 0".into());
@@ -144,8 +174,13 @@ mod tests {
         let point = DVec3::new(0.7, -0.4, -3.0);
         let ndc = clip * point.extend(1.0) / (clip * point.extend(1.0)).w;
         let expected = [(ndc.x + 1.0) * 320.0, (1.0 - ndc.y) * 240.0];
-        let [x, y, depth] = Lens::Pinhole(pinhole).project(point, [640, 480]).expect("in front");
+        let [x, y, depth] = Lens::Pinhole(pinhole)
+            .project(point, [640, 480])
+            .expect("in front");
         assert!((x - expected[0]).abs() < 1e-9 && (y - expected[1]).abs() < 1e-9 && depth == 3.0);
-        assert!(pinhole_of(DMat4::IDENTITY, [4, 4]).is_err(), "no perspective");
+        assert!(
+            pinhole_of(DMat4::IDENTITY, [4, 4]).is_err(),
+            "no perspective"
+        );
     }
 }

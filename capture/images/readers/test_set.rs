@@ -11,7 +11,10 @@ pub(crate) fn photographs(folder: &Path, views: impl IntoIterator<Item = LoadedV
     let saved = |(i, view): (usize, LoadedView)| {
         let (name, [width, height]) = (format!("{i}.png"), view.size_px);
         let (color, bytes) = (given.join(&name), view.color.into_flattened());
-        RgbaImage::from_raw(width, height, bytes).expect("a picture").save(&color).expect("written");
+        RgbaImage::from_raw(width, height, bytes)
+            .expect("a picture")
+            .save(&color)
+            .expect("written");
         View {
             name,
             size_px: view.size_px,

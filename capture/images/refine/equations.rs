@@ -3,8 +3,8 @@
 use super::Pose;
 use super::overlap::SAME_SURFACE;
 use super::range::{Facet, RangeGrid};
-use headbox_core::statistics::median;
 use glam::DVec3;
+use headbox_core::statistics::median;
 use rayon::prelude::*;
 
 /// Unknowns of a view: a small turn about its eye (radians), and a small step (metres), in world axes.
@@ -61,11 +61,19 @@ struct Match {
 impl Neighbors<'_> {
     /// The equations of all pairs, in their order.
     pub(super) fn equations(&self, poses: &[Pose]) -> Vec<Block> {
-        self.pairs.par_iter().map(|&pair| self.block(pair, poses)).collect()
+        self.pairs
+            .par_iter()
+            .map(|&pair| self.block(pair, poses))
+            .collect()
     }
 
     /// Cells of a view, and the surfaces in them: those that judge, or the others.
-    pub(super) fn each_facet(&self, view: usize, unseen: bool, mut visit: impl FnMut([u32; 2], Facet)) {
+    pub(super) fn each_facet(
+        &self,
+        view: usize,
+        unseen: bool,
+        mut visit: impl FnMut([u32; 2], Facet),
+    ) {
         let grid = &self.grids[view];
         for row in (0..grid.size[1]).step_by(STEP as usize) {
             for column in (0..grid.size[0]).step_by(STEP as usize) {
@@ -86,23 +94,37 @@ impl Neighbors<'_> {
         let mut matches = Vec::new();
         self.each_facet(from, false, |_, Facet { point, normal, .. }| {
             let world = own.to_world(point);
-            let Some((facet, depth)) = grid.seen_at(pose.to_eye(world)) else { return };
+            let Some((facet, depth)) = grid.seen_at(pose.to_eye(world)) else {
+                return;
+            };
             let there = pose.world_from_eye * facet.normal;
             let is_same = (facet.depth / depth - 1.0).abs() < SAME_SURFACE
                 && there.dot(own.world_from_eye * normal) > LEAST_COSINE;
             if is_same {
                 let distance = (world - pose.to_world(facet.point)).dot(there);
                 let unit = (depth * grid.pixel_rad).hypot(self.noise * depth * depth);
-                matches.push(Match { point: world, normal: there, distance, unit });
+                matches.push(Match {
+                    point: world,
+                    normal: there,
+                    distance,
+                    unit,
+                });
             }
         });
         matches
     }
 
     fn block(&self, [a, b]: [usize; 2], poses: &[Pose]) -> Block {
-        let mut block = Block { views: [a, b], matrix: [[0.0; OF_PAIR]; OF_PAIR], gradient: [0.0; OF_PAIR] };
+        let mut block = Block {
+            views: [a, b],
+            matrix: [[0.0; OF_PAIR]; OF_PAIR],
+            gradient: [0.0; OF_PAIR],
+        };
         let both = [[a, b], [b, a]].map(|direction| self.matches(direction, poses));
-        let errors = both.iter().flatten().map(|found| (found.distance / found.unit).abs());
+        let errors = both
+            .iter()
+            .flatten()
+            .map(|found| (found.distance / found.unit).abs());
         let sigma = median(errors).unwrap_or(0.0) * SIGMA_OF_MEDIAN;
         let most = TUKEY * sigma.max(LEAST_SIGMA_PX);
         // The view of the points comes first, that of the planes second.
@@ -111,7 +133,12 @@ impl Neighbors<'_> {
             for found in matches {
                 let error = found.distance / found.unit / most;
                 if error.abs() < 1.0 {
-                    block.add(found, eyes, first, ((1.0 - error * error) / found.unit).powi(2));
+                    block.add(
+                        found,
+                        eyes,
+                        first,
+                        ((1.0 - error * error) / found.unit).powi(2),
+                    );
                 }
             }
         }

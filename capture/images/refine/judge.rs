@@ -35,7 +35,8 @@ const MOST_COLOR_SHARE: f64 = 0.97;
 impl Judged {
     /// Whether these poses are better than others; `pixel_rad` is how wide a pixel is.
     pub(super) fn is_better_than(&self, other: &Self, pixel_rad: f64) -> bool {
-        let nearer = self.apart < other.apart * 0.9 && other.apart - self.apart > LEAST_GAIN_PX * pixel_rad;
+        let nearer =
+            self.apart < other.apart * 0.9 && other.apart - self.apart > LEAST_GAIN_PX * pixel_rad;
         let most_levels = match other.levels < TELLING_LEVELS {
             true => other.levels + SAME_LEVEL,
             false => other.levels * MOST_COLOR_SHARE,
@@ -52,7 +53,9 @@ impl Neighbors<'_> {
             for (from, to) in [(a, b), (b, a)] {
                 self.each_facet(from, true, |cell, facet| {
                     let eye = poses[to].to_eye(poses[from].to_world(facet.point));
-                    let Some((there, depth)) = self.grids[to].seen_at(eye) else { return };
+                    let Some((there, depth)) = self.grids[to].seen_at(eye) else {
+                        return;
+                    };
                     shares.push(((eye - there.point).dot(there.normal) / depth).abs());
                     if (there.depth / depth - 1.0).abs() < SAME_SURFACE
                         && let Some(level) = self.grids[to].level_at(eye)
@@ -69,6 +72,9 @@ impl Neighbors<'_> {
             let known = || medians.iter().filter_map(|medians| medians[which]);
             known().sum::<f64>() / known().count().max(1) as f64
         };
-        Judged { apart: mean(0), levels: mean(1) }
+        Judged {
+            apart: mean(0),
+            levels: mean(1),
+        }
     }
 }

@@ -69,7 +69,9 @@ impl ImageSet {
         &mut self,
         look: &(dyn Fn(RefinementStep) + Sync),
     ) -> Result<Option<RefinementReport>, ImagesError> {
-        let chosen: Vec<usize> = (0..self.views.len()).filter(|&i| self.views[i].has_own_depth()).collect();
+        let chosen: Vec<usize> = (0..self.views.len())
+            .filter(|&i| self.views[i].has_own_depth())
+            .collect();
         if chosen.len() < 2 || self.views.iter().any(|view| view.registration.is_some()) {
             return Ok(None);
         }
@@ -79,11 +81,19 @@ impl ImageSet {
             look(RefinementStep::Loaded);
             Ok(RangeGrid::of(&loaded))
         };
-        let grids: Vec<RangeGrid> = chosen.par_iter().map(load).collect::<Result<_, ImagesError>>()?;
+        let grids: Vec<RangeGrid> = chosen
+            .par_iter()
+            .map(load)
+            .collect::<Result<_, ImagesError>>()?;
         let given: Vec<Pose> = chosen.iter().map(|&i| self.views[i].pose).collect();
-        let Some((report, poses)) = refined(&grids, &given, self.depth_noise(), look) else { return Ok(None) };
+        let Some((report, poses)) = refined(&grids, &given, self.depth_noise(), look) else {
+            return Ok(None);
+        };
         if report.is_kept {
-            chosen.iter().zip(poses).for_each(|(&i, pose)| self.views[i].pose = pose);
+            chosen
+                .iter()
+                .zip(poses)
+                .for_each(|(&i, pose)| self.views[i].pose = pose);
         }
         Ok(Some(report))
     }
@@ -101,16 +111,28 @@ fn refined(
     if pairs.is_empty() {
         return None;
     }
-    let neighbors = Neighbors { grids, pairs: &pairs, noise: f64::from(noise) };
+    let neighbors = Neighbors {
+        grids,
+        pairs: &pairs,
+        noise: f64::from(noise),
+    };
     look(RefinementStep::Solves(ROUNDS));
     let mut poses = given.to_vec();
     let order = solve::Order::of(grids.len(), &pairs);
     for _ in 0..ROUNDS {
-        let step = order.solve(&neighbors.equations(&poses), &solve::prior(&poses, given, depth_m));
+        let step = order.solve(
+            &neighbors.equations(&poses),
+            &solve::prior(&poses, given, depth_m),
+        );
         look(RefinementStep::Solved);
-        poses.iter_mut().zip(&step).for_each(|(pose, step)| *pose = solve::moved(pose, step));
+        poses
+            .iter_mut()
+            .zip(&step)
+            .for_each(|(pose, step)| *pose = solve::moved(pose, step));
         let largest = |range: std::ops::Range<usize>| {
-            step.iter().flat_map(|s| &s[range.clone()]).fold(0.0, |m: f64, s| m.max(s.abs()))
+            step.iter()
+                .flat_map(|s| &s[range.clone()])
+                .fold(0.0, |m: f64, s| m.max(s.abs()))
         };
         if largest(0..3) < AT_REST && largest(3..6) < AT_REST * depth_m {
             break;
@@ -131,4 +153,3 @@ fn refined(
     };
     Some((report, poses))
 }
-

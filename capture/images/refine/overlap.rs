@@ -23,17 +23,31 @@ pub(super) const SAME_SURFACE: f64 = 0.1;
 /// Pairs of views that overlap, in ascending order, none twice.
 pub(super) fn pairs(grids: &[RangeGrid], poses: &[Pose], depth_m: f64) -> Vec<[usize; 2]> {
     let partners = |i: usize| {
-        let mut ranked: Vec<(f64, usize)> =
-            (0..poses.len()).filter(|&j| j != i).map(|j| (apart(&poses[i], &poses[j], depth_m), j)).collect();
+        let mut ranked: Vec<(f64, usize)> = (0..poses.len())
+            .filter(|&j| j != i)
+            .map(|j| (apart(&poses[i], &poses[j], depth_m), j))
+            .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         ranked.truncate(ASKED);
-        let overlaps = |j: usize| overlap((&grids[i], &poses[i]), (&grids[j], &poses[j])) >= LEAST_OVERLAP;
-        let seen: Vec<usize> = ranked.into_iter().map(|(_, j)| j).filter(|&j| overlaps(j)).collect();
+        let overlaps =
+            |j: usize| overlap((&grids[i], &poses[i]), (&grids[j], &poses[j])) >= LEAST_OVERLAP;
+        let seen: Vec<usize> = ranked
+            .into_iter()
+            .map(|(_, j)| j)
+            .filter(|&j| overlaps(j))
+            .collect();
         let near = seen.len().min(OF_EACH_KIND);
         let far = seen.len().saturating_sub(OF_EACH_KIND).max(near);
-        seen[..near].iter().chain(&seen[far..]).map(|&j| [i.min(j), i.max(j)]).collect::<Vec<_>>()
+        seen[..near]
+            .iter()
+            .chain(&seen[far..])
+            .map(|&j| [i.min(j), i.max(j)])
+            .collect::<Vec<_>>()
     };
-    let mut pairs: Vec<[usize; 2]> = (0..poses.len()).into_par_iter().flat_map_iter(partners).collect();
+    let mut pairs: Vec<[usize; 2]> = (0..poses.len())
+        .into_par_iter()
+        .flat_map_iter(partners)
+        .collect();
     pairs.sort_unstable();
     pairs.dedup();
     pairs
@@ -44,10 +58,15 @@ fn overlap((from, pose): (&RangeGrid, &Pose), (to, other): (&RangeGrid, &Pose)) 
     let (mut points, mut seen) = (0u32, 0u32);
     for row in (STEP / 2..from.size[1]).step_by(STEP as usize) {
         for column in (STEP / 2..from.size[0]).step_by(STEP as usize) {
-            let Some(facet) = from.facet(column, row) else { continue };
+            let Some(facet) = from.facet(column, row) else {
+                continue;
+            };
             points += 1;
             let found = to.seen_at(other.to_eye(pose.to_world(facet.point)));
-            seen += u32::from(found.is_some_and(|(there, depth)| (there.depth / depth - 1.0).abs() < SAME_SURFACE));
+            seen +=
+                u32::from(found.is_some_and(|(there, depth)| {
+                    (there.depth / depth - 1.0).abs() < SAME_SURFACE
+                }));
         }
     }
     f64::from(seen) / f64::from(points.max(1))

@@ -5,8 +5,8 @@
 
 use super::super::view::FARTHEST_M;
 use super::super::{Lens, LoadedView};
-use headbox_core::statistics::median;
 use glam::DVec3;
+use headbox_core::statistics::median;
 
 /// Cells from left to right at most.
 const COLUMNS: u32 = 128;
@@ -54,10 +54,22 @@ impl RangeGrid {
         let cell_px = width.div_ceil(COLUMNS).max(1);
         let size = [width / cell_px, height / cell_px];
         let cells = || (0..size[1]).flat_map(|row| (0..size[0]).map(move |column| [column, row]));
-        let inverse_depths = cells().map(|cell| mean_of_cell(view, cell, cell_px)).collect();
-        let levels = cells().map(|cell| level_of_cell(view, cell, cell_px)).collect();
+        let inverse_depths = cells()
+            .map(|cell| mean_of_cell(view, cell, cell_px))
+            .collect();
+        let levels = cells()
+            .map(|cell| level_of_cell(view, cell, cell_px))
+            .collect();
         let pixel_rad = 1.0 / view.lens.pixels_per_radian(view.size_px);
-        Self { size, cell_px, size_px: view.size_px, lens: view.lens, pixel_rad, inverse_depths, levels }
+        Self {
+            size,
+            cell_px,
+            size_px: view.size_px,
+            lens: view.lens,
+            pixel_rad,
+            inverse_depths,
+            levels,
+        }
     }
 
     fn inverse_depth(&self, column: u32, row: u32) -> f32 {
@@ -73,7 +85,11 @@ impl RangeGrid {
     pub(super) fn level_at(&self, point: DVec3) -> Option<f64> {
         let [x, y, _] = self.lens.project(point, self.size_px)?;
         let [x, y] = [x, y].map(|at| at / f64::from(self.cell_px) - 0.5);
-        if !(x >= 0.0 && y >= 0.0 && x < f64::from(self.size[0]) - 1.0 && y < f64::from(self.size[1]) - 1.0) {
+        if !(x >= 0.0
+            && y >= 0.0
+            && x < f64::from(self.size[0]) - 1.0
+            && y < f64::from(self.size[1]) - 1.0)
+        {
             return None;
         }
         let (column, row) = (x as u32, y as u32);
@@ -98,7 +114,8 @@ impl RangeGrid {
         let pair = |[a, b]: [[u32; 2]; 2]| {
             let [of_a, of_b] = [a, b].map(|[column, row]| self.inverse_depth(column, row));
             // Not so of NaN.
-            let on_one = (of_a - own).abs() <= ONE_SURFACE * own && (of_a + of_b - 2.0 * own).abs() <= FLAT * own;
+            let on_one = (of_a - own).abs() <= ONE_SURFACE * own
+                && (of_a + of_b - 2.0 * own).abs() <= FLAT * own;
             on_one.then(|| [self.point(a[0], a[1], of_a), self.point(b[0], b[1], of_b)])
         };
         let [left, right] = pair([[column - 1, row], [column + 1, row]])?;
@@ -107,13 +124,21 @@ impl RangeGrid {
         let normal = (below - above).cross(right - left).try_normalize()?;
         let point = self.point(column, row, own);
         let cosine = -normal.dot(point.normalize());
-        (cosine >= LEAST_COSINE).then_some(Facet { point, normal, depth: 1.0 / f64::from(own) })
+        (cosine >= LEAST_COSINE).then_some(Facet {
+            point,
+            normal,
+            depth: 1.0 / f64::from(own),
+        })
     }
 
     /// The surface where a point in the camera's axes would be seen, and the point's own depth.
     pub(super) fn seen_at(&self, point: DVec3) -> Option<(Facet, f64)> {
         let [x, y, depth] = self.lens.project(point, self.size_px)?;
-        if !(x >= 0.0 && y >= 0.0 && x < f64::from(self.size_px[0]) && y < f64::from(self.size_px[1])) {
+        if !(x >= 0.0
+            && y >= 0.0
+            && x < f64::from(self.size_px[0])
+            && y < f64::from(self.size_px[1]))
+        {
             return None;
         }
         let [column, row] = [x, y].map(|at| at as u32 / self.cell_px);
@@ -123,7 +148,8 @@ impl RangeGrid {
 
 /// The pixels of a cell.
 fn pixels([column, row]: [u32; 2], cell_px: u32) -> impl Iterator<Item = (u32, u32)> {
-    (0..cell_px).flat_map(move |y| (0..cell_px).map(move |x| (column * cell_px + x, row * cell_px + y)))
+    (0..cell_px)
+        .flat_map(move |y| (0..cell_px).map(move |x| (column * cell_px + x, row * cell_px + y)))
 }
 
 fn level_of_cell(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> u8 {
@@ -139,19 +165,30 @@ fn level_of_cell(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> u8 {
 fn mean_of_cell(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> f32 {
     let (mut sum, mut low, mut high) = (0.0, f32::INFINITY, 0.0f32);
     for (x, y) in pixels(cell, cell_px) {
-        let Some(depth) = view.depth_at(x, y).filter(|depth| *depth < FARTHEST_M) else { return f32::NAN };
+        let Some(depth) = view.depth_at(x, y).filter(|depth| *depth < FARTHEST_M) else {
+            return f32::NAN;
+        };
         let inverse = 1.0 / depth;
         sum += f64::from(inverse);
         (low, high) = (low.min(inverse), high.max(inverse));
     }
     let mean = (sum / f64::from(cell_px * cell_px)) as f32;
-    if high - low <= ONE_SURFACE * mean { mean } else { f32::NAN }
+    if high - low <= ONE_SURFACE * mean {
+        mean
+    } else {
+        f32::NAN
+    }
 }
 
 /// How far views see, metres: the median of their medians; `None` if none sees a surface.
 pub(super) fn median_depth(grids: &[RangeGrid]) -> Option<f64> {
     let known = |grid: &RangeGrid| {
-        median(grid.inverse_depths.iter().filter(|inverse| !inverse.is_nan()).map(|inverse| 1.0 / f64::from(*inverse)))
+        median(
+            grid.inverse_depths
+                .iter()
+                .filter(|inverse| !inverse.is_nan())
+                .map(|inverse| 1.0 / f64::from(*inverse)),
+        )
     };
     median(grids.iter().filter_map(known))
 }

@@ -21,9 +21,16 @@ pub(super) type Step = [f64; OF_VIEW];
 pub(super) fn prior(poses: &[Pose], given: &[Pose], depth_m: f64) -> Prior {
     let weights = [PRIOR, PRIOR * depth_m].map(|sigma| 1.0 / (sigma * sigma));
     let of_view = |(pose, given): (&Pose, &Pose)| {
-        let turned = DQuat::from_mat3(&(pose.world_from_eye * given.world_from_eye.transpose())).to_scaled_axis();
+        let turned = DQuat::from_mat3(&(pose.world_from_eye * given.world_from_eye.transpose()))
+            .to_scaled_axis();
         let [turned, stepped] = [turned, pose.eye - given.eye].map(|change| change.to_array());
-        std::array::from_fn(|i| if i < 3 { [weights[0], turned[i]] } else { [weights[1], stepped[i - 3]] })
+        std::array::from_fn(|i| {
+            if i < 3 {
+                [weights[0], turned[i]]
+            } else {
+                [weights[1], stepped[i - 3]]
+            }
+        })
     };
     poses.iter().zip(given).map(of_view).collect()
 }
@@ -31,10 +38,17 @@ pub(super) fn prior(poses: &[Pose], given: &[Pose], depth_m: f64) -> Prior {
 /// A pose after a small turn and step.
 pub(super) fn moved(pose: &Pose, step: &Step) -> Pose {
     let turn = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::from_slice(&step[..3])));
-    let [x, y] = [turn * pose.world_from_eye.x_axis, turn * pose.world_from_eye.y_axis].map(DVec3::normalize);
+    let [x, y] = [
+        turn * pose.world_from_eye.x_axis,
+        turn * pose.world_from_eye.y_axis,
+    ]
+    .map(DVec3::normalize);
     // Roundings of many turns do not add up.
     let y = (y - x * x.dot(y)).normalize();
-    Pose { eye: pose.eye + DVec3::from_slice(&step[3..]), world_from_eye: DMat3::from_cols(x, y, x.cross(y)) }
+    Pose {
+        eye: pose.eye + DVec3::from_slice(&step[3..]),
+        world_from_eye: DMat3::from_cols(x, y, x.cross(y)),
+    }
 }
 
 /// In which order views stand in the equations: neighbours near each other, so that the decomposition fills little (Cuthill and McKee
@@ -63,7 +77,11 @@ impl Order {
             let mut next = order.len();
             order.push(start);
             while next < order.len() {
-                let mut fresh: Vec<usize> = beside[order[next]].iter().copied().filter(|&view| !is_in[view]).collect();
+                let mut fresh: Vec<usize> = beside[order[next]]
+                    .iter()
+                    .copied()
+                    .filter(|&view| !is_in[view])
+                    .collect();
                 fresh.sort_by_key(degree);
                 fresh.iter().for_each(|&view| is_in[view] = true);
                 order.append(&mut fresh);
@@ -71,7 +89,11 @@ impl Order {
             }
         }
         let mut places = vec![0; views];
-        order.iter().rev().enumerate().for_each(|(place, &view)| places[view] = place);
+        order
+            .iter()
+            .rev()
+            .enumerate()
+            .for_each(|(place, &view)| places[view] = place);
         Self { places }
     }
 
@@ -88,7 +110,8 @@ impl Order {
             }
         }
         for block in blocks {
-            let places: [usize; OF_PAIR] = std::array::from_fn(|i| at(block.views[i / OF_VIEW], i % OF_VIEW));
+            let places: [usize; OF_PAIR] =
+                std::array::from_fn(|i| at(block.views[i / OF_VIEW], i % OF_VIEW));
             for (i, row) in block.matrix.iter().enumerate() {
                 right[(places[i], 0)] -= block.gradient[i];
                 matrix.push(places[i], places[i], row[i]);
@@ -98,9 +121,15 @@ impl Order {
                 }
             }
         }
-        let solved = CscCholesky::factor(&CscMatrix::from(&matrix)).ok().map(|factor| factor.solve(&right));
+        let solved = CscCholesky::factor(&CscMatrix::from(&matrix))
+            .ok()
+            .map(|factor| factor.solve(&right));
         let step = |view: usize| {
-            std::array::from_fn(|unknown| solved.as_ref().map_or(0.0, |solved| solved[(at(view, unknown), 0)]))
+            std::array::from_fn(|unknown| {
+                solved
+                    .as_ref()
+                    .map_or(0.0, |solved| solved[(at(view, unknown), 0)])
+            })
         };
         (0..self.places.len()).map(step).collect()
     }

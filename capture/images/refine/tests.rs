@@ -8,19 +8,35 @@ const SIZE: [u32; 2] = [160, 120];
 const VIEWS: usize = 9;
 
 fn lens() -> Lens {
-    Lens::Pinhole(Pinhole { focal_px: [140.0; 2], principal_px: [80.0, 60.0], distortion: Distortion::default() })
+    Lens::Pinhole(Pinhole {
+        focal_px: [140.0; 2],
+        principal_px: [80.0, 60.0],
+        distortion: Distortion::default(),
+    })
 }
 
 /// Where a ray meets the room, its post, or the slopes that hide its corners, as a multiple of its direction.
 fn hit(eye: DVec3, ray: DVec3) -> f64 {
     const HALF: DVec3 = dvec3(1.2, 0.8, 2.5);
     let wall = |i: usize| (HALF[i] * ray[i].signum() - eye[i]) / ray[i];
-    let room = (0..3).filter(|&i| ray[i] != 0.0).map(wall).fold(f64::INFINITY, f64::min);
+    let room = (0..3)
+        .filter(|&i| ray[i] != 0.0)
+        .map(wall)
+        .fold(f64::INFINITY, f64::min);
     let post = (-1.4 - eye.z) / ray.z;
     let at = eye + ray * post;
-    let near = if post > 0.0 && at.x.abs() < 0.3 && at.y < 0.2 { post } else { f64::INFINITY };
-    let sloping = |normal: DVec3, offset: f64| Some((offset - normal.dot(eye)) / normal.dot(ray)).filter(|t| *t > 0.0);
-    let slopes = [sloping(dvec3(0.3, 0.8, 0.5), -0.9), sloping(dvec3(-0.8, 0.2, 0.5), -1.1)];
+    let near = if post > 0.0 && at.x.abs() < 0.3 && at.y < 0.2 {
+        post
+    } else {
+        f64::INFINITY
+    };
+    let sloping = |normal: DVec3, offset: f64| {
+        Some((offset - normal.dot(eye)) / normal.dot(ray)).filter(|t| *t > 0.0)
+    };
+    let slopes = [
+        sloping(dvec3(0.3, 0.8, 0.5), -0.9),
+        sloping(dvec3(-0.8, 0.2, 0.5), -1.1),
+    ];
     slopes.into_iter().flatten().fold(room.min(near), f64::min)
 }
 
@@ -30,23 +46,40 @@ fn view(pose: &Pose) -> LoadedView {
 
 /// The room with a pattern of so many radians a metre.
 fn view_of_waves(pose: &Pose, waves: f64) -> LoadedView {
-    let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]));
+    let pixels = (0..SIZE[1])
+        .flat_map(|y| (0..SIZE[0]).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]));
     let (mut depth, mut color) = (Vec::new(), Vec::new());
     for at in pixels {
         let ray = pose.world_from_eye * lens().ray(at, SIZE);
         let along = hit(pose.eye, ray);
-        let level = 128.0 + 100.0 * ((pose.eye + ray * along) * waves).to_array().map(f64::sin).iter().product::<f64>();
+        let level = 128.0
+            + 100.0
+                * ((pose.eye + ray * along) * waves)
+                    .to_array()
+                    .map(f64::sin)
+                    .iter()
+                    .product::<f64>();
         depth.push(along as f32);
         color.push([level as u8, level as u8, level as u8, 255]);
     }
-    LoadedView { size_px: SIZE, lens: lens(), pose: *pose, color, depth }
+    LoadedView {
+        size_px: SIZE,
+        lens: lens(),
+        pose: *pose,
+        color,
+        depth,
+    }
 }
 
 fn truth() -> Vec<Pose> {
     let pose = |i: usize| {
         let i = i as f64;
-        let turn = DMat3::from_rotation_y(0.08 * (i - 4.0)) * DMat3::from_rotation_x(0.1 * (i * 0.9).sin());
-        Pose { eye: dvec3(0.08 * i - 0.3, 0.1 * (i * 0.7).sin(), 0.1 * (i * 1.5).cos()), world_from_eye: turn }
+        let turn = DMat3::from_rotation_y(0.08 * (i - 4.0))
+            * DMat3::from_rotation_x(0.1 * (i * 0.9).sin());
+        Pose {
+            eye: dvec3(0.08 * i - 0.3, 0.1 * (i * 0.7).sin(), 0.1 * (i * 1.5).cos()),
+            world_from_eye: turn,
+        }
     };
     (0..VIEWS).map(pose).collect()
 }
@@ -57,7 +90,10 @@ fn disturbed(poses: &[Pose]) -> Vec<Pose> {
     let disturb = |(i, pose): (usize, &Pose)| {
         let turn = (own(i as f64 + 0.5) * 0.5f64.to_radians()).to_array();
         let step = (own(i as f64) * 0.02).to_array();
-        solve::moved(pose, &std::array::from_fn(|k| if k < 3 { turn[k] } else { step[k - 3] }))
+        solve::moved(
+            pose,
+            &std::array::from_fn(|k| if k < 3 { turn[k] } else { step[k - 3] }),
+        )
     };
     poses.iter().enumerate().map(disturb).collect()
 }
@@ -68,13 +104,19 @@ fn relative_errors(poses: &[Pose], truth: &[Pose]) -> [f64; 2] {
         eye: pair[0].to_eye(pair[1].eye),
         world_from_eye: pair[0].world_from_eye.transpose() * pair[1].world_from_eye,
     };
-    let pairs: Vec<(Pose, Pose)> =
-        poses.windows(2).zip(truth.windows(2)).map(|(pair, truth)| (beside(pair), beside(truth))).collect();
+    let pairs: Vec<(Pose, Pose)> = poses
+        .windows(2)
+        .zip(truth.windows(2))
+        .map(|(pair, truth)| (beside(pair), beside(truth)))
+        .collect();
     mean_apart(pairs.into_iter())
 }
 
 fn grids(truth: &[Pose]) -> Vec<RangeGrid> {
-    truth.iter().map(|pose| RangeGrid::of(&view(pose))).collect()
+    truth
+        .iter()
+        .map(|pose| RangeGrid::of(&view(pose)))
+        .collect()
 }
 
 fn refine(grids: &[RangeGrid], given: &[Pose]) -> (RefinementReport, Vec<Pose>) {
@@ -88,12 +130,23 @@ fn disturbed_poses_come_back() {
     let (report, found) = refine(&grids(&truth), &given);
     let [before, after] = [&given, &found].map(|poses| relative_errors(poses, &truth));
     // Cells of a few pixels at edges hold two surfaces; less than a hundredth of the disturbance is what they leave.
-    assert!(report.is_kept && report.apart[1] < report.apart[0] * 0.05, "{report:?}");
+    assert!(
+        report.is_kept && report.apart[1] < report.apart[0] * 0.05,
+        "{report:?}"
+    );
     assert!(report.levels[1] < report.levels[0] * 0.2, "{report:?}");
-    assert!(after[0] < before[0] * 0.01 && after[1] < before[1] * 0.01, "{before:?} {after:?}");
+    assert!(
+        after[0] < before[0] * 0.01 && after[1] < before[1] * 0.01,
+        "{before:?} {after:?}"
+    );
     // The whole stays: the mean of what was given.
     let mean = |poses: &[Pose]| poses.iter().map(|pose| pose.eye).sum::<DVec3>() / VIEWS as f64;
-    assert!(mean(&found).distance(mean(&given)) < 0.002, "{} {}", mean(&found), mean(&given));
+    assert!(
+        mean(&found).distance(mean(&given)) < 0.002,
+        "{} {}",
+        mean(&found),
+        mean(&given)
+    );
 }
 
 #[test]
@@ -101,7 +154,10 @@ fn exact_poses_stay() {
     let truth = truth();
     let (report, _) = refine(&grids(&truth), &truth);
     assert!(!report.is_kept, "{report:?}");
-    assert!(report.moved[0] < 1e-3 && report.moved[1] < 1e-4, "{report:?}");
+    assert!(
+        report.moved[0] < 1e-3 && report.moved[1] < 1e-4,
+        "{report:?}"
+    );
 }
 
 #[test]
@@ -109,7 +165,10 @@ fn threads_do_not_change_a_bit() {
     let truth = truth();
     let (given, grids) = (disturbed(&truth), grids(&truth));
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a pool");
         pool.install(|| refine(&grids, &given))
     };
     assert_eq!(on(1), on(3));
@@ -130,7 +189,9 @@ fn colours_refuse_what_suits_the_errors_of_depth() {
     let grids: Vec<RangeGrid> = truth.iter().map(bent).collect();
     let (report, _) = refine(&grids, &truth);
     assert!(
-        !report.is_kept && report.apart[1] < report.apart[0] * 0.9 && report.levels[1] > report.levels[0],
+        !report.is_kept
+            && report.apart[1] < report.apart[0] * 0.9
+            && report.levels[1] > report.levels[0],
         "{report:?}"
     );
 }
@@ -138,26 +199,50 @@ fn colours_refuse_what_suits_the_errors_of_depth() {
 /// A flat wall says nothing of movements along it, nor of turns about its normal: these stay as given.
 #[test]
 fn what_depth_does_not_tell_stays_as_given() {
-    let poses: Vec<Pose> =
-        (0..4).map(|i| Pose { eye: dvec3(0.1 * f64::from(i), 0.0, 0.0), world_from_eye: DMat3::IDENTITY }).collect();
+    let poses: Vec<Pose> = (0..4)
+        .map(|i| Pose {
+            eye: dvec3(0.1 * f64::from(i), 0.0, 0.0),
+            world_from_eye: DMat3::IDENTITY,
+        })
+        .collect();
     let count = (SIZE[0] * SIZE[1]) as usize;
     // Of one colour, which has nothing to say either.
-    let wall =
-        |pose: &Pose| LoadedView { depth: vec![2.0; count], color: vec![[90, 90, 90, 255]; count], ..view(pose) };
-    let grids: Vec<RangeGrid> = poses.iter().map(|pose| RangeGrid::of(&wall(pose))).collect();
+    let wall = |pose: &Pose| LoadedView {
+        depth: vec![2.0; count],
+        color: vec![[90, 90, 90, 255]; count],
+        ..view(pose)
+    };
+    let grids: Vec<RangeGrid> = poses
+        .iter()
+        .map(|pose| RangeGrid::of(&wall(pose)))
+        .collect();
     let mut given = poses.clone();
     given[1].eye += dvec3(0.01, 0.005, 0.02);
     let (report, found) = refine(&grids, &given);
     assert!(report.is_kept, "{report:?}");
-    let along = |poses: &[Pose]| poses.iter().map(|pose| pose.eye.truncate()).collect::<Vec<_>>();
-    assert!(along(&found).iter().zip(along(&given)).all(|(a, b)| a.distance(b) < 1e-6), "{found:?}");
+    let along = |poses: &[Pose]| {
+        poses
+            .iter()
+            .map(|pose| pose.eye.truncate())
+            .collect::<Vec<_>>()
+    };
+    assert!(
+        along(&found)
+            .iter()
+            .zip(along(&given))
+            .all(|(a, b)| a.distance(b) < 1e-6),
+        "{found:?}"
+    );
     assert!((found[1].eye.z - found[0].eye.z).abs() < 1e-3, "{found:?}");
 }
 
 #[test]
 fn views_without_overlap_are_not_refined() {
     let truth = truth();
-    let back = Pose { world_from_eye: DMat3::from_rotation_y(3.0), ..truth[0] };
+    let back = Pose {
+        world_from_eye: DMat3::from_rotation_y(3.0),
+        ..truth[0]
+    };
     let poses = [truth[0], back];
     assert!(refined(&grids(&poses), &poses, 0.0, &|_| {}).is_none());
 }

@@ -7,7 +7,10 @@
 use super::evidence::{COLUMNS, Evidence};
 use super::photometric::Problem;
 use super::state::State;
-use super::{ImageSet, ImagesError, Kept, Lens, Pinhole, Pose, Registration, RegistrationReport, RegistrationStep};
+use super::{
+    ImageSet, ImagesError, Kept, Lens, Pinhole, Pose, Registration, RegistrationReport,
+    RegistrationStep,
+};
 use crate::register::{exposure, part};
 use rayon::prelude::*;
 
@@ -48,7 +51,9 @@ pub(super) fn estimate(
     let chosen: Vec<usize> = (0..set.views.len())
         .filter(|&i| {
             let view = &set.views[i];
-            view.has_own_depth() && view.registration.is_none() && matches!(view.lens, Lens::Pinhole(_))
+            view.has_own_depth()
+                && view.registration.is_none()
+                && matches!(view.lens, Lens::Pinhole(_))
         })
         .collect();
     // One lens for all: what a set of several cameras has in common is not theirs.
@@ -59,7 +64,9 @@ pub(super) fn estimate(
     if chosen.len() < 3 || !same {
         return Ok(None);
     }
-    let Lens::Pinhole(given) = set.views[chosen[0]].lens.ideal() else { return Ok(None) };
+    let Lens::Pinhole(given) = set.views[chosen[0]].lens.ideal() else {
+        return Ok(None);
+    };
     let load = |numbers: &[usize], columns: u32| {
         look(RegistrationStep::Begins(numbers.len()));
         let evidence = |&number: &usize| {
@@ -71,7 +78,9 @@ pub(super) fn estimate(
         numbers.par_iter().map(evidence).collect()
     };
     let poses: Vec<Pose> = chosen.iter().map(|&i| set.views[i].pose).collect();
-    let Some((report, registrations)) = of_views(&poses, given, groups, &load)? else { return Ok(None) };
+    let Some((report, registrations)) = of_views(&poses, given, groups, &load)? else {
+        return Ok(None);
+    };
     let mut all = vec![None; set.views.len()];
     for (&i, registration) in chosen.iter().zip(registrations) {
         all[i] = Some(registration);
@@ -97,7 +106,10 @@ pub(super) fn of_views(
     let each = problem.each_view(&one);
     let levels = [&asked, &one, &each].map(|state| problem.unseen_levels(state));
     let mut kept = (Kept::AsGiven, &asked, levels[0]);
-    for (name, state, level) in [(Kept::OneForAll, &one, levels[1]), (Kept::EachView, &each, levels[2])] {
+    for (name, state, level) in [
+        (Kept::OneForAll, &one, levels[1]),
+        (Kept::EachView, &each, levels[2]),
+    ] {
         if is_better(level, kept.2) {
             kept = (name, state, level);
         }
@@ -109,7 +121,11 @@ pub(super) fn of_views(
         (state.clone(), gains)
     } else {
         if poses.len() > MOST_VIEWS && kept == Kept::EachView {
-            kept = if is_better(levels[1], levels[0]) { Kept::OneForAll } else { Kept::AsGiven };
+            kept = if is_better(levels[1], levels[0]) {
+                Kept::OneForAll
+            } else {
+                Kept::AsGiven
+            };
         }
         let common = if kept == Kept::AsGiven { &asked } else { &one };
         let all = common.of_others(&asked, poses.iter().copied());
@@ -119,16 +135,38 @@ pub(super) fn of_views(
             false => (all, vec![[1.0; 3]; poses.len()]),
         }
     };
-    let (low, high) = gains.iter().flatten().fold((f32::MAX, 0.0f32), |(low, high), &g| (low.min(g), high.max(g)));
+    let (low, high) = gains
+        .iter()
+        .flatten()
+        .fold((f32::MAX, 0.0f32), |(low, high), &g| {
+            (low.min(g), high.max(g))
+        });
     let mut registrations = state.registrations(&gains);
     if kept == Kept::AsGiven {
         // To the last digit.
         for (registration, pose) in registrations.iter_mut().zip(poses) {
-            *registration = Registration { lens: given, pose: *pose, gain: registration.gain };
+            *registration = Registration {
+                lens: given,
+                pose: *pose,
+                gain: registration.gain,
+            };
         }
     }
-    let focal_px = [given.focal_px[0], registrations.first().map_or(given.focal_px[0], |first| first.lens.focal_px[0])];
-    let report = RegistrationReport { levels, kept, focal_px, moved, gain: [low, high], judged, views: poses.len() };
+    let focal_px = [
+        given.focal_px[0],
+        registrations
+            .first()
+            .map_or(given.focal_px[0], |first| first.lens.focal_px[0]),
+    ];
+    let report = RegistrationReport {
+        levels,
+        kept,
+        focal_px,
+        moved,
+        gain: [low, high],
+        judged,
+        views: poses.len(),
+    };
     Ok(Some((report, registrations)))
 }
 
@@ -157,9 +195,16 @@ fn each_asked(
 ) -> Result<(State, Vec<[f32; 3]>), ImagesError> {
     // Of pictures that are four by three.
     let columns = (MOST_POINTS / count as f64 * 4.0 / 3.0).sqrt() as u32;
-    let evidence = load(&(0..count).collect::<Vec<_>>(), columns.clamp(LEAST_COLUMNS, COLUMNS))?;
+    let evidence = load(
+        &(0..count).collect::<Vec<_>>(),
+        columns.clamp(LEAST_COLUMNS, COLUMNS),
+    )?;
     let problem = Problem::new(evidence, given);
-    let state = if kept == Kept::EachView { problem.each_view(&common) } else { common };
+    let state = if kept == Kept::EachView {
+        problem.each_view(&common)
+    } else {
+        common
+    };
     let gains = exposure::estimate(&problem, &state);
     Ok((state, gains))
 }

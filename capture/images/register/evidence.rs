@@ -49,13 +49,23 @@ impl Evidence {
         let reduced = width.div_ceil(WIDTH).max(1);
         let size = [width / reduced, height / reduced].map(|side| side as usize);
         let mean = |channel: usize, i: usize| {
-            let (x, y) = ((i % size[0]) as u32 * reduced, (i / size[0]) as u32 * reduced);
+            let (x, y) = (
+                (i % size[0]) as u32 * reduced,
+                (i / size[0]) as u32 * reduced,
+            );
             let at = |k: u32| ((y + k / reduced) * width + x + k % reduced) as usize;
-            let sum: u32 = (0..reduced * reduced).map(|k| u32::from(view.color[at(k)][channel])).sum();
+            let sum: u32 = (0..reduced * reduced)
+                .map(|k| u32::from(view.color[at(k)][channel]))
+                .sum();
             ((sum + reduced * reduced / 2) / (reduced * reduced)) as u8
         };
-        let planes = [0, 1, 2].map(|channel| (0..size[0] * size[1]).map(|i| mean(channel, i)).collect::<Vec<u8>>());
-        let grey = (0..size[0] * size[1]).map(|i| ((0..3).map(|c| u32::from(planes[c][i])).sum::<u32>() / 3) as u8);
+        let planes = [0, 1, 2].map(|channel| {
+            (0..size[0] * size[1])
+                .map(|i| mean(channel, i))
+                .collect::<Vec<u8>>()
+        });
+        let grey = (0..size[0] * size[1])
+            .map(|i| ((0..3).map(|c| u32::from(planes[c][i])).sum::<u32>() / 3) as u8);
         let grey = grey.collect();
         let step = (width / columns.max(1)).max(1);
         let mut points = Vec::new();
@@ -63,9 +73,13 @@ impl Evidence {
         for y in (step / 2 + 1..height.saturating_sub(1)).step_by(step as usize) {
             for x in (step / 2 + 1..width.saturating_sub(1)).step_by(step as usize) {
                 let around = [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)];
-                let Some(depth) = view.depth_at(x, y) else { continue };
-                let smooth =
-                    |&(x, y): &(u32, u32)| view.depth_at(x, y).is_some_and(|d| (d / depth - 1.0).abs() < AT_EDGE);
+                let Some(depth) = view.depth_at(x, y) else {
+                    continue;
+                };
+                let smooth = |&(x, y): &(u32, u32)| {
+                    view.depth_at(x, y)
+                        .is_some_and(|d| (d / depth - 1.0).abs() < AT_EDGE)
+                };
                 if around.iter().all(smooth) {
                     points.extend(view.point_at(x, y));
                     depths.push(f64::from(depth));
@@ -77,9 +91,24 @@ impl Evidence {
         let apart = reduced * DEPTH_STEP;
         let place = |number: u32, side: u32| (number * apart + apart / 2).min(side - 1);
         let [columns, rows] = size.map(|side| (side as u32).div_ceil(DEPTH_STEP));
-        let depth = |(x, y)| view.depth_at(place(x, width), place(y, height)).unwrap_or(f32::NAN);
-        let depths = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).map(depth).collect();
-        Self { reduced, size, planes, grey, points, depths, pose: view.pose, depth_m }
+        let depth = |(x, y)| {
+            view.depth_at(place(x, width), place(y, height))
+                .unwrap_or(f32::NAN)
+        };
+        let depths = (0..rows)
+            .flat_map(|y| (0..columns).map(move |x| (x, y)))
+            .map(depth)
+            .collect();
+        Self {
+            reduced,
+            size,
+            planes,
+            grey,
+            points,
+            depths,
+            pose: view.pose,
+            depth_m,
+        }
     }
 
     /// Whether the depth camera, through its lens, sees a point of the world: its depth image, if it knows, shows nothing else there.
@@ -116,7 +145,13 @@ impl Smooth {
             blur_rows(&levels, &mut between, size[0]);
             blur_columns(&between, &mut levels, size[0]);
         }
-        Self { size, levels: levels.into_iter().map(|level| (level + 0.5) as u8).collect() }
+        Self {
+            size,
+            levels: levels
+                .into_iter()
+                .map(|level| (level + 0.5) as u8)
+                .collect(),
+        }
     }
 
     /// Level, and its slopes to the right and down, at a position in pixels; `None` at the border.
@@ -129,13 +164,19 @@ impl Smooth {
         }
         let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f64, y - row as f64);
-        let level = |dx: usize, dy: usize| f64::from(self.levels[(row + dy - 1) * width + column + dx - 1]);
+        let level =
+            |dx: usize, dy: usize| f64::from(self.levels[(row + dy - 1) * width + column + dx - 1]);
         let mix = |a: f64, b: f64, f: f64| a + (b - a) * f;
         let across = |dy: usize| mix(level(1, dy), level(2, dy), fx);
         // Differences over two pixels, mixed like the levels: smoother than the bilinear patch's own.
-        let slope_x = |dy: usize| mix(level(2, dy) - level(0, dy), level(3, dy) - level(1, dy), fx) / 2.0;
+        let slope_x =
+            |dy: usize| mix(level(2, dy) - level(0, dy), level(3, dy) - level(1, dy), fx) / 2.0;
         let slope_y = mix(across(2) - across(0), across(3) - across(1), fy) / 2.0;
-        Some([mix(across(1), across(2), fy), mix(slope_x(1), slope_x(2), fy), slope_y])
+        Some([
+            mix(across(1), across(2), fy),
+            mix(slope_x(1), slope_x(2), fy),
+            slope_y,
+        ])
     }
 }
 
@@ -156,7 +197,11 @@ fn blur_columns(from: &[f32], to: &mut [f32], width: usize) {
     let last = (from.len() / width).saturating_sub(1);
     let row = |number: usize| &from[number * width..(number + 1) * width];
     for (number, to) in to.chunks_exact_mut(width).enumerate() {
-        let (above, here, below) = (row(number.saturating_sub(1)), row(number), row((number + 1).min(last)));
+        let (above, here, below) = (
+            row(number.saturating_sub(1)),
+            row(number),
+            row((number + 1).min(last)),
+        );
         for (to, ((above, here), below)) in to.iter_mut().zip(above.iter().zip(here).zip(below)) {
             *to = mixed(*above, *here, *below);
         }

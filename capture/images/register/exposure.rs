@@ -25,8 +25,11 @@ const SWEEPS: usize = 2000;
 
 /// Gains of all views: levels divided by them are those of one exposure.
 pub(super) fn estimate(problem: &Problem, state: &State) -> Vec<[f32; 3]> {
-    let ratios: Vec<Option<[f64; 3]>> =
-        problem.pairs().par_iter().map(|pair| log_ratios(problem, state, pair)).collect();
+    let ratios: Vec<Option<[f64; 3]>> = problem
+        .pairs()
+        .par_iter()
+        .map(|pair| log_ratios(problem, state, pair))
+        .collect();
     let mut pairs_of = vec![Vec::new(); problem.evidence.len()];
     for (pair, ratio) in problem.pairs().iter().zip(&ratios) {
         let [i, j] = pair.views;
@@ -48,15 +51,24 @@ pub(super) fn estimate(problem: &Problem, state: &State) -> Vec<[f32; 3]> {
     if logs.iter().flatten().all(|log| log.abs() < ALIKE) {
         logs.fill([0.0; 3]);
     }
-    logs.into_iter().map(|log| log.map(|log| log.exp() as f32)).collect()
+    logs.into_iter()
+        .map(|log| log.map(|log| log.exp() as f32))
+        .collect()
 }
 
 fn log_ratios(problem: &Problem, state: &State, pair: &Pair) -> Option<[f64; 3]> {
     let used = |colors: &[[u8; 3]; 2]| colors.iter().flatten().all(|level| USED.contains(level));
-    let colors: Vec<[[u8; 3]; 2]> = problem.colors(state, pair).into_iter().filter(used).collect();
+    let colors: Vec<[[u8; 3]; 2]> = problem
+        .colors(state, pair)
+        .into_iter()
+        .filter(used)
+        .collect();
     (colors.len() >= LEAST_POINTS).then(|| {
         [0, 1, 2].map(|c| {
-            let mut logs: Vec<f64> = colors.iter().map(|[a, b]| (f64::from(a[c]) / f64::from(b[c])).ln()).collect();
+            let mut logs: Vec<f64> = colors
+                .iter()
+                .map(|[a, b]| (f64::from(a[c]) / f64::from(b[c])).ln())
+                .collect();
             let middle = logs.len() / 2;
             *logs.select_nth_unstable_by(middle, f64::total_cmp).1
         })

@@ -82,7 +82,10 @@ impl ImageSet {
         &mut self,
         look: &(dyn Fn(RegistrationStep) + Sync),
     ) -> Result<Option<RegistrationReport>, ImagesError> {
-        let Some((report, registrations)) = estimate::estimate(self, estimate::GROUPS, look)? else { return Ok(None) };
+        let Some((report, registrations)) = estimate::estimate(self, estimate::GROUPS, look)?
+        else {
+            return Ok(None);
+        };
         for (view, registration) in self.views.iter_mut().zip(registrations) {
             view.registration = registration;
         }
@@ -93,7 +96,8 @@ impl ImageSet {
 impl View {
     /// Where its colours were taken from, world metres.
     pub fn color_pose(&self) -> Pose {
-        self.registration.map_or(self.pose, |registration| registration.pose)
+        self.registration
+            .map_or(self.pose, |registration| registration.pose)
     }
 }
 
@@ -113,8 +117,13 @@ impl Registration {
             return view;
         }
         let depth = reproject::depth(&view, lens.ideal(), &self.pose);
-        let color = LoadedView { lens, pose: self.pose, depth: Vec::new(), ..view }.undistorted();
+        let color = LoadedView {
+            lens,
+            pose: self.pose,
+            depth: Vec::new(),
+            ..view
+        }
+        .undistorted();
         LoadedView { depth, ..color }
     }
 }
-

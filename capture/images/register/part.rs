@@ -12,13 +12,18 @@ const RANKS: [usize; 3] = [1, 7, 23];
 pub(super) const GROUP: usize = 1 + RANKS.len();
 
 /// How far apart two views are: steps over the depth of what is seen, and turns, radians.
-pub(in crate) fn apart(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
-    a.eye.distance(b.eye) / depth_m + a.world_from_eye.z_axis.angle_between(b.world_from_eye.z_axis)
+pub(crate) fn apart(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
+    a.eye.distance(b.eye) / depth_m
+        + a.world_from_eye
+            .z_axis
+            .angle_between(b.world_from_eye.z_axis)
 }
 
 /// The first of each of so many groups of `count` views, evenly spread over their order.
 pub(super) fn firsts(count: usize, groups: usize) -> Vec<usize> {
-    (0..groups).map(|group| (2 * group + 1) * count / (2 * groups)).collect()
+    (0..groups)
+        .map(|group| (2 * group + 1) * count / (2 * groups))
+        .collect()
 }
 
 /// The groups of first views, in ascending order, none twice.
@@ -30,7 +35,12 @@ pub(super) fn groups(poses: &[Pose], firsts: &[usize], depth_m: f64) -> Vec<usiz
             .map(|i| (apart(&poses[first], &poses[i], depth_m), i))
             .collect();
         others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        chosen.extend(RANKS.iter().filter_map(|&rank| others.get(rank - 1)).map(|&(_, i)| i));
+        chosen.extend(
+            RANKS
+                .iter()
+                .filter_map(|&rank| others.get(rank - 1))
+                .map(|&(_, i)| i),
+        );
     }
     chosen.into_iter().collect()
 }
@@ -52,12 +62,21 @@ mod tests {
         assert_eq!(chosen.len(), 12 * GROUP);
         assert!(chosen.windows(2).all(|pair| pair[0] < pair[1]));
         let nearest = |i: &usize| {
-            let others = firsts.iter().map(|first| poses[*first].eye.distance(poses[*i].eye));
+            let others = firsts
+                .iter()
+                .map(|first| poses[*first].eye.distance(poses[*i].eye));
             others.fold(f64::INFINITY, f64::min)
         };
-        assert!(chosen.iter().all(|i| nearest(i) < 4.0), "the 23rd nearest is three steps away, or four at a rim");
+        assert!(
+            chosen.iter().all(|i| nearest(i) < 4.0),
+            "the 23rd nearest is three steps away, or four at a rim"
+        );
         for part in 0..4 {
-            assert!(chosen.iter().any(|i| (part * 250..(part + 1) * 250).contains(i)));
+            assert!(
+                chosen
+                    .iter()
+                    .any(|i| (part * 250..(part + 1) * 250).contains(i))
+            );
         }
         // Where there are hardly more than are asked for.
         assert!(groups(&poses[..5], &[0, 2], 3.0).len() <= 5);

@@ -76,17 +76,30 @@ struct Seen {
 impl Problem {
     /// Of views through one ideal lens, paired where they see the same.
     pub(super) fn new(evidence: Vec<Evidence>, given: Pinhole) -> Self {
-        let mut problem = Self { evidence, given, pairs: Vec::new(), blurred: Mutex::default() };
+        let mut problem = Self {
+            evidence,
+            given,
+            pairs: Vec::new(),
+            blurred: Mutex::default(),
+        };
         let pair = |views: [usize; 2]| {
             let [first, second] = views.map(|view| &problem.evidence[view]);
             let sees = |number: &usize| second.sees(&given, first.points[*number]);
-            Pair { views, points: (0..first.points.len()).filter(sees).collect() }
+            Pair {
+                views,
+                points: (0..first.points.len()).filter(sees).collect(),
+            }
         };
         let is_enough = |pair: &Pair| {
             let all = problem.evidence[pair.views[0]].points.len() as f64;
             pair.points.len() >= LEAST_POINTS.min((all * LEAST_SHARE).ceil() as usize).max(1)
         };
-        problem.pairs = problem.candidates().into_par_iter().map(pair).filter(is_enough).collect();
+        problem.pairs = problem
+            .candidates()
+            .into_par_iter()
+            .map(pair)
+            .filter(is_enough)
+            .collect();
         problem
     }
 
@@ -98,9 +111,17 @@ impl Problem {
         let mut pairs = BTreeSet::new();
         for (i, own) in self.evidence.iter().enumerate() {
             let apart = |j: usize| (apart(&own.pose, &self.evidence[j].pose, own.depth_m), j);
-            let mut others: Vec<(f64, usize)> = (0..self.evidence.len()).filter(|&j| j != i).map(apart).collect();
+            let mut others: Vec<(f64, usize)> = (0..self.evidence.len())
+                .filter(|&j| j != i)
+                .map(apart)
+                .collect();
             others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            pairs.extend(RANKS.iter().filter_map(|&rank| others.get(rank)).map(|&(_, j)| [i.min(j), i.max(j)]));
+            pairs.extend(
+                RANKS
+                    .iter()
+                    .filter_map(|&rank| others.get(rank))
+                    .map(|&(_, j)| [i.min(j), i.max(j)]),
+            );
         }
         pairs.into_iter().collect()
     }
@@ -129,8 +150,10 @@ impl Problem {
     /// The best lens, and the best place beside the depth cameras, the same for all views.
     pub(super) fn one_for_all(&self, given: &State) -> State {
         let pictures = self.blurred(BLURS[0]);
-        let scaled =
-            |factor: i32| State { focal_px: given.focal_px * (1.0 + FOCAL_STEP * f64::from(factor)), ..given.clone() };
+        let scaled = |factor: i32| State {
+            focal_px: given.focal_px * (1.0 + FOCAL_STEP * f64::from(factor)),
+            ..given.clone()
+        };
         let start = FOCAL_FACTORS
             .map(scaled)
             .map(|state| (self.cost(&state, &pictures), state))
@@ -180,9 +203,23 @@ impl Problem {
         let of_pairs: f64 = self.pairs.iter().map(|pair| pair.points.len() as f64).sum();
         let weight = of_pairs * PRIOR_SHARE * ROBUST * ROBUST;
         let [principal, step, own] = [PRINCIPAL * width, STEP * depth_m, OWN_STEP * depth_m];
-        let deviations = [f64::INFINITY, principal, principal, RADIAL, TURN, TURN, TURN, step, step, step];
-        let mut prior: Vec<[f64; 2]> =
-            deviations.iter().zip(state.shared).map(|(deviation, value)| [weight / deviation.powi(2), value]).collect();
+        let deviations = [
+            f64::INFINITY,
+            principal,
+            principal,
+            RADIAL,
+            TURN,
+            TURN,
+            TURN,
+            step,
+            step,
+            step,
+        ];
+        let mut prior: Vec<[f64; 2]> = deviations
+            .iter()
+            .zip(state.shared)
+            .map(|(deviation, value)| [weight / deviation.powi(2), value])
+            .collect();
         for moved in &state.moved {
             for (i, &value) in moved.iter().enumerate() {
                 let deviation = if i < 3 { OWN_TURN } else { own };
@@ -196,7 +233,13 @@ impl Problem {
     }
 
     /// The points of the first view that both see, of those whose numbers are `wanted`.
-    fn seen(&self, state: &State, pictures: &[Smooth], pair: &Pair, wanted: &dyn Fn(usize) -> bool) -> Vec<Seen> {
+    fn seen(
+        &self,
+        state: &State,
+        pictures: &[Smooth],
+        pair: &Pair,
+        wanted: &dyn Fn(usize) -> bool,
+    ) -> Vec<Seen> {
         let [first, second] = pair.views;
         let look = |view: usize, point: DVec3| {
             let projected = state.project(view, point)?;
@@ -204,9 +247,18 @@ impl Problem {
             let level = pictures[view].at(small.x, small.y)?;
             Some((projected, level))
         };
-        let points =
-            pair.points.iter().filter(|number| wanted(**number)).map(|&number| self.evidence[first].points[number]);
-        points.filter_map(|point| Some(Seen { views: [look(first, point)?, look(second, point)?] })).collect()
+        let points = pair
+            .points
+            .iter()
+            .filter(|number| wanted(**number))
+            .map(|&number| self.evidence[first].points[number]);
+        points
+            .filter_map(|point| {
+                Some(Seen {
+                    views: [look(first, point)?, look(second, point)?],
+                })
+            })
+            .collect()
     }
 
     /// The mean robust cost of the points that are used.
@@ -216,7 +268,12 @@ impl Problem {
 
     /// Mean difference of levels at the points that are not used, no more than 40 each.
     pub(super) fn unseen_levels(&self, state: &State) -> f64 {
-        self.mean(state, &self.blurred(BLURS[2]), &|number| !is_used(number), &|residual| residual.abs().min(40.0))
+        self.mean(
+            state,
+            &self.blurred(BLURS[2]),
+            &|number| !is_used(number),
+            &|residual| residual.abs().min(40.0),
+        )
     }
 
     fn mean(
@@ -229,7 +286,12 @@ impl Problem {
         let of_pair = |pair: &Pair| {
             let seen = self.seen(state, pictures, pair, wanted);
             let ratio = ratio(&seen);
-            (seen.iter().map(|seen| value(residual(seen, ratio))).sum::<f64>(), seen.len())
+            (
+                seen.iter()
+                    .map(|seen| value(residual(seen, ratio)))
+                    .sum::<f64>(),
+                seen.len(),
+            )
         };
         mean_of(self.pairs.par_iter().map(of_pair).collect())
     }
@@ -245,8 +307,8 @@ impl Problem {
                 let mut row = [0.0; OF_PAIR];
                 for (k, sign) in [(0, 1.0), (1, -ratio)] {
                     let (projected, [_, slope_x, slope_y]) = &point.views[k];
-                    let slope =
-                        DVec2::new(*slope_x, *slope_y) * (sign / f64::from(self.evidence[pair.views[k]].reduced));
+                    let slope = DVec2::new(*slope_x, *slope_y)
+                        * (sign / f64::from(self.evidence[pair.views[k]].reduced));
                     self.derivatives(state, projected, slope, k, &mut row);
                 }
                 let residual = residual(point, ratio);
@@ -260,7 +322,14 @@ impl Problem {
     }
 
     /// Adds what the level of one view changes by with each unknown, given its slopes in the picture.
-    fn derivatives(&self, state: &State, projected: &Projected, slope: DVec2, k: usize, row: &mut [f64; OF_PAIR]) {
+    fn derivatives(
+        &self,
+        state: &State,
+        projected: &Projected,
+        slope: DVec2,
+        k: usize,
+        row: &mut [f64; OF_PAIR],
+    ) {
         let Projected { n, point, .. } = projected;
         let square = n.length_squared();
         let radial = 1.0 + state.radial * square;
@@ -273,7 +342,12 @@ impl Problem {
         let step = DVec3::new(of_n.x, of_n.y, -of_n.dot(*n)) / point.z;
         let turn = point.cross(step);
         let own = SHARED + k * OF_VIEW;
-        for (i, value) in turn.to_array().into_iter().chain(step.to_array()).enumerate() {
+        for (i, value) in turn
+            .to_array()
+            .into_iter()
+            .chain(step.to_array())
+            .enumerate()
+        {
             row[4 + i] += value;
             row[own + i] += value;
         }
@@ -286,11 +360,18 @@ impl Problem {
             let at = state.project(view, point)?.at / f64::from(evidence.reduced);
             let [width, height] = evidence.size;
             let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < width as f64 && at.y < height as f64;
-            inside.then(|| [0, 1, 2].map(|c| evidence.planes[c][at.y as usize * width + at.x as usize]))
+            inside.then(|| {
+                [0, 1, 2].map(|c| evidence.planes[c][at.y as usize * width + at.x as usize])
+            })
         };
         let [first, second] = pair.views;
-        let points = pair.points.iter().map(|&number| self.evidence[first].points[number]);
-        points.filter_map(|point| Some([look(first, point)?, look(second, point)?])).collect()
+        let points = pair
+            .points
+            .iter()
+            .map(|&number| self.evidence[first].points[number]);
+        points
+            .filter_map(|point| Some([look(first, point)?, look(second, point)?]))
+            .collect()
     }
 }
 
@@ -305,8 +386,14 @@ fn robust(residual: f64) -> f64 {
 
 /// The mean of pairs' sums and counts; infinite of nothing.
 fn mean_of(sums: Vec<(f64, usize)>) -> f64 {
-    let (sum, count) = sums.into_iter().fold((0.0, 0), |total, pair| (total.0 + pair.0, total.1 + pair.1));
-    if count == 0 { f64::INFINITY } else { sum / count as f64 }
+    let (sum, count) = sums
+        .into_iter()
+        .fold((0.0, 0), |total, pair| (total.0 + pair.0, total.1 + pair.1));
+    if count == 0 {
+        f64::INFINITY
+    } else {
+        sum / count as f64
+    }
 }
 
 /// How much brighter the first view sees the points than the second, as their sums say.

@@ -21,7 +21,11 @@ pub(super) struct Block {
 
 impl Block {
     pub(super) fn new(views: [usize; 2]) -> Self {
-        Self { views, matrix: [[0.0; OF_PAIR]; OF_PAIR], gradient: [0.0; OF_PAIR] }
+        Self {
+            views,
+            matrix: [[0.0; OF_PAIR]; OF_PAIR],
+            gradient: [0.0; OF_PAIR],
+        }
     }
 
     /// Adds an equation: `row . x = -residual`, weighted.
@@ -46,7 +50,10 @@ impl Block {
                 sums[j] += row[j] * own[i];
             }
         }
-        places.into_iter().zip(sums).for_each(|(at, sum)| y[at] += sum);
+        places
+            .into_iter()
+            .zip(sums)
+            .for_each(|(at, sum)| y[at] += sum);
     }
 
     /// Where the block's unknown stands among all.
@@ -59,10 +66,18 @@ impl Block {
 }
 
 /// Solves (A + diag(prior) + damping diag(A)) x = -b for the unknowns that are `free`; the others are 0.
-pub(super) fn solve(blocks: &[Block], prior: &[[f64; 2]], damping: f64, free: &dyn Fn(usize) -> bool) -> Vec<f64> {
+pub(super) fn solve(
+    blocks: &[Block],
+    prior: &[[f64; 2]],
+    damping: f64,
+    free: &dyn Fn(usize) -> bool,
+) -> Vec<f64> {
     let count = prior.len();
     // A prior is a weight and what its unknown is by now.
-    let mut right: Vec<f64> = prior.iter().map(|[weight, value]| -weight * value).collect();
+    let mut right: Vec<f64> = prior
+        .iter()
+        .map(|[weight, value]| -weight * value)
+        .collect();
     let mut diagonal: Vec<f64> = prior.iter().map(|[weight, _]| *weight).collect();
     for block in blocks {
         for i in 0..OF_PAIR {
@@ -71,7 +86,11 @@ pub(super) fn solve(blocks: &[Block], prior: &[[f64; 2]], damping: f64, free: &d
         }
     }
     let product = |x: &[f64]| {
-        let mut y: Vec<f64> = x.iter().zip(&diagonal).map(|(x, extra)| x * extra).collect();
+        let mut y: Vec<f64> = x
+            .iter()
+            .zip(&diagonal)
+            .map(|(x, extra)| x * extra)
+            .collect();
         blocks.iter().for_each(|block| block.multiply(x, &mut y));
         (0..count).filter(|&i| !free(i)).for_each(|i| y[i] = 0.0);
         y
@@ -89,11 +108,20 @@ fn conjugate_gradients(
     free: &dyn Fn(usize) -> bool,
 ) -> Vec<f64> {
     let count = right.len();
-    let inverse: Vec<f64> =
-        (0..count).map(|i| if free(i) && diagonal[i] > 0.0 { 1.0 / diagonal[i] } else { 0.0 }).collect();
+    let inverse: Vec<f64> = (0..count)
+        .map(|i| {
+            if free(i) && diagonal[i] > 0.0 {
+                1.0 / diagonal[i]
+            } else {
+                0.0
+            }
+        })
+        .collect();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut x = vec![0.0; count];
-    let mut residual: Vec<f64> = (0..count).map(|i| if inverse[i] > 0.0 { right[i] } else { 0.0 }).collect();
+    let mut residual: Vec<f64> = (0..count)
+        .map(|i| if inverse[i] > 0.0 { right[i] } else { 0.0 })
+        .collect();
     let mut direction: Vec<f64> = residual.iter().zip(&inverse).map(|(r, m)| r * m).collect();
     let mut size = dot(&residual, &direction);
     let enough = size * PRECISION;
@@ -143,6 +171,10 @@ mod tests {
         for (found, truth) in found.iter().zip(&truth) {
             assert!((found - truth).abs() < 2e-5, "{found} {truth}");
         }
-        assert!(solve(&blocks, &prior, 0.0, &|i| i >= SHARED)[..SHARED].iter().all(|&x| x == 0.0));
+        assert!(
+            solve(&blocks, &prior, 0.0, &|i| i >= SHARED)[..SHARED]
+                .iter()
+                .all(|&x| x == 0.0)
+        );
     }
 }

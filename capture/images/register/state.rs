@@ -47,14 +47,20 @@ impl State {
     /// What this state, in which all views stand alike beside where `given` has them, says of other views: the same lens, and
     /// the same place beside each.
     pub(super) fn of_others(&self, given: &Self, poses: impl Iterator<Item = Pose>) -> Self {
-        let (Some((turned, moved)), Some((rotation, offset))) = (self.cameras.first(), given.cameras.first()) else {
+        let (Some((turned, moved)), Some((rotation, offset))) =
+            (self.cameras.first(), given.cameras.first())
+        else {
             return self.clone();
         };
         let turn = *turned * rotation.transpose();
         let step = *moved - turn * *offset;
         let beside = |(rotation, offset)| (turn * rotation, turn * offset + step);
         let cameras: Vec<_> = poses.map(|pose| beside(camera_from_world(&pose))).collect();
-        Self { moved: vec![[0.0; OF_VIEW]; cameras.len()], cameras, ..self.clone() }
+        Self {
+            moved: vec![[0.0; OF_VIEW]; cameras.len()],
+            cameras,
+            ..self.clone()
+        }
     }
 
     /// The state after a step of all unknowns.
@@ -68,7 +74,8 @@ impl State {
             let own = &step[SHARED + i * OF_VIEW..][..OF_VIEW];
             for change in [&step[4..SHARED], own] {
                 let turn = DVec3::from_slice(&change[..3]);
-                let turn = DMat3::from_axis_angle(turn.try_normalize().unwrap_or(DVec3::X), turn.length());
+                let turn =
+                    DMat3::from_axis_angle(turn.try_normalize().unwrap_or(DVec3::X), turn.length());
                 *rotation = turn * *rotation;
                 *offset = turn * *offset + DVec3::from_slice(&change[3..6]);
             }
@@ -108,9 +115,15 @@ impl State {
         let lens = Pinhole {
             focal_px: [self.focal_px; 2],
             principal_px: self.principal_px.to_array(),
-            distortion: Distortion { radial, tangential: [0.0; 2] },
+            distortion: Distortion {
+                radial,
+                tangential: [0.0; 2],
+            },
         };
-        self.poses().zip(gains).map(|(pose, &gain)| Registration { lens, pose, gain }).collect()
+        self.poses()
+            .zip(gains)
+            .map(|(pose, &gain)| Registration { lens, pose, gain })
+            .collect()
     }
 }
 

@@ -99,7 +99,12 @@ impl Accumulator {
             self.albedo_sum[c] += other.albedo_sum[c];
         }
         self.count = self.count.saturating_add(other.count);
-        if other.area.total_cmp(&self.area).then(other.key.cmp(&self.key)).is_lt() {
+        if other
+            .area
+            .total_cmp(&self.area)
+            .then(other.key.cmp(&self.key))
+            .is_lt()
+        {
             (self.key, self.area) = (other.key, other.area);
             (self.primitive, self.barycentric) = (other.primitive, other.barycentric);
         }
@@ -107,7 +112,9 @@ impl Accumulator {
 
     /// The class of a surface: 12 bits of material, the side, and the octant of its normal.
     pub fn class(material: u32, back: bool, normal: glam::Vec3) -> u16 {
-        let octant = u32::from(normal.x < 0.0) | u32::from(normal.y < 0.0) << 1 | u32::from(normal.z < 0.0) << 2;
+        let octant = u32::from(normal.x < 0.0)
+            | u32::from(normal.y < 0.0) << 1
+            | u32::from(normal.z < 0.0) << 2;
         (material << 4 | u32::from(back) << 3 | octant) as u16
     }
 
@@ -134,7 +141,10 @@ mod tests {
             let (bin, offset) = bins.place(inverse_depth);
             let back = bins.inverse_depth(f64::from(bin) + f64::from(offset) / 65_536.0);
             // Half a 1/65,536 of a bin, and f32 rounding of a position of up to 887 bins.
-            assert!((back - f64::from(inverse_depth)).abs() < 2.0 / 887.0 * 1e-3, "{inverse_depth} {back}");
+            assert!(
+                (back - f64::from(inverse_depth)).abs() < 2.0 / 887.0 * 1e-3,
+                "{inverse_depth} {back}"
+            );
         }
         assert_eq!(bins.place(f32::NAN).0, 0);
         assert_eq!(bins.place(f32::INFINITY).0, 886);
@@ -150,8 +160,14 @@ mod tests {
     #[test]
     fn a_class_holds_material_side_and_octant() {
         use glam::vec3;
-        assert_eq!(Accumulator::class(5, true, vec3(-0.1, 0.5, -0.2)), 5 << 4 | 8 | 0b101);
-        assert_eq!(Accumulator::class(3, false, vec3(0.0, -1.0, 0.0)), 3 << 4 | 0b010);
+        assert_eq!(
+            Accumulator::class(5, true, vec3(-0.1, 0.5, -0.2)),
+            5 << 4 | 8 | 0b101
+        );
+        assert_eq!(
+            Accumulator::class(3, false, vec3(0.0, -1.0, 0.0)),
+            3 << 4 | 0b010
+        );
         let sample = |class: u16| Sample {
             face: Face::PosX,
             x: 0,
@@ -165,8 +181,9 @@ mod tests {
             area: 1.0,
             key: RayKey::new(0, 0, 0),
         };
-        let is_back =
-            |back: bool| Accumulator::new(&sample(Accumulator::class(7, back, vec3(1.0, 1.0, 1.0)))).is_back();
+        let is_back = |back: bool| {
+            Accumulator::new(&sample(Accumulator::class(7, back, vec3(1.0, 1.0, 1.0)))).is_back()
+        };
         assert!(is_back(true) && !is_back(false));
     }
 
@@ -194,6 +211,9 @@ mod tests {
         };
         let forward = fold(&mut (0..100)).unwrap();
         assert_eq!(forward, fold(&mut (0..100).rev()).unwrap());
-        assert_eq!((forward.count, forward.area, forward.primitive), (100, 0.0, 0));
+        assert_eq!(
+            (forward.count, forward.area, forward.primitive),
+            (100, 0.0, 0)
+        );
     }
 }

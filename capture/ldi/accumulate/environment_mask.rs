@@ -1,10 +1,10 @@
 //! Which directions rays left the scene in: the reach of the environment.
 
-use headbox_trace::light::Lighting;
-use headbox_core::cube_face::Face;
-use headbox_scene::scene::Sky;
-use headbox_core::environment::Environment;
 use glam::Vec3;
+use headbox_core::cube_face::Face;
+use headbox_core::environment::Environment;
+use headbox_scene::scene::Sky;
+use headbox_trace::light::Lighting;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// One bit per texel of an environment cube map, set where a ray left the scene.
@@ -18,7 +18,10 @@ impl MissMap {
     pub fn new(face_size_px: u32) -> Self {
         let size_px = (face_size_px / 4).clamp(16, 512);
         let words = (6 * size_px as usize * size_px as usize).div_ceil(64);
-        Self { size_px, bits: (0..words).map(|_| AtomicU64::new(0)).collect() }
+        Self {
+            size_px,
+            bits: (0..words).map(|_| AtomicU64::new(0)).collect(),
+        }
     }
 
     /// Texels a side.
@@ -32,7 +35,8 @@ impl MissMap {
         let (face, [x, y, depth]) = Face::locate(direction);
         let half = self.size_px as f32 / 2.0;
         let texel = |c: f32| ((half * (1.0 + c / depth)) as u32).min(self.size_px - 1);
-        let at = ((face.index() as u32 * self.size_px + texel(-y)) * self.size_px + texel(x)) as usize;
+        let at =
+            ((face.index() as u32 * self.size_px + texel(-y)) * self.size_px + texel(x)) as usize;
         let bit = 1u64 << (at % 64);
         // Read first: nearly every miss finds its bit set, and a shared read costs no cache line transfer.
         if self.bits[at / 64].load(Ordering::Relaxed) & bit == 0 {
@@ -42,7 +46,10 @@ impl MissMap {
 
     /// The words of the bit map, to be stored in a shard.
     pub fn words(&self) -> Vec<u64> {
-        self.bits.iter().map(|word| word.load(Ordering::Relaxed)).collect()
+        self.bits
+            .iter()
+            .map(|word| word.load(Ordering::Relaxed))
+            .collect()
     }
 
     /// Adds the words of another map of the same size.
@@ -56,9 +63,16 @@ impl MissMap {
     /// sky twice as many texels a side are kept.
     pub fn environment(&self, lighting: &Lighting) -> Environment {
         if self.words().iter().all(|&word| word == 0) {
-            return Environment { size_px: 0, texels: Vec::new() };
+            return Environment {
+                size_px: 0,
+                texels: Vec::new(),
+            };
         }
-        let finer = if matches!(lighting.sky, Some(Sky::Picture(_))) { 2 } else { 1 };
+        let finer = if matches!(lighting.sky, Some(Sky::Picture(_))) {
+            2
+        } else {
+            1
+        };
         let size_px = self.size_px * finer;
         let reached = |at: usize| {
             let (x, row) = (at as u32 % size_px / finer, at as u32 / size_px / finer);

@@ -4,13 +4,13 @@
 //! would have given. Light is sampled after the merger, which therefore opens the scene again.
 
 use crate::accumulate::accumulator::Accumulator;
-use crate::rays::trace::Tracing;
-use crate::job::CaptureJob;
 use crate::accumulate::environment_mask::MissMap;
-use crate::rays::ray_plan::RayPlan;
 use crate::accumulate::tiles::TileStore;
-use headbox_core::cube_face::Face;
+use crate::job::CaptureJob;
+use crate::rays::ray_plan::RayPlan;
+use crate::rays::trace::Tracing;
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
+use headbox_core::cube_face::Face;
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -65,7 +65,14 @@ pub enum ShardError {
     },
 }
 
-const SECTIONS: [&str; 6] = ["samples +X", "samples -X", "samples +Y", "samples -Y", "samples +Z", "samples -Z"];
+const SECTIONS: [&str; 6] = [
+    "samples +X",
+    "samples -X",
+    "samples +Y",
+    "samples -Y",
+    "samples +Z",
+    "samples -Z",
+];
 
 /// Writes a shard.
 ///
@@ -74,8 +81,12 @@ const SECTIONS: [&str; 6] = ["samples +X", "samples -X", "samples +Y", "samples 
 pub fn write(path: &Path, info: &ShardInfo, tracing: &Tracing) -> Result<(), FileError> {
     let mut writer = ContainerWriter::new(SHARD);
     writer.section("info", || Ok(serde_json::to_vec(info)?));
-    writer.section("plan", || Ok(bytemuck::cast_slice(&tracing.plan.more_rays).to_vec()));
-    writer.section("misses", || Ok(bytemuck::cast_slice(&tracing.misses.words()).to_vec()));
+    writer.section("plan", || {
+        Ok(bytemuck::cast_slice(&tracing.plan.more_rays).to_vec())
+    });
+    writer.section("misses", || {
+        Ok(bytemuck::cast_slice(&tracing.misses.words()).to_vec())
+    });
     let store = &tracing.store;
     let per_face = store.tile_count() / 6;
     for face in Face::ALL {
@@ -117,17 +128,24 @@ pub fn read_info(path: &Path) -> Result<ShardInfo, FileError> {
 /// [`ShardError::Different`] or [`ShardError::Incomplete`].
 pub fn check_complete(infos: &[(PathBuf, ShardInfo)]) -> Result<(), ShardError> {
     let Some((first_path, first)) = infos.first() else {
-        return Err(ShardError::Incomplete { parts: 0, problem: "no shard was given".into() });
+        return Err(ShardError::Incomplete {
+            parts: 0,
+            problem: "no shard was given".into(),
+        });
     };
     let what = |info: &ShardInfo| (info.job.clone(), info.scene_fingerprint, info.parts);
     if let Some((path, _)) = infos.iter().find(|(_, info)| what(info) != what(first)) {
         return Err(ShardError::Different(first_path.clone(), path.clone()));
     }
     let mut seen = vec![0u32; first.parts as usize];
-    infos.iter().for_each(|(_, info)| seen[info.part as usize] += 1);
+    infos
+        .iter()
+        .for_each(|(_, info)| seen[info.part as usize] += 1);
     let numbers = |wanted: fn(u32) -> bool| -> Vec<String> {
         let chosen = seen.iter().enumerate().filter(|(_, count)| wanted(**count));
-        chosen.map(|(part, _)| numbered(part as u32, first.parts)).collect()
+        chosen
+            .map(|(part, _)| numbered(part as u32, first.parts))
+            .collect()
     };
     let (missing, twice) = (numbers(|n| n == 0), numbers(|n| n > 1));
     if missing.is_empty() && twice.is_empty() {
@@ -140,7 +158,10 @@ pub fn check_complete(infos: &[(PathBuf, ShardInfo)]) -> Result<(), ShardError> 
     if !twice.is_empty() {
         problem.push(format!("given twice: {}", twice.join(", ")));
     }
-    Err(ShardError::Incomplete { parts: first.parts, problem: problem.join("; ") })
+    Err(ShardError::Incomplete {
+        parts: first.parts,
+        problem: problem.join("; "),
+    })
 }
 
 /// Adds a shard's accumulators to `tracing`, whose store and plan belong to the same capture.
@@ -154,9 +175,14 @@ pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut Tracing) -> Result<()
     plan.end()?;
     let most = info.job.parameters.rays_per_stratum - tracing.plan.pilot_rays;
     if more_rays.iter().any(|&rays| rays > most) {
-        return Err(plan.damaged(format!("at most {most} more rays in each stratum"), "more").into());
+        return Err(plan
+            .damaged(format!("at most {most} more rays in each stratum"), "more")
+            .into());
     }
-    tracing.plan = RayPlan { more_rays, ..tracing.plan.clone() };
+    tracing.plan = RayPlan {
+        more_rays,
+        ..tracing.plan.clone()
+    };
     let mut misses = file.section("misses")?;
     let words: Vec<u64> = misses.array(tracing.misses.words().len())?;
     misses.end()?;
@@ -167,11 +193,19 @@ pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut Tracing) -> Result<()
         let mut section = file.section(SECTIONS[face.index()])?;
         let counts: Vec<u64> = section.array(per_face)?;
         for (i, &count) in counts.iter().enumerate() {
-            let run: Vec<Accumulator> = section.array(usize::try_from(count).unwrap_or(usize::MAX))?;
-            if run.iter().any(|acc| acc.primitive >= info.triangles || acc.count == 0) {
-                return Err(section.damaged("samples of triangles that the scene has", "others").into());
+            let run: Vec<Accumulator> =
+                section.array(usize::try_from(count).unwrap_or(usize::MAX))?;
+            if run
+                .iter()
+                .any(|acc| acc.primitive >= info.triangles || acc.count == 0)
+            {
+                return Err(section
+                    .damaged("samples of triangles that the scene has", "others")
+                    .into());
             }
-            tracing.store.absorb_run(face.index() * per_face + i, &run)?;
+            tracing
+                .store
+                .absorb_run(face.index() * per_face + i, &run)?;
         }
         section.end()?;
     }
@@ -198,8 +232,14 @@ impl ShardInfo {
     /// # Errors
     /// If the spill file cannot be made.
     pub fn empty_tracing(&self, budget: Option<(u64, PathBuf)>) -> io::Result<Tracing> {
-        let settings = self.job.settings(&crate::settings::Resources { budget }, (0, 1));
-        let budget = settings.resources.budget.as_ref().map(|(bytes, dir)| (*bytes, dir.as_path()));
+        let settings = self
+            .job
+            .settings(&crate::settings::Resources { budget }, (0, 1));
+        let budget = settings
+            .resources
+            .budget
+            .as_ref()
+            .map(|(bytes, dir)| (*bytes, dir.as_path()));
         Ok(Tracing {
             store: TileStore::new(self.job.face_size_px, budget)?,
             misses: MissMap::new(self.job.face_size_px),

@@ -65,7 +65,11 @@ impl TileStore {
         let tiles_per_side = face_size_px.div_ceil(TILE_PX);
         let count = 6 * (tiles_per_side as usize).pow(2);
         let spill = match budget {
-            Some((_, dir)) => Some(Spill { file: tempfile::tempfile_in(dir)?, end: 0, runs: vec![Vec::new(); count] }),
+            Some((_, dir)) => Some(Spill {
+                file: tempfile::tempfile_in(dir)?,
+                end: 0,
+                runs: vec![Vec::new(); count],
+            }),
             None => None,
         };
         let chunk_bytes = (CHUNK * size_of::<Accumulator>()) as u64;
@@ -73,7 +77,9 @@ impl TileStore {
             tiles_per_side,
             tiles: (0..count).map(|_| Mutex::default()).collect(),
             chunks_in_memory: AtomicUsize::new(0),
-            chunk_budget: budget.map_or(usize::MAX, |(bytes, _)| (bytes / chunk_bytes).max(1) as usize),
+            chunk_budget: budget.map_or(usize::MAX, |(bytes, _)| {
+                (bytes / chunk_bytes).max(1) as usize
+            }),
             spill: Mutex::new(spill),
         })
     }
@@ -92,12 +98,17 @@ impl TileStore {
     pub fn tile_place(&self, tile: usize) -> (Face, u32, u32) {
         let per_face = (self.tiles_per_side as usize).pow(2);
         let (face, rest) = (tile / per_face, (tile % per_face) as u32);
-        (Face::ALL[face], rest % self.tiles_per_side * TILE_PX, rest / self.tiles_per_side * TILE_PX)
+        (
+            Face::ALL[face],
+            rest % self.tiles_per_side * TILE_PX,
+            rest / self.tiles_per_side * TILE_PX,
+        )
     }
 
     fn tile_of(&self, sample: &Sample) -> usize {
         let (tx, ty) = (u32::from(sample.x) / TILE_PX, u32::from(sample.y) / TILE_PX);
-        ((sample.face.index() as u32 * self.tiles_per_side + ty) * self.tiles_per_side + tx) as usize
+        ((sample.face.index() as u32 * self.tiles_per_side + ty) * self.tiles_per_side + tx)
+            as usize
     }
 
     /// Keeps a batch of samples, in any order.
@@ -109,18 +120,26 @@ impl TileStore {
         let mut order = scratch.order.as_slice();
         while let Some(&first) = order.first() {
             let tile_index = scratch.tiles[first as usize];
-            let same = order.iter().take_while(|&&i| scratch.tiles[i as usize] == tile_index).count();
+            let same = order
+                .iter()
+                .take_while(|&&i| scratch.tiles[i as usize] == tile_index)
+                .count();
             let (batch, rest) = order.split_at(same);
             order = rest;
             let mut tile = lock(&self.tiles[tile_index as usize]);
             let before = tile.chunks.len();
             for batch in batch.chunks(TOUCHED) {
-                let batch =
-                    || batch.iter().map(|&i| &samples[i as usize]).map(|sample| (pixel_in_tile(sample), sample));
+                let batch = || {
+                    batch
+                        .iter()
+                        .map(|&i| &samples[i as usize])
+                        .map(|sample| (pixel_in_tile(sample), sample))
+                };
                 tile.touch(batch().map(|(pixel, _)| pixel));
                 batch().for_each(|(pixel, sample)| tile.add(pixel, &Accumulator::new(sample)));
             }
-            self.chunks_in_memory.fetch_add(tile.chunks.len() - before, Ordering::Relaxed);
+            self.chunks_in_memory
+                .fetch_add(tile.chunks.len() - before, Ordering::Relaxed);
         }
         self.keep_within_budget()
     }
@@ -136,13 +155,18 @@ impl TileStore {
             // A damaged link must not lead outside the tile.
             tile.add(acc.link % (TILE_PX * TILE_PX), acc);
         }
-        self.chunks_in_memory.fetch_add(tile.chunks.len() - before, Ordering::Relaxed);
+        self.chunks_in_memory
+            .fetch_add(tile.chunks.len() - before, Ordering::Relaxed);
         drop(tile);
         self.keep_within_budget()
     }
 
     fn keep_within_budget(&self) -> io::Result<()> {
-        if self.chunks_in_memory.load(Ordering::Relaxed) > self.chunk_budget { self.spill_all() } else { Ok(()) }
+        if self.chunks_in_memory.load(Ordering::Relaxed) > self.chunk_budget {
+            self.spill_all()
+        } else {
+            Ok(())
+        }
     }
 
     /// Writes every accumulator in memory to disk.
@@ -151,14 +175,17 @@ impl TileStore {
     /// If writing fails.
     pub fn spill_all(&self) -> io::Result<()> {
         let mut spill = lock(&self.spill);
-        let Some(spill) = spill.as_mut() else { return Ok(()) };
+        let Some(spill) = spill.as_mut() else {
+            return Ok(());
+        };
         if self.chunks_in_memory.load(Ordering::Relaxed) == 0 {
             return Ok(()); // another thread has just done it
         }
         for (tile, runs) in self.tiles.iter().zip(&mut spill.runs) {
             let mut tile = lock(tile);
             let run = tile.run(|_| true);
-            self.chunks_in_memory.fetch_sub(tile.chunks.len(), Ordering::Relaxed);
+            self.chunks_in_memory
+                .fetch_sub(tile.chunks.len(), Ordering::Relaxed);
             *tile = Tile::default();
             drop(tile);
             if !run.is_empty() {
@@ -175,8 +202,9 @@ impl TileStore {
     /// No fewer than the accumulators of a tile.
     pub fn most_in_tile(&self, tile: usize) -> usize {
         let in_memory = lock(&self.tiles[tile]).len;
-        let spilled: usize =
-            lock(&self.spill).as_ref().map_or(0, |spill| spill.runs[tile].iter().map(|(_, len)| *len).sum());
+        let spilled: usize = lock(&self.spill).as_ref().map_or(0, |spill| {
+            spill.runs[tile].iter().map(|(_, len)| *len).sum()
+        });
         in_memory + spilled
     }
 
@@ -193,7 +221,11 @@ impl TileStore {
     ///
     /// # Errors
     /// As [`Self::tile_run`].
-    pub fn tile_run_of(&self, tile: usize, wanted: impl Fn(u32) -> bool) -> io::Result<Vec<Accumulator>> {
+    pub fn tile_run_of(
+        &self,
+        tile: usize,
+        wanted: impl Fn(u32) -> bool,
+    ) -> io::Result<Vec<Accumulator>> {
         let mut run = lock(&self.tiles[tile]).run(&wanted);
         let mut spill = lock(&self.spill);
         if let Some(spill) = spill.as_mut() {
@@ -201,7 +233,9 @@ impl TileStore {
                 let old = run.len();
                 run.resize(old + len, bytemuck::Zeroable::zeroed());
                 spill.file.seek(SeekFrom::Start(start))?;
-                spill.file.read_exact(bytemuck::cast_slice_mut(&mut run[old..]))?;
+                spill
+                    .file
+                    .read_exact(bytemuck::cast_slice_mut(&mut run[old..]))?;
             }
         }
         drop(spill);
@@ -213,7 +247,8 @@ impl TileStore {
     /// Forgets a tile's accumulators in memory.
     pub fn clear_tile(&self, tile: usize) {
         let mut tile = lock(&self.tiles[tile]);
-        self.chunks_in_memory.fetch_sub(tile.chunks.len(), Ordering::Relaxed);
+        self.chunks_in_memory
+            .fetch_sub(tile.chunks.len(), Ordering::Relaxed);
         *tile = Tile::default();
     }
 }
@@ -241,7 +276,10 @@ impl Tile {
     fn touch(&self, pixels: impl Iterator<Item = u32>) {
         let mut read = 0;
         for head in pixels.filter_map(|pixel| self.heads.get(pixel as usize)) {
-            let first = self.chunks.get(*head as usize / CHUNK).map_or(0, |chunk| chunk[*head as usize % CHUNK].link);
+            let first = self
+                .chunks
+                .get(*head as usize / CHUNK)
+                .map_or(0, |chunk| chunk[*head as usize % CHUNK].link);
             read ^= first;
         }
         std::hint::black_box(read);
@@ -300,13 +338,19 @@ impl Tile {
             let (mut next, before) = (head, run.len());
             while next != Accumulator::NO_NEXT {
                 let here = at(next);
-                run.push(Accumulator { link: pixel, ..here });
+                run.push(Accumulator {
+                    link: pixel,
+                    ..here
+                });
                 next = here.link;
             }
             run[before..].sort_unstable_by_key(Accumulator::run_order);
         }
         let beyond = self.beyond.iter().filter(|(of, _)| wanted(of.0));
-        run.extend(beyond.map(|(&(pixel, ..), &number)| Accumulator { link: pixel, ..at(number) }));
+        run.extend(beyond.map(|(&(pixel, ..), &number)| Accumulator {
+            link: pixel,
+            ..at(number)
+        }));
         run
     }
 }
@@ -373,21 +417,28 @@ mod tests {
     }
 
     fn runs(store: &TileStore) -> Vec<Vec<Accumulator>> {
-        (0..store.tile_count()).map(|t| store.tile_run(t).unwrap()).collect()
+        (0..store.tile_count())
+            .map(|t| store.tile_run(t).unwrap())
+            .collect()
     }
 
     #[test]
     fn spilling_and_order_of_arrival_change_nothing() {
         let samples = random_samples(200_000);
         let in_memory = TileStore::new(70, None).unwrap();
-        in_memory.insert(&samples, &mut InsertScratch::default()).unwrap();
+        in_memory
+            .insert(&samples, &mut InsertScratch::default())
+            .unwrap();
         let dir = tempfile::tempdir().unwrap();
         let spilling = TileStore::new(70, Some((100_000, dir.path()))).unwrap();
         let mut scratch = InsertScratch::default();
         for batch in samples.rchunks(1000) {
             spilling.insert(batch, &mut scratch).unwrap();
         }
-        assert!(lock(&spilling.spill).as_ref().is_some_and(|s| s.end > 0), "the budget was meant to be exceeded");
+        assert!(
+            lock(&spilling.spill).as_ref().is_some_and(|s| s.end > 0),
+            "the budget was meant to be exceeded"
+        );
         let expected = runs(&in_memory);
         assert_eq!(expected, runs(&spilling));
         let total: u64 = expected.iter().flatten().map(|a| u64::from(a.count)).sum();
@@ -397,12 +448,27 @@ mod tests {
     #[test]
     fn crowded_pixels_keep_every_accumulator_apart() {
         let store = TileStore::new(70, None).unwrap();
-        let crowded = |bin: u16| Sample { x: 3, y: 5, face: Face::NegX, bin, class: bin % 3, ..random_samples(1)[0] };
+        let crowded = |bin: u16| Sample {
+            x: 3,
+            y: 5,
+            face: Face::NegX,
+            bin,
+            class: bin % 3,
+            ..random_samples(1)[0]
+        };
         let samples: Vec<Sample> = (0..3000).map(|i| crowded(i * 7 % 1000)).collect();
-        store.insert(&samples, &mut InsertScratch::default()).unwrap();
+        store
+            .insert(&samples, &mut InsertScratch::default())
+            .unwrap();
         let runs = runs(&store);
-        let found: Vec<_> = runs.iter().flatten().map(|acc| (acc.link, acc.bin, acc.class, acc.count)).collect();
-        let expected: Vec<_> = (0..1000).map(|bin| (5 * TILE_PX + 3, bin, bin % 3, 3)).collect();
+        let found: Vec<_> = runs
+            .iter()
+            .flatten()
+            .map(|acc| (acc.link, acc.bin, acc.class, acc.count))
+            .collect();
+        let expected: Vec<_> = (0..1000)
+            .map(|bin| (5 * TILE_PX + 3, bin, bin % 3, 3))
+            .collect();
         assert_eq!(found, expected);
     }
 
@@ -411,8 +477,12 @@ mod tests {
         let store = TileStore::new(70, None).unwrap();
         let mut sample = random_samples(1)[0];
         (sample.face, sample.x, sample.y) = (Face::PosZ, 69, 33);
-        store.insert(&[sample], &mut InsertScratch::default()).unwrap();
-        let found: Vec<_> = (0..store.tile_count()).filter(|&t| !store.tile_run(t).unwrap().is_empty()).collect();
+        store
+            .insert(&[sample], &mut InsertScratch::default())
+            .unwrap();
+        let found: Vec<_> = (0..store.tile_count())
+            .filter(|&t| !store.tile_run(t).unwrap().is_empty())
+            .collect();
         assert_eq!(found.len(), 1);
         assert_eq!(store.tile_place(found[0]), (Face::PosZ, 64, 32));
         assert_eq!(store.tile_run(found[0]).unwrap()[0].link, TILE_PX + 5);

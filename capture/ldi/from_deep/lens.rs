@@ -1,9 +1,9 @@
 //! Where the camera of a deep picture stands and what it sees: by the picture's header, or by who brings the picture.
 
 use super::{DeepPlace, FromDeepError};
+use glam::{DMat4, DVec3, DVec4};
 use headbox_core::camera::Camera;
 use headbox_images::deep_exr::{DeepImage, DeepView};
-use glam::{DMat4, DVec3, DVec4};
 
 /// How points lead to pixels of a camera's picture.
 #[derive(Clone, Copy, Debug)]
@@ -32,14 +32,24 @@ impl Lens {
     /// [`FromDeepError::View`] if nobody says where it stands, [`FromDeepError::Told`] if two do, [`FromDeepError::Camera`],
     /// [`FromDeepError::Lens`].
     pub(super) fn of(image: &DeepImage, place: &DeepPlace) -> Result<Option<Self>, FromDeepError> {
-        let DeepView { cube, world_to_camera, world_to_ndc } = image.view;
+        let DeepView {
+            cube,
+            world_to_camera,
+            world_to_ndc,
+        } = image.view;
         let matrix = |m: [f32; 16]| DMat4::from_cols_array(&m.map(f64::from));
-        let refuse = |given: &[(&'static str, bool)], says| match given.iter().find(|(_, is_given)| *is_given) {
+        let refuse = |given: &[(&'static str, bool)], says| match given
+            .iter()
+            .find(|(_, is_given)| *is_given)
+        {
             Some((flag, _)) => Err(FromDeepError::Told(flag, says)),
             None => Ok(()),
         };
         let lens = ("--fov", place.fov_y_deg.is_some());
-        let pose = [("--center", place.centre.is_some()), ("--look-at", place.look_at.is_some())];
+        let pose = [
+            ("--center", place.centre.is_some()),
+            ("--look-at", place.look_at.is_some()),
+        ];
         if cube {
             refuse(&[lens, pose[1]], "is that of an environment map")?;
             return Ok(None);
@@ -55,20 +65,35 @@ impl Lens {
         let [eye, at, up] = match world_to_camera {
             Some(camera) => {
                 let world = matrix(camera).inverse();
-                [world.project_point3(DVec3::ZERO), world.project_point3(DVec3::Z), world.transform_vector3(DVec3::Y)]
+                [
+                    world.project_point3(DVec3::ZERO),
+                    world.project_point3(DVec3::Z),
+                    world.transform_vector3(DVec3::Y),
+                ]
             }
             None => {
                 let eye = place.centre.unwrap_or_default();
                 [eye, place.look_at.unwrap_or(eye + DVec3::NEG_Z), DVec3::Y]
             }
         };
-        Ok(Some(Self::of_camera(&Camera::look_at(eye, at, up, fov_y_deg, image.size_px)?)))
+        Ok(Some(Self::of_camera(&Camera::look_at(
+            eye,
+            at,
+            up,
+            fov_y_deg,
+            image.size_px,
+        )?)))
     }
 
     fn of_camera(camera: &Camera) -> Self {
         let size = DVec3::new(f64::from(camera.width()), f64::from(camera.height()), 1.0);
         let ndc = DMat4::from_scale(size.recip()) * camera.image_from_world();
-        Self { ndc, eye: camera.eye(), ahead: camera.forward(), right: camera.world_from_eye().x_axis }
+        Self {
+            ndc,
+            eye: camera.eye(),
+            ahead: camera.forward(),
+            right: camera.world_from_eye().x_axis,
+        }
     }
 
     /// Of `worldToCamera` and `worldToNDC`, for column vectors.
@@ -79,24 +104,48 @@ impl Lens {
     fn of_matrices(camera: DMat4, ndc: DMat4) -> Result<Self, FromDeepError> {
         let world = camera.inverse();
         let eye = world.project_point3(DVec3::ZERO);
-        let unit = |v: DVec3| world.transform_vector3(v).try_normalize().ok_or(FromDeepError::Camera);
+        let unit = |v: DVec3| {
+            world
+                .transform_vector3(v)
+                .try_normalize()
+                .ok_or(FromDeepError::Camera)
+        };
         let (forward, right) = (unit(DVec3::Z)?, unit(DVec3::X)?);
         let in_ndc = |direction: DVec3| ndc * (eye + direction).extend(1.0);
-        let ahead =
-            [forward, -forward].into_iter().find(|ahead| in_ndc(*ahead).w > 0.0).ok_or(FromDeepError::Camera)?;
+        let ahead = [forward, -forward]
+            .into_iter()
+            .find(|ahead| in_ndc(*ahead).w > 0.0)
+            .ok_or(FromDeepError::Camera)?;
         let middle = in_ndc(ahead);
         let [x, y] = [middle.x / middle.w, middle.y / middle.w];
         let is_screen = x.hypot(y) < (x - 0.5).hypot(y - 0.5);
-        let ndc = if is_screen { UNIT_FROM_SCREEN * ndc } else { ndc };
-        let lens = Self { ndc, eye, ahead, right };
+        let ndc = if is_screen {
+            UNIT_FROM_SCREEN * ndc
+        } else {
+            ndc
+        };
+        let lens = Self {
+            ndc,
+            eye,
+            ahead,
+            right,
+        };
         let focal_px = lens.focal_px([1.0; 2]).ok_or(FromDeepError::Camera)?;
-        if eye.is_finite() && focal_px.is_finite() && focal_px > 0.0 { Ok(lens) } else { Err(FromDeepError::Camera) }
+        if eye.is_finite() && focal_px.is_finite() && focal_px > 0.0 {
+            Ok(lens)
+        } else {
+            Err(FromDeepError::Camera)
+        }
     }
 
     /// Position in a picture of this size, px, of a direction from the eye, and how deep it goes along the camera's axis.
     pub(super) fn place(&self, direction: DVec3, [width, height]: [f64; 2]) -> [f64; 3] {
         let at = self.ndc * (self.eye + direction).extend(1.0);
-        [at.x / at.w * width, at.y / at.w * height, direction.dot(self.ahead)]
+        [
+            at.x / at.w * width,
+            at.y / at.w * height,
+            direction.dot(self.ahead),
+        ]
     }
 
     /// Pixels of a picture of this size for a unit aside at depth 1, in its middle.
@@ -115,44 +164,81 @@ mod tests {
     use super::*;
 
     fn camera() -> Camera {
-        Camera::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 1.0, -2.0), DVec3::Y, 50.0, [40, 30])
-            .expect("a camera")
+        Camera::look_at(
+            DVec3::new(1.0, 2.0, 3.0),
+            DVec3::new(4.0, 1.0, -2.0),
+            DVec3::Y,
+            50.0,
+            [40, 30],
+        )
+        .expect("a camera")
     }
 
     fn picture(view: DeepView) -> DeepImage {
         let size_px = [40, 30];
-        DeepImage { size_px, origin_px: [0, 0], stored_px: size_px, offsets: vec![0; 1201], channels: Vec::new(), view }
+        DeepImage {
+            size_px,
+            origin_px: [0, 0],
+            stored_px: size_px,
+            offsets: vec![0; 1201],
+            channels: Vec::new(),
+            view,
+        }
     }
 
     /// By the camera's own projection, which knows nothing of NDC.
     fn holds(lens: &Lens, camera: &Camera) {
-        for [x, y, z] in [[0.0, 0.0, 0.0], [9.0, -3.0, -7.0], [2.0, 1.5, 1.0], [30.0, -3.0, -20.0]] {
+        for [x, y, z] in [
+            [0.0, 0.0, 0.0],
+            [9.0, -3.0, -7.0],
+            [2.0, 1.5, 1.0],
+            [30.0, -3.0, -20.0],
+        ] {
             let point = DVec3::new(x, y, z);
             let expected = camera.project(point);
             let found = lens.place(point - camera.eye(), [40.0, 30.0]);
             match expected {
                 // What f32 matrices round, seen at a focal length of 32 px.
                 Some(expected) => {
-                    (0..3).for_each(|i| assert!((found[i] - expected[i]).abs() < 2e-4, "{found:?} {expected:?}"));
+                    (0..3).for_each(|i| {
+                        assert!(
+                            (found[i] - expected[i]).abs() < 2e-4,
+                            "{found:?} {expected:?}"
+                        )
+                    });
                 }
                 None => assert!(found[2] <= 1e-6, "{found:?}"),
             }
         }
         assert!((lens.focal_px([40.0, 30.0]).expect("finite") - camera.focal_px()).abs() < 1e-3);
-        assert!((lens.eye - camera.eye()).length() < 1e-5 && (lens.ahead - camera.forward()).length() < 1e-5);
+        assert!(
+            (lens.eye - camera.eye()).length() < 1e-5
+                && (lens.ahead - camera.forward()).length() < 1e-5
+        );
     }
 
     #[test]
     fn a_header_says_what_a_camera_sees() {
         let camera = camera();
         let standard = DeepView::of_camera(&camera);
-        holds(&Lens::of(&picture(standard), &DeepPlace::default()).expect("read").expect("a camera"), &camera);
+        holds(
+            &Lens::of(&picture(standard), &DeepPlace::default())
+                .expect("read")
+                .expect("a camera"),
+            &camera,
+        );
         // Forward is +z and the picture's corner on the left above is (0, 0): OpenEXR's own words.
-        let matrix = |m: Option<[f32; 16]>| DMat4::from_cols_array(&m.expect("written").map(f64::from));
+        let matrix =
+            |m: Option<[f32; 16]>| DMat4::from_cols_array(&m.expect("written").map(f64::from));
         let point = camera.eye() + camera.forward() * 2.0;
-        let (in_camera, in_ndc) = (matrix(standard.world_to_camera), matrix(standard.world_to_ndc));
+        let (in_camera, in_ndc) = (
+            matrix(standard.world_to_camera),
+            matrix(standard.world_to_ndc),
+        );
         assert!((in_camera.transform_point3(point) - DVec3::new(0.0, 0.0, 2.0)).length() < 1e-5);
-        assert!((in_ndc.project_point3(point).truncate() - glam::DVec2::splat(0.5)).length() < 1e-5);
+        assert!(
+            (in_ndc.project_point3(point).truncate() - glam::DVec2::splat(0.5)).length() < 1e-5
+        );
         let above = in_ndc.project_point3(point + camera.world_from_eye().y_axis * 0.1);
         assert!(above.y < 0.5, "y points down");
         // As others write it: right-handed, and -1 to 1.
@@ -160,37 +246,94 @@ mod tests {
         let screen = UNIT_FROM_SCREEN.inverse() * in_ndc;
         let array = |m: DMat4| Some(m.as_mat4().to_cols_array());
         for (camera_matrix, ndc) in [(back, in_ndc), (in_camera, screen), (back, screen)] {
-            let view = DeepView { cube: false, world_to_camera: array(camera_matrix), world_to_ndc: array(ndc) };
-            holds(&Lens::of(&picture(view), &DeepPlace::default()).expect("read").expect("a camera"), &camera);
+            let view = DeepView {
+                cube: false,
+                world_to_camera: array(camera_matrix),
+                world_to_ndc: array(ndc),
+            };
+            holds(
+                &Lens::of(&picture(view), &DeepPlace::default())
+                    .expect("read")
+                    .expect("a camera"),
+                &camera,
+            );
         }
         // What it sees is missing, or all of it.
-        let place = DeepPlace { fov_y_deg: Some(50.0), ..DeepPlace::default() };
-        let pose = DeepView { world_to_ndc: None, ..standard };
-        holds(&Lens::of(&picture(pose), &place).expect("read").expect("a camera"), &camera);
-        let place = DeepPlace { centre: Some(camera.eye()), look_at: Some(DVec3::new(4.0, 1.0, -2.0)), ..place };
-        holds(&Lens::of(&picture(DeepView::default()), &place).expect("read").expect("a camera"), &camera);
+        let place = DeepPlace {
+            fov_y_deg: Some(50.0),
+            ..DeepPlace::default()
+        };
+        let pose = DeepView {
+            world_to_ndc: None,
+            ..standard
+        };
+        holds(
+            &Lens::of(&picture(pose), &place)
+                .expect("read")
+                .expect("a camera"),
+            &camera,
+        );
+        let place = DeepPlace {
+            centre: Some(camera.eye()),
+            look_at: Some(DVec3::new(4.0, 1.0, -2.0)),
+            ..place
+        };
+        holds(
+            &Lens::of(&picture(DeepView::default()), &place)
+                .expect("read")
+                .expect("a camera"),
+            &camera,
+        );
     }
 
     #[test]
     fn who_says_what_a_header_says_is_told() {
         let standard = DeepView::of_camera(&camera());
-        let cube = DeepView { cube: true, ..DeepView::default() };
-        let fov = DeepPlace { fov_y_deg: Some(50.0), ..DeepPlace::default() };
-        let centre = DeepPlace { centre: Some(DVec3::ONE), ..DeepPlace::default() };
-        let look_at = DeepPlace { look_at: Some(DVec3::ONE), ..DeepPlace::default() };
+        let cube = DeepView {
+            cube: true,
+            ..DeepView::default()
+        };
+        let fov = DeepPlace {
+            fov_y_deg: Some(50.0),
+            ..DeepPlace::default()
+        };
+        let centre = DeepPlace {
+            centre: Some(DVec3::ONE),
+            ..DeepPlace::default()
+        };
+        let look_at = DeepPlace {
+            look_at: Some(DVec3::ONE),
+            ..DeepPlace::default()
+        };
         let said = |view, place: &DeepPlace| Lens::of(&picture(view), place).expect_err("refused");
         for (view, place, flag) in [
             (cube, &fov, "--fov"),
             (cube, &look_at, "--look-at"),
             (standard, &fov, "--fov"),
             (standard, &centre, "--center"),
-            (DeepView { world_to_ndc: None, ..standard }, &look_at, "--look-at"),
+            (
+                DeepView {
+                    world_to_ndc: None,
+                    ..standard
+                },
+                &look_at,
+                "--look-at",
+            ),
         ] {
-            assert!(matches!(said(view, place), FromDeepError::Told(told, _) if told == flag), "{flag}");
+            assert!(
+                matches!(said(view, place), FromDeepError::Told(told, _) if told == flag),
+                "{flag}"
+            );
         }
         assert!(Lens::of(&picture(cube), &centre).expect("read").is_none());
         assert_eq!(said(DeepView::default(), &centre), FromDeepError::View);
-        let wide = DeepPlace { fov_y_deg: Some(180.0), ..DeepPlace::default() };
-        assert!(matches!(said(DeepView::default(), &wide), FromDeepError::Lens(_)));
+        let wide = DeepPlace {
+            fov_y_deg: Some(180.0),
+            ..DeepPlace::default()
+        };
+        assert!(matches!(
+            said(DeepView::default(), &wide),
+            FromDeepError::Lens(_)
+        ));
     }
 }

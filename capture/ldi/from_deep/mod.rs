@@ -6,15 +6,15 @@
 
 mod lens;
 
+use glam::DVec3;
+use headbox_core::camera::CameraError;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::cube_face::Face;
+use headbox_core::environment::Environment;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
 use headbox_images::deep_exr::DeepImage;
-use headbox_core::cube_face::Face;
-use headbox_core::camera::CameraError;
-use headbox_core::color::srgb8_from_linear;
-use headbox_core::environment::Environment;
-use glam::DVec3;
 use lens::Lens;
 use rayon::prelude::*;
 
@@ -34,7 +34,9 @@ pub enum FromDeepError {
     #[error("it has no channel {0}; colours (R, G, B) and depth (Z) are needed")]
     Channel(&'static str),
     /// An environment map is not one of six faces.
-    #[error("it is an environment map of {0}x{1} pixels; six square faces one above another are read")]
+    #[error(
+        "it is an environment map of {0}x{1} pixels; six square faces one above another are read"
+    )]
     Faces(u32, u32),
     /// Nothing says where the camera stands.
     #[error(
@@ -82,16 +84,27 @@ pub fn cube(image: &DeepImage, place: DeepPlace) -> Result<CubeLdi, FromDeepErro
     let face_px = picture.face_px;
     // What is beyond moves by less.
     let still = STILL_PX * 2.0 / (f64::from(face_px) * half_size_m);
-    let faces = Face::ALL.into_par_iter().map(|face| face_of(&picture, face, still)).collect();
+    let faces = Face::ALL
+        .into_par_iter()
+        .map(|face| face_of(&picture, face, still))
+        .collect();
     let info = CaptureInfo {
         scene: place.name,
-        centre: picture.lens.map(|lens| lens.eye).or(place.centre).unwrap_or_default(),
+        centre: picture
+            .lens
+            .map(|lens| lens.eye)
+            .or(place.centre)
+            .unwrap_or_default(),
         half_size_m,
         exposure: 1.0,
         ahead: picture.lens.map(|lens| lens.ahead),
         ..CaptureInfo::default()
     };
-    Ok(CubeLdi { info, faces, environment: sky(&picture, still) })
+    Ok(CubeLdi {
+        info,
+        faces,
+        environment: sky(&picture, still),
+    })
 }
 
 /// A sample about the eye.
@@ -123,15 +136,26 @@ impl<'a> Picture<'a> {
         let face_px = match &lens {
             // A face pixel in the middle is as wide as one of the picture's.
             Some(lens) => {
-                let focal_px = lens.focal_px(image.size_px.map(f64::from)).ok_or(FromDeepError::Camera)?;
+                let focal_px = lens
+                    .focal_px(image.size_px.map(f64::from))
+                    .ok_or(FromDeepError::Camera)?;
                 ((2.0 * focal_px).round() as u32).clamp(16, MAX_PICTURE_FACE_PX)
             }
-            None if u64::from(height) != 6 * u64::from(width) || width == 0 || width > MAX_FACE_SIZE_PX => {
+            None if u64::from(height) != 6 * u64::from(width)
+                || width == 0
+                || width > MAX_FACE_SIZE_PX =>
+            {
                 return Err(FromDeepError::Faces(width, height));
             }
             None => width,
         };
-        Ok(Self { image, channels, alpha, lens, face_px })
+        Ok(Self {
+            image,
+            channels,
+            alpha,
+            lens,
+            face_px,
+        })
     }
 
     /// Position in the picture, px, of a direction from the eye, and how deep it goes in the camera's axes.
@@ -150,19 +174,27 @@ impl<'a> Picture<'a> {
     /// Distance of what is nearest, metres, along the picture's own depth.
     fn nearest(&self) -> Option<f64> {
         let alpha = |i: usize| self.alpha.map_or(1.0, |values| values[i]);
-        let depths = self.channels[3].iter().enumerate().filter(|(i, z)| **z > 0.0 && z.is_finite() && alpha(*i) > 0.0);
+        let depths = self.channels[3]
+            .iter()
+            .enumerate()
+            .filter(|(i, z)| **z > 0.0 && z.is_finite() && alpha(*i) > 0.0);
         depths.map(|(_, z)| f64::from(*z)).min_by(f64::total_cmp)
     }
 
     /// What is seen in a direction from the eye, farthest first.
     fn samples(&self, direction: DVec3) -> Vec<Sample> {
-        let Some([x, y, depth]) = self.place(direction) else { return Vec::new() };
+        let Some([x, y, depth]) = self.place(direction) else {
+            return Vec::new();
+        };
         let [width, height] = self.image.size_px.map(f64::from);
         if !(0.0..width).contains(&x) || !(0.0..height).contains(&y) {
             return Vec::new();
         }
-        let mut samples: Vec<Sample> =
-            self.image.samples_at(x as u32, y as u32).filter_map(|i| self.sample(i, depth)).collect();
+        let mut samples: Vec<Sample> = self
+            .image
+            .samples_at(x as u32, y as u32)
+            .filter_map(|i| self.sample(i, depth))
+            .collect();
         samples.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
         samples
     }
@@ -176,7 +208,10 @@ impl<'a> Picture<'a> {
             return None;
         }
         let [r, g, b] = [r, g, b].map(|c| srgb8_from_linear(c / alpha));
-        Some(Sample { inverse_depth: depth / f64::from(z), color_srgb: [r, g, b, level] })
+        Some(Sample {
+            inverse_depth: depth / f64::from(z),
+            color_srgb: [r, g, b, level],
+        })
     }
 }
 
@@ -185,18 +220,31 @@ fn face_of(picture: &Picture, face: Face, still: f64) -> LayeredDepthImage {
     let rows: Vec<Vec<Vec<Sample>>> = (0..face_px)
         .into_par_iter()
         .map(|y| {
-            let at = |x: u32| picture.samples(face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px));
-            (0..face_px).map(|x| at(x).into_iter().filter(|sample| sample.inverse_depth > still).collect()).collect()
+            let at = |x: u32| {
+                picture.samples(face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px))
+            };
+            (0..face_px)
+                .map(|x| {
+                    at(x)
+                        .into_iter()
+                        .filter(|sample| sample.inverse_depth > still)
+                        .collect()
+                })
+                .collect()
         })
         .collect();
     let mut image = LayeredDepthImage::empty(face, face_px);
     for at in 0..face_px * face_px {
         let (x, y) = ((at % face_px) as usize, (at / face_px) as usize);
-        image.samples.extend(rows[y][x].iter().map(|sample| DepthPixel {
-            inverse_depth: sample.inverse_depth as f32,
-            normal: EncodedNormal::new(normal(&rows, face, [x, y], sample.inverse_depth).as_vec3()),
-            color_srgb: sample.color_srgb,
-        }));
+        image
+            .samples
+            .extend(rows[y][x].iter().map(|sample| DepthPixel {
+                inverse_depth: sample.inverse_depth as f32,
+                normal: EncodedNormal::new(
+                    normal(&rows, face, [x, y], sample.inverse_depth).as_vec3(),
+                ),
+                color_srgb: sample.color_srgb,
+            }));
         image.offsets[at as usize + 1] = image.samples.len() as u32;
     }
     image
@@ -205,18 +253,35 @@ fn face_of(picture: &Picture, face: Face, still: f64) -> LayeredDepthImage {
 /// The normal of the plane through a sample and its neighbours, toward the eye: on a plane n . P = 1 inverse depth is n . direction.
 fn normal(rows: &[Vec<Vec<Sample>>], face: Face, [x, y]: [usize; 2], q: f64) -> DVec3 {
     let nearest = |x: Option<usize>, y: Option<usize>| {
-        let samples = rows.get(y?)?.get(x?)?.iter().map(|sample| sample.inverse_depth);
+        let samples = rows
+            .get(y?)?
+            .get(x?)?
+            .iter()
+            .map(|sample| sample.inverse_depth);
         samples.min_by(|a, b| (a - q).abs().total_cmp(&(b - q).abs()))
     };
     // Over a gap the side that changes less is the surface's own.
     let change = |before: Option<f64>, after: Option<f64>| {
-        let steps = [before.map(|before| q - before), after.map(|after| after - q)];
-        steps.into_iter().flatten().min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
+        let steps = [
+            before.map(|before| q - before),
+            after.map(|after| after - q),
+        ];
+        steps
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| a.abs().total_cmp(&b.abs()))
+            .unwrap_or(0.0)
     };
     let px = rows.len() as u32;
     let half = f64::from(px) / 2.0;
-    let across = change(nearest(x.checked_sub(1), Some(y)), nearest(Some(x + 1), Some(y))) * half;
-    let up = -change(nearest(Some(x), y.checked_sub(1)), nearest(Some(x), Some(y + 1))) * half;
+    let across = change(
+        nearest(x.checked_sub(1), Some(y)),
+        nearest(Some(x + 1), Some(y)),
+    ) * half;
+    let up = -change(
+        nearest(Some(x), y.checked_sub(1)),
+        nearest(Some(x), Some(y + 1)),
+    ) * half;
     let direction = face.direction(x as f64 + 0.5, y as f64 + 0.5, px);
     let ahead = q - across * direction.dot(face.right()) - up * direction.dot(face.up());
     -(face.right() * across + face.up() * up + face.normal() * ahead).normalize_or(direction)
@@ -228,12 +293,30 @@ fn sky(picture: &Picture, still: f64) -> Environment {
     let per_face = size_px * size_px;
     let texel = |at: u32| {
         let (x, y) = (at % per_face % size_px, at % per_face / size_px);
-        let direction = Face::ALL[(at / per_face) as usize].direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px);
-        let far = picture.samples(direction).into_iter().find(|sample| sample.inverse_depth <= still);
-        far.map_or([0; 4], |sample| [sample.color_srgb[0], sample.color_srgb[1], sample.color_srgb[2], 255])
+        let direction = Face::ALL[(at / per_face) as usize].direction(
+            f64::from(x) + 0.5,
+            f64::from(y) + 0.5,
+            size_px,
+        );
+        let far = picture
+            .samples(direction)
+            .into_iter()
+            .find(|sample| sample.inverse_depth <= still);
+        far.map_or([0; 4], |sample| {
+            [
+                sample.color_srgb[0],
+                sample.color_srgb[1],
+                sample.color_srgb[2],
+                255,
+            ]
+        })
     };
     let texels: Vec<[u8; 4]> = (0..6 * per_face).into_par_iter().map(texel).collect();
-    if texels.iter().all(|texel| texel[3] == 0) { Environment::default() } else { Environment { size_px, texels } }
+    if texels.iter().all(|texel| texel[3] == 0) {
+        Environment::default()
+    } else {
+        Environment { size_px, texels }
+    }
 }
 
 #[cfg(test)]
@@ -247,41 +330,85 @@ mod tests {
         for at in 0..6 * n * n {
             let face = Face::ALL[(at / (n * n)) as usize];
             let stack: &[[f32; 5]] = match face {
-                Face::PosY => &[[f32::INFINITY, 0.0, 0.0, 1.0, 1.0], [2.0, 0.5, 0.0, 0.0, 0.5]],
+                Face::PosY => &[
+                    [f32::INFINITY, 0.0, 0.0, 1.0, 1.0],
+                    [2.0, 0.5, 0.0, 0.0, 0.5],
+                ],
                 _ => &[[2.0, 0.2, 0.4, 0.6, 1.0]],
             };
             for sample in stack {
-                values.iter_mut().zip(sample).for_each(|(values, value)| values.push(*value));
+                values
+                    .iter_mut()
+                    .zip(sample)
+                    .for_each(|(values, value)| values.push(*value));
             }
             offsets.push(values[0].len() as u32);
         }
         let names = ["Z", "R", "G", "B", "A"];
-        let channel =
-            |(name, values): (&str, Vec<f32>)| DeepChannel { name: name.into(), kind: DeepKind::Float, values };
+        let channel = |(name, values): (&str, Vec<f32>)| DeepChannel {
+            name: name.into(),
+            kind: DeepKind::Float,
+            values,
+        };
         let channels = names.into_iter().zip(values).map(channel).collect();
-        let (size_px, view) = ([n, 6 * n], DeepView { cube: true, ..DeepView::default() });
-        DeepImage { size_px, origin_px: [0, 0], stored_px: size_px, offsets, channels, view }
+        let (size_px, view) = (
+            [n, 6 * n],
+            DeepView {
+                cube: true,
+                ..DeepView::default()
+            },
+        );
+        DeepImage {
+            size_px,
+            origin_px: [0, 0],
+            stored_px: size_px,
+            offsets,
+            channels,
+            view,
+        }
     }
 
     #[test]
     fn a_room_with_half_a_roof() {
-        let place = DeepPlace { centre: Some(DVec3::new(1.0, 2.0, 3.0)), ..DeepPlace::default() };
+        let place = DeepPlace {
+            centre: Some(DVec3::new(1.0, 2.0, 3.0)),
+            ..DeepPlace::default()
+        };
         let cube = cube(&room(16), place).expect("a cube");
         assert_eq!(cube.info.centre, DVec3::new(1.0, 2.0, 3.0));
         assert!((cube.info.half_size_m - 0.3).abs() < 1e-12);
         for image in &cube.faces {
-            assert_eq!(image.samples.len(), 256, "{:?}: a sample a pixel, the sky apart", image.face);
+            assert_eq!(
+                image.samples.len(),
+                256,
+                "{:?}: a sample a pixel, the sky apart",
+                image.face
+            );
             for sample in &image.samples {
                 assert!((sample.inverse_depth - 0.5).abs() < 1e-6);
                 let toward = -image.face.normal().as_vec3();
-                assert!(sample.normal.decode().dot(toward) > 0.9999, "{:?}", sample.normal.decode());
+                assert!(
+                    sample.normal.decode().dot(toward) > 0.9999,
+                    "{:?}",
+                    sample.normal.decode()
+                );
                 let (color, roof) = (sample.color_srgb, image.face == Face::PosY);
                 // Half of red over alpha of half is red; 128 of 255 is half.
-                assert_eq!(color, if roof { [255, 0, 0, 128] } else { [124, 170, 203, 255] });
+                assert_eq!(
+                    color,
+                    if roof {
+                        [255, 0, 0, 128]
+                    } else {
+                        [124, 170, 203, 255]
+                    }
+                );
             }
         }
         let sky = cube.environment.sample(glam::Vec3::Y);
-        assert_eq!((sky, cube.environment.sample(glam::Vec3::X)), (Some([0, 0, 255]), None));
+        assert_eq!(
+            (sky, cube.environment.sample(glam::Vec3::X)),
+            (Some([0, 0, 255]), None)
+        );
     }
 
     #[test]
@@ -289,14 +416,29 @@ mod tests {
         let with = |change: &dyn Fn(&mut DeepImage)| {
             let mut image = room(4);
             change(&mut image);
-            cube(&image, DeepPlace::default()).map(|_| ()).expect_err("refused")
+            cube(&image, DeepPlace::default())
+                .map(|_| ())
+                .expect_err("refused")
         };
-        assert_eq!(with(&|image| image.channels.retain(|channel| channel.name != "Z")), FromDeepError::Channel("Z"));
+        assert_eq!(
+            with(&|image| image.channels.retain(|channel| channel.name != "Z")),
+            FromDeepError::Channel("Z")
+        );
         assert_eq!(with(&|image| image.view.cube = false), FromDeepError::View);
-        assert_eq!(with(&|image| image.size_px = [4, 8]), FromDeepError::Faces(4, 8));
+        assert_eq!(
+            with(&|image| image.size_px = [4, 8]),
+            FromDeepError::Faces(4, 8)
+        );
         let no_camera = Some([0.0; 16]);
-        let view = DeepView { cube: false, world_to_camera: no_camera, world_to_ndc: no_camera };
+        let view = DeepView {
+            cube: false,
+            world_to_camera: no_camera,
+            world_to_ndc: no_camera,
+        };
         assert_eq!(with(&|image| image.view = view), FromDeepError::Camera);
-        assert_eq!(with(&|image| image.channels[0].values.fill(f32::NAN)), FromDeepError::Empty);
+        assert_eq!(
+            with(&|image| image.channels[0].values.fill(f32::NAN)),
+            FromDeepError::Empty
+        );
     }
 }

@@ -11,11 +11,11 @@ use super::on_face::{OnFace, home_faces};
 use super::piles::{RowSamples, Sample, SparePiles};
 use super::queue::Queue;
 use super::surface::{LANES, Patches, Surfaces, encoded};
-use headbox_images::LoadedView;
-use headbox_cube::model::samples::EncodedNormal;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, i32x16, u32x16};
 use glam::DVec3;
+use headbox_cube::model::samples::EncodedNormal;
+use headbox_images::LoadedView;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -59,7 +59,12 @@ struct Block {
 
 impl WarpTarget {
     /// Samples of an image, in piles of a few rows each.
-    pub(super) fn warp(&self, view: &LoadedView, image: u32, spare: &SparePiles) -> Vec<RowSamples> {
+    pub(super) fn warp(
+        &self,
+        view: &LoadedView,
+        image: u32,
+        spare: &SparePiles,
+    ) -> Vec<RowSamples> {
         let height = view.size_px[1];
         let starts = (0..height).into_par_iter().step_by(ROWS as usize);
         starts
@@ -73,7 +78,13 @@ impl WarpTarget {
     }
 
     #[inline(always)]
-    fn warp_rows<S: Simd>(&self, simd: S, view: &LoadedView, rows: Range<u32>, pile: &mut RowSamples) {
+    fn warp_rows<S: Simd>(
+        &self,
+        simd: S,
+        view: &LoadedView,
+        rows: Range<u32>,
+        pile: &mut RowSamples,
+    ) {
         let mut surfaces = Surfaces::new(view, rows.clone(), self.centre, self.noise);
         let mut queue = Queue::new(view, pile);
         for y in rows.clone() {
@@ -128,7 +139,14 @@ impl WarpTarget {
 
     /// Minified samples, each in the one pixel that it falls into.
     #[inline(always)]
-    fn add_points<S: Simd>(&self, simd: S, on_face: &OnFace<S>, mut lanes: u64, block: &Block, queue: &mut Queue<'_>) {
+    fn add_points<S: Simd>(
+        &self,
+        simd: S,
+        on_face: &OnFace<S>,
+        mut lanes: u64,
+        block: &Block,
+        queue: &mut Queue<'_>,
+    ) {
         if lanes == 0 {
             return;
         }
@@ -138,7 +156,10 @@ impl WarpTarget {
             u32x16::truncate_from(on_face.at[0].max(0.0).min(last)),
             u32x16::truncate_from(on_face.at[1].max(0.0).min(last)),
         ];
-        let offset = [f32x16::float_from(column) + 0.5 - on_face.at[0], f32x16::float_from(row) + 0.5 - on_face.at[1]];
+        let offset = [
+            f32x16::float_from(column) + 0.5 - on_face.at[0],
+            f32x16::float_from(row) + 0.5 - on_face.at[1],
+        ];
         let own = on_face.inverse_depth;
         let most = (own * 0.5).min(self.tolerance / 2.0);
         let shift = on_face.deeper(on_face.steps_to(offset));
@@ -151,14 +172,29 @@ impl WarpTarget {
             let i = lanes.trailing_zeros() as usize % LANES;
             lanes &= lanes - 1;
             let sample = block.sample(i, column[i], inverse_depth[i]);
-            let sample = Sample { weight: sample.weight * share[i], ..sample };
+            let sample = Sample {
+                weight: sample.weight * share[i],
+                ..sample
+            };
             let row = on_face.face * self.face_px + row[i];
-            queue.add(simd, row, sample, [(block.x + i as u32) as f32, block.y as f32]);
+            queue.add(
+                simd,
+                row,
+                sample,
+                [(block.x + i as u32) as f32, block.y as f32],
+            );
         }
     }
 
     /// Magnified samples, each in every pixel whose middle its parallelogram holds.
-    fn fill<S: Simd>(&self, simd: S, on_face: &OnFace<S>, lanes: u64, block: &Block, queue: &mut Queue<'_>) {
+    fn fill<S: Simd>(
+        &self,
+        simd: S,
+        on_face: &OnFace<S>,
+        lanes: u64,
+        block: &Block,
+        queue: &mut Queue<'_>,
+    ) {
         simd.vectorize(
             #[inline(always)]
             || self.fill_at(simd, on_face, lanes, block, queue),
@@ -166,7 +202,14 @@ impl WarpTarget {
     }
 
     #[inline(always)]
-    fn fill_at<S: Simd>(&self, simd: S, on_face: &OnFace<S>, lanes: u64, block: &Block, queue: &mut Queue<'_>) {
+    fn fill_at<S: Simd>(
+        &self,
+        simd: S,
+        on_face: &OnFace<S>,
+        lanes: u64,
+        block: &Block,
+        queue: &mut Queue<'_>,
+    ) {
         let lanes = lanes & on_face.regular.to_bitmask();
         let reach = on_face.reach(OVERLAP);
         let columns = Span::new(on_face.at[0], reach[0].min(MAX_REACH_PX), self.face_px);
@@ -177,7 +220,10 @@ impl WarpTarget {
             let offset_down = f32x16::float_from(row) + 0.5 - on_face.at[1];
             for across in 0..most_columns {
                 let column = columns.first + across;
-                let within = on_face.steps_to([f32x16::float_from(column) + 0.5 - on_face.at[0], offset_down]);
+                let within = on_face.steps_to([
+                    f32x16::float_from(column) + 0.5 - on_face.at[0],
+                    offset_down,
+                ]);
                 let inverse_depth = on_face.inverse_depth + on_face.deeper(within);
                 let inside = within[0].abs().max(within[1].abs()).simd_le(0.5 * OVERLAP)
                     & inverse_depth.simd_gt(0.0)
@@ -228,7 +274,10 @@ struct Span<S: Simd> {
 impl<S: Simd> Span<S> {
     #[inline(always)]
     fn new(at: f32x16<S>, reach: f32x16<S>, face_px: u32) -> Self {
-        Self { first: first_middle(at - reach, face_px), end: first_middle(at + reach, face_px) }
+        Self {
+            first: first_middle(at - reach, face_px),
+            end: first_middle(at + reach, face_px),
+        }
     }
 
     /// Of some lanes, how many pixels there are at most.
@@ -249,6 +298,8 @@ impl<S: Simd> Span<S> {
 fn first_middle<S: Simd>(position: f32x16<S>, face_px: u32) -> i32x16<S> {
     let first = (position - 0.5).ceil();
     // False for NaN.
-    let first = first.simd_gt(0.0).select(first, f32x16::splat(first.token(), 0.0));
+    let first = first
+        .simd_gt(0.0)
+        .select(first, f32x16::splat(first.token(), 0.0));
     i32x16::truncate_from(first.min(face_px as f32))
 }

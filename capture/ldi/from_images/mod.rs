@@ -19,17 +19,17 @@ mod surface;
 
 pub use near::NearImages;
 
-use headbox_cube::model::depth_bins::DepthBins;
-use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::model::parameters::CaptureParameters;
-use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::samples::CubeLdi;
-use headbox_images::{ImageSet, ImagesError, LoadedView, View};
-use headbox_core::simd;
-use headbox_core::environment::Environment;
-use headbox_core::progress::{Progress, Silent};
 use footprint::WarpTarget;
 use glam::DVec3;
+use headbox_core::environment::Environment;
+use headbox_core::progress::{Progress, Silent};
+use headbox_core::simd;
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::model::info::CaptureInfo;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_images::{ImageSet, ImagesError, LoadedView, View};
 use layers::LayerCube;
 use piles::SparePiles;
 use rayon::prelude::*;
@@ -58,7 +58,10 @@ type Load<'a> = dyn Fn(usize) -> Result<Arc<LoadedView>, ImagesError> + Sync + '
 
 /// The mean direction of views, if they have one.
 fn ahead(views: &[&View]) -> Option<DVec3> {
-    let sum: DVec3 = views.iter().map(|view| -view.color_pose().world_from_eye.z_axis).sum();
+    let sum: DVec3 = views
+        .iter()
+        .map(|view| -view.color_pose().world_from_eye.z_axis)
+        .sum();
     (sum.length() > 0.1 * views.len() as f64).then(|| sum.normalize())
 }
 
@@ -69,27 +72,45 @@ impl ImagesJob {
     pub fn suggest(set: &ImageSet) -> Self {
         let suggested = Self::for_most_eyes(set);
         match set.densest_view().filter(|_| set.depth_is_found()) {
-            Some((view, nearest)) => {
-                Self { centre: set.headbox_centre.unwrap_or(view.pose.eye), half_size_m: nearest / 2.0, ..suggested }
-            }
+            Some((view, nearest)) => Self {
+                centre: set.headbox_centre.unwrap_or(view.pose.eye),
+                half_size_m: nearest / 2.0,
+                ..suggested
+            },
             None => suggested,
         }
     }
 
     fn for_most_eyes(set: &ImageSet) -> Self {
-        let centre = set.headbox_centre.or_else(|| set.central_view().map(|view| view.pose.eye)).unwrap_or(DVec3::ZERO);
-        let mut distances: Vec<f64> =
-            set.views.iter().map(|view| (view.pose.eye - centre).abs().max_element()).collect();
+        let centre = set
+            .headbox_centre
+            .or_else(|| set.central_view().map(|view| view.pose.eye))
+            .unwrap_or(DVec3::ZERO);
+        let mut distances: Vec<f64> = set
+            .views
+            .iter()
+            .map(|view| (view.pose.eye - centre).abs().max_element())
+            .collect();
         distances.sort_by(f64::total_cmp);
-        let most = distances.get(distances.len() * 9 / 10).copied().unwrap_or(0.0);
-        let mut focal: Vec<f64> = set.with_depth().map(|view| view.lens.pixels_per_radian(view.size_px)).collect();
+        let most = distances
+            .get(distances.len() * 9 / 10)
+            .copied()
+            .unwrap_or(0.0);
+        let mut focal: Vec<f64> = set
+            .with_depth()
+            .map(|view| view.lens.pixels_per_radian(view.size_px))
+            .collect();
         focal.sort_by(f64::total_cmp);
         // In the middle of a face a radian has half as many pixels as its side.
-        let side = focal.get(focal.len() / 2).map_or(1024.0, |focal| (2.0 * focal).ceil());
+        let side = focal
+            .get(focal.len() / 2)
+            .map_or(1024.0, |focal| (2.0 * focal).ceil());
         Self {
             centre,
             half_size_m: most.max(0.05),
-            face_size_px: (side as u32).clamp(16, headbox_cube::model::validate::MAX_FACE_SIZE_PX).next_multiple_of(16),
+            face_size_px: (side as u32)
+                .clamp(16, headbox_cube::model::validate::MAX_FACE_SIZE_PX)
+                .next_multiple_of(16),
             merge_rule: MergeRule::Average,
             depth_noise: set.depth_noise(),
         }
@@ -99,20 +120,35 @@ impl ImagesJob {
     ///
     /// # Errors
     /// [`ImagesError`] of the first view that cannot be loaded.
-    pub fn run(&self, set: &ImageSet, views: &[&View], progress: &dyn Progress) -> Result<CubeLdi, ImagesError> {
+    pub fn run(
+        &self,
+        set: &ImageSet,
+        views: &[&View],
+        progress: &dyn Progress,
+    ) -> Result<CubeLdi, ImagesError> {
         progress.begin("images", "images", views.len() as u64);
         let merged = self.merge(views.len(), &|i| views[i].load().map(Arc::new), progress)?;
         Ok(self.cube(set, views, merged))
     }
 
     /// As [`Self::run`], of views that are in memory.
-    fn run_loaded(&self, set: &ImageSet, views: &[&View], loaded: &[Arc<LoadedView>]) -> Result<CubeLdi, ImagesError> {
+    fn run_loaded(
+        &self,
+        set: &ImageSet,
+        views: &[&View],
+        loaded: &[Arc<LoadedView>],
+    ) -> Result<CubeLdi, ImagesError> {
         let merged = self.merge(loaded.len(), &|i| Ok(Arc::clone(&loaded[i])), &Silent)?;
         Ok(self.cube(set, views, merged))
     }
 
     /// Warps so many views, each of which `load` gives by its number, and merges them in their order.
-    fn merge(&self, count: usize, load: &Load<'_>, progress: &dyn Progress) -> Result<LayerCube, ImagesError> {
+    fn merge(
+        &self,
+        count: usize,
+        load: &Load<'_>,
+        progress: &dyn Progress,
+    ) -> Result<LayerCube, ImagesError> {
         let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
         let tolerance = similar.max(3.0 * self.depth_noise);
         let target = WarpTarget {
@@ -135,7 +171,11 @@ impl ImagesJob {
                 progress.advance(1);
                 Ok(piles)
             });
-            let piles = warped.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect::<Vec<_>>();
+            let piles = warped
+                .collect::<Result<Vec<_>, _>>()?
+                .into_iter()
+                .flatten()
+                .collect::<Vec<_>>();
             cube.add(&piles);
             spare.keep(piles);
         }
@@ -146,15 +186,25 @@ impl ImagesJob {
     fn cube(&self, set: &ImageSet, views: &[&View], merged: LayerCube) -> CubeLdi {
         // Cameras around an object look all ways; one looks at it as the nearest does.
         let apart = |view: &&&View| view.color_pose().eye.distance_squared(self.centre);
-        let nearest = views.iter().min_by(|a, b| apart(a).total_cmp(&apart(b))).filter(|_| set.depth_is_found());
+        let nearest = views
+            .iter()
+            .min_by(|a, b| apart(a).total_cmp(&apart(b)))
+            .filter(|_| set.depth_is_found());
         let nearest = nearest.map(|view| view.color_pose().world_from_eye);
         let info = CaptureInfo {
             ahead: nearest.map(|held| -held.z_axis).or_else(|| ahead(views)),
             up: nearest.map(|held| held.y_axis).or_else(|| set.up()),
-            parameters: CaptureParameters { merge_rule: self.merge_rule, ..CaptureParameters::unlit(0, 0) },
+            parameters: CaptureParameters {
+                merge_rule: self.merge_rule,
+                ..CaptureParameters::unlit(0, 0)
+            },
             ..image_set_info(set, self.centre, self.half_size_m)
         };
-        CubeLdi { info, faces: merged.finish(), environment: Environment::default() }
+        CubeLdi {
+            info,
+            faces: merged.finish(),
+            environment: Environment::default(),
+        }
     }
 }
 

@@ -10,9 +10,9 @@
 
 use super::ImagesJob;
 use headbox_core::camera::Camera;
-use headbox_images::{ImageSet, ImagesError, Lens, LoadedView, View};
 use headbox_core::statistics::median;
 use headbox_cube::model::samples::CubeLdi;
+use headbox_images::{ImageSet, ImagesError, Lens, LoadedView, View};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -45,10 +45,22 @@ impl NearImages {
     /// # Errors
     /// [`ImagesError`] of a view that cannot be loaded.
     pub fn new(set: ImageSet, job: ImagesJob, budget: usize) -> Result<Self, ImagesError> {
-        let with_depth: Vec<usize> = (0..set.views.len()).filter(|&i| set.views[i].depth.is_some()).collect();
-        let asked: Vec<usize> =
-            with_depth.iter().step_by(with_depth.len().div_ceil(Self::ASKED).max(1)).copied().collect();
-        let mut near = Self { set, job, with_depth, depth_m: 1.0, held: Vec::new(), budget };
+        let with_depth: Vec<usize> = (0..set.views.len())
+            .filter(|&i| set.views[i].depth.is_some())
+            .collect();
+        let asked: Vec<usize> = with_depth
+            .iter()
+            .step_by(with_depth.len().div_ceil(Self::ASKED).max(1))
+            .copied()
+            .collect();
+        let mut near = Self {
+            set,
+            job,
+            with_depth,
+            depth_m: 1.0,
+            held: Vec::new(),
+            budget,
+        };
         let medians = near.load(&asked)?;
         near.depth_m = median(medians.iter().filter_map(|view| median_depth(view))).unwrap_or(1.0);
         Ok(near)
@@ -66,8 +78,11 @@ impl NearImages {
 
     /// Numbers of the `count` views with depth that are nearest to a view, the nearest first; of equals that of the lower number.
     pub fn nearest(&self, camera: &Camera, count: usize) -> Vec<usize> {
-        let mut ranked: Vec<(f64, usize)> =
-            self.with_depth.iter().map(|&i| (turned_rad(&self.set.views[i], camera, self.depth_m), i)).collect();
+        let mut ranked: Vec<(f64, usize)> = self
+            .with_depth
+            .iter()
+            .map(|&i| (turned_rad(&self.set.views[i], camera, self.depth_m), i))
+            .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         ranked.into_iter().take(count).map(|(_, i)| i).collect()
     }
@@ -79,14 +94,26 @@ impl NearImages {
     pub fn cube(&mut self, chosen: &[usize]) -> Result<CubeLdi, ImagesError> {
         let loaded = self.load(chosen)?;
         let views: Vec<&View> = chosen.iter().map(|&i| &self.set.views[i]).collect();
-        let centre = views.first().map_or(self.job.centre, |view| view.color_pose().eye);
-        ImagesJob { centre, ..self.job.clone() }.run_loaded(&self.set, &views, &loaded)
+        let centre = views
+            .first()
+            .map_or(self.job.centre, |view| view.color_pose().eye);
+        ImagesJob {
+            centre,
+            ..self.job.clone()
+        }
+        .run_loaded(&self.set, &views, &loaded)
     }
 
     /// Views in memory, which then count as used last.
     fn load(&mut self, chosen: &[usize]) -> Result<Vec<Arc<LoadedView>>, ImagesError> {
-        let Self { set, held, budget, .. } = self;
-        let at_hand = |i: usize| held.iter().find(|(number, _)| *number == i).map(|(_, view)| Arc::clone(view));
+        let Self {
+            set, held, budget, ..
+        } = self;
+        let at_hand = |i: usize| {
+            held.iter()
+                .find(|(number, _)| *number == i)
+                .map(|(_, view)| Arc::clone(view))
+        };
         let load = |&i: &usize| at_hand(i).map_or_else(|| set.views[i].load().map(Arc::new), Ok);
         let loaded: Vec<Arc<LoadedView>> = chosen.par_iter().map(load).collect::<Result<_, _>>()?;
         held.retain(|(number, _)| !chosen.contains(number));
@@ -119,8 +146,14 @@ fn median_depth(view: &LoadedView) -> Option<f64> {
     /// Pixels from one that is looked at to the next.
     const STEP: usize = 8;
     let [width, height] = view.size_px;
-    let pixels = (0..height).step_by(STEP).flat_map(|y| (0..width).step_by(STEP).map(move |x| (x, y)));
-    median(pixels.filter_map(|(x, y)| view.depth_at(x, y)).map(f64::from))
+    let pixels = (0..height)
+        .step_by(STEP)
+        .flat_map(|y| (0..width).step_by(STEP).map(move |x| (x, y)));
+    median(
+        pixels
+            .filter_map(|(x, y)| view.depth_at(x, y))
+            .map(f64::from),
+    )
 }
 
 fn bytes_of(view: &LoadedView) -> usize {
@@ -130,11 +163,11 @@ fn bytes_of(view: &LoadedView) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_images::Pose;
     use crate::from_images::ImagesJob;
+    use glam::{DMat3, DVec3};
     use headbox_core::progress::Silent;
     use headbox_fixtures::{frame_at, plane_view, saved, set_of};
-    use glam::{DMat3, DVec3};
+    use headbox_images::Pose;
     use tempfile::TempDir;
 
     const SIZE: [u32; 2] = [48, 36];
@@ -142,8 +175,13 @@ mod tests {
     /// A plane at Z = -3, seen from these eyes.
     fn set(eyes: &[DVec3]) -> (TempDir, ImageSet) {
         let folder = tempfile::tempdir().expect("a folder");
-        let view =
-            |(i, eye): (usize, &DVec3)| saved(&plane_view(*eye, eye.z + 3.0, SIZE), folder.path(), &i.to_string());
+        let view = |(i, eye): (usize, &DVec3)| {
+            saved(
+                &plane_view(*eye, eye.z + 3.0, SIZE),
+                folder.path(),
+                &i.to_string(),
+            )
+        };
         let views: Vec<View> = eyes.iter().enumerate().map(view).collect();
         let set = set_of(folder.path(), &views);
         (folder, set)
@@ -155,7 +193,9 @@ mod tests {
 
     fn spread(count: u32) -> Vec<DVec3> {
         let part = |n: u32, of: u32| f64::from(n % of) / f64::from(of) - 0.5;
-        (0..count).map(|i| DVec3::new(part(i * 7, 13), part(i * 5, 11), 0.2 * part(i, 3))).collect()
+        (0..count)
+            .map(|i| DVec3::new(part(i * 7, 13), part(i * 5, 11), 0.2 * part(i, 3)))
+            .collect()
     }
 
     /// The definition, one image after the other.
@@ -163,10 +203,18 @@ mod tests {
         let ahead = camera.forward();
         let turned = |view: &View| {
             let axis = view.pose.world_from_eye * DVec3::NEG_Z;
-            let angle = (axis.dot(ahead) / (axis.length() * ahead.length())).clamp(-1.0, 1.0).acos();
-            angle + (view.pose.eye - camera.eye()).dot(view.pose.eye - camera.eye()).sqrt() / depth
+            let angle = (axis.dot(ahead) / (axis.length() * ahead.length()))
+                .clamp(-1.0, 1.0)
+                .acos();
+            angle
+                + (view.pose.eye - camera.eye())
+                    .dot(view.pose.eye - camera.eye())
+                    .sqrt()
+                    / depth
         };
-        let mut left: Vec<usize> = (0..views.len()).filter(|&i| views[i].depth.is_some()).collect();
+        let mut left: Vec<usize> = (0..views.len())
+            .filter(|&i| views[i].depth.is_some())
+            .collect();
         let mut chosen = Vec::new();
         while chosen.len() < count && !left.is_empty() {
             let mut best = 0;
@@ -191,7 +239,11 @@ mod tests {
         for (i, eye) in spread(9).into_iter().enumerate() {
             let camera = frame_at(eye * 1.3, SIZE);
             for count in [0, 1, 3, i, 19, 100] {
-                assert_eq!(near.nearest(&camera, count), oracle(&set.views, &camera, near.depth_m(), count), "{count}");
+                assert_eq!(
+                    near.nearest(&camera, count),
+                    oracle(&set.views, &camera, near.depth_m(), count),
+                    "{count}"
+                );
             }
         }
     }
@@ -202,7 +254,10 @@ mod tests {
         for (i, view) in set.views.iter_mut().enumerate() {
             // On a turntable, in no order, 15 degrees apart.
             let turn = DMat3::from_rotation_y((15.0 * f64::from(i as u32 * 7 % 24)).to_radians());
-            view.pose = Pose { eye: turn * DVec3::Z * 3.0, world_from_eye: turn };
+            view.pose = Pose {
+                eye: turn * DVec3::Z * 3.0,
+                world_from_eye: turn,
+            };
         }
         let near = near(&set, usize::MAX);
         for degrees in [0.4, 33.0, 97.2, 181.1, 300.0] {
@@ -224,9 +279,14 @@ mod tests {
             let views: Vec<&View> = chosen.iter().map(|&i| &set.views[i]).collect();
             let job = ImagesJob::suggest(&set);
             let centre = views.first().map_or(job.centre, |view| view.pose.eye);
-            let expected = ImagesJob { centre, ..job }.run(&set, &views, &Silent).expect("built");
+            let expected = ImagesJob { centre, ..job }
+                .run(&set, &views, &Silent)
+                .expect("built");
             assert!(found == expected, "{chosen:?}");
-            assert_eq!(found.faces.iter().all(|face| face.samples.is_empty()), chosen.is_empty());
+            assert_eq!(
+                found.faces.iter().all(|face| face.samples.is_empty()),
+                chosen.is_empty()
+            );
         }
     }
 
@@ -236,7 +296,11 @@ mod tests {
         let one = bytes_of(&set.views[0].load().expect("loads"));
         let mut near = near(&set, 3 * one);
         let held = |near: &NearImages| near.held.iter().map(|(i, _)| *i).collect::<Vec<_>>();
-        assert_eq!(held(&near), [0, 1, 2, 3, 4, 5], "beyond the budget while they are used");
+        assert_eq!(
+            held(&near),
+            [0, 1, 2, 3, 4, 5],
+            "beyond the budget while they are used"
+        );
         near.cube(&[1, 3]).expect("built");
         assert_eq!(held(&near), [5, 1, 3]);
         near.cube(&[0]).expect("built");

@@ -76,7 +76,10 @@ impl<S: Simd> OnFace<S> {
     #[inline(always)]
     pub(super) fn reach(&self, overlap: f32) -> [f32x16<S>; 2] {
         let [a, b] = self.steps;
-        [(a[0].abs() + b[0].abs()) * (0.5 * overlap), (a[1].abs() + b[1].abs()) * (0.5 * overlap)]
+        [
+            (a[0].abs() + b[0].abs()) * (0.5 * overlap),
+            (a[1].abs() + b[1].abs()) * (0.5 * overlap),
+        ]
     }
 
     /// The footprints that reach over the edge of the face, a bit each.
@@ -95,7 +98,10 @@ impl<S: Simd> OnFace<S> {
     #[inline(always)]
     pub(super) fn steps_to(&self, [x, y]: [f32x16<S>; 2]) -> [f32x16<S>; 2] {
         let [a, b] = self.steps;
-        [(x * b[1] - y * b[0]) * self.reciprocal, (a[0] * y - a[1] * x) * self.reciprocal]
+        [
+            (x * b[1] - y * b[0]) * self.reciprocal,
+            (a[0] * y - a[1] * x) * self.reciprocal,
+        ]
     }
 
     /// What so many of each step add to the inverse depth.
@@ -108,7 +114,11 @@ impl<S: Simd> OnFace<S> {
 #[inline(always)]
 fn along<S: Simd>(axes: &[Axis; 3], vectors: &Vectors<S>) -> Vectors<S> {
     let [right, up, normal] = axes;
-    [vectors[right.0] * right.1, vectors[up.0] * up.1, vectors[normal.0] * normal.1]
+    [
+        vectors[right.0] * right.1,
+        vectors[up.0] * up.1,
+        vectors[normal.0] * normal.1,
+    ]
 }
 
 /// The numbers of the faces whose frusta hold points, as [`Face::locate`] has them.
@@ -125,19 +135,25 @@ pub(super) fn home_faces<S: Simd>([x, y, z]: Vectors<S>) -> u32x16<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_core::cube_face::Face;
-    use headbox_core::simd;
     use fearless_simd::dispatch;
     use glam::{DVec3, Vec3};
+    use headbox_core::cube_face::Face;
+    use headbox_core::simd;
 
     #[test]
     fn faces_and_their_axes_are_those_of_the_rig() {
         for face in Face::ALL {
-            let of = |axis: DVec3| (0..3).find(|&i| axis[i] != 0.0).map(|i| (i, axis[i] as f32));
+            let of = |axis: DVec3| {
+                (0..3)
+                    .find(|&i| axis[i] != 0.0)
+                    .map(|i| (i, axis[i] as f32))
+            };
             let expected = [face.right(), face.up(), face.normal()].map(of);
             assert_eq!(axes(face.index() as u32).map(Some), expected, "{face:?}");
         }
-        for point in (0..343u16).map(|i| Vec3::from_array([i % 7, i / 7 % 7, i / 49].map(|c| f32::from(c) - 3.0))) {
+        for point in (0..343u16)
+            .map(|i| Vec3::from_array([i % 7, i / 7 % 7, i / 49].map(|c| f32::from(c) - 3.0)))
+        {
             for level in simd::levels() {
                 let home = dispatch!(level, simd => {
                     home_faces(point.to_array().map(|c| f32x16::splat(simd, c))).to_array()[3]

@@ -3,12 +3,12 @@
 use super::footprint::{MAX_REACH_PX, OVERLAP, POINT_PX, WarpTarget};
 use super::piles::{Sample, SparePiles};
 use super::surface::{LEAST_COSINE, LEAST_NEIGHBORS, STEEPEST};
-use headbox_images::{Distortion, Lens, LoadedView, Pinhole, Pose};
-use headbox_core::random::Rng;
-use headbox_core::cube_face::Face;
-use headbox_core::simd;
-use headbox_core::color::srgb8_from_linear;
 use glam::{DMat3, DVec2, DVec3, dvec2};
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::cube_face::Face;
+use headbox_core::random::Rng;
+use headbox_core::simd;
+use headbox_images::{Distortion, Lens, LoadedView, Pinhole, Pose};
 
 /// How far from a threshold either side of it is right: some roundings of f32 on the way.
 const EITHER: f64 = 2e-3;
@@ -53,24 +53,36 @@ struct Surface {
 
 impl Oracle<'_> {
     fn ray(&self, x: i64, y: i64) -> DVec3 {
-        self.view.pose.world_from_eye * self.view.lens.ray([x as f64 + 0.5, y as f64 + 0.5], self.view.size_px)
+        self.view.pose.world_from_eye
+            * self
+                .view
+                .lens
+                .ray([x as f64 + 0.5, y as f64 + 0.5], self.view.size_px)
     }
 
     fn inverse_depth(&self, x: i64, y: i64) -> Option<f64> {
-        let [x, y] =
-            [(x, 0), (y, 1)].map(|(at, axis)| u32::try_from(at).ok().filter(|at| *at < self.view.size_px[axis]));
-        self.view.depth_at(x?, y?).map(|depth| f64::from(1.0 / depth))
+        let [x, y] = [(x, 0), (y, 1)].map(|(at, axis)| {
+            u32::try_from(at)
+                .ok()
+                .filter(|at| *at < self.view.size_px[axis])
+        });
+        self.view
+            .depth_at(x?, y?)
+            .map(|depth| f64::from(1.0 / depth))
     }
 
     fn surface(&self, x: i64, y: i64) -> Option<Surface> {
         let own = self.inverse_depth(x, y)?;
         let noise = f64::from(self.target.noise);
-        let tolerance = 3.0 * noise + f64::from(STEEPEST) / self.view.lens.pixels_per_radian(self.view.size_px) * own;
+        let tolerance = 3.0 * noise
+            + f64::from(STEEPEST) / self.view.lens.pixels_per_radian(self.view.size_px) * own;
         let change = |dx: i64, dy: i64| {
             let change = self.inverse_depth(x + dx, y + dy)? - own;
             (change.abs() <= tolerance).then_some(change)
         };
-        let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))).filter(|at| *at != (0, 0));
+        let around = (-1..=1)
+            .flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)))
+            .filter(|at| *at != (0, 0));
         let neighbors = around.filter(|(dx, dy)| change(*dx, *dy).is_some()).count();
         if noise > 0.0 && neighbors < LEAST_NEIGHBORS as usize {
             return None;
@@ -86,20 +98,31 @@ impl Oracle<'_> {
             step(self.ray(x, y + 1), slope(change(0, -1), change(0, 1))),
         ];
         let normal = steps[1].cross(steps[0]).normalize();
-        let normal = if normal.dot(ray) > 0.0 { -normal } else { normal };
+        let normal = if normal.dot(ray) > 0.0 {
+            -normal
+        } else {
+            normal
+        };
         let cosine = -normal.dot(ray.normalize());
         let least = f64::from(LEAST_COSINE);
         if noise > 0.0 && cosine < least - EITHER {
             return None;
         }
         let certain = noise == 0.0 || cosine > least + EITHER;
-        Some(Surface { point: ray / own + self.view.pose.eye - self.target.centre, steps, normal, certain })
+        Some(Surface {
+            point: ray / own + self.view.pose.eye - self.target.centre,
+            steps,
+            normal,
+            certain,
+        })
     }
 
     /// What pixel (x, y) says of face pixels.
     fn expected(&self, x: u32, y: u32) -> Vec<Expected> {
         let mut found = Vec::new();
-        let Some(surface) = self.surface(x.into(), y.into()) else { return found };
+        let Some(surface) = self.surface(x.into(), y.into()) else {
+            return found;
+        };
         let home = Face::containing(surface.point);
         let (at, [a, b], ..) = self.on_face(&surface, home);
         let reach = (a.abs() + b.abs()) * (0.5 * f64::from(OVERLAP));
@@ -109,10 +132,14 @@ impl Oracle<'_> {
             found.extend(self.point(&surface, home, [x, y], widest < -EITHER));
         }
         if widest > -EITHER {
-            let over = (at - reach).min_element().min(size - (at + reach).max_element());
+            let over = (at - reach)
+                .min_element()
+                .min(size - (at + reach).max_element());
             for face in Face::ALL {
                 let neighbor = face != home && face.normal() != -home.normal();
-                if face == home || (neighbor && over < EITHER && surface.point.dot(face.normal()) > 1e-6) {
+                if face == home
+                    || (neighbor && over < EITHER && surface.point.dot(face.normal()) > 1e-6)
+                {
                     let certain = widest > EITHER && (face == home || over < -EITHER);
                     self.fill(&surface, face, [x, y], certain, &mut found);
                 }
@@ -126,19 +153,30 @@ impl Oracle<'_> {
         let half = f64::from(self.target.face_px) / 2.0;
         let project = |point: DVec3| {
             let depth = point.dot(face.normal());
-            dvec2(half * (1.0 + point.dot(face.right()) / depth), half * (1.0 - point.dot(face.up()) / depth))
+            dvec2(
+                half * (1.0 + point.dot(face.right()) / depth),
+                half * (1.0 - point.dot(face.up()) / depth),
+            )
         };
         let q = 1.0 / surface.point.dot(face.normal());
         // The derivative along a step.
         let steps = surface.steps.map(|step| {
             let tiny = 1e-6 / step.length().max(1e-12) * surface.point.length();
-            (project(surface.point + step * tiny) - project(surface.point - step * tiny)) / (2.0 * tiny)
+            (project(surface.point + step * tiny) - project(surface.point - step * tiny))
+                / (2.0 * tiny)
         });
         let slopes = surface.steps.map(|step| -step.dot(face.normal()) * q * q);
         (project(surface.point), steps, q, DVec2::from_array(slopes))
     }
 
-    fn sample(&self, surface: &Surface, face: Face, pixel: [i64; 2], inverse_depth: f64, colour_at: DVec2) -> Expected {
+    fn sample(
+        &self,
+        surface: &Surface,
+        face: Face,
+        pixel: [i64; 2],
+        inverse_depth: f64,
+        colour_at: DVec2,
+    ) -> Expected {
         let toward = surface.point - (self.view.pose.eye - self.target.centre);
         let levels = self.view.color_at([colour_at.x + 0.5, colour_at.y + 0.5]);
         Expected {
@@ -153,24 +191,35 @@ impl Oracle<'_> {
         }
     }
 
-    fn point(&self, surface: &Surface, face: Face, [x, y]: [u32; 2], certain: bool) -> Vec<Expected> {
+    fn point(
+        &self,
+        surface: &Surface,
+        face: Face,
+        [x, y]: [u32; 2],
+        certain: bool,
+    ) -> Vec<Expected> {
         let (at, [a, b], q, slopes) = self.on_face(surface, face);
         let last = i64::from(self.target.face_px) - 1;
         let most = (f64::from(self.target.tolerance) / 2.0).min(q / 2.0);
         // Near the border of two pixels it may fall into either.
         let near = |c: f64| {
-            let mut pixels: Vec<i64> = [c - EITHER, c + EITHER].map(|c| (c.floor() as i64).clamp(0, last)).to_vec();
+            let mut pixels: Vec<i64> = [c - EITHER, c + EITHER]
+                .map(|c| (c.floor() as i64).clamp(0, last))
+                .to_vec();
             pixels.dedup();
             pixels
         };
         let (columns, rows) = (near(at.x), near(at.y));
         let alone = certain && columns.len() == 1 && rows.len() == 1;
-        let places = rows.iter().flat_map(|&row| columns.iter().map(move |&column| [column, row]));
+        let places = rows
+            .iter()
+            .flat_map(|&row| columns.iter().map(move |&column| [column, row]));
         let one = |[column, row]: [i64; 2]| {
             let offset = dvec2(column as f64 + 0.5, row as f64 + 0.5) - at;
             let within = dvec2(offset.perp_dot(b), a.perp_dot(offset)) / a.perp_dot(b);
             let q = q + slopes.dot(within).clamp(-most, most);
-            let mut sample = self.sample(surface, face, [column, row], q, dvec2(x.into(), y.into()));
+            let mut sample =
+                self.sample(surface, face, [column, row], q, dvec2(x.into(), y.into()));
             sample.weight *= a.perp_dot(b).abs().clamp(1e-3, 1.0);
             sample.certain &= alone;
             sample
@@ -178,7 +227,14 @@ impl Oracle<'_> {
         places.map(one).collect()
     }
 
-    fn fill(&self, surface: &Surface, face: Face, [x, y]: [u32; 2], certain: bool, to: &mut Vec<Expected>) {
+    fn fill(
+        &self,
+        surface: &Surface,
+        face: Face,
+        [x, y]: [u32; 2],
+        certain: bool,
+        to: &mut Vec<Expected>,
+    ) {
         let (at, [a, b], q, slopes) = self.on_face(surface, face);
         let reach = (a.abs() + b.abs()).max_element().ceil() as i64 + 1;
         let size = i64::from(self.target.face_px);
@@ -214,25 +270,51 @@ fn view(lens: Lens, size_px: [u32; 2], pose: Pose, noise: f32) -> LoadedView {
             let t = (distance - normal.dot(pose.eye)) / normal.dot(ray);
             (t > 0.0).then_some(t)
         };
-        let pillar = plane(DVec3::new(0.3, 0.1, 1.0), -1.6).filter(|t| (pose.eye + ray * *t).x.abs() < 0.25);
-        let walls = [(DVec3::new(0.2, 0.0, 1.0), -3.0), (DVec3::Y, -1.1), (DVec3::X, 2.5), (DVec3::NEG_Z, -2.0)];
-        let t =
-            pillar.into_iter().chain(walls.into_iter().filter_map(|(n, d)| plane(n, d))).fold(f64::INFINITY, f64::min);
+        let pillar =
+            plane(DVec3::new(0.3, 0.1, 1.0), -1.6).filter(|t| (pose.eye + ray * *t).x.abs() < 0.25);
+        let walls = [
+            (DVec3::new(0.2, 0.0, 1.0), -3.0),
+            (DVec3::Y, -1.1),
+            (DVec3::X, 2.5),
+            (DVec3::NEG_Z, -2.0),
+        ];
+        let t = pillar
+            .into_iter()
+            .chain(walls.into_iter().filter_map(|(n, d)| plane(n, d)))
+            .fold(f64::INFINITY, f64::min);
         let inverse = 1.0 / t as f32 + noise * (unit() - 0.5);
         let known = unit() > 0.03;
-        depth.push(if known { 1.0 / inverse.max(1e-4) } else { f32::NAN });
-        let wave = |k: f64| (127.0 + 120.0 * (k * f64::from(x) * 0.05 + f64::from(y) * 0.07).sin()) as u8;
-        color.push([wave(1.0), wave(-0.7), wave(2.0), if unit() > 0.02 { 255 } else { 0 }]);
+        depth.push(if known {
+            1.0 / inverse.max(1e-4)
+        } else {
+            f32::NAN
+        });
+        let wave =
+            |k: f64| (127.0 + 120.0 * (k * f64::from(x) * 0.05 + f64::from(y) * 0.07).sin()) as u8;
+        color.push([
+            wave(1.0),
+            wave(-0.7),
+            wave(2.0),
+            if unit() > 0.02 { 255 } else { 0 },
+        ]);
     }
-    LoadedView { size_px, lens, pose, color, depth }
+    LoadedView {
+        size_px,
+        lens,
+        pose,
+        color,
+        depth,
+    }
 }
 
 /// Holds the kernel to the definition: every pixel that certainly gets a sample has it, and none has another.
 fn compare(target: &WarpTarget, view: &LoadedView, name: &str) {
     let [width, height] = view.size_px;
     let oracle = Oracle { target, view };
-    let mut expected: Vec<Expected> =
-        (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).flat_map(|(x, y)| oracle.expected(x, y)).collect();
+    let mut expected: Vec<Expected> = (0..height)
+        .flat_map(|y| (0..width).map(move |x| (x, y)))
+        .flat_map(|(x, y)| oracle.expected(x, y))
+        .collect();
     expected.sort_by_key(|one| (one.row, one.column));
     let piles = target.warp(view, 3, &SparePiles::default());
     let mut used = vec![false; expected.len()];
@@ -242,23 +324,32 @@ fn compare(target: &WarpTarget, view: &LoadedView, name: &str) {
             found += 1;
             let column = u32::from(sample.column);
             let first = expected.partition_point(|one| (one.row, one.column) < (row, column));
-            let here = (first..expected.len()).take_while(|&i| (expected[i].row, expected[i].column) == (row, column));
+            let here = (first..expected.len())
+                .take_while(|&i| (expected[i].row, expected[i].column) == (row, column));
             let near = |a: f64, b: f64, tolerance: f64| (a - b).abs() <= tolerance * b.abs();
             let same = |i: &usize| {
                 let one = &expected[*i];
                 let levels = (0..3).all(|c| {
-                    let [low, high] = [-LEVELS, LEVELS].map(|d| (one.levels[c] + d).clamp(0.0, 255.0).round() as u8);
+                    let [low, high] = [-LEVELS, LEVELS]
+                        .map(|d| (one.levels[c] + d).clamp(0.0, 255.0).round() as u8);
                     (low..=high).contains(&srgb8_from_linear(sample.color.linear()[c]))
                 });
-                near(sample.inverse_depth.into(), one.inverse_depth, RELATIVE_DEPTH)
-                    && near(sample.weight.into(), one.weight, RELATIVE_AREA)
+                near(
+                    sample.inverse_depth.into(),
+                    one.inverse_depth,
+                    RELATIVE_DEPTH,
+                ) && near(sample.weight.into(), one.weight, RELATIVE_AREA)
                     && near(sample.area.into(), one.area, RELATIVE_AREA)
                     && sample.normal.decode().as_dvec3().angle_between(one.normal) < ANGLE
                     && levels
             };
             let free: Vec<usize> = here.filter(|&i| !used[i]).collect();
             // What certainly comes first: two patches may say nearly the same of a pixel.
-            let matched = free.iter().copied().filter(|&i| expected[i].certain).find(same);
+            let matched = free
+                .iter()
+                .copied()
+                .filter(|&i| expected[i].certain)
+                .find(same);
             let matched = matched.or_else(|| free.iter().copied().find(same));
             let all = || {
                 let say = |&i: &usize| {
@@ -271,13 +362,26 @@ fn compare(target: &WarpTarget, view: &LoadedView, name: &str) {
                 free.iter().map(say).collect::<Vec<_>>().join("\n")
             };
             let i = matched.unwrap_or_else(|| {
-                panic!("{name}: row {row}: {sample:?} n {} is none of\n{}", sample.normal.decode(), all())
+                panic!(
+                    "{name}: row {row}: {sample:?} n {} is none of\n{}",
+                    sample.normal.decode(),
+                    all()
+                )
             });
             used[i] = true;
         }
     }
-    let absent = expected.iter().zip(&used).filter(|(one, used)| one.certain && !**used).count();
-    assert_eq!(absent, 0, "{name}: samples that are absent, of {}", expected.len());
+    let absent = expected
+        .iter()
+        .zip(&used)
+        .filter(|(one, used)| one.certain && !**used)
+        .count();
+    assert_eq!(
+        absent,
+        0,
+        "{name}: samples that are absent, of {}",
+        expected.len()
+    );
     assert!(found > (width * height) as usize / 2, "{name}: {found}");
 }
 
@@ -292,7 +396,10 @@ fn the_kernel_is_the_definition_at_every_level() {
         eye: DVec3::new(0.13, 0.21, -0.17),
         world_from_eye: DMat3::from_rotation_y(0.4) * DMat3::from_rotation_x(-0.2),
     };
-    for (name, lens, size) in [("pinhole", pinhole, [61, 43]), ("panorama", Lens::Equirectangular, [64, 32])] {
+    for (name, lens, size) in [
+        ("pinhole", pinhole, [61, 43]),
+        ("panorama", Lens::Equirectangular, [64, 32]),
+    ] {
         for noise in [0.0, 2e-3] {
             let view = view(lens, size, pose, noise);
             // Minified, about the same, magnified.
@@ -300,8 +407,18 @@ fn the_kernel_is_the_definition_at_every_level() {
                 let tolerance = 0.02;
                 let centre = DVec3::new(-0.05, 0.02, 0.03);
                 for level in simd::levels() {
-                    let target = WarpTarget { centre, face_px, tolerance, noise, level };
-                    compare(&target, &view, &format!("{name}, noise {noise}, {face_px} px, {}", simd::name(level)));
+                    let target = WarpTarget {
+                        centre,
+                        face_px,
+                        tolerance,
+                        noise,
+                        level,
+                    };
+                    compare(
+                        &target,
+                        &view,
+                        &format!("{name}, noise {noise}, {face_px} px, {}", simd::name(level)),
+                    );
                 }
             }
         }
@@ -311,13 +428,24 @@ fn the_kernel_is_the_definition_at_every_level() {
 #[test]
 fn every_level_gives_the_same_bits() {
     let lens = Lens::Equirectangular;
-    let pose = Pose { eye: DVec3::new(0.1, 0.2, -0.3), world_from_eye: DMat3::from_rotation_z(0.3) };
+    let pose = Pose {
+        eye: DVec3::new(0.1, 0.2, -0.3),
+        world_from_eye: DMat3::from_rotation_z(0.3),
+    };
     let view = view(lens, [50, 27], pose, 1e-3);
     let mut of_levels = simd::levels().into_iter().map(|level| {
-        let target = WarpTarget { centre: DVec3::ZERO, face_px: 75, tolerance: 0.01, noise: 1e-3, level };
+        let target = WarpTarget {
+            centre: DVec3::ZERO,
+            face_px: 75,
+            tolerance: 0.01,
+            noise: 1e-3,
+            level,
+        };
         let piles = target.warp(&view, 0, &SparePiles::default());
-        let rows = (0..6 * 75).flat_map(|row| piles.iter().flat_map(move |pile| pile.row(row).flatten()));
-        rows.map(|sample| format!("{sample:?}")).collect::<Vec<String>>()
+        let rows =
+            (0..6 * 75).flat_map(|row| piles.iter().flat_map(move |pile| pile.row(row).flatten()));
+        rows.map(|sample| format!("{sample:?}"))
+            .collect::<Vec<String>>()
     });
     let first = of_levels.next().expect("a level");
     assert!(first.len() > 1000 && of_levels.all(|other| other == first));
@@ -325,7 +453,10 @@ fn every_level_gives_the_same_bits() {
 
 #[test]
 fn pictures_of_one_row_or_column_are_warped_too() {
-    let pose = Pose { eye: DVec3::ZERO, world_from_eye: DMat3::IDENTITY };
+    let pose = Pose {
+        eye: DVec3::ZERO,
+        world_from_eye: DMat3::IDENTITY,
+    };
     for size_px in [[1, 1], [1, 9], [9, 1], [2, 2]] {
         let pixels = (size_px[0] * size_px[1]) as usize;
         let lens = Lens::Pinhole(Pinhole {
@@ -333,38 +464,80 @@ fn pictures_of_one_row_or_column_are_warped_too() {
             principal_px: size_px.map(|side| f64::from(side) / 2.0),
             distortion: Distortion::default(),
         });
-        let view = LoadedView { size_px, lens, pose, color: vec![[9, 90, 200, 255]; pixels], depth: vec![2.0; pixels] };
-        let target = WarpTarget { centre: DVec3::ZERO, face_px: 40, tolerance: 0.01, noise: 0.0, level: simd::level() };
+        let view = LoadedView {
+            size_px,
+            lens,
+            pose,
+            color: vec![[9, 90, 200, 255]; pixels],
+            depth: vec![2.0; pixels],
+        };
+        let target = WarpTarget {
+            centre: DVec3::ZERO,
+            face_px: 40,
+            tolerance: 0.01,
+            noise: 0.0,
+            level: simd::level(),
+        };
         let piles = target.warp(&view, 0, &SparePiles::default());
-        let samples: Vec<_> =
-            (0..240).flat_map(|row| piles.iter().flat_map(move |pile| pile.row(row).flatten())).collect();
+        let samples: Vec<_> = (0..240)
+            .flat_map(|row| piles.iter().flat_map(move |pile| pile.row(row).flatten()))
+            .collect();
         let levels = |sample: &Sample| sample.color.linear().to_array().map(srgb8_from_linear);
-        assert!(samples.len() >= pixels && samples.iter().all(|sample| levels(sample) == [9, 90, 200]), "{size_px:?}");
+        assert!(
+            samples.len() >= pixels && samples.iter().all(|sample| levels(sample) == [9, 90, 200]),
+            "{size_px:?}"
+        );
     }
 }
 
 #[test]
 fn magnified_images_leave_no_gaps() {
     let (size_px, face_px) = ([64, 48], 80);
-    for (focal, roll) in [(56.0, 0.3), (44.0, 1.1), (41.0, 0.1), (40.0, 0.0), (36.0, 0.4), (30.0, 0.785), (20.0, 0.2)] {
+    for (focal, roll) in [
+        (56.0, 0.3),
+        (44.0, 1.1),
+        (41.0, 0.1),
+        (40.0, 0.0),
+        (36.0, 0.4),
+        (30.0, 0.785),
+        (20.0, 0.2),
+    ] {
         let lens = Lens::Pinhole(Pinhole {
             focal_px: [focal; 2],
             principal_px: size_px.map(|side| f64::from(side) / 2.0),
             distortion: Distortion::default(),
         });
-        let pose = Pose { eye: DVec3::ZERO, world_from_eye: DMat3::from_rotation_z(roll) };
+        let pose = Pose {
+            eye: DVec3::ZERO,
+            world_from_eye: DMat3::from_rotation_z(roll),
+        };
         let (color, depth) = (vec![[9, 90, 200, 255]; 64 * 48], vec![2.0; 64 * 48]);
-        let view = LoadedView { size_px, lens, pose, color, depth };
-        let target = WarpTarget { centre: DVec3::ZERO, face_px, tolerance: 0.01, noise: 0.0, level: simd::level() };
+        let view = LoadedView {
+            size_px,
+            lens,
+            pose,
+            color,
+            depth,
+        };
+        let target = WarpTarget {
+            centre: DVec3::ZERO,
+            face_px,
+            tolerance: 0.01,
+            noise: 0.0,
+            level: simd::level(),
+        };
         let piles = target.warp(&view, 0, &SparePiles::default());
         for (x, y) in (0..face_px).flat_map(|y| (0..face_px).map(move |x| (x, y))) {
             let ray = Face::NegZ.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
-            let there = view.lens.project(pose.world_from_eye.transpose() * ray, size_px);
+            let there = view
+                .lens
+                .project(pose.world_from_eye.transpose() * ray, size_px);
             let is_inside = |[u, v, _]: [f64; 3]| u > 0.5 && v > 0.5 && u < 63.5 && v < 47.5;
             let row = (Face::NegZ.index() as u32 * face_px + y) as usize;
             let mut samples = piles.iter().flat_map(|pile| pile.row(row)).flatten();
             assert!(
-                !there.is_some_and(is_inside) || samples.any(|sample| u32::from(sample.column) == x),
+                !there.is_some_and(is_inside)
+                    || samples.any(|sample| u32::from(sample.column) == x),
                 "{focal}: {x} {y}"
             );
         }

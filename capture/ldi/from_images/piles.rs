@@ -2,9 +2,9 @@
 //!
 //! A sample is written once, where it is read again when its row is merged: each row of the cube has a chain of chunks of one vector.
 
+use glam::Vec3;
 use headbox_core::color::linear_levels;
 use headbox_cube::model::samples::EncodedNormal;
-use glam::Vec3;
 use std::sync::{LazyLock, Mutex, PoisonError};
 
 /// What an image, or a ray, says of a pixel.
@@ -25,8 +25,14 @@ pub struct Sample {
 
 impl Sample {
     /// Of no pixel.
-    pub(super) const NONE: Self =
-        Self { column: 0, color: Light([0; 3]), inverse_depth: 0.0, normal: EncodedNormal::Z, weight: 0.0, area: 0.0 };
+    pub(super) const NONE: Self = Self {
+        column: 0,
+        color: Light([0; 3]),
+        inverse_depth: 0.0,
+        normal: EncodedNormal::Z,
+        weight: 0.0,
+        area: 0.0,
+    };
 }
 
 /// A linear colour in 16 bits a channel: at the dark end of sRGB a level is 20 steps. Samples are many, and memory is what they wait for.
@@ -76,7 +82,10 @@ struct Chain {
     end: u32,
 }
 
-const EMPTY: Chain = Chain { first: NONE, end: 0 };
+const EMPTY: Chain = Chain {
+    first: NONE,
+    end: 0,
+};
 
 /// Samples of one image by row of the cube; those of a row in the order in which they came.
 pub struct RowSamples {
@@ -93,7 +102,12 @@ pub struct RowSamples {
 impl RowSamples {
     /// None, of an image of which there may be many others, in a cube with faces of `face_px` pixels a side.
     pub fn new(face_px: u32, image: u32) -> Self {
-        Self { image, chains: vec![EMPTY; 6 * face_px as usize], samples: Vec::new(), next: Vec::new() }
+        Self {
+            image,
+            chains: vec![EMPTY; 6 * face_px as usize],
+            samples: Vec::new(),
+            next: Vec::new(),
+        }
     }
 
     /// Adds a sample to a row: face and row of it, in this order of significance. Rows beyond the cube's are left out.
@@ -132,9 +146,11 @@ impl RowSamples {
     pub(super) fn row(&self, row: usize) -> impl Iterator<Item = &[Sample]> {
         let Chain { first, end } = self.chains[row];
         let end = end as usize;
-        std::iter::successors((first != NONE).then_some(first), |&chunk| match self.next[chunk as usize] {
-            NONE => None,
-            next => Some(next),
+        std::iter::successors((first != NONE).then_some(first), |&chunk| {
+            match self.next[chunk as usize] {
+                NONE => None,
+                next => Some(next),
+            }
         })
         .map(move |chunk| {
             let start = chunk as usize * CHUNK;
@@ -152,7 +168,9 @@ impl SparePiles {
     /// An empty pile for an image.
     pub(super) fn pile(&self, face_px: u32, image: u32) -> RowSamples {
         let spare = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let Some(mut pile) = spare else { return RowSamples::new(face_px, image) };
+        let Some(mut pile) = spare else {
+            return RowSamples::new(face_px, image);
+        };
         pile.image = image;
         pile.chains.fill(EMPTY);
         pile.next.clear();
@@ -161,7 +179,10 @@ impl SparePiles {
 
     /// Takes back what was merged.
     pub(super) fn keep(&self, piles: Vec<RowSamples>) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).extend(piles);
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .extend(piles);
     }
 }
 
@@ -177,11 +198,21 @@ mod tests {
             let row_of = |i: u32| (i.wrapping_mul(2_654_435_761) >> 20) % (30 - 7 * round);
             let count = 4000 - 1500 * round;
             for i in 0..count {
-                pile.push(row_of(i), Sample { column: i as u16, ..Sample::NONE });
+                pile.push(
+                    row_of(i),
+                    Sample {
+                        column: i as u16,
+                        ..Sample::NONE
+                    },
+                );
             }
             pile.push(30, Sample::NONE);
             for row in 0..30u32 {
-                let found: Vec<u32> = pile.row(row as usize).flatten().map(|sample| sample.column.into()).collect();
+                let found: Vec<u32> = pile
+                    .row(row as usize)
+                    .flatten()
+                    .map(|sample| sample.column.into())
+                    .collect();
                 let expected: Vec<u32> = (0..count).filter(|&i| row_of(i) == row).collect();
                 assert_eq!(found, expected, "round {round}, row {row}");
             }

@@ -2,10 +2,10 @@
 
 use super::piles::{Light, RowSamples, Sample};
 use super::surface::LANES;
-use headbox_images::LoadedView;
-use headbox_core::texels::{between, fours, place};
 use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
+use headbox_core::texels::{between, fours, place};
+use headbox_images::LoadedView;
 
 /// Up to sixteen samples of an image without their colours.
 pub(super) struct Queue<'a> {
@@ -65,7 +65,10 @@ impl<'a> Queue<'a> {
         let (colors, masked) = match texels {
             Some(four) => {
                 let known = ((four[0] & four[1]) & (four[2] & four[3])) >> 24;
-                (between(four, [across, down]).to_array(), known.simd_eq(0).to_bitmask())
+                (
+                    between(four, [across, down]).to_array(),
+                    known.simd_eq(0).to_bitmask(),
+                )
             }
             // A picture of one pixel a side.
             None => ([0; LANES], u64::MAX),
@@ -76,7 +79,13 @@ impl<'a> Queue<'a> {
                 _ => self.beside_the_mask(i),
             };
             let color = Light([r, g, b].map(|level| self.linear[usize::from(level)]));
-            self.pile.push(self.rows[i], Sample { color, ..self.samples[i] });
+            self.pile.push(
+                self.rows[i],
+                Sample {
+                    color,
+                    ..self.samples[i]
+                },
+            );
         }
     }
 
@@ -85,9 +94,16 @@ impl<'a> Queue<'a> {
     fn beside_the_mask(&self, i: usize) -> [u8; 4] {
         let position = [self.positions[0][i], self.positions[1][i]].map(|c| f64::from(c) + 0.5);
         let [width, height] = self.view.size_px.map(f64::from);
-        let inside = [position[0].clamp(0.0, width), position[1].clamp(0.0, height)];
+        let inside = [
+            position[0].clamp(0.0, width),
+            position[1].clamp(0.0, height),
+        ];
         // Never unknown: the pixel that sees the sample's surface is one of the four.
-        let [r, g, b] = self.view.color_at(inside).unwrap_or_default().map(|level| (level + 0.5) as u8);
+        let [r, g, b] = self
+            .view
+            .color_at(inside)
+            .unwrap_or_default()
+            .map(|level| (level + 0.5) as u8);
         [r, g, b, u8::MAX]
     }
 }

@@ -1,9 +1,9 @@
 //! What pixels of a depth image know of their surfaces, sixteen at a time: how these are tilted, and whether there is one at all.
 
-use headbox_images::{FARTHEST_M, Lens, LoadedView};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, u32x16};
 use glam::{DVec3, Vec3};
+use headbox_images::{FARTHEST_M, Lens, LoadedView};
 use std::ops::Range;
 
 pub(super) const LANES: usize = 16;
@@ -66,14 +66,25 @@ impl<'a> Surfaces<'a> {
         let [width, height] = view.size_px;
         let (width, columns) = (width as usize, (width as usize).next_multiple_of(LANES));
         let mut inverse_depths = vec![f32::NAN; (rows.len() + 2) * (columns + 2)];
-        for (y, row) in (i64::from(rows.start) - 1..).zip(inverse_depths.chunks_exact_mut(columns + 2)) {
+        for (y, row) in
+            (i64::from(rows.start) - 1..).zip(inverse_depths.chunks_exact_mut(columns + 2))
+        {
             let start = y.max(0) as usize * width;
-            let depths = view.depth.get(start..start + width).filter(|_| (0..i64::from(height)).contains(&y));
+            let depths = view
+                .depth
+                .get(start..start + width)
+                .filter(|_| (0..i64::from(height)).contains(&y));
             let Some(depths) = depths else { continue };
-            for ((inverse_depth, &depth), color) in row[1..].iter_mut().zip(depths).zip(&view.color[start..]) {
+            for ((inverse_depth, &depth), color) in
+                row[1..].iter_mut().zip(depths).zip(&view.color[start..])
+            {
                 // As `LoadedView::depth_at` has it.
                 let known = depth > 0.0 && color[3] > 0;
-                *inverse_depth = if known { 1.0 / depth.min(FARTHEST_M) } else { f32::NAN };
+                *inverse_depth = if known {
+                    1.0 / depth.min(FARTHEST_M)
+                } else {
+                    f32::NAN
+                };
             }
         }
         let pixel = 1.0 / view.lens.pixels_per_radian(view.size_px) as f32;
@@ -122,7 +133,8 @@ impl<'a> Surfaces<'a> {
         ];
         // Rendered depth is of one surface in each pixel.
         if self.has_noise {
-            let mut neighbors = ((changes[0].one + changes[1].one) + changes[2].one) + changes[3].one;
+            let mut neighbors =
+                ((changes[0].one + changes[1].one) + changes[2].one) + changes[3].one;
             for corner in [rows[0], rows[0] + 2, rows[2], rows[2] + 2] {
                 neighbors += Change::new(simd, &self.inverse_depths[corner..], own, tolerance).one;
             }
@@ -154,7 +166,11 @@ impl<'a> Surfaces<'a> {
         let eye = self.eye;
         Some(Patches {
             known: known.to_bitmask(),
-            point: [ray[0] * depth + eye.x, ray[1] * depth + eye.y, ray[2] * depth + eye.z],
+            point: [
+                ray[0] * depth + eye.x,
+                ray[1] * depth + eye.y,
+                ray[2] * depth + eye.z,
+            ],
             across,
             down,
             normal,
@@ -167,7 +183,12 @@ impl<'a> Surfaces<'a> {
 /// Rays through the pixels of a row and beyond, world axes. Those of a pinhole are affine in the pixel.
 #[inline(always)]
 fn fill_with_rays(view: &LoadedView, y: u32, rays: &mut [Vec<f32>; 3]) {
-    let ray = |x: usize| view.pose.world_from_eye * view.lens.ray([x as f64 + 0.5, f64::from(y) + 0.5], view.size_px);
+    let ray = |x: usize| {
+        view.pose.world_from_eye
+            * view
+                .lens
+                .ray([x as f64 + 0.5, f64::from(y) + 0.5], view.size_px)
+    };
     match view.lens {
         Lens::Pinhole(_) => {
             let (start, step) = (ray(0), ray(1) - ray(0));
@@ -203,7 +224,10 @@ impl<S: Simd> Change<S> {
         let same = change.abs().simd_le(tolerance);
         let [change, one] = [change, f32x16::splat(simd, f32::from_bits(1))].map(bits);
         let zero = u32x16::splat(simd, 0);
-        Self { change: same.select(change, zero).bitcast(), one: same.select(one, zero) }
+        Self {
+            change: same.select(change, zero).bitcast(),
+            one: same.select(one, zero),
+        }
     }
 }
 
@@ -229,7 +253,12 @@ fn load<S: Simd>(simd: S, axes: &[Vec<f32>; 3], at: usize) -> Vectors<S> {
 }
 
 #[inline(always)]
-fn step<S: Simd>(next: Vectors<S>, ray: Vectors<S>, slope: f32x16<S>, depth: f32x16<S>) -> Vectors<S> {
+fn step<S: Simd>(
+    next: Vectors<S>,
+    ray: Vectors<S>,
+    slope: f32x16<S>,
+    depth: f32x16<S>,
+) -> Vectors<S> {
     let share = slope * depth;
     [
         ((next[0] - ray[0]) - ray[0] * share) * depth,
@@ -245,7 +274,11 @@ fn dot<S: Simd>(a: Vectors<S>, b: Vectors<S>) -> f32x16<S> {
 
 #[inline(always)]
 fn cross<S: Simd>(a: Vectors<S>, b: Vectors<S>) -> Vectors<S> {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 #[inline(always)]
@@ -260,13 +293,16 @@ pub(super) fn encoded<S: Simd>([x, y, z]: Vectors<S>) -> u32x16<S> {
     let (x, y) = (x * reciprocal, y * reciprocal);
     let one = f32x16::splat(z.token(), 1.0);
     let behind = z.simd_lt(0.0);
-    let (u, v) =
-        (behind.select((1.0 - y.abs()) * one.copysign(x), x), behind.select((1.0 - x.abs()) * one.copysign(y), y));
+    let (u, v) = (
+        behind.select((1.0 - y.abs()) * one.copysign(x), x),
+        behind.select((1.0 - x.abs()) * one.copysign(y), y),
+    );
     (sixteen_bits(u) & 0xffff) | (sixteen_bits(v) << 16)
 }
 
 /// From -1..1, the nearest.
 #[inline(always)]
 fn sixteen_bits<S: Simd>(share: f32x16<S>) -> u32x16<S> {
-    i32x16::truncate_from(share * 32767.0 + f32x16::splat(share.token(), 0.5).copysign(share)).bitcast()
+    i32x16::truncate_from(share * 32767.0 + f32x16::splat(share.token(), 0.5).copysign(share))
+        .bitcast()
 }

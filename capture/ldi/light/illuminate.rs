@@ -7,18 +7,18 @@
 //!
 //! Sunlight is sampled once everywhere, and again where neighbours on one surface disagree on it: at the edges of its shadows.
 
-use crate::surfaces::surface_samples::FaceParts;
 use super::pool::{Blocks, Classes, Gathered, Pooled, Pooling, Survey, Windows, same_surface};
-use crate::surfaces::rows;
-use crate::surfaces::rows::Row;
 use super::shade::{LitPart, Shader, Spot};
 use crate::surfaces::distribute::{Share, spread};
-use headbox_trace::light::{Arrival, LightSample, LitPoint, shown_slope};
+use crate::surfaces::rows;
+use crate::surfaces::rows::Row;
+use crate::surfaces::surface_samples::FaceParts;
+use glam::Vec3;
 use headbox_core::color::luminance;
 use headbox_core::cube_face::Face;
-use headbox_trace::sampler::random4;
 use headbox_core::progress::Progress;
-use glam::Vec3;
+use headbox_trace::light::{Arrival, LightSample, LitPoint, shown_slope};
+use headbox_trace::sampler::random4;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -49,8 +49,18 @@ pub(crate) struct FaceSamples {
 }
 
 /// Takes the light samples of all parts of a face; [`LitPart::sun`] is known then. Gives up soon where `progress` says so.
-pub(crate) fn sample(parts: &mut FaceParts, face: Face, shader: &Shader, progress: &dyn Progress) -> FaceSamples {
-    let light = FaceLight { face, shader, size_px: parts.size_px, progress };
+pub(crate) fn sample(
+    parts: &mut FaceParts,
+    face: Face,
+    shader: &Shader,
+    progress: &dyn Progress,
+) -> FaceSamples {
+    let light = FaceLight {
+        face,
+        shader,
+        size_px: parts.size_px,
+        progress,
+    };
     if shader.lighting.is_sharp() {
         light.sun(parts, 0, |_, _| 1);
         let edges = light.shadow_edges(parts);
@@ -67,7 +77,11 @@ pub(crate) fn pool(parts: &mut FaceParts, face: Face, samples: &mut [FaceSamples
     let mut classes = Classes::default();
     samples.iter().for_each(|of| classes.absorb(&of.classes));
     let pooled = Pooling::new(parts, face).pool(&gathered, &windows, &classes.variances());
-    parts.parts.iter_mut().zip(pooled).for_each(|(part, pooled)| part.soft = pooled.light);
+    parts
+        .parts
+        .iter_mut()
+        .zip(pooled)
+        .for_each(|(part, pooled)| part.soft = pooled.light);
 }
 
 /// What lighting a face needs beside its parts.
@@ -134,35 +148,79 @@ impl FaceLight<'_> {
         let classes = parts.classes();
         let mut gathered = vec![Gathered::default(); parts.parts.len()];
         let windows = |blocks: &Blocks| Windows::new(self.face, self.size_px, blocks, [None; 6]);
-        let survey = Survey::new(self.face, self.size_px, &blocks, &windows(&blocks), &members);
+        let survey = Survey::new(
+            self.face,
+            self.size_px,
+            &blocks,
+            &windows(&blocks),
+            &members,
+        );
         let first_round = FIRST_ROUND * self.shader.samples as f32;
         let first = |p: usize| (first_round / survey.widest(p)).min(1.0);
         let wanted: Vec<f32> = (0..parts.parts.len()).into_par_iter().map(first).collect();
-        self.gather(parts, &survey, 0, spread(parts, &classes, &wanted), &mut gathered);
+        self.gather(
+            parts,
+            &survey,
+            0,
+            spread(parts, &classes, &wanted),
+            &mut gathered,
+        );
         blocks.fill(&members, &gathered);
-        let pooled = survey.pooled(&windows(&blocks), &Classes::of(&classes, &gathered).variances());
+        let pooled = survey.pooled(
+            &windows(&blocks),
+            &Classes::of(&classes, &gathered).variances(),
+        );
         let more = |(p, part): (usize, &LitPart)| {
-            self.wanted(part, &pooled[survey.of(p)], survey.most_samples(p, self.shader.samples as f32))
+            self.wanted(
+                part,
+                &pooled[survey.of(p)],
+                survey.most_samples(p, self.shader.samples as f32),
+            )
         };
         let wanted: Vec<f32> = parts.parts.par_iter().enumerate().map(more).collect();
-        self.gather(parts, &survey, 1, spread(parts, &classes, &wanted), &mut gathered);
+        self.gather(
+            parts,
+            &survey,
+            1,
+            spread(parts, &classes, &wanted),
+            &mut gathered,
+        );
         blocks.fill(&members, &gathered);
-        FaceSamples { classes: Classes::of(&classes, &gathered), gathered, blocks }
+        FaceSamples {
+            classes: Classes::of(&classes, &gathered),
+            gathered,
+            blocks,
+        }
     }
 
     /// How many more samples a part takes: as many as bring the error of its colour down to what is enough, and no more than `most`.
     fn wanted(&self, part: &LitPart, pooled: &Pooled, most: f32) -> f32 {
-        let shown = luminance(LitPart { soft: pooled.light, ..*part }.color().to_array());
+        let shown = luminance(
+            LitPart {
+                soft: pooled.light,
+                ..*part
+            }
+            .color()
+            .to_array(),
+        );
         let albedo = luminance(part.albedo.map(|c| f32::from(c) / 65_535.0));
         // Variance of the colour that one sample a part leaves, squared sRGB levels.
-        let variance = (255.0 * albedo * shown_slope(shown)).powi(2) * pooled.variance / pooled.parts.max(1.0);
+        let variance =
+            (255.0 * albedo * shown_slope(shown)).powi(2) * pooled.variance / pooled.parts.max(1.0);
         let needed = self.shader.samples as f32 * variance / (ENOUGH_LEVELS * ENOUGH_LEVELS);
         let taken = pooled.samples / pooled.parts.max(1.0);
         (needed.min(most) - taken).max(0.0)
     }
 
     /// Takes samples of soft light, each part its share, in a round of that number.
-    fn gather(&self, parts: &FaceParts, survey: &Survey, round: u32, shares: Vec<Share>, gathered: &mut [Gathered]) {
+    fn gather(
+        &self,
+        parts: &FaceParts,
+        survey: &Survey,
+        round: u32,
+        shares: Vec<Share>,
+        gathered: &mut [Gathered],
+    ) {
         let (lighting, tracer) = (self.shader.lighting, self.shader.tracer);
         let begin = |gathered: &mut Gathered, p: usize, pixel: [u32; 2], begun: &mut Vec<Begun>| {
             let (part, Share { first, count }) = (&parts.parts[p], shares[p]);
@@ -171,7 +229,10 @@ impl FaceLight<'_> {
             }
             let (spot, stream) = (self.shader.spot(part), self.stream(part, 0x50f7 + round));
             for number in 0..count {
-                let sample = LightSample { stream, index: first.wrapping_add(number) };
+                let sample = LightSample {
+                    stream,
+                    index: first.wrapping_add(number),
+                };
                 let point = spot.point(&sample, self.face, pixel, self.size_px);
                 let (before, arrival) = lighting.before(tracer, &point, &sample);
                 let Some(arrival) = arrival else {
@@ -180,9 +241,15 @@ impl FaceLight<'_> {
                 };
                 gathered.nearness += arrival.weight / arrival.distance_m.max(survey.width_m(p));
                 match arrival.cell() {
-                    Some(cell) => begun.push(Begun { part: p as u32, cell, before, arrival }),
+                    Some(cell) => begun.push(Begun {
+                        part: p as u32,
+                        cell,
+                        before,
+                        arrival,
+                    }),
                     None => {
-                        let light = before + arrival.brings(lighting.beyond(tracer, &arrival, &sample));
+                        let light =
+                            before + arrival.brings(lighting.beyond(tracer, &arrival, &sample));
                         gathered.add(light * lighting.exposure);
                     }
                 }
@@ -191,14 +258,18 @@ impl FaceLight<'_> {
         };
         let rows = self.for_each_part(&parts.offsets, gathered, 1, begin);
         let beyond = self.beyond(round, &rows);
-        let add = |((first, gathered), (row, beyond)): (Row<Gathered>, (&Vec<Begun>, Vec<Vec3>))| {
-            for (begun, beyond) in row.iter().zip(beyond) {
-                let light = begun.before + begun.arrival.brings(beyond);
-                gathered[begun.part as usize - first].add(light * lighting.exposure);
-            }
-        };
+        let add =
+            |((first, gathered), (row, beyond)): (Row<Gathered>, (&Vec<Begun>, Vec<Vec3>))| {
+                for (begun, beyond) in row.iter().zip(beyond) {
+                    let light = begun.before + begun.arrival.brings(beyond);
+                    gathered[begun.part as usize - first].add(light * lighting.exposure);
+                }
+            };
         let gathered = rows::of_face(&parts.offsets, self.size_px, gathered);
-        gathered.into_par_iter().zip(rows.par_iter().zip(beyond)).for_each(add);
+        gathered
+            .into_par_iter()
+            .zip(rows.par_iter().zip(beyond))
+            .for_each(add);
     }
 
     /// The stream of samples of one kind that all parts of a class share.
@@ -209,10 +280,16 @@ impl FaceLight<'_> {
     /// What lies beyond the arrivals of the samples of each row, in a round of that number.
     fn beyond(&self, round: u32, rows: &[Vec<Begun>]) -> Vec<Vec<Vec3>> {
         let mut count = 0;
-        let firsts: Vec<u32> = rows.iter().map(|row| (count, count += row.len() as u32).0).collect();
+        let firsts: Vec<u32> = rows
+            .iter()
+            .map(|row| (count, count += row.len() as u32).0)
+            .collect();
         let filed = |(first, row): (&u32, &Vec<Begun>)| -> Vec<(u64, u32, u32)> {
             // Any fixed order that has nothing to do with places will do to draw those that stand for their cell.
-            (*first..).zip(row).map(|(i, begun)| (begun.cell, i.wrapping_mul(0x9e37_79b9), i)).collect()
+            (*first..)
+                .zip(row)
+                .map(|(i, begun)| (begun.cell, i.wrapping_mul(0x9e37_79b9), i))
+                .collect()
         };
         let filed: Vec<Vec<_>> = firsts.par_iter().zip(rows).map(filed).collect();
         let mut order = rows::concat(&filed, |row| row);
@@ -221,7 +298,8 @@ impl FaceLight<'_> {
         // Each sample's cell, written by whatever thread has the cell.
         let cell_of: Vec<AtomicU32> = order.par_iter().map(|_| AtomicU32::new(0)).collect();
         let light_of = |(number, cell): (usize, &&[(u64, u32, u32)])| {
-            cell.iter().for_each(|&(_, _, i)| cell_of[i as usize].store(number as u32, Ordering::Relaxed));
+            cell.iter()
+                .for_each(|&(_, _, i)| cell_of[i as usize].store(number as u32, Ordering::Relaxed));
             if self.progress.is_cancelled() {
                 return Vec3::ZERO;
             }
@@ -233,36 +311,67 @@ impl FaceLight<'_> {
             }
             let [stream, ..] = random4([cell[0].0 as u32, (cell[0].0 >> 32) as u32, 0xce11, round]);
             let light = |(index, arrival): (u32, &Arrival)| {
-                self.shader.lighting.beyond(self.shader.tracer, arrival, &LightSample { stream, index })
+                self.shader.lighting.beyond(
+                    self.shader.tracer,
+                    arrival,
+                    &LightSample { stream, index },
+                )
             };
-            (0..).zip(drawn.iter().flatten()).map(light).sum::<Vec3>() / cell.len().min(SAMPLES_OF_CELL) as f32
+            (0..).zip(drawn.iter().flatten()).map(light).sum::<Vec3>()
+                / cell.len().min(SAMPLES_OF_CELL) as f32
         };
         let light: Vec<Vec3> = cells.par_iter().enumerate().map(light_of).collect();
         let of_sample = |i: usize| light[cell_of[i].load(Ordering::Relaxed) as usize];
-        let of_row = |(&first, row): (&u32, &Vec<Begun>)| (first as usize..).take(row.len()).map(of_sample).collect();
+        let of_row = |(&first, row): (&u32, &Vec<Begun>)| {
+            (first as usize..).take(row.len()).map(of_sample).collect()
+        };
         firsts.par_iter().zip(rows).map(of_row).collect()
     }
 
     /// Sample `number` of `count` of the sun that a part takes. Parts of one kind of surface that take as many share a sequence.
-    fn sun_sample(&self, part: &LitPart, [x, y]: [u32; 2], before: u32, number: u32, count: u32) -> LightSample {
-        let [stream, ..] = random4([self.face.index() as u32, u32::from(part.class), 0x5111 + before, count]);
-        LightSample { stream, index: morton(x, y).wrapping_mul(count).wrapping_add(number) }
+    fn sun_sample(
+        &self,
+        part: &LitPart,
+        [x, y]: [u32; 2],
+        before: u32,
+        number: u32,
+        count: u32,
+    ) -> LightSample {
+        let [stream, ..] = random4([
+            self.face.index() as u32,
+            u32::from(part.class),
+            0x5111 + before,
+            count,
+        ]);
+        LightSample {
+            stream,
+            index: morton(x, y).wrapping_mul(count).wrapping_add(number),
+        }
     }
 
     /// Takes `count` more samples of the sun at each part, which has `before`.
-    fn sun(&self, parts: &mut FaceParts, before: u32, count: impl Fn(usize, [u32; 2]) -> u32 + Sync) {
+    fn sun(
+        &self,
+        parts: &mut FaceParts,
+        before: u32,
+        count: impl Fn(usize, [u32; 2]) -> u32 + Sync,
+    ) {
         let (lighting, tracer) = (self.shader.lighting, self.shader.tracer);
-        let gather = |part: &mut LitPart, p: usize, pixel: [u32; 2], requests: &mut Vec<(u32, _)>| {
-            let more = count(p, pixel);
-            if more == 0 {
-                return;
-            }
-            let spot: Spot = self.shader.spot(part);
-            for number in 0..more {
-                let sample = self.sun_sample(part, pixel, before, number, more);
-                requests.push((p as u32, (spot.point(&sample, self.face, pixel, self.size_px), sample)));
-            }
-        };
+        let gather =
+            |part: &mut LitPart, p: usize, pixel: [u32; 2], requests: &mut Vec<(u32, _)>| {
+                let more = count(p, pixel);
+                if more == 0 {
+                    return;
+                }
+                let spot: Spot = self.shader.spot(part);
+                for number in 0..more {
+                    let sample = self.sun_sample(part, pixel, before, number, more);
+                    requests.push((
+                        p as u32,
+                        (spot.point(&sample, self.face, pixel, self.size_px), sample),
+                    ));
+                }
+            };
         let rows = self.for_each_part(&parts.offsets, &mut parts.parts, 0, gather);
         let light_row = |(row, (first, parts)): (Vec<SunRequest>, Row<LitPart>)| {
             let (numbers, requests): (Vec<u32>, Vec<_>) = row.into_iter().unzip();
@@ -271,8 +380,8 @@ impl FaceLight<'_> {
                 let (part, taken) = (&mut parts[same[0] as usize - first], same.len() as u32);
                 let (of_part, rest) = light.split_at(same.len());
                 let of_before = before as f32 / (before + taken) as f32;
-                part.sun =
-                    part.sun * of_before + of_part.iter().sum::<Vec3>() * (lighting.exposure / (before + taken) as f32);
+                part.sun = part.sun * of_before
+                    + of_part.iter().sum::<Vec3>() * (lighting.exposure / (before + taken) as f32);
                 light = rest;
             }
         };
@@ -291,7 +400,9 @@ impl FaceLight<'_> {
                 for part in parts.pixel(x, y) {
                     let here = luminance(part.sun.to_array());
                     let (mut low, mut high, mut count) = (here, here, 0);
-                    for other in window(y).flat_map(|ny| window(x).flat_map(move |nx| parts.pixel(nx, ny))) {
+                    for other in
+                        window(y).flat_map(|ny| window(x).flat_map(move |nx| parts.pixel(nx, ny)))
+                    {
                         if same_surface(part, other) {
                             let level = luminance(other.sun.to_array());
                             (low, high, count) = (low.min(level), high.max(level), count + 1);
@@ -300,7 +411,9 @@ impl FaceLight<'_> {
                     // On one surface nothing but a shadow changes the sun by a quarter from pixel to pixel.
                     wanted.push(match low < 0.75 * high {
                         true => many.saturating_sub(1),
-                        false if count <= ENOUGH_NEIGHBOURS => self.shader.samples.saturating_sub(1),
+                        false if count <= ENOUGH_NEIGHBOURS => {
+                            self.shader.samples.saturating_sub(1)
+                        }
                         false => 0,
                     });
                 }

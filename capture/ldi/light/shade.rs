@@ -9,13 +9,13 @@
 //! Without the grid an LDI with half of the rays aliases (docs/decisions/0007).
 
 use crate::accumulate::accumulator::{Accumulator, sixteen_bits};
-use headbox_scene::material::Texture;
-use headbox_trace::light::{LightSample, Lighting, LitPoint};
+use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
-use headbox_trace::sampler::RayKey;
+use headbox_scene::material::Texture;
 use headbox_scene::scene::Paint;
 use headbox_trace::bvh::Tracer;
-use glam::{DVec3, Vec3};
+use headbox_trace::light::{LightSample, Lighting, LitPoint};
+use headbox_trace::sampler::RayKey;
 
 /// Lights accumulators of one capture.
 pub(crate) struct Shader<'a> {
@@ -67,7 +67,9 @@ pub(crate) struct LitPart {
 impl LitPart {
     /// Radiance toward any viewer, linear, exposed.
     pub(crate) fn color(&self) -> Vec3 {
-        self.emission + Vec3::from_array(self.albedo.map(|c| f32::from(c) / 65_535.0)) * (self.sun + self.soft)
+        self.emission
+            + Vec3::from_array(self.albedo.map(|c| f32::from(c) / 65_535.0))
+                * (self.sun + self.soft)
     }
 }
 
@@ -85,13 +87,22 @@ impl Shader<'_> {
             area: acc.area,
             bin: acc.bin,
             class: acc.class,
-            position: (f64::from(acc.bin) + acc.offset_sum as f64 / 65_536.0 / f64::from(acc.count)) as f32,
+            position: (f64::from(acc.bin) + acc.offset_sum as f64 / 65_536.0 / f64::from(acc.count))
+                as f32,
             primitive: acc.primitive,
             barycentric: acc.barycentric,
-            albedo: if self.shape_only { [0; 3] } else { self.filtered_albedo(acc, face, x, y, triangle) },
+            albedo: if self.shape_only {
+                [0; 3]
+            } else {
+                self.filtered_albedo(acc, face, x, y, triangle)
+            },
             emission: self.filtered_emission(acc, face, x, y, triangle) * exposure,
             sun: Vec3::ZERO,
-            soft: if self.samples == 0 { Vec3::splat(exposure) } else { Vec3::ZERO },
+            soft: if self.samples == 0 {
+                Vec3::splat(exposure)
+            } else {
+                Vec3::ZERO
+            },
             plane_normal,
             plane_distance: plane_normal.dot(triangle[0]),
         }
@@ -115,35 +126,60 @@ impl Shader<'_> {
 
     /// Albedo over a pixel: the mean over the rays, and, where they are few and the triangle has a texture, over a grid of
     /// points of the pixel, of which those beside the triangle or in a hole of it count as the rays' mean.
-    fn filtered_albedo(&self, acc: &Accumulator, face: Face, x: u32, y: u32, triangle: [Vec3; 3]) -> [u16; 3] {
+    fn filtered_albedo(
+        &self,
+        acc: &Accumulator,
+        face: Face,
+        x: u32,
+        y: u32,
+        triangle: [Vec3; 3],
+    ) -> [u16; 3] {
         /// As many random rays err about as much as the grid does.
         const WORTH_OF_GRID: u32 = 8;
-        let mean = acc.albedo_sum.map(|sum| (sum / u64::from(acc.count.max(1))) as u16);
+        let mean = acc
+            .albedo_sum
+            .map(|sum| (sum / u64::from(acc.count.max(1))) as u16);
         let paint = self.tracer.scene().paint(acc.primitive);
-        let Some(texture) = paint.texture().filter(|_| acc.count < 2 * WORTH_OF_GRID) else { return mean };
+        let Some(texture) = paint.texture().filter(|_| acc.count < 2 * WORTH_OF_GRID) else {
+            return mean;
+        };
         let pixel = PixelOnTriangle::new(face, [x, y], self.face_size_px, triangle);
         let points = pixel.points(&paint, texture);
         let count = points.len() as u32;
         let mut sum = mean.map(|c| acc.count * count * u32::from(c));
         for on_it in points {
             let albedo = on_it.map_or(mean, |[u, v]| paint.albedo(u, v).map(sixteen_bits));
-            sum.iter_mut().zip(albedo).for_each(|(sum, c)| *sum += WORTH_OF_GRID * u32::from(c));
+            sum.iter_mut()
+                .zip(albedo)
+                .for_each(|(sum, c)| *sum += WORTH_OF_GRID * u32::from(c));
         }
         sum.map(|sum| (sum / (count * (acc.count + WORTH_OF_GRID))) as u16)
     }
 
     /// Emission over a pixel: where a texture says what emits, the mean over a grid of points of the pixel, of which those beside the
     /// triangle or in a hole of it count as the representative.
-    fn filtered_emission(&self, acc: &Accumulator, face: Face, x: u32, y: u32, triangle: [Vec3; 3]) -> Vec3 {
+    fn filtered_emission(
+        &self,
+        acc: &Accumulator,
+        face: Face,
+        x: u32,
+        y: u32,
+        triangle: [Vec3; 3],
+    ) -> Vec3 {
         let scene = self.tracer.scene();
         let emission = |[u, v]: [f32; 2]| Vec3::from_array(scene.emission(acc.primitive, u, v));
         let here = emission(acc.barycentric.map(|c| f32::from(c) / 65_535.0));
-        let Some(texture) = scene.emission_texture(acc.primitive) else { return here };
+        let Some(texture) = scene.emission_texture(acc.primitive) else {
+            return here;
+        };
         let paint = scene.paint(acc.primitive);
         let pixel = PixelOnTriangle::new(face, [x, y], self.face_size_px, triangle);
         let points = pixel.points(&paint, texture);
         let count = points.len() as f32;
-        points.map(|on_it| on_it.map_or(here, emission)).sum::<Vec3>() / count
+        points
+            .map(|on_it| on_it.map_or(here, emission))
+            .sum::<Vec3>()
+            / count
     }
 }
 
@@ -160,13 +196,30 @@ pub(crate) struct Spot {
 
 impl Spot {
     /// The point for a sample in pixel (x, y) of a face.
-    pub(crate) fn point(&self, sample: &LightSample, face: Face, [x, y]: [u32; 2], size_px: u32) -> LitPoint {
+    pub(crate) fn point(
+        &self,
+        sample: &LightSample,
+        face: Face,
+        [x, y]: [u32; 2],
+        size_px: u32,
+    ) -> LitPoint {
         let [jx, jy] = sample.jitter();
-        let through = face.direction(f64::from(x) + f64::from(jx), f64::from(y) + f64::from(jy), size_px).as_vec3();
+        let through = face
+            .direction(
+                f64::from(x) + f64::from(jx),
+                f64::from(y) + f64::from(jy),
+                size_px,
+            )
+            .as_vec3();
         let [a, b, c] = self.triangle;
-        let position =
-            on_triangle(through, self.triangle).map_or(self.representative, |[u, v]| a + (b - a) * u + (c - a) * v);
-        LitPoint { position, normal: self.normal, shading_normal: self.shading_normal, extent: self.extent }
+        let position = on_triangle(through, self.triangle)
+            .map_or(self.representative, |[u, v]| a + (b - a) * u + (c - a) * v);
+        LitPoint {
+            position,
+            normal: self.normal,
+            shading_normal: self.shading_normal,
+            extent: self.extent,
+        }
     }
 }
 
@@ -184,16 +237,23 @@ impl PixelOnTriangle {
         let [a, b, c] = triangle.map(|corner| corner.as_dvec3());
         let planes = [b.cross(c), c.cross(a), a.cross(b)];
         let side = a.dot(planes[0]).signum(); // of the plane, on which the centre lies
-        let weights = |direction: DVec3| DVec3::from(planes.map(|plane| plane.dot(direction))) * side;
-        let at = |dx: u32, dy: u32| weights(face.direction(f64::from(x + dx), f64::from(y + dy), size_px));
+        let weights =
+            |direction: DVec3| DVec3::from(planes.map(|plane| plane.dot(direction))) * side;
+        let at = |dx: u32, dy: u32| {
+            weights(face.direction(f64::from(x + dx), f64::from(y + dy), size_px))
+        };
         let first = at(0, 0);
-        Self { first, steps: [at(1, 0) - first, at(0, 1) - first] }
+        Self {
+            first,
+            steps: [at(1, 0) - first, at(0, 1) - first],
+        }
     }
 
     /// Barycentric weights of the second and third corner at a position in the pixel, 0..1; `None` beside the triangle.
     fn weights(&self, [x, y]: [f64; 2]) -> Option<[f32; 2]> {
         let weights = self.first + self.steps[0] * x + self.steps[1] * y;
-        (weights.min_element() >= 0.0 && weights.element_sum() > 0.0).then(|| second_and_third(weights))
+        (weights.min_element() >= 0.0 && weights.element_sum() > 0.0)
+            .then(|| second_and_third(weights))
     }
 
     /// The points that tell what a texture of the triangle is like in the pixel, as [`Self::weights`]; `None` also in holes.
@@ -204,8 +264,8 @@ impl PixelOnTriangle {
     ) -> impl ExactSizeIterator<Item = Option<[f32; 2]>> + 'a {
         let [columns, rows] = self.grid(paint, texture);
         (0..columns * rows).map(move |i| {
-            let at =
-                [(i % columns, columns), (i / columns, rows)].map(|(i, side)| (f64::from(i) + 0.5) / f64::from(side));
+            let at = [(i % columns, columns), (i / columns, rows)]
+                .map(|(i, side)| (f64::from(i) + 0.5) / f64::from(side));
             self.weights(at).filter(|&[u, v]| paint.is_solid(u, v))
         })
     }
@@ -214,10 +274,21 @@ impl PixelOnTriangle {
     /// limits. Within a texel a texture is so smooth that its middle tells.
     fn grid(&self, paint: &Paint, texture: &Texture) -> [u32; 2] {
         const MOST: f32 = 3.0;
-        let [here, right, below] = [self.first, self.first + self.steps[0], self.first + self.steps[1]]
-            .map(|at| paint.texel_at(texture, second_and_third(at)));
+        let [here, right, below] = [
+            self.first,
+            self.first + self.steps[0],
+            self.first + self.steps[1],
+        ]
+        .map(|at| paint.texel_at(texture, second_and_third(at)));
         // A NaN is one.
-        [right, below].map(|there| (there - here).abs().max_element().ceil().clamp(1.0, MOST).max(1.0) as u32)
+        [right, below].map(|there| {
+            (there - here)
+                .abs()
+                .max_element()
+                .ceil()
+                .clamp(1.0, MOST)
+                .max(1.0) as u32
+        })
     }
 }
 
@@ -248,7 +319,11 @@ mod tests {
 
     #[test]
     fn a_pixel_finds_its_points_on_a_triangle() {
-        let triangle = [Vec3::new(-1.0, -1.0, -2.0), Vec3::new(1.0, -1.0, -2.0), Vec3::new(0.0, 2.0, -2.0)];
+        let triangle = [
+            Vec3::new(-1.0, -1.0, -2.0),
+            Vec3::new(1.0, -1.0, -2.0),
+            Vec3::new(0.0, 2.0, -2.0),
+        ];
         for triangle in [triangle, [triangle[0], triangle[2], triangle[1]]] {
             let (mut inside, size_px) = (0, 64);
             for i in 0..size_px * size_px {
@@ -257,36 +332,64 @@ mod tests {
                 let [x, y] = [0, 1].map(|axis| f64::from(pixel[axis]) + at[axis]);
                 let expected = on_triangle(Face::NegZ.direction(x, y, size_px).as_vec3(), triangle);
                 assert_eq!(found.is_some(), expected.is_some());
-                let difference = found.zip(expected).map_or(0.0, |(f, e)| (f[0] - e[0]).abs().max((f[1] - e[1]).abs()));
+                let difference = found
+                    .zip(expected)
+                    .map_or(0.0, |(f, e)| (f[0] - e[0]).abs().max((f[1] - e[1]).abs()));
                 assert!(difference < 1e-6, "{found:?} {expected:?}: rounding of f32");
                 inside += u32::from(found.is_some());
             }
-            assert!((inside.cast_signed() - 768).abs() < 32, "{inside}: 3 of 16 square metres at depth 2");
+            assert!(
+                (inside.cast_signed() - 768).abs() < 32,
+                "{inside}: 3 of 16 square metres at depth 2"
+            );
         }
     }
 
     #[test]
     fn a_pixel_has_as_many_points_as_it_passes_texels() {
+        use glam::Vec2;
         use headbox_scene::material::Material;
         use headbox_scene::scene::{Scene, Triangle};
-        use glam::Vec2;
         // Two metres at 2 m: 64 pixels of the face; the texture runs along them, across more slowly.
         let grid = |texels: u32| {
-            let material = Material { albedo_texture: Some(0), ..Material::default() };
+            let material = Material {
+                albedo_texture: Some(0),
+                ..Material::default()
+            };
             let scene = Scene {
                 texcoords: vec![Vec2::ZERO, Vec2::X, Vec2::Y],
-                triangles: vec![Triangle { vertices: [0, 1, 2], material: 0 }],
+                triangles: vec![Triangle {
+                    vertices: [0, 1, 2],
+                    material: 0,
+                }],
                 materials: vec![material],
                 textures: vec![Texture::from_fn(texels, texels / 2, |_, _| [255; 4])],
                 ..Scene::default()
             };
-            let triangle = [Vec3::new(-1.0, 1.0, -2.0), Vec3::new(1.0, 1.0, -2.0), Vec3::new(-1.0, -1.0, -2.0)];
-            PixelOnTriangle::new(Face::NegZ, [40, 40], 128, triangle).grid(&scene.paint(0), &scene.textures[0])
+            let triangle = [
+                Vec3::new(-1.0, 1.0, -2.0),
+                Vec3::new(1.0, 1.0, -2.0),
+                Vec3::new(-1.0, -1.0, -2.0),
+            ];
+            PixelOnTriangle::new(Face::NegZ, [40, 40], 128, triangle)
+                .grid(&scene.paint(0), &scene.textures[0])
         };
-        assert_eq!([48, 96, 150, 400].map(grid), [[1, 1], [2, 1], [3, 2], [3, 3]]);
+        assert_eq!(
+            [48, 96, 150, 400].map(grid),
+            [[1, 1], [2, 1], [3, 2], [3, 3]]
+        );
         let edge_on = [Vec3::ZERO, Vec3::X, Vec3::Y];
-        let flat = Scene { triangles: vec![Triangle { vertices: [0; 3], material: 0 }], ..Scene::default() };
-        let flat = Scene { materials: vec![Material::default()], ..flat };
+        let flat = Scene {
+            triangles: vec![Triangle {
+                vertices: [0; 3],
+                material: 0,
+            }],
+            ..Scene::default()
+        };
+        let flat = Scene {
+            materials: vec![Material::default()],
+            ..flat
+        };
         let texture = Texture::from_fn(4, 4, |_, _| [255; 4]);
         assert_eq!(
             PixelOnTriangle::new(Face::NegZ, [0, 0], 8, edge_on).grid(&flat.paint(0), &texture),
@@ -297,30 +400,56 @@ mod tests {
 
     #[test]
     fn a_pixel_shows_the_mean_of_what_a_texture_emits_in_it() {
-        use headbox_scene::material::Material;
-        use headbox_trace::sampler::random4;
-        use headbox_scene::scene::{Scene, Triangle};
         use glam::{Vec2, dvec3};
+        use headbox_scene::material::Material;
+        use headbox_scene::scene::{Scene, Triangle};
+        use headbox_trace::sampler::random4;
         // A wall of four metres at 2 m whose texels are lamps or not, by chance, some thirty to a pixel.
         let scene = Scene {
-            positions: vec![dvec3(-6.0, -2.0, -2.0), dvec3(6.0, -2.0, -2.0), dvec3(0.0, 6.0, -2.0)],
+            positions: vec![
+                dvec3(-6.0, -2.0, -2.0),
+                dvec3(6.0, -2.0, -2.0),
+                dvec3(0.0, 6.0, -2.0),
+            ],
             texcoords: vec![Vec2::ZERO, Vec2::X, Vec2::Y],
-            triangles: vec![Triangle { vertices: [0, 1, 2], material: 0 }],
-            materials: vec![Material { emission: [1.0; 3], emission_texture: Some(0), ..Material::default() }],
+            triangles: vec![Triangle {
+                vertices: [0, 1, 2],
+                material: 0,
+            }],
+            materials: vec![Material {
+                emission: [1.0; 3],
+                emission_texture: Some(0),
+                ..Material::default()
+            }],
             textures: vec![Texture::from_fn(4096, 4096, |x, y| {
-                [if random4([x, y, 1, 2])[0] & 1 == 0 { 255 } else { 0 }; 4]
+                [if random4([x, y, 1, 2])[0] & 1 == 0 {
+                    255
+                } else {
+                    0
+                }; 4]
             })],
             ..Scene::default()
         };
         let tracer = Tracer::new(std::sync::Arc::new(scene), DVec3::ZERO);
         let lighting = Lighting::of_scene(&tracer, 0);
-        let shader = Shader { tracer: &tracer, lighting: &lighting, samples: 0, shape_only: false, face_size_px: 32 };
+        let shader = Shader {
+            tracer: &tracer,
+            lighting: &lighting,
+            samples: 0,
+            shape_only: false,
+            face_size_px: 32,
+        };
         let emitted = |p: u32| {
             let [u, v, ..] = random4([p, 3, 4, 5]).map(|bits| (bits >> 17) as u16);
-            let acc = Accumulator { barycentric: [u, v], count: 1, ..bytemuck::Zeroable::zeroed() };
+            let acc = Accumulator {
+                barycentric: [u, v],
+                count: 1,
+                ..bytemuck::Zeroable::zeroed()
+            };
             shader.part(&acc, Face::NegZ, p % 32, p / 32).emission.x
         };
-        let pixels = (0..32 * 32).filter(|p| (8..24).contains(&(p % 32)) && (4..20).contains(&(p / 32)));
+        let pixels =
+            (0..32 * 32).filter(|p| (8..24).contains(&(p % 32)) && (4..20).contains(&(p / 32)));
         let squares: Vec<f32> = pixels.map(|p| (emitted(p) - 0.5).powi(2)).collect();
         let error = (squares.iter().sum::<f32>() / squares.len() as f32).sqrt();
         // Of nine bilinear points of one half on average and in variance a ninth; of one they would be off by three times that.
@@ -329,11 +458,26 @@ mod tests {
 
     #[test]
     fn light_is_sampled_on_the_triangle_itself() {
-        let triangle = [Vec3::new(-1.0, -1.0, -2.0), Vec3::new(1.0, -1.0, -2.0), Vec3::new(0.0, 2.0, -2.0)];
+        let triangle = [
+            Vec3::new(-1.0, -1.0, -2.0),
+            Vec3::new(1.0, -1.0, -2.0),
+            Vec3::new(0.0, 2.0, -2.0),
+        ];
         let hit = on_triangle(Vec3::new(0.1, 0.0, -1.0), triangle).unwrap();
-        assert!((hit[0] - 13.0 / 30.0).abs() < 1e-6 && (hit[1] - 1.0 / 3.0).abs() < 1e-6, "at (0.2, 0, -2)");
-        assert_eq!(on_triangle(Vec3::new(2.0, 0.0, -1.0), triangle), None, "beside it");
-        assert_eq!(on_triangle(Vec3::new(0.1, 0.0, 1.0), triangle), None, "behind the centre");
+        assert!(
+            (hit[0] - 13.0 / 30.0).abs() < 1e-6 && (hit[1] - 1.0 / 3.0).abs() < 1e-6,
+            "at (0.2, 0, -2)"
+        );
+        assert_eq!(
+            on_triangle(Vec3::new(2.0, 0.0, -1.0), triangle),
+            None,
+            "beside it"
+        );
+        assert_eq!(
+            on_triangle(Vec3::new(0.1, 0.0, 1.0), triangle),
+            None,
+            "behind the centre"
+        );
         assert_eq!(on_triangle(Vec3::X, triangle), None, "edge-on");
     }
 }

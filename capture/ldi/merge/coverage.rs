@@ -11,11 +11,11 @@
 //!
 //! Cheaper estimates cannot tell a rim from a surface that few rays met (docs/decisions/0020).
 
+use glam::Vec3;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::samples::{DepthPixel, LayeredDepthImage};
-use headbox_trace::sampler::{random4, unit_float};
 use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket, Tracer};
-use glam::Vec3;
+use headbox_trace::sampler::{random4, unit_float};
 use rayon::prelude::*;
 
 /// First and last depth bin of the samples that a depth pixel was merged from.
@@ -49,7 +49,12 @@ impl AlphaMeasure<'_> {
             for x in 0..self.face.size_px {
                 match wanted(x, y) {
                     true => self.pixel(x, y, &mut alphas),
-                    false => alphas.extend(self.face.pixel(x, y).iter().map(|sample| sample.color_srgb[3])),
+                    false => alphas.extend(
+                        self.face
+                            .pixel(x, y)
+                            .iter()
+                            .map(|sample| sample.color_srgb[3]),
+                    ),
                 }
             }
             alphas
@@ -78,7 +83,12 @@ impl AlphaMeasure<'_> {
                     false => self.filled_share(x, y, spans[i]),
                 };
                 let edge_on = self.is_in_depth_run(spans, i);
-                let share = share / if edge_on { self.reachable(x, y, &samples[i], spans[i]) } else { 1.0 };
+                let share = share
+                    / if edge_on {
+                        self.reachable(x, y, &samples[i], spans[i])
+                    } else {
+                        1.0
+                    };
                 let share = share.min(1.0);
                 alphas[before + i] = (share * 255.0).round() as u8;
             }
@@ -93,7 +103,18 @@ impl AlphaMeasure<'_> {
         // A bin, and the change over a pixel (2 / size) of a surface at 50 degrees. Too small a reach costs time only.
         let reach = self.bins.inverse_depth(1.0) + q * 2.4 / f64::from(face.size_px);
         let continues = |other: &DepthPixel| (f64::from(other.inverse_depth) - q).abs() <= reach;
-        [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)].into_iter().any(|(dx, dy)| {
+        [
+            (-1, -1),
+            (0, -1),
+            (1, -1),
+            (-1, 0),
+            (1, 0),
+            (-1, 1),
+            (0, 1),
+            (1, 1),
+        ]
+        .into_iter()
+        .any(|(dx, dy)| {
             let neighbour = x.checked_add_signed(dx).zip(y.checked_add_signed(dy));
             let inside = neighbour.filter(|(i, j)| *i < face.size_px && *j < face.size_px);
             inside.is_some_and(|(i, j)| !face.pixel(i, j).iter().any(continues))
@@ -104,11 +125,15 @@ impl AlphaMeasure<'_> {
     /// nearest to that depth.
     fn visible_from_centre(&self, x: u32, y: u32, spans: &[BinSpan]) -> Vec<u32> {
         let mut hits = [HitPacket::MISS];
-        self.tracer.closest_packets(&[self.rays(x, y, self.half_size_m as f32, f32::INFINITY)], &mut hits);
+        self.tracer.closest_packets(
+            &[self.rays(x, y, self.half_size_m as f32, f32::INFINITY)],
+            &mut hits,
+        );
         let mut ends = vec![0; spans.len()];
         for t in hits[0].t.into_iter().filter(|t| t.is_finite()) {
             let bin = self.bins.place(1.0 / t).0;
-            let apart = |[first, last]: &BinSpan| first.saturating_sub(bin).max(bin.saturating_sub(*last));
+            let apart =
+                |[first, last]: &BinSpan| first.saturating_sub(bin).max(bin.saturating_sub(*last));
             if let Some(nearest) = (0..spans.len()).min_by_key(|&i| apart(&spans[i])) {
                 ends[nearest] += 1;
             }
@@ -119,7 +144,10 @@ impl AlphaMeasure<'_> {
     /// Share of the pixel's rays that meet something within the span, 1/2 of a ray at least.
     fn filled_share(&self, x: u32, y: u32, span: BinSpan) -> f64 {
         let [t_max, t_min] = self.ends(span).map(|q| (1.0 / q) as f32);
-        let hits = self.tracer.occluded_packet(&self.rays(x, y, t_min, t_max)).count_ones();
+        let hits = self
+            .tracer
+            .occluded_packet(&self.rays(x, y, t_min, t_max))
+            .count_ones();
         (f64::from(hits) + 0.5) / PACKET as f64
     }
 
@@ -130,15 +158,28 @@ impl AlphaMeasure<'_> {
 
     /// True if sample `i` is one of three or more that follow each other in depth without a gap.
     fn is_in_depth_run(&self, spans: &[BinSpan], i: usize) -> bool {
-        let follows = |far: &BinSpan, near: &BinSpan| near[0].saturating_sub(far[1]) <= DEPTH_RUN_GAP;
-        let before = spans[..=i].windows(2).rev().take_while(|pair| follows(&pair[0], &pair[1])).count();
-        let after = spans[i..].windows(2).take_while(|pair| follows(&pair[0], &pair[1])).count();
+        let follows =
+            |far: &BinSpan, near: &BinSpan| near[0].saturating_sub(far[1]) <= DEPTH_RUN_GAP;
+        let before = spans[..=i]
+            .windows(2)
+            .rev()
+            .take_while(|pair| follows(&pair[0], &pair[1]))
+            .count();
+        let after = spans[i..]
+            .windows(2)
+            .take_while(|pair| follows(&pair[0], &pair[1]))
+            .count();
         before + after >= 2
     }
 
     /// Share of the pixel over which the tangent plane of a sample stays within the span.
     fn reachable(&self, x: u32, y: u32, sample: &DepthPixel, span: BinSpan) -> f64 {
-        let slope = self.face.inverse_depth_slope(f64::from(x) + 0.5, f64::from(y) + 0.5, sample, f64::INFINITY);
+        let slope = self.face.inverse_depth_slope(
+            f64::from(x) + 0.5,
+            f64::from(y) + 0.5,
+            sample,
+            f64::INFINITY,
+        );
         let [least, largest] = self.ends(span);
         let over_pixel = f64::from(sample.inverse_depth) * slope.abs().element_sum();
         ((largest - least) / over_pixel).clamp(LEAST_REACHABLE, 1.0)
@@ -153,8 +194,18 @@ impl AlphaMeasure<'_> {
         let mut packet = RayPacket::EMPTY;
         for k in 0..PACKET {
             let [jx, jy] = [0, 1].map(|c| (f64::from(shift[c]) + k as f64 * STEPS[c]).fract());
-            let direction = face.direction(f64::from(x) + jx, f64::from(y) + jy, self.face.size_px).as_vec3();
-            packet.set(k, &Ray { origin: Vec3::ZERO, direction, t_min, t_max });
+            let direction = face
+                .direction(f64::from(x) + jx, f64::from(y) + jy, self.face.size_px)
+                .as_vec3();
+            packet.set(
+                k,
+                &Ray {
+                    origin: Vec3::ZERO,
+                    direction,
+                    t_min,
+                    t_max,
+                },
+            );
         }
         packet
     }

@@ -1,10 +1,10 @@
 //! A face whose parts are merged, with what its alphas are measured by.
 
-use headbox_cube::model::depth_bins::DepthBins;
 use super::coverage::{AlphaMeasure, BinSpan};
-use headbox_cube::model::samples::{DepthPixel, LayeredDepthImage};
 use crate::surfaces::rows;
 use headbox_core::cube_face::Face;
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::model::samples::{DepthPixel, LayeredDepthImage};
 use headbox_trace::bvh::Tracer;
 use rayon::prelude::*;
 
@@ -35,7 +35,10 @@ impl MergedFace {
         let rows: Vec<_> = (0..size_px).into_par_iter().map(row).collect();
         let mut ldi = LayeredDepthImage::empty(face, size_px);
         let mut total = 0;
-        for (slot, count) in ldi.offsets[1..].iter_mut().zip(rows.iter().flat_map(|row| &row.2)) {
+        for (slot, count) in ldi.offsets[1..]
+            .iter_mut()
+            .zip(rows.iter().flat_map(|row| &row.2))
+        {
             total += count;
             *slot = total;
         }
@@ -47,7 +50,11 @@ impl MergedFace {
     /// The depth pixels of pixel (x, y), each with its span.
     pub(crate) fn pixel(&self, x: u32, y: u32) -> impl Iterator<Item = (DepthPixel, BinSpan)> {
         let first = self.ldi.offsets[(y * self.ldi.size_px + x) as usize] as usize;
-        self.ldi.pixel(x, y).iter().copied().zip(self.spans[first..].iter().copied())
+        self.ldi
+            .pixel(x, y)
+            .iter()
+            .copied()
+            .zip(self.spans[first..].iter().copied())
     }
 
     /// Measures the alphas of the pixels (x, y) for which `wanted` says so.
@@ -58,7 +65,18 @@ impl MergedFace {
         half_size_m: f64,
         wanted: impl Fn(u32, u32) -> bool + Sync,
     ) {
-        let alphas = AlphaMeasure { tracer, bins, half_size_m, face: &self.ldi, spans: &self.spans }.alphas(wanted);
-        self.ldi.samples.iter_mut().zip(alphas).for_each(|(sample, alpha)| sample.color_srgb[3] = alpha);
+        let alphas = AlphaMeasure {
+            tracer,
+            bins,
+            half_size_m,
+            face: &self.ldi,
+            spans: &self.spans,
+        }
+        .alphas(wanted);
+        self.ldi
+            .samples
+            .iter_mut()
+            .zip(alphas)
+            .for_each(|(sample, alpha)| sample.color_srgb[3] = alpha);
     }
 }

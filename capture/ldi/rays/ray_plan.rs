@@ -31,8 +31,14 @@ impl Groups {
     /// The groups of `domains` ray domains.
     pub fn new(strata: Strata, domains: u32) -> Self {
         let pilot_rays = strata.position_cells() * RayPlan::pilot_share(&strata);
-        let blocks = (pilot_rays / PILOT_RAYS_PER_GROUP).isqrt().clamp(1, MAX_BLOCKS);
-        Self { strata, blocks: blocks.min(strata.per_dimension), domains }
+        let blocks = (pilot_rays / PILOT_RAYS_PER_GROUP)
+            .isqrt()
+            .clamp(1, MAX_BLOCKS);
+        Self {
+            strata,
+            blocks: blocks.min(strata.per_dimension),
+            domains,
+        }
     }
 
     /// Number of groups, all domains.
@@ -50,8 +56,10 @@ impl Groups {
         let n = self.strata.per_dimension;
         let block = |i: u32| i * self.blocks / n;
         let blocks = block(position_cell / n) * self.blocks + block(position_cell % n);
-        ((u32::from(domain) * self.strata.direction_cells() + direction_cell) * self.blocks * self.blocks + blocks)
-            as usize
+        ((u32::from(domain) * self.strata.direction_cells() + direction_cell)
+            * self.blocks
+            * self.blocks
+            + blocks) as usize
     }
 
     fn of_key(&self, key: RayKey) -> usize {
@@ -81,7 +89,11 @@ impl RayPlan {
     pub fn full(strata: Strata, domains: u32) -> Self {
         let groups = Groups::new(strata, domains);
         let pilot_rays = Self::pilot_share(&strata);
-        Self { groups, pilot_rays, more_rays: vec![strata.rays - pilot_rays; groups.count()] }
+        Self {
+            groups,
+            pilot_rays,
+            more_rays: vec![strata.rays - pilot_rays; groups.count()],
+        }
     }
 
     /// The plan that follows from a pilot: a group where the next ray is new with probability `novelty` or more gets
@@ -90,16 +102,28 @@ impl RayPlan {
     ///
     /// # Errors
     /// If spilled accumulators cannot be read.
-    pub fn from_pilot(strata: Strata, domains: u32, store: &TileStore, novelty: f64) -> io::Result<Self> {
+    pub fn from_pilot(
+        strata: Strata,
+        domains: u32,
+        store: &TileStore,
+        novelty: f64,
+    ) -> io::Result<Self> {
         let mut plan = Self::full(strata, domains);
         if novelty <= 0.0 {
             return Ok(plan);
         }
         let rest = strata.rays - plan.pilot_rays;
         let rays = group_rays(&plan.groups, |_| plan.pilot_rays);
-        for ((more, singles), rays) in plan.more_rays.iter_mut().zip(count_singles(&plan.groups, 0, store)?).zip(rays) {
+        for ((more, singles), rays) in plan
+            .more_rays
+            .iter_mut()
+            .zip(count_singles(&plan.groups, 0, store)?)
+            .zip(rays)
+        {
             let share = f64::from(singles) / rays.max(1) as f64 / novelty;
-            *more = ((f64::from(rest) * share.min(1.0)).ceil() as u32).max(1).min(rest);
+            *more = ((f64::from(rest) * share.min(1.0)).ceil() as u32)
+                .max(1)
+                .min(rest);
         }
         Ok(plan)
     }
@@ -108,7 +132,9 @@ impl RayPlan {
     pub fn rays_in_cell(&self, domain: u8, direction_cell: u32) -> u64 {
         let cells = 0..self.groups.strata.position_cells();
         let more = |cell| self.more_rays[self.groups.of_cell(domain, direction_cell, cell)];
-        cells.map(|cell| u64::from(self.pilot_rays + more(cell))).sum()
+        cells
+            .map(|cell| u64::from(self.pilot_rays + more(cell)))
+            .sum()
     }
 
     /// Per domain: the estimated probability that a fresh ray, uniform over the domain's strata, would find a depth
@@ -118,19 +144,29 @@ impl RayPlan {
     /// # Errors
     /// If spilled accumulators cannot be read.
     pub fn missing_estimate(&self, store: &TileStore) -> io::Result<Vec<f64>> {
-        let first = if self.groups.strata.rays > self.pilot_rays { self.pilot_rays } else { 0 };
+        let first = if self.groups.strata.rays > self.pilot_rays {
+            self.pilot_rays
+        } else {
+            0
+        };
         let singles = count_singles(&self.groups, first, store)?;
-        let rays = group_rays(&self.groups, |group| self.pilot_rays + self.more_rays[group] - first);
+        let rays = group_rays(&self.groups, |group| {
+            self.pilot_rays + self.more_rays[group] - first
+        });
         let per_stratum = group_rays(&self.groups, |_| 1);
-        let strata_per_domain =
-            f64::from(self.groups.strata.direction_cells()) * f64::from(self.groups.strata.position_cells());
+        let strata_per_domain = f64::from(self.groups.strata.direction_cells())
+            * f64::from(self.groups.strata.position_cells());
         let domain_estimate = |domain: usize| {
             let groups = self.groups.per_domain() as usize;
-            let share =
-                |g: usize| per_stratum[g] as f64 / strata_per_domain * f64::from(singles[g]) / rays[g].max(1) as f64;
+            let share = |g: usize| {
+                per_stratum[g] as f64 / strata_per_domain * f64::from(singles[g])
+                    / rays[g].max(1) as f64
+            };
             (domain * groups..(domain + 1) * groups).map(share).sum()
         };
-        Ok((0..self.groups.domains as usize).map(domain_estimate).collect())
+        Ok((0..self.groups.domains as usize)
+            .map(domain_estimate)
+            .collect())
     }
 }
 
@@ -140,14 +176,19 @@ fn group_rays(groups: &Groups, per_stratum: impl Fn(usize) -> u32) -> Vec<u64> {
     for cell in 0..groups.strata.position_cells() {
         strata_in_block[groups.of_cell(0, 0, cell)] += 1;
     }
-    (0..groups.count()).map(|g| strata_in_block[g % strata_in_block.len()] * u64::from(per_stratum(g))).collect()
+    (0..groups.count())
+        .map(|g| strata_in_block[g % strata_in_block.len()] * u64::from(per_stratum(g)))
+        .collect()
 }
 
 /// Number of depth bins met by exactly one ray, by the group of that ray; counts rays numbered `first` and up, and only those of
 /// the plan: rays that were aimed say nothing of others.
 fn count_singles(groups: &Groups, first: u32, store: &TileStore) -> io::Result<Vec<u32>> {
     let count_tile = |mut counts: Vec<u32>, tile: usize| {
-        for bin in store.tile_run(tile)?.chunk_by(|a, b| (a.link, a.bin) == (b.link, b.bin)) {
+        for bin in store
+            .tile_run(tile)?
+            .chunk_by(|a, b| (a.link, a.bin) == (b.link, b.bin))
+        {
             if let [Accumulator { count: 1, key, .. }] = bin
                 && key.ray() >= first
                 && u32::from(key.domain()) < groups.domains
@@ -164,9 +205,16 @@ fn count_singles(groups: &Groups, first: u32, store: &TileStore) -> io::Result<V
     };
     // A few long folds instead of one per tile: each carries a table of all groups.
     let tiles: Vec<usize> = (0..store.tile_count()).collect();
-    let per_fold = tiles.len().div_ceil(2 * rayon::current_num_threads()).max(1);
+    let per_fold = tiles
+        .len()
+        .div_ceil(2 * rayon::current_num_threads())
+        .max(1);
     tiles
         .par_chunks(per_fold)
-        .map(|chunk| chunk.iter().try_fold(zero(), |counts, &tile| count_tile(counts, tile)))
+        .map(|chunk| {
+            chunk
+                .iter()
+                .try_fold(zero(), |counts, &tile| count_tile(counts, tile))
+        })
         .try_reduce(zero, add)
 }

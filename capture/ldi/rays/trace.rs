@@ -3,19 +3,19 @@
 //! The rounds are: a pilot over all strata, the plan that follows from it, the planned rays. All six faces are traced in
 //! one run; a hit goes to the face whose frustum contains it, whichever face its ray left (C13).
 
-use headbox_cube::model::info::Holes;
-use crate::accumulate::accumulator::{Accumulator, Sample, sixteen_bits};
-use headbox_cube::model::depth_bins::DepthBins;
-use crate::accumulate::environment_mask::MissMap;
-use crate::settings::{CaptureSettings, strata_of};
-use headbox_cube::model::parameters::Sampler;
 use super::ray_plan::RayPlan;
+use crate::accumulate::accumulator::{Accumulator, Sample, sixteen_bits};
+use crate::accumulate::environment_mask::MissMap;
 use crate::accumulate::tiles::{InsertScratch, TileStore};
-use headbox_core::cube_face::Face;
-use headbox_trace::sampler::{DirectionCell, RayDomain, RayKey};
-use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
-use headbox_core::progress::{Progress, check_cancelled};
+use crate::settings::{CaptureSettings, strata_of};
 use glam::{DVec3, Vec3};
+use headbox_core::cube_face::Face;
+use headbox_core::progress::{Progress, check_cancelled};
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::model::info::Holes;
+use headbox_cube::model::parameters::Sampler;
+use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
+use headbox_trace::sampler::{DirectionCell, RayDomain, RayKey};
 use rayon::prelude::*;
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,9 +38,17 @@ pub struct Tracing {
 ///
 /// # Errors
 /// If spilling to disk fails.
-pub fn trace(tracer: &Tracer, settings: &CaptureSettings, progress: &dyn Progress) -> io::Result<Tracing> {
+pub fn trace(
+    tracer: &Tracer,
+    settings: &CaptureSettings,
+    progress: &dyn Progress,
+) -> io::Result<Tracing> {
     let new_store = || {
-        let budget = settings.resources.budget.as_ref().map(|(bytes, dir)| (*bytes, dir.as_path()));
+        let budget = settings
+            .resources
+            .budget
+            .as_ref()
+            .map(|(bytes, dir)| (*bytes, dir.as_path()));
         TileStore::new(settings.face_size_px, budget)
     };
     let strata = strata_of(&settings.parameters);
@@ -57,9 +65,15 @@ pub fn trace(tracer: &Tracer, settings: &CaptureSettings, progress: &dyn Progres
         return Ok(run);
     }
     let total = |plan: &RayPlan, job: &(u8, u32)| plan.rays_in_cell(job.0, job.1);
-    let jobs: Vec<(u8, u32)> =
-        (0..6).flat_map(|domain| (0..strata.direction_cells()).map(move |cell| (domain, cell))).collect();
-    let mine: Vec<(u8, u32)> = jobs.iter().copied().skip(part as usize).step_by(parts as usize).collect();
+    let jobs: Vec<(u8, u32)> = (0..6)
+        .flat_map(|domain| (0..strata.direction_cells()).map(move |cell| (domain, cell)))
+        .collect();
+    let mine: Vec<(u8, u32)> = jobs
+        .iter()
+        .copied()
+        .skip(part as usize)
+        .step_by(parts as usize)
+        .collect();
     let planned = settings.parameters.novelty > 0.0 && strata.rays > 1;
     if planned {
         let pilot = run.plan.pilot_rays;
@@ -93,25 +107,31 @@ fn trace_jobs(
 ) -> io::Result<()> {
     let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
     let strata = strata_of(&settings.parameters);
-    jobs.par_iter().try_for_each_init(JobBuffers::default, |buffers, &(domain, cell)| {
-        check_cancelled(progress)?;
-        let job = DirectionCell {
-            domain: RayDomain::cube_face(Face::ALL[usize::from(domain)], settings.half_size_m),
-            domain_number: domain,
-            strata,
-            cell,
-        };
-        buffers.names.clear();
-        for position_cell in 0..strata.position_cells() {
-            let rays = range(run.plan.groups.of_cell(domain, cell, position_cell));
-            buffers.names.extend(rays.map(|ray| (position_cell, ray)));
-        }
-        let router = Router { tracer, bins, size_px: settings.face_size_px, misses: &run.misses };
-        buffers.trace(&job, &router);
-        run.store.insert(&buffers.samples, &mut buffers.scratch)?;
-        progress.advance(buffers.names.len() as u64);
-        Ok(())
-    })
+    jobs.par_iter()
+        .try_for_each_init(JobBuffers::default, |buffers, &(domain, cell)| {
+            check_cancelled(progress)?;
+            let job = DirectionCell {
+                domain: RayDomain::cube_face(Face::ALL[usize::from(domain)], settings.half_size_m),
+                domain_number: domain,
+                strata,
+                cell,
+            };
+            buffers.names.clear();
+            for position_cell in 0..strata.position_cells() {
+                let rays = range(run.plan.groups.of_cell(domain, cell, position_cell));
+                buffers.names.extend(rays.map(|ray| (position_cell, ray)));
+            }
+            let router = Router {
+                tracer,
+                bins,
+                size_px: settings.face_size_px,
+                misses: &run.misses,
+            };
+            buffers.trace(&job, &router);
+            run.store.insert(&buffers.samples, &mut buffers.scratch)?;
+            progress.advance(buffers.names.len() as u64);
+            Ok(())
+        })
 }
 
 /// Buffers that a thread reuses from job to job.
@@ -137,10 +157,18 @@ impl JobBuffers {
             for (names, packet) in names.chunks(PACKET).zip(&mut self.packets) {
                 job.fill_packet(names, packet);
             }
-            router.tracer.closest_packets(&self.packets[..count], &mut self.hits[..count]);
-            for (names, (packet, hits)) in names.chunks(PACKET).zip(self.packets.iter().zip(&self.hits)) {
+            router
+                .tracer
+                .closest_packets(&self.packets[..count], &mut self.hits[..count]);
+            for (names, (packet, hits)) in names
+                .chunks(PACKET)
+                .zip(self.packets.iter().zip(&self.hits))
+            {
                 for (lane, &(position_cell, ray)) in names.iter().enumerate() {
-                    let (Some(ray_here), key) = (packet.ray(lane), job.key(position_cell, ray)) else { continue };
+                    let (Some(ray_here), key) = (packet.ray(lane), job.key(position_cell, ray))
+                    else {
+                        continue;
+                    };
                     match hits.hit(lane) {
                         Some(hit) => self.samples.push(router.sample(&ray_here, &hit, key)),
                         None => router.misses.mark(ray_here.direction),
@@ -167,7 +195,8 @@ impl Router<'_> {
         let (face, [right, up, eye_depth]) = Face::locate(ray.origin + ray.direction * hit.t);
         let inverse_depth = 1.0 / eye_depth;
         let half = self.size_px as f32 / 2.0;
-        let pixel = |c: f32| ((half * (1.0 + c * inverse_depth)) as u32).min(self.size_px - 1) as u16;
+        let pixel =
+            |c: f32| ((half * (1.0 + c * inverse_depth)) as u32).min(self.size_px - 1) as u16;
         let (bin, offset) = self.bins.place(inverse_depth);
         let scene = self.tracer.scene();
         let normal = self.tracer.geometric_normal(hit.primitive);
@@ -181,7 +210,10 @@ impl Router<'_> {
             bin,
             offset,
             class: Accumulator::class(material, cos > 0.0, normal),
-            albedo: scene.paint(hit.primitive).albedo(hit.u, hit.v).map(sixteen_bits),
+            albedo: scene
+                .paint(hit.primitive)
+                .albedo(hit.u, hit.v)
+                .map(sixteen_bits),
             primitive: hit.primitive,
             barycentric: [hit.u, hit.v].map(sixteen_bits),
             area: hit.t * hit.t / cos.abs().max(1e-6),
@@ -199,28 +231,48 @@ fn pierce_from_centre(
 ) -> io::Result<u64> {
     let size = settings.face_size_px;
     let bins = DepthBins::new(settings.half_size_m, size);
-    let router = Router { tracer, bins, size_px: size, misses: &run.misses };
+    let router = Router {
+        tracer,
+        bins,
+        size_px: size,
+        misses: &run.misses,
+    };
     let (part, parts) = settings.shard;
-    let rows: Vec<u32> = (0..6 * size).skip(part as usize).step_by(parts as usize).collect();
+    let rows: Vec<u32> = (0..6 * size)
+        .skip(part as usize)
+        .step_by(parts as usize)
+        .collect();
     progress.begin("trace", "rays", rows.len() as u64 * u64::from(size));
-    rows.par_iter().try_for_each_init(InsertScratch::default, |scratch, &row| -> io::Result<()> {
-        let face = Face::ALL[(row / size) as usize];
-        let mut samples = Vec::new();
-        for x in 0..size {
-            let direction = face.direction(f64::from(x) + 0.5, f64::from(row % size) + 0.5, size).as_vec3();
-            // Directions have eye depth 1, so the headbox ends at t = half size.
-            let t_min = settings.half_size_m as f32;
-            let ray = Ray { origin: Vec3::ZERO, direction, t_min, t_max: f32::INFINITY };
-            let before = samples.len();
-            let key = RayKey::new(face.index() as u8, row % size * size + x, 0);
-            tracer.all_hits(&ray, &mut |hit| samples.push(router.sample(&ray, &hit, key)));
-            if samples.len() == before {
-                run.misses.mark(direction);
+    rows.par_iter().try_for_each_init(
+        InsertScratch::default,
+        |scratch, &row| -> io::Result<()> {
+            let face = Face::ALL[(row / size) as usize];
+            let mut samples = Vec::new();
+            for x in 0..size {
+                let direction = face
+                    .direction(f64::from(x) + 0.5, f64::from(row % size) + 0.5, size)
+                    .as_vec3();
+                // Directions have eye depth 1, so the headbox ends at t = half size.
+                let t_min = settings.half_size_m as f32;
+                let ray = Ray {
+                    origin: Vec3::ZERO,
+                    direction,
+                    t_min,
+                    t_max: f32::INFINITY,
+                };
+                let before = samples.len();
+                let key = RayKey::new(face.index() as u8, row % size * size + x, 0);
+                tracer.all_hits(&ray, &mut |hit| {
+                    samples.push(router.sample(&ray, &hit, key))
+                });
+                if samples.len() == before {
+                    run.misses.mark(direction);
+                }
             }
-        }
-        progress.advance(u64::from(size));
-        run.store.insert(&samples, scratch)
-    })?;
+            progress.advance(u64::from(size));
+            run.store.insert(&samples, scratch)
+        },
+    )?;
     Ok(rows.len() as u64 * u64::from(size))
 }
 
@@ -231,8 +283,14 @@ pub fn blocked_share(tracer: &Tracer, half_size_m: f64) -> f64 {
     let blocked = AtomicU64::new(0);
     (0..SIDE.pow(3)).into_par_iter().for_each(|i| {
         let cell = |k: u32| (f64::from(k) + 0.5) / f64::from(SIDE) * 2.0 - 1.0;
-        let place = DVec3::new(cell(i % SIDE), cell(i / SIDE % SIDE), cell(i / SIDE / SIDE)) * half_size_m;
-        let ray = Ray { origin: Vec3::ZERO, direction: place.as_vec3(), t_min: 0.0, t_max: 1.0 };
+        let place =
+            DVec3::new(cell(i % SIDE), cell(i / SIDE % SIDE), cell(i / SIDE / SIDE)) * half_size_m;
+        let ray = Ray {
+            origin: Vec3::ZERO,
+            direction: place.as_vec3(),
+            t_min: 0.0,
+            t_max: 1.0,
+        };
         blocked.fetch_add(u64::from(tracer.occluded(&ray)), Ordering::Relaxed);
     });
     blocked.into_inner() as f64 / f64::from(SIDE.pow(3))

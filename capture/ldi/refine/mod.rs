@@ -12,22 +12,22 @@
 
 mod test_view;
 
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
-use headbox_cube::model::depth_bins::DepthBins;
+use crate::accumulate::tiles::InsertScratch;
+use crate::job::CaptureJob;
 use crate::rays::trace;
 use crate::rays::trace::{Router, Tracing};
-use crate::job::CaptureJob;
-use crate::settings::Resources;
-use headbox_cube::model::parameters::Sampler;
-use crate::surfaces::geometry_pass::{Shape, ShapeSource};
-use crate::accumulate::tiles::InsertScratch;
-use headbox_cube::model::samples::CubeLdi;
-use headbox_cube::model::info::Holes;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_core::progress::{Progress, check_cancelled};
-use headbox_cube::render::Renderer;
 use crate::refine::test_view::{Findings, Look, VIEW_PX, View};
+use crate::settings::Resources;
+use crate::surfaces::geometry_pass::{Shape, ShapeSource};
+use headbox_core::progress::{Progress, check_cancelled};
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::model::info::Holes;
+use headbox_cube::model::parameters::Sampler;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::Renderer;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use rayon::prelude::*;
 use std::io;
 use std::time::{Duration, Instant};
@@ -64,7 +64,10 @@ pub fn capture(
     let mut tracing = trace::trace(tracer, &job.settings(resources, (0, 1)), progress)?;
     let trace_time = start.elapsed();
     close(job, &mut tracing, tracer, lighting, progress)?;
-    Ok((job.finish(&tracing, tracer, lighting, resources, progress)?, trace_time))
+    Ok((
+        job.finish(&tracing, tracer, lighting, resources, progress)?,
+        trace_time,
+    ))
 }
 
 /// Aims rays at what frames of all the rays so far lack, and keeps the figure in `tracing`.
@@ -82,13 +85,25 @@ pub fn close(
     if limit >= 1.0 || job.parameters.sampler == Sampler::CentreRays {
         return Ok(());
     }
-    let (settings, patient) = (job.settings(&Resources::default(), (0, 1)), Patient(progress));
-    let source = ShapeSource { tracer, lighting, settings: &settings, progress: &patient };
+    let (settings, patient) = (
+        job.settings(&Resources::default(), (0, 1)),
+        Patient(progress),
+    );
+    let source = ShapeSource {
+        tracer,
+        lighting,
+        settings: &settings,
+        progress: &patient,
+    };
     let (mut shape, mut share_before) = (None::<Shape>, None);
     let (mut worst, mut aimed) = (Vec::new(), Vec::new());
     let (mut least, mut idle_rounds) = (f64::INFINITY, 0);
     for round in 0..MAX_ROUNDS {
-        progress.begin("look for holes", "frames", u64::from(FRESH_VIEWS) + worst.len() as u64);
+        progress.begin(
+            "look for holes",
+            "frames",
+            u64::from(FRESH_VIEWS) + worst.len() as u64,
+        );
         let shape = match &mut shape {
             None => shape.insert(source.shape(tracing, job.shape_info(tracer, lighting))?),
             Some(shape) => {
@@ -97,27 +112,58 @@ pub fn close(
             }
         };
         // What cannot be packed fails at the end, with its reason.
-        let Ok(cube) = PackedCube::pack(shape.cube(), SplatIndexLayout::Normal, Split::Auto) else { return Ok(()) };
-        let fresh = (0..FRESH_VIEWS).filter_map(|i| View::fresh(job, round * FRESH_VIEWS + i)).collect();
+        let Ok(cube) = PackedCube::pack(shape.cube(), SplatIndexLayout::Normal, Split::Auto) else {
+            return Ok(());
+        };
+        let fresh = (0..FRESH_VIEWS)
+            .filter_map(|i| View::fresh(job, round * FRESH_VIEWS + i))
+            .collect();
         let found = look_at(job, tracing, tracer, &cube, fresh, progress)?;
         let (share, standard_error) = (found.share(), found.standard_error());
         let share_before = *share_before.get_or_insert(share);
-        idle_rounds = if share < 0.9 * least { 0 } else { idle_rounds + 1 };
+        idle_rounds = if share < 0.9 * least {
+            0
+        } else {
+            idle_rounds + 1
+        };
         least = least.min(share);
         let is_enough = share + standard_error <= limit || idle_rounds == IDLE_ROUNDS;
         let aimed_rays = tracing.holes.map_or(0, |holes| holes.aimed_rays);
-        let holes = Holes { share, standard_error, share_before, aimed_rays, rounds: round + 1 };
+        let holes = Holes {
+            share,
+            standard_error,
+            share_before,
+            aimed_rays,
+            rounds: round + 1,
+        };
         tracing.holes = Some(holes);
         if is_enough {
             progress.advance(worst.len() as u64); // nobody needs them
             break;
         }
-        let near = look_at(job, tracing, tracer, &cube, std::mem::take(&mut worst), progress)?;
-        worst = found.worst(NEAR_VIEWS as usize).iter().enumerate().filter_map(|(i, view)| view.near(job, i)).collect();
+        let near = look_at(
+            job,
+            tracing,
+            tracer,
+            &cube,
+            std::mem::take(&mut worst),
+            progress,
+        )?;
+        worst = found
+            .worst(NEAR_VIEWS as usize)
+            .iter()
+            .enumerate()
+            .filter_map(|(i, view)| view.near(job, i))
+            .collect();
         aimed = found.aimed;
         aimed.extend(near.aimed);
-        tracing.holes = Some(Holes { aimed_rays: aimed_rays + aimed.len() as u64, ..holes });
-        tracing.store.insert(&aimed, &mut InsertScratch::default())?;
+        tracing.holes = Some(Holes {
+            aimed_rays: aimed_rays + aimed.len() as u64,
+            ..holes
+        });
+        tracing
+            .store
+            .insert(&aimed, &mut InsertScratch::default())?;
         tracing.rays += aimed.len() as u64;
     }
     Ok(())
@@ -133,8 +179,17 @@ fn look_at(
     progress: &dyn Progress,
 ) -> io::Result<Findings> {
     let bins = DepthBins::new(job.half_size_m, job.face_size_px);
-    let router = Router { tracer, bins, size_px: job.face_size_px, misses: &tracing.misses };
-    let look = Look { cube, router: &router, half_size_m: job.half_size_m };
+    let router = Router {
+        tracer,
+        bins,
+        size_px: job.face_size_px,
+        misses: &tracing.misses,
+    };
+    let look = Look {
+        cube,
+        router: &router,
+        half_size_m: job.half_size_m,
+    };
     let found: Result<Vec<Findings>, io::Error> = views
         .into_par_iter()
         .map_init(Renderer::new, |renderer, view| {

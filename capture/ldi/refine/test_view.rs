@@ -1,15 +1,15 @@
 //! One frame, held against rays.
 
+use crate::accumulate::accumulator::Sample;
+use crate::job::CaptureJob;
+use crate::rays::trace::Router;
+use glam::{DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::random::Rng;
-use headbox_trace::sampler::RayKey;
-use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket};
-use crate::accumulate::accumulator::Sample;
-use crate::rays::trace::Router;
-use crate::job::CaptureJob;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::Renderer;
-use glam::{DVec3, Vec3, dvec3};
+use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket};
+use headbox_trace::sampler::RayKey;
 
 /// Pixels a side of a view, unless faces have fewer.
 pub(super) const VIEW_PX: u32 = 256;
@@ -43,9 +43,17 @@ impl View {
     pub(super) fn fresh(job: &CaptureJob, number: u32) -> Option<Self> {
         let mut random = Self::random(job, number);
         let place = in_cube(&mut random);
-        let (height, turn) = (random.unit() * 2.0 - 1.0, random.unit() * std::f64::consts::TAU);
+        let (height, turn) = (
+            random.unit() * 2.0 - 1.0,
+            random.unit() * std::f64::consts::TAU,
+        );
         let rim = (1.0 - height * height).sqrt();
-        Self::new(job, [number, 0], place, dvec3(rim * turn.cos(), height, rim * turn.sin()))
+        Self::new(
+            job,
+            [number, 0],
+            place,
+            dvec3(rim * turn.cos(), height, rim * turn.sin()),
+        )
     }
 
     /// A view from near this one, in about its direction; `number` tells those of one view apart.
@@ -56,12 +64,25 @@ impl View {
         Self::new(job, [self.number, number as u32 + 1], place, forward)
     }
 
-    fn new(job: &CaptureJob, [number, copy]: [u32; 2], place: DVec3, forward: DVec3) -> Option<Self> {
+    fn new(
+        job: &CaptureJob,
+        [number, copy]: [u32; 2],
+        place: DVec3,
+        forward: DVec3,
+    ) -> Option<Self> {
         let eye = job.centre + place * job.half_size_m;
         let side = VIEW_PX.min(job.face_size_px);
-        let fov_deg = 2.0 * (f64::from(side) / f64::from(job.face_size_px)).atan().to_degrees();
+        let fov_deg = 2.0
+            * (f64::from(side) / f64::from(job.face_size_px))
+                .atan()
+                .to_degrees();
         let camera = Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, [side, side]).ok()?;
-        Some(Self { number, copy, place, camera })
+        Some(Self {
+            number,
+            copy,
+            place,
+            camera,
+        })
     }
 
     fn random(job: &CaptureJob, number: u32) -> Rng {
@@ -101,13 +122,25 @@ impl Findings {
     /// Standard error of the mean: frames are independent, pixels of a frame are not.
     pub(super) fn standard_error(&self) -> f64 {
         let (n, mean) = (self.views.len() as f64, self.share());
-        let sum: f64 = self.views.iter().map(|(share, _)| (share - mean).powi(2)).sum();
-        if n > 1.0 { (sum / (n - 1.0) / n).sqrt() } else { 1.0 }
+        let sum: f64 = self
+            .views
+            .iter()
+            .map(|(share, _)| (share - mean).powi(2))
+            .sum();
+        if n > 1.0 {
+            (sum / (n - 1.0) / n).sqrt()
+        } else {
+            1.0
+        }
     }
 
     /// The views that lack most, those that lack more again and again, `count` in all; none if nothing is lacking.
     pub(super) fn worst(&self, count: usize) -> Vec<View> {
-        let mut lacking: Vec<&(f64, View)> = self.views.iter().filter(|(share, _)| *share > 0.0).collect();
+        let mut lacking: Vec<&(f64, View)> = self
+            .views
+            .iter()
+            .filter(|(share, _)| *share > 0.0)
+            .collect();
         lacking.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.number.cmp(&b.1.number)));
         let total: f64 = lacking.iter().map(|(share, _)| share).sum();
         let copies = lacking.iter().flat_map(|(share, view)| {
@@ -130,14 +163,25 @@ impl Look<'_> {
     pub(super) fn at(&self, view: View, renderer: &mut Renderer) -> Findings {
         let (frame, fronts) = renderer.render_with_fronts(self.cube, &view.camera);
         let side = view.camera.width();
-        let mut hits = vec![Hit { t: f32::INFINITY, primitive: 0, u: 0.0, v: 0.0 }; (side * side) as usize];
+        let mut hits = vec![
+            Hit {
+                t: f32::INFINITY,
+                primitive: 0,
+                u: 0.0,
+                v: 0.0
+            };
+            (side * side) as usize
+        ];
         let rays = ViewRays::new(&view, self.router.tracer.origin(), self.half_size_m);
         rays.trace(self, &mut hits);
         let (mut lacking, mut aimed) = (0u32, Vec::new());
         let margin = self.router.bins.inverse_depth(2.0) as f32;
         for (i, hit) in hits.iter().enumerate() {
             let (x, y) = (i as u32 % side, i as u32 / side);
-            let pixel = Pixel { share: frame.coverage[i].splat_share(), inverse_depth: fronts[i] };
+            let pixel = Pixel {
+                share: frame.coverage[i].splat_share(),
+                inverse_depth: fronts[i],
+            };
             let key = RayKey::new(AIMED, view.number, view.copy * VIEW_PX * VIEW_PX + i as u32);
             if hit.t == f32::INFINITY {
                 if frame.coverage[i].is_hole() {
@@ -150,14 +194,29 @@ impl Look<'_> {
                 continue;
             }
             // Where a surface ends within a pixel, frames may show either side.
-            let farthest = neighbourhood(x, y, side).map(|j| hits[j].t).fold(0.0, f32::max);
+            let farthest = neighbourhood(x, y, side)
+                .map(|j| hits[j].t)
+                .fold(0.0, f32::max);
             lacking += u32::from(farthest.is_finite() && pixel.lacks(farthest, margin));
             let ray = rays.ray(x, y);
             let length = ray.direction.length();
-            let unit = Ray { direction: ray.direction / length, ..ray };
-            aimed.push(self.router.sample(&unit, &Hit { t: hit.t * length, ..*hit }, key));
+            let unit = Ray {
+                direction: ray.direction / length,
+                ..ray
+            };
+            aimed.push(self.router.sample(
+                &unit,
+                &Hit {
+                    t: hit.t * length,
+                    ..*hit
+                },
+                key,
+            ));
         }
-        Findings { views: vec![(f64::from(lacking) / f64::from(side * side), view)], aimed }
+        Findings {
+            views: vec![(f64::from(lacking) / f64::from(side * side), view)],
+            aimed,
+        }
     }
 }
 
@@ -189,16 +248,33 @@ struct ViewRays<'a> {
 
 impl<'a> ViewRays<'a> {
     fn new(view: &'a View, origin: DVec3, half_size_m: f64) -> Self {
-        Self { camera: &view.camera, eye: (view.camera.eye() - origin).as_vec3(), half_size_m: half_size_m as f32 }
+        Self {
+            camera: &view.camera,
+            eye: (view.camera.eye() - origin).as_vec3(),
+            half_size_m: half_size_m as f32,
+        }
     }
 
     /// The ray through the middle of a pixel; along its direction `t` is eye depth.
     fn ray(&self, x: u32, y: u32) -> Ray {
-        let direction = self.camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).as_vec3();
+        let direction = self
+            .camera
+            .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
+            .as_vec3();
         // A component of 0 gives infinity, or NaN where the eye lies on the face, which `min` passes over.
-        let exits = (Vec3::splat(self.half_size_m) - self.eye * direction.signum()) / direction.abs();
-        let t_min = exits.to_array().into_iter().fold(f32::INFINITY, f32::min).max(0.0);
-        Ray { origin: self.eye, direction, t_min, t_max: f32::INFINITY }
+        let exits =
+            (Vec3::splat(self.half_size_m) - self.eye * direction.signum()) / direction.abs();
+        let t_min = exits
+            .to_array()
+            .into_iter()
+            .fold(f32::INFINITY, f32::min)
+            .max(0.0);
+        Ray {
+            origin: self.eye,
+            direction,
+            t_min,
+            t_max: f32::INFINITY,
+        }
     }
 
     /// Traces them all, squares of four by four pixels at a time.

@@ -31,7 +31,10 @@ pub(crate) fn spread(parts: &FaceParts, classes: &[u16], wanted: &[f32]) -> Vec<
             *sum += wanted[p];
             let count = *sum as u32;
             *sum -= count as f32;
-            shares[p] = Share { first: *next, count };
+            shares[p] = Share {
+                first: *next,
+                count,
+            };
             *next = next.wrapping_add(count);
         }
     }
@@ -53,9 +56,13 @@ mod tests {
 
     #[test]
     fn a_morton_curve_meets_every_pixel_once() {
-        let places: std::collections::HashSet<[u32; 2]> =
-            (0..4096).map(|place: u32| [place, place >> 1].map(every_other_bit)).collect();
+        let places: std::collections::HashSet<[u32; 2]> = (0..4096)
+            .map(|place: u32| [place, place >> 1].map(every_other_bit))
+            .collect();
         assert!(places.len() == 4096 && places.iter().flatten().all(|&c| c < 64));
-        assert_eq!([every_other_bit(0b1_0001), every_other_bit(u32::MAX)], [0b101, 0xffff]);
+        assert_eq!(
+            [every_other_bit(0b1_0001), every_other_bit(u32::MAX)],
+            [0b101, 0xffff]
+        );
     }
 }

@@ -9,7 +9,10 @@ pub(crate) struct PixelSet {
 impl PixelSet {
     /// None of a face of so many pixels a side.
     pub(super) fn new(size_px: u32) -> Self {
-        Self { size_px, has: vec![false; (size_px as usize).pow(2)] }
+        Self {
+            size_px,
+            has: vec![false; (size_px as usize).pow(2)],
+        }
     }
 
     /// Adds pixel (x, y).
@@ -47,7 +50,10 @@ mod tests {
     #[test]
     fn a_set_grows_by_the_pixels_around_and_not_beyond_the_face() {
         let pixels = |set: &PixelSet| -> Vec<[u32; 2]> {
-            (0..25).map(|i| [i % 5, i / 5]).filter(|&[x, y]| set.contains(x, y)).collect()
+            (0..25)
+                .map(|i| [i % 5, i / 5])
+                .filter(|&[x, y]| set.contains(x, y))
+                .collect()
         };
         let mut set = PixelSet::new(5);
         assert!(pixels(&set.grown()).is_empty());
@@ -55,6 +61,9 @@ mod tests {
         assert_eq!(pixels(&set), [[4, 0]]);
         assert_eq!(pixels(&set.grown()), [[3, 0], [4, 0], [3, 1], [4, 1]]);
         assert_eq!(pixels(&set.grown().grown()).len(), 9);
-        assert!(!set.contains(0, 5) && !set.contains(9, 0) && !set.contains(5, u32::MAX), "tiles reach beyond faces");
+        assert!(
+            !set.contains(0, 5) && !set.contains(9, 0) && !set.contains(5, u32::MAX),
+            "tiles reach beyond faces"
+        );
     }
 }

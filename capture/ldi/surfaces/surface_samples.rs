@@ -34,7 +34,11 @@ impl FaceParts {
     /// The pixel of every part.
     pub(crate) fn pixels(&self) -> Vec<[u16; 2]> {
         let mut pixels = Vec::with_capacity(self.parts.len());
-        for (y, row) in (0..).zip(self.offsets.windows(self.size_px as usize + 1).step_by(self.size_px as usize)) {
+        for (y, row) in (0..).zip(
+            self.offsets
+                .windows(self.size_px as usize + 1)
+                .step_by(self.size_px as usize),
+        ) {
             for (x, run) in (0..).zip(row.windows(2)) {
                 pixels.extend(std::iter::repeat_n([x, y], (run[1] - run[0]) as usize));
             }

@@ -1,17 +1,17 @@
 //! The parts of a face before any light is on them.
 
-use headbox_cube::model::depth_bins::DepthBins;
-use crate::rays::trace::Tracing;
-use crate::merge::repair::Mender;
-use crate::settings::CaptureSettings;
-use headbox_cube::model::parameters::Sampler;
-use crate::surfaces::surface_samples::FaceParts;
 use super::pixel_set::PixelSet;
 use super::rows::pieces;
-use crate::light::shade::{LitPart, Shader};
 use crate::accumulate::tiles::TILE_PX;
+use crate::light::shade::{LitPart, Shader};
+use crate::merge::repair::Mender;
+use crate::rays::trace::Tracing;
+use crate::settings::CaptureSettings;
+use crate::surfaces::surface_samples::FaceParts;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::{Progress, check_cancelled};
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::model::parameters::Sampler;
 use rayon::prelude::*;
 use std::io;
 
@@ -30,7 +30,13 @@ impl Dark<'_> {
         let mut parts = self.unmended(face, only)?;
         if self.settings.parameters.sampler != Sampler::CentreRays {
             let half_size_m = self.settings.half_size_m as f32;
-            Mender { face, shader: self.shader, bins: self.bins, half_size_m }.mend(&mut parts);
+            Mender {
+                face,
+                shader: self.shader,
+                bins: self.bins,
+                half_size_m,
+            }
+            .mend(&mut parts);
         }
         Ok(parts)
     }
@@ -42,18 +48,26 @@ impl Dark<'_> {
         let per_row = store.tiles_per_side() as usize;
         let first = face.index() * per_row * per_row;
         let most: usize = match only {
-            None => (first..first + per_row * per_row).map(|tile| store.most_in_tile(tile)).sum(),
+            None => (first..first + per_row * per_row)
+                .map(|tile| store.most_in_tile(tile))
+                .sum(),
             Some(_) => 0,
         };
         // Memory that is not touched until a thread puts its rows there. Mending adds a few.
         let parts = bytemuck::zeroed_vec(most + most / 64);
-        let mut made = FaceParts { size_px, offsets: vec![0], parts };
+        let mut made = FaceParts {
+            size_px,
+            offsets: vec![0],
+            parts,
+        };
         for tile_row in (0..per_row).step_by(TILE_ROWS_AT_ONCE) {
             check_cancelled(self.progress)?;
             let end = per_row.min(tile_row + TILE_ROWS_AT_ONCE);
             let tiles = first + tile_row * per_row..first + end * per_row;
-            let tiles: io::Result<Vec<TileParts>> =
-                tiles.into_par_iter().map(|tile| self.tile_parts(tile, only)).collect();
+            let tiles: io::Result<Vec<TileParts>> = tiles
+                .into_par_iter()
+                .map(|tile| self.tile_parts(tile, only))
+                .collect();
             append(&mut made, &tiles?, per_row);
         }
         let count = made.offsets.last().map_or(0, |&end| end as usize);
@@ -75,11 +89,15 @@ impl Dark<'_> {
         if !shader.shape_only {
             run.store.clear_tile(tile);
         }
-        let mut made = TileParts { parts: Vec::with_capacity(accumulators.len()), ..TileParts::default() };
+        let mut made = TileParts {
+            parts: Vec::with_capacity(accumulators.len()),
+            ..TileParts::default()
+        };
         for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
             let (number, (x, y)) = (pixel[0].link as usize, place(pixel[0].link));
             made.counts[number] = pixel.len() as u32;
-            made.parts.extend(pixel.iter().map(|acc| shader.part(acc, face, x, y)));
+            made.parts
+                .extend(pixel.iter().map(|acc| shader.part(acc, face, x, y)));
         }
         Ok(made)
     }
@@ -100,7 +118,10 @@ struct TileParts {
 
 impl Default for TileParts {
     fn default() -> Self {
-        Self { counts: [0; SIDE * SIDE], parts: Vec::new() }
+        Self {
+            counts: [0; SIDE * SIDE],
+            parts: Vec::new(),
+        }
     }
 }
 
@@ -113,9 +134,19 @@ fn append(face: &mut FaceParts, tiles: &[TileParts], per_row: usize) {
     let mut total = used as u32;
     for y in 0..(tiles.len() / per_row * SIDE).min(size - before / size) {
         let in_row = y / SIDE * per_row..(y / SIDE + 1) * per_row;
-        let counts = tiles[in_row.clone()].iter().map(|tile| &tile.counts[y % SIDE * SIDE..][..SIDE]);
-        let lengths = counts.clone().map(|counts| counts.iter().sum::<u32>() as usize);
-        rows.push(rest[in_row].iter_mut().zip(lengths).map(take_first).collect());
+        let counts = tiles[in_row.clone()]
+            .iter()
+            .map(|tile| &tile.counts[y % SIDE * SIDE..][..SIDE]);
+        let lengths = counts
+            .clone()
+            .map(|counts| counts.iter().sum::<u32>() as usize);
+        rows.push(
+            rest[in_row]
+                .iter_mut()
+                .zip(lengths)
+                .map(take_first)
+                .collect(),
+        );
         let offset = |count: &u32| {
             total += count;
             total
@@ -123,13 +154,17 @@ fn append(face: &mut FaceParts, tiles: &[TileParts], per_row: usize) {
         face.offsets.extend(counts.flatten().take(size).map(offset));
     }
     if face.parts.len() < total as usize {
-        face.parts.resize(total as usize, bytemuck::Zeroable::zeroed());
+        face.parts
+            .resize(total as usize, bytemuck::Zeroable::zeroed());
     }
     let lengths = rows.iter().map(|row| row.iter().map(|of| of.len()).sum());
     let places = pieces(&mut face.parts[used..], lengths);
     places.into_par_iter().zip(&rows).for_each(|(place, row)| {
         let of_tiles = pieces(place, row.iter().map(|of| of.len()));
-        of_tiles.into_iter().zip(row).for_each(|(place, of)| place.copy_from_slice(of));
+        of_tiles
+            .into_iter()
+            .zip(row)
+            .for_each(|(place, of)| place.copy_from_slice(of));
     });
 }
 
@@ -144,12 +179,19 @@ mod tests {
 
     /// How many parts a pixel has; those beyond the face have none.
     fn count(x: usize, y: usize, size: usize) -> usize {
-        if x < size && y < size { (x * 7 + y * 3) % 4 } else { 0 }
+        if x < size && y < size {
+            (x * 7 + y * 3) % 4
+        } else {
+            0
+        }
     }
 
     /// Part `number` of a pixel, told from all others by its name.
     fn part(x: usize, y: usize, number: usize) -> LitPart {
-        LitPart { primitive: ((y * 1000 + x) * 10 + number) as u32, ..LitPart::zeroed() }
+        LitPart {
+            primitive: ((y * 1000 + x) * 10 + number) as u32,
+            ..LitPart::zeroed()
+        }
     }
 
     #[test]
@@ -161,20 +203,29 @@ mod tests {
                 let (x, y) = (tx * SIDE + pixel % SIDE, ty * SIDE + pixel / SIDE);
                 let count = count(x, y, size);
                 made.counts[pixel] = count as u32;
-                made.parts.extend((0..count).map(|number| part(x, y, number)));
+                made.parts
+                    .extend((0..count).map(|number| part(x, y, number)));
             }
             made
         };
-        let mut face = FaceParts { size_px: size as u32, offsets: vec![0], parts: Vec::new() };
+        let mut face = FaceParts {
+            size_px: size as u32,
+            offsets: vec![0],
+            parts: Vec::new(),
+        };
         for rows in [0..2, 2..3] {
-            let tiles: Vec<TileParts> =
-                rows.flat_map(|ty| (0..3).map(move |tx| (tx, ty))).map(|(x, y)| tile(x, y)).collect();
+            let tiles: Vec<TileParts> = rows
+                .flat_map(|ty| (0..3).map(move |tx| (tx, ty)))
+                .map(|(x, y)| tile(x, y))
+                .collect();
             append(&mut face, &tiles, 3);
         }
         assert_eq!(face.offsets.len(), size * size + 1);
         for y in 0..size {
             for x in 0..size {
-                let expected: Vec<LitPart> = (0..count(x, y, size)).map(|number| part(x, y, number)).collect();
+                let expected: Vec<LitPart> = (0..count(x, y, size))
+                    .map(|number| part(x, y, number))
+                    .collect();
                 assert_eq!(face.pixel(x as u32, y as u32), expected, "pixel {x}, {y}");
             }
         }

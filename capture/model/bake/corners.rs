@@ -1,7 +1,7 @@
 //! Vertices that have one light each.
 
-use headbox_scene::scene::{Scene, Triangle};
 use glam::Vec3;
+use headbox_scene::scene::{Scene, Triangle};
 
 /// Triangles around a vertex without a normal share its light where their normals differ by no more than this: the
 /// cosine of 30 degrees.
@@ -28,9 +28,17 @@ impl Corners {
 /// triangles that meet there at an angle get vertices of their own.
 pub(super) fn separate_creases(scene: &mut Scene) -> Corners {
     let originals = scene.positions.len();
-    let has_normal = |scene: &Scene, vertex: usize| scene.normals.get(vertex).is_some_and(|n| *n != Vec3::ZERO);
-    let mut normals: Vec<Vec3> =
-        (0..originals).map(|v| if has_normal(scene, v) { scene.normals[v] } else { Vec3::ZERO }).collect();
+    let has_normal =
+        |scene: &Scene, vertex: usize| scene.normals.get(vertex).is_some_and(|n| *n != Vec3::ZERO);
+    let mut normals: Vec<Vec3> = (0..originals)
+        .map(|v| {
+            if has_normal(scene, v) {
+                scene.normals[v]
+            } else {
+                Vec3::ZERO
+            }
+        })
+        .collect();
     // Further vertices at the place of one that stands at a crease: a list through `next`.
     let mut next: Vec<Option<u32>> = vec![None; originals];
     for triangle in 0..scene.triangles.len() {
@@ -63,7 +71,11 @@ pub(super) fn separate_creases(scene: &mut Scene) -> Corners {
         }
     }
     let (first, around) = around_vertices(&scene.triangles, scene.positions.len());
-    Corners { normals, first, around }
+    Corners {
+        normals,
+        first,
+        around,
+    }
 }
 
 /// Adds a copy of a vertex.

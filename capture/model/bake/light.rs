@@ -5,14 +5,14 @@
 
 use super::corners::{Corners, separate_creases};
 use super::{BakeOptions, BakeProgress};
-use headbox_core::color::luminance;
-use headbox_trace::light::{Arrival, LightSample, Lighting, LitPoint};
-use headbox_trace::bvh::extent_of;
 use crate::Side;
-use headbox_trace::sampler::{random4, unit_float};
+use glam::{DVec3, Vec3};
+use headbox_core::color::luminance;
 use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
-use glam::{DVec3, Vec3};
+use headbox_trace::bvh::extent_of;
+use headbox_trace::light::{Arrival, LightSample, Lighting, LitPoint};
+use headbox_trace::sampler::{random4, unit_float};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 use std::ops::{ControlFlow, Range};
@@ -88,7 +88,10 @@ struct Gathered {
 
 impl Gathered {
     fn light(&self) -> Light {
-        Light { sharp: self.sharp.mean(), soft: self.soft / self.samples.max(1) as f32 }
+        Light {
+            sharp: self.sharp.mean(),
+            soft: self.soft / self.samples.max(1) as f32,
+        }
     }
 }
 
@@ -120,14 +123,22 @@ impl<'a> Part<'a> {
     const TIMES: usize = 64;
 
     fn new(told: &'a Told<'a>, before: usize, samples: usize, things: usize) -> Self {
-        Self { told, before, samples, things, done: AtomicUsize::new(0) }
+        Self {
+            told,
+            before,
+            samples,
+            things,
+            done: AtomicUsize::new(0),
+        }
     }
 
     fn one_more(&self) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         if done.is_multiple_of((self.things / Self::TIMES).max(1)) {
             // Whether to go on is asked between batches: one that is begun is kept whole.
-            let _ = (self.told)(self.before + (self.samples as f64 * done as f64 / self.things as f64) as usize);
+            let _ = (self.told)(
+                self.before + (self.samples as f64 * done as f64 / self.things as f64) as usize,
+            );
         }
     }
 }
@@ -135,19 +146,35 @@ impl<'a> Part<'a> {
 impl VertexLight<'_> {
     /// Multiplies the vertex colours of `scene` by light. `sources` names the triangle of the tracer's scene that each
     /// of its triangles is a piece of. Returns how many samples each vertex has at least.
-    pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &BakeProgress<'_>) -> u32 {
+    pub(super) fn bake(
+        &self,
+        scene: &mut Scene,
+        sources: &[u32],
+        progress: &BakeProgress<'_>,
+    ) -> u32 {
         let corners = separate_creases(scene);
         let count = scene.positions.len();
-        let cut = Cut { scene, corners: &corners, sources };
+        let cut = Cut {
+            scene,
+            corners: &corners,
+            sources,
+        };
         let mut guided = self.lighting.clone();
-        let (lessons, samples) = (AtomicUsize::new(0), count * self.options.samples.max(1) as usize);
+        let (lessons, samples) = (
+            AtomicUsize::new(0),
+            count * self.options.samples.max(1) as usize,
+        );
         guided.learn(self.tracer, &self.places(&cut), &|done, all| {
             lessons.store(all, Ordering::Relaxed);
             progress(done, all + samples)
         });
         let lessons = lessons.into_inner();
         let told = |done| progress(lessons + done, lessons + samples);
-        let gathered = VertexLight { lighting: &guided, ..*self }.gather(&cut, &told);
+        let gathered = VertexLight {
+            lighting: &guided,
+            ..*self
+        }
+        .gather(&cut, &told);
         let mut lights: Vec<Light> = gathered.iter().map(Gathered::light).collect();
         for _ in 0..self.options.smoothing {
             lights = smooth(scene, &corners, &lights);
@@ -157,22 +184,30 @@ impl VertexLight<'_> {
         for (color, light) in scene.colors.iter_mut().zip(lights) {
             *color *= (light.sharp + light.soft) * exposure;
         }
-        gathered.iter().map(|vertex| vertex.samples).min().unwrap_or(self.options.samples)
+        gathered
+            .iter()
+            .map(|vertex| vertex.samples)
+            .min()
+            .unwrap_or(self.options.samples)
     }
 
     /// Places all over the scene.
     fn places(&self, cut: &Cut<'_>) -> Vec<LitPoint> {
         let step = (cut.scene.positions.len() / MOST_PLACES).max(1);
         let vertices: Vec<usize> = (0..cut.scene.positions.len()).step_by(step).collect();
-        let lit = vertices.into_par_iter().filter(|&vertex| !cut.corners.around(vertex).is_empty());
-        lit.map(|vertex| self.point(cut, vertex, 0, self.side(cut, vertex)).0).collect()
+        let lit = vertices
+            .into_par_iter()
+            .filter(|&vertex| !cut.corners.around(vertex).is_empty());
+        lit.map(|vertex| self.point(cut, vertex, 0, self.side(cut, vertex)).0)
+            .collect()
     }
 
     /// The light of all vertices, round after round and batch after batch: what is known of what lies beyond cells does not depend on
     /// threads.
     fn gather(&self, cut: &Cut<'_>, told: &Told<'_>) -> Vec<Gathered> {
         let count = cut.scene.positions.len();
-        let cell_m = (self.options.edge_m * CELL_SHARE).clamp(NARROWEST_CELL_M, WIDEST_CELL_M) as f32;
+        let cell_m =
+            (self.options.edge_m * CELL_SHARE).clamp(NARROWEST_CELL_M, WIDEST_CELL_M) as f32;
         let (samples, mut done) = (self.options.samples.max(1), 0);
         let (mut vertices, mut beyond) = (vec![Gathered::default(); count], Beyond::default());
         let first = samples.min(FIRST_ROUND);
@@ -188,14 +223,20 @@ impl VertexLight<'_> {
                     beginning.one_more();
                     begun
                 };
-                let begun: Vec<Vec<Begun>> = batched.par_iter_mut().enumerate().map(begin).collect();
+                let begun: Vec<Vec<Begun>> =
+                    batched.par_iter_mut().enumerate().map(begin).collect();
                 let looking = |cells| Part::new(told, done + half, half, cells);
                 self.look_beyond(&mut beyond, begun.iter().flatten(), looking);
-                batched.par_iter_mut().zip(&begun).for_each(|(vertex, begun)| {
-                    let found = begun.iter().filter_map(|at| Some(at.arrival.brings(*beyond.get(&at.cell)?)));
-                    vertex.soft += found.sum::<Vec3>();
-                    vertex.samples = round.end;
-                });
+                batched
+                    .par_iter_mut()
+                    .zip(&begun)
+                    .for_each(|(vertex, begun)| {
+                        let found = begun
+                            .iter()
+                            .filter_map(|at| Some(at.arrival.brings(*beyond.get(&at.cell)?)));
+                        vertex.soft += found.sum::<Vec3>();
+                        vertex.samples = round.end;
+                    });
                 done += batched.len() * many;
                 if told(done).is_break() {
                     return vertices;
@@ -225,14 +266,19 @@ impl VertexLight<'_> {
         for index in round {
             let (point, sample) = self.point(cut, vertex, index, gathered.side);
             if index < SHARP_SAMPLES || gathered.sharp.is_shadowed {
-                gathered.sharp.add(self.lighting.sharp_radiosity(self.tracer, &point, &sample));
+                gathered
+                    .sharp
+                    .add(self.lighting.sharp_radiosity(self.tracer, &point, &sample));
             }
             let (before, arrival) = self.lighting.before(self.tracer, &point, &sample);
             gathered.soft += before;
             let Some(arrival) = arrival else { continue };
             match arrival.cell_of_width(cell_m) {
                 Some(cell) => begun.push(Begun { cell, arrival }),
-                None => gathered.soft += arrival.brings(self.lighting.beyond(self.tracer, &arrival, &sample)),
+                None => {
+                    gathered.soft +=
+                        arrival.brings(self.lighting.beyond(self.tracer, &arrival, &sample))
+                }
             }
         }
         begun
@@ -247,7 +293,9 @@ impl VertexLight<'_> {
     ) {
         let unknown = begun.filter(|begun| !beyond.contains_key(&begun.cell));
         // Any fixed order that has nothing to do with places will do to draw those that stand for their cell.
-        let filed = |(i, begun): (u32, &'b Begun)| (begun.cell, i.wrapping_mul(0x9e37_79b9), &begun.arrival);
+        let filed = |(i, begun): (u32, &'b Begun)| {
+            (begun.cell, i.wrapping_mul(0x9e37_79b9), &begun.arrival)
+        };
         let mut arrivals: Vec<(u64, u32, &Arrival)> = (0_u32..).zip(unknown).map(filed).collect();
         arrivals.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
         let cells: Vec<&[(u64, u32, &Arrival)]> = arrivals.chunk_by(|a, b| a.0 == b.0).collect();
@@ -256,10 +304,14 @@ impl VertexLight<'_> {
             let cell = arrivals[0].0;
             let [stream, ..] = random4([cell as u32, (cell >> 32) as u32, 0xce11, 0]);
             let light = |(index, (_, _, arrival)): (u32, &(u64, u32, &Arrival))| {
-                self.lighting.beyond(self.tracer, arrival, &LightSample { stream, index })
+                self.lighting
+                    .beyond(self.tracer, arrival, &LightSample { stream, index })
             };
             // Where few arrived, each stands for the cell several times.
-            let sum: Vec3 = (0..).zip(arrivals.iter().cycle().take(SAMPLES_OF_CELL)).map(light).sum();
+            let sum: Vec3 = (0..)
+                .zip(arrivals.iter().cycle().take(SAMPLES_OF_CELL))
+                .map(light)
+                .sum();
             part.one_more();
             (cell, sum / SAMPLES_OF_CELL as f32)
         };
@@ -270,15 +322,23 @@ impl VertexLight<'_> {
     /// The side of a vertex that is lit: 1 for the front, -1 for the back.
     fn side(&self, cut: &Cut<'_>, vertex: usize) -> f32 {
         let side_of = |&(triangle, _): &(u32, u8)| self.side_of(cut, triangle);
-        let seen = cut.corners.around(vertex).iter().map(side_of).find_map(|side| match side {
-            Side::Front => Some(1.0),
-            Side::Back => Some(-1.0),
-            Side::Any => None,
-        });
+        let seen = cut
+            .corners
+            .around(vertex)
+            .iter()
+            .map(side_of)
+            .find_map(|side| match side {
+                Side::Front => Some(1.0),
+                Side::Back => Some(-1.0),
+                Side::Any => None,
+            });
         let level = |side: f32| -> f32 {
             let level = |index| {
                 let (point, sample) = self.point(cut, vertex, index, side);
-                luminance(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample))
+                luminance(
+                    self.lighting
+                        .radiosity_per_albedo(self.tracer, &point, &sample),
+                )
             };
             (0..SIDE_SAMPLES).map(level).sum()
         };
@@ -287,33 +347,61 @@ impl VertexLight<'_> {
 
     /// The side of a triangle that is known to be seen.
     fn side_of(&self, cut: &Cut<'_>, triangle: u32) -> Side {
-        self.sides.get(cut.sources[triangle as usize] as usize).copied().unwrap_or(Side::Any)
+        self.sides
+            .get(cut.sources[triangle as usize] as usize)
+            .copied()
+            .unwrap_or(Side::Any)
     }
 
     /// Where sample `index` of a vertex is taken, of the triangles around it in turn: half way to their far edges at most, so that a
     /// vertex on an edge is lit as the surface beside it is; nearer to it where that lies in a wall.
-    fn point(&self, cut: &Cut<'_>, vertex: usize, index: u32, side: f32) -> (LitPoint, LightSample) {
+    fn point(
+        &self,
+        cut: &Cut<'_>,
+        vertex: usize,
+        index: u32,
+        side: f32,
+    ) -> (LitPoint, LightSample) {
         let around = cut.corners.around(vertex);
         let (triangle, corner) = around[index as usize % around.len()];
         let vertices = cut.scene.triangles[triangle as usize].vertices;
-        let [a, b, c] = [0, 1, 2].map(|i| cut.scene.positions[vertices[(corner as usize + i) % 3] as usize]);
+        let [a, b, c] =
+            [0, 1, 2].map(|i| cut.scene.positions[vertices[(corner as usize + i) % 3] as usize]);
         let [u, v, ..] = random4([vertex as u32, index, 0x6261, 0x6b65]).map(unit_float);
-        let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+        let (u, v) = if u + v > 1.0 {
+            (1.0 - u, 1.0 - v)
+        } else {
+            (u, v)
+        };
         let across = (b - a) * f64::from(u / 2.0) + (c - a) * f64::from(v / 2.0);
         let geometric = (b - a).cross(c - a).normalize_or_zero().as_vec3();
         let place = match self.side_of(cut, triangle) {
-            Side::Any => self.open_place(a, across, geometric.as_dvec3() * (f64::from(side) * Side::PROBE_M)),
+            Side::Any => self.open_place(
+                a,
+                across,
+                geometric.as_dvec3() * (f64::from(side) * Side::PROBE_M),
+            ),
             Side::Front | Side::Back => a + across,
         };
         let normal = cut.corners.normals[vertex];
-        let normal = if normal.dot(geometric) < 0.0 { -normal } else { normal };
+        let normal = if normal.dot(geometric) < 0.0 {
+            -normal
+        } else {
+            normal
+        };
         let point = LitPoint {
             position: (place - self.tracer.origin()).as_vec3(),
             normal: geometric * side,
             shading_normal: normal * side,
             extent: extent_of(self.tracer.triangle(cut.sources[triangle as usize])),
         };
-        (point, LightSample { stream: vertex as u32, index })
+        (
+            point,
+            LightSample {
+                stream: vertex as u32,
+                index,
+            },
+        )
     }
 }
 
@@ -366,7 +454,14 @@ fn smooth(scene: &Scene, corners: &Corners, lights: &[Light]) -> Vec<Light> {
             }
         }
         let own = lights[vertex];
-        Light { sharp: own.sharp, soft: if weight > 0.0 { (own.soft + sum / weight) / 2.0 } else { own.soft } }
+        Light {
+            sharp: own.sharp,
+            soft: if weight > 0.0 {
+                (own.soft + sum / weight) / 2.0
+            } else {
+                own.soft
+            },
+        }
     };
     (0..lights.len()).into_par_iter().map(smoothed).collect()
 }

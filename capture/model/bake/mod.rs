@@ -15,12 +15,12 @@
 mod corners;
 mod light;
 
-use headbox_trace::light::Lighting;
 use crate::{PortalModel, Prism, Side};
-use headbox_scene::subdivide::subdivide;
-use headbox_scene::scene::{Scene, Sky};
-use headbox_trace::bvh::Tracer;
 use glam::{DVec2, DVec3};
+use headbox_scene::scene::{Scene, Sky};
+use headbox_scene::subdivide::subdivide;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use light::VertexLight;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -44,7 +44,13 @@ pub struct BakeOptions {
 impl Default for BakeOptions {
     /// Shadows resolved to a hand's breadth, soft light to two: with fewer rounds of averaging, blotches stay on large walls.
     fn default() -> Self {
-        Self { edge_m: 0.2, max_triangles: 6_000_000, samples: 64, smoothing: 6, bounces: 1 }
+        Self {
+            edge_m: 0.2,
+            max_triangles: 6_000_000,
+            samples: 64,
+            smoothing: 6,
+            bounces: 1,
+        }
     }
 }
 
@@ -78,7 +84,11 @@ pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<
 }
 
 /// As [`bake`], in the scene's light as it is: nothing is metered, so that the exposure is 1, and nothing is added where it is dark.
-pub fn bake_unmetered(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
+pub fn bake_unmetered(
+    source: &Arc<Scene>,
+    options: &BakeOptions,
+    progress: &BakeProgress<'_>,
+) -> Baked {
     bake_seen(source, Seen::ALL, Lighting::of_scene, options, progress)
 }
 
@@ -93,7 +103,10 @@ struct Seen<'a> {
 
 impl Seen<'_> {
     /// Nothing.
-    const ALL: Self = Self { sides: &[], is_open: &|_| true };
+    const ALL: Self = Self {
+        sides: &[],
+        is_open: &|_| true,
+    };
 }
 
 /// As [`bake`], where it is known what is seen, in the light that `lights` makes of a scene and a number of bounces.
@@ -109,7 +122,13 @@ fn bake_seen(
     let lighting = lights(&tracer, options.bounces);
     let (mut scene, pieces, edge_m) = cut(source, options);
     let sources = owners(&pieces);
-    let light = VertexLight { tracer: &tracer, lighting: &lighting, options, sides, is_open };
+    let light = VertexLight {
+        tracer: &tracer,
+        lighting: &lighting,
+        options,
+        sides,
+        is_open,
+    };
     let samples = light.bake(&mut scene, &sources, progress);
 
     let exposure = lighting.exposure;
@@ -123,30 +142,61 @@ fn bake_seen(
         Sky::Picture(picture) => Sky::Picture(Arc::new(picture.reduced(SKY_COLUMNS))),
         gradient => gradient,
     });
-    Baked { scene, pieces, edge_m, exposure, samples }
+    Baked {
+        scene,
+        pieces,
+        edge_m,
+        exposure,
+        samples,
+    }
 }
 
 /// Bakes the light of a portal model's scene (see [`bake`]) and stitches it; each cell keeps its surfaces. Those that border a room are lit as
 /// they are seen from it: the underside of a floor, which nobody sees, may be in the sun; what lies partly in a wall by its part in a room. Returns the model and [`Baked::samples`].
-pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &BakeProgress<'_>) -> (PortalModel, u32) {
+pub fn bake_model(
+    mut model: PortalModel,
+    options: &BakeOptions,
+    progress: &BakeProgress<'_>,
+) -> (PortalModel, u32) {
     let sides = model.sides();
     let source = Arc::new(std::mem::take(&mut model.scene));
-    let inside = (0_u32..).zip(&model.cells).filter(|(cell, _)| !model.is_outside(*cell)).flat_map(|(_, it)| &it.space);
-    let rooms: Vec<([DVec2; 2], &Prism)> = inside.map(|prism| (bounds(&prism.outline), prism)).collect();
+    let inside = (0_u32..)
+        .zip(&model.cells)
+        .filter(|(cell, _)| !model.is_outside(*cell))
+        .flat_map(|(_, it)| &it.space);
+    let rooms: Vec<([DVec2; 2], &Prism)> = inside
+        .map(|prism| (bounds(&prism.outline), prism))
+        .collect();
     // What lies in no room lies in a wall, or outside, where all is seen.
     let is_in_a_room = |place: DVec3| {
         let plan = DVec2::new(place.x, place.z);
         let is_near = |[low, high]: &[DVec2; 2]| plan.cmpge(*low).all() && plan.cmple(*high).all();
-        rooms.iter().any(|(bounds, prism)| is_near(bounds) && prism.contains(place))
+        rooms
+            .iter()
+            .any(|(bounds, prism)| is_near(bounds) && prism.contains(place))
     };
-    let seen = Seen { sides: &sides, is_open: &is_in_a_room };
+    let seen = Seen {
+        sides: &sides,
+        is_open: &is_in_a_room,
+    };
     let baked = bake_seen(&source, seen, Lighting::measure, options, progress);
-    let piece = |triangle: u32| baked.pieces.get(triangle as usize).copied().unwrap_or_default();
+    let piece = |triangle: u32| {
+        baked
+            .pieces
+            .get(triangle as usize)
+            .copied()
+            .unwrap_or_default()
+    };
     let mut cells = model.cells;
     for cell in &mut cells {
         cell.triangles = piece(cell.triangles.start)..piece(cell.triangles.end);
     }
-    let mut lit = PortalModel { scene: baked.scene, cells, portals: model.portals, outside: model.outside };
+    let mut lit = PortalModel {
+        scene: baked.scene,
+        cells,
+        portals: model.portals,
+        outside: model.outside,
+    };
     // Only now: with light of its own each new corner would show as a dent in what runs evenly along an edge.
     lit.stitch();
     (lit, baked.samples)
@@ -155,7 +205,10 @@ pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &Bake
 /// The least and the largest coordinates of some points.
 fn bounds(points: &[DVec2]) -> [DVec2; 2] {
     let all = points.iter().copied();
-    [all.clone().fold(DVec2::INFINITY, DVec2::min), all.fold(DVec2::NEG_INFINITY, DVec2::max)]
+    [
+        all.clone().fold(DVec2::INFINITY, DVec2::min),
+        all.fold(DVec2::NEG_INFINITY, DVec2::max),
+    ]
 }
 
 /// A scene cut to the wished edge length, or as near to it as the number of triangles allows.
@@ -163,7 +216,11 @@ fn cut(source: &Scene, options: &BakeOptions) -> (Scene, Vec<u32>, f64) {
     /// Each attempt allows edges longer by this factor.
     const COARSER: f64 = 1.5;
     let most = options.max_triangles.max(source.triangles.len());
-    let mut edge_m = if options.edge_m > 0.0 { options.edge_m } else { f64::INFINITY };
+    let mut edge_m = if options.edge_m > 0.0 {
+        options.edge_m
+    } else {
+        f64::INFINITY
+    };
     loop {
         let mut scene = source.clone();
         if let Some(pieces) = subdivide(&mut scene, edge_m, most) {
@@ -176,5 +233,6 @@ fn cut(source: &Scene, options: &BakeOptions) -> (Scene, Vec<u32>, f64) {
 /// For each piece, the triangle of the source that it is of.
 fn owners(pieces: &[u32]) -> Vec<u32> {
     let runs = pieces.windows(2).enumerate();
-    runs.flat_map(|(source, run)| (run[0]..run[1]).map(move |_| source as u32)).collect()
+    runs.flat_map(|(source, run)| (run[0]..run[1]).map(move |_| source as u32))
+        .collect()
 }

@@ -4,10 +4,10 @@
 //! ground outside shines, as bright as day. So there is a threshold under each: dark unless one looks for it. Rooms whose ceilings
 //! were switched off get them back.
 
-use headbox_scene::material::Material;
-use headbox_scene::load::polygon::triangulate;
-use headbox_scene::scene::{Scene, Triangle};
 use glam::{DVec2, DVec3, Vec2, Vec3};
+use headbox_scene::load::polygon::triangulate;
+use headbox_scene::material::Material;
+use headbox_scene::scene::{Scene, Triangle};
 
 /// How far below the floors thresholds lie, metres: a depth buffer tells that apart at a room's distance.
 const BELOW_M: f64 = 0.002;
@@ -25,10 +25,17 @@ pub(super) fn ceiling(scene: &mut Scene, corners: &[DVec3]) {
 
 /// Adds a polygon that faces up or down, in a neutral material of its own.
 fn add(scene: &mut Scene, name: &str, corners: &[DVec3], normal: Vec3) {
-    let material = scene.materials.iter().position(|material| material.name == name).unwrap_or_else(|| {
-        scene.materials.push(Material { name: name.into(), ..Material::default() });
-        scene.materials.len() - 1
-    });
+    let material = scene
+        .materials
+        .iter()
+        .position(|material| material.name == name)
+        .unwrap_or_else(|| {
+            scene.materials.push(Material {
+                name: name.into(),
+                ..Material::default()
+            });
+            scene.materials.len() - 1
+        });
     let first = scene.positions.len() as u32;
     scene.positions.extend(corners);
     let count = scene.positions.len();
@@ -42,13 +49,20 @@ fn add(scene: &mut Scene, name: &str, corners: &[DVec3], normal: Vec3) {
         scene.colors.resize(count, Vec3::ONE);
     }
     let next = corners.iter().cycle().skip(1);
-    let turn: DVec3 = corners.iter().zip(next).map(|(a, b)| (*a - corners[0]).cross(*b - corners[0])).sum();
+    let turn: DVec3 = corners
+        .iter()
+        .zip(next)
+        .map(|(a, b)| (*a - corners[0]).cross(*b - corners[0]))
+        .sum();
     for mut triangle in triangulate(corners) {
         if turn.dot(normal.as_dvec3()) < 0.0 {
             triangle.reverse();
         }
         let vertices = triangle.map(|corner| first + corner as u32);
-        scene.triangles.push(Triangle { vertices, material: material as u32 });
+        scene.triangles.push(Triangle {
+            vertices,
+            material: material as u32,
+        });
     }
 }
 
@@ -61,7 +75,11 @@ mod tests {
         let outline = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
         let mut scene = Scene::default();
         threshold(&mut scene, outline, 3.0);
-        threshold(&mut scene, [outline[3], outline[2], outline[1], outline[0]], 0.0);
+        threshold(
+            &mut scene,
+            [outline[3], outline[2], outline[1], outline[0]],
+            0.0,
+        );
         assert_eq!((scene.triangles.len(), scene.materials.len()), (4, 1));
         assert!((0..4).all(|triangle| scene.geometric_normal(triangle).y > 0.99));
         assert!(scene.positions[..4].iter().all(|p| p.y < 3.0 && p.y > 2.99));
@@ -69,8 +87,18 @@ mod tests {
 
     #[test]
     fn ceilings_face_downward_and_cover_what_is_not_convex() {
-        let outline = [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]];
-        let mut corners: Vec<DVec3> = outline.iter().map(|[x, z]| DVec3::new(*x, 2.5, *z)).collect();
+        let outline = [
+            [0.0, 0.0],
+            [4.0, 0.0],
+            [4.0, 2.0],
+            [2.0, 2.0],
+            [2.0, 4.0],
+            [0.0, 4.0],
+        ];
+        let mut corners: Vec<DVec3> = outline
+            .iter()
+            .map(|[x, z]| DVec3::new(*x, 2.5, *z))
+            .collect();
         for _ in 0..2 {
             let mut scene = Scene::default();
             ceiling(&mut scene, &corners);

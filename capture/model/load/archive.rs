@@ -1,10 +1,10 @@
 //! The models and pictures in the archive of a Sweet Home 3D home.
 
+use glam::{DVec2, DVec3};
 use headbox_scene::load::lines::{decode, keyword, lines};
 use headbox_scene::load::mtl;
 use headbox_scene::load::mtl::{Map, MtlMaterial};
 use headbox_scene::load::notes::Notes;
-use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 use std::io::{Cursor, Read};
 use std::path::PathBuf;
@@ -22,20 +22,31 @@ pub(super) struct Archive<'a> {
 
 impl<'a> Archive<'a> {
     pub(super) fn new(bytes: &'a [u8]) -> Self {
-        Self { files: zip::ZipArchive::new(Cursor::new(bytes)).ok(), models: HashMap::new() }
+        Self {
+            files: zip::ZipArchive::new(Cursor::new(bytes)).ok(),
+            models: HashMap::new(),
+        }
     }
 
     /// A file by its name, if it is there.
     pub(super) fn file(&mut self, name: &str) -> Option<Vec<u8>> {
         let mut bytes = Vec::new();
-        self.files.as_mut()?.by_name(name).ok()?.take(LONGEST_FILE).read_to_end(&mut bytes).ok()?;
+        self.files
+            .as_mut()?
+            .by_name(name)
+            .ok()?
+            .take(LONGEST_FILE)
+            .read_to_end(&mut bytes)
+            .ok()?;
         Some(bytes)
     }
 
     /// A model by its name, if it is there and an OBJ. It is read once and shared.
     pub(super) fn model(&mut self, name: &str) -> Option<Rc<Model>> {
         if !self.models.contains_key(name) {
-            let model = self.file(name).and_then(|bytes| Model::parse(&decode(&bytes)));
+            let model = self
+                .file(name)
+                .and_then(|bytes| Model::parse(&decode(&bytes)));
             let model = model.map(|model| Rc::new(self.with_materials(model, name)));
             self.models.insert(name.to_owned(), model);
         }
@@ -44,22 +55,40 @@ impl<'a> Archive<'a> {
 
     /// Reads the material files that lie beside a model; their maps are named as the archive names them.
     fn with_materials(&mut self, mut model: Model, name: &str) -> Model {
-        let folder = name.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
-        let beside =
-            |file: &str| format!("{folder}{}", file.trim_matches('"').replace('\\', "/").trim_start_matches("./"));
+        let folder = name
+            .rsplit_once('/')
+            .map_or(String::new(), |(folder, _)| format!("{folder}/"));
+        let beside = |file: &str| {
+            format!(
+                "{folder}{}",
+                file.trim_matches('"')
+                    .replace('\\', "/")
+                    .trim_start_matches("./")
+            )
+        };
         // What is wrong with materials is no more than a colour that is not the home's.
         let mut notes = Notes::default();
         for library in &model.libraries {
             if let Some(bytes) = self.file(&beside(library)) {
-                mtl::parse(&decode(&bytes), library, PathBuf::new(), &mut model.materials, &mut notes);
+                mtl::parse(
+                    &decode(&bytes),
+                    library,
+                    PathBuf::new(),
+                    &mut model.materials,
+                    &mut notes,
+                );
             }
         }
         let rename = |map: &mut Map| map.file = beside(&map.file);
         for material in &mut model.materials {
-            [&mut material.diffuse_map, &mut material.emissive_map, &mut material.dissolve_map]
-                .into_iter()
-                .flatten()
-                .for_each(rename);
+            [
+                &mut material.diffuse_map,
+                &mut material.emissive_map,
+                &mut material.dissolve_map,
+            ]
+            .into_iter()
+            .flatten()
+            .for_each(rename);
         }
         model
     }
@@ -98,21 +127,31 @@ impl Model {
         let (mut group, mut material) = (String::new(), String::new());
         for (_, line) in lines(text) {
             let (word, rest) = keyword(&line);
-            let mut numbers = rest.split_whitespace().map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()));
+            let mut numbers = rest
+                .split_whitespace()
+                .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()));
             let mut next = || numbers.next().flatten();
             match word {
                 "v" => model.positions.push(DVec3::new(next()?, next()?, next()?)),
-                "vt" => model.texcoords.push(DVec2::new(next()?, next().unwrap_or(0.0))),
+                "vt" => model
+                    .texcoords
+                    .push(DVec2::new(next()?, next().unwrap_or(0.0))),
                 "g" | "o" => group = rest.replace(char::is_whitespace, "_"),
                 "usemtl" => material = rest.to_owned(),
                 "mtllib" => model.libraries.push(rest.to_owned()),
                 "f" => {
-                    let polygon: Vec<Corner> =
-                        rest.split_whitespace().map(|word| model.corner(word)).collect::<Option<_>>()?;
+                    let polygon: Vec<Corner> = rest
+                        .split_whitespace()
+                        .map(|word| model.corner(word))
+                        .collect::<Option<_>>()?;
                     if polygon.len() < 3 {
                         continue;
                     }
-                    match model.parts.iter_mut().find(|part| part.group == group && part.material == material) {
+                    match model
+                        .parts
+                        .iter_mut()
+                        .find(|part| part.group == group && part.material == material)
+                    {
                         Some(part) => part.polygons.push(polygon),
                         None => model.parts.push(FaceGroup {
                             group: group.clone(),
@@ -131,14 +170,23 @@ impl Model {
     fn corner(&self, word: &str) -> Option<Corner> {
         let mut numbers = word.split('/');
         let position = index(numbers.next()?, self.positions.len())?;
-        Some((position, numbers.next().and_then(|number| index(number, self.texcoords.len()))))
+        Some((
+            position,
+            numbers
+                .next()
+                .and_then(|number| index(number, self.texcoords.len())),
+        ))
     }
 }
 
 /// The place, from 0, that a number of an OBJ means, in a list of so many.
 fn index(number: &str, count: usize) -> Option<usize> {
     let number: i64 = number.parse().ok()?;
-    let index = if number < 0 { count as i64 + number } else { number - 1 };
+    let index = if number < 0 {
+        count as i64 + number
+    } else {
+        number - 1
+    };
     usize::try_from(index).ok().filter(|&index| index < count)
 }
 
@@ -152,11 +200,27 @@ mod tests {
             "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 1\ng a b\nusemtl red\nf 1/1/5 2//7 3\nusemtl blue\nf -3/-1 -2/9 -1\n",
         );
         let model = model.expect("two faces");
-        let parts: Vec<_> =
-            model.parts.iter().map(|p| (p.group.as_str(), p.material.as_str(), &p.polygons[0][..])).collect();
+        let parts: Vec<_> = model
+            .parts
+            .iter()
+            .map(|p| (p.group.as_str(), p.material.as_str(), &p.polygons[0][..]))
+            .collect();
         let corners = [[(0, Some(0)), (1, None), (2, None)]; 2];
-        assert_eq!(parts, [("a_b", "red", &corners[0][..]), ("a_b", "blue", &corners[1][..])]);
-        for bad in ["", "v 0 0 0\n", "v 0 0\nf 1 1 1\n", "v 0 0 0\nf 1 1 2\n", "v 0 0 0\nf 0 1 1\n", "f 1 2 x"] {
+        assert_eq!(
+            parts,
+            [
+                ("a_b", "red", &corners[0][..]),
+                ("a_b", "blue", &corners[1][..])
+            ]
+        );
+        for bad in [
+            "",
+            "v 0 0 0\n",
+            "v 0 0\nf 1 1 1\n",
+            "v 0 0 0\nf 1 1 2\n",
+            "v 0 0 0\nf 0 1 1\n",
+            "f 1 2 x",
+        ] {
             assert!(Model::parse(bad).is_none(), "{bad}");
         }
     }

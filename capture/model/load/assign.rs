@@ -1,10 +1,10 @@
 //! Dealing out the triangles of a scene to cells.
 
 use super::split::{Corner, split_by_plane};
-use headbox_scene::load::Group;
 use crate::{PortalModel, Prism, distance_to_outline};
-use headbox_scene::scene::{Scene, Triangle};
 use glam::{DVec2, DVec3, Vec2, Vec3};
+use headbox_scene::load::Group;
+use headbox_scene::scene::{Scene, Triangle};
 use std::collections::HashMap;
 
 /// How a group of triangles goes to cells.
@@ -53,7 +53,9 @@ impl Assignment<'_> {
             match portion {
                 Some(Portion::LeftOut) => {}
                 Some(Portion::Cell(cell)) => hand(Some(*cell), triangle),
-                Some(Portion::BySide(portal)) => hand(side_of(model, *portal, middle(&scene, &triangle)), triangle),
+                Some(Portion::BySide(portal)) => {
+                    hand(side_of(model, *portal, middle(&scene, &triangle)), triangle)
+                }
                 Some(Portion::Whole(key)) => hand(wholes.get(key.as_str()).copied(), triangle),
                 Some(Portion::Facing) | None => {
                     for (cell, piece) in facing(model, &mut scene, triangle) {
@@ -74,7 +76,8 @@ impl Assignment<'_> {
     fn portion_of_triangles(&self, count: usize) -> Vec<Option<&Portion>> {
         let mut portions = vec![None; count];
         for (group, portion) in self.groups.iter().zip(self.portions) {
-            portions[group.triangles.start as usize..group.triangles.end as usize].fill(Some(portion));
+            portions[group.triangles.start as usize..group.triangles.end as usize]
+                .fill(Some(portion));
         }
         portions
     }
@@ -83,8 +86,12 @@ impl Assignment<'_> {
     fn cells_of_wholes(&self, model: &PortalModel) -> HashMap<&str, u32> {
         let mut areas: HashMap<&str, Vec<f64>> = HashMap::new();
         for (group, portion) in self.groups.iter().zip(self.portions) {
-            let Portion::Whole(key) = portion else { continue };
-            let shares = areas.entry(key).or_insert_with(|| vec![0.0; model.cells.len()]);
+            let Portion::Whole(key) = portion else {
+                continue;
+            };
+            let shares = areas
+                .entry(key)
+                .or_insert_with(|| vec![0.0; model.cells.len()]);
             for triangle in group.triangles.clone() {
                 let [a, b, c] = model.scene.corners(triangle);
                 let cell = model.cell_at((a + b + c) / 3.0);
@@ -93,42 +100,74 @@ impl Assignment<'_> {
                 }
             }
         }
-        let largest =
-            |shares: &Vec<f64>| shares.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map(|(i, _)| i as u32);
-        areas.iter().filter_map(|(&key, shares)| Some((key, largest(shares)?))).collect()
+        let largest = |shares: &Vec<f64>| {
+            shares
+                .iter()
+                .enumerate()
+                .max_by(|a, b| a.1.total_cmp(b.1))
+                .map(|(i, _)| i as u32)
+        };
+        areas
+            .iter()
+            .filter_map(|(&key, shares)| Some((key, largest(shares)?)))
+            .collect()
     }
 }
 
 fn middle(scene: &Scene, triangle: &Triangle) -> DVec3 {
-    triangle.vertices.iter().map(|&vertex| scene.positions[vertex as usize]).sum::<DVec3>() / 3.0
+    triangle
+        .vertices
+        .iter()
+        .map(|&vertex| scene.positions[vertex as usize])
+        .sum::<DVec3>()
+        / 3.0
 }
 
 /// The cell of a portal on the side on which a point lies.
 fn side_of(model: &PortalModel, portal: usize, p: DVec3) -> Option<u32> {
     let portal = model.portals.get(portal)?;
-    let &[a, b, c, ..] = portal.polygon.as_slice() else { return None };
+    let &[a, b, c, ..] = portal.polygon.as_slice() else {
+        return None;
+    };
     let in_front = (b - a).cross(c - b).dot(p - a) >= 0.0;
     Some(portal.cells[usize::from(!in_front)])
 }
 
 /// The pieces of a triangle, each with the cell it faces; the triangle itself if it faces one cell only.
-fn facing(model: &PortalModel, scene: &mut Scene, triangle: Triangle) -> Vec<(Option<u32>, Triangle)> {
+fn facing(
+    model: &PortalModel,
+    scene: &mut Scene,
+    triangle: Triangle,
+) -> Vec<(Option<u32>, Triangle)> {
     let corners = triangle.vertices.map(|vertex| Corner::of(scene, vertex));
     let [a, b, c] = corners.map(|corner| corner.position);
-    let Some(normal) = (b - a).cross(c - a).try_normalize() else { return vec![(model.outside, triangle)] };
+    let Some(normal) = (b - a).cross(c - a).try_normalize() else {
+        return vec![(model.outside, triangle)];
+    };
     let faced = |polygon: &[Corner]| {
-        let middle = polygon.iter().map(|corner| corner.position).sum::<DVec3>() / polygon.len() as f64;
+        let middle =
+            polygon.iter().map(|corner| corner.position).sum::<DVec3>() / polygon.len() as f64;
         let before = middle + normal * BEFORE_M;
         let inside = model.cell_at(before);
-        if inside == model.outside { room_beside(model, before).or(inside) } else { inside }
+        if inside == model.outside {
+            room_beside(model, before).or(inside)
+        } else {
+            inside
+        }
     };
     let mut pieces = vec![corners.to_vec()];
     for [from, to] in borders_near(model, [a, b, c], normal) {
         let [from, across] = [from, (to - from).perp()].map(|v| DVec3::new(v.x, 0.0, v.y));
-        pieces = pieces.into_iter().flat_map(|piece| split_by_plane(piece, from, across)).collect();
+        pieces = pieces
+            .into_iter()
+            .flat_map(|piece| split_by_plane(piece, from, across))
+            .collect();
     }
     // Walls may be higher than a room's ceiling, and go through several storeys.
-    pieces = pieces.into_iter().flat_map(|piece| split_by_storeys(model, piece, normal)).collect();
+    pieces = pieces
+        .into_iter()
+        .flat_map(|piece| split_by_storeys(model, piece, normal))
+        .collect();
     let cells: Vec<Option<u32>> = pieces.iter().map(|piece| faced(piece)).collect();
     if cells.iter().all(|cell| *cell == cells[0]) {
         return vec![(cells[0], triangle)];
@@ -136,21 +175,37 @@ fn facing(model: &PortalModel, scene: &mut Scene, triangle: Triangle) -> Vec<(Op
     let mut out = Vec::new();
     for (piece, cell) in pieces.into_iter().zip(cells) {
         let vertices: Vec<u32> = piece.iter().map(|corner| corner.vertex_in(scene)).collect();
-        let fan = vertices.windows(2).skip(1).map(|pair| [vertices[0], pair[0], pair[1]]);
-        out.extend(fan.map(|vertices| (cell, Triangle { vertices, material: triangle.material })));
+        let fan = vertices
+            .windows(2)
+            .skip(1)
+            .map(|pair| [vertices[0], pair[0], pair[1]]);
+        out.extend(fan.map(|vertices| {
+            (
+                cell,
+                Triangle {
+                    vertices,
+                    material: triangle.material,
+                },
+            )
+        }));
     }
     out
 }
 
 /// The pieces of a polygon that lies before one room, in plan, below, between and above the floors and ceilings there.
 fn split_by_storeys(model: &PortalModel, piece: Vec<Corner>, normal: DVec3) -> Vec<Vec<Corner>> {
-    let middle = piece.iter().map(|corner| corner.position).sum::<DVec3>() / piece.len() as f64 + normal * BEFORE_M;
+    let middle = piece.iter().map(|corner| corner.position).sum::<DVec3>() / piece.len() as f64
+        + normal * BEFORE_M;
     let place = DVec2::new(middle.x, middle.z);
     let is_before = |prism: &&Prism| {
         prism.contains(DVec3::new(middle.x, prism.floor_y, middle.z))
             || distance_to_outline(&prism.outline, place) <= BESIDE_M
     };
-    let prisms = model.cells.iter().flat_map(|cell| &cell.space).filter(is_before);
+    let prisms = model
+        .cells
+        .iter()
+        .flat_map(|cell| &cell.space)
+        .filter(is_before);
     let heights = prisms.flat_map(|prism| [prism.floor_y, prism.ceiling_y]);
     heights.fold(vec![piece], |pieces, height| {
         let split = |piece| split_by_plane(piece, DVec3::Y * height, DVec3::Y);
@@ -164,7 +219,12 @@ fn room_beside(model: &PortalModel, p: DVec3) -> Option<u32> {
     let prisms = rooms.flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)));
     let distances = prisms
         .filter(|(_, prism)| (prism.floor_y..=prism.ceiling_y).contains(&p.y))
-        .map(|(cell, prism)| (cell, distance_to_outline(&prism.outline, DVec2::new(p.x, p.z))));
+        .map(|(cell, prism)| {
+            (
+                cell,
+                distance_to_outline(&prism.outline, DVec2::new(p.x, p.z)),
+            )
+        });
     let nearest = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
     (nearest.1 <= BESIDE_M).then_some(nearest.0)
 }
@@ -223,29 +283,70 @@ impl Corner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_scene::material::Material;
     use crate::Cell;
     use glam::dvec3;
+    use headbox_scene::material::Material;
 
     /// A wall of 4 m before a room that is drawn 1 cm shorter; its outer face; and a wall 10 cm beyond the room.
     #[test]
     fn a_wall_that_ends_a_hair_after_its_room_is_all_of_the_room() {
-        let outline = [[0.0, 0.0], [3.99, 0.0], [3.99, 3.0], [0.0, 3.0]].map(DVec2::from).to_vec();
-        let space = vec![Prism { outline, floor_y: 0.0, ceiling_y: 2.5 }];
+        let outline = [[0.0, 0.0], [3.99, 0.0], [3.99, 3.0], [0.0, 3.0]]
+            .map(DVec2::from)
+            .to_vec();
+        let space = vec![Prism {
+            outline,
+            floor_y: 0.0,
+            ceiling_y: 2.5,
+        }];
         let cells = vec![
-            Cell { name: "room".into(), space, triangles: 0..0 },
-            Cell { name: "outside".into(), space: Vec::new(), triangles: 0..0 },
+            Cell {
+                name: "room".into(),
+                space,
+                triangles: 0..0,
+            },
+            Cell {
+                name: "outside".into(),
+                space: Vec::new(),
+                triangles: 0..0,
+            },
         ];
         // Facing +Z at z = 0, -Z at z = -0.1, and +Z again.
-        let wall = |from: f64, to: f64, z: f64| [dvec3(from, 0.0, z), dvec3(to, 0.0, z), dvec3(to, 2.0, z)];
+        let wall = |from: f64, to: f64, z: f64| {
+            [dvec3(from, 0.0, z), dvec3(to, 0.0, z), dvec3(to, 2.0, z)]
+        };
         let [a, b, c] = wall(0.0, 4.0, -0.1);
         let positions = [wall(0.0, 4.0, 0.0), [a, c, b], wall(4.09, 4.2, 0.0)].concat();
-        let triangles = [[0, 1, 2], [3, 4, 5], [6, 7, 8]].map(|vertices| Triangle { vertices, material: 0 }).to_vec();
-        let scene = Scene { positions, triangles, materials: vec![Material::default()], ..Scene::default() };
-        let mut model = PortalModel { scene, cells, portals: Vec::new(), outside: Some(1) };
-        Assignment { groups: &[], portions: &[] }.apply(&mut model);
+        let triangles = [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
+            .map(|vertices| Triangle {
+                vertices,
+                material: 0,
+            })
+            .to_vec();
+        let scene = Scene {
+            positions,
+            triangles,
+            materials: vec![Material::default()],
+            ..Scene::default()
+        };
+        let mut model = PortalModel {
+            scene,
+            cells,
+            portals: Vec::new(),
+            outside: Some(1),
+        };
+        Assignment {
+            groups: &[],
+            portions: &[],
+        }
+        .apply(&mut model);
         let outside = &model.scene.triangles[model.cells[1].triangles.start as usize..];
-        assert_eq!(outside.iter().map(|triangle| triangle.vertices).collect::<Vec<_>>(), [[3, 4, 5], [6, 7, 8]]);
+        assert_eq!(
+            outside
+                .iter()
+                .map(|triangle| triangle.vertices)
+                .collect::<Vec<_>>(),
+            [[3, 4, 5], [6, 7, 8]]
+        );
         assert!(!model.cells[0].triangles.is_empty());
     }
 }

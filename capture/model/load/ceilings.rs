@@ -32,7 +32,11 @@ impl Home {
             let walls = || self.walls.iter().filter(|wall| wall.is_beside(room));
             let ends: Vec<(DVec2, f64)> = walls().flat_map(ends_of).collect();
             let high = room.floor + HIGH * (room.ceiling() - room.floor);
-            let least = if walls().any(|wall| wall.heights[0] != wall.heights[1]) { f64::NEG_INFINITY } else { high };
+            let least = if walls().any(|wall| wall.heights[0] != wall.heights[1]) {
+                f64::NEG_INFINITY
+            } else {
+                high
+            };
             for (corner, ceiling) in room.outline.iter().zip(&mut room.ceilings) {
                 let distance = |(end, _): &&(DVec2, f64)| end.distance(*corner);
                 let here = ends
@@ -42,7 +46,8 @@ impl Home {
                     .reduce(f64::max);
                 let nearest = || {
                     let high = ends.iter().filter(|(_, top)| *top >= high);
-                    high.min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|(_, top)| *top)
+                    high.min_by(|a, b| distance(a).total_cmp(&distance(b)))
+                        .map(|(_, top)| *top)
                 };
                 *ceiling = here.or_else(nearest).unwrap_or(*ceiling);
             }
@@ -55,7 +60,9 @@ impl Home {
         if self.rooms.iter().any(|room| room.covered) {
             return 0;
         }
-        let enclosed: Vec<usize> = (0..self.rooms.len()).filter(|&index| self.is_enclosed(index)).collect();
+        let enclosed: Vec<usize> = (0..self.rooms.len())
+            .filter(|&index| self.is_enclosed(index))
+            .collect();
         for &index in &enclosed {
             (self.rooms[index].covered, self.rooms[index].ceiling_is_new) = (true, true);
         }
@@ -64,8 +71,11 @@ impl Home {
 
     fn is_enclosed(&self, index: usize) -> bool {
         let room = &self.rooms[index];
-        let walls: Vec<&Wall> =
-            self.walls.iter().filter(|wall| wall.is_beside(room) && wall.is_high_in(room)).collect();
+        let walls: Vec<&Wall> = self
+            .walls
+            .iter()
+            .filter(|wall| wall.is_beside(room) && wall.is_high_in(room))
+            .collect();
         let others: Vec<&Room> = self
             .rooms
             .iter()
@@ -74,15 +84,20 @@ impl Home {
             .map(|(_, r)| r)
             .collect();
         let has_beside = |p: DVec2| {
-            walls.iter().any(|wall| distance_to_outline(&[wall.start, wall.end], p) <= wall.thickness / 2.0 + BESIDE)
-                || others.iter().any(|other| distance_to_outline(&other.outline, p) <= BESIDE)
+            walls.iter().any(|wall| {
+                distance_to_outline(&[wall.start, wall.end], p) <= wall.thickness / 2.0 + BESIDE
+            }) || others
+                .iter()
+                .any(|other| distance_to_outline(&other.outline, p) <= BESIDE)
         };
         let (mut all, mut closed) = (0u32, 0u32);
         for (from, to) in room.outline.iter().zip(room.outline.iter().cycle().skip(1)) {
             let steps = (from.distance(*to) / STEP).ceil().min(MOST_STEPS) as usize;
             for step in 0..steps {
                 all += 1;
-                closed += u32::from(has_beside(from.lerp(*to, (step as f64 + 0.5) / steps as f64)));
+                closed += u32::from(has_beside(
+                    from.lerp(*to, (step as f64 + 0.5) / steps as f64),
+                ));
             }
         }
         f64::from(closed) >= ENCLOSED * f64::from(all)
@@ -103,5 +118,8 @@ impl Wall {
 
 /// The ends of a wall in plan, with the heights of its upper edge there.
 fn ends_of(wall: &Wall) -> [(DVec2, f64); 2] {
-    [(wall.start, wall.bottom + wall.heights[0]), (wall.end, wall.bottom + wall.heights[1])]
+    [
+        (wall.start, wall.bottom + wall.heights[0]),
+        (wall.end, wall.bottom + wall.heights[1]),
+    ]
 }

@@ -40,15 +40,20 @@ impl Finish {
 
 /// The colour in an attribute, and the picture of a child that says that it is this texture of its parent.
 pub(super) fn finish(node: Node, color_attribute: &str, texture: Option<&str>) -> Finish {
-    let is_it = |child: &Node| child.has_tag_name("texture") && child.attribute("attribute") == texture;
-    Finish { color: color(node, color_attribute), picture: node.children().find(is_it).and_then(repeated) }
+    let is_it =
+        |child: &Node| child.has_tag_name("texture") && child.attribute("attribute") == texture;
+    Finish {
+        color: color(node, color_attribute),
+        picture: node.children().find(is_it).and_then(repeated),
+    }
 }
 
 fn repeated(texture: Node) -> Option<Repeated> {
     let number = |attribute: &str, unsaid: f64| number(texture, attribute).unwrap_or(unsaid);
     let positive = |value: f64, unsaid: f64| if value > 0.0 { value } else { unsaid };
     // Pictures out of models have no size and are as if of a metre.
-    let size = DVec2::new(number("width", -1.0), number("height", -1.0)).map(|length| positive(length, 100.0));
+    let size = DVec2::new(number("width", -1.0), number("height", -1.0))
+        .map(|length| positive(length, 100.0));
     Some(Repeated {
         image: texture.attribute("image")?.to_owned(),
         size: size * positive(number("scale", 1.0), 1.0),

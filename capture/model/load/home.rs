@@ -44,7 +44,11 @@ impl Room {
 
     /// The corners of its ceiling: x, height, y in plan.
     pub(super) fn ceiling_corners(&self) -> Vec<DVec3> {
-        self.outline.iter().zip(&self.ceilings).map(|(p, &height)| DVec3::new(p.x, height, p.y)).collect()
+        self.outline
+            .iter()
+            .zip(&self.ceilings)
+            .map(|(p, &height)| DVec3::new(p.x, height, p.y))
+            .collect()
     }
 }
 
@@ -144,41 +148,78 @@ impl Home {
     /// # Errors
     /// A sentence for people if it is not XML, or not a home.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
-        let document =
-            Document::parse(text).map_err(|cause| format!("it is no XML, or damaged in line {}", cause.pos().row))?;
+        let document = Document::parse(text)
+            .map_err(|cause| format!("it is no XML, or damaged in line {}", cause.pos().row))?;
         let root = document.root_element();
         if !root.has_tag_name("home") {
             let found = root.tag_name().name().to_owned();
-            return Err(format!("it is XML, but no Sweet Home 3D home: its root is <{found}>, not <home>"));
+            return Err(format!(
+                "it is XML, but no Sweet Home 3D home: its root is <{found}>, not <home>"
+            ));
         }
         let wall_height = number(root, "wallHeight").unwrap_or(WALL_HEIGHT);
-        let ground = Level { elevation: 0.0, height: wall_height, is_topmost: true };
+        let ground = Level {
+            elevation: 0.0,
+            height: wall_height,
+            is_topmost: true,
+        };
         let elevation = |node: Node| number(node, "elevation").unwrap_or(0.0);
-        let topmost = elements(root, "level").filter(is_viewable).map(elevation).fold(f64::NEG_INFINITY, f64::max);
+        let topmost = elements(root, "level")
+            .filter(is_viewable)
+            .map(elevation)
+            .fold(f64::NEG_INFINITY, f64::max);
         let levels: HashMap<&str, Level> = elements(root, "level")
             .filter_map(|node| {
-                let (elevation, height) = (elevation(node), number(node, "height").unwrap_or(wall_height));
-                Some((node.attribute("id")?, Level { elevation, height, is_topmost: elevation >= topmost }))
+                let (elevation, height) = (
+                    elevation(node),
+                    number(node, "height").unwrap_or(wall_height),
+                );
+                Some((
+                    node.attribute("id")?,
+                    Level {
+                        elevation,
+                        height,
+                        is_topmost: elevation >= topmost,
+                    },
+                ))
             })
             .collect();
-        let hidden: HashSet<&str> =
-            elements(root, "level").filter(|node| !is_viewable(node)).filter_map(|node| node.attribute("id")).collect();
-        let level_of = |node: Node| node.attribute("level").and_then(|id| levels.get(id)).copied().unwrap_or(ground);
-        let elements =
-            |name| elements(root, name).filter(|node| node.attribute("level").is_none_or(|id| !hidden.contains(id)));
+        let hidden: HashSet<&str> = elements(root, "level")
+            .filter(|node| !is_viewable(node))
+            .filter_map(|node| node.attribute("id"))
+            .collect();
+        let level_of = |node: Node| {
+            node.attribute("level")
+                .and_then(|id| levels.get(id))
+                .copied()
+                .unwrap_or(ground)
+        };
+        let elements = |name| {
+            elements(root, name).filter(|node| {
+                node.attribute("level")
+                    .is_none_or(|id| !hidden.contains(id))
+            })
+        };
         let around = |attribute| elements("environment").find_map(|node| color(node, attribute));
-        let mut home = Self { sky_color: around("skyColor"), ground_color: around("groundColor"), ..Self::default() };
+        let mut home = Self {
+            sky_color: around("skyColor"),
+            ground_color: around("groundColor"),
+            ..Self::default()
+        };
         for node in elements("room") {
             match room(node, level_of(node)) {
                 Some(room) => home.rooms.push(room),
                 None => home.unreadable += 1,
             }
         }
-        let by_id: HashMap<&str, Node> =
-            elements("wall").filter_map(|node| Some((node.attribute("id")?, node))).collect();
+        let by_id: HashMap<&str, Node> = elements("wall")
+            .filter_map(|node| Some((node.attribute("id")?, node)))
+            .collect();
         for node in elements("wall") {
             match wall(node, level_of(node), wall_height, &by_id) {
-                Some(wall) => home.walls.extend(wall.bent(number(node, "arcExtent").unwrap_or(0.0))),
+                Some(wall) => home
+                    .walls
+                    .extend(wall.bent(number(node, "arcExtent").unwrap_or(0.0))),
                 None => home.unreadable += 1,
             }
         }
@@ -228,7 +269,9 @@ fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>)
     let height = number(node, "height").unwrap_or(wall_height);
     let into = |joined: &str| {
         let other = node.attribute(joined).and_then(|id| by_id.get(id));
-        other.and_then(|other| number(*other, "thickness")).map_or(0.0, |thickness| thickness / 2.0)
+        other
+            .and_then(|other| number(*other, "thickness"))
+            .map_or(0.0, |thickness| thickness / 2.0)
     };
     Some(Wall {
         start: DVec2::new(number(node, "xStart")?, number(node, "yStart")?),
@@ -236,8 +279,13 @@ fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>)
         thickness,
         bottom: level.elevation,
         heights: [height, number(node, "heightAtEnd").unwrap_or(height)],
-        finishes: ["left", "right"]
-            .map(|side| finish(node, &format!("{side}SideColor"), Some(&format!("{side}SideTexture")))),
+        finishes: ["left", "right"].map(|side| {
+            finish(
+                node,
+                &format!("{side}SideColor"),
+                Some(&format!("{side}SideTexture")),
+            )
+        }),
         extension: ["wallAtStart", "wallAtEnd"].map(into),
     })
 }
@@ -255,7 +303,8 @@ impl Wall {
         let count = (extent.abs() / ARC_STEP).ceil().max(1.0);
         // Outer faces of neighbours meet; inner ones pass through each other.
         let joint = self.thickness / 2.0 * (extent / count / 2.0).abs().tan();
-        let at = |share: f64| centre + DVec2::from_angle(extent * share).rotate(self.start - centre);
+        let at =
+            |share: f64| centre + DVec2::from_angle(extent * share).rotate(self.start - centre);
         let height = |share: f64| self.heights[0] + (self.heights[1] - self.heights[0]) * share;
         let count = count as usize;
         let piece = |i: usize| {
@@ -266,7 +315,11 @@ impl Wall {
                 heights: [height(from), height(to)],
                 extension: [
                     if i == 0 { self.extension[0] } else { joint },
-                    if i + 1 == count { self.extension[1] } else { joint },
+                    if i + 1 == count {
+                        self.extension[1]
+                    } else {
+                        joint
+                    },
                 ],
                 ..self.clone()
             }
@@ -278,7 +331,10 @@ impl Wall {
 fn piece(node: Node, level: Level, is_opening: bool) -> Option<Piece> {
     let positive = |attribute: &str| number(node, attribute).filter(|&value| value > 0.0);
     let rotation = node.attribute("modelRotation").and_then(|text| {
-        let numbers: Vec<f64> = text.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
+        let numbers: Vec<f64> = text
+            .split_whitespace()
+            .map(|word| word.parse().ok())
+            .collect::<Option<_>>()?;
         // Row by row.
         Some(DMat3::from_cols_array(numbers.as_slice().try_into().ok()?).transpose())
     });
@@ -294,7 +350,10 @@ fn piece(node: Node, level: Level, is_opening: bool) -> Option<Piece> {
         mirrored: node.attribute("modelMirrored") == Some("true"),
         rotation,
         finish: finish(node, "color", None),
-        materials: materials.filter_map(material).filter(|(_, finish)| finish.is_said()).collect(),
+        materials: materials
+            .filter_map(material)
+            .filter(|(_, finish)| finish.is_said())
+            .collect(),
     })
 }
 
@@ -310,7 +369,11 @@ fn opening(node: Node, level: Level) -> Option<Opening> {
     }
     let distance = number(node, "wallDistance").unwrap_or(0.0) * depth;
     Some(Opening {
-        name: node.attribute("name").unwrap_or("opening").trim().to_owned(),
+        name: node
+            .attribute("name")
+            .unwrap_or("opening")
+            .trim()
+            .to_owned(),
         centre: DVec2::new(number(node, "x")?, number(node, "y")?),
         along: DVec2::from_angle(number(node, "angle").unwrap_or(0.0)),
         width,

@@ -1,9 +1,9 @@
 //! Which parts of a door or window close its opening.
 
-use headbox_scene::load::Group;
 use crate::Portal;
-use headbox_scene::scene::Scene;
 use glam::{DVec2, DVec3};
+use headbox_scene::load::Group;
+use headbox_scene::scene::Scene;
 
 /// A part that covers more than this share of the opening, within the wall, closes it: half a double door covers 45 %,
 /// a pane of a double window 32 %, the frame of a sash some 20 %.
@@ -21,34 +21,56 @@ const BESIDE_WALL_M: f64 = 0.04;
 
 /// For each of the groups that one door or window consists of, whether it closes the opening `portal`, or belongs to a
 /// part that does (a handle). `wall_m` is the thickness of the wall. A leaf that stands open does not lie in the wall.
-pub(super) fn closing_groups(scene: &Scene, portal: &Portal, wall_m: f64, groups: &[&Group]) -> Vec<bool> {
-    let &[a, b, c, ..] = portal.polygon.as_slice() else { return vec![false; groups.len()] };
+pub(super) fn closing_groups(
+    scene: &Scene,
+    portal: &Portal,
+    wall_m: f64,
+    groups: &[&Group],
+) -> Vec<bool> {
+    let &[a, b, c, ..] = portal.polygon.as_slice() else {
+        return vec![false; groups.len()];
+    };
     let (right, up) = (b - a, c - b);
     let axes = [right.normalize_or_zero(), up.normalize_or_zero()];
     let size = DVec2::new(right.length(), up.length());
     let normal = axes[0].cross(axes[1]);
     // Coordinates in the opening: along, up, across.
-    let local = |p: DVec3| DVec3::new((p - a).dot(axes[0]), (p - a).dot(axes[1]), (p - a).dot(normal));
+    let local = |p: DVec3| {
+        DVec3::new(
+            (p - a).dot(axes[0]),
+            (p - a).dot(axes[1]),
+            (p - a).dot(normal),
+        )
+    };
     let corners = |triangle: u32| scene.corners(triangle).map(local);
     let reach = wall_m / 2.0 + BESIDE_WALL_M;
     let boxes: Vec<[DVec3; 2]> = groups
         .iter()
         .map(|group| {
             let all = group.triangles.clone().flat_map(corners);
-            all.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+            all.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| {
+                [low.min(p), high.max(p)]
+            })
         })
         .collect();
-    let closes: Vec<bool> =
-        groups.iter().map(|group| coverage(group.triangles.clone().map(corners), size, reach) > CLOSES).collect();
+    let closes: Vec<bool> = groups
+        .iter()
+        .map(|group| coverage(group.triangles.clone().map(corners), size, reach) > CLOSES)
+        .collect();
     let grow = DVec3::new(FITTINGS_M[0], FITTINGS_M[0], FITTINGS_M[1]);
     let belongs = |index: usize| {
         let [low, high] = boxes[index];
         boxes.iter().zip(&closes).any(|(leaf, closes)| {
             let is_small = 2.0 * (high.y - low.y) < leaf[1].y - leaf[0].y;
-            *closes && is_small && low.cmpge(leaf[0] - grow).all() && high.cmple(leaf[1] + grow).all()
+            *closes
+                && is_small
+                && low.cmpge(leaf[0] - grow).all()
+                && high.cmple(leaf[1] + grow).all()
         })
     };
-    (0..groups.len()).map(|index| closes[index] || belongs(index)).collect()
+    (0..groups.len())
+        .map(|index| closes[index] || belongs(index))
+        .collect()
 }
 
 /// Share of an opening of `size` that triangles within `reach` of its plane cover.
@@ -58,8 +80,12 @@ fn coverage(triangles: impl Iterator<Item = [DVec3; 3]>, size: DVec2, reach: f64
     for [a, b, c] in triangles {
         let low = a.min(b).min(c);
         let high = a.max(b).max(c);
-        let first = (DVec2::new(low.x, low.y) / cell - 0.5).ceil().max(DVec2::ZERO);
-        let last = (DVec2::new(high.x, high.y) / cell - 0.5).floor().min(DVec2::splat(CELLS as f64 - 1.0));
+        let first = (DVec2::new(low.x, low.y) / cell - 0.5)
+            .ceil()
+            .max(DVec2::ZERO);
+        let last = (DVec2::new(high.x, high.y) / cell - 0.5)
+            .floor()
+            .min(DVec2::splat(CELLS as f64 - 1.0));
         if first.cmpgt(last).any() || !(first + last).is_finite() {
             continue;
         }
@@ -81,5 +107,6 @@ fn depth_at([a, b, c]: [DVec3; 3], p: DVec2) -> Option<f64> {
     let weights = [area(b, c, p), area(c, a, p), area(a, b, p)];
     let total: f64 = weights.iter().sum();
     let inside = weights.iter().all(|&w| w >= 0.0) || weights.iter().all(|&w| w <= 0.0);
-    (inside && total != 0.0).then(|| (a.z * weights[0] + b.z * weights[1] + c.z * weights[2]) / total)
+    (inside && total != 0.0)
+        .then(|| (a.z * weights[0] + b.z * weights[1] + c.z * weights[2]) / total)
 }

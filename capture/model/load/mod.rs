@@ -13,12 +13,12 @@ mod sweethome;
 mod toml;
 mod xml;
 
+use crate::{Finding, PortalModel};
+use glam::DVec2;
 use headbox_core::container::HOMES;
 use headbox_scene::load::{LoadError, LoadOptions, extension_of, load};
 use headbox_scene::scene::Scene;
-use crate::{Finding, PortalModel};
 use headbox_trace::bvh::Tracer;
-use glam::DVec2;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -72,7 +72,11 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
     // A capture specifies the frame in which it was made when it opens its scene again.
     let is_own_frame = options.up.is_none_or(|up| up == scene.frame.up)
         && options.unit_m.is_none_or(|unit| unit == scene.frame.unit_m);
-    is_own_frame.then_some(scene).ok_or_else(|| LoadError::Frame { path: path.to_path_buf() })
+    is_own_frame
+        .then_some(scene)
+        .ok_or_else(|| LoadError::Frame {
+            path: path.to_path_buf(),
+        })
 }
 
 /// Loads a portal model: the `Home.xml` of a Sweet Home 3D home with the home's OBJ export beside it, its `.sh3d` archive
@@ -123,6 +127,8 @@ pub fn load_model(path: &Path, options: &ModelOptions) -> Result<LoadedModel, Lo
     match extension_of(path).as_str() {
         "xml" | "sh3d" => sweethome::load(path, options),
         "toml" => toml::load(path),
-        _ => Err(LoadError::UnknownModel { path: path.to_path_buf() }),
+        _ => Err(LoadError::UnknownModel {
+            path: path.to_path_buf(),
+        }),
     }
 }

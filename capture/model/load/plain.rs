@@ -8,9 +8,9 @@
 use super::archive::{Archive, Corner, FaceGroup, Model};
 use super::finish::{Finish, Repeated};
 use super::home::{Home, Opening, Piece, Room, Wall};
+use glam::{Affine2, DMat3, DVec2, DVec3};
 use headbox_scene::load::mtl::{Map, MtlMaterial};
 use headbox_scene::load::obj::Pictures;
-use glam::{Affine2, DMat3, DVec2, DVec3};
 use std::collections::HashSet;
 use std::fmt::Write as _;
 
@@ -75,9 +75,18 @@ impl<'a> PlainHome<'a> {
             texcoords: 0,
             known: HashSet::new(),
         };
-        home.rooms.iter().enumerate().for_each(|(i, room)| plain.room(i, room));
-        home.walls.iter().enumerate().for_each(|(i, wall)| plain.wall(i, wall, &home.openings));
-        home.pieces.iter().enumerate().for_each(|(i, piece)| plain.piece(i, piece));
+        home.rooms
+            .iter()
+            .enumerate()
+            .for_each(|(i, room)| plain.room(i, room));
+        home.walls
+            .iter()
+            .enumerate()
+            .for_each(|(i, wall)| plain.wall(i, wall, &home.openings));
+        home.pieces
+            .iter()
+            .enumerate()
+            .for_each(|(i, piece)| plain.piece(i, piece));
         plain
     }
 
@@ -91,7 +100,14 @@ impl<'a> PlainHome<'a> {
         let _ = writeln!(self.text, "usemtl {name}");
         if self.known.insert(name.clone()) {
             let material = MtlMaterial { name, ..material() };
-            for map in [&material.diffuse_map, &material.emissive_map, &material.dissolve_map].into_iter().flatten() {
+            for map in [
+                &material.diffuse_map,
+                &material.emissive_map,
+                &material.dissolve_map,
+            ]
+            .into_iter()
+            .flatten()
+            {
                 if !self.pictures.contains_key(&map.file)
                     && let Some(bytes) = self.archive.file(&map.file)
                 {
@@ -111,9 +127,14 @@ impl<'a> PlainHome<'a> {
     }
 
     fn paint_finish(&mut self, finish: &Finish) {
-        let Some(picture) = &finish.picture else { return self.paint_color(finish.color.unwrap_or(NEUTRAL)) };
+        let Some(picture) = &finish.picture else {
+            return self.paint_color(finish.color.unwrap_or(NEUTRAL));
+        };
         self.paint(format!("picture_{}", picture.image), || MtlMaterial {
-            diffuse_map: Some(Map { file: picture.image.clone(), image_from_vertex: Affine2::IDENTITY }),
+            diffuse_map: Some(Map {
+                file: picture.image.clone(),
+                image_from_vertex: Affine2::IDENTITY,
+            }),
             ..MtlMaterial::default()
         });
     }
@@ -144,40 +165,71 @@ impl<'a> PlainHome<'a> {
 
     /// A polygon whose front is where `normal` points; `place` says where on the finish each corner lies, centimetres to the right and
     /// up.
-    fn polygon(&mut self, finish: &Finish, corners: &[DVec3], normal: DVec3, place: impl Fn(DVec3) -> DVec2) {
+    fn polygon(
+        &mut self,
+        finish: &Finish,
+        corners: &[DVec3],
+        normal: DVec3,
+        place: impl Fn(DVec3) -> DVec2,
+    ) {
         self.paint_finish(finish);
         let first = self.vertices;
         corners.iter().for_each(|&corner| self.vertex(corner));
-        let texcoords: Option<Vec<usize>> = finish
-            .picture
-            .as_ref()
-            .map(|picture| corners.iter().map(|&corner| self.texcoord(picture.at(place(corner)))).collect());
+        let texcoords: Option<Vec<usize>> = finish.picture.as_ref().map(|picture| {
+            corners
+                .iter()
+                .map(|&corner| self.texcoord(picture.at(place(corner))))
+                .collect()
+        });
         let next = corners.iter().cycle().skip(1);
-        let found: DVec3 = corners.iter().zip(next).map(|(a, b)| (*a - corners[0]).cross(*b - corners[0])).sum();
+        let found: DVec3 = corners
+            .iter()
+            .zip(next)
+            .map(|(a, b)| (*a - corners[0]).cross(*b - corners[0]))
+            .sum();
         let corner = |i: usize| (first + i, texcoords.as_ref().map(|texcoords| texcoords[i]));
         let numbers = 0..corners.len();
-        if found.dot(normal) < 0.0 { self.face(numbers.rev().map(corner)) } else { self.face(numbers.map(corner)) }
+        if found.dot(normal) < 0.0 {
+            self.face(numbers.rev().map(corner))
+        } else {
+            self.face(numbers.map(corner))
+        }
     }
 
     fn room(&mut self, index: usize, room: &Room) {
-        let floor: Vec<DVec3> = room.outline.iter().map(|p| DVec3::new(p.x, room.floor, p.y)).collect();
+        let floor: Vec<DVec3> = room
+            .outline
+            .iter()
+            .map(|p| DVec3::new(p.x, room.floor, p.y))
+            .collect();
         if room.has_floor {
             self.group(format_args!("room_{}_1", index + 1));
-            self.polygon(&room.floor_finish, &floor, DVec3::Y, |p| DVec2::new(p.x, -p.z));
+            self.polygon(&room.floor_finish, &floor, DVec3::Y, |p| {
+                DVec2::new(p.x, -p.z)
+            });
         }
         if room.covered {
             self.group(format_args!("room_{}_2", index + 1));
-            self.polygon(&room.ceiling_finish, &room.ceiling_corners(), DVec3::NEG_Y, |p| DVec2::new(p.x, p.z));
+            self.polygon(
+                &room.ceiling_finish,
+                &room.ceiling_corners(),
+                DVec3::NEG_Y,
+                |p| DVec2::new(p.x, p.z),
+            );
         }
     }
 
     fn wall(&mut self, index: usize, wall: &Wall, openings: &[Opening]) {
-        let Some(along) = (wall.end - wall.start).try_normalize() else { return };
+        let Some(along) = (wall.end - wall.start).try_normalize() else {
+            return;
+        };
         let length = wall.start.distance(wall.end);
         let half = wall.thickness / 2.0;
         let [from, to] = [-wall.extension[0], length + wall.extension[1]];
         let left = DVec2::new(along.y, -along.x);
-        let top = |s: f64| wall.bottom + wall.heights[0] + (wall.heights[1] - wall.heights[0]) * (s / length);
+        let top = |s: f64| {
+            wall.bottom + wall.heights[0] + (wall.heights[1] - wall.heights[0]) * (s / length)
+        };
         let at = |s: f64, aside: f64, y: f64| {
             let p = wall.start + along * s + left * aside;
             DVec3::new(p.x, y.min(top(s)), p.y)
@@ -189,26 +241,56 @@ impl<'a> PlainHome<'a> {
             .filter_map(|opening| {
                 let middle = opening.in_wall() - wall.start;
                 let s = middle.dot(along);
-                let span = [(s - opening.width / 2.0).max(from), (s + opening.width / 2.0).min(to)];
+                let span = [
+                    (s - opening.width / 2.0).max(from),
+                    (s + opening.width / 2.0).min(to),
+                ];
                 let [low, high] = opening.heights;
-                let low = if low <= wall.bottom + 0.1 { wall.bottom } else { low };
-                let belongs = middle.dot(left).abs() <= half + BESIDE && opening.along.perp_dot(along).abs() < PARALLEL;
+                let low = if low <= wall.bottom + 0.1 {
+                    wall.bottom
+                } else {
+                    low
+                };
+                let belongs = middle.dot(left).abs() <= half + BESIDE
+                    && opening.along.perp_dot(along).abs() < PARALLEL;
                 (belongs && span[0] < span[1] && low < high).then_some([span, [low, high]])
             })
             .collect();
         self.group(format_args!("wall_{}_1", index + 1));
         // Seen from the left, the way from start to end goes to the left.
-        let sides = [(half, &wall.finishes[0], -1.0), (-half, &wall.finishes[1], 1.0)];
-        let along_side = |p: DVec3, sign: f64| DVec2::new((DVec2::new(p.x, p.z) - wall.start).dot(along) * sign, p.y);
-        let plain = Finish { picture: None, ..wall.finishes[0].clone() };
+        let sides = [
+            (half, &wall.finishes[0], -1.0),
+            (-half, &wall.finishes[1], 1.0),
+        ];
+        let along_side = |p: DVec3, sign: f64| {
+            DVec2::new((DVec2::new(p.x, p.z) - wall.start).dot(along) * sign, p.y)
+        };
+        let plain = Finish {
+            picture: None,
+            ..wall.finishes[0].clone()
+        };
         let nowhere = |_| DVec2::ZERO;
-        let mut cuts: Vec<f64> = gaps.iter().flat_map(|[span, _]| *span).chain([from, to]).collect();
+        let mut cuts: Vec<f64> = gaps
+            .iter()
+            .flat_map(|[span, _]| *span)
+            .chain([from, to])
+            .collect();
         cuts.sort_by(f64::total_cmp);
         for ends in cuts.windows(2).filter(|ends| ends[1] - ends[0] > 1e-6) {
             let [a, b] = [ends[0], ends[1]];
-            let here = gaps.iter().filter(|[span, _]| span[0] <= a && b <= span[1]).map(|[_, heights]| *heights);
+            let here = gaps
+                .iter()
+                .filter(|[span, _]| span[0] <= a && b <= span[1])
+                .map(|[_, heights]| *heights);
             let solid = solid_parts([wall.bottom, f64::INFINITY], here);
-            let across = |y: f64| [at(a, half, y), at(b, half, y), at(b, -half, y), at(a, -half, y)];
+            let across = |y: f64| {
+                [
+                    at(a, half, y),
+                    at(b, half, y),
+                    at(b, -half, y),
+                    at(a, -half, y),
+                ]
+            };
             if solid.first().is_none_or(|[low, _]| *low > wall.bottom) {
                 // The floor of a door, which is in no room.
                 self.polygon(&plain, &across(wall.bottom), DVec3::Y, nowhere);
@@ -218,8 +300,15 @@ impl<'a> PlainHome<'a> {
                     continue;
                 }
                 for (aside, finish, sign) in sides {
-                    let corners = [at(a, aside, low), at(b, aside, low), at(b, aside, high), at(a, aside, high)];
-                    self.polygon(finish, &corners, lift(left * aside), |p| along_side(p, sign));
+                    let corners = [
+                        at(a, aside, low),
+                        at(b, aside, low),
+                        at(b, aside, high),
+                        at(a, aside, high),
+                    ];
+                    self.polygon(finish, &corners, lift(left * aside), |p| {
+                        along_side(p, sign)
+                    });
                 }
                 self.polygon(&plain, &across(high), DVec3::Y, nowhere);
                 if low > wall.bottom {
@@ -228,7 +317,12 @@ impl<'a> PlainHome<'a> {
             }
         }
         let mut upright = |s: f64, [low, high]: [f64; 2], toward: f64| {
-            let corners = [at(s, half, low), at(s, -half, low), at(s, -half, high), at(s, half, high)];
+            let corners = [
+                at(s, half, low),
+                at(s, -half, low),
+                at(s, -half, high),
+                at(s, half, high),
+            ];
             self.polygon(&plain, &corners, lift(along * toward), nowhere);
         };
         for [span, heights] in gaps {
@@ -239,7 +333,10 @@ impl<'a> PlainHome<'a> {
                 upright(span[1], heights, -1.0);
             }
         }
-        for (s, extension, toward) in [(from, wall.extension[0], -1.0), (to, wall.extension[1], 1.0)] {
+        for (s, extension, toward) in [
+            (from, wall.extension[0], -1.0),
+            (to, wall.extension[1], 1.0),
+        ] {
             if extension == 0.0 {
                 upright(s, [wall.bottom, f64::INFINITY], toward);
             }
@@ -249,9 +346,18 @@ impl<'a> PlainHome<'a> {
     fn piece(&mut self, index: usize, piece: &Piece) {
         let kind = if piece.is_opening { "door" } else { "piece" };
         let turn = DMat3::from_rotation_y(-piece.angle);
-        let place =
-            |p: DVec3| turn * p + DVec3::new(piece.centre.x, piece.elevation + piece.size.y / 2.0, piece.centre.y);
-        let model = piece.model.as_deref().and_then(|name| Some((name, self.archive.model(name)?)));
+        let place = |p: DVec3| {
+            turn * p
+                + DVec3::new(
+                    piece.centre.x,
+                    piece.elevation + piece.size.y / 2.0,
+                    piece.centre.y,
+                )
+        };
+        let model = piece
+            .model
+            .as_deref()
+            .and_then(|name| Some((name, self.archive.model(name)?)));
         let Some((name, model)) = model else {
             // A door without a model is a hole in its wall.
             if !piece.is_opening {
@@ -266,14 +372,25 @@ impl<'a> PlainHome<'a> {
         let low = turned.iter().copied().fold(DVec3::INFINITY, DVec3::min);
         let high = turned.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
         let extent = (high - low).max(DVec3::splat(f64::MIN_POSITIVE));
-        let mirror = if piece.mirrored { DVec3::new(-1.0, 1.0, 1.0) } else { DVec3::ONE };
-        let sized: Vec<DVec3> =
-            turned.into_iter().map(|p| (p - (low + high) / 2.0) / extent * piece.size * mirror).collect();
+        let mirror = if piece.mirrored {
+            DVec3::new(-1.0, 1.0, 1.0)
+        } else {
+            DVec3::ONE
+        };
+        let sized: Vec<DVec3> = turned
+            .into_iter()
+            .map(|p| (p - (low + high) / 2.0) / extent * piece.size * mirror)
+            .collect();
         let first = [self.vertices, self.texcoords];
         sized.iter().for_each(|&p| self.vertex(place(p)));
         model.texcoords.iter().for_each(|&t| _ = self.texcoord(t));
         for (part, faces) in model.parts.iter().enumerate() {
-            self.group(format_args!("{kind}_{}_{}_{}", index + 1, faces.group, part + 1));
+            self.group(format_args!(
+                "{kind}_{}_{}_{}",
+                index + 1,
+                faces.group,
+                part + 1
+            ));
             let finish = self.paint_part(piece, name, &model, faces);
             for polygon in &faces.polygons {
                 let corners: Vec<Corner> = polygon
@@ -291,24 +408,48 @@ impl<'a> PlainHome<'a> {
                     })
                     .collect();
                 let corners = corners.into_iter();
-                if piece.mirrored { self.face(corners.rev()) } else { self.face(corners) }
+                if piece.mirrored {
+                    self.face(corners.rev())
+                } else {
+                    self.face(corners)
+                }
             }
         }
     }
 
     /// Paints what follows as the home says a part of a model looks, which is returned; where it says nothing, as the model does.
-    fn paint_part(&mut self, piece: &Piece, name: &str, model: &Model, faces: &FaceGroup) -> Option<Finish> {
-        let of_part = piece.materials.iter().find(|(name, _)| *name == faces.material).map(|(_, finish)| finish);
+    fn paint_part(
+        &mut self,
+        piece: &Piece,
+        name: &str,
+        model: &Model,
+        faces: &FaceGroup,
+    ) -> Option<Finish> {
+        let of_part = piece
+            .materials
+            .iter()
+            .find(|(name, _)| *name == faces.material)
+            .map(|(_, finish)| finish);
         if let Some(finish) = of_part.or(Some(&piece.finish).filter(|finish| finish.is_said())) {
             self.paint_finish(finish);
             return Some(finish.clone());
         }
         // Of two materials of one name the later wins, as in exports.
-        if let Some(material) = model.materials.iter().rev().find(|material| material.name == faces.material) {
-            self.paint(format!("model_{name}_{}", material.name), || material.clone());
+        if let Some(material) = model
+            .materials
+            .iter()
+            .rev()
+            .find(|material| material.name == faces.material)
+        {
+            self.paint(format!("model_{name}_{}", material.name), || {
+                material.clone()
+            });
             return None;
         }
-        let known = KNOWN_COLORS.iter().find(|(name, _)| *name == faces.material).map(|(_, color)| *color);
+        let known = KNOWN_COLORS
+            .iter()
+            .find(|(name, _)| *name == faces.material)
+            .map(|(_, color)| *color);
         self.paint_color(known.unwrap_or(NEUTRAL));
         None
     }
@@ -316,11 +457,25 @@ impl<'a> PlainHome<'a> {
     fn cuboid(&mut self, piece: &Piece, place: impl Fn(DVec3) -> DVec3, turn: DMat3) {
         let half = piece.size / 2.0;
         for axis in 0..3 {
-            let [u, v] = [DVec3::AXES[(axis + 1) % 3] * half, DVec3::AXES[(axis + 2) % 3] * half];
+            let [u, v] = [
+                DVec3::AXES[(axis + 1) % 3] * half,
+                DVec3::AXES[(axis + 2) % 3] * half,
+            ];
             for side in [-1.0, 1.0] {
                 let middle = DVec3::AXES[axis] * half * side;
-                let corners = [middle - u - v, middle + u - v, middle + u + v, middle - u + v].map(&place);
-                self.polygon(&piece.finish, &corners, turn * DVec3::AXES[axis] * side, |p| DVec2::new(p.x, p.y - p.z));
+                let corners = [
+                    middle - u - v,
+                    middle + u - v,
+                    middle + u + v,
+                    middle - u + v,
+                ]
+                .map(&place);
+                self.polygon(
+                    &piece.finish,
+                    &corners,
+                    turn * DVec3::AXES[axis] * side,
+                    |p| DVec2::new(p.x, p.y - p.z),
+                );
             }
         }
     }
@@ -330,7 +485,11 @@ impl<'a> PlainHome<'a> {
 fn solid_parts(whole: [f64; 2], gaps: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
     gaps.fold(vec![whole], |parts, [low, high]| {
         let cut = |[from, to]: [f64; 2]| [[from, to.min(low)], [from.max(high), to]];
-        parts.into_iter().flat_map(cut).filter(|[from, to]| from < to).collect()
+        parts
+            .into_iter()
+            .flat_map(cut)
+            .filter(|[from, to]| from < to)
+            .collect()
     })
 }
 
@@ -343,7 +502,10 @@ mod tests {
         let parts = |gaps: &[[f64; 2]]| solid_parts([0.0, 9.0], gaps.iter().copied());
         assert_eq!(parts(&[]), [[0.0, 9.0]]);
         assert_eq!(parts(&[[0.0, 2.0]]), [[2.0, 9.0]]);
-        assert_eq!(parts(&[[1.0, 2.0], [5.0, 6.0]]), [[0.0, 1.0], [2.0, 5.0], [6.0, 9.0]]);
+        assert_eq!(
+            parts(&[[1.0, 2.0], [5.0, 6.0]]),
+            [[0.0, 1.0], [2.0, 5.0], [6.0, 9.0]]
+        );
         assert_eq!(parts(&[[1.0, 5.0], [3.0, 6.0]]), [[0.0, 1.0], [6.0, 9.0]]);
         assert!(parts(&[[-1.0, 10.0]]).is_empty());
     }

@@ -33,7 +33,9 @@ impl Corner {
 /// The pieces of a convex polygon on both sides of the plane through `from` that is perpendicular to `across`; the polygon itself if
 /// it lies on one side.
 pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -> Vec<Vec<Corner>> {
-    let Some(across) = across.try_normalize() else { return vec![polygon] };
+    let Some(across) = across.try_normalize() else {
+        return vec![polygon];
+    };
     let distance = |corner: &Corner| (corner.position - from).dot(across);
     let distances: Vec<f64> = polygon.iter().map(distance).collect();
     let lies_beyond = |sign: f64| distances.iter().any(|d| d * sign > ON_PLANE_M);
@@ -50,13 +52,17 @@ pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -
         if here <= ON_PLANE_M {
             back.push(*corner);
         }
-        if (here > ON_PLANE_M && there < -ON_PLANE_M) || (here < -ON_PLANE_M && there > ON_PLANE_M) {
+        if (here > ON_PLANE_M && there < -ON_PLANE_M) || (here < -ON_PLANE_M && there > ON_PLANE_M)
+        {
             let cut = cut_edge((corner, here), (&polygon[j], there));
             front.push(cut);
             back.push(cut);
         }
     }
-    [front, back].into_iter().filter(|piece| piece.len() >= 3).collect()
+    [front, back]
+        .into_iter()
+        .filter(|piece| piece.len() >= 3)
+        .collect()
 }
 
 /// Where an edge meets the plane: the same bits from either end, so that two triangles that share it meet.

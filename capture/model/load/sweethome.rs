@@ -6,13 +6,15 @@ use super::leaves::closing_groups;
 use super::plain::PlainHome;
 use super::{LoadedModel, ModelOptions};
 use crate::load::additions;
-use headbox_core::color::linear_from_srgb;
-use headbox_scene::load::obj::load_text as load_obj_text;
-use headbox_scene::load::{Group, GroupedScene, LoadError, LoadOptions, folder_of, load_grouped, read};
 use crate::{Cell, Portal, PortalModel, Prism};
-use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_scene::scene::{Sky, SkyGradient};
 use glam::{DVec2, DVec3};
+use headbox_core::color::linear_from_srgb;
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_scene::load::obj::load_text as load_obj_text;
+use headbox_scene::load::{
+    Group, GroupedScene, LoadError, LoadOptions, folder_of, load_grouped, read,
+};
+use headbox_scene::scene::{Sky, SkyGradient};
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
@@ -32,16 +34,34 @@ const LONGEST_XML: u64 = 1 << 28;
 
 /// A home of a file's bytes, an archive or the plan alone.
 fn parse(path: &Path, bytes: &[u8]) -> Result<Home, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
-    let unpacked = if bytes.starts_with(b"PK") { Some(unpack(bytes).map_err(malformed)?) } else { None };
-    if unpacked.is_none() && !bytes.trim_ascii_start().starts_with(b"<") && !bytes.starts_with(b"\xef\xbb\xbf") {
-        return Err(malformed("it is neither a Sweet Home 3D archive (no ZIP) nor the plan in one (no XML)".into()));
+    let malformed = |cause: String| LoadError::Malformed {
+        path: path.to_path_buf(),
+        cause,
+    };
+    let unpacked = if bytes.starts_with(b"PK") {
+        Some(unpack(bytes).map_err(malformed)?)
+    } else {
+        None
+    };
+    if unpacked.is_none()
+        && !bytes.trim_ascii_start().starts_with(b"<")
+        && !bytes.starts_with(b"\xef\xbb\xbf")
+    {
+        return Err(malformed(
+            "it is neither a Sweet Home 3D archive (no ZIP) nor the plan in one (no XML)".into(),
+        ));
     }
-    Home::parse(&String::from_utf8_lossy(unpacked.as_deref().unwrap_or(bytes))).map_err(malformed)
+    Home::parse(&String::from_utf8_lossy(
+        unpacked.as_deref().unwrap_or(bytes),
+    ))
+    .map_err(malformed)
 }
 
 pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
+    let malformed = |cause: String| LoadError::Malformed {
+        path: path.to_path_buf(),
+        cause,
+    };
     let bytes = read(path)?;
     let is_archive = bytes.starts_with(b"PK");
     let mut home = parse(path, &bytes)?;
@@ -57,7 +77,13 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     let export = find_export(path);
     let has_export = matches!(export, Ok(Some(_)));
     let grouped = match export {
-        Ok(Some(obj)) => load_grouped(&obj, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(UNIT_M) })?,
+        Ok(Some(obj)) => load_grouped(
+            &obj,
+            &LoadOptions {
+                up: Some(UpAxis::Y),
+                unit_m: Some(UNIT_M),
+            },
+        )?,
         Ok(None) => without_export(path, &home, &bytes, &mut notes)?,
         Err(_) if is_archive => without_export(path, &home, &bytes, &mut notes)?,
         Err(cause) => return Err(malformed(cause)),
@@ -66,15 +92,28 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     let mut scene = grouped.scene;
     if has_export {
         for room in home.rooms.iter().filter(|room| room.ceiling_is_new) {
-            let corners: Vec<DVec3> = room.ceiling_corners().into_iter().map(|corner| corner * UNIT_M).collect();
+            let corners: Vec<DVec3> = room
+                .ceiling_corners()
+                .into_iter()
+                .map(|corner| corner * UNIT_M)
+                .collect();
             additions::ceiling(&mut scene, &corners);
         }
     }
     scene.sky = Some(surroundings(&home));
     let mut cells = cells_of(&home, &mut notes);
     let outside = cells.len() as u32;
-    cells.push(Cell { name: "Outside".into(), space: Vec::new(), triangles: 0..0 });
-    let mut model = PortalModel { scene, cells, portals: Vec::new(), outside: Some(outside) };
+    cells.push(Cell {
+        name: "Outside".into(),
+        space: Vec::new(),
+        triangles: 0..0,
+    });
+    let mut model = PortalModel {
+        scene,
+        cells,
+        portals: Vec::new(),
+        outside: Some(outside),
+    };
     for opening in &home.openings {
         add_portal(&mut model, opening);
     }
@@ -89,8 +128,16 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     let doors = DoorGroups::find(&model, &home, &grouped.groups);
     let portions = portions_of(&model, &grouped.groups, &doors, options, &mut notes);
     model.scene.summary.notes.extend(notes);
-    model.scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Assignment { groups: &grouped.groups, portions: &portions }.apply(&mut model);
+    model.scene.name = path
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    Assignment {
+        groups: &grouped.groups,
+        portions: &portions,
+    }
+    .apply(&mut model);
     Ok(LoadedModel::new(model, found))
 }
 
@@ -106,7 +153,10 @@ fn surroundings(home: &Home) -> Sky {
         // A clear sky is deeper above.
         zenith: horizon.map(|c| c * c),
         horizon,
-        ground: home.ground_color.unwrap_or(GROUND).map(|c| linear_from_srgb(c) * ON_GROUND),
+        ground: home
+            .ground_color
+            .unwrap_or(GROUND)
+            .map(|c| linear_from_srgb(c) * ON_GROUND),
     })
 }
 
@@ -124,46 +174,71 @@ fn without_export(
             .into(),
     );
     if plain.boxes > 0 {
-        notes.push(format!("{} pieces of furniture are boxes, as their models are no OBJ", plain.boxes));
+        notes.push(format!(
+            "{} pieces of furniture are boxes, as their models are no OBJ",
+            plain.boxes
+        ));
     }
     load_obj_text(
         path,
         &plain.text,
         &plain.materials,
         &plain.pictures,
-        FileFrame { unit_m: UNIT_M, ..FileFrame::default() },
+        FileFrame {
+            unit_m: UNIT_M,
+            ..FileFrame::default()
+        },
     )
 }
 
 /// The `Home.xml` of an archive.
 fn unpack(bytes: &[u8]) -> Result<Vec<u8>, String> {
-    let mut archive =
-        zip::ZipArchive::new(Cursor::new(bytes)).map_err(|cause| format!("a damaged archive: {cause}"))?;
+    let mut archive = zip::ZipArchive::new(Cursor::new(bytes))
+        .map_err(|cause| format!("a damaged archive: {cause}"))?;
     let entry = archive.by_name("Home.xml").map_err(|_| {
-        "it has no Home.xml; save the home with Sweet Home 3D 5.3 or later, which writes one".to_owned()
+        "it has no Home.xml; save the home with Sweet Home 3D 5.3 or later, which writes one"
+            .to_owned()
     })?;
     let mut text = Vec::new();
-    entry.take(LONGEST_XML).read_to_end(&mut text).map_err(|cause| format!("its Home.xml cannot be read: {cause}"))?;
+    entry
+        .take(LONGEST_XML)
+        .read_to_end(&mut text)
+        .map_err(|cause| format!("its Home.xml cannot be read: {cause}"))?;
     Ok(text)
 }
 
 /// The OBJ export that belongs to a plan: of its own name, `home.obj`, or the only one in its folder; none if there is none.
 fn find_export(plan: &Path) -> Result<Option<PathBuf>, String> {
-    let folder = if folder_of(plan) == Path::new("") { Path::new(".") } else { folder_of(plan) };
-    let entries = std::fs::read_dir(folder).map_err(|cause| format!("its folder cannot be read: {cause}"))?;
-    let mut all: Vec<PathBuf> = entries.filter_map(|entry| entry.ok().map(|entry| entry.path())).collect();
+    let folder = if folder_of(plan) == Path::new("") {
+        Path::new(".")
+    } else {
+        folder_of(plan)
+    };
+    let entries =
+        std::fs::read_dir(folder).map_err(|cause| format!("its folder cannot be read: {cause}"))?;
+    let mut all: Vec<PathBuf> = entries
+        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .collect();
     all.retain(|path| headbox_scene::load::extension_of(path) == "obj");
     all.sort();
-    let stem = |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
+    let stem = |path: &Path| {
+        path.file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .to_lowercase()
+    };
     let wanted = [stem(plan), "home".to_owned()];
-    let named = wanted.iter().find_map(|name| all.iter().find(|path| stem(path) == *name));
+    let named = wanted
+        .iter()
+        .find_map(|name| all.iter().find(|path| stem(path) == *name));
     match (named, all.as_slice()) {
         (Some(path), _) => Ok(Some(path.clone())),
         (None, [only]) => Ok(Some(only.clone())),
         (None, []) => Ok(None),
-        (None, several) => {
-            Err(format!("{} OBJ files lie beside it; call the one that belongs to it home.obj", several.len()))
-        }
+        (None, several) => Err(format!(
+            "{} OBJ files lie beside it; call the one that belongs to it home.obj",
+            several.len()
+        )),
     }
 }
 
@@ -171,7 +246,10 @@ fn find_export(plan: &Path) -> Result<Option<PathBuf>, String> {
 fn cells_of(home: &Home, notes: &mut Vec<String>) -> Vec<Cell> {
     let cell = |(index, room): (usize, &Room)| {
         if !room.covered {
-            notes.push(format!("{} has no ceiling and is taken as part of the outside", room_name(index, room)));
+            notes.push(format!(
+                "{} has no ceiling and is taken as part of the outside",
+                room_name(index, room)
+            ));
             return None;
         }
         let prism = Prism {
@@ -179,13 +257,21 @@ fn cells_of(home: &Home, notes: &mut Vec<String>) -> Vec<Cell> {
             floor_y: room.floor * UNIT_M,
             ceiling_y: room.ceiling() * UNIT_M,
         };
-        Some(Cell { name: room_name(index, room), space: vec![prism], triangles: 0..0 })
+        Some(Cell {
+            name: room_name(index, room),
+            space: vec![prism],
+            triangles: 0..0,
+        })
     };
     home.rooms.iter().enumerate().filter_map(cell).collect()
 }
 
 fn room_name(index: usize, room: &Room) -> String {
-    if room.name.is_empty() { format!("Room {}", index + 1) } else { room.name.clone() }
+    if room.name.is_empty() {
+        format!("Room {}", index + 1)
+    } else {
+        room.name.clone()
+    }
 }
 
 /// Adds the portal of a door or window, and gives the space in the wall to the rooms on its two sides.
@@ -197,9 +283,18 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
     for (found, side) in rooms.into_iter().zip([1.0, -1.0]) {
         if let Some((cell, distance)) = found {
             let far = across * (side * (distance + STEP));
-            let outline = [middle - half, middle + half, middle + half + far, middle - half + far];
+            let outline = [
+                middle - half,
+                middle + half,
+                middle + half + far,
+                middle - half + far,
+            ];
             let outline = outline.map(|corner| corner * UNIT_M);
-            let prism = Prism { outline: outline.to_vec(), floor_y: bottom * UNIT_M, ceiling_y: top * UNIT_M };
+            let prism = Prism {
+                outline: outline.to_vec(),
+                floor_y: bottom * UNIT_M,
+                ceiling_y: top * UNIT_M,
+            };
             let floor_y = model.cells[cell as usize].space[0].floor_y;
             if (prism.floor_y - floor_y).abs() < AT_FLOOR_M {
                 additions::threshold(&mut model.scene, outline, floor_y);
@@ -210,10 +305,19 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
     let corner = |end: DVec2, y: f64| DVec3::new(end.x, y, end.y) * UNIT_M;
     let (left, right) = (middle - half, middle + half);
     // `across` is `along` turned from x toward z, so `along x up` points along it, to the first cell.
-    let polygon = vec![corner(left, bottom), corner(right, bottom), corner(right, top), corner(left, top)];
+    let polygon = vec![
+        corner(left, bottom),
+        corner(right, bottom),
+        corner(right, top),
+        corner(left, top),
+    ];
     let outside = model.outside.unwrap_or_default();
     let cells = rooms.map(|found| found.map_or(outside, |(cell, _)| cell));
-    model.portals.push(Portal { name: opening.name.clone(), cells, polygon });
+    model.portals.push(Portal {
+        name: opening.name.clone(),
+        cells,
+        polygon,
+    });
 }
 
 /// Looks for the rooms before and behind an opening.
@@ -228,7 +332,9 @@ impl Probe<'_> {
         let opening = self.opening;
         let at = (opening.in_wall() + opening.across() * distance) * UNIT_M;
         let y = (opening.heights[0] + opening.heights[1]) / 2.0 * UNIT_M;
-        self.model.cell_at(DVec3::new(at.x, y, at.y)).filter(|&cell| self.model.outside != Some(cell))
+        self.model
+            .cell_at(DVec3::new(at.x, y, at.y))
+            .filter(|&cell| self.model.outside != Some(cell))
     }
 
     /// The first room on a side that is not `but`, and how far it is from the middle of the wall.
@@ -236,7 +342,9 @@ impl Probe<'_> {
         let steps = ((self.opening.wall_thickness / 2.0 + REACH) / STEP) as usize;
         let mut distances = (1..=steps).map(|step| step as f64 * STEP);
         distances.find_map(|distance| {
-            let room = self.room_at(side * distance).filter(|&room| Some(room) != but)?;
+            let room = self
+                .room_at(side * distance)
+                .filter(|&room| Some(room) != but)?;
             Some((room, distance))
         })
     }
@@ -246,15 +354,29 @@ impl Probe<'_> {
     fn middle_and_rooms(&self) -> (DVec2, [Option<(u32, f64)>; 2]) {
         let rooms = [self.first(1.0, None), self.first(-1.0, None)];
         let middle = self.opening.in_wall();
-        let (Some((front, _)), Some((back, _))) = (rooms[0], rooms[1]) else { return (middle, rooms) };
+        let (Some((front, _)), Some((back, _))) = (rooms[0], rooms[1]) else {
+            return (middle, rooms);
+        };
         if front != back {
             return (middle, rooms);
         }
-        let beyond = |side: f64| self.first(side, Some(front)).map(|(room, distance)| (room, distance, side));
-        let nearer = [beyond(1.0), beyond(-1.0)].into_iter().flatten().min_by(|a, b| a.1.total_cmp(&b.1));
-        let Some((room, distance, side)) = nearer else { return (middle, rooms) };
+        let beyond = |side: f64| {
+            self.first(side, Some(front))
+                .map(|(room, distance)| (room, distance, side))
+        };
+        let nearer = [beyond(1.0), beyond(-1.0)]
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((room, distance, side)) = nearer else {
+            return (middle, rooms);
+        };
         let inside = |distance: &f64| self.room_at(side * distance) == Some(front);
-        let end = (0..).map(|step| f64::from(step) * STEP).take_while(|d| *d < distance).filter(inside).last();
+        let end = (0..)
+            .map(|step| f64::from(step) * STEP)
+            .take_while(|d| *d < distance)
+            .filter(inside)
+            .last();
         let end = end.unwrap_or(0.0);
         let mut shifted = [Some((front, 0.0)), Some((room, distance - end))];
         if side > 0.0 {
@@ -277,27 +399,48 @@ impl DoorGroups {
     fn find(model: &PortalModel, home: &Home, groups: &[Group]) -> Self {
         /// A door farther than this from every opening of the plan is no opening, metres.
         const NEAR: f64 = 0.5;
-        let mut found = Self { opening: vec![None; groups.len()], closes: vec![false; groups.len()] };
+        let mut found = Self {
+            opening: vec![None; groups.len()],
+            closes: vec![false; groups.len()],
+        };
         let keys: Vec<Option<&str>> = groups.iter().map(|group| door_key(&group.name)).collect();
-        let mut sorted: Vec<usize> = (0..groups.len()).filter(|&group| keys[group].is_some()).collect();
+        let mut sorted: Vec<usize> = (0..groups.len())
+            .filter(|&group| keys[group].is_some())
+            .collect();
         sorted.sort_by_key(|&group| (keys[group], group));
         for members in sorted.chunk_by(|&a, &b| keys[a] == keys[b]) {
             let boxes = members.iter().map(|&group| bounds(model, &groups[group]));
-            let [low, high] = boxes.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or_default();
+            let [low, high] = boxes
+                .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+                .unwrap_or_default();
             let middle = (low + high) / 2.0;
             let distance = |opening: &Opening| {
                 let from = DVec2::new(middle.x, middle.z) - opening.centre * UNIT_M;
                 let half = DVec2::new(opening.width, opening.depth) * (UNIT_M / 2.0);
-                let beyond = DVec2::new(from.dot(opening.along), from.dot(opening.across())).abs() - half;
-                let height = (middle.y - (opening.heights[0] + opening.heights[1]) / 2.0 * UNIT_M).abs();
+                let beyond =
+                    DVec2::new(from.dot(opening.along), from.dot(opening.across())).abs() - half;
+                let height =
+                    (middle.y - (opening.heights[0] + opening.heights[1]) / 2.0 * UNIT_M).abs();
                 beyond.max(DVec2::ZERO).length() + height
             };
-            let nearest = home.openings.iter().map(distance).enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
-            let Some((opening, _)) = nearest.filter(|&(_, distance)| distance < NEAR) else { continue };
+            let nearest = home
+                .openings
+                .iter()
+                .map(distance)
+                .enumerate()
+                .min_by(|a, b| a.1.total_cmp(&b.1));
+            let Some((opening, _)) = nearest.filter(|&(_, distance)| distance < NEAR) else {
+                continue;
+            };
             let it = &home.openings[opening];
             let members_groups: Vec<&Group> = members.iter().map(|&group| &groups[group]).collect();
             let portal = &model.portals[opening];
-            let closing = closing_groups(&model.scene, portal, it.wall_thickness * UNIT_M, &members_groups);
+            let closing = closing_groups(
+                &model.scene,
+                portal,
+                it.wall_thickness * UNIT_M,
+                &members_groups,
+            );
             for (&group, closes) in members.iter().zip(closing) {
                 found.opening[group] = Some(opening);
                 found.closes[group] = closes;
@@ -314,7 +457,11 @@ fn door_key(name: &str) -> Option<&str> {
 
 /// `piece_12_` of `piece_12_Chair_leg_4`.
 fn piece_key<'a>(name: &'a str, prefix: &str) -> Option<&'a str> {
-    let digits = name.strip_prefix(prefix)?.bytes().take_while(u8::is_ascii_digit).count();
+    let digits = name
+        .strip_prefix(prefix)?
+        .bytes()
+        .take_while(u8::is_ascii_digit)
+        .count();
     (digits > 0).then(|| &name[..prefix.len() + digits])
 }
 
@@ -327,16 +474,18 @@ fn portions_of(
     notes: &mut Vec<String>,
 ) -> Vec<Portion> {
     let mut left_out = 0;
-    let portions = groups.iter().enumerate().map(|(index, group)| match (doors.opening[index], doors.closes[index]) {
-        (Some(_), true) if !options.keep_doors => {
-            left_out += 1;
-            Portion::LeftOut
+    let portions = groups.iter().enumerate().map(|(index, group)| {
+        match (doors.opening[index], doors.closes[index]) {
+            (Some(_), true) if !options.keep_doors => {
+                left_out += 1;
+                Portion::LeftOut
+            }
+            (Some(opening), _) => Portion::BySide(opening),
+            (None, _) => match piece_key(&group.name, "piece_").or_else(|| door_key(&group.name)) {
+                Some(key) => Portion::Whole(key.to_owned()),
+                None => Portion::Facing,
+            },
         }
-        (Some(opening), _) => Portion::BySide(opening),
-        (None, _) => match piece_key(&group.name, "piece_").or_else(|| door_key(&group.name)) {
-            Some(key) => Portion::Whole(key.to_owned()),
-            None => Portion::Facing,
-        },
     });
     let portions = portions.collect();
     if left_out > 0 {
@@ -349,8 +498,12 @@ fn portions_of(
 }
 
 fn closed_openings(doors: &DoorGroups) -> usize {
-    let mut closed: Vec<usize> =
-        doors.opening.iter().zip(&doors.closes).filter_map(|(&opening, &closes)| opening.filter(|_| closes)).collect();
+    let mut closed: Vec<usize> = doors
+        .opening
+        .iter()
+        .zip(&doors.closes)
+        .filter_map(|(&opening, &closes)| opening.filter(|_| closes))
+        .collect();
     closed.sort_unstable();
     closed.dedup();
     closed.len()
@@ -358,6 +511,11 @@ fn closed_openings(doors: &DoorGroups) -> usize {
 
 /// Least and greatest corner of a group.
 fn bounds(model: &PortalModel, group: &Group) -> [DVec3; 2] {
-    let corners = group.triangles.clone().flat_map(|triangle| model.scene.corners(triangle));
-    corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+    let corners = group
+        .triangles
+        .clone()
+        .flat_map(|triangle| model.scene.corners(triangle));
+    corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| {
+        [low.min(p), high.max(p)]
+    })
 }

@@ -2,10 +2,10 @@
 
 use super::LoadedModel;
 use super::assign::{Assignment, Portion};
-use headbox_scene::load::{LoadError, LoadOptions, folder_of, load_grouped, read};
 use crate::{Cell, Portal, PortalModel, Prism};
-use headbox_core::file_frame::{FileFrame, UpAxis};
 use glam::{DVec2, DVec3};
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_scene::load::{LoadError, LoadOptions, folder_of, load_grouped, read};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -67,65 +67,150 @@ struct FilePortal {
 
 /// A file as it is written.
 fn parse(path: &Path) -> Result<FileModel, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
-    let text = String::from_utf8(read(path)?).map_err(|_| malformed("it is not UTF-8 text".into()))?;
+    let malformed = |cause: String| LoadError::Malformed {
+        path: path.to_path_buf(),
+        cause,
+    };
+    let text =
+        String::from_utf8(read(path)?).map_err(|_| malformed("it is not UTF-8 text".into()))?;
     toml::from_str(&text).map_err(|cause| match cause.span() {
         Some(span) => {
-            let line = text.get(..span.start).unwrap_or_default().matches('\n').count() + 1;
-            LoadError::Line { path: path.to_path_buf(), line, cause: cause.message().replace('\n', ", ") }
+            let line = text
+                .get(..span.start)
+                .unwrap_or_default()
+                .matches('\n')
+                .count()
+                + 1;
+            LoadError::Line {
+                path: path.to_path_buf(),
+                line,
+                cause: cause.message().replace('\n', ", "),
+            }
         }
         None => malformed(cause.message().replace('\n', ", ")),
     })
 }
 
 pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
+    let malformed = |cause: String| LoadError::Malformed {
+        path: path.to_path_buf(),
+        cause,
+    };
     let file = parse(path)?;
-    let up = if matches!(file.up, Up::Z) { UpAxis::Z } else { UpAxis::Y };
-    let options = LoadOptions { up: Some(up), unit_m: Some(file.unit) };
+    let up = if matches!(file.up, Up::Z) {
+        UpAxis::Z
+    } else {
+        UpAxis::Y
+    };
+    let options = LoadOptions {
+        up: Some(up),
+        unit_m: Some(file.unit),
+    };
     let grouped = load_grouped(&folder_of(path).join(&file.scene), &options)?;
     let frame = grouped.scene.frame;
 
     if file.cell.iter().filter(|cell| cell.outside).count() > 1 {
-        return Err(malformed("more than one cell is the outside; at most one can be".into()));
+        return Err(malformed(
+            "more than one cell is the outside; at most one can be".into(),
+        ));
     }
     if let Some(twice) = repeated_name(&file.cell) {
-        return Err(malformed(format!("two cells are called \"{twice}\"; portals could not tell them apart")));
+        return Err(malformed(format!(
+            "two cells are called \"{twice}\"; portals could not tell them apart"
+        )));
     }
-    let mut cells: Vec<Cell> = file.cell.iter().map(|cell| convert_cell(cell, &frame)).collect();
-    let outside = file.cell.iter().position(|cell| cell.outside).unwrap_or_else(|| {
-        cells.push(Cell { name: "Outside".into(), space: Vec::new(), triangles: 0..0 });
-        cells.len() - 1
-    });
+    let mut cells: Vec<Cell> = file
+        .cell
+        .iter()
+        .map(|cell| convert_cell(cell, &frame))
+        .collect();
+    let outside = file
+        .cell
+        .iter()
+        .position(|cell| cell.outside)
+        .unwrap_or_else(|| {
+            cells.push(Cell {
+                name: "Outside".into(),
+                space: Vec::new(),
+                triangles: 0..0,
+            });
+            cells.len() - 1
+        });
     // A name that no cell has becomes the number after the last, which validation finds and names.
-    let find = |name: &String| cells.iter().position(|cell| cell.name == *name).unwrap_or(cells.len()) as u32;
+    let find = |name: &String| {
+        cells
+            .iter()
+            .position(|cell| cell.name == *name)
+            .unwrap_or(cells.len()) as u32
+    };
     let portal = |portal: &FilePortal| Portal {
-        name: if portal.name.is_empty() { portal.cells.join(" - ") } else { portal.name.clone() },
+        name: if portal.name.is_empty() {
+            portal.cells.join(" - ")
+        } else {
+            portal.name.clone()
+        },
         cells: [find(&portal.cells[0]), find(&portal.cells[1])],
-        polygon: portal.polygon.iter().map(|&corner| frame.world_from_file(DVec3::from(corner))).collect(),
+        polygon: portal
+            .polygon
+            .iter()
+            .map(|&corner| frame.world_from_file(DVec3::from(corner)))
+            .collect(),
     };
     let portals = file.portal.iter().map(portal).collect();
-    let mut model = PortalModel { scene: grouped.scene, cells, portals, outside: Some(outside as u32) };
-    model.scene.name = file.name.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+    let mut model = PortalModel {
+        scene: grouped.scene,
+        cells,
+        portals,
+        outside: Some(outside as u32),
+    };
+    model.scene.name = file.name.unwrap_or_else(|| {
+        path.file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    });
     let found = super::open_borders(&mut model);
-    let claimed = |name: &str| file.cell.iter().position(|cell| cell.groups.iter().any(|group| matches(group, name)));
+    let claimed = |name: &str| {
+        file.cell
+            .iter()
+            .position(|cell| cell.groups.iter().any(|group| matches(group, name)))
+    };
     let portions: Vec<Portion> = grouped
         .groups
         .iter()
-        .map(|group| claimed(&group.name).map_or(Portion::Facing, |cell| Portion::Cell(cell as u32)))
+        .map(|group| {
+            claimed(&group.name).map_or(Portion::Facing, |cell| Portion::Cell(cell as u32))
+        })
         .collect();
     for portal in &file.portal {
-        for missing in portal.cells.iter().filter(|name| model.cells.iter().all(|cell| cell.name != **name)) {
-            let note = format!("portal \"{}\" leads to a cell called \"{missing}\", which there is not", portal.name);
+        for missing in portal
+            .cells
+            .iter()
+            .filter(|name| model.cells.iter().all(|cell| cell.name != **name))
+        {
+            let note = format!(
+                "portal \"{}\" leads to a cell called \"{missing}\", which there is not",
+                portal.name
+            );
             model.scene.summary.notes.push(note);
         }
     }
     for unmatched in file.cell.iter().flat_map(|cell| &cell.groups) {
-        if !grouped.groups.iter().any(|group| matches(unmatched, &group.name)) {
-            model.scene.summary.notes.push(format!("no group of the scene file is called \"{unmatched}\""));
+        if !grouped
+            .groups
+            .iter()
+            .any(|group| matches(unmatched, &group.name))
+        {
+            model.scene.summary.notes.push(format!(
+                "no group of the scene file is called \"{unmatched}\""
+            ));
         }
     }
-    Assignment { groups: &grouped.groups, portions: &portions }.apply(&mut model);
+    Assignment {
+        groups: &grouped.groups,
+        portions: &portions,
+    }
+    .apply(&mut model);
     Ok(LoadedModel::new(model, found))
 }
 
@@ -151,16 +236,24 @@ fn convert_cell(cell: &FileCell, frame: &FileFrame) -> Cell {
         floor_y: prism.floor * frame.unit_m,
         ceiling_y: prism.ceiling * frame.unit_m,
     };
-    Cell { name: cell.name.clone(), space: cell.prism.iter().map(prism).collect(), triangles: 0..0 }
+    Cell {
+        name: cell.name.clone(),
+        space: cell.prism.iter().map(prism).collect(),
+        triangles: 0..0,
+    }
 }
 
 /// Whether a name fits a pattern in which `*` stands for anything.
 fn matches(pattern: &str, name: &str) -> bool {
     let mut parts = pattern.split('*');
     let first = parts.next().unwrap_or_default();
-    let Some(mut rest) = name.strip_prefix(first) else { return false };
+    let Some(mut rest) = name.strip_prefix(first) else {
+        return false;
+    };
     let parts: Vec<&str> = parts.collect();
-    let Some((last, middle)) = parts.split_last() else { return rest.is_empty() };
+    let Some((last, middle)) = parts.split_last() else {
+        return rest.is_empty();
+    };
     for part in middle {
         match rest.find(part) {
             Some(at) => rest = &rest[at + part.len()..],

@@ -3,11 +3,18 @@
 use roxmltree::Node;
 
 /// All elements of a name below a node, in the order of the file (doors may stand in groups of furniture).
-pub(super) fn elements<'a>(root: Node<'a, 'a>, name: &'static str) -> impl Iterator<Item = Node<'a, 'a>> {
-    root.descendants().filter(move |node| node.has_tag_name(name))
+pub(super) fn elements<'a>(
+    root: Node<'a, 'a>,
+    name: &'static str,
+) -> impl Iterator<Item = Node<'a, 'a>> {
+    root.descendants()
+        .filter(move |node| node.has_tag_name(name))
 }
 
 /// A finite number in an attribute.
 pub(super) fn number(node: Node, attribute: &str) -> Option<f64> {
-    node.attribute(attribute)?.parse().ok().filter(|value: &f64| value.is_finite())
+    node.attribute(attribute)?
+        .parse()
+        .ok()
+        .filter(|value: &f64| value.is_finite())
 }

@@ -5,10 +5,10 @@ use super::lights::FileLights;
 use super::notes::{Note, Notes};
 use super::orientation::Hints;
 use crate::material::{Material, Texture};
-use headbox_core::file_frame::FileFrame;
-use headbox_core::headbox::Headbox;
 use crate::scene::{Scene, Triangle};
 use glam::{DVec3, Vec2, Vec3};
+use headbox_core::file_frame::FileFrame;
+use headbox_core::headbox::Headbox;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
@@ -60,19 +60,29 @@ pub struct Group {
 
 impl Builder {
     pub(super) fn new(frame: FileFrame, notes: Notes) -> Self {
-        Self { frame, notes, ..Self::default() }
+        Self {
+            frame,
+            notes,
+            ..Self::default()
+        }
     }
 
     /// For a file that does not say how it is oriented: what is pushed stays in its axes and unit until [`Self::finish`]
     /// has seen all of it.
     pub(super) fn to_be_oriented(hints: Hints, notes: Notes) -> Self {
-        Self { hints: Some(hints), ..Self::new(FileFrame::default(), notes) }
+        Self {
+            hints: Some(hints),
+            ..Self::new(FileFrame::default(), notes)
+        }
     }
 
     /// The triangles to come belong to a group of this name.
     pub(super) fn begin_group(&mut self, name: &str) {
         let first = self.end_group();
-        self.groups.push(Group { name: name.to_owned(), triangles: first..first });
+        self.groups.push(Group {
+            name: name.to_owned(),
+            triangles: first..first,
+        });
     }
 
     /// Ends the run of the group that was begun last; the number of triangles so far.
@@ -87,16 +97,27 @@ impl Builder {
     /// Index that the first of the next `count` vertices will get, or `None` when 32 bits do not hold the last.
     pub(super) fn next_vertex(&self, count: usize) -> Option<u32> {
         let first = self.scene.positions.len();
-        u32::try_from(first.checked_add(count)?).ok().and(u32::try_from(first).ok())
+        u32::try_from(first.checked_add(count)?)
+            .ok()
+            .and(u32::try_from(first).ok())
     }
 
     /// Adds a vertex. Whatever is not finite becomes neutral, but for the position: [`Self::push_triangle`] deals
     /// with that.
     pub(super) fn push_vertex(&mut self, vertex: Vertex) {
-        let normal = self.frame.world_direction_from_file(vertex.normal.as_dvec3()).as_vec3();
-        self.scene.positions.push(self.frame.world_from_file(vertex.position));
+        let normal = self
+            .frame
+            .world_direction_from_file(vertex.normal.as_dvec3())
+            .as_vec3();
+        self.scene
+            .positions
+            .push(self.frame.world_from_file(vertex.position));
         self.scene.normals.push(normal.normalize_or_zero());
-        self.scene.texcoords.push(if vertex.texcoord.is_finite() { vertex.texcoord } else { Vec2::ZERO });
+        self.scene.texcoords.push(if vertex.texcoord.is_finite() {
+            vertex.texcoord
+        } else {
+            Vec2::ZERO
+        });
         self.scene.colors.push(if vertex.color.is_finite() {
             vertex.color.clamp(Vec3::ZERO, Vec3::ONE)
         } else {
@@ -111,7 +132,10 @@ impl Builder {
             self.notes.add(Note::NotFinite, 1);
             return;
         }
-        let longest = (b - a).length_squared().max((c - a).length_squared()).max((c - b).length_squared());
+        let longest = (b - a)
+            .length_squared()
+            .max((c - a).length_squared())
+            .max((c - b).length_squared());
         let doubled_area = (b - a).cross(c - a).length();
         // Also false where huge coordinates overflow to infinity or NaN.
         if doubled_area > longest * DEGENERATE_SHARE {
@@ -132,17 +156,28 @@ impl Builder {
     /// Says where the headbox is, in the file's axes and unit; the first that does counts.
     pub(super) fn place_headbox(&mut self, centre: DVec3, half_size: f64) {
         let half_size_m = half_size * self.frame.unit_m;
-        self.scene.headbox.get_or_insert(Headbox { centre: self.frame.world_from_file(centre), half_size_m });
+        self.scene.headbox.get_or_insert(Headbox {
+            centre: self.frame.world_from_file(centre),
+            half_size_m,
+        });
     }
 
     /// Brings what was pushed in the file's axes and unit to the world's.
     fn orient(&mut self) {
-        let Some(hints) = self.hints.take() else { return };
+        let Some(hints) = self.hints.take() else {
+            return;
+        };
         let (frame, told) = hints.frame(&self.scene);
         self.frame = frame;
         self.notes.told.extend(told);
-        self.scene.positions.iter_mut().for_each(|p| *p = frame.world_from_file(*p));
-        self.scene.normals.iter_mut().for_each(|n| *n = frame.world_direction_from_file(n.as_dvec3()).as_vec3());
+        self.scene
+            .positions
+            .iter_mut()
+            .for_each(|p| *p = frame.world_from_file(*p));
+        self.scene
+            .normals
+            .iter_mut()
+            .for_each(|n| *n = frame.world_direction_from_file(n.as_dvec3()).as_vec3());
     }
 
     /// The finished scene, under its own lights or the default sun and sky. `path` is the file for messages; its stem names the scene.
@@ -159,12 +194,17 @@ impl Builder {
         self.scene.materials = materials;
         self.orient();
         self.groups.retain(|group| !group.triangles.is_empty());
-        self.notes.add(Note::Duplicate, duplicate_count(&self.scene));
+        self.notes
+            .add(Note::Duplicate, duplicate_count(&self.scene));
         self.notes.add_file(path);
         let FileLights { sun, sky, lamps } = self.lights.or_default(&mut self.notes);
         discard_unused_vertices(&mut self.scene);
         let mut scene = Scene {
-            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            name: path
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned(),
             textures,
             sun,
             sky,
@@ -177,10 +217,17 @@ impl Builder {
         clear_if_all(&mut scene.texcoords, Vec2::ZERO);
         clear_if_all(&mut scene.colors, Vec3::ONE);
         match scene.validate() {
-            Ok(()) => Ok(GroupedScene { scene, groups: self.groups }),
+            Ok(()) => Ok(GroupedScene {
+                scene,
+                groups: self.groups,
+            }),
             Err(cause) => {
                 let survived = scene.summary.notes.join("; ");
-                Err(LoadError::Unusable { path: path.to_path_buf(), cause, survived })
+                Err(LoadError::Unusable {
+                    path: path.to_path_buf(),
+                    cause,
+                    survived,
+                })
             }
         }
     }
@@ -196,7 +243,11 @@ fn clear_if_all<T: PartialEq>(values: &mut Vec<T>, neutral: T) {
 /// Removes the vertices that no triangle uses (among them those that are not finite), keeping the order of the rest.
 fn discard_unused_vertices(scene: &mut Scene) {
     let mut used = vec![false; scene.positions.len()];
-    scene.triangles.iter().flat_map(|t| t.vertices).for_each(|vertex| used[vertex as usize] = true);
+    scene
+        .triangles
+        .iter()
+        .flat_map(|t| t.vertices)
+        .for_each(|vertex| used[vertex as usize] = true);
     let mut kept = 0;
     let new_index: Vec<u32> = used
         .iter()
@@ -205,7 +256,10 @@ fn discard_unused_vertices(scene: &mut Scene) {
             kept.wrapping_sub(1)
         })
         .collect();
-    scene.triangles.iter_mut().for_each(|t| t.vertices = t.vertices.map(|vertex| new_index[vertex as usize]));
+    scene
+        .triangles
+        .iter_mut()
+        .for_each(|t| t.vertices = t.vertices.map(|vertex| new_index[vertex as usize]));
     retain_where(&mut scene.positions, &used);
     retain_where(&mut scene.normals, &used);
     retain_where(&mut scene.texcoords, &used);
@@ -222,23 +276,36 @@ fn retain_where<T>(values: &mut Vec<T>, keep: &[bool]) {
 fn duplicate_count(scene: &Scene) -> usize {
     let corners = |triangle: usize| {
         // Adding zero makes -0 and 0 the same bits.
-        let position = |vertex: u32| scene.positions[vertex as usize].to_array().map(|x| (x + 0.0).to_bits());
+        let position = |vertex: u32| {
+            scene.positions[vertex as usize]
+                .to_array()
+                .map(|x| (x + 0.0).to_bits())
+        };
         let mut corners = scene.triangles[triangle].vertices.map(position);
         corners.sort_unstable();
         corners
     };
     let hash = |triangle: usize| {
-        corners(triangle).as_flattened().iter().fold(0_u64, |hash, &bits| {
-            (hash.rotate_left(5) ^ bits).wrapping_mul(0x9E37_79B9_7F4A_7C15) // the multiplier of FxHash's kin
-        })
+        corners(triangle)
+            .as_flattened()
+            .iter()
+            .fold(0_u64, |hash, &bits| {
+                (hash.rotate_left(5) ^ bits).wrapping_mul(0x9E37_79B9_7F4A_7C15) // the multiplier of FxHash's kin
+            })
     };
-    let mut order: Vec<(u64, usize)> = (0..scene.triangles.len()).into_par_iter().map(|t| (hash(t), t)).collect();
+    let mut order: Vec<(u64, usize)> = (0..scene.triangles.len())
+        .into_par_iter()
+        .map(|t| (hash(t), t))
+        .collect();
     order.par_sort_unstable();
     let repeats = |same_hash: &[(u64, usize)]| {
         if same_hash.len() < 2 {
             return 0;
         }
-        let mut keys: Vec<_> = same_hash.iter().map(|&(_, triangle)| corners(triangle)).collect();
+        let mut keys: Vec<_> = same_hash
+            .iter()
+            .map(|&(_, triangle)| corners(triangle))
+            .collect();
         keys.sort_unstable();
         keys.windows(2).filter(|pair| pair[0] == pair[1]).count()
     };

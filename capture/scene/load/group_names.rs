@@ -30,7 +30,9 @@ impl GroupNames {
             let (word, rest) = keyword(&line);
             match word {
                 "v" => positions.push(position(rest)),
-                "o" | "g" => (is_floor, is_wall) = (is_one_of(rest, &FLOORS), is_one_of(rest, &WALLS)),
+                "o" | "g" => {
+                    (is_floor, is_wall) = (is_one_of(rest, &FLOORS), is_one_of(rest, &WALLS))
+                }
                 "f" if is_floor || is_wall => {
                     let area = area(rest, &positions);
                     if is_floor {
@@ -61,13 +63,21 @@ fn position(numbers: &str) -> DVec3 {
 fn area(corners: &str, positions: &[DVec3]) -> DVec3 {
     let corner = |text: &str| {
         let index: i64 = text.split('/').next()?.parse().ok()?;
-        let from_start = if index < 0 { positions.len() as i64 + index } else { index - 1 };
+        let from_start = if index < 0 {
+            positions.len() as i64 + index
+        } else {
+            index - 1
+        };
         positions.get(usize::try_from(from_start).ok()?).copied()
     };
     let corners: Option<Vec<DVec3>> = words(corners).map(corner).collect();
     let corners = corners.unwrap_or_default();
-    let Some(first) = corners.first() else { return DVec3::ZERO };
-    let fan = corners.windows(2).map(|pair| (pair[0] - first).cross(pair[1] - first));
+    let Some(first) = corners.first() else {
+        return DVec3::ZERO;
+    };
+    let fan = corners
+        .windows(2)
+        .map(|pair| (pair[0] - first).cross(pair[1] - first));
     let area = fan.sum::<DVec3>() / 2.0;
     if area.is_finite() { area } else { DVec3::ZERO }
 }

@@ -1,9 +1,9 @@
 //! What lights the scene of a file: its own lights, or the default sun and sky.
 
 use super::notes::Notes;
-use headbox_core::color::luminance;
 use crate::scene::{Lamp, Reach, Sky, Sun};
 use glam::Vec3;
+use headbox_core::color::luminance;
 
 /// Sun, sky and lamps of a scene.
 #[derive(Debug, Default)]
@@ -19,23 +19,49 @@ impl FileLights {
     pub(super) fn or_default(mut self, notes: &mut Notes) -> Self {
         let default = Sun::default();
         if self.lamps.is_empty() {
-            return Self { sun: Some(default), sky: Some(Sky::default()), lamps: self.lamps };
+            return Self {
+                sun: Some(default),
+                sky: Some(Sky::default()),
+                lamps: self.lamps,
+            };
         }
         let count = self.lamps.len();
-        let lights = if count == 1 { "light of the file lights" } else { "lights of the file light" };
-        notes.told.push(format!("{count} {lights} the scene in place of the default sun"));
+        let lights = if count == 1 {
+            "light of the file lights"
+        } else {
+            "lights of the file light"
+        };
+        notes.told.push(format!(
+            "{count} {lights} the scene in place of the default sun"
+        ));
         let distant = |lamp: &Lamp| match lamp.reach {
             Reach::Distant { direction } => Some((direction, luminance(lamp.intensity))),
             Reach::Point { .. } | Reach::Spot { .. } => None,
         };
         let strength = |at: &usize| distant(&self.lamps[*at]).map_or(-1.0, |(_, level)| level);
-        let strongest = (0..count).rev().max_by(|a, b| strength(a).total_cmp(&strength(b)));
-        let Some((at, (direction, level))) = strongest.and_then(|at| Some((at, distant(&self.lamps[at])?))) else {
-            return Self { sun: None, sky: Some(Sky::default()), lamps: self.lamps };
+        let strongest = (0..count)
+            .rev()
+            .max_by(|a, b| strength(a).total_cmp(&strength(b)));
+        let Some((at, (direction, level))) =
+            strongest.and_then(|at| Some((at, distant(&self.lamps[at])?)))
+        else {
+            return Self {
+                sun: None,
+                sky: Some(Sky::default()),
+                lamps: self.lamps,
+            };
         };
         let irradiance = self.lamps.remove(at).intensity;
         let sky = Sky::default().times(level / luminance(default.irradiance));
-        Self { sun: Some(Sun { direction, irradiance, ..default }), sky: Some(sky), lamps: self.lamps }
+        Self {
+            sun: Some(Sun {
+                direction,
+                irradiance,
+                ..default
+            }),
+            sky: Some(sky),
+            lamps: self.lamps,
+        }
     }
 
     /// Adds a lamp, unless it is none: `false` if its numbers are wrong.
@@ -46,8 +72,17 @@ impl FileLights {
             && match lamp.reach {
                 Reach::Distant { direction } => is_unit(direction),
                 Reach::Point { position, range_m } => position.is_finite() && range_m > 0.0,
-                Reach::Spot { position, range_m, axis, cosines: [inner, outer] } => {
-                    position.is_finite() && range_m > 0.0 && is_unit(axis) && inner.is_finite() && outer.is_finite()
+                Reach::Spot {
+                    position,
+                    range_m,
+                    axis,
+                    cosines: [inner, outer],
+                } => {
+                    position.is_finite()
+                        && range_m > 0.0
+                        && is_unit(axis)
+                        && inner.is_finite()
+                        && outer.is_finite()
                 }
             };
         if is_sane && lamp.intensity != [0.0; 3] {

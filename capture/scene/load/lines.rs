@@ -32,7 +32,8 @@ pub fn keyword(line: &str) -> (&str, &str) {
 
 /// The words of a line up to a comment.
 pub(super) fn words(rest: &str) -> impl Iterator<Item = &str> {
-    rest.split_whitespace().take_while(|word| !word.starts_with('#'))
+    rest.split_whitespace()
+        .take_while(|word| !word.starts_with('#'))
 }
 
 #[cfg(test)]
@@ -41,7 +42,11 @@ mod tests {
 
     #[test]
     fn lines_of_every_system_with_continuations() {
-        let collect = |text: &str| lines(text).map(|(n, l)| (n, l.into_owned())).collect::<Vec<_>>();
+        let collect = |text: &str| {
+            lines(text)
+                .map(|(n, l)| (n, l.into_owned()))
+                .collect::<Vec<_>>()
+        };
         let expected = [(1, "f 1 2  3".to_owned()), (3, "g a".to_owned())];
         assert_eq!(collect("f 1 2 \\\n 3\ng a"), expected);
         assert_eq!(collect("f 1 2 \\\r\n 3\r\n  g a\r"), expected);

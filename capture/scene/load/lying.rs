@@ -3,7 +3,9 @@
 use glam::DVec3;
 
 /// Names of what lies, in lower case, and of what stands.
-pub(super) const FLOORS: [&str; 7] = ["floor", "ground", "carpet", "parquet", "ceiling", "grass", "pavement"];
+pub(super) const FLOORS: [&str; 7] = [
+    "floor", "ground", "carpet", "parquet", "ceiling", "grass", "pavement",
+];
 pub(super) const WALLS: [&str; 2] = ["wall", "facade"];
 
 /// Normals within some 11 degrees of an axis lie along it.
@@ -28,5 +30,9 @@ impl Lying {
 
 /// Along which axes a surface of this normal lies flat: 1 or 0 each.
 pub(super) fn along(normal: DVec3) -> DVec3 {
-    DVec3::select(normal.abs().cmpgt(DVec3::splat(ALONG)), DVec3::ONE, DVec3::ZERO)
+    DVec3::select(
+        normal.abs().cmpgt(DVec3::splat(ALONG)),
+        DVec3::ONE,
+        DVec3::ZERO,
+    )
 }

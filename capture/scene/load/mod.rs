@@ -22,8 +22,8 @@ mod textures;
 pub use builder::{Group, GroupedScene};
 pub use gltf::HEADBOX_HALF_SIZE;
 
-use headbox_core::file_frame::{FileFrame, UpAxis};
 use crate::scene::{Scene, SceneError};
+use headbox_core::file_frame::{FileFrame, UpAxis};
 use std::path::{Path, PathBuf};
 
 /// What the user says about a file, where the file does not say it.
@@ -38,7 +38,10 @@ pub struct LoadOptions {
 
 impl From<FileFrame> for LoadOptions {
     fn from(frame: FileFrame) -> Self {
-        Self { up: Some(frame.up), unit_m: Some(frame.unit_m) }
+        Self {
+            up: Some(frame.up),
+            unit_m: Some(frame.unit_m),
+        }
     }
 }
 
@@ -128,24 +131,39 @@ pub fn load_grouped(path: &Path, options: &LoadOptions) -> Result<GroupedScene, 
 }
 
 fn load_file(path: &Path, options: &LoadOptions, groups: bool) -> Result<GroupedScene, LoadError> {
-    if let Some(unit_m) = options.unit_m.filter(|unit_m| !(unit_m.is_finite() && *unit_m > 0.0)) {
-        return Err(LoadError::Unit { path: path.to_path_buf(), unit_m });
+    if let Some(unit_m) = options
+        .unit_m
+        .filter(|unit_m| !(unit_m.is_finite() && *unit_m > 0.0))
+    {
+        return Err(LoadError::Unit {
+            path: path.to_path_buf(),
+            unit_m,
+        });
     }
     let loader = match extension_of(path).as_str() {
         "obj" => obj::load,
         "gltf" | "glb" => gltf::load,
-        _ => return Err(LoadError::UnknownFormat { path: path.to_path_buf() }),
+        _ => {
+            return Err(LoadError::UnknownFormat {
+                path: path.to_path_buf(),
+            });
+        }
     };
     loader(path, &read(path)?, options, groups)
 }
 
 /// The ending of a path in lower case; empty if it has none.
 pub fn extension_of(path: &Path) -> String {
-    path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default()
+    path.extension()
+        .map(|extension| extension.to_string_lossy().to_lowercase())
+        .unwrap_or_default()
 }
 
 pub fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
-    std::fs::read(path).map_err(|cause| LoadError::Io { path: path.to_path_buf(), cause })
+    std::fs::read(path).map_err(|cause| LoadError::Io {
+        path: path.to_path_buf(),
+        cause,
+    })
 }
 
 /// The folder that a file lies in.

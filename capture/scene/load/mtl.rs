@@ -39,7 +39,10 @@ pub struct MtlMaterial {
 impl MtlMaterial {
     /// Opacity of the whole surface, 1 where nothing is said, and where `Tr` is told [the other way round](Self::is_turned).
     pub(super) fn opacity(&self) -> f32 {
-        let by_transparency = self.transparency.filter(|_| !self.is_turned()).map(|transparency| 1.0 - transparency);
+        let by_transparency = self
+            .transparency
+            .filter(|_| !self.is_turned())
+            .map(|transparency| 1.0 - transparency);
         self.dissolve.or(by_transparency).unwrap_or(1.0)
     }
 
@@ -56,7 +59,13 @@ impl MtlMaterial {
 }
 
 /// Appends the materials of a file to `materials`. `name` is the file's, for the notes on lines that say nothing.
-pub fn parse(text: &str, name: &str, folder: PathBuf, materials: &mut Vec<MtlMaterial>, notes: &mut Notes) {
+pub fn parse(
+    text: &str,
+    name: &str,
+    folder: PathBuf,
+    materials: &mut Vec<MtlMaterial>,
+    notes: &mut Notes,
+) {
     let mut current: Option<MtlMaterial> = None;
     for (number, line) in lines(text) {
         let (word, rest) = keyword(&line);
@@ -82,7 +91,9 @@ fn statement(material: &mut MtlMaterial, word: &str, rest: &str) -> Option<()> {
         "ka" => material.ambient = Some(color(rest)?),
         "kd" => material.diffuse = Some(color(rest)?),
         "ke" => material.emissive = Some(color(rest)?),
-        "d" => material.dissolve = Some(words(rest).find(|&word| word != "-halo").and_then(finite)?),
+        "d" => {
+            material.dissolve = Some(words(rest).find(|&word| word != "-halo").and_then(finite)?)
+        }
         "tr" => material.transparency = Some(words(rest).next().and_then(finite)?),
         "illum" => material.illumination_model = Some(words(rest).next()?.parse().ok()?),
         "map_kd" => material.diffuse_map = Some(map(rest)?),
@@ -117,7 +128,8 @@ fn map(rest: &str) -> Option<Map> {
             "-o" => offset = vector(&mut after, 0.0),
             "-t" => _ = vector(&mut after, 0.0),
             "-mm" => after = keyword(keyword(after).1).1,
-            "-blendu" | "-blendv" | "-bm" | "-boost" | "-cc" | "-clamp" | "-imfchan" | "-texres" | "-type" => {
+            "-blendu" | "-blendv" | "-bm" | "-boost" | "-cc" | "-clamp" | "-imfchan"
+            | "-texres" | "-type" => {
                 after = keyword(after).1;
             }
             _ => break, // a file name that begins with a dash
@@ -125,7 +137,10 @@ fn map(rest: &str) -> Option<Map> {
         rest = after;
     }
     let image_from_vertex = Affine2::from_scale_angle_translation(scale, 0.0, offset);
-    (!rest.is_empty()).then(|| Map { file: rest.to_owned(), image_from_vertex })
+    (!rest.is_empty()).then(|| Map {
+        file: rest.to_owned(),
+        image_from_vertex,
+    })
 }
 
 /// Takes one to three numbers off the front of `rest`; the first two, where given, else `default`.
@@ -145,7 +160,13 @@ mod tests {
 
     fn parsed(text: &str) -> (Vec<MtlMaterial>, Vec<String>) {
         let (mut materials, mut notes) = (Vec::new(), Notes::default());
-        parse(text, "a.mtl", PathBuf::from("folder"), &mut materials, &mut notes);
+        parse(
+            text,
+            "a.mtl",
+            PathBuf::from("folder"),
+            &mut materials,
+            &mut notes,
+        );
         (materials, notes.summary().notes)
     }
 
@@ -155,14 +176,26 @@ mod tests {
             "Kd 1 1 1\nnewmtl a b #2\n\tkd 0.5\nKd x y z\nTr 0.25 # comment\nd -halo 0.5\nKe 1 2\n\
              map_Kd -s 2 3 1 -clamp on -o 0.5 my wood.png\nmap_d -imfchan m C:\\a\\b.png\nNs\n\nnewmtl second\nTr 1",
         );
-        assert_eq!(notes, ["2 lines of a material file not understood and skipped: a.mtl line 4, a.mtl line 7"]);
+        assert_eq!(
+            notes,
+            ["2 lines of a material file not understood and skipped: a.mtl line 4, a.mtl line 7"]
+        );
         assert_eq!(materials.len(), 2);
         let first = &materials[0];
-        assert_eq!((first.name.as_str(), first.diffuse, first.opacity()), ("a b #2", Some([0.5; 3]), 0.5));
+        assert_eq!(
+            (first.name.as_str(), first.diffuse, first.opacity()),
+            ("a b #2", Some([0.5; 3]), 0.5)
+        );
         let map = first.diffuse_map.as_ref().expect("given");
         assert_eq!(map.file, "my wood.png");
-        assert_eq!(map.image_from_vertex.transform_point2(Vec2::ONE), Vec2::new(2.5, 3.0));
-        assert_eq!(first.dissolve_map.as_ref().map(|map| map.file.as_str()), Some("C:\\a\\b.png"));
+        assert_eq!(
+            map.image_from_vertex.transform_point2(Vec2::ONE),
+            Vec2::new(2.5, 3.0)
+        );
+        assert_eq!(
+            first.dissolve_map.as_ref().map(|map| map.file.as_str()),
+            Some("C:\\a\\b.png")
+        );
         assert!(materials[1].opacity() == 1.0 && materials[1].is_turned());
         assert_eq!(parsed("newmtl a\nTr 0.75").0[0].opacity(), 0.25);
         assert_eq!(parsed("newmtl a\nTr 1\nd 0").0[0].opacity(), 0.0);

@@ -40,20 +40,40 @@ impl Note {
     /// Singular and plural of what is counted, and what happened to it.
     fn words(self) -> [&'static str; 3] {
         match self {
-            Self::MaterialFileUnreadable => ["material file", "material files", "could not be read"],
-            Self::MaterialUndefined => ["material", "materials", "used but not defined anywhere, so plain grey"],
-            Self::MaterialLineUnread => ["line", "lines", "of a material file not understood and skipped"],
+            Self::MaterialFileUnreadable => {
+                ["material file", "material files", "could not be read"]
+            }
+            Self::MaterialUndefined => [
+                "material",
+                "materials",
+                "used but not defined anywhere, so plain grey",
+            ],
+            Self::MaterialLineUnread => [
+                "line",
+                "lines",
+                "of a material file not understood and skipped",
+            ],
             Self::TextureUnreadable => ["texture", "textures", "could not be read"],
-            Self::TextureRenamed => ["texture", "textures", "found in another folder or spelling than the file says"],
-            Self::TextureTransformIgnored => {
-                ["texture", "textures", "placed like the albedo texture of the same material"]
-            }
-            Self::AmbientTakenAsLight => {
-                ["material", "materials", "with an ambient colour above 1, taken as emitted light"]
-            }
-            Self::TransparencyTurned => {
-                ["material", "materials", "with Tr 1 and no d, taken as opaque, as programs for scans write it"]
-            }
+            Self::TextureRenamed => [
+                "texture",
+                "textures",
+                "found in another folder or spelling than the file says",
+            ],
+            Self::TextureTransformIgnored => [
+                "texture",
+                "textures",
+                "placed like the albedo texture of the same material",
+            ],
+            Self::AmbientTakenAsLight => [
+                "material",
+                "materials",
+                "with an ambient colour above 1, taken as emitted light",
+            ],
+            Self::TransparencyTurned => [
+                "material",
+                "materials",
+                "with Tr 1 and no d, taken as opaque, as programs for scans write it",
+            ],
             Self::Unlit => [
                 "unlit material",
                 "unlit materials",
@@ -61,27 +81,67 @@ impl Note {
                  shows them as they are",
             ],
             Self::LineUnread => ["line", "lines", "that no OBJ file has, skipped"],
-            Self::BytesBeyondEnd => ["byte", "bytes", "after the end that the GLB header tells, skipped"],
+            Self::BytesBeyondEnd => [
+                "byte",
+                "bytes",
+                "after the end that the GLB header tells, skipped",
+            ],
             Self::UnknownExtension => ["extension", "extensions", "not supported and ignored"],
             Self::BufferUnreadable => ["buffer", "buffers", "could not be read"],
-            Self::AccessorUnreadable => ["mesh part or attribute", "mesh parts or attributes", "damaged and left out"],
+            Self::AccessorUnreadable => [
+                "mesh part or attribute",
+                "mesh parts or attributes",
+                "damaged and left out",
+            ],
             Self::LightUnreadable => ["light", "lights", "damaged and left out"],
-            Self::SkinUnreadable => {
-                ["skinned mesh", "skinned meshes", "shown unbent, as joints or weights are damaged"]
-            }
-            Self::NodeCycle => ["node", "nodes", "reached more than once and kept only the first time"],
-            Self::NonTriangles => ["element", "elements", "left out, as points, lines and curves have no surface"],
+            Self::SkinUnreadable => [
+                "skinned mesh",
+                "skinned meshes",
+                "shown unbent, as joints or weights are damaged",
+            ],
+            Self::NodeCycle => [
+                "node",
+                "nodes",
+                "reached more than once and kept only the first time",
+            ],
+            Self::NonTriangles => [
+                "element",
+                "elements",
+                "left out, as points, lines and curves have no surface",
+            ],
             Self::EmptyGroup => ["group", "groups", "without faces"],
             Self::FaceTooShort => ["face", "faces", "with fewer than three corners left out"],
-            Self::FaceIndexOutOfRange => ["face", "faces", "left out because a vertex index is out of range"],
-            Self::AttributeIndexOutOfRange => {
-                ["face", "faces", "with a texture coordinate or normal index out of range, taken as not given"]
-            }
-            Self::VertexNotFinite => ["vertex", "vertices", "with a number that is none or too large"],
-            Self::NotFinite => ["triangle", "triangles", "left out because a vertex is not finite"],
+            Self::FaceIndexOutOfRange => [
+                "face",
+                "faces",
+                "left out because a vertex index is out of range",
+            ],
+            Self::AttributeIndexOutOfRange => [
+                "face",
+                "faces",
+                "with a texture coordinate or normal index out of range, taken as not given",
+            ],
+            Self::VertexNotFinite => [
+                "vertex",
+                "vertices",
+                "with a number that is none or too large",
+            ],
+            Self::NotFinite => [
+                "triangle",
+                "triangles",
+                "left out because a vertex is not finite",
+            ],
             Self::Degenerate => ["triangle", "triangles", "left out for want of area"],
-            Self::SeeThrough => ["triangle", "triangles", "of see-through glass (opacity below one half) left out"],
-            Self::Duplicate => ["triangle", "triangles", "in exactly the place of another one, kept"],
+            Self::SeeThrough => [
+                "triangle",
+                "triangles",
+                "of see-through glass (opacity below one half) left out",
+            ],
+            Self::Duplicate => [
+                "triangle",
+                "triangles",
+                "in exactly the place of another one, kept",
+            ],
         }
     }
 
@@ -90,7 +150,12 @@ impl Note {
         let noun = if entry.count == 1 { one } else { many };
         let mut sentence = format!("{} {noun} {what}", entry.count);
         if !entry.names.is_empty() {
-            let mut shown: Vec<&str> = entry.names.iter().take(Notes::NAMES_SHOWN).map(String::as_str).collect();
+            let mut shown: Vec<&str> = entry
+                .names
+                .iter()
+                .take(Notes::NAMES_SHOWN)
+                .map(String::as_str)
+                .collect();
             if entry.names.len() > Notes::NAMES_SHOWN {
                 shown.push("...");
             }
@@ -161,7 +226,10 @@ impl Notes {
     pub(super) fn summary(&self) -> LoadSummary {
         LoadSummary {
             notes: {
-                let counted = self.entries.iter().map(|(note, entry)| note.sentence(entry));
+                let counted = self
+                    .entries
+                    .iter()
+                    .map(|(note, entry)| note.sentence(entry));
                 self.told.iter().cloned().chain(counted).collect()
             },
             files: self.files.iter().cloned().collect(),
@@ -184,7 +252,10 @@ mod tests {
             notes.add_named(Note::TextureUnreadable, format!("{i}.png"));
         }
         let sentences = notes.summary().notes;
-        assert_eq!(sentences[0], "7 textures could not be read: 0.png, 1.png, 2.png, 3.png, 4.png, ...");
+        assert_eq!(
+            sentences[0],
+            "7 textures could not be read: 0.png, 1.png, 2.png, 3.png, 4.png, ..."
+        );
         assert_eq!(sentences[1], "1 triangle left out for want of area");
     }
 }

@@ -11,7 +11,6 @@
 
 use super::builder::{Builder, GroupedScene, Vertex};
 use super::lines::decode;
-use crate::load::mtl;
 use super::mtl::{Map, MtlMaterial};
 use super::notes::{Note, Notes};
 use super::obj_lines::{MendedObj, Survey};
@@ -19,23 +18,35 @@ use super::orientation::Hints;
 use super::polygon::triangulate;
 use super::textures::{DecodedTextures, Handle, Role, TextureTable, find_file};
 use super::{LoadError, LoadOptions, folder_of};
+use crate::load::mtl;
 use crate::material::{Cutout, Material};
+use glam::{Affine2, DVec3, Vec2, Vec3};
 use headbox_core::color::linear_from_srgb;
 use headbox_core::file_frame::FileFrame;
-use glam::{Affine2, DVec3, Vec2, Vec3};
 use std::collections::HashMap;
 use std::path::Path;
 
 /// Alpha below this is a hole; OBJ has no statement for it.
 const CUTOUT_THRESHOLD: f32 = 0.5;
 
-pub(super) fn load(path: &Path, bytes: &[u8], options: &LoadOptions, groups: bool) -> Result<GroupedScene, LoadError> {
+pub(super) fn load(
+    path: &Path,
+    bytes: &[u8],
+    options: &LoadOptions,
+    groups: bool,
+) -> Result<GroupedScene, LoadError> {
     let text = decode(bytes);
     let hints = Hints::of(&text, options);
     let survey = Survey::of(&text);
     let mut notes = Notes::default();
     let mtl_materials = read_libraries(&survey, folder_of(path), &mut notes);
-    let source = Source { path, text: &text, survey: &survey, materials: &mtl_materials, pictures: &Pictures::new() };
+    let source = Source {
+        path,
+        text: &text,
+        survey: &survey,
+        materials: &mtl_materials,
+        pictures: &Pictures::new(),
+    };
     build(&source, Builder::to_be_oriented(hints, notes), groups)
 }
 
@@ -50,7 +61,13 @@ pub fn load_text(
     pictures: &Pictures,
     frame: FileFrame,
 ) -> Result<GroupedScene, LoadError> {
-    let source = Source { path, text, survey: &Survey::of(text), materials, pictures };
+    let source = Source {
+        path,
+        text,
+        survey: &Survey::of(text),
+        materials,
+        pictures,
+    };
     build(&source, Builder::new(frame, Notes::default()), true)
 }
 
@@ -76,24 +93,43 @@ fn build(source: &Source, mut builder: Builder, groups: bool) -> Result<GroupedS
         if groups {
             builder.begin_group(&model.name);
         }
-        surfaces.push_mesh(&model.mesh, &mut builder).map_err(|TooManyVertices| LoadError::Malformed {
-            path: source.path.to_path_buf(),
-            cause: "it has more than 2^32 vertices".into(),
-        })?;
+        surfaces
+            .push_mesh(&model.mesh, &mut builder)
+            .map_err(|TooManyVertices| LoadError::Malformed {
+                path: source.path.to_path_buf(),
+                cause: "it has more than 2^32 vertices".into(),
+            })?;
     }
     builder.finish(source.path, surfaces.materials, surfaces.textures.textures)
 }
 
 /// Runs `tobj` over the mended text.
 fn parse(source: &Source, groups: bool) -> Result<(Vec<tobj::Model>, Notes), LoadError> {
-    let Source { path, text, survey, materials, .. } = *source;
-    let options =
-        tobj::LoadOptions { single_index: true, ignore_points: true, ignore_lines: true, ..Default::default() };
+    let Source {
+        path,
+        text,
+        survey,
+        materials,
+        ..
+    } = *source;
+    let options = tobj::LoadOptions {
+        single_index: true,
+        ignore_points: true,
+        ignore_lines: true,
+        ..Default::default()
+    };
     let mut mended = MendedObj::new(text, survey, groups);
     let parsed = tobj::load_obj_buf(&mut mended, &options, |_| {
-        let named = |m: &MtlMaterial| tobj::Material { name: m.name.clone(), ..Default::default() };
+        let named = |m: &MtlMaterial| tobj::Material {
+            name: m.name.clone(),
+            ..Default::default()
+        };
         // Of two materials of one name the later wins, as in `tobj` itself.
-        let by_name = materials.iter().enumerate().map(|(index, m)| (m.name.clone(), index)).collect();
+        let by_name = materials
+            .iter()
+            .enumerate()
+            .map(|(index, m)| (m.name.clone(), index))
+            .collect();
         Ok((materials.iter().map(named).collect(), by_name))
     });
     match parsed {
@@ -102,7 +138,11 @@ fn parse(source: &Source, groups: bool) -> Result<(Vec<tobj::Model>, Notes), Loa
             let (line, text) = mended.last_line();
             let shown: String = text.chars().take(80).collect();
             let cause = format!("`{shown}` does not parse{}", expected(cause));
-            Err(LoadError::Line { path: path.to_path_buf(), line, cause })
+            Err(LoadError::Line {
+                path: path.to_path_buf(),
+                line,
+                cause,
+            })
         }
     }
 }
@@ -114,7 +154,9 @@ fn expected(cause: tobj::LoadError) -> &'static str {
         E::PositionParseError => "; a position is three numbers",
         E::NormalParseError => "; a normal is three numbers",
         E::TexcoordParseError => "; a texture coordinate is two numbers",
-        E::FaceParseError | E::InvalidPolygon => "; a face is three corners or more, each V, V/T, V//N or V/T/N",
+        E::FaceParseError | E::InvalidPolygon => {
+            "; a face is three corners or more, each V, V/T, V//N or V/T/N"
+        }
         _ => "",
     }
 }
@@ -136,9 +178,17 @@ fn read_libraries(survey: &Survey, folder: &Path, notes: &mut Notes) -> Vec<MtlM
             match read {
                 Ok((path, bytes)) => {
                     notes.add_file(&path);
-                    mtl::parse(&decode(&bytes), name, folder_of(&path).to_path_buf(), &mut materials, notes);
+                    mtl::parse(
+                        &decode(&bytes),
+                        name,
+                        folder_of(&path).to_path_buf(),
+                        &mut materials,
+                        notes,
+                    );
                 }
-                Err(cause) => notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})")),
+                Err(cause) => {
+                    notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})"))
+                }
             }
         }
     }
@@ -181,16 +231,21 @@ impl ObjMaterials {
             used[material] = true;
             coloured[material] |= !model.mesh.vertex_color.is_empty();
         }
-        let neutral = MtlMaterial { name: Material::default().name, ..MtlMaterial::default() };
+        let neutral = MtlMaterial {
+            name: Material::default().name,
+            ..MtlMaterial::default()
+        };
         let all = || mtl.iter().chain([&neutral]).zip(&used);
 
         let mut set = TextureTable::default();
         let maps: Vec<Maps> = all()
-            .map(
-                |(m, &used)| {
-                    if used { request_maps(m, (folder, source.pictures), &mut set, notes) } else { Maps::default() }
-                },
-            )
+            .map(|(m, &used)| {
+                if used {
+                    request_maps(m, (folder, source.pictures), &mut set, notes)
+                } else {
+                    Maps::default()
+                }
+            })
             .collect();
         let textures = set.decode(notes);
 
@@ -202,13 +257,20 @@ impl ObjMaterials {
                     materials.push(material);
                     materials.len() as u32 - 1
                 });
-                ObjMaterial { material, image_from_vertex: placement(m, notes) }
+                ObjMaterial {
+                    material,
+                    image_from_vertex: placement(m, notes),
+                }
             }));
         }
         if materials.is_empty() {
             materials.push(Material::default());
         }
-        Self { materials, textures, by_mtl }
+        Self {
+            materials,
+            textures,
+            by_mtl,
+        }
     }
 
     /// Adds the triangles of a mesh to the scene.
@@ -229,17 +291,32 @@ impl ObjMaterials {
             })
         };
         let Some(material) = surface.material else {
-            builder.notes.add(Note::SeeThrough, polygons().map(|polygon| polygon.len().saturating_sub(2)).sum());
+            builder.notes.add(
+                Note::SeeThrough,
+                polygons()
+                    .map(|polygon| polygon.len().saturating_sub(2))
+                    .sum(),
+            );
             return Ok(());
         };
 
-        let first = builder.next_vertex(mesh.positions.len() / 3).ok_or(TooManyVertices)?;
-        let triples = |values: &[f64]| values.chunks_exact(3).map(DVec3::from_slice).map(|v| v.as_vec3()).collect();
+        let first = builder
+            .next_vertex(mesh.positions.len() / 3)
+            .ok_or(TooManyVertices)?;
+        let triples = |values: &[f64]| {
+            values
+                .chunks_exact(3)
+                .map(DVec3::from_slice)
+                .map(|v| v.as_vec3())
+                .collect()
+        };
         let normals: Vec<Vec3> = triples(&mesh.normals);
         let colors: Vec<Vec3> = triples(&mesh.vertex_color);
         for (i, p) in mesh.positions.chunks_exact(3).enumerate() {
-            let texcoord =
-                mesh.texcoords.get(2 * i..2 * i + 2).map_or(Vec2::ZERO, |t| Vec2::new(t[0] as f32, t[1] as f32));
+            let texcoord = mesh
+                .texcoords
+                .get(2 * i..2 * i + 2)
+                .map_or(Vec2::ZERO, |t| Vec2::new(t[0] as f32, t[1] as f32));
             builder.push_vertex(Vertex {
                 position: DVec3::from_slice(p),
                 normal: normals.get(i).copied().unwrap_or(Vec3::ZERO),
@@ -276,7 +353,11 @@ fn request_maps(
         (Some(a), Some(b)) if same_file(a, b) => diffuse,
         (map, _) => request(map, Role::Mask),
     };
-    Maps { diffuse, emissive: request(&m.emissive_map, Role::Color), dissolve }
+    Maps {
+        diffuse,
+        emissive: request(&m.emissive_map, Role::Color),
+        dissolve,
+    }
 }
 
 /// The scene's material, or `None` for see-through glass. `coloured`: vertices bring colours.
@@ -299,16 +380,33 @@ fn convert(
         notes.add_named(Note::TransparencyTurned, &m.name);
     }
     let given = |color: Option<[f32; 3]>| color.filter(|color| *color != [0.0; 3]);
-    let said = if m.diffuse_map.is_some() { given(m.diffuse) } else { m.diffuse };
-    let unsaid = if diffuse.is_some() || coloured { [1.0; 3] } else { Material::default().albedo };
-    let light_from_ambient = m.ambient.filter(|ka| ka.iter().any(|&c| c > 1.0) && given(m.emissive).is_none());
+    let said = if m.diffuse_map.is_some() {
+        given(m.diffuse)
+    } else {
+        m.diffuse
+    };
+    let unsaid = if diffuse.is_some() || coloured {
+        [1.0; 3]
+    } else {
+        Material::default().albedo
+    };
+    let light_from_ambient = m
+        .ambient
+        .filter(|ka| ka.iter().any(|&c| c > 1.0) && given(m.emissive).is_none());
     if light_from_ambient.is_some() {
         notes.add_named(Note::AmbientTakenAsLight, &m.name);
     }
-    let unsaid_emission = if emissive.is_some() { [1.0; 3] } else { [0.0; 3] };
+    let unsaid_emission = if emissive.is_some() {
+        [1.0; 3]
+    } else {
+        [0.0; 3]
+    };
     // A map that cannot be read is better dark than glowing all over.
     let is_dark = m.emissive_map.is_some() && emissive.is_none();
-    let emission = given(m.emissive).filter(|_| !is_dark).or(light_from_ambient).unwrap_or(unsaid_emission);
+    let emission = given(m.emissive)
+        .filter(|_| !is_dark)
+        .or(light_from_ambient)
+        .unwrap_or(unsaid_emission);
     Some(Material {
         name: m.name.clone(),
         albedo: said.unwrap_or(unsaid).map(|c| c.clamp(0.0, 1.0)),
@@ -316,13 +414,18 @@ fn convert(
         emission: emission.map(|c| c.max(0.0)),
         emission_texture: emissive.map(|slot| slot.index),
         gloss: None,
-        cutout: opacity.map(|slot| Cutout { texture: slot.index, threshold: CUTOUT_THRESHOLD }),
+        cutout: opacity.map(|slot| Cutout {
+            texture: slot.index,
+            threshold: CUTOUT_THRESHOLD,
+        }),
     })
 }
 
 /// A vertex has one texture coordinate, so all maps of a material are placed like the first.
 fn placement(m: &MtlMaterial, notes: &mut Notes) -> Affine2 {
-    let mut maps = [&m.diffuse_map, &m.emissive_map, &m.dissolve_map].into_iter().flatten();
+    let mut maps = [&m.diffuse_map, &m.emissive_map, &m.dissolve_map]
+        .into_iter()
+        .flatten();
     let Some(first) = maps.next() else {
         return Affine2::IDENTITY;
     };

@@ -190,7 +190,11 @@ impl<'a> MendedObj<'a> {
             if self.phase == Phase::Faces {
                 self.begin_group(None);
             }
-            self.phase = if self.phase == Phase::Vertices { Phase::Neutral } else { Phase::End };
+            self.phase = if self.phase == Phase::Vertices {
+                Phase::Neutral
+            } else {
+                Phase::End
+            };
             return;
         };
         let (word, rest) = keyword(&line);
@@ -211,7 +215,12 @@ impl<'a> MendedObj<'a> {
         let numbers: Vec<&str> = match word {
             "v" | "vn" => words(rest).take(3).map(number).collect(),
             // A texture coordinate may have one component only.
-            "vt" => words(rest).take(2).map(number).chain(["0"]).take(2).collect(),
+            "vt" => words(rest)
+                .take(2)
+                .map(number)
+                .chain(["0"])
+                .take(2)
+                .collect(),
             _ => return,
         };
         if word == "v" && numbers.iter().any(|number| is_not_finite(number)) {
@@ -220,9 +229,14 @@ impl<'a> MendedObj<'a> {
         let mut mended = format!("{word} {}", numbers.join(" "));
         if word == "v" && self.survey.has_colors {
             let colors: Vec<&str> = words(rest).skip(3).take(3).collect();
-            let given = colors.len() == 3 && colors.iter().all(|color| color.parse::<f64>().is_ok());
+            let given =
+                colors.len() == 3 && colors.iter().all(|color| color.parse::<f64>().is_ok());
             mended += " ";
-            mended += &if given { colors.join(" ") } else { "1 1 1".to_owned() };
+            mended += &if given {
+                colors.join(" ")
+            } else {
+                "1 1 1".to_owned()
+            };
         }
         self.emit(&mended);
     }
@@ -231,13 +245,17 @@ impl<'a> MendedObj<'a> {
         self.so_far.count(word);
         match word {
             "f" | "fo" => self.mend_face(rest),
-            "usemtl" => self.emit(&format!("usemtl {}", if rest.is_empty() { NO_MATERIAL } else { rest })),
+            "usemtl" => self.emit(&format!(
+                "usemtl {}",
+                if rest.is_empty() { NO_MATERIAL } else { rest }
+            )),
             "o" => self.begin_named_group('o', rest),
             // Maya puts the vertices of every mesh into a group of this name, which is not a defect.
             "g" if rest == "default" => {}
             "g" => self.begin_named_group('g', rest),
             "l" | "p" | "curv" | "curv2" | "surf" => self.notes.add(Note::NonTriangles, 1),
-            word if word.is_empty() || word.starts_with('#') || WITHOUT_SURFACE.contains(&word) => {}
+            word if word.is_empty() || word.starts_with('#') || WITHOUT_SURFACE.contains(&word) => {
+            }
             _ => self.notes.add(Note::LineUnread, 1),
         }
     }
@@ -268,10 +286,17 @@ impl<'a> MendedObj<'a> {
         if corners.len() < 3 {
             return self.notes.add(Note::FaceTooShort, 1);
         }
-        if corners.iter().any(|corner| matches!(corner[0], Index::OutOfRange | Index::Absent)) {
+        if corners
+            .iter()
+            .any(|corner| matches!(corner[0], Index::OutOfRange | Index::Absent))
+        {
             return self.notes.add(Note::FaceIndexOutOfRange, 1);
         }
-        if corners.iter().flatten().any(|&index| index == Index::OutOfRange) {
+        if corners
+            .iter()
+            .flatten()
+            .any(|&index| index == Index::OutOfRange)
+        {
             self.notes.add(Note::AttributeIndexOutOfRange, 1);
         }
         let totals = self.survey.totals;
@@ -329,20 +354,36 @@ impl Index {
             Ok(magnitude) if written < 0 => so_far.checked_sub(magnitude),
             _ => None,
         };
-        index.filter(|&index| index < total).map_or(Self::OutOfRange, Self::At)
+        index
+            .filter(|&index| index < total)
+            .map_or(Self::OutOfRange, Self::At)
     }
 }
 
 /// A number as Rust reads it: the many spellings of "not a number" and infinity become `nan`.
 fn number(word: &str) -> &str {
-    let plain = word.bytes().all(|b| b.is_ascii_digit() || b"+-.eE".contains(&b));
-    let lower = if plain { String::new() } else { word.to_ascii_lowercase() };
-    if ["nan", "inf", "ind", "#"].iter().any(|sign| lower.contains(sign)) { "nan" } else { word }
+    let plain = word
+        .bytes()
+        .all(|b| b.is_ascii_digit() || b"+-.eE".contains(&b));
+    let lower = if plain {
+        String::new()
+    } else {
+        word.to_ascii_lowercase()
+    };
+    if ["nan", "inf", "ind", "#"]
+        .iter()
+        .any(|sign| lower.contains(sign))
+    {
+        "nan"
+    } else {
+        word
+    }
 }
 
 /// Whether `tobj` will read a number as NaN or infinite: only such as have a letter in them.
 fn is_not_finite(number: &str) -> bool {
-    number.bytes().any(|byte| byte.is_ascii_alphabetic()) && number.parse::<f64>().is_ok_and(|value| !value.is_finite())
+    number.bytes().any(|byte| byte.is_ascii_alphabetic())
+        && number.parse::<f64>().is_ok_and(|value| !value.is_finite())
 }
 
 impl Read for MendedObj<'_> {

@@ -11,9 +11,9 @@ use super::LoadOptions;
 use super::group_names::GroupNames;
 use super::lying::{FLOORS, Lying, WALLS, along};
 use super::standing::standing;
-use headbox_core::file_frame::{FileFrame, UpAxis};
 use crate::scene::Scene;
 use glam::DVec3;
+use headbox_core::file_frame::{FileFrame, UpAxis};
 
 /// What an OBJ says beside its triangles.
 #[derive(Clone, Debug)]
@@ -54,7 +54,11 @@ const LOWEST_ROOM_M: f64 = 1.5;
 impl Hints {
     /// Of a file that is no text: none.
     pub(super) fn none(options: &LoadOptions) -> Self {
-        Self { options: *options, comments: String::new(), groups: GroupNames::default() }
+        Self {
+            options: *options,
+            comments: String::new(),
+            groups: GroupNames::default(),
+        }
     }
 
     /// The hints of a file's text.
@@ -62,7 +66,9 @@ impl Hints {
         const MOST_BYTES: usize = 4096;
         let comments = text.lines().map_while(|line| match line.trim_start() {
             "" => Some(""),
-            line => line.strip_prefix('#').or_else(|| line.starts_with("mtllib").then_some("")),
+            line => line
+                .strip_prefix('#')
+                .or_else(|| line.starts_with("mtllib").then_some("")),
         });
         let mut joined = String::new();
         for line in comments.take_while(|line| line.len() < MOST_BYTES) {
@@ -72,7 +78,11 @@ impl Hints {
                 break;
             }
         }
-        Self { options: *options, comments: joined, groups: GroupNames::of(text) }
+        Self {
+            options: *options,
+            comments: joined,
+            groups: GroupNames::of(text),
+        }
     }
 
     /// The frame of a scene whose positions are still those of the file, and a sentence if it is a guess that needs telling.
@@ -92,11 +102,16 @@ impl Hints {
         };
         let up_told = up_why.map(|why| match up {
             UpAxis::Z => format!("Z is taken as up ({why}); --up y if that is wrong"),
-            UpAxis::Y => format!("Y is taken as up, as OBJ files mostly have it ({why}); --up z if that is wrong"),
+            UpAxis::Y => format!(
+                "Y is taken as up, as OBJ files mostly have it ({why}); --up z if that is wrong"
+            ),
         });
         let unit_told = unit_why.map(|why| format!("the unit is taken as {why}"));
         let told: Vec<String> = up_told.into_iter().chain(unit_told).collect();
-        (FileFrame { up, unit_m }, (!told.is_empty()).then(|| told.join("; ")))
+        (
+            FileFrame { up, unit_m },
+            (!told.is_empty()).then(|| told.join("; ")),
+        )
     }
 
     /// What speaks against Y up and metres, which a glTF has by its format's rule, of a scene that stands with Y up;
@@ -107,7 +122,9 @@ impl Hints {
         if self.options.up.is_none()
             && let (UpAxis::Z, Some(why)) = self.guess_up(&shape)
         {
-            doubts.push(format!("Y is up, as glTF has it, though Z seems to be ({why}); --up z if so"));
+            doubts.push(format!(
+                "Y is up, as glTF has it, though Z seems to be ({why}); --up z if so"
+            ));
         }
         // The scene has Y up by now, whatever the file has.
         let up = UpAxis::Y;
@@ -153,7 +170,10 @@ impl Hints {
         match (odds > PRIOR_FOR_Y, reasons.is_empty()) {
             (true, _) => (UpAxis::Z, Some(reasons)),
             (false, true) => (UpAxis::Y, Some("nothing tells".into())),
-            (false, false) => (UpAxis::Y, Some(format!("there is too little for Z: {reasons}"))),
+            (false, false) => (
+                UpAxis::Y,
+                Some(format!("there is too little for Z: {reasons}")),
+            ),
         }
     }
 
@@ -170,42 +190,71 @@ impl Hints {
         ];
         let [height, width] = shape.height_and_width(scene, up);
         let is_room = shape.floors.is_some() && shape.walls.is_some();
-        let outdoors = named(scene, &["city", "street", "road", "terrain", "mountain", "landscape"]).next().is_some();
-        let off = |length: f64, usual: f64, spread: f64| ((length / usual).ln() / spread).powi(2) / 2.0;
+        let outdoors = named(
+            scene,
+            &["city", "street", "road", "terrain", "mountain", "landscape"],
+        )
+        .next()
+        .is_some();
+        let off =
+            |length: f64, usual: f64, spread: f64| ((length / usual).ln() / spread).powi(2) / 2.0;
         // Rooms, houses and trees: some metres high and wide, give or take a factor of three or four.
         let odd = |metres: f64| off(height * metres, 4.0, 1.1) + off(width * metres, 15.0, 1.4);
         let odds = |&(metres, name, short, prior): &(f64, &str, &str, f64)| {
             let singular = &name[..name.len() - 1];
-            let spellings =
-                [name, singular, short, &name.replace("metre", "meter"), &singular.replace("metre", "meter")];
+            let spellings = [
+                name,
+                singular,
+                short,
+                &name.replace("metre", "meter"),
+                &singular.replace("metre", "meter"),
+            ];
             let written = spellings.iter().any(|word| self.says_unit(word));
             let exporter = match short {
                 "cm" => self.says(&["sweet home 3d"]),
                 "mm" => self.says(&["freecad", "openscad"]),
                 _ => false,
             };
-            let too_low = if is_room && height * metres < LOWEST_ROOM_M { 8.0 } else { 0.0 };
+            let too_low = if is_room && height * metres < LOWEST_ROOM_M {
+                8.0
+            } else {
+                0.0
+            };
             let outdoors = if outdoors && metres == 1.0 { 8.0 } else { 0.0 };
             prior - odd(metres) - too_low
                 + if written { SAID } else { 0.0 }
                 + if exporter { 8.0 } else { 0.0 }
                 + outdoors
         };
-        let best = UNITS.iter().rev().max_by(|a, b| odds(a).total_cmp(&odds(b))).unwrap_or(&UNITS[0]);
+        let best = UNITS
+            .iter()
+            .rev()
+            .max_by(|a, b| odds(a).total_cmp(&odds(b)))
+            .unwrap_or(&UNITS[0]);
         let (metres, name, _, _) = *best;
         let is_said = outdoors || self.comments.contains("unit");
-        let otherwise = if metres == 1.0 { "dm, cm or another" } else { "m" };
+        let otherwise = if metres == 1.0 {
+            "dm, cm or another"
+        } else {
+            "m"
+        };
         let told = format!(
             "{name}, which makes what stands in it {:.1} m high and {:.1} m wide; --unit {otherwise} if that is wrong",
             height * metres,
             width * metres
         );
-        (metres, (metres != 1.0 || (!is_said && odd(metres) > ODD_SIZE)).then_some(told))
+        (
+            metres,
+            (metres != 1.0 || (!is_said && odd(metres) > ODD_SIZE)).then_some(told),
+        )
     }
 
     /// Whether the comments say that this is the unit, as in `# File units = meters`.
     fn says_unit(&self, word: &str) -> bool {
-        let mut words = self.comments.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+        let mut words = self
+            .comments
+            .split(|c: char| !c.is_ascii_alphanumeric())
+            .filter(|word| !word.is_empty());
         let mut after_unit = false;
         words.any(|found| {
             let says = after_unit && found == word;
@@ -221,9 +270,17 @@ fn named<'a>(scene: &'a Scene, words: &'a [&str]) -> impl Iterator<Item = usize>
         let name = name.to_lowercase();
         words.iter().any(|word| name.contains(word))
     };
-    let materials: Vec<bool> = scene.materials.iter().map(|material| is_named(&material.name)).collect();
-    (0..scene.triangles.len())
-        .filter(move |&t| materials.get(scene.triangles[t].material as usize).copied().unwrap_or(false))
+    let materials: Vec<bool> = scene
+        .materials
+        .iter()
+        .map(|material| is_named(&material.name))
+        .collect();
+    (0..scene.triangles.len()).filter(move |&t| {
+        materials
+            .get(scene.triangles[t].material as usize)
+            .copied()
+            .unwrap_or(false)
+    })
 }
 
 /// What the triangles say, in the file's axes and unit.
@@ -264,7 +321,12 @@ impl Shape {
         let (mut all, mut all_along, mut facing) = (0.0, DVec3::ZERO, DVec3::ZERO);
         let mut levels = vec![DVec3::ZERO; LEVELS + 1];
         for triangle in 0..scene.triangles.len() {
-            let Flatness { along, normal, area, middle } = flatness(scene, triangle);
+            let Flatness {
+                along,
+                normal,
+                area,
+                middle,
+            } = flatness(scene, triangle);
             all += area;
             all_along += along * area;
             facing += normal * area;
@@ -273,13 +335,20 @@ impl Shape {
                 levels[level.clamp(0.0, LEVELS as f64) as usize][axis] += along[axis] * area;
             }
         }
-        let level = levels[..LEVELS / 2].iter().copied().fold(DVec3::ZERO, DVec3::max) / all;
+        let level = levels[..LEVELS / 2]
+            .iter()
+            .copied()
+            .fold(DVec3::ZERO, DVec3::max)
+            / all;
         let flat_in = |levels: &[DVec3]| levels.iter().copied().sum::<DVec3>() / all;
-        let foot = (flat_in(&levels[..END_LEVELS]) - flat_in(&levels[LEVELS - END_LEVELS..])).max(DVec3::ZERO);
+        let foot = (flat_in(&levels[..END_LEVELS]) - flat_in(&levels[LEVELS - END_LEVELS..]))
+            .max(DVec3::ZERO);
         let (along, facing) = (all_along / all, facing / all);
         let share = |words: &[&str], of_groups: Lying| {
             let mut lying = of_groups;
-            named(scene, words).map(|t| flatness(scene, t)).for_each(|flat| lying.add(flat.normal * flat.area));
+            named(scene, words)
+                .map(|t| flatness(scene, t))
+                .for_each(|flat| lying.add(flat.normal * flat.area));
             (lying.area > 0.01 * all).then(|| lying.along / lying.area)
         };
         let floors = share(&FLOORS, groups.floors);
@@ -287,13 +356,28 @@ impl Shape {
             let material = scene.materials.get(scene.triangles[*t].material as usize);
             material.is_some_and(|material| material.emission.iter().any(|c| *c > 0.0))
         };
-        let lamps = (0..scene.triangles.len()).filter(shines).map(|t| flatness(scene, t));
-        let (sum, area) =
-            lamps.fold((DVec3::ZERO, 0.0), |(sum, area), lamp| (sum + lamp.normal * lamp.area, area + lamp.area));
+        let lamps = (0..scene.triangles.len())
+            .filter(shines)
+            .map(|t| flatness(scene, t));
+        let (sum, area) = lamps.fold((DVec3::ZERO, 0.0), |(sum, area), lamp| {
+            (sum + lamp.normal * lamp.area, area + lamp.area)
+        });
         let shining = if area > 0.0 { sum / area } else { DVec3::ZERO };
         let walls = share(&WALLS, groups.walls);
         let standing = standing(scene, low, extent);
-        Some(Self { low, extent, is_thin, level, foot, along, facing, floors, walls, shining, standing })
+        Some(Self {
+            low,
+            extent,
+            is_thin,
+            level,
+            foot,
+            along,
+            facing,
+            floors,
+            walls,
+            shining,
+            standing,
+        })
     }
 
     /// Pieces of evidence that Z is up rather than Y: log odds and a reason.
@@ -313,21 +397,58 @@ impl Shape {
         if self.is_thin {
             return evidence;
         }
-        add((20.0 * (self.level.z - self.level.y)).clamp(-3.0, 3.0), "a floor lies across it");
-        add((8.0 * (self.foot.z - self.foot.y)).clamp(-3.0, 3.0), "more lies at its foot than at its top");
-        add((8.0 * (self.standing.z - self.standing.y)).clamp(-2.5, 2.5), "things stand on one level of it");
-        add(3.0 * (self.along.z - self.along.y), "more lies flat along it");
-        add(6.0 * (self.facing.z.max(0.0) - self.facing.y.max(0.0)), "the ground faces along it");
-        add(1.5 * ((-self.shining.z).max(0.0) - (-self.shining.y).max(0.0)), "its lamps shine down along it");
+        add(
+            (20.0 * (self.level.z - self.level.y)).clamp(-3.0, 3.0),
+            "a floor lies across it",
+        );
+        add(
+            (8.0 * (self.foot.z - self.foot.y)).clamp(-3.0, 3.0),
+            "more lies at its foot than at its top",
+        );
+        add(
+            (8.0 * (self.standing.z - self.standing.y)).clamp(-2.5, 2.5),
+            "things stand on one level of it",
+        );
+        add(
+            3.0 * (self.along.z - self.along.y),
+            "more lies flat along it",
+        );
+        add(
+            6.0 * (self.facing.z.max(0.0) - self.facing.y.max(0.0)),
+            "the ground faces along it",
+        );
+        add(
+            1.5 * ((-self.shining.z).max(0.0) - (-self.shining.y).max(0.0)),
+            "its lamps shine down along it",
+        );
         let starts_at_zero = |low: f64, extent: f64| low.abs() < NEAR_ZERO * extent;
         let starts_elsewhere = |low: f64, extent: f64| low.abs() > OFF_ZERO * extent;
-        let (DVec3 { y: low_y, z: low_z, .. }, DVec3 { x, y, z }) = (self.low, self.extent);
+        let (
+            DVec3 {
+                y: low_y, z: low_z, ..
+            },
+            DVec3 { x, y, z },
+        ) = (self.low, self.extent);
         // What is modelled about the origin stands on it: more so where the origin is in the middle both ways.
         let is_about_zero = |axis: usize| (self.low[axis] / self.extent[axis] + 0.5).abs() < 0.25;
         if starts_at_zero(low_z, z) && starts_elsewhere(low_y, y) {
-            add(if is_about_zero(0) && is_about_zero(1) { 3.0 } else { 2.0 }, "it begins at zero");
+            add(
+                if is_about_zero(0) && is_about_zero(1) {
+                    3.0
+                } else {
+                    2.0
+                },
+                "it begins at zero",
+            );
         } else if starts_at_zero(low_y, y) && starts_elsewhere(low_z, z) {
-            add(if is_about_zero(0) && is_about_zero(2) { -3.0 } else { -2.0 }, "Y begins at zero");
+            add(
+                if is_about_zero(0) && is_about_zero(2) {
+                    -3.0
+                } else {
+                    -2.0
+                },
+                "Y begins at zero",
+            );
         }
         if z < 0.5 * x.min(y) {
             add(1.5, "the scene is flat along it");
@@ -340,7 +461,9 @@ impl Shape {
     /// The level of each axis in which a point lies.
     fn level(&self, p: DVec3) -> [usize; 3] {
         let level = (p - self.low) / self.extent * LEVELS as f64;
-        level.to_array().map(|level| level.clamp(0.0, LEVELS as f64) as usize)
+        level
+            .to_array()
+            .map(|level| level.clamp(0.0, LEVELS as f64) as usize)
     }
 
     /// Height and larger horizontal extent of what stands, in the file's unit: of all but the outermost [`OUTLYING`] of the area
@@ -355,22 +478,32 @@ impl Shape {
             if rise.abs() < std::f64::consts::FRAC_1_SQRT_2 {
                 standing += area;
                 let corners = scene.corners(triangle as u32);
-                let [low, high] = [corners.into_iter().reduce(DVec3::min), corners.into_iter().reduce(DVec3::max)]
-                    .map(|corner| self.level(corner.unwrap_or_default()));
+                let [low, high] = [
+                    corners.into_iter().reduce(DVec3::min),
+                    corners.into_iter().reduce(DVec3::max),
+                ]
+                .map(|corner| self.level(corner.unwrap_or_default()));
                 for axis in 0..3 {
                     // Evenly over the levels that it reaches through: a wall of two triangles is as high as one of a thousand.
                     let reached = low[axis]..=high[axis];
                     let share = area / reached.clone().count() as f64;
-                    levels[reached].iter_mut().for_each(|level| level[axis] += share);
+                    levels[reached]
+                        .iter_mut()
+                        .for_each(|level| level[axis] += share);
                 }
             }
         }
         let between = |axis: usize| {
             let areas = || levels.iter().map(|level| level[axis]);
             let outside = outlying(areas(), standing) + outlying(areas().rev(), standing);
-            self.extent[axis] * (levels.len() - outside.min(levels.len() - 1)) as f64 / levels.len() as f64
+            self.extent[axis] * (levels.len() - outside.min(levels.len() - 1)) as f64
+                / levels.len() as f64
         };
-        let [x, y, z] = if standing > 0.0 { [0, 1, 2].map(between) } else { self.extent.to_array() };
+        let [x, y, z] = if standing > 0.0 {
+            [0, 1, 2].map(between)
+        } else {
+            self.extent.to_array()
+        };
         match up {
             UpAxis::Y => [y, x.max(z)],
             UpAxis::Z => [z, x.max(y)],
@@ -402,5 +535,10 @@ fn flatness(scene: &Scene, triangle: usize) -> Flatness {
     let [a, b, c] = scene.corners(triangle as u32);
     let doubled = (b - a).cross(c - a);
     let normal = doubled.normalize_or_zero();
-    Flatness { along: along(normal), normal, area: doubled.length() / 2.0, middle: (a + b + c) / 3.0 }
+    Flatness {
+        along: along(normal),
+        normal,
+        area: doubled.length() / 2.0,
+        middle: (a + b + c) / 3.0,
+    }
 }

@@ -14,7 +14,9 @@ pub fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
         let convex = |i: usize| turn(&flat, neighbours(&left, i)) >= 0.0;
         if !(0..left.len()).all(convex) {
             while left.len() > 3 {
-                let Some(ear) = (0..left.len()).find(|&i| is_ear(&flat, &left, i)) else { break };
+                let Some(ear) = (0..left.len()).find(|&i| is_ear(&flat, &left, i)) else {
+                    break;
+                };
                 triangles.push(neighbours(&left, ear));
                 left.remove(ear);
             }
@@ -29,18 +31,35 @@ pub fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
 /// The polygon in its own plane (Newell's normal), counter-clockwise, scaled to about 1.
 fn flatten(corners: &[DVec3]) -> Vec<DVec2> {
     let origin = corners[0];
-    let scale = corners.iter().map(|&c| (c - origin).abs().max_element()).fold(0.0, f64::max);
+    let scale = corners
+        .iter()
+        .map(|&c| (c - origin).abs().max_element())
+        .fold(0.0, f64::max);
     let relative: Vec<DVec3> = corners.iter().map(|&c| (c - origin) / scale).collect();
     let next = relative.iter().cycle().skip(1);
-    let normal = relative.iter().zip(next).map(|(a, b)| a.cross(*b)).sum::<DVec3>();
-    let (x_axis, y_axis) = normal.try_normalize().unwrap_or(DVec3::Z).any_orthonormal_pair();
-    relative.iter().map(|p| DVec2::new(p.dot(x_axis), p.dot(y_axis))).collect()
+    let normal = relative
+        .iter()
+        .zip(next)
+        .map(|(a, b)| a.cross(*b))
+        .sum::<DVec3>();
+    let (x_axis, y_axis) = normal
+        .try_normalize()
+        .unwrap_or(DVec3::Z)
+        .any_orthonormal_pair();
+    relative
+        .iter()
+        .map(|p| DVec2::new(p.dot(x_axis), p.dot(y_axis)))
+        .collect()
 }
 
 /// Corner `i` of the remaining polygon between its two neighbours.
 fn neighbours(left: &[usize], i: usize) -> [usize; 3] {
     let count = left.len();
-    [left[(i + count - 1) % count], left[i], left[(i + 1) % count]]
+    [
+        left[(i + count - 1) % count],
+        left[i],
+        left[(i + 1) % count],
+    ]
 }
 
 /// Twice the signed area: positive for a left turn.
@@ -53,7 +72,10 @@ fn is_ear(flat: &[DVec2], left: &[usize], i: usize) -> bool {
     let [a, b, c] = neighbours(left, i);
     let outside = |p: usize| {
         let same_place = [a, b, c].iter().any(|&corner| flat[corner] == flat[p]);
-        same_place || turn(flat, [a, b, p]) < 0.0 || turn(flat, [b, c, p]) < 0.0 || turn(flat, [c, a, p]) < 0.0
+        same_place
+            || turn(flat, [a, b, p]) < 0.0
+            || turn(flat, [b, c, p]) < 0.0
+            || turn(flat, [c, a, p]) < 0.0
     };
     turn(flat, [a, b, c]) > 0.0 && left.iter().all(|&p| outside(p))
 }
@@ -76,7 +98,12 @@ mod tests {
 
     #[test]
     fn convex_polygons_are_fans() {
-        let square = [dvec3(0.0, 0.0, 0.0), dvec3(1.0, 0.0, 0.0), dvec3(1.0, 1.0, 0.0), dvec3(0.0, 1.0, 0.0)];
+        let square = [
+            dvec3(0.0, 0.0, 0.0),
+            dvec3(1.0, 0.0, 0.0),
+            dvec3(1.0, 1.0, 0.0),
+            dvec3(0.0, 1.0, 0.0),
+        ];
         assert_eq!(triangulate(&square), [[0, 1, 2], [0, 2, 3]]);
         assert_eq!(triangulate(&square[..3]), [[0, 1, 2]]);
         assert!(triangulate(&[]).is_empty());
@@ -85,19 +112,30 @@ mod tests {
     #[test]
     fn a_concave_polygon_is_covered_once() {
         // An L of area 3, whose fan about corner 0 would stick out; in the plane x = 1e7 and starting anywhere.
-        let l = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (1.0, 1.0), (1.0, 2.0), (0.0, 2.0)];
+        let l = [
+            (0.0, 0.0),
+            (2.0, 0.0),
+            (2.0, 1.0),
+            (1.0, 1.0),
+            (1.0, 2.0),
+            (0.0, 2.0),
+        ];
         for start in 0..l.len() {
             let mut corners = l.map(|(y, z)| dvec3(1e7, y, z));
             corners.rotate_left(start);
             let triangles = triangulate(&corners);
             assert_eq!(triangles.len(), 4);
-            assert!((area(&corners, &triangles, DVec3::X) - 3.0).abs() < 1e-9, "start {start}");
+            assert!(
+                (area(&corners, &triangles, DVec3::X) - 3.0).abs() < 1e-9,
+                "start {start}"
+            );
         }
     }
 
     #[test]
     fn polygons_without_a_meaning_still_end() {
-        let crossing = [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.5, 2.0)].map(|(x, y)| dvec3(x, y, 0.0));
+        let crossing = [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.5, 2.0)]
+            .map(|(x, y)| dvec3(x, y, 0.0));
         assert_eq!(triangulate(&crossing).len(), 3);
         assert_eq!(triangulate(&[DVec3::NAN; 6]).len(), 4);
         assert_eq!(triangulate(&[DVec3::ONE; 5]).len(), 3);

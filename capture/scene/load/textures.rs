@@ -56,13 +56,20 @@ impl Slot {
     /// Whether some of the texture is below the threshold (0..=1) and some is not: only then is a cut-out worth its
     /// cost, and only then does the alpha channel mean something.
     pub(super) fn is_cut_at(self, threshold: f32) -> bool {
-        f32::from(self.least_alpha) < threshold * 255.0 && f32::from(self.greatest_alpha) >= threshold * 255.0
+        f32::from(self.least_alpha) < threshold * 255.0
+            && f32::from(self.greatest_alpha) >= threshold * 255.0
     }
 }
 
 impl TextureTable {
     /// Asks for the image file that a material calls `written`, looked for in `folders` in turn.
-    pub(super) fn file(&mut self, written: &str, folders: &[&Path], role: Role, notes: &mut Notes) -> Handle {
+    pub(super) fn file(
+        &mut self,
+        written: &str,
+        folders: &[&Path],
+        role: Role,
+        notes: &mut Notes,
+    ) -> Handle {
         let (name, source) = match find_file(written, folders) {
             Some(found) => {
                 if found.renamed {
@@ -79,7 +86,12 @@ impl TextureTable {
     }
 
     /// Asks for an image inside the scene's own file.
-    pub(super) fn embedded(&mut self, name: &str, bytes: Result<&[u8], String>, role: Role) -> Handle {
+    pub(super) fn embedded(
+        &mut self,
+        name: &str,
+        bytes: Result<&[u8], String>,
+        role: Role,
+    ) -> Handle {
         self.request(name.to_owned(), role, || match bytes {
             Ok(bytes) => Source::Bytes(bytes.to_vec()),
             Err(cause) => Source::Absent(cause),
@@ -90,7 +102,11 @@ impl TextureTable {
         let next = Handle(self.requests.len());
         let handle = *self.handles.entry((name.clone(), role)).or_insert(next);
         if handle == next {
-            self.requests.push(Request { name, source: source(), role });
+            self.requests.push(Request {
+                name,
+                source: source(),
+                role,
+            });
         }
         handle
     }
@@ -103,13 +119,20 @@ impl TextureTable {
             result.slots.push(match decoded {
                 Ok(texture) => {
                     let alphas = texture.texels().iter().map(|texel| texel[3]);
-                    let (least_alpha, greatest_alpha) = alphas.fold((255, 0), |(l, g), a| (l.min(a), g.max(a)));
+                    let (least_alpha, greatest_alpha) =
+                        alphas.fold((255, 0), |(l, g), a| (l.min(a), g.max(a)));
                     let index = result.textures.len() as u32; // at most as many as materials: far below 2^32
                     result.textures.push(texture);
-                    Some(Slot { index, least_alpha, greatest_alpha })
+                    Some(Slot {
+                        index,
+                        least_alpha,
+                        greatest_alpha,
+                    })
                 }
                 Err(cause) => {
-                    let file_name = Path::new(&request.name).file_name().map(|name| name.to_string_lossy());
+                    let file_name = Path::new(&request.name)
+                        .file_name()
+                        .map(|name| name.to_string_lossy());
                     let name = file_name.unwrap_or(request.name.as_str().into());
                     notes.add_named(Note::TextureUnreadable, format!("{name} ({cause})"));
                     None
@@ -159,7 +182,12 @@ fn srgb_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
             let encode = |p: &image::Rgba<f32>| {
                 let [r, g, b, a] = p.0;
                 let alpha = (a.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
-                [srgb8_from_linear(r), srgb8_from_linear(g), srgb8_from_linear(b), alpha]
+                [
+                    srgb8_from_linear(r),
+                    srgb8_from_linear(g),
+                    srgb8_from_linear(b),
+                    alpha,
+                ]
             };
             image.to_rgba32f().pixels().map(encode).collect()
         }
@@ -175,9 +203,15 @@ fn mask_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
     let opacity = |p: &image::Rgba<u8>| {
         let [r, g, b, a] = p.0.map(u32::from);
         // Rec. 709 luma in integers; the weights add up to 65536.
-        if alpha_varies { a } else { (13_933 * r + 46_871 * g + 4_732 * b + 32_768) >> 16 }
+        if alpha_varies {
+            a
+        } else {
+            (13_933 * r + 46_871 * g + 4_732 * b + 32_768) >> 16
+        }
     };
-    rgba.pixels().map(|p| [255, 255, 255, opacity(p) as u8]).collect()
+    rgba.pixels()
+        .map(|p| [255, 255, 255, opacity(p) as u8])
+        .collect()
 }
 
 /// A file that was found.
@@ -195,9 +229,15 @@ pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<Found> {
     if clean.is_empty() {
         return None;
     }
-    let exact = folders.iter().map(|folder| folder.join(&clean)).find(|path| path.is_file());
+    let exact = folders
+        .iter()
+        .map(|folder| folder.join(&clean))
+        .find(|path| path.is_file());
     if let Some(path) = exact {
-        return Some(Found { path, renamed: false });
+        return Some(Found {
+            path,
+            renamed: false,
+        });
     }
     let without_drive = match clean.split_once(':') {
         Some((drive, rest)) if drive.len() == 1 => rest,
@@ -205,9 +245,16 @@ pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<Found> {
     };
     let relative = Path::new(without_drive.trim_start_matches('/'));
     let by_name = Path::new(relative.file_name()?);
-    let candidates = [relative, by_name].into_iter().flat_map(|name| folders.iter().map(move |f| (f, name)));
-    let path = candidates.filter_map(|(folder, name)| find_ignoring_case(folder, name)).find(|path| path.is_file())?;
-    Some(Found { path, renamed: true })
+    let candidates = [relative, by_name]
+        .into_iter()
+        .flat_map(|name| folders.iter().map(move |f| (f, name)));
+    let path = candidates
+        .filter_map(|(folder, name)| find_ignoring_case(folder, name))
+        .find(|path| path.is_file())?;
+    Some(Found {
+        path,
+        renamed: true,
+    })
 }
 
 /// `folder/relative` with every component matched exactly or, failing that, ignoring case (first in the order of
@@ -221,9 +268,20 @@ fn find_ignoring_case(folder: &Path, relative: &Path) -> Option<PathBuf> {
             continue;
         }
         let wanted = component.as_os_str().to_string_lossy().to_lowercase();
-        let listing = if path.as_os_str().is_empty() { fs::read_dir(".") } else { fs::read_dir(&path) };
-        let names = listing.ok()?.filter_map(Result::ok).map(|entry| entry.file_name());
-        path.push(names.filter(|name| name.to_string_lossy().to_lowercase() == wanted).min()?);
+        let listing = if path.as_os_str().is_empty() {
+            fs::read_dir(".")
+        } else {
+            fs::read_dir(&path)
+        };
+        let names = listing
+            .ok()?
+            .filter_map(Result::ok)
+            .map(|entry| entry.file_name());
+        path.push(
+            names
+                .filter(|name| name.to_string_lossy().to_lowercase() == wanted)
+                .min()?,
+        );
     }
     Some(path)
 }

@@ -5,9 +5,9 @@
 
 use super::{SaveError, by_material, names, png};
 use crate::material::{Material, Texture};
-use headbox_core::color::srgb8_from_linear;
 use crate::scene::Scene;
 use gltf::binary::{Glb, Header};
+use headbox_core::color::srgb8_from_linear;
 use serde_json::{Value, json};
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -20,7 +20,10 @@ pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
     let [low, high] = scene.bounds();
     let middle = (low + high) / 2.0;
     let mut primitives = Vec::new();
-    for (number, triangles) in by_material(scene).into_iter().enumerate().filter(|(_, triangles)| !triangles.is_empty())
+    for (number, triangles) in by_material(scene)
+        .into_iter()
+        .enumerate()
+        .filter(|(_, triangles)| !triangles.is_empty())
     {
         primitives.push(file.primitive(scene, middle, &triangles, number));
     }
@@ -28,7 +31,11 @@ pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
         let written = file.material(scene, material, &name)?;
         file.materials.push(written);
     }
-    let extensions: &[&str] = if scene.materials.iter().any(is_bright) { &[STRENGTH] } else { &[] };
+    let extensions: &[&str] = if scene.materials.iter().any(is_bright) {
+        &[STRENGTH]
+    } else {
+        &[]
+    };
     let all = json!({
         "asset": {"version": "2.0", "generator": "headbox"},
         "extensionsUsed": extensions,
@@ -41,15 +48,28 @@ pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
         "buffers": [{"byteLength": file.bytes.len()}],
     });
     // What is absent must be absent: the format allows no empty lists.
-    let present =
-        all.as_object().into_iter().flatten().filter(|(_, v)| v.as_array().is_none_or(|list| !list.is_empty()));
-    let present: serde_json::Map<String, Value> = present.map(|(k, v)| (k.clone(), v.clone())).collect();
+    let present = all
+        .as_object()
+        .into_iter()
+        .flatten()
+        .filter(|(_, v)| v.as_array().is_none_or(|list| !list.is_empty()));
+    let present: serde_json::Map<String, Value> =
+        present.map(|(k, v)| (k.clone(), v.clone())).collect();
     let json = Value::Object(present).to_string().into_bytes();
     let total = json.len() + file.bytes.len() + 40;
     let length = u32::try_from(total).map_err(|_| SaveError::TooLarge(total))?;
-    let header = Header { magic: *b"glTF", version: 2, length };
-    let glb = Glb { header, json: Cow::Owned(json), bin: Some(Cow::Owned(file.bytes)) };
-    glb.to_vec().map_err(|cause| SaveError::Glb(cause.to_string()))
+    let header = Header {
+        magic: *b"glTF",
+        version: 2,
+        length,
+    };
+    let glb = Glb {
+        header,
+        json: Cow::Owned(json),
+        bin: Some(Cow::Owned(file.bytes)),
+    };
+    glb.to_vec()
+        .map_err(|cause| SaveError::Glb(cause.to_string()))
 }
 
 const STRENGTH: &str = "KHR_materials_emissive_strength";
@@ -75,24 +95,42 @@ struct File {
 impl File {
     fn view(&mut self, bytes: &[u8]) -> usize {
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        self.views.push(json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()}));
+        self.views
+            .push(json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()}));
         self.bytes.extend_from_slice(bytes);
         self.views.len() - 1
     }
 
     fn accessor(&mut self, bytes: &[u8], count: usize, kind: &str, component: u32) -> usize {
         let view = self.view(bytes);
-        self.accessors.push(json!({"bufferView": view, "componentType": component, "count": count, "type": kind}));
+        self.accessors.push(
+            json!({"bufferView": view, "componentType": component, "count": count, "type": kind}),
+        );
         self.accessors.len() - 1
     }
 
     fn vectors<const N: usize>(&mut self, values: &[[f32; N]]) -> usize {
-        let bytes: Vec<u8> = values.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect();
-        self.accessor(&bytes, values.len(), if N == 2 { "VEC2" } else { "VEC3" }, FLOAT)
+        let bytes: Vec<u8> = values
+            .as_flattened()
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        self.accessor(
+            &bytes,
+            values.len(),
+            if N == 2 { "VEC2" } else { "VEC3" },
+            FLOAT,
+        )
     }
 
     /// The triangles of a material, with the vertices that they use.
-    fn primitive(&mut self, scene: &Scene, middle: glam::DVec3, triangles: &[[u32; 3]], material: usize) -> Value {
+    fn primitive(
+        &mut self,
+        scene: &Scene,
+        middle: glam::DVec3,
+        triangles: &[[u32; 3]],
+        material: usize,
+    ) -> Value {
         let mut own = HashMap::new();
         let mut used = Vec::new();
         let mut indices = Vec::with_capacity(4 * 3 * triangles.len());
@@ -103,22 +141,34 @@ impl File {
             });
             indices.extend(number.to_le_bytes());
         }
-        let positions: Vec<[f32; 3]> =
-            used.iter().map(|&v| (scene.positions[v] - middle).as_vec3().to_array()).collect();
-        let bound =
-            |pick: fn(f32, f32) -> f32| positions.iter().copied().reduce(|a, b| [0, 1, 2].map(|c| pick(a[c], b[c])));
+        let positions: Vec<[f32; 3]> = used
+            .iter()
+            .map(|&v| (scene.positions[v] - middle).as_vec3().to_array())
+            .collect();
+        let bound = |pick: fn(f32, f32) -> f32| {
+            positions
+                .iter()
+                .copied()
+                .reduce(|a, b| [0, 1, 2].map(|c| pick(a[c], b[c])))
+        };
         let bounds = [bound(f32::min), bound(f32::max)];
         let position = self.vectors(&positions);
-        (self.accessors[position]["min"], self.accessors[position]["max"]) = (json!(bounds[0]), json!(bounds[1]));
+        (
+            self.accessors[position]["min"],
+            self.accessors[position]["max"],
+        ) = (json!(bounds[0]), json!(bounds[1]));
         let mut attributes = json!({"POSITION": position});
         if !scene.normals.is_empty() {
-            let normals: Vec<[f32; 3]> = used.iter().map(|&v| scene.normals[v].to_array()).collect();
+            let normals: Vec<[f32; 3]> =
+                used.iter().map(|&v| scene.normals[v].to_array()).collect();
             attributes["NORMAL"] = json!(self.vectors(&normals));
         }
         if !scene.texcoords.is_empty() {
             // The format's v points down.
-            let texcoords: Vec<[f32; 2]> =
-                used.iter().map(|&v| [scene.texcoords[v].x, 1.0 - scene.texcoords[v].y]).collect();
+            let texcoords: Vec<[f32; 2]> = used
+                .iter()
+                .map(|&v| [scene.texcoords[v].x, 1.0 - scene.texcoords[v].y])
+                .collect();
             attributes["TEXCOORD_0"] = json!(self.vectors(&texcoords));
         }
         if !scene.colors.is_empty() {
@@ -129,12 +179,18 @@ impl File {
         json!({"attributes": attributes, "indices": indices, "material": material})
     }
 
-    fn material(&mut self, scene: &Scene, material: &Material, name: &str) -> Result<Value, SaveError> {
+    fn material(
+        &mut self,
+        scene: &Scene,
+        material: &Material,
+        name: &str,
+    ) -> Result<Value, SaveError> {
         let [r, g, b] = material.albedo;
         let mut base = json!({"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0});
         let cutout = material.cutout.map(|cutout| cutout.texture);
         if material.albedo_texture.is_some() || cutout.is_some() {
-            base["baseColorTexture"] = json!({"index": self.texture(scene, [material.albedo_texture, cutout])?});
+            base["baseColorTexture"] =
+                json!({"index": self.texture(scene, [material.albedo_texture, cutout])?});
         }
         let strength = material.emission.iter().copied().fold(1.0, f32::max);
         let mut written = json!({
@@ -145,17 +201,23 @@ impl File {
             written["extensions"] = json!({STRENGTH: {"emissiveStrength": strength}});
         }
         if let Some(texture) = material.emission_texture {
-            written["emissiveTexture"] = json!({"index": self.texture(scene, [Some(texture), None])?});
+            written["emissiveTexture"] =
+                json!({"index": self.texture(scene, [Some(texture), None])?});
         }
         if let Some(cutout) = material.cutout {
-            (written["alphaMode"], written["alphaCutoff"]) = (json!("MASK"), json!(cutout.threshold));
+            (written["alphaMode"], written["alphaCutoff"]) =
+                (json!("MASK"), json!(cutout.threshold));
         }
         Ok(written)
     }
 
     /// The number of a texture with the colours of one of the scene's and the opacity of another; white without the first, of
     /// the first's own opacity without the second.
-    fn texture(&mut self, scene: &Scene, [color, opacity]: [Option<u32>; 2]) -> Result<usize, SaveError> {
+    fn texture(
+        &mut self,
+        scene: &Scene,
+        [color, opacity]: [Option<u32>; 2],
+    ) -> Result<usize, SaveError> {
         let key = [color, opacity.filter(|_| color != opacity)];
         if let Some(&known) = self.written.get(&key) {
             return Ok(known);
@@ -165,14 +227,20 @@ impl File {
             [Some(color), None] => of(color).clone(),
             [None, opacity] => {
                 let opacity = of(opacity.unwrap_or(0));
-                let white = opacity.texels().iter().map(|texel| [255, 255, 255, texel[3]]).collect();
-                Texture::new(opacity.width(), opacity.height(), white).unwrap_or_else(|| opacity.clone())
+                let white = opacity
+                    .texels()
+                    .iter()
+                    .map(|texel| [255, 255, 255, texel[3]])
+                    .collect();
+                Texture::new(opacity.width(), opacity.height(), white)
+                    .unwrap_or_else(|| opacity.clone())
             }
             [Some(color), Some(opacity)] => with_opacity(of(color), of(opacity)),
         };
         let bytes = png(color.or(opacity).unwrap_or(0) as usize, &joined)?;
         let view = self.view(&bytes);
-        self.images.push(json!({"bufferView": view, "mimeType": "image/png"}));
+        self.images
+            .push(json!({"bufferView": view, "mimeType": "image/png"}));
         self.textures.push(json!({"source": self.images.len() - 1}));
         self.written.insert(key, self.textures.len() - 1);
         Ok(self.textures.len() - 1)
@@ -181,9 +249,15 @@ impl File {
 
 /// The colours of a texture with the opacity of another, as fine as the finer of both; the same texels where both are of one size.
 fn with_opacity(color: &Texture, opacity: &Texture) -> Texture {
-    let (width, height) = (color.width().max(opacity.width()), color.height().max(opacity.height()));
+    let (width, height) = (
+        color.width().max(opacity.width()),
+        color.height().max(opacity.height()),
+    );
     Texture::from_fn(width, height, |x, y| {
-        let [u, v] = [(x as f32 + 0.5) / width as f32, 1.0 - (y as f32 + 0.5) / height as f32];
+        let [u, v] = [
+            (x as f32 + 0.5) / width as f32,
+            1.0 - (y as f32 + 0.5) / height as f32,
+        ];
         let [r, g, b, _] = color.sample(u, v);
         let [r, g, b] = [r, g, b].map(srgb8_from_linear);
         [r, g, b, (opacity.sample(u, v)[3] * 255.0 + 0.5) as u8]

@@ -54,18 +54,27 @@ pub enum SaveError {
 /// See [`SaveError`].
 pub fn scene_files(scene: &Scene, path: &Path) -> Result<Vec<SavedFile>, SaveError> {
     scene.validate()?;
-    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    let ending = path
+        .extension()
+        .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     match ending.as_deref() {
         Some("obj") => obj::files(scene, path),
-        Some("glb") => Ok(vec![SavedFile { path: path.to_path_buf(), bytes: glb::bytes(scene)? }]),
+        Some("glb") => Ok(vec![SavedFile {
+            path: path.to_path_buf(),
+            bytes: glb::bytes(scene)?,
+        }]),
         _ => Err(SaveError::Format(path.to_path_buf())),
     }
 }
 
 fn png(index: usize, texture: &Texture) -> Result<Vec<u8>, SaveError> {
     let mut bytes = Vec::new();
-    let (texels, color) = (texture.texels().as_flattened(), image::ExtendedColorType::Rgba8);
-    let written = PngEncoder::new(&mut bytes).write_image(texels, texture.width(), texture.height(), color);
+    let (texels, color) = (
+        texture.texels().as_flattened(),
+        image::ExtendedColorType::Rgba8,
+    );
+    let written =
+        PngEncoder::new(&mut bytes).write_image(texels, texture.width(), texture.height(), color);
     written.map_err(|cause| SaveError::Texture { index, cause })?;
     Ok(bytes)
 }
@@ -74,10 +83,27 @@ fn png(index: usize, texture: &Texture) -> Result<Vec<u8>, SaveError> {
 fn names(materials: &[Material]) -> Vec<String> {
     let mut taken = HashSet::new();
     let name = |(index, material): (usize, &Material)| {
-        let word: String =
-            material.name.chars().map(|c| if c.is_whitespace() || c.is_control() { '_' } else { c }).collect();
-        let word = if word.is_empty() { format!("material_{index}") } else { word };
-        let name = if taken.contains(&word) { format!("{word}_{index}") } else { word };
+        let word: String = material
+            .name
+            .chars()
+            .map(|c| {
+                if c.is_whitespace() || c.is_control() {
+                    '_'
+                } else {
+                    c
+                }
+            })
+            .collect();
+        let word = if word.is_empty() {
+            format!("material_{index}")
+        } else {
+            word
+        };
+        let name = if taken.contains(&word) {
+            format!("{word}_{index}")
+        } else {
+            word
+        };
         taken.insert(name.clone());
         name
     };
@@ -87,7 +113,10 @@ fn names(materials: &[Material]) -> Vec<String> {
 /// Triangles by material, in the order of the scene.
 fn by_material(scene: &Scene) -> Vec<Vec<[u32; 3]>> {
     let mut all = vec![Vec::new(); scene.materials.len()];
-    scene.triangles.iter().for_each(|triangle| all[triangle.material as usize].push(triangle.vertices));
+    scene
+        .triangles
+        .iter()
+        .for_each(|triangle| all[triangle.material as usize].push(triangle.vertices));
     all
 }
 
@@ -104,14 +133,24 @@ mod tests {
     fn scene() -> Scene {
         let at = dvec3(1e6, -3.25, 17.0);
         let corner = |i: u32| at + dvec3(f64::from(i % 3), f64::from(i / 3), 0.1 * f64::from(i));
-        let painted = |seed: u8| Texture::from_fn(8, 8, |x, y| [30 * x as u8, 30 * y as u8, seed, 255]);
-        let holes = Texture::from_fn(8, 8, |x, y| [9, 9, 9, if (x + y) % 3 == 0 { 0 } else { 255 }]);
-        let lamp = Material { name: "a lamp".into(), emission: [9.0, 5.0, 0.0], ..Material::default() };
+        let painted =
+            |seed: u8| Texture::from_fn(8, 8, |x, y| [30 * x as u8, 30 * y as u8, seed, 255]);
+        let holes = Texture::from_fn(8, 8, |x, y| {
+            [9, 9, 9, if (x + y) % 3 == 0 { 0 } else { 255 }]
+        });
+        let lamp = Material {
+            name: "a lamp".into(),
+            emission: [9.0, 5.0, 0.0],
+            ..Material::default()
+        };
         let leaf = Material {
             name: "a lamp".into(),
             albedo: [0.25, 0.5, 0.125],
             albedo_texture: Some(0),
-            cutout: Some(Cutout { texture: 2, threshold: 0.5 }),
+            cutout: Some(Cutout {
+                texture: 2,
+                threshold: 0.5,
+            }),
             ..Material::default()
         };
         let screen = Material {
@@ -124,9 +163,15 @@ mod tests {
         Scene {
             name: "all there is".into(),
             positions: (0..9).map(corner).collect(),
-            normals: (0..9).map(|i| Vec3::new(0.1 * i as f32, 0.2, 1.0).normalize()).collect(),
-            texcoords: (0..9).map(|i| Vec2::new(0.13 * i as f32, 1.5 - 0.21 * i as f32)).collect(),
-            colors: (0..9).map(|i| Vec3::new(0.1 * i as f32, 0.5, 1.0)).collect(),
+            normals: (0..9)
+                .map(|i| Vec3::new(0.1 * i as f32, 0.2, 1.0).normalize())
+                .collect(),
+            texcoords: (0..9)
+                .map(|i| Vec2::new(0.13 * i as f32, 1.5 - 0.21 * i as f32))
+                .collect(),
+            colors: (0..9)
+                .map(|i| Vec3::new(0.1 * i as f32, 0.5, 1.0))
+                .collect(),
             triangles: [[0, 1, 3], [1, 4, 3], [3, 4, 6], [4, 7, 6], [1, 2, 4]]
                 .into_iter()
                 .zip([0, 1, 0, 2, 1])
@@ -168,19 +213,37 @@ mod tests {
             let path = folder.path().join(name);
             let files = scene_files(&scene, &path).expect("saved");
             assert_eq!(files.len(), count, "{name}");
-            files.iter().for_each(|file| std::fs::write(&file.path, &file.bytes).expect("written"));
+            files
+                .iter()
+                .for_each(|file| std::fs::write(&file.path, &file.bytes).expect("written"));
             let read = load(&path, &LoadOptions::default()).expect("read back");
             assert_eq!(read.summary.notes, Vec::<String>::new(), "{name}");
             let found = shown(&read);
             assert_eq!(found.len(), expected.len(), "{name}");
             for (a, b) in found.iter().zip(&expected) {
-                assert!((0..3).all(|i| a.0[i].distance(b.0[i]) <= off_m), "{name}: {:?} for {:?}", a.0, b.0);
-                let near = |a: [f32; 3], b: [f32; 3]| (0..3).all(|c| (a[c] - b[c]).abs() < 2e-5 * b[c].max(1.0));
-                assert!(near(a.1, b.1) && near(a.2, b.2) && a.3.distance(b.3) < 1e-5, "{name}: {a:?} for {b:?}");
+                assert!(
+                    (0..3).all(|i| a.0[i].distance(b.0[i]) <= off_m),
+                    "{name}: {:?} for {:?}",
+                    a.0,
+                    b.0
+                );
+                let near = |a: [f32; 3], b: [f32; 3]| {
+                    (0..3).all(|c| (a[c] - b[c]).abs() < 2e-5 * b[c].max(1.0))
+                };
+                assert!(
+                    near(a.1, b.1) && near(a.2, b.2) && a.3.distance(b.3) < 1e-5,
+                    "{name}: {a:?} for {b:?}"
+                );
                 assert_eq!(a.4, b.4, "{name}: what is there");
             }
         }
-        assert!(matches!(scene_files(&scene, Path::new("scene.stl")), Err(SaveError::Format(_))));
-        assert!(matches!(scene_files(&Scene::default(), Path::new("a.obj")), Err(SaveError::Scene(_))));
+        assert!(matches!(
+            scene_files(&scene, Path::new("scene.stl")),
+            Err(SaveError::Format(_))
+        ));
+        assert!(matches!(
+            scene_files(&Scene::default(), Path::new("a.obj")),
+            Err(SaveError::Scene(_))
+        ));
     }
 }

@@ -7,33 +7,62 @@ use std::fmt::Write;
 use std::path::Path;
 
 pub(super) fn files(scene: &Scene, path: &Path) -> Result<Vec<SavedFile>, SaveError> {
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let stem = path
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
     let picture = |index: u32| format!("{stem}_{index}.png");
     let (names, library) = (names(&scene.materials), format!("{stem}.mtl"));
     let mut files = vec![
-        SavedFile { path: path.to_path_buf(), bytes: geometry(scene, &names, &library).into_bytes() },
-        SavedFile { path: path.with_file_name(&library), bytes: materials(scene, &names, picture).into_bytes() },
+        SavedFile {
+            path: path.to_path_buf(),
+            bytes: geometry(scene, &names, &library).into_bytes(),
+        },
+        SavedFile {
+            path: path.with_file_name(&library),
+            bytes: materials(scene, &names, picture).into_bytes(),
+        },
     ];
     for (index, texture) in scene.textures.iter().enumerate() {
-        files.push(SavedFile { path: path.with_file_name(picture(index as u32)), bytes: png(index, texture)? });
+        files.push(SavedFile {
+            path: path.with_file_name(picture(index as u32)),
+            bytes: png(index, texture)?,
+        });
     }
     Ok(files)
 }
 
 fn geometry(scene: &Scene, names: &[String], library: &str) -> String {
-    let mut text = format!("# {}, metres, Y up\nmtllib {library}\n", scene.name.replace(['\n', '\r'], " "));
+    let mut text = format!(
+        "# {}, metres, Y up\nmtllib {library}\n",
+        scene.name.replace(['\n', '\r'], " ")
+    );
     // Writing to a string cannot fail.
     let mut add = |line: std::fmt::Arguments| _ = text.write_fmt(line);
     for (i, p) in scene.positions.iter().enumerate() {
         match scene.colors.get(i).map(|c| c.map(srgb_from_linear)) {
-            Some(c) => add(format_args!("v {} {} {} {} {} {}\n", p.x, p.y, p.z, c.x, c.y, c.z)),
+            Some(c) => add(format_args!(
+                "v {} {} {} {} {} {}\n",
+                p.x, p.y, p.z, c.x, c.y, c.z
+            )),
             None => add(format_args!("v {} {} {}\n", p.x, p.y, p.z)),
         }
     }
-    scene.texcoords.iter().for_each(|t| add(format_args!("vt {} {}\n", t.x, t.y)));
-    scene.normals.iter().for_each(|n| add(format_args!("vn {} {} {}\n", n.x, n.y, n.z)));
+    scene
+        .texcoords
+        .iter()
+        .for_each(|t| add(format_args!("vt {} {}\n", t.x, t.y)));
+    scene
+        .normals
+        .iter()
+        .for_each(|n| add(format_args!("vn {} {} {}\n", n.x, n.y, n.z)));
     let (texcoords, normals) = (!scene.texcoords.is_empty(), !scene.normals.is_empty());
-    for (triangles, name) in by_material(scene).iter().zip(names).filter(|(triangles, _)| !triangles.is_empty()) {
+    for (triangles, name) in by_material(scene)
+        .iter()
+        .zip(names)
+        .filter(|(triangles, _)| !triangles.is_empty())
+    {
         add(format_args!("usemtl {name}\n"));
         for vertices in triangles {
             let [a, b, c] = vertices.map(|v| v + 1);
@@ -52,10 +81,17 @@ fn materials(scene: &Scene, names: &[String], picture: impl Fn(u32) -> String) -
     let mut text = String::new();
     let mut add = |line: std::fmt::Arguments| _ = text.write_fmt(line);
     for (material, name) in scene.materials.iter().zip(names) {
-        let Material { albedo: [r, g, b], emission: [er, eg, eb], .. } = material;
+        let Material {
+            albedo: [r, g, b],
+            emission: [er, eg, eb],
+            ..
+        } = material;
         add(format_args!("newmtl {name}\nKd {r} {g} {b}\n"));
         // A map beside a colour of 0 would be read as the map alone.
-        if let Some(texture) = material.albedo_texture.filter(|_| material.albedo != [0.0; 3]) {
+        if let Some(texture) = material
+            .albedo_texture
+            .filter(|_| material.albedo != [0.0; 3])
+        {
             add(format_args!("map_Kd {}\n", picture(texture)));
         }
         if material.emission != [0.0; 3] {
@@ -73,5 +109,9 @@ fn materials(scene: &Scene, names: &[String], picture: impl Fn(u32) -> String) -
 
 /// Vertex colours of OBJ files are sRGB; those of a scene linear.
 fn srgb_from_linear(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+    if linear <= 0.003_130_8 {
+        12.92 * linear
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    }
 }

@@ -11,10 +11,10 @@ mod cube;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use cube::{Rays, cube_rays, load_packet, load_ray};
 use glam::{DVec3, Vec3, dvec3};
-use headbox_scene::scene::Triangle;
-use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket, Tracer};
 use headbox_scene::material::Material;
 use headbox_scene::scene::Scene;
+use headbox_scene::scene::Triangle;
+use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket, Tracer};
 use std::hint::black_box;
 use std::sync::Arc;
 
@@ -26,23 +26,57 @@ const PART: usize = 64;
 
 /// Bumpy ground of 20 m by 20 m and a room around it.
 fn scene() -> Scene {
-    let height = |x: f64, z: f64| 0.5 * (0.9 * x).sin() * (0.7 * z).cos() + 0.02 * (53.0 * x).sin() * (47.0 * z).sin();
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let height = |x: f64, z: f64| {
+        0.5 * (0.9 * x).sin() * (0.7 * z).cos() + 0.02 * (53.0 * x).sin() * (47.0 * z).sin()
+    };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     let mut add = |positions: Vec<DVec3>, triangles: Vec<[u32; 3]>| {
         let base = scene.positions.len() as u32;
         scene.positions.extend(positions);
-        let shifted = triangles.into_iter().map(|t| Triangle { vertices: t.map(|i| i + base), material: 0 });
+        let shifted = triangles.into_iter().map(|t| Triangle {
+            vertices: t.map(|i| i + base),
+            material: 0,
+        });
         scene.triangles.extend(shifted);
     };
     let line = SIDE + 1;
     let at = |i: u32| -10.0 + 20.0 * f64::from(i) / f64::from(SIDE);
-    let ground = (0..line * line).map(|k| (at(k % line), at(k / line))).map(|(x, z)| dvec3(x, height(x, z), z));
+    let ground = (0..line * line)
+        .map(|k| (at(k % line), at(k / line)))
+        .map(|(x, z)| dvec3(x, height(x, z), z));
     let quad = |i: u32| [[i, i + 1, i + line + 1], [i, i + line + 1, i + line]];
-    add(ground.collect(), (0..SIDE * SIDE).flat_map(|k| quad(k / SIDE * line + k % SIDE)).collect());
+    add(
+        ground.collect(),
+        (0..SIDE * SIDE)
+            .flat_map(|k| quad(k / SIDE * line + k % SIDE))
+            .collect(),
+    );
     let corner = |k: u32, axis: u32| if k >> axis & 1 == 0 { -1.0 } else { 1.0 };
-    let room = (0..8).map(|k| dvec3(10.0 * corner(k, 0), 4.0 * corner(k, 1) + 3.0, 10.0 * corner(k, 2)));
-    let walls = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    add(room.collect(), walls.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect());
+    let room = (0..8).map(|k| {
+        dvec3(
+            10.0 * corner(k, 0),
+            4.0 * corner(k, 1) + 3.0,
+            10.0 * corner(k, 2),
+        )
+    });
+    let walls = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+    add(
+        room.collect(),
+        walls
+            .into_iter()
+            .flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]])
+            .collect(),
+    );
     scene
 }
 
@@ -62,9 +96,21 @@ fn secondary(tracer: &Tracer, rays: &Rays) -> (Vec<Ray>, Vec<Ray>) {
             let origin = ray.origin + ray.direction * (tracer.closest(&ray)?.t * 0.999);
             // A golden-angle spiral over the sphere: neighbours point apart.
             let (angle, z) = (i as f32 * 2.399_963, 1.0 - (i % 997) as f32 / 498.5);
-            let scattered = Vec3::new(angle.cos(), angle.sin(), 0.0) * (1.0 - z * z).max(0.0).sqrt() + Vec3::Z * z;
-            let shadow = Ray { origin, direction: light - origin, t_min: 0.0, t_max: 1.0 };
-            let bounce = Ray { origin, direction: scattered, t_min: 0.0, t_max: f32::INFINITY };
+            let scattered = Vec3::new(angle.cos(), angle.sin(), 0.0)
+                * (1.0 - z * z).max(0.0).sqrt()
+                + Vec3::Z * z;
+            let shadow = Ray {
+                origin,
+                direction: light - origin,
+                t_min: 0.0,
+                t_max: 1.0,
+            };
+            let bounce = Ray {
+                origin,
+                direction: scattered,
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             Some((shadow, bounce))
         })
         .unzip()
@@ -76,7 +122,9 @@ fn rates(criterion: &mut Criterion) {
     let rays = stratified();
     let (shadow, bounce) = secondary(&tracer, &rays);
     let mut group = criterion.benchmark_group("trace");
-    group.sample_size(20).throughput(Throughput::Elements(rays[0].len() as u64));
+    group
+        .sample_size(20)
+        .throughput(Throughput::Elements(rays[0].len() as u64));
 
     group.bench_function("stratified, packets", |bencher| {
         let mut packets = vec![RayPacket::EMPTY; 64];
@@ -92,10 +140,19 @@ fn rates(criterion: &mut Criterion) {
         });
     });
     group.bench_function("stratified, single rays", |bencher| {
-        bencher.iter(|| (0..rays[0].len()).filter(|&i| tracer.closest(&load_ray(&rays, i)).is_some()).count());
+        bencher.iter(|| {
+            (0..rays[0].len())
+                .filter(|&i| tracer.closest(&load_ray(&rays, i)).is_some())
+                .count()
+        });
     });
     group.bench_function("bounce, single rays", |bencher| {
-        bencher.iter(|| bounce.iter().filter(|ray| tracer.closest(ray).is_some()).count());
+        bencher.iter(|| {
+            bounce
+                .iter()
+                .filter(|ray| tracer.closest(ray).is_some())
+                .count()
+        });
     });
     group.bench_function("shadow, single rays", |bencher| {
         bencher.iter(|| shadow.iter().filter(|ray| tracer.occluded(ray)).count());
@@ -103,14 +160,20 @@ fn rates(criterion: &mut Criterion) {
     group.bench_function("shadow, packets", |bencher| {
         bencher.iter(|| {
             let packets = shadow.chunks(PACKET).map(RayPacket::from_rays);
-            packets.map(|packet| tracer.occluded_packet(&packet).count_ones()).sum::<u32>()
+            packets
+                .map(|packet| tracer.occluded_packet(&packet).count_ones())
+                .sum::<u32>()
         });
     });
     group.finish();
 
     let mut group = criterion.benchmark_group("build");
-    group.sample_size(10).throughput(Throughput::Elements(scene.triangles.len() as u64));
-    group.bench_function("tree", |bencher| bencher.iter(|| Tracer::new(scene.clone(), DVec3::ZERO)));
+    group
+        .sample_size(10)
+        .throughput(Throughput::Elements(scene.triangles.len() as u64));
+    group.bench_function("tree", |bencher| {
+        bencher.iter(|| Tracer::new(scene.clone(), DVec3::ZERO))
+    });
     group.finish();
 }
 

@@ -3,8 +3,8 @@
 use super::MAX_COORDINATE;
 use super::cutout::Cutouts;
 use super::tree::{BLOCK, Block, Bounds, Child, Node, Tree, WIDTH};
-use headbox_scene::scene::Scene;
 use glam::{DVec3, Vec3, Vec3A};
+use headbox_scene::scene::Scene;
 use obvhs::bvh2::builder::build_bvh2;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 use obvhs::ploc::{PlocSearchDistance, SortPrecision};
@@ -28,13 +28,20 @@ const PARAMS: BvhBuildParams = BvhBuildParams {
 /// Positions of a triangle's vertices relative to `origin`; `None` if an index is out of range.
 pub(super) fn local_triangle(scene: &Scene, origin: DVec3, primitive: u32) -> Option<[Vec3; 3]> {
     let [a, b, c] = scene.triangles.get(primitive as usize)?.vertices;
-    let local = |i: u32| scene.positions.get(i as usize).map(|p| (*p - origin).as_vec3());
+    let local = |i: u32| {
+        scene
+            .positions
+            .get(i as usize)
+            .map(|p| (*p - origin).as_vec3())
+    };
     Some([local(a)?, local(b)?, local(c)?])
 }
 
 /// Whether a ray can hit the triangle: coordinates in range and some area.
 fn is_solid(triangle: &[Vec3; 3]) -> bool {
-    let in_range = triangle.iter().all(|p| p.abs().max_element() <= MAX_COORDINATE); // false for NaN
+    let in_range = triangle
+        .iter()
+        .all(|p| p.abs().max_element() <= MAX_COORDINATE); // false for NaN
     let [a, b, c] = triangle.map(|p| p.as_dvec3());
     in_range && (b - a).cross(c - a) != DVec3::ZERO
 }
@@ -45,18 +52,32 @@ pub(super) fn build(scene: &Scene, origin: DVec3, cutouts: &Cutouts) -> Tree {
     let count = scene.triangles.len().min(u32::MAX as usize) as u32;
     let solid: Vec<(u32, [Vec3; 3])> = (0..count)
         .into_par_iter()
-        .filter_map(|i| local_triangle(scene, origin, i).filter(is_solid).map(|triangle| (i, triangle)))
+        .filter_map(|i| {
+            local_triangle(scene, origin, i)
+                .filter(is_solid)
+                .map(|triangle| (i, triangle))
+        })
         .collect();
     if solid.is_empty() {
         return Tree::default();
     }
     let triangles: Vec<Triangle> = solid
         .par_iter()
-        .map(|(_, [a, b, c])| Triangle { v0: Vec3A::from(*a), v1: (*b).into(), v2: (*c).into() })
+        .map(|(_, [a, b, c])| Triangle {
+            v0: Vec3A::from(*a),
+            v1: (*b).into(),
+            v2: (*c).into(),
+        })
         .collect();
     let binary = build_bvh2(&triangles, PARAMS, &mut Duration::default());
     let has_cutout = |primitive: u32| cutouts.has(scene.triangles[primitive as usize].material);
-    Collapse { binary: &binary, solid: &solid, has_cutout: &has_cutout, tree: Tree::default() }.run()
+    Collapse {
+        binary: &binary,
+        solid: &solid,
+        has_cutout: &has_cutout,
+        tree: Tree::default(),
+    }
+    .run()
 }
 
 /// The collapse of the binary tree into nodes of eight children.
@@ -79,9 +100,18 @@ impl Collapse<'_> {
     /// Depth first, so that a node's subtree lies together in memory. With an explicit stack: a binary tree over many
     /// coincident triangles may be deep.
     fn run(mut self) -> Tree {
-        let mut pending = vec![Pending { binary: 0, parent: None, depth: 1 }];
+        let mut pending = vec![Pending {
+            binary: 0,
+            parent: None,
+            depth: 1,
+        }];
         let mut deepest = 1;
-        while let Some(Pending { binary, parent, depth }) = pending.pop() {
+        while let Some(Pending {
+            binary,
+            parent,
+            depth,
+        }) = pending.pop()
+        {
             deepest = deepest.max(depth);
             let index = self.tree.nodes.len();
             if let Some((node, slot)) = parent {
@@ -98,7 +128,11 @@ impl Collapse<'_> {
             // Last pushed is next: slot 0's subtree follows its node.
             for (slot, &child) in children.iter().enumerate().rev() {
                 if !self.binary.nodes[child as usize].is_leaf() {
-                    pending.push(Pending { binary: child, parent: Some((index, slot)), depth: depth + 1 });
+                    pending.push(Pending {
+                        binary: child,
+                        parent: Some((index, slot)),
+                        depth: depth + 1,
+                    });
                 }
             }
         }
@@ -113,9 +147,14 @@ impl Collapse<'_> {
         let node = |i: u32| &self.binary.nodes[i as usize];
         let mut children = vec![root];
         while children.len() < WIDTH {
-            let inner = children.iter().enumerate().filter(|&(_, &c)| !node(c).is_leaf());
+            let inner = children
+                .iter()
+                .enumerate()
+                .filter(|&(_, &c)| !node(c).is_leaf());
             let area = |c: u32| node(c).aabb().half_area();
-            let Some((slot, _)) = inner.max_by(|a, b| area(*a.1).total_cmp(&area(*b.1))) else { break };
+            let Some((slot, _)) = inner.max_by(|a, b| area(*a.1).total_cmp(&area(*b.1))) else {
+                break;
+            };
             let first = node(children[slot]).first_index;
             children[slot] = first;
             children.insert(slot + 1, first + 1);
@@ -125,12 +164,17 @@ impl Collapse<'_> {
 
     fn add_leaf(&mut self, node: usize, slot: usize, leaf: Bvh2Node) {
         let range = leaf.first_index as usize..(leaf.first_index + leaf.prim_count) as usize;
-        let members: Vec<(u32, [Vec3; 3])> =
-            self.binary.primitive_indices[range].iter().map(|&i| self.solid[i as usize]).collect();
+        let members: Vec<(u32, [Vec3; 3])> = self.binary.primitive_indices[range]
+            .iter()
+            .map(|&i| self.solid[i as usize])
+            .collect();
         let first = self.tree.blocks.len();
         let mut chunks = members.chunks(BLOCK).peekable();
         while let Some(chunk) = chunks.next() {
-            let mut block = Block { more: chunks.peek().is_some(), ..Block::EMPTY };
+            let mut block = Block {
+                more: chunks.peek().is_some(),
+                ..Block::EMPTY
+            };
             for &(primitive, triangle) in chunk {
                 block.push(primitive, triangle, (self.has_cutout)(primitive));
             }

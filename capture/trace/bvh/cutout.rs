@@ -1,8 +1,8 @@
 //! Cut-outs: where a texture's alpha says that a triangle is not there.
 
+use glam::Vec2;
 use headbox_scene::material::Cutout;
 use headbox_scene::scene::Scene;
-use glam::Vec2;
 
 /// The cut-outs of a scene, by material.
 #[derive(Debug)]
@@ -14,8 +14,16 @@ impl Cutouts {
     /// Materials whose cut-out can be looked up. A cut-out needs texture coordinates and its texture; without them the
     /// surface is opaque.
     pub(super) fn new(scene: &Scene) -> Self {
-        let usable = |cutout: &Cutout| !scene.texcoords.is_empty() && (cutout.texture as usize) < scene.textures.len();
-        Self { of_material: scene.materials.iter().map(|material| material.cutout.filter(usable)).collect() }
+        let usable = |cutout: &Cutout| {
+            !scene.texcoords.is_empty() && (cutout.texture as usize) < scene.textures.len()
+        };
+        Self {
+            of_material: scene
+                .materials
+                .iter()
+                .map(|material| material.cutout.filter(usable))
+                .collect(),
+        }
     }
 
     /// Whether a triangle's material has a cut-out.
@@ -25,7 +33,10 @@ impl Cutouts {
 
     /// As [`Self::is_opaque`], of any triangle.
     pub(super) fn is_there(&self, scene: &Scene, primitive: u32, weights: [f32; 2]) -> bool {
-        let has_holes = scene.triangles.get(primitive as usize).is_some_and(|triangle| self.has(triangle.material));
+        let has_holes = scene
+            .triangles
+            .get(primitive as usize)
+            .is_some_and(|triangle| self.has(triangle.material));
         !has_holes || self.is_opaque(scene, primitive, weights)
     }
 
@@ -37,7 +48,13 @@ impl Cutouts {
             let triangle = scene.triangles.get(primitive as usize)?;
             let cutout = self.get(triangle.material)?;
             let texture = scene.textures.get(cutout.texture as usize)?;
-            let [a, b, c] = triangle.vertices.map(|i| scene.texcoords.get(i as usize).copied().unwrap_or(Vec2::ZERO));
+            let [a, b, c] = triangle.vertices.map(|i| {
+                scene
+                    .texcoords
+                    .get(i as usize)
+                    .copied()
+                    .unwrap_or(Vec2::ZERO)
+            });
             let at = a * (1.0 - u - v) + b * u + c * v;
             let [.., alpha] = texture.sample(at.x, at.y);
             Some(alpha >= cutout.threshold)

@@ -2,8 +2,8 @@
 //! triangle.
 
 use super::build::local_triangle;
-use headbox_scene::scene::Scene;
 use glam::{DVec3, Vec3};
+use headbox_scene::scene::Scene;
 use rayon::prelude::*;
 
 /// What is known of a triangle.
@@ -17,38 +17,73 @@ pub(super) struct Facts {
 
 /// Largest absolute coordinate of a triangle.
 pub fn extent_of(triangle: [Vec3; 3]) -> f32 {
-    triangle.iter().map(|corner| corner.abs().max_element()).fold(0.0, f32::max)
+    triangle
+        .iter()
+        .map(|corner| corner.abs().max_element())
+        .fold(0.0, f32::max)
 }
 
 /// Of all triangles of a scene; those whose vertices are not there have none of either.
 pub(super) fn of_all(scene: &Scene, origin: DVec3) -> Vec<Facts> {
     let of = |primitive: u32| match local_triangle(scene, origin, primitive) {
-        Some(triangle) => Facts { normal: scene.geometric_normal(primitive), extent: extent_of(triangle) },
-        None => Facts { normal: Vec3::Y, extent: 0.0 },
+        Some(triangle) => Facts {
+            normal: scene.geometric_normal(primitive),
+            extent: extent_of(triangle),
+        },
+        None => Facts {
+            normal: Vec3::Y,
+            extent: 0.0,
+        },
     };
-    (0..scene.triangles.len() as u32).into_par_iter().map(of).collect()
+    (0..scene.triangles.len() as u32)
+        .into_par_iter()
+        .map(of)
+        .collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_scene::scene::Triangle;
     use crate::bvh::Tracer;
     use glam::dvec3;
+    use headbox_scene::scene::Triangle;
     use std::sync::Arc;
 
     #[test]
     fn a_tracer_knows_of_triangles_what_the_scene_says() {
-        let positions =
-            vec![dvec3(1e5, 0.0, 0.0), dvec3(1e5 + 1e-3, 2.0, 0.0), dvec3(1e5, 0.0, 3.0), dvec3(-9.0, 4.0, 1.0)];
-        let triangles = [[0, 1, 2], [2, 1, 3], [0, 0, 1], [3, 1, 0]].map(|vertices| Triangle { vertices, material: 0 });
-        let scene = Scene { positions, triangles: triangles.into(), ..Scene::default() };
+        let positions = vec![
+            dvec3(1e5, 0.0, 0.0),
+            dvec3(1e5 + 1e-3, 2.0, 0.0),
+            dvec3(1e5, 0.0, 3.0),
+            dvec3(-9.0, 4.0, 1.0),
+        ];
+        let triangles = [[0, 1, 2], [2, 1, 3], [0, 0, 1], [3, 1, 0]].map(|vertices| Triangle {
+            vertices,
+            material: 0,
+        });
+        let scene = Scene {
+            positions,
+            triangles: triangles.into(),
+            ..Scene::default()
+        };
         let tracer = Tracer::new(Arc::new(scene), dvec3(1e5, 1.0, 0.0));
         for primitive in 0..4 {
-            assert_eq!(tracer.geometric_normal(primitive), tracer.scene().geometric_normal(primitive), "{primitive}");
-            assert_eq!(tracer.extent(primitive), extent_of(tracer.triangle(primitive)), "{primitive}");
+            assert_eq!(
+                tracer.geometric_normal(primitive),
+                tracer.scene().geometric_normal(primitive),
+                "{primitive}"
+            );
+            assert_eq!(
+                tracer.extent(primitive),
+                extent_of(tracer.triangle(primitive)),
+                "{primitive}"
+            );
         }
         assert_eq!(tracer.extent(0), 3.0, "relative to the tracer's origin");
-        assert_eq!((tracer.geometric_normal(4), tracer.extent(4)), (Vec3::Y, 0.0), "no such triangle");
+        assert_eq!(
+            (tracer.geometric_normal(4), tracer.extent(4)),
+            (Vec3::Y, 0.0),
+            "no such triangle"
+        );
     }
 }

@@ -86,14 +86,23 @@ pub struct HitPacket {
 
 impl HitPacket {
     /// No hits.
-    pub const MISS: Self =
-        Self { t: [f32::INFINITY; PACKET], primitive: [u32::MAX; PACKET], u: [0.0; PACKET], v: [0.0; PACKET] };
+    pub const MISS: Self = Self {
+        t: [f32::INFINITY; PACKET],
+        primitive: [u32::MAX; PACKET],
+        u: [0.0; PACKET],
+        v: [0.0; PACKET],
+    };
 
     /// The hit of ray `k`, if there is one.
     #[inline]
     pub fn hit(&self, k: usize) -> Option<super::Hit> {
         let primitive = *self.primitive.get(k)?;
-        (primitive != u32::MAX).then(|| super::Hit { t: self.t[k], primitive, u: self.u[k], v: self.v[k] })
+        (primitive != u32::MAX).then(|| super::Hit {
+            t: self.t[k],
+            primitive,
+            u: self.u[k],
+            v: self.v[k],
+        })
     }
 }
 
@@ -125,7 +134,12 @@ impl Lanes {
 
     #[inline(always)]
     pub(super) fn candidate(&self, k: usize) -> Candidate {
-        Candidate { t: self.t[k], v: self.v[k], w: self.w[k], determinant: self.determinant[k] }
+        Candidate {
+            t: self.t[k],
+            v: self.v[k],
+            w: self.w[k],
+            determinant: self.determinant[k],
+        }
     }
 
     #[inline(always)]
@@ -182,12 +196,27 @@ impl PreparedPacket {
             valid: [false; PACKET],
         };
         for k in 0..PACKET {
-            let (origin, direction) = (each_axis!(a => rays.origin[a][k]), each_axis!(a => rays.direction[a][k]));
+            let (origin, direction) = (
+                each_axis!(a => rays.origin[a][k]),
+                each_axis!(a => rays.direction[a][k]),
+            );
             let (largest_origin, largest_direction) = (largest(origin), largest(direction));
-            let sum = origin[0] + origin[1] + origin[2] + direction[0] + direction[1] + direction[2];
-            p.valid[k] = is_valid(largest_origin, largest_direction, sum, rays.t_min[k], rays.t_max[k]);
+            let sum =
+                origin[0] + origin[1] + origin[2] + direction[0] + direction[1] + direction[2];
+            p.valid[k] = is_valid(
+                largest_origin,
+                largest_direction,
+                sum,
+                rays.t_min[k],
+                rays.t_max[k],
+            );
             for axis in 0..3 {
-                let slab = Slab::new(origin[axis], direction[axis], largest_origin, largest_direction);
+                let slab = Slab::new(
+                    origin[axis],
+                    direction[axis],
+                    largest_origin,
+                    largest_direction,
+                );
                 p.near_origin[axis][k] = slab.near_origin;
                 p.far_origin[axis][k] = slab.far_origin;
                 p.inverse[axis][k] = slab.inverse;

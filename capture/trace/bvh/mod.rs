@@ -34,12 +34,12 @@ mod twins;
 pub use facts::extent_of;
 pub use lanes::{HitPacket, PACKET, RayPacket};
 
-use headbox_scene::scene::Scene;
-use headbox_scene::scene::Surface;
 use cutout::Cutouts;
 use facts::Facts;
 use fearless_simd::{Level, dispatch};
 use glam::{DVec3, Vec3};
+use headbox_scene::scene::Scene;
+use headbox_scene::scene::Surface;
 use std::sync::Arc;
 use tree::Tree;
 use twins::Twins;
@@ -109,7 +109,15 @@ impl Tracer {
         let tree = build::build(&scene, origin, &cutouts);
         let twins = Twins::find(&scene, origin);
         let facts = facts::of_all(&scene, origin);
-        Self { scene, origin, tree, cutouts, twins, facts, level }
+        Self {
+            scene,
+            origin,
+            tree,
+            cutouts,
+            twins,
+            facts,
+            level,
+        }
     }
 
     /// The scene.
@@ -130,26 +138,40 @@ impl Tracer {
     /// As [`Scene::geometric_normal`]; straight up if there is no such triangle.
     #[inline]
     pub fn geometric_normal(&self, primitive: u32) -> Vec3 {
-        self.facts.get(primitive as usize).map_or(Vec3::Y, |facts| facts.normal)
+        self.facts
+            .get(primitive as usize)
+            .map_or(Vec3::Y, |facts| facts.normal)
     }
 
     /// Largest absolute coordinate of a triangle in the local frame, metres; 0 if there is no such triangle.
     #[inline]
     pub fn extent(&self, primitive: u32) -> f32 {
-        self.facts.get(primitive as usize).map_or(0.0, |facts| facts.extent)
+        self.facts
+            .get(primitive as usize)
+            .map_or(0.0, |facts| facts.extent)
     }
 
     /// Whether a ray along `direction` that meets a triangle at barycentric weights `u` and `v` sees it there: not in a hole of it, and not
     /// where another one in the same place turns its front to the ray.
     pub fn is_seen(&self, direction: Vec3, primitive: u32, u: f32, v: f32) -> bool {
-        let hit = Hit { t: 0.0, primitive, u, v };
+        let hit = Hit {
+            t: 0.0,
+            primitive,
+            u,
+            v,
+        };
         self.cutouts.is_there(&self.scene, primitive, [u, v])
-            && self.twins.facing(direction, hit, |primitive| self.triangle(primitive)).primitive == primitive
+            && self
+                .twins
+                .facing(direction, hit, |primitive| self.triangle(primitive))
+                .primitive
+                == primitive
     }
 
     /// As [`Scene::surface`].
     pub fn surface(&self, primitive: u32, u: f32, v: f32) -> Surface {
-        self.scene.surface_facing(primitive, self.geometric_normal(primitive), u, v)
+        self.scene
+            .surface_facing(primitive, self.geometric_normal(primitive), u, v)
     }
 
     /// The closest hit of a ray, the least (t, primitive) of all its hits; of triangles in exactly the same place, the first
@@ -157,7 +179,10 @@ impl Tracer {
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let mut found = single::Closest::new(ray.t_max);
         dispatch!(self.level, simd => single::search(simd, self, ray, &mut found));
-        found.hit().map(|hit| self.twins.facing(ray.direction, hit, |primitive| self.triangle(primitive)))
+        found.hit().map(|hit| {
+            self.twins
+                .facing(ray.direction, hit, |primitive| self.triangle(primitive))
+        })
     }
 
     /// Whether anything lies on the ray between `t_min` and `t_max`.
@@ -190,8 +215,12 @@ impl Tracer {
         }
         for (rays, hits) in rays.iter().zip(hits) {
             for k in 0..PACKET {
-                let (Some(ray), Some(hit)) = (rays.ray(k), hits.hit(k)) else { continue };
-                let hit = self.twins.facing(ray.direction, hit, |primitive| self.triangle(primitive));
+                let (Some(ray), Some(hit)) = (rays.ray(k), hits.hit(k)) else {
+                    continue;
+                };
+                let hit = self
+                    .twins
+                    .facing(ray.direction, hit, |primitive| self.triangle(primitive));
                 (hits.primitive[k], hits.u[k], hits.v[k]) = (hit.primitive, hit.u, hit.v);
             }
         }
@@ -200,7 +229,10 @@ impl Tracer {
     /// Which active rays of a packet are blocked: bit k belongs to ray k, as [`Self::occluded`] says of it.
     pub fn occluded_packet(&self, rays: &RayPacket) -> u16 {
         let mut blocked = 0;
-        self.occluded_packets(std::slice::from_ref(rays), std::slice::from_mut(&mut blocked));
+        self.occluded_packets(
+            std::slice::from_ref(rays),
+            std::slice::from_mut(&mut blocked),
+        );
         blocked
     }
 

@@ -8,10 +8,10 @@
 use super::Tracer;
 use super::lanes::{HitPacket, Lanes, PACKET, PreparedPacket, RayPacket};
 use super::prepared::{Prepared, axes_of, each_axis};
-use crate::bvh::single;
 use super::single::{Closest, Occluded, relative};
 use super::tree::{BLOCK, Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
 use super::triangle::{Candidate, edges, exact};
+use crate::bvh::single;
 use fearless_simd::{Simd, f32x8, f32x16, mask32x16, prelude::*, u32x16};
 
 /// Where at most this many rays enter a box, each goes on alone. Measured: see `benches/trace.rs`.
@@ -19,7 +19,12 @@ const ALONE: u32 = 4;
 
 /// Closest hits of each packet.
 #[inline(always)]
-pub(super) fn closest<S: Simd>(simd: S, tracer: &Tracer, rays: &[RayPacket], hits: &mut [HitPacket]) {
+pub(super) fn closest<S: Simd>(
+    simd: S,
+    tracer: &Tracer,
+    rays: &[RayPacket],
+    hits: &mut [HitPacket],
+) {
     let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
     let stack = tracer.tree.stack(&mut small, &mut large);
     for (rays, hits) in rays.iter().zip(hits) {
@@ -55,7 +60,13 @@ struct Walk<'a, S: Simd> {
 
 /// Traces a packet; `ANY` is for occlusion.
 #[inline(always)]
-fn trace<S: Simd, const ANY: bool>(simd: S, tracer: &Tracer, rays: &RayPacket, found: &mut Lanes, stack: &mut [Entry]) {
+fn trace<S: Simd, const ANY: bool>(
+    simd: S,
+    tracer: &Tracer,
+    rays: &RayPacket,
+    found: &mut Lanes,
+    stack: &mut [Entry],
+) {
     let prepared = PreparedPacket::new(rays);
     let mut active = u32::from(rays.active);
     for k in 0..PACKET {
@@ -69,17 +80,23 @@ fn trace<S: Simd, const ANY: bool>(simd: S, tracer: &Tracer, rays: &RayPacket, f
         f32x16::load_array_ref(simd, &prepared.inverse[a]).simd_lt(zero).to_bitmask() as u32 & active
     });
     let main = prepared.main_axis[active.trailing_zeros() as usize];
-    let same_main = u32x16::load_array_ref(simd, &prepared.main_axis).simd_eq(u32x16::splat(simd, main));
+    let same_main =
+        u32x16::load_array_ref(simd, &prepared.main_axis).simd_eq(u32x16::splat(simd, main));
     let walk = Walk {
         simd,
         tracer,
         rays,
         prepared: &prepared,
         near_rows: each_axis!(a => if negative[a] == 0 { a } else { a + 3 }),
-        axes: if same_main.to_bitmask() as u32 & active == active { Some(axes_of(main)) } else { None },
+        axes: if same_main.to_bitmask() as u32 & active == active {
+            Some(axes_of(main))
+        } else {
+            None
+        },
     };
     let agree = |bits: u32| bits == 0 || bits == active;
-    if agree(negative[0]) && agree(negative[1]) && agree(negative[2]) && active.count_ones() > ALONE {
+    if agree(negative[0]) && agree(negative[1]) && agree(negative[2]) && active.count_ones() > ALONE
+    {
         walk.together::<ANY>(active, found, stack);
     } else {
         walk.alone::<ANY>(active, found, 0, stack);
@@ -89,7 +106,13 @@ fn trace<S: Simd, const ANY: bool>(simd: S, tracer: &Tracer, rays: &RayPacket, f
 impl<S: Simd> Walk<'_, S> {
     /// Traverses the subtree of `node` by each of the rays `lanes` by itself.
     #[inline(always)]
-    fn alone<const ANY: bool>(&self, mut lanes: u32, found: &mut Lanes, node: u32, stack: &mut [Entry]) {
+    fn alone<const ANY: bool>(
+        &self,
+        mut lanes: u32,
+        found: &mut Lanes,
+        node: u32,
+        stack: &mut [Entry],
+    ) {
         while lanes != 0 {
             let k = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
@@ -101,7 +124,10 @@ impl<S: Simd> Walk<'_, S> {
                     found.block(k);
                 }
             } else {
-                let mut search = Closest { primitive: found.primitive[k], candidate: found.candidate(k) };
+                let mut search = Closest {
+                    primitive: found.primitive[k],
+                    candidate: found.candidate(k),
+                };
                 traverse_alone(self.simd, self.tracer, &ray, &mut search, node, stack);
                 found.set(k, search.primitive, search.candidate);
             }
@@ -183,13 +209,17 @@ impl<S: Simd> Walk<'_, S> {
     /// The greatest value of the rays `active`.
     #[inline(always)]
     fn greatest(&self, active: u32, row: &[f32; PACKET]) -> f32 {
-        self.mask(active).select(self.load(row), f32x16::splat(self.simd, f32::NEG_INFINITY)).reduce_max()
+        self.mask(active)
+            .select(self.load(row), f32x16::splat(self.simd, f32::NEG_INFINITY))
+            .reduce_max()
     }
 
     /// The least value of the rays `active`.
     #[inline(always)]
     fn least(&self, active: u32, row: &[f32; PACKET]) -> f32 {
-        self.mask(active).select(self.load(row), f32x16::splat(self.simd, f32::INFINITY)).reduce_min()
+        self.mask(active)
+            .select(self.load(row), f32x16::splat(self.simd, f32::INFINITY))
+            .reduce_min()
     }
 
     /// Which rays enter the box of a child before their limits, and where (not before their `t_min`).
@@ -204,7 +234,9 @@ impl<S: Simd> Walk<'_, S> {
             let plane = f32x16::splat(self.simd, node.planes[opposite(self.near_rows[a])][slot]);
             (plane - self.load(&p.far_origin[a])) * self.load(&p.inverse[a])
         });
-        let enter = near[0].max(near[1]).max(near[2].max(self.load(&self.rays.t_min)));
+        let enter = near[0]
+            .max(near[1])
+            .max(near[2].max(self.load(&self.rays.t_min)));
         let leave = far[0].min(far[1]).min(far[2].min(self.load(&found.t)));
         (enter, enter.simd_le(leave).to_bitmask() as u32)
     }
@@ -219,7 +251,10 @@ impl<S: Simd> Walk<'_, S> {
         enter: f32x16<S>,
         found: &mut Lanes,
     ) -> bool {
-        let shear = [self.load(&self.prepared.shear[0]), self.load(&self.prepared.shear[1])];
+        let shear = [
+            self.load(&self.prepared.shear[0]),
+            self.load(&self.prepared.shear[1]),
+        ];
         let edges = edges(self.relative(block, slot), shear);
         let inside = edges.inside() & self.mask(lanes);
         if inside.all_false() {
@@ -238,21 +273,39 @@ impl<S: Simd> Walk<'_, S> {
         let wanted = (inside & (t.simd_lt(best) | first)).to_bitmask() as u32 & !degenerate;
         let [_, v, w] = edges.weights;
         if block.cutouts >> slot & 1 == 1 || degenerate != 0 {
-            let candidates = [t.to_array(), v.to_array(), w.to_array(), determinant.to_array()];
-            return self.one_by_one::<ANY>(block, slot, wanted, degenerate, &candidates, &enter.to_array(), found);
+            let candidates = [
+                t.to_array(),
+                v.to_array(),
+                w.to_array(),
+                determinant.to_array(),
+            ];
+            return self.one_by_one::<ANY>(
+                block,
+                slot,
+                wanted,
+                degenerate,
+                &candidates,
+                &enter.to_array(),
+                found,
+            );
         }
         let mask = self.mask(wanted);
         if wanted == 0 {
             return false;
         } else if ANY {
             found.blocked |= wanted as u16;
-            mask.select(f32x16::splat(self.simd, f32::NEG_INFINITY), best).store_array(&mut found.t);
+            mask.select(f32x16::splat(self.simd, f32::NEG_INFINITY), best)
+                .store_array(&mut found.t);
         } else {
             mask.select(t, best).store_array(&mut found.t);
-            mask.select(v, self.load(&found.v)).store_array(&mut found.v);
-            mask.select(w, self.load(&found.w)).store_array(&mut found.w);
-            mask.select(determinant, self.load(&found.determinant)).store_array(&mut found.determinant);
-            mask.select(u32x16::splat(self.simd, primitive), best_primitive).store_array(&mut found.primitive);
+            mask.select(v, self.load(&found.v))
+                .store_array(&mut found.v);
+            mask.select(w, self.load(&found.w))
+                .store_array(&mut found.w);
+            mask.select(determinant, self.load(&found.determinant))
+                .store_array(&mut found.determinant);
+            mask.select(u32x16::splat(self.simd, primitive), best_primitive)
+                .store_array(&mut found.primitive);
         }
         true
     }
@@ -275,19 +328,33 @@ impl<S: Simd> Walk<'_, S> {
         while lanes != 0 {
             let k = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
-            let mut candidate = Candidate { t: t[k], v: v[k], w: w[k], determinant: determinant[k] };
+            let mut candidate = Candidate {
+                t: t[k],
+                v: v[k],
+                w: w[k],
+                determinant: determinant[k],
+            };
             if degenerate >> k & 1 == 1 {
                 let ray = self.prepared.ray(self.rays, k);
                 let exact = exact(relative(block, slot, &ray), ray.shear, ray.inverse_main());
-                let Some(exact) = exact.filter(|exact| exact.t >= ray.t_min) else { continue };
-                candidate = Candidate { t: exact.t_from(enter[k]), ..exact };
+                let Some(exact) = exact.filter(|exact| exact.t >= ray.t_min) else {
+                    continue;
+                };
+                candidate = Candidate {
+                    t: exact.t_from(enter[k]),
+                    ..exact
+                };
                 let first = candidate.t == found.t[k] && primitive < found.primitive[k];
                 if !(candidate.t < found.t[k] || first) {
                     continue;
                 }
             }
             let opaque = block.cutouts >> slot & 1 == 0
-                || self.tracer.cutouts.is_opaque(&self.tracer.scene, primitive, candidate.barycentric());
+                || self.tracer.cutouts.is_opaque(
+                    &self.tracer.scene,
+                    primitive,
+                    candidate.barycentric(),
+                );
             hit |= opaque;
             match (opaque, ANY) {
                 (false, _) => {}
@@ -300,8 +367,15 @@ impl<S: Simd> Walk<'_, S> {
 
     /// A coordinate of a vertex relative to each ray's origin.
     #[inline(always)]
-    fn relative_coordinate(&self, block: &Block, slot: usize, vertex: usize, axis: usize) -> f32x16<S> {
-        f32x16::splat(self.simd, block.vertices[vertex][axis][slot]) - self.load(&self.rays.origin[axis])
+    fn relative_coordinate(
+        &self,
+        block: &Block,
+        slot: usize,
+        vertex: usize,
+        axis: usize,
+    ) -> f32x16<S> {
+        f32x16::splat(self.simd, block.vertices[vertex][axis][slot])
+            - self.load(&self.rays.origin[axis])
     }
 
     /// A triangle's vertices relative to each ray's origin, on the axes of each ray's shear.
@@ -387,15 +461,26 @@ impl<S: Simd> Beam<S> {
             (offset * self.inverse[a][0]).max(offset * self.inverse[a][1])
         });
         let enter = near[0].max(near[1]).max(near[2].max(self.t_min));
-        let leave = far[0].min(far[1]).min(far[2].min(f32x8::splat(self.simd, limit)));
+        let leave = far[0]
+            .min(far[1])
+            .min(far[2].min(f32x8::splat(self.simd, limit)));
         (enter.to_array(), enter.simd_le(leave).to_bitmask() as u32)
     }
 
     /// Pushes the children that any ray may enter, the nearest last, and returns the stack's new length.
     #[inline(always)]
-    fn push_children(&self, index: u32, node: &Node, limit: f32, stack: &mut [Entry], base: usize) -> usize {
+    fn push_children(
+        &self,
+        index: u32,
+        node: &Node,
+        limit: f32,
+        stack: &mut [Entry],
+        base: usize,
+    ) -> usize {
         let (enter, entered) = self.enter(node, limit);
         // The child's box is tested later, so its entry is named by where it hangs.
-        push_sorted(stack, base, entered, |slot| Entry::new(enter[slot % WIDTH], index * WIDTH as u32 + slot as u32))
+        push_sorted(stack, base, entered, |slot| {
+            Entry::new(enter[slot % WIDTH], index * WIDTH as u32 + slot as u32)
+        })
     }
 }

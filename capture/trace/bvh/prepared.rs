@@ -35,10 +35,19 @@ pub(super) struct Slab {
 
 impl Slab {
     #[inline(always)]
-    pub(super) fn new(origin: f32, direction: f32, largest_origin: f32, largest_direction: f32) -> Self {
+    pub(super) fn new(
+        origin: f32,
+        direction: f32,
+        largest_origin: f32,
+        largest_direction: f32,
+    ) -> Self {
         let growth = (largest_origin * GROWTH).copysign(direction);
         let inverse = 1.0 / larger(direction.abs(), largest_direction * SMALLEST_SHARE);
-        Self { near_origin: origin + growth, far_origin: origin - growth, inverse: inverse.copysign(direction) }
+        Self {
+            near_origin: origin + growth,
+            far_origin: origin - growth,
+            inverse: inverse.copysign(direction),
+        }
     }
 }
 
@@ -80,7 +89,13 @@ pub(super) fn main_axis(direction: [f32; 3]) -> u32 {
 
 /// Whether the traversal may take the ray at all; see [`Ray`]. `largest_*` are over the absolute components.
 #[inline(always)]
-pub(super) fn is_valid(largest_origin: f32, largest_direction: f32, sum: f32, t_min: f32, t_max: f32) -> bool {
+pub(super) fn is_valid(
+    largest_origin: f32,
+    largest_direction: f32,
+    sum: f32,
+    t_min: f32,
+    t_max: f32,
+) -> bool {
     // `sum` is over all six components: it is not finite if one of them is not, which the maxima might not show.
     let (low, high) = (*DIRECTION_RANGE.start(), *DIRECTION_RANGE.end());
     (largest_origin <= MAX_COORDINATE)
@@ -121,7 +136,8 @@ impl Prepared {
         if !is_valid(largest_origin, largest_direction, sum, ray.t_min, ray.t_max) {
             return None;
         }
-        let slabs = each_axis!(a => Slab::new(origin[a], direction[a], largest_origin, largest_direction));
+        let slabs =
+            each_axis!(a => Slab::new(origin[a], direction[a], largest_origin, largest_direction));
         let axes = axes_of(main_axis(direction));
         let inverse = slabs[axes[2]].inverse;
         Some(Self {

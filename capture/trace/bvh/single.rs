@@ -29,7 +29,15 @@ pub(super) struct Closest {
 impl Closest {
     #[inline(always)]
     pub(super) fn new(t_max: f32) -> Self {
-        Self { primitive: u32::MAX, candidate: Candidate { t: t_max, v: 0.0, w: 0.0, determinant: 1.0 } }
+        Self {
+            primitive: u32::MAX,
+            candidate: Candidate {
+                t: t_max,
+                v: 0.0,
+                w: 0.0,
+                determinant: 1.0,
+            },
+        }
     }
 
     pub(super) fn hit(&self) -> Option<Hit> {
@@ -39,7 +47,12 @@ impl Closest {
 
 fn hit(primitive: u32, candidate: Candidate) -> Hit {
     let [u, v] = candidate.barycentric();
-    Hit { t: candidate.t, primitive, u, v }
+    Hit {
+        t: candidate.t,
+        primitive,
+        u,
+        v,
+    }
 }
 
 impl Found for Closest {
@@ -55,7 +68,10 @@ impl Found for Closest {
 
     #[inline]
     fn take(&mut self, primitive: u32, candidate: Candidate) {
-        *self = Self { primitive, candidate };
+        *self = Self {
+            primitive,
+            candidate,
+        };
     }
 }
 
@@ -68,7 +84,10 @@ pub(super) struct Occluded {
 impl Occluded {
     #[inline(always)]
     pub(super) fn new(t_max: f32) -> Self {
-        Self { t_max, blocked: false }
+        Self {
+            t_max,
+            blocked: false,
+        }
     }
 
     #[inline]
@@ -107,11 +126,15 @@ pub(super) struct All {
 
 impl All {
     pub(super) fn new(t_max: f32) -> Self {
-        Self { t_max, hits: Vec::new() }
+        Self {
+            t_max,
+            hits: Vec::new(),
+        }
     }
 
     pub(super) fn into_sorted(mut self) -> Vec<Hit> {
-        self.hits.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.primitive.cmp(&b.primitive)));
+        self.hits
+            .sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.primitive.cmp(&b.primitive)));
         self.hits
     }
 }
@@ -136,10 +159,19 @@ impl Found for All {
 /// Searches the whole tree by one ray.
 #[inline(always)]
 pub(super) fn search<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Ray, found: &mut F) {
-    let Some(ray) = Prepared::new(ray) else { return };
+    let Some(ray) = Prepared::new(ray) else {
+        return;
+    };
     if !tracer.tree.nodes.is_empty() {
         let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
-        traverse(simd, tracer, &ray, found, 0, tracer.tree.stack(&mut small, &mut large));
+        traverse(
+            simd,
+            tracer,
+            &ray,
+            found,
+            0,
+            tracer.tree.stack(&mut small, &mut large),
+        );
     }
 }
 
@@ -159,7 +191,9 @@ pub(super) fn traverse<S: Simd, F: Found>(
     loop {
         let (enter, entered) = boxes.enter(simd, node, found.limit());
         let next = push_all_but_nearest(stack, &mut len, node, entered, &enter);
-        let Some(mut next) = next.or_else(|| pop(stack, &mut len, found.limit())) else { return };
+        let Some(mut next) = next.or_else(|| pop(stack, &mut len, found.limit())) else {
+            return;
+        };
         loop {
             let child = Child::from_name(next.name());
             let Some(block) = child.first_block() else {
@@ -246,7 +280,9 @@ impl<S: Simd> BoxTest<S> {
         let near = each_axis!(a => (node.row(simd, self.near_rows[a]) - self.near_origin[a]) * self.inverse[a]);
         let far = each_axis!(a => (node.row(simd, opposite(self.near_rows[a])) - self.far_origin[a]) * self.inverse[a]);
         let enter = near[0].max(near[1]).max(near[2].max(self.t_min));
-        let leave = far[0].min(far[1]).min(far[2].min(f32x8::splat(simd, limit)));
+        let leave = far[0]
+            .min(far[1])
+            .min(far[2].min(f32x8::splat(simd, limit)));
         (enter.to_array(), enter.simd_le(leave).to_bitmask() as u32)
     }
 }
@@ -271,12 +307,25 @@ fn intersect_leaf<S: Simd, F: Found>(
 
 /// Tests the triangles of a block. `enter` is where the ray enters the leaf's box.
 #[inline(always)]
-fn intersect<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found: &mut F, block: &Block, enter: f32) {
+fn intersect<S: Simd, F: Found>(
+    simd: S,
+    tracer: &Tracer,
+    ray: &Prepared,
+    found: &mut F,
+    block: &Block,
+    enter: f32,
+) {
     let origin = each_axis!(i => f32x8::splat(simd, ray.origin[i]));
     let vertices = each_axis!(vertex => each_axis!(i => {
         f32x8::load_array_ref(simd, &block.vertices[vertex][ray.axes[i]]) - origin[i]
     }));
-    let edges = edges(vertices, [f32x8::splat(simd, ray.shear[0]), f32x8::splat(simd, ray.shear[1])]);
+    let edges = edges(
+        vertices,
+        [
+            f32x8::splat(simd, ray.shear[0]),
+            f32x8::splat(simd, ray.shear[1]),
+        ],
+    );
     let mut inside = edges.inside().to_bitmask() as u32;
     if inside == 0 {
         return;
@@ -284,13 +333,25 @@ fn intersect<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found:
     let inverse_main = ray.inverse_main();
     let (determinant, t) = edges.determinant_and_t(f32x8::splat(simd, inverse_main));
     let [_, v, w] = edges.weights;
-    let (determinant, t, v, w) = (determinant.to_array(), t.to_array(), v.to_array(), w.to_array());
+    let (determinant, t, v, w) = (
+        determinant.to_array(),
+        t.to_array(),
+        v.to_array(),
+        w.to_array(),
+    );
     while inside != 0 {
         let slot = inside.trailing_zeros() as usize;
         inside &= inside - 1;
-        let mut candidate = Candidate { t: t[slot], v: v[slot], w: w[slot], determinant: determinant[slot] };
+        let mut candidate = Candidate {
+            t: t[slot],
+            v: v[slot],
+            w: w[slot],
+            determinant: determinant[slot],
+        };
         if candidate.determinant == 0.0 {
-            let Some(exact) = exact(relative(block, slot, ray), ray.shear, inverse_main) else { continue };
+            let Some(exact) = exact(relative(block, slot, ray), ray.shear, inverse_main) else {
+                continue;
+            };
             candidate = exact;
         }
         let primitive = block.primitives[slot];
@@ -303,7 +364,9 @@ fn intersect<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found:
             continue;
         }
         let opaque = block.cutouts >> slot & 1 == 0
-            || tracer.cutouts.is_opaque(&tracer.scene, primitive, candidate.barycentric());
+            || tracer
+                .cutouts
+                .is_opaque(&tracer.scene, primitive, candidate.barycentric());
         if opaque {
             found.take(primitive, candidate);
         }

@@ -46,7 +46,8 @@ impl Node {
 
     /// The box around all children.
     pub(super) fn bounds(&self) -> Bounds {
-        let over = |row: [f32; WIDTH], f: fn(f32, f32) -> f32, start| row.into_iter().fold(start, f);
+        let over =
+            |row: [f32; WIDTH], f: fn(f32, f32) -> f32, start| row.into_iter().fold(start, f);
         let p = &self.planes;
         Bounds {
             min: Vec3::from_array([0, 1, 2].map(|a| over(p[a], f32::min, f32::INFINITY))),
@@ -77,11 +78,19 @@ pub(super) struct Bounds {
 impl Bounds {
     /// The box around the vertices of a leaf's triangles, grown as [`super::prepared`] requires.
     pub(super) fn of_leaf(triangles: impl Iterator<Item = [Vec3; 3]>) -> Self {
-        let empty = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
-        let tight =
-            triangles.flatten().fold(empty, |bounds, p| Self { min: bounds.min.min(p), max: bounds.max.max(p) });
+        let empty = Self {
+            min: Vec3::INFINITY,
+            max: Vec3::NEG_INFINITY,
+        };
+        let tight = triangles.flatten().fold(empty, |bounds, p| Self {
+            min: bounds.min.min(p),
+            max: bounds.max.max(p),
+        });
         let growth = tight.min.abs().max(tight.max.abs()).max_element() * GROWTH;
-        Self { min: tight.min - growth, max: tight.max + growth }
+        Self {
+            min: tight.min - growth,
+            max: tight.max + growth,
+        }
     }
 }
 
@@ -105,8 +114,13 @@ const _: () = assert!(size_of::<Block>() == 384, "six cache lines");
 
 impl Block {
     /// A block without triangles.
-    pub(super) const EMPTY: Self =
-        Self { vertices: [[[f32::NAN; BLOCK]; 3]; 3], primitives: [u32::MAX; BLOCK], cutouts: 0, len: 0, more: false };
+    pub(super) const EMPTY: Self = Self {
+        vertices: [[[f32::NAN; BLOCK]; 3]; 3],
+        primitives: [u32::MAX; BLOCK],
+        cutouts: 0,
+        len: 0,
+        more: false,
+    };
 
     /// Adds a triangle; ignored if the block is full.
     pub(super) fn push(&mut self, primitive: u32, triangle: [Vec3; 3], cutout: bool) {
@@ -154,7 +168,11 @@ impl Child {
     /// The first block, if this is a leaf.
     #[inline]
     pub(super) fn first_block(self) -> Option<usize> {
-        if self.0 & Self::LEAF == 0 { None } else { Some((self.0 & !Self::LEAF) as usize) }
+        if self.0 & Self::LEAF == 0 {
+            None
+        } else {
+            Some((self.0 & !Self::LEAF) as usize)
+        }
     }
 
     /// The node, if this is not a leaf.
@@ -204,7 +222,12 @@ impl Entry {
 
 /// Pushes an entry for each bit of `slots`, from far to near, and returns the stack's new length.
 #[inline(always)]
-pub(super) fn push_sorted(stack: &mut [Entry], base: usize, mut slots: u32, entry: impl Fn(usize) -> Entry) -> usize {
+pub(super) fn push_sorted(
+    stack: &mut [Entry],
+    base: usize,
+    mut slots: u32,
+    entry: impl Fn(usize) -> Entry,
+) -> usize {
     let mut len = base;
     while slots != 0 {
         let new = entry(slots.trailing_zeros() as usize);
@@ -226,7 +249,11 @@ pub(super) const SMALL_STACK: usize = 96;
 impl Tree {
     /// A stack long enough for this tree: `small` if that will do.
     #[inline(always)]
-    pub(super) fn stack<'a>(&self, small: &'a mut [Entry; SMALL_STACK], large: &'a mut Vec<Entry>) -> &'a mut [Entry] {
+    pub(super) fn stack<'a>(
+        &self,
+        small: &'a mut [Entry; SMALL_STACK],
+        large: &'a mut Vec<Entry>,
+    ) -> &'a mut [Entry] {
         if self.stack_len <= SMALL_STACK {
             small
         } else {

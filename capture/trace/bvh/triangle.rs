@@ -24,13 +24,23 @@ pub(super) struct Edges<V> {
 
 /// `vertices[vertex][axis]` are relative to the ray's origin and on the axes x', y', z' of its shear.
 #[inline(always)]
-pub(super) fn edges<S: Simd, V: SimdFloat<S, Element = f32>>(vertices: [[V; 3]; 3], shear: [V; 2]) -> Edges<V> {
+pub(super) fn edges<S: Simd, V: SimdFloat<S, Element = f32>>(
+    vertices: [[V; 3]; 3],
+    shear: [V; 2],
+) -> Edges<V> {
     let [a, b, c] = each_axis!(i => {
         let [x, y, z] = vertices[i];
         [x - shear[0] * z, y - shear[1] * z]
     });
-    let weights = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
-    Edges { weights, depths: [vertices[0][2], vertices[1][2], vertices[2][2]] }
+    let weights = [
+        c[0] * b[1] - c[1] * b[0],
+        a[0] * c[1] - a[1] * c[0],
+        b[0] * a[1] - b[1] * a[0],
+    ];
+    Edges {
+        weights,
+        depths: [vertices[0][2], vertices[1][2], vertices[2][2]],
+    }
 }
 
 impl<V> Edges<V> {
@@ -53,7 +63,10 @@ impl<V> Edges<V> {
     {
         let ([u, v, w], [a, b, c]) = (self.weights, self.depths);
         let determinant = u + v + w;
-        (determinant, (u * a + v * b + w * c) / determinant * inverse_main)
+        (
+            determinant,
+            (u * a + v * b + w * c) / determinant * inverse_main,
+        )
     }
 }
 
@@ -79,7 +92,10 @@ impl Candidate {
     #[inline]
     pub(super) fn barycentric(&self) -> [f32; 2] {
         // Adding zero turns -0 to 0: the sign of a zero depends on the shear's orientation and means nothing.
-        [self.v / self.determinant + 0.0, self.w / self.determinant + 0.0]
+        [
+            self.v / self.determinant + 0.0,
+            self.w / self.determinant + 0.0,
+        ]
     }
 }
 
@@ -87,7 +103,11 @@ impl Candidate {
 /// are exact in `f64`, and so is the sign of their difference. `None` if the triangle is seen exactly edge-on.
 #[cold]
 #[inline(never)]
-pub(super) fn exact(vertices: [[f32; 3]; 3], shear: [f32; 2], inverse_main: f32) -> Option<Candidate> {
+pub(super) fn exact(
+    vertices: [[f32; 3]; 3],
+    shear: [f32; 2],
+    inverse_main: f32,
+) -> Option<Candidate> {
     let sheared = vertices.map(|[x, y, z]| [x - shear[0] * z, y - shear[1] * z].map(f64::from));
     let edge = |p: [f64; 2], q: [f64; 2]| p[0] * q[1] - p[1] * q[0];
     let [a, b, c] = sheared;
@@ -100,5 +120,10 @@ pub(super) fn exact(vertices: [[f32; 3]; 3], shear: [f32; 2], inverse_main: f32)
     let [a, b, c] = vertices.map(|p| f64::from(p[2]));
     let t = (u * a + v * b + w * c) / determinant * f64::from(inverse_main);
     let (v, w) = ((v / determinant) as f32, (w / determinant) as f32);
-    Some(Candidate { t: t as f32, v, w, determinant: 1.0 })
+    Some(Candidate {
+        t: t as f32,
+        v,
+        w,
+        determinant: 1.0,
+    })
 }

@@ -6,8 +6,8 @@
 
 use super::Hit;
 use crate::bvh::build;
-use headbox_scene::scene::Scene;
 use glam::{DVec3, Vec3};
+use headbox_scene::scene::Scene;
 use rustc_hash::FxHashMap;
 
 /// What stands for a triangle that shares its place with others.
@@ -42,8 +42,14 @@ impl Member {
         let mut order = [0usize, 1, 2];
         order.sort_by_key(|&i| bits[i]);
         let mut rank = [0; 3];
-        (0..).zip(order).for_each(|(place, corner)| rank[corner] = place);
-        Self { place: order.map(|i| bits[i]), rank, primitive }
+        (0..)
+            .zip(order)
+            .for_each(|(place, corner)| rank[corner] = place);
+        Self {
+            place: order.map(|i| bits[i]),
+            rank,
+            primitive,
+        }
     }
 
     /// Whether its corners run the way round of the canonical order, from its front.
@@ -53,8 +59,13 @@ impl Member {
 
     /// How a hit on `self` is told of `other`, of the same place.
     fn seen_as(&self, other: &Self) -> Seen {
-        let corner = self.rank.map(|rank| other.rank.iter().position(|&r| r == rank).unwrap_or(0) as u8);
-        Seen { primitive: other.primitive, corner }
+        let corner = self
+            .rank
+            .map(|rank| other.rank.iter().position(|&r| r == rank).unwrap_or(0) as u8);
+        Seen {
+            primitive: other.primitive,
+            corner,
+        }
     }
 }
 
@@ -63,18 +74,34 @@ impl Twins {
     pub(super) fn find(scene: &Scene, origin: DVec3) -> Self {
         let is_whole = |primitive: &u32| {
             let material = scene.triangles[*primitive as usize].material;
-            scene.materials.get(material as usize).is_some_and(|material| material.cutout.is_none())
+            scene
+                .materials
+                .get(material as usize)
+                .is_some_and(|material| material.cutout.is_none())
         };
         let mut members: Vec<Member> = (0..scene.triangles.len() as u32)
             .filter(is_whole)
-            .filter_map(|primitive| Some(Member::new(primitive, build::local_triangle(scene, origin, primitive)?)))
+            .filter_map(|primitive| {
+                Some(Member::new(
+                    primitive,
+                    build::local_triangle(scene, origin, primitive)?,
+                ))
+            })
             .collect();
         members.sort_unstable_by_key(|member| (member.place, member.primitive));
         let mut seen = FxHashMap::default();
         let mut shared = vec![0; scene.triangles.len().div_ceil(64)];
-        for group in members.chunk_by(|a, b| a.place == b.place).filter(|group| group.len() > 1) {
+        for group in members
+            .chunk_by(|a, b| a.place == b.place)
+            .filter(|group| group.len() > 1)
+        {
             for member in group {
-                let turned = |even: bool| group.iter().find(|other| other.is_even() == even).unwrap_or(&group[0]);
+                let turned = |even: bool| {
+                    group
+                        .iter()
+                        .find(|other| other.is_even() == even)
+                        .unwrap_or(&group[0])
+                };
                 let sides = [turned(member.is_even()), turned(!member.is_even())];
                 seen.insert(member.primitive, sides.map(|other| member.seen_as(other)));
                 shared[member.primitive as usize / 64] |= 1 << (member.primitive % 64);
@@ -91,38 +118,60 @@ impl Twins {
     /// Whether a triangle shares its place with another.
     #[inline]
     fn is_shared(&self, primitive: u32) -> bool {
-        self.shared.get(primitive as usize / 64).is_some_and(|bits| bits >> (primitive % 64) & 1 == 1)
+        self.shared
+            .get(primitive as usize / 64)
+            .is_some_and(|bits| bits >> (primitive % 64) & 1 == 1)
     }
 
     /// The hit that a ray sees instead of the one that was found; `corners` are those of a triangle.
-    pub(super) fn facing(&self, direction: Vec3, hit: Hit, corners: impl Fn(u32) -> [Vec3; 3]) -> Hit {
+    pub(super) fn facing(
+        &self,
+        direction: Vec3,
+        hit: Hit,
+        corners: impl Fn(u32) -> [Vec3; 3],
+    ) -> Hit {
         if !self.is_shared(hit.primitive) {
             return hit;
         }
-        let Some(sides) = self.seen.get(&hit.primitive) else { return hit };
+        let Some(sides) = self.seen.get(&hit.primitive) else {
+            return hit;
+        };
         let [a, b, c] = corners(hit.primitive);
         let meets_back = (b - a).cross(c - a).dot(direction) > 0.0;
         let Seen { primitive, corner } = sides[usize::from(meets_back)];
         let mut weights = [0.0; 3];
-        (corner.into_iter().zip([1.0 - hit.u - hit.v, hit.u, hit.v])).for_each(|(i, w)| weights[usize::from(i)] = w);
-        Hit { t: hit.t, primitive, u: weights[1], v: weights[2] }
+        (corner.into_iter().zip([1.0 - hit.u - hit.v, hit.u, hit.v]))
+            .for_each(|(i, w)| weights[usize::from(i)] = w);
+        Hit {
+            t: hit.t,
+            primitive,
+            u: weights[1],
+            v: weights[2],
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use crate::bvh::{Ray, RayPacket, Tracer};
+    use glam::{DVec3, Vec3, dvec3};
     use headbox_scene::material::Material;
     use headbox_scene::scene::{Scene, Triangle};
-    use glam::{DVec3, Vec3, dvec3};
     use std::sync::Arc;
 
     #[test]
     fn a_ray_sees_the_first_triangle_that_turns_its_front_to_it() {
         let orders = [[0, 2, 1], [1, 2, 0], [1, 0, 2], [2, 0, 1]];
-        let triangles = orders.map(|vertices| Triangle { vertices, material: 0 });
+        let triangles = orders.map(|vertices| Triangle {
+            vertices,
+            material: 0,
+        });
         let scene = Arc::new(Scene {
-            positions: vec![dvec3(-1.0, -1.0, -0.0), dvec3(2.0, -1.0, 0.0), dvec3(0.0, 3.0, 0.0)],
+            positions: vec![
+                dvec3(-1.0, -1.0, -0.0),
+                dvec3(2.0, -1.0, 0.0),
+                dvec3(0.0, 3.0, 0.0),
+            ],
             triangles: triangles.to_vec(),
             materials: vec![Material::default()],
             ..Scene::default()
@@ -133,17 +182,41 @@ mod tests {
             for i in 0..20 {
                 let target = Vec3::new(0.05 * i as f32 - 0.4, 0.3 * (i % 5) as f32 - 0.6, 0.0);
                 let origin = Vec3::new(0.3, 0.1, z);
-                let ray = Ray { origin, direction: target - origin, t_min: 0.0, t_max: 9.0 };
+                let ray = Ray {
+                    origin,
+                    direction: target - origin,
+                    t_min: 0.0,
+                    t_max: 9.0,
+                };
                 let hit = tracer.closest(&ray).expect("inside the triangle");
                 assert_eq!(hit.primitive, expected);
                 let [a, b, c] = tracer.triangle(expected);
                 let found = a + (b - a) * hit.u + (c - a) * hit.v;
-                assert!((found - target).length() < 1e-5, "{found} {target}: rounding of f32");
-                assert_eq!(tracer.closest_packet(&RayPacket::from_rays(&[ray])).hit(0), Some(hit));
+                assert!(
+                    (found - target).length() < 1e-5,
+                    "{found} {target}: rounding of f32"
+                );
+                assert_eq!(
+                    tracer.closest_packet(&RayPacket::from_rays(&[ray])).hit(0),
+                    Some(hit)
+                );
             }
         }
-        let alone = Scene { triangles: triangles[..1].to_vec(), ..(*scene).clone() };
-        let ray = Ray { origin: Vec3::Z, direction: -Vec3::Z, t_min: 0.0, t_max: 9.0 };
-        assert_eq!(Tracer::new(Arc::new(alone), DVec3::ZERO).closest(&ray).map(|hit| hit.primitive), Some(0));
+        let alone = Scene {
+            triangles: triangles[..1].to_vec(),
+            ..(*scene).clone()
+        };
+        let ray = Ray {
+            origin: Vec3::Z,
+            direction: -Vec3::Z,
+            t_min: 0.0,
+            t_max: 9.0,
+        };
+        assert_eq!(
+            Tracer::new(Arc::new(alone), DVec3::ZERO)
+                .closest(&ray)
+                .map(|hit| hit.primitive),
+            Some(0)
+        );
     }
 }

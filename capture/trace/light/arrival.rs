@@ -7,9 +7,9 @@
 //! stand for all.
 
 use super::{LightSample, Lighting, LitPoint, Path};
-use headbox_scene::material::floor;
 use crate::bvh::Tracer;
 use glam::Vec3;
+use headbox_scene::material::floor;
 
 /// Cells are at least this share of their distance from the local origin wide, and at most twice of it.
 const CELL_SHARE: f32 = 1.0 / 64.0;
@@ -40,20 +40,27 @@ impl Arrival {
     /// The cell in which this arrival lies: arrivals in one cell lie close together, and their surfaces are turned alike. `None` if
     /// the ray was so short that the cell is no small part of what its start sees.
     pub fn cell(&self) -> Option<u64> {
-        let (exponent, width_m) = power_of_two_above(self.point.position.abs().max_element() * CELL_SHARE);
+        let (exponent, width_m) =
+            power_of_two_above(self.point.position.abs().max_element() * CELL_SHARE);
         let [x, y, z] = self.place_in_cells(width_m)?.map(|c| u64::from(c as u8));
         Some(x | y << 8 | z << 16 | u64::from(exponent) << 24 | self.point.turned() << 32)
     }
 
     /// As [`Self::cell`], where all cells are `width_m` metres wide.
     pub fn cell_of_width(&self, width_m: f32) -> Option<u64> {
-        let [x, y, z] = self.place_in_cells(width_m)?.map(|c| u64::from(c as u32 & FARTHEST_APART));
+        let [x, y, z] = self
+            .place_in_cells(width_m)?
+            .map(|c| u64::from(c as u32 & FARTHEST_APART));
         Some(x | y << 18 | z << 36 | self.point.turned() << 54)
     }
 
     fn place_in_cells(&self, width_m: f32) -> Option<[i32; 3]> {
         let is_far = self.distance_m >= FARTHEST_CELLS * width_m;
-        is_far.then(|| (self.point.position / width_m).to_array().map(|c| floor(c) as i32))
+        is_far.then(|| {
+            (self.point.position / width_m)
+                .to_array()
+                .map(|c| floor(c) as i32)
+        })
     }
 
     /// What the sample brings of the light that reaches the place ([`Lighting::beyond`]).
@@ -67,25 +74,53 @@ pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
     // A float is its exponent, and beneath it what is beyond that power.
     const MANTISSA: u32 = (1 << 23) - 1;
     // What is no number is small.
-    let length = if length > 1e-30 { length.min(1e30) } else { 1e-30 };
+    let length = if length > 1e-30 {
+        length.min(1e30)
+    } else {
+        1e-30
+    };
     let power = (length.to_bits() + MANTISSA) & !MANTISSA;
-    (((power >> 23) as u8).wrapping_sub(127), f32::from_bits(power))
+    (
+        ((power >> 23) as u8).wrapping_sub(127),
+        f32::from_bits(power),
+    )
 }
 
 impl Lighting {
     /// The beginning of a sample of [`Self::soft_radiosity`]: what it finds before its first ray meets a surface, and where that
     /// is, if it meets one. What it [brings](Arrival::brings) of one sample of [`Self::beyond`] is still to be added.
-    pub fn before(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> (Vec3, Option<Arrival>) {
+    pub fn before(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        sample: &LightSample,
+    ) -> (Vec3, Option<Arrival>) {
         let mut path = Path::new(point);
         let on = self.vertex(tracer, &mut path, 0, sample);
-        let Path { point, throughput: albedo, weight, sum } = path;
-        (sum, on.map(|distance_m| Arrival { point, albedo, weight, distance_m }))
+        let Path {
+            point,
+            throughput: albedo,
+            weight,
+            sum,
+        } = path;
+        (
+            sum,
+            on.map(|distance_m| Arrival {
+                point,
+                albedo,
+                weight,
+                distance_m,
+            }),
+        )
     }
 
     /// The rest of a sample: radiosity per albedo where its first ray arrived.
     pub fn beyond(&self, tracer: &Tracer, arrival: &Arrival, sample: &LightSample) -> Vec3 {
         let throughput = arrival.albedo.max(Vec3::splat(LEAST_ALBEDO));
-        let mut path = Path { throughput, ..Path::new(&arrival.point) };
+        let mut path = Path {
+            throughput,
+            ..Path::new(&arrival.point)
+        };
         self.follow(tracer, &mut path, 1, sample);
         path.sum / throughput
     }
@@ -96,17 +131,36 @@ mod tests {
     use super::*;
 
     fn arrival(position: Vec3, normal: Vec3, distance_m: f32) -> Arrival {
-        let point = LitPoint { position, normal, shading_normal: normal, extent: 1.0 };
-        Arrival { point, albedo: Vec3::ONE, weight: 1.0, distance_m }
+        let point = LitPoint {
+            position,
+            normal,
+            shading_normal: normal,
+            extent: 1.0,
+        };
+        Arrival {
+            point,
+            albedo: Vec3::ONE,
+            weight: 1.0,
+            distance_m,
+        }
     }
 
     #[test]
     fn powers_of_two_are_the_least_that_are_not_below() {
-        for (length, expected) in
-            [(1.0, 1.0), (1.000_000_1, 2.0), (0.75, 1.0), (5.0, 8.0), (0.25, 0.25), (3e-9, 2f32.powi(-28))]
-        {
+        for (length, expected) in [
+            (1.0, 1.0),
+            (1.000_000_1, 2.0),
+            (0.75, 1.0),
+            (5.0, 8.0),
+            (0.25, 0.25),
+            (3e-9, 2f32.powi(-28)),
+        ] {
             let (exponent, power) = power_of_two_above(length);
-            assert_eq!((power, exponent), (expected, expected.log2() as i32 as u8), "{length}");
+            assert_eq!(
+                (power, exponent),
+                (expected, expected.log2() as i32 as u8),
+                "{length}"
+            );
         }
         for length in [0.0, -1.0, f32::INFINITY, f32::NAN, -f32::NAN] {
             assert!(power_of_two_above(length).1.is_normal(), "{length}");
@@ -116,14 +170,30 @@ mod tests {
     #[test]
     fn cells_of_one_width_hold_what_lies_close_together_and_is_turned_alike() {
         const WIDTH_M: f32 = 0.125;
-        let cell = |x: f32, normal: Vec3| arrival(Vec3::new(x, 1.0, -2.0), normal, 3.0).cell_of_width(WIDTH_M);
+        let cell = |x: f32, normal: Vec3| {
+            arrival(Vec3::new(x, 1.0, -2.0), normal, 3.0).cell_of_width(WIDTH_M)
+        };
         assert_eq!(cell(0.01, Vec3::Y), cell(0.12, Vec3::Y));
         assert!(cell(0.01, Vec3::Y).is_some());
-        let others = [cell(-0.01, Vec3::Y), cell(0.13, Vec3::Y), cell(0.01, Vec3::NEG_Y), cell(0.01, Vec3::X)];
-        assert!(others.iter().all(|other| other.is_some() && *other != cell(0.01, Vec3::Y)), "{others:?}");
+        let others = [
+            cell(-0.01, Vec3::Y),
+            cell(0.13, Vec3::Y),
+            cell(0.01, Vec3::NEG_Y),
+            cell(0.01, Vec3::X),
+        ];
+        assert!(
+            others
+                .iter()
+                .all(|other| other.is_some() && *other != cell(0.01, Vec3::Y)),
+            "{others:?}"
+        );
         // Far away cells do not come round again, as those of a capture would (8 bits): 16 km are 2^17 of them.
         assert_ne!(cell(0.01, Vec3::Y), cell(32.01, Vec3::Y));
         assert_ne!(cell(0.01, Vec3::Y), cell(16_000.01, Vec3::Y));
-        assert_eq!(arrival(Vec3::ONE, Vec3::Y, 0.2).cell_of_width(WIDTH_M), None, "it would see its own corner");
+        assert_eq!(
+            arrival(Vec3::ONE, Vec3::Y, 0.2).cell_of_width(WIDTH_M),
+            None,
+            "it would see its own corner"
+        );
     }
 }

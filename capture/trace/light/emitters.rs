@@ -7,10 +7,10 @@
 use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};
 use super::{LightSample, Lighting, LitPoint};
-use headbox_core::color::luminance;
-use headbox_scene::scene::Surface;
 use crate::bvh::{Hit, Ray, Tracer};
 use glam::Vec3;
+use headbox_core::color::luminance;
+use headbox_scene::scene::Surface;
 use std::f32::consts::PI;
 
 /// All emissive triangles of a scene.
@@ -31,9 +31,15 @@ impl Emitters {
             let corners @ [a, b, c] = tracer.triangle(primitive);
             let power = area(corners) * luminance(scene.mean_emission(primitive));
             let bounds = [a.min(b).min(c), a.max(b).max(c)];
-            (power > 0.0 && power.is_finite()).then_some(Leaf { bounds, power, name: primitive })
+            (power > 0.0 && power.is_finite()).then_some(Leaf {
+                bounds,
+                power,
+                name: primitive,
+            })
         };
-        Self { tree: LightTree::new((0..scene.triangles.len() as u32).filter_map(leaf).collect()) }
+        Self {
+            tree: LightTree::new((0..scene.triangles.len() as u32).filter_map(leaf).collect()),
+        }
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -61,12 +67,17 @@ impl Lighting {
             return Vec3::ZERO;
         }
         let drawn = self.emitters.tree.draw(point, sample.single(dimension + 1));
-        let Some((primitive, probability)) = drawn.filter(|(_, probability)| *probability > 0.0) else {
+        let Some((primitive, probability)) = drawn.filter(|(_, probability)| *probability > 0.0)
+        else {
             return Vec3::ZERO;
         };
         let [s, t] = sample.pair(dimension + 1);
         // Uniform on the triangle: fold the far half of the square back (no square root needed).
-        let (u, v) = if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) };
+        let (u, v) = if s + t > 1.0 {
+            (1.0 - s, 1.0 - t)
+        } else {
+            (s, t)
+        };
         let corners @ [a, b, c] = tracer.triangle(primitive);
         let target = a + (b - a) * u + (c - a) * v;
         let origin = point.lifted();
@@ -84,10 +95,25 @@ impl Lighting {
             return Vec3::ZERO;
         }
         // Stop short of the light itself by as much as the ray starts above its own surface, or as would do there.
-        let normal = if direction.dot(normal) > 0.0 { -normal } else { normal };
+        let normal = if direction.dot(normal) > 0.0 {
+            -normal
+        } else {
+            normal
+        };
         let extent = tracer.extent(primitive).max(origin.abs().max_element());
-        let end = LitPoint { position: target, normal, shading_normal: normal, extent }.lifted();
-        let ray = Ray { origin, direction: end - origin, t_min: 0.0, t_max: 1.0 };
+        let end = LitPoint {
+            position: target,
+            normal,
+            shading_normal: normal,
+            extent,
+        }
+        .lifted();
+        let ray = Ray {
+            origin,
+            direction: end - origin,
+            t_min: 0.0,
+            t_max: 1.0,
+        };
         if tracer.occluded(&ray) {
             return Vec3::ZERO;
         }
@@ -111,10 +137,13 @@ impl Lighting {
             return Vec3::ZERO;
         }
         let cos_here = ray.direction.dot(point.shading_normal);
-        let by_chance = directions.density(ray.direction, cos_here).max(f32::MIN_POSITIVE);
+        let by_chance = directions
+            .density(ray.direction, cos_here)
+            .max(f32::MIN_POSITIVE);
         let cos_there = ray.direction.dot(met.normal).abs().max(f32::MIN_POSITIVE);
         let probability = self.emitters.tree.probability(point, hit.primitive);
-        let density = probability * hit.t * hit.t / (area(tracer.triangle(hit.primitive)) * cos_there);
+        let density =
+            probability * hit.t * hit.t / (area(tracer.triangle(hit.primitive)) * cos_there);
         Vec3::from_array(met.emission) * (by_chance / (density + by_chance))
     }
 }
@@ -122,23 +151,39 @@ impl Lighting {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_scene::scene::{Scene, Triangle};
-    use headbox_scene::material::{Cutout, Material, Texture};
     use glam::{DVec3, Vec2, dvec3};
+    use headbox_scene::material::{Cutout, Material, Texture};
+    use headbox_scene::scene::{Scene, Triangle};
     use std::sync::Arc;
 
     /// A square lamp of 1 m^2 of this radiance in the plane y = 0, in so many pieces a side; its texture coordinates are x and z.
     fn lamp_scene(radiance: f32, pieces: u32) -> Scene {
-        let materials = vec![Material { emission: [radiance; 3], albedo: [0.0; 3], ..Material::default() }];
-        let mut scene = Scene { materials, ..Scene::default() };
+        let materials = vec![Material {
+            emission: [radiance; 3],
+            albedo: [0.0; 3],
+            ..Material::default()
+        }];
+        let mut scene = Scene {
+            materials,
+            ..Scene::default()
+        };
         for i in 0..pieces * pieces {
             let corner = |dx: u32, dz: u32| {
-                let [x, z] = [i % pieces + dx, i / pieces + dz].map(|c| f64::from(c) / f64::from(pieces) - 0.5);
+                let [x, z] = [i % pieces + dx, i / pieces + dz]
+                    .map(|c| f64::from(c) / f64::from(pieces) - 0.5);
                 dvec3(x, 0.0, z)
             };
-            add_quad(&mut scene, [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)], 0);
+            add_quad(
+                &mut scene,
+                [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)],
+                0,
+            );
         }
-        scene.texcoords = scene.positions.iter().map(|p| Vec2::new(p.x as f32 + 0.5, p.z as f32 + 0.5)).collect();
+        scene.texcoords = scene
+            .positions
+            .iter()
+            .map(|p| Vec2::new(p.x as f32 + 0.5, p.z as f32 + 0.5))
+            .collect();
         scene
     }
 
@@ -146,7 +191,10 @@ mod tests {
         let first = scene.positions.len() as u32;
         scene.positions.extend(corners);
         for vertices in [[0, 1, 2], [0, 2, 3]] {
-            scene.triangles.push(Triangle { vertices: vertices.map(|v| first + v), material });
+            scene.triangles.push(Triangle {
+                vertices: vertices.map(|v| first + v),
+                material,
+            });
         }
     }
 
@@ -160,9 +208,21 @@ mod tests {
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
         let lighting = Lighting::of_scene(&tracer, bounces);
         let normal = Vec3::Y * -y.signum() as f32;
-        let point = LitPoint { position: Vec3::Y * y as f32, normal, shading_normal: normal, extent: 1.0 };
-        let light = |index| lighting.soft_radiosity(&tracer, &point, &LightSample { stream: 5, index }).x;
-        (0..SAMPLES).map(|index| f64::from(light(index))).sum::<f64>() / f64::from(SAMPLES)
+        let point = LitPoint {
+            position: Vec3::Y * y as f32,
+            normal,
+            shading_normal: normal,
+            extent: 1.0,
+        };
+        let light = |index| {
+            lighting
+                .soft_radiosity(&tracer, &point, &LightSample { stream: 5, index })
+                .x
+        };
+        (0..SAMPLES)
+            .map(|index| f64::from(light(index)))
+            .sum::<f64>()
+            / f64::from(SAMPLES)
     }
 
     /// Share of what a place sees that a parallel square of 1 m^2 fills, h metres away and right above it: four corners of 1/2 m.
@@ -174,21 +234,40 @@ mod tests {
     #[test]
     fn a_lamp_close_by_brings_what_it_fills_of_the_view_and_no_sample_is_brighter() {
         const SAMPLES: u32 = 1 << 14;
-        for (h, pieces, bounces) in [(0.01, 1, 1), (0.01, 4, 0), (0.1, 3, 1), (1.0, 2, 1), (5.0, 3, 0)] {
+        for (h, pieces, bounces) in [
+            (0.01, 1, 1),
+            (0.01, 4, 0),
+            (0.1, 3, 1),
+            (1.0, 2, 1),
+            (5.0, 3, 0),
+        ] {
             let tracer = lamp(3.0, pieces);
             let lighting = Lighting::of_scene(&tracer, bounces);
             let position = Vec3::new(0.0, -h as f32, 0.0);
-            let point = LitPoint { position, normal: Vec3::Y, shading_normal: Vec3::Y, extent: 1.0 };
+            let point = LitPoint {
+                position,
+                normal: Vec3::Y,
+                shading_normal: Vec3::Y,
+                extent: 1.0,
+            };
             let light = |index: u32| {
-                let light = lighting.soft_radiosity(&tracer, &point, &LightSample { stream: 5, index }).x;
-                assert!(light <= 3.0 * 1.001 * 2.0, "{h}: {light}, by one point and one ray");
+                let light = lighting
+                    .soft_radiosity(&tracer, &point, &LightSample { stream: 5, index })
+                    .x;
+                assert!(
+                    light <= 3.0 * 1.001 * 2.0,
+                    "{h}: {light}, by one point and one ray"
+                );
                 f64::from(light)
             };
             let mean = (0..SAMPLES).map(light).sum::<f64>() / f64::from(SAMPLES);
             let expected = 3.0 * form_factor(h);
             // Samples vary by at most the lamp's radiance; evenly spread ones err by less than random ones.
             let tolerance = 3.0 * expected / f64::from(SAMPLES).sqrt();
-            assert!((mean - expected).abs() < tolerance, "{h} m, {pieces} pieces: {mean}, not {expected}");
+            assert!(
+                (mean - expected).abs() < tolerance,
+                "{h} m, {pieces} pieces: {mean}, not {expected}"
+            );
         }
     }
 
@@ -196,11 +275,22 @@ mod tests {
     fn holes_of_a_lamp_do_not_shine() {
         let mut scene = lamp_scene(3.0, 1);
         // Opaque to its middle, between the middles of its texels.
-        scene.textures = vec![Texture::from_fn(2, 1, |x, _| [255, 255, 255, if x == 0 { 255 } else { 0 }])];
-        scene.materials[0].cutout = Some(Cutout { texture: 0, threshold: 0.5 });
+        scene.textures = vec![Texture::from_fn(2, 1, |x, _| {
+            [255, 255, 255, if x == 0 { 255 } else { 0 }]
+        })];
+        scene.materials[0].cutout = Some(Cutout {
+            texture: 0,
+            threshold: 0.5,
+        });
         for bounces in [0, 1] {
-            let (found, expected) = (light_at(scene.clone(), -1.0, bounces), 1.5 * form_factor(1.0));
-            assert!((found - expected).abs() < 0.03 * expected, "{found}, not {expected}");
+            let (found, expected) = (
+                light_at(scene.clone(), -1.0, bounces),
+                1.5 * form_factor(1.0),
+            );
+            assert!(
+                (found - expected).abs() < 0.03 * expected,
+                "{found}, not {expected}"
+            );
         }
     }
 
@@ -208,9 +298,14 @@ mod tests {
     fn lamps_in_the_same_place_are_one() {
         let turned = |material: u32| {
             let mut scene = lamp_scene(3.0, 2);
-            scene.materials.push(Material { albedo: [0.0; 3], ..Material::default() });
-            let twin =
-                |it: &Triangle| Triangle { vertices: [it.vertices[0], it.vertices[2], it.vertices[1]], material };
+            scene.materials.push(Material {
+                albedo: [0.0; 3],
+                ..Material::default()
+            });
+            let twin = |it: &Triangle| Triangle {
+                vertices: [it.vertices[0], it.vertices[2], it.vertices[1]],
+                material,
+            };
             let twins: Vec<Triangle> = scene.triangles.iter().map(twin).collect();
             scene.triangles.extend(twins);
             scene
@@ -218,34 +313,57 @@ mod tests {
         let expected = 3.0 * form_factor(1.0);
         for y in [-1.0, 1.0] {
             let found = light_at(turned(0), y, 1);
-            assert!((found - expected).abs() < 0.03 * expected, "{y}: {found}, not {expected}");
+            assert!(
+                (found - expected).abs() < 0.03 * expected,
+                "{y}: {found}, not {expected}"
+            );
         }
         // A lamp with a dark back.
         let [below, above] = [-1.0, 1.0].map(|y| light_at(turned(1), y, 1));
         assert_eq!(below.min(above), 0.0);
-        assert!((below.max(above) - expected).abs() < 0.03 * expected, "{below}, {above}, not {expected}");
+        assert!(
+            (below.max(above) - expected).abs() < 0.03 * expected,
+            "{below}, {above}, not {expected}"
+        );
     }
 
     #[test]
     fn a_sheet_right_before_a_lamp_hides_it() {
         let with_sheet = |y: f64| {
             let mut scene = lamp_scene(3.0, 1);
-            scene.materials.push(Material { albedo: [0.0; 3], ..Material::default() });
+            scene.materials.push(Material {
+                albedo: [0.0; 3],
+                ..Material::default()
+            });
             scene.texcoords.clear();
             let corner = |x: f64, z: f64| dvec3(x, y, z);
-            add_quad(&mut scene, [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)], 1);
+            add_quad(
+                &mut scene,
+                [
+                    corner(-1.0, -1.0),
+                    corner(1.0, -1.0),
+                    corner(1.0, 1.0),
+                    corner(-1.0, 1.0),
+                ],
+                1,
+            );
             light_at(scene, -5.0, 1)
         };
         assert_eq!(with_sheet(-1e-3), 0.0);
         let expected = 3.0 * form_factor(5.0);
         let found = with_sheet(1e-3);
-        assert!((found - expected).abs() < 0.03 * expected, "behind it: {found}, not {expected}");
+        assert!(
+            (found - expected).abs() < 0.03 * expected,
+            "behind it: {found}, not {expected}"
+        );
     }
 
     #[test]
     fn a_lamp_that_is_dark_in_its_middle_shines_by_its_rim() {
         let mut scene = lamp_scene(3.0, 1);
-        scene.textures = vec![Texture::from_fn(6, 1, |x, _| [if (1..5).contains(&x) { 0 } else { 255 }; 4])];
+        scene.textures = vec![Texture::from_fn(6, 1, |x, _| {
+            [if (1..5).contains(&x) { 0 } else { 255 }; 4]
+        })];
         scene.materials[0].emission_texture = Some(0);
         const STEPS: u32 = 200;
         let step = |i: u32| (f64::from(i) + 0.5) / f64::from(STEPS) - 0.5;
@@ -255,14 +373,32 @@ mod tests {
             let texel = scene.textures[0].sample(x as f32 + 0.5, 0.5)[0];
             3.0 * f64::from(texel) / (std::f64::consts::PI * (1.0 + x * x + z * z).powi(2))
         };
-        let all = (0..STEPS).flat_map(|i| (0..STEPS).map(move |j| (i, j))).map(brings).sum::<f64>();
+        let all = (0..STEPS)
+            .flat_map(|i| (0..STEPS).map(move |j| (i, j)))
+            .map(brings)
+            .sum::<f64>();
         let expected = all / f64::from(STEPS * STEPS);
         // By points alone, as where a path ends.
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
         let lighting = Lighting::of_scene(&tracer, 1);
-        let point = LitPoint { position: -Vec3::Y, normal: Vec3::Y, shading_normal: Vec3::Y, extent: 1.0 };
-        let light = |index| lighting.emitter_light(&tracer, &point, &LightSample { stream: 5, index }, 0, None).x;
-        let found = (0..1 << 14).map(|index| f64::from(light(index))).sum::<f64>() / f64::from(1 << 14);
-        assert!((found - expected).abs() < 0.05 * expected, "{found}, not {expected}");
+        let point = LitPoint {
+            position: -Vec3::Y,
+            normal: Vec3::Y,
+            shading_normal: Vec3::Y,
+            extent: 1.0,
+        };
+        let light = |index| {
+            lighting
+                .emitter_light(&tracer, &point, &LightSample { stream: 5, index }, 0, None)
+                .x
+        };
+        let found = (0..1 << 14)
+            .map(|index| f64::from(light(index)))
+            .sum::<f64>()
+            / f64::from(1 << 14);
+        assert!(
+            (found - expected).abs() < 0.05 * expected,
+            "{found}, not {expected}"
+        );
     }
 }

@@ -4,10 +4,10 @@
 //! The sun and lamps without a surface are met by asking for them; whatever else the lobe sees by one ray drawn from it.
 
 use super::{LightSample, Lighting, LitPoint};
-use headbox_scene::material::Gloss;
-use crate::sampler::random4;
 use crate::bvh::{Hit, Ray, Tracer};
+use crate::sampler::random4;
 use glam::{Quat, Vec3};
+use headbox_scene::material::Gloss;
 use std::f32::consts::TAU;
 
 /// The decision by which a lobe's direction is drawn, beyond those of paths.
@@ -16,25 +16,49 @@ const LOBE: u32 = 1 << 29;
 impl Lighting {
     /// Radiance toward the start of a ray of an eye, linear: of what it met, or of the sky. `sample` names the light sample; without one
     /// there are albedo and emission alone.
-    pub fn seen(&self, tracer: &Tracer, ray: &Ray, hit: Option<&Hit>, sample: Option<&LightSample>) -> Vec3 {
-        let Some(hit) = hit else { return Vec3::from_array(self.miss_radiance(ray.direction.normalize())) };
+    pub fn seen(
+        &self,
+        tracer: &Tracer,
+        ray: &Ray,
+        hit: Option<&Hit>,
+        sample: Option<&LightSample>,
+    ) -> Vec3 {
+        let Some(hit) = hit else {
+            return Vec3::from_array(self.miss_radiance(ray.direction.normalize()));
+        };
         let (point, surface) = LitPoint::from_hit(tracer, ray, hit);
-        let radiosity = sample.map_or(Vec3::ONE, |s| Vec3::from_array(self.radiosity_per_albedo(tracer, &point, s)));
-        let diffuse = Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission);
+        let radiosity = sample.map_or(Vec3::ONE, |s| {
+            Vec3::from_array(self.radiosity_per_albedo(tracer, &point, s))
+        });
+        let diffuse =
+            Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission);
         match (surface.gloss, sample) {
-            (Some(gloss), Some(sample)) => diffuse + self.mirrored(tracer, ray, &point, &gloss, sample),
+            (Some(gloss), Some(sample)) => {
+                diffuse + self.mirrored(tracer, ray, &point, &gloss, sample)
+            }
             _ => diffuse,
         }
     }
 
     /// One sample of the radiance that a glossy surface mirrors toward the start of `ray`.
-    fn mirrored(&self, tracer: &Tracer, ray: &Ray, point: &LitPoint, gloss: &Gloss, sample: &LightSample) -> Vec3 {
+    fn mirrored(
+        &self,
+        tracer: &Tracer,
+        ray: &Ray,
+        point: &LitPoint,
+        gloss: &Gloss,
+        sample: &LightSample,
+    ) -> Vec3 {
         let mirrored = ray.direction.normalize().reflect(point.shading_normal);
         let exponent = gloss.exponent.max(0.0);
         let share = |direction: Vec3| mirrored.dot(direction).max(0.0).powf(exponent);
         // What `sharp_rays` brings is irradiance / pi.
-        let sharp = self.sharp_rays(point, sample).filter(|(ray, _)| !tracer.occluded(ray));
-        let highlights = sharp.map(|(ray, light)| light * (share(ray.direction.normalize()) * (exponent + 2.0) / 2.0));
+        let sharp = self
+            .sharp_rays(point, sample)
+            .filter(|(ray, _)| !tracer.occluded(ray));
+        let highlights = sharp.map(|(ray, light)| {
+            light * (share(ray.direction.normalize()) * (exponent + 2.0) / 2.0)
+        });
         let mut radiance: Vec3 = highlights.sum();
         let [u, v] = sample.pair(LOBE);
         let direction = Quat::from_rotation_arc(Vec3::Z, mirrored) * lobe_direction(u, v, exponent);
@@ -42,7 +66,12 @@ impl Lighting {
         if cos > 0.0 && direction.dot(point.normal) > 0.0 {
             // Of the density (n + 1) / (2 pi) cos^n.
             let weight = cos * (exponent + 2.0) / (exponent + 1.0);
-            let ray = Ray { origin: point.lifted(), direction, t_min: 0.0, t_max: f32::INFINITY };
+            let ray = Ray {
+                origin: point.lifted(),
+                direction,
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             radiance += self.diffuse_along(tracer, &ray, sample) * weight;
         }
         Vec3::from_array(gloss.reflectance) * radiance
@@ -50,10 +79,15 @@ impl Lighting {
 
     /// One sample of the radiance along a ray that a surface sends: what mirrors itself in it mirrors nothing.
     fn diffuse_along(&self, tracer: &Tracer, ray: &Ray, sample: &LightSample) -> Vec3 {
-        let Some(hit) = tracer.closest(ray) else { return Vec3::from_array(self.miss_radiance(ray.direction)) };
+        let Some(hit) = tracer.closest(ray) else {
+            return Vec3::from_array(self.miss_radiance(ray.direction));
+        };
         let (point, surface) = LitPoint::from_hit(tracer, ray, &hit);
         let [stream, ..] = random4([sample.stream, LOBE, 0x6105, 5]);
-        let there = LightSample { stream, index: sample.index };
+        let there = LightSample {
+            stream,
+            index: sample.index,
+        };
         let radiosity = Vec3::from_array(self.radiosity_per_albedo(tracer, &point, &there));
         Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission)
     }
@@ -61,7 +95,9 @@ impl Lighting {
 
 /// A direction about +Z of the density (n + 1) / (2 pi) cos^n.
 fn lobe_direction(u: f32, v: f32, exponent: f32) -> Vec3 {
-    let z = (1.0 - u).max(f32::MIN_POSITIVE).powf(1.0 / (exponent + 1.0));
+    let z = (1.0 - u)
+        .max(f32::MIN_POSITIVE)
+        .powf(1.0 / (exponent + 1.0));
     let across = (1.0 - z * z).max(0.0).sqrt();
     let (sin, cos) = (TAU * v).sin_cos();
     Vec3::new(across * cos, across * sin, z)
@@ -70,27 +106,54 @@ fn lobe_direction(u: f32, v: f32, exponent: f32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
     use headbox_scene::material::Material;
     use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
-    use glam::DVec3;
     use std::sync::Arc;
 
     /// A glossy floor under a sky or a sun, a metre below the origin.
     fn floor(gloss: Gloss, sun: Option<Sun>, sky: Option<Sky>) -> (Tracer, Lighting) {
-        let positions = [[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]].map(|[x, z]| DVec3::new(x, 0.0, z));
-        let triangle = |vertices| Triangle { vertices, material: 0 };
-        let materials = vec![Material { albedo: [0.0; 3], gloss: Some(gloss), ..Material::default() }];
+        let positions = [[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]
+            .map(|[x, z]| DVec3::new(x, 0.0, z));
+        let triangle = |vertices| Triangle {
+            vertices,
+            material: 0,
+        };
+        let materials = vec![Material {
+            albedo: [0.0; 3],
+            gloss: Some(gloss),
+            ..Material::default()
+        }];
         let triangles = vec![triangle([0, 2, 1]), triangle([0, 3, 2])];
-        let scene = Scene { positions: positions.to_vec(), triangles, materials, sun, sky, ..Scene::default() };
+        let scene = Scene {
+            positions: positions.to_vec(),
+            triangles,
+            materials,
+            sun,
+            sky,
+            ..Scene::default()
+        };
         let tracer = Tracer::new(Arc::new(scene), DVec3::Y);
         let lighting = Lighting::of_scene(&tracer, 0);
         (tracer, lighting)
     }
 
     fn mean((tracer, lighting): &(Tracer, Lighting), direction: Vec3, count: u32) -> Vec3 {
-        let ray = Ray { origin: -Vec3::Y - direction, direction, t_min: 0.0, t_max: f32::INFINITY };
+        let ray = Ray {
+            origin: -Vec3::Y - direction,
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         let hit = tracer.closest(&ray).expect("the floor");
-        let one = |index| lighting.seen(tracer, &ray, Some(&hit), Some(&LightSample { stream: 7, index }));
+        let one = |index| {
+            lighting.seen(
+                tracer,
+                &ray,
+                Some(&hit),
+                Some(&LightSample { stream: 7, index }),
+            )
+        };
         (0..count).map(one).sum::<Vec3>() / count as f32
     }
 
@@ -104,8 +167,9 @@ mod tests {
             // Uniform over the hemisphere: height is uniform.
             let across = (1.0 - u * u).sqrt();
             let direction = DVec3::new(across * cos, u, across * sin);
-            let lobe =
-                mirrored.as_dvec3().dot(direction).max(0.0).powf(exponent) * (exponent + 2.0) / std::f64::consts::TAU;
+            let lobe = mirrored.as_dvec3().dot(direction).max(0.0).powf(exponent)
+                * (exponent + 2.0)
+                / std::f64::consts::TAU;
             sum += lobe * u * light(direction);
         }
         sum / f64::from(STEPS * STEPS) * std::f64::consts::TAU
@@ -113,12 +177,21 @@ mod tests {
 
     #[test]
     fn a_lobe_under_an_even_sky_mirrors_its_integral() {
-        for (exponent, direction) in
-            [(1.0, -Vec3::Y), (20.0, Vec3::new(0.6, -0.8, 0.0)), (200.0, Vec3::new(0.0, -0.5, 0.866))]
-        {
+        for (exponent, direction) in [
+            (1.0, -Vec3::Y),
+            (20.0, Vec3::new(0.6, -0.8, 0.0)),
+            (200.0, Vec3::new(0.0, -0.5, 0.866)),
+        ] {
             let direction = direction.normalize();
-            let gloss = Gloss { reflectance: [0.5, 0.25, 0.0], exponent };
-            let sky = Sky::Gradient(SkyGradient { zenith: [1.0; 3], horizon: [1.0; 3], ground: [1.0; 3] });
+            let gloss = Gloss {
+                reflectance: [0.5, 0.25, 0.0],
+                exponent,
+            };
+            let sky = Sky::Gradient(SkyGradient {
+                zenith: [1.0; 3],
+                horizon: [1.0; 3],
+                ground: [1.0; 3],
+            });
             let found = mean(&floor(gloss, None, Some(sky)), direction, 4096);
             let mirrored = direction.reflect(Vec3::Y);
             let expected = integral(mirrored, f64::from(exponent), |_| 1.0) as f32;
@@ -135,14 +208,28 @@ mod tests {
     #[test]
     fn the_suns_highlight_is_where_it_mirrors_and_moves_with_the_eye() {
         let toward = Vec3::new(0.3, 0.8, 0.2).normalize();
-        let sun = Sun { direction: toward, irradiance: [2.0; 3], angular_radius_rad: 0.0 };
-        let lit = floor(Gloss { reflectance: [0.5; 3], exponent: 50.0 }, Some(sun), None);
+        let sun = Sun {
+            direction: toward,
+            irradiance: [2.0; 3],
+            angular_radius_rad: 0.0,
+        };
+        let lit = floor(
+            Gloss {
+                reflectance: [0.5; 3],
+                exponent: 50.0,
+            },
+            Some(sun),
+            None,
+        );
         for off in [0.0f32, 0.1, 0.5] {
             let direction = Quat::from_rotation_z(off) * toward.reflect(Vec3::Y);
             let cos = direction.reflect(Vec3::Y).dot(toward).max(0.0);
             let expected = 0.5 * 2.0 * toward.y * cos.powf(50.0) * 52.0 / TAU;
             let found = mean(&lit, direction, 4).x;
-            assert!((found - expected).abs() < 1e-3 * (1.0 + expected), "{found} {expected}");
+            assert!(
+                (found - expected).abs() < 1e-3 * (1.0 + expected),
+                "{found} {expected}"
+            );
         }
     }
 
@@ -151,7 +238,10 @@ mod tests {
         for exponent in [0.0, 3.0, 100.0] {
             let count = 256;
             let at = |i: u32| (i as f32 + 0.5) / count as f32;
-            let mean = (0..count).map(|i| lobe_direction(at(i), 0.3, exponent).z).sum::<f32>() / count as f32;
+            let mean = (0..count)
+                .map(|i| lobe_direction(at(i), 0.3, exponent).z)
+                .sum::<f32>()
+                / count as f32;
             // The mean of the cosine under that density.
             let expected = (exponent + 1.0) / (exponent + 2.0);
             assert!((mean - expected).abs() < 1e-3, "{mean} {expected}");

@@ -8,14 +8,14 @@
 
 use super::arrival::power_of_two_above;
 use super::pilot::percentile;
-use crate::light::square;
 use super::square::{BINS, SquareDensity};
 use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, shown_slope};
+use crate::bvh::{Ray, Tracer};
+use crate::light::square;
+use crate::sampler::{cosine_direction, random4, square_from_disk};
+use glam::{Quat, Vec3};
 use headbox_core::color::luminance;
 use headbox_scene::material::floor;
-use crate::sampler::{cosine_direction, random4, square_from_disk};
-use crate::bvh::{Ray, Tracer};
-use glam::{Quat, Vec3};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 use std::f32::consts::{PI, TAU};
@@ -58,13 +58,19 @@ impl Guide {
     fn cell(&self, point: &LitPoint) -> u64 {
         let wanted = (point.position.abs().max_element() * CELL_SHARE).max(self.narrowest_m);
         let (exponent, width_m) = power_of_two_above(wanted);
-        let [x, y, z] = (point.position / width_m).to_array().map(|c| u64::from(floor(c) as i32 as u8));
+        let [x, y, z] = (point.position / width_m)
+            .to_array()
+            .map(|c| u64::from(floor(c) as i32 as u8));
         x | y << 8 | z << 16 | u64::from(exponent) << 24 | point.turned() << 32
     }
 
     /// Where light comes from at a point, if that is worth to know.
     fn density(&self, point: &LitPoint) -> Option<&SquareDensity> {
-        if self.cells.is_empty() { None } else { self.cells.get(&self.cell(point)) }
+        if self.cells.is_empty() {
+            None
+        } else {
+            self.cells.get(&self.cell(point))
+        }
     }
 }
 
@@ -82,7 +88,10 @@ impl Directions<'_> {
             let warped = guide.warp(pair);
             (warped, 1.0 / guide.at(warped))
         });
-        (self.turn * Vec3::from_array(cosine_direction(pair[0], pair[1])), weight)
+        (
+            self.turn * Vec3::from_array(cosine_direction(pair[0], pair[1])),
+            weight,
+        )
     }
 
     /// How densely directions are drawn about one, per steradian; `cos` of its angle with the shading normal, above 0.
@@ -98,25 +107,47 @@ impl Directions<'_> {
 impl Lighting {
     /// How rays leave a point.
     pub(super) fn directions(&self, point: &LitPoint) -> Directions<'_> {
-        Directions { turn: Quat::from_rotation_arc(Vec3::Z, point.shading_normal), guide: self.guide.density(point) }
+        Directions {
+            turn: Quat::from_rotation_arc(Vec3::Z, point.shading_normal),
+            guide: self.guide.density(point),
+        }
     }
 
     /// Learns where light comes from at the surfaces that are seen from the tracer's origin, and those that are seen from these: two
     /// million paths at most. Samples are less noisy for it in rooms lit through windows; no mean changes.
     pub fn guided(mut self, tracer: &Tracer) -> Self {
         let seen = |index: u32| {
-            let [u, v] = LightSample { stream: 0x6a1d, index }.pair(0);
+            let [u, v] = LightSample {
+                stream: 0x6a1d,
+                index,
+            }
+            .pair(0);
             let z = 1.0 - 2.0 * u;
             let (sin, cos) = (v * TAU).sin_cos();
             let rim = (1.0 - z * z).max(0.0).sqrt();
             let direction = Vec3::new(rim * cos, rim * sin, z);
-            let ray = Ray { origin: Vec3::ZERO, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let ray = Ray {
+                origin: Vec3::ZERO,
+                direction,
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             let point = LitPoint::from_hit(tracer, &ray, &tracer.closest(&ray)?).0;
-            let next =
-                self.before(tracer, &point, &LightSample { stream: 0x6a1e, index }).1.map(|arrival| arrival.point);
+            let next = self
+                .before(
+                    tracer,
+                    &point,
+                    &LightSample {
+                        stream: 0x6a1e,
+                        index,
+                    },
+                )
+                .1
+                .map(|arrival| arrival.point);
             Some([Some(point), next])
         };
-        let places: Vec<[Option<LitPoint>; 2]> = (0..PLACES).into_par_iter().filter_map(seen).collect();
+        let places: Vec<[Option<LitPoint>; 2]> =
+            (0..PLACES).into_par_iter().filter_map(seen).collect();
         let places: Vec<LitPoint> = places.into_iter().flatten().flatten().collect();
         self.learn(tracer, &places, &|_, _| ControlFlow::Continue(()));
         self
@@ -131,38 +162,68 @@ impl Lighting {
         told: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
     ) {
         self.guide = Guide::default();
-        let mut distances: Vec<f32> = places.iter().map(|place| place.position.abs().max_element()).collect();
-        let mut guide = Guide { narrowest_m: percentile(&mut distances, 0.5) * NARROWEST_SHARE, ..Guide::default() };
+        let mut distances: Vec<f32> = places
+            .iter()
+            .map(|place| place.position.abs().max_element())
+            .collect();
+        let mut guide = Guide {
+            narrowest_m: percentile(&mut distances, 0.5) * NARROWEST_SHARE,
+            ..Guide::default()
+        };
         // Any fixed order that has nothing to do with places will do to take those of a cell in turn.
-        let filed = |(i, place): (u32, &LitPoint)| (guide.cell(place), i.wrapping_mul(0x9e37_79b9), *place);
+        let filed =
+            |(i, place): (u32, &LitPoint)| (guide.cell(place), i.wrapping_mul(0x9e37_79b9), *place);
         let mut filed: Vec<(u64, u32, LitPoint)> = (0..).zip(places).map(filed).collect();
         filed.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
-        let cells: Vec<&[(u64, u32, LitPoint)]> =
-            filed.chunk_by(|a, b| a.0 == b.0).filter(|places| places.len() >= FEWEST_PLACES).collect();
-        let mut lessons: Vec<Lessons> = std::iter::repeat_with(Lessons::default).take(cells.len()).collect();
+        let cells: Vec<&[(u64, u32, LitPoint)]> = filed
+            .chunk_by(|a, b| a.0 == b.0)
+            .filter(|places| places.len() >= FEWEST_PLACES)
+            .collect();
+        let mut lessons: Vec<Lessons> = std::iter::repeat_with(Lessons::default)
+            .take(cells.len())
+            .collect();
         let (given, all) = (AtomicUsize::new(0), cells.len() * LESSONS as usize);
-        for (many, more) in [(FIRST_LESSONS, FIRST_LESSONS), (LESSONS, LESSONS - FIRST_LESSONS)] {
-            let taught = cells.par_iter().zip(&mut lessons).try_for_each(|(places, lessons)| {
-                self.teach(tracer, places, lessons, many);
-                // Lessons that a cell does not need count, too.
-                told(given.fetch_add(more as usize, Ordering::Relaxed) + more as usize, all)
-            });
+        for (many, more) in [
+            (FIRST_LESSONS, FIRST_LESSONS),
+            (LESSONS, LESSONS - FIRST_LESSONS),
+        ] {
+            let taught = cells
+                .par_iter()
+                .zip(&mut lessons)
+                .try_for_each(|(places, lessons)| {
+                    self.teach(tracer, places, lessons, many);
+                    // Lessons that a cell does not need count, too.
+                    told(
+                        given.fetch_add(more as usize, Ordering::Relaxed) + more as usize,
+                        all,
+                    )
+                });
             if taught.is_break() {
                 return;
             }
-            let counted = cells.iter().zip(&lessons).map(|(places, lessons)| (places.len(), lessons.learnt()));
+            let counted = cells
+                .iter()
+                .zip(&lessons)
+                .map(|(places, lessons)| (places.len(), lessons.learnt()));
             if !worth_the_look(counted) {
                 return; // few lessons make more of a guide than there is, if anything
             }
         }
-        let kept =
-            |(places, lessons): (&&[(u64, u32, LitPoint)], &Lessons)| Some((places[0].0, lessons.learnt().density?));
+        let kept = |(places, lessons): (&&[(u64, u32, LitPoint)], &Lessons)| {
+            Some((places[0].0, lessons.learnt().density?))
+        };
         guide.cells = cells.iter().zip(&lessons).filter_map(kept).collect();
         self.guide = guide;
     }
 
     /// Lessons at the places of one cell until there are so `many`, or until it has had some and gains nothing.
-    fn teach(&self, tracer: &Tracer, places: &[(u64, u32, LitPoint)], lessons: &mut Lessons, many: u32) {
+    fn teach(
+        &self,
+        tracer: &Tracer,
+        places: &[(u64, u32, LitPoint)],
+        lessons: &mut Lessons,
+        many: u32,
+    ) {
         if lessons.by_rays.count > 0 && lessons.learnt().density.is_none() {
             return;
         }
@@ -175,12 +236,27 @@ impl Lighting {
     }
 
     /// One light sample, and from where its first ray brought light.
-    fn lesson(&self, tracer: &Tracer, place: &LitPoint, sample: LightSample, lessons: &mut Lessons) {
+    fn lesson(
+        &self,
+        tracer: &Tracer,
+        place: &LitPoint,
+        sample: LightSample,
+        lessons: &mut Lessons,
+    ) {
         let directions = self.directions(place);
         let level = |light: Vec3| luminance((light * self.exposure).to_array());
-        lessons.by_points.add(level(self.direct(tracer, place, &sample, 0, Some(&directions))));
+        lessons.by_points.add(level(self.direct(
+            tracer,
+            place,
+            &sample,
+            0,
+            Some(&directions),
+        )));
         let mut path = Path::new(place);
-        if self.onward(tracer, &mut path, 0, &sample, &directions).is_some() {
+        if self
+            .onward(tracer, &mut path, 0, &sample, &directions)
+            .is_some()
+        {
             self.follow(tracer, &mut path, 1, &sample);
         }
         let [u, v] = sample.pair(FIRST_DIRECTION).map(square::bin);
@@ -213,7 +289,12 @@ struct Lessons {
 impl Default for Lessons {
     fn default() -> Self {
         let (squares, counts) = ([0.0; BINS * BINS], [0.0; BINS * BINS]);
-        Self { squares, counts, by_rays: Moments::default(), by_points: Moments::default() }
+        Self {
+            squares,
+            counts,
+            by_rays: Moments::default(),
+            by_points: Moments::default(),
+        }
     }
 }
 
@@ -221,22 +302,45 @@ impl Lessons {
     /// By which first rays should be drawn, if that would make samples less noisy by much.
     fn learnt(&self) -> Learnt {
         let variance = self.by_rays.variance() + self.by_points.variance();
-        let shows = f64::from(shown_slope((self.by_rays.mean() + self.by_points.mean()) as f32)).powi(2);
+        let shows = f64::from(shown_slope(
+            (self.by_rays.mean() + self.by_points.mean()) as f32,
+        ))
+        .powi(2);
         let (squares, counts) = (blurred(&self.squares), blurred(&self.counts));
-        let mean_squares: [f32; BINS * BINS] = std::array::from_fn(|i| squares[i] / counts[i].max(1e-3));
+        let mean_squares: [f32; BINS * BINS] =
+            std::array::from_fn(|i| squares[i] / counts[i].max(1e-3));
         let roots = mean_squares.map(f32::sqrt);
         let mean = roots.iter().sum::<f32>() / roots.len() as f32;
         if mean <= 0.0 || !mean.is_finite() {
-            return Learnt { variance, shows, saved: 0.0, density: None };
+            return Learnt {
+                variance,
+                shows,
+                saved: 0.0,
+                density: None,
+            };
         }
         let densities = roots.map(|root| 1.0 - GUIDED + GUIDED * root / mean);
         let today: f32 = mean_squares.iter().sum();
-        let guided: f32 = mean_squares.iter().zip(&densities).map(|(square, density)| square / density).sum();
+        let guided: f32 = mean_squares
+            .iter()
+            .zip(&densities)
+            .map(|(square, density)| square / density)
+            .sum();
         let saved = f64::from((today - guided) / (BINS * BINS) as f32);
         if saved > WORTH * variance {
-            Learnt { variance, shows, saved, density: Some(SquareDensity::new(&densities)) }
+            Learnt {
+                variance,
+                shows,
+                saved,
+                density: Some(SquareDensity::new(&densities)),
+            }
         } else {
-            Learnt { variance, shows, saved: 0.0, density: None }
+            Learnt {
+                variance,
+                shows,
+                saved: 0.0,
+                density: None,
+            }
         }
     }
 }
@@ -283,7 +387,11 @@ fn blurred(values: &[f32; BINS * BINS]) -> [f32; BINS * BINS] {
         std::array::from_fn(|i| {
             let place = i / step % BINS;
             let below = if place > 0 { values[i - step] } else { 0.0 };
-            let above = if place + 1 < BINS { values[i + step] } else { 0.0 };
+            let above = if place + 1 < BINS {
+                values[i + step]
+            } else {
+                0.0
+            };
             below + 2.0 * values[i] + above
         })
     };
@@ -293,39 +401,82 @@ fn blurred(values: &[f32; BINS * BINS]) -> [f32; BINS * BINS] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::{DVec3, dvec3};
     use headbox_scene::material::Material;
     use headbox_scene::scene::{Scene, Sky, SkyGradient, SkyPicture, Triangle};
-    use glam::{DVec3, dvec3};
     use std::sync::Arc;
 
     fn white_sky() -> Sky {
-        Sky::Gradient(SkyGradient { zenith: [5.0; 3], horizon: [5.0; 3], ground: [5.0; 3] })
+        Sky::Gradient(SkyGradient {
+            zenith: [5.0; 3],
+            horizon: [5.0; 3],
+            ground: [5.0; 3],
+        })
     }
 
     fn add_quad(scene: &mut Scene, corners: [DVec3; 4], material: u32) {
         let first = scene.positions.len() as u32;
         scene.positions.extend(corners);
         for vertices in [[0, 1, 2], [0, 2, 3]] {
-            scene.triangles.push(Triangle { vertices: vertices.map(|v| first + v), material });
+            scene.triangles.push(Triangle {
+                vertices: vertices.map(|v| first + v),
+                material,
+            });
         }
     }
 
     /// A closed room of 4 m about the origin but for a window of 0.8 m in its ceiling's corner; its second material is a lamp's.
     fn room(sky: Sky) -> Scene {
-        let lamp = Material { emission: [2.0; 3], ..Material::default() };
-        let materials = vec![Material { albedo: [0.6; 3], ..Material::default() }, lamp];
-        let mut scene = Scene { materials, sky: Some(sky), ..Scene::default() };
+        let lamp = Material {
+            emission: [2.0; 3],
+            ..Material::default()
+        };
+        let materials = vec![
+            Material {
+                albedo: [0.6; 3],
+                ..Material::default()
+            },
+            lamp,
+        ];
+        let mut scene = Scene {
+            materials,
+            sky: Some(sky),
+            ..Scene::default()
+        };
         let mut quad = |corners: [DVec3; 4]| add_quad(&mut scene, corners, 0);
         let at = |x: f64, y: f64, z: f64| dvec3(x, y, z) * 2.0;
-        quad([at(-1.0, -1.0, -1.0), at(1.0, -1.0, -1.0), at(1.0, -1.0, 1.0), at(-1.0, -1.0, 1.0)]);
-        for [[x0, z0], [x1, z1]] in [[[-1, -1], [1, -1]], [[1, -1], [1, 1]], [[1, 1], [-1, 1]], [[-1, 1], [-1, -1]]] {
+        quad([
+            at(-1.0, -1.0, -1.0),
+            at(1.0, -1.0, -1.0),
+            at(1.0, -1.0, 1.0),
+            at(-1.0, -1.0, 1.0),
+        ]);
+        for [[x0, z0], [x1, z1]] in [
+            [[-1, -1], [1, -1]],
+            [[1, -1], [1, 1]],
+            [[1, 1], [-1, 1]],
+            [[-1, 1], [-1, -1]],
+        ] {
             let [x0, z0, x1, z1] = [x0, z0, x1, z1].map(f64::from);
-            quad([at(x0, -1.0, z0), at(x1, -1.0, z1), at(x1, 1.0, z1), at(x0, 1.0, z0)]);
+            quad([
+                at(x0, -1.0, z0),
+                at(x1, -1.0, z1),
+                at(x1, 1.0, z1),
+                at(x0, 1.0, z0),
+            ]);
         }
-        for [x0, z0, x1, z1] in
-            [[-1.0, -1.0, 1.0, 0.5], [-1.0, 0.5, 0.5, 1.0], [0.5, 0.9, 1.0, 1.0], [0.9, 0.5, 1.0, 0.9]]
-        {
-            quad([at(x0, 1.0, z0), at(x1, 1.0, z0), at(x1, 1.0, z1), at(x0, 1.0, z1)]);
+        for [x0, z0, x1, z1] in [
+            [-1.0, -1.0, 1.0, 0.5],
+            [-1.0, 0.5, 0.5, 1.0],
+            [0.5, 0.9, 1.0, 1.0],
+            [0.9, 0.5, 1.0, 0.9],
+        ] {
+            quad([
+                at(x0, 1.0, z0),
+                at(x1, 1.0, z0),
+                at(x1, 1.0, z1),
+                at(x0, 1.0, z1),
+            ]);
         }
         scene
     }
@@ -338,11 +489,19 @@ mod tests {
 
     /// Mean and variance of samples at a place on the floor.
     fn floor_light(lighting: &Lighting, tracer: &Tracer) -> (f64, f64) {
-        let point =
-            LitPoint { position: Vec3::new(-0.5, -2.0, -0.7), normal: Vec3::Y, shading_normal: Vec3::Y, extent: 2.0 };
+        let point = LitPoint {
+            position: Vec3::new(-0.5, -2.0, -0.7),
+            normal: Vec3::Y,
+            shading_normal: Vec3::Y,
+            extent: 2.0,
+        };
         let mut moments = Moments::default();
         (0..SAMPLES).for_each(|index| {
-            moments.add(lighting.soft_radiosity(tracer, &point, &LightSample { stream: 77, index }).x);
+            moments.add(
+                lighting
+                    .soft_radiosity(tracer, &point, &LightSample { stream: 77, index })
+                    .x,
+            );
         });
         (moments.sum / f64::from(SAMPLES), moments.variance())
     }
@@ -354,7 +513,10 @@ mod tests {
         let (guided_mean, guided_variance) = floor_light(&lighting.guided(tracer), tracer);
         // Two standard errors of samples that would be independent: these are spread evenly, and err by less.
         let tolerance = 2.0 * (variance / f64::from(SAMPLES)).sqrt();
-        assert!((guided_mean - mean).abs() < tolerance, "{bounces}: {guided_mean}, not {mean} +- {tolerance}");
+        assert!(
+            (guided_mean - mean).abs() < tolerance,
+            "{bounces}: {guided_mean}, not {mean} +- {tolerance}"
+        );
         [variance, guided_variance]
     }
 
@@ -363,21 +525,34 @@ mod tests {
         // Light that bounced comes from all over the room.
         for (bounces, most) in [(0, 0.4), (2, 0.6)] {
             let [variance, guided] = variances(&tracer(room(white_sky())), bounces);
-            assert!(guided < most * variance, "{bounces}: {guided}, without {variance}");
+            assert!(
+                guided < most * variance,
+                "{bounces}: {guided}, without {variance}"
+            );
         }
     }
 
     #[test]
     fn lamps_and_pictures_of_the_sky_share_their_light_with_guided_rays() {
         for bounces in [0, 1] {
-            let texels = (0..32 * 16).map(|i| [if i % 7 == 0 { 20.0 } else { 3.0 }; 3]).collect();
-            let mut scene = room(Sky::Picture(Arc::new(SkyPicture::new([32, 16], texels, 0.0).expect("a sky"))));
+            let texels = (0..32 * 16)
+                .map(|i| [if i % 7 == 0 { 20.0 } else { 3.0 }; 3])
+                .collect();
+            let mut scene = room(Sky::Picture(Arc::new(
+                SkyPicture::new([32, 16], texels, 0.0).expect("a sky"),
+            )));
             let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| axis * 0.6);
             add_quad(&mut scene, [x + y, x + z, -x + z, -x + y], 1);
             let tracer = tracer(scene);
             let [variance, guided] = variances(&tracer, bounces);
             assert!(guided < variance, "{bounces}: {guided}, without {variance}");
-            assert!(!Lighting::of_scene(&tracer, bounces).guided(&tracer).guide.cells.is_empty());
+            assert!(
+                !Lighting::of_scene(&tracer, bounces)
+                    .guided(&tracer)
+                    .guide
+                    .cells
+                    .is_empty()
+            );
         }
     }
 
@@ -385,7 +560,10 @@ mod tests {
     fn what_is_learnt_does_not_depend_on_threads() {
         let tracer = tracer(room(white_sky()));
         let learnt = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("threads");
             pool.install(|| Lighting::of_scene(&tracer, 1).guided(&tracer).guide)
         };
         let (one, three) = (learnt(1), learnt(3));
@@ -395,15 +573,35 @@ mod tests {
     #[test]
     fn few_places_that_gain_are_not_worth_the_look() {
         let shown = |shows: f64| {
-            move |many: usize, variance: f64, saved: f64| (many, Learnt { variance, shows, saved, density: None })
+            move |many: usize, variance: f64, saved: f64| {
+                (
+                    many,
+                    Learnt {
+                        variance,
+                        shows,
+                        saved,
+                        density: None,
+                    },
+                )
+            }
         };
         let cells = shown(1.0);
-        assert!(worth_the_look([cells(6, 4.0, 2.0), cells(4, 4.0, 0.0)].into_iter()), "12 of 40");
-        assert!(!worth_the_look([cells(4, 4.0, 2.0), cells(6, 4.0, 0.0)].into_iter()), "8 of 40");
+        assert!(
+            worth_the_look([cells(6, 4.0, 2.0), cells(4, 4.0, 0.0)].into_iter()),
+            "12 of 40"
+        );
+        assert!(
+            !worth_the_look([cells(4, 4.0, 2.0), cells(6, 4.0, 0.0)].into_iter()),
+            "8 of 40"
+        );
         // Most gain, but not those from which the noise comes.
-        assert!(!worth_the_look([cells(8, 4.0, 2.0), cells(2, 40.0, 0.0)].into_iter()));
+        assert!(!worth_the_look(
+            [cells(8, 4.0, 2.0), cells(2, 40.0, 0.0)].into_iter()
+        ));
         // Unless it comes from where light is so bright that it does not show.
-        assert!(worth_the_look([cells(8, 4.0, 2.0), shown(0.01)(2, 40.0, 0.0)].into_iter()));
+        assert!(worth_the_look(
+            [cells(8, 4.0, 2.0), shown(0.01)(2, 40.0, 0.0)].into_iter()
+        ));
         assert!(!worth_the_look(std::iter::empty()));
     }
 
@@ -421,18 +619,43 @@ mod tests {
             lessons(0.9) < 9.1 * lessons(0.3) && lessons(0.3) > lessons(0.1),
             "less than as the square of the light"
         );
-        assert!(lessons(2.0) < lessons(0.9) && lessons(0.0) == 0.0, "what is white is white");
+        assert!(
+            lessons(2.0) < lessons(0.9) && lessons(0.0) == 0.0,
+            "what is white is white"
+        );
     }
 
     #[test]
     fn nothing_is_learnt_where_light_comes_from_everywhere() {
-        let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+        let mut scene = Scene {
+            materials: vec![Material::default()],
+            ..Scene::default()
+        };
         scene.sky = Some(white_sky());
-        scene.positions = vec![dvec3(-9.0, -1.0, -9.0), dvec3(9.0, -1.0, -9.0), dvec3(0.0, -1.0, 9.0)];
-        scene.triangles = vec![Triangle { vertices: [0, 1, 2], material: 0 }];
+        scene.positions = vec![
+            dvec3(-9.0, -1.0, -9.0),
+            dvec3(9.0, -1.0, -9.0),
+            dvec3(0.0, -1.0, 9.0),
+        ];
+        scene.triangles = vec![Triangle {
+            vertices: [0, 1, 2],
+            material: 0,
+        }];
         let bare = tracer(scene);
-        assert!(Lighting::of_scene(&bare, 1).guided(&bare).guide.cells.is_empty());
+        assert!(
+            Lighting::of_scene(&bare, 1)
+                .guided(&bare)
+                .guide
+                .cells
+                .is_empty()
+        );
         let empty = tracer(Scene::default());
-        assert!(Lighting::of_scene(&empty, 1).guided(&empty).guide.cells.is_empty());
+        assert!(
+            Lighting::of_scene(&empty, 1)
+                .guided(&empty)
+                .guide
+                .cells
+                .is_empty()
+        );
     }
 }

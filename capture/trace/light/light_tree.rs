@@ -57,7 +57,11 @@ impl LightTree {
         if !leaves.is_empty() {
             tree.push(&mut leaves, 0);
         }
-        tree.numbers = leaves.iter().zip(0..).map(|(leaf, number)| (leaf.name, number)).collect();
+        tree.numbers = leaves
+            .iter()
+            .zip(0..)
+            .map(|(leaf, number)| (leaf.name, number))
+            .collect();
         tree.numbers.sort_unstable();
         tree
     }
@@ -89,7 +93,11 @@ impl LightTree {
             let shares = node.shares(point);
             // Rounding may leave a number behind the last box that counts.
             let mut chosen = None;
-            for (i, share) in shares.into_iter().enumerate().filter(|(_, share)| *share > 0.0) {
+            for (i, share) in shares
+                .into_iter()
+                .enumerate()
+                .filter(|(_, share)| *share > 0.0)
+            {
                 let of_box = probability * share;
                 chosen = Some((i, of_box));
                 if number < of_box {
@@ -108,7 +116,9 @@ impl LightTree {
 
     /// The probability with which [`Self::draw`] gives the light of this name; 0 if there is none.
     pub(super) fn probability(&self, point: &LitPoint, name: u32) -> f32 {
-        let Ok(place) = self.numbers.binary_search_by_key(&name, |&(name, _)| name) else { return 0.0 };
+        let Ok(place) = self.numbers.binary_search_by_key(&name, |&(name, _)| name) else {
+            return 0.0;
+        };
         let number = self.numbers[place].1;
         let (mut at, mut probability) = (0, 1.0);
         loop {
@@ -130,9 +140,20 @@ const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 fn groups(leaves: &mut [Leaf]) -> Vec<&mut [Leaf]> {
     let mut groups = vec![leaves];
     while groups.len() < WIDTH {
-        let size = |group: &[Leaf]| if group.len() > 1 { (1, extent(group).1.max_element()) } else { (0, 0.0) };
+        let size = |group: &[Leaf]| {
+            if group.len() > 1 {
+                (1, extent(group).1.max_element())
+            } else {
+                (0, 0.0)
+            }
+        };
         let sizes = groups.iter().map(|group| size(group)).enumerate();
-        let largest = sizes.max_by(|a, b| a.1.0.cmp(&b.1.0).then(a.1.1.total_cmp(&b.1.1)).then(b.0.cmp(&a.0)));
+        let largest = sizes.max_by(|a, b| {
+            a.1.0
+                .cmp(&b.1.0)
+                .then(a.1.1.total_cmp(&b.1.1))
+                .then(b.0.cmp(&a.0))
+        });
         let Some((i, (1, _))) = largest else { break };
         let (left, right) = halves(groups.remove(i));
         groups.insert(i, right);
@@ -143,8 +164,11 @@ fn groups(leaves: &mut [Leaf]) -> Vec<&mut [Leaf]> {
 
 /// The lower corner and the edges of the box around lights.
 fn extent(leaves: &[Leaf]) -> (Vec3, Vec3) {
-    let around = |[low, high]: [Vec3; 2], leaf: &Leaf| [low.min(leaf.bounds[0]), high.max(leaf.bounds[1])];
-    let [low, high] = leaves.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], around);
+    let around =
+        |[low, high]: [Vec3; 2], leaf: &Leaf| [low.min(leaf.bounds[0]), high.max(leaf.bounds[1])];
+    let [low, high] = leaves
+        .iter()
+        .fold([Vec3::INFINITY, Vec3::NEG_INFINITY], around);
     (low, high - low)
 }
 
@@ -155,7 +179,11 @@ fn halves(leaves: &mut [Leaf]) -> (&mut [Leaf], &mut [Leaf]) {
     let place = |leaf: &Leaf| leaf.bounds[0][axis] + leaf.bounds[1][axis];
     leaves.sort_unstable_by(|a, b| place(a).total_cmp(&place(b)).then(a.name.cmp(&b.name)));
     let lower = leaves.partition_point(|leaf| place(leaf) < 2.0 * low[axis] + edges[axis]);
-    let half = if lower == 0 || lower == leaves.len() { leaves.len() / 2 } else { lower };
+    let half = if lower == 0 || lower == leaves.len() {
+        leaves.len() / 2
+    } else {
+        lower
+    };
     leaves.split_at_mut(half)
 }
 
@@ -185,12 +213,16 @@ impl Node {
         let (position, normal) = (point.position, point.shading_normal);
         let mut shares = [0.0; WIDTH];
         for (i, share) in shares.iter_mut().enumerate() {
-            let (x, y) = (self.middle[0][i] - position.x, self.middle[1][i] - position.y);
+            let (x, y) = (
+                self.middle[0][i] - position.x,
+                self.middle[1][i] - position.y,
+            );
             let z = self.middle[2][i] - position.z;
             let distance2 = (x * x + y * y + z * z).max(self.radius[i] * self.radius[i]);
             let distance = distance2.sqrt();
             let height = x * normal.x + y * normal.y + z * normal.z + self.radius[i];
-            *share = self.power[i] * height.max(LEAST_COSINE * distance).min(distance) / (distance2 * distance);
+            *share = self.power[i] * height.max(LEAST_COSINE * distance).min(distance)
+                / (distance2 * distance);
         }
         let scale = 1.0 / shares.iter().sum::<f32>();
         if scale > 0.0 && scale.is_finite() {
@@ -198,7 +230,11 @@ impl Node {
             return shares;
         }
         // Where a light is as small as a point, and that is it, nothing can be told of any.
-        let count = self.first.iter().filter(|first| **first != u32::MAX).count();
+        let count = self
+            .first
+            .iter()
+            .filter(|first| **first != u32::MAX)
+            .count();
         std::array::from_fn(|i| if i < count { 1.0 / count as f32 } else { 0.0 })
     }
 }
@@ -212,14 +248,23 @@ mod tests {
         let leaf = |name: u32| {
             let [x, y, z, power] = random4([name, 5, 6, 7]).map(unit_float);
             let corner = Vec3::new(x, y, z) * 10.0 - 5.0;
-            Leaf { bounds: [corner, corner + 0.1], power: power + 0.1, name }
+            Leaf {
+                bounds: [corner, corner + 0.1],
+                power: power + 0.1,
+                name,
+            }
         };
         (0..count).map(leaf).collect()
     }
 
     fn point() -> LitPoint {
         let normal = Vec3::new(0.6, 0.0, 0.8);
-        LitPoint { position: Vec3::new(1.0, -2.0, 0.5), normal, shading_normal: normal, extent: 1.0 }
+        LitPoint {
+            position: Vec3::new(1.0, -2.0, 0.5),
+            normal,
+            shading_normal: normal,
+            extent: 1.0,
+        }
     }
 
     #[test]
@@ -229,8 +274,9 @@ mod tests {
             let tree = LightTree::new(leaves(count));
             let mut drawn = vec![(0u32, 0.0f32); count as usize];
             for i in 0..DRAWS {
-                let (name, probability) =
-                    tree.draw(&point(), (i as f32 + 0.5) / DRAWS as f32).expect("there are lights");
+                let (name, probability) = tree
+                    .draw(&point(), (i as f32 + 0.5) / DRAWS as f32)
+                    .expect("there are lights");
                 assert_eq!(tree.probability(&point(), name), probability);
                 let (times, of_light) = &mut drawn[name as usize];
                 (*times, *of_light) = (*times + 1, probability);
@@ -238,24 +284,41 @@ mod tests {
             for (times, probability) in &drawn {
                 let off = (*times as f32 / DRAWS as f32 - probability).abs();
                 // Numbers are spread evenly: a light's are one run, whose ends are rounded at each of up to 6 nodes.
-                assert!(off < 2e-4, "{count}: drawn {times} times, for {probability}");
+                assert!(
+                    off < 2e-4,
+                    "{count}: drawn {times} times, for {probability}"
+                );
             }
             let sum: f32 = drawn.iter().map(|(_, probability)| probability).sum();
-            assert!((sum - 1.0).abs() < 1e-2, "{count}: all that can matter are drawn: {sum}");
+            assert!(
+                (sum - 1.0).abs() < 1e-2,
+                "{count}: all that can matter are drawn: {sum}"
+            );
         }
         let none = LightTree::new(Vec::new());
-        assert_eq!((none.draw(&point(), 0.5), none.probability(&point(), 0)), (None, 0.0));
+        assert_eq!(
+            (none.draw(&point(), 0.5), none.probability(&point(), 0)),
+            (None, 0.0)
+        );
     }
 
     #[test]
     fn a_near_light_is_drawn_before_a_thousand_far_ones() {
         let mut all = leaves(1000);
-        all.iter_mut().for_each(|leaf| leaf.bounds = leaf.bounds.map(|corner| corner + Vec3::X * 100.0));
+        all.iter_mut()
+            .for_each(|leaf| leaf.bounds = leaf.bounds.map(|corner| corner + Vec3::X * 100.0));
         let near = point().position + point().normal;
-        all.push(Leaf { bounds: [near, near + 0.1], power: 0.5, name: 1000 });
+        all.push(Leaf {
+            bounds: [near, near + 0.1],
+            power: 0.5,
+            name: 1000,
+        });
         let tree = LightTree::new(all);
         let times = (0..1000)
-            .filter(|i| tree.draw(&point(), (*i as f32 + 0.5) / 1000.0).is_some_and(|it| it.0 == 1000))
+            .filter(|i| {
+                tree.draw(&point(), (*i as f32 + 0.5) / 1000.0)
+                    .is_some_and(|it| it.0 == 1000)
+            })
             .count();
         // About 0.5 at 1 m against 600 at 100 m.
         assert!((800..1000).contains(&times), "{times} of 1000");
@@ -263,7 +326,11 @@ mod tests {
 
     #[test]
     fn lights_as_small_as_points_are_lights() {
-        let leaf = |name| Leaf { bounds: [point().position; 2], power: 1.0, name };
+        let leaf = |name| Leaf {
+            bounds: [point().position; 2],
+            power: 1.0,
+            name,
+        };
         let tree = LightTree::new((0..5).map(leaf).collect());
         for number in [0.0, 0.3, BELOW_ONE] {
             let (_, probability) = tree.draw(&point(), number).expect("a light");

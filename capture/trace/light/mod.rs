@@ -22,14 +22,14 @@ mod tests;
 
 pub use arrival::Arrival;
 
-use headbox_core::color::luminance;
-use crate::sampler::{random4, unit_float};
-use headbox_scene::scene::{Sky, Sun};
-use headbox_core::tone::ToneMap;
 use crate::bvh::{Hit, Ray, Tracer};
+use crate::sampler::{random4, unit_float};
 use emitters::Emitters;
 use glam::Vec3;
 use guide::{Directions, Guide};
+use headbox_core::color::luminance;
+use headbox_core::tone::ToneMap;
+use headbox_scene::scene::{Sky, Sun};
 use pilot::{Pilot, PilotPoint, percentile};
 use sharp::LocalLamp;
 
@@ -84,13 +84,29 @@ pub struct LitPoint {
 
 impl LitPoint {
     /// The point where `ray` met the scene, on the side that the ray came from.
-    pub fn from_hit(tracer: &Tracer, ray: &Ray, hit: &Hit) -> (Self, headbox_scene::scene::Surface) {
+    pub fn from_hit(
+        tracer: &Tracer,
+        ray: &Ray,
+        hit: &Hit,
+    ) -> (Self, headbox_scene::scene::Surface) {
         let surface = tracer.surface(hit.primitive, hit.u, hit.v);
-        let flip = if surface.normal.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 };
+        let flip = if surface.normal.dot(ray.direction) > 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
         let position = ray.origin + ray.direction * hit.t;
         let extent = tracer.extent(hit.primitive);
         let (normal, shading_normal) = (surface.normal * flip, surface.shading_normal * flip);
-        (Self { position, normal, shading_normal, extent }, surface)
+        (
+            Self {
+                position,
+                normal,
+                shading_normal,
+                extent,
+            },
+            surface,
+        )
     }
 
     /// How the surface is turned, in 9 bits.
@@ -100,7 +116,10 @@ impl LitPoint {
             let size = i32::from(c.abs() >= 0.25) + i32::from(c.abs() >= 0.75);
             if c < 0.0 { -size } else { size }
         };
-        let [x, y, z] = self.normal.to_array().map(|c| u64::from(halves(c) as u8 & 7));
+        let [x, y, z] = self
+            .normal
+            .to_array()
+            .map(|c| u64::from(halves(c) as u8 & 7));
         x | y << 3 | z << 6
     }
 
@@ -145,7 +164,12 @@ struct Path {
 
 impl Path {
     fn new(point: &LitPoint) -> Self {
-        Self { point: *point, throughput: Vec3::ONE, weight: 1.0, sum: Vec3::ZERO }
+        Self {
+            point: *point,
+            throughput: Vec3::ONE,
+            weight: 1.0,
+            sum: Vec3::ZERO,
+        }
     }
 
     /// Adds light, each colour by so much at most.
@@ -205,7 +229,17 @@ impl Lighting {
         let (emitters, lamps) = (Emitters::of(tracer), sharp::local_lamps(tracer));
         let (sun, sky, fill) = (scene.sun, scene.sky.clone(), FillLight::default());
         let (guide, exposure, tone) = (Guide::default(), 1.0, scene.tone);
-        Self { sun, sky, lamps, emitters, guide, fill, bounces, exposure, tone }
+        Self {
+            sun,
+            sky,
+            lamps,
+            emitters,
+            guide,
+            fill,
+            bounces,
+            exposure,
+            tone,
+        }
     }
 
     /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen, sky included, from seeded points in
@@ -236,25 +270,42 @@ impl Lighting {
         if lit {
             return Self::measure(tracer, bounces).guided(tracer);
         }
-        Self { exposure: tracer.scene().exposure.factor(1.0), ..Self::of_scene(tracer, bounces) }
+        Self {
+            exposure: tracer.scene().exposure.factor(1.0),
+            ..Self::of_scene(tracer, bounces)
+        }
     }
 
     /// The exposure that what a pilot sees asks for; adds fill light if it has to.
     fn meter(&mut self, tracer: &Tracer, pilot: &Pilot) -> f32 {
         /// 125 of 255 in sRGB.
         const MIDDLE_GREY: f32 = 0.21;
-        let sky: Vec<f32> = pilot.misses.iter().map(|&direction| luminance(self.miss_radiance(direction))).collect();
+        let sky: Vec<f32> = pilot
+            .misses
+            .iter()
+            .map(|&direction| luminance(self.miss_radiance(direction)))
+            .collect();
         let mut seen = [self.pilot_luminance(tracer, &pilot.surfaces), sky.clone()].concat();
         let bright = percentile(&mut seen.clone(), 0.9);
-        let dark = seen[..pilot.surfaces.len()].iter().filter(|&&level| level <= bright * 0.01).count();
+        let dark = seen[..pilot.surfaces.len()]
+            .iter()
+            .filter(|&&level| level <= bright * 0.01)
+            .count();
         if dark * 3 > pilot.surfaces.len() {
             let mut distances: Vec<f32> = pilot.surfaces.iter().map(|p| p.distance_m).collect();
             let reach_m = 0.5 * percentile(&mut distances, 0.5);
-            self.fill = FillLight { radiance: if bright > 0.0 { bright * 0.1 } else { 1.0 }, reach_m };
+            self.fill = FillLight {
+                radiance: if bright > 0.0 { bright * 0.1 } else { 1.0 },
+                reach_m,
+            };
             seen = [self.pilot_luminance(tracer, &pilot.surfaces), sky].concat();
         }
         let mean = pilot.logarithmic_mean(&seen);
-        if mean > 0.0 && mean.is_finite() { MIDDLE_GREY / mean } else { 1.0 }
+        if mean > 0.0 && mean.is_finite() {
+            MIDDLE_GREY / mean
+        } else {
+            1.0
+        }
     }
 
     fn pilot_luminance(&self, tracer: &Tracer, pilot: &[PilotPoint]) -> Vec<f32> {
@@ -263,7 +314,10 @@ impl Lighting {
         let light = |(i, p): (usize, &PilotPoint)| {
             let mut sum = 0.0;
             for index in 0..SAMPLES {
-                let sample = LightSample { stream: i as u32, index };
+                let sample = LightSample {
+                    stream: i as u32,
+                    index,
+                };
                 let radiosity = self.radiosity_per_albedo(tracer, &p.point, &sample);
                 sum += luminance([0, 1, 2].map(|c| radiosity[c] * p.albedo[c] + p.emission[c]));
             }
@@ -280,12 +334,20 @@ impl Lighting {
     /// What a ray sees that leaves the scene in the unit direction `direction`: linear radiance. The sun's disk is
     /// not drawn: it would be a single saturated texel.
     pub fn miss_radiance(&self, direction: Vec3) -> [f32; 3] {
-        self.sky.as_ref().map_or([0.0; 3], |sky| sky.seen(direction))
+        self.sky
+            .as_ref()
+            .map_or([0.0; 3], |sky| sky.seen(direction))
     }
 
     /// One sample of irradiance / pi at `point`.
-    pub fn radiosity_per_albedo(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> [f32; 3] {
-        (self.sharp_radiosity(tracer, point, sample) + self.soft_radiosity(tracer, point, sample)).to_array()
+    pub fn radiosity_per_albedo(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        sample: &LightSample,
+    ) -> [f32; 3] {
+        (self.sharp_radiosity(tracer, point, sample) + self.soft_radiosity(tracer, point, sample))
+            .to_array()
     }
 
     /// The rest of [`Self::radiosity_per_albedo`]: sky, emissive triangles, bounces.
@@ -329,7 +391,11 @@ impl Lighting {
 
     /// What a point shows of a bounce at most, each colour.
     fn brightest(&self, bounce: u32) -> f32 {
-        if bounce > 0 { BRIGHTEST_BOUNCE / self.exposure } else { f32::INFINITY }
+        if bounce > 0 {
+            BRIGHTEST_BOUNCE / self.exposure
+        } else {
+            f32::INFINITY
+        }
     }
 
     /// Whether the ray from vertex number `bounce` looks for the sky alone. The last of a path that has bounced does: points drawn on
@@ -340,7 +406,13 @@ impl Lighting {
 
     /// Adds what a path finds at its vertex number `bounce`, and moves it on to where its ray meets a surface. How long the way there was;
     /// `None` if the path ends.
-    fn vertex(&self, tracer: &Tracer, path: &mut Path, bounce: u32, sample: &LightSample) -> Option<f32> {
+    fn vertex(
+        &self,
+        tracer: &Tracer,
+        path: &mut Path,
+        bounce: u32,
+        sample: &LightSample,
+    ) -> Option<f32> {
         // A last ray that looks for the sky alone is not drawn where there is none.
         let goes_on = self.sky.is_some() || !self.meets_nothing(bounce);
         let directions = goes_on.then(|| self.directions(&path.point));
@@ -365,7 +437,12 @@ impl Lighting {
         if direction.dot(point.normal) <= 0.0 {
             return None; // below the true surface: a shading normal that leans too far
         }
-        let ray = Ray { origin: point.lifted(), direction, t_min: 0.0, t_max: f32::INFINITY };
+        let ray = Ray {
+            origin: point.lifted(),
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         let hit = if self.meets_nothing(bounce) {
             // Of what the last ray meets, nothing matters but whether it is there.
             if tracer.occluded(&ray) {
@@ -376,7 +453,10 @@ impl Lighting {
             tracer.closest(&ray)
         };
         let Some(hit) = hit else {
-            path.add(self.sky_by_chance(&point, direction, directions) + self.fill.radiance, f32::INFINITY);
+            path.add(
+                self.sky_by_chance(&point, direction, directions) + self.fill.radiance,
+                f32::INFINITY,
+            );
             return None;
         };
         if self.fill.radiance > 0.0 {
@@ -404,4 +484,3 @@ impl Lighting {
 pub fn shown_slope(level: f32) -> f32 {
     0.44 * level.max(0.005).powf(-0.58) * if level > 1.0 { 0.25 } else { 1.0 }
 }
-

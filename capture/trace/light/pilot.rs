@@ -1,8 +1,8 @@
 //! A look around before there is light, by which exposure and fill light are measured.
 
 use super::LitPoint;
-use crate::sampler::{random4, unit_float};
 use crate::bvh::{Ray, Tracer};
+use crate::sampler::{random4, unit_float};
 use crate::viewpoint;
 use glam::Vec3;
 
@@ -28,7 +28,10 @@ impl Pilot {
 
     pub(super) fn new(tracer: &Tracer) -> Self {
         const RAYS: usize = 4096;
-        let headbox = tracer.scene().headbox.unwrap_or_else(|| viewpoint::suggest_headbox(tracer));
+        let headbox = tracer
+            .scene()
+            .headbox
+            .unwrap_or_else(|| viewpoint::suggest_headbox(tracer));
         let half = headbox.half_size_m as f32;
         let low = (headbox.centre - tracer.origin()).as_vec3() - half;
         let (mut surfaces, mut misses) = (Vec::new(), Vec::new());
@@ -38,12 +41,19 @@ impl Pilot {
             let place = random4([i as u32, 1, 2, 3]).map(unit_float);
             let aim = random4([i as u32, 4, 5, 6]).map(unit_float);
             let origin = low + Vec3::new(place[0], place[1], place[2]) * (2.0 * half);
-            let in_window = |cell: usize, jitter: f32| (cell as f32 + jitter) / Self::WINDOWS as f32;
+            let in_window =
+                |cell: usize, jitter: f32| (cell as f32 + jitter) / Self::WINDOWS as f32;
             let y = 2.0 * in_window(window / Self::WINDOWS, aim[0]) - 1.0;
-            let (sin, cos) = (in_window(window % Self::WINDOWS, aim[1]) * std::f32::consts::TAU).sin_cos();
+            let (sin, cos) =
+                (in_window(window % Self::WINDOWS, aim[1]) * std::f32::consts::TAU).sin_cos();
             let rim = (1.0 - y * y).max(0.0).sqrt();
             let direction = Vec3::new(rim * cos, y, rim * sin);
-            let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let ray = Ray {
+                origin,
+                direction,
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             let Some(hit) = tracer.closest(&ray) else {
                 misses.push(direction);
                 miss_windows.push(window);
@@ -51,11 +61,20 @@ impl Pilot {
             };
             let (point, surface) = LitPoint::from_hit(tracer, &ray, &hit);
             let (albedo, emission) = (surface.albedo, surface.emission);
-            surfaces.push(PilotPoint { point, albedo, emission, distance_m: hit.t });
+            surfaces.push(PilotPoint {
+                point,
+                albedo,
+                emission,
+                distance_m: hit.t,
+            });
             surface_windows.push(window);
         }
         surface_windows.append(&mut miss_windows);
-        Self { surfaces, misses, windows: surface_windows }
+        Self {
+            surfaces,
+            misses,
+            windows: surface_windows,
+        }
     }
 
     /// Geometric mean over the windows of the mean luminance in each; `seen` is in the order of `windows`. The mean
@@ -66,7 +85,11 @@ impl Pilot {
             sums[window].0 += f64::from(level);
             sums[window].1 += 1;
         }
-        let means: Vec<f64> = sums.iter().filter(|s| s.1 > 0).map(|&(sum, count)| sum / f64::from(count)).collect();
+        let means: Vec<f64> = sums
+            .iter()
+            .filter(|s| s.1 > 0)
+            .map(|&(sum, count)| sum / f64::from(count))
+            .collect();
         let floor = 1e-3 * means.iter().copied().fold(0.0, f64::max);
         let logarithms = means.iter().map(|mean| mean.max(floor).ln());
         (logarithms.sum::<f64>() / means.len().max(1) as f64).exp() as f32

@@ -56,9 +56,15 @@ mod tests {
                 let mut seen = [false; 1 << BITS];
                 for i in 0..1 << BITS {
                     let [x, y] = point((block << BITS) + i, [order, first, second]);
-                    let (column, row) = (u64::from(x) >> (32 - across), u64::from(y) >> (32 - BITS + across));
+                    let (column, row) = (
+                        u64::from(x) >> (32 - across),
+                        u64::from(y) >> (32 - BITS + across),
+                    );
                     let cell = column << (BITS - across) | row;
-                    assert!(!std::mem::replace(&mut seen[cell as usize], true), "two points in box {cell}, {across}");
+                    assert!(
+                        !std::mem::replace(&mut seen[cell as usize], true),
+                        "two points in box {cell}, {across}"
+                    );
                 }
             }
         }
@@ -79,8 +85,14 @@ mod tests {
             point(i, [order, first, second]).map(|c| f64::from(c) / 4_294_967_296.0 - 0.5)
         };
         for (one, other) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-            let product: f64 = (0..COUNT).map(|i| at(i, 1)[one] * at(i, 2)[other]).sum::<f64>() / f64::from(COUNT);
-            assert!(product.abs() < 4.0 / 12.0 / f64::from(COUNT).sqrt(), "correlated: {product}");
+            let product: f64 = (0..COUNT)
+                .map(|i| at(i, 1)[one] * at(i, 2)[other])
+                .sum::<f64>()
+                / f64::from(COUNT);
+            assert!(
+                product.abs() < 4.0 / 12.0 / f64::from(COUNT).sqrt(),
+                "correlated: {product}"
+            );
         }
     }
 }

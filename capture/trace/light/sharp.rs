@@ -1,11 +1,11 @@
 //! Light whose shadows have edges: of the sun and of lamps without a surface.
 
 use super::{LightSample, Lighting, LitPoint};
-use headbox_core::color::luminance;
-use crate::sampler::disk_from_square;
-use headbox_scene::scene::{Lamp, Reach, Sun};
 use crate::bvh::{PACKET, Ray, RayPacket, Tracer};
+use crate::sampler::disk_from_square;
 use glam::{Quat, Vec3};
+use headbox_core::color::luminance;
+use headbox_scene::scene::{Lamp, Reach, Sun};
 use std::f32::consts::PI;
 
 /// A lamp in the tracer's local frame.
@@ -22,9 +22,15 @@ pub(super) fn local_lamps(tracer: &Tracer) -> Vec<LocalLamp> {
     let local = |lamp: &Lamp| {
         let place = match lamp.reach {
             Reach::Distant { direction } => direction,
-            Reach::Point { position, .. } | Reach::Spot { position, .. } => (position - tracer.origin()).as_vec3(),
+            Reach::Point { position, .. } | Reach::Spot { position, .. } => {
+                (position - tracer.origin()).as_vec3()
+            }
         };
-        LocalLamp { intensity: lamp.intensity.into(), place, reach: lamp.reach }
+        LocalLamp {
+            intensity: lamp.intensity.into(),
+            place,
+            reach: lamp.reach,
+        }
     };
     tracer.scene().lamps.iter().map(local).collect()
 }
@@ -35,7 +41,9 @@ impl LocalLamp {
         let origin = point.lifted();
         let (to_lamp, range_m) = match self.reach {
             Reach::Distant { .. } => (self.place, f32::INFINITY),
-            Reach::Point { range_m, .. } | Reach::Spot { range_m, .. } => (self.place - origin, range_m),
+            Reach::Point { range_m, .. } | Reach::Spot { range_m, .. } => {
+                (self.place - origin, range_m)
+            }
         };
         let distance = to_lamp.length();
         let direction = to_lamp / distance;
@@ -47,14 +55,29 @@ impl LocalLamp {
         let (t_max, falloff) = match self.reach {
             Reach::Distant { .. } => (f32::INFINITY, 1.0),
             Reach::Point { .. } => (1.0, window(distance, range_m)),
-            Reach::Spot { axis, cosines: [inner, outer], .. } => {
+            Reach::Spot {
+                axis,
+                cosines: [inner, outer],
+                ..
+            } => {
                 // The specification's: a squared ramp of the cosine.
                 let ramp = (-direction.dot(axis) - outer) / (inner - outer).max(1e-3);
-                (1.0, ramp.clamp(0.0, 1.0).powi(2) * window(distance, range_m))
+                (
+                    1.0,
+                    ramp.clamp(0.0, 1.0).powi(2) * window(distance, range_m),
+                )
             }
         };
         let light = self.intensity * (cos * falloff / PI);
-        (light != Vec3::ZERO).then_some((Ray { origin, direction: to_lamp, t_min: 0.0, t_max }, light))
+        (light != Vec3::ZERO).then_some((
+            Ray {
+                origin,
+                direction: to_lamp,
+                t_min: 0.0,
+                t_max,
+            },
+            light,
+        ))
     }
 }
 
@@ -67,12 +90,18 @@ fn window(distance: f32, range_m: f32) -> f32 {
 fn sun_ray(sun: &Sun, point: &LitPoint, [u, v]: [f32; 2]) -> Option<(Ray, Vec3)> {
     let [x, y] = disk_from_square(u, v);
     let spread = sun.angular_radius_rad;
-    let to_sun = Quat::from_rotation_arc(Vec3::Z, sun.direction) * Vec3::new(x * spread, y * spread, 1.0);
+    let to_sun =
+        Quat::from_rotation_arc(Vec3::Z, sun.direction) * Vec3::new(x * spread, y * spread, 1.0);
     let cos = to_sun.dot(point.shading_normal);
     if cos <= 0.0 || to_sun.dot(point.normal) <= 0.0 {
         return None;
     }
-    let ray = Ray { origin: point.lifted(), direction: to_sun, t_min: 0.0, t_max: f32::INFINITY };
+    let ray = Ray {
+        origin: point.lifted(),
+        direction: to_sun,
+        t_min: 0.0,
+        t_max: f32::INFINITY,
+    };
     Some((ray, Vec3::from_array(sun.irradiance) * (cos / PI)))
 }
 
@@ -85,7 +114,13 @@ impl Lighting {
     /// The part of [`Self::radiosity_per_albedo`] that comes straight from the sun and from lamps without a surface: its shadows
     /// have edges.
     pub fn sharp_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
-        let brought = |(ray, light): (Ray, Vec3)| if tracer.occluded(&ray) { Vec3::ZERO } else { light };
+        let brought = |(ray, light): (Ray, Vec3)| {
+            if tracer.occluded(&ray) {
+                Vec3::ZERO
+            } else {
+                light
+            }
+        };
         self.sharp_rays(point, sample).map(brought).sum()
     }
 
@@ -95,33 +130,62 @@ impl Lighting {
         point: &'a LitPoint,
         sample: &LightSample,
     ) -> impl Iterator<Item = (Ray, Vec3)> + use<'a> {
-        let sun = self.sun.as_ref().and_then(|sun| sun_ray(sun, point, sample.pair(0)));
-        sun.into_iter().chain(self.lamps.iter().filter_map(|lamp| lamp.ray(point)))
+        let sun = self
+            .sun
+            .as_ref()
+            .and_then(|sun| sun_ray(sun, point, sample.pair(0)));
+        sun.into_iter()
+            .chain(self.lamps.iter().filter_map(|lamp| lamp.ray(point)))
     }
 
     /// As [`Self::sharp_radiosity`] of each request, to the bit: rays of neighbours toward one light are nearly parallel and travel in
     /// packets.
-    pub fn sharp_radiosities(&self, tracer: &Tracer, requests: &[(LitPoint, LightSample)]) -> Vec<Vec3> {
+    pub fn sharp_radiosities(
+        &self,
+        tracer: &Tracer,
+        requests: &[(LitPoint, LightSample)],
+    ) -> Vec<Vec3> {
         let mut light = vec![Vec3::ZERO; requests.len()];
         if let Some(sun) = &self.sun {
-            let ray = |(point, sample): &(LitPoint, LightSample)| sun_ray(sun, point, sample.pair(0));
+            let ray =
+                |(point, sample): &(LitPoint, LightSample)| sun_ray(sun, point, sample.pair(0));
             add_in_packets(tracer, requests.iter().map(ray), &mut light);
         }
         for lamp in &self.lamps {
-            add_in_packets(tracer, requests.iter().map(|(point, _)| lamp.ray(point)), &mut light);
+            add_in_packets(
+                tracer,
+                requests.iter().map(|(point, _)| lamp.ray(point)),
+                &mut light,
+            );
         }
         light
     }
 
     /// Radiosity per albedo straight from the sun.
-    pub(super) fn sun_light(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample, dimension: u32) -> Vec3 {
-        let ray = self.sun.as_ref().and_then(|sun| sun_ray(sun, point, sample.pair(dimension)));
-        ray.filter(|(ray, _)| !tracer.occluded(ray)).map_or(Vec3::ZERO, |(_, light)| light)
+    pub(super) fn sun_light(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        sample: &LightSample,
+        dimension: u32,
+    ) -> Vec3 {
+        let ray = self
+            .sun
+            .as_ref()
+            .and_then(|sun| sun_ray(sun, point, sample.pair(dimension)));
+        ray.filter(|(ray, _)| !tracer.occluded(ray))
+            .map_or(Vec3::ZERO, |(_, light)| light)
     }
 
     /// Radiosity per albedo straight from lamps without a surface, by one of them: drawn by what it would bring if nothing were in
     /// the way.
-    pub(super) fn one_lamp(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample, dimension: u32) -> Vec3 {
+    pub(super) fn one_lamp(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        sample: &LightSample,
+        dimension: u32,
+    ) -> Vec3 {
         if self.lamps.is_empty() {
             return Vec3::ZERO;
         }
@@ -134,17 +198,27 @@ impl Lighting {
             left < 0.0
         });
         let brought = drawn.filter(|(ray, _)| !tracer.occluded(ray));
-        brought.map_or(Vec3::ZERO, |(_, light)| light * (all / luminance(light.to_array())))
+        brought.map_or(Vec3::ZERO, |(_, light)| {
+            light * (all / luminance(light.to_array()))
+        })
     }
 }
 
 /// Adds what rays bring that nothing is in the way of.
-fn add_in_packets(tracer: &Tracer, rays: impl Iterator<Item = Option<(Ray, Vec3)>>, light: &mut [Vec3]) {
-    let rays: Vec<(usize, Ray, Vec3)> =
-        rays.enumerate().filter_map(|(i, ray)| ray.map(|(ray, brings)| (i, ray, brings))).collect();
+fn add_in_packets(
+    tracer: &Tracer,
+    rays: impl Iterator<Item = Option<(Ray, Vec3)>>,
+    light: &mut [Vec3],
+) {
+    let rays: Vec<(usize, Ray, Vec3)> = rays
+        .enumerate()
+        .filter_map(|(i, ray)| ray.map(|(ray, brings)| (i, ray, brings)))
+        .collect();
     for rays in rays.chunks(PACKET) {
         let mut packet = RayPacket::EMPTY;
-        rays.iter().enumerate().for_each(|(lane, (_, ray, _))| packet.set(lane, ray));
+        rays.iter()
+            .enumerate()
+            .for_each(|(lane, (_, ray, _))| packet.set(lane, ray));
         let blocked = tracer.occluded_packet(&packet);
         for (lane, &(i, _, brings)) in rays.iter().enumerate() {
             if blocked >> lane & 1 == 0 {

@@ -6,9 +6,9 @@
 
 use super::guide::Directions;
 use super::{LightSample, Lighting, LitPoint};
-use headbox_scene::scene::{Sky, SkyPicture};
 use crate::bvh::{Ray, Tracer};
 use glam::Vec3;
+use headbox_scene::scene::{Sky, SkyPicture};
 use std::f32::consts::PI;
 
 impl Lighting {
@@ -28,22 +28,39 @@ impl Lighting {
         dimension: u32,
         directions: &Directions<'_>,
     ) -> Vec3 {
-        let Some(picture) = self.picture() else { return Vec3::ZERO };
-        let Some((direction, radiance)) = picture.sample(sample.pair(dimension + 3)) else { return Vec3::ZERO };
+        let Some(picture) = self.picture() else {
+            return Vec3::ZERO;
+        };
+        let Some((direction, radiance)) = picture.sample(sample.pair(dimension + 3)) else {
+            return Vec3::ZERO;
+        };
         let cos = direction.dot(point.shading_normal);
         if cos <= 0.0 || direction.dot(point.normal) <= 0.0 {
             return Vec3::ZERO;
         }
-        let ray = Ray { origin: point.lifted(), direction, t_min: 0.0, t_max: f32::INFINITY };
+        let ray = Ray {
+            origin: point.lifted(),
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         if tracer.occluded(&ray) {
             return Vec3::ZERO;
         }
-        Vec3::from_array(radiance) * (cos / PI / (picture.density(radiance) + directions.density(direction, cos)))
+        Vec3::from_array(radiance)
+            * (cos / PI / (picture.density(radiance) + directions.density(direction, cos)))
     }
 
     /// Radiosity per albedo by a ray in one of these directions, in which nothing but the sky was met.
-    pub(super) fn sky_by_chance(&self, point: &LitPoint, direction: Vec3, directions: &Directions<'_>) -> Vec3 {
-        let Some(sky) = &self.sky else { return Vec3::ZERO };
+    pub(super) fn sky_by_chance(
+        &self,
+        point: &LitPoint,
+        direction: Vec3,
+        directions: &Directions<'_>,
+    ) -> Vec3 {
+        let Some(sky) = &self.sky else {
+            return Vec3::ZERO;
+        };
         let radiance = sky.radiance(direction);
         let share = self.picture().map_or(1.0, |picture| {
             let cos = direction.dot(point.shading_normal);

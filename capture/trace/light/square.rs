@@ -24,8 +24,17 @@ fn share(cumulative: &[f32; BINS], bin: usize) -> f32 {
 
 /// The bin in which a share lies, and the coordinate that has so much below it.
 fn coordinate_of(cumulative: &[f32; BINS], at: f32) -> (usize, f32) {
-    let found = cumulative.partition_point(|&share| share <= at).min(BINS - 1);
-    let (below, wide) = (if found == 0 { 0.0 } else { cumulative[found - 1] }, share(cumulative, found));
+    let found = cumulative
+        .partition_point(|&share| share <= at)
+        .min(BINS - 1);
+    let (below, wide) = (
+        if found == 0 {
+            0.0
+        } else {
+            cumulative[found - 1]
+        },
+        share(cumulative, found),
+    );
     // So far below 1 that the sum with a bin's number is no next bin, rounded.
     const BELOW_NEXT: f32 = 1.0 - BINS as f32 * f32::EPSILON;
     let inside = ((at - below) / wide).clamp(0.0, BELOW_NEXT);
@@ -87,16 +96,29 @@ mod tests {
         }
         let all: f64 = weights.iter().copied().map(f64::from).sum();
         for (i, (&count, &weight)) in counts.iter().zip(&weights).enumerate() {
-            let (drawn, expected) = (f64::from(count) / (SIDE * SIDE) as f64, f64::from(weight) / all);
-            let row: f64 = weights[i / BINS * BINS..][..BINS].iter().copied().map(f64::from).sum();
+            let (drawn, expected) = (
+                f64::from(count) / (SIDE * SIDE) as f64,
+                f64::from(weight) / all,
+            );
+            let row: f64 = weights[i / BINS * BINS..][..BINS]
+                .iter()
+                .copied()
+                .map(f64::from)
+                .sum();
             // A bin is so many rows of the grid high and so many columns wide, give or take one.
             let (high, wide) = (row / all, f64::from(weight) / row);
             let tolerance = (high + wide) / SIDE as f64 + 1.0 / (SIDE * SIDE) as f64;
-            assert!((drawn - expected).abs() <= 1.01 * tolerance, "bin {i}: {drawn}, not {expected} +- {tolerance}");
+            assert!(
+                (drawn - expected).abs() <= 1.01 * tolerance,
+                "bin {i}: {drawn}, not {expected} +- {tolerance}"
+            );
             let middle = [i % BINS, i / BINS].map(|c| (c as f32 + 0.5) / BINS as f32);
             let at = f64::from(density.at(middle));
             let tolerance = 1e-5 * (BINS * BINS) as f64; // sums of shares up to 1 in f32
-            assert!((at - expected * (BINS * BINS) as f64).abs() < tolerance, "bin {i}: {at}");
+            assert!(
+                (at - expected * (BINS * BINS) as f64).abs() < tolerance,
+                "bin {i}: {at}"
+            );
         }
     }
 
@@ -108,16 +130,27 @@ mod tests {
             let density = SquareDensity::new(&weights);
             // The last number before the heavy row is full, of which there are few in a row that is nearly all.
             let (row, y) = coordinate_of(&density.rows, density.rows[heavy].next_down());
-            assert!(row == heavy && bin(y) == heavy && y < 1.0, "{heavy}: {row}, {y}");
+            assert!(
+                row == heavy && bin(y) == heavy && y < 1.0,
+                "{heavy}: {row}, {y}"
+            );
         }
     }
 
     #[test]
     fn an_even_density_changes_nothing() {
         let density = SquareDensity::new(&[2.5; BINS * BINS]);
-        for point in [[0.0, 0.0], [0.999_999, 0.5], [0.25, 0.125], [0.7, 0.999_999]] {
+        for point in [
+            [0.0, 0.0],
+            [0.999_999, 0.5],
+            [0.25, 0.125],
+            [0.7, 0.999_999],
+        ] {
             let [x, y] = density.warp(point);
-            assert!((x - point[0]).abs() < 1e-5 && (y - point[1]).abs() < 1e-5, "{point:?}: {x}, {y}");
+            assert!(
+                (x - point[0]).abs() < 1e-5 && (y - point[1]).abs() < 1e-5,
+                "{point:?}: {x}, {y}"
+            );
             assert!((density.at(point) - 1.0).abs() < 1e-4);
         }
     }

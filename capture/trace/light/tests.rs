@@ -1,15 +1,18 @@
 //! Light, cut in two ways and in one.
 
 use super::*;
+use glam::{DVec3, dvec3};
 use headbox_scene::material::Material;
 use headbox_scene::scene::Scene;
 use headbox_scene::scene::Triangle;
-use glam::{DVec3, dvec3};
 use std::sync::Arc;
 
 /// Random triangles, some of them lamps, under sun and sky.
 fn tracer() -> Tracer {
-    let material = |emission: f32| Material { emission: [emission; 3], ..Material::default() };
+    let material = |emission: f32| Material {
+        emission: [emission; 3],
+        ..Material::default()
+    };
     let mut scene = Scene {
         materials: vec![material(0.0), material(5.0)],
         sun: Some(Sun::default()),
@@ -20,21 +23,39 @@ fn tracer() -> Tracer {
         let random = |k: u32| random4([i, k, 7, 7]).map(|r| f64::from(unit_float(r)) - 0.5);
         let ([x, y, z, _], [a, b, c, d]) = (random(0), random(1));
         let (corner, first) = (dvec3(x, y, z) * 6.0, scene.positions.len() as u32);
-        scene.positions.extend([corner, corner + dvec3(a, b, c), corner + dvec3(d, a, b)]);
+        scene
+            .positions
+            .extend([corner, corner + dvec3(a, b, c), corner + dvec3(d, a, b)]);
         let vertices = [first, first + 1, first + 2];
-        scene.triangles.push(Triangle { vertices, material: u32::from(i % 20 == 0) });
+        scene.triangles.push(Triangle {
+            vertices,
+            material: u32::from(i % 20 == 0),
+        });
     }
     Tracer::new(Arc::new(scene), DVec3::ZERO)
 }
 
 fn requests(tracer: &Tracer) -> Vec<(LitPoint, LightSample)> {
     let ray = |i: u32| {
-        let direction = Vec3::from_array([0, 1, 2].map(|k| unit_float(random4([i, k, 1, 1])[0]) - 0.5));
-        Ray { origin: Vec3::ZERO, direction, t_min: 0.0, t_max: f32::INFINITY }
+        let direction =
+            Vec3::from_array([0, 1, 2].map(|k| unit_float(random4([i, k, 1, 1])[0]) - 0.5));
+        Ray {
+            origin: Vec3::ZERO,
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        }
     };
-    let hit = |ray: Ray| tracer.closest(&ray).map(|hit| LitPoint::from_hit(tracer, &ray, &hit).0);
+    let hit = |ray: Ray| {
+        tracer
+            .closest(&ray)
+            .map(|hit| LitPoint::from_hit(tracer, &ray, &hit).0)
+    };
     let points = (0..1000).filter_map(|i| hit(ray(i)));
-    points.zip(0..).map(|(point, index)| (point, LightSample { stream: 7, index })).collect()
+    points
+        .zip(0..)
+        .map(|(point, index)| (point, LightSample { stream: 7, index }))
+        .collect()
 }
 
 #[test]
@@ -46,9 +67,14 @@ fn a_sample_is_the_sum_of_its_parts() {
         for (point, sample) in requests(&tracer) {
             let whole = lighting.soft_radiosity(&tracer, &point, &sample);
             let (before, arrival) = lighting.before(&tracer, &point, &sample);
-            let beyond = arrival.map_or(Vec3::ZERO, |a| a.brings(lighting.beyond(&tracer, &a, &sample)));
+            let beyond = arrival.map_or(Vec3::ZERO, |a| {
+                a.brings(lighting.beyond(&tracer, &a, &sample))
+            });
             arrived += u32::from(arrival.is_some());
-            assert!((before + beyond - whole).length() <= 1e-5 * whole.length(), "{before} + {beyond}: {whole}");
+            assert!(
+                (before + beyond - whole).length() <= 1e-5 * whole.length(),
+                "{before} + {beyond}: {whole}"
+            );
         }
         // Also without bounces: how near things are tells how far light can be pooled.
         assert!(arrived > 100, "{arrived}");
@@ -59,12 +85,26 @@ fn a_sample_is_the_sum_of_its_parts() {
 fn without_light_surfaces_are_as_bright_as_they_are_painted() {
     let exposure = |lit: bool, asked: &str| {
         let asked = asked.parse().expect("an exposure");
-        let scene = Scene { exposure: asked, ..Scene::clone(tracer().scene()) };
+        let scene = Scene {
+            exposure: asked,
+            ..Scene::clone(tracer().scene())
+        };
         Lighting::prepare(&Tracer::new(Arc::new(scene), DVec3::ZERO), 0, lit).exposure
     };
-    assert_eq!([exposure(false, "auto"), exposure(false, "auto+1"), exposure(false, "-2")], [1.0, 2.0, 0.25]);
+    assert_eq!(
+        [
+            exposure(false, "auto"),
+            exposure(false, "auto+1"),
+            exposure(false, "-2")
+        ],
+        [1.0, 2.0, 0.25]
+    );
     // This scene is not one that happens to be exposed so.
-    assert!((exposure(true, "auto") - 1.0).abs() > 0.1, "{}", exposure(true, "auto"));
+    assert!(
+        (exposure(true, "auto") - 1.0).abs() > 0.1,
+        "{}",
+        exposure(true, "auto")
+    );
 }
 
 #[test]
@@ -72,7 +112,9 @@ fn packets_see_the_sun_that_single_rays_see() {
     let tracer = tracer();
     let (lighting, requests) = (Lighting::of_scene(&tracer, 0), requests(&tracer));
     let light = lighting.sharp_radiosities(&tracer, &requests);
-    let single = |(point, sample): &(LitPoint, LightSample)| lighting.sharp_radiosity(&tracer, point, sample);
+    let single = |(point, sample): &(LitPoint, LightSample)| {
+        lighting.sharp_radiosity(&tracer, point, sample)
+    };
     assert_eq!(light, requests.iter().map(single).collect::<Vec<_>>());
     assert!(light.contains(&Vec3::ZERO) && light.iter().any(|l| *l != Vec3::ZERO));
 }

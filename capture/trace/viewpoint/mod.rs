@@ -10,7 +10,10 @@ mod place;
 mod tests;
 mod view;
 
-pub use place::{EYE_HEIGHT_M, HeadboxError, fitting_half_size, place_headbox, suggest_half_size, suggest_headbox};
+pub use place::{
+    EYE_HEIGHT_M, HeadboxError, fitting_half_size, place_headbox, suggest_half_size,
+    suggest_headbox,
+};
 pub use view::suggest_view;
 
 use crate::bvh::{Hit, Ray, Tracer};
@@ -49,7 +52,13 @@ pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
         let direction = Vec3::new(rim * cos, y, rim * sin);
         if let Some(hit) = cast(tracer, world, direction) {
             distances.push(hit.t);
-            backs += u32::from(tracer.scene().geometric_normal(hit.primitive).dot(direction) > 0.0);
+            backs += u32::from(
+                tracer
+                    .scene()
+                    .geometric_normal(hit.primitive)
+                    .dot(direction)
+                    > 0.0,
+            );
         }
     }
     distances.sort_by(f32::total_cmp);
@@ -66,5 +75,10 @@ pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
 /// What a ray from a world position meets first.
 fn cast(tracer: &Tracer, world: DVec3, direction: Vec3) -> Option<Hit> {
     let origin = (world - tracer.origin()).as_vec3();
-    tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY })
+    tracer.closest(&Ray {
+        origin,
+        direction,
+        t_min: 0.0,
+        t_max: f32::INFINITY,
+    })
 }

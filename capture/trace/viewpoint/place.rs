@@ -2,11 +2,11 @@
 
 use super::view::best_view;
 use super::{Surroundings, cast, look_around};
+use crate::bvh::Tracer;
 use crate::sampler::{random4, unit_float};
+use glam::{DVec3, Vec3};
 use headbox_core::headbox::Headbox;
 use headbox_scene::scene::Scene;
-use crate::bvh::Tracer;
-use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -78,7 +78,9 @@ pub fn place_headbox(
         Some(_) => None,
         None => Some(scene.headbox.unwrap_or_else(|| suggest_headbox(&scout()))),
     };
-    let centre = centre.or(suggested.map(|headbox| headbox.centre)).unwrap_or_default();
+    let centre = centre
+        .or(suggested.map(|headbox| headbox.centre))
+        .unwrap_or_default();
     let half_size_m = half_size_m
         .or(suggested.map(|headbox| headbox.half_size_m))
         .unwrap_or_else(|| suggest_half_size(&scout(), centre));
@@ -91,7 +93,10 @@ pub fn place_headbox(
     if !(1e-9..=1e9).contains(&half_size_m) {
         return Err(HeadboxError::HalfSize(half_size_m));
     }
-    Ok(Headbox { centre, half_size_m })
+    Ok(Headbox {
+        centre,
+        half_size_m,
+    })
 }
 
 /// A half-size for a headbox about a world position: half the clearance (a cube's corner is 1.73 half-sizes away), but
@@ -100,7 +105,11 @@ pub fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
     let [low, high] = tracer.scene().bounds();
     let diagonal = (high - low).length();
     let fitting = 0.5 * look_around(tracer, centre).clearance_m;
-    if fitting < 1e-4 * diagonal { 0.01 * diagonal } else { fitting.min(0.05 * diagonal) }
+    if fitting < 1e-4 * diagonal {
+        0.01 * diagonal
+    } else {
+        fitting.min(0.05 * diagonal)
+    }
 }
 
 /// The part of a half-size that so many rays can fill: what the eye uncovers on its way from the centre grows with the
@@ -111,15 +120,23 @@ pub fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
 pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
     /// 32^4 strata of 16 rays on faces of 1024 pixels.
     const AMPLE_RAYS_PER_PIXEL: f64 = 16.0;
-    half_size_m * (rays_per_pixel / AMPLE_RAYS_PER_PIXEL).sqrt().clamp(0.25, 1.0)
+    half_size_m
+        * (rays_per_pixel / AMPLE_RAYS_PER_PIXEL)
+            .sqrt()
+            .clamp(0.25, 1.0)
 }
 
 /// A headbox about the eyes of a person who stands on a floor, with as much clearance and as much to see around as seeded
 /// tries find; where no try finds room to stand, about a free place in the lower part of the scene's box; and of what has no such
 /// place within, as a statue, a tree or a house without ground, before it.
 pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
-    let centre = standing_place(tracer).or_else(|| free_place(tracer)).unwrap_or_else(|| place_before(tracer));
-    Headbox { centre, half_size_m: suggest_half_size(tracer, centre) }
+    let centre = standing_place(tracer)
+        .or_else(|| free_place(tracer))
+        .unwrap_or_else(|| place_before(tracer));
+    Headbox {
+        centre,
+        half_size_m: suggest_half_size(tracer, centre),
+    }
 }
 
 /// The `i`-th place of the scene's box, evenly spread at random.
@@ -134,22 +151,41 @@ fn free_place(tracer: &Tracer) -> Option<DVec3> {
     // The lower part of the box: people look at scenes from near the ground.
     let (lower, upper) = (0.1, 0.6);
     let [floor, ceiling] = [lower, upper].map(|share| low.y + (high.y - low.y) * share);
-    let (low, high) = (DVec3::new(low.x, floor, low.z), DVec3::new(high.x, ceiling, high.z));
+    let (low, high) = (
+        DVec3::new(low.x, floor, low.z),
+        DVec3::new(high.x, ceiling, high.z),
+    );
     let score = |around: Surroundings| {
         let is_within = around.clearance_m >= CRAMPED * diagonal && around.enclosed >= WITHIN_WALLS;
-        if is_within { around.clearance_m * around.enclosed * around.enclosed } else { 0.0 }
+        if is_within {
+            around.clearance_m * around.enclosed * around.enclosed
+        } else {
+            0.0
+        }
     };
-    best_of(tracer, (0..TRIES).map(|i| seeded_place(i, low, high)), score)
+    best_of(
+        tracer,
+        (0..TRIES).map(|i| seeded_place(i, low, high)),
+        score,
+    )
 }
 
 /// Where a person's eyes are, at the best of the places where one can stand.
 fn standing_place(tracer: &Tracer) -> Option<DVec3> {
     let [low, high] = tracer.scene().bounds();
     let tries = (0..TRIES).map(|i| seeded_place(i, low, high));
-    let floors: Vec<DVec3> = tries.filter_map(|place| floor_below(tracer, place)).collect();
+    let floors: Vec<DVec3> = tries
+        .filter_map(|place| floor_below(tracer, place))
+        .collect();
     let storey = busiest_storey(&floors)?;
-    let on_storey = floors.into_iter().filter(|floor| (floor.y - storey).abs() <= STOREY_M);
-    best_of(tracer, on_storey.map(|floor| floor + DVec3::Y * EYE_HEIGHT_M), standing_score)
+    let on_storey = floors
+        .into_iter()
+        .filter(|floor| (floor.y - storey).abs() <= STOREY_M);
+    best_of(
+        tracer,
+        on_storey.map(|floor| floor + DVec3::Y * EYE_HEIGHT_M),
+        standing_score,
+    )
 }
 
 /// How well one stands where this is around: 0 in a nook.
@@ -163,17 +199,26 @@ pub(super) fn standing_score(around: Surroundings) -> f64 {
 }
 
 /// Of the places with the highest scores above zero that of which the score times what there is to see is highest; of equals the first.
-fn best_of(tracer: &Tracer, places: impl Iterator<Item = DVec3>, score: impl Fn(Surroundings) -> f64) -> Option<DVec3> {
+fn best_of(
+    tracer: &Tracer,
+    places: impl Iterator<Item = DVec3>,
+    score: impl Fn(Surroundings) -> f64,
+) -> Option<DVec3> {
     let scored = places.map(|place| (look_around(tracer, place), place));
     let open = scored.filter(|(around, _)| around.backs < WITHIN_A_SOLID);
-    let mut scored: Vec<(f64, DVec3)> = open.map(|(around, place)| (score(around), place)).collect();
+    let mut scored: Vec<(f64, DVec3)> =
+        open.map(|(around, place)| (score(around), place)).collect();
     scored.retain(|(score, _)| *score > 0.0);
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     scored.truncate(SHORTLIST);
-    let seen: Vec<(f64, DVec3)> =
-        scored.into_par_iter().map(|(score, place)| (score * best_view(tracer, place).interest, place)).collect();
+    let seen: Vec<(f64, DVec3)> = scored
+        .into_par_iter()
+        .map(|(score, place)| (score * best_view(tracer, place).interest, place))
+        .collect();
     let most = seen.iter().map(|(seen, _)| *seen).fold(0.0, f64::max);
-    seen.into_iter().find(|(seen, _)| *seen >= most).map(|(_, place)| place)
+    seen.into_iter()
+        .find(|(seen, _)| *seen >= most)
+        .map(|(_, place)| place)
 }
 
 /// A place in front of the scene (+Z) from which all of it fits into a view of 60 degrees: at the height of a person's eyes, or of its
@@ -181,7 +226,9 @@ fn best_of(tracer: &Tracer, places: impl Iterator<Item = DVec3>, score: impl Fn(
 fn place_before(tracer: &Tracer) -> DVec3 {
     let [low, high] = tracer.scene().bounds();
     let (middle, distance) = ((low + high) / 2.0, (high - low).length());
-    let eye_y = (low.y + EYE_HEIGHT_M).min(middle.y).max(high.y - 0.55 * distance);
+    let eye_y = (low.y + EYE_HEIGHT_M)
+        .min(middle.y)
+        .max(high.y - 0.55 * distance);
     (middle + DVec3::Z * distance).with_y(eye_y)
 }
 
@@ -208,7 +255,12 @@ fn goes_on_around(tracer: &Tracer, floor: DVec3) -> bool {
 
 /// The height of floor at which most of the places are.
 fn busiest_storey(floors: &[DVec3]) -> Option<f64> {
-    let company = |floor: &DVec3| floors.iter().filter(|other| (other.y - floor.y).abs() <= STOREY_M / 2.0).count();
+    let company = |floor: &DVec3| {
+        floors
+            .iter()
+            .filter(|other| (other.y - floor.y).abs() <= STOREY_M / 2.0)
+            .count()
+    };
     // Of equals the lowest.
     floors
         .iter()

@@ -1,28 +1,52 @@
 use super::*;
-use headbox_scene::scene::Scene;
-use headbox_scene::material::Material;
-use headbox_scene::scene::Triangle;
 use glam::dvec3;
+use headbox_scene::material::Material;
+use headbox_scene::scene::Scene;
+use headbox_scene::scene::Triangle;
 use std::sync::Arc;
 
 /// Appends the twelve triangles of a box.
 fn push_box(scene: &mut Scene, low: DVec3, high: DVec3, material: u32) {
     let first = scene.positions.len() as u32;
     for corner in 0..8 {
-        let pick = |bit: u32, axis: usize| if corner >> bit & 1 == 0 { low[axis] } else { high[axis] };
-        scene.positions.push(dvec3(pick(0, 0), pick(1, 1), pick(2, 2)));
+        let pick = |bit: u32, axis: usize| {
+            if corner >> bit & 1 == 0 {
+                low[axis]
+            } else {
+                high[axis]
+            }
+        };
+        scene
+            .positions
+            .push(dvec3(pick(0, 0), pick(1, 1), pick(2, 2)));
     }
-    for [a, b, c, d] in [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]] {
+    for [a, b, c, d] in [
+        [0, 1, 3, 2],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 3, 7, 6],
+        [0, 2, 6, 4],
+        [1, 3, 7, 5],
+    ] {
         for corners in [[a, b, c], [a, c, d]] {
-            scene.triangles.push(Triangle { vertices: corners.map(|corner: u32| first + corner), material });
+            scene.triangles.push(Triangle {
+                vertices: corners.map(|corner: u32| first + corner),
+                material,
+            });
         }
     }
 }
 
 /// A church: a nave 30 m high, 12 m wide and 40 m long, with pews along it and a shelf full of things at its far end (+X).
 fn church() -> Tracer {
-    let material = |albedo: f32| Material { albedo: [albedo; 3], ..Material::default() };
-    let mut scene = Scene { materials: vec![material(0.5), material(0.1), material(0.9)], ..Scene::default() };
+    let material = |albedo: f32| Material {
+        albedo: [albedo; 3],
+        ..Material::default()
+    };
+    let mut scene = Scene {
+        materials: vec![material(0.5), material(0.1), material(0.9)],
+        ..Scene::default()
+    };
     push_box(&mut scene, DVec3::ZERO, dvec3(40.0, 30.0, 12.0), 0);
     for pew in 0..10 {
         let x = 6.0 + 2.0 * f64::from(pew);
@@ -30,7 +54,12 @@ fn church() -> Tracer {
     }
     for thing in 0..60 {
         let (y, z) = (f64::from(thing / 10) * 0.8, 1.0 + f64::from(thing % 10));
-        push_box(&mut scene, dvec3(38.0, y, z), dvec3(39.5, y + 0.5, z + 0.6), 1 + thing % 2);
+        push_box(
+            &mut scene,
+            dvec3(38.0, y, z),
+            dvec3(39.5, y + 0.5, z + 0.6),
+            1 + thing % 2,
+        );
     }
     Tracer::new(Arc::new(scene), dvec3(20.0, 15.0, 6.0))
 }
@@ -39,8 +68,14 @@ fn church() -> Tracer {
 fn in_a_church_the_eye_is_a_standing_persons_and_looks_to_where_something_is() {
     let tracer = church();
     let headbox = suggest_headbox(&tracer);
-    assert!((headbox.centre.y - EYE_HEIGHT_M).abs() < 1e-3, "{headbox:?}");
-    assert!(headbox.half_size_m > 0.3 && headbox.half_size_m < 0.9, "{headbox:?}");
+    assert!(
+        (headbox.centre.y - EYE_HEIGHT_M).abs() < 1e-3,
+        "{headbox:?}"
+    );
+    assert!(
+        headbox.half_size_m > 0.3 && headbox.half_size_m < 0.9,
+        "{headbox:?}"
+    );
     assert_eq!(headbox, suggest_headbox(&tracer), "seeded");
     let ahead = suggest_view(&tracer, dvec3(32.0, 1.6, 6.0));
     assert!(ahead.dot(DVec3::X) > 0.7, "{ahead}");
@@ -48,11 +83,15 @@ fn in_a_church_the_eye_is_a_standing_persons_and_looks_to_where_something_is() {
 
 #[test]
 fn where_nobody_can_stand_free_space_is_found() {
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     push_box(&mut scene, DVec3::ZERO, DVec3::ONE, 0); // too low to stand in
     let headbox = suggest_headbox(&Tracer::new(Arc::new(scene), DVec3::splat(0.5)));
     assert!(
-        headbox.centre.cmpgt(DVec3::splat(0.15)).all() && headbox.centre.cmplt(DVec3::splat(0.85)).all(),
+        headbox.centre.cmpgt(DVec3::splat(0.15)).all()
+            && headbox.centre.cmplt(DVec3::splat(0.85)).all(),
         "{headbox:?}"
     );
 }
@@ -60,20 +99,36 @@ fn where_nobody_can_stand_free_space_is_found() {
 /// A closed surface without anything in it: a solid. Its triangles face outward, as `push_box`'s need not.
 fn ball(radius: f64, middle: DVec3) -> Scene {
     const RINGS: u32 = 24;
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     for ring in 0..=RINGS {
         for place in 0..2 * RINGS {
-            let [polar, around] = [ring, place].map(|i| f64::from(i) / f64::from(RINGS) * std::f64::consts::PI);
-            let direction = dvec3(polar.sin() * around.cos(), polar.cos(), -polar.sin() * around.sin());
+            let [polar, around] =
+                [ring, place].map(|i| f64::from(i) / f64::from(RINGS) * std::f64::consts::PI);
+            let direction = dvec3(
+                polar.sin() * around.cos(),
+                polar.cos(),
+                -polar.sin() * around.sin(),
+            );
             scene.positions.push(middle + direction * radius);
         }
     }
     for ring in 0..RINGS {
         for place in 0..2 * RINGS {
             let at = |ring: u32, place: u32| ring * 2 * RINGS + place % (2 * RINGS);
-            let [a, b, c, d] = [at(ring, place), at(ring + 1, place), at(ring + 1, place + 1), at(ring, place + 1)];
+            let [a, b, c, d] = [
+                at(ring, place),
+                at(ring + 1, place),
+                at(ring + 1, place + 1),
+                at(ring, place + 1),
+            ];
             for vertices in [[a, b, c], [a, c, d]] {
-                scene.triangles.push(Triangle { vertices, material: 0 });
+                scene.triangles.push(Triangle {
+                    vertices,
+                    material: 0,
+                });
             }
         }
     }
@@ -82,12 +137,22 @@ fn ball(radius: f64, middle: DVec3) -> Scene {
 
 #[test]
 fn a_solid_is_looked_at_from_before_it() {
-    for (radius, middle) in [(0.5, DVec3::ZERO), (3.0, dvec3(7.0, 3.0, -2.0)), (200.0, DVec3::ZERO)] {
+    for (radius, middle) in [
+        (0.5, DVec3::ZERO),
+        (3.0, dvec3(7.0, 3.0, -2.0)),
+        (200.0, DVec3::ZERO),
+    ] {
         let tracer = Tracer::new(Arc::new(ball(radius, middle)), middle);
         let headbox = suggest_headbox(&tracer);
         let way = headbox.centre - middle;
-        assert!(way.z > 2.0 * radius && way.x.abs() < 1e-9 && way.length() < 5.0 * radius, "{radius} m: {headbox:?}");
-        assert!(way.length() - 2.0 * headbox.half_size_m > radius, "{radius} m: {headbox:?}");
+        assert!(
+            way.z > 2.0 * radius && way.x.abs() < 1e-9 && way.length() < 5.0 * radius,
+            "{radius} m: {headbox:?}"
+        );
+        assert!(
+            way.length() - 2.0 * headbox.half_size_m > radius,
+            "{radius} m: {headbox:?}"
+        );
         let ahead = suggest_view(&tracer, headbox.centre);
         assert!(ahead.dot(DVec3::NEG_Z) > 0.999, "{radius} m: {ahead}");
     }
@@ -96,7 +161,12 @@ fn a_solid_is_looked_at_from_before_it() {
 #[test]
 fn a_room_with_its_walls_turned_outward_is_no_solid() {
     let mut scene = ball(3.0, DVec3::ZERO);
-    push_box(&mut scene, dvec3(-0.4, -2.9, -1.4), dvec3(0.4, -1.0, -1.0), 0);
+    push_box(
+        &mut scene,
+        dvec3(-0.4, -2.9, -1.4),
+        dvec3(0.4, -1.0, -1.0),
+        0,
+    );
     let headbox = suggest_headbox(&Tracer::new(Arc::new(scene), DVec3::ZERO));
     assert!(headbox.centre.length() < 2.5, "{headbox:?}");
 }
@@ -104,7 +174,12 @@ fn a_room_with_its_walls_turned_outward_is_no_solid() {
 #[test]
 fn nobody_stands_in_a_nook() {
     let score = |clearance_m, median_m| {
-        place::standing_score(Surroundings { clearance_m, median_m, enclosed: 0.9, backs: 0.0 })
+        place::standing_score(Surroundings {
+            clearance_m,
+            median_m,
+            enclosed: 0.9,
+            backs: 0.0,
+        })
     };
     // On the balcony of a half-timbered house, among its beams; in a cupboard; in a small and in a large room.
     assert_eq!([score(0.3, 0.9), score(0.1, 2.0)], [0.0, 0.0]);
@@ -113,12 +188,20 @@ fn nobody_stands_in_a_nook() {
 
 #[test]
 fn of_two_rooms_the_one_with_things_in_it_is_shown() {
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     push_box(&mut scene, DVec3::ZERO, dvec3(6.0, 3.0, 6.0), 0);
     push_box(&mut scene, dvec3(8.0, 0.0, 0.0), dvec3(14.0, 3.0, 6.0), 0);
     for thing in 0..40 {
         let (y, z) = (f64::from(thing / 8) * 0.6, 0.5 + 0.6 * f64::from(thing % 8));
-        push_box(&mut scene, dvec3(8.1, y, z), dvec3(8.4, y + 0.3, z + 0.3), 0);
+        push_box(
+            &mut scene,
+            dvec3(8.1, y, z),
+            dvec3(8.4, y + 0.3, z + 0.3),
+            0,
+        );
     }
     let headbox = suggest_headbox(&Tracer::new(Arc::new(scene), DVec3::ZERO));
     assert!(headbox.centre.x > 8.0, "{headbox:?}");

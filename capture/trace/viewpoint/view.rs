@@ -35,13 +35,30 @@ pub(super) fn best_view(tracer: &Tracer, world: DVec3) -> View {
     let views = (0..AZIMUTHS).map(|i| {
         let angle = f64::from(i) / f64::from(AZIMUTHS) * std::f64::consts::TAU;
         let ahead = DVec3::new(angle.sin(), 0.0, -angle.cos());
-        (i.min(AZIMUTHS - i), View { interest: interest(tracer, world, ahead), ahead })
+        (
+            i.min(AZIMUTHS - i),
+            View {
+                interest: interest(tracer, world, ahead),
+                ahead,
+            },
+        )
     });
     let views: Vec<(u32, View)> = views.collect();
-    let best = views.iter().map(|(_, view)| view.interest).fold(0.0, f64::max);
-    let as_good = views.into_iter().filter(|(_, view)| view.interest >= AS_GOOD * best);
+    let best = views
+        .iter()
+        .map(|(_, view)| view.interest)
+        .fold(0.0, f64::max);
+    let as_good = views
+        .into_iter()
+        .filter(|(_, view)| view.interest >= AS_GOOD * best);
     // The first of equals.
-    as_good.min_by_key(|(turn, _)| *turn).map_or(View { interest: 0.0, ahead: DVec3::NEG_Z }, |(_, view)| view)
+    as_good.min_by_key(|(turn, _)| *turn).map_or(
+        View {
+            interest: 0.0,
+            ahead: DVec3::NEG_Z,
+        },
+        |(_, view)| view,
+    )
 }
 
 /// What a ray sees.
@@ -66,21 +83,33 @@ fn interest(tracer: &Tracer, world: DVec3, ahead: DVec3) -> f64 {
     let place = |i: u32, count: u32| f64::from(2 * i + 1) / f64::from(count) - 1.0;
     let rays: Vec<Ray> = (0..rows * columns)
         .map(|i| {
-            let (x, y) = (place(i % columns, columns) * HALF_VIEW[0], place(i / columns, rows) * HALF_VIEW[1]);
+            let (x, y) = (
+                place(i % columns, columns) * HALF_VIEW[0],
+                place(i / columns, rows) * HALF_VIEW[1],
+            );
             // The solid angle: perspective stretches what is off the axis.
             let share = (1.0 + x * x + y * y).powf(-1.5);
-            Ray { seen: look(tracer, world, ahead + right * x + DVec3::Y * y), share }
+            Ray {
+                seen: look(tracer, world, ahead + right * x + DVec3::Y * y),
+                share,
+            }
         })
         .collect();
     let at = |x: u32, y: u32| &rays[(y * columns + x) as usize];
     let across = (0..rows).flat_map(|y| (1..columns).map(move |x| (at(x - 1, y), at(x, y))));
     let up = (1..rows).flat_map(|y| (0..columns).map(move |x| (at(x, y - 1), at(x, y))));
-    let change: f64 = across.chain(up).map(|(a, b)| a.share * difference(a.seen, b.seen)).sum();
+    let change: f64 = across
+        .chain(up)
+        .map(|(a, b)| a.share * difference(a.seen, b.seen))
+        .sum();
     let [low, high] = tracer.scene().bounds();
     let far = (high - low).length().max(f64::MIN_POSITIVE);
     // Distances count by their logarithm, from a thousandth of the scene's diagonal to all of it.
     let openness = |ray: &Ray| {
-        ray.share * ray.seen.map_or(0.0, |seen| (1.0 + (seen.distance_m / far).log10() / 3.0).clamp(0.0, 1.0))
+        ray.share
+            * ray.seen.map_or(0.0, |seen| {
+                (1.0 + (seen.distance_m / far).log10() / 3.0).clamp(0.0, 1.0)
+            })
     };
     let open: f64 = rays.iter().map(openness).sum::<f64>() / rays.len() as f64;
     change * open

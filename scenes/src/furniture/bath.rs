@@ -12,11 +12,31 @@ pub(crate) fn bath(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes
     let white = finishes.lacquer;
     // Four walls and a floor, so that the tub is hollow.
     piece.block(dvec3(-0.85, 0.0, 0.01), dvec3(0.85, 0.14, 0.75), 0.5, white);
-    piece.block(dvec3(-0.85, 0.14, 0.01), dvec3(0.85, 0.56, 0.09), 0.5, white);
-    piece.block(dvec3(-0.85, 0.14, 0.67), dvec3(0.85, 0.56, 0.75), 0.5, white);
-    piece.block(dvec3(-0.85, 0.14, 0.09), dvec3(-0.72, 0.56, 0.67), 0.5, white);
+    piece.block(
+        dvec3(-0.85, 0.14, 0.01),
+        dvec3(0.85, 0.56, 0.09),
+        0.5,
+        white,
+    );
+    piece.block(
+        dvec3(-0.85, 0.14, 0.67),
+        dvec3(0.85, 0.56, 0.75),
+        0.5,
+        white,
+    );
+    piece.block(
+        dvec3(-0.85, 0.14, 0.09),
+        dvec3(-0.72, 0.56, 0.67),
+        0.5,
+        white,
+    );
     piece.block(dvec3(0.72, 0.14, 0.09), dvec3(0.85, 0.56, 0.67), 0.5, white);
-    let tap = [dvec3(-0.79, 0.56, 0.38), dvec3(-0.79, 0.72, 0.38), dvec3(-0.62, 0.72, 0.38), dvec3(-0.6, 0.68, 0.38)];
+    let tap = [
+        dvec3(-0.79, 0.56, 0.38),
+        dvec3(-0.79, 0.72, 0.38),
+        dvec3(-0.62, 0.72, 0.38),
+        dvec3(-0.6, 0.68, 0.38),
+    ];
     piece.pipe(tap, 0.014, finishes.metal);
     for z in [0.3, 0.46] {
         piece.ball(dvec3(-0.79, 0.59, z), 0.03, finishes.metal);
@@ -26,19 +46,48 @@ pub(crate) fn bath(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes
 /// A basin on a cabinet, 0.8 m by 0.48 m, with a mirror-like panel above.
 pub(crate) fn basin(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
-    piece.block(dvec3(-0.4, 0.1, 0.01), dvec3(0.4, 0.8, 0.45), 0.8, finishes.oak);
+    piece.block(
+        dvec3(-0.4, 0.1, 0.01),
+        dvec3(0.4, 0.8, 0.45),
+        0.8,
+        finishes.oak,
+    );
     for x in [-0.39, 0.005] {
-        piece.block(dvec3(x, 0.12, 0.45), dvec3(x + 0.385, 0.78, 0.465), 0.8, finishes.oak);
-        piece.ball(dvec3(if x < 0.0 { -0.04 } else { 0.04 }, 0.66, 0.475), 0.013, finishes.metal);
+        piece.block(
+            dvec3(x, 0.12, 0.45),
+            dvec3(x + 0.385, 0.78, 0.465),
+            0.8,
+            finishes.oak,
+        );
+        piece.ball(
+            dvec3(if x < 0.0 { -0.04 } else { 0.04 }, 0.66, 0.475),
+            0.013,
+            finishes.metal,
+        );
     }
     let white = finishes.lacquer;
     piece.block(dvec3(-0.42, 0.8, 0.01), dvec3(0.42, 0.84, 0.48), 1.0, white);
     let bowl = piece.at(dvec3(0.0, 0.99, 0.25));
     piece.mesh.add_sphere(bowl, 0.2, -0.95, -0.3, 40, white);
-    let tap = [dvec3(0.0, 0.84, 0.05), dvec3(0.0, 1.06, 0.05), dvec3(0.0, 1.07, 0.17), dvec3(0.0, 1.03, 0.19)];
+    let tap = [
+        dvec3(0.0, 0.84, 0.05),
+        dvec3(0.0, 1.06, 0.05),
+        dvec3(0.0, 1.07, 0.17),
+        dvec3(0.0, 1.03, 0.19),
+    ];
     piece.pipe(tap, 0.013, finishes.metal);
-    piece.block(dvec3(-0.35, 1.2, 0.005), dvec3(0.35, 1.95, 0.03), 0.6, finishes.metal);
-    piece.block(dvec3(-0.33, 1.22, 0.03), dvec3(0.33, 1.93, 0.034), 0.0, finishes.lacquer);
+    piece.block(
+        dvec3(-0.35, 1.2, 0.005),
+        dvec3(0.35, 1.95, 0.03),
+        0.6,
+        finishes.metal,
+    );
+    piece.block(
+        dvec3(-0.33, 1.22, 0.03),
+        dvec3(0.33, 1.93, 0.034),
+        0.0,
+        finishes.lacquer,
+    );
 }
 
 /// A toilet, 0.4 m by 0.68 m.
@@ -48,7 +97,9 @@ pub(crate) fn toilet(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finish
     piece.cushion(dvec3(-0.2, 0.4, 0.01), dvec3(0.2, 0.8, 0.2), white);
     piece.block(dvec3(-0.11, 0.0, 0.1), dvec3(0.11, 0.3, 0.5), 1.0, white);
     let bowl = piece.at(dvec3(0.0, 0.4, 0.44));
-    piece.mesh.add_sphere(bowl, 0.22, -FRAC_PI_2, 0.0, 32, white);
+    piece
+        .mesh
+        .add_sphere(bowl, 0.22, -FRAC_PI_2, 0.0, 32, white);
     piece.mesh.add_cylinder(bowl, 0.22, 0.04, 32, white);
     piece.ball(dvec3(0.0, 0.81, 0.1), 0.02, finishes.metal);
 }

@@ -23,16 +23,33 @@ pub(crate) fn door_leaf(
     finishes: &Finishes,
 ) {
     let (width, height, thick) = (leaf.width, leaf.height, leaf.thickness);
-    let mut piece = Piece { mesh, place: corner, world_from_piece: DMat3::from_cols(along, DVec3::Y, across) };
+    let mut piece = Piece {
+        mesh,
+        place: corner,
+        world_from_piece: DMat3::from_cols(along, DVec3::Y, across),
+    };
     piece.block(DVec3::ZERO, dvec3(width, height, thick), 0.9, finishes.oak);
     for (back, front) in [(-0.008, 0.0), (thick, thick + 0.008)] {
         for (low, high) in [(0.12, 0.9), (1.05, height - 0.12)] {
-            piece.block(dvec3(0.12, low, back), dvec3(width - 0.12, high, front), 0.7, finishes.oak);
+            piece.block(
+                dvec3(0.12, low, back),
+                dvec3(width - 0.12, high, front),
+                0.7,
+                finishes.oak,
+            );
         }
     }
     let at = width - 0.06;
-    piece.pipe([dvec3(at, 1.0, -0.05), dvec3(at, 1.0, thick + 0.05)], 0.01, finishes.metal);
+    piece.pipe(
+        [dvec3(at, 1.0, -0.05), dvec3(at, 1.0, thick + 0.05)],
+        0.01,
+        finishes.metal,
+    );
     for z in [-0.05, thick + 0.05] {
-        piece.pipe([dvec3(at, 1.0, z), dvec3(at - 0.12, 1.0, z)], 0.011, finishes.metal);
+        piece.pipe(
+            [dvec3(at, 1.0, z), dvec3(at - 0.12, 1.0, z)],
+            0.011,
+            finishes.metal,
+        );
     }
 }

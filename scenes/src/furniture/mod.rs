@@ -25,7 +25,11 @@ struct Piece<'a> {
 
 impl<'a> Piece<'a> {
     fn new(mesh: &'a mut Mesh, place: DVec3, turn: f64) -> Self {
-        Self { mesh, place, world_from_piece: DMat3::from_rotation_y(turn) }
+        Self {
+            mesh,
+            place,
+            world_from_piece: DMat3::from_rotation_y(turn),
+        }
     }
 
     /// A point of the piece's own axes, in the world.
@@ -36,19 +40,32 @@ impl<'a> Piece<'a> {
     /// A box between two corners in the piece's own axes.
     fn block(&mut self, low: DVec3, high: DVec3, tile: f64, material: u32) {
         let centre = self.at((low + high) / 2.0);
-        self.mesh.add_box(centre, (high - low) / 2.0, self.world_from_piece, tile, material);
+        self.mesh.add_box(
+            centre,
+            (high - low) / 2.0,
+            self.world_from_piece,
+            tile,
+            material,
+        );
     }
 
     /// A stuffed cushion between two corners in the piece's own axes.
     fn cushion(&mut self, low: DVec3, high: DVec3, material: u32) {
         let centre = self.at((low + high) / 2.0);
-        self.mesh.add_cushion(centre, (high - low) / 2.0, self.world_from_piece, 0.3, material);
+        self.mesh.add_cushion(
+            centre,
+            (high - low) / 2.0,
+            self.world_from_piece,
+            0.3,
+            material,
+        );
     }
 
     /// A knob, or the head of a tap.
     fn ball(&mut self, centre: DVec3, radius: f64, material: u32) {
         let centre = self.at(centre);
-        self.mesh.add_sphere(centre, radius, -FRAC_PI_2, FRAC_PI_2, 10, material);
+        self.mesh
+            .add_sphere(centre, radius, -FRAC_PI_2, FRAC_PI_2, 10, material);
     }
 
     /// A bar or pipe of one thickness along a path in the piece's own axes.
@@ -71,41 +88,94 @@ impl<'a> Piece<'a> {
 pub(crate) fn table(mesh: &mut Mesh, place: DVec3, turn: f64, size: DVec3, [top, legs]: [u32; 2]) {
     let mut piece = Piece::new(mesh, place, turn);
     let (half_x, half_z) = (size.x / 2.0, size.z / 2.0);
-    piece.block(dvec3(-half_x, size.y - 0.035, -half_z), dvec3(half_x, size.y, half_z), 1.0, top);
+    piece.block(
+        dvec3(-half_x, size.y - 0.035, -half_z),
+        dvec3(half_x, size.y, half_z),
+        1.0,
+        top,
+    );
     piece.legs(half_x, half_z, size.y - 0.035, 0.06, legs);
     let apron = dvec3(half_x - 0.09, 0.0, half_z - 0.09);
-    piece.block(-apron + DVec3::Y * (size.y - 0.11), apron + DVec3::Y * (size.y - 0.04), 1.0, legs);
+    piece.block(
+        -apron + DVec3::Y * (size.y - 0.11),
+        apron + DVec3::Y * (size.y - 0.04),
+        1.0,
+        legs,
+    );
 }
 
 /// A chair that looks along +z before it is turned.
 pub(crate) fn chair(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
     piece.legs(0.23, 0.23, 0.44, 0.045, finishes.walnut);
-    piece.block(dvec3(-0.23, 0.44, -0.23), dvec3(0.23, 0.47, 0.23), 0.6, finishes.walnut);
-    piece.block(dvec3(-0.2, 0.47, -0.2), dvec3(0.2, 0.5, 0.2), 0.3, finishes.cushion);
+    piece.block(
+        dvec3(-0.23, 0.44, -0.23),
+        dvec3(0.23, 0.47, 0.23),
+        0.6,
+        finishes.walnut,
+    );
+    piece.block(
+        dvec3(-0.2, 0.47, -0.2),
+        dvec3(0.2, 0.5, 0.2),
+        0.3,
+        finishes.cushion,
+    );
     for x in [-0.2, -0.1, 0.0, 0.1, 0.2] {
-        piece.block(dvec3(x - 0.014, 0.47, -0.22), dvec3(x + 0.014, 0.9, -0.195), 0.6, finishes.walnut);
+        piece.block(
+            dvec3(x - 0.014, 0.47, -0.22),
+            dvec3(x + 0.014, 0.9, -0.195),
+            0.6,
+            finishes.walnut,
+        );
     }
-    piece.block(dvec3(-0.23, 0.88, -0.225), dvec3(0.23, 0.97, -0.19), 0.6, finishes.walnut);
+    piece.block(
+        dvec3(-0.23, 0.88, -0.225),
+        dvec3(0.23, 0.97, -0.19),
+        0.6,
+        finishes.walnut,
+    );
 }
 
 /// A sofa whose back is at -x before it is turned.
 pub(crate) fn sofa(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
     piece.legs(0.42, 1.0, 0.12, 0.06, finishes.walnut);
-    piece.block(dvec3(-0.45, 0.12, -1.05), dvec3(0.45, 0.28, 1.05), 0.3, finishes.fabric);
-    piece.block(dvec3(-0.45, 0.28, -1.05), dvec3(-0.25, 0.82, 1.05), 0.3, finishes.fabric);
+    piece.block(
+        dvec3(-0.45, 0.12, -1.05),
+        dvec3(0.45, 0.28, 1.05),
+        0.3,
+        finishes.fabric,
+    );
+    piece.block(
+        dvec3(-0.45, 0.28, -1.05),
+        dvec3(-0.25, 0.82, 1.05),
+        0.3,
+        finishes.fabric,
+    );
     for side in [-1.0_f64, 1.0] {
         let (inner, outer) = (0.85 * side, 1.05 * side);
-        piece.block(dvec3(-0.25, 0.28, inner.min(outer)), dvec3(0.45, 0.6, inner.max(outer)), 0.3, finishes.fabric);
+        piece.block(
+            dvec3(-0.25, 0.28, inner.min(outer)),
+            dvec3(0.45, 0.6, inner.max(outer)),
+            0.3,
+            finishes.fabric,
+        );
         let seat = 0.425 * side;
-        piece.block(dvec3(-0.24, 0.285, seat - 0.415), dvec3(0.44, 0.43, seat + 0.415), 0.3, finishes.fabric);
+        piece.block(
+            dvec3(-0.24, 0.285, seat - 0.415),
+            dvec3(0.44, 0.43, seat + 0.415),
+            0.3,
+            finishes.fabric,
+        );
     }
     // Two cushions lean in the corners.
     for (z, turn) in [(-0.6, 0.3), (0.55, -0.25)] {
-        let lean = piece.world_from_piece * DMat3::from_rotation_y(turn) * DMat3::from_rotation_z(0.35);
+        let lean =
+            piece.world_from_piece * DMat3::from_rotation_y(turn) * DMat3::from_rotation_z(0.35);
         let centre = piece.at(dvec3(-0.08, 0.66, z));
-        piece.mesh.add_box(centre, dvec3(0.06, 0.2, 0.2), lean, 0.3, finishes.cushion);
+        piece
+            .mesh
+            .add_box(centre, dvec3(0.06, 0.2, 0.2), lean, 0.3, finishes.cushion);
     }
 }
 
@@ -115,13 +185,28 @@ pub(crate) fn shelf(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishe
     const DEPTH: f64 = 0.3;
     const STEP: f64 = 0.4;
     let mut piece = Piece::new(mesh, place, turn);
-    piece.block(dvec3(-HALF, 0.0, 0.0), dvec3(HALF, 2.1, 0.015), 0.8, finishes.oak);
+    piece.block(
+        dvec3(-HALF, 0.0, 0.0),
+        dvec3(HALF, 2.1, 0.015),
+        0.8,
+        finishes.oak,
+    );
     for x in [-HALF, HALF - 0.03] {
-        piece.block(dvec3(x, 0.0, 0.015), dvec3(x + 0.03, 2.1, DEPTH), 0.8, finishes.oak);
+        piece.block(
+            dvec3(x, 0.0, 0.015),
+            dvec3(x + 0.03, 2.1, DEPTH),
+            0.8,
+            finishes.oak,
+        );
     }
     for board in 0..=5_u32 {
         let y = f64::from(board) * STEP + 0.05;
-        piece.block(dvec3(-HALF + 0.03, y, 0.015), dvec3(HALF - 0.03, y + 0.025, DEPTH), 0.8, finishes.oak);
+        piece.block(
+            dvec3(-HALF + 0.03, y, 0.015),
+            dvec3(HALF - 0.03, y + 0.025, DEPTH),
+            0.8,
+            finishes.oak,
+        );
         if board == 5 {
             break;
         }
@@ -134,16 +219,34 @@ pub(crate) fn shelf(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishe
             let low = dvec3(x, y + 0.026, 0.27 - depth);
             piece.block(low, low + dvec3(thickness, height, depth), 1.0, material);
             // Here and there a gap.
-            x += thickness + if draw.unit() < 0.08 { draw.between(0.05, 0.25) } else { 0.002 };
+            x += thickness
+                + if draw.unit() < 0.08 {
+                    draw.between(0.05, 0.25)
+                } else {
+                    0.002
+                };
         }
     }
 }
 
 /// A picture in a frame; `right` (unit) runs along the wall, and `right x up` points into the room.
-pub(crate) fn picture(mesh: &mut Mesh, centre: DVec3, right: DVec3, size: DVec2, canvas: u32, frame: u32) {
+pub(crate) fn picture(
+    mesh: &mut Mesh,
+    centre: DVec3,
+    right: DVec3,
+    size: DVec2,
+    canvas: u32,
+    frame: u32,
+) {
     let out = right.cross(DVec3::Y);
     let world_from_wall = DMat3::from_cols(right, DVec3::Y, out);
-    mesh.add_box(centre, dvec3(size.x / 2.0 + 0.03, size.y / 2.0 + 0.03, 0.015), world_from_wall, 0.6, frame);
+    mesh.add_box(
+        centre,
+        dvec3(size.x / 2.0 + 0.03, size.y / 2.0 + 0.03, 0.015),
+        world_from_wall,
+        0.6,
+        frame,
+    );
     let corner = centre + out * 0.0155 - right * (size.x / 2.0) - DVec3::Y * (size.y / 2.0);
     mesh.add_rectangle(corner, right * size.x, DVec3::Y * size.y, 0.0, canvas);
 }
@@ -157,23 +260,39 @@ pub(crate) fn floor_lamp(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
 
 /// A lamp that hangs from the ceiling at height `ceiling`.
 pub(crate) fn pendant(mesh: &mut Mesh, place: DVec3, ceiling: f64, finishes: &Finishes) {
-    let cord = [(place + DVec3::Y * 0.2, 0.004), (dvec3(place.x, ceiling, place.z), 0.004)];
+    let cord = [
+        (place + DVec3::Y * 0.2, 0.004),
+        (dvec3(place.x, ceiling, place.z), 0.004),
+    ];
     mesh.add_tube(&cord, 6, 1.0, finishes.metal);
     bulb_in_shade(mesh, place, 0.22, 0.05, finishes);
 }
 
 fn bulb_in_shade(mesh: &mut Mesh, centre: DVec3, wide: f64, narrow: f64, finishes: &Finishes) {
     mesh.add_sphere(centre, 0.06, -FRAC_PI_2, FRAC_PI_2, 16, finishes.bulb);
-    let shade = [(centre - DVec3::Y * 0.1, wide), (centre + DVec3::Y * 0.2, narrow)];
+    let shade = [
+        (centre - DVec3::Y * 0.1, wide),
+        (centre + DVec3::Y * 0.2, narrow),
+    ];
     mesh.add_tube(&shade, 40, 1.0, finishes.shade);
 }
 
 /// A pot with a plant of long, arching leaves that reach up to `reach` times 0.83 m away.
 pub(crate) fn plant(mesh: &mut Mesh, place: DVec3, reach: f64, finishes: &Finishes, rng: &Rng) {
-    let pot = [(place, 0.13), (place + DVec3::Y * 0.3, 0.19), (place + DVec3::Y * 0.34, 0.2)];
+    let pot = [
+        (place, 0.13),
+        (place + DVec3::Y * 0.3, 0.19),
+        (place + DVec3::Y * 0.34, 0.2),
+    ];
     mesh.add_tube(&pot, 32, 1.0, finishes.clay);
     mesh.add_disk(place + DVec3::Y * 0.002, 0.13, DVec3::Y, 32, finishes.clay);
-    mesh.add_disk(place + DVec3::Y * 0.29, 0.185, DVec3::Y, 32, finishes.walnut);
+    mesh.add_disk(
+        place + DVec3::Y * 0.29,
+        0.185,
+        DVec3::Y,
+        32,
+        finishes.walnut,
+    );
     let steps = mesh.rounds(10);
     for leaf in 0..44_u64 {
         let mut draw = rng.fork(leaf);
@@ -185,7 +304,8 @@ pub(crate) fn plant(mesh: &mut Mesh, place: DVec3, reach: f64, finishes: &Finish
         mesh.add_grid(2, steps, finishes.foliage, |column, row| {
             let (s, across) = (row as f64 / steps as f64, column as f64 - 1.0);
             // Up at first, then over and down.
-            let rib = base + (outward * s * (0.25 + 0.75 * s) + DVec3::Y * (s * rise - 1.05 * s * s)) * length;
+            let rib = base
+                + (outward * s * (0.25 + 0.75 * s) + DVec3::Y * (s * rise - 1.05 * s * s)) * length;
             let width = 0.045 * (s * PI * 0.92 + 0.25).sin();
             Vertex::new(
                 rib + side * across * width + DVec3::Y * 0.02 * across.abs(),
@@ -199,11 +319,23 @@ pub(crate) fn plant(mesh: &mut Mesh, place: DVec3, reach: f64, finishes: &Finish
 /// A bowl of fruit.
 pub(crate) fn fruit_bowl(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
     mesh.add_cylinder(place, 0.07, 0.012, 32, finishes.lacquer);
-    mesh.add_sphere(place + DVec3::Y * 0.17, 0.16, -1.3, -0.35, 48, finishes.lacquer);
+    mesh.add_sphere(
+        place + DVec3::Y * 0.17,
+        0.16,
+        -1.3,
+        -0.35,
+        48,
+        finishes.lacquer,
+    );
     for (i, material) in finishes.fruit.into_iter().cycle().take(6).enumerate() {
         let around = i as f64 / 5.0 * TAU;
         let reach = if i < 5 { 0.075 } else { 0.0 };
-        let centre = place + dvec3(around.cos() * reach, if i < 5 { 0.1 } else { 0.15 }, around.sin() * reach);
+        let centre = place
+            + dvec3(
+                around.cos() * reach,
+                if i < 5 { 0.1 } else { 0.15 },
+                around.sin() * reach,
+            );
         mesh.add_sphere(centre, 0.042, -FRAC_PI_2, FRAC_PI_2, 24, material);
     }
 }
@@ -216,6 +348,10 @@ pub(crate) fn curtain(mesh: &mut Mesh, top: DVec3, along: DVec3, height: f64, ma
         let (s, t) = (column as f64 / columns as f64, row as f64 / rows as f64);
         let fold = (s * 9.0 * TAU).sin() * (0.025 + 0.015 * (1.0 - t));
         let position = top + along * s + out * fold - DVec3::Y * height * (1.0 - t);
-        Vertex::new(position, DVec3::ZERO, DVec2::new(s * along.length(), t * height) / 0.3)
+        Vertex::new(
+            position,
+            DVec3::ZERO,
+            DVec2::new(s * along.length(), t * height) / 0.3,
+        )
     });
 }

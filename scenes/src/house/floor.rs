@@ -194,7 +194,11 @@ enum Side {
 
 /// Half of the thickness of the wall in the plane `at` of a floor whose outer walls have their middles at `ends`.
 pub(super) fn half_thickness(at: f64, ends: [f64; 2]) -> f64 {
-    if ends.contains(&at) { OUTER_WALL / 2.0 } else { INNER_WALL / 2.0 }
+    if ends.contains(&at) {
+        OUTER_WALL / 2.0
+    } else {
+        INNER_WALL / 2.0
+    }
 }
 
 impl Floor {
@@ -202,22 +206,43 @@ impl Floor {
         let mut draw = rng.fork(0);
         let mirrored = draw.unit() < 0.5;
         let mut rooms = Vec::new();
-        let mut band = |rooms: &mut Vec<Room>, list: &[(f64, &'static str, Purpose)], from: f64, to: f64, end: f64| {
+        let mut band = |rooms: &mut Vec<Room>,
+                        list: &[(f64, &'static str, Purpose)],
+                        from: f64,
+                        to: f64,
+                        end: f64| {
             // The ends of the band and the edge of the corner stay; the rest moves a little.
-            let mut begins: Vec<f64> = list.iter().map(|room| room.0 + SHIFT * (2.0 * draw.unit() - 1.0)).collect();
+            let mut begins: Vec<f64> = list
+                .iter()
+                .map(|room| room.0 + SHIFT * (2.0 * draw.unit() - 1.0))
+                .collect();
             begins[0] = list[0].0;
             begins.push(end);
             for (i, &(_, name, purpose)) in list.iter().enumerate() {
                 let (low, high) = (DVec2::new(begins[i], from), DVec2::new(begins[i + 1], to));
-                rooms.push(Room { name, purpose, low, high, ceiling: ceiling(purpose) });
+                rooms.push(Room {
+                    name,
+                    purpose,
+                    low,
+                    high,
+                    ceiling: ceiling(purpose),
+                });
             }
         };
         band(&mut rooms, &NORTH, BANDS[0], BANDS[1], CORNER);
-        let corner =
-            [("Pantry", Purpose::Pantry, BANDS[0], PANTRY), ("Utility room", Purpose::Utility, PANTRY, BANDS[1])];
+        let corner = [
+            ("Pantry", Purpose::Pantry, BANDS[0], PANTRY),
+            ("Utility room", Purpose::Utility, PANTRY, BANDS[1]),
+        ];
         for (name, purpose, from, to) in corner {
             let (low, high) = (DVec2::new(CORNER, from), DVec2::new(EAST_END, to));
-            rooms.push(Room { name, purpose, low, high, ceiling: ceiling(purpose) });
+            rooms.push(Room {
+                name,
+                purpose,
+                low,
+                high,
+                ceiling: ceiling(purpose),
+            });
         }
         band(&mut rooms, &MIDDLE, BANDS[1], BANDS[2], EAST_END);
         band(&mut rooms, &SOUTH, BANDS[2], BANDS[3], EAST_END);
@@ -225,10 +250,19 @@ impl Floor {
         let centre = DVec2::new(EAST_END, BANDS[3]) / 2.0;
         for room in &mut rooms {
             let (low, high) = (room.low - centre, room.high - centre);
-            let [west, east] = if mirrored { [-high.x, -low.x] } else { [low.x, high.x] };
+            let [west, east] = if mirrored {
+                [-high.x, -low.x]
+            } else {
+                [low.x, high.x]
+            };
             (room.low, room.high) = (DVec2::new(west, low.y), DVec2::new(east, high.y));
         }
-        let mut plan = Self { rooms, openings: Vec::new(), low: -centre, high: centre };
+        let mut plan = Self {
+            rooms,
+            openings: Vec::new(),
+            low: -centre,
+            high: centre,
+        };
         plan.add_doors(&mut rng.fork(1));
         plan.add_outer_openings(mirrored);
         plan
@@ -251,27 +285,55 @@ impl Floor {
     fn add_doors(&mut self, draw: &mut Rng) {
         for (into, from, width) in DOORS {
             let place = draw.between(0.25, 0.75);
-            let (Some(a), Some(b)) = (self.room(into), self.room(from)) else { continue };
+            let (Some(a), Some(b)) = (self.room(into), self.room(from)) else {
+                continue;
+            };
             let (r, s) = (&self.rooms[a], &self.rooms[b]);
             // The axis on which one room ends where the other begins.
             let touching = (0..2).find_map(|axis| {
                 let planes = [(r.high[axis], s.low[axis]), (r.low[axis], s.high[axis])];
-                planes.into_iter().find(|(end, begin)| end == begin).map(|(plane, _)| (axis, plane))
+                planes
+                    .into_iter()
+                    .find(|(end, begin)| end == begin)
+                    .map(|(plane, _)| (axis, plane))
             });
-            let Some((axis, plane)) = touching else { continue };
+            let Some((axis, plane)) = touching else {
+                continue;
+            };
             let along = 1 - axis;
-            let wall = [r.low[along].max(s.low[along]), r.high[along].min(s.high[along])];
+            let wall = [
+                r.low[along].max(s.low[along]),
+                r.high[along].min(s.high[along]),
+            ];
             let span = within(wall, place, width);
-            let fill = if width > WIDEST_LEAF { Fill::Free } else { Fill::Leaf };
-            let height = if width > WIDEST_LEAF { DOOR_HEIGHT + 0.1 } else { DOOR_HEIGHT };
+            let fill = if width > WIDEST_LEAF {
+                Fill::Free
+            } else {
+                Fill::Leaf
+            };
+            let height = if width > WIDEST_LEAF {
+                DOOR_HEIGHT + 0.1
+            } else {
+                DOOR_HEIGHT
+            };
             let name = format!("{into} - {from}");
-            self.openings.push(Opening { name, cells: [a, b], fill, axis, plane, span, heights: [0.0, height] });
+            self.openings.push(Opening {
+                name,
+                cells: [a, b],
+                fill,
+                axis,
+                plane,
+                span,
+                heights: [0.0, height],
+            });
         }
     }
 
     fn add_outer_openings(&mut self, mirrored: bool) {
         for (name, side, place, width, heights) in OUTER {
-            let Some(room) = self.room(name) else { continue };
+            let Some(room) = self.room(name) else {
+                continue;
+            };
             let r = &self.rooms[room];
             let to_the_east = (side == Side::East) != mirrored;
             let (axis, plane) = match side {
@@ -281,17 +343,33 @@ impl Floor {
                 Side::West | Side::East => (0, r.low.x),
             };
             let along = 1 - axis;
-            let place = if mirrored && along == 0 { 1.0 - place } else { place };
+            let place = if mirrored && along == 0 {
+                1.0 - place
+            } else {
+                place
+            };
             let span = within([r.low[along], r.high[along]], place, width);
             let fill = match heights[0] {
                 0.0 if width > WIDEST_LEAF => Fill::Free,
                 0.0 => Fill::Leaf,
                 _ => Fill::Window,
             };
-            let what = if fill == Fill::Window { "window" } else { "way out" };
+            let what = if fill == Fill::Window {
+                "window"
+            } else {
+                "way out"
+            };
             let name = format!("{name} {what} {:?}", side).to_lowercase();
             let cells = [room, self.outside()];
-            self.openings.push(Opening { name, cells, fill, axis, plane, span, heights });
+            self.openings.push(Opening {
+                name,
+                cells,
+                fill,
+                axis,
+                plane,
+                span,
+                heights,
+            });
         }
     }
 }
@@ -317,16 +395,29 @@ impl Opening {
         let at = |along: f64, y: f64| point(self.axis, self.plane, along, y);
         let [from, to] = self.span;
         let [sill, lintel] = self.heights;
-        let corners = vec![at(from, sill), at(to, sill), at(to, lintel), at(from, lintel)];
+        let corners = vec![
+            at(from, sill),
+            at(to, sill),
+            at(to, lintel),
+            at(from, lintel),
+        ];
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
         let room = &plan.rooms[self.cells[0]];
         let to_room = (room.low[self.axis] + room.high[self.axis]) / 2.0 - self.plane;
         let faces_room = normal[[0, 2][self.axis]] * to_room > 0.0;
-        if faces_room { corners } else { corners.into_iter().rev().collect() }
+        if faces_room {
+            corners
+        } else {
+            corners.into_iter().rev().collect()
+        }
     }
 }
 
 /// The point at `plane` on `axis` (0 is x, 1 is z), `along` on the other axis, and height `y`.
 pub(super) fn point(axis: usize, plane: f64, along: f64, y: f64) -> DVec3 {
-    if axis == 0 { DVec3::new(plane, y, along) } else { DVec3::new(along, y, plane) }
+    if axis == 0 {
+        DVec3::new(plane, y, along)
+    } else {
+        DVec3::new(along, y, plane)
+    }
 }

@@ -85,13 +85,26 @@ impl Kind {
             }
             Self::Shelf => furniture::shelf(mesh, back + into_room * 0.016, turn, f, rng),
             Self::Sofa => furniture::sofa(mesh, back + into_room * 0.47, turn - FRAC_PI_2, f),
-            Self::LowTable => furniture::table(mesh, back, turn, dvec3(1.0, 0.4, 0.6), [f.walnut, f.walnut]),
-            Self::Table { length, chairs } => add_table(mesh, back, turn, length, chairs, palette, rng),
+            Self::LowTable => {
+                furniture::table(mesh, back, turn, dvec3(1.0, 0.4, 0.6), [f.walnut, f.walnut])
+            }
+            Self::Table { length, chairs } => {
+                add_table(mesh, back, turn, length, chairs, palette, rng)
+            }
             Self::Rug(width, depth) => {
                 let turned = (turn / FRAC_PI_2).round() as i64 % 2 != 0;
-                let (x, z) = if turned { (depth, width) } else { (width, depth) };
+                let (x, z) = if turned {
+                    (depth, width)
+                } else {
+                    (width, depth)
+                };
                 let half = dvec3(x / 2.0, 0.0, z / 2.0);
-                mesh.add_block(back - half + DVec3::Y * 0.001, back + half + DVec3::Y * 0.012, 0.0, f.rug);
+                mesh.add_block(
+                    back - half + DVec3::Y * 0.001,
+                    back + half + DVec3::Y * 0.012,
+                    0.0,
+                    f.rug,
+                );
             }
             Self::Counter(width) => furniture::counter(mesh, back, turn, width, f, rng),
             Self::Fridge => furniture::fridge(mesh, back, turn, f),
@@ -109,10 +122,21 @@ impl Kind {
 }
 
 /// A table with chairs along its sides and a bowl of fruit.
-fn add_table(mesh: &mut Mesh, place: DVec3, turn: f64, length: f64, chairs: usize, palette: &Palette, rng: &Rng) {
+fn add_table(
+    mesh: &mut Mesh,
+    place: DVec3,
+    turn: f64,
+    length: f64,
+    chairs: usize,
+    palette: &Palette,
+    rng: &Rng,
+) {
     let f = &palette.finishes;
     furniture::table(mesh, place, turn, dvec3(length, 0.74, 0.95), [f.oak, f.oak]);
-    let (right, into) = (dvec3(turn.cos(), 0.0, -turn.sin()), dvec3(turn.sin(), 0.0, turn.cos()));
+    let (right, into) = (
+        dvec3(turn.cos(), 0.0, -turn.sin()),
+        dvec3(turn.sin(), 0.0, turn.cos()),
+    );
     let mut draw = rng.fork(5);
     let per_side = chairs.div_ceil(2);
     for chair in 0..chairs {
@@ -129,21 +153,81 @@ fn add_table(mesh: &mut Mesh, place: DVec3, turn: f64, length: f64, chairs: usiz
 fn programme(purpose: Purpose) -> &'static [Kind] {
     use Kind::*;
     match purpose {
-        Purpose::Bedroom => &[Bed, Wardrobe(1.8), Rug(2.4, 1.7), Cabinet(1.2), Shelf, Desk, Plant, Chair, FloorLamp],
+        Purpose::Bedroom => &[
+            Bed,
+            Wardrobe(1.8),
+            Rug(2.4, 1.7),
+            Cabinet(1.2),
+            Shelf,
+            Desk,
+            Plant,
+            Chair,
+            FloorLamp,
+        ],
         Purpose::Bathroom => &[Basin, Toilet, Bath, Cabinet(0.7), Wardrobe(0.6)],
-        Purpose::Study => &[Desk, Shelf, Shelf, Rug(2.0, 1.5), Cabinet(1.2), Plant, Chair],
-        Purpose::Dining => {
-            &[Table { length: 2.4, chairs: 6 }, Cabinet(1.8), Rug(3.2, 2.4), Shelf, Plant, Chair, Plant, Cabinet(1.2)]
-        }
-        Purpose::Kitchen => {
-            &[Counter(3.0), Table { length: 1.5, chairs: 4 }, Fridge, Counter(1.8), Wardrobe(1.0), Plant, Counter(1.2)]
-        }
+        Purpose::Study => &[
+            Desk,
+            Shelf,
+            Shelf,
+            Rug(2.0, 1.5),
+            Cabinet(1.2),
+            Plant,
+            Chair,
+        ],
+        Purpose::Dining => &[
+            Table {
+                length: 2.4,
+                chairs: 6,
+            },
+            Cabinet(1.8),
+            Rug(3.2, 2.4),
+            Shelf,
+            Plant,
+            Chair,
+            Plant,
+            Cabinet(1.2),
+        ],
+        Purpose::Kitchen => &[
+            Counter(3.0),
+            Table {
+                length: 1.5,
+                chairs: 4,
+            },
+            Fridge,
+            Counter(1.8),
+            Wardrobe(1.0),
+            Plant,
+            Counter(1.2),
+        ],
         Purpose::Pantry => &[Rack(1.4), Rack(1.4), Rack(1.0), Rack(0.8)],
         Purpose::Utility => &[Washer, Washer, Rack(1.2), Basin, Rack(1.0)],
-        Purpose::Corridor => &[Rug(4.0, 1.0), Cabinet(1.2), Plant, Chair, Cabinet(0.6), Plant, Chair],
+        Purpose::Corridor => &[
+            Rug(4.0, 1.0),
+            Cabinet(1.2),
+            Plant,
+            Chair,
+            Cabinet(0.6),
+            Plant,
+            Chair,
+        ],
         Purpose::Hall => &[Cabinet(1.2), Rug(2.2, 1.2), Plant, Chair],
-        Purpose::Dressing => &[Wardrobe(2.0), Wardrobe(1.5), Rug(1.6, 1.1), Chair, Cabinet(1.2), Wardrobe(1.0)],
-        Purpose::Foyer => &[Cabinet(1.2), Rug(2.0, 1.4), Wardrobe(1.5), Chair, Plant, Chair, Plant],
+        Purpose::Dressing => &[
+            Wardrobe(2.0),
+            Wardrobe(1.5),
+            Rug(1.6, 1.1),
+            Chair,
+            Cabinet(1.2),
+            Wardrobe(1.0),
+        ],
+        Purpose::Foyer => &[
+            Cabinet(1.2),
+            Rug(2.0, 1.4),
+            Wardrobe(1.5),
+            Chair,
+            Plant,
+            Chair,
+            Plant,
+        ],
         Purpose::Living => &[
             LowTable,
             Sofa,
@@ -160,10 +244,28 @@ fn programme(purpose: Purpose) -> &'static [Kind] {
             Chair,
             Shelf,
         ],
-        Purpose::Library => {
-            &[Shelf, Shelf, Shelf, Desk, Rug(2.2, 1.6), Shelf, FloorLamp, Chair, LowTable, Shelf, Plant, Shelf]
-        }
-        Purpose::Workshop => &[Workbench, Rack(1.6), Rack(1.2), Cabinet(1.2), Rack(1.0), Chair],
+        Purpose::Library => &[
+            Shelf,
+            Shelf,
+            Shelf,
+            Desk,
+            Rug(2.2, 1.6),
+            Shelf,
+            FloorLamp,
+            Chair,
+            LowTable,
+            Shelf,
+            Plant,
+            Shelf,
+        ],
+        Purpose::Workshop => &[
+            Workbench,
+            Rack(1.6),
+            Rack(1.2),
+            Cabinet(1.2),
+            Rack(1.0),
+            Chair,
+        ],
     }
 }
 
@@ -186,9 +288,15 @@ pub(super) struct Furnishing<'a> {
 impl<'a> Furnishing<'a> {
     pub(super) fn new(plan: &Floor, cell: usize, walls: &'a [Wall<'a>]) -> Self {
         let room = &plan.rooms[cell];
-        let half = |plane: DVec2| DVec2::new(plan.half_wall(0, plane.x), plan.half_wall(1, plane.y));
+        let half =
+            |plane: DVec2| DVec2::new(plan.half_wall(0, plane.x), plan.half_wall(1, plane.y));
         let (low, high) = (room.low + half(room.low), room.high - half(room.high));
-        let mut furnishing = Self { walls, low, high, taken: Vec::new() };
+        let mut furnishing = Self {
+            walls,
+            low,
+            high,
+            taken: Vec::new(),
+        };
         for wall in walls {
             for hole in &wall.holes {
                 let is_door = hole.fill != Fill::Window;
@@ -198,7 +306,12 @@ impl<'a> Furnishing<'a> {
                     Fill::Window => (0.0, 0.3),
                 };
                 let bottom = if is_door { 0.0 } else { hole.heights[0] - 0.03 };
-                furnishing.take(wall, [hole.span[0] - aside, hole.span[1] + aside], depth, [bottom, 9.0]);
+                furnishing.take(
+                    wall,
+                    [hole.span[0] - aside, hole.span[1] + aside],
+                    depth,
+                    [bottom, 9.0],
+                );
             }
         }
         furnishing
@@ -212,7 +325,11 @@ impl<'a> Furnishing<'a> {
 
     /// Keeps a box about a point of the plan free between two heights.
     pub(super) fn keep_free(&mut self, centre: DVec2, half: f64, heights: [f64; 2]) {
-        self.taken.push(Taken { low: centre - half, high: centre + half, heights });
+        self.taken.push(Taken {
+            low: centre - half,
+            high: centre + half,
+            heights,
+        });
     }
 
     fn is_free(&self, low: DVec2, high: DVec2, heights: [f64; 2]) -> bool {
@@ -227,16 +344,29 @@ impl<'a> Furnishing<'a> {
 
     /// A free stretch of wall of the given width, depth and heights: the middle of its back, and the turn of a piece
     /// that stands there. Tries walls and places in a drawn order.
-    fn along_a_wall(&mut self, draw: &mut Rng, width: f64, depth: f64, heights: [f64; 2]) -> Option<(DVec3, f64)> {
+    fn along_a_wall(
+        &mut self,
+        draw: &mut Rng,
+        width: f64,
+        depth: f64,
+        heights: [f64; 2],
+    ) -> Option<(DVec3, f64)> {
         const STEP: f64 = 0.1;
         const GAP: f64 = 0.012;
         let (first, from_the_end) = ((draw.unit() * 4.0) as usize, draw.unit() < 0.5);
         for wall in (0..4).filter_map(|i| self.walls.get((first + i) % 4)) {
-            let [from, to] = [wall.span[0] + GAP + width / 2.0, wall.span[1] - GAP - width / 2.0];
+            let [from, to] = [
+                wall.span[0] + GAP + width / 2.0,
+                wall.span[1] - GAP - width / 2.0,
+            ];
             let places = ((to - from) / STEP).floor();
             for i in 0..=places.max(-1.0) as i64 {
                 let offset = STEP * i as f64;
-                let along = if from_the_end { to - offset } else { from + offset };
+                let along = if from_the_end {
+                    to - offset
+                } else {
+                    from + offset
+                };
                 let span = [along - width / 2.0, along + width / 2.0];
                 let [low, high] = footprint(wall, span, depth);
                 // A hand's breadth of air before the piece, and a hair beside it.
@@ -252,26 +382,53 @@ impl<'a> Furnishing<'a> {
     /// A free place away from the walls, as near to the middle of the room as can be.
     fn in_the_middle(&mut self, size: DVec3, turned: bool) -> Option<DVec3> {
         const STEP: f64 = 0.2;
-        let half = if turned { DVec2::new(size.z, size.x) } else { DVec2::new(size.x, size.z) } / 2.0;
+        let half = if turned {
+            DVec2::new(size.z, size.x)
+        } else {
+            DVec2::new(size.x, size.z)
+        } / 2.0;
         let centre = (self.low + self.high) / 2.0;
         let reach = |extent: f64| (extent / 2.0 / STEP) as i32;
-        let (columns, rows) = (reach(self.high.x - self.low.x), reach(self.high.y - self.low.y));
-        let mut places: Vec<(i32, i32)> =
-            (-rows..=rows).flat_map(|row| (-columns..=columns).map(move |column| (column, row))).collect();
+        let (columns, rows) = (
+            reach(self.high.x - self.low.x),
+            reach(self.high.y - self.low.y),
+        );
+        let mut places: Vec<(i32, i32)> = (-rows..=rows)
+            .flat_map(|row| (-columns..=columns).map(move |column| (column, row)))
+            .collect();
         places.sort_by_key(|(column, row)| column * column + row * row);
         let heights = [0.0, size.y];
-        let found = places.into_iter().map(|(column, row)| centre + DVec2::new(column.into(), row.into()) * STEP);
-        let at = found.into_iter().find(|&at| self.is_free(at - half, at + half, heights))?;
-        self.taken.push(Taken { low: at - half, high: at + half, heights });
+        let found = places
+            .into_iter()
+            .map(|(column, row)| centre + DVec2::new(column.into(), row.into()) * STEP);
+        let at = found
+            .into_iter()
+            .find(|&at| self.is_free(at - half, at + half, heights))?;
+        self.taken.push(Taken {
+            low: at - half,
+            high: at + half,
+            heights,
+        });
         Some(dvec3(at.x, 0.0, at.y))
     }
 
     /// Puts up to `share` (0 to 1) of what belongs into a room of this purpose, curtains and pictures last.
-    pub(super) fn furnish(&mut self, mesh: &mut Mesh, purpose: Purpose, share: f64, palette: &Palette, rng: &Rng) {
+    pub(super) fn furnish(
+        &mut self,
+        mesh: &mut Mesh,
+        purpose: Purpose,
+        share: f64,
+        palette: &Palette,
+        rng: &Rng,
+    ) {
         let long_in_z = (self.high - self.low).y > (self.high - self.low).x;
         let kinds = programme(purpose);
         self.hang_curtains(mesh, purpose, share, palette);
-        for (i, kind) in kinds.iter().enumerate().take((share * kinds.len() as f64) as usize) {
+        for (i, kind) in kinds
+            .iter()
+            .enumerate()
+            .take((share * kinds.len() as f64) as usize)
+        {
             let own = rng.fork(100 + i as u64);
             let size = kind.size();
             let place = if kind.stands_free() {
@@ -290,17 +447,20 @@ impl<'a> Furnishing<'a> {
     /// A pair of curtains beside every window that has room for them.
     fn hang_curtains(&mut self, mesh: &mut Mesh, purpose: Purpose, share: f64, palette: &Palette) {
         const WIDE: f64 = 0.3;
-        let has_curtains =
-            !matches!(purpose, Purpose::Bathroom | Purpose::Kitchen | Purpose::Pantry | Purpose::Workshop);
+        let has_curtains = !matches!(
+            purpose,
+            Purpose::Bathroom | Purpose::Kitchen | Purpose::Pantry | Purpose::Workshop
+        );
         if !has_curtains || share < 0.5 {
             return;
         }
         let walls = self.walls;
         for wall in walls {
             for hole in wall.holes.iter().filter(|hole| hole.fill == Fill::Window) {
-                for [from, to] in
-                    [[hole.span[0] - WIDE, hole.span[0] - 0.01], [hole.span[1] + 0.01, hole.span[1] + WIDE]]
-                {
+                for [from, to] in [
+                    [hole.span[0] - WIDE, hole.span[0] - 0.01],
+                    [hole.span[1] + 0.01, hole.span[1] + WIDE],
+                ] {
                     let [low, high] = footprint(wall, [from, to], 0.2);
                     if !self.is_free(low, high, [0.0, 2.4]) {
                         continue;
@@ -315,9 +475,20 @@ impl<'a> Furnishing<'a> {
         }
     }
 
-    fn hang_pictures(&mut self, mesh: &mut Mesh, purpose: Purpose, share: f64, palette: &Palette, rng: &Rng) {
+    fn hang_pictures(
+        &mut self,
+        mesh: &mut Mesh,
+        purpose: Purpose,
+        share: f64,
+        palette: &Palette,
+        rng: &Rng,
+    ) {
         let pictures = match purpose {
-            Purpose::Pantry | Purpose::Utility | Purpose::Workshop | Purpose::Bathroom | Purpose::Dressing => 0,
+            Purpose::Pantry
+            | Purpose::Utility
+            | Purpose::Workshop
+            | Purpose::Bathroom
+            | Purpose::Dressing => 0,
             Purpose::Living | Purpose::Corridor => 5,
             _ => 3,
         };
@@ -326,14 +497,24 @@ impl<'a> Furnishing<'a> {
             let width = draw.between(0.55, 1.1);
             let height = 0.75 * width;
             let heights = [1.6 - height / 2.0 - 0.05, 1.6 + height / 2.0 + 0.05];
-            let Some((back, turn)) = self.along_a_wall(&mut draw, width + 0.25, 0.05, heights) else { continue };
+            let Some((back, turn)) = self.along_a_wall(&mut draw, width + 0.25, 0.05, heights)
+            else {
+                continue;
+            };
             let right = dvec3(turn.cos(), 0.0, -turn.sin());
             let out = dvec3(turn.sin(), 0.0, turn.cos());
             let f = &palette.finishes;
             let canvas = f.pictures[(draw.unit() * 3.0) as usize % 3];
             let frame = if draw.unit() < 0.5 { f.walnut } else { f.oak };
             let centre = dvec3(back.x, 1.6, back.z) + out * 0.015;
-            furniture::picture(mesh, centre, right, DVec2::new(width, height), canvas, frame);
+            furniture::picture(
+                mesh,
+                centre,
+                right,
+                DVec2::new(width, height),
+                canvas,
+                frame,
+            );
         }
     }
 }
@@ -348,13 +529,23 @@ fn footprint(wall: &Wall, [from, to]: [f64; 2], depth: f64) -> [DVec2; 2] {
 /// Lamps under the ceiling of rooms that get little daylight, a lamp to every five metres.
 pub(super) fn hang_lamps(mesh: &mut Mesh, plan: &Floor, cell: usize, palette: &Palette) {
     let room = &plan.rooms[cell];
-    let lit = [Purpose::Corridor, Purpose::Hall, Purpose::Dressing, Purpose::Pantry, Purpose::Foyer];
+    let lit = [
+        Purpose::Corridor,
+        Purpose::Hall,
+        Purpose::Dressing,
+        Purpose::Pantry,
+        Purpose::Foyer,
+    ];
     if !lit.contains(&room.purpose) {
         return;
     }
     let (size, centre) = (room.high - room.low, (room.low + room.high) / 2.0);
     let lamps = (size.max_element() / 5.0).round().max(1.0);
-    let along = if size.x > size.y { DVec2::new(size.x, 0.0) } else { DVec2::new(0.0, size.y) };
+    let along = if size.x > size.y {
+        DVec2::new(size.x, 0.0)
+    } else {
+        DVec2::new(0.0, size.y)
+    };
     for lamp in 0..lamps as usize {
         let at = centre + along * ((lamp as f64 + 0.5) / lamps - 0.5);
         let place = dvec3(at.x, room.ceiling - 0.45, at.y);

@@ -11,8 +11,8 @@ use crate::mesh::{Fineness, Mesh};
 use floor::{Floor, Purpose};
 use furnish::{Furnishing, hang_lamps};
 use glam::{DVec2, DVec3};
-use headbox_model::{Cell, Portal, PortalModel, Prism};
 use headbox_core::random::Rng;
+use headbox_model::{Cell, Portal, PortalModel, Prism};
 use headbox_scene::scene::Scene;
 use palette::{Palette, TILE_M};
 use shell::{add_slab, walls};
@@ -82,8 +82,14 @@ impl Detail {
     fn new(step: i32) -> Self {
         let scale = (f64::from(step) / Self::STEPS).exp2();
         let round = scale.sqrt().clamp(0.25, 8.0);
-        let fineness = Fineness { edge_m: 0.7 / scale, round };
-        Self { fineness, furniture: (1.0 + f64::from(step) / f64::from(-Self::COARSEST)).clamp(0.0, 1.0) }
+        let fineness = Fineness {
+            edge_m: 0.7 / scale,
+            round,
+        };
+        Self {
+            fineness,
+            furniture: (1.0 + f64::from(step) / f64::from(-Self::COARSEST)).clamp(0.0, 1.0),
+        }
     }
 }
 
@@ -92,7 +98,14 @@ fn build(mesh: &mut Mesh, plan: &Floor, detail: &Detail, palette: &Palette, seed
     let rng = Rng::new(seed);
     let mut ends = Vec::new();
     for cell in 0..plan.rooms.len() {
-        add_room(mesh, plan, cell, detail, palette, &rng.fork(1000 + cell as u64));
+        add_room(
+            mesh,
+            plan,
+            cell,
+            detail,
+            palette,
+            &rng.fork(1000 + cell as u64),
+        );
         ends.push(mesh.triangle_count() as u32);
     }
     outside::add(mesh, plan, palette, &rng.fork(999), detail.furniture > 0.3);
@@ -100,11 +113,21 @@ fn build(mesh: &mut Mesh, plan: &Floor, detail: &Detail, palette: &Palette, seed
     ends
 }
 
-fn add_room(mesh: &mut Mesh, plan: &Floor, cell: usize, detail: &Detail, palette: &Palette, rng: &Rng) {
+fn add_room(
+    mesh: &mut Mesh,
+    plan: &Floor,
+    cell: usize,
+    detail: &Detail,
+    palette: &Palette,
+    rng: &Rng,
+) {
     let room = &plan.rooms[cell];
     let finishes = &palette.finishes;
     let mut draw = rng.fork(0);
-    let (wall_material, floor) = (palette.walls_of(room.purpose, &mut draw), palette.floor_of(room.purpose, &mut draw));
+    let (wall_material, floor) = (
+        palette.walls_of(room.purpose, &mut draw),
+        palette.floor_of(room.purpose, &mut draw),
+    );
     add_slab(mesh, plan, cell, 0.0, true, TILE_M, floor);
     add_slab(mesh, plan, cell, room.ceiling, false, 2.0, finishes.plaster);
     let walls = walls(plan, cell, [0.0, room.ceiling]);
@@ -141,24 +164,51 @@ fn headbox_centre(plan: &Floor, cell: usize) -> DVec2 {
 }
 
 fn assemble(mesh: Mesh, plan: &Floor, ends: &[u32]) -> PortalModel {
-    let living = plan.rooms.iter().position(|room| room.purpose == Purpose::Living).unwrap_or(0);
+    let living = plan
+        .rooms
+        .iter()
+        .position(|room| room.purpose == Purpose::Living)
+        .unwrap_or(0);
     let centre = headbox_centre(plan, living);
     let scene = mesh.finish("house", DVec3::new(centre.x, EYE, centre.y), 0.4);
     let space = |room: &floor::Room| {
         let ([x0, z0], [x1, z1]) = (room.low.to_array(), room.high.to_array());
-        let outline = vec![DVec2::new(x0, z0), DVec2::new(x1, z0), DVec2::new(x1, z1), DVec2::new(x0, z1)];
-        Prism { outline, floor_y: -SLAB_DEPTH, ceiling_y: room.ceiling + SLAB_DEPTH }
+        let outline = vec![
+            DVec2::new(x0, z0),
+            DVec2::new(x1, z0),
+            DVec2::new(x1, z1),
+            DVec2::new(x0, z1),
+        ];
+        Prism {
+            outline,
+            floor_y: -SLAB_DEPTH,
+            ceiling_y: room.ceiling + SLAB_DEPTH,
+        }
     };
-    let names = plan.rooms.iter().map(|room| (room.name, vec![space(room)])).chain([("Outside", Vec::new())]);
+    let names = plan
+        .rooms
+        .iter()
+        .map(|room| (room.name, vec![space(room)]))
+        .chain([("Outside", Vec::new())]);
     let begins = std::iter::once(0).chain(ends.iter().copied());
     let cells = names.zip(begins.zip(ends));
-    let cells =
-        cells.map(|((name, space), (from, &to))| Cell { name: name.into(), space, triangles: from..to }).collect();
+    let cells = cells
+        .map(|((name, space), (from, &to))| Cell {
+            name: name.into(),
+            space,
+            triangles: from..to,
+        })
+        .collect();
     let portal = |opening: &floor::Opening| Portal {
         name: opening.name.clone(),
         cells: opening.cells.map(|cell| cell as u32),
         polygon: opening.polygon(plan),
     };
     let portals = plan.openings.iter().map(portal).collect();
-    PortalModel { scene, cells, portals, outside: Some(plan.outside() as u32) }
+    PortalModel {
+        scene,
+        cells,
+        portals,
+        outside: Some(plan.outside() as u32),
+    }
 }

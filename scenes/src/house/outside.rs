@@ -22,8 +22,12 @@ const PLANTS: f64 = 0.5;
 
 pub(super) fn add(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng, furnished: bool) {
     let heights = [GROUND - 0.15, SLAB[0] + 0.05];
-    let rows: Vec<f64> =
-        plan.openings.iter().filter(|o| o.cells[1] == plan.outside()).flat_map(|o| o.heights).collect();
+    let rows: Vec<f64> = plan
+        .openings
+        .iter()
+        .filter(|o| o.cells[1] == plan.outside())
+        .flat_map(|o| o.heights)
+        .collect();
     for wall in walls(plan, plan.outside(), heights) {
         wall.add_face(mesh, &rows, 2.0, palette.stucco);
         for hole in &wall.holes {
@@ -38,7 +42,11 @@ pub(super) fn add(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng, f
                 mesh.add_block(a.min(b), a.max(b), 1.0, palette.paving);
             } else {
                 // A step, or a terrace before the widest way out.
-                let (aside, out) = if hole.fill == Fill::Free { (2.4, 3.2) } else { (0.35, 0.9) };
+                let (aside, out) = if hole.fill == Fill::Free {
+                    (2.4, 3.2)
+                } else {
+                    (0.35, 0.9)
+                };
                 let a = wall.before(hole.span[0] - aside, GROUND - 0.05, 0.0);
                 let b = wall.before(hole.span[1] + aside, -0.03, out);
                 mesh.add_block(a.min(b), a.max(b), 1.2, palette.paving);
@@ -49,7 +57,13 @@ pub(super) fn add(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng, f
     let fine = mesh.fineness;
     mesh.fineness.edge_m *= COARSER;
     let corner = dvec3(-34.0, GROUND, 28.0);
-    mesh.add_rectangle(corner, DVec3::X * 68.0, DVec3::NEG_Z * 56.0, 2.5, palette.finishes.lawn);
+    mesh.add_rectangle(
+        corner,
+        DVec3::X * 68.0,
+        DVec3::NEG_Z * 56.0,
+        2.5,
+        palette.finishes.lawn,
+    );
     if furnished {
         mesh.fineness.round *= PLANTS;
         add_garden(mesh, plan, palette, rng);
@@ -60,39 +74,83 @@ pub(super) fn add(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng, f
 /// A slab with a hipped roof on it, and a chimney.
 fn add_roof(mesh: &mut Mesh, plan: &Floor, palette: &Palette) {
     let [low, high] = [plan.low - EAVES, plan.high + EAVES];
-    mesh.add_block(dvec3(low.x, SLAB[0], low.y), dvec3(high.x, SLAB[1], high.y), 1.0, palette.finishes.lacquer);
+    mesh.add_block(
+        dvec3(low.x, SLAB[0], low.y),
+        dvec3(high.x, SLAB[1], high.y),
+        1.0,
+        palette.finishes.lacquer,
+    );
     let eaves = |x: f64, z: f64| dvec3(x, SLAB[1] + 0.001, z);
-    let [a, b, c, d] = [eaves(low.x, low.y), eaves(high.x, low.y), eaves(high.x, high.y), eaves(low.x, high.y)];
+    let [a, b, c, d] = [
+        eaves(low.x, low.y),
+        eaves(high.x, low.y),
+        eaves(high.x, high.y),
+        eaves(low.x, high.y),
+    ];
     let reach = (high.y - low.y) / 2.0;
     let ridge = |x: f64| dvec3(x, SLAB[1] + 0.38 * reach, (low.y + high.y) / 2.0);
     let (west, east) = (ridge(low.x + reach), ridge(high.x - reach));
-    for [left, right, top_right, top_left] in
-        [[d, c, east, west], [b, a, west, east], [c, b, east, east], [a, d, west, west]]
-    {
+    for [left, right, top_right, top_left] in [
+        [d, c, east, west],
+        [b, a, west, east],
+        [c, b, east, east],
+        [a, d, west, west],
+    ] {
         let slope = ((left + right) / 2.0).distance((top_left + top_right) / 2.0);
-        let (columns, rows) = (mesh.cells(2.0 * left.distance(right)), mesh.cells(2.0 * slope));
+        let (columns, rows) = (
+            mesh.cells(2.0 * left.distance(right)),
+            mesh.cells(2.0 * slope),
+        );
         let normal = (right - left).cross(top_left - left).normalize_or_zero();
         mesh.add_grid(columns, rows, palette.roof, |column, row| {
             let (s, t) = (column as f64 / columns as f64, row as f64 / rows as f64);
-            let top = if top_left == top_right { top_left } else { top_left.lerp(top_right, s) };
-            let position = if row == rows { top } else { left.lerp(right, s).lerp(top, t) };
-            let texcoord = DVec2::new((position - left).dot((right - left).normalize_or_zero()), t * slope) / 2.4;
+            let top = if top_left == top_right {
+                top_left
+            } else {
+                top_left.lerp(top_right, s)
+            };
+            let position = if row == rows {
+                top
+            } else {
+                left.lerp(right, s).lerp(top, t)
+            };
+            let texcoord = DVec2::new(
+                (position - left).dot((right - left).normalize_or_zero()),
+                t * slope,
+            ) / 2.4;
             Vertex::new(position, normal, texcoord)
         });
     }
     let chimney = dvec3(high.x * 0.3, 0.0, 1.5);
-    mesh.add_block(chimney + DVec3::Y * 4.0, chimney + dvec3(0.6, 7.2, 0.9), 1.0, palette.stucco);
+    mesh.add_block(
+        chimney + DVec3::Y * 4.0,
+        chimney + dvec3(0.6, 7.2, 0.9),
+        1.0,
+        palette.stucco,
+    );
 }
 
 /// Hedges around the lawn, trees and bushes on it.
 fn add_garden(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng) {
     let mut draw = rng.fork(900);
-    for (x, z, along_x, length) in
-        [(0.0, -25.0, true, 60.0), (0.0, 25.0, true, 60.0), (-31.0, 0.0, false, 48.0), (31.0, 0.0, false, 48.0)]
-    {
-        let half = if along_x { dvec3(length / 2.0, 0.0, 0.6) } else { dvec3(0.6, 0.0, length / 2.0) };
+    for (x, z, along_x, length) in [
+        (0.0, -25.0, true, 60.0),
+        (0.0, 25.0, true, 60.0),
+        (-31.0, 0.0, false, 48.0),
+        (31.0, 0.0, false, 48.0),
+    ] {
+        let half = if along_x {
+            dvec3(length / 2.0, 0.0, 0.6)
+        } else {
+            dvec3(0.6, 0.0, length / 2.0)
+        };
         let centre = dvec3(x, GROUND, z);
-        mesh.add_block(centre - half, centre + half + DVec3::Y * 1.7, 2.5, palette.leaves[2]);
+        mesh.add_block(
+            centre - half,
+            centre + half + DVec3::Y * 1.7,
+            2.5,
+            palette.leaves[2],
+        );
     }
     let house = plan.high + 3.2;
     let mut trees = 0;
@@ -106,13 +164,24 @@ fn add_garden(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng) {
         trees += 1;
     }
     // Bushes under the windows' sills.
-    for opening in plan.openings.iter().filter(|o| o.fill == Fill::Window && draw_bush(o.span)) {
+    for opening in plan
+        .openings
+        .iter()
+        .filter(|o| o.fill == Fill::Window && draw_bush(o.span))
+    {
         let out = if opening.plane > 0.0 { 1.1 } else { -1.1 };
         for &along in &opening.span {
-            let mut centre = super::floor::point(opening.axis, opening.plane + out, along, GROUND + 0.3);
+            let mut centre =
+                super::floor::point(opening.axis, opening.plane + out, along, GROUND + 0.3);
             centre += dvec3(draw.between(-0.2, 0.2), 0.0, draw.between(-0.2, 0.2));
             let material = palette.leaves[(draw.unit() * 3.0) as usize % 3];
-            add_clump(mesh, centre, draw.between(0.35, 0.55), material, (along * 1000.0) as i64 as u64);
+            add_clump(
+                mesh,
+                centre,
+                draw.between(0.35, 0.55),
+                material,
+                (along * 1000.0) as i64 as u64,
+            );
         }
     }
 }
@@ -122,16 +191,38 @@ fn draw_bush(span: [f64; 2]) -> bool {
     (span[0] * 7.0).floor() % 2.0 == 0.0
 }
 
-fn add_tree(mesh: &mut Mesh, foot: DVec3, radius: f64, trunk: f64, palette: &Palette, draw: &mut Rng) {
+fn add_tree(
+    mesh: &mut Mesh,
+    foot: DVec3,
+    radius: f64,
+    trunk: f64,
+    palette: &Palette,
+    draw: &mut Rng,
+) {
     let top = foot + DVec3::Y * (trunk + radius);
-    mesh.add_tube(&[(foot, 0.2), (foot + DVec3::Y * trunk, 0.14), (top, 0.06)], 12, 1.0, palette.finishes.walnut);
+    mesh.add_tube(
+        &[(foot, 0.2), (foot + DVec3::Y * trunk, 0.14), (top, 0.06)],
+        12,
+        1.0,
+        palette.finishes.walnut,
+    );
     for clump in 0..5 {
         let around = f64::from(clump) * TAU / 4.0 + draw.between(-0.4, 0.4);
         let aside = if clump == 4 { 0.0 } else { 0.55 };
-        let offset = dvec3(around.cos() * aside, if clump == 4 { 0.55 } else { 0.0 }, around.sin() * aside);
+        let offset = dvec3(
+            around.cos() * aside,
+            if clump == 4 { 0.55 } else { 0.0 },
+            around.sin() * aside,
+        );
         let material = palette.leaves[(draw.unit() * 3.0) as usize % 3];
         let seed = (draw.unit() * 1e9) as u64;
-        add_clump(mesh, top + offset * radius, radius * draw.between(0.55, 0.75), material, seed);
+        add_clump(
+            mesh,
+            top + offset * radius,
+            radius * draw.between(0.55, 0.75),
+            material,
+            seed,
+        );
     }
 }
 
@@ -140,12 +231,19 @@ fn add_clump(mesh: &mut Mesh, centre: DVec3, radius: f64, material: u32, seed: u
     let (columns, rows) = (mesh.rounds(24), mesh.rounds(12));
     mesh.add_grid(columns, rows, material, |column, row| {
         // The seam and the poles are exact, so that no gap opens and the triangles without area are seen to be.
-        let (u, v) = ((column % columns) as f64 / columns as f64, row as f64 / rows as f64);
+        let (u, v) = (
+            (column % columns) as f64 / columns as f64,
+            row as f64 / rows as f64,
+        );
         let (around, height) = (u * TAU, v * PI - FRAC_PI_2);
         let pole = row == 0 || row == rows;
         let rim = if pole { 0.0 } else { height.cos() };
         let direction = dvec3(around.cos() * rim, height.sin(), -around.sin() * rim);
         let dent = if pole { 0.5 } else { fractal(u, v, 6, 5, seed) };
-        Vertex::new(centre + direction * radius * (0.72 + 0.5 * dent), DVec3::ZERO, DVec2::new(u, v) * 4.0)
+        Vertex::new(
+            centre + direction * radius * (0.72 + 0.5 * dent),
+            DVec3::ZERO,
+            DVec2::new(u, v) * 4.0,
+        )
     });
 }

@@ -4,8 +4,8 @@ use super::floor::Purpose;
 use crate::finishes::Finishes;
 use crate::mesh::Mesh;
 use crate::texture::{fractal, mix, noise, paint, shade};
-use headbox_scene::material::Texture;
 use headbox_core::random::{Rng, hash, unit};
+use headbox_scene::material::Texture;
 
 /// Indices of materials.
 pub(super) struct Palette {
@@ -42,8 +42,13 @@ impl Palette {
             .zip(paints)
             .map(|(i, (a, b))| mesh.textured("wall paint", plaster(a, b, seed + 40 + i)))
             .collect();
-        let papers = [([0.84, 0.80, 0.70], [0.55, 0.32, 0.28]), ([0.60, 0.68, 0.64], [0.88, 0.88, 0.80])];
-        walls.extend(papers.map(|(ground, figure)| mesh.textured("wallpaper", damask(ground, figure))));
+        let papers = [
+            ([0.84, 0.80, 0.70], [0.55, 0.32, 0.28]),
+            ([0.60, 0.68, 0.64], [0.88, 0.88, 0.80]),
+        ];
+        walls.extend(
+            papers.map(|(ground, figure)| mesh.textured("wallpaper", damask(ground, figure))),
+        );
         walls.push(finishes.wallpaper);
         Self {
             wall_tiles: [
@@ -56,16 +61,23 @@ impl Palette {
             ],
             dark_parquet: mesh.textured("boards", boards(seed + 54)),
             terracotta: mesh.textured("terracotta", tiling([0.68, 0.37, 0.25], 4.0, seed + 55)),
-            concrete: mesh.textured("concrete", plaster([0.62, 0.61, 0.59], [0.52, 0.51, 0.50], seed + 56)),
+            concrete: mesh.textured(
+                "concrete",
+                plaster([0.62, 0.61, 0.59], [0.52, 0.51, 0.50], seed + 56),
+            ),
             linens: [
                 mesh.textured("linen", stripes([0.30, 0.42, 0.58], [0.86, 0.87, 0.85])),
                 mesh.textured("linen", stripes([0.62, 0.24, 0.22], [0.88, 0.80, 0.70])),
                 mesh.textured("linen", stripes([0.42, 0.50, 0.34], [0.80, 0.80, 0.66])),
             ],
-            stucco: mesh.textured("stucco", plaster([0.90, 0.86, 0.76], [0.82, 0.78, 0.68], seed + 57)),
+            stucco: mesh.textured(
+                "stucco",
+                plaster([0.90, 0.86, 0.76], [0.82, 0.78, 0.68], seed + 57),
+            ),
             roof: mesh.textured("roof tiles", roof_tiles(seed + 58)),
             paving: mesh.textured("paving", tiling([0.66, 0.63, 0.58], 2.0, seed + 59)),
-            leaves: [[0.13, 0.30, 0.08], [0.20, 0.34, 0.10], [0.10, 0.24, 0.11]].map(|c| mesh.plain("leaves", c)),
+            leaves: [[0.13, 0.30, 0.08], [0.20, 0.34, 0.10], [0.10, 0.24, 0.11]]
+                .map(|c| mesh.plain("leaves", c)),
             walls,
             finishes,
         }
@@ -77,7 +89,9 @@ impl Palette {
         match purpose {
             Purpose::Bathroom => self.wall_tiles[(pick * 2.0) as usize % 2],
             Purpose::Pantry | Purpose::Utility | Purpose::Workshop => self.walls[0],
-            Purpose::Corridor | Purpose::Hall | Purpose::Foyer => self.walls[(pick * 4.0) as usize % 4],
+            Purpose::Corridor | Purpose::Hall | Purpose::Foyer => {
+                self.walls[(pick * 4.0) as usize % 4]
+            }
             _ => self.walls[(pick * self.walls.len() as f64) as usize % self.walls.len()],
         }
     }
@@ -98,16 +112,29 @@ impl Palette {
 }
 
 fn plaster(a: [f64; 3], b: [f64; 3], seed: u64) -> Texture {
-    paint(256, 256, |u, v| mix(a, b, 0.7 * fractal(u, v, 4, 4, seed) + 0.3 * noise(u, v, 96, 96, seed + 9)))
+    paint(256, 256, |u, v| {
+        mix(
+            a,
+            b,
+            0.7 * fractal(u, v, 4, 4, seed) + 0.3 * noise(u, v, 96, 96, seed + 9),
+        )
+    })
 }
 
 /// Rows of leaves that repeat.
 fn damask(ground: [f64; 3], figure: [f64; 3]) -> Texture {
     paint(256, 256, |u, v| {
-        let (x, y) = ((u * 6.0).fract() - 0.5, (v * 6.0 + 0.5 * f64::from((u * 6.0) as u32 % 2)).fract() - 0.5);
+        let (x, y) = (
+            (u * 6.0).fract() - 0.5,
+            (v * 6.0 + 0.5 * f64::from((u * 6.0) as u32 % 2)).fract() - 0.5,
+        );
         let leaf = x.abs() < 0.22 * (1.0 - (2.4 * y).powi(2)).max(0.0) && x.abs() > 0.02;
         let stem = x.abs() < 0.012;
-        if leaf || stem { mix(ground, figure, 0.55) } else { ground }
+        if leaf || stem {
+            mix(ground, figure, 0.55)
+        } else {
+            ground
+        }
     })
 }
 
@@ -115,15 +142,29 @@ fn damask(ground: [f64; 3], figure: [f64; 3]) -> Texture {
 fn tiling(color: [f64; 3], count: f64, seed: u64) -> Texture {
     paint(256, 256, |u, v| {
         let (x, y) = (u * count, v * count);
-        let joint = [x, y].iter().any(|t| (t - t.round()).abs() < 0.012 * count.sqrt());
+        let joint = [x, y]
+            .iter()
+            .any(|t| (t - t.round()).abs() < 0.012 * count.sqrt());
         let tile = unit(hash(seed ^ (x as u64) << 16 ^ y as u64));
-        let base = shade(color, 0.9 + 0.14 * tile + 0.06 * (fractal(u, v, 8, 8, seed) - 0.5));
-        if joint { mix(color, [0.8, 0.79, 0.76], 0.75) } else { base }
+        let base = shade(
+            color,
+            0.9 + 0.14 * tile + 0.06 * (fractal(u, v, 8, 8, seed) - 0.5),
+        );
+        if joint {
+            mix(color, [0.8, 0.79, 0.76], 0.75)
+        } else {
+            base
+        }
     })
 }
 
 fn carpet(color: [f64; 3], seed: u64) -> Texture {
-    paint(256, 256, |u, v| shade(color, 0.8 + 0.3 * noise(u, v, 128, 128, seed) + 0.2 * fractal(u, v, 4, 4, seed + 3)))
+    paint(256, 256, |u, v| {
+        shade(
+            color,
+            0.8 + 0.3 * noise(u, v, 128, 128, seed) + 0.2 * fractal(u, v, 4, 4, seed + 3),
+        )
+    })
 }
 
 /// Wide, dark boards along u.
@@ -132,7 +173,11 @@ fn boards(seed: u64) -> Texture {
         let row = (v * 6.0) as u64;
         let joint = (v * 6.0).fract() < 0.03 || (u + unit(hash(seed ^ row))).fract() < 0.006;
         let grain = fractal(u, v, 4, 96, seed + 1);
-        let base = mix([0.25, 0.15, 0.09], [0.45, 0.29, 0.17], 0.5 * unit(hash(row ^ (seed + 2))) + 0.5 * grain);
+        let base = mix(
+            [0.25, 0.15, 0.09],
+            [0.45, 0.29, 0.17],
+            0.5 * unit(hash(row ^ (seed + 2))) + 0.5 * grain,
+        );
         if joint { shade(base, 0.5) } else { base }
     })
 }

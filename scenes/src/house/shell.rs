@@ -45,11 +45,21 @@ pub(super) fn walls<'a>(plan: &'a Floor, cell: usize, heights: [f64; 2]) -> Vec<
         for (middle, side) in [(low[axis], 1.0), (high[axis], -1.0)] {
             let toward = side * inward;
             let face = middle + half(axis, middle) * side;
-            let in_this =
-                |opening: &&Opening| opening.cells.contains(&cell) && opening.axis == axis && opening.plane == middle;
+            let in_this = |opening: &&Opening| {
+                opening.cells.contains(&cell) && opening.axis == axis && opening.plane == middle
+            };
             let holes = plan.openings.iter().filter(in_this).collect();
             let corners = [from + run_on, to - run_on];
-            walls.push(Wall { axis, toward, face, middle, span: [from, to], corners, heights, holes });
+            walls.push(Wall {
+                axis,
+                toward,
+                face,
+                middle,
+                span: [from, to],
+                corners,
+                heights,
+                holes,
+            });
         }
     }
     walls
@@ -100,13 +110,25 @@ impl Wall<'_> {
         material: u32,
         at: impl Fn(f64, f64) -> DVec3,
     ) {
-        let (Some((a, z)), Some((b, y))) = (across.first().zip(across.last()), up.first().zip(up.last())) else {
+        let (Some((a, z)), Some((b, y))) =
+            (across.first().zip(across.last()), up.first().zip(up.last()))
+        else {
             return;
         };
         // Columns run so that columns x rows points along the normal.
-        let reversed = (at(*z, *b) - at(*a, *b)).cross(at(*a, *y) - at(*a, *b)).dot(normal) < 0.0;
+        let reversed = (at(*z, *b) - at(*a, *b))
+            .cross(at(*a, *y) - at(*a, *b))
+            .dot(normal)
+            < 0.0;
         mesh.add_grid(across.len() - 1, up.len() - 1, material, |column, row| {
-            let (s, t) = (across[if reversed { across.len() - 1 - column } else { column }], up[row]);
+            let (s, t) = (
+                across[if reversed {
+                    across.len() - 1 - column
+                } else {
+                    column
+                }],
+                up[row],
+            );
             Vertex::new(at(s, t), normal, DVec2::new(s, t) / tile)
         });
     }
@@ -114,33 +136,72 @@ impl Wall<'_> {
     /// The visible face, cut out at its openings. `rows` are further heights at which it is cut.
     pub(super) fn add_face(&self, mesh: &mut Mesh, rows: &[f64], tile: f64, material: u32) {
         let corners = self.span.into_iter().chain(self.corners);
-        let columns = sorted(corners.chain(self.holes.iter().flat_map(|hole| hole.span)).collect());
-        let own_rows = self.heights.into_iter().chain(self.holes.iter().flat_map(|hole| hole.heights));
+        let columns = sorted(
+            corners
+                .chain(self.holes.iter().flat_map(|hole| hole.span))
+                .collect(),
+        );
+        let own_rows = self
+            .heights
+            .into_iter()
+            .chain(self.holes.iter().flat_map(|hole| hole.heights));
         let rows = sorted(own_rows.chain(rows.iter().copied()).collect());
-        for (x, y) in columns.windows(2).flat_map(|x| rows.windows(2).map(move |y| (x, y))) {
+        for (x, y) in columns
+            .windows(2)
+            .flat_map(|x| rows.windows(2).map(move |y| (x, y)))
+        {
             let is_hole = |hole: &&&Opening| {
-                hole.span[0] <= x[0] && x[1] <= hole.span[1] && hole.heights[0] <= y[0] && y[1] <= hole.heights[1]
+                hole.span[0] <= x[0]
+                    && x[1] <= hole.span[1]
+                    && hole.heights[0] <= y[0]
+                    && y[1] <= hole.heights[1]
             };
             if self.holes.iter().any(|hole| is_hole(&hole)) {
                 continue;
             }
             let lists = [steps(mesh, x[0], x[1]), steps(mesh, y[0], y[1])];
             let at = |along: f64, y: f64| self.at(along, y, self.face);
-            Self::lattice(mesh, [&lists[0], &lists[1]], self.normal(), tile, material, at);
+            Self::lattice(
+                mesh,
+                [&lists[0], &lists[1]],
+                self.normal(),
+                tile,
+                material,
+                at,
+            );
         }
     }
 
     /// This half of the reveals of an opening, with a sill unless the cell's own floor runs on through it.
-    pub(super) fn add_reveals(&self, mesh: &mut Mesh, hole: &Opening, with_sill: bool, tile: f64, material: u32) {
+    pub(super) fn add_reveals(
+        &self,
+        mesh: &mut Mesh,
+        hole: &Opening,
+        with_sill: bool,
+        tile: f64,
+        material: u32,
+    ) {
         let depth = steps(mesh, self.face, self.middle);
-        let (along, up) = (steps(mesh, hole.span[0], hole.span[1]), steps(mesh, hole.heights[0], hole.heights[1]));
+        let (along, up) = (
+            steps(mesh, hole.span[0], hole.span[1]),
+            steps(mesh, hole.heights[0], hole.heights[1]),
+        );
         for (i, &end) in hole.span.iter().enumerate() {
             let inward = self.along() * if i == 0 { 1.0 } else { -1.0 };
-            Self::lattice(mesh, [&depth, &up], inward, tile, material, |plane, y| self.at(end, y, plane));
+            Self::lattice(mesh, [&depth, &up], inward, tile, material, |plane, y| {
+                self.at(end, y, plane)
+            });
         }
         for (&y, normal) in hole.heights.iter().zip([DVec3::Y, DVec3::NEG_Y]) {
             if with_sill || normal == DVec3::NEG_Y {
-                Self::lattice(mesh, [&along, &depth], normal, tile, material, |along, plane| self.at(along, y, plane));
+                Self::lattice(
+                    mesh,
+                    [&along, &depth],
+                    normal,
+                    tile,
+                    material,
+                    |along, plane| self.at(along, y, plane),
+                );
             }
         }
     }
@@ -161,14 +222,32 @@ impl Wall<'_> {
         const WIDE: f64 = 0.07;
         let ([from, to], [sill, lintel]) = (hole.span, hole.heights);
         for (a, b) in [(from - WIDE, from), (to, to + WIDE)] {
-            self.block(mesh, DVec3::new(a, sill, 0.001), DVec3::new(b, lintel, 0.018), 0.8, material);
+            self.block(
+                mesh,
+                DVec3::new(a, sill, 0.001),
+                DVec3::new(b, lintel, 0.018),
+                0.8,
+                material,
+            );
         }
         let top = DVec3::new(to + WIDE, lintel + WIDE, 0.018);
-        self.block(mesh, DVec3::new(from - WIDE, lintel, 0.001), top, 0.8, material);
+        self.block(
+            mesh,
+            DVec3::new(from - WIDE, lintel, 0.001),
+            top,
+            0.8,
+            material,
+        );
     }
 
     /// The frame of a window, or the open leaf of a door if it opens into `cell`.
-    pub(super) fn add_filling(&self, mesh: &mut Mesh, hole: &Opening, cell: usize, finishes: &Finishes) {
+    pub(super) fn add_filling(
+        &self,
+        mesh: &mut Mesh,
+        hole: &Opening,
+        cell: usize,
+        finishes: &Finishes,
+    ) {
         let ([from, to], lintel) = (hole.span, hole.heights[1]);
         match hole.fill {
             Fill::Window => self.add_window(mesh, hole, finishes.lacquer),
@@ -176,7 +255,11 @@ impl Wall<'_> {
                 // Hinged at the end that is nearer to a corner of the room, and open at a right angle.
                 let at_start = from - self.span[0] < self.span[1] - to;
                 let hinge = if at_start { from - 0.045 } else { to + 0.005 };
-                let leaf = furniture::DoorLeaf { width: to - from - 0.01, height: lintel - 0.015, thickness: 0.04 };
+                let leaf = furniture::DoorLeaf {
+                    width: to - from - 0.01,
+                    height: lintel - 0.015,
+                    thickness: 0.04,
+                };
                 let corner = self.before(hinge, 0.01, 0.022);
                 furniture::door_leaf(mesh, corner, self.normal(), self.along(), &leaf, finishes);
             }
@@ -189,23 +272,46 @@ impl Wall<'_> {
         let ([from, to], [sill, lintel]) = (hole.span, hole.heights);
         let back = (self.face - self.middle).abs();
         let (near, far, bar) = (-back + 0.055, -back + 0.006, 0.05);
-        let mut bars = vec![[from, to, sill, sill + bar], [from, to, lintel - bar, lintel]];
+        let mut bars = vec![
+            [from, to, sill, sill + bar],
+            [from, to, lintel - bar, lintel],
+        ];
         let mut uprights = vec![from, to - bar];
         if to - from > 1.0 {
             uprights.push((from + to - bar) / 2.0);
         }
-        bars.extend(uprights.into_iter().map(|x| [x, x + bar, sill + bar, lintel - bar]));
+        bars.extend(
+            uprights
+                .into_iter()
+                .map(|x| [x, x + bar, sill + bar, lintel - bar]),
+        );
         for [a, b, low, high] in bars {
-            self.block(mesh, DVec3::new(a, low, far), DVec3::new(b, high, near), 0.8, white);
+            self.block(
+                mesh,
+                DVec3::new(a, low, far),
+                DVec3::new(b, high, near),
+                0.8,
+                white,
+            );
         }
         let end = DVec3::new(to + 0.05, sill + 0.002, 0.1);
-        self.block(mesh, DVec3::new(from - 0.05, sill - 0.03, 0.001), end, 0.8, white);
+        self.block(
+            mesh,
+            DVec3::new(from - 0.05, sill - 0.03, 0.001),
+            end,
+            0.8,
+            white,
+        );
     }
 
     /// A board along the foot of the wall, between the doors.
     pub(super) fn add_skirting(&self, mesh: &mut Mesh, material: u32) {
-        let mut doors: Vec<[f64; 2]> =
-            self.holes.iter().filter(|hole| hole.heights[0] == 0.0).map(|hole| hole.span).collect();
+        let mut doors: Vec<[f64; 2]> = self
+            .holes
+            .iter()
+            .filter(|hole| hole.heights[0] == 0.0)
+            .map(|hole| hole.span)
+            .collect();
         doors.sort_by(|a, b| a[0].total_cmp(&b[0]));
         let mut begin = self.corners[0];
         for [from, to] in doors.into_iter().chain([[self.corners[1] + 0.07, 0.0]]) {
@@ -221,13 +327,24 @@ impl Wall<'_> {
 /// A floor (its front up) or a ceiling (its front down) of a room at height `y`, out to the middle of its walls. What
 /// lies under the walls has vertices of its own, and so has what lies in each opening: light baked into vertices must
 /// not be shared between what is seen and what is buried.
-pub(super) fn add_slab(mesh: &mut Mesh, plan: &Floor, cell: usize, y: f64, up: bool, tile: f64, material: u32) {
+pub(super) fn add_slab(
+    mesh: &mut Mesh,
+    plan: &Floor,
+    cell: usize,
+    y: f64,
+    up: bool,
+    tile: f64,
+    material: u32,
+) {
     let room = &plan.rooms[cell];
     let normal = if up { DVec3::Y } else { DVec3::NEG_Y };
     // On each axis: under the first wall, the open floor, under the second wall.
     let bands = [0, 1].map(|axis| {
         let (low, high) = (room.low[axis], room.high[axis]);
-        let inner = [low + plan.half_wall(axis, low), high - plan.half_wall(axis, high)];
+        let inner = [
+            low + plan.half_wall(axis, low),
+            high - plan.half_wall(axis, high),
+        ];
         [[low, inner[0]], inner, [inner[1], high]]
     });
     // The stretches of a band along one axis, cut at the openings in the wall that it follows on the other.
@@ -241,9 +358,19 @@ pub(super) fn add_slab(mesh: &mut Mesh, plan: &Floor, cell: usize, y: f64, up: b
     };
     for (i, j) in (0..3).flat_map(|i| (0..3).map(move |j| (i, j))) {
         let (xs, zs) = (stretches(0, i, j), stretches(1, j, i));
-        for (x, z) in xs.windows(2).flat_map(|x| zs.windows(2).map(move |z| (x, z))) {
+        for (x, z) in xs
+            .windows(2)
+            .flat_map(|x| zs.windows(2).map(move |z| (x, z)))
+        {
             let lists = [steps(mesh, x[0], x[1]), steps(mesh, z[0], z[1])];
-            Wall::lattice(mesh, [&lists[0], &lists[1]], normal, tile, material, |x, z| DVec3::new(x, y, z));
+            Wall::lattice(
+                mesh,
+                [&lists[0], &lists[1]],
+                normal,
+                tile,
+                material,
+                |x, z| DVec3::new(x, y, z),
+            );
         }
     }
 }

@@ -40,38 +40,108 @@ pub(crate) fn build(seed: u64) -> Scene {
 /// Floor, ceiling, walls, windows and door.
 fn add_shell(mesh: &mut Mesh, finishes: &Finishes) {
     let (x, z) = (ROOM.x, ROOM.z);
-    mesh.add_rectangle(dvec3(-x, 0.0, z), DVec3::X * 2.0 * x, DVec3::NEG_Z * 2.0 * z, 1.2, finishes.parquet);
-    mesh.add_block(dvec3(-x - WALL, ROOM.y, -z - WALL), dvec3(x + WALL, ROOM.y + 0.2, z + WALL), 2.0, finishes.plaster);
+    mesh.add_rectangle(
+        dvec3(-x, 0.0, z),
+        DVec3::X * 2.0 * x,
+        DVec3::NEG_Z * 2.0 * z,
+        1.2,
+        finishes.parquet,
+    );
+    mesh.add_block(
+        dvec3(-x - WALL, ROOM.y, -z - WALL),
+        dvec3(x + WALL, ROOM.y + 0.2, z + WALL),
+        2.0,
+        finishes.plaster,
+    );
 
     let right_windows = [
-        Window { from: -1.7, to: -0.5, sill: 0.9, lintel: 2.35 },
-        Window { from: 0.4, to: 1.6, sill: 0.9, lintel: 2.35 },
+        Window {
+            from: -1.7,
+            to: -0.5,
+            sill: 0.9,
+            lintel: 2.35,
+        },
+        Window {
+            from: 0.4,
+            to: 1.6,
+            sill: 0.9,
+            lintel: 2.35,
+        },
     ];
     // Along each wall `right x up` points into the room.
-    add_wall(mesh, dvec3(x, 0.0, -z), DVec3::Z, 2.0 * z, &right_windows.map(|w| w.shifted(z)), finishes);
-    let front_window = [Window { from: -0.4, to: 1.7, sill: 0.45, lintel: 2.35 }.mirrored().shifted(x)];
-    add_wall(mesh, dvec3(x, 0.0, z), DVec3::NEG_X, 2.0 * x, &front_window, finishes);
-    add_wall(mesh, dvec3(-x, 0.0, z), DVec3::NEG_Z, 2.0 * z, &[], finishes);
+    add_wall(
+        mesh,
+        dvec3(x, 0.0, -z),
+        DVec3::Z,
+        2.0 * z,
+        &right_windows.map(|w| w.shifted(z)),
+        finishes,
+    );
+    let front_window = [Window {
+        from: -0.4,
+        to: 1.7,
+        sill: 0.45,
+        lintel: 2.35,
+    }
+    .mirrored()
+    .shifted(x)];
+    add_wall(
+        mesh,
+        dvec3(x, 0.0, z),
+        DVec3::NEG_X,
+        2.0 * x,
+        &front_window,
+        finishes,
+    );
+    add_wall(
+        mesh,
+        dvec3(-x, 0.0, z),
+        DVec3::NEG_Z,
+        2.0 * z,
+        &[],
+        finishes,
+    );
     add_wall(mesh, dvec3(-x, 0.0, -z), DVec3::X, 2.0 * x, &[], finishes);
 
     for (z0, along) in [(-1.98, 0.3), (-0.52, 0.3), (0.12, 0.3), (1.58, 0.3)] {
-        furniture::curtain(mesh, dvec3(x - 0.09, 2.5, z0), DVec3::Z * along, 2.4, finishes.curtain);
+        furniture::curtain(
+            mesh,
+            dvec3(x - 0.09, 2.5, z0),
+            DVec3::Z * along,
+            2.4,
+            finishes.curtain,
+        );
     }
     add_door(mesh, finishes);
 }
 
 impl Window {
     fn shifted(self, by: f64) -> Self {
-        Self { from: self.from + by, to: self.to + by, ..self }
+        Self {
+            from: self.from + by,
+            to: self.to + by,
+            ..self
+        }
     }
 
     fn mirrored(self) -> Self {
-        Self { from: -self.to, to: -self.from, ..self }
+        Self {
+            from: -self.to,
+            to: -self.from,
+            ..self
+        }
     }
 }
 
 /// A wall from `corner` along `right` (unit), papered inside, with windows in ascending order; and its skirting board.
-fn add_wall(mesh: &mut Mesh, corner: DVec3, right: DVec3, length: f64, windows: &[Window], finishes: &Finishes) {
+fn add_wall(
+    mesh: &mut Mesh,
+    corner: DVec3,
+    right: DVec3,
+    length: f64,
+    windows: &[Window],
+    finishes: &Finishes,
+) {
     let out = DVec3::Y.cross(right);
     let mut panel = |from: f64, to: f64, low: f64, high: f64| {
         // Wallpaper inside, plaster outside; the texture goes on from panel to panel.
@@ -82,7 +152,13 @@ fn add_wall(mesh: &mut Mesh, corner: DVec3, right: DVec3, length: f64, windows: 
             let position = at(from + offset.x, low + offset.y);
             crate::mesh::Vertex::new(position, -out, (start + offset) / WALLPAPER)
         });
-        mesh.add_rectangle(at(to, low) + out * WALL, -right * size.x, DVec3::Y * size.y, 1.0, finishes.plaster);
+        mesh.add_rectangle(
+            at(to, low) + out * WALL,
+            -right * size.x,
+            DVec3::Y * size.y,
+            1.0,
+            finishes.plaster,
+        );
     };
     let mut begin = 0.0;
     for window in windows {
@@ -97,59 +173,155 @@ fn add_wall(mesh: &mut Mesh, corner: DVec3, right: DVec3, length: f64, windows: 
     }
     let inner = corner - out * 0.015;
     let ends = [corner, inner + right * length + DVec3::Y * 0.09];
-    mesh.add_block(ends[0].min(ends[1]), ends[0].max(ends[1]), 1.0, finishes.lacquer);
+    mesh.add_block(
+        ends[0].min(ends[1]),
+        ends[0].max(ends[1]),
+        1.0,
+        finishes.lacquer,
+    );
 }
 
 /// The reveal of an opening, its sill, and a frame with a cross of bars; the panes are too clear to be seen.
 fn add_window(mesh: &mut Mesh, corner: DVec3, right: DVec3, window: Window, finishes: &Finishes) {
     let out = DVec3::Y.cross(right);
-    let Window { from, to, sill, lintel } = window;
+    let Window {
+        from,
+        to,
+        sill,
+        lintel,
+    } = window;
     let mut block = |a: DVec3, b: DVec3, material: u32| {
         // Own axes: along the wall, up, outward.
         let [a, b] = [a, b].map(|p| corner + right * p.x + DVec3::Y * p.y + out * p.z);
         mesh.add_block(a.min(b), a.max(b), 1.0, material);
     };
     let reveal = 0.02;
-    block(dvec3(from - reveal, sill, 0.001), dvec3(from, lintel, WALL - 0.001), finishes.plaster);
-    block(dvec3(to, sill, 0.001), dvec3(to + reveal, lintel, WALL - 0.001), finishes.plaster);
-    block(dvec3(from, lintel, 0.001), dvec3(to, lintel + reveal, WALL - 0.001), finishes.plaster);
-    block(dvec3(from - 0.05, sill - 0.03, -0.12), dvec3(to + 0.05, sill, WALL - 0.001), finishes.lacquer);
+    block(
+        dvec3(from - reveal, sill, 0.001),
+        dvec3(from, lintel, WALL - 0.001),
+        finishes.plaster,
+    );
+    block(
+        dvec3(to, sill, 0.001),
+        dvec3(to + reveal, lintel, WALL - 0.001),
+        finishes.plaster,
+    );
+    block(
+        dvec3(from, lintel, 0.001),
+        dvec3(to, lintel + reveal, WALL - 0.001),
+        finishes.plaster,
+    );
+    block(
+        dvec3(from - 0.05, sill - 0.03, -0.12),
+        dvec3(to + 0.05, sill, WALL - 0.001),
+        finishes.lacquer,
+    );
     let (near, far, bar) = (0.12, 0.17, 0.05);
     let middle = (from + to) / 2.0;
     for x in [from, middle - bar / 2.0, to - bar] {
-        block(dvec3(x, sill, near), dvec3(x + bar, lintel, far), finishes.lacquer);
+        block(
+            dvec3(x, sill, near),
+            dvec3(x + bar, lintel, far),
+            finishes.lacquer,
+        );
     }
     for y in [sill, sill + (lintel - sill) * 0.68, lintel - bar] {
-        block(dvec3(from + bar, y, near + 0.004), dvec3(to - bar, y + bar, far - 0.004), finishes.lacquer);
+        block(
+            dvec3(from + bar, y, near + 0.004),
+            dvec3(to - bar, y + bar, far - 0.004),
+            finishes.lacquer,
+        );
     }
 }
 
 /// A panelled door in the front wall, with tiles before it.
 fn add_door(mesh: &mut Mesh, finishes: &Finishes) {
     let (x0, x1, z) = (-2.5, -1.6, ROOM.z);
-    mesh.add_rectangle(dvec3(-2.9, 0.004, z), DVec3::X * 1.6, DVec3::NEG_Z * 0.8, 0.4, finishes.tiles);
-    mesh.add_block(dvec3(x0 - 0.08, 0.0, z - 0.03), dvec3(x1 + 0.08, 2.13, z - 0.001), 1.0, finishes.lacquer);
-    mesh.add_block(dvec3(x0, 0.005, z - 0.045), dvec3(x1, 2.05, z - 0.03), 0.9, finishes.oak);
+    mesh.add_rectangle(
+        dvec3(-2.9, 0.004, z),
+        DVec3::X * 1.6,
+        DVec3::NEG_Z * 0.8,
+        0.4,
+        finishes.tiles,
+    );
+    mesh.add_block(
+        dvec3(x0 - 0.08, 0.0, z - 0.03),
+        dvec3(x1 + 0.08, 2.13, z - 0.001),
+        1.0,
+        finishes.lacquer,
+    );
+    mesh.add_block(
+        dvec3(x0, 0.005, z - 0.045),
+        dvec3(x1, 2.05, z - 0.03),
+        0.9,
+        finishes.oak,
+    );
     for (low, high) in [(0.15, 0.95), (1.1, 1.9)] {
-        mesh.add_block(dvec3(x0 + 0.12, low, z - 0.06), dvec3(x1 - 0.12, high, z - 0.045), 0.7, finishes.oak);
+        mesh.add_block(
+            dvec3(x0 + 0.12, low, z - 0.06),
+            dvec3(x1 - 0.12, high, z - 0.045),
+            0.7,
+            finishes.oak,
+        );
     }
-    mesh.add_block(dvec3(x1 - 0.09, 1.0, z - 0.1), dvec3(x1 - 0.05, 1.04, z - 0.045), 1.0, finishes.metal);
-    mesh.add_block(dvec3(x1 - 0.18, 1.01, z - 0.1), dvec3(x1 - 0.05, 1.03, z - 0.085), 1.0, finishes.metal);
+    mesh.add_block(
+        dvec3(x1 - 0.09, 1.0, z - 0.1),
+        dvec3(x1 - 0.05, 1.04, z - 0.045),
+        1.0,
+        finishes.metal,
+    );
+    mesh.add_block(
+        dvec3(x1 - 0.18, 1.01, z - 0.1),
+        dvec3(x1 - 0.05, 1.03, z - 0.085),
+        1.0,
+        finishes.metal,
+    );
 }
 
 /// A lawn with hedges, so that there is something to see outside.
 fn add_garden(mesh: &mut Mesh, finishes: &Finishes) {
     let corner = dvec3(-40.0, -0.3, 40.0);
-    mesh.add_rectangle(corner, DVec3::X * 80.0, DVec3::NEG_Z * 80.0, 2.5, finishes.lawn);
-    mesh.add_block(dvec3(14.0, -0.3, -12.0), dvec3(15.5, 1.6, 14.0), 2.5, finishes.foliage);
-    mesh.add_block(dvec3(-12.0, -0.3, 13.0), dvec3(14.0, 1.4, 14.5), 2.5, finishes.foliage);
-    for (x, z, radius) in [(9.0, -4.0, 1.7), (11.5, 3.5, 2.2), (4.0, 10.0, 1.9), (-3.0, 11.0, 1.4)] {
+    mesh.add_rectangle(
+        corner,
+        DVec3::X * 80.0,
+        DVec3::NEG_Z * 80.0,
+        2.5,
+        finishes.lawn,
+    );
+    mesh.add_block(
+        dvec3(14.0, -0.3, -12.0),
+        dvec3(15.5, 1.6, 14.0),
+        2.5,
+        finishes.foliage,
+    );
+    mesh.add_block(
+        dvec3(-12.0, -0.3, 13.0),
+        dvec3(14.0, 1.4, 14.5),
+        2.5,
+        finishes.foliage,
+    );
+    for (x, z, radius) in [
+        (9.0, -4.0, 1.7),
+        (11.5, 3.5, 2.2),
+        (4.0, 10.0, 1.9),
+        (-3.0, 11.0, 1.4),
+    ] {
         // A crown of four clumps.
-        for (right, up, near, share) in
-            [(0.0, 0.5, 0.0, 0.8), (-0.6, 0.0, 0.2, 0.7), (0.5, -0.1, -0.4, 0.75), (0.2, 0.0, 0.6, 0.65)]
-        {
+        for (right, up, near, share) in [
+            (0.0, 0.5, 0.0, 0.8),
+            (-0.6, 0.0, 0.2, 0.7),
+            (0.5, -0.1, -0.4, 0.75),
+            (0.2, 0.0, 0.6, 0.65),
+        ] {
             let centre = dvec3(x, 1.4 + radius, z) + dvec3(right, up, near) * radius;
-            mesh.add_sphere(centre, radius * share, -FRAC_PI_2, FRAC_PI_2, 24, finishes.foliage);
+            mesh.add_sphere(
+                centre,
+                radius * share,
+                -FRAC_PI_2,
+                FRAC_PI_2,
+                24,
+                finishes.foliage,
+            );
         }
         mesh.add_cylinder(dvec3(x, -0.3, z), 0.14, 2.4, 12, finishes.walnut);
     }
@@ -157,29 +329,81 @@ fn add_garden(mesh: &mut Mesh, finishes: &Finishes) {
 
 /// Sofa, low table, rug, shelf, lamp and pictures.
 fn add_lounge(mesh: &mut Mesh, finishes: &Finishes, rng: &Rng) {
-    mesh.add_block(dvec3(-2.2, 0.0, -0.9), dvec3(-0.4, 0.012, 1.5), 0.0, finishes.rug);
+    mesh.add_block(
+        dvec3(-2.2, 0.0, -0.9),
+        dvec3(-0.4, 0.012, 1.5),
+        0.0,
+        finishes.rug,
+    );
     furniture::sofa(mesh, dvec3(-2.5, 0.0, 0.3), 0.0, finishes);
-    furniture::table(mesh, dvec3(-1.3, 0.012, 0.3), 0.0, dvec3(0.6, 0.4, 1.0), [finishes.walnut, finishes.walnut]);
-    mesh.add_block(dvec3(-1.45, 0.412, 0.1), dvec3(-1.25, 0.435, 0.38), 1.0, finishes.books[0]);
-    mesh.add_block(dvec3(-1.43, 0.435, 0.13), dvec3(-1.27, 0.452, 0.36), 1.0, finishes.books[4]);
-    furniture::shelf(mesh, dvec3(-1.3, 0.0, -ROOM.z + 0.016), 0.0, finishes, &rng.fork(0));
+    furniture::table(
+        mesh,
+        dvec3(-1.3, 0.012, 0.3),
+        0.0,
+        dvec3(0.6, 0.4, 1.0),
+        [finishes.walnut, finishes.walnut],
+    );
+    mesh.add_block(
+        dvec3(-1.45, 0.412, 0.1),
+        dvec3(-1.25, 0.435, 0.38),
+        1.0,
+        finishes.books[0],
+    );
+    mesh.add_block(
+        dvec3(-1.43, 0.435, 0.13),
+        dvec3(-1.27, 0.452, 0.36),
+        1.0,
+        finishes.books[4],
+    );
+    furniture::shelf(
+        mesh,
+        dvec3(-1.3, 0.0, -ROOM.z + 0.016),
+        0.0,
+        finishes,
+        &rng.fork(0),
+    );
     furniture::floor_lamp(mesh, dvec3(-2.6, 0.0, -1.5), finishes);
     furniture::plant(mesh, dvec3(2.5, 0.0, 2.0), 1.0, finishes, &rng.fork(1));
     let left_wall = -ROOM.x + 0.016;
     let hang = |mesh: &mut Mesh, z: f64, size: DVec2, canvas: u32| {
-        furniture::picture(mesh, dvec3(left_wall, 1.6, z), DVec3::NEG_Z, size, canvas, finishes.walnut);
+        furniture::picture(
+            mesh,
+            dvec3(left_wall, 1.6, z),
+            DVec3::NEG_Z,
+            size,
+            canvas,
+            finishes.walnut,
+        );
     };
     hang(mesh, 0.75, DVec2::new(0.9, 0.675), finishes.pictures[0]);
     hang(mesh, -0.25, DVec2::new(0.6, 0.45), finishes.pictures[1]);
     let back = dvec3(1.4, 1.65, -ROOM.z + 0.016);
-    furniture::picture(mesh, back, DVec3::X, DVec2::new(1.0, 0.75), finishes.pictures[2], finishes.oak);
+    furniture::picture(
+        mesh,
+        back,
+        DVec3::X,
+        DVec2::new(1.0, 0.75),
+        finishes.pictures[2],
+        finishes.oak,
+    );
 }
 
 /// Table, four chairs, fruit and a hanging lamp.
 fn add_dining(mesh: &mut Mesh, finishes: &Finishes) {
     let place = dvec3(1.45, 0.0, -1.0);
-    furniture::table(mesh, place, 0.0, dvec3(1.5, 0.74, 0.85), [finishes.oak, finishes.oak]);
-    for (x, z, turn) in [(-0.38, -0.62, 0.05), (0.38, -0.66, -0.08), (-0.38, 0.62, PI - 0.1), (0.4, 0.7, PI + 0.3)] {
+    furniture::table(
+        mesh,
+        place,
+        0.0,
+        dvec3(1.5, 0.74, 0.85),
+        [finishes.oak, finishes.oak],
+    );
+    for (x, z, turn) in [
+        (-0.38, -0.62, 0.05),
+        (0.38, -0.66, -0.08),
+        (-0.38, 0.62, PI - 0.1),
+        (0.4, 0.7, PI + 0.3),
+    ] {
         furniture::chair(mesh, place + dvec3(x, 0.0, z), turn, finishes);
     }
     furniture::fruit_bowl(mesh, place + dvec3(0.1, 0.74, 0.0), finishes);

@@ -52,23 +52,68 @@ pub struct FileKind {
 
 impl FileKind {
     /// `.ldi`
-    pub const CUBE_LDI: Self = Self { tag: *b"cldi", name: "cube LDI", version: 2, oldest: 1 };
+    pub const CUBE_LDI: Self = Self {
+        tag: *b"cldi",
+        name: "cube LDI",
+        version: 2,
+        oldest: 1,
+    };
     /// `.shard`
-    pub const SHARD: Self = Self { tag: *b"shrd", name: "capture shard", version: 1, oldest: 1 };
+    pub const SHARD: Self = Self {
+        tag: *b"shrd",
+        name: "capture shard",
+        version: 1,
+        oldest: 1,
+    };
     /// `.sprite`
-    pub const SPRITES: Self = Self { tag: *b"sprt", name: "sprite", version: 1, oldest: 1 };
+    pub const SPRITES: Self = Self {
+        tag: *b"sprt",
+        name: "sprite",
+        version: 1,
+        oldest: 1,
+    };
     /// `.house`
-    pub const HOUSE: Self = Self { tag: *b"hous", name: "house", version: 2, oldest: 1 };
+    pub const HOUSE: Self = Self {
+        tag: *b"hous",
+        name: "house",
+        version: 2,
+        oldest: 1,
+    };
     /// `.lumi`
-    pub const LUMIGRAPH: Self = Self { tag: *b"lumi", name: "lumigraph", version: 1, oldest: 1 };
+    pub const LUMIGRAPH: Self = Self {
+        tag: *b"lumi",
+        name: "lumigraph",
+        version: 1,
+        oldest: 1,
+    };
     /// Ray-traced frames that reports keep.
-    pub const TRUTH: Self = Self { tag: *b"trth", name: "truth frame", version: 1, oldest: 1 };
+    pub const TRUTH: Self = Self {
+        tag: *b"trth",
+        name: "truth frame",
+        version: 1,
+        oldest: 1,
+    };
     /// Samples of depth images that view-dependent geometry keeps.
-    pub const SAMPLES: Self = Self { tag: *b"smpl", name: "samples", version: 2, oldest: 2 };
+    pub const SAMPLES: Self = Self {
+        tag: *b"smpl",
+        name: "samples",
+        version: 2,
+        oldest: 2,
+    };
     /// How views of image sets are registered, which is kept.
-    pub const REGISTRATION: Self = Self { tag: *b"regi", name: "registration", version: 1, oldest: 1 };
+    pub const REGISTRATION: Self = Self {
+        tag: *b"regi",
+        name: "registration",
+        version: 1,
+        oldest: 1,
+    };
     /// Refined poses of image sets, which are kept.
-    pub const POSES: Self = Self { tag: *b"pose", name: "poses", version: 1, oldest: 1 };
+    pub const POSES: Self = Self {
+        tag: *b"pose",
+        name: "poses",
+        version: 1,
+        oldest: 1,
+    };
     /// All of them.
     pub const ALL: [Self; 9] = [
         Self::CUBE_LDI,
@@ -85,11 +130,19 @@ impl FileKind {
 
 /// How a file that is none of ours can be used.
 fn what_to_do(path: &Path) -> String {
-    let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let ending = path
+        .extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_lowercase();
     match ending.as_str() {
         "obj" | "gltf" | "glb" => {
             let ldi = path.with_extension("ldi");
-            format!("it is a scene: capture it first, with headbox capture {} -o {}", path.display(), ldi.display())
+            format!(
+                "it is a scene: capture it first, with headbox capture {} -o {}",
+                path.display(),
+                ldi.display()
+            )
         }
         home if HOMES.contains(&home) => {
             let house = path.with_extension("house");
@@ -168,7 +221,10 @@ pub struct ContainerWriter<'a> {
 impl<'a> ContainerWriter<'a> {
     /// An empty file of a kind.
     pub fn new(kind: FileKind) -> Self {
-        Self { kind, sections: Vec::new() }
+        Self {
+            kind,
+            sections: Vec::new(),
+        }
     }
 
     /// Adds a section. Its name is at most 12 bytes long, which [`Self::write`] checks; `bytes` is called while the
@@ -183,7 +239,10 @@ impl<'a> ContainerWriter<'a> {
     /// [`FileError::Io`].
     pub fn write(self, path: &Path) -> Result<(), FileError> {
         let written = write_whole(path, |w| self.write_to(w));
-        written.map_err(|source| FileError::Io { path: path.into(), source })
+        written.map_err(|source| FileError::Io {
+            path: path.into(),
+            source,
+        })
     }
 
     fn write_to(self, w: &mut (impl Write + Seek)) -> io::Result<()> {
@@ -194,7 +253,9 @@ impl<'a> ContainerWriter<'a> {
         for (name, bytes) in self.sections {
             let mut padded = [0; NAME_BYTES];
             let Some(room) = padded.get_mut(..name.len()) else {
-                return Err(io::Error::other(format!("the section name \"{name}\" is too long")));
+                return Err(io::Error::other(format!(
+                    "the section name \"{name}\" is too long"
+                )));
             };
             room.copy_from_slice(name.as_bytes());
             let bytes = bytes()?;
@@ -238,29 +299,63 @@ impl Container {
     /// # Errors
     /// See [`FileError`].
     pub fn open(path: &Path, kind: FileKind) -> Result<Self, FileError> {
-        let io = |source| FileError::Io { path: path.into(), source };
+        let io = |source| FileError::Io {
+            path: path.into(),
+            source,
+        };
         let mut file = File::open(path).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
         let mut header = Vec::new();
-        Read::by_ref(&mut file).take(HEADER_BYTES as u64).read_to_end(&mut header).map_err(io)?;
+        Read::by_ref(&mut file)
+            .take(HEADER_BYTES as u64)
+            .read_to_end(&mut header)
+            .map_err(io)?;
         let count = check_header(path, &header, kind)?;
         let mut table = Vec::new();
-        Read::by_ref(&mut file).take((count * ENTRY_BYTES) as u64).read_to_end(&mut table).map_err(io)?;
+        Read::by_ref(&mut file)
+            .take((count * ENTRY_BYTES) as u64)
+            .read_to_end(&mut table)
+            .map_err(io)?;
         if table.len() < count * ENTRY_BYTES {
             let found = format!("a file of {length} bytes (truncated)");
-            return Err(header_damaged(path, format!("a table of {count} sections"), found));
+            return Err(header_damaged(
+                path,
+                format!("a table of {count} sections"),
+                found,
+            ));
         }
         if crc32fast::hash(&table) != word(&header, 20) {
-            return Err(header_damaged(path, "a section table that matches its checksum", "another"));
+            return Err(header_damaged(
+                path,
+                "a section table that matches its checksum",
+                "another",
+            ));
         }
-        let sections = table.chunks_exact(ENTRY_BYTES).map(|entry| check_entry(path, entry, length));
+        let sections = table
+            .chunks_exact(ENTRY_BYTES)
+            .map(|entry| check_entry(path, entry, length));
         let sections = sections.collect::<Result<Vec<Entry>, _>>()?;
-        let end = sections.iter().map(|s| s.start + s.length).fold((HEADER_BYTES + table.len()) as u64, u64::max);
+        let end = sections
+            .iter()
+            .map(|s| s.start + s.length)
+            .fold((HEADER_BYTES + table.len()) as u64, u64::max);
         if length > end {
-            let found = format!("{} bytes more, which no program of ours has written", length - end);
-            return Err(header_damaged(path, format!("a file of {end} bytes"), found));
+            let found = format!(
+                "{} bytes more, which no program of ours has written",
+                length - end
+            );
+            return Err(header_damaged(
+                path,
+                format!("a file of {end} bytes"),
+                found,
+            ));
         }
-        Ok(Self { path: path.into(), file: Mutex::new(file), length, sections })
+        Ok(Self {
+            path: path.into(),
+            file: Mutex::new(file),
+            length,
+            sections,
+        })
     }
 
     /// The kind tag of a headbox file, or `None` if it is none of ours.
@@ -270,7 +365,9 @@ impl Container {
     pub fn peek_kind(path: &Path) -> io::Result<Option<[u8; 4]>> {
         let mut header = Vec::new();
         File::open(path)?.take(12).read_to_end(&mut header)?;
-        Ok(header.strip_prefix(&MAGIC).and_then(|rest| rest.try_into().ok()))
+        Ok(header
+            .strip_prefix(&MAGIC)
+            .and_then(|rest| rest.try_into().ok()))
     }
 
     /// Bytes of the whole file.
@@ -282,9 +379,15 @@ impl Container {
     ///
     /// # Errors
     /// [`FileError::Damaged`] if one is absent, [`FileError::Io`] if the file cannot be mapped.
-    pub fn mapped<const N: usize>(&self, names: [&str; N]) -> Result<[MappedSection; N], FileError> {
+    pub fn mapped<const N: usize>(
+        &self,
+        names: [&str; N],
+    ) -> Result<[MappedSection; N], FileError> {
         let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let map = mapped::map(&file).map_err(|source| FileError::Io { path: self.path.clone(), source })?;
+        let map = mapped::map(&file).map_err(|source| FileError::Io {
+            path: self.path.clone(),
+            source,
+        })?;
         drop(file);
         let mut entries = Vec::with_capacity(N);
         for name in names {
@@ -292,18 +395,24 @@ impl Container {
         }
         // Their ends were checked against the file's.
         let section = |entry: &Entry| {
-            MappedSection::new(Arc::clone(&map), entry.start as usize..(entry.start + entry.length) as usize)
+            MappedSection::new(
+                Arc::clone(&map),
+                entry.start as usize..(entry.start + entry.length) as usize,
+            )
         };
         Ok(std::array::from_fn(|i| section(entries[i])))
     }
 
     fn entry(&self, name: &str) -> Result<&Entry, FileError> {
-        self.sections.iter().find(|s| s.name == name).ok_or_else(|| FileError::Damaged {
-            path: self.path.clone(),
-            section: name.into(),
-            expected: "to be present".into(),
-            found: "no such section".into(),
-        })
+        self.sections
+            .iter()
+            .find(|s| s.name == name)
+            .ok_or_else(|| FileError::Damaged {
+                path: self.path.clone(),
+                section: name.into(),
+                expected: "to be present".into(),
+                found: "no such section".into(),
+            })
     }
 
     /// A section, its checksum verified.
@@ -311,20 +420,33 @@ impl Container {
     /// # Errors
     /// [`FileError::Damaged`] if it is absent or does not match its checksum, [`FileError::Io`] if it cannot be read.
     pub fn section(&self, name: &str) -> Result<Section, FileError> {
-        let section = |bytes| Section { path: self.path.clone(), name: name.to_owned(), bytes, at: 0 };
+        let section = |bytes| Section {
+            path: self.path.clone(),
+            name: name.to_owned(),
+            bytes,
+            at: 0,
+        };
         let entry = self.entry(name)?;
         // The length was checked against the file's, so the allocation is no larger than the file.
         let mut bytes = vec![0; entry.length as usize];
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let read = file.seek(SeekFrom::Start(entry.start)).and_then(|_| file.read_exact(&mut bytes));
+        let read = file
+            .seek(SeekFrom::Start(entry.start))
+            .and_then(|_| file.read_exact(&mut bytes));
         drop(file);
-        read.map_err(|source| FileError::Io { path: self.path.clone(), source })?;
+        read.map_err(|source| FileError::Io {
+            path: self.path.clone(),
+            source,
+        })?;
         let found = crc32fast::hash(&bytes);
         let section = section(bytes);
         if found == entry.checksum {
             Ok(section)
         } else {
-            Err(section.damaged(format!("checksum {:08x}", entry.checksum), format!("{found:08x}")))
+            Err(section.damaged(
+                format!("checksum {:08x}", entry.checksum),
+                format!("{found:08x}"),
+            ))
         }
     }
 }
@@ -334,7 +456,12 @@ fn word(bytes: &[u8], at: usize) -> u32 {
 }
 
 fn header_damaged(path: &Path, expected: impl Into<String>, found: impl Into<String>) -> FileError {
-    FileError::Damaged { path: path.into(), section: "header".into(), expected: expected.into(), found: found.into() }
+    FileError::Damaged {
+        path: path.into(),
+        section: "header".into(),
+        expected: expected.into(),
+        found: found.into(),
+    }
 }
 
 /// Checks magic, kind and version; the number of sections.
@@ -343,33 +470,67 @@ fn check_header(path: &Path, header: &[u8], kind: FileKind) -> Result<usize, Fil
         return Err(FileError::NotOurs { path: path.into() });
     }
     if header.len() < HEADER_BYTES {
-        return Err(header_damaged(path, format!("{HEADER_BYTES} bytes"), format!("{} (truncated)", header.len())));
+        return Err(header_damaged(
+            path,
+            format!("{HEADER_BYTES} bytes"),
+            format!("{} (truncated)", header.len()),
+        ));
     }
     if header[8..12] != kind.tag {
         let tag = [header[8], header[9], header[10], header[11]];
-        let found = FileKind::ALL.iter().find(|kind| kind.tag == tag).map_or_else(
-            || format!("a headbox file of a kind that this program does not know (\"{}\")", tag.escape_ascii()),
-            |kind| format!("a {}", kind.name),
-        );
-        return Err(FileError::OtherKind { path: path.into(), expected: kind.name, found });
+        let found = FileKind::ALL
+            .iter()
+            .find(|kind| kind.tag == tag)
+            .map_or_else(
+                || {
+                    format!(
+                        "a headbox file of a kind that this program does not know (\"{}\")",
+                        tag.escape_ascii()
+                    )
+                },
+                |kind| format!("a {}", kind.name),
+            );
+        return Err(FileError::OtherKind {
+            path: path.into(),
+            expected: kind.name,
+            found,
+        });
     }
     let found = word(header, 12);
     if !(kind.oldest..=kind.version).contains(&found) {
-        return Err(FileError::Version { path: path.into(), kind: kind.name, expected: kind.version, found });
+        return Err(FileError::Version {
+            path: path.into(),
+            kind: kind.name,
+            expected: kind.version,
+            found,
+        });
     }
     let count = word(header, 16) as usize;
     if count > MAX_SECTIONS {
-        return Err(header_damaged(path, format!("at most {MAX_SECTIONS} sections"), count.to_string()));
+        return Err(header_damaged(
+            path,
+            format!("at most {MAX_SECTIONS} sections"),
+            count.to_string(),
+        ));
     }
     Ok(count)
 }
 
 /// Reads one entry of the section table and checks it against the length of the file.
 fn check_entry(path: &Path, entry: &[u8], file_length: u64) -> Result<Entry, FileError> {
-    let name = String::from_utf8_lossy(&entry[..NAME_BYTES]).trim_end_matches('\0').to_owned();
+    let name = String::from_utf8_lossy(&entry[..NAME_BYTES])
+        .trim_end_matches('\0')
+        .to_owned();
     let long = |at: usize| u64::from(word(entry, at)) | u64::from(word(entry, at + 4)) << 32;
-    let (checksum, start, length) = (word(entry, NAME_BYTES), long(NAME_BYTES + 4), long(NAME_BYTES + 12));
-    if start.checked_add(length).is_none_or(|end| end > file_length) {
+    let (checksum, start, length) = (
+        word(entry, NAME_BYTES),
+        long(NAME_BYTES + 4),
+        long(NAME_BYTES + 12),
+    );
+    if start
+        .checked_add(length)
+        .is_none_or(|end| end > file_length)
+    {
         return Err(FileError::Damaged {
             path: path.into(),
             section: name,
@@ -377,7 +538,12 @@ fn check_entry(path: &Path, entry: &[u8], file_length: u64) -> Result<Entry, Fil
             found: format!("a file of {file_length} bytes (truncated?)"),
         });
     }
-    Ok(Entry { name, checksum, start, length })
+    Ok(Entry {
+        name,
+        checksum,
+        start,
+        length,
+    })
 }
 
 /// The bytes of a section, read from the beginning.
@@ -405,10 +571,14 @@ impl Section {
     /// [`FileError::Damaged`] if the section ends before.
     pub fn array<T: bytemuck::Pod>(&mut self, count: usize) -> Result<Vec<T>, FileError> {
         let rest = self.bytes.len() - self.at;
-        let Some(bytes) = count.checked_mul(size_of::<T>()).filter(|&bytes| bytes <= rest) else {
-            return Err(
-                self.damaged(format!("{count} more values of {} bytes", size_of::<T>()), format!("{rest} bytes"))
-            );
+        let Some(bytes) = count
+            .checked_mul(size_of::<T>())
+            .filter(|&bytes| bytes <= rest)
+        else {
+            return Err(self.damaged(
+                format!("{count} more values of {} bytes", size_of::<T>()),
+                format!("{rest} bytes"),
+            ));
         };
         let values = bytemuck::pod_collect_to_vec(&self.bytes[self.at..self.at + bytes]);
         self.at += bytes;
@@ -421,7 +591,9 @@ impl Section {
     /// [`FileError::Damaged`] if the section ends before.
     pub fn values<T: bytemuck::Pod, const N: usize>(&mut self) -> Result<[T; N], FileError> {
         let values = self.array(N)?;
-        values.try_into().map_err(|_| self.damaged(format!("{N} values"), "fewer"))
+        values
+            .try_into()
+            .map_err(|_| self.damaged(format!("{N} values"), "fewer"))
     }
 
     /// The whole section as JSON.
@@ -429,7 +601,8 @@ impl Section {
     /// # Errors
     /// [`FileError::Damaged`] with the parser's words.
     pub fn json<T: serde::de::DeserializeOwned>(&self) -> Result<T, FileError> {
-        serde_json::from_slice(&self.bytes).map_err(|error| self.damaged("JSON of this version", error.to_string()))
+        serde_json::from_slice(&self.bytes)
+            .map_err(|error| self.damaged("JSON of this version", error.to_string()))
     }
 
     /// Checks that nothing is left.
@@ -438,7 +611,10 @@ impl Section {
     /// [`FileError::Damaged`] if something is.
     pub fn end(&self) -> Result<(), FileError> {
         let rest = self.bytes.len() - self.at;
-        if rest == 0 { Ok(()) } else { Err(self.damaged("its end", format!("{rest} more bytes"))) }
+        if rest == 0 {
+            Ok(())
+        } else {
+            Err(self.damaged("its end", format!("{rest} more bytes")))
+        }
     }
 }
-

@@ -1,10 +1,17 @@
 use super::*;
 
-const KIND: FileKind = FileKind { tag: *b"test", name: "test file", version: 3, oldest: 3 };
+const KIND: FileKind = FileKind {
+    tag: *b"test",
+    name: "test file",
+    version: 3,
+    oldest: 3,
+};
 
 fn write(dir: &Path) -> PathBuf {
     let mut writer = ContainerWriter::new(KIND);
-    writer.section("numbers", || Ok(bytemuck::cast_slice(&[1u32, 2, 3]).to_vec()));
+    writer.section("numbers", || {
+        Ok(bytemuck::cast_slice(&[1u32, 2, 3]).to_vec())
+    });
     writer.section("empty", || Ok(Vec::new()));
     let path = dir.join("a.test");
     writer.write(&path).unwrap();
@@ -21,9 +28,18 @@ fn sections_come_back() {
     file.section("empty").unwrap().end().unwrap();
     assert!(file.section("absent").is_err() && file.mapped(["numbers", "absent"]).is_err());
     let [numbers, empty] = file.mapped(["numbers", "empty"]).unwrap();
-    assert_eq!((numbers.values::<u32>(), numbers.values::<u64>().len()), ([1, 2, 3].as_slice(), 1));
+    assert_eq!(
+        (numbers.values::<u32>(), numbers.values::<u64>().len()),
+        ([1, 2, 3].as_slice(), 1)
+    );
     assert!(empty.values::<f32>().is_empty());
-    assert!(file.section("numbers").unwrap().array::<u64>(usize::MAX).is_err(), "no allocation from a wild count");
+    assert!(
+        file.section("numbers")
+            .unwrap()
+            .array::<u64>(usize::MAX)
+            .is_err(),
+        "no allocation from a wild count"
+    );
 }
 
 #[test]
@@ -39,7 +55,8 @@ fn every_flipped_bit_and_every_truncation_is_found() {
     };
     assert!(readable(&good).is_ok());
     // Between the table and the first section, and behind its 12 bytes, there is padding up to a multiple of 64.
-    let padding = |byte: usize| (HEADER_BYTES + 2 * ENTRY_BYTES..128).contains(&byte) || byte >= 128 + 12;
+    let padding =
+        |byte: usize| (HEADER_BYTES + 2 * ENTRY_BYTES..128).contains(&byte) || byte >= 128 + 12;
     for byte in (0..good.len()).filter(|&byte| !padding(byte)) {
         for bit in 0..8 {
             let mut bad = good.clone();
@@ -56,14 +73,36 @@ fn every_flipped_bit_and_every_truncation_is_found() {
 fn errors_name_the_file_and_the_expectation() {
     let dir = tempfile::tempdir().unwrap();
     let path = write(dir.path());
-    let other = FileKind { version: 4, oldest: 4, ..KIND };
+    let other = FileKind {
+        version: 4,
+        oldest: 4,
+        ..KIND
+    };
     let message = Container::open(&path, other).err().unwrap().to_string();
-    assert!(message.contains("a.test") && message.contains("version 3") && message.contains("reads version 4"));
-    let newer = FileKind { version: 4, oldest: 3, ..KIND };
-    assert!(Container::open(&path, newer).is_ok(), "an older version is still read");
-    let other = FileKind { tag: *b"cldi", name: "cube LDI", ..KIND };
+    assert!(
+        message.contains("a.test")
+            && message.contains("version 3")
+            && message.contains("reads version 4")
+    );
+    let newer = FileKind {
+        version: 4,
+        oldest: 3,
+        ..KIND
+    };
+    assert!(
+        Container::open(&path, newer).is_ok(),
+        "an older version is still read"
+    );
+    let other = FileKind {
+        tag: *b"cldi",
+        name: "cube LDI",
+        ..KIND
+    };
     let message = Container::open(&path, other).err().unwrap().to_string();
-    assert!(message.contains("a cube LDI is expected") && message.contains("\"test\""), "{message}");
+    assert!(
+        message.contains("a cube LDI is expected") && message.contains("\"test\""),
+        "{message}"
+    );
     assert_eq!(Container::peek_kind(&path).unwrap(), Some(*b"test"));
 }
 

@@ -11,8 +11,9 @@ use crate::texels::LANES;
 use fearless_simd::{ExtractToken, Simd, SimdCvtTruncate, f32x16, mask32x16, prelude::*, u32x16};
 use glam::Vec3;
 
-const LANE_NUMBERS: [f32; LANES] =
-    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+const LANE_NUMBERS: [f32; LANES] = [
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
+];
 
 /// Where lanes meet a face.
 struct OnFace<S: Simd> {
@@ -29,7 +30,13 @@ impl Environment {
     /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`] finds them, with alpha 255; alpha 0
     /// for none. Those whose bit in `wanted` is not set may be anything.
     #[inline(always)]
-    pub fn sample_sixteen<S: Simd>(&self, simd: S, wanted: u64, start: Vec3, step: Vec3) -> [[u8; 4]; LANES] {
+    pub fn sample_sixteen<S: Simd>(
+        &self,
+        simd: S,
+        wanted: u64,
+        start: Vec3,
+        step: Vec3,
+    ) -> [[u8; 4]; LANES] {
         let mut found = [[0; 4]; LANES];
         let (mut missing, mut tried) = (wanted & 0xffff, 0u32);
         while missing != 0 && self.size_px > 0 {
@@ -42,7 +49,9 @@ impl Environment {
                 missing &= !done;
             } else {
                 // At the border of the face.
-                found[i] = self.sample(direction).map_or([0; 4], |[r, g, b]| [r, g, b, 255]);
+                found[i] = self
+                    .sample(direction)
+                    .map_or([0; 4], |[r, g, b]| [r, g, b, 255]);
                 missing &= missing - 1;
             }
         }
@@ -75,7 +84,11 @@ impl Environment {
         }
         let mut mixed = done & !alike.to_bitmask();
         if mixed != 0 {
-            let (first, u, v) = (on_face.first.to_array(), on_face.u.to_array(), on_face.v.to_array());
+            let (first, u, v) = (
+                on_face.first.to_array(),
+                on_face.u.to_array(),
+                on_face.v.to_array(),
+            );
             while mixed != 0 {
                 let i = mixed.trailing_zeros() as usize;
                 mixed &= mixed - 1;
@@ -89,7 +102,8 @@ impl Environment {
     /// Where the directions `start + i * step` meet a face.
     #[inline(always)]
     fn locate_on_face<S: Simd>(&self, simd: S, face: Face, start: Vec3, step: Vec3) -> OnFace<S> {
-        let ([right, up, depth], [right_step, up_step, depth_step]) = (face.eye_space(start), face.eye_space(step));
+        let ([right, up, depth], [right_step, up_step, depth_step]) =
+            (face.eye_space(start), face.eye_space(step));
         let k = f32x16::load_array_ref(simd, &LANE_NUMBERS);
         let depth = k * depth_step + depth;
         let (size, half) = (self.size_px as f32, self.size_px as f32 / 2.0);
@@ -106,7 +120,12 @@ impl Environment {
         let texels_before = face.index() as u32 * self.size_px * self.size_px;
         let first = whole(inside, top) * self.size_px + whole(inside, left) + texels_before;
         let first = inside.select(first, u32x16::splat(simd, 0));
-        OnFace { inside, first, u: whole(inside, (x_px - left) * 256.0), v: whole(inside, (y_px - top) * 256.0) }
+        OnFace {
+            inside,
+            first,
+            u: whole(inside, (x_px - left) * 256.0),
+            v: whole(inside, (y_px - top) * 256.0),
+        }
     }
 
     /// [`Self::between_four`] for sixteen indices at a time, with the alpha of the texels, 255 or 0; wrong where some are known
@@ -134,8 +153,8 @@ fn whole<S: Simd>(inside: mask32x16<S>, values: f32x16<S>) -> u32x16<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simd;
     use crate::environment::tests::by_direction;
+    use crate::simd;
     use fearless_simd::dispatch;
 
     /// One step of the 8-bit weights on either axis, on a ramp of 16 levels a texel, and rounding.
@@ -145,18 +164,37 @@ mod tests {
     fn sixteen_samples_are_those_of_one_by_one_at_every_level() {
         let patchy = by_direction(16, |d| {
             let c = |v: f64| (127.5 + 127.0 * v).round() as u8;
-            [c(d.x), c(d.y), c(d.z), if (d.x * 7.0 + d.y * 5.0).sin() > -0.6 { 255 } else { 0 }]
+            [
+                c(d.x),
+                c(d.y),
+                c(d.z),
+                if (d.x * 7.0 + d.y * 5.0).sin() > -0.6 {
+                    255
+                } else {
+                    0
+                },
+            ]
         });
         let (mut found_any, mut lacked_any, mut faces) = (false, false, 0u32);
         for i in 0..2000 {
             let a = i as f32 * 0.31;
             // Runs of up to 150 and of some 5 degrees.
             let step = Vec3::new(0.03, -0.05, 0.11) * if i % 2 == 0 { 1.0 } else { 0.05 };
-            let (start, wanted) = (Vec3::new(a.sin(), (a * 1.7).cos(), (a * 0.6).cos()), [0xffff, 0xa53c][i / 2 % 2]);
+            let (start, wanted) = (
+                Vec3::new(a.sin(), (a * 1.7).cos(), (a * 0.6).cos()),
+                [0xffff, 0xa53c][i / 2 % 2],
+            );
             let mut of_lowest = None;
             for level in simd::levels() {
-                let sixteen = dispatch!(level, simd => patchy.sample_sixteen(simd, wanted, start, step));
-                let wanted_ones = |k: usize| if wanted >> k & 1 == 1 { sixteen[k] } else { [0; 4] };
+                let sixteen =
+                    dispatch!(level, simd => patchy.sample_sixteen(simd, wanted, start, step));
+                let wanted_ones = |k: usize| {
+                    if wanted >> k & 1 == 1 {
+                        sixteen[k]
+                    } else {
+                        [0; 4]
+                    }
+                };
                 let bits: [[u8; 4]; LANES] = std::array::from_fn(wanted_ones);
                 assert_eq!(bits, *of_lowest.get_or_insert(bits), "{i}: {level:?}");
             }
@@ -167,10 +205,12 @@ mod tests {
                 let direction = start + step * k as f32;
                 let (found, expected) = ((a > 0).then_some([r, g, b]), patchy.sample(direction));
                 assert_eq!(found.is_some(), expected.is_some(), "{i} {k}");
-                let levels =
-                    found.zip(expected).map_or(0, |(f, e)| (0..3).map(|c| f[c].abs_diff(e[c])).fold(0, u8::max));
+                let levels = found.zip(expected).map_or(0, |(f, e)| {
+                    (0..3).map(|c| f[c].abs_diff(e[c])).fold(0, u8::max)
+                });
                 assert!(levels <= WEIGHT_LEVELS, "{i} {k}: {found:?} {expected:?}");
-                (found_any, lacked_any) = (found_any || found.is_some(), lacked_any || found.is_none());
+                (found_any, lacked_any) =
+                    (found_any || found.is_some(), lacked_any || found.is_none());
                 faces |= 1 << Face::locate(direction).0.index();
             }
         }
@@ -180,7 +220,10 @@ mod tests {
     #[test]
     fn no_direction_and_no_environment_give_nothing() {
         let grey = by_direction(8, |_| [90, 90, 90, 255]);
-        let empty = Environment { size_px: 0, texels: vec![] };
+        let empty = Environment {
+            size_px: 0,
+            texels: vec![],
+        };
         for level in simd::levels() {
             dispatch!(level, simd => {
                 assert_eq!(grey.sample_sixteen(simd, 0xffff, Vec3::NAN, Vec3::ZERO), [[0; 4]; LANES]);

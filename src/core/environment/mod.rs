@@ -49,9 +49,15 @@ fn spread([r, g, b, a]: [u8; 4]) -> u64 {
 fn mean_of_known(texels: [[u8; 4]; 4], [u, v]: [u32; 2]) -> Option<[u8; 3]> {
     let weights = [(256 - u) * (256 - v), u * (256 - v), (256 - u) * v, u * v];
     let (mut sum, mut total) = ([0; 3], 0);
-    for (texel, weight) in texels.iter().zip(weights).filter(|(texel, _)| texel[3] == 255) {
+    for (texel, weight) in texels
+        .iter()
+        .zip(weights)
+        .filter(|(texel, _)| texel[3] == 255)
+    {
         total += weight;
-        sum.iter_mut().zip(texel).for_each(|(sum, c)| *sum += weight * u32::from(*c));
+        sum.iter_mut()
+            .zip(texel)
+            .for_each(|(sum, c)| *sum += weight * u32::from(*c));
     }
     (total > 0).then(|| sum.map(|s| ((s + total / 2) / total) as u8))
 }
@@ -64,10 +70,16 @@ impl Environment {
     pub fn validate(&self) -> Result<(), EnvironmentError> {
         let expected = 6 * u64::from(self.size_px).pow(2);
         if self.size_px > MAX_FACE_SIZE_PX || self.texels.len() as u64 != expected {
-            return Err(EnvironmentError::Size { size_px: self.size_px, texels: self.texels.len() });
+            return Err(EnvironmentError::Size {
+                size_px: self.size_px,
+                texels: self.texels.len(),
+            });
         }
         match self.texels.iter().position(|t| t[3] != 0 && t[3] != 255) {
-            Some(index) => Err(EnvironmentError::Alpha { index, alpha: self.texels[index][3] }),
+            Some(index) => Err(EnvironmentError::Alpha {
+                index,
+                alpha: self.texels[index][3],
+            }),
             None => Ok(()),
         }
     }
@@ -88,12 +100,18 @@ impl Environment {
             let mut directions = (0..side * side).map(|i| {
                 let x = f64::from(x) + within(i % side);
                 let y = f64::from(y) + within(i / side);
-                Face::ALL[at / per_face].direction(x, y, size_px).normalize().as_vec3()
+                Face::ALL[at / per_face]
+                    .direction(x, y, size_px)
+                    .normalize()
+                    .as_vec3()
             });
             let [r, g, b] = stored(&mut directions);
             [r, g, b, if reached(at) { 255 } else { 0 }]
         };
-        Self { size_px, texels: (0..6 * per_face).into_par_iter().map(texel).collect() }
+        Self {
+            size_px,
+            texels: (0..6 * per_face).into_par_iter().map(texel).collect(),
+        }
     }
 
     /// Bilinear sample of the cube map in a direction (world axes, any length), sRGB. Texels that no miss reached have
@@ -110,8 +128,15 @@ impl Environment {
         let inside = x >= 0.0 && y >= 0.0 && left + 1 < self.size_px && top + 1 < self.size_px;
         let size = self.size_px as usize;
         let first = (face.index() * size + top as usize) * size + left as usize;
-        let within = [((x - left as f32) * 256.0) as u32, ((y - top as f32) * 256.0) as u32];
-        if inside { self.between_four(first, within) } else { self.sample_anywhere(direction.as_dvec3()) }
+        let within = [
+            ((x - left as f32) * 256.0) as u32,
+            ((y - top as f32) * 256.0) as u32,
+        ];
+        if inside {
+            self.between_four(first, within)
+        } else {
+            self.sample_anywhere(direction.as_dvec3())
+        }
     }
 
     /// Between the texels of index `first` and right of it, and the two below, at distances in 1/256 from the first. All four
@@ -119,7 +144,10 @@ impl Environment {
     #[inline(always)]
     fn between_four(&self, first: usize, [u, v]: [u32; 2]) -> Option<[u8; 3]> {
         let size = self.size_px as usize;
-        let (upper, lower) = (self.texels.get(first..first + 2)?, self.texels.get(first + size..first + size + 2)?);
+        let (upper, lower) = (
+            self.texels.get(first..first + 2)?,
+            self.texels.get(first + size..first + size + 2)?,
+        );
         let [a, b, c, d] = [upper[0], upper[1], lower[0], lower[1]];
         if a[3] & b[3] & c[3] & d[3] != 255 {
             return mean_of_known([a, b, c, d], [u, v]);
@@ -129,7 +157,12 @@ impl Environment {
             let share = u64::from(share);
             ((a * (256 - share) + b * share + 0x0080_0080_0080_0080) >> 8) & 0x00ff_00ff_00ff_00ff
         };
-        let [r, _, g, _, b, ..] = mix(mix(spread(a), spread(b), u), mix(spread(c), spread(d), u), v).to_le_bytes();
+        let [r, _, g, _, b, ..] = mix(
+            mix(spread(a), spread(b), u),
+            mix(spread(c), spread(d), u),
+            v,
+        )
+        .to_le_bytes();
         Some([r, g, b])
     }
 
@@ -141,9 +174,12 @@ impl Environment {
         let (u, v) = (x - left, y - top);
         let mut sum = [0.0; 3];
         let mut total = 0.0;
-        for (dx, dy, weight) in
-            [(0, 0, (1.0 - u) * (1.0 - v)), (1, 0, u * (1.0 - v)), (0, 1, (1.0 - u) * v), (1, 1, u * v)]
-        {
+        for (dx, dy, weight) in [
+            (0, 0, (1.0 - u) * (1.0 - v)),
+            (1, 0, u * (1.0 - v)),
+            (0, 1, (1.0 - u) * v),
+            (1, 1, u * v),
+        ] {
             let texel = self.texel(face, left as i64 + dx, top as i64 + dy);
             if let Some(color) = texel.filter(|t| t[3] == 255) {
                 total += weight;
@@ -160,7 +196,9 @@ impl Environment {
     fn texel(&self, face: Face, x: i64, y: i64) -> Option<[u8; 4]> {
         let size = i64::from(self.size_px);
         let at = |face: Face, x: i64, y: i64| {
-            let index = face.index() as i64 * size * size + y.clamp(0, size - 1) * size + x.clamp(0, size - 1);
+            let index = face.index() as i64 * size * size
+                + y.clamp(0, size - 1) * size
+                + x.clamp(0, size - 1);
             self.texels.get(index as usize).copied()
         };
         if (0..size).contains(&x) && (0..size).contains(&y) {
@@ -182,7 +220,10 @@ pub(super) mod tests {
         for face in Face::ALL {
             for y in 0..size_px {
                 for x in 0..size_px {
-                    texels.push(color(face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px).normalize()));
+                    texels.push(color(
+                        face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px)
+                            .normalize(),
+                    ));
                 }
             }
         }
@@ -200,21 +241,50 @@ pub(super) mod tests {
         // the border of a face the neighbour's texels are not on the same grid, which costs up to half a texel, 4.
         const LEVELS: i32 = 5;
         for i in 0..5000 {
-            let (a, z) = (f64::from(i) * 2.399_963, 1.0 - (f64::from(i) + 0.5) / 2500.0);
-            let d = DVec3::new((1.0 - z * z).sqrt() * a.cos(), (1.0 - z * z).sqrt() * a.sin(), z);
-            let (found, expected) = (environment.sample(d.as_vec3() * 7.0).expect("filled"), ramp(d));
+            let (a, z) = (
+                f64::from(i) * 2.399_963,
+                1.0 - (f64::from(i) + 0.5) / 2500.0,
+            );
+            let d = DVec3::new(
+                (1.0 - z * z).sqrt() * a.cos(),
+                (1.0 - z * z).sqrt() * a.sin(),
+                z,
+            );
+            let (found, expected) = (
+                environment.sample(d.as_vec3() * 7.0).expect("filled"),
+                ramp(d),
+            );
             for c in 0..3 {
-                assert!((i32::from(found[c]) - i32::from(expected[c])).abs() <= LEVELS, "{d}: {found:?} {expected:?}");
+                assert!(
+                    (i32::from(found[c]) - i32::from(expected[c])).abs() <= LEVELS,
+                    "{d}: {found:?} {expected:?}"
+                );
             }
         }
     }
 
     #[test]
     fn texels_that_no_miss_reached_do_not_count() {
-        let upper = by_direction(8, |d| if d.y > 0.0 { [200, 100, 50, 255] } else { [0, 0, 0, 0] });
-        assert_eq!(upper.sample(Vec3::new(1.0, 0.05, 0.0)), Some([200, 100, 50]));
+        let upper = by_direction(8, |d| {
+            if d.y > 0.0 {
+                [200, 100, 50, 255]
+            } else {
+                [0, 0, 0, 0]
+            }
+        });
+        assert_eq!(
+            upper.sample(Vec3::new(1.0, 0.05, 0.0)),
+            Some([200, 100, 50])
+        );
         assert_eq!(upper.sample(Vec3::NEG_Y), None);
         assert_eq!(upper.sample(Vec3::NAN), None);
-        assert_eq!(Environment { size_px: 0, texels: vec![] }.sample(Vec3::X), None);
+        assert_eq!(
+            Environment {
+                size_px: 0,
+                texels: vec![]
+            }
+            .sample(Vec3::X),
+            None
+        );
     }
 }

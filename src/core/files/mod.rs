@@ -60,7 +60,9 @@ pub fn is_stream(path: &Path) -> io::Result<bool> {
 /// # Errors
 /// What [`write_whole`] would report.
 pub fn check(path: &Path) -> io::Result<()> {
-    let Target::File(path, permissions) = target(path)? else { return Ok(()) };
+    let Target::File(path, permissions) = target(path)? else {
+        return Ok(());
+    };
     if permissions.is_some() {
         refuse_input(&path)?;
         refuse_read_only(&path)?;
@@ -73,21 +75,30 @@ pub fn check(path: &Path) -> io::Result<()> {
 /// # Errors
 /// If the folder, or the nearest one above it that exists, is no folder or cannot be written to.
 pub fn check_folder(folder: &Path) -> io::Result<()> {
-    let nearest = folder.ancestors().find(|folder| folder.as_os_str().is_empty() || folder.symlink_metadata().is_ok());
-    let nearest = nearest.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let nearest = folder
+        .ancestors()
+        .find(|folder| folder.as_os_str().is_empty() || folder.symlink_metadata().is_ok());
+    let nearest = nearest
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     if !fs::metadata(nearest)?.is_dir() {
         return Err(refused(match nearest == folder {
             true => "a file stands where a folder is needed".into(),
             false => format!("{} is no folder", nearest.display()),
         }));
     }
-    Unfinished::beside(&nearest.join("probe")).map(drop).map_err(|error| about_folder(nearest, &error))
+    Unfinished::beside(&nearest.join("probe"))
+        .map(drop)
+        .map_err(|error| about_folder(nearest, &error))
 }
 
 /// Declares `path` an input of this process: [`write_whole`] refuses to write to the same file, by whatever name (links,
 /// hard links, other spellings). Does nothing if there is no such file.
 pub fn protect_input(path: &Path) {
-    if let Some(identity) = fs::metadata(path).ok().and_then(|found| identity(path, &found)) {
+    if let Some(identity) = fs::metadata(path)
+        .ok()
+        .and_then(|found| identity(path, &found))
+    {
         lock(&INPUTS).insert(identity, path.to_owned());
     }
 }
@@ -97,7 +108,10 @@ pub fn protect_input(path: &Path) {
 /// # Errors
 /// Whatever creating, writing, syncing or renaming reports; [`io::ErrorKind::InvalidInput`] for what the rule refuses. No
 /// message contains a temporary name.
-pub fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
+pub fn write_whole(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
+) -> io::Result<()> {
     match target(path)? {
         Target::File(path, permissions) => replace(&path, permissions, write),
         Target::Stream(path) => {
@@ -129,11 +143,16 @@ fn refused(why: impl Into<String>) -> io::Error {
 }
 
 fn about_folder(folder: &Path, error: &io::Error) -> io::Error {
-    io::Error::new(error.kind(), format!("no file can be made in {}: {error}", folder.display()))
+    io::Error::new(
+        error.kind(),
+        format!("no file can be made in {}: {error}", folder.display()),
+    )
 }
 
 fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    path.parent()
+        .filter(|parent| !parent.as_os_str().is_empty())
+        .unwrap_or(Path::new("."))
 }
 
 fn target(path: &Path) -> io::Result<Target> {
@@ -147,11 +166,20 @@ fn target(path: &Path) -> io::Result<Target> {
         return Ok(Target::Stream(path.into()));
     }
     match fs::metadata(path) {
-        Ok(found) if found.is_file() => Ok(Target::File(path.canonicalize()?, Some(found.permissions()))),
-        Ok(found) if found.is_dir() => Err(refused("it is a folder; give the name of a file in it")),
+        Ok(found) if found.is_file() => Ok(Target::File(
+            path.canonicalize()?,
+            Some(found.permissions()),
+        )),
+        Ok(found) if found.is_dir() => {
+            Err(refused("it is a folder; give the name of a file in it"))
+        }
         Ok(found) if takes_a_stream(&found) => Ok(Target::Stream(path.into())),
-        Ok(_) => Err(refused("it is a block device or a socket, which are never written to")),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Target::File(end_of_links(path)?, None)),
+        Ok(_) => Err(refused(
+            "it is a block device or a socket, which are never written to",
+        )),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            Ok(Target::File(end_of_links(path)?, None))
+        }
         Err(error) => Err(error),
     }
 }
@@ -159,7 +187,10 @@ fn target(path: &Path) -> io::Result<Target> {
 /// Names of open file descriptors: the file behind one is its owner's to replace, and we write where the owner has got to.
 fn names_descriptor(path: &Path) -> bool {
     let is = |name: &str| path == Path::new(name);
-    is("/dev/stdout") || is("/dev/stderr") || path.starts_with("/dev/fd") || path.starts_with("/proc")
+    is("/dev/stdout")
+        || is("/dev/stderr")
+        || path.starts_with("/dev/fd")
+        || path.starts_with("/proc")
 }
 
 /// Where a path leads that ends nowhere: behind all links, or the path itself.
@@ -207,9 +238,9 @@ fn identity(path: &Path, _: &Metadata) -> Option<Identity> {
 fn refuse_input(path: &Path) -> io::Result<()> {
     let found = fs::metadata(path)?;
     match identity(path, &found) {
-        Some(identity) if is_input(&identity) => {
-            Err(refused("it is an input of this command, which would be lost; choose another name"))
-        }
+        Some(identity) if is_input(&identity) => Err(refused(
+            "it is an input of this command, which would be lost; choose another name",
+        )),
         _ => Ok(()),
     }
 }
@@ -217,8 +248,13 @@ fn refuse_input(path: &Path) -> io::Result<()> {
 /// Whether a declared input still is the file of this identity: once it is deleted, another file may be given its inode.
 fn is_input(wanted: &Identity) -> bool {
     let declared = lock(&INPUTS).get(wanted).cloned();
-    declared
-        .is_some_and(|path| fs::metadata(&path).ok().and_then(|found| identity(&path, &found)).as_ref() == Some(wanted))
+    declared.is_some_and(|path| {
+        fs::metadata(&path)
+            .ok()
+            .and_then(|found| identity(&path, &found))
+            .as_ref()
+            == Some(wanted)
+    })
 }
 
 /// Renaming asks for no permission to write to the file that it replaces.
@@ -252,7 +288,10 @@ fn replace(
     fs::rename(&unfinished.path, path)
 }
 
-fn write_buffered(file: &File, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
+fn write_buffered(
+    file: &File,
+    write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
+) -> io::Result<()> {
     let mut writer = BufWriter::with_capacity(1 << 20, file);
     write(&mut writer)?;
     writer.flush()
@@ -279,10 +318,16 @@ impl Unfinished {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         loop {
             let number = COUNT.fetch_add(1, Ordering::Relaxed);
-            let path = folder_of(path).join(format!(".headbox-{}-{number}.part", std::process::id()));
+            let path =
+                folder_of(path).join(format!(".headbox-{}-{number}.part", std::process::id()));
             // Held while the file is made: an interrupt finds either no file or its name.
             let mut unfinished = lock(&UNFINISHED);
-            match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
+            match OpenOptions::new()
+                .read(true)
+                .write(true)
+                .create_new(true)
+                .open(&path)
+            {
                 Ok(file) => {
                     unfinished.insert(path.clone());
                     return Ok(Self { path, file });

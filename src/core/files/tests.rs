@@ -7,8 +7,9 @@ fn put(path: &Path, text: &str) -> io::Result<()> {
 
 fn names(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).unwrap();
-    let mut names: Vec<String> =
-        entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<String> = entries
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
     names.sort();
     names
 }
@@ -24,7 +25,11 @@ fn a_failed_write_leaves_the_old_file_and_nothing_else() {
     });
     assert!(failed.is_err());
     assert_eq!(read(&path).unwrap(), b"old");
-    assert_eq!(names(dir.path()), ["frame.png"], "no temporary file is left");
+    assert_eq!(
+        names(dir.path()),
+        ["frame.png"],
+        "no temporary file is left"
+    );
     put(&path, "new").unwrap();
     assert_eq!(read(&path).unwrap(), b"new");
 }
@@ -40,10 +45,21 @@ fn missing_folders_are_made_when_there_is_something_to_put_in_them() {
     assert_eq!(read(&path).unwrap(), b"x");
     let below_a_file = path.join("c/frame.png");
     check(&below_a_file).unwrap_err();
-    assert!(check_folder(&below_a_file).unwrap_err().to_string().contains("is no folder") || cfg!(not(unix)));
+    assert!(
+        check_folder(&below_a_file)
+            .unwrap_err()
+            .to_string()
+            .contains("is no folder")
+            || cfg!(not(unix))
+    );
     let message = put(&below_a_file, "x").unwrap_err().to_string();
     assert!(!message.contains(".part"), "{message}");
-    assert!(check(dir.path()).unwrap_err().to_string().contains("it is a folder"));
+    assert!(
+        check(dir.path())
+            .unwrap_err()
+            .to_string()
+            .contains("it is a folder")
+    );
 }
 
 #[test]
@@ -67,7 +83,10 @@ fn inputs_are_refused_by_whatever_name() {
     for path in others {
         for refused in [check(&path), put(&path, "x")] {
             let error = refused.expect_err("refused");
-            assert!(error.kind() == io::ErrorKind::InvalidInput && error.to_string().contains("input"), "{error}");
+            assert!(
+                error.kind() == io::ErrorKind::InvalidInput && error.to_string().contains("input"),
+                "{error}"
+            );
         }
     }
     assert_eq!(read(at("scene.obj")).unwrap(), b"precious");
@@ -108,9 +127,17 @@ mod unix {
         assert_eq!(mode(&path), 0o640);
         fs::set_permissions(&path, Permissions::from_mode(0o444)).unwrap();
         for refused in [check(&path), put(&path, "x")] {
-            assert!(refused.expect_err("refused").to_string().contains("read-only"));
+            assert!(
+                refused
+                    .expect_err("refused")
+                    .to_string()
+                    .contains("read-only")
+            );
         }
-        assert_eq!((read(&path).unwrap(), mode(&path)), (b"new".to_vec(), 0o444));
+        assert_eq!(
+            (read(&path).unwrap(), mode(&path)),
+            (b"new".to_vec(), 0o444)
+        );
     }
 
     #[test]
@@ -129,7 +156,10 @@ mod unix {
         assert_eq!(read(at("deep/there.png")).unwrap(), b"through two");
         assert_eq!(read(at("deep/not yet/frame.png")).unwrap(), b"into nothing");
         for link in ["a.png", "b.png", "c.png"] {
-            assert!(at(link).symlink_metadata().unwrap().is_symlink(), "{link} is still a link");
+            assert!(
+                at(link).symlink_metadata().unwrap().is_symlink(),
+                "{link} is still a link"
+            );
         }
         assert!(put(&at("d.png"), "x").is_err(), "a circle");
     }
@@ -138,7 +168,13 @@ mod unix {
     fn a_fifo_stays_and_is_streamed_to() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("pipe");
-        assert!(Command::new("mkfifo").arg(&path).status().unwrap().success());
+        assert!(
+            Command::new("mkfifo")
+                .arg(&path)
+                .status()
+                .unwrap()
+                .success()
+        );
         assert!(is_stream(&path).unwrap());
         check(&path).unwrap();
         let reader = std::thread::spawn({
@@ -155,13 +191,23 @@ mod unix {
     fn a_device_stays_and_is_streamed_to() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("null");
-        let made = Command::new("mknod").arg(&path).args(["c", "1", "3"]).output();
-        if !made.is_ok_and(|made| made.status.success()) || OpenOptions::new().write(true).open(&path).is_err() {
+        let made = Command::new("mknod")
+            .arg(&path)
+            .args(["c", "1", "3"])
+            .output();
+        if !made.is_ok_and(|made| made.status.success())
+            || OpenOptions::new().write(true).open(&path).is_err()
+        {
             eprintln!("skipped: no device can be made here");
             return;
         }
         put(&path, "into nothing").unwrap();
-        assert!(path.symlink_metadata().unwrap().file_type().is_char_device());
+        assert!(
+            path.symlink_metadata()
+                .unwrap()
+                .file_type()
+                .is_char_device()
+        );
         assert_eq!(names(dir.path()), ["null"]);
     }
 
@@ -170,6 +216,11 @@ mod unix {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("socket");
         let _socket = std::os::unix::net::UnixListener::bind(&path).unwrap();
-        assert!(put(&path, "x").unwrap_err().to_string().contains("never written to"));
+        assert!(
+            put(&path, "x")
+                .unwrap_err()
+                .to_string()
+                .contains("never written to")
+        );
     }
 }

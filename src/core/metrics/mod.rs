@@ -68,7 +68,10 @@ pub fn compare(reference: &RgbImage, test: &RgbImage) -> Result<Comparison, Metr
 ///
 /// # Errors
 /// When the sizes differ or the images have no pixels.
-pub fn compare_with_map(reference: &RgbImage, test: &RgbImage) -> Result<(Comparison, FlipMap), MetricError> {
+pub fn compare_with_map(
+    reference: &RgbImage,
+    test: &RgbImage,
+) -> Result<(Comparison, FlipMap), MetricError> {
     let map = flip_map(reference, test, DEFAULT_PIXELS_PER_DEGREE)?;
     let comparison = Comparison {
         flip: map.mean,
@@ -89,7 +92,12 @@ pub fn psnr_db(reference: &RgbImage, test: &RgbImage) -> Result<f64, MetricError
     let squared_error: u64 = reference
         .par_chunks(SCAN_BYTES)
         .zip(test.par_chunks(SCAN_BYTES))
-        .map(|(a, b)| a.iter().zip(b).map(|(&a, &b)| u32::from(a.abs_diff(b)).pow(2)).sum::<u32>())
+        .map(|(a, b)| {
+            a.iter()
+                .zip(b)
+                .map(|(&a, &b)| u32::from(a.abs_diff(b)).pow(2))
+                .sum::<u32>()
+        })
         .map(u64::from)
         .sum();
     let mean = squared_error as f64 / reference.len() as f64;
@@ -105,7 +113,12 @@ pub fn differing_fraction(reference: &RgbImage, test: &RgbImage) -> Result<f64, 
     let differing: usize = reference
         .par_chunks(SCAN_BYTES)
         .zip(test.par_chunks(SCAN_BYTES))
-        .map(|(a, b)| a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(a, b)| a != b).count())
+        .map(|(a, b)| {
+            a.chunks_exact(3)
+                .zip(b.chunks_exact(3))
+                .filter(|(a, b)| a != b)
+                .count()
+        })
         .sum();
     Ok(differing as f64 / (reference.len() / 3) as f64)
 }

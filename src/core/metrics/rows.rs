@@ -27,7 +27,12 @@ pub(super) fn across<T>(padded: &[T], radius: usize, len: usize) -> Vec<&[T]> {
 }
 
 /// `out = taps[0] * centre + sum over k of taps[k] * (before_k + after_k)`: smoothing. Slices have a padded length.
-pub(super) fn smooth<T: SimdFloatElement>(level: Level, taps: &[T], neighbors: &[&[T]], out: &mut [T]) {
+pub(super) fn smooth<T: SimdFloatElement>(
+    level: Level,
+    taps: &[T],
+    neighbors: &[&[T]],
+    out: &mut [T],
+) {
     dispatch!(level, simd => smooth_vectors(simd, taps, neighbors, out));
 }
 
@@ -44,7 +49,12 @@ pub(super) fn derive<T: SimdFloatElement>(
 }
 
 #[inline(always)]
-fn smooth_vectors<S: Simd, T: SimdFloatElement>(simd: S, taps: &[T], neighbors: &[&[T]], out: &mut [T]) {
+fn smooth_vectors<S: Simd, T: SimdFloatElement>(
+    simd: S,
+    taps: &[T],
+    neighbors: &[&[T]],
+    out: &mut [T],
+) {
     let lanes = T::Native::<S>::LEN;
     let block_len = BLOCK * lanes;
     let radius = taps.len() - 1;
@@ -61,7 +71,9 @@ fn smooth_vectors<S: Simd, T: SimdFloatElement>(simd: S, taps: &[T], neighbors: 
             for v in 0..BLOCK {
                 let lanes = v * lanes..(v + 1) * lanes;
                 let (before, after) = (&before[lanes.clone()], &after[lanes]);
-                sums[v] += (T::Native::<S>::from_slice(simd, before) + T::Native::<S>::from_slice(simd, after)) * tap;
+                sums[v] += (T::Native::<S>::from_slice(simd, before)
+                    + T::Native::<S>::from_slice(simd, after))
+                    * tap;
             }
         }
         for v in 0..BLOCK {
@@ -80,8 +92,14 @@ fn derive_vectors<S: Simd, T: SimdFloatElement>(
     let lanes = T::Native::<S>::LEN;
     let radius = first_taps.len() - 1;
     let center = neighbors.len() / 2;
-    for (i, (first, second)) in first.chunks_exact_mut(lanes).zip(second.chunks_exact_mut(lanes)).enumerate() {
-        let load = |row: usize| T::Native::<S>::from_slice(simd, &neighbors[row][i * lanes..(i + 1) * lanes]);
+    for (i, (first, second)) in first
+        .chunks_exact_mut(lanes)
+        .zip(second.chunks_exact_mut(lanes))
+        .enumerate()
+    {
+        let load = |row: usize| {
+            T::Native::<S>::from_slice(simd, &neighbors[row][i * lanes..(i + 1) * lanes])
+        };
         let twice_center = load(center) + load(center);
         let mut slope = T::Native::<S>::splat(simd, T::default());
         let mut curvature = slope;
@@ -110,7 +128,12 @@ impl<T: Copy + Default> RowRing<T> {
     /// An empty ring for rows of `planes` planes of `len` elements.
     pub(super) fn new(radius: usize, planes: usize, len: usize) -> Self {
         let slots = 2 * radius + 1;
-        Self { values: vec![T::default(); slots * planes * len], slots, planes, len }
+        Self {
+            values: vec![T::default(); slots * planes * len],
+            slots,
+            planes,
+            len,
+        }
     }
 
     /// The planes of row `y`, to be written; they replace those of row `y - (2 radius + 1)`.
@@ -154,7 +177,12 @@ pub(super) mod tests {
         let padded: Vec<f32> = (0..16 + 6).map(|i| (i * i) as f32).collect();
         let neighbors = across(&padded, 2, 16);
         assert_eq!(neighbors.len(), 5);
-        assert!(neighbors.iter().enumerate().all(|(k, row)| row.len() == 16 && row[0] == ((k + 1) * (k + 1)) as f32));
+        assert!(
+            neighbors
+                .iter()
+                .enumerate()
+                .all(|(k, row)| row.len() == 16 && row[0] == ((k + 1) * (k + 1)) as f32)
+        );
 
         let mut ring = RowRing::<f32>::new(3, 2, 16);
         for y in -3..=10 {
@@ -174,12 +202,23 @@ pub(super) mod tests {
         let neighbors = across(&padded, 2, 128);
         let level = Level::new();
         smooth(level, &[3.0, 2.0, 1.0], &neighbors, &mut smoothed);
-        derive(level, [&[0.0, 1.0, 4.0], &[0.0, 2.0, 5.0]], &neighbors, [&mut first, &mut second]);
+        derive(
+            level,
+            [&[0.0, 1.0, 4.0], &[0.0, 2.0, 5.0]],
+            &neighbors,
+            [&mut first, &mut second],
+        );
         for i in 0..128 {
             let p = &padded[i..i + 5];
-            assert_eq!(smoothed[i], p[0] + 2.0 * p[1] + 3.0 * p[2] + 2.0 * p[3] + p[4]);
+            assert_eq!(
+                smoothed[i],
+                p[0] + 2.0 * p[1] + 3.0 * p[2] + 2.0 * p[3] + p[4]
+            );
             assert_eq!(first[i], (p[3] - p[1]) + 4.0 * (p[4] - p[0]));
-            assert_eq!(second[i], 2.0 * (p[1] + p[3]) + 5.0 * (p[0] + p[4]) - 14.0 * p[2]);
+            assert_eq!(
+                second[i],
+                2.0 * (p[1] + p[3]) + 5.0 * (p[0] + p[4]) - 14.0 * p[2]
+            );
         }
     }
 }

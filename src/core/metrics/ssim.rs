@@ -41,13 +41,25 @@ pub fn ssim(reference: &RgbImage, test: &RgbImage) -> Result<f64, MetricError> {
 fn ssim_at(level: Level, reference: &RgbImage, test: &RgbImage) -> f64 {
     let columns = window_centers(reference.width() as usize);
     let rows = window_centers(reference.height() as usize);
-    let tasks: Vec<(usize, usize)> =
-        (0..3).flat_map(|channel| rows.clone().step_by(BAND_ROWS).map(move |row| (channel, row))).collect();
+    let tasks: Vec<(usize, usize)> = (0..3)
+        .flat_map(|channel| {
+            rows.clone()
+                .step_by(BAND_ROWS)
+                .map(move |row| (channel, row))
+        })
+        .collect();
     let sums: Vec<f64> = tasks
         .into_par_iter()
         .map(|(channel, row)| {
             let band = row..(row + BAND_ROWS).min(rows.end);
-            Channel { level, taps: taps(), images: [reference, test], channel, columns: columns.clone() }.sum(band)
+            Channel {
+                level,
+                taps: taps(),
+                images: [reference, test],
+                channel,
+                columns: columns.clone(),
+            }
+            .sum(band)
         })
         .collect();
     // Summed in the order of the tasks: no thread count changes the mean.
@@ -58,12 +70,18 @@ type Range = std::ops::Range<usize>;
 
 /// Where the centres of windows lie along an axis of the image.
 fn window_centers(len: usize) -> Range {
-    if len > 2 * RADIUS { RADIUS..len - RADIUS } else { 0..len }
+    if len > 2 * RADIUS {
+        RADIUS..len - RADIUS
+    } else {
+        0..len
+    }
 }
 
 /// Half of the taps of the window.
 fn taps() -> [f64; RADIUS + 1] {
-    let taps = std::array::from_fn::<f64, { RADIUS + 1 }, _>(|k| (-0.5 * (k as f64 / SIGMA).powi(2)).exp());
+    let taps = std::array::from_fn::<f64, { RADIUS + 1 }, _>(|k| {
+        (-0.5 * (k as f64 / SIGMA).powi(2)).exp()
+    });
     let total = taps[0] + 2.0 * taps[1..].iter().sum::<f64>();
     taps.map(|tap| tap / total)
 }
@@ -96,7 +114,9 @@ impl Channel<'_> {
                 smooth(self.level, &self.taps, &ring.down(y, RADIUS, plane), mean);
             }
             let [a, b, squares, products] = &means;
-            sum += (0..self.columns.len()).map(|i| similarity(a[i], b[i], squares[i], products[i])).sum::<f64>();
+            sum += (0..self.columns.len())
+                .map(|i| similarity(a[i], b[i], squares[i], products[i]))
+                .sum::<f64>();
         }
         sum
     }
@@ -107,14 +127,22 @@ impl Channel<'_> {
         let first_byte = reflected(y, height as usize) * width as usize * 3 + self.channel;
         let rows = self.images.map(|image| &image.as_raw()[first_byte..]);
         for i in 0..self.columns.len() + 2 * RADIUS {
-            let x = reflected((self.columns.start + i) as isize - RADIUS as isize, width as usize);
+            let x = reflected(
+                (self.columns.start + i) as isize - RADIUS as isize,
+                width as usize,
+            );
             let [a, b] = rows.map(|row| f64::from(row[3 * x]));
             for (plane, moment) in padded.iter_mut().zip([a, b, a * a + b * b, a * b]) {
                 plane[i] = moment;
             }
         }
         for (source, out) in padded.iter().zip(ring.row_mut(y)) {
-            smooth(self.level, &self.taps, &across(source, RADIUS, out.len()), out);
+            smooth(
+                self.level,
+                &self.taps,
+                &across(source, RADIUS, out.len()),
+                out,
+            );
         }
     }
 }
@@ -143,13 +171,24 @@ mod tests {
     #[test]
     fn no_simd_level_changes_a_bit() {
         let images = [1, 2].map(|seed| noise(77, 41, seed));
-        let figures: Vec<f64> = levels().into_iter().map(|level| ssim_at(level, &images[0], &images[1])).collect();
-        assert!(figures.windows(2).all(|pair| pair[0].to_bits() == pair[1].to_bits()), "{figures:?}");
+        let figures: Vec<f64> = levels()
+            .into_iter()
+            .map(|level| ssim_at(level, &images[0], &images[1]))
+            .collect();
+        assert!(
+            figures
+                .windows(2)
+                .all(|pair| pair[0].to_bits() == pair[1].to_bits()),
+            "{figures:?}"
+        );
     }
 
     #[test]
     fn borders_belong_to_the_reflected_image() {
-        assert_eq!([-4, -3, -2, -1, 0, 1, 2, 3, 4].map(|i| reflected(i, 3)), [2, 2, 1, 0, 0, 1, 2, 2, 1]);
+        assert_eq!(
+            [-4, -3, -2, -1, 0, 1, 2, 3, 4].map(|i| reflected(i, 3)),
+            [2, 2, 1, 0, 0, 1, 2, 2, 1]
+        );
         assert!([-5, 0, 7].into_iter().all(|i| reflected(i, 1) == 0));
     }
 }

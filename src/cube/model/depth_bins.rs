@@ -20,7 +20,10 @@ impl DepthBins {
     /// Bins for a headbox and a face resolution.
     pub fn new(half_size_m: f64, face_size_px: u32) -> Self {
         let count = 3f64.sqrt() * f64::from(face_size_px) / 2.0 / Self::PARALLAX_PX;
-        Self { half_size_m: half_size_m as f32, count: count.ceil().clamp(1.0, 65_535.0) as f32 }
+        Self {
+            half_size_m: half_size_m as f32,
+            count: count.ceil().clamp(1.0, 65_535.0) as f32,
+        }
     }
 
     /// Bin of an inverse depth, and the position inside the bin in 1/65,536 of its width.
@@ -28,7 +31,10 @@ impl DepthBins {
     pub fn place(&self, inverse_depth: f32) -> (u16, u16) {
         let x = (inverse_depth * self.half_size_m * self.count).clamp(0.0, self.count - 0.001);
         let bin = x as u32;
-        ((bin as u16), ((x - bin as f32) * 65_536.0).min(65_535.0) as u16)
+        (
+            (bin as u16),
+            ((x - bin as f32) * 65_536.0).min(65_535.0) as u16,
+        )
     }
 
     /// Inverse depth, 1/m, at a position in bins.

@@ -1,10 +1,10 @@
 //! What a capture was made of, as kept in the header of its file.
 
 use super::parameters::CaptureParameters;
-use headbox_core::file_frame::FileFrame;
-use headbox_core::tone::ToneMap;
-use headbox_core::light_parameters::LightParameters;
 use glam::DVec3;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::light_parameters::LightParameters;
+use headbox_core::tone::ToneMap;
 use serde::{Deserialize, Serialize};
 
 /// What a capture was and what it knows of itself; travels in the `.ldi` file.

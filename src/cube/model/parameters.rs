@@ -84,7 +84,15 @@ impl CaptureParameters {
 
     /// All of so many rays, no aimed ones, and no light: what is asked for where geometry is looked at.
     pub const fn unlit(strata: u32, rays_per_stratum: u32) -> Self {
-        Self { strata, rays_per_stratum, novelty: 0.0, holes: 1.0, bounces: 0, light_samples: 0, ..Self::DEFAULT }
+        Self {
+            strata,
+            rays_per_stratum,
+            novelty: 0.0,
+            holes: 1.0,
+            bounces: 0,
+            light_samples: 0,
+            ..Self::DEFAULT
+        }
     }
 
     /// Default of [`Self::novelty`]: half of the rays for less than 0.1 dB (docs/decisions/0018).

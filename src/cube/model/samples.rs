@@ -9,9 +9,9 @@
 //! ```
 
 use super::info::CaptureInfo;
+use glam::Vec3;
 use headbox_core::cube_face::Face;
 use headbox_core::environment::Environment;
-use glam::Vec3;
 
 /// One sample of a layered depth image.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable)]
@@ -45,7 +45,11 @@ impl EncodedNormal {
         }
         let (x, y) = (n.x / sum, n.y / sum);
         let fold = |a: f32, b: f32| (1.0 - b.abs()) * if a < 0.0 { -1.0 } else { 1.0 };
-        let (x, y) = if n.z < 0.0 { (fold(x, y), fold(y, x)) } else { (x, y) };
+        let (x, y) = if n.z < 0.0 {
+            (fold(x, y), fold(y, x))
+        } else {
+            (x, y)
+        };
         Self([x, y].map(|c| (c * 32767.0).round() as i16))
     }
 
@@ -75,7 +79,12 @@ pub struct LayeredDepthImage {
 impl LayeredDepthImage {
     /// A face without samples.
     pub fn empty(face: Face, size_px: u32) -> Self {
-        Self { face, size_px, offsets: vec![0; (size_px as usize).pow(2) + 1], samples: Vec::new() }
+        Self {
+            face,
+            size_px,
+            offsets: vec![0; (size_px as usize).pow(2) + 1],
+            samples: Vec::new(),
+        }
     }
 
     /// The samples of pixel (x, y), farthest first.

@@ -15,7 +15,9 @@ pub use headbox_core::cube_face::MAX_FACE_SIZE_PX;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LdiError {
     /// Not six faces in the order of [`Face::ALL`].
-    #[error("a cube LDI has the six faces +X, -X, +Y, -Y, +Z, -Z in this order; entry {0} is missing or another face")]
+    #[error(
+        "a cube LDI has the six faces +X, -X, +Y, -Y, +Z, -Z in this order; entry {0} is missing or another face"
+    )]
     Faces(usize),
     /// A face of no pixels, or too many.
     #[error("face {}: {size_px} pixels a side; a side must lie between 1 and {MAX_FACE_SIZE_PX}", face.name())]
@@ -125,7 +127,11 @@ impl CubeLdi {
         let expected_px = self.faces[0].size_px;
         let validate = |face: &LayeredDepthImage| match face.size_px == expected_px {
             true => face.validate().err(),
-            false => Some(LdiError::FaceSizesDiffer { face: face.face, size_px: face.size_px, expected_px }),
+            false => Some(LdiError::FaceSizesDiffer {
+                face: face.face,
+                size_px: face.size_px,
+                expected_px,
+            }),
         };
         let first = self.faces.par_iter().find_map_first(validate);
         first.map_or_else(|| Ok(self.environment.validate()?), Err)
@@ -144,11 +150,20 @@ impl LayeredDepthImage {
         }
         let expected = (size_px as usize).pow(2) + 1;
         if self.offsets.len() != expected {
-            return Err(LdiError::OffsetCount { face, found: self.offsets.len(), expected });
+            return Err(LdiError::OffsetCount {
+                face,
+                found: self.offsets.len(),
+                expected,
+            });
         }
         let (first, last) = (self.offsets[0], self.offsets[expected - 1]);
         if first != 0 || last as usize != self.samples.len() {
-            return Err(LdiError::OffsetEnds { face, first, last, samples: self.samples.len() });
+            return Err(LdiError::OffsetEnds {
+                face,
+                first,
+                last,
+                samples: self.samples.len(),
+            });
         }
         for (p, ends) in self.offsets.windows(2).enumerate() {
             let (x, y) = (p as u32 % size_px, p as u32 / size_px);
@@ -157,7 +172,12 @@ impl LayeredDepthImage {
             for (layer, sample) in samples.iter().enumerate() {
                 let inverse_depth = sample.inverse_depth;
                 if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {
-                    return Err(LdiError::InverseDepth { face, x, y, inverse_depth });
+                    return Err(LdiError::InverseDepth {
+                        face,
+                        x,
+                        y,
+                        inverse_depth,
+                    });
                 }
                 if layer > 0 && inverse_depth < samples[layer - 1].inverse_depth {
                     return Err(LdiError::DepthOrder { face, x, y, layer });
@@ -176,22 +196,48 @@ impl CaptureInfo {
     pub fn validate(&self) -> Result<(), LdiError> {
         let check = |field, value: f64, fits: bool, expected| match fits {
             true => Ok(()),
-            false => Err(LdiError::Info { field, value, expected }),
+            false => Err(LdiError::Info {
+                field,
+                value,
+                expected,
+            }),
         };
         for value in self.centre.to_array() {
             check("centre", value, value.is_finite(), "three finite numbers")?;
         }
-        let positive =
-            [("half_size_m", self.half_size_m), ("unit_m", self.frame.unit_m), ("exposure", f64::from(self.exposure))];
+        let positive = [
+            ("half_size_m", self.half_size_m),
+            ("unit_m", self.frame.unit_m),
+            ("exposure", f64::from(self.exposure)),
+        ];
         for (field, value) in positive {
-            check(field, value, value > 0.0 && value.is_finite(), "a positive finite number")?;
+            check(
+                field,
+                value,
+                value > 0.0 && value.is_finite(),
+                "a positive finite number",
+            )?;
         }
         for value in self.missing_estimate.into_iter().flatten() {
-            check("missing_estimate", value, (0.0..=1.0).contains(&value), "a probability")?;
+            check(
+                "missing_estimate",
+                value,
+                (0.0..=1.0).contains(&value),
+                "a probability",
+            )?;
         }
-        if let Some(Holes { share, standard_error, share_before, .. }) = self.holes {
-            for (field, value) in [("share", share), ("standard_error", standard_error), ("share_before", share_before)]
-            {
+        if let Some(Holes {
+            share,
+            standard_error,
+            share_before,
+            ..
+        }) = self.holes
+        {
+            for (field, value) in [
+                ("share", share),
+                ("standard_error", standard_error),
+                ("share_before", share_before),
+            ] {
                 check(field, value, (0.0..=1.0).contains(&value), "a share")?;
             }
         }

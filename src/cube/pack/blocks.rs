@@ -40,7 +40,9 @@ impl BlockIndex {
             let first = ((y0 + y) / BLOCK_ROWS - first_row) * columns;
             for (x, ends) in counts.windows(2).enumerate() {
                 let block = first + (x0 + x as u32) / BLOCK_COLUMNS - first_column;
-                let pixel = samples.get(ends[0] as usize..ends[1] as usize).unwrap_or(&[]);
+                let pixel = samples
+                    .get(ends[0] as usize..ends[1] as usize)
+                    .unwrap_or(&[]);
                 if let Some([least, largest]) = codes.get_mut(block as usize) {
                     for code in pixel.iter().map(|p| p.inverse_depth_code()) {
                         (*least, *largest) = ((*least).min(code), (*largest).max(code));
@@ -48,13 +50,20 @@ impl BlockIndex {
                 }
             }
         }
-        Self { columns, first_column, first_row, codes }
+        Self {
+            columns,
+            first_column,
+            first_row,
+            codes,
+        }
     }
 
     /// Least and largest code in the block of column `x / BLOCK_COLUMNS` and row `y / BLOCK_ROWS`, or `None` if it holds
     /// nothing.
     pub(crate) fn codes(&self, column: u32, row: u32) -> Option<[u32; 2]> {
-        let inside = column.checked_sub(self.first_column).zip(row.checked_sub(self.first_row));
+        let inside = column
+            .checked_sub(self.first_column)
+            .zip(row.checked_sub(self.first_row));
         let found = inside.and_then(|(x, y)| self.codes.get((y * self.columns + x) as usize));
         match found {
             Some([least, largest]) => (least <= largest).then_some([*least, *largest]),

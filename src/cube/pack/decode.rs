@@ -4,9 +4,9 @@ use super::blocks::BlockIndex;
 use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 use super::layout::{PackedCube, PackedSegment};
 use super::splat_index::DepthCodeRange;
-use headbox_core::cube_face::Face;
 use crate::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use glam::DVec3;
+use headbox_core::cube_face::Face;
 
 /// A packed depth pixel, read back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,7 +22,8 @@ pub struct DecodedDepthPixel {
 impl PackedSegment {
     /// Inverse depth from one code to the next, 1/m.
     pub fn inverse_depth_step(&self) -> f64 {
-        (f64::from(self.inverse_depth_max) - f64::from(self.inverse_depth_min)) / f64::from(INVERSE_DEPTH_CODE_MAX)
+        (f64::from(self.inverse_depth_max) - f64::from(self.inverse_depth_min))
+            / f64::from(INVERSE_DEPTH_CODE_MAX)
     }
 
     /// The inverse depth of a code, 1/m.
@@ -65,14 +66,18 @@ impl PackedSegment {
 
     /// What belongs in [`Self::blocks`].
     pub(super) fn block_index(&self) -> BlockIndex {
-        BlockIndex::of_rows([self.x0, self.y0], [self.width, self.height], |y| self.row(y))
+        BlockIndex::of_rows([self.x0, self.y0], [self.width, self.height], |y| {
+            self.row(y)
+        })
     }
 
     /// The depth pixels of pixel (x, y) of the rectangle, farthest first; empty outside.
     pub fn pixel(&self, x: u32, y: u32) -> &[PackedDepthPixel] {
         let (samples, counts) = self.row(y);
         let ends = counts.get(x as usize..x as usize + 2).unwrap_or(&[0, 0]);
-        samples.get(ends[0] as usize..ends[1] as usize).unwrap_or(&[])
+        samples
+            .get(ends[0] as usize..ends[1] as usize)
+            .unwrap_or(&[])
     }
 }
 
@@ -83,17 +88,32 @@ impl PackedCube {
             let size_px = self.face_size_px;
             let mut ldi = LayeredDepthImage::empty(face, size_px);
             // Far before near, as they are stored: farthest first in every pixel.
-            let of_face: Vec<&PackedSegment> = self.segments.iter().filter(|s| s.face == face).collect();
+            let of_face: Vec<&PackedSegment> =
+                self.segments.iter().filter(|s| s.face == face).collect();
             for y in 0..size_px {
                 for x in 0..size_px {
                     for segment in &of_face {
-                        let Some((x, y)) = x.checked_sub(segment.x0).zip(y.checked_sub(segment.y0)) else { continue };
-                        let pixel = if x < segment.width { segment.pixel(x, y) } else { &[] };
+                        let Some((x, y)) = x.checked_sub(segment.x0).zip(y.checked_sub(segment.y0))
+                        else {
+                            continue;
+                        };
+                        let pixel = if x < segment.width {
+                            segment.pixel(x, y)
+                        } else {
+                            &[]
+                        };
                         ldi.samples.extend(pixel.iter().map(|p| {
-                            let DecodedDepthPixel { inverse_depth, normal, color_srgb } =
-                                segment.decode(self.layout, *p);
+                            let DecodedDepthPixel {
+                                inverse_depth,
+                                normal,
+                                color_srgb,
+                            } = segment.decode(self.layout, *p);
                             let normal = EncodedNormal::new(normal.as_vec3());
-                            DepthPixel { inverse_depth: inverse_depth as f32, normal, color_srgb }
+                            DepthPixel {
+                                inverse_depth: inverse_depth as f32,
+                                normal,
+                                color_srgb,
+                            }
                         }));
                     }
                     ldi.offsets[(y * size_px + x) as usize + 1] = ldi.samples.len() as u32;
@@ -101,7 +121,11 @@ impl PackedCube {
             }
             ldi
         });
-        CubeLdi { info: self.info.clone(), faces: faces.to_vec(), environment: self.environment.clone() }
+        CubeLdi {
+            info: self.info.clone(),
+            faces: faces.to_vec(),
+            environment: self.environment.clone(),
+        }
     }
 
     /// The centre of the headbox, world metres: where every direction is seen best.
@@ -122,7 +146,9 @@ impl PackedCube {
     /// Bytes of all depth pixels, offsets, counts, pictures on planes and environment texels in memory.
     pub fn bytes(&self) -> usize {
         let segment = |s: &PackedSegment| {
-            size_of_val(&s.depth_pixels[..]) + size_of_val(&s.row_offsets[..]) + size_of_val(&s.row_counts[..])
+            size_of_val(&s.depth_pixels[..])
+                + size_of_val(&s.row_offsets[..])
+                + size_of_val(&s.row_counts[..])
         };
         let segments = self.segments.iter().map(segment).sum::<usize>();
         segments + size_of_val(&self.environment.texels[..]) + self.planes.bytes()
@@ -132,11 +158,14 @@ impl PackedCube {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_core::environment::Environment;
     use crate::pack::{BlockIndex, SegmentSide, Split};
+    use headbox_core::environment::Environment;
 
     fn pixel(code: u32) -> PackedDepthPixel {
-        PackedDepthPixel { geometry: code, color_srgb: [1, 2, 3, 255] }
+        PackedDepthPixel {
+            geometry: code,
+            color_srgb: [1, 2, 3, 255],
+        }
     }
 
     /// Two rows of three pixels: 1, 0 and 2 samples, then 0, 2 and 0.
@@ -159,10 +188,19 @@ mod tests {
 
     #[test]
     fn twenty_bits_are_the_depth_and_eleven_the_index() {
-        let found = |geometry: u32| (pixel(geometry).inverse_depth_code(), pixel(geometry).splat_index());
+        let found = |geometry: u32| {
+            (
+                pixel(geometry).inverse_depth_code(),
+                pixel(geometry).splat_index(),
+            )
+        };
         assert_eq!(found(0x5a5 << 20 | 0xab_cde), (0xab_cde, 0x5a5));
         assert_eq!(found(0x7ff << 20), (0, 0x7ff));
-        assert_eq!(found(u32::MAX), (INVERSE_DEPTH_CODE_MAX, 0x7ff), "the last bit is nobody's");
+        assert_eq!(
+            found(u32::MAX),
+            (INVERSE_DEPTH_CODE_MAX, 0x7ff),
+            "the last bit is nobody's"
+        );
     }
 
     #[test]
@@ -171,24 +209,40 @@ mod tests {
         for (share, exact) in [(0.0, 0.25), (0.25, 0.6875), (0.5, 1.125), (1.0, 2.0)] {
             let code = (share * f64::from(INVERSE_DEPTH_CODE_MAX)) as u32;
             // At most one code is rounded down.
-            assert!((segment.inverse_depth(code) - exact).abs() <= segment.inverse_depth_step(), "{share}");
+            assert!(
+                (segment.inverse_depth(code) - exact).abs() <= segment.inverse_depth_step(),
+                "{share}"
+            );
         }
-        assert!((segment.inverse_depth_step() * f64::from(INVERSE_DEPTH_CODE_MAX) - 1.75).abs() < 1e-12);
+        assert!(
+            (segment.inverse_depth_step() * f64::from(INVERSE_DEPTH_CODE_MAX) - 1.75).abs() < 1e-12
+        );
     }
 
     #[test]
     fn pixels_have_their_own_samples_and_none_lies_outside() {
         let segment = segment();
         let codes = |x: u32, y: u32| -> Vec<u32> {
-            segment.pixel(x, y).iter().map(|sample| sample.inverse_depth_code()).collect()
+            segment
+                .pixel(x, y)
+                .iter()
+                .map(|sample| sample.inverse_depth_code())
+                .collect()
         };
         let rows = [0, 1, 2].map(|y| [0, 1, 2, 3].map(|x| codes(x, y)));
         let none = Vec::new;
         assert_eq!(rows[0], [vec![10], none(), vec![11, 12], none()]);
         assert_eq!(rows[1], [none(), vec![13, 14], none(), none()]);
         assert_eq!(rows[2], [none(), none(), none(), none()]);
-        let wrong = PackedSegment { row_offsets: vec![0, 3, 99], ..segment.clone() };
-        assert_eq!((wrong.row(0).0.len(), wrong.row(1)), (3, (&[][..], &[][..])), "a table that points outside");
+        let wrong = PackedSegment {
+            row_offsets: vec![0, 3, 99],
+            ..segment.clone()
+        };
+        assert_eq!(
+            (wrong.row(0).0.len(), wrong.row(1)),
+            (3, (&[][..], &[][..])),
+            "a table that points outside"
+        );
     }
 
     #[test]
@@ -205,18 +259,35 @@ mod tests {
             ldi.offsets[6..].fill(samples);
             faces.push(ldi);
         }
-        let info = crate::model::info::CaptureInfo { half_size_m: 0.5, exposure: 1.0, ..Default::default() };
-        let ldi = CubeLdi { info, faces, environment: Environment::default() };
+        let info = crate::model::info::CaptureInfo {
+            half_size_m: 0.5,
+            exposure: 1.0,
+            ..Default::default()
+        };
+        let ldi = CubeLdi {
+            info,
+            faces,
+            environment: Environment::default(),
+        };
         let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).expect("packs");
         let back = cube.unpack();
         for (face, back) in ldi.faces.iter().zip(&back.faces) {
-            assert_eq!((face.face, face.samples.len(), &face.offsets), (back.face, back.samples.len(), &back.offsets));
+            assert_eq!(
+                (face.face, face.samples.len(), &face.offsets),
+                (back.face, back.samples.len(), &back.offsets)
+            );
         }
         let tables = |s: &PackedSegment| 4 * (s.row_offsets.len() + s.row_counts.len());
-        assert_eq!(cube.bytes(), 6 * 8 + cube.segments.iter().map(tables).sum::<usize>());
+        assert_eq!(
+            cube.bytes(),
+            6 * 8 + cube.segments.iter().map(tables).sum::<usize>()
+        );
         assert_eq!((cube.depth_pixel_count(), cube.segments.len()), (6, 3));
         let (mut with_sky, alone) = (cube.clone(), cube.bytes());
         with_sky.environment.texels.resize(10, Default::default());
-        assert_eq!(with_sky.bytes(), alone + size_of_val(&with_sky.environment.texels[..]));
+        assert_eq!(
+            with_sky.bytes(),
+            alone + size_of_val(&with_sky.environment.texels[..])
+        );
     }
 }

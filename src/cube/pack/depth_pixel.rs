@@ -15,7 +15,10 @@ pub struct PackedDepthPixel {
     pub color_srgb: [u8; 4],
 }
 
-const _: () = assert!(size_of::<PackedDepthPixel>() == 8, "four depth pixels to a 32-byte half cache line");
+const _: () = assert!(
+    size_of::<PackedDepthPixel>() == 8,
+    "four depth pixels to a 32-byte half cache line"
+);
 
 impl PackedDepthPixel {
     /// The 20-bit inverse depth code.

@@ -64,7 +64,8 @@ impl PackedCube {
             let near = || pack_segment(face, layout, SegmentSide::Near, |s| s.inverse_depth >= cut);
             <[_; 2]>::from(rayon::join(far, near))
         };
-        let segments: Vec<[Option<PackedSegment>; 2]> = ldi.faces.par_iter().map(segments_of).collect();
+        let segments: Vec<[Option<PackedSegment>; 2]> =
+            ldi.faces.par_iter().map(segments_of).collect();
         Ok(Self {
             info: ldi.info.clone(),
             face_size_px: ldi.faces.first().map_or(0, |f| f.size_px),
@@ -78,10 +79,12 @@ impl PackedCube {
 
 /// Smallest and largest inverse depth of some samples.
 fn inverse_depth_range<'a>(samples: impl Iterator<Item = &'a DepthPixel>) -> Option<(f32, f32)> {
-    samples.map(|s| s.inverse_depth).fold(None, |range, q| match range {
-        None => Some((q, q)),
-        Some((min, max)) => Some((min.min(q), max.max(q))),
-    })
+    samples
+        .map(|s| s.inverse_depth)
+        .fold(None, |range, q| match range {
+            None => Some((q, q)),
+            Some((min, max)) => Some((min.min(q), max.max(q))),
+        })
 }
 
 /// The inverse depth at which [`Split::Auto`] cuts a face; 0 leaves it whole.
@@ -89,7 +92,9 @@ fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
     const CUTS: usize = 64;
     const VIEW_WIDTH: f64 = 1.15;
     const WORTHWHILE: f64 = 0.95;
-    let Some((min, max)) = inverse_depth_range(face.samples.iter()) else { return 0.0 };
+    let Some((min, max)) = inverse_depth_range(face.samples.iter()) else {
+        return 0.0;
+    };
     let width = (f64::from(max) - f64::from(min)) / CUTS as f64;
     if width <= 0.0 {
         return 0.0;
@@ -116,7 +121,10 @@ fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
 }
 
 /// Columns and rows from the first to the last that have a sample for which `belongs` says so; `None` if there is none.
-fn occupied(face: &LayeredDepthImage, belongs: impl Fn(&DepthPixel) -> bool) -> Option<[Range<u32>; 2]> {
+fn occupied(
+    face: &LayeredDepthImage,
+    belongs: impl Fn(&DepthPixel) -> bool,
+) -> Option<[Range<u32>; 2]> {
     let occupied = |x: u32, y: u32| face.pixel(x, y).iter().any(&belongs);
     let size = face.size_px as usize;
     let (mut columns, mut rows) = (face.size_px..0, face.size_px..0);
@@ -125,7 +133,9 @@ fn occupied(face: &LayeredDepthImage, belongs: impl Fn(&DepthPixel) -> bool) -> 
         if face.offsets[start] == face.offsets[start + size] {
             continue;
         }
-        let Some(first) = (0..face.size_px).find(|&x| occupied(x, y)) else { continue };
+        let Some(first) = (0..face.size_px).find(|&x| occupied(x, y)) else {
+            continue;
+        };
         columns.start = columns.start.min(first);
         let last = (columns.end.max(first)..face.size_px).rfind(|&x| occupied(x, y));
         columns.end = columns.end.max(last.map_or(0, |last| last + 1));
@@ -154,23 +164,35 @@ fn pack_segment(
         let inverse_depth = f64::from(sample.inverse_depth);
         let code = ((inverse_depth - f64::from(min)) * codes_per_inverse_depth).round() as u32;
         let normal = face_from_world * sample.normal.decode().as_dvec3();
-        let toward = face.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px);
+        let toward = face
+            .face
+            .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px);
         let toward = face_from_world * toward.normalize();
         let index = coder.code(normal, toward, 1.0 / inverse_depth);
         let geometry = index << 20 | code.min(INVERSE_DEPTH_CODE_MAX);
-        PackedDepthPixel { geometry, color_srgb: sample.color_srgb }
+        PackedDepthPixel {
+            geometry,
+            color_srgb: sample.color_srgb,
+        }
     };
 
     // Of a row, the depth pixels, and how many there are up to each column.
     let row = |y: u32| {
-        let (mut depth_pixels, mut counts, mut coder) = (Vec::new(), vec![0], SplatCoder::new(layout, range));
+        let (mut depth_pixels, mut counts, mut coder) =
+            (Vec::new(), vec![0], SplatCoder::new(layout, range));
         for x in columns.clone() {
-            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(|s| encode(&mut coder, s, [x, y])));
+            depth_pixels.extend(
+                face.pixel(x, y)
+                    .iter()
+                    .filter(|s| belongs(s))
+                    .map(|s| encode(&mut coder, s, [x, y])),
+            );
             counts.push(depth_pixels.len() as u32);
         }
         (depth_pixels, counts)
     };
-    let (of_rows, counts): (Vec<Vec<PackedDepthPixel>>, Vec<Vec<u32>>) = rows.clone().into_par_iter().map(row).unzip();
+    let (of_rows, counts): (Vec<Vec<PackedDepthPixel>>, Vec<Vec<u32>>) =
+        rows.clone().into_par_iter().map(row).unzip();
     let mut row_offsets = vec![0];
     for depth_pixels in &of_rows {
         // Lossless: a valid face has at most u32::MAX samples.

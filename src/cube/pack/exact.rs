@@ -60,7 +60,10 @@ impl ExactCube {
 
     /// Bytes of all depth pixels.
     pub fn depth_pixel_bytes(&self) -> usize {
-        self.depth_pixels.iter().map(|pixels| size_of_val(pixels.as_slice())).sum()
+        self.depth_pixels
+            .iter()
+            .map(|pixels| size_of_val(pixels.as_slice()))
+            .sum()
     }
 }
 
@@ -70,13 +73,17 @@ fn exact_segment(face: &LayeredDepthImage, segment: &PackedSegment) -> Vec<Exact
     let range = segment.inverse_depth_min..=segment.inverse_depth_max;
     let exact = |(sample, packed): (&DepthPixel, &PackedDepthPixel)| ExactDepthPixel {
         inverse_depth: sample.inverse_depth,
-        normal: (face_from_world * sample.normal.decode().as_dvec3()).as_vec3().to_array(),
+        normal: (face_from_world * sample.normal.decode().as_dvec3())
+            .as_vec3()
+            .to_array(),
         color_srgb: sample.color_srgb,
         splat_index: packed.splat_index(),
     };
     let rows = segment.y0..segment.y0 + segment.height;
     let columns = segment.x0..segment.x0 + segment.width;
     let pixels = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
-    let samples = pixels.flat_map(|(x, y)| face.pixel(x, y)).filter(|s| range.contains(&s.inverse_depth));
+    let samples = pixels
+        .flat_map(|(x, y)| face.pixel(x, y))
+        .filter(|s| range.contains(&s.inverse_depth));
     samples.zip(&segment.depth_pixels).map(exact).collect()
 }

@@ -11,12 +11,12 @@
 use super::plane_set::PlaneSet;
 use super::planes::{Plane, PlaneTile};
 use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout};
-use crate::pack::runs;
-use headbox_core::cube_face::Face;
-use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
-use headbox_core::environment::Environment;
 use crate::model::info::CaptureInfo;
 use crate::model::validate::MAX_FACE_SIZE_PX;
+use crate::pack::runs;
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
+use headbox_core::cube_face::Face;
+use headbox_core::environment::Environment;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -62,17 +62,27 @@ impl CubeHeader {
     /// What decides how much memory its arrays take, before any is read: a segment of each face and side at most, each a rectangle of a
     /// face with something in it.
     fn check(&self, section: &Section) -> Result<(), FileError> {
-        let keys =
-            self.segments.windows(2).map(|pair| [&pair[0], &pair[1]].map(|segment| (segment.face, segment.near)));
+        let keys = self
+            .segments
+            .windows(2)
+            .map(|pair| [&pair[0], &pair[1]].map(|segment| (segment.face, segment.near)));
         if keys.into_iter().any(|[before, after]| before >= after) {
-            return Err(section.damaged("segments in the order of faces, far before near", "another order"));
+            return Err(section.damaged(
+                "segments in the order of faces, far before near",
+                "another order",
+            ));
         }
         let face = u64::from(self.face_size_px.min(MAX_FACE_SIZE_PX));
         let fits = |start: u32, length: u32| u64::from(start) + u64::from(length) <= face;
-        let is_wrong = |it: &&SegmentHeader| !fits(it.x0, it.width) || !fits(it.y0, it.height) || it.depth_pixels == 0;
+        let is_wrong = |it: &&SegmentHeader| {
+            !fits(it.x0, it.width) || !fits(it.y0, it.height) || it.depth_pixels == 0
+        };
         match self.segments.iter().find(is_wrong) {
             Some(it) => {
-                let found = format!("{}x{} pixels, {} depth pixels", it.width, it.height, it.depth_pixels);
+                let found = format!(
+                    "{}x{} pixels, {} depth pixels",
+                    it.width, it.height, it.depth_pixels
+                );
                 Err(section.damaged("a rectangle on a face with depth pixels in it", found))
             }
             None => Ok(()),
@@ -101,17 +111,26 @@ impl PackedCube {
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let header = self.header();
         let has_planes = !self.planes.tiles.is_empty();
-        let kind = FileKind { version: if has_planes { 2 } else { 1 }, ..CUBE_LDI };
+        let kind = FileKind {
+            version: if has_planes { 2 } else { 1 },
+            ..CUBE_LDI
+        };
         let mut writer = ContainerWriter::new(kind);
         writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-        writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));
+        writer.section("environment", || {
+            Ok(bytemuck::cast_slice(&self.environment.texels).to_vec())
+        });
         for segment in &self.segments {
             let name = segment_name(segment.face, segment.side == SegmentSide::Near);
             writer.section(name, move || Ok(segment_bytes(segment, has_planes)));
         }
         if has_planes {
-            writer.section("planes", || Ok(bytemuck::cast_slice(&self.planes.planes).to_vec()));
-            writer.section("tiles", || Ok(bytemuck::cast_slice(&self.planes.tiles).to_vec()));
+            writer.section("planes", || {
+                Ok(bytemuck::cast_slice(&self.planes.planes).to_vec())
+            });
+            writer.section("tiles", || {
+                Ok(bytemuck::cast_slice(&self.planes.tiles).to_vec())
+            });
             writer.section("texels", || Ok(texel_bytes(&self.planes)));
         }
         writer.write(path)
@@ -127,14 +146,20 @@ impl PackedCube {
         let info_section = file.section("info")?;
         let header: CubeHeader = info_section.json()?;
         header.check(&info_section)?;
-        let environment = read_environment(file.section("environment")?, header.environment_size_px)?;
+        let environment =
+            read_environment(file.section("environment")?, header.environment_size_px)?;
         let mut segments = Vec::with_capacity(header.segments.len());
         for segment in &header.segments {
             let Some(&face) = Face::ALL.get(usize::from(segment.face)) else {
                 return Err(info_section.damaged("face numbers 0 to 5", segment.face.to_string()));
             };
             let mut section = file.section(segment_name(face, segment.near))?;
-            segments.push(read_segment(&mut section, face, segment, header.planes.is_some())?);
+            segments.push(read_segment(
+                &mut section,
+                face,
+                segment,
+                header.planes.is_some(),
+            )?);
             section.end()?;
         }
         let planes = match &header.planes {
@@ -166,7 +191,9 @@ impl PackedCube {
     pub fn arrays(&self) -> Vec<u8> {
         let mut bytes = bytemuck::cast_slice(&self.environment.texels).to_vec();
         let has_planes = !self.planes.tiles.is_empty();
-        self.segments.iter().for_each(|segment| bytes.extend(segment_bytes(segment, has_planes)));
+        self.segments
+            .iter()
+            .for_each(|segment| bytes.extend(segment_bytes(segment, has_planes)));
         if has_planes {
             bytes.extend_from_slice(bytemuck::cast_slice(&self.planes.planes));
             bytes.extend_from_slice(bytemuck::cast_slice(&self.planes.tiles));
@@ -179,18 +206,34 @@ impl PackedCube {
     pub fn from_arrays(header: CubeHeader, section: &mut Section) -> Result<Self, FileError> {
         header.check(section)?;
         let size_px = header.environment_size_px;
-        let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
+        let texels = section.array(
+            (size_px as usize)
+                .saturating_mul(size_px as usize)
+                .saturating_mul(6),
+        )?;
         let segments = header.segments.iter().map(|segment| {
             let face = Face::ALL.get(usize::from(segment.face)).copied();
-            let face = face.ok_or_else(|| section.damaged("face numbers 0 to 5", segment.face.to_string()))?;
+            let face = face
+                .ok_or_else(|| section.damaged("face numbers 0 to 5", segment.face.to_string()))?;
             read_segment(section, face, segment, header.planes.is_some())
         });
         let segments = segments.collect::<Result<_, _>>()?;
         let planes = match &header.planes {
-            Some(of) => read_pictures(section.array(of.planes)?, section.array(of.tiles)?, section, of)?,
+            Some(of) => read_pictures(
+                section.array(of.planes)?,
+                section.array(of.tiles)?,
+                section,
+                of,
+            )?,
             None => PlaneSet::default(),
         };
-        Self::assemble(header, segments, Environment { size_px, texels }, planes, section)
+        Self::assemble(
+            header,
+            segments,
+            Environment { size_px, texels },
+            planes,
+            section,
+        )
     }
 
     fn assemble(
@@ -200,19 +243,44 @@ impl PackedCube {
         planes: PlaneSet,
         section: &Section,
     ) -> Result<Self, FileError> {
-        let CubeHeader { info, face_size_px, layout, .. } = header;
-        let mut cube = Self { info, face_size_px, layout, segments, environment, planes };
-        cube.validate().map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
-        cube.segments.iter_mut().for_each(|segment| segment.blocks = segment.block_index());
+        let CubeHeader {
+            info,
+            face_size_px,
+            layout,
+            ..
+        } = header;
+        let mut cube = Self {
+            info,
+            face_size_px,
+            layout,
+            segments,
+            environment,
+            planes,
+        };
+        cube.validate()
+            .map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
+        cube.segments
+            .iter_mut()
+            .for_each(|segment| segment.blocks = segment.block_index());
         Ok(cube)
     }
 }
 
 /// Row offsets, row counts (`in_runs`: as [`runs`]) and depth pixels.
 fn segment_bytes(segment: &PackedSegment, in_runs: bool) -> Vec<u8> {
-    let [offsets, counts] = [&segment.row_offsets, &segment.row_counts].map(|t| bytemuck::cast_slice::<u32, u8>(t));
-    let runs = if in_runs { Some(runs::encode(segment)) } else { None };
-    [offsets, runs.as_deref().unwrap_or(counts), bytemuck::cast_slice(&segment.depth_pixels)].concat()
+    let [offsets, counts] =
+        [&segment.row_offsets, &segment.row_counts].map(|t| bytemuck::cast_slice::<u32, u8>(t));
+    let runs = if in_runs {
+        Some(runs::encode(segment))
+    } else {
+        None
+    };
+    [
+        offsets,
+        runs.as_deref().unwrap_or(counts),
+        bytemuck::cast_slice(&segment.depth_pixels),
+    ]
+    .concat()
 }
 
 fn segment_header(segment: &PackedSegment) -> SegmentHeader {
@@ -231,16 +299,26 @@ fn segment_header(segment: &PackedSegment) -> SegmentHeader {
 
 /// An environment from its section, checked.
 pub fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, FileError> {
-    let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
+    let texels = section.array(
+        (size_px as usize)
+            .saturating_mul(size_px as usize)
+            .saturating_mul(6),
+    )?;
     section.end()?;
     let environment = Environment { size_px, texels };
-    environment.validate().map_err(|error| section.damaged("an environment", error.to_string()))?;
+    environment
+        .validate()
+        .map_err(|error| section.damaged("an environment", error.to_string()))?;
     Ok(environment)
 }
 
 /// The colours of all texels, then the alphas of those that may be open.
 fn texel_bytes(set: &PlaneSet) -> Vec<u8> {
-    let mut bytes: Vec<u8> = set.texels.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
+    let mut bytes: Vec<u8> = set
+        .texels
+        .iter()
+        .flat_map(|[r, g, b, _]| [*r, *g, *b])
+        .collect();
     for tile in set.tiles.iter().filter(|tile| tile.opaque == 0) {
         bytes.extend(set.texels[tile.texel_range()].iter().map(|texel| texel[3]));
     }
@@ -272,10 +350,21 @@ fn read_pictures(
     for tile in tiles.iter().filter(|tile| tile.opaque == 0) {
         let alphas: Vec<u8> = section.array(tile.texel_count())?;
         let of_tile = texels.get_mut(tile.texel_range());
-        let of_tile = of_tile.ok_or_else(|| section.damaged("tiles within the texels", "one beyond them"))?;
-        of_tile.iter_mut().zip(alphas).for_each(|(texel, alpha)| texel[3] = alpha);
+        let of_tile =
+            of_tile.ok_or_else(|| section.damaged("tiles within the texels", "one beyond them"))?;
+        of_tile
+            .iter_mut()
+            .zip(alphas)
+            .for_each(|(texel, alpha)| texel[3] = alpha);
     }
-    Ok(PlaneSet { error_px: header.error_px, samples: header.samples, planes, tiles, texels, ..PlaneSet::default() })
+    Ok(PlaneSet {
+        error_px: header.error_px,
+        samples: header.samples,
+        planes,
+        tiles,
+        texels,
+        ..PlaneSet::default()
+    })
 }
 
 /// `in_runs`: the row counts are [`runs`].
@@ -294,7 +383,11 @@ fn read_segment(
     let depth_pixels = section.array(header.depth_pixels)?;
     Ok(PackedSegment {
         face,
-        side: if header.near { SegmentSide::Near } else { SegmentSide::Far },
+        side: if header.near {
+            SegmentSide::Near
+        } else {
+            SegmentSide::Far
+        },
         x0: header.x0,
         y0: header.y0,
         width: header.width,

@@ -3,9 +3,9 @@
 use super::blocks::BlockIndex;
 use super::depth_pixel::{PackedDepthPixel, SplatIndexLayout};
 use super::plane_set::PlaneSet;
+use crate::model::info::CaptureInfo;
 use headbox_core::cube_face::Face;
 use headbox_core::environment::Environment;
-use crate::model::info::CaptureInfo;
 
 /// Which side of the face's split plane a segment holds (S23).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

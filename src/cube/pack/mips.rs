@@ -23,7 +23,10 @@ pub(super) struct Mip {
 
 impl Mip {
     pub(super) fn of(pictures: Vec<Vec<[u8; 4]>>) -> Self {
-        let mut mip = Self { starts: vec![0], texels: Vec::new() };
+        let mut mip = Self {
+            starts: vec![0],
+            texels: Vec::new(),
+        };
         for picture in pictures {
             mip.texels.extend(picture);
             mip.starts.push(mip.texels.len());
@@ -33,7 +36,10 @@ impl Mip {
 
     /// The texels of a picture; empty if there is none.
     pub(super) fn picture(&self, index: usize) -> &[[u8; 4]] {
-        self.starts.get(index..index + 2).and_then(|ends| self.texels.get(ends[0]..ends[1])).unwrap_or(&[])
+        self.starts
+            .get(index..index + 2)
+            .and_then(|ends| self.texels.get(ends[0]..ends[1]))
+            .unwrap_or(&[])
     }
 }
 
@@ -73,7 +79,10 @@ pub(crate) fn halvings(level: usize) -> usize {
 
 /// Texels at a level along a side that has `length` of them: with each halving every second one, and the last.
 pub(crate) fn side(length: u16, level: usize) -> usize {
-    usize::from(length).saturating_sub(1).div_ceil(1 << halvings(level)) + 1
+    usize::from(length)
+        .saturating_sub(1)
+        .div_ceil(1 << halvings(level))
+        + 1
 }
 
 /// Means of neighbours along both axes.
@@ -84,9 +93,15 @@ pub(super) struct Filter {
     pub(super) step: usize,
 }
 
-const SOFTEN: Filter = Filter { weights: [10, 1, 0], step: 1 };
+const SOFTEN: Filter = Filter {
+    weights: [10, 1, 0],
+    step: 1,
+};
 
-const HALVE: Filter = Filter { weights: [10, 4, -1], step: 2 };
+const HALVE: Filter = Filter {
+    weights: [10, 4, -1],
+    step: 2,
+};
 
 impl Filter {
     /// By which a level is made from the one [`Self::step`] before it.
@@ -117,7 +132,8 @@ impl Filter {
         for y in 0..rows {
             for x in 0..columns {
                 let sums = self.mean(y, height, |i| narrow[i * columns + x]);
-                let [r, g, b, alpha] = sums.map(|sum| ((sum + total / 2) / total).clamp(0, 255) as u8);
+                let [r, g, b, alpha] =
+                    sums.map(|sum| ((sum + total / 2) / total).clamp(0, 255) as u8);
                 // Colours are multiplied by alpha.
                 texels.push([r.min(alpha), g.min(alpha), b.min(alpha), alpha]);
             }

@@ -16,7 +16,6 @@ pub mod splat_index;
 pub(crate) mod tests;
 pub mod validate;
 
-
 pub use blocks::BlockIndex;
 pub use decode::DecodedDepthPixel;
 pub use depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};

@@ -1,8 +1,8 @@
 //! All pictures on planes of a cube, at every size.
 
-use crate::pack::mips;
 use super::mips::{Filter, LazyMips, Mip};
 use super::planes::{Plane, PlaneTile};
+use crate::pack::mips;
 use rayon::prelude::*;
 
 /// All pictures on planes of a cube.
@@ -37,7 +37,11 @@ impl PlaneSet {
     /// The texels of a picture at a level, in rows of [`mips::side`] of its width; empty if there are none.
     pub(crate) fn texels_at(&self, index: usize, level: usize) -> &[[u8; 4]] {
         match level {
-            0 => self.tiles.get(index).and_then(|tile| self.texels.get(tile.texel_range())).unwrap_or(&[]),
+            0 => self
+                .tiles
+                .get(index)
+                .and_then(|tile| self.texels.get(tile.texel_range()))
+                .unwrap_or(&[]),
             _ => self.mips.level(level, || self.made(level)).picture(index),
         }
     }
@@ -53,7 +57,11 @@ impl PlaneSet {
         let pictures: Vec<Vec<[u8; 4]>> = (0..self.tiles.len())
             .into_par_iter()
             .map(|i| {
-                filter.apply(self.texels_at(i, from), size_at(&self.tiles[i], from), size_at(&self.tiles[i], level))
+                filter.apply(
+                    self.texels_at(i, from),
+                    size_at(&self.tiles[i], from),
+                    size_at(&self.tiles[i], level),
+                )
             })
             .collect();
         Mip::of(pictures)
@@ -62,7 +70,10 @@ impl PlaneSet {
 
 /// Columns and rows at a level.
 fn size_at(tile: &PlaneTile, level: usize) -> [usize; 2] {
-    [mips::side(tile.width, level), mips::side(tile.height, level)]
+    [
+        mips::side(tile.width, level),
+        mips::side(tile.height, level),
+    ]
 }
 
 #[cfg(test)]
@@ -72,15 +83,33 @@ mod tests {
 
     #[test]
     fn smaller_pictures_have_the_same_corners_and_ramps() {
-        let tile = PlaneTile { plane: 0, first_texel: 0, x0: 0, y0: 0, width: 65, height: 7, face: 0, opaque: 1 };
-        let texels: Vec<[u8; 4]> = (0..65 * 7).map(|i| [(i % 65 * 3) as u8, 7, (i / 65 * 9) as u8, 255]).collect();
-        let set = PlaneSet { tiles: vec![tile], texels, ..PlaneSet::default() };
+        let tile = PlaneTile {
+            plane: 0,
+            first_texel: 0,
+            x0: 0,
+            y0: 0,
+            width: 65,
+            height: 7,
+            face: 0,
+            opaque: 1,
+        };
+        let texels: Vec<[u8; 4]> = (0..65 * 7)
+            .map(|i| [(i % 65 * 3) as u8, 7, (i / 65 * 9) as u8, 255])
+            .collect();
+        let set = PlaneSet {
+            tiles: vec![tile],
+            texels,
+            ..PlaneSet::default()
+        };
         for level in 1..=LEVELS {
             let (width, height, apart) = (side(65, level), side(7, level), 1 << halvings(level));
             let found = set.texels_at(0, level);
             assert_eq!((found.len(), width), (width * height, 64 / apart + 1));
             for (i, [r, g, b, a]) in found.iter().enumerate() {
-                assert!((i32::from(*r) - 3 * (i % width * apart) as i32).abs() <= 1, "{level} {i}: {r}");
+                assert!(
+                    (i32::from(*r) - 3 * (i % width * apart) as i32).abs() <= 1,
+                    "{level} {i}: {r}"
+                );
                 assert!((*g, *a) == (7, 255) && *b <= 54);
             }
         }
@@ -88,9 +117,24 @@ mod tests {
 
     #[test]
     fn what_half_as_many_texels_cannot_show_is_gone() {
-        let tile = PlaneTile { plane: 0, first_texel: 0, x0: 0, y0: 0, width: 33, height: 33, face: 0, opaque: 1 };
-        let stripes: Vec<[u8; 4]> = (0..33 * 33).map(|i| [(i % 2 * 200) as u8, 0, 0, 255]).collect();
-        let set = PlaneSet { tiles: vec![tile], texels: stripes, ..PlaneSet::default() };
+        let tile = PlaneTile {
+            plane: 0,
+            first_texel: 0,
+            x0: 0,
+            y0: 0,
+            width: 33,
+            height: 33,
+            face: 0,
+            opaque: 1,
+        };
+        let stripes: Vec<[u8; 4]> = (0..33 * 33)
+            .map(|i| [(i % 2 * 200) as u8, 0, 0, 255])
+            .collect();
+        let set = PlaneSet {
+            tiles: vec![tile],
+            texels: stripes,
+            ..PlaneSet::default()
+        };
         for (i, texel) in set.texels_at(0, 2).iter().enumerate() {
             let is_border = [i % 17, i / 17].iter().any(|v| v % 16 == 0);
             assert!(is_border || texel[0].abs_diff(100) <= 1, "{i}: {texel:?}");

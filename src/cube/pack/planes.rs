@@ -5,8 +5,8 @@
 //! direction through a pixel at depth 1, satisfy n . P = 1 if and only if q = n . d. So a plane that does not pass through the
 //! centre is one vector, the same for all faces, and q = 0 everywhere, the plane at infinity, is n = 0.
 
-use headbox_core::cube_face::Face;
 use glam::{DVec3, Vec3};
+use headbox_core::cube_face::Face;
 
 /// A plane about the centre: the points P with `normal_per_distance . P = 1`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -33,7 +33,9 @@ impl Plane {
         let (right, up) = (along_x * half, -along_y * half);
         let forward = q + right - up;
         let n: DVec3 = face.right() * right + face.up() * up + face.normal() * forward;
-        Self { normal_per_distance: n.as_vec3() }
+        Self {
+            normal_per_distance: n.as_vec3(),
+        }
     }
 }
 
@@ -85,7 +87,9 @@ mod tests {
     #[test]
     fn a_plane_is_the_same_on_every_face() {
         let n = DVec3::new(0.3, -0.7, 0.21);
-        let plane = Plane { normal_per_distance: n.as_vec3() };
+        let plane = Plane {
+            normal_per_distance: n.as_vec3(),
+        };
         for face in Face::ALL {
             let [q, qx, qy] = plane.inverse_depth(face, 64);
             for (x, y) in [(0.0, 0.0), (64.0, 3.5), (17.25, 60.0)] {
@@ -95,6 +99,10 @@ mod tests {
             let back = Plane::from_inverse_depth(face, 64, [q, qx, qy]);
             assert!((back.normal_per_distance - plane.normal_per_distance).length() < 1e-6);
         }
-        assert_eq!(Plane::default().inverse_depth(Face::PosZ, 9), [0.0; 3], "at infinity");
+        assert_eq!(
+            Plane::default().inverse_depth(Face::PosZ, 9),
+            [0.0; 3],
+            "at infinity"
+        );
     }
 }

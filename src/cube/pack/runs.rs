@@ -5,8 +5,8 @@
 //! multiple of four. The length of all that comes first, as a little-endian `u32`.
 
 use super::PackedSegment;
-use headbox_core::container::{FileError, Section};
 use crate::model::validate::MAX_FACE_SIZE_PX;
+use headbox_core::container::{FileError, Section};
 
 /// The counts of a segment.
 pub(crate) fn encode(segment: &PackedSegment) -> Vec<u8> {
@@ -47,7 +47,11 @@ fn put(bytes: &mut Vec<u8>, mut number: u32) {
 }
 
 /// Reads running counts as a segment of this size keeps them.
-pub(crate) fn decode(section: &mut Section, width: u32, height: u32) -> Result<Vec<u32>, FileError> {
+pub(crate) fn decode(
+    section: &mut Section,
+    width: u32,
+    height: u32,
+) -> Result<Vec<u32>, FileError> {
     let length: Vec<u32> = section.array(1)?;
     let bytes: Vec<u8> = section.array(length[0] as usize)?;
     let wrong = |section: &Section| section.damaged("counts of all pixels", "too few or too many");
@@ -66,7 +70,11 @@ pub(crate) fn decode(section: &mut Section, width: u32, height: u32) -> Result<V
             if empty == 0 {
                 let count = take(&mut bytes).ok_or_else(|| wrong(section))?;
                 match count {
-                    0 => empty = take(&mut bytes).and_then(|n| n.checked_add(1)).ok_or_else(|| wrong(section))?,
+                    0 => {
+                        empty = take(&mut bytes)
+                            .and_then(|n| n.checked_add(1))
+                            .ok_or_else(|| wrong(section))?
+                    }
                     count => sum = sum.checked_add(count).ok_or_else(|| wrong(section))?,
                 }
             }

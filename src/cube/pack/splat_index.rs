@@ -33,7 +33,10 @@ fn ring(i: usize) -> (f64, f64) {
     if i < FRONT_RINGS {
         ((i as f64 + 0.5) * FRONT_STEP_RAD, FRONT_STEP_RAD)
     } else {
-        (FRONT_END_RAD + ((i - FRONT_RINGS) as f64 + 0.5) * BACK_STEP_RAD, BACK_STEP_RAD)
+        (
+            FRONT_END_RAD + ((i - FRONT_RINGS) as f64 + 0.5) * BACK_STEP_RAD,
+            BACK_STEP_RAD,
+        )
     }
 }
 
@@ -55,7 +58,11 @@ static RING_NORMALS: LazyLock<Box<[Vec3; SPLAT_INDEX_COUNT]>> = LazyLock::new(||
         let (start, end) = (RING_STARTS[i], RING_STARTS[i + 1].min(SPLAT_INDEX_COUNT));
         for code in start..end {
             let azimuth = TAU * ((code - start) as f64 + 0.5) / (RING_STARTS[i + 1] - start) as f64;
-            let n = DVec3::new(angle.sin() * azimuth.cos(), angle.sin() * azimuth.sin(), angle.cos());
+            let n = DVec3::new(
+                angle.sin() * azimuth.cos(),
+                angle.sin() * azimuth.sin(),
+                angle.cos(),
+            );
             normals[code] = n.as_vec3();
         }
     }
@@ -74,13 +81,20 @@ pub struct DepthCodeRange {
 impl DepthCodeRange {
     /// The range of a segment whose inverse depths lie between `min` and `max`.
     pub fn from_inverse_depths(min: f32, max: f32) -> Self {
-        Self { nearest_m: 1.0 / f64::from(max), farthest_m: 1.0 / f64::from(min) }
+        Self {
+            nearest_m: 1.0 / f64::from(max),
+            farthest_m: 1.0 / f64::from(min),
+        }
     }
 
     /// The 5-bit code of an eye depth: equal ratios of depth get equal numbers of codes.
     fn encode(self, eye_depth: f64) -> usize {
         let octaves = (self.farthest_m / self.nearest_m).ln();
-        let t = if octaves > 0.0 { (eye_depth / self.nearest_m).ln() / octaves } else { 0.0 };
+        let t = if octaves > 0.0 {
+            (eye_depth / self.nearest_m).ln() / octaves
+        } else {
+            0.0
+        };
         ((t * DEPTH_CODE_COUNT as f64) as usize).min(DEPTH_CODE_COUNT - 1)
     }
 
@@ -109,7 +123,8 @@ impl SplatIndexLayout {
                 let i = if angle < FRONT_END_RAD {
                     (angle / FRONT_STEP_RAD) as usize
                 } else {
-                    (FRONT_RINGS + ((angle - FRONT_END_RAD) / BACK_STEP_RAD) as usize).min(RING_COUNT - 1)
+                    (FRONT_RINGS + ((angle - FRONT_END_RAD) / BACK_STEP_RAD) as usize)
+                        .min(RING_COUNT - 1)
                 };
                 let count = RING_STARTS[i + 1] - RING_STARTS[i];
                 let turn = normal_in_face.y.atan2(normal_in_face.x).rem_euclid(TAU) / TAU;
@@ -123,12 +138,22 @@ impl SplatIndexLayout {
     /// faces the centre still does as it is coded, but for those in the corners of a face whose normals point away from its front,
     /// where codes are coarse. Of a floor seen edge-on, which differs from a ceiling by less than a code, footprints would shrink on
     /// the side on which they must grow.
-    fn as_seen(self, index: u32, normal_in_face: DVec3, toward: DVec3, eye_depth: f64, range: DepthCodeRange) -> u32 {
-        let is_turned_over = normal_in_face.dot(toward) < 0.0 && self.normal(index).as_dvec3().dot(toward) >= 0.0;
+    fn as_seen(
+        self,
+        index: u32,
+        normal_in_face: DVec3,
+        toward: DVec3,
+        eye_depth: f64,
+        range: DepthCodeRange,
+    ) -> u32 {
+        let is_turned_over =
+            normal_in_face.dot(toward) < 0.0 && self.normal(index).as_dvec3().dot(toward) >= 0.0;
         match self {
-            Self::Normal if is_turned_over => {
-                self.encode((normal_in_face - toward * FRONT_STEP_RAD).normalize(), eye_depth, range)
-            }
+            Self::Normal if is_turned_over => self.encode(
+                (normal_in_face - toward * FRONT_STEP_RAD).normalize(),
+                eye_depth,
+                range,
+            ),
             Self::Normal | Self::Paper => index,
         }
     }
@@ -165,7 +190,11 @@ pub(super) struct SplatCoder {
 
 impl SplatCoder {
     pub(super) fn new(layout: SplatIndexLayout, range: DepthCodeRange) -> Self {
-        Self { layout, range, last: None }
+        Self {
+            layout,
+            range,
+            last: None,
+        }
     }
 
     /// The splat index of a sample with this normal in the face frame, which the centre sees along the unit vector `toward`.
@@ -176,7 +205,8 @@ impl SplatCoder {
             _ => self.layout.encode(normal_in_face, eye_depth, self.range),
         };
         self.last = (self.layout == SplatIndexLayout::Normal).then_some((bits, index));
-        self.layout.as_seen(index, normal_in_face, toward, eye_depth, self.range)
+        self.layout
+            .as_seen(index, normal_in_face, toward, eye_depth, self.range)
     }
 }
 
@@ -199,10 +229,16 @@ mod tests {
 
     #[test]
     fn normals_survive_both_codes() {
-        let range = DepthCodeRange { nearest_m: 1.0, farthest_m: 100.0 };
+        let range = DepthCodeRange {
+            nearest_m: 1.0,
+            farthest_m: 100.0,
+        };
         let mut worst = [0.0f32; 3];
         for i in 0..40_000 {
-            let (a, z) = (f64::from(i) * 2.399_963, 1.0 - (f64::from(i) + 0.5) / 20_000.0);
+            let (a, z) = (
+                f64::from(i) * 2.399_963,
+                1.0 - (f64::from(i) + 0.5) / 20_000.0,
+            );
             let r = (1.0 - z * z).sqrt();
             let n = DVec3::new(r * a.cos(), r * a.sin(), z);
             let error = |layout: SplatIndexLayout| {
@@ -216,12 +252,18 @@ mod tests {
                 worst[2] = worst[2].max(error(SplatIndexLayout::Paper));
             }
         }
-        assert!(worst[0] < WORST_FRONT_DEG && worst[1] < WORST_BACK_DEG && worst[2] < WORST_PAPER_DEG, "{worst:?}");
+        assert!(
+            worst[0] < WORST_FRONT_DEG && worst[1] < WORST_BACK_DEG && worst[2] < WORST_PAPER_DEG,
+            "{worst:?}"
+        );
     }
 
     #[test]
     fn a_sample_is_coded_alike_whatever_came_before_it() {
-        let range = DepthCodeRange { nearest_m: 1.0, farthest_m: 100.0 };
+        let range = DepthCodeRange {
+            nearest_m: 1.0,
+            farthest_m: 100.0,
+        };
         for layout in [SplatIndexLayout::Normal, SplatIndexLayout::Paper] {
             let mut after_others = SplatCoder::new(layout, range);
             for i in 0..6_000 {
@@ -232,14 +274,21 @@ mod tests {
                 let toward = DVec3::new((f64::from(i) * 0.7).sin(), 0.3, -1.0).normalize();
                 let eye_depth = 1.0 + f64::from(i % 97);
                 let alone = SplatCoder::new(layout, range).code(normal, toward, eye_depth);
-                assert_eq!(after_others.code(normal, toward, eye_depth), alone, "{normal} {toward} {eye_depth}");
+                assert_eq!(
+                    after_others.code(normal, toward, eye_depth),
+                    alone,
+                    "{normal} {toward} {eye_depth}"
+                );
             }
         }
     }
 
     #[test]
     fn what_faces_the_centre_edge_on_still_does_when_it_is_coded() {
-        let range = DepthCodeRange { nearest_m: 1.0, farthest_m: 100.0 };
+        let range = DepthCodeRange {
+            nearest_m: 1.0,
+            farthest_m: 100.0,
+        };
         let layout = SplatIndexLayout::Normal;
         let mut turned_over = 0;
         for i in 0..20_000 {
@@ -261,36 +310,58 @@ mod tests {
                 continue;
             }
             turned_over += 1;
-            let error_deg = layout.normal(seen).angle_between(normal.as_vec3()).to_degrees();
-            assert!(faces(seen) && error_deg < WORST_FRONT_DEG + 3.6, "{toward} {normal}: {error_deg}");
+            let error_deg = layout
+                .normal(seen)
+                .angle_between(normal.as_vec3())
+                .to_degrees();
+            assert!(
+                faces(seen) && error_deg < WORST_FRONT_DEG + 3.6,
+                "{toward} {normal}: {error_deg}"
+            );
         }
         assert!(turned_over > 300, "{turned_over}");
     }
 
     #[test]
     fn a_turn_that_rounds_to_a_whole_one_stays_in_its_ring() {
-        let range = DepthCodeRange { nearest_m: 1.0, farthest_m: 100.0 };
+        let range = DepthCodeRange {
+            nearest_m: 1.0,
+            farthest_m: 100.0,
+        };
         for degrees in [10.0f64, 45.0, 80.0] {
             let (sin, cos) = degrees.to_radians().sin_cos();
             // A hair below the x axis: the rest of a whole turn is the whole turn itself, in f64.
             let normal = DVec3::new(sin, -1e-20, cos);
-            let found = SplatIndexLayout::Normal.normal(SplatIndexLayout::Normal.encode(normal, 7.0, range));
-            assert!(found.angle_between(normal.as_vec3()).to_degrees() < WORST_FRONT_DEG, "{degrees}: {found}");
+            let found = SplatIndexLayout::Normal
+                .normal(SplatIndexLayout::Normal.encode(normal, 7.0, range));
+            assert!(
+                found.angle_between(normal.as_vec3()).to_degrees() < WORST_FRONT_DEG,
+                "{degrees}: {found}"
+            );
         }
     }
 
     #[test]
     fn depth_codes_err_by_half_a_ratio_step() {
         for ratio in [10.0f64, 100.0, 1000.0] {
-            let range = DepthCodeRange { nearest_m: 0.5, farthest_m: 0.5 * ratio };
+            let range = DepthCodeRange {
+                nearest_m: 0.5,
+                farthest_m: 0.5 * ratio,
+            };
             let half_step = ratio.powf(0.5 / DEPTH_CODE_COUNT as f64);
             for i in 0..=1000 {
                 let depth = 0.5 * ratio.powf(f64::from(i) / 1000.0);
                 let error = range.decode(range.encode(depth)) / depth;
-                assert!(error <= half_step * 1.000_001 && error >= 1.0 / half_step / 1.000_001, "{ratio}: {error}");
+                assert!(
+                    error <= half_step * 1.000_001 && error >= 1.0 / half_step / 1.000_001,
+                    "{ratio}: {error}"
+                );
             }
         }
-        let flat = DepthCodeRange { nearest_m: 2.0, farthest_m: 2.0 };
+        let flat = DepthCodeRange {
+            nearest_m: 2.0,
+            farthest_m: 2.0,
+        };
         assert_eq!(flat.decode(flat.encode(2.0)), 2.0);
     }
 }

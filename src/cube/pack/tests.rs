@@ -3,15 +3,18 @@
 use super::blocks::{BLOCK_COLUMNS, BLOCK_ROWS, BlockIndex};
 use super::file::CUBE_LDI;
 use super::validate::{PackedError, SegmentProblem};
-use super::{ExactCube, PackedCube, PackedDepthPixel, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide, SplatIndexLayout, Split};
-use crate::pack::runs;
-use headbox_core::random::Rng;
-use headbox_core::cube_face::Face;
-use headbox_core::container::{Container, ContainerWriter, Section};
-use headbox_core::environment::Environment;
+use super::{
+    ExactCube, PackedCube, PackedDepthPixel, PackedSegment, Plane, PlaneSet, PlaneTile,
+    SegmentSide, SplatIndexLayout, Split,
+};
 use crate::model::info::CaptureInfo;
 use crate::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use crate::model::validate::MAX_FACE_SIZE_PX;
+use crate::pack::runs;
+use headbox_core::container::{Container, ContainerWriter, Section};
+use headbox_core::cube_face::Face;
+use headbox_core::environment::Environment;
+use headbox_core::random::Rng;
 use std::collections::HashMap;
 
 /// A cube about the origin of what `samples` says of each pixel of each face, farthest first.
@@ -24,15 +27,27 @@ pub(crate) fn ldi(face_px: u32, samples: impl Fn(Face, u32, u32) -> Vec<DepthPix
         }
         ldi
     });
-    let info = CaptureInfo { half_size_m: 0.5, exposure: 1.0, ..CaptureInfo::default() };
-    CubeLdi { info, faces: faces.to_vec(), environment: Environment::default() }
+    let info = CaptureInfo {
+        half_size_m: 0.5,
+        exposure: 1.0,
+        ..CaptureInfo::default()
+    };
+    CubeLdi {
+        info,
+        faces: faces.to_vec(),
+        environment: Environment::default(),
+    }
 }
 
 /// A sample that faces the centre, more or less.
 pub(crate) fn sample(random: &mut Rng, face: Face, inverse_depth: f64) -> DepthPixel {
     let normal = (random.in_cube(0.5) - face.normal()).normalize().as_vec3();
     let color_srgb = [0; 4].map(|_: u8| random.below(256) as u8);
-    DepthPixel { inverse_depth: inverse_depth as f32, normal: EncodedNormal::new(normal), color_srgb }
+    DepthPixel {
+        inverse_depth: inverse_depth as f32,
+        normal: EncodedNormal::new(normal),
+        color_srgb,
+    }
 }
 
 /// Up to eleven samples in each pixel of the rectangle from (70, 20) to (150, 50) of faces of 170 pixels, which touches neither the first
@@ -43,9 +58,14 @@ pub(crate) fn scattered() -> CubeLdi {
         if !(70..=150).contains(&x) || !(20..=50).contains(&y) {
             return Vec::new();
         }
-        let mut inverse_depths: Vec<f64> = (0..random.below(12)).map(|_| random.between(0.1, 1.9)).collect();
+        let mut inverse_depths: Vec<f64> = (0..random.below(12))
+            .map(|_| random.between(0.1, 1.9))
+            .collect();
         inverse_depths.sort_by(f64::total_cmp);
-        inverse_depths.into_iter().map(|q| sample(&mut random, face, q)).collect()
+        inverse_depths
+            .into_iter()
+            .map(|q| sample(&mut random, face, q))
+            .collect()
     })
 }
 
@@ -69,8 +89,14 @@ fn unpacked_cubes_hold_the_samples_that_were_packed() {
             for (face, back) in ldi.faces.iter().zip(cube.unpack().faces) {
                 assert_eq!(face.offsets, back.offsets);
                 for (sample, back) in face.samples.iter().zip(&back.samples) {
-                    assert!(f64::from(sample.inverse_depth - back.inverse_depth).abs() <= HALF_CODE);
-                    let error_deg = sample.normal.decode().angle_between(back.normal.decode()).to_degrees();
+                    assert!(
+                        f64::from(sample.inverse_depth - back.inverse_depth).abs() <= HALF_CODE
+                    );
+                    let error_deg = sample
+                        .normal
+                        .decode()
+                        .angle_between(back.normal.decode())
+                        .to_degrees();
                     assert!(error_deg < normal_deg, "{layout:?} {error_deg}");
                     assert_eq!(sample.color_srgb, back.color_srgb);
                 }
@@ -79,17 +105,21 @@ fn unpacked_cubes_hold_the_samples_that_were_packed() {
                 let far = segment.side == SegmentSide::Far;
                 // The paper's codes of depth err by half a step of a 32nd of the range, in the logarithm.
                 let range = segment.depth_code_range();
-                let half_step = (range.farthest_m / range.nearest_m).powf(0.5 / 32.0) * (1.0 + 1e-6);
+                let half_step =
+                    (range.farthest_m / range.nearest_m).powf(0.5 / 32.0) * (1.0 + 1e-6);
                 let of_code = |index: u32| range.decode(index as usize % 32);
                 assert!(
                     layout == SplatIndexLayout::Normal
                         || segment.depth_pixels.iter().all(|pixel| {
-                            let ratio =
-                                of_code(pixel.splat_index()) * segment.inverse_depth(pixel.inverse_depth_code());
+                            let ratio = of_code(pixel.splat_index())
+                                * segment.inverse_depth(pixel.inverse_depth_code());
                             ratio <= half_step && ratio >= 1.0 / half_step
                         })
                 );
-                assert!((segment.inverse_depth_min < 0.8) == (far || segments == 6), "cut at 1/1.25");
+                assert!(
+                    (segment.inverse_depth_min < 0.8) == (far || segments == 6),
+                    "cut at 1/1.25"
+                );
                 assert_eq!(far, segment.inverse_depth_max < 0.8);
             }
         }
@@ -102,7 +132,11 @@ fn samples_that_are_not_packed_are_those_of_their_places() {
         let ldi = scattered();
         let exact = ExactCube::pack(&ldi, layout, Split::AtDepth(1.25)).expect("packs");
         let unpacked = ExactCube::unpack(exact.cube.clone());
-        let segments = exact.cube.segments.iter().zip(exact.depth_pixels.iter().zip(&unpacked.depth_pixels));
+        let segments = exact
+            .cube
+            .segments
+            .iter()
+            .zip(exact.depth_pixels.iter().zip(&unpacked.depth_pixels));
         for (segment, (exact, unpacked)) in segments {
             assert!(exact.len() == segment.depth_pixels.len() && exact.len() == unpacked.len());
             for (a, b) in exact.iter().zip(unpacked) {
@@ -112,7 +146,10 @@ fn samples_that_are_not_packed_are_those_of_their_places() {
                 assert!(cosine > NORMAL_DEG[1].to_radians().cos(), "{cosine}");
             }
         }
-        assert_eq!(exact.depth_pixel_bytes(), 24 * exact.cube.depth_pixel_count());
+        assert_eq!(
+            exact.depth_pixel_bytes(),
+            24 * exact.cube.depth_pixel_count()
+        );
     }
 }
 
@@ -121,12 +158,17 @@ fn blocks_know_the_least_and_the_largest_code_of_what_they_hold() {
     // Across two borders of blocks in each direction; every third pixel holds a sample, every ninth two.
     let ([x0, y0], [width, height]) = ([70, 23], [130, 36]);
     let code = |x: u32, y: u32, i: u32| (x * 7919 + y * 104_729 + i * 13) % 1_000_000;
-    let count = |x: u32, y: u32| u32::from((x + y).is_multiple_of(3)) + u32::from((x + y).is_multiple_of(9));
+    let count = |x: u32, y: u32| {
+        u32::from((x + y).is_multiple_of(3)) + u32::from((x + y).is_multiple_of(9))
+    };
     let rows: Vec<(Vec<PackedDepthPixel>, Vec<u32>)> = (y0..y0 + height)
         .map(|y| {
             let (mut samples, mut counts) = (Vec::new(), vec![0]);
             for x in x0..x0 + width {
-                let pixel = |i| PackedDepthPixel { geometry: code(x, y, i), color_srgb: [0; 4] };
+                let pixel = |i| PackedDepthPixel {
+                    geometry: code(x, y, i),
+                    color_srgb: [0; 4],
+                };
                 samples.extend((0..count(x, y)).map(pixel));
                 counts.push(samples.len() as u32);
             }
@@ -140,17 +182,27 @@ fn blocks_know_the_least_and_the_largest_code_of_what_they_hold() {
     let mut expected: HashMap<[u32; 2], [u32; 2]> = HashMap::new();
     for (x, y) in (y0..y0 + height).flat_map(|y| (x0..x0 + width).map(move |x| (x, y))) {
         for code in (0..count(x, y)).map(|i| code(x, y, i)) {
-            let codes = expected.entry([x / BLOCK_COLUMNS, y / BLOCK_ROWS]).or_insert([code; 2]);
+            let codes = expected
+                .entry([x / BLOCK_COLUMNS, y / BLOCK_ROWS])
+                .or_insert([code; 2]);
             *codes = [codes[0].min(code), codes[1].max(code)];
         }
     }
     assert_eq!(expected.len(), 3 * 3);
     for ([column, row], codes) in expected {
-        assert_eq!(index.codes(column, row), Some(codes), "block {column}, {row}");
+        assert_eq!(
+            index.codes(column, row),
+            Some(codes),
+            "block {column}, {row}"
+        );
     }
     let empty = BlockIndex::of_rows([0, 0], [1, 1], |_| (&[], &[0, 0]));
     assert_eq!(empty.codes(0, 0), None, "nothing there");
-    assert_eq!(empty.codes(0, 9), Some([0, super::INVERSE_DEPTH_CODE_MAX]), "nothing known");
+    assert_eq!(
+        empty.codes(0, 9),
+        Some([0, super::INVERSE_DEPTH_CODE_MAX]),
+        "nothing known"
+    );
 }
 
 /// What [`Split::Auto`] promises to make least, for a cut after some of 64 bins of inverse depth.
@@ -159,9 +211,18 @@ fn expected_touches(inverse_depths: &[f64], cut: f64, half_size: f64) -> f64 {
         let of = |pick: fn(f64, f64) -> f64| samples.iter().copied().reduce(pick).unwrap_or(0.0);
         of(f64::max) - of(f64::min)
     };
-    let touches = |samples: Vec<f64>, dq: f64| samples.len() as f64 * (1.15 + 0.5 * half_size * dq).powi(2).min(4.0);
+    let touches = |samples: Vec<f64>, dq: f64| {
+        samples.len() as f64 * (1.15 + 0.5 * half_size * dq).powi(2).min(4.0)
+    };
     let (far, near) = inverse_depths.iter().partition(|q| **q < cut);
-    let (least, all) = (inverse_depths.iter().copied().reduce(f64::min).unwrap_or(0.0), range(inverse_depths));
+    let (least, all) = (
+        inverse_depths
+            .iter()
+            .copied()
+            .reduce(f64::min)
+            .unwrap_or(0.0),
+        range(inverse_depths),
+    );
     touches(far, cut - least) + touches(near, least + all - cut)
 }
 
@@ -172,22 +233,41 @@ fn the_automatic_cut_is_the_cheapest_of_all() {
         let mut random = Rng::keyed(far);
         let mut inverse_depths: Vec<f64> = (0..far).map(|_| random.between(0.2, 0.5)).collect();
         inverse_depths.extend((far..400).map(|_| random.between(0.9, 2.6)));
-        inverse_depths.iter_mut().for_each(|q| *q = f64::from(*q as f32));
+        inverse_depths
+            .iter_mut()
+            .for_each(|q| *q = f64::from(*q as f32));
         let mut cube = ldi(20, |face, x, y| match face {
-            Face::PosX => vec![sample(&mut Rng::keyed(1), face, inverse_depths[(y * 20 + x) as usize])],
+            Face::PosX => vec![sample(
+                &mut Rng::keyed(1),
+                face,
+                inverse_depths[(y * 20 + x) as usize],
+            )],
             _ => Vec::new(),
         });
         cube.info.half_size_m = 1.2;
         let packed = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto).expect("packs");
-        let [of_far, of_near] = &packed.segments[..] else { panic!("a cut") };
+        let [of_far, of_near] = &packed.segments[..] else {
+            panic!("a cut")
+        };
         // Any cut between the two segments keeps the same samples.
         let [least, most] = [0.2, 2.6].map(|bound| {
-            inverse_depths.iter().copied().min_by(|a, b| (a - bound).abs().total_cmp(&(b - bound).abs())).expect("some")
+            inverse_depths
+                .iter()
+                .copied()
+                .min_by(|a, b| (a - bound).abs().total_cmp(&(b - bound).abs()))
+                .expect("some")
         });
         let cuts = (1..64).map(|i| least + (most - least) * f64::from(i) / 64.0);
         let of_cut = |cut: f64| expected_touches(&inverse_depths, cut, 1.2);
-        let best = cuts.clone().min_by(|a, b| of_cut(*a).total_cmp(&of_cut(*b))).expect("some");
-        assert!(f64::from(of_far.inverse_depth_max) < best && best <= f64::from(of_near.inverse_depth_min), "{best}");
+        let best = cuts
+            .clone()
+            .min_by(|a, b| of_cut(*a).total_cmp(&of_cut(*b)))
+            .expect("some");
+        assert!(
+            f64::from(of_far.inverse_depth_max) < best
+                && best <= f64::from(of_near.inverse_depth_min),
+            "{best}"
+        );
     }
 }
 
@@ -197,7 +277,13 @@ fn a_cut_that_saves_little_is_not_made() {
         Face::PosX => vec![sample(&mut Rng::keyed(1), face, 0.5 + 0.01 * f64::from(x))],
         _ => Vec::new(),
     });
-    assert_eq!(PackedCube::pack(&flat, SplatIndexLayout::Normal, Split::Auto).expect("packs").segments.len(), 1);
+    assert_eq!(
+        PackedCube::pack(&flat, SplatIndexLayout::Normal, Split::Auto)
+            .expect("packs")
+            .segments
+            .len(),
+        1
+    );
 }
 
 #[test]
@@ -207,10 +293,21 @@ fn counts_are_written_as_the_format_says() {
         width: 3,
         height: 2,
         row_counts: vec![0, 1, 1, 3, 0, 0, 200, 200],
-        ..PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs").segments.remove(0)
+        ..PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None)
+            .expect("packs")
+            .segments
+            .remove(0)
     };
-    assert_eq!(runs::encode(&segment), [12, 0, 0, 0, 1, 0, 0, 2, 0, 0, 200, 1, 0, 0, 0, 0]);
-    let empty = PackedSegment { width: 131, height: 1, row_counts: vec![0; 132], ..segment };
+    assert_eq!(
+        runs::encode(&segment),
+        [12, 0, 0, 0, 1, 0, 0, 2, 0, 0, 200, 1, 0, 0, 0, 0]
+    );
+    let empty = PackedSegment {
+        width: 131,
+        height: 1,
+        row_counts: vec![0; 132],
+        ..segment
+    };
     assert_eq!(runs::encode(&empty), [4, 0, 0, 0, 0, 130, 1, 0]);
 }
 
@@ -219,22 +316,47 @@ fn files_give_back_what_was_written() {
     let folder = tempfile::tempdir().expect("a folder");
     // Pixels with more than 127 samples, and more than 127 empty ones on end.
     let many = ldi(150, |face, x, y| match (face, x, y) {
-        (Face::NegY, 7, 2) => (0..300).map(|i| sample(&mut Rng::keyed(i), face, 0.2 + i as f64 * 1e-3)).collect(),
+        (Face::NegY, 7, 2) => (0..300)
+            .map(|i| sample(&mut Rng::keyed(i), face, 0.2 + i as f64 * 1e-3))
+            .collect(),
         (Face::NegY, 149, 3) => vec![sample(&mut Rng::keyed(1), face, 0.4); 128],
         (Face::NegY, 0, 5) => vec![sample(&mut Rng::keyed(2), face, 0.4)],
         _ => Vec::new(),
     });
     for ldi in [scattered(), many] {
-        let mut cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
+        let mut cube =
+            PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
         let path = folder.path().join("cube.ldi");
         cube.write(&path).expect("written");
         assert_eq!(PackedCube::read(&path).expect("read"), cube);
         // With pictures on planes, counts lie in runs. One picture is opaque, and of one the alpha has to be kept.
-        let picture =
-            |opaque| PlaneTile { opaque, face: 0, plane: 0, first_texel: 6, x0: 1, y0: 2, width: 2, height: 3 };
-        let tiles = vec![PlaneTile { first_texel: 0, ..picture(1) }, picture(0)];
-        let texels = (0..12).map(|i| PlaneSet::covered([200, 100, i, if i < 6 { 255 } else { i * 20 }])).collect();
-        cube.planes = PlaneSet { error_px: 1.0, planes: vec![Plane::default()], tiles, texels, ..PlaneSet::default() };
+        let picture = |opaque| PlaneTile {
+            opaque,
+            face: 0,
+            plane: 0,
+            first_texel: 6,
+            x0: 1,
+            y0: 2,
+            width: 2,
+            height: 3,
+        };
+        let tiles = vec![
+            PlaneTile {
+                first_texel: 0,
+                ..picture(1)
+            },
+            picture(0),
+        ];
+        let texels = (0..12)
+            .map(|i| PlaneSet::covered([200, 100, i, if i < 6 { 255 } else { i * 20 }]))
+            .collect();
+        cube.planes = PlaneSet {
+            error_px: 1.0,
+            planes: vec![Plane::default()],
+            tiles,
+            texels,
+            ..PlaneSet::default()
+        };
         cube.write(&path).expect("written");
         assert_eq!(PackedCube::read(&path).expect("read"), cube);
     }
@@ -245,21 +367,43 @@ fn texels_are_colours_times_alpha_rounded_to_the_nearest() {
     for alpha in 0..=255 {
         for c in 0..=255 {
             let exact = (f64::from(c) * f64::from(alpha) / 255.0).round() as u8;
-            assert_eq!(PlaneSet::covered([c, 0, 255, alpha]), [exact, 0, alpha, alpha]);
+            assert_eq!(
+                PlaneSet::covered([c, 0, 255, alpha]),
+                [exact, 0, alpha, alpha]
+            );
         }
     }
 }
 
 #[test]
 fn every_broken_promise_of_pictures_is_named() {
-    let picture = PlaneTile { opaque: 0, face: 5, plane: 0, first_texel: 0, x0: -1, y0: -1, width: 2, height: 3 };
-    let mut valid =
-        PackedCube::pack(&ldi(8, |_, _, _| Vec::new()), SplatIndexLayout::Normal, Split::None).expect("packs");
+    let picture = PlaneTile {
+        opaque: 0,
+        face: 5,
+        plane: 0,
+        first_texel: 0,
+        x0: -1,
+        y0: -1,
+        width: 2,
+        height: 3,
+    };
+    let mut valid = PackedCube::pack(
+        &ldi(8, |_, _, _| Vec::new()),
+        SplatIndexLayout::Normal,
+        Split::None,
+    )
+    .expect("packs");
     // One texel of six lets something through; from one pixel beside the face to the other.
     let mut texels = vec![[255; 4]; 6];
     texels[5] = [0; 4];
     let tiles = vec![picture];
-    valid.planes = PlaneSet { error_px: 1.0, planes: vec![Plane::default()], tiles, texels, ..PlaneSet::default() };
+    valid.planes = PlaneSet {
+        error_px: 1.0,
+        planes: vec![Plane::default()],
+        tiles,
+        texels,
+        ..PlaneSet::default()
+    };
     let check = |is_valid: bool, change: &dyn Fn(&mut PlaneSet)| {
         let mut cube = valid.clone();
         change(&mut cube.planes);
@@ -267,18 +411,68 @@ fn every_broken_promise_of_pictures_is_named() {
     };
     let of_tile = |is_valid, tile: PlaneTile| check(is_valid, &|set| set.tiles[0] = tile);
     of_tile(true, picture);
-    of_tile(true, PlaneTile { x0: 7, y0: 6, ..picture });
+    of_tile(
+        true,
+        PlaneTile {
+            x0: 7,
+            y0: 6,
+            ..picture
+        },
+    );
     of_tile(false, PlaneTile { x0: 8, ..picture });
     of_tile(false, PlaneTile { y0: 7, ..picture });
     of_tile(false, PlaneTile { x0: -2, ..picture });
-    of_tile(false, PlaneTile { width: 1, height: 6, ..picture });
-    of_tile(false, PlaneTile { plane: 1, ..picture });
+    of_tile(
+        false,
+        PlaneTile {
+            width: 1,
+            height: 6,
+            ..picture
+        },
+    );
+    of_tile(
+        false,
+        PlaneTile {
+            plane: 1,
+            ..picture
+        },
+    );
     of_tile(false, PlaneTile { face: 6, ..picture });
-    of_tile(false, PlaneTile { opaque: 2, ..picture });
-    of_tile(false, PlaneTile { opaque: 1, ..picture });
-    of_tile(false, PlaneTile { first_texel: 1, ..picture });
-    of_tile(false, PlaneTile { height: 4, ..picture });
-    of_tile(false, PlaneTile { height: 2, ..picture });
+    of_tile(
+        false,
+        PlaneTile {
+            opaque: 2,
+            ..picture
+        },
+    );
+    of_tile(
+        false,
+        PlaneTile {
+            opaque: 1,
+            ..picture
+        },
+    );
+    of_tile(
+        false,
+        PlaneTile {
+            first_texel: 1,
+            ..picture
+        },
+    );
+    of_tile(
+        false,
+        PlaneTile {
+            height: 4,
+            ..picture
+        },
+    );
+    of_tile(
+        false,
+        PlaneTile {
+            height: 2,
+            ..picture
+        },
+    );
     check(false, &|set| set.error_px = 0.0);
     check(false, &|set| set.error_px = -1.0);
     check(false, &|set| set.error_px = f64::INFINITY);
@@ -288,25 +482,58 @@ fn every_broken_promise_of_pictures_is_named() {
 
 #[test]
 fn bytes_are_those_of_all_arrays() {
-    let mut cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
-    cube.environment = Environment { size_px: 3, texels: vec![[9; 4]; 54] };
+    let mut cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25))
+        .expect("packs");
+    cube.environment = Environment {
+        size_px: 3,
+        texels: vec![[9; 4]; 54],
+    };
     let planes = vec![Plane::default(); 2];
-    let tile = PlaneTile { opaque: 0, face: 0, plane: 0, first_texel: 0, x0: 1, y0: 2, width: 2, height: 3 };
-    cube.planes = PlaneSet { planes, tiles: vec![tile], texels: vec![[0; 4]; 6], ..PlaneSet::default() };
+    let tile = PlaneTile {
+        opaque: 0,
+        face: 0,
+        plane: 0,
+        first_texel: 0,
+        x0: 1,
+        y0: 2,
+        width: 2,
+        height: 3,
+    };
+    cube.planes = PlaneSet {
+        planes,
+        tiles: vec![tile],
+        texels: vec![[0; 4]; 6],
+        ..PlaneSet::default()
+    };
     let of_planes = 2 * size_of::<Plane>() + size_of::<PlaneTile>() + 6 * 4;
-    let of_segments =
-        |s: &PackedSegment| 8 * s.depth_pixels.len() + 4 * (s.height + 1 + s.height * (s.width + 1)) as usize;
-    assert_eq!(cube.bytes(), cube.segments.iter().map(of_segments).sum::<usize>() + 54 * 4 + of_planes);
+    let of_segments = |s: &PackedSegment| {
+        8 * s.depth_pixels.len() + 4 * (s.height + 1 + s.height * (s.width + 1)) as usize
+    };
+    assert_eq!(
+        cube.bytes(),
+        cube.segments.iter().map(of_segments).sum::<usize>() + 54 * 4 + of_planes
+    );
 }
 
 #[test]
 fn cuts_are_at_depths_and_what_lies_on_them_is_near() {
-    let ldi = ldi(4, |face, _, _| [0.5, 0.8, 1.0].map(|q| sample(&mut Rng::keyed(1), face, q)).to_vec());
+    let ldi = ldi(4, |face, _, _| {
+        [0.5, 0.8, 1.0]
+            .map(|q| sample(&mut Rng::keyed(1), face, q))
+            .to_vec()
+    });
     for depth in [0.0, -1.0, f64::INFINITY, f64::NAN] {
-        assert!(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(depth)).is_err(), "{depth}");
+        assert!(
+            PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(depth)).is_err(),
+            "{depth}"
+        );
     }
-    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
-    let ranges = cube.segments.iter().map(|s| [s.inverse_depth_min, s.inverse_depth_max]);
+    let cube =
+        PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
+    let ranges = cube
+        .segments
+        .iter()
+        .map(|s| [s.inverse_depth_min, s.inverse_depth_max]);
     assert!(ranges.eq([[0.5, 0.5], [0.8, 1.0]].into_iter().cycle().take(12)));
 }
 
@@ -317,20 +544,32 @@ fn what_its_pixels_ray_sees_from_the_front_still_faces_it() {
     let mut ldi = ldi(8, |face, _, _| vec![sample(&mut Rng::keyed(1), face, 0.5)]);
     for face in &mut ldi.faces {
         for (i, sample) in (0..).zip(&mut face.samples) {
-            let toward = face.face.direction(f64::from(i % 8) + 0.5, f64::from(i / 8) + 0.5, 8).normalize();
+            let toward = face
+                .face
+                .direction(f64::from(i % 8) + 0.5, f64::from(i / 8) + 0.5, 8)
+                .normalize();
             let across = toward.cross(random.in_cube(1.0)).normalize();
-            sample.normal = EncodedNormal::new((across - toward * random.between(0.001, 0.05)).as_vec3());
+            sample.normal =
+                EncodedNormal::new((across - toward * random.between(0.001, 0.05)).as_vec3());
         }
     }
-    let unpacked = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).expect("packs").unpack();
+    let unpacked = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None)
+        .expect("packs")
+        .unpack();
     for (face, back) in ldi.faces.iter().zip(unpacked.faces) {
         for (i, (sample, back)) in (0..).zip(face.samples.iter().zip(back.samples)) {
-            let toward = face.face.direction(f64::from(i % 8) + 0.5, f64::from(i / 8) + 0.5, 8).normalize();
+            let toward = face
+                .face
+                .direction(f64::from(i % 8) + 0.5, f64::from(i / 8) + 0.5, 8)
+                .normalize();
             // Beyond 95 degrees from the face's middle codes lie too far apart.
             let normal = sample.normal.decode().as_dvec3();
             if normal.dot(toward) < 0.0 && normal.dot(-face.face.normal()) > -0.08 {
                 grazing += 1;
-                assert!(back.normal.decode().as_dvec3().dot(toward) < 1e-4, "{normal} {toward}");
+                assert!(
+                    back.normal.decode().as_dvec3().dot(toward) < 1e-4,
+                    "{normal} {toward}"
+                );
             }
         }
     }
@@ -344,23 +583,48 @@ fn section(bytes: Vec<u8>) -> Section {
     let mut writer = ContainerWriter::new(CUBE_LDI);
     writer.section("bytes", move || Ok(bytes));
     writer.write(&path).expect("written");
-    Container::open(&path, CUBE_LDI).and_then(|file| file.section("bytes")).expect("read")
+    Container::open(&path, CUBE_LDI)
+        .and_then(|file| file.section("bytes"))
+        .expect("read")
 }
 
 #[test]
 fn arrays_of_a_house_file_give_back_the_cube() {
-    let mut cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
-    cube.environment = Environment { size_px: 3, texels: (0..54).map(|i| [i, 2, 3, 255]).collect() };
-    let tile = PlaneTile { opaque: 0, face: 0, plane: 0, first_texel: 0, x0: 1, y0: 2, width: 2, height: 3 };
-    let texels = (0..6).map(|i| PlaneSet::covered([200, 100, i, 40 * i])).collect();
-    let pictures =
-        PlaneSet { error_px: 1.0, planes: vec![Plane::default()], tiles: vec![tile], texels, ..PlaneSet::default() };
+    let mut cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25))
+        .expect("packs");
+    cube.environment = Environment {
+        size_px: 3,
+        texels: (0..54).map(|i| [i, 2, 3, 255]).collect(),
+    };
+    let tile = PlaneTile {
+        opaque: 0,
+        face: 0,
+        plane: 0,
+        first_texel: 0,
+        x0: 1,
+        y0: 2,
+        width: 2,
+        height: 3,
+    };
+    let texels = (0..6)
+        .map(|i| PlaneSet::covered([200, 100, i, 40 * i]))
+        .collect();
+    let pictures = PlaneSet {
+        error_px: 1.0,
+        planes: vec![Plane::default()],
+        tiles: vec![tile],
+        texels,
+        ..PlaneSet::default()
+    };
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cube.ldi");
     for planes in [PlaneSet::default(), pictures] {
         cube.planes = planes;
         let mut section = section(cube.arrays());
-        assert_eq!(PackedCube::from_arrays(cube.header(), &mut section).expect("read"), cube);
+        assert_eq!(
+            PackedCube::from_arrays(cube.header(), &mut section).expect("read"),
+            cube
+        );
         section.end().expect("all was read");
         cube.write(&path).expect("written");
         assert_eq!(PackedCube::read(&path).expect("read"), cube);
@@ -376,17 +640,34 @@ fn counts_that_no_writer_makes_are_damage() {
     assert_eq!(decoded(3, 1, &[5, 0, 1, 0]), Some(vec![0, 5, 5, 5]));
     assert_eq!(decoded(3, 1, &[5, 0, 1]), Some(vec![0, 5, 5, 5]));
     assert_eq!(decoded(3, 1, &[5, 0, 2, 0]), None, "a pixel more");
-    assert_eq!(decoded(3, 1, &[5, 0, 1, 0, 0, 0, 0]), None, "four bytes at the end");
+    assert_eq!(
+        decoded(3, 1, &[5, 0, 1, 0, 0, 0, 0]),
+        None,
+        "four bytes at the end"
+    );
     assert_eq!(decoded(3, 1, &[5, 0, 1, 0, 0, 0]), Some(vec![0, 5, 5, 5]));
     assert_eq!(decoded(3, 1, &[5, 0, 1, 7]), None, "a count at the end");
     assert_eq!(decoded(3, 1, &[5, 0, 0]), None, "a pixel less");
     // The largest number of 32 bits, and one of 33.
-    assert_eq!(decoded(1, 1, &[255, 255, 255, 255, 15]), Some(vec![0, u32::MAX]));
+    assert_eq!(
+        decoded(1, 1, &[255, 255, 255, 255, 15]),
+        Some(vec![0, u32::MAX])
+    );
     assert_eq!(decoded(1, 1, &[255, 255, 255, 255, 16]), None);
-    assert_eq!(decoded(1, 1, &[128, 128, 128, 128, 128, 1]), None, "six bytes");
+    assert_eq!(
+        decoded(1, 1, &[128, 128, 128, 128, 128, 1]),
+        None,
+        "six bytes"
+    );
     // So many pixels side by side as a face may have, and one more.
-    let all_empty =
-        |pixels: u32| [0, (pixels - 1) as u8 | 128, ((pixels - 1) >> 7) as u8 | 128, ((pixels - 1) >> 14) as u8];
+    let all_empty = |pixels: u32| {
+        [
+            0,
+            (pixels - 1) as u8 | 128,
+            ((pixels - 1) >> 7) as u8 | 128,
+            ((pixels - 1) >> 14) as u8,
+        ]
+    };
     assert!(decoded(MAX_FACE_SIZE_PX, 1, &all_empty(MAX_FACE_SIZE_PX)).is_some());
     assert!(decoded(1, MAX_FACE_SIZE_PX, &all_empty(MAX_FACE_SIZE_PX)).is_some());
     assert!(decoded(MAX_FACE_SIZE_PX + 1, 1, &all_empty(MAX_FACE_SIZE_PX + 1)).is_none());
@@ -396,7 +677,13 @@ fn counts_that_no_writer_makes_are_damage() {
 /// A column of no samples before a segment's first or after its last.
 fn with_column(segment: &mut PackedSegment, is_first: bool) {
     let rows = segment.row_counts.chunks_exact(segment.width as usize + 1);
-    let wider = |row: &[u32]| if is_first { [&[0], row].concat() } else { [row, &row[row.len() - 1..]].concat() };
+    let wider = |row: &[u32]| {
+        if is_first {
+            [&[0], row].concat()
+        } else {
+            [row, &row[row.len() - 1..]].concat()
+        }
+    };
     segment.row_counts = rows.flat_map(wider).collect();
     (segment.x0, segment.width) = (segment.x0 - u32::from(is_first), segment.width + 1);
 }
@@ -404,39 +691,66 @@ fn with_column(segment: &mut PackedSegment, is_first: bool) {
 /// A row of no samples above a segment or below it.
 fn with_row(segment: &mut PackedSegment, is_first: bool) {
     let (width, end) = (segment.width as usize, segment.row_offsets.len() - 1);
-    let (offset, counts) = if is_first { (0, 0) } else { (end, segment.row_counts.len()) };
-    segment.row_offsets.insert(offset, segment.row_offsets[offset]);
-    segment.row_counts.splice(counts..counts, vec![0; width + 1]);
+    let (offset, counts) = if is_first {
+        (0, 0)
+    } else {
+        (end, segment.row_counts.len())
+    };
+    segment
+        .row_offsets
+        .insert(offset, segment.row_offsets[offset]);
+    segment
+        .row_counts
+        .splice(counts..counts, vec![0; width + 1]);
     (segment.y0, segment.height) = (segment.y0 - u32::from(is_first), segment.height + 1);
 }
 
 #[test]
 fn every_broken_promise_of_segments_is_named() {
     use SegmentProblem::{
-        Bits, InverseDepthRange, LooseRectangle, Rectangle, RowCountCount, RowCounts, RowOffsetCount, RowOffsets,
-        SplitPlane,
+        Bits, InverseDepthRange, LooseRectangle, Rectangle, RowCountCount, RowCounts,
+        RowOffsetCount, RowOffsets, SplitPlane,
     };
     for layout in LAYOUTS {
         let valid = PackedCube::pack(&scattered(), layout, Split::AtDepth(1.25)).expect("packs");
-        let (all, width) = (valid.segments[0].depth_pixels.len(), valid.segments[0].width as usize);
+        let (all, width) = (
+            valid.segments[0].depth_pixels.len(),
+            valid.segments[0].width as usize,
+        );
         let check = |expected: Option<SegmentProblem>, change: &dyn Fn(&mut PackedSegment)| {
             let mut cube = valid.clone();
             change(&mut cube.segments[0]);
             let found = match cube.validate() {
-                Err(PackedError::Segment { face: Face::PosX, problem, .. }) => Some(problem),
+                Err(PackedError::Segment {
+                    face: Face::PosX,
+                    problem,
+                    ..
+                }) => Some(problem),
                 other => other.map(|()| None).expect("a problem of the segment"),
             };
             assert_eq!(found, expected);
         };
         let max = valid.segments[0].inverse_depth_max;
-        check(Some(InverseDepthRange(0.0, max)), &|s| s.inverse_depth_min = 0.0);
-        check(Some(InverseDepthRange(-1.0, max)), &|s| s.inverse_depth_min = -1.0);
-        check(Some(InverseDepthRange(2.0, max)), &|s| s.inverse_depth_min = 2.0);
+        check(Some(InverseDepthRange(0.0, max)), &|s| {
+            s.inverse_depth_min = 0.0
+        });
+        check(Some(InverseDepthRange(-1.0, max)), &|s| {
+            s.inverse_depth_min = -1.0
+        });
+        check(Some(InverseDepthRange(2.0, max)), &|s| {
+            s.inverse_depth_min = 2.0
+        });
         let min = valid.segments[0].inverse_depth_min;
-        check(Some(InverseDepthRange(min, f32::INFINITY)), &|s| s.inverse_depth_max = f32::INFINITY);
+        check(Some(InverseDepthRange(min, f32::INFINITY)), &|s| {
+            s.inverse_depth_max = f32::INFINITY
+        });
         check(None, &|s| s.inverse_depth_min = s.inverse_depth_max);
-        check(Some(SplitPlane), &|s| s.inverse_depth_max = valid.segments[1].inverse_depth_min);
-        check(None, &|s| s.inverse_depth_max = valid.segments[1].inverse_depth_min.next_down());
+        check(Some(SplitPlane), &|s| {
+            s.inverse_depth_max = valid.segments[1].inverse_depth_min
+        });
+        check(None, &|s| {
+            s.inverse_depth_max = valid.segments[1].inverse_depth_min.next_down()
+        });
         check(Some(Rectangle), &|s| s.width = 0);
         check(Some(Rectangle), &|s| s.height = 0);
         check(Some(Rectangle), &|s| s.x0 = 171 - s.width);
@@ -448,18 +762,30 @@ fn every_broken_promise_of_segments_is_named() {
             check(Some(LooseRectangle), &|s| with_row(s, is_first));
         }
         let rows = valid.segments[0].height as usize;
-        let offsets = RowOffsetCount { found: rows, expected: rows + 1 };
+        let offsets = RowOffsetCount {
+            found: rows,
+            expected: rows + 1,
+        };
         check(Some(offsets), &|s| s.row_offsets.truncate(rows));
         let expected = rows * (width + 1);
-        check(Some(RowCountCount { found: expected - 1, expected }), &|s| s.row_counts.truncate(expected - 1));
+        check(
+            Some(RowCountCount {
+                found: expected - 1,
+                expected,
+            }),
+            &|s| s.row_counts.truncate(expected - 1),
+        );
         check(Some(RowOffsets(0)), &|s| s.row_offsets[0] = 1);
-        check(Some(RowOffsets(rows as u32)), &|s| s.row_offsets[rows] = all as u32 + 1);
+        check(Some(RowOffsets(rows as u32)), &|s| {
+            s.row_offsets[rows] = all as u32 + 1
+        });
         check(Some(RowCounts(0)), &|s| s.row_counts[0] = 1);
         check(Some(RowCounts(1)), &|s| s.row_counts[2 * width + 1] += 1);
         check(Some(RowCounts(1)), &|s| s.row_counts[width + 2] = u32::MAX);
         check(Some(RowCounts(1)), &|s| s.row_counts[width + 1] = 1);
     }
-    let mut twice = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+    let mut twice =
+        PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
     twice.segments.insert(1, twice.segments[0].clone());
     assert_eq!(twice.validate(), Err(PackedError::SegmentOrder(1)));
 }

@@ -3,8 +3,8 @@
 use super::depth_pixel::{PackedDepthPixel, SplatIndexLayout};
 use super::layout::{PackedCube, PackedSegment, SegmentSide};
 use super::planes::MAX_TILE_PX;
-use headbox_core::cube_face::Face;
 use crate::model::validate::{LdiError, MAX_FACE_SIZE_PX};
+use headbox_core::cube_face::Face;
 
 /// A promise of the layout that a packed cube breaks.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -110,11 +110,13 @@ impl PackedCube {
                 return Err(PackedError::SegmentOrder(i));
             }
             let far = before.filter(|b| b.face == segment.face);
-            segment.validate(self.face_size_px, self.layout, far).map_err(|problem| PackedError::Segment {
-                face: segment.face,
-                side: segment.side,
-                problem,
-            })?;
+            segment
+                .validate(self.face_size_px, self.layout, far)
+                .map_err(|problem| PackedError::Segment {
+                    face: segment.face,
+                    side: segment.side,
+                    problem,
+                })?;
             before = Some(segment);
         }
         self.validate_planes()
@@ -122,7 +124,11 @@ impl PackedCube {
 
     fn validate_planes(&self) -> Result<(), PackedError> {
         let set = &self.planes;
-        if let Some(i) = set.planes.iter().position(|plane| !plane.normal_per_distance.is_finite()) {
+        if let Some(i) = set
+            .planes
+            .iter()
+            .position(|plane| !plane.normal_per_distance.is_finite())
+        {
             return Err(PackedError::Plane(i));
         }
         let (mut texels, last) = (0, self.face_size_px as i32);
@@ -138,7 +144,9 @@ impl PackedCube {
                 start >= -1 && length >= 2 && i32::from(start) + i32::from(length) - 1 <= last
             };
             if !fits(tile.x0, tile.width) || !fits(tile.y0, tile.height) {
-                return wrong("its rectangle is too small, or reaches beyond the pixels around its face");
+                return wrong(
+                    "its rectangle is too small, or reaches beyond the pixels around its face",
+                );
             }
             if tile.width.max(tile.height) > MAX_TILE_PX {
                 return wrong("its rectangle is larger than those of any program");
@@ -148,16 +156,24 @@ impl PackedCube {
             }
             texels += tile.texel_count();
             let of_tile = set.texels.get(tile.texel_range());
-            let Some(of_tile) = of_tile else { return wrong("its texels are not there") };
+            let Some(of_tile) = of_tile else {
+                return wrong("its texels are not there");
+            };
             if (tile.opaque == 1) != of_tile.iter().all(|texel| texel[3] == 255) {
                 return wrong("its flag for opacity is wrong");
             }
         }
         if texels != set.texels.len() {
-            return Err(PackedError::Pictures("there are texels that belong to none"));
+            return Err(PackedError::Pictures(
+                "there are texels that belong to none",
+            ));
         }
-        if set.tiles.is_empty() != (set.error_px == 0.0) || !(set.error_px >= 0.0 && set.error_px.is_finite()) {
-            return Err(PackedError::Pictures("their error is positive and finite, or 0 if there are none"));
+        if set.tiles.is_empty() != (set.error_px == 0.0)
+            || !(set.error_px >= 0.0 && set.error_px.is_finite())
+        {
+            return Err(PackedError::Pictures(
+                "their error is positive and finite, or 0 if there are none",
+            ));
         }
         Ok(())
     }
@@ -165,7 +181,12 @@ impl PackedCube {
 
 impl PackedSegment {
     /// Checks the promises of one segment; `far` is the far segment of the same face, if this is the near one.
-    fn validate(&self, face_px: u32, layout: SplatIndexLayout, far: Option<&Self>) -> Result<(), SegmentProblem> {
+    fn validate(
+        &self,
+        face_px: u32,
+        layout: SplatIndexLayout,
+        far: Option<&Self>,
+    ) -> Result<(), SegmentProblem> {
         let (min, max) = (self.inverse_depth_min, self.inverse_depth_max);
         if !(min > 0.0 && min <= max && max.is_finite()) {
             return Err(SegmentProblem::InverseDepthRange(min, max));
@@ -176,26 +197,38 @@ impl PackedSegment {
         if self.depth_pixels.is_empty() {
             return Err(SegmentProblem::Empty);
         }
-        let fits = |start: u32, length: u32| u64::from(start) + u64::from(length) <= u64::from(face_px);
-        if self.width == 0 || self.height == 0 || !fits(self.x0, self.width) || !fits(self.y0, self.height) {
+        let fits =
+            |start: u32, length: u32| u64::from(start) + u64::from(length) <= u64::from(face_px);
+        if self.width == 0
+            || self.height == 0
+            || !fits(self.x0, self.width)
+            || !fits(self.y0, self.height)
+        {
             return Err(SegmentProblem::Rectangle);
         }
         self.validate_tables()?;
-        let meaningless =
-            |p: &PackedDepthPixel| p.geometry >> 31 != 0 || p.splat_index() as usize >= layout.index_count();
+        let meaningless = |p: &PackedDepthPixel| {
+            p.geometry >> 31 != 0 || p.splat_index() as usize >= layout.index_count()
+        };
         if let Some(i) = self.depth_pixels.iter().position(meaningless) {
             return Err(SegmentProblem::Bits(i));
         }
         for y in 0..self.height {
             for x in 0..self.width {
-                if !self.pixel(x, y).is_sorted_by_key(|p| p.inverse_depth_code()) {
+                if !self
+                    .pixel(x, y)
+                    .is_sorted_by_key(|p| p.inverse_depth_code())
+                {
                     return Err(SegmentProblem::DepthOrder { x, y });
                 }
             }
         }
         let row_used = |y: u32| !self.row(y).0.is_empty();
         let column_used = |x: u32| (0..self.height).any(|y| !self.pixel(x, y).is_empty());
-        let tight = row_used(0) && row_used(self.height - 1) && column_used(0) && column_used(self.width - 1);
+        let tight = row_used(0)
+            && row_used(self.height - 1)
+            && column_used(0)
+            && column_used(self.width - 1);
         tight.then_some(()).ok_or(SegmentProblem::LooseRectangle)
     }
 
@@ -203,11 +236,17 @@ impl PackedSegment {
     fn validate_tables(&self) -> Result<(), SegmentProblem> {
         let (width, height) = (self.width as usize, self.height as usize);
         if self.row_offsets.len() != height + 1 {
-            return Err(SegmentProblem::RowOffsetCount { found: self.row_offsets.len(), expected: height + 1 });
+            return Err(SegmentProblem::RowOffsetCount {
+                found: self.row_offsets.len(),
+                expected: height + 1,
+            });
         }
         let expected = height * (width + 1);
         if self.row_counts.len() != expected {
-            return Err(SegmentProblem::RowCountCount { found: self.row_counts.len(), expected });
+            return Err(SegmentProblem::RowCountCount {
+                found: self.row_counts.len(),
+                expected,
+            });
         }
         if self.row_offsets[0] != 0 {
             return Err(SegmentProblem::RowOffsets(0));

@@ -22,7 +22,10 @@ impl Bound {
     /// At most `error_px` pixels anywhere in a frame of 4:3 at a vertical field of view of 60 degrees whose pixels are 0.77 of
     /// a face's pixel in the middle, from any eye in a headbox of a half size.
     pub fn new(error_px: f64, half_size_m: f64, face_size_px: u32) -> Self {
-        Self { sine: error_px / (Self::focal_px(face_size_px) * OBLIQUENESS), half_size_m }
+        Self {
+            sine: error_px / (Self::focal_px(face_size_px) * OBLIQUENESS),
+            half_size_m,
+        }
     }
 
     /// Focal length, px, of the frames that errors are counted in.
@@ -43,7 +46,10 @@ impl Bound {
     }
 
     fn tolerance_if_no_nearer_than(&self, d: DVec3, q: f64, nearest: f64) -> f64 {
-        let (length, reach) = (d.length(), self.half_size_m * d.abs().element_sum() / d.length());
+        let (length, reach) = (
+            d.length(),
+            self.half_size_m * d.abs().element_sum() / d.length(),
+        );
         let z = length / nearest - reach;
         if z <= 0.0 {
             return 0.0;
@@ -73,21 +79,26 @@ fn from_length(q: f64, d: f64, s: f64) -> f64 {
 fn least_reach(d: DVec3, half_size_m: f64) -> f64 {
     let [a, b, c] = d.abs().to_array();
     let signed = [a + b + c, a + b - c, a - b + c, b + c - a];
-    signed.map(|sum| sum.abs() * half_size_m / d.length()).into_iter().fold(f64::INFINITY, f64::min)
+    signed
+        .map(|sum| sum.abs() * half_size_m / d.length())
+        .into_iter()
+        .fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::dvec3;
     use headbox_core::camera::Camera;
     use headbox_core::cube_face::Face;
-    use glam::dvec3;
 
     /// A sequence of numbers between 0 and 1.
     fn randoms() -> impl FnMut() -> f64 {
         let mut state = 7u64;
         move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1u64 << 53) as f64
         }
     }
@@ -106,15 +117,22 @@ mod tests {
             let eye = dvec3(random(), random(), random()) * 2.0 * half_size_m - half_size_m;
             let to = d / q - eye;
             let aside = dvec3(random() - 0.5, random() - 0.5, random() - 0.5) * to.length() * 0.9;
-            let Ok(camera) = Camera::look_at(eye, eye + to + aside, DVec3::Y, 60.0, [1024, 768]) else { continue };
-            let Some([x, y, _]) = camera.project(d / q) else { continue };
+            let Ok(camera) = Camera::look_at(eye, eye + to + aside, DVec3::Y, 60.0, [1024, 768])
+            else {
+                continue;
+            };
+            let Some([x, y, _]) = camera.project(d / q) else {
+                continue;
+            };
             if !(0.0..1024.0).contains(&x) || !(0.0..768.0).contains(&y) {
                 continue;
             }
             let tolerance = bound.tolerance(d, q);
             assert!(tolerance >= 0.0 && tolerance <= q);
             for q in [q + tolerance, (q - tolerance).max(1e-12)] {
-                let Some([u, v, _]) = camera.project(d / q) else { panic!("turned away") };
+                let Some([u, v, _]) = camera.project(d / q) else {
+                    panic!("turned away")
+                };
                 if (0.0..1024.0).contains(&u) && (0.0..768.0).contains(&v) {
                     worst = worst.max((u - x).hypot(v - y));
                 }
@@ -122,14 +140,21 @@ mod tests {
             seen += 1;
         }
         assert!(worst <= ERROR_PX, "{worst}");
-        assert!(worst > 0.5 * ERROR_PX, "the bound is nearly reached: {worst}");
+        assert!(
+            worst > 0.5 * ERROR_PX,
+            "the bound is nearly reached: {worst}"
+        );
     }
 
     #[test]
     fn hopeless_cases_have_no_tolerance() {
         let bound = Bound::new(0.5, 1.0, 256);
         assert_eq!(bound.tolerance(DVec3::Z, 1.0), 0.0, "on the headbox");
-        assert_eq!(bound.tolerance(dvec3(1.0, 1.0, 1.0), 1.0), 0.0, "on its corner");
+        assert_eq!(
+            bound.tolerance(dvec3(1.0, 1.0, 1.0), 1.0),
+            0.0,
+            "on its corner"
+        );
         assert_eq!(bound.tolerance(DVec3::Z, 1e-9), 1e-9, "as far as infinity");
         assert_eq!(Bound::new(0.0, 1.0, 256).tolerance(DVec3::Z, 0.1), 0.0);
     }

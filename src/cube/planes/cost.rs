@@ -29,14 +29,23 @@ fn picture_ns(width: u16, height: u16) -> f64 {
 pub(super) fn saved(samples: usize, width: u16, height: u16) -> Option<f64> {
     let samples = samples as f64;
     let bytes = BYTES[0] * f64::from(width) * f64::from(height) + 20.0;
-    let saved = [samples - bytes / BYTES[1], samples - picture_ns(width, height) / NS[3]];
+    let saved = [
+        samples - bytes / BYTES[1],
+        samples - picture_ns(width, height) / NS[3],
+    ];
     (saved[0] >= 0.0 && saved[1] >= 0.0).then_some(saved[0] + saved[1])
 }
 
 /// True if all pictures of a cube, of some widths and heights, save more time over so many samples than their canvas takes: in frames all
 /// around, which show each of them once.
-pub(super) fn are_worth_a_canvas(samples: u64, pictures: impl Iterator<Item = [u16; 2]>, face_pixels: u64) -> bool {
-    let pictures_ns: f64 = pictures.map(|[width, height]| picture_ns(width, height)).sum();
+pub(super) fn are_worth_a_canvas(
+    samples: u64,
+    pictures: impl Iterator<Item = [u16; 2]>,
+    face_pixels: u64,
+) -> bool {
+    let pictures_ns: f64 = pictures
+        .map(|[width, height]| picture_ns(width, height))
+        .sum();
     samples as f64 * SAMPLE_NS - pictures_ns > face_pixels as f64 * FRAME_PER_FACE_PX * CANVAS_NS
 }
 

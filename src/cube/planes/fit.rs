@@ -43,7 +43,11 @@ impl Affine {
 
 impl Fit {
     pub(super) fn new(origin: [f64; 2]) -> Self {
-        Self { origin, moments: [0.0; 6], values: DVec3::ZERO }
+        Self {
+            origin,
+            moments: [0.0; 6],
+            values: DVec3::ZERO,
+        }
     }
 
     /// Number of samples.
@@ -54,7 +58,11 @@ impl Fit {
     #[inline(always)]
     pub(super) fn add(&mut self, x: f64, y: f64, q: f64) {
         let (x, y) = (x - self.origin[0], y - self.origin[1]);
-        for (sum, value) in self.moments.iter_mut().zip([1.0, x, y, x * x, x * y, y * y]) {
+        for (sum, value) in self
+            .moments
+            .iter_mut()
+            .zip([1.0, x, y, x * x, x * y, y * y])
+        {
             *sum += value;
         }
         self.values += DVec3::new(q, q * x, q * y);
@@ -63,13 +71,24 @@ impl Fit {
     /// The plane of least squares, or `None` if the samples lie on a line.
     pub(super) fn solve(&self) -> Option<Affine> {
         let [n, x, y, xx, xy, yy] = self.moments;
-        let matrix = DMat3::from_cols(DVec3::new(n, x, y), DVec3::new(x, xx, xy), DVec3::new(y, xy, yy));
+        let matrix = DMat3::from_cols(
+            DVec3::new(n, x, y),
+            DVec3::new(x, xx, xy),
+            DVec3::new(y, xy, yy),
+        );
         let [spread_x, spread_y] = [xx - x * x / n, yy - y * y / n];
-        if !(n >= 3.0 && matrix.determinant() > 1e-6 * n * spread_x * spread_y && spread_x > 0.1 && spread_y > 0.1) {
+        if !(n >= 3.0
+            && matrix.determinant() > 1e-6 * n * spread_x * spread_y
+            && spread_x > 0.1
+            && spread_y > 0.1)
+        {
             return None;
         }
         let at = matrix.inverse() * self.values;
-        at.is_finite().then_some(Affine { origin: self.origin, at })
+        at.is_finite().then_some(Affine {
+            origin: self.origin,
+            at,
+        })
     }
 }
 
@@ -81,12 +100,22 @@ mod tests {
     fn affine_depths_are_found_and_lines_are_not_planes() {
         let q = |x: f64, y: f64| 0.4 + 0.002 * x - 0.013 * y;
         let mut fit = Fit::new([900.5, 30.5]);
-        for (x, y) in [(890.5, 31.5), (903.5, 20.5), (901.5, 44.5), (900.5, 30.5), (920.5, 39.5)] {
+        for (x, y) in [
+            (890.5, 31.5),
+            (903.5, 20.5),
+            (901.5, 44.5),
+            (900.5, 30.5),
+            (920.5, 39.5),
+        ] {
             fit.add(x, y, q(x, y));
         }
         let found = fit.solve().expect("a plane");
         assert!((found.inverse_depth(3.0, 700.0) - q(3.0, 700.0)).abs() < 1e-9);
-        assert_eq!(found.distance(10.5, 7.5, q(10.9, 7.2)), 0.0, "elsewhere in the pixel");
+        assert_eq!(
+            found.distance(10.5, 7.5, q(10.9, 7.2)),
+            0.0,
+            "elsewhere in the pixel"
+        );
         assert!((found.distance(10.5, 7.5, q(10.5, 7.5) + 1.0) - (1.0 - 0.0075)).abs() < 1e-9);
         let mut line = Fit::new([0.0; 2]);
         (0..9).for_each(|i| line.add(f64::from(i), 2.0 * f64::from(i), 1.0));

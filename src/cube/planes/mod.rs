@@ -33,14 +33,32 @@ pub const DEFAULT_ERROR_PX: f64 = 0.5;
 ///
 /// # Errors
 /// See [`PackedCube::pack`].
-pub fn pack(ldi: CubeLdi, layout: SplatIndexLayout, split: Split, error_px: f64) -> Result<PackedCube, PackError> {
+pub fn pack(
+    ldi: CubeLdi,
+    layout: SplatIndexLayout,
+    split: Split,
+    error_px: f64,
+) -> Result<PackedCube, PackError> {
     ldi.validate()?;
     let found = find(&ldi, error_px);
     let samples = found.iter().map(|of_face| of_face.pictures.samples).sum();
-    let tiles = found.iter().flat_map(|of_face| &of_face.pictures.tiles).map(|tile| [tile.width, tile.height]);
-    let face_pixels = ldi.faces.iter().map(|face| u64::from(face.size_px).pow(2)).sum();
+    let tiles = found
+        .iter()
+        .flat_map(|of_face| &of_face.pictures.tiles)
+        .map(|tile| [tile.width, tile.height]);
+    let face_pixels = ldi
+        .faces
+        .iter()
+        .map(|face| u64::from(face.size_px).pow(2))
+        .sum();
     let is_worth_it = cost::are_worth_a_canvas(samples, tiles, face_pixels);
-    pack_found(ldi, if is_worth_it { found } else { Vec::new() }, layout, split, error_px)
+    pack_found(
+        ldi,
+        if is_worth_it { found } else { Vec::new() },
+        layout,
+        split,
+        error_px,
+    )
 }
 
 /// As [`pack`], with all pictures: for a cube of which portals show parts.
@@ -94,19 +112,36 @@ fn find(ldi: &CubeLdi, error_px: f64) -> Vec<Chosen> {
         return Vec::new();
     }
     let half_size_m = ldi.info.half_size_m;
-    ldi.faces.par_iter().with_max_len(1).map(|face| choose_on(face, error_px, half_size_m)).collect()
+    ldi.faces
+        .par_iter()
+        .with_max_len(1)
+        .map(|face| choose_on(face, error_px, half_size_m))
+        .collect()
 }
 
 /// Takes the samples of pictures from a cube, and makes a set of these.
 fn take(ldi: &mut CubeLdi, found: Vec<Chosen>, error_px: f64) -> PlaneSet {
-    if found.iter().all(|of_face| of_face.pictures.tiles.is_empty()) {
+    if found
+        .iter()
+        .all(|of_face| of_face.pictures.tiles.is_empty())
+    {
         return PlaneSet::default();
     }
-    ldi.faces.par_iter_mut().zip(&found).with_max_len(1).for_each(|(face, of_face)| {
-        keep(face, |i| of_face.owner[i] == NOBODY);
-    });
-    let mut set = PlaneSet { error_px, ..PlaneSet::default() };
-    for Chosen { planes, pictures, .. } in found {
+    ldi.faces
+        .par_iter_mut()
+        .zip(&found)
+        .with_max_len(1)
+        .for_each(|(face, of_face)| {
+            keep(face, |i| of_face.owner[i] == NOBODY);
+        });
+    let mut set = PlaneSet {
+        error_px,
+        ..PlaneSet::default()
+    };
+    for Chosen {
+        planes, pictures, ..
+    } in found
+    {
         let (plane, texel) = (set.planes.len() as u32, set.texels.len() as u32);
         set.planes.extend(planes);
         set.tiles.extend(pictures.tiles.into_iter().map(|mut tile| {
@@ -132,7 +167,11 @@ fn choose_on(face: &LayeredDepthImage, error_px: f64, half_size_m: f64) -> Chose
     grower.grow_all(LEAST_SAMPLES);
     let pictures = textures::draw(&mut grower, 0);
     let planes = grower.regions.iter().map(|region| region.plane).collect();
-    Chosen { planes, pictures, owner: grower.owner }
+    Chosen {
+        planes,
+        pictures,
+        owner: grower.owner,
+    }
 }
 
 /// Drops all samples but some.

@@ -58,14 +58,24 @@ impl<'a> Grower<'a> {
         let size = face.size_px;
         let mut tolerance = Vec::with_capacity(face.samples.len());
         for p in 0..size * size {
-            let d = face.face.direction(f64::from(p % size) + 0.5, f64::from(p / size) + 0.5, size);
+            let d = face
+                .face
+                .direction(f64::from(p % size) + 0.5, f64::from(p / size) + 0.5, size);
             let of = |s: &DepthPixel| bound.tolerance(d, f64::from(s.inverse_depth)) as f32;
             tolerance.extend(face.pixel(p % size, p / size).iter().map(of));
         }
         let owner = vec![NOBODY; face.samples.len()];
         let visited = vec![0; (size * size) as usize];
         let (regions, queue) = (Vec::new(), Vec::new());
-        Self { face, tolerance, owner, regions, visited, visit: 0, queue }
+        Self {
+            face,
+            tolerance,
+            owner,
+            regions,
+            visited,
+            visit: 0,
+            queue,
+        }
     }
 
     /// Finds all regions of at least `least` samples, best seeds first.
@@ -84,7 +94,10 @@ impl<'a> Grower<'a> {
     }
 
     fn middle(&self, pixel: u32) -> [f64; 2] {
-        [f64::from(pixel % self.face.size_px) + 0.5, f64::from(pixel / self.face.size_px) + 0.5]
+        [
+            f64::from(pixel % self.face.size_px) + 0.5,
+            f64::from(pixel / self.face.size_px) + 0.5,
+        ]
     }
 
     /// True if a sample that is still free lies on a plane.
@@ -108,7 +121,11 @@ impl<'a> Grower<'a> {
             }
         }
         if !pixels.is_empty() {
-            self.regions.push(Region { plane: Plane::default(), affine: Affine::default(), pixels });
+            self.regions.push(Region {
+                plane: Plane::default(),
+                affine: Affine::default(),
+                pixels,
+            });
         }
     }
 
@@ -128,15 +145,21 @@ impl<'a> Grower<'a> {
     fn seed(&self, pixel: u32, i: usize) -> Option<Seed> {
         let size = self.face.size_px;
         let [x, y] = self.middle(pixel);
-        let slope = self.face.inverse_depth_slope(x, y, &self.face.samples[i], 8.0);
+        let slope = self
+            .face
+            .inverse_depth_slope(x, y, &self.face.samples[i], 8.0);
         let q = f64::from(self.face.samples[i].inverse_depth);
-        let mut affine = Affine { origin: [x, y], at: glam::DVec3::new(q, q * slope.x, q * slope.y) };
+        let mut affine = Affine {
+            origin: [x, y],
+            at: glam::DVec3::new(q, q * slope.x, q * slope.y),
+        };
         let (column, row) = (i64::from(pixel % size), i64::from(pixel / size));
         let mut score = 0.0;
         for round in 0..3 {
             let mut fit = Fit::new([x, y]);
             let (mut support, mut misfit) = (0, 0.0);
-            for (dy, dx) in (-SEED_REACH..=SEED_REACH).flat_map(|dy| (-SEED_REACH..=SEED_REACH).map(move |dx| (dy, dx)))
+            for (dy, dx) in (-SEED_REACH..=SEED_REACH)
+                .flat_map(|dy| (-SEED_REACH..=SEED_REACH).map(move |dx| (dy, dx)))
             {
                 let inside = |v: i64| (0..i64::from(size)).contains(&v);
                 if !inside(column + dx) || !inside(row + dy) {
@@ -144,14 +167,22 @@ impl<'a> Grower<'a> {
                 }
                 let other = ((row + dy) * i64::from(size) + column + dx) as u32;
                 let at = self.middle(other);
-                let doubt = if round == 0 { q * NORMAL_ERROR * (dx * dx + dy * dy) as f64 } else { 0.0 };
+                let doubt = if round == 0 {
+                    q * NORMAL_ERROR * (dx * dx + dy * dy) as f64
+                } else {
+                    0.0
+                };
                 let mut found = false;
                 for k in self.samples_of(other).filter(|k| self.owner[*k] == NOBODY) {
-                    let (value, tolerance) = (f64::from(self.face.samples[k].inverse_depth), self.tolerance[k]);
+                    let (value, tolerance) = (
+                        f64::from(self.face.samples[k].inverse_depth),
+                        self.tolerance[k],
+                    );
                     let off = affine.distance(at[0], at[1], value);
                     if off <= f64::from(tolerance) + doubt {
                         fit.add(at[0], at[1], value);
-                        misfit += (value - affine.inverse_depth(at[0], at[1])).abs() / f64::from(tolerance);
+                        misfit += (value - affine.inverse_depth(at[0], at[1])).abs()
+                            / f64::from(tolerance);
                         found = true;
                     }
                 }
@@ -163,15 +194,24 @@ impl<'a> Grower<'a> {
             score = support as f64 / (1.0 + misfit / fit.count());
             affine = fit.solve()?;
         }
-        Some(Seed { score, pixel, affine })
+        Some(Seed {
+            score,
+            pixel,
+            affine,
+        })
     }
 
     fn grow(&mut self, seed: &Seed, least: usize) {
         let middle = self.middle(seed.pixel);
-        if !self.samples_of(seed.pixel).any(|i| self.fits(&seed.affine, middle, i)) {
+        if !self
+            .samples_of(seed.pixel)
+            .any(|i| self.fits(&seed.affine, middle, i))
+        {
             return;
         }
-        let Some((fit, count, _)) = self.spread(seed.affine, seed.pixel, true) else { return };
+        let Some((fit, count, _)) = self.spread(seed.affine, seed.pixel, true) else {
+            return;
+        };
         if count < least {
             return;
         }
@@ -180,13 +220,22 @@ impl<'a> Grower<'a> {
             let (face, size) = (self.face.face, self.face.size_px);
             let plane = Plane::from_inverse_depth(face, size, affine.coefficients());
             let [q, along_x, along_y] = plane.inverse_depth(face, size);
-            let rounded = Affine { origin: [0.0; 2], at: glam::DVec3::new(q, along_x, along_y) };
-            let Some((refined, count, pixels)) = self.spread(rounded, seed.pixel, false) else { return };
+            let rounded = Affine {
+                origin: [0.0; 2],
+                at: glam::DVec3::new(q, along_x, along_y),
+            };
+            let Some((refined, count, pixels)) = self.spread(rounded, seed.pixel, false) else {
+                return;
+            };
             if count < least {
                 return;
             }
             if round == 1 {
-                self.take(Region { plane, affine: rounded, pixels });
+                self.take(Region {
+                    plane,
+                    affine: rounded,
+                    pixels,
+                });
                 return;
             }
             affine = refined;
@@ -209,7 +258,12 @@ impl<'a> Grower<'a> {
 
     /// All pixels with free samples on a plane that are reached from one of them, how many samples they are, and the plane of
     /// least squares through those. While it `adapts`, the plane is fitted anew whenever twice as many are known.
-    fn spread(&mut self, mut affine: Affine, from: u32, adapts: bool) -> Option<(Affine, usize, Vec<u32>)> {
+    fn spread(
+        &mut self,
+        mut affine: Affine,
+        from: u32,
+        adapts: bool,
+    ) -> Option<(Affine, usize, Vec<u32>)> {
         let size = self.face.size_px;
         self.visit += 1;
         let mut queue = std::mem::take(&mut self.queue);

@@ -1,8 +1,8 @@
 //! Pictures of regions: a texel for each face pixel, sharpened against the blur of lookups between texels, cut into tiles.
 
-use crate::planes::cost;
 use super::regions::{Grower, NOBODY, Region};
 use crate::pack::{PlaneSet, PlaneTile};
+use crate::planes::cost;
 
 /// Face pixels a side of the largest tiles, and of the smallest into which these are cut.
 const LARGEST_PX: i32 = 128;
@@ -27,8 +27,16 @@ pub(super) fn draw(grower: &mut Grower, first_plane: u32) -> Pictures {
     let mut drawn = Drawn::new(grower.face.size_px);
     let mut freed = Vec::new();
     for (id, region) in regions.iter().enumerate() {
-        let painter = Painter { grower, region, id: id as u32 };
-        let kept: Vec<Square> = painter.squares().into_iter().flat_map(|square| painter.choose(square).kept).collect();
+        let painter = Painter {
+            grower,
+            region,
+            id: id as u32,
+        };
+        let kept: Vec<Square> = painter
+            .squares()
+            .into_iter()
+            .flat_map(|square| painter.choose(square).kept)
+            .collect();
         drawn.begin();
         kept.iter().for_each(|square| drawn.add(square));
         for square in &kept {
@@ -62,7 +70,11 @@ struct Square {
 impl Square {
     fn quarters(&self) -> [Self; 4] {
         let side = self.side / 2;
-        [(0, 0), (side, 0), (0, side), (side, side)].map(|(x, y)| Self { x: self.x + x, y: self.y + y, side })
+        [(0, 0), (side, 0), (0, side), (side, side)].map(|(x, y)| Self {
+            x: self.x + x,
+            y: self.y + y,
+            side,
+        })
     }
 }
 
@@ -85,7 +97,11 @@ struct Drawn {
 impl Drawn {
     fn new(size_px: u32) -> Self {
         let across = (size_px as i32).div_euclid(LEAST_PX) + 1;
-        Self { last: vec![0; (across * across) as usize], across, region: 0 }
+        Self {
+            last: vec![0; (across * across) as usize],
+            across,
+            region: 0,
+        }
     }
 
     /// Another region: nothing of it is drawn.
@@ -110,14 +126,19 @@ impl Drawn {
     }
 
     fn holds(&self, x: i32, y: i32) -> bool {
-        self.index(x, y).is_some_and(|at| self.last[at] == self.region)
+        self.index(x, y)
+            .is_some_and(|at| self.last[at] == self.region)
     }
 
     /// A cell between four texels belongs to the tile of its upper left one. If that is not drawn, its neighbour draws the cell:
     /// by how many texels a tile begins further left and up.
     fn lacks_beside(&self, Square { x, y, side }: &Square) -> [i32; 2] {
         let along = || (0..*side).step_by(LEAST_PX as usize);
-        [along().any(|k| !self.holds(x - 1, y + k)), along().any(|k| !self.holds(x + k, y - 1))].map(i32::from)
+        [
+            along().any(|k| !self.holds(x - 1, y + k)),
+            along().any(|k| !self.holds(x + k, y - 1)),
+        ]
+        .map(i32::from)
     }
 }
 
@@ -144,14 +165,22 @@ impl Painter<'_, '_> {
     fn squares(&self) -> Vec<Square> {
         let mut squares = Vec::new();
         for &pixel in &self.region.pixels {
-            let square = [pixel as i32 / self.size(), pixel as i32 % self.size()].map(|v| v / LARGEST_PX * LARGEST_PX);
+            let square = [pixel as i32 / self.size(), pixel as i32 % self.size()]
+                .map(|v| v / LARGEST_PX * LARGEST_PX);
             if squares.last() != Some(&square) {
                 squares.push(square);
             }
         }
         squares.sort_unstable();
         squares.dedup();
-        squares.into_iter().map(|[y, x]| Square { x, y, side: LARGEST_PX }).collect()
+        squares
+            .into_iter()
+            .map(|[y, x]| Square {
+                x,
+                y,
+                side: LARGEST_PX,
+            })
+            .collect()
     }
 
     /// The tiles, of a square or of parts of it, that save most.
@@ -160,8 +189,13 @@ impl Painter<'_, '_> {
         if samples == 0 {
             return Choice::default();
         }
-        let saved = self.tile(&square, [0; 2]).and_then(|t| cost::saved(samples, t.width, t.height));
-        let whole = saved.map_or(Choice::default(), |saved| Choice { kept: vec![square], saved });
+        let saved = self
+            .tile(&square, [0; 2])
+            .and_then(|t| cost::saved(samples, t.width, t.height));
+        let whole = saved.map_or(Choice::default(), |saved| Choice {
+            kept: vec![square],
+            saved,
+        });
         if square.side == LEAST_PX {
             return whole;
         }
@@ -170,14 +204,22 @@ impl Painter<'_, '_> {
             parts.kept.extend(quarter.kept);
             parts.saved += quarter.saved;
         }
-        if parts.saved > whole.saved { parts } else { whole }
+        if parts.saved > whole.saved {
+            parts
+        } else {
+            whole
+        }
     }
 
     /// The samples of the region in pixel (x, y), as indices.
     fn own(&self, x: i32, y: i32) -> impl Iterator<Item = usize> + use<'_> {
         let pixel = (y * self.size() + x) as usize;
         let inside = (0..self.size()).contains(&x) && (0..self.size()).contains(&y);
-        let ends = if inside { &self.grower.face.offsets[pixel..pixel + 2] } else { &[0, 0] };
+        let ends = if inside {
+            &self.grower.face.offsets[pixel..pixel + 2]
+        } else {
+            &[0, 0]
+        };
         (ends[0] as usize..ends[1] as usize).filter(|i| self.grower.owner[*i] == self.id)
     }
 
@@ -202,9 +244,16 @@ impl Painter<'_, '_> {
             }
         }
         let [x0, y0, x1, y1] = bounds?;
-        let ([x0, x1], [y0, y1]) =
-            ([(x0 - 1).max(left), (x1 + 1).min(right)], [(y0 - 1).max(top), (y1 + 1).min(bottom)]);
-        (x1 > x0 && y1 > y0).then_some(Rectangle { x0, y0, width: (x1 - x0 + 1) as u16, height: (y1 - y0 + 1) as u16 })
+        let ([x0, x1], [y0, y1]) = (
+            [(x0 - 1).max(left), (x1 + 1).min(right)],
+            [(y0 - 1).max(top), (y1 + 1).min(bottom)],
+        );
+        (x1 > x0 && y1 > y0).then_some(Rectangle {
+            x0,
+            y0,
+            width: (x1 - x0 + 1) as u16,
+            height: (y1 - y0 + 1) as u16,
+        })
     }
 
     fn paint(&self, at: &Rectangle, first_plane: u32, to: &mut Pictures) {
@@ -214,9 +263,15 @@ impl Painter<'_, '_> {
         let means: Vec<_> = (at.y0 - 1..=at.y0 + rows)
             .flat_map(|y| columns_and_beside.clone().map(move |x| self.member(x, y)))
             .collect();
-        for (y, three) in (at.y0..).zip(means.chunks_exact(columns as usize + 2).collect::<Vec<_>>().windows(3)) {
+        for (y, three) in (at.y0..).zip(
+            means
+                .chunks_exact(columns as usize + 2)
+                .collect::<Vec<_>>()
+                .windows(3),
+        ) {
             for (x, i) in (at.x0..at.x0 + columns).zip(1..) {
-                let [above, here, below] = [three[0], three[1], three[2]].map(|row| [row[i - 1], row[i], row[i + 1]]);
+                let [above, here, below] =
+                    [three[0], three[1], three[2]].map(|row| [row[i - 1], row[i], row[i + 1]]);
                 let texel = match here[1] {
                     Some(own) => sharpened(own, [here[0], here[2], above[1], below[1]]),
                     None => self.beyond(x, y, [above, here, below].as_flattened()),
@@ -241,7 +296,9 @@ impl Painter<'_, '_> {
         let (mut sum, mut count, mut alpha) = ([0u32; 3], 0, 0u8);
         for i in self.own(x, y) {
             let color = self.grower.face.samples[i].color_srgb;
-            sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += u32::from(c));
+            sum.iter_mut()
+                .zip(color)
+                .for_each(|(sum, c)| *sum += u32::from(c));
             (count, alpha) = (count + 1, alpha.saturating_add(color[3]));
         }
         if count == 0 {
@@ -258,7 +315,9 @@ impl Painter<'_, '_> {
     fn beyond(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
         let (mut sum, mut count) = ([0u32; 4], 0);
         for color in around.iter().flatten() {
-            sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += u32::from(*c));
+            sum.iter_mut()
+                .zip(color)
+                .for_each(|(sum, c)| *sum += u32::from(*c));
             count += 1;
         }
         if count == 0 {
@@ -269,7 +328,8 @@ impl Painter<'_, '_> {
         if !inside {
             return [r, g, b, alpha];
         }
-        let is_gap = self.grower.face.pixel(x as u32, y as u32).is_empty() && count as usize >= GAP_NEIGHBOURS;
+        let is_gap = self.grower.face.pixel(x as u32, y as u32).is_empty()
+            && count as usize >= GAP_NEIGHBOURS;
         [r, g, b, if is_gap { 255 } else { 0 }]
     }
 }
@@ -306,7 +366,10 @@ mod tests {
         assert_eq!(sharpened(grey(100), [None; 4]), grey(100));
         let [one, other] = [[40, 200, 255, 9], [160, 80, 0, 255]];
         // A 24th of 120 and of 255 away from each neighbour, as far as bytes go; alpha stays.
-        assert_eq!(sharpened(one, [Some(other), None, None, None]), [35, 205, 255, 9]);
+        assert_eq!(
+            sharpened(one, [Some(other), None, None, None]),
+            [35, 205, 255, 9]
+        );
         assert_eq!(sharpened(other, [Some(one); 4]), [180, 60, 0, 255]);
     }
 }

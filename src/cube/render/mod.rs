@@ -35,35 +35,35 @@ mod tests;
 mod traverse;
 mod warp;
 
-pub use crate::render::reference::count::ClipCounts;
 pub(crate) use crate::render::parallel::epipolar::Spans;
 pub use crate::render::parallel::fragments::MAX_FRAGMENTS;
+pub use crate::render::reference::count::ClipCounts;
 pub(crate) use crate::render::traverse::batches::BATCH_CAPACITY;
 
-use headbox_core::camera::Camera;
-use headbox_core::simd;
-use headbox_core::frame::Frame;
-use crate::model::validate::MAX_FACE_SIZE_PX;
 use crate::model::depth_bins::DepthBins;
+use crate::model::validate::MAX_FACE_SIZE_PX;
 use crate::pack::{ExactCube, ExactDepthPixel, PackedCube};
+use crate::render::canvas::surface::SurfaceCanvas;
 use crate::render::footprint::size::{EllipseSize, PaperSize, TangentTable};
 use crate::render::footprint::splat::SplatKernel;
-use crate::render::canvas::surface::SurfaceCanvas;
 use crate::render::parallel::band::Worker;
-use crate::render::setup::clip::Band;
-use fearless_simd::Level;
+use crate::render::parallel::fragments::Fragments;
 use crate::render::resolve::fill::Filler;
 use crate::render::resolve::finish::{Pixels, depth_pieces};
-use crate::render::parallel::fragments::Fragments;
-use glam::DVec3;
+use crate::render::setup::clip::Band;
 use crate::render::setup::order::{EyeInFace, LayerOrder};
+use crate::render::setup::transfer::Transfer;
+use fearless_simd::Level;
+use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_core::frame::Frame;
+use headbox_core::simd;
 use planes::PlanesInView;
 pub use planes::Standing;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
-use crate::render::setup::transfer::Transfer;
 
 /// How frames are drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -135,7 +135,10 @@ impl FrameStats {
         self.depth_pixels_in += other.depth_pixels_in;
         self.behind_or_outside += other.behind_or_outside;
         self.splatted += other.splatted;
-        self.by_footprint.iter_mut().zip(other.by_footprint).for_each(|(sum, count)| *sum += count);
+        self.by_footprint
+            .iter_mut()
+            .zip(other.by_footprint)
+            .for_each(|(sum, count)| *sum += count);
         self.hole_pixels += other.hole_pixels;
         self.clear_ms += other.clear_ms;
         self.warp_ms += other.warp_ms;
@@ -152,7 +155,9 @@ impl FrameStats {
 /// Rows of a band unless the settings say otherwise: so many that each thread has [`BANDS_A_THREAD`] to even out, but at most
 /// 192. What reaches into two bands is warped twice (docs/decisions/0053).
 fn default_band_rows(height: u32, threads: usize) -> u32 {
-    let bands = BANDS_A_THREAD.saturating_mul(u32::try_from(threads).unwrap_or(u32::MAX)).max(1);
+    let bands = BANDS_A_THREAD
+        .saturating_mul(u32::try_from(threads).unwrap_or(u32::MAX))
+        .max(1);
     height.div_ceil(bands).next_multiple_of(16).min(192)
 }
 
@@ -208,7 +213,11 @@ struct Source<'a> {
 
 impl<'a> Source<'a> {
     fn of(cube: &'a PackedCube) -> Self {
-        Self { cube, exact: None, standing: None }
+        Self {
+            cube,
+            exact: None,
+            standing: None,
+        }
     }
 }
 
@@ -256,7 +265,12 @@ impl Renderer {
 
     /// Draws what `camera` sees, on the current rayon thread pool. The cube should be valid ([`PackedCube::validate`]); of
     /// one that is not, rows whose tables point nowhere are left out.
-    pub fn render(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> &Frame {
+    pub fn render(
+        &mut self,
+        cube: &PackedCube,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> &Frame {
         self.render_with_stats(cube, camera, settings).0
     }
 
@@ -279,7 +293,14 @@ impl Renderer {
         camera: &Camera,
         settings: &RenderSettings,
     ) -> (&Frame, &FrameStats) {
-        self.render_source(Source { standing: Some(standing), ..Source::of(cube) }, camera, settings)
+        self.render_source(
+            Source {
+                standing: Some(standing),
+                ..Source::of(cube)
+            },
+            camera,
+            settings,
+        )
     }
 
     /// The same from depth pixels that are not packed, to see what packing costs and gains.
@@ -289,17 +310,35 @@ impl Renderer {
         camera: &Camera,
         settings: &RenderSettings,
     ) -> (&Frame, &FrameStats) {
-        self.render_source(Source { exact: Some(&exact.depth_pixels), ..Source::of(&exact.cube) }, camera, settings)
+        self.render_source(
+            Source {
+                exact: Some(&exact.depth_pixels),
+                ..Source::of(&exact.cube)
+            },
+            camera,
+            settings,
+        )
     }
 
-    fn render_source(&mut self, source: Source, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
+    fn render_source(
+        &mut self,
+        source: Source,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> (&Frame, &FrameStats) {
         let (started, cube) = (Instant::now(), source.cube);
-        self.frame.resize(camera.width(), camera.height(), settings.depth);
-        setup::order::segment_order(&cube.segments, camera.eye() - cube.info.centre, &mut self.order);
+        self.frame
+            .resize(camera.width(), camera.height(), settings.depth);
+        setup::order::segment_order(
+            &cube.segments,
+            camera.eye() - cube.info.centre,
+            &mut self.order,
+        );
         self.plan.prepare(cube, camera, settings, &self.order);
         let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
         let fills = !settings.keep_holes && self.plan.kernel.knows_depths();
-        self.filler.prepare(if fills { self.frame.color.len() } else { 0 });
+        self.filler
+            .prepare(if fills { self.frame.color.len() } else { 0 });
         self.stats = match settings.parallel {
             // Pictures on planes do not belong to fragments, nor does what stands in the frame.
             _ if self.plan.planes.len() > 0 || source.standing.is_some() => {
@@ -308,7 +347,8 @@ impl Renderer {
             Parallel::Bands => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Fragments(count) => {
                 let frame = (&mut self.frame, self.filler.inverse_depths());
-                self.fragments.draw(&self.plan, source, camera, count, frame)
+                self.fragments
+                    .draw(&self.plan, source, camera, count, frame)
             }
         };
         if fills && self.stats.hole_pixels > 0 {
@@ -324,34 +364,71 @@ impl Renderer {
     fn draw_bands(&mut self, source: Source, camera: &Camera, band_rows: u32) -> FrameStats {
         let (width, height) = (camera.width(), camera.height());
         let threads = rayon::current_num_threads();
-        self.workers.resize_with(threads.max(self.workers.len()), Mutex::default);
+        self.workers
+            .resize_with(threads.max(self.workers.len()), Mutex::default);
         for worker in &mut self.workers {
-            worker.get_mut().unwrap_or_else(PoisonError::into_inner).stats = FrameStats::default();
+            worker
+                .get_mut()
+                .unwrap_or_else(PoisonError::into_inner)
+                .stats = FrameStats::default();
         }
         let (plan, workers) = (&self.plan, &self.workers);
-        let rows = if band_rows > 0 { band_rows } else { default_band_rows(height, threads) };
+        let rows = if band_rows > 0 {
+            band_rows
+        } else {
+            default_band_rows(height, threads)
+        };
         let pixels = width as usize * rows.min(height) as usize;
         let draw_band = |i: usize, pixels: Pixels| {
             let start = i as u32 * rows;
             let principal_px = camera.principal_px();
-            let band = Band { width, height, principal_px, rows: start..start.saturating_add(rows).min(height) };
+            let band = Band {
+                width,
+                height,
+                principal_px,
+                rows: start..start.saturating_add(rows).min(height),
+            };
             // No other thread of the pool uses this one's worker, so that the lock is free.
             let worker = &workers[rayon::current_thread_index().unwrap_or(0) % workers.len()];
-            worker.lock().unwrap_or_else(PoisonError::into_inner).draw(plan, source, camera, &band, pixels);
+            worker
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .draw(plan, source, camera, &band, pixels);
         };
-        let Frame { color, coverage, depth_m, .. } = &mut self.frame;
+        let Frame {
+            color,
+            coverage,
+            depth_m,
+            ..
+        } = &mut self.frame;
         let pieces = color.len().div_ceil(pixels);
         let inverse_depths = depth_pieces(self.filler.inverse_depths(), pixels, pieces);
         let depths = depth_pieces(depth_m, pixels, pieces).zip(inverse_depths);
-        let bands = color.par_chunks_mut(pixels).zip(coverage.par_chunks_mut(pixels)).zip(depths);
-        bands.enumerate().with_max_len(1).for_each(|(i, ((colors, coverages), (depths_m, inverse_depths)))| {
-            draw_band(i, Pixels { colors, coverages, depths_m, inverse_depths });
-        });
+        let bands = color
+            .par_chunks_mut(pixels)
+            .zip(coverage.par_chunks_mut(pixels))
+            .zip(depths);
+        bands.enumerate().with_max_len(1).for_each(
+            |(i, ((colors, coverages), (depths_m, inverse_depths)))| {
+                draw_band(
+                    i,
+                    Pixels {
+                        colors,
+                        coverages,
+                        depths_m,
+                        inverse_depths,
+                    },
+                );
+            },
+        );
 
         let mut stats = FrameStats::default();
         let mut busy = Imbalance::default();
         for worker in &mut self.workers {
-            let of_worker = &worker.get_mut().unwrap_or_else(PoisonError::into_inner).stats;
+            let of_worker = &worker
+                .get_mut()
+                .unwrap_or_else(PoisonError::into_inner)
+                .stats;
             stats.absorb(of_worker);
             busy.add(of_worker.busy_ms());
         }
@@ -376,7 +453,11 @@ impl Imbalance {
     }
 
     fn ratio(&self) -> f64 {
-        if self.sum > 0.0 { self.slowest * f64::from(self.count) / self.sum } else { 1.0 }
+        if self.sum > 0.0 {
+            self.slowest * f64::from(self.count) / self.sum
+        } else {
+            1.0
+        }
     }
 }
 
@@ -399,7 +480,13 @@ impl FramePlan {
         }
     }
 
-    fn prepare(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings, order: &[usize]) {
+    fn prepare(
+        &mut self,
+        cube: &PackedCube,
+        camera: &Camera,
+        settings: &RenderSettings,
+        order: &[usize],
+    ) {
         let face_px = cube.face_size_px.min(MAX_FACE_SIZE_PX);
         let eye_from_centre = camera.eye() - cube.info.centre;
         let kernel = settings.kernel;
@@ -407,24 +494,44 @@ impl FramePlan {
         (self.depth, self.hole_color_srgb) = (settings.depth, settings.hole_color_srgb);
         self.segments.clear();
         // Seen from the centre, samples are drawn in the order in which they are stored.
-        let ordered_for = if kernel.needs_order() || settings.depth { eye_from_centre } else { DVec3::ZERO };
+        let ordered_for = if kernel.needs_order() || settings.depth {
+            eye_from_centre
+        } else {
+            DVec3::ZERO
+        };
         self.segments.extend(order.iter().map(|&index| {
             let segment = &cube.segments[index];
             let eye = EyeInFace::new(ordered_for, segment.face, face_px);
             let transfer = Transfer::new(camera, eye_from_centre, segment.face, face_px);
-            SegmentPlan { index, transfer, layers: eye.layer_order(segment), eye }
+            SegmentPlan {
+                index,
+                transfer,
+                layers: eye.layer_order(segment),
+                eye,
+            }
         }));
         self.tolerance = SurfaceCanvas::tolerance(face_px);
         self.bin = DepthBins::new(cube.info.half_size_m, face_px).inverse_depth(1.0) as f32;
-        self.planes.prepare(&cube.planes, camera, eye_from_centre, face_px);
+        self.planes
+            .prepare(&cube.planes, camera, eye_from_centre, face_px);
         match kernel {
-            SplatKernel::Tent => self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX),
-            SplatKernel::Ellipse => self.tangent_table.refill(cube.layout, face_px, EllipseSize::SCALE, 0.0),
-            SplatKernel::Point | SplatKernel::Plus | SplatKernel::Square2 | SplatKernel::Square3 => {}
+            SplatKernel::Tent => {
+                self.tangent_table
+                    .refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX)
+            }
+            SplatKernel::Ellipse => {
+                self.tangent_table
+                    .refill(cube.layout, face_px, EllipseSize::SCALE, 0.0)
+            }
+            SplatKernel::Point
+            | SplatKernel::Plus
+            | SplatKernel::Square2
+            | SplatKernel::Square3 => {}
             // A rectangle is as wide as the spacing; 15 % more closes the cracks that quantised normals open.
             SplatKernel::Opaque => self.tangent_table.refill(cube.layout, face_px, 0.575, 0.5),
             SplatKernel::Paper => {
-                self.paper_sizes.resize_with(order.len().max(self.paper_sizes.len()), PaperSize::new);
+                self.paper_sizes
+                    .resize_with(order.len().max(self.paper_sizes.len()), PaperSize::new);
                 for (&index, size) in order.iter().zip(&mut self.paper_sizes) {
                     size.refill(camera, &cube.segments[index], cube.layout, face_px);
                 }
@@ -435,4 +542,3 @@ impl FramePlan {
 
 /// The least radius of a tent, px; less and more are both worse (docs/decisions/0048).
 pub(crate) const TENT_MIN_RADIUS_PX: f32 = 0.75;
-

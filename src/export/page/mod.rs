@@ -10,16 +10,15 @@ mod sprite;
 mod texels;
 mod text;
 
-
 use super::{ExportError, poster};
-use headbox_core::camera::Camera;
-use headbox_core::environment::Environment;
-use headbox_lumigraph::Lumigraph;
-use headbox_cube::pack::PackedCube;
-use headbox_house::house::House;
-use headbox_sprite::SpriteSet;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
+use headbox_core::camera::Camera;
+use headbox_core::environment::Environment;
+use headbox_cube::pack::PackedCube;
+use headbox_house::house::House;
+use headbox_lumigraph::Lumigraph;
+use headbox_sprite::SpriteSet;
 use image::codecs::png::CompressionType;
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -35,8 +34,12 @@ const BEFORE: [&str; 7] = [
     include_str!("surroundings.js"),
     include_str!("pictures.js"),
 ];
-const AFTER: [&str; 4] =
-    [include_str!("view.js"), include_str!("controls.js"), include_str!("headset.js"), include_str!("main.js")];
+const AFTER: [&str; 4] = [
+    include_str!("view.js"),
+    include_str!("controls.js"),
+    include_str!("headset.js"),
+    include_str!("main.js"),
+];
 const TEMPLATE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
 
@@ -109,11 +112,22 @@ impl Page {
     }
 
     fn of(content: Content, name: &str) -> Result<Self, ExportError> {
-        let Content { mut header, parts, poster, modules } = content;
-        let parts = parts.into_par_iter().map(pack).collect::<Result<Vec<_>, io::Error>>()?;
+        let Content {
+            mut header,
+            parts,
+            poster,
+            modules,
+        } = content;
+        let parts = parts
+            .into_par_iter()
+            .map(pack)
+            .collect::<Result<Vec<_>, io::Error>>()?;
         let bytes = parts.iter().map(|part| part.text.len() as u64).sum();
         if bytes > MAX_PAGE_BYTES {
-            return Err(ExportError::TooLarge { bytes, limit: MAX_PAGE_BYTES });
+            return Err(ExportError::TooLarge {
+                bytes,
+                limit: MAX_PAGE_BYTES,
+            });
         }
         header["name"] = name.into();
         header["parts"] = parts.iter().map(|part| part.header.clone()).collect();
@@ -134,7 +148,11 @@ impl Page {
     pub fn write(&self, to: &mut dyn Write) -> io::Result<()> {
         to.write_all(self.before.as_bytes())?;
         for (i, part) in self.parts.iter().enumerate() {
-            writeln!(to, "<script type=\"text/plain\" id=\"part-{i}\">{}</script>", part.text)?;
+            writeln!(
+                to,
+                "<script type=\"text/plain\" id=\"part-{i}\">{}</script>",
+                part.text
+            )?;
         }
         to.write_all(b"</body>\n</html>\n")
     }
@@ -142,7 +160,11 @@ impl Page {
 
 /// The viewer as one module: imports and the word `export` are left out, as all stands in one scope.
 fn script(modules: &[&str]) -> String {
-    let lines = BEFORE.iter().chain(modules).chain(&AFTER).flat_map(|module| module.lines());
+    let lines = BEFORE
+        .iter()
+        .chain(modules)
+        .chain(&AFTER)
+        .flat_map(|module| module.lines());
     let mut script = String::new();
     for line in lines.filter(|line| !line.starts_with("import ")) {
         script += line.strip_prefix("export ").unwrap_or(line);
@@ -153,7 +175,10 @@ fn script(modules: &[&str]) -> String {
 
 /// Text in HTML.
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }
 
 fn pack(part: Part) -> io::Result<PackedPart> {
@@ -163,7 +188,10 @@ fn pack(part: Part) -> io::Result<PackedPart> {
     let mut header = part.header;
     header["bytes"] = part.bytes.len().into();
     header["packed"] = packed.len().into();
-    Ok(PackedPart { header, text: text::encode(&packed) })
+    Ok(PackedPart {
+        header,
+        text: text::encode(&packed),
+    })
 }
 
 /// What lies at infinity: red, green, blue and alpha in arrays of their own, each byte less the one before.
@@ -176,7 +204,10 @@ fn environment(environment: &Environment) -> Part {
             before = texel[channel];
         }
     }
-    Part { header: json!({"kind": "environment", "size": environment.size_px}), bytes }
+    Part {
+        header: json!({"kind": "environment", "size": environment.size_px}),
+        bytes,
+    }
 }
 
 /// The smallest PNG file of some texels.
@@ -192,7 +223,12 @@ mod tests {
 
     #[test]
     fn modules_share_one_scope_without_a_clash() {
-        for modules in [cube::MODULES, house::MODULES, lumigraph::MODULES, sprite::MODULES] {
+        for modules in [
+            cube::MODULES,
+            house::MODULES,
+            lumigraph::MODULES,
+            sprite::MODULES,
+        ] {
             one_scope_without_a_clash(&script(modules));
         }
     }
@@ -200,9 +236,24 @@ mod tests {
     fn one_scope_without_a_clash(script: &str) {
         let mut names = HashSet::new();
         for line in script.lines() {
-            let declared = ["function ", "async function ", "async function* ", "class ", "const ", "let "];
-            let Some(rest) = declared.iter().find_map(|word| line.strip_prefix(word)) else { continue };
-            for name in rest.trim_start_matches('[').split([']', ' ', '(']).next().unwrap_or("").split(", ") {
+            let declared = [
+                "function ",
+                "async function ",
+                "async function* ",
+                "class ",
+                "const ",
+                "let ",
+            ];
+            let Some(rest) = declared.iter().find_map(|word| line.strip_prefix(word)) else {
+                continue;
+            };
+            for name in rest
+                .trim_start_matches('[')
+                .split([']', ' ', '('])
+                .next()
+                .unwrap_or("")
+                .split(", ")
+            {
                 assert!(names.insert(name.to_owned()), "{name} is declared twice");
             }
         }
@@ -220,6 +271,9 @@ mod tests {
             environment: Environment::default(),
             planes: PlaneSet::default(),
         };
-        assert!(matches!(Page::new(&cube, "nothing"), Err(ExportError::Empty)));
+        assert!(matches!(
+            Page::new(&cube, "nothing"),
+            Err(ExportError::Empty)
+        ));
     }
 }

@@ -15,7 +15,12 @@ pub(super) struct Picture {
 /// less that of the texel on the left or, in the first column, above.
 pub(super) fn rests(texels: &[[u8; 4]], pictures: impl IntoIterator<Item = Picture>) -> Vec<u8> {
     let (mut colors, mut alphas) = (vec![0; texels.len() * 3], Vec::new());
-    for Picture { texels: range, width, opaque } in pictures {
+    for Picture {
+        texels: range,
+        width,
+        opaque,
+    } in pictures
+    {
         let first = range.start;
         let texels = &texels[range];
         for (i, texel) in texels.iter().enumerate() {

@@ -36,7 +36,9 @@ pub(super) fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {
-        let word = three.iter().enumerate().fold(0u32, |word, (i, byte)| word | u32::from(*byte) << (16 - 8 * i));
+        let word = three.iter().enumerate().fold(0u32, |word, (i, byte)| {
+            word | u32::from(*byte) << (16 - 8 * i)
+        });
         for i in 0..4 {
             let digit = char::from(DIGITS[(word >> (18 - 6 * i)) as usize & 63]);
             text.push(if i <= three.len() { digit } else { '=' });
@@ -66,7 +68,13 @@ mod tests {
 
     #[test]
     fn base64_is_that_of_rfc_4648() {
-        for (bytes, expected) in [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")] {
+        for (bytes, expected) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foobar", "Zm9vYmFy"),
+        ] {
             assert_eq!(base64(bytes.as_bytes()), expected);
         }
     }
@@ -74,10 +82,15 @@ mod tests {
     #[test]
     fn bytes_survive_as_text_that_a_page_keeps() {
         for length in [0, 1, 6, 7, 8, 1000] {
-            let bytes: Vec<u8> = (0..length).map(|i: u32| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+            let bytes: Vec<u8> = (0..length)
+                .map(|i: u32| (i.wrapping_mul(2_654_435_761) >> 13) as u8)
+                .collect();
             let text = encode(&bytes);
             assert_eq!(decode(&text, bytes.len()), bytes);
-            assert!(!text.contains(['\0', '\r', '<']) && text.len() <= bytes.len() * 6 / 5 + 4, "{length}");
+            assert!(
+                !text.contains(['\0', '\r', '<']) && text.len() <= bytes.len() * 6 / 5 + 4,
+                "{length}"
+            );
         }
     }
 }

@@ -2,11 +2,11 @@
 
 use super::Backdrop;
 use super::sprite::SpriteDrawer;
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
-use glam::DVec3;
 use serde::Serialize;
 
 /// What drawing a backdrop took.
@@ -30,17 +30,24 @@ pub struct Drawer {
 
 impl Drawer {
     /// Draws a backdrop as seen by a camera, which may be cropped to the portal. Pixels of which nothing is known are holes.
-    pub fn draw(&mut self, backdrop: &Backdrop, camera: &Camera, settings: &RenderSettings) -> (&Frame, BackdropStats) {
+    pub fn draw(
+        &mut self,
+        backdrop: &Backdrop,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> (&Frame, BackdropStats) {
         let mut stats = BackdropStats::default();
         match backdrop {
             Backdrop::Textures(set) => {
-                self.frame.reset(camera.width(), camera.height(), settings.hole_color_srgb);
+                self.frame
+                    .reset(camera.width(), camera.height(), settings.hole_color_srgb);
                 set.draw(camera, &mut self.frame);
                 stats.samples = u64::from(set.size[0]) * u64::from(set.size[1]);
                 (&self.frame, stats)
             }
             Backdrop::Sprite(sprite) => {
-                self.frame.reset(camera.width(), camera.height(), settings.hole_color_srgb);
+                self.frame
+                    .reset(camera.width(), camera.height(), settings.hole_color_srgb);
                 self.sprites.draw(sprite, camera, &mut self.frame);
                 stats.samples = sprite.sample_count();
                 (&self.frame, stats)
@@ -48,11 +55,13 @@ impl Drawer {
             Backdrop::Cubes(cubes) => {
                 let [nearest, second] = two_nearest(cubes, camera.eye());
                 let Some(nearest) = nearest else {
-                    self.frame.reset(camera.width(), camera.height(), settings.hole_color_srgb);
+                    self.frame
+                        .reset(camera.width(), camera.height(), settings.hole_color_srgb);
                     return (&self.frame, stats);
                 };
                 let Some(second) = second else {
-                    let (frame, warped) = self.renderer.render_with_stats(nearest, camera, settings);
+                    let (frame, warped) =
+                        self.renderer.render_with_stats(nearest, camera, settings);
                     stats.add(nearest, warped);
                     return (frame, stats);
                 };

@@ -11,20 +11,20 @@
 //! Images are taken as they are: the papers' rules compare what their pixels hold.
 
 use super::mend::BackdropMender;
+use crate::house::House;
+use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
-use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket};
 use headbox_core::environment::Environment;
 use headbox_cube::model::depth_bins::DepthBins;
-use headbox_ldi::from_images::layers::LayerCube;
-use headbox_ldi::from_images::piles::{Light, RowSamples, Sample};
-use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::model::info::CaptureInfo;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::samples::{CubeLdi, EncodedNormal};
 use headbox_cube::pack::{PackError, PackedCube, SplatIndexLayout, Split};
-use crate::house::House;
 use headbox_cube::planes as primitives;
-use glam::{DVec3, Vec3};
+use headbox_ldi::from_images::layers::LayerCube;
+use headbox_ldi::from_images::piles::{Light, RowSamples, Sample};
+use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket};
 use rayon::prelude::*;
 
 /// How far an eye is from the centre of a backdrop's cube for which depths are told apart, metres.
@@ -67,26 +67,42 @@ pub(super) struct CubeJob<'a> {
 
 impl CubeJob<'_> {
     /// Traces batches `0..count`, which `fill` makes, and packs what they meet.
-    pub(super) fn run(&self, count: u32, fill: impl Fn(u32, &mut RayBatch) + Sync) -> Result<PackedCube, PackError> {
-        let batches = (0..count).into_par_iter().map_init(RayBatch::default, |batch, i| {
-            batch.rays.clear();
-            fill(i, batch);
-            let (samples, misses) = self.trace(batch);
-            ((batch.image, samples), misses)
-        });
+    pub(super) fn run(
+        &self,
+        count: u32,
+        fill: impl Fn(u32, &mut RayBatch) + Sync,
+    ) -> Result<PackedCube, PackError> {
+        let batches = (0..count)
+            .into_par_iter()
+            .map_init(RayBatch::default, |batch, i| {
+                batch.rays.clear();
+                fill(i, batch);
+                let (samples, misses) = self.trace(batch);
+                ((batch.image, samples), misses)
+            });
         let (samples, misses): (Vec<_>, Vec<_>) = batches.unzip();
         let mut reached = vec![false; 6 * (ENVIRONMENT_PX as usize).pow(2)];
         let missed = misses.iter().any(|misses| !misses.is_empty());
-        misses.into_iter().flatten().for_each(|texel: u32| reached[texel as usize] = true);
+        misses
+            .into_iter()
+            .flatten()
+            .for_each(|texel: u32| reached[texel as usize] = true);
         let environment = match missed {
-            true => self.house.lighting().environment_where(ENVIRONMENT_PX, |texel| reached[texel]),
+            true => self
+                .house
+                .lighting()
+                .environment_where(ENVIRONMENT_PX, |texel| reached[texel]),
             false => Environment::default(),
         };
         let mut cube = self.merge(&samples, environment);
         if !self.mends {
             return PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto);
         }
-        let mender = BackdropMender { house: self.house, centre: self.centre, tolerance: self.tolerance() };
+        let mender = BackdropMender {
+            house: self.house,
+            centre: self.centre,
+            tolerance: self.tolerance(),
+        };
         mender.mend(&mut cube.faces);
         primitives::pack_in_parts(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
     }
@@ -98,7 +114,12 @@ impl CubeJob<'_> {
         let most = self.tolerance() / 2.0;
         let (mut samples, mut misses) = (Vec::with_capacity(batch.rays.len()), Vec::new());
         for rays in batch.rays.chunks(PACKET) {
-            let ray = |&(origin, direction): &(Vec3, Vec3)| Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let ray = |&(origin, direction): &(Vec3, Vec3)| Ray {
+                origin,
+                direction,
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             let rays: Vec<Ray> = rays.iter().map(ray).collect();
             let hits: HitPacket = tracer.closest_packet(&RayPacket::from_rays(&rays));
             for (lane, ray) in rays.iter().enumerate() {
@@ -115,12 +136,18 @@ impl CubeJob<'_> {
                 let (color, normal) = self.house.surface(ray, &hit);
                 let seen_from = position - batch.eye.unwrap_or(ray.origin);
                 // Z^3 / |n . p|: the area of a pixel's patch, up to the image's focal length (C10).
-                let area = seen_from.abs().max_element().powi(3) / normal.dot(seen_from).abs().max(1e-6);
+                let area =
+                    seen_from.abs().max_element().powi(3) / normal.dot(seen_from).abs().max(1e-6);
                 let pixel = texel(face, right / depth, up / depth, self.face_px);
                 let mut inverse_depth = 1.0 / depth;
                 if batch.eye.is_none() {
                     let [x, y] = middle(pixel, self.face_px);
-                    let shift = slope(face, normal, position + from_centre, [x - right / depth, y - up / depth]);
+                    let shift = slope(
+                        face,
+                        normal,
+                        position + from_centre,
+                        [x - right / depth, y - up / depth],
+                    );
                     // Far away half of what is similar can be more than all there is.
                     let most = most.min(inverse_depth / 2.0);
                     // `max` and `min` also turn the NaN of a plane through the centre into a number.
@@ -128,7 +155,14 @@ impl CubeJob<'_> {
                 }
                 let normal = EncodedNormal::new(normal);
                 let (column, color) = ((pixel % self.face_px) as u16, Light::new(color));
-                let sample = Sample { column, inverse_depth, normal, color, weight: 1.0, area };
+                let sample = Sample {
+                    column,
+                    inverse_depth,
+                    normal,
+                    color,
+                    weight: 1.0,
+                    area,
+                };
                 samples.push((pixel / self.face_px, sample));
             }
         }
@@ -144,14 +178,20 @@ impl CubeJob<'_> {
     fn merge(&self, batches: &[(u8, Vec<RowSample>)], environment: Environment) -> CubeLdi {
         let pile = |batches: &[(u8, Vec<RowSample>)]| {
             let mut pile = RowSamples::new(self.face_px, batches[0].0.into());
-            batches.iter().flat_map(|(_, samples)| samples).for_each(|&(row, sample)| pile.push(row, sample));
+            batches
+                .iter()
+                .flat_map(|(_, samples)| samples)
+                .for_each(|&(row, sample)| pile.push(row, sample));
             pile
         };
         let piles: Vec<RowSamples> = batches.chunk_by(|a, b| a.0 == b.0).map(pile).collect();
         let mut cube = LayerCube::new(self.face_px, self.rule, self.tolerance());
         cube.add(&piles);
         // No strata: what was gathered says where its rays came from.
-        let parameters = CaptureParameters { merge_rule: self.rule, ..CaptureParameters::unlit(0, 0) };
+        let parameters = CaptureParameters {
+            merge_rule: self.rule,
+            ..CaptureParameters::unlit(0, 0)
+        };
         let info = CaptureInfo {
             scene: self.house.scene().name.clone(),
             centre: self.centre,
@@ -159,10 +199,17 @@ impl CubeJob<'_> {
             frame: self.house.scene().frame,
             exposure: self.house.lighting().exposure,
             parameters,
-            rays_traced: batches.iter().map(|(_, samples)| samples.len() as u64).sum(),
+            rays_traced: batches
+                .iter()
+                .map(|(_, samples)| samples.len() as u64)
+                .sum(),
             ..CaptureInfo::default()
         };
-        CubeLdi { info, faces: cube.finish(), environment }
+        CubeLdi {
+            info,
+            faces: cube.finish(),
+            environment,
+        }
     }
 }
 
@@ -197,7 +244,10 @@ mod tests {
         let pixel = texel(face, right / depth, up / depth, 8);
         let [x, y] = middle(pixel, 8);
         assert_eq!(texel(face, x, y, 8), pixel);
-        assert!((x - right / depth).abs() <= 0.125 && (y - up / depth).abs() <= 0.125, "in one pixel");
+        assert!(
+            (x - right / depth).abs() <= 0.125 && (y - up / depth).abs() <= 0.125,
+            "in one pixel"
+        );
         let (column, row) = (f64::from(pixel % 8) + 0.5, f64::from(pixel / 8 % 8) + 0.5);
         let direction = face.direction(column, row, 8).as_vec3();
         let expected = normal.dot(direction) / normal.dot(point);

@@ -5,12 +5,12 @@
 
 use super::BackdropQuality;
 use super::gather::{CubeJob, RayBatch};
-use headbox_core::cube_face::Face;
-use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::pack::{PackError, PackedCube};
 use crate::house::House;
 use crate::opening::Opening;
 use glam::DVec3;
+use headbox_core::cube_face::Face;
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::pack::{PackError, PackedCube};
 
 /// One LDI of the images from all places, about the first.
 pub(super) fn ldi(
@@ -21,7 +21,13 @@ pub(super) fn ldi(
     quality: &BackdropQuality,
 ) -> Result<PackedCube, PackError> {
     let face_px = quality.face_px;
-    let job = CubeJob { house, centre: places[0], face_px, rule, mends: false };
+    let job = CubeJob {
+        house,
+        centre: places[0],
+        face_px,
+        rule,
+        mends: false,
+    };
     // Rows of all faces of all images.
     let rows = 6 * face_px;
     job.run(places.len() as u32 * rows, |i, batch| {
@@ -29,12 +35,28 @@ pub(super) fn ldi(
         let place = places[image as usize];
         batch.image = image.min(255) as u8;
         batch.eye = Some((place - house.tracer().origin()).as_vec3());
-        fill_row(house, opening, place, Face::ALL[(row / face_px) as usize], row % face_px, face_px, batch);
+        fill_row(
+            house,
+            opening,
+            place,
+            Face::ALL[(row / face_px) as usize],
+            row % face_px,
+            face_px,
+            batch,
+        );
     })
 }
 
 /// The rays through a row of pixels that pass the opening, from where they do.
-fn fill_row(house: &House, opening: &Opening, place: DVec3, face: Face, row: u32, face_px: u32, batch: &mut RayBatch) {
+fn fill_row(
+    house: &House,
+    opening: &Opening,
+    place: DVec3,
+    face: Face,
+    row: u32,
+    face_px: u32,
+    batch: &mut RayBatch,
+) {
     let in_front = opening.distance_in_front(place);
     let y = f64::from(row) + 0.5;
     for column in 0..face_px {
@@ -45,7 +67,10 @@ fn fill_row(house: &House, opening: &Opening, place: DVec3, face: Face, row: u32
         }
         let at = place + direction * (in_front / toward);
         if opening.contains(at) {
-            batch.rays.push(((at - house.tracer().origin()).as_vec3(), direction.as_vec3()));
+            batch.rays.push((
+                (at - house.tracer().origin()).as_vec3(),
+                direction.as_vec3(),
+            ));
         }
     }
 }

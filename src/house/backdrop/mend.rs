@@ -7,11 +7,11 @@
 //! through the opening shows through it too, or hides behind them.
 //! What that brings: docs/decisions/0022.
 
-use headbox_core::color::srgb8_from_linear;
-use headbox_trace::bvh::Ray;
-use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use crate::house::House;
 use glam::{DVec3, Vec3};
+use headbox_core::color::srgb8_from_linear;
+use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
+use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
 
 /// How often all faces are searched: what is mended counts as a neighbour, so that wider gaps close from their ends.
@@ -34,7 +34,9 @@ impl BackdropMender<'_> {
     pub(super) fn mend(&self, faces: &mut [LayeredDepthImage]) {
         for _ in 0..PASSES {
             for face in &mut *faces {
-                let rows = (0..face.size_px).into_par_iter().map(|y| self.missing_in_row(face, y));
+                let rows = (0..face.size_px)
+                    .into_par_iter()
+                    .map(|y| self.missing_in_row(face, y));
                 let found: Vec<(u32, DepthPixel)> = rows.flatten_iter().collect();
                 insert(face, &found);
             }
@@ -57,10 +59,15 @@ impl BackdropMender<'_> {
                 for sample in face.pixel(before[0], before[1]) {
                     let plane = Plane::of(face, before, sample);
                     let [expected, beyond] = [1.0, 2.0].map(|steps| plane.after(steps, [x, y]));
-                    let similar = |q: f32, other: &DepthPixel| (q - other.inverse_depth).abs() <= self.tolerance;
-                    let goes_on =
-                        after.iter().any(|b| similar(beyond, b) && plane.normal.dot(b.normal.decode()) >= ALIKE);
-                    let mut known = here.iter().chain(found[first..].iter().map(|(_, sample)| sample));
+                    let similar = |q: f32, other: &DepthPixel| {
+                        (q - other.inverse_depth).abs() <= self.tolerance
+                    };
+                    let goes_on = after.iter().any(|b| {
+                        similar(beyond, b) && plane.normal.dot(b.normal.decode()) >= ALIKE
+                    });
+                    let mut known = here
+                        .iter()
+                        .chain(found[first..].iter().map(|(_, sample)| sample));
                     if goes_on
                         && !known.any(|known| similar(expected, known))
                         && let Some(sample) = self.look_for(face, [x, y], expected, plane.normal)
@@ -83,7 +90,10 @@ impl BackdropMender<'_> {
     ) -> Option<DepthPixel> {
         let tracer = self.house.tracer();
         // The direction has eye depth 1, so that `t` is an eye depth.
-        let direction = face.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px).as_vec3();
+        let direction = face
+            .face
+            .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px)
+            .as_vec3();
         let reach = self.tolerance / 2.0;
         if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {
             return None;
@@ -92,7 +102,11 @@ impl BackdropMender<'_> {
             origin: (self.centre - tracer.origin()).as_vec3(),
             direction,
             t_min: 1.0 / (inverse_depth + reach),
-            t_max: if inverse_depth > reach { 1.0 / (inverse_depth - reach) } else { f32::INFINITY },
+            t_max: if inverse_depth > reach {
+                1.0 / (inverse_depth - reach)
+            } else {
+                f32::INFINITY
+            },
         };
         let hit = tracer.closest(&ray)?;
         let (color, found) = self.house.surface(&ray, &hit);
@@ -117,14 +131,22 @@ struct Plane<'a> {
 
 impl<'a> Plane<'a> {
     fn of(face: &'a LayeredDepthImage, pixel: [u32; 2], sample: &DepthPixel) -> Self {
-        Self { face, pixel, inverse_depth: sample.inverse_depth, normal: sample.normal.decode() }
+        Self {
+            face,
+            pixel,
+            inverse_depth: sample.inverse_depth,
+            normal: sample.normal.decode(),
+        }
     }
 
     /// Its inverse depth so many times as far from its pixel as another pixel is, which is linear on a face. Infinite or NaN for
     /// a plane through the centre.
     fn after(&self, steps: f32, [x, y]: [u32; 2]) -> f32 {
-        let direction =
-            |[x, y]: [u32; 2]| self.face.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, self.face.size_px);
+        let direction = |[x, y]: [u32; 2]| {
+            self.face
+                .face
+                .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, self.face.size_px)
+        };
         let here = direction(self.pixel);
         let step = (direction([x, y]) - here).as_vec3();
         self.inverse_depth * (1.0 + steps * self.normal.dot(step) / self.normal.dot(here.as_vec3()))
@@ -140,7 +162,9 @@ fn insert(face: &mut LayeredDepthImage, found: &[(u32, DepthPixel)]) {
     let mut rest = found;
     for pixel in 0..face.offsets.len() - 1 {
         let start = samples.len();
-        samples.extend_from_slice(&face.samples[face.offsets[pixel] as usize..face.offsets[pixel + 1] as usize]);
+        samples.extend_from_slice(
+            &face.samples[face.offsets[pixel] as usize..face.offsets[pixel + 1] as usize],
+        );
         let (new, others) = rest.split_at(rest.partition_point(|(of, _)| *of as usize <= pixel));
         samples.extend(new.iter().map(|(_, sample)| *sample));
         samples[start..].sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
@@ -165,13 +189,21 @@ mod tests {
         let origin = (centre - house.tracer().origin()).as_vec3();
         for pixel in 0..SIZE_PX * SIZE_PX {
             let [x, y] = [pixel % SIZE_PX, pixel / SIZE_PX].map(|c| f64::from(c) + 0.5);
-            let ray =
-                Ray { origin, direction: face.direction(x, y, SIZE_PX).as_vec3(), t_min: 0.0, t_max: f32::INFINITY };
+            let ray = Ray {
+                origin,
+                direction: face.direction(x, y, SIZE_PX).as_vec3(),
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             if let Some(hit) = house.tracer().closest(&ray) {
                 let (color, normal) = house.surface(&ray, &hit);
                 let [r, g, b] = color.to_array().map(srgb8_from_linear);
                 let normal = EncodedNormal::new(normal);
-                image.samples.push(DepthPixel { inverse_depth: 1.0 / hit.t, normal, color_srgb: [r, g, b, 255] });
+                image.samples.push(DepthPixel {
+                    inverse_depth: 1.0 / hit.t,
+                    normal,
+                    color_srgb: [r, g, b, 255],
+                });
             }
             image.offsets[pixel as usize + 1] = image.samples.len() as u32;
         }
@@ -183,7 +215,11 @@ mod tests {
         let house = House::new(headbox_scenes::house(0, 5_000)).expect("a built-in scene");
         let (mut removed, mut restored, mut beside) = (0, 0, 0);
         for centre in (0..4).filter_map(|cell| house.middle_of(cell)) {
-            let mender = BackdropMender { house: &house, centre, tolerance: 0.01 };
+            let mender = BackdropMender {
+                house: &house,
+                centre,
+                tolerance: 0.01,
+            };
             for face in Face::ALL {
                 let whole = seen(&house, centre, face);
                 // A fifth of the pixels, scattered.
@@ -191,26 +227,38 @@ mod tests {
                 let mut holed = LayeredDepthImage::empty(face, SIZE_PX);
                 for pixel in 0..SIZE_PX * SIZE_PX {
                     let there = whole.pixel(pixel % SIZE_PX, pixel / SIZE_PX);
-                    holed.samples.extend(there.iter().filter(|_| is_kept(pixel)));
+                    holed
+                        .samples
+                        .extend(there.iter().filter(|_| is_kept(pixel)));
                     holed.offsets[pixel as usize + 1] = holed.samples.len() as u32;
                 }
                 let mut mended = [holed];
                 mender.mend(&mut mended);
                 for pixel in 0..SIZE_PX * SIZE_PX {
                     let (x, y) = (pixel % SIZE_PX, pixel / SIZE_PX);
-                    let Some(truth) = whole.pixel(x, y).first() else { continue };
+                    let Some(truth) = whole.pixel(x, y).first() else {
+                        continue;
+                    };
                     removed += u32::from(!is_kept(pixel));
                     for sample in mended[0].pixel(x, y) {
                         let is_truth = (sample.inverse_depth - truth.inverse_depth).abs() < 1e-5;
-                        restored += u32::from(is_truth && !is_kept(pixel) && sample.color_srgb == truth.color_srgb);
+                        restored += u32::from(
+                            is_truth && !is_kept(pixel) && sample.color_srgb == truth.color_srgb,
+                        );
                         // Else it is what goes on behind a thing that both neighbours pass by.
-                        assert!(is_truth || sample.inverse_depth < truth.inverse_depth, "{sample:?} {truth:?}");
+                        assert!(
+                            is_truth || sample.inverse_depth < truth.inverse_depth,
+                            "{sample:?} {truth:?}"
+                        );
                         beside += u32::from(!is_truth);
                     }
                 }
             }
         }
-        assert!(removed > 5000 && restored * 10 > removed * 8, "{restored} of {removed}");
+        assert!(
+            removed > 5000 && restored * 10 > removed * 8,
+            "{restored} of {removed}"
+        );
         assert!(beside * 20 < removed, "{beside} of {removed}");
     }
 }

@@ -24,10 +24,10 @@ pub use texture::TextureSet;
 
 use super::house::House;
 use super::opening::Opening;
+use glam::DVec3;
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::pack::{PackError, PackedCube};
 use headbox_sprite::SpriteError;
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// Ways to show what is behind a portal.
@@ -94,7 +94,9 @@ impl BackdropKind {
         match self {
             Self::LdiColorsApart => MergeRule::ColorsApart,
             Self::LdiAverage | Self::WindowLdi | Self::CellLdi | Self::Sprite => MergeRule::Average,
-            Self::Texture | Self::Textures | Self::Image | Self::TwoImages | Self::Ldi => MergeRule::SmallerArea,
+            Self::Texture | Self::Textures | Self::Image | Self::TwoImages | Self::Ldi => {
+                MergeRule::SmallerArea
+            }
         }
     }
 }
@@ -192,7 +194,10 @@ pub struct PortalSide {
 impl PortalSide {
     /// The opening in a house, if there is one.
     pub fn opening(self, house: &House) -> Option<Opening> {
-        Opening::new(house.plan().portals.get(self.portal as usize)?, usize::from(self.side & 1))
+        Opening::new(
+            house.plan().portals.get(self.portal as usize)?,
+            usize::from(self.side & 1),
+        )
     }
 
     /// The cell that looks and the cell behind.
@@ -210,15 +215,36 @@ impl BackdropQuality {
     pub fn validate(&self) -> Result<(), BackdropError> {
         let positive = |v: f64| v > 0.0 && v.is_finite();
         let rules = [
-            ((8..=2048).contains(&self.face_px), "faces of 8 to 2048 pixels"),
-            ((8..=2048).contains(&self.window_face_px), "window faces of 8 to 2048 pixels"),
+            (
+                (8..=2048).contains(&self.face_px),
+                "faces of 8 to 2048 pixels",
+            ),
+            (
+                (8..=2048).contains(&self.window_face_px),
+                "window faces of 8 to 2048 pixels",
+            ),
             (self.images <= 64, "at most 64 images on each side"),
-            ((0.0..=100.0).contains(&self.window_back_m), "a window's centre 0 to 100 m in front of it"),
-            (positive(self.radius_m) && self.eye_height_m.is_finite(), "a positive radius and a finite height"),
-            ((8..=4096).contains(&self.texture_px), "textures of 8 to 4096 pixels"),
-            ((1..=32).contains(&self.strata) && (1..=256).contains(&self.rays), "1 to 32 strata of 1 to 256 rays"),
+            (
+                (0.0..=100.0).contains(&self.window_back_m),
+                "a window's centre 0 to 100 m in front of it",
+            ),
+            (
+                positive(self.radius_m) && self.eye_height_m.is_finite(),
+                "a positive radius and a finite height",
+            ),
+            (
+                (8..=4096).contains(&self.texture_px),
+                "textures of 8 to 4096 pixels",
+            ),
+            (
+                (1..=32).contains(&self.strata) && (1..=256).contains(&self.rays),
+                "1 to 32 strata of 1 to 256 rays",
+            ),
         ];
-        rules.iter().find(|(holds, _)| !holds).map_or(Ok(()), |(_, needs)| Err(BackdropError::Quality(needs)))
+        rules
+            .iter()
+            .find(|(holds, _)| !holds)
+            .map_or(Ok(()), |(_, needs)| Err(BackdropError::Quality(needs)))
     }
 }
 
@@ -239,28 +265,52 @@ impl Backdrop {
         let [looking, _] = at.cells(house).ok_or_else(no_portal)?;
         let places = opening.semicircle(quality.images, quality.radius_m, quality.eye_height_m);
         let pack = |result: Result<PackedCube, PackError>| {
-            result.map_err(|source| BackdropError::Pack { portal: at.portal, source })
+            result.map_err(|source| BackdropError::Pack {
+                portal: at.portal,
+                source,
+            })
         };
-        let one = |places: &[DVec3]| pack(images::ldi(house, &opening, places, kind.rule(), quality));
+        let one =
+            |places: &[DVec3]| pack(images::ldi(house, &opening, places, kind.rule(), quality));
         let cube = |centre: DVec3, face_px: u32| {
-            Ok(Self::Cubes(vec![pack(window::ldi(house, &opening, centre, face_px, quality))?]))
+            Ok(Self::Cubes(vec![pack(window::ldi(
+                house, &opening, centre, face_px, quality,
+            ))?]))
         };
-        let window = || cube(opening.centre + opening.normal * quality.window_back_m, quality.window_face_px);
+        let window = || {
+            cube(
+                opening.centre + opening.normal * quality.window_back_m,
+                quality.window_face_px,
+            )
+        };
         Ok(match kind {
-            BackdropKind::Texture => Self::Textures(TextureSet::capture(house, &opening, &places[..1], quality)),
-            BackdropKind::Textures => Self::Textures(TextureSet::capture(house, &opening, &places, quality)),
-            BackdropKind::Image => Self::Cubes(vec![one(&places[..1])?]),
-            BackdropKind::TwoImages => {
-                Self::Cubes(places.iter().map(|place| one(std::slice::from_ref(place))).collect::<Result<_, _>>()?)
+            BackdropKind::Texture => {
+                Self::Textures(TextureSet::capture(house, &opening, &places[..1], quality))
             }
+            BackdropKind::Textures => {
+                Self::Textures(TextureSet::capture(house, &opening, &places, quality))
+            }
+            BackdropKind::Image => Self::Cubes(vec![one(&places[..1])?]),
+            BackdropKind::TwoImages => Self::Cubes(
+                places
+                    .iter()
+                    .map(|place| one(std::slice::from_ref(place)))
+                    .collect::<Result<_, _>>()?,
+            ),
             BackdropKind::Ldi | BackdropKind::LdiColorsApart | BackdropKind::LdiAverage => {
                 Self::Cubes(vec![one(&places)?])
             }
             BackdropKind::WindowLdi => window()?,
-            BackdropKind::CellLdi => cube(house.middle_of(looking).unwrap_or(places[0]), quality.face_px)?,
+            BackdropKind::CellLdi => cube(
+                house.middle_of(looking).unwrap_or(places[0]),
+                quality.face_px,
+            )?,
             BackdropKind::Sprite => {
                 let sprite = PortalSprite::capture(house, &opening, quality);
-                match sprite.map_err(|source| BackdropError::Sprite { portal: at.portal, source })? {
+                match sprite.map_err(|source| BackdropError::Sprite {
+                    portal: at.portal,
+                    source,
+                })? {
                     Some(sprite) => Self::Sprite(Box::new(sprite)),
                     None => window()?,
                 }
@@ -286,7 +336,10 @@ impl Backdrop {
     pub fn sample_count(&self) -> u64 {
         match self {
             Self::Textures(set) => set.bytes() / 4,
-            Self::Cubes(cubes) => cubes.iter().map(|cube| cube.depth_pixel_count() as u64).sum(),
+            Self::Cubes(cubes) => cubes
+                .iter()
+                .map(|cube| cube.depth_pixel_count() as u64)
+                .sum(),
             Self::Sprite(sprite) => sprite.sample_count(),
         }
     }

@@ -1,15 +1,18 @@
 //! A sprite with depth behind a portal, where what lies behind is smooth enough for one (S1, S5; R2).
 
 use super::BackdropQuality;
-use headbox_trace::bvh::Ray;
-use headbox_core::camera::Camera;
-use headbox_core::depth_kind::DepthKind;
-use headbox_core::color::srgb8_from_linear;
-use headbox_core::frame::{Coverage, Frame};
 use crate::house::House;
 use crate::opening::Opening;
-use headbox_sprite::{DepthImport, DisplacementFormat, PreparedSprite, RenderOptions, SpriteError, SpriteLayer, SpriteRenderer, SpriteWithDepth};
 use glam::{DVec3, Vec3};
+use headbox_core::camera::Camera;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::depth_kind::DepthKind;
+use headbox_core::frame::{Coverage, Frame};
+use headbox_sprite::{
+    DepthImport, DisplacementFormat, PreparedSprite, RenderOptions, SpriteError, SpriteLayer,
+    SpriteRenderer, SpriteWithDepth,
+};
+use headbox_trace::bvh::Ray;
 use image::{Rgba, RgbaImage};
 use rayon::prelude::*;
 
@@ -60,7 +63,9 @@ struct Pixel {
 impl PortalSprite {
     /// Prepares a sprite for drawing.
     pub(crate) fn new(sprite: SpriteWithDepth) -> Self {
-        Self { prepared: PreparedSprite::new(sprite) }
+        Self {
+            prepared: PreparedSprite::new(sprite),
+        }
     }
 
     /// The sprite.
@@ -77,17 +82,32 @@ impl PortalSprite {
     ) -> Result<Option<Self>, SpriteError> {
         let place = opening.centre + opening.normal * (opening.half.max_element() * PLACE);
         // As fine in the middle as a texture is.
-        let Some(camera) = camera(opening, place, 2 * quality.texture_px) else { return Ok(None) };
-        let row = |y: u32| (0..camera.width()).map(move |x| pixel(house, opening, &camera, [x, y])).collect::<Vec<_>>();
+        let Some(camera) = camera(opening, place, 2 * quality.texture_px) else {
+            return Ok(None);
+        };
+        let row = |y: u32| {
+            (0..camera.width())
+                .map(move |x| pixel(house, opening, &camera, [x, y]))
+                .collect::<Vec<_>>()
+        };
         let rows: Vec<Vec<Pixel>> = (0..camera.height()).into_par_iter().map(row).collect();
         let depth: Vec<f32> = rows.iter().flatten().map(|pixel| pixel.depth).collect();
-        let beyond = |pixel: &Pixel| if pixel.behind_m > REVEAL_M { pixel.depth } else { f32::NAN };
+        let beyond = |pixel: &Pixel| {
+            if pixel.behind_m > REVEAL_M {
+                pixel.depth
+            } else {
+                f32::NAN
+            }
+        };
         let judged: Vec<f32> = rows.iter().flatten().map(beyond).collect();
-        if judged.iter().all(|depth| depth.is_nan()) || disoccluded_share(&camera, &judged) > SMOOTH_SHARE {
+        if judged.iter().all(|depth| depth.is_nan())
+            || disoccluded_share(&camera, &judged) > SMOOTH_SHARE
+        {
             return Ok(None);
         }
-        let color =
-            RgbaImage::from_fn(camera.width(), camera.height(), |x, y| Rgba(rows[y as usize][x as usize].color));
+        let color = RgbaImage::from_fn(camera.width(), camera.height(), |x, y| {
+            Rgba(rows[y as usize][x as usize].color)
+        });
         let import = DepthImport {
             color,
             camera,
@@ -123,14 +143,24 @@ pub(super) struct SpriteDrawer {
 impl SpriteDrawer {
     /// Draws a sprite on a frame of the camera's size, which is all holes; pixels that it leaves open stay holes.
     pub(super) fn draw(&mut self, sprite: &PortalSprite, camera: &Camera, frame: &mut Frame) {
-        self.renderer.render(&sprite.prepared, camera, &RenderOptions::default(), &mut self.drawn);
-        let pixels = frame.color.iter_mut().zip(&mut frame.coverage).zip(self.drawn.pixels());
+        self.renderer.render(
+            &sprite.prepared,
+            camera,
+            &RenderOptions::default(),
+            &mut self.drawn,
+        );
+        let pixels = frame
+            .color
+            .iter_mut()
+            .zip(&mut frame.coverage)
+            .zip(self.drawn.pixels());
         for ((color, coverage), &[r, g, b, alpha]) in pixels {
             // Premultiplied; what a border's pixel lacks is more of the same.
             if alpha >= 32 {
                 let whole = u32::from(alpha);
                 let straight = |c: u8| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8;
-                (*color, *coverage) = ([straight(r), straight(g), straight(b), 255], Coverage::FULL);
+                (*color, *coverage) =
+                    ([straight(r), straight(g), straight(b), 255], Coverage::FULL);
             }
         }
     }
@@ -141,13 +171,20 @@ fn camera(opening: &Opening, place: DVec3, texture_px: u32) -> Option<Camera> {
     let up = opening.up;
     let probe = Camera::look_at(place, opening.centre, up, 90.0, [2, 2]).ok()?;
     // With this focal length of 1 px, positions are tangents.
-    let tangent = opening.corners.iter().try_fold([0.0f64; 2], |[x, y], corner| {
-        let [px, py, _] = probe.project(*corner)?;
-        Some([x.max((px - 1.0).abs()), y.max((py - 1.0).abs())])
-    })?;
+    let tangent = opening
+        .corners
+        .iter()
+        .try_fold([0.0f64; 2], |[x, y], corner| {
+            let [px, py, _] = probe.project(*corner)?;
+            Some([x.max((px - 1.0).abs()), y.max((py - 1.0).abs())])
+        })?;
     let largest = tangent[0].max(tangent[1]);
-    let [width, height] = tangent.map(|t| ((t / largest * f64::from(texture_px)).ceil() as u32).max(2));
-    let fov_y_deg = 2.0 * (largest * f64::from(height) / f64::from(texture_px)).atan().to_degrees();
+    let [width, height] =
+        tangent.map(|t| ((t / largest * f64::from(texture_px)).ceil() as u32).max(2));
+    let fov_y_deg = 2.0
+        * (largest * f64::from(height) / f64::from(texture_px))
+            .atan()
+            .to_degrees();
     Camera::look_at(place, opening.centre, up, fov_y_deg, [width, height]).ok()
 }
 
@@ -155,15 +192,22 @@ fn camera(opening: &Opening, place: DVec3, texture_px: u32) -> Option<Camera> {
 fn pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 2]) -> Pixel {
     let (mut sum, mut hits, mut nearest) = (Vec3::ZERO, 0u32, f32::NAN);
     for i in 0..RAYS_A_SIDE * RAYS_A_SIDE {
-        let at = |pixel: u32, k: u32| f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(RAYS_A_SIDE);
+        let at =
+            |pixel: u32, k: u32| f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(RAYS_A_SIDE);
         let direction = camera.direction(at(x, i % RAYS_A_SIDE), at(y, i / RAYS_A_SIDE));
-        let Some((color, depth)) = radiance(house, opening, camera.eye(), direction) else { continue };
+        let Some((color, depth)) = radiance(house, opening, camera.eye(), direction) else {
+            continue;
+        };
         sum += color;
         hits += 1;
         nearest = nearest.min(depth);
     }
     if hits == 0 {
-        return Pixel { color: [0; 4], depth: f32::NAN, behind_m: 0.0 };
+        return Pixel {
+            color: [0; 4],
+            depth: f32::NAN,
+            behind_m: 0.0,
+        };
     }
     let middle = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
     let depth = radiance(house, opening, camera.eye(), middle).map_or(nearest, |(_, depth)| depth);
@@ -171,12 +215,21 @@ fn pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 2]) ->
     // Directions have an eye depth of 1: so many metres of depth make this way along the normal.
     let toward = -opening.normal.dot(middle);
     let behind_m = (f64::from(depth) * toward - opening.distance_in_front(camera.eye())) as f32;
-    Pixel { color: [r, g, b, 255], depth, behind_m }
+    Pixel {
+        color: [r, g, b, 255],
+        depth,
+        behind_m,
+    }
 }
 
 /// What a ray meets behind the opening, and at which eye depth (directions have an eye depth of 1); `None` for a ray that
 /// misses the opening.
-fn radiance(house: &House, opening: &Opening, place: DVec3, direction: DVec3) -> Option<(Vec3, f32)> {
+fn radiance(
+    house: &House,
+    opening: &Opening,
+    place: DVec3,
+    direction: DVec3,
+) -> Option<(Vec3, f32)> {
     let toward = -opening.normal.dot(direction);
     if toward <= 1e-9 {
         return None;
@@ -196,7 +249,8 @@ fn radiance(house: &House, opening: &Opening, place: DVec3, direction: DVec3) ->
     Some(match house.tracer().closest(&ray) {
         Some(hit) => (house.surface(&ray, &hit).0, start as f32 + hit.t),
         None => {
-            let light = Vec3::from(lighting.miss_radiance(ray.direction.normalize_or_zero())) * lighting.exposure;
+            let light = Vec3::from(lighting.miss_radiance(ray.direction.normalize_or_zero()))
+                * lighting.exposure;
             (light, SKY_M)
         }
     })
@@ -206,13 +260,23 @@ fn radiance(house: &House, opening: &Opening, place: DVec3, direction: DVec3) ->
 /// a pixel, counted along rows and columns.
 fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
     let width = camera.width() as usize;
-    let inverse = |i: usize| depth.get(i).filter(|depth| depth.is_finite()).map(|&depth| 1.0 / f64::from(depth));
+    let inverse = |i: usize| {
+        depth
+            .get(i)
+            .filter(|depth| depth.is_finite())
+            .map(|&depth| 1.0 / f64::from(depth))
+    };
     let gap = |a: usize, b: usize, step: f64| match (inverse(a), inverse(b)) {
         (Some(a), Some(b)) => ((a - b).abs() * camera.focal_px() * step - 1.0).max(0.0),
         _ => 0.0,
     };
-    let along = (0..depth.len()).filter(|i| i % width + 1 < width).map(|i| gap(i, i + 1, STEP_M[0])).sum::<f64>();
-    let across = (0..depth.len().saturating_sub(width)).map(|i| gap(i, i + width, STEP_M[1])).sum::<f64>();
+    let along = (0..depth.len())
+        .filter(|i| i % width + 1 < width)
+        .map(|i| gap(i, i + 1, STEP_M[0]))
+        .sum::<f64>();
+    let across = (0..depth.len().saturating_sub(width))
+        .map(|i| gap(i, i + width, STEP_M[1]))
+        .sum::<f64>();
     let known = depth.iter().filter(|depth| depth.is_finite()).count();
     (along + across) / known.max(1) as f64
 }
@@ -221,9 +285,18 @@ fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
 fn parallax(sprite: &SpriteWithDepth, depth: &[f32]) -> f64 {
     let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
     let columns = camera.width() as usize;
-    let known = || depth.iter().enumerate().filter(|(_, depth)| depth.is_finite());
+    let known = || {
+        depth
+            .iter()
+            .enumerate()
+            .filter(|(_, depth)| depth.is_finite())
+    };
     let squares = known().map(|(i, &depth)| {
-        let on_plane = plane.inverse_depth(camera, (i % columns) as f64 + 0.5, (i / columns) as f64 + 0.5);
+        let on_plane = plane.inverse_depth(
+            camera,
+            (i % columns) as f64 + 0.5,
+            (i / columns) as f64 + 0.5,
+        );
         (1.0 / f64::from(depth) - on_plane).powi(2)
     });
     (squares.sum::<f64>() / known().count().max(1) as f64).sqrt() * STEP_M[0]
@@ -235,9 +308,12 @@ mod tests {
 
     #[test]
     fn planes_are_smooth_and_steps_are_not() {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 48]).expect("valid");
+        let camera =
+            Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 48]).expect("valid");
         let depth = |of: &dyn Fn(f32, f32) -> f32| -> Vec<f32> {
-            (0..64 * 48).map(|i| of((i % 64) as f32, (i / 64) as f32)).collect()
+            (0..64 * 48)
+                .map(|i| of((i % 64) as f32, (i / 64) as f32))
+                .collect()
         };
         let wall = depth(&|x, _| 1.0 / (0.2 + x * 0.005));
         assert_eq!(disoccluded_share(&camera, &wall), 0.0);

@@ -1,13 +1,13 @@
 //! Portal textures: what the portal's plane shows from a place in front of it (R2).
 
 use super::BackdropQuality;
-use headbox_trace::bvh::Ray;
-use headbox_core::camera::Camera;
-use headbox_core::color::srgb8_from_linear;
-use headbox_core::frame::{Coverage, Frame};
 use crate::house::House;
 use crate::opening::Opening;
 use glam::{DVec2, DVec3, Vec3};
+use headbox_core::camera::Camera;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::frame::{Coverage, Frame};
+use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
 
 /// Rays a side of each texel.
@@ -27,16 +27,32 @@ pub struct TextureSet {
 }
 
 impl TextureSet {
-    pub(super) fn capture(house: &House, opening: &Opening, places: &[DVec3], quality: &BackdropQuality) -> Self {
+    pub(super) fn capture(
+        house: &House,
+        opening: &Opening,
+        places: &[DVec3],
+        quality: &BackdropQuality,
+    ) -> Self {
         let scale = f64::from(quality.texture_px) / opening.half.max_element();
-        let size = [opening.half.x, opening.half.y].map(|half| ((half * scale).round() as u32).max(1));
+        let size =
+            [opening.half.x, opening.half.y].map(|half| ((half * scale).round() as u32).max(1));
         let origin = house.tracer().origin();
         let row = |i: u32| -> Vec<[u8; 4]> {
             let (place, y) = (places[(i / size[1]) as usize], i % size[1]);
-            (0..size[0]).map(|x| texel(house, opening, origin, place, [x, y], size)).collect()
+            (0..size[0])
+                .map(|x| texel(house, opening, origin, place, [x, y], size))
+                .collect()
         };
-        let rows: Vec<_> = (0..places.len() as u32 * size[1]).into_par_iter().map(row).collect();
-        Self { opening: opening.clone(), size, places: places.to_vec(), texels: rows.concat() }
+        let rows: Vec<_> = (0..places.len() as u32 * size[1])
+            .into_par_iter()
+            .map(row)
+            .collect();
+        Self {
+            opening: opening.clone(),
+            size,
+            places: places.to_vec(),
+            texels: rows.concat(),
+        }
     }
 
     pub(super) fn bytes(&self) -> u64 {
@@ -46,49 +62,72 @@ impl TextureSet {
     /// The texture taken nearest to the direction in which the eye is, as seen from the portal's middle.
     fn nearest(&self, eye: DVec3) -> usize {
         let toward = (eye - self.opening.centre).normalize_or_zero();
-        let cosine = |place: &DVec3| (*place - self.opening.centre).normalize_or_zero().dot(toward);
-        let best = self.places.iter().enumerate().max_by(|(_, a), (_, b)| cosine(a).total_cmp(&cosine(b)));
+        let cosine = |place: &DVec3| {
+            (*place - self.opening.centre)
+                .normalize_or_zero()
+                .dot(toward)
+        };
+        let best = self
+            .places
+            .iter()
+            .enumerate()
+            .max_by(|(_, a), (_, b)| cosine(a).total_cmp(&cosine(b)));
         best.map_or(0, |(index, _)| index)
     }
 
     /// Draws the plane on a whole frame; pixels that look past it are left as they are.
     pub(super) fn draw(&self, camera: &Camera, frame: &mut Frame) {
         let [width, height] = self.size.map(|pixels| pixels as usize);
-        let texture = self.texels.chunks_exact(width * height).nth(self.nearest(camera.eye()));
+        let texture = self
+            .texels
+            .chunks_exact(width * height)
+            .nth(self.nearest(camera.eye()));
         let Some(texture) = texture else { return };
         let opening = &self.opening;
         let to_centre = opening.centre - camera.eye();
         let along = opening.normal.dot(to_centre);
         let columns = frame.width as usize;
-        let rows = frame.color.par_chunks_mut(columns).zip(frame.coverage.par_chunks_mut(columns));
-        rows.enumerate().with_min_len(8).for_each(|(y, (colors, coverages))| {
-            let start = camera.direction(0.5, y as f64 + 0.5);
-            let step = camera.direction(1.5, y as f64 + 0.5) - start;
-            // Positions in the texture are quotients of functions that are linear along the row.
-            let plane = |axis: DVec3, half: f64, direction: DVec3| {
-                (axis.dot(direction) * along - axis.dot(to_centre) * opening.normal.dot(direction)) / half
-            };
-            let linear = |direction: DVec3| {
-                let (u, v) =
-                    (plane(opening.right, opening.half.x, direction), plane(opening.up, opening.half.y, direction));
-                DVec3::new(u, -v, opening.normal.dot(direction))
-            };
-            let (start, step) = (linear(start), linear(step));
-            for (x, (color, coverage)) in colors.iter_mut().zip(coverages).enumerate() {
-                let at = (start + step * x as f64).as_vec3();
-                // The plane faces the eye: the ray runs against its normal.
-                if at.z >= 0.0 || along >= 0.0 {
-                    continue;
+        let rows = frame
+            .color
+            .par_chunks_mut(columns)
+            .zip(frame.coverage.par_chunks_mut(columns));
+        rows.enumerate()
+            .with_min_len(8)
+            .for_each(|(y, (colors, coverages))| {
+                let start = camera.direction(0.5, y as f64 + 0.5);
+                let step = camera.direction(1.5, y as f64 + 0.5) - start;
+                // Positions in the texture are quotients of functions that are linear along the row.
+                let plane = |axis: DVec3, half: f64, direction: DVec3| {
+                    (axis.dot(direction) * along
+                        - axis.dot(to_centre) * opening.normal.dot(direction))
+                        / half
+                };
+                let linear = |direction: DVec3| {
+                    let (u, v) = (
+                        plane(opening.right, opening.half.x, direction),
+                        plane(opening.up, opening.half.y, direction),
+                    );
+                    DVec3::new(u, -v, opening.normal.dot(direction))
+                };
+                let (start, step) = (linear(start), linear(step));
+                for (x, (color, coverage)) in colors.iter_mut().zip(coverages).enumerate() {
+                    let at = (start + step * x as f64).as_vec3();
+                    // The plane faces the eye: the ray runs against its normal.
+                    if at.z >= 0.0 || along >= 0.0 {
+                        continue;
+                    }
+                    let inverse = 1.0 / at.z;
+                    let (u, v) = (at.x * inverse, at.y * inverse);
+                    if u.abs() <= MARGIN && v.abs() <= MARGIN {
+                        let position = [
+                            (u * 0.5 + 0.5) * width as f32 - 0.5,
+                            (v * 0.5 + 0.5) * height as f32 - 0.5,
+                        ];
+                        *color = bilinear(texture, [width, height], position);
+                        *coverage = Coverage::FULL;
+                    }
                 }
-                let inverse = 1.0 / at.z;
-                let (u, v) = (at.x * inverse, at.y * inverse);
-                if u.abs() <= MARGIN && v.abs() <= MARGIN {
-                    let position = [(u * 0.5 + 0.5) * width as f32 - 0.5, (v * 0.5 + 0.5) * height as f32 - 0.5];
-                    *color = bilinear(texture, [width, height], position);
-                    *coverage = Coverage::FULL;
-                }
-            }
-        });
+            });
     }
 }
 
@@ -96,13 +135,25 @@ impl TextureSet {
 const MARGIN: f32 = 1.05;
 
 /// Mean of the rays through a texel.
-fn texel(house: &House, opening: &Opening, origin: DVec3, place: DVec3, [x, y]: [u32; 2], size: [u32; 2]) -> [u8; 4] {
+fn texel(
+    house: &House,
+    opening: &Opening,
+    origin: DVec3,
+    place: DVec3,
+    [x, y]: [u32; 2],
+    size: [u32; 2],
+) -> [u8; 4] {
     let mut sum = Vec3::ZERO;
     for i in 0..RAYS_A_SIDE * RAYS_A_SIDE {
         let at = |pixel: u32, k: u32, pixels: u32| {
-            (f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(RAYS_A_SIDE)) / f64::from(pixels) * 2.0 - 1.0
+            (f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(RAYS_A_SIDE)) / f64::from(pixels)
+                * 2.0
+                - 1.0
         };
-        let flat = DVec2::new(at(x, i % RAYS_A_SIDE, size[0]), -at(y, i / RAYS_A_SIDE, size[1]));
+        let flat = DVec2::new(
+            at(x, i % RAYS_A_SIDE, size[0]),
+            -at(y, i / RAYS_A_SIDE, size[1]),
+        );
         let point = opening.point(flat);
         let ray = Ray {
             origin: (point - origin).as_vec3(),
@@ -113,10 +164,15 @@ fn texel(house: &House, opening: &Opening, origin: DVec3, place: DVec3, [x, y]: 
         let lighting = house.lighting();
         sum += match house.tracer().closest(&ray) {
             Some(hit) => house.surface(&ray, &hit).0,
-            None => Vec3::from(lighting.miss_radiance(ray.direction.normalize_or_zero())) * lighting.exposure,
+            None => {
+                Vec3::from(lighting.miss_radiance(ray.direction.normalize_or_zero()))
+                    * lighting.exposure
+            }
         };
     }
-    let [r, g, b] = (sum / (RAYS_A_SIDE * RAYS_A_SIDE) as f32).to_array().map(srgb8_from_linear);
+    let [r, g, b] = (sum / (RAYS_A_SIDE * RAYS_A_SIDE) as f32)
+        .to_array()
+        .map(srgb8_from_linear);
     [r, g, b, 255]
 }
 
@@ -132,7 +188,12 @@ fn bilinear(texels: &[[u8; 4]], [width, height]: [usize; 2], [x, y]: [f32; 2]) -
     let (a, b, c, d) = (at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1));
     let mut mixed = [255; 4];
     for i in 0..3 {
-        let (a, b, c, d) = (f32::from(a[i]), f32::from(b[i]), f32::from(c[i]), f32::from(d[i]));
+        let (a, b, c, d) = (
+            f32::from(a[i]),
+            f32::from(b[i]),
+            f32::from(c[i]),
+            f32::from(d[i]),
+        );
         let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
         mixed[i] = (top + (bottom - top) * fy + 0.5) as u8;
     }

@@ -5,13 +5,13 @@
 
 use super::BackdropQuality;
 use super::gather::CubeJob;
-use headbox_trace::sampler::{DirectionCell, RayDomain, Sampling, Strata};
-use headbox_trace::bvh::{PACKET, RayPacket};
-use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::pack::{PackError, PackedCube};
 use crate::house::House;
 use crate::opening::Opening;
 use glam::{DVec3, Vec3};
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::pack::{PackError, PackedCube};
+use headbox_trace::bvh::{PACKET, RayPacket};
+use headbox_trace::sampler::{DirectionCell, RayDomain, Sampling, Strata};
 
 /// The LDI of what is seen through an opening, about a centre (world metres).
 pub(super) fn ldi(
@@ -34,19 +34,34 @@ pub(super) fn ldi(
         seed: quality.seed,
         sampling: Sampling::Stratified,
     };
-    let job = CubeJob { house, centre, face_px, rule: MergeRule::Average, mends: true };
+    let job = CubeJob {
+        house,
+        centre,
+        face_px,
+        rule: MergeRule::Average,
+        mends: true,
+    };
     job.run(strata.direction_cells(), |cell, batch| {
         (batch.image, batch.eye) = (0, None);
-        let directions = DirectionCell { domain, domain_number: 0, strata, cell };
-        let names: Vec<(u32, u32)> =
-            (0..strata.position_cells()).flat_map(|p| (0..strata.rays).map(move |ray| (p, ray))).collect();
+        let directions = DirectionCell {
+            domain,
+            domain_number: 0,
+            strata,
+            cell,
+        };
+        let names: Vec<(u32, u32)> = (0..strata.position_cells())
+            .flat_map(|p| (0..strata.rays).map(move |ray| (p, ray)))
+            .collect();
         let mut packet = RayPacket::EMPTY;
         for names in names.chunks(PACKET) {
             directions.fill_packet(names, &mut packet);
             for lane in 0..names.len() {
                 let start = Vec3::from_array(packet.origin.map(|axis| axis[lane]));
                 if opening.contains(start.as_dvec3() + origin) {
-                    batch.rays.push((start, Vec3::from_array(packet.direction.map(|axis| axis[lane]))));
+                    batch.rays.push((
+                        start,
+                        Vec3::from_array(packet.direction.map(|axis| axis[lane])),
+                    ));
                 }
             }
         }

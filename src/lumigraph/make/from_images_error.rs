@@ -1,9 +1,9 @@
 //! What can be wrong with pictures that are to become a lumigraph.
 
 use crate::LumigraphError;
-use headbox_images::ImagesError;
-use headbox_core::file_frame::FileFrame;
 use glam::DVec3;
+use headbox_core::file_frame::FileFrame;
+use headbox_images::ImagesError;
 use std::io;
 
 /// Why a set of pictures is no lumigraph. Positions and lengths are in the set's own axes and unit.
@@ -27,7 +27,9 @@ pub enum FromImagesError {
     #[error("{0} is a panorama; a lumigraph is made of perspective pictures")]
     Panorama(String),
     /// The cameras' directions cancel out.
-    #[error("the cameras look all ways; those of a lumigraph look across the plane that they stand in")]
+    #[error(
+        "the cameras look all ways; those of a lumigraph look across the plane that they stand in"
+    )]
     AllWays,
     /// A camera looks along the plane, or back.
     #[error("{name} looks {degrees:.0} degrees away from straight across the plane of the cameras; {most} degrees at most can be brought onto one image plane: leave it out", most = MOST_TURNED_DEG)]
@@ -71,16 +73,31 @@ pub enum FromImagesError {
 }
 
 impl FromImagesError {
-    pub(super) fn off(name: &str, off_m: f64, allowed_m: f64, what: &'static str, frame: &FileFrame) -> Self {
+    pub(super) fn off(
+        name: &str,
+        off_m: f64,
+        allowed_m: f64,
+        what: &'static str,
+        frame: &FileFrame,
+    ) -> Self {
         let why = "a quarter of the way between the two that are closest to each other";
-        Self::Off { name: name.into(), what, off: off_m / frame.unit_m, allowed: allowed_m / frame.unit_m, why }
+        Self::Off {
+            name: name.into(),
+            what,
+            off: off_m / frame.unit_m,
+            allowed: allowed_m / frame.unit_m,
+            why,
+        }
     }
 }
 
 /// The first of some places.
 fn listed(places: &[DVec3]) -> String {
     const SHOWN: usize = 4;
-    let first = places.iter().take(SHOWN).map(|p| format!("{:.3},{:.3},{:.3}", p.x, p.y, p.z));
+    let first = places
+        .iter()
+        .take(SHOWN)
+        .map(|p| format!("{:.3},{:.3},{:.3}", p.x, p.y, p.z));
     let more = places.len().saturating_sub(SHOWN);
     let more = (more > 0).then(|| format!("{more} more"));
     first.chain(more).collect::<Vec<_>>().join(" and ")

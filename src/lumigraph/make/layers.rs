@@ -25,7 +25,10 @@ impl DisparityLayer {
 
     /// From the farthest of one layer to the nearest of another.
     pub fn through(&self, nearer: &Self) -> Self {
-        Self { min: self.min, max: nearer.max }
+        Self {
+            min: self.min,
+            max: nearer.max,
+        }
     }
 }
 
@@ -42,24 +45,45 @@ pub enum Placement {
 
 /// `count` equal shares of a range of disparity, far ones first (Eq. 6).
 pub fn uniform([min, max]: [f64; 2], count: usize) -> Vec<DisparityLayer> {
-    let end = |i: usize| if i == count { max } else { min + (max - min) * i as f64 / count as f64 };
-    (0..count).map(|i| DisparityLayer { min: end(i), max: end(i + 1) }).collect()
+    let end = |i: usize| {
+        if i == count {
+            max
+        } else {
+            min + (max - min) * i as f64 / count as f64
+        }
+    };
+    (0..count)
+        .map(|i| DisparityLayer {
+            min: end(i),
+            max: end(i + 1),
+        })
+        .collect()
 }
 
 /// At most `count` layers that hold all of some disparities, far ones first, each no wider than its surfaces: layers that would
 /// hold nothing are left out. No layers for no disparities.
 pub fn place(disparities: &[f32], count: usize, placement: Placement) -> Vec<DisparityLayer> {
-    let mut sorted: Vec<f32> = disparities.iter().copied().filter(|d| *d > 0.0 && d.is_finite()).collect();
+    let mut sorted: Vec<f32> = disparities
+        .iter()
+        .copied()
+        .filter(|d| *d > 0.0 && d.is_finite())
+        .collect();
     sorted.sort_unstable_by(f32::total_cmp);
     sorted.dedup();
-    let (Some(&first), Some(&last)) = (sorted.first(), sorted.last()) else { return Vec::new() };
+    let (Some(&first), Some(&last)) = (sorted.first(), sorted.last()) else {
+        return Vec::new();
+    };
     let count = count.max(1);
     match placement {
         Placement::Uniform => {
             let shares = uniform([f64::from(first), f64::from(last)], count);
             let mut rest = sorted.as_slice();
             let held = shares.iter().enumerate().filter_map(|(i, share)| {
-                let own = if i + 1 == count { rest.len() } else { rest.partition_point(|d| f64::from(*d) < share.max) };
+                let own = if i + 1 == count {
+                    rest.len()
+                } else {
+                    rest.partition_point(|d| f64::from(*d) < share.max)
+                };
                 let (own, others) = rest.split_at(own);
                 rest = others;
                 around(own)
@@ -72,7 +96,10 @@ pub fn place(disparities: &[f32], count: usize, placement: Placement) -> Vec<Dis
 
 /// The layer of some ascending disparities.
 fn around(sorted: &[f32]) -> Option<DisparityLayer> {
-    Some(DisparityLayer { min: f64::from(*sorted.first()?), max: f64::from(*sorted.last()?) })
+    Some(DisparityLayer {
+        min: f64::from(*sorted.first()?),
+        max: f64::from(*sorted.last()?),
+    })
 }
 
 /// The fewest layers of at most some width that hold ascending disparities: each begins at the farthest that is left.
@@ -80,7 +107,10 @@ fn of_width(sorted: &[f32], width: f64) -> Vec<DisparityLayer> {
     let mut layers = Vec::new();
     let mut rest = sorted;
     while let Some(&first) = rest.first() {
-        let (own, others) = rest.split_at(rest.partition_point(|d| f64::from(*d) - f64::from(first) <= width).max(1));
+        let (own, others) = rest.split_at(
+            rest.partition_point(|d| f64::from(*d) - f64::from(first) <= width)
+                .max(1),
+        );
         layers.extend(around(own));
         rest = others;
     }
@@ -93,7 +123,9 @@ fn least_width(sorted: &[f32], count: usize) -> f64 {
         let (mut rest, mut used) = (sorted, 0);
         while let Some(&first) = rest.first() {
             used += 1;
-            rest = &rest[rest.partition_point(|d| f64::from(*d) - f64::from(first) <= width).max(1)..];
+            rest = &rest[rest
+                .partition_point(|d| f64::from(*d) - f64::from(first) <= width)
+                .max(1)..];
         }
         used <= count
     };
@@ -105,7 +137,11 @@ fn least_width(sorted: &[f32], count: usize) -> f64 {
     // As fine as f32 disparities are.
     for _ in 0..40 {
         let middle = 0.5 * (too_narrow + wide_enough);
-        if fits(middle) { wide_enough = middle } else { too_narrow = middle }
+        if fits(middle) {
+            wide_enough = middle
+        } else {
+            too_narrow = middle
+        }
     }
     wide_enough
 }
@@ -121,7 +157,11 @@ pub fn classify(layers: &[DisparityLayer], disparity: f32) -> u16 {
     let index = match nearer {
         0 => 0,
         end if end == layers.len() => end - 1,
-        i if disparity >= layers[i].min || layers[i].min - disparity <= disparity - layers[i - 1].max => i,
+        i if disparity >= layers[i].min
+            || layers[i].min - disparity <= disparity - layers[i - 1].max =>
+        {
+            i
+        }
         i => i - 1,
     };
     (index + 1) as u16
@@ -133,7 +173,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn widest(layers: &[DisparityLayer]) -> f64 {
-        layers.iter().map(|layer| layer.max - layer.min).fold(0.0, f64::max)
+        layers
+            .iter()
+            .map(|layer| layer.max - layer.min)
+            .fold(0.0, f64::max)
     }
 
     proptest! {
@@ -182,10 +225,18 @@ mod tests {
         assert!(place(&[], 4, Placement::Histogram).is_empty());
         assert!(place(&[0.0, f32::NAN, -1.0], 4, Placement::Uniform).is_empty());
         for placement in [Placement::Uniform, Placement::Histogram] {
-            assert_eq!(place(&[0.5; 9], 4, placement), [DisparityLayer { min: 0.5, max: 0.5 }], "no range at all");
+            assert_eq!(
+                place(&[0.5; 9], 4, placement),
+                [DisparityLayer { min: 0.5, max: 0.5 }],
+                "no range at all"
+            );
         }
-        let layers = [DisparityLayer { min: 0.1, max: 0.2 }, DisparityLayer { min: 0.4, max: 0.5 }];
-        let found = [0.0, -1.0, f32::NAN, 0.05, 0.15, 0.29, 0.31, 0.45, 9.0].map(|d| classify(&layers, d));
+        let layers = [
+            DisparityLayer { min: 0.1, max: 0.2 },
+            DisparityLayer { min: 0.4, max: 0.5 },
+        ];
+        let found =
+            [0.0, -1.0, f32::NAN, 0.05, 0.15, 0.29, 0.31, 0.45, 9.0].map(|d| classify(&layers, d));
         assert_eq!(found, [0, 0, 0, 1, 1, 1, 2, 2, 2]);
         assert_eq!(classify(&[], 0.3), 0);
     }

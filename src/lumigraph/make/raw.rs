@@ -27,8 +27,16 @@ pub(super) const SAME_SURFACE: f32 = 0.05;
 
 impl RawLumigraph {
     /// A picture of the grid's size for each camera, row by row from the lowest.
-    pub(super) fn new(grid: CameraGrid, pictures: Vec<RawPicture>, environment: Environment) -> Self {
-        Self { grid, pictures, environment }
+    pub(super) fn new(
+        grid: CameraGrid,
+        pictures: Vec<RawPicture>,
+        environment: Environment,
+    ) -> Self {
+        Self {
+            grid,
+            pictures,
+            environment,
+        }
     }
 
     /// The cameras.
@@ -44,8 +52,14 @@ impl RawLumigraph {
 
     /// The least and the greatest disparity of all pixels, 1/m.
     pub fn range(&self) -> Option<[f64; 2]> {
-        let seen = self.pictures.iter().flat_map(|picture| &picture.disparity).filter(|d| **d > 0.0);
-        let range = seen.fold([f32::INFINITY, 0.0], |[min, max], &d| [min.min(d), max.max(d)]);
+        let seen = self
+            .pictures
+            .iter()
+            .flat_map(|picture| &picture.disparity)
+            .filter(|d| **d > 0.0);
+        let range = seen.fold([f32::INFINITY, 0.0], |[min, max], &d| {
+            [min.min(d), max.max(d)]
+        });
         (range[1] > 0.0).then(|| range.map(f64::from))
     }
 
@@ -54,8 +68,11 @@ impl RawLumigraph {
     /// # Errors
     /// [`LumigraphError::TooManyLayers`], of which what is not known counts as one; [`LumigraphError::NothingSeen`] if no pixel has a disparity.
     pub fn layered(&self, count: usize, placement: Placement) -> Result<Lumigraph, LumigraphError> {
-        let disparities: Vec<f32> =
-            self.pictures.iter().flat_map(|picture| picture.disparity.iter().copied()).collect();
+        let disparities: Vec<f32> = self
+            .pictures
+            .iter()
+            .flat_map(|picture| picture.disparity.iter().copied())
+            .collect();
         let unknown = disparities.iter().any(|disparity| disparity.is_nan());
         if count > MAX_LAYERS - usize::from(unknown) {
             return Err(LumigraphError::TooManyLayers(count));
@@ -64,7 +81,11 @@ impl RawLumigraph {
         if layers.is_empty() {
             return Err(LumigraphError::NothingSeen);
         }
-        let pictures = self.pictures.par_iter().map(|picture| picture.layered(&layers)).collect();
+        let pictures = self
+            .pictures
+            .par_iter()
+            .map(|picture| picture.layered(&layers))
+            .collect();
         let mut lumigraph = Lumigraph::new(self.grid.clone(), layers, pictures)?;
         lumigraph.info.placement = placement;
         lumigraph.environment = self.environment.clone();
@@ -75,7 +96,16 @@ impl RawLumigraph {
 impl RawPicture {
     fn layered(&self, layers: &[DisparityLayer]) -> Picture {
         let unknown = (layers.len() + 1) as u16;
-        let index = |&disparity: &f32| if disparity.is_nan() { unknown } else { classify(layers, disparity) };
-        Picture { color: self.color.clone(), index: self.disparity.iter().map(index).collect() }
+        let index = |&disparity: &f32| {
+            if disparity.is_nan() {
+                unknown
+            } else {
+                classify(layers, disparity)
+            }
+        };
+        Picture {
+            color: self.color.clone(),
+            index: self.disparity.iter().map(index).collect(),
+        }
     }
 }

@@ -6,8 +6,8 @@
 
 use crate::grid::PlaneView;
 use crate::{Lumigraph, LumigraphError, LumigraphInfo, optimal_disparity};
-use headbox_core::camera::Camera;
 use glam::DVec2;
+use headbox_core::camera::Camera;
 
 /// Slabs at most: a hundred planes about an object are more than any needs.
 pub const MAX_SLABS: usize = 256;
@@ -36,7 +36,9 @@ pub struct SlabShare {
 
 impl From<Lumigraph> for Slabs {
     fn from(lumigraph: Lumigraph) -> Self {
-        Self { slabs: vec![lumigraph] }
+        Self {
+            slabs: vec![lumigraph],
+        }
     }
 }
 
@@ -68,7 +70,9 @@ impl Slabs {
 
     /// The only one, if there are no others.
     pub fn into_single(self) -> Option<Lumigraph> {
-        <[Lumigraph; 1]>::try_from(self.slabs).ok().map(|[slab]| slab)
+        <[Lumigraph; 1]>::try_from(self.slabs)
+            .ok()
+            .map(|[slab]| slab)
     }
 
     /// Where they come from.
@@ -78,14 +82,37 @@ impl Slabs {
 
     /// Which slabs a frame shows: the best first, and at most one more.
     pub fn shares(&self, camera: &Camera) -> Vec<SlabShare> {
-        let mut order: Vec<(usize, f64)> = self.slabs.iter().map(|slab| unfit(slab, camera)).enumerate().collect();
+        let mut order: Vec<(usize, f64)> = self
+            .slabs
+            .iter()
+            .map(|slab| unfit(slab, camera))
+            .enumerate()
+            .collect();
         order.sort_by(|(_, a), (_, b)| a.total_cmp(b));
-        let [(best, least), ref others @ ..] = order[..] else { return Vec::new() };
-        let limit = others.get(1).map_or(least + REACH, |(_, third)| third.min(least + REACH));
+        let [(best, least), ref others @ ..] = order[..] else {
+            return Vec::new();
+        };
+        let limit = others
+            .get(1)
+            .map_or(least + REACH, |(_, third)| third.min(least + REACH));
         let second = others.first().filter(|(_, unfit)| *unfit < limit);
-        let Some(&(second, unfit)) = second else { return vec![SlabShare { slab: best, share: 1.0 }] };
+        let Some(&(second, unfit)) = second else {
+            return vec![SlabShare {
+                slab: best,
+                share: 1.0,
+            }];
+        };
         let share = 0.5 * smooth((limit - unfit) / (limit - least));
-        vec![SlabShare { slab: best, share: 1.0 - share }, SlabShare { slab: second, share }]
+        vec![
+            SlabShare {
+                slab: best,
+                share: 1.0 - share,
+            },
+            SlabShare {
+                slab: second,
+                share,
+            },
+        ]
     }
 }
 
@@ -107,7 +134,9 @@ fn unfit(slab: &Lumigraph, camera: &Camera) -> f64 {
         let at = [width * share[0], height * share[1]];
         let direction = view.start + view.step[0] * at[0] + view.step[1] * at[1];
         let turned = (direction.z / direction.length()).clamp(-1.0, 1.0).acos();
-        let Some(slopes) = view.slopes(at) else { return turned + 1.0 };
+        let Some(slopes) = view.slopes(at) else {
+            return turned + 1.0;
+        };
         let crossing = view.crossing(slopes);
         let beside = |at: f64, [low, high]: [f64; 2]| (low - at).max(at - high).max(0.0);
         let off = DVec2::new(beside(crossing.x, columns), beside(crossing.y, rows)).length();
@@ -119,20 +148,25 @@ fn unfit(slab: &Lumigraph, camera: &Camera) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::tests::{Bed, psnr_db};
-    use crate::{CameraGrid, LumigraphCapture, LumigraphSettings, Placement, SlabsRenderer, render_slabs_by_rays};
     use super::*;
+    use crate::tests::{Bed, psnr_db};
+    use crate::{
+        CameraGrid, LumigraphCapture, LumigraphSettings, Placement, SlabsRenderer,
+        render_slabs_by_rays,
+    };
+    use glam::DVec3;
     use headbox_core::frame::Frame;
     use headbox_core::progress::Silent;
     use headbox_trace::truth;
-    use glam::DVec3;
 
     /// About what planes are turned: the dome of `bump`.
     const CENTRE: DVec3 = DVec3::ZERO;
     const RADIUS: f64 = 3.0;
 
     fn turned(bed: &Bed, degrees: f64) -> CameraGrid {
-        bed.grid.turned(CENTRE, DVec3::Y, f64::to_radians(degrees)).expect("a line")
+        bed.grid
+            .turned(CENTRE, DVec3::Y, f64::to_radians(degrees))
+            .expect("a line")
     }
 
     /// Planes turned by -30, 0 and 30 degrees.
@@ -140,8 +174,15 @@ mod tests {
         let places = CameraGrid::evenly(3, 0.8);
         let bed = Bed::new(places.clone(), places, [size, size]);
         let slab = |degrees: f64| {
-            let capture = LumigraphCapture { tracer: &bed.tracer, lighting: &bed.lighting, lit: false, samples: 4 };
-            let raw = capture.run(&turned(&bed, degrees), &Silent).expect("captured");
+            let capture = LumigraphCapture {
+                tracer: &bed.tracer,
+                lighting: &bed.lighting,
+                lit: false,
+                samples: 4,
+            };
+            let raw = capture
+                .run(&turned(&bed, degrees), &Silent)
+                .expect("captured");
             raw.layered(200, Placement::Histogram).expect("layered")
         };
         let slabs = Slabs::new([-30.0, 0.0, 30.0].map(slab).to_vec()).expect("slabs");
@@ -160,34 +201,62 @@ mod tests {
     }
 
     fn draw_as(slabs: &Slabs, camera: &Camera, settings: &LumigraphSettings) -> Frame {
-        SlabsRenderer::new().render(slabs, camera, settings).0.clone()
+        SlabsRenderer::new()
+            .render(slabs, camera, settings)
+            .0
+            .clone()
     }
 
     #[test]
     fn shares_are_smooth_and_the_nearest_slab_has_most() {
         let (_, slabs) = three(16);
-        let of = |shares: &[SlabShare], slab: usize| shares.iter().find(|s| s.slab == slab).map_or(0.0, |s| s.share);
+        let of = |shares: &[SlabShare], slab: usize| {
+            shares
+                .iter()
+                .find(|s| s.slab == slab)
+                .map_or(0.0, |s| s.share)
+        };
         let mut before: Option<Vec<SlabShare>> = None;
         let mut mixed = 0;
         for step in -500..=500 {
             let degrees = f64::from(step) * 0.1;
             let shares = slabs.shares(&camera(degrees, 16));
-            assert!((shares.iter().map(|s| s.share).sum::<f64>() - 1.0).abs() < 1e-12 && shares.len() <= 2);
-            let nearest = if degrees < -15.0 { 0 } else { 1 + usize::from(degrees > 15.0) };
+            assert!(
+                (shares.iter().map(|s| s.share).sum::<f64>() - 1.0).abs() < 1e-12
+                    && shares.len() <= 2
+            );
+            let nearest = if degrees < -15.0 {
+                0
+            } else {
+                1 + usize::from(degrees > 15.0)
+            };
             assert!(of(&shares, nearest) > 0.49, "{degrees}: {shares:?}");
             mixed += usize::from(shares.len() == 2);
             // A smooth step over some degrees takes no more than this of them in a tenth of one.
             if let Some(before) = &before {
-                assert!((0..3).all(|slab| (of(&shares, slab) - of(before, slab)).abs() < 0.05), "{degrees}");
+                assert!(
+                    (0..3).all(|slab| (of(&shares, slab) - of(before, slab)).abs() < 0.05),
+                    "{degrees}"
+                );
             }
             before = Some(shares);
         }
         assert!((20..700).contains(&mixed), "{mixed}");
         for (slab, degrees) in [-30.0, 0.0, 30.0].into_iter().enumerate() {
-            assert_eq!(slabs.shares(&camera(degrees, 16)), [SlabShare { slab, share: 1.0 }]);
+            assert_eq!(
+                slabs.shares(&camera(degrees, 16)),
+                [SlabShare { slab, share: 1.0 }]
+            );
         }
         // Away from all of them, and where a third is as good as the second.
-        assert_eq!(slabs.shares(&camera(180.0, 16)).iter().map(|s| s.share).sum::<f64>(), 1.0);
+        assert_eq!(
+            slabs
+                .shares(&camera(180.0, 16))
+                .iter()
+                .map(|s| s.share)
+                .sum::<f64>(),
+            1.0
+        );
         let eye = DVec3::new(0.0, 0.05, RADIUS);
         let above = Camera::look_at(eye, CENTRE, DVec3::Y, 25.0, [16, 16]).expect("valid");
         assert_eq!(slabs.shares(&above).len(), 1, "both neighbours are as far");
@@ -204,8 +273,15 @@ mod tests {
     fn no_frame_jumps_where_one_slab_hands_over_to_the_next() {
         let (_, slabs) = three(96);
         // Merged layers move textures by up to a pixel as they change, which a frame of 72 pixels shows more than what is looked for.
-        let settings = LumigraphSettings { merge: false, ..LumigraphSettings::default() };
-        let alone: Vec<Slabs> = slabs.all().iter().map(|slab| Slabs::from(slab.clone())).collect();
+        let settings = LumigraphSettings {
+            merge: false,
+            ..LumigraphSettings::default()
+        };
+        let alone: Vec<Slabs> = slabs
+            .all()
+            .iter()
+            .map(|slab| Slabs::from(slab.clone()))
+            .collect();
         let mean = |frames: [&Frame; 2], wanted: &dyn Fn(usize) -> bool| {
             let pixels: Vec<usize> = (0..frames[0].color.len()).filter(|i| wanted(*i)).collect();
             let off = |i: &usize| {
@@ -223,20 +299,34 @@ mod tests {
             let mut known = vec![true; frame.color.len()];
             for share in &shares {
                 let own = draw_as(&alone[share.slab], &camera, &settings);
-                known.iter_mut().zip(&own.coverage).for_each(|(known, own)| *known &= !own.is_hole());
+                known
+                    .iter_mut()
+                    .zip(&own.coverage)
+                    .for_each(|(known, own)| *known &= !own.is_hole());
             }
             if let Some((last, count, known_before)) = &before {
                 let both = |i: usize| known[i] && known_before[i];
                 let differs = [mean([&frame, last], &both), mean([&frame, last], &|_| true)];
-                let to = if shares.len() == 1 && *count == 1 { &mut within } else { &mut across };
-                to.iter_mut().zip(differs).for_each(|(to, differs)| *to = to.max(differs));
+                let to = if shares.len() == 1 && *count == 1 {
+                    &mut within
+                } else {
+                    &mut across
+                };
+                to.iter_mut()
+                    .zip(differs)
+                    .for_each(|(to, differs)| *to = to.max(differs));
             }
             before = Some((frame, shares.len(), known));
         }
-        assert!(within[0] > 0.0 && across[0] > 0.0, "{across:?} levels, within a slab {within:?}");
+        assert!(
+            within[0] > 0.0 && across[0] > 0.0,
+            "{across:?} levels, within a slab {within:?}"
+        );
         let bounds = [HAND_OVER, FADE].into_iter().zip(across).zip(within);
         assert!(
-            bounds.clone().all(|((bound, across), within)| across <= bound * within),
+            bounds
+                .clone()
+                .all(|((bound, across), within)| across <= bound * within),
             "{:?}",
             bounds.collect::<Vec<_>>()
         );
@@ -249,14 +339,25 @@ mod tests {
             let camera = camera(degrees, 64);
             let found = draw(&slabs, &camera);
             let rays = render_slabs_by_rays(&slabs, &camera, &LumigraphSettings::default());
-            let off = found.color.iter().zip(&rays.color).filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 2));
+            let off = found
+                .color
+                .iter()
+                .zip(&rays.color)
+                .filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 2));
             assert!(off.count() <= 8, "rounding, and texels beside, {degrees}");
-            let truth = truth::render(&bed.tracer, &bed.lighting, false, &camera, 32, &Silent).frame;
+            let truth =
+                truth::render(&bed.tracer, &bed.lighting, false, &camera, 32, &Silent).frame;
             let db = psnr_db(&found.color, &truth.color);
             assert!(db > 20.0, "{db} dB at {degrees} degrees");
         }
-        let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        let [one, three] = [1, 3].map(|threads| pool(threads).install(|| draw(&slabs, &camera(15.0, 64))));
+        let pool = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("a pool")
+        };
+        let [one, three] =
+            [1, 3].map(|threads| pool(threads).install(|| draw(&slabs, &camera(15.0, 64))));
         assert_eq!(one, three);
     }
 
@@ -272,12 +373,15 @@ mod tests {
             crate::Picture { color, index }
         });
         let pictures = pictures.collect();
-        slabs.slabs[2] = Lumigraph::new(blind.grid().clone(), blind.layers().to_vec(), pictures).expect("a lumigraph");
+        slabs.slabs[2] = Lumigraph::new(blind.grid().clone(), blind.layers().to_vec(), pictures)
+            .expect("a lumigraph");
         assert_eq!(slabs.shares(&camera).len(), 2);
         let alone = draw(&Slabs::from(slabs.slabs[1].clone()), &camera);
         let seen = |i: usize| alone.coverage[i].splat_share() > 0;
         let both = draw(&slabs, &camera);
-        let same = (0..both.color.len()).filter(|&i| seen(i)).all(|i| both.color[i] == alone.color[i]);
+        let same = (0..both.color.len())
+            .filter(|&i| seen(i))
+            .all(|i| both.color[i] == alone.color[i]);
         assert!(same && (0..both.color.len()).filter(|&i| seen(i)).count() > 1000);
     }
 
@@ -290,18 +394,34 @@ mod tests {
         let back = Slabs::read(&path).expect("read");
         assert_eq!(back.all().len(), 3);
         for (a, b) in back.all().iter().zip(slabs.all()) {
-            assert_eq!((a.grid(), a.layers(), a.pictures()), (b.grid(), b.layers(), b.pictures()));
-            assert_eq!((&a.info, &a.environment), (&slabs.first().info, &slabs.first().environment));
+            assert_eq!(
+                (a.grid(), a.layers(), a.pictures()),
+                (b.grid(), b.layers(), b.pictures())
+            );
+            assert_eq!(
+                (&a.info, &a.environment),
+                (&slabs.first().info, &slabs.first().environment)
+            );
         }
-        let refused = Lumigraph::read(&path).expect_err("there are several").to_string();
+        let refused = Lumigraph::read(&path)
+            .expect_err("there are several")
+            .to_string();
         assert!(refused.contains("one light slab"), "{refused}");
         let [own, of_one] = ["b.lumi", "c.lumi"].map(|name| folder.path().join(name));
         slabs.first().write(&own).expect("written");
-        Slabs::from(slabs.first().clone()).write(&of_one).expect("written");
+        Slabs::from(slabs.first().clone())
+            .write(&of_one)
+            .expect("written");
         let bytes = |path| std::fs::read(path).expect("read");
         let own_bytes = bytes(&own);
         assert_eq!(own_bytes, bytes(&of_one));
-        assert!(!own_bytes.windows(6).any(|window| window == b"others"), "what older programs do not know");
-        assert!(matches!(Slabs::new(Vec::new()), Err(LumigraphError::Slabs(0))));
+        assert!(
+            !own_bytes.windows(6).any(|window| window == b"others"),
+            "what older programs do not know"
+        );
+        assert!(matches!(
+            Slabs::new(Vec::new()),
+            Err(LumigraphError::Slabs(0))
+        ));
     }
 }

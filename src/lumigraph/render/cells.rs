@@ -28,7 +28,9 @@ pub(crate) struct Buckets {
 
 impl Buckets {
     pub(crate) fn new(layers: usize) -> Self {
-        Self { indices: layers + 1 }
+        Self {
+            indices: layers + 1,
+        }
     }
 
     /// The buckets of a range of indices.
@@ -41,7 +43,15 @@ impl Buckets {
     /// The set of each index; what is not known shows nothing.
     fn by_index(self) -> Vec<u64> {
         let indices = (0..=u16::MAX).take(self.indices + 1).enumerate();
-        indices.map(|(i, index)| if i < self.indices { self.set(index..=index) } else { 0 }).collect()
+        indices
+            .map(|(i, index)| {
+                if i < self.indices {
+                    self.set(index..=index)
+                } else {
+                    0
+                }
+            })
+            .collect()
     }
 }
 
@@ -56,13 +66,25 @@ struct Square {
 
 impl Square {
     /// No pixel at all.
-    const EMPTY: Self = Self { set: 0, range: [u16::MAX, 0] };
+    const EMPTY: Self = Self {
+        set: 0,
+        range: [u16::MAX, 0],
+    };
     /// Beside the image: nothing, but it cannot be said to be one thing.
-    const BESIDE: Self = Self { set: 0, range: [0, u16::MAX] };
+    const BESIDE: Self = Self {
+        set: 0,
+        range: [0, u16::MAX],
+    };
 
     fn with(self, other: Self) -> Self {
-        let range = [self.range[0].min(other.range[0]), self.range[1].max(other.range[1])];
-        Self { set: self.set | other.set, range }
+        let range = [
+            self.range[0].min(other.range[0]),
+            self.range[1].max(other.range[1]),
+        ];
+        Self {
+            set: self.set | other.set,
+            range,
+        }
     }
 }
 
@@ -91,8 +113,16 @@ impl Cells {
         let image = pyramid.levels[0];
         let (mut scales, mut stride, mut edge_px): (Vec<Scale>, _, _) = (Vec::new(), 0, EDGE_PX);
         loop {
-            let (columns, rows) = (image.width.div_ceil(edge_px) + 2, image.height.div_ceil(edge_px) + 2);
-            scales.push(Scale { columns, rows, first: stride, edge_px });
+            let (columns, rows) = (
+                image.width.div_ceil(edge_px) + 2,
+                image.height.div_ceil(edge_px) + 2,
+            );
+            scales.push(Scale {
+                columns,
+                rows,
+                first: stride,
+                edge_px,
+            });
             stride += columns * rows;
             if edge_px >= image.width.max(image.height) {
                 break;
@@ -102,19 +132,34 @@ impl Cells {
         let cameras = pyramid.texels.len() / pyramid.stride.max(1);
         let (mut sets, mut ranges) = (vec![0; stride * cameras], vec![[0; 2]; stride * cameras]);
         let by_index = buckets.by_index();
-        let of_cameras = sets.par_chunks_mut(stride).zip(ranges.par_chunks_mut(stride));
-        of_cameras.zip(pyramid.texels.par_chunks(pyramid.stride.max(1))).for_each(|((sets, ranges), texels)| {
-            let mut own = smallest(&scales[0], image, texels.iter().map(|texel| texel[3]), &by_index);
-            for (i, scale) in scales.iter().enumerate() {
-                if i > 0 {
-                    own = doubled(&own, &scales[i - 1], scale);
+        let of_cameras = sets
+            .par_chunks_mut(stride)
+            .zip(ranges.par_chunks_mut(stride));
+        of_cameras
+            .zip(pyramid.texels.par_chunks(pyramid.stride.max(1)))
+            .for_each(|((sets, ranges), texels)| {
+                let mut own = smallest(
+                    &scales[0],
+                    image,
+                    texels.iter().map(|texel| texel[3]),
+                    &by_index,
+                );
+                for (i, scale) in scales.iter().enumerate() {
+                    if i > 0 {
+                        own = doubled(&own, &scales[i - 1], scale);
+                    }
+                    for (at, square) in with_next(&own, scale).enumerate() {
+                        (sets[scale.first + at], ranges[scale.first + at]) =
+                            (square.set, square.range);
+                    }
                 }
-                for (at, square) in with_next(&own, scale).enumerate() {
-                    (sets[scale.first + at], ranges[scale.first + at]) = (square.set, square.range);
-                }
-            }
-        });
-        Self { scales, stride, sets, ranges }
+            });
+        Self {
+            scales,
+            stride,
+            sets,
+            ranges,
+        }
     }
 
     /// Of all squares.
@@ -125,23 +170,38 @@ impl Cells {
     /// The lowest and the highest index in a square and the next ones; all there are, if that is not known.
     #[inline(always)]
     pub(super) fn range(&self, square: u32) -> [u16; 2] {
-        self.ranges.get(square as usize).copied().unwrap_or([0, u16::MAX])
+        self.ranges
+            .get(square as usize)
+            .copied()
+            .unwrap_or([0, u16::MAX])
     }
 }
 
 /// The smallest squares, of indices row by row.
-fn smallest(scale: &Scale, image: Level, indices: impl Iterator<Item = u16>, by_index: &[u64]) -> Vec<Square> {
+fn smallest(
+    scale: &Scale,
+    image: Level,
+    indices: impl Iterator<Item = u16>,
+    by_index: &[u64],
+) -> Vec<Square> {
     let mut own = vec![Square::EMPTY; scale.columns * scale.rows];
     for (i, index) in indices.take(image.width * image.height).enumerate() {
         let (x, y) = (i % image.width / EDGE_PX + 1, i / image.width / EDGE_PX + 1);
         let square = &mut own[y * scale.columns + x];
-        *square = square.with(Square { set: by_index[usize::from(index)], range: [index; 2] });
+        *square = square.with(Square {
+            set: by_index[usize::from(index)],
+            range: [index; 2],
+        });
     }
     // A square that is cut by the image's border is beside it too.
     for (at, square) in own.iter_mut().enumerate() {
         let (x, y) = (at % scale.columns, at / scale.columns);
         let cut = x == 0 || y == 0 || x * EDGE_PX > image.width || y * EDGE_PX > image.height;
-        *square = if cut { square.with(Square::BESIDE) } else { *square };
+        *square = if cut {
+            square.with(Square::BESIDE)
+        } else {
+            *square
+        };
     }
     own
 }
@@ -151,10 +211,16 @@ fn doubled(own: &[Square], from: &Scale, to: &Scale) -> Vec<Square> {
     let mut found = vec![Square::EMPTY; to.columns * to.rows];
     let halves = |at: usize, count: usize| (2 * at).saturating_sub(1)..(2 * at + 1).min(count);
     for (at, square) in found.iter_mut().enumerate() {
-        let (columns, rows) = (halves(at % to.columns, from.columns), halves(at / to.columns, from.rows));
+        let (columns, rows) = (
+            halves(at % to.columns, from.columns),
+            halves(at / to.columns, from.rows),
+        );
         let cut = columns.len() < 2 || rows.len() < 2;
         let parts = rows.flat_map(|y| columns.clone().map(move |x| own[y * from.columns + x]));
-        *square = parts.fold(if cut { Square::BESIDE } else { Square::EMPTY }, Square::with);
+        *square = parts.fold(
+            if cut { Square::BESIDE } else { Square::EMPTY },
+            Square::with,
+        );
     }
     found
 }
@@ -165,9 +231,16 @@ fn with_next<'a>(own: &'a [Square], scale: &'a Scale) -> impl Iterator<Item = Sq
         let (x, y) = (at % scale.columns, at / scale.columns);
         let of = |x: usize, y: usize| {
             let is_there = x < scale.columns && y < scale.rows;
-            if is_there { own[y * scale.columns + x] } else { Square::BESIDE }
+            if is_there {
+                own[y * scale.columns + x]
+            } else {
+                Square::BESIDE
+            }
         };
-        square.with(of(x + 1, y)).with(of(x, y + 1)).with(of(x + 1, y + 1))
+        square
+            .with(of(x + 1, y))
+            .with(of(x, y + 1))
+            .with(of(x + 1, y + 1))
     })
 }
 
@@ -204,7 +277,10 @@ pub(super) struct Near {
 
 impl Batch {
     pub(super) fn new(layers: &[LayerInView]) -> Self {
-        let mut batch = Self { layers: layers.to_vec(), ..Self::default() };
+        let mut batch = Self {
+            layers: layers.to_vec(),
+            ..Self::default()
+        };
         for (i, layer) in layers.iter().enumerate().take(LANES) {
             let texel_px = (1u32 << layer.level) as f32;
             batch.scale[i] = layer.scale * texel_px;
@@ -218,17 +294,29 @@ impl Batch {
 
     /// All layers, with no squares.
     pub(super) fn all(&self) -> Near {
-        Near { layers: (1u32 << self.layers.len()) - 1, squares: None }
+        Near {
+            layers: (1u32 << self.layers.len()) - 1,
+            squares: None,
+        }
     }
 
     /// Those that may show to any of a bundle's rays; `loose`: with their neighbours.
     #[inline(always)]
-    pub(super) fn near<S: Simd>(&self, simd: S, cells: &Cells, bundle: &Bundle, loose: bool) -> Near {
+    pub(super) fn near<S: Simd>(
+        &self,
+        simd: S,
+        cells: &Cells,
+        bundle: &Bundle,
+        loose: bool,
+    ) -> Near {
         let [[left, right], [low, high]] = bundle.slopes;
         let extent = (right - left).max(high - low) * self.largest_scale + 2.0 * ROUNDING_PX;
         // Squares are no smaller than texels, so that these lie in one.
-        let is_enough = |scale: &&Scale| scale.edge_px as f32 >= extent && scale.edge_px >> self.coarsest > 0;
-        let Some(squares) = cells.scales.iter().find(is_enough) else { return self.all() };
+        let is_enough =
+            |scale: &&Scale| scale.edge_px as f32 >= extent && scale.edge_px >> self.coarsest > 0;
+        let Some(squares) = cells.scales.iter().find(is_enough) else {
+            return self.all();
+        };
         let per_edge = 1.0 / squares.edge_px as f32;
         let last = [(squares.columns - 2) as f32, (squares.rows - 2) as f32];
         let scale = f32x16::load_array_ref(simd, &self.scale);
@@ -252,11 +340,20 @@ impl Batch {
         }
         let mut layers = 0;
         for (i, layer) in self.layers.iter().enumerate().take(LANES) {
-            let of = |k: usize| cells.sets.get(at[k][i] as usize).copied().unwrap_or(u64::MAX);
+            let of = |k: usize| {
+                cells
+                    .sets
+                    .get(at[k][i] as usize)
+                    .copied()
+                    .unwrap_or(u64::MAX)
+            };
             let near = of(0) | of(1) | of(2) | of(3);
             layers |= u32::from(near & layer.sets[usize::from(loose)] != 0) << i;
         }
-        Near { layers, squares: Some(at) }
+        Near {
+            layers,
+            squares: Some(at),
+        }
     }
 }
 
@@ -277,56 +374,99 @@ mod tests {
     fn plain(index: u16, buckets: Buckets) -> LayerInView {
         let indices = [index; 2];
         let sets = [buckets.set(index..=index); 2];
-        LayerInView { scale: 1.0, add: [0.0; 2], shift: 0.0, indices, with_neighbours: indices, level: 0, sets }
+        LayerInView {
+            scale: 1.0,
+            add: [0.0; 2],
+            shift: 0.0,
+            indices,
+            with_neighbours: indices,
+            level: 0,
+            sets,
+        }
     }
 
     #[test]
     fn a_layer_is_near_where_it_shows_and_nowhere_else() {
         let grid = any_grid();
         let [width, height] = grid.size_px().map(|side| side as usize);
-        let mut pictures =
-            vec![Picture { color: vec![[0; 3]; width * height], index: vec![1; width * height] }; grid.camera_count()];
+        let mut pictures = vec![
+            Picture {
+                color: vec![[0; 3]; width * height],
+                index: vec![1; width * height]
+            };
+            grid.camera_count()
+        ];
         pictures[4].index[20 * width + 37] = 200;
         let buckets = Buckets::new(255);
         let cells = Cells::new(&Pyramid::new(&grid, &pictures), buckets);
         let batch = Batch::new(&[plain(200, buckets), plain(1, buckets), plain(90, buckets)]);
         let near = |cameras: [usize; 4], [left, right]: [f32; 2], [top, bottom]: [f32; 2]| {
             let slopes = [[left, right], [-bottom, -top]];
-            let bundle = Bundle { slopes, places: [[0.0; 2]; 2], cameras };
+            let bundle = Bundle {
+                slopes,
+                places: [[0.0; 2]; 2],
+                cameras,
+            };
             let level = headbox_core::simd::level();
             dispatch!(level, simd => batch.near(simd, &cells, &bundle, false))
         };
         for size in [0.1, 1.2, 7.0, 30.0] {
             for x in -3..70 {
                 for y in -3..50 {
-                    let ([left, right], [top, bottom]) =
-                        ([x as f32 + 0.3, x as f32 + 0.3 + size], [y as f32 + 0.6, y as f32 + 0.6 + size]);
+                    let ([left, right], [top, bottom]) = (
+                        [x as f32 + 0.3, x as f32 + 0.3 + size],
+                        [y as f32 + 0.6, y as f32 + 0.6 + size],
+                    );
                     let found = near([4, 0, 0, 0], [left, right], [top, bottom]);
                     let covers = left < 38.0 && right >= 37.0 && top < 21.0 && bottom >= 20.0;
                     assert!(!covers || found.layers & 1 == 1, "{x} {y} {size}");
                     // Two squares, each less than twice as large as it must be.
                     let edge = 2.0 * (2.0 * size + 0.5).max(2.0) + 1.0;
-                    let far = left > 37.0 + edge || right < 38.0 - edge || top > 20.0 + edge || bottom < 21.0 - edge;
+                    let far = left > 37.0 + edge
+                        || right < 38.0 - edge
+                        || top > 20.0 + edge
+                        || bottom < 21.0 - edge;
                     assert!(!far || found.layers & 1 == 0, "{x} {y} {size}");
                     assert_eq!(found.layers & 4, 0, "a layer that is nowhere");
                     let range = cells.range(found.squares.expect("large squares")[0][0]);
-                    let all = left >= 0.0 && top >= 0.0 && right < width as f32 && bottom < height as f32;
-                    assert!(range[1] > 1 || (all && !covers), "{range:?} at {x} {y} {size}");
-                    assert_eq!(near([3, 0, 0, 0], [left, right], [top, bottom]).layers & 1, 0, "another camera");
+                    let all =
+                        left >= 0.0 && top >= 0.0 && right < width as f32 && bottom < height as f32;
+                    assert!(
+                        range[1] > 1 || (all && !covers),
+                        "{range:?} at {x} {y} {size}"
+                    );
+                    assert_eq!(
+                        near([3, 0, 0, 0], [left, right], [top, bottom]).layers & 1,
+                        0,
+                        "another camera"
+                    );
                 }
             }
         }
-        assert_eq!(near([4, 0, 0, 0], [0.0, 500.0], [0.0, 1.0]).layers, 7, "no square is so large");
+        assert_eq!(
+            near([4, 0, 0, 0], [0.0, 500.0], [0.0, 1.0]).layers,
+            7,
+            "no square is so large"
+        );
     }
 
     #[test]
     fn sets_of_ranges_hold_the_sets_of_their_members() {
         for layers in [0, 1, 3, 63, 64, 255, 65_535] {
             let buckets = Buckets::new(layers);
-            for (first, last) in [(0, 0), (0, layers), (layers / 3, layers / 2), (layers, layers)] {
+            for (first, last) in [
+                (0, 0),
+                (0, layers),
+                (layers / 3, layers / 2),
+                (layers, layers),
+            ] {
                 let (first, last) = (first as u16, last as u16);
                 let whole = buckets.set(first..=last);
-                assert!((first..=last).step_by(7).all(|index| buckets.set(index..=index) & !whole == 0));
+                assert!(
+                    (first..=last)
+                        .step_by(7)
+                        .all(|index| buckets.set(index..=index) & !whole == 0)
+                );
                 assert_ne!(whole, 0);
             }
         }

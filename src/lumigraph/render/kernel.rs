@@ -8,21 +8,23 @@
 //!
 //! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that all give the same bits.
 
-use crate::Lumigraph;
 use super::cells::Batch;
-use crate::grid::LEAST_FORWARD;
 use super::layer_in_view::LayerInView;
 use super::pending::Pending;
 use super::plan::{LumigraphPlan, Step, cell};
 use super::rays::{Rays, TILE, inside};
-use crate::settings::Blend;
 use super::taps::{LANES, nearest};
-use headbox_cube::render::canvas::linear::LinearLight;
+use crate::Lumigraph;
+use crate::grid::LEAST_FORWARD;
+use crate::settings::Blend;
 use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*};
+use headbox_cube::render::canvas::linear::LinearLight;
 use std::ops::Range;
 
 /// Columns of a tile's pixels.
-const LANE_COLUMNS: [f32; LANES] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.];
+const LANE_COLUMNS: [f32; LANES] = [
+    0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.,
+];
 
 /// What is left to see behind a pixel, at least, for anyone to look there.
 const LEAST_OPEN: f32 = 1.0 / 256.0;
@@ -64,8 +66,15 @@ fn draw_block<S: Simd>(simd: S, block: &Block, pass: Pass, colors: &mut [[u8; 4]
         let starts = starts(block, y);
         for x in block.columns.clone().step_by(TILE) {
             let first = (y - block.rows.start) * block.width + x;
-            let inside = [TILE.min(block.columns.end - x), TILE.min(block.rows.end - y)];
-            let tile = Tile { first, width: block.width, inside };
+            let inside = [
+                TILE.min(block.columns.end - x),
+                TILE.min(block.rows.end - y),
+            ];
+            let tile = Tile {
+                first,
+                width: block.width,
+                inside,
+            };
             let wanted = match pass {
                 Pass::First => tile.pixels(),
                 Pass::Wider(_) => tile.hidden(colors),
@@ -123,7 +132,9 @@ impl Tile {
         while left != 0 {
             let lane = left.trailing_zeros() as usize;
             left &= left - 1;
-            let is_hidden = colors.get(self.place(lane)).is_some_and(|color| color[3] == HIDDEN);
+            let is_hidden = colors
+                .get(self.place(lane))
+                .is_some_and(|color| color[3] == HIDDEN);
             bits |= u64::from(is_hidden) << lane;
         }
         bits
@@ -175,7 +186,11 @@ fn sixteen<S: Simd>(
     let ahead = forward.simd_gt(LEAST_FORWARD as f32) & mask32x16::from_bitmask(simd, wanted);
     let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
     let open = ahead.select(one, zero);
-    let mut found = Found { color: [zero; 3], open, pending: Pending::new(simd, block.lumigraph.pyramid.levels[0]) };
+    let mut found = Found {
+        color: [zero; 3],
+        open,
+        pending: Pending::new(simd, block.lumigraph.pyramid.levels[0]),
+    };
     let mut behind_something = mask32x16::from_bitmask(simd, 0);
     if ahead.any_true() {
         // Of all sixteen, so that those of the corners are about the others'.
@@ -186,7 +201,13 @@ fn sixteen<S: Simd>(
         ];
         match pass {
             Pass::First => {
-                let rays = Rays::new(simd, block.plan, block.lumigraph.pyramid.stride, slopes, Step::FIRST.shift);
+                let rays = Rays::new(
+                    simd,
+                    block.plan,
+                    block.lumigraph.pyramid.stride,
+                    slopes,
+                    Step::FIRST.shift,
+                );
                 draw_layers(simd, block, false, &rays, &mut found);
                 let nothing = found.open.simd_ge(1.0);
                 if nothing.any_true() {
@@ -204,13 +225,25 @@ fn sixteen<S: Simd>(
 
 /// Looks for what rays meet in steps, until nothing is left open.
 #[inline(always)]
-fn look_beside<S: Simd>(simd: S, block: &Block, steps: &[Step], slopes: [f32x16<S>; 2], found: &mut Found<S>) {
+fn look_beside<S: Simd>(
+    simd: S,
+    block: &Block,
+    steps: &[Step],
+    slopes: [f32x16<S>; 2],
+    found: &mut Found<S>,
+) {
     for step in steps {
         // The same cell again shows the same.
         if leads_away(block, slopes, step.shift) {
             continue;
         }
-        let rays = Rays::new(simd, block.plan, block.lumigraph.pyramid.stride, slopes, step.shift);
+        let rays = Rays::new(
+            simd,
+            block.plan,
+            block.lumigraph.pyramid.stride,
+            slopes,
+            step.shift,
+        );
         draw_layers(simd, block, step.loose, &rays, found);
         if !found.open.simd_ge(LEAST_OPEN).any_true() {
             break;
@@ -222,7 +255,14 @@ fn look_beside<S: Simd>(simd: S, block: &Block, steps: &[Step], slopes: [f32x16<
 #[inline(always)]
 fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> mask32x16<S> {
     let none = mask32x16::from_bitmask(simd, 0);
-    let Some(infinity) = block.plan.layers.last().filter(|layer| layer.indices == [0, 0]) else { return none };
+    let Some(infinity) = block
+        .plan
+        .layers
+        .last()
+        .filter(|layer| layer.indices == [0, 0])
+    else {
+        return none;
+    };
     let places = rays.places(infinity);
     let pyramid = &block.lumigraph.pyramid;
     let level = pyramid.levels[infinity.level];
@@ -231,7 +271,8 @@ fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> m
         let at = places.of(k);
         let inside = of & inside(level, at);
         if inside.any_true() {
-            hides |= inside & nearest(simd, &pyramid.texels, level, rays.base[k], at, inside).simd_gt(0);
+            hides |=
+                inside & nearest(simd, &pyramid.texels, level, rays.base[k], at, inside).simd_gt(0);
         }
     }
     hides
@@ -264,7 +305,9 @@ fn leads_away<S: Simd>(block: &Block, slopes: [f32x16<S>; 2], shift: [i32; 2]) -
 fn draw_layers<S: Simd>(simd: S, block: &Block, loose: bool, rays: &Rays<S>, found: &mut Found<S>) {
     'layers: for batch in block.batches {
         let near = match &rays.bundle {
-            Some(bundle) if block.plan.skip => batch.near(simd, &block.lumigraph.cells, bundle, loose),
+            Some(bundle) if block.plan.skip => {
+                batch.near(simd, &block.lumigraph.cells, bundle, loose)
+            }
             _ => batch.all(),
         };
         let mut left = near.layers;
@@ -282,7 +325,13 @@ fn draw_layers<S: Simd>(simd: S, block: &Block, loose: bool, rays: &Rays<S>, fou
             }
         }
     }
-    found.pending.blend(simd, &block.lumigraph.pyramid, block.plan.paint.as_ref(), rays, &mut found.color);
+    found.pending.blend(
+        simd,
+        &block.lumigraph.pyramid,
+        block.plan.paint.as_ref(),
+        rays,
+        &mut found.color,
+    );
 }
 
 /// Finds what the rays meet in a layer, where the four cameras show indices of some ranges; false if nothing is left to see behind it.
@@ -296,7 +345,11 @@ fn draw_layer<S: Simd>(
     rays: &Rays<S>,
     found: &mut Found<S>,
 ) -> bool {
-    let indices = if loose { layer.with_neighbours } else { layer.indices };
+    let indices = if loose {
+        layer.with_neighbours
+    } else {
+        layer.indices
+    };
     let pyramid = &block.lumigraph.pyramid;
     let level = pyramid.levels[layer.level];
     let places = rays.places(layer);
@@ -322,7 +375,8 @@ fn draw_layer<S: Simd>(
         let inside = open & inside(level, at);
         if inside.any_true() {
             let index = nearest(simd, &pyramid.texels, level, rays.base[k], at, inside);
-            weight[k] = (inside & index.simd_ge(first) & index.simd_le(last)).select(rays.weight[k], zero);
+            weight[k] =
+                (inside & index.simd_ge(first) & index.simd_le(last)).select(rays.weight[k], zero);
             showing += weight[k];
             passing += (inside & index.simd_lt(first)).select(rays.weight[k], zero);
         }
@@ -332,7 +386,13 @@ fn draw_layer<S: Simd>(
         return true;
     }
     if !found.pending.has_room(shown, level) {
-        found.pending.blend(simd, pyramid, block.plan.paint.as_ref(), rays, &mut found.color);
+        found.pending.blend(
+            simd,
+            pyramid,
+            block.plan.paint.as_ref(),
+            rays,
+            &mut found.color,
+        );
     }
     let one = f32x16::splat(simd, 1.0);
     let share = match block.plan.blend {
@@ -340,14 +400,21 @@ fn draw_layer<S: Simd>(
         Blend::Shared => showing / shown.select(showing + passing, one),
     };
     let taken = shown.select(found.open * share, zero);
-    found.pending.put(shown, level, indices, &places, weight, taken);
+    found
+        .pending
+        .put(shown, level, indices, &places, weight, taken);
     found.open -= taken;
     found.open.simd_ge(LEAST_OPEN).any_true()
 }
 
 /// Straight sRGB colours, with alpha 255 where anything was found, else 0 or, behind something, [`HIDDEN`]; and whether any is hidden.
 #[inline(always)]
-fn resolve<S: Simd>(simd: S, found: &Found<S>, ahead: mask32x16<S>, behind: mask32x16<S>) -> ([[u8; 4]; LANES], bool) {
+fn resolve<S: Simd>(
+    simd: S,
+    found: &Found<S>,
+    ahead: mask32x16<S>,
+    behind: mask32x16<S>,
+) -> ([[u8; 4]; LANES], bool) {
     let one = f32x16::splat(simd, 1.0);
     let share = one - found.open;
     let any = ahead & share.simd_gt(0.0);

@@ -38,15 +38,24 @@ impl LayerInView {
         let coarser = 0.5f64.powi(layer.level as i32);
         let focal = grid.focal_px() * coarser;
         let [x, y] = grid.size_px().map(|side| f64::from(side) / 2.0 * coarser);
-        let MergedLayer { indices, with_neighbours, drawn, level } = *layer;
+        let MergedLayer {
+            indices,
+            with_neighbours,
+            drawn,
+            level,
+        } = *layer;
         Self {
             scale: (focal * (1.0 - view.eye.z * drawn)) as f32,
-            add: [(x + focal * view.eye.x * drawn) as f32, (y - focal * view.eye.y * drawn) as f32],
+            add: [
+                (x + focal * view.eye.x * drawn) as f32,
+                (y - focal * view.eye.y * drawn) as f32,
+            ],
             shift: (focal * (drawn - grid.convergence())) as f32,
             indices,
             with_neighbours,
             level,
-            sets: [indices, with_neighbours].map(|[first, last]| lumigraph.buckets.set(first..=last)),
+            sets: [indices, with_neighbours]
+                .map(|[first, last]| lumigraph.buckets.set(first..=last)),
         }
     }
 }

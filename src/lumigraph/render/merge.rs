@@ -39,9 +39,12 @@ impl Merger {
     /// merged layer say so.
     pub fn update(&mut self, layers: &[DisparityLayer], bound: &ErrorBound) {
         let count = layers.len();
-        let allows = |range: Range<usize>| bound.allows(layers[range.start].through(&layers[range.end - 1]).range());
+        let allows = |range: Range<usize>| {
+            bound.allows(layers[range.start].through(&layers[range.end - 1]).range())
+        };
         self.before.clear();
-        self.before.extend(self.merged.iter().map(|range| range.end));
+        self.before
+            .extend(self.merged.iter().map(|range| range.end));
         self.merged.clear();
         self.tests = 0;
         let mut first = 0;
@@ -55,7 +58,13 @@ impl Merger {
     }
 
     /// Where the merged layer that begins with `first` ends: by steps that double away from `hint`, then by halving.
-    fn end_of(&mut self, count: usize, allows: impl Fn(Range<usize>) -> bool, first: usize, hint: usize) -> usize {
+    fn end_of(
+        &mut self,
+        count: usize,
+        allows: impl Fn(Range<usize>) -> bool,
+        first: usize,
+        hint: usize,
+    ) -> usize {
         let mut fits = |end: usize| {
             self.tests += 1;
             end <= first + 1 || (end <= count && allows(first..end))
@@ -79,7 +88,11 @@ impl Merger {
         }
         while bad - good > 1 {
             let middle = good + (bad - good) / 2;
-            if fits(middle) { good = middle } else { bad = middle }
+            if fits(middle) {
+                good = middle
+            } else {
+                bad = middle
+            }
         }
         good
     }
@@ -177,7 +190,12 @@ mod tests {
         for ([uv, st, focal, near, far], derived) in scenes {
             let layers = uniform([1.0 / far, 1.0 / near], 256);
             let found = [0.0, 1.0, 2.0, 4.0, 8.0].map(|distance| {
-                let bound = ErrorBound { focal, spacing: st / 3.0, behind: distance * focal, tolerance: uv / 256.0 };
+                let bound = ErrorBound {
+                    focal,
+                    spacing: st / 3.0,
+                    behind: distance * focal,
+                    tolerance: uv / 256.0,
+                };
                 merge(&layers, &bound).len()
             });
             assert_eq!(found, derived);
@@ -186,12 +204,21 @@ mod tests {
 
     #[test]
     fn one_layer_none_and_a_bound_that_allows_nothing() {
-        let bound = |tolerance, behind| ErrorBound { focal: 1.0, spacing: 1.0, behind, tolerance };
+        let bound = |tolerance, behind| ErrorBound {
+            focal: 1.0,
+            spacing: 1.0,
+            behind,
+            tolerance,
+        };
         assert!(merge(&[], &bound(1.0, 0.0)).is_empty());
         let layers = uniform([0.1, 1.0], 5);
         assert_eq!(merge(&layers[..1], &bound(0.0, 0.0)), vec![0usize..1; 1]);
         assert_eq!(merge(&layers, &bound(0.0, 0.0)).len(), 5);
-        assert_eq!(merge(&layers, &bound(1e9, -0.5)), vec![0usize..5; 1], "in front of the plane, before all layers");
+        assert_eq!(
+            merge(&layers, &bound(1e9, -0.5)),
+            vec![0usize..5; 1],
+            "in front of the plane, before all layers"
+        );
         // Layers that the eye has passed, or is in, stay as they are.
         assert_eq!(merge(&layers, &bound(1e9, -2.0)), [0..2, 2..3, 3..4, 4..5]);
     }
@@ -200,10 +227,19 @@ mod tests {
     fn a_frame_like_the_last_asks_little() {
         let layers = uniform([0.1, 1.0], 4096);
         let mut merger = Merger::default();
-        let bound = |behind| ErrorBound { focal: 500.0, spacing: 0.2, behind, tolerance: 1.0 };
+        let bound = |behind| ErrorBound {
+            focal: 500.0,
+            spacing: 0.2,
+            behind,
+            tolerance: 1.0,
+        };
         merger.update(&layers, &bound(0.0));
         let first = merger.tests();
         merger.update(&layers, &bound(0.0));
-        assert!(merger.tests() <= 2 * merger.merged().len() as u64, "{} after {first}", merger.tests());
+        assert!(
+            merger.tests() <= 2 * merger.merged().len() as u64,
+            "{} after {first}",
+            merger.tests()
+        );
     }
 }

@@ -27,7 +27,15 @@ impl<S: Simd> Pending<S> {
     pub(super) fn new(simd: S, level: Level) -> Self {
         let (zero, none) = (f32x16::splat(simd, 0.0), i32x16::splat(simd, 0));
         let waits = mask32x16::from_bitmask(simd, 0);
-        Self { waits, level, indices: [none; 2], u: [zero; 2], v: [zero; 2], weight: [zero; 4], taken: zero }
+        Self {
+            waits,
+            level,
+            indices: [none; 2],
+            u: [zero; 2],
+            v: [zero; 2],
+            weight: [zero; 4],
+            taken: zero,
+        }
     }
 
     /// Whether some rays, which meet something at a level of detail, can wait together with those that do.
@@ -48,9 +56,20 @@ impl<S: Simd> Pending<S> {
         taken: f32x16<S>,
     ) {
         let simd = taken.token();
-        let indices = [i32x16::splat(simd, i32::from(indices[0])), i32x16::splat(simd, i32::from(indices[1]))];
+        let indices = [
+            i32x16::splat(simd, i32::from(indices[0])),
+            i32x16::splat(simd, i32::from(indices[1])),
+        ];
         if !self.waits.any_true() {
-            *self = Self { waits: rays, level, indices, u: places.u, v: places.v, weight, taken };
+            *self = Self {
+                waits: rays,
+                level,
+                indices,
+                u: places.u,
+                v: places.v,
+                weight,
+                taken,
+            };
             return;
         }
         for side in 0..2 {
@@ -89,14 +108,24 @@ impl<S: Simd> Pending<S> {
             match paint {
                 None => {
                     let (base, weight) = (rays.base[k], self.weight[k]);
-                    add_taps(simd, &pyramid.texels, self.level, base, at, &self.indices, weight, &mut sum);
+                    add_taps(
+                        simd,
+                        &pyramid.texels,
+                        self.level,
+                        base,
+                        at,
+                        &self.indices,
+                        weight,
+                        &mut sum,
+                    );
                 }
                 Some(paint) => {
                     let numbers = match paint.show {
                         Show::Cameras => camera_numbers(rays.base[k].to_array(), pyramid.stride),
                         Show::Merged => self.indices[1].bitcast::<u32x16<S>>().to_array(),
                         _ => {
-                            let index = nearest(simd, &pyramid.texels, self.level, rays.base[k], at, shows);
+                            let index =
+                                nearest(simd, &pyramid.texels, self.level, rays.base[k], at, shows);
                             index.bitcast::<u32x16<S>>().to_array()
                         }
                     };
@@ -121,10 +150,20 @@ fn camera_numbers(base: [u32; LANES], stride: usize) -> [u32; LANES] {
 
 /// Adds colours by number times weight, and weight.
 #[inline(always)]
-fn add_paint<S: Simd>(simd: S, paint: &Paint, numbers: &[u32; LANES], weight: f32x16<S>, sum: &mut [f32x16<S>; 4]) {
+fn add_paint<S: Simd>(
+    simd: S,
+    paint: &Paint,
+    numbers: &[u32; LANES],
+    weight: f32x16<S>,
+    sum: &mut [f32x16<S>; 4],
+) {
     let mut colors = [[0.0; LANES]; 3];
     for i in 0..LANES {
-        let color = paint.colors.get(numbers[i] as usize).copied().unwrap_or_default();
+        let color = paint
+            .colors
+            .get(numbers[i] as usize)
+            .copied()
+            .unwrap_or_default();
         (colors[0][i], colors[1][i], colors[2][i]) = (color[0], color[1], color[2]);
     }
     for c in 0..3 {

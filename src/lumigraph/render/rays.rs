@@ -36,14 +36,28 @@ fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>, shift: i32) -> S
     let shifted = |cell: usize| cell.saturating_add_signed(shift as isize).min(most);
     let above = |low: usize| (low + 1).min(places.len() - 1);
     let first = cell(places, positions[0]);
-    let begins = if first == 0 { f32::NEG_INFINITY } else { places[first] };
-    let ends = if first >= most { f32::INFINITY } else { places[first + 1] };
+    let begins = if first == 0 {
+        f32::NEG_INFINITY
+    } else {
+        places[first]
+    };
+    let ends = if first >= most {
+        f32::INFINITY
+    } else {
+        places[first + 1]
+    };
     let (place, number, shared);
     if (position.simd_ge(begins) & position.simd_lt(ends)).all_true() {
         let low = shifted(first);
         let high = above(low);
-        place = [f32x16::splat(simd, places[low]), f32x16::splat(simd, places[high])];
-        number = [u32x16::splat(simd, low as u32), u32x16::splat(simd, high as u32)];
+        place = [
+            f32x16::splat(simd, places[low]),
+            f32x16::splat(simd, places[high]),
+        ];
+        number = [
+            u32x16::splat(simd, low as u32),
+            u32x16::splat(simd, high as u32),
+        ];
         shared = Some([low, high]);
     } else {
         let (mut place_of, mut number_of) = ([[0.0; LANES]; 2], [[0; LANES]; 2]);
@@ -53,14 +67,27 @@ fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>, shift: i32) -> S
             (number_of[0][i], number_of[1][i]) = (low as u32, high as u32);
             (place_of[0][i], place_of[1][i]) = (places[low], places[high]);
         }
-        place = [f32x16::load_array(simd, place_of[0]), f32x16::load_array(simd, place_of[1])];
-        number = [u32x16::load_array(simd, number_of[0]), u32x16::load_array(simd, number_of[1])];
+        place = [
+            f32x16::load_array(simd, place_of[0]),
+            f32x16::load_array(simd, place_of[1]),
+        ];
+        number = [
+            u32x16::load_array(simd, number_of[0]),
+            u32x16::load_array(simd, number_of[1]),
+        ];
         shared = None;
     }
     // A single camera is both.
     let gap = (place[1] - place[0]).max(f32::MIN_POSITIVE);
-    let of_high = ((position - place[0]) / gap).max(LEAST_WEIGHT).min(1.0 - LEAST_WEIGHT);
-    Sides { place, weight: [f32x16::splat(simd, 1.0) - of_high, of_high], number, shared }
+    let of_high = ((position - place[0]) / gap)
+        .max(LEAST_WEIGHT)
+        .min(1.0 - LEAST_WEIGHT);
+    Sides {
+        place,
+        weight: [f32x16::splat(simd, 1.0) - of_high, of_high],
+        number,
+        shared,
+    }
 }
 
 /// The rays of sixteen pixels.
@@ -79,7 +106,13 @@ pub(super) struct Rays<S: Simd> {
 impl<S: Simd> Rays<S> {
     /// Rays of some slopes, with the cameras of the cell that is `shift` from each one's own. `stride`: texels of a camera.
     #[inline(always)]
-    pub(super) fn new(simd: S, plan: &LumigraphPlan, stride: usize, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> Self {
+    pub(super) fn new(
+        simd: S,
+        plan: &LumigraphPlan,
+        stride: usize,
+        slopes: [f32x16<S>; 2],
+        shift: [i32; 2],
+    ) -> Self {
         let eye = plan.view.eye.as_vec3();
         let across = sides(simd, &plan.columns, slopes[0] * -eye.z + eye.x, shift[0]);
         let up = sides(simd, &plan.rows, slopes[1] * -eye.z + eye.y, shift[1]);
@@ -101,7 +134,14 @@ impl<S: Simd> Rays<S> {
             (Some(columns), Some(rows)) => Some(bundle(plan, slopes, columns, rows)),
             _ => None,
         };
-        Self { slopes, across, up, weight, base, bundle }
+        Self {
+            slopes,
+            across,
+            up,
+            weight,
+            base,
+            bundle,
+        }
     }
 
     /// Where the four cameras' texels for a layer are.
@@ -110,15 +150,26 @@ impl<S: Simd> Rays<S> {
         let u = self.slopes[0] * layer.scale + layer.add[0];
         let v = self.slopes[1] * -layer.scale + layer.add[1];
         Places {
-            u: [u - self.across.place[0] * layer.shift, u - self.across.place[1] * layer.shift],
-            v: [v + self.up.place[0] * layer.shift, v + self.up.place[1] * layer.shift],
+            u: [
+                u - self.across.place[0] * layer.shift,
+                u - self.across.place[1] * layer.shift,
+            ],
+            v: [
+                v + self.up.place[0] * layer.shift,
+                v + self.up.place[1] * layer.shift,
+            ],
         }
     }
 }
 
 /// Slopes are projective in the pixel: those of a tile lie between those of its corners.
 #[inline(always)]
-fn bundle<S: Simd>(plan: &LumigraphPlan, slopes: [f32x16<S>; 2], columns: [usize; 2], rows: [usize; 2]) -> Bundle {
+fn bundle<S: Simd>(
+    plan: &LumigraphPlan,
+    slopes: [f32x16<S>; 2],
+    columns: [usize; 2],
+    rows: [usize; 2],
+) -> Bundle {
     let mut least_and_most = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
     for axis in 0..2 {
         let slopes = slopes[axis].to_array();

@@ -4,19 +4,19 @@
 //! cameras of the ray's cell shows it, looking from front to back and stopping there gives the same, and most pixels then ask one or
 //! two layers. Where cameras do not agree whether there is a surface, [`Blend::Shared`](crate::Blend::Shared) goes on behind it.
 
-use crate::Lumigraph;
 use super::cells::Batch;
-use crate::render::kernel;
 use super::kernel::{Block, HIDDEN, Pass};
 use super::merge::Merger;
 use super::plan::{LumigraphPlan, WIDER};
-use crate::settings::{LumigraphSettings, LumigraphStats};
 use super::taps::LANES;
-use headbox_core::camera::Camera;
-use headbox_core::simd;
-use headbox_core::frame::{Coverage, Frame};
-use headbox_cube::render::resolve::finish::{Background, Pixels};
+use crate::Lumigraph;
+use crate::render::kernel;
+use crate::settings::{LumigraphSettings, LumigraphStats};
 use fearless_simd::Level as SimdLevel;
+use headbox_core::camera::Camera;
+use headbox_core::frame::{Coverage, Frame};
+use headbox_core::simd;
+use headbox_cube::render::resolve::finish::{Background, Pixels};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -48,7 +48,12 @@ impl LumigraphRenderer {
 
     /// A renderer that uses one SIMD level of this machine. All give the same frame.
     pub fn with_level(level: SimdLevel) -> Self {
-        Self { frame: Frame::default(), stats: LumigraphStats::default(), merger: Merger::default(), level }
+        Self {
+            frame: Frame::default(),
+            stats: LumigraphStats::default(),
+            merger: Merger::default(),
+            level,
+        }
     }
 
     /// Draws what `camera` sees, on the current rayon thread pool.
@@ -70,30 +75,44 @@ impl LumigraphRenderer {
         };
         let width = camera.width() as usize;
         let (holes, layer_pixels) = (AtomicU64::new(0), AtomicU64::new(0));
-        let Frame { color, coverage, .. } = &mut self.frame;
-        let bands = color.par_chunks_mut(width * BLOCK_ROWS).zip(coverage.par_chunks_mut(width * BLOCK_ROWS));
-        bands.enumerate().with_max_len(1).for_each(|(band, (colors, coverages))| {
-            let rows = band * BLOCK_ROWS..band * BLOCK_ROWS + colors.len() / width;
-            layer_pixels.fetch_add(draw_band(&plan, lumigraph, &rows, width, colors, self.level), Ordering::Relaxed);
-            for ((y, colors), coverages) in rows.zip(colors.chunks_mut(width)).zip(coverages.chunks_mut(width)) {
-                let hidden: Vec<usize> = (0..width).filter(|x| colors[*x][3] == HIDDEN).collect();
-                hidden.iter().for_each(|&x| colors[x][3] = 0);
-                let pixels = Pixels {
-                    colors: &mut *colors,
-                    coverages: &mut *coverages,
-                    depths_m: &mut [],
-                    inverse_depths: &mut [],
-                };
-                let mut open = background.put_under(y as u32, pixels);
-                // What something hides is no sky.
-                for x in hidden {
-                    open += u64::from(!coverages[x].is_hole());
-                    let [r, g, b] = settings.hole_color_srgb;
-                    (colors[x], coverages[x]) = ([r, g, b, 255], Coverage::HOLE);
+        let Frame {
+            color, coverage, ..
+        } = &mut self.frame;
+        let bands = color
+            .par_chunks_mut(width * BLOCK_ROWS)
+            .zip(coverage.par_chunks_mut(width * BLOCK_ROWS));
+        bands
+            .enumerate()
+            .with_max_len(1)
+            .for_each(|(band, (colors, coverages))| {
+                let rows = band * BLOCK_ROWS..band * BLOCK_ROWS + colors.len() / width;
+                layer_pixels.fetch_add(
+                    draw_band(&plan, lumigraph, &rows, width, colors, self.level),
+                    Ordering::Relaxed,
+                );
+                for ((y, colors), coverages) in rows
+                    .zip(colors.chunks_mut(width))
+                    .zip(coverages.chunks_mut(width))
+                {
+                    let hidden: Vec<usize> =
+                        (0..width).filter(|x| colors[*x][3] == HIDDEN).collect();
+                    hidden.iter().for_each(|&x| colors[x][3] = 0);
+                    let pixels = Pixels {
+                        colors: &mut *colors,
+                        coverages: &mut *coverages,
+                        depths_m: &mut [],
+                        inverse_depths: &mut [],
+                    };
+                    let mut open = background.put_under(y as u32, pixels);
+                    // What something hides is no sky.
+                    for x in hidden {
+                        open += u64::from(!coverages[x].is_hole());
+                        let [r, g, b] = settings.hole_color_srgb;
+                        (colors[x], coverages[x]) = ([r, g, b, 255], Coverage::HOLE);
+                    }
+                    holes.fetch_add(open, Ordering::Relaxed);
                 }
-                holes.fetch_add(open, Ordering::Relaxed);
-            }
-        });
+            });
         self.stats = LumigraphStats {
             layers: plan.layers.len() as u64,
             layer_pixels: layer_pixels.into_inner(),
@@ -127,9 +146,17 @@ fn draw_band(
     let mut layer_pixels = 0;
     for start in (0..width).step_by(BLOCK_COLUMNS) {
         let columns = start..(start + BLOCK_COLUMNS).min(width);
-        let batches = |beside: usize| plan.layers_of(&lumigraph.cells, &columns, rows, beside, level);
+        let batches =
+            |beside: usize| plan.layers_of(&lumigraph.cells, &columns, rows, beside, level);
         let mut draw = |batches: &[Batch], pass: Pass| {
-            let block = Block { lumigraph, plan, batches, columns: columns.clone(), rows: rows.clone(), width };
+            let block = Block {
+                lumigraph,
+                plan,
+                batches,
+                columns: columns.clone(),
+                rows: rows.clone(),
+                width,
+            };
             kernel::draw(&block, pass, colors, level)
         };
         let own = batches(0);

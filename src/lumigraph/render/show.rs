@@ -19,8 +19,12 @@ pub enum Show {
 
 impl Show {
     /// All, with what the window calls them.
-    pub const ALL: [(&'static str, Self); 4] =
-        [("none", Self::Colors), ("layer", Self::Layers), ("merged layers", Self::Merged), ("camera", Self::Cameras)];
+    pub const ALL: [(&'static str, Self); 4] = [
+        ("none", Self::Colors),
+        ("layer", Self::Layers),
+        ("merged layers", Self::Merged),
+        ("camera", Self::Cameras),
+    ];
 }
 
 /// A colour of its own for a number: steps by the golden ratio around the hues. Linear light, 65535 for 1.
@@ -60,6 +64,9 @@ mod tests {
                 'b'
             }
         };
-        assert_eq!([0.0, 0.5, 1.0].map(|share| brightest(from_far_to_near(share))), ['b', 'g', 'r']);
+        assert_eq!(
+            [0.0, 0.5, 1.0].map(|share| brightest(from_far_to_near(share))),
+            ['b', 'g', 'r']
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! Frames of several light slabs: one or two are drawn, and mixed pixel by pixel in linear light.
 
-use crate::oracle;
 use crate::make::slabs::{SlabShare, Slabs};
+use crate::oracle;
 use crate::{LumigraphRenderer, LumigraphSettings, LumigraphStats};
 use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
@@ -41,7 +41,8 @@ impl SlabsRenderer {
         settings: &LumigraphSettings,
     ) -> (&Frame, &LumigraphStats) {
         let started = Instant::now();
-        self.renderers.resize_with(slabs.all().len(), LumigraphRenderer::new);
+        self.renderers
+            .resize_with(slabs.all().len(), LumigraphRenderer::new);
         let shares = slabs.shares(camera);
         self.stats = LumigraphStats::default();
         for SlabShare { slab, .. } in &shares {
@@ -51,7 +52,9 @@ impl SlabsRenderer {
             self.stats.hole_pixels = stats.hole_pixels;
             self.stats.plan_ms += stats.plan_ms;
         }
-        let [best, others @ ..] = &shares[..] else { return (&self.frame, &self.stats) };
+        let [best, others @ ..] = &shares[..] else {
+            return (&self.frame, &self.stats);
+        };
         let Some(second) = others.first() else {
             self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
             return (self.renderers[best.slab].frame(), &self.stats);
@@ -76,16 +79,26 @@ fn share_of_second(known: [u8; 2], of_second: f64) -> f64 {
 
 /// What is known of a pixel, as [`share_of_second`] asks for it.
 fn known(coverage: Coverage) -> u8 {
-    if coverage.is_hole() { 0 } else { 1 + u8::from(coverage.splat_share() > 0) }
+    if coverage.is_hole() {
+        0
+    } else {
+        1 + u8::from(coverage.splat_share() > 0)
+    }
 }
 
 /// Two frames in one; the coverage of a pixel is that of which more is known.
 fn mix(frames: [&Frame; 2], of_second: f64, to: &mut Frame) {
     to.resize(frames[0].width, frames[0].height, false);
     let whole = |share: f64| (share * f64::from(SHARES)).round() as u32;
-    let shares = [0, 1, 2].map(|first| [0, 1, 2].map(|second| whole(share_of_second([first, second], of_second))));
+    let shares = [0, 1, 2]
+        .map(|first| [0, 1, 2].map(|second| whole(share_of_second([first, second], of_second))));
     let tables = LinearLight::tables();
-    let pixels = to.color.par_iter_mut().zip(to.coverage.par_iter_mut()).enumerate().with_min_len(4096);
+    let pixels = to
+        .color
+        .par_iter_mut()
+        .zip(to.coverage.par_iter_mut())
+        .enumerate()
+        .with_min_len(4096);
     pixels.for_each(|(i, (color, coverage))| {
         let known = frames.map(|frame| known(frame.coverage[i]));
         let share = shares[usize::from(known[0])][usize::from(known[1])];
@@ -101,17 +114,24 @@ pub fn render_slabs_by_rays(slabs: &Slabs, camera: &Camera, settings: &Lumigraph
     let drawn: Vec<(Frame, f64)> = slabs
         .shares(camera)
         .into_iter()
-        .map(|SlabShare { slab, share }| (oracle::render(&slabs.all()[slab], camera, settings), share))
+        .map(|SlabShare { slab, share }| {
+            (oracle::render(&slabs.all()[slab], camera, settings), share)
+        })
         .collect();
-    let [(first, _), others @ ..] = &drawn[..] else { return Frame::default() };
-    let Some((second, share)) = others.first() else { return first.clone() };
+    let [(first, _), others @ ..] = &drawn[..] else {
+        return Frame::default();
+    };
+    let Some((second, share)) = others.first() else {
+        return first.clone();
+    };
     let mut frame = first.clone();
     let linear = |color: [u8; 4], c: usize| f64::from(linear_from_srgb8(color[c]));
     for (i, color) in frame.color.iter_mut().enumerate() {
         let known = [first, second].map(|frame| known(frame.coverage[i]));
         let share = share_of_second(known, *share);
         for c in 0..3 {
-            let sum = (1.0 - share) * linear(first.color[i], c) + share * linear(second.color[i], c);
+            let sum =
+                (1.0 - share) * linear(first.color[i], c) + share * linear(second.color[i], c);
             color[c] = srgb8_from_linear(sum as f32);
         }
         frame.coverage[i] = [first, second][usize::from(known[1] > known[0])].coverage[i];

@@ -23,7 +23,11 @@ pub(super) fn nearest<S: Simd>(
     let at = (row * level.width as i32 + column).bitcast::<u32x16<S>>() + base + level.first as u32;
     let at = at.to_array();
     // Blue and index.
-    let word = |i: usize| texels.get(at[i] as usize).map_or(0, |&texel| bytemuck::cast::<Texel, [u32; 2]>(texel)[1]);
+    let word = |i: usize| {
+        texels
+            .get(at[i] as usize)
+            .map_or(0, |&texel| bytemuck::cast::<Texel, [u32; 2]>(texel)[1])
+    };
     // Registers put together from loads, as wide stores before a wider load would stall.
     let four = [
         u32x4::load_array(simd, [word(0), word(1), word(2), word(3)]),
@@ -31,7 +35,10 @@ pub(super) fn nearest<S: Simd>(
         u32x4::load_array(simd, [word(8), word(9), word(10), word(11)]),
         u32x4::load_array(simd, [word(12), word(13), word(14), word(15)]),
     ];
-    let eight = [simd.combine_u32x4(four[0], four[1]), simd.combine_u32x4(four[2], four[3])];
+    let eight = [
+        simd.combine_u32x4(four[0], four[1]),
+        simd.combine_u32x4(four[2], four[3]),
+    ];
     (simd.combine_u32x8(eight[0], eight[1]) >> 16).bitcast::<i32x16<S>>()
 }
 
@@ -99,7 +106,12 @@ fn pair<S: Simd>(simd: S, texels: &[Texel], at: u32) -> u32x4<S> {
 }
 
 #[inline(always)]
-fn add_tap<S: Simd>([rg, bi]: [u32x16<S>; 2], indices: &[i32x16<S>; 2], weight: f32x16<S>, sum: &mut [f32x16<S>; 4]) {
+fn add_tap<S: Simd>(
+    [rg, bi]: [u32x16<S>; 2],
+    indices: &[i32x16<S>; 2],
+    weight: f32x16<S>,
+    sum: &mut [f32x16<S>; 4],
+) {
     let index = (bi >> 16).bitcast::<i32x16<S>>();
     let shows = index.simd_ge(indices[0]) & index.simd_le(indices[1]);
     let weight = shows.select(weight, f32x16::splat(weight.token(), 0.0));

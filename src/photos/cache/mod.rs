@@ -11,8 +11,8 @@ pub use refinement::refine_poses;
 pub use registration::register;
 pub use room::{InUse, MOST_BYTES, make_room};
 
-use headbox_images::View;
 use headbox_core::container::FileError;
+use headbox_images::View;
 use std::hash::{DefaultHasher, Hasher};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,11 @@ pub const IMAGES: &str = "images";
 
 /// A folder in the user's cache folder, `headbox/NAME`, or `None` if the system has none.
 pub fn folder(name: &str) -> Option<PathBuf> {
-    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let absolute = |name: &str| {
+        std::env::var_os(name)
+            .map(PathBuf::from)
+            .filter(|path| path.is_absolute())
+    };
     let caches = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
     Some(caches.join("headbox").join(name))
 }
@@ -50,12 +54,21 @@ pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
     for view in views {
         parts.push(format!("{view:?}"));
         let depth = view.depth.as_ref().map(|depth| &depth.path);
-        for file in [Some(&view.color), depth, view.mask.as_ref()].into_iter().flatten() {
+        for file in [Some(&view.color), depth, view.mask.as_ref()]
+            .into_iter()
+            .flatten()
+        {
             let metadata = std::fs::metadata(file).ok()?;
-            parts.push(format!("{} {:?}", metadata.len(), metadata.modified().ok()?));
+            parts.push(format!(
+                "{} {:?}",
+                metadata.len(),
+                metadata.modified().ok()?
+            ));
         }
     }
-    Some(file_name(ending, |hash| parts.iter().for_each(|part| hash.write(part.as_bytes()))))
+    Some(file_name(ending, |hash| {
+        parts.iter().for_each(|part| hash.write(part.as_bytes()))
+    }))
 }
 
 /// How something came that may be kept.
@@ -76,7 +89,9 @@ fn kept_or_made<T, E>(
     write: impl FnOnce(&Path, &T) -> Result<(), FileError>,
 ) -> Result<(T, Was), E> {
     let file = folder.zip(name).map(|(folder, name)| folder.join(name));
-    let (kept, note) = file.as_deref().map_or((None, None), |file| read(file, open));
+    let (kept, note) = file
+        .as_deref()
+        .map_or((None, None), |file| read(file, open));
     if let Some(kept) = kept {
         // It was read: that it cannot be marked as used does no harm.
         let _ = file.as_deref().map(InUse::of);
@@ -93,10 +108,15 @@ fn kept_or_made<T, E>(
 }
 
 /// What a kept file holds, if it is there; of one that cannot be read, why, in a sentence.
-pub fn read<T>(path: &Path, read: impl FnOnce(&Path) -> Result<T, FileError>) -> (Option<T>, Option<String>) {
+pub fn read<T>(
+    path: &Path,
+    read: impl FnOnce(&Path) -> Result<T, FileError>,
+) -> (Option<T>, Option<String>) {
     match read(path) {
         Ok(kept) => (Some(kept), None),
-        Err(FileError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => (None, None),
+        Err(FileError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
+            (None, None)
+        }
         Err(error) => (None, Some(format!("{error}; it is made anew"))),
     }
 }

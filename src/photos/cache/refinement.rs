@@ -1,9 +1,9 @@
 //! Refined poses of a set's views, kept so that they are found once.
 
 use super::{Was, kept_or_made, of_views};
-use headbox_images::{ImageSet, ImagesError, Pose, RefinementReport, RefinementStep};
-use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use glam::{DMat3, DVec3};
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
+use headbox_images::{ImageSet, ImagesError, Pose, RefinementReport, RefinementStep};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -54,12 +54,18 @@ pub fn refine_poses(
         Ok((report, set.views.iter().map(|view| view.pose).collect()))
     };
     let ((report, poses), was) = kept_or_made(folder, name, |file| open(file, views), make, write)?;
-    set.views.iter_mut().zip(poses).for_each(|(view, pose)| view.pose = pose);
+    set.views
+        .iter_mut()
+        .zip(poses)
+        .for_each(|(view, pose)| view.pose = pose);
     Ok((report, was))
 }
 
 fn write(path: &Path, (report, poses): &Found) -> Result<(), FileError> {
-    let header = Header { views: poses.len(), report: report.clone().map(Report) };
+    let header = Header {
+        views: poses.len(),
+        report: report.clone().map(Report),
+    };
     let numbers: Vec<f64> = poses.iter().flat_map(numbers).collect();
     let mut writer = ContainerWriter::new(FileKind::POSES);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
@@ -76,7 +82,10 @@ fn open(path: &Path, views: usize) -> Result<Found, FileError> {
         return Err(info.damaged(format!("{views} views"), header.views.to_string()));
     }
     let numbers: Vec<[f64; NUMBERS]> = file.section("poses")?.array(views)?;
-    Ok((header.report.map(|Report(report)| report), numbers.iter().map(pose).collect()))
+    Ok((
+        header.report.map(|Report(report)| report),
+        numbers.iter().map(pose).collect(),
+    ))
 }
 
 fn numbers(pose: &Pose) -> [f64; NUMBERS] {
@@ -87,7 +96,10 @@ fn numbers(pose: &Pose) -> [f64; NUMBERS] {
 }
 
 fn pose(&[x, y, z, ref turn @ ..]: &[f64; NUMBERS]) -> Pose {
-    Pose { eye: DVec3::new(x, y, z), world_from_eye: DMat3::from_cols_array(turn) }
+    Pose {
+        eye: DVec3::new(x, y, z),
+        world_from_eye: DMat3::from_cols_array(turn),
+    }
 }
 
 #[cfg(test)]
@@ -97,17 +109,25 @@ mod tests {
 
     #[test]
     fn poses_are_refined_once_as_long_as_the_files_are_the_same() {
-        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let (pictures, cache) = (
+            tempfile::tempdir().expect("a folder"),
+            tempfile::tempdir().expect("a folder"),
+        );
         let view = |i: usize| {
             let eye = DVec3::new(0.1 * i as f64, 0.0, 0.0);
-            let mut view = saved(&plane_view(eye, 3.0, [96, 72]), pictures.path(), &format!("{i}"));
+            let mut view = saved(
+                &plane_view(eye, 3.0, [96, 72]),
+                pictures.path(),
+                &format!("{i}"),
+            );
             view.pose.eye.z += if i == 2 { 0.05 } else { 0.0 };
             view
         };
         let views: Vec<_> = (0..5).map(view).collect();
         let refine = |views: &[_]| {
             let mut set = set_of(pictures.path(), views);
-            let (report, was) = refine_poses(&mut set, Some(cache.path()), &|_| {}).expect("refines");
+            let (report, was) =
+                refine_poses(&mut set, Some(cache.path()), &|_| {}).expect("refines");
             (report, was, set.views)
         };
         let (report, first, refined) = refine(&views);
@@ -115,15 +135,25 @@ mod tests {
             report.as_ref().is_some_and(|report| report.is_kept) && first == Was::default(),
             "{report:?} {first:?}"
         );
-        assert!((refined[2].pose.eye.z - refined[1].pose.eye.z).abs() < 0.005, "{refined:?}");
+        assert!(
+            (refined[2].pose.eye.z - refined[1].pose.eye.z).abs() < 0.005,
+            "{refined:?}"
+        );
         let (again, second, same) = refine(&views);
-        assert!(second.kept && again == report && same == refined, "{second:?}");
+        assert!(
+            second.kept && again == report && same == refined,
+            "{second:?}"
+        );
         assert!(!refine(&views[1..]).1.kept, "other views");
         for file in std::fs::read_dir(cache.path()).expect("read").flatten() {
             let whole = std::fs::read(file.path()).expect("read");
             std::fs::write(file.path(), &whole[..whole.len() - 1]).expect("written");
         }
         let (_, anew, same) = refine(&views);
-        assert!(!anew.kept && anew.note.is_some_and(|note| note.contains("made anew")) && same == refined);
+        assert!(
+            !anew.kept
+                && anew.note.is_some_and(|note| note.contains("made anew"))
+                && same == refined
+        );
     }
 }

@@ -1,9 +1,12 @@
 //! How a set's views are registered, kept so that it is found out once.
 
 use super::{Was, kept_or_made, of_views};
-use headbox_images::{Distortion, ImageSet, ImagesError, Kept, Pinhole, Pose, Registration, RegistrationReport, RegistrationStep};
-use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use glam::{DMat3, DVec3};
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
+use headbox_images::{
+    Distortion, ImageSet, ImagesError, Kept, Pinhole, Pose, Registration, RegistrationReport,
+    RegistrationStep,
+};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -40,15 +43,25 @@ pub fn register(
     let views = set.views.len();
     let make = || {
         let report = set.register(look)?;
-        Ok((report, set.views.iter().map(|view| view.registration).collect()))
+        Ok((
+            report,
+            set.views.iter().map(|view| view.registration).collect(),
+        ))
     };
-    let ((report, registrations), was) = kept_or_made(folder, name, |file| open(file, views), make, write)?;
-    set.views.iter_mut().zip(registrations).for_each(|(view, registration)| view.registration = registration);
+    let ((report, registrations), was) =
+        kept_or_made(folder, name, |file| open(file, views), make, write)?;
+    set.views
+        .iter_mut()
+        .zip(registrations)
+        .for_each(|(view, registration)| view.registration = registration);
     Ok((report, was))
 }
 
 fn write(path: &Path, (report, registrations): &Found) -> Result<(), FileError> {
-    let header = Header { views: registrations.len(), is_found: report.is_some() };
+    let header = Header {
+        views: registrations.len(),
+        is_found: report.is_some(),
+    };
     let numbers: Vec<f64> = registrations.iter().flat_map(numbers).collect();
     let report: Vec<f64> = report.iter().flat_map(report_numbers).collect();
     let mut writer = ContainerWriter::new(FileKind::REGISTRATION);
@@ -68,7 +81,10 @@ fn open(path: &Path, views: usize) -> Result<Found, FileError> {
     }
     let mut section = file.section("report")?;
     let report = match header.is_found {
-        true => Some(report_of(section.values()?).ok_or_else(|| section.damaged("what is applied", "another number"))?),
+        true => Some(
+            report_of(section.values()?)
+                .ok_or_else(|| section.damaged("what is applied", "another number"))?,
+        ),
         false => None,
     };
     let numbers: Vec<[f64; NUMBERS]> = file.section("views")?.array(views)?;
@@ -78,28 +94,88 @@ fn open(path: &Path, views: usize) -> Result<Found, FileError> {
 fn numbers(registration: &Option<Registration>) -> [f64; NUMBERS] {
     let mut numbers = [0.0; NUMBERS];
     if let Some(Registration { lens, pose, gain }) = registration {
-        let Pinhole { focal_px, principal_px, distortion: Distortion { radial, tangential } } = lens;
-        let lens = focal_px.iter().chain(principal_px).chain(radial).chain(tangential).copied();
-        let pose = pose.eye.to_array().into_iter().chain(pose.world_from_eye.to_cols_array());
-        let all = std::iter::once(1.0).chain(lens).chain(pose).chain(gain.map(f64::from));
-        numbers.iter_mut().zip(all).for_each(|(to, from)| *to = from);
+        let Pinhole {
+            focal_px,
+            principal_px,
+            distortion: Distortion { radial, tangential },
+        } = lens;
+        let lens = focal_px
+            .iter()
+            .chain(principal_px)
+            .chain(radial)
+            .chain(tangential)
+            .copied();
+        let pose = pose
+            .eye
+            .to_array()
+            .into_iter()
+            .chain(pose.world_from_eye.to_cols_array());
+        let all = std::iter::once(1.0)
+            .chain(lens)
+            .chain(pose)
+            .chain(gain.map(f64::from));
+        numbers
+            .iter_mut()
+            .zip(all)
+            .for_each(|(to, from)| *to = from);
     }
     numbers
 }
 
 fn registration(numbers: &[f64; NUMBERS]) -> Option<Registration> {
-    let [is_registered, fx, fy, px, py, r1, r2, r3, r4, r5, r6, t1, t2, x, y, z, turn @ .., red, green, blue] =
-        *numbers;
+    let [
+        is_registered,
+        fx,
+        fy,
+        px,
+        py,
+        r1,
+        r2,
+        r3,
+        r4,
+        r5,
+        r6,
+        t1,
+        t2,
+        x,
+        y,
+        z,
+        turn @ ..,
+        red,
+        green,
+        blue,
+    ] = *numbers;
     let turn: [f64; 9] = turn;
-    let distortion = Distortion { radial: [r1, r2, r3, r4, r5, r6], tangential: [t1, t2] };
-    let lens = Pinhole { focal_px: [fx, fy], principal_px: [px, py], distortion };
-    let pose = Pose { eye: DVec3::new(x, y, z), world_from_eye: DMat3::from_cols_array(&turn) };
-    (is_registered > 0.0).then_some(Registration { lens, pose, gain: [red, green, blue].map(|gain| gain as f32) })
+    let distortion = Distortion {
+        radial: [r1, r2, r3, r4, r5, r6],
+        tangential: [t1, t2],
+    };
+    let lens = Pinhole {
+        focal_px: [fx, fy],
+        principal_px: [px, py],
+        distortion,
+    };
+    let pose = Pose {
+        eye: DVec3::new(x, y, z),
+        world_from_eye: DMat3::from_cols_array(&turn),
+    };
+    (is_registered > 0.0).then_some(Registration {
+        lens,
+        pose,
+        gain: [red, green, blue].map(|gain| gain as f32),
+    })
 }
 
 fn report_numbers(report: &RegistrationReport) -> [f64; REPORT] {
-    let RegistrationReport { levels: [given, one, each], kept, focal_px: [said, found], moved, gain, judged, views } =
-        *report;
+    let RegistrationReport {
+        levels: [given, one, each],
+        kept,
+        focal_px: [said, found],
+        moved,
+        gain,
+        judged,
+        views,
+    } = *report;
     let kept = match kept {
         Kept::AsGiven => 0.0,
         Kept::OneForAll => 1.0,
@@ -107,11 +183,37 @@ fn report_numbers(report: &RegistrationReport) -> [f64; REPORT] {
     };
     let [turned, stepped] = moved;
     let [low, high] = gain.map(f64::from);
-    [given, one, each, kept, said, found, turned, stepped, low, high, judged as f64, views as f64]
+    [
+        given,
+        one,
+        each,
+        kept,
+        said,
+        found,
+        turned,
+        stepped,
+        low,
+        high,
+        judged as f64,
+        views as f64,
+    ]
 }
 
 fn report_of(numbers: [f64; REPORT]) -> Option<RegistrationReport> {
-    let [given, one, each, kept, said, found, turned, stepped, low, high, judged, views] = numbers;
+    let [
+        given,
+        one,
+        each,
+        kept,
+        said,
+        found,
+        turned,
+        stepped,
+        low,
+        high,
+        judged,
+        views,
+    ] = numbers;
     let kept = match kept {
         0.0 => Kept::AsGiven,
         1.0 => Kept::OneForAll,
@@ -136,9 +238,16 @@ mod tests {
 
     fn some(i: usize) -> Registration {
         let part = |k: usize| ((i * 31 + k) as f64 * 0.7).sin() / 3.0;
-        let distortion = Distortion { radial: [1, 2, 3, 4, 5, 6].map(part), tangential: [7, 8].map(part) };
+        let distortion = Distortion {
+            radial: [1, 2, 3, 4, 5, 6].map(part),
+            tangential: [7, 8].map(part),
+        };
         Registration {
-            lens: Pinhole { focal_px: [9, 10].map(part), principal_px: [11, 12].map(part), distortion },
+            lens: Pinhole {
+                focal_px: [9, 10].map(part),
+                principal_px: [11, 12].map(part),
+                distortion,
+            },
             pose: Pose {
                 eye: DVec3::from_array([13, 14, 15].map(part)),
                 world_from_eye: DMat3::from_cols_array(&std::array::from_fn(|k| part(16 + k))),
@@ -181,9 +290,18 @@ mod tests {
 
     #[test]
     fn a_set_is_registered_once_as_long_as_its_files_are_the_same() {
-        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let (pictures, cache) = (
+            tempfile::tempdir().expect("a folder"),
+            tempfile::tempdir().expect("a folder"),
+        );
         let place = |i: usize| DVec3::new(0.02 * i as f64, 0.01 * (i % 2) as f64, 0.0);
-        let view = |i: usize| saved(&plane_view(place(i), 3.0, [96, 72]), pictures.path(), &format!("{i}"));
+        let view = |i: usize| {
+            saved(
+                &plane_view(place(i), 3.0, [96, 72]),
+                pictures.path(),
+                &format!("{i}"),
+            )
+        };
         let views: Vec<_> = (0..6).map(view).collect();
         let register = |views: &[_]| {
             let mut set = set_of(pictures.path(), views);
@@ -194,12 +312,27 @@ mod tests {
         assert!(report.is_some() && first == Was::default(), "{first:?}");
         assert!(registered.iter().all(|view| view.registration.is_some()));
         let (again, second, same) = register(&views);
-        assert!(second == Was { kept: true, note: None } && again == report && same == registered);
+        assert!(
+            second
+                == Was {
+                    kept: true,
+                    note: None
+                }
+                && again == report
+                && same == registered
+        );
         assert!(!register(&views[1..]).1.kept, "other views");
-        let file = std::fs::read_dir(cache.path()).expect("read").flatten().map(|entry| entry.path());
+        let file = std::fs::read_dir(cache.path())
+            .expect("read")
+            .flatten()
+            .map(|entry| entry.path());
         file.for_each(|file| std::fs::write(file, b"HEADBOX").expect("written"));
         let (_, anew, same) = register(&views);
-        assert!(!anew.kept && anew.note.is_some_and(|note| note.contains("made anew")) && same == registered);
+        assert!(
+            !anew.kept
+                && anew.note.is_some_and(|note| note.contains("made anew"))
+                && same == registered
+        );
         saved(&plane_view(place(0), 2.0, [96, 72]), pictures.path(), "0");
         assert!(!register(&views).1.kept, "another picture");
     }

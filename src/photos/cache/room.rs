@@ -32,7 +32,9 @@ impl InUse {
 /// Removes those of our files in a folder that were used longest ago until no more than `most` bytes are left, but none that is in use;
 /// returns how many were removed. What cannot be removed stays.
 pub fn make_room(folder: &Path, most: u64) -> usize {
-    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return 0;
+    };
     let mut kept: Vec<(SystemTime, u64, PathBuf)> = entries
         .flatten()
         .filter(|entry| is_ours(&entry.path()))
@@ -60,8 +62,12 @@ pub fn make_room(folder: &Path, most: u64) -> usize {
 /// Whether a file's name is one that [`super::file_name`] gave.
 fn is_ours(path: &Path) -> bool {
     let digest = path.file_stem().and_then(|stem| stem.to_str());
-    let is_digest = digest.is_some_and(|digest| digest.len() == 32 && digest.bytes().all(|b| b.is_ascii_hexdigit()));
-    is_digest && path.extension().is_some_and(|ending| ENDINGS.iter().any(|known| ending == *known))
+    let is_digest = digest
+        .is_some_and(|digest| digest.len() == 32 && digest.bytes().all(|b| b.is_ascii_hexdigit()));
+    is_digest
+        && path
+            .extension()
+            .is_some_and(|ending| ENDINGS.iter().any(|known| ending == *known))
 }
 
 #[cfg(test)]
@@ -76,12 +82,25 @@ mod tests {
         for number in 0..5 {
             std::fs::write(file(number), [0; 100]).expect("written");
             let time = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000 + number);
-            File::open(file(number)).and_then(|file| file.set_modified(time)).expect("a time");
+            File::open(file(number))
+                .and_then(|file| file.set_modified(time))
+                .expect("a time");
         }
-        let others = ["picture.png", "0123.samples", &format!("{:032x}.ldi", 7)].map(|name| folder.path().join(name));
-        others.iter().for_each(|other| std::fs::write(other, [0; 1000]).expect("written"));
-        let left = || (0..5).filter(|number| file(*number).exists()).collect::<Vec<u64>>();
-        assert_eq!((make_room(folder.path(), 500), left().len()), (0, 5), "they fit");
+        let others = ["picture.png", "0123.samples", &format!("{:032x}.ldi", 7)]
+            .map(|name| folder.path().join(name));
+        others
+            .iter()
+            .for_each(|other| std::fs::write(other, [0; 1000]).expect("written"));
+        let left = || {
+            (0..5)
+                .filter(|number| file(*number).exists())
+                .collect::<Vec<u64>>()
+        };
+        assert_eq!(
+            (make_room(folder.path(), 500), left().len()),
+            (0, 5),
+            "they fit"
+        );
         let held = InUse::of(&file(1)).expect("in use");
         drop(InUse::of(&file(0)).expect("used now"));
         assert_eq!(make_room(folder.path(), 250), 3);
@@ -89,7 +108,10 @@ mod tests {
         assert_eq!((make_room(folder.path(), 0), left()), (1, vec![1]));
         drop(held);
         assert_eq!((make_room(folder.path(), 0), left()), (1, vec![]));
-        assert!(others.iter().all(|other| other.exists()), "what is not ours");
+        assert!(
+            others.iter().all(|other| other.exists()),
+            "what is not ours"
+        );
         assert_eq!(make_room(&folder.path().join("nowhere"), 0), 0);
         assert!(InUse::of(&file(0)).is_err());
     }

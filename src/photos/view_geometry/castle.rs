@@ -3,13 +3,13 @@
 
 pub(crate) use super::tests::{frame, frame_at, opened};
 use super::*;
-use headbox_images::LoadedView;
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
+use glam::DVec3;
 use headbox_core::frame::Frame;
 use headbox_core::progress::Silent;
+use headbox_images::LoadedView;
 use headbox_images::traced_view;
-use glam::DVec3;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -47,7 +47,10 @@ impl Off {
         let (mut shown, mut hidden, mut covered, mut all) = (0.0, 0.0, 0.0, 0.0);
         for i in rows.flat_map(|y| columns.clone().map(move |x| y * SIZE[0] as usize + x)) {
             // Holes are black in the frame.
-            let off = (0..3).map(|k| f64::from(frame.color[i][k].abs_diff(truth.color[i][k]))).sum::<f64>() / 3.0;
+            let off = (0..3)
+                .map(|k| f64::from(frame.color[i][k].abs_diff(truth.color[i][k])))
+                .sum::<f64>()
+                / 3.0;
             all += 1.0;
             if frame.coverage[i].is_hole() {
                 hidden += off;
@@ -55,7 +58,11 @@ impl Off {
                 (shown, covered) = (shown + off, covered + 1.0);
             }
         }
-        Self { shown: shown / covered, all: (shown + hidden) / all, covered: covered / all }
+        Self {
+            shown: shown / covered,
+            all: (shown + hidden) / all,
+            covered: covered / all,
+        }
     }
 }
 
@@ -63,11 +70,27 @@ impl Off {
 fn a_view_that_was_taken_away_comes_back_nearer_than_in_the_paper() {
     let [truth, views @ ..] = traced([0.0, -0.6, -0.3, 0.3, 0.6]);
     let views: [LoadedView; 4] = views;
-    let (_folder, geometry) = opened(&views, &SampleGrid { spacing_px: SPACING_PX, coarsest: 3 });
+    let (_folder, geometry) = opened(
+        &views,
+        &SampleGrid {
+            spacing_px: SPACING_PX,
+            coarsest: 3,
+        },
+    );
     let camera = frame_at(truth.pose.eye, SIZE);
-    let modes = [Texturing::Nearest, Texturing::Single, Texturing::Multi, Texturing::Blended, Texturing::Averaged];
+    let modes = [
+        Texturing::Nearest,
+        Texturing::Single,
+        Texturing::Multi,
+        Texturing::Blended,
+        Texturing::Averaged,
+    ];
     let measured = modes.map(|texturing| {
-        let settings = GeometrySettings { texturing, grid_px: SPACING_PX as f32, ..GeometrySettings::default() };
+        let settings = GeometrySettings {
+            texturing,
+            grid_px: SPACING_PX as f32,
+            ..GeometrySettings::default()
+        };
         let (frame, _) = frame(&geometry, &camera, &settings);
         // The gate, and the whole (C28).
         let gate = Off::of(&frame, &truth, GATE.0, GATE.1);
@@ -78,11 +101,23 @@ fn a_view_that_was_taken_away_comes_back_nearer_than_in_the_paper() {
     // E-N3: nearest 26.5, single 12.8, multi 12.4, blended 11.8.
     let ((nearest, nearest_whole), others) = (measured[0], &measured[1..]);
     for ((gate, whole), paper) in others.iter().zip([12.8, 12.4, 11.8, 11.8]) {
-        let ratios = [gate.shown / nearest.shown, gate.all / nearest.all, whole.shown / nearest_whole.shown];
-        assert!(ratios.iter().all(|ratio| *ratio <= paper / 26.5), "{ratios:?}: {measured:?}");
+        let ratios = [
+            gate.shown / nearest.shown,
+            gate.all / nearest.all,
+            whole.shown / nearest_whole.shown,
+        ];
+        assert!(
+            ratios.iter().all(|ratio| *ratio <= paper / 26.5),
+            "{ratios:?}: {measured:?}"
+        );
     }
     // Its means are over all of its gate: in their order, too.
-    assert!(measured.windows(2).all(|pair| pair[0].0.all > pair[1].0.all), "{measured:?}");
+    assert!(
+        measured
+            .windows(2)
+            .all(|pair| pair[0].0.all > pair[1].0.all),
+        "{measured:?}"
+    );
     let covered = measured.map(|(gate, _)| gate.covered);
     assert!(
         covered[1] < 0.995 && covered[2..].iter().all(|covered| *covered > 0.995),

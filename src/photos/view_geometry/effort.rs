@@ -5,8 +5,15 @@ use super::GeometrySettings;
 
 /// Cameras over those asked for, growth of the grid's spacing, and levels of detail more, from all that was asked for to the least that
 /// still shows where one is. Each costs about two thirds of the one before.
-const STEPS: [(f32, f32, u32); 7] =
-    [(1.0, 1.0, 0), (0.8, 1.25, 0), (0.6, 1.5, 0), (0.5, 2.0, 1), (0.4, 2.5, 1), (0.3, 3.0, 1), (0.2, 4.0, 2)];
+const STEPS: [(f32, f32, u32); 7] = [
+    (1.0, 1.0, 0),
+    (0.8, 1.25, 0),
+    (0.6, 1.5, 0),
+    (0.5, 2.0, 1),
+    (0.4, 2.5, 1),
+    (0.3, 3.0, 1),
+    (0.2, 4.0, 2),
+];
 
 /// The cost of a step over that of the one before, as far as is known before it was tried.
 const CHEAPER: f64 = 0.7;
@@ -43,7 +50,11 @@ impl TimeBudget {
         if frame_ms > self.ms {
             let steps = ((self.ms / frame_ms).ln() / CHEAPER.ln()).ceil();
             // Not a number: there is no such time.
-            let steps = if steps.is_finite() { steps as usize } else { STEPS.len() };
+            let steps = if steps.is_finite() {
+                steps as usize
+            } else {
+                STEPS.len()
+            };
             self.step = (self.step + steps.max(1)).min(STEPS.len() - 1);
         } else if frame_ms < self.ms * CHEAPER * CHEAPER {
             self.step = self.step.saturating_sub(1);
@@ -59,7 +70,9 @@ mod tests {
     fn cost(settings: &GeometrySettings, of_full_ms: f64) -> f64 {
         let full = GeometrySettings::default();
         let nodes = f64::from(full.grid_px / settings.grid_px).powi(2);
-        let samples = settings.cameras as f64 / full.cameras as f64 / 4f64.powi((settings.level - full.level) as i32);
+        let samples = settings.cameras as f64
+            / full.cameras as f64
+            / 4f64.powi((settings.level - full.level) as i32);
         of_full_ms * (0.5 + 0.3 * nodes + 0.2 * samples)
     }
 
@@ -82,14 +95,23 @@ mod tests {
 
     #[test]
     fn what_cannot_be_in_time_shows_the_least_and_comes_back() {
-        let full = GeometrySettings { cameras: 10, grid_px: 4.0, ..GeometrySettings::default() };
+        let full = GeometrySettings {
+            cameras: 10,
+            grid_px: 4.0,
+            ..GeometrySettings::default()
+        };
         let mut budget = TimeBudget::new(16.0);
         for frame_ms in [1e9, f64::INFINITY, f64::NAN, 500.0] {
             budget.took(frame_ms);
         }
         let least = budget.settings(&full);
         assert_eq!((least.cameras, least.grid_px, least.level), (2, 16.0, 2));
-        assert_eq!(budget.settings(&GeometrySettings { cameras: 1, ..full }).cameras, 1);
+        assert_eq!(
+            budget
+                .settings(&GeometrySettings { cameras: 1, ..full })
+                .cameras,
+            1
+        );
         (0..STEPS.len()).for_each(|_| budget.took(1.0));
         assert_eq!(budget.settings(&full), full);
         let mut none = TimeBudget::new(0.0);

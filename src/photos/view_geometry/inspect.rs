@@ -1,8 +1,10 @@
 //! How the last frame came about, for overlays: whose pictures its pixels show, where its triangles meet, how many cameras see a place.
 
-use crate::view_geometry::render::scan::{BAND_ROWS, Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, UNCOVERED};
-use crate::view_geometry::render::texture_camera::TextureCamera;
 use super::{GeometryRenderer, ViewGeometry};
+use crate::view_geometry::render::scan::{
+    BAND_ROWS, Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, UNCOVERED,
+};
+use crate::view_geometry::render::texture_camera::TextureCamera;
 use rayon::prelude::*;
 
 /// What a pixel of the last frame shows.
@@ -29,14 +31,29 @@ impl GeometryRenderer {
             (!is_last && triangle(i + 1) != triangle(i))
                 || triangle(i + width).is_some_and(|below| Some(below) != triangle(i))
         };
-        (0..pixels.len()).map(|i| pixels[i].1.map(|shown| Shown { on_rim: on_rim(i), ..shown })).collect()
+        (0..pixels.len())
+            .map(|i| {
+                pixels[i].1.map(|shown| Shown {
+                    on_rim: on_rim(i),
+                    ..shown
+                })
+            })
+            .collect()
     }
 
     /// How many of the last frame's cameras show what a pixel of it shows: the same place as near as it is there; `None` where no triangle is.
     pub fn seen_by(&self, geometry: &ViewGeometry) -> Vec<Option<u32>> {
         let textured = |&number: &u32| {
-            let (real, picture) = (geometry.cameras.get(number as usize)?, geometry.pictures.at_hand(number)?);
-            Some(TextureCamera::new(real, picture, self.camera.as_ref()?, &self.edge))
+            let (real, picture) = (
+                geometry.cameras.get(number as usize)?,
+                geometry.pictures.at_hand(number)?,
+            );
+            Some(TextureCamera::new(
+                real,
+                picture,
+                self.camera.as_ref()?,
+                &self.edge,
+            ))
         };
         let cameras: Vec<TextureCamera> = self.used.iter().filter_map(textured).collect();
         self.each_pixel(&cameras, |pixels, lane, [x, y]| {
@@ -53,18 +70,40 @@ impl GeometryRenderer {
         of: impl Fn(&Pixels, usize, [u32; 2]) -> T + Sync,
     ) -> Vec<T> {
         let (width, height) = (self.frame.width, self.frame.height);
-        let Self { grid, mesh, bins, edge, .. } = self;
-        let scanner = Scanner { grid, triangles: mesh.triangles(), bins, cameras, edge };
+        let Self {
+            grid,
+            mesh,
+            bins,
+            edge,
+            ..
+        } = self;
+        let scanner = Scanner {
+            grid,
+            triangles: mesh.triangles(),
+            bins,
+            cameras,
+            edge,
+        };
         let band = |number: u32| {
             let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);
             let mut described = Described::default();
             scanner.describe(number, width, &rows, &mut described);
             let row = |(pixels, y): (&[Pixels], u32)| -> Vec<T> {
-                (0..width).map(|x| of(&pixels[x as usize / LANES], x as usize % LANES, [x, y])).collect()
+                (0..width)
+                    .map(|x| of(&pixels[x as usize / LANES], x as usize % LANES, [x, y]))
+                    .collect()
             };
-            described.pixels.chunks(described.per_row.max(1)).zip(rows).flat_map(row).collect::<Vec<T>>()
+            described
+                .pixels
+                .chunks(described.per_row.max(1))
+                .zip(rows)
+                .flat_map(row)
+                .collect::<Vec<T>>()
         };
-        let bands: Vec<Vec<T>> = (0..height.div_ceil(BAND_ROWS)).into_par_iter().map(band).collect();
+        let bands: Vec<Vec<T>> = (0..height.div_ceil(BAND_ROWS))
+            .into_par_iter()
+            .map(band)
+            .collect();
         bands.into_iter().flatten().collect()
     }
 
@@ -74,13 +113,29 @@ impl GeometryRenderer {
         if owners == UNCOVERED {
             return (UNCOVERED, None);
         }
-        let ranks = [0, 1, 2].map(|corner| (owners >> (corner * OWNER_BITS)) as usize & MOST_CAMERAS);
-        let weight =
-            |rank: usize| -> f32 { (0..3).filter(|k| ranks[*k] == rank).map(|k| pixels.weights[k][lane]).sum() };
-        let most = ranks.into_iter().max_by(|a, b| weight(*a).total_cmp(&weight(*b)).then(b.cmp(a)));
-        let count = 1 + u32::from(ranks[1] != ranks[0]) + u32::from(ranks[2] != ranks[0] && ranks[2] != ranks[1]);
+        let ranks =
+            [0, 1, 2].map(|corner| (owners >> (corner * OWNER_BITS)) as usize & MOST_CAMERAS);
+        let weight = |rank: usize| -> f32 {
+            (0..3)
+                .filter(|k| ranks[*k] == rank)
+                .map(|k| pixels.weights[k][lane])
+                .sum()
+        };
+        let most = ranks
+            .into_iter()
+            .max_by(|a, b| weight(*a).total_cmp(&weight(*b)).then(b.cmp(a)));
+        let count = 1
+            + u32::from(ranks[1] != ranks[0])
+            + u32::from(ranks[2] != ranks[0] && ranks[2] != ranks[1]);
         let camera = most.and_then(|rank| self.used.get(rank)).copied();
-        (pixels.triangles[lane], camera.map(|camera| Shown { camera, owners: count, on_rim: false }))
+        (
+            pixels.triangles[lane],
+            camera.map(|camera| Shown {
+                camera,
+                owners: count,
+                on_rim: false,
+            }),
+        )
     }
 }
 
@@ -99,21 +154,50 @@ mod tests {
         geometry.leave_out(&[1]);
         let camera = frame_at(DVec3::ZERO, [101, 71]);
         let mut renderer = GeometryRenderer::new();
-        let settings = GeometrySettings { margin: 0.0, by_sight: false, ..GeometrySettings::default() };
+        let settings = GeometrySettings {
+            margin: 0.0,
+            by_sight: false,
+            ..GeometrySettings::default()
+        };
         renderer.render(&geometry, &camera, &settings, Patience::Wait);
         let shown = renderer.shown();
-        let covered = renderer.frame().coverage.iter().map(|coverage| !coverage.is_hole());
-        assert!(shown.iter().map(Option::is_some).eq(covered), "the same pixels");
-        let count = |of: &dyn Fn(&Shown) -> bool| shown.iter().flatten().filter(|shown| of(shown)).count();
+        let covered = renderer
+            .frame()
+            .coverage
+            .iter()
+            .map(|coverage| !coverage.is_hole());
+        assert!(
+            shown.iter().map(Option::is_some).eq(covered),
+            "the same pixels"
+        );
+        let count =
+            |of: &dyn Fn(&Shown) -> bool| shown.iter().flatten().filter(|shown| of(shown)).count();
         assert_eq!(count(&|shown| shown.camera == 1), 0, "it was left out");
-        assert!([0, 2].iter().all(|camera| count(&|shown| shown.camera == *camera) > 500));
-        assert!(count(&|shown| shown.owners == 2) > 50 && count(&|shown| !(1..=2).contains(&shown.owners)) == 0);
+        assert!(
+            [0, 2]
+                .iter()
+                .all(|camera| count(&|shown| shown.camera == *camera) > 500)
+        );
+        assert!(
+            count(&|shown| shown.owners == 2) > 50
+                && count(&|shown| !(1..=2).contains(&shown.owners)) == 0
+        );
         let rims = count(&|shown| shown.on_rim);
-        assert!(rims > 1000 && rims < shown.len() - 500, "{rims} of {}", shown.len());
+        assert!(
+            rims > 1000 && rims < shown.len() - 500,
+            "{rims} of {}",
+            shown.len()
+        );
         assert_eq!(renderer.used().len(), 2);
-        let pasted = GeometrySettings { texturing: Texturing::Nearest, ..settings };
+        let pasted = GeometrySettings {
+            texturing: Texturing::Nearest,
+            ..settings
+        };
         renderer.render(&geometry, &camera, &pasted, Patience::Wait);
-        assert!(renderer.shown().iter().all(Option::is_none), "no triangle was drawn");
+        assert!(
+            renderer.shown().iter().all(Option::is_none),
+            "no triangle was drawn"
+        );
     }
 
     #[test]
@@ -123,7 +207,12 @@ mod tests {
         let frame = frame_at(DVec3::ZERO, [101, 71]);
         let mut renderer = GeometryRenderer::new();
         assert!(renderer.seen_by(&geometry).is_empty(), "nothing was drawn");
-        renderer.render(&geometry, &frame, &GeometrySettings::default(), Patience::Wait);
+        renderer.render(
+            &geometry,
+            &frame,
+            &GeometrySettings::default(),
+            Patience::Wait,
+        );
         let seen = renderer.seen_by(&geometry);
         // Of the wall, 3 m away, each camera sees half of its width to either side of itself.
         let half_m = 1.5 * 96.0 / (0.8 * 96.0);
@@ -135,9 +224,15 @@ mod tests {
                 assert_eq!(*count, Some(if off < both { 2 } else { 1 }), "{x}");
             }
         }
-        let pasted = GeometrySettings { texturing: Texturing::Nearest, ..GeometrySettings::default() };
+        let pasted = GeometrySettings {
+            texturing: Texturing::Nearest,
+            ..GeometrySettings::default()
+        };
         renderer.render(&geometry, &frame, &pasted, Patience::Wait);
-        assert!(renderer.seen_by(&geometry).iter().all(Option::is_none), "no triangle was drawn");
+        assert!(
+            renderer.seen_by(&geometry).iter().all(Option::is_none),
+            "no triangle was drawn"
+        );
     }
 
     #[test]
@@ -145,19 +240,44 @@ mod tests {
         // A post a metre away hides a part of a wall three metres away from the left camera that the right one sees.
         let size = [96, 72];
         let views = [-0.6, 0.0].map(|eye: f64| {
-            let ray = |column: u32| (f64::from(column) + 0.5 - 48.0) / frame_at(DVec3::ZERO, size).focal_px();
-            let depth = move |column: u32, _: u32| if (eye + ray(column)).abs() < 0.12 { 1.0 } else { 3.0 };
+            let ray = |column: u32| {
+                (f64::from(column) + 0.5 - 48.0) / frame_at(DVec3::ZERO, size).focal_px()
+            };
+            let depth = move |column: u32, _: u32| {
+                if (eye + ray(column)).abs() < 0.12 {
+                    1.0
+                } else {
+                    3.0
+                }
+            };
             view_of(DVec3::new(eye, 0.0, 0.0), depth, |_, _| [90; 3], size)
         });
-        let (_folder, geometry) = opened(&views, &SampleGrid { spacing_px: 2, coarsest: 3 });
+        let (_folder, geometry) = opened(
+            &views,
+            &SampleGrid {
+                spacing_px: 2,
+                coarsest: 3,
+            },
+        );
         let frame = frame_at(DVec3::ZERO, size);
         let mut renderer = GeometryRenderer::new();
-        renderer.render(&geometry, &frame, &GeometrySettings::default(), Patience::Wait);
+        renderer.render(
+            &geometry,
+            &frame,
+            &GeometrySettings::default(),
+            Patience::Wait,
+        );
         let seen = renderer.seen_by(&geometry);
         // From the left the post hides the wall from 0.84 to 1.56 m right of the middle.
         let column = |x_m: f64| (48.0 + x_m / 3.0 * frame.focal_px()) as usize;
         let row = &seen[36 * 96..37 * 96];
-        assert!((column(0.84) + 2..column(1.56) - 1).all(|x| row[x] == Some(1)), "{row:?}");
-        assert!((column(0.45) + 2..column(0.84) - 2).all(|x| row[x] == Some(2)), "{row:?}");
+        assert!(
+            (column(0.84) + 2..column(1.56) - 1).all(|x| row[x] == Some(1)),
+            "{row:?}"
+        );
+        assert!(
+            (column(0.45) + 2..column(0.84) - 2).all(|x| row[x] == Some(2)),
+            "{row:?}"
+        );
     }
 }

@@ -22,13 +22,13 @@ mod settings;
 #[cfg(test)]
 pub mod tests;
 
-pub use effort::TimeBudget;
-pub use inspect::Shown;
+pub use crate::view_geometry::cameras::samples::SampleGrid;
+pub use crate::view_geometry::cameras::store::Patience;
 pub use crate::view_geometry::render::rank::RankWeights;
 pub use crate::view_geometry::render::renderer::{GeometryRenderer, GeometryStats};
-pub use crate::view_geometry::cameras::samples::SampleGrid;
+pub use effort::TimeBudget;
+pub use inspect::Shown;
 pub use set::{GeometryError, GeometryResources, RealCamera, ViewGeometry};
 pub use settings::{GeometrySettings, Texturing};
-pub use crate::view_geometry::cameras::store::Patience;
 
 use settings::EdgeRule;

@@ -1,9 +1,9 @@
 //! The slow, obvious way from a mesh to a pixel, in `f64`: the ray of a pixel meets a triangle in space; its weights are
 //! shares of the triangle's area; each corner's camera projects the point into its photograph.
 
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_images::LoadedView;
-use glam::DVec3;
 
 /// A corner in space, and the photograph of the camera that its sample is of.
 pub(super) type Corner<'a> = (DVec3, &'a LoadedView);
@@ -15,7 +15,8 @@ pub(super) fn blended(camera: &Camera, corners: [Corner; 3], [x, y]: [f64; 2]) -
     let normal = (b - a).cross(c - a);
     let direction = camera.direction(x, y);
     let point = camera.eye() + direction * (normal.dot(a - camera.eye()) / normal.dot(direction));
-    let share = |p: DVec3, q: DVec3| (p - point).cross(q - point).dot(normal) / normal.length_squared();
+    let share =
+        |p: DVec3, q: DVec3| (p - point).cross(q - point).dot(normal) / normal.length_squared();
     let weights = [share(b, c), share(c, a), share(a, b)];
     if weights.iter().any(|weight| *weight < -1e-3) {
         return None;
@@ -43,7 +44,11 @@ fn linear_at(view: &LoadedView, u: f64, v: f64) -> [f64; 3] {
         let [r, g, b, _] = view.color[y * width as usize + x];
         [r, g, b].map(|c| {
             let c = f64::from(c) / 255.0;
-            if c <= 0.040_45 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+            if c <= 0.040_45 {
+                c / 12.92
+            } else {
+                ((c + 0.055) / 1.055).powf(2.4)
+            }
         })
     };
     let (x, y) = (u.floor(), v.floor());

@@ -1,15 +1,15 @@
 //! An image set as frames are drawn from it: its cameras with their samples, and the store of pictures.
 
-use crate::view_geometry::cameras::sample_cache;
-use crate::view_geometry::cameras::picture::Picture;
-use crate::view_geometry::cameras::samples::{SampleGrid, Samples};
-use crate::view_geometry::cameras::store::PictureStore;
 use crate::cache;
 use crate::cache::InUse;
-use headbox_images::{ImageSet, ImagesError, Lens, LoadedView, Pinhole, Pose, View};
+use crate::view_geometry::cameras::picture::Picture;
+use crate::view_geometry::cameras::sample_cache;
+use crate::view_geometry::cameras::samples::{SampleGrid, Samples};
+use crate::view_geometry::cameras::store::PictureStore;
+use glam::DVec3;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::progress::Progress;
-use glam::DVec3;
+use headbox_images::{ImageSet, ImagesError, Lens, LoadedView, Pinhole, Pose, View};
 use rayon::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -48,9 +48,16 @@ pub struct RealCamera {
 impl RealCamera {
     /// Of a view in memory; `None` for a panorama. Samples are relative to `origin`, world metres.
     pub(super) fn of_loaded(view: &LoadedView, grid: &SampleGrid, origin: DVec3) -> Option<Self> {
-        let Lens::Pinhole(lens) = view.lens else { return None };
+        let Lens::Pinhole(lens) = view.lens else {
+            return None;
+        };
         let samples = Arc::new(Samples::new(view, grid, origin));
-        Some(Self { pose: view.pose, lens, left_out: false, samples })
+        Some(Self {
+            pose: view.pose,
+            lens,
+            left_out: false,
+            samples,
+        })
     }
 
     /// Its viewing direction.
@@ -60,8 +67,16 @@ impl RealCamera {
 
     /// (x w, y w, w) of a point or direction of its eye space, x and y in pixels.
     pub(super) fn homogeneous(&self, p: DVec3) -> DVec3 {
-        let Pinhole { focal_px, principal_px, .. } = self.lens;
-        DVec3::new(focal_px[0] * p.x - principal_px[0] * p.z, -focal_px[1] * p.y - principal_px[1] * p.z, -p.z)
+        let Pinhole {
+            focal_px,
+            principal_px,
+            ..
+        } = self.lens;
+        DVec3::new(
+            focal_px[0] * p.x - principal_px[0] * p.z,
+            -focal_px[1] * p.y - principal_px[1] * p.z,
+            -p.z,
+        )
     }
 }
 
@@ -79,7 +94,11 @@ pub struct GeometryResources {
 impl Default for GeometryResources {
     /// A gibibyte of pictures, and nothing kept on disk.
     fn default() -> Self {
-        Self { grid: SampleGrid::default(), budget: 1 << 30, cache: None }
+        Self {
+            grid: SampleGrid::default(),
+            budget: 1 << 30,
+            cache: None,
+        }
     }
 }
 
@@ -113,13 +132,26 @@ impl ViewGeometry {
         progress: &dyn Progress,
     ) -> Result<Self, GeometryError> {
         let usable = |view: &&&View| matches!(view.lens, Lens::Pinhole(_)) && view.depth.is_some();
-        let views: Vec<View> = views.iter().filter(usable).map(|view| (*view).clone()).collect();
+        let views: Vec<View> = views
+            .iter()
+            .filter(usable)
+            .map(|view| (*view).clone())
+            .collect();
         if views.is_empty() {
-            return Err(GeometryError::NoCameras { folder: set.folder.clone(), views: set.views.len() });
+            return Err(GeometryError::NoCameras {
+                folder: set.folder.clone(),
+                views: set.views.len(),
+            });
         }
         let origin = views.iter().map(|view| view.pose.eye).sum::<DVec3>() / views.len() as f64;
-        let GeometryResources { grid, budget, cache } = resources;
-        let file = cache.as_ref().and_then(|folder| sample_cache::path(folder, &views, grid, origin));
+        let GeometryResources {
+            grid,
+            budget,
+            cache,
+        } = resources;
+        let file = cache
+            .as_ref()
+            .and_then(|folder| sample_cache::path(folder, &views, grid, origin));
         let kept = || match &file {
             Some(file) => cache::read(file, |file| sample_cache::open(file, views.len())),
             None => (None, None),
@@ -131,7 +163,9 @@ impl ViewGeometry {
             None => {
                 let sampled = sampled(&views, grid, origin, &pictures, progress)?;
                 // A cache that cannot be written costs time, and no more. What is written need not stay in memory.
-                let written = file.as_ref().is_some_and(|file| sample_cache::write(file, &sampled).is_ok());
+                let written = file
+                    .as_ref()
+                    .is_some_and(|file| sample_cache::write(file, &sampled).is_ok());
                 match kept().0.filter(|_| written) {
                     Some(mapped) => {
                         // Of pictures that are at hand already nobody will ask for samples again.
@@ -180,7 +214,11 @@ impl ViewGeometry {
 
     /// Bytes in memory: samples that are not mapped, and the pictures at hand.
     pub fn bytes(&self) -> usize {
-        self.cameras.iter().map(|camera| camera.samples.bytes()).sum::<usize>() + self.pictures.bytes()
+        self.cameras
+            .iter()
+            .map(|camera| camera.samples.bytes())
+            .sum::<usize>()
+            + self.pictures.bytes()
     }
 
     /// The name of a camera's view.
@@ -200,9 +238,17 @@ impl ViewGeometry {
 
     /// Of samples in the cache that were found damaged, whose they were: a sentence each.
     pub fn mended(&self) -> Vec<String> {
-        let mended = self.cameras.iter().zip(0..).filter(|(camera, _)| camera.samples.mended().is_some());
-        let sentence =
-            |(_, number)| format!("the samples of {} in the cache are damaged; they are made anew", self.name(number));
+        let mended = self
+            .cameras
+            .iter()
+            .zip(0..)
+            .filter(|(camera, _)| camera.samples.mended().is_some());
+        let sentence = |(_, number)| {
+            format!(
+                "the samples of {} in the cache are damaged; they are made anew",
+                self.name(number)
+            )
+        };
         mended.map(sentence).collect()
     }
 
@@ -231,7 +277,10 @@ fn sampled(
         progress.advance(1);
         Ok(RealCamera::of_loaded(&loaded, grid, origin))
     };
-    let cameras: Result<Vec<Option<RealCamera>>, ImagesError> =
-        views.par_iter().zip(0..views.len() as u32).map(camera).collect();
+    let cameras: Result<Vec<Option<RealCamera>>, ImagesError> = views
+        .par_iter()
+        .zip(0..views.len() as u32)
+        .map(camera)
+        .collect();
     Ok(cameras?.into_iter().flatten().collect())
 }

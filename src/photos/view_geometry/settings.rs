@@ -30,12 +30,18 @@ impl Texturing {
 
     /// The one of a name.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.iter().find(|(known, _)| *known == name).map(|(_, texturing)| *texturing)
+        Self::ALL
+            .iter()
+            .find(|(known, _)| *known == name)
+            .map(|(_, texturing)| *texturing)
     }
 
     /// Its name.
     pub fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(_, known)| *known == self).map_or("", |(name, _)| name)
+        Self::ALL
+            .iter()
+            .find(|(_, known)| *known == self)
+            .map_or("", |(name, _)| name)
     }
 }
 
@@ -94,7 +100,10 @@ impl EdgeRule {
 
     /// For a frame of a focal length, and the standard deviation of inverse depths, 1/m.
     pub(super) fn new(focal_px: f32, noise: f32) -> Self {
-        Self { steepness: Self::STEEPEST / focal_px, least: 3.0 * noise }
+        Self {
+            steepness: Self::STEEPEST / focal_px,
+            least: 3.0 * noise,
+        }
     }
 
     /// The largest difference of inverse depths of one surface over a distance in the frame, 1/m.

@@ -2,18 +2,18 @@
 
 mod around;
 
-use crate::view_geometry::cameras::picture::Picture;
 use super::*;
-pub(crate) use headbox_fixtures::{frame_at, pattern, plane_view, saved, set_of, view_of};
-use headbox_images::{DepthSource, Distortion, Lens, LoadedView, Pinhole, Pose, View};
-use headbox_core::camera::Camera;
-use headbox_core::depth_kind::DepthKind;
-use headbox_core::simd;
-use headbox_core::color::srgb8_from_linear;
-use headbox_core::frame::Frame;
-use headbox_core::progress::Silent;
+use crate::view_geometry::cameras::picture::Picture;
 use fearless_simd::Level;
 use glam::{DMat3, DVec3};
+use headbox_core::camera::Camera;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::depth_kind::DepthKind;
+use headbox_core::frame::Frame;
+use headbox_core::progress::Silent;
+use headbox_core::simd;
+pub(crate) use headbox_fixtures::{frame_at, pattern, plane_view, saved, set_of, view_of};
+use headbox_images::{DepthSource, Distortion, Lens, LoadedView, Pinhole, Pose, View};
 use std::path::Path;
 
 const FOCAL: f64 = headbox_fixtures::FOCAL;
@@ -21,27 +21,50 @@ const FOCAL: f64 = headbox_fixtures::FOCAL;
 /// Views on disk, opened; the folder lives as long as the pictures are needed.
 pub(crate) fn opened(views: &[LoadedView], grid: &SampleGrid) -> (tempfile::TempDir, ViewGeometry) {
     let folder = tempfile::tempdir().expect("a folder");
-    let on_disk: Vec<View> =
-        views.iter().enumerate().map(|(i, view)| saved(view, folder.path(), &i.to_string())).collect();
+    let on_disk: Vec<View> = views
+        .iter()
+        .enumerate()
+        .map(|(i, view)| saved(view, folder.path(), &i.to_string()))
+        .collect();
     let geometry = open(folder.path(), &on_disk, grid, 1 << 30).expect("opens");
     (folder, geometry)
 }
 
-fn open(folder: &Path, views: &[View], grid: &SampleGrid, budget: usize) -> Result<ViewGeometry, GeometryError> {
+fn open(
+    folder: &Path,
+    views: &[View],
+    grid: &SampleGrid,
+    budget: usize,
+) -> Result<ViewGeometry, GeometryError> {
     let set = set_of(folder, views);
-    let resources = GeometryResources { grid: *grid, budget, cache: None };
+    let resources = GeometryResources {
+        grid: *grid,
+        budget,
+        cache: None,
+    };
     ViewGeometry::open(&set, &views.iter().collect::<Vec<_>>(), &resources, &Silent)
 }
 
 const SIZE: [u32; 2] = [96, 72];
 
-const DEFAULT: SampleGrid = SampleGrid { spacing_px: 3, coarsest: 3 };
+const DEFAULT: SampleGrid = SampleGrid {
+    spacing_px: 3,
+    coarsest: 3,
+};
 
 fn settings(texturing: Texturing) -> GeometrySettings {
-    GeometrySettings { texturing, hole_color_srgb: [255, 0, 255], ..GeometrySettings::default() }
+    GeometrySettings {
+        texturing,
+        hole_color_srgb: [255, 0, 255],
+        ..GeometrySettings::default()
+    }
 }
 
-pub fn frame(geometry: &ViewGeometry, camera: &Camera, settings: &GeometrySettings) -> (Frame, GeometryStats) {
+pub fn frame(
+    geometry: &ViewGeometry,
+    camera: &Camera,
+    settings: &GeometrySettings,
+) -> (Frame, GeometryStats) {
     let mut renderer = GeometryRenderer::new();
     let (frame, stats) = renderer.render(geometry, camera, settings, Patience::Wait);
     (frame.clone(), stats)
@@ -54,18 +77,28 @@ fn off_the_pattern(frame: &Frame, camera: &Camera, plane_z: f64) -> (u8, u64) {
         if coverage.is_hole() {
             continue;
         }
-        let (x, y) = ((i % frame.width as usize) as f64 + 0.5, (i / frame.width as usize) as f64 + 0.5);
+        let (x, y) = (
+            (i % frame.width as usize) as f64 + 0.5,
+            (i / frame.width as usize) as f64 + 0.5,
+        );
         let ray = camera.direction(x, y);
         let p = camera.eye() + ray * ((plane_z - camera.eye().z) / ray.z);
         let expected = pattern(p.x, p.y);
-        worst = (0..3).map(|k| color[k].abs_diff(expected[k])).fold(worst, u8::max);
+        worst = (0..3)
+            .map(|k| color[k].abs_diff(expected[k]))
+            .fold(worst, u8::max);
     }
     (worst, frame.hole_count())
 }
 
 #[test]
 fn a_plane_is_shown_as_it_is_from_between_its_cameras() {
-    let eyes = [DVec3::ZERO, DVec3::new(0.4, 0.1, 0.1), DVec3::new(-0.3, -0.2, 0.0), DVec3::new(0.1, 0.3, -0.2)];
+    let eyes = [
+        DVec3::ZERO,
+        DVec3::new(0.4, 0.1, 0.1),
+        DVec3::new(-0.3, -0.2, 0.0),
+        DVec3::new(0.1, 0.3, -0.2),
+    ];
     let views = eyes.map(|eye| plane_view(eye, eye.z + 3.0, SIZE));
     let (_folder, geometry) = opened(&views, &DEFAULT);
     for eye in [DVec3::new(0.1, 0.05, -0.3), eyes[1]] {
@@ -82,17 +115,28 @@ fn a_plane_is_shown_as_it_is_from_between_its_cameras() {
         }
         let (single, _) = frame(&geometry, &camera, &settings(Texturing::Single));
         let (worst, holes) = off_the_pattern(&single, &camera, -3.0);
-        assert!(worst <= 3 && holes < 111 * 70 / 4, "single: off by {worst}, {holes} holes");
+        assert!(
+            worst <= 3 && holes < 111 * 70 / 4,
+            "single: off by {worst}, {holes} holes"
+        );
         let (nearest, _) = frame(&geometry, &camera, &settings(Texturing::Nearest));
         let (worst, _) = off_the_pattern(&nearest, &camera, -3.0);
-        assert_eq!(worst > 20, eye != eyes[1], "the nearest picture is right from where it was taken only: {worst}");
+        assert_eq!(
+            worst > 20,
+            eye != eyes[1],
+            "the nearest picture is right from where it was taken only: {worst}"
+        );
     }
 }
 
 #[test]
 fn pixels_are_those_of_the_slow_way() {
     // A slanted floor, seen by cameras whose pictures differ in colour, so that who is blended how much shows.
-    let eyes = [DVec3::ZERO, DVec3::new(0.3, 0.1, 0.0), DVec3::new(-0.2, 0.2, 0.1)];
+    let eyes = [
+        DVec3::ZERO,
+        DVec3::new(0.3, 0.1, 0.0),
+        DVec3::new(-0.2, 0.2, 0.1),
+    ];
     let views: Vec<LoadedView> = eyes
         .iter()
         .enumerate()
@@ -116,15 +160,29 @@ fn pixels_are_those_of_the_slow_way() {
         .collect();
     let (_folder, geometry) = opened(&views, &DEFAULT);
     let camera = frame_at(DVec3::new(0.05, 0.1, -0.1), [90, 60]);
-    let settings = GeometrySettings { margin: 0.0, by_sight: false, ..settings(Texturing::Blended) };
+    let settings = GeometrySettings {
+        margin: 0.0,
+        by_sight: false,
+        ..settings(Texturing::Blended)
+    };
     let mut renderer = GeometryRenderer::new();
     renderer.render(&geometry, &camera, &settings, Patience::Wait);
-    let by_rank: Vec<&LoadedView> = renderer.ranked.iter().map(|ranked| &views[ranked.camera as usize]).collect();
+    let by_rank: Vec<&LoadedView> = renderer
+        .ranked
+        .iter()
+        .map(|ranked| &views[ranked.camera as usize])
+        .collect();
     let (mut compared, mut blended, mut worst) = (0, 0, 0);
-    for corners in renderer.mesh.triangles().iter().filter(|corners| renderer.grid.holds(corners)) {
+    for corners in renderer
+        .mesh
+        .triangles()
+        .iter()
+        .filter(|corners| renderer.grid.holds(corners))
+    {
         let at = corners.map(|node| {
             let node = node as usize;
-            [renderer.grid.x[node], renderer.grid.y[node]].map(|part| f64::from(part) / f64::from(cameras::lattice::SUBPIXELS))
+            [renderer.grid.x[node], renderer.grid.y[node]]
+                .map(|part| f64::from(part) / f64::from(cameras::lattice::SUBPIXELS))
         });
         let corner = |k: usize| {
             let node = corners[k] as usize;
@@ -135,7 +193,8 @@ fn pixels_are_those_of_the_slow_way() {
         let three = [corner(0), corner(1), corner(2)];
         let owners = corners.map(|node| renderer.grid.owner[node as usize]);
         let range = |axis: usize| {
-            let [low, high] = [f64::min, f64::max].map(|pick| pick(pick(at[0][axis], at[1][axis]), at[2][axis]));
+            let [low, high] =
+                [f64::min, f64::max].map(|pick| pick(pick(at[0][axis], at[1][axis]), at[2][axis]));
             low.max(0.0) as u32..high.max(0.0) as u32 + 1
         };
         for (x, y) in range(1).flat_map(|y| range(0).map(move |x| (x, y))) {
@@ -143,7 +202,9 @@ fn pixels_are_those_of_the_slow_way() {
             if x >= 90 || y >= 60 || !is_well_inside(at, pixel) {
                 continue;
             }
-            let Some(expected) = oracle::blended(&camera, three, pixel) else { continue };
+            let Some(expected) = oracle::blended(&camera, three, pixel) else {
+                continue;
+            };
             let found = renderer.frame.color[(y * 90 + x) as usize];
             for k in 0..3 {
                 worst = worst.max(found[k].abs_diff(srgb8_from_linear(expected[k] as f32)));
@@ -153,12 +214,16 @@ fn pixels_are_those_of_the_slow_way() {
         }
     }
     // One level: of rounding, where f32 and f64 fall to either side.
-    assert!(compared > 3000 && blended > 500 && worst <= 1, "{compared} pixels, {blended} blended, off by {worst}");
+    assert!(
+        compared > 3000 && blended > 500 && worst <= 1,
+        "{compared} pixels, {blended} blended, off by {worst}"
+    );
 }
 
 /// Whether a pixel belongs to a triangle and to no neighbour.
 fn is_well_inside([a, b, c]: [[f64; 2]; 3], p: [f64; 2]) -> bool {
-    let cross = |a: [f64; 2], b: [f64; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
+    let cross =
+        |a: [f64; 2], b: [f64; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
     cross(a, b) > 1e-6 && cross(b, c) > 1e-6 && cross(c, a) > 1e-6
 }
 
@@ -169,12 +234,23 @@ const LARGE: [u32; 2] = [320, 240];
 fn square_before_wall(eye: DVec3) -> LoadedView {
     let focal = FOCAL * f64::from(LARGE[0]);
     let is_square = move |x: u32, y: u32| {
-        let [u, v] =
-            [(x, LARGE[0]), (y, LARGE[1])].map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
+        let [u, v] = [(x, LARGE[0]), (y, LARGE[1])]
+            .map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
         (eye.x + u * 1.5).abs() < 0.3 && (eye.y - v * 1.5).abs() < 0.3
     };
     let depth = move |x, y| if is_square(x, y) { 1.5 } else { 3.0 };
-    view_of(eye, depth, move |x, y| if is_square(x, y) { [220, 20, 20] } else { [20, 20, 220] }, LARGE)
+    view_of(
+        eye,
+        depth,
+        move |x, y| {
+            if is_square(x, y) {
+                [220, 20, 20]
+            } else {
+                [20, 20, 220]
+            }
+        },
+        LARGE,
+    )
 }
 
 #[test]
@@ -192,11 +268,18 @@ fn no_skin_spans_a_depth_edge_and_the_rim_is_where_it_is() {
             wrong += u32::from(found[0].abs_diff(truth[0]) > 100);
         }
         // The rim is some 410 pixels long: its own pixels are mixed where a texture is looked up across it.
-        assert!(mixed < 600 && wrong < 200, "{texturing:?}: {mixed} mixed, {wrong} wrong");
+        assert!(
+            mixed < 600 && wrong < 200,
+            "{texturing:?}: {mixed} mixed, {wrong} wrong"
+        );
         // All cameras are lower than the frame's: it looks over the tops of their pictures by 3.4 pixels, and the mesh ends at the
         // last row of nodes that hold a sample, less than their distance before that.
         let open_rows = 3.4 + settings(texturing).grid_px;
-        assert!(frame.hole_count() as f32 <= open_rows * 320.0, "{}", frame.hole_count());
+        assert!(
+            frame.hole_count() as f32 <= open_rows * 320.0,
+            "{}",
+            frame.hole_count()
+        );
     }
 }
 
@@ -205,15 +288,27 @@ fn the_same_bytes_on_any_number_of_threads_at_every_level() {
     let eyes = [-0.3, 0.0, 0.3].map(|x| DVec3::new(x, 0.0, 0.0));
     let mut views = eyes.map(square_before_wall);
     // Masked out in one of them, so that some texels have no neighbours.
-    views[1].color.iter_mut().step_by(37).for_each(|color| color[3] = 0);
+    views[1]
+        .color
+        .iter_mut()
+        .step_by(37)
+        .for_each(|color| color[3] = 0);
     let (_folder, geometry) = opened(&views, &DEFAULT);
     // An odd width, so that the last pixels of a row are fewer than the others.
     let camera = frame_at(DVec3::new(0.12, 0.04, 0.0), [317, 203]);
     for (name, texturing) in Texturing::ALL {
         let on = |threads: usize, level: Level| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("a pool");
             let mut renderer = GeometryRenderer::with(level);
-            pool.install(|| renderer.render(&geometry, &camera, &settings(texturing), Patience::Wait).0.clone())
+            pool.install(|| {
+                renderer
+                    .render(&geometry, &camera, &settings(texturing), Patience::Wait)
+                    .0
+                    .clone()
+            })
         };
         let expected = on(1, simd::level());
         for level in simd::levels() {
@@ -224,14 +319,22 @@ fn the_same_bytes_on_any_number_of_threads_at_every_level() {
 
 #[test]
 fn frames_after_others_hold_nothing_of_them() {
-    let (_folder, geometry) = opened(&[DVec3::ZERO, DVec3::X * 0.2].map(|eye| plane_view(eye, 3.0, SIZE)), &DEFAULT);
+    let (_folder, geometry) = opened(
+        &[DVec3::ZERO, DVec3::X * 0.2].map(|eye| plane_view(eye, 3.0, SIZE)),
+        &DEFAULT,
+    );
     let mut renderer = GeometryRenderer::new();
-    let poses = [(DVec3::X * 0.1, [200, 140]), (DVec3::new(0.8, 0.0, 1.0), [96, 72]), (DVec3::ZERO, [31, 90])];
+    let poses = [
+        (DVec3::X * 0.1, [200, 140]),
+        (DVec3::new(0.8, 0.0, 1.0), [96, 72]),
+        (DVec3::ZERO, [31, 90]),
+    ];
     for (eye, size) in poses {
         let camera = frame_at(eye, size);
         for texturing in [Texturing::Blended, Texturing::Nearest, Texturing::Multi] {
             let (expected, _) = frame(&geometry, &camera, &settings(texturing));
-            let (found, _) = renderer.render(&geometry, &camera, &settings(texturing), Patience::Wait);
+            let (found, _) =
+                renderer.render(&geometry, &camera, &settings(texturing), Patience::Wait);
             assert!(*found == expected, "{texturing:?} from {eye}");
         }
     }
@@ -241,16 +344,41 @@ fn frames_after_others_hold_nothing_of_them() {
 fn hard_sets_give_a_frame() {
     let camera = frame_at(DVec3::new(0.05, 0.0, 0.1), SIZE);
     let plane = || plane_view(DVec3::ZERO, 3.0, SIZE);
-    let turned = |turn: DMat3| LoadedView { pose: Pose { eye: DVec3::ZERO, world_from_eye: turn }, ..plane() };
+    let turned = |turn: DMat3| LoadedView {
+        pose: Pose {
+            eye: DVec3::ZERO,
+            world_from_eye: turn,
+        },
+        ..plane()
+    };
     let holes = |of: u32| {
-        view_of(DVec3::ZERO, move |x, y| if (x / 7 + y / 5) % of == 0 { f32::NAN } else { 2.0 }, |_, _| [90; 3], SIZE)
+        view_of(
+            DVec3::ZERO,
+            move |x, y| {
+                if (x / 7 + y / 5) % of == 0 {
+                    f32::NAN
+                } else {
+                    2.0
+                }
+            },
+            |_, _| [90; 3],
+            SIZE,
+        )
     };
     let depth = |depth: f32| view_of(DVec3::ZERO, move |_, _| depth, |_, _| [90; 3], SIZE);
     let sets: [(&str, Vec<LoadedView>, bool); 9] = [
         ("one camera", vec![plane()], true),
         ("identical poses", vec![plane(), plane(), plane()], true),
-        ("one with a wrong pose", vec![plane(), turned(DMat3::from_rotation_z(2.0))], true),
-        ("all looking away", vec![turned(DMat3::from_rotation_y(3.1))], false),
+        (
+            "one with a wrong pose",
+            vec![plane(), turned(DMat3::from_rotation_z(2.0))],
+            true,
+        ),
+        (
+            "all looking away",
+            vec![turned(DMat3::from_rotation_y(3.1))],
+            false,
+        ),
         ("depth with holes", vec![holes(3)], true),
         ("depth that is mostly holes", vec![holes(1)], false),
         ("no depth at all", vec![depth(f32::NAN)], false),
@@ -261,7 +389,11 @@ fn hard_sets_give_a_frame() {
         let (_folder, geometry) = opened(&views, &DEFAULT);
         for (_, texturing) in Texturing::ALL {
             let (frame, stats) = frame(&geometry, &camera, &settings(texturing));
-            let covered = frame.coverage.iter().filter(|coverage| !coverage.is_hole()).count();
+            let covered = frame
+                .coverage
+                .iter()
+                .filter(|coverage| !coverage.is_hole())
+                .count();
             // The picture as it is needs no depth but to be ranked.
             let shows = shows || (texturing == Texturing::Nearest && stats.cameras_valid > 0);
             assert_eq!(covered > 0, shows, "{name}, {texturing:?}: {stats:?}");
@@ -272,7 +404,11 @@ fn hard_sets_give_a_frame() {
     let behind = frame_at(DVec3::new(0.0, 0.0, -10.0), SIZE);
     let (_folder, geometry) = opened(&[plane()], &DEFAULT);
     let (empty, stats) = frame(&geometry, &behind, &settings(Texturing::Blended));
-    assert_eq!((stats.cameras_valid, empty.hole_count()), (0, 96 * 72), "everything is behind the eye");
+    assert_eq!(
+        (stats.cameras_valid, empty.hole_count()),
+        (0, 96 * 72),
+        "everything is behind the eye"
+    );
     assert!(empty.color.iter().all(|color| *color == [255, 0, 255, 255]));
 }
 
@@ -281,11 +417,25 @@ fn sets_that_hold_nothing_to_draw_from_are_refused_in_a_sentence() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut view = saved(&plane_view(DVec3::ZERO, 3.0, SIZE), folder.path(), "a");
     view.depth = None;
-    let refused =
-        open(folder.path(), std::slice::from_ref(&view), &DEFAULT, 1 << 20).err().expect("refused").to_string();
+    let refused = open(
+        folder.path(),
+        std::slice::from_ref(&view),
+        &DEFAULT,
+        1 << 20,
+    )
+    .err()
+    .expect("refused")
+    .to_string();
     assert!(refused.contains("none of its 1 views"), "{refused}");
-    view.depth = Some(DepthSource::metres(folder.path().join("absent.exr"), DepthKind::EyeDepth, 1.0));
-    let refused = open(folder.path(), &[view], &DEFAULT, 1 << 20).err().expect("refused").to_string();
+    view.depth = Some(DepthSource::metres(
+        folder.path().join("absent.exr"),
+        DepthKind::EyeDepth,
+        1.0,
+    ));
+    let refused = open(folder.path(), &[view], &DEFAULT, 1 << 20)
+        .err()
+        .expect("refused")
+        .to_string();
     assert!(refused.contains("absent.exr"), "{refused}");
 }
 
@@ -304,29 +454,58 @@ fn what_vanishes_from_disk_is_replaced_by_the_next_best_camera() {
     std::fs::remove_file(&views[0].color).expect("removed");
     let (shown, stats) = frame(&geometry, &camera, &settings(Texturing::Blended));
     let (worst, _) = off_the_pattern(&shown, &camera, -3.0);
-    assert!(stats.cameras_used == 2 && worst <= 3, "{stats:?}, off by {worst}");
-    assert!(geometry.lost().len() == 1 && geometry.lost()[0].contains("a.png"), "{:?}", geometry.lost());
+    assert!(
+        stats.cameras_used == 2 && worst <= 3,
+        "{stats:?}, off by {worst}"
+    );
+    assert!(
+        geometry.lost().len() == 1 && geometry.lost()[0].contains("a.png"),
+        "{:?}",
+        geometry.lost()
+    );
     for view in &views[1..] {
         std::fs::remove_file(&view.color).expect("removed");
     }
     // A frame that needs none of them lets all go.
-    frame(&geometry, &frame_at(DVec3::new(0.0, 0.0, -9.0), SIZE), &settings(Texturing::Blended));
+    frame(
+        &geometry,
+        &frame_at(DVec3::new(0.0, 0.0, -9.0), SIZE),
+        &settings(Texturing::Blended),
+    );
     let (empty, stats) = frame(&geometry, &camera, &settings(Texturing::Blended));
-    assert_eq!((stats.cameras_used, empty.hole_count(), geometry.lost().len()), (0, 96 * 72, 3));
+    assert_eq!(
+        (
+            stats.cameras_used,
+            empty.hole_count(),
+            geometry.lost().len()
+        ),
+        (0, 96 * 72, 3)
+    );
 }
 
 #[test]
 fn a_walk_past_many_cameras_stays_within_its_budget_and_never_waits() {
     let folder = tempfile::tempdir().expect("a folder");
-    let eyes: Vec<DVec3> = (0..120u32).map(|i| DVec3::X * (0.1 * f64::from(i))).collect();
+    let eyes: Vec<DVec3> = (0..120u32)
+        .map(|i| DVec3::X * (0.1 * f64::from(i)))
+        .collect();
     let views: Vec<View> = eyes
         .iter()
         .enumerate()
-        .map(|(i, eye)| saved(&plane_view(*eye, 3.0, [48, 36]), folder.path(), &i.to_string()))
+        .map(|(i, eye)| {
+            saved(
+                &plane_view(*eye, 3.0, [48, 36]),
+                folder.path(),
+                &i.to_string(),
+            )
+        })
         .collect();
     let one = Picture::new(&views[0].load().expect("loads")).bytes();
     let geometry = open(folder.path(), &views, &DEFAULT, 12 * one).expect("opens");
-    let settings = GeometrySettings { cameras: 6, ..settings(Texturing::Blended) };
+    let settings = GeometrySettings {
+        cameras: 6,
+        ..settings(Texturing::Blended)
+    };
     let mut renderer = GeometryRenderer::new();
     let mut served = 0;
     for step in 0..300 {
@@ -334,14 +513,21 @@ fn a_walk_past_many_cameras_stays_within_its_budget_and_never_waits() {
         let (_, stats) = renderer.render(&geometry, &camera, &settings, Patience::Never);
         served += u32::from(stats.cameras_used > 0);
         // One more may come in while the others are being counted.
-        assert!(geometry.pictures.bytes() <= 13 * one, "{} pictures", geometry.pictures.bytes() / one);
+        assert!(
+            geometry.pictures.bytes() <= 13 * one,
+            "{} pictures",
+            geometry.pictures.bytes() / one
+        );
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
     assert!(served > 250, "{served} frames showed something");
     let camera = frame_at(DVec3::X * 12.0, [48, 36]);
     let (expected, _) = frame(&geometry, &camera, &settings);
     let (still, stats) = renderer.render(&geometry, &camera, &settings, Patience::Never);
-    assert!(*still == expected && stats.pictures_missing == 0, "{stats:?}");
+    assert!(
+        *still == expected && stats.pictures_missing == 0,
+        "{stats:?}"
+    );
 }
 
 #[test]
@@ -349,28 +535,61 @@ fn left_out_cameras_take_no_part() {
     let eyes = [0.0, 0.2].map(|x| DVec3::new(x, 0.0, 0.0));
     let (_folder, mut geometry) = opened(&eyes.map(|eye| plane_view(eye, 3.0, SIZE)), &DEFAULT);
     let camera = frame_at(DVec3::ZERO, SIZE);
-    assert_eq!(frame(&geometry, &camera, &settings(Texturing::Blended)).1.cameras_used, 2);
+    assert_eq!(
+        frame(&geometry, &camera, &settings(Texturing::Blended))
+            .1
+            .cameras_used,
+        2
+    );
     geometry.leave_out(&[0]);
-    assert_eq!(frame(&geometry, &camera, &settings(Texturing::Blended)).1.cameras_used, 1);
+    assert_eq!(
+        frame(&geometry, &camera, &settings(Texturing::Blended))
+            .1
+            .cameras_used,
+        1
+    );
     geometry.leave_out(&[0, 1]);
-    assert_eq!(frame(&geometry, &camera, &settings(Texturing::Blended)).1.cameras_used, 0);
+    assert_eq!(
+        frame(&geometry, &camera, &settings(Texturing::Blended))
+            .1
+            .cameras_used,
+        0
+    );
     geometry.leave_out(&[]);
-    assert_eq!(frame(&geometry, &camera, &settings(Texturing::Blended)).1.cameras_used, 2);
+    assert_eq!(
+        frame(&geometry, &camera, &settings(Texturing::Blended))
+            .1
+            .cameras_used,
+        2
+    );
 }
 
 #[test]
 fn coarser_settings_are_faster_and_still_show_the_scene() {
-    let (_folder, geometry) = opened(&[DVec3::ZERO, DVec3::X * 0.2].map(|eye| plane_view(eye, 3.0, SIZE)), &DEFAULT);
+    let (_folder, geometry) = opened(
+        &[DVec3::ZERO, DVec3::X * 0.2].map(|eye| plane_view(eye, 3.0, SIZE)),
+        &DEFAULT,
+    );
     let camera = frame_at(DVec3::X * 0.1, SIZE);
     let mut samples = u64::MAX;
     for level in 0..3 {
-        let settings =
-            GeometrySettings { level, grid_px: 4.0 * 2f32.powi(level as i32), ..settings(Texturing::Blended) };
+        let settings = GeometrySettings {
+            level,
+            grid_px: 4.0 * 2f32.powi(level as i32),
+            ..settings(Texturing::Blended)
+        };
         let mut renderer = GeometryRenderer::new();
         let (frame, stats) = renderer.render(&geometry, &camera, &settings, Patience::Wait);
         let (worst, holes) = off_the_pattern(frame, &camera, -3.0);
-        assert!(worst <= 3 && holes < 96 * 72 / 3, "level {level}: off by {worst}, {holes} holes");
-        assert!(stats.samples * 3 < samples, "level {level}: {} samples", stats.samples);
+        assert!(
+            worst <= 3 && holes < 96 * 72 / 3,
+            "level {level}: off by {worst}, {holes} holes"
+        );
+        assert!(
+            stats.samples * 3 < samples,
+            "level {level}: {} samples",
+            stats.samples
+        );
         samples = stats.samples;
     }
 }

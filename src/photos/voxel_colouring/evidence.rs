@@ -3,15 +3,17 @@
 use super::Pass;
 use super::photograph::{Photograph, Projection};
 use super::reach::{common, seen_columns, seen_rows};
-use headbox_core::simd;
-use headbox_core::texels::LANES;
 use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x16, mask32x16, u32x16};
 use glam::Vec3;
+use headbox_core::simd;
+use headbox_core::texels::LANES;
 use std::ops::Range;
 
 /// From a column to the sixteen that are asked about together.
-const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+const STEPS: [f32; LANES] = [
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
+];
 
 /// Photographs that see part of a shell's face.
 pub(super) struct Witnesses<'a> {
@@ -81,11 +83,21 @@ impl<'a> Witnesses<'a> {
         let see = |(photograph, projection): (&'a Photograph, &Projection)| {
             let affine = projection.at(depth as f32);
             let rows = seen_rows(&affine, photograph.size(), side);
-            (!rows.is_empty()).then_some(Witness { photograph, affine, rows })
+            (!rows.is_empty()).then_some(Witness {
+                photograph,
+                affine,
+                rows,
+            })
         };
         let all = photographs.iter().zip(projections).filter_map(see);
-        let (inside, outside) = all.partition(|witness: &Witness| witness.photograph.is_inside(depth));
-        Self { inside, outside, side, least }
+        let (inside, outside) =
+            all.partition(|witness: &Witness| witness.photograph.is_inside(depth));
+        Self {
+            inside,
+            outside,
+            side,
+            least,
+        }
     }
 
     /// The rows that enough of them may see.
@@ -96,7 +108,9 @@ impl<'a> Witnesses<'a> {
     /// What they say of a row.
     pub(super) fn row(&self, row: usize, pass: &Pass) -> EvidenceRow {
         let of_row = |all: &[Witness<'a>]| -> Vec<RowWitness<'a>> {
-            all.iter().filter_map(|witness| witness.of_row(row, self.side)).collect()
+            all.iter()
+                .filter_map(|witness| witness.of_row(row, self.side))
+                .collect()
         };
         let [inside, outside] = [&self.inside, &self.outside].map(|all| of_row(all));
         let columns = common(inside.iter().map(|witness| &witness.columns), self.least);
@@ -115,7 +129,11 @@ impl<'a> Witnesses<'a> {
             }
         });
         // Most rows have nothing to tell, and are then passed over.
-        if found.variances.iter().any(|variance| variance.is_finite()) { found } else { EvidenceRow::default() }
+        if found.variances.iter().any(|variance| variance.is_finite()) {
+            found
+        } else {
+            EvidenceRow::default()
+        }
     }
 }
 
@@ -124,7 +142,12 @@ impl<'a> Witness<'a> {
         let [corner, across, down] = self.affine;
         let first = corner + down * row as f32;
         let columns = seen_columns(first, across, self.photograph.size(), side);
-        (!columns.is_empty()).then_some(RowWitness { photograph: self.photograph, first, across, columns })
+        (!columns.is_empty()).then_some(RowWitness {
+            photograph: self.photograph,
+            first,
+            across,
+            columns,
+        })
     }
 }
 
@@ -139,14 +162,24 @@ impl RowWitness<'_> {
     #[inline(always)]
     fn positions<S: Simd>(&self, columns: f32x16<S>) -> [f32x16<S>; 2] {
         let w = columns * self.across.z + self.first.z;
-        [(columns * self.across.x + self.first.x) / w, (columns * self.across.y + self.first.y) / w]
+        [
+            (columns * self.across.x + self.first.x) / w,
+            (columns * self.across.y + self.first.y) / w,
+        ]
     }
 }
 
 /// Of those of sixteen candidates, from a column on, that `left` says: whether no photograph shows the backdrop there.
 #[inline(always)]
-fn hidden_backdrop<S: Simd>(witnesses: &[RowWitness], columns: f32x16<S>, mut left: mask32x16<S>) -> mask32x16<S> {
-    for witness in witnesses.iter().filter(|witness| witness.photograph.has_backdrop()) {
+fn hidden_backdrop<S: Simd>(
+    witnesses: &[RowWitness],
+    columns: f32x16<S>,
+    mut left: mask32x16<S>,
+) -> mask32x16<S> {
+    for witness in witnesses
+        .iter()
+        .filter(|witness| witness.photograph.has_backdrop())
+    {
         let seen = witness.sees(columns) & left;
         if seen.to_bitmask() == 0 {
             continue;

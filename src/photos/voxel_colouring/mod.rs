@@ -24,13 +24,13 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 
+use glam::DVec3;
+use headbox_core::environment::Environment;
+use headbox_core::progress::Progress;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::samples::{CubeLdi, LayeredDepthImage};
 use headbox_images::backdrop;
 use headbox_images::{ImageSet, ImagesError, Lens, LoadedView, View};
-use headbox_core::environment::Environment;
-use headbox_core::progress::Progress;
-use glam::DVec3;
 use photograph::Photograph;
 use rayon::prelude::*;
 use sweep::Sweep;
@@ -103,7 +103,9 @@ impl PhotographsJob {
         Self {
             centre: set.headbox_centre.unwrap_or(centre),
             half_size_m: densest.map_or(0.1, |(_, nearest)| nearest) / 2.0,
-            face_size_px: ((2.0 * focal).ceil() as u32).clamp(16, headbox_cube::model::validate::MAX_FACE_SIZE_PX).next_multiple_of(16),
+            face_size_px: ((2.0 * focal).ceil() as u32)
+                .clamp(16, headbox_cube::model::validate::MAX_FACE_SIZE_PX)
+                .next_multiple_of(16),
             agreement: Self::AGREEMENT,
             backdrop: Backdrop::Auto,
         }
@@ -113,7 +115,12 @@ impl PhotographsJob {
     ///
     /// # Errors
     /// [`ImagesError`] of the first view that cannot be loaded.
-    pub fn run(&self, set: &ImageSet, views: &[&View], progress: &dyn Progress) -> Result<CubeLdi, ImagesError> {
+    pub fn run(
+        &self,
+        set: &ImageSet,
+        views: &[&View],
+        progress: &dyn Progress,
+    ) -> Result<CubeLdi, ImagesError> {
         self.run_smaller(set, views, 1, progress)
     }
 
@@ -133,7 +140,11 @@ impl PhotographsJob {
         let loaded: Result<Vec<LoadedView>, ImagesError> = nearest.par_iter().map(load).collect();
         let (photographs, depths) = self.prepare(loaded?);
         let face_size_px = (self.face_size_px / times.max(1)).max(16);
-        let faces = Self { face_size_px, ..self.clone() }.sweep(photographs, &depths, progress);
+        let faces = Self {
+            face_size_px,
+            ..self.clone()
+        }
+        .sweep(photographs, &depths, progress);
         // Cameras around an object look all ways; one looks at it as the nearest does.
         let held = nearest.first().map(|view| view.pose.world_from_eye);
         let info = CaptureInfo {
@@ -141,14 +152,20 @@ impl PhotographsJob {
             up: held.map(|held| held.y_axis),
             ..headbox_ldi::from_images::image_set_info(set, self.centre, self.half_size_m)
         };
-        Ok(CubeLdi { info, faces, environment: Environment::default() })
+        Ok(CubeLdi {
+            info,
+            faces,
+            environment: Environment::default(),
+        })
     }
 
     /// What is asked, and the eye depths of shells, metres.
     fn prepare(&self, views: Vec<LoadedView>) -> (Vec<Photograph>, Vec<f64>) {
         let dark = self.dark(&views);
-        let photographs: Vec<Photograph> =
-            views.into_iter().filter_map(|view| Photograph::new(view, self.centre, dark)).collect();
+        let photographs: Vec<Photograph> = views
+            .into_iter()
+            .filter_map(|view| Photograph::new(view, self.centre, dark))
+            .collect();
         let depths = shells::depths(&photographs, LEAST_VIEWS);
         (photographs, depths)
     }
@@ -162,7 +179,12 @@ impl PhotographsJob {
     }
 
     /// The six faces.
-    fn sweep(&self, photographs: Vec<Photograph>, depths: &[f64], progress: &dyn Progress) -> Vec<LayeredDepthImage> {
+    fn sweep(
+        &self,
+        photographs: Vec<Photograph>,
+        depths: &[f64],
+        progress: &dyn Progress,
+    ) -> Vec<LayeredDepthImage> {
         let mut sweep = Sweep::new(self, photographs);
         // Where nobody has anything to say in one pass nobody will in the next.
         let mut may_hold = vec![true; depths.len()];
@@ -195,7 +217,10 @@ impl PhotographsJob {
 
     /// A sentence on photographs for which there is no room in memory: how many, and what to do.
     pub fn left_out(&self, views: &[&View]) -> Option<String> {
-        let perspective = views.iter().filter(|view| matches!(view.lens, Lens::Pinhole(_))).count();
+        let perspective = views
+            .iter()
+            .filter(|view| matches!(view.lens, Lens::Pinhole(_)))
+            .count();
         let left_out = perspective - self.nearest(views).len();
         (left_out > 0).then(|| {
             format!(
@@ -209,13 +234,17 @@ impl PhotographsJob {
 
     /// The views that are asked, the nearest first, as many as memory holds.
     fn nearest<'a>(&self, views: &[&'a View]) -> Vec<&'a View> {
-        let mut views: Vec<&View> =
-            views.iter().copied().filter(|view| matches!(view.lens, Lens::Pinhole(_))).collect();
+        let mut views: Vec<&View> = views
+            .iter()
+            .copied()
+            .filter(|view| matches!(view.lens, Lens::Pinhole(_)))
+            .collect();
         let apart = |view: &View| view.pose.eye.distance_squared(self.centre);
         views.sort_by(|a, b| apart(a).total_cmp(&apart(b)));
         let mut bytes = 0;
         views.retain(|view| {
-            bytes += Photograph::BYTES_A_PIXEL * u64::from(view.size_px[0]) * u64::from(view.size_px[1]);
+            bytes +=
+                Photograph::BYTES_A_PIXEL * u64::from(view.size_px[0]) * u64::from(view.size_px[1]);
             bytes <= PHOTOGRAPHS_BYTES
         });
         views

@@ -1,11 +1,11 @@
 //! A photograph that is asked about candidates, and the pixels of it that kept ones have claimed.
 
-use headbox_images::{Lens, LoadedView};
-use headbox_core::cube_face::Face;
-use headbox_core::texels::{between, fours, place};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::{DMat3, DVec3, Vec3};
+use headbox_core::cube_face::Face;
+use headbox_core::texels::{between, fours, place};
+use headbox_images::{Lens, LoadedView};
 
 /// A photograph relative to a cube's centre.
 pub(super) struct Photograph {
@@ -41,7 +41,11 @@ pub(super) struct Projection {
 impl Projection {
     /// At an eye depth: x w, y w, w of the first pixel's middle, and what a step to the right and down adds.
     pub(super) fn at(&self, depth: f32) -> [Vec3; 3] {
-        [self.start + self.corner * depth, self.across * depth, self.down * depth]
+        [
+            self.start + self.corner * depth,
+            self.across * depth,
+            self.down * depth,
+        ]
     }
 }
 
@@ -51,7 +55,9 @@ impl Photograph {
 
     /// `None` for a panorama, and for a picture of a single row or column.
     pub(super) fn new(view: LoadedView, centre: DVec3, dark: Option<u8>) -> Option<Self> {
-        let Lens::Pinhole(pinhole) = view.lens else { return None };
+        let Lens::Pinhole(pinhole) = view.lens else {
+            return None;
+        };
         let [width, height] = view.size_px.map(|side| side as usize);
         if width < 2 || height < 2 {
             return None;
@@ -63,7 +69,8 @@ impl Photograph {
         let [right, up, back] = view.pose.world_from_eye.to_cols_array_2d().map(DVec3::from);
         let [fx, fy] = pinhole.focal_px;
         let [cx, cy] = pinhole.principal_px;
-        let rows = DMat3::from_cols(right * fx - back * cx, -up * fy - back * cy, -back).transpose();
+        let rows =
+            DMat3::from_cols(right * fx - back * cx, -up * fy - back * cy, -back).transpose();
         Some(Self {
             width,
             height,
@@ -94,7 +101,8 @@ impl Photograph {
     pub(super) fn project(&self, point: DVec3) -> Option<[f64; 2]> {
         let h = self.rows * (point - self.eye);
         let [x, y] = [h.x / h.z, h.y / h.z];
-        let inside = h.z > 0.0 && x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
+        let inside =
+            h.z > 0.0 && x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
         inside.then_some([x, y])
     }
 
@@ -102,9 +110,11 @@ impl Photograph {
     /// eye is inside it.
     pub(super) fn points_on_shell(&self, depth: f64, side: usize) -> impl Iterator<Item = DVec3> {
         let unproject = self.rows.inverse();
-        let at = move |i: usize, pixels: usize| 0.5 + (pixels - 1) as f64 * i as f64 / (side - 1) as f64;
+        let at =
+            move |i: usize, pixels: usize| 0.5 + (pixels - 1) as f64 * i as f64 / (side - 1) as f64;
         (0..side * side).map(move |i| {
-            let ray = unproject * DVec3::new(at(i % side, self.width), at(i / side, self.height), 1.0);
+            let ray =
+                unproject * DVec3::new(at(i % side, self.width), at(i / side, self.height), 1.0);
             let walls = (ray.signum() * depth - self.eye) / ray;
             self.eye + ray * walls.min_element()
         })
@@ -113,7 +123,8 @@ impl Photograph {
     /// From a face's pixels.
     pub(super) fn projection(&self, face: Face, face_px: u32) -> Projection {
         let step = 2.0 / f64::from(face_px);
-        let corner = face.normal() - face.right() + face.up() + (face.right() - face.up()) * (step / 2.0);
+        let corner =
+            face.normal() - face.right() + face.up() + (face.right() - face.up()) * (step / 2.0);
         let of = |vector: DVec3| (self.rows * vector).as_vec3();
         Projection {
             start: of(-self.eye),
@@ -141,21 +152,36 @@ impl Photograph {
         let row = u32x16::truncate_from(y.max(0.0)).min(last[1]);
         let mut marks = (row * self.width as u32 + column).to_array();
         for mark in &mut marks {
-            *mark = self.color.get(*mark as usize).map_or(0, |pixel| u32::from(pixel[3]));
+            *mark = self
+                .color
+                .get(*mark as usize)
+                .map_or(0, |pixel| u32::from(pixel[3]));
         }
         u32x16::load_array(x.token(), marks).simd_eq(u32::from(BEHIND))
     }
 
     /// The colours at sixteen positions inside the picture, sRGB levels in bytes of a word, and whether the pixels there have a say.
     #[inline(always)]
-    pub(super) fn colors<S: Simd>(&self, simd: S, [x, y]: [f32x16<S>; 2]) -> (u32x16<S>, mask32x16<S>) {
+    pub(super) fn colors<S: Simd>(
+        &self,
+        simd: S,
+        [x, y]: [f32x16<S>; 2],
+    ) -> (u32x16<S>, mask32x16<S>) {
         let (left, across) = place(x - 0.5, self.width as u32);
         let (top, down) = place(y - 0.5, self.height as u32);
-        let Some(four) = fours(simd, &self.color, top * self.width as u32 + left, self.width) else {
+        let Some(four) = fours(
+            simd,
+            &self.color,
+            top * self.width as u32 + left,
+            self.width,
+        ) else {
             return (left, x.simd_lt(f32::NEG_INFINITY)); // never: there are two rows and columns
         };
         let [right, below] = [across.simd_ge(128), down.simd_ge(128)];
-        let own = below.select(right.select(four[3], four[2]), right.select(four[1], four[0]));
+        let own = below.select(
+            right.select(four[3], four[2]),
+            right.select(four[1], four[0]),
+        );
         (between(four, [across, down]), (own >> 24).simd_eq(255))
     }
 
@@ -163,8 +189,12 @@ impl Photograph {
     pub(super) fn claim(&mut self, x: f32, y: f32, reach: f32) {
         let range = |at: f32, side: usize| {
             let own = at as i64;
-            let first = ((at - reach - 0.5).ceil() as i64).min(own).clamp(0, side as i64);
-            let last = ((at + reach - 0.5).floor() as i64).max(own).clamp(-1, side as i64 - 1);
+            let first = ((at - reach - 0.5).ceil() as i64)
+                .min(own)
+                .clamp(0, side as i64);
+            let last = ((at + reach - 0.5).floor() as i64)
+                .max(own)
+                .clamp(-1, side as i64 - 1);
             first as usize..(last + 1) as usize
         };
         for row in range(y, self.height) {
@@ -178,14 +208,20 @@ impl Photograph {
 
 /// Marks the pixels that show a backdrop of levels up to `dark`; those beside others say nothing: calibrations err by about a pixel.
 fn mark_backdrop(color: &mut [[u8; 4]], width: usize, dark: u8) {
-    let shows = |pixel: &[u8; 4]| pixel[3] != SILENT && pixel[..3].iter().all(|level| *level <= dark);
+    let shows =
+        |pixel: &[u8; 4]| pixel[3] != SILENT && pixel[..3].iter().all(|level| *level <= dark);
     let dark: Vec<bool> = color.iter().map(shows).collect();
     let height = dark.len() / width;
     for (i, pixel) in color.iter_mut().enumerate().filter(|(i, _)| dark[*i]) {
         let (x, y) = (i % width, i / width);
         let columns = x.saturating_sub(1)..(x + 2).min(width);
         let rows = y.saturating_sub(1)..(y + 2).min(height);
-        let mut around = rows.map(|row| &dark[row * width + columns.start..row * width + columns.end]);
-        pixel[3] = if around.all(|row| row.iter().all(|dark| *dark)) { BEHIND } else { SILENT };
+        let mut around =
+            rows.map(|row| &dark[row * width + columns.start..row * width + columns.end]);
+        pixel[3] = if around.all(|row| row.iter().all(|dark| *dark)) {
+            BEHIND
+        } else {
+            SILENT
+        };
     }
 }

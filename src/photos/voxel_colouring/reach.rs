@@ -5,12 +5,20 @@ use std::ops::Range;
 
 /// From where on to where at least `least` of some ranges may overlap: before the so-manieth of their starts, and after the
 /// so-manieth last of their ends, fewer do.
-pub(super) fn common<'a>(ranges: impl Iterator<Item = &'a Range<usize>>, least: usize) -> Range<usize> {
-    let (mut starts, mut ends): (Vec<usize>, Vec<usize>) = ranges.map(|range| (range.start, range.end)).unzip();
-    let Some(last) = starts.len().checked_sub(least) else { return 0..0 };
+pub(super) fn common<'a>(
+    ranges: impl Iterator<Item = &'a Range<usize>>,
+    least: usize,
+) -> Range<usize> {
+    let (mut starts, mut ends): (Vec<usize>, Vec<usize>) =
+        ranges.map(|range| (range.start, range.end)).unzip();
+    let Some(last) = starts.len().checked_sub(least) else {
+        return 0..0;
+    };
     starts.sort_unstable();
     ends.sort_unstable();
-    starts.get(least.saturating_sub(1)).map_or(0..0, |&start| start..ends[last].max(start))
+    starts
+        .get(least.saturating_sub(1))
+        .map_or(0..0, |&start| start..ends[last].max(start))
 }
 
 /// What is at least 0 where a picture of a size shows a point that has x w, y w, w.
@@ -35,9 +43,18 @@ pub(super) fn seen_columns(first: Vec3, across: Vec3, size: [f32; 2], side: usiz
 }
 
 /// The rows of a face that a picture shows any of: the face's square is clipped by the picture's rims (Sutherland and Hodgman).
-pub(super) fn seen_rows([corner, across, down]: &[Vec3; 3], size: [f32; 2], side: usize) -> Range<usize> {
+pub(super) fn seen_rows(
+    [corner, across, down]: &[Vec3; 3],
+    size: [f32; 2],
+    side: usize,
+) -> Range<usize> {
     let far = side as f32;
-    let mut polygon = vec![Vec2::ZERO, Vec2::new(far, 0.0), Vec2::splat(far), Vec2::new(0.0, far)];
+    let mut polygon = vec![
+        Vec2::ZERO,
+        Vec2::new(far, 0.0),
+        Vec2::splat(far),
+        Vec2::new(0.0, far),
+    ];
     for rim in 0..5 {
         let inside = |p: Vec2| bounds(*corner + *across * p.x + *down * p.y, size)[rim];
         let mut clipped = Vec::with_capacity(polygon.len() + 1);
@@ -56,7 +73,9 @@ pub(super) fn seen_rows([corner, across, down]: &[Vec3; 3], size: [f32; 2], side
     if polygon.is_empty() {
         return 0..0;
     }
-    let (low, high) = polygon.iter().fold((far, 0.0f32), |(low, high), p| (low.min(p.y), high.max(p.y)));
+    let (low, high) = polygon.iter().fold((far, 0.0f32), |(low, high), p| {
+        (low.min(p.y), high.max(p.y))
+    });
     // A row more to each side makes up for rounding; what it lacks is found out column by column.
     (low.floor() as usize).saturating_sub(1)..(high.ceil() as usize + 2).min(side)
 }
@@ -68,7 +87,9 @@ mod tests {
     #[test]
     fn what_is_left_out_is_in_no_picture() {
         let (side, size) = (23, [40.0, 30.0]);
-        let inside = |h: Vec3| h.z > 0.0 && h.x >= 0.0 && h.y >= 0.0 && h.x < size[0] * h.z && h.y < size[1] * h.z;
+        let inside = |h: Vec3| {
+            h.z > 0.0 && h.x >= 0.0 && h.y >= 0.0 && h.x < size[0] * h.z && h.y < size[1] * h.z
+        };
         for i in 0..500 {
             let at = |k: i32| ((i * 31 + k * 17) % 41) as f32 - 20.0;
             let affine = [
@@ -84,7 +105,10 @@ mod tests {
                     let h = first + affine[1] * column as f32;
                     // Within a hair of a rim rounding decides.
                     let at_a_rim = bounds(h, size).iter().any(|bound| bound.abs() < 1e-3);
-                    assert!(at_a_rim || inside(h) == columns.contains(&column), "{i}: {row} {column}");
+                    assert!(
+                        at_a_rim || inside(h) == columns.contains(&column),
+                        "{i}: {row} {column}"
+                    );
                     assert!(!inside(h) || at_a_rim || rows.contains(&row), "{i}: {row}");
                 }
             }

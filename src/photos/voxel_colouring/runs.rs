@@ -53,7 +53,10 @@ impl RunRow {
         inverse_depth: f32,
         pass: &Pass,
     ) -> Vec<Kept> {
-        let own = row.checked_sub(first).and_then(|i| evidence.get(i)).filter(|own| !own.is_empty());
+        let own = row
+            .checked_sub(first)
+            .and_then(|i| evidence.get(i))
+            .filter(|own| !own.is_empty());
         if own.is_none() && !self.may_end {
             return Vec::new();
         }
@@ -71,13 +74,25 @@ impl RunRow {
             if let Some((variance, color_srgb)) = agreed {
                 let length = run.length + 1;
                 let is_best = run.length == 0 || variance < run.variance;
-                *run =
-                    if is_best { Run { length, variance, inverse_depth, color_srgb } } else { Run { length, ..*run } };
+                *run = if is_best {
+                    Run {
+                        length,
+                        variance,
+                        inverse_depth,
+                        color_srgb,
+                    }
+                } else {
+                    Run { length, ..*run }
+                };
             }
             let ends = run.length > 0 && (agreed.is_none() || run.length == pass.longest_run);
             if ends {
                 let pixel = (row * side + column) as u32;
-                kept.push(Kept { pixel, inverse_depth: run.inverse_depth, color_srgb: run.color_srgb });
+                kept.push(Kept {
+                    pixel,
+                    inverse_depth: run.inverse_depth,
+                    color_srgb: run.color_srgb,
+                });
                 run.length = 0;
             }
             self.may_end |= run.length > 0;
@@ -94,7 +109,8 @@ impl RunRow {
             self.start = start;
         }
         let before = self.start.saturating_sub(start);
-        self.runs.splice(0..0, std::iter::repeat_n(Run::default(), before));
+        self.runs
+            .splice(0..0, std::iter::repeat_n(Run::default(), before));
         self.start -= before;
         let length = self.runs.len().max(end - self.start);
         self.runs.resize(length, Run::default());
@@ -112,11 +128,20 @@ impl WindowSums {
     /// Of so many columns from `start` on.
     fn new(rows: &[EvidenceRow], start: usize, columns: usize) -> Self {
         let length = columns + 2 * WINDOW;
-        let mut sums = Self { variances: vec![0.0; length], counts: vec![0.0; length] };
+        let mut sums = Self {
+            variances: vec![0.0; length],
+            counts: vec![0.0; length],
+        };
         for row in rows {
-            let skipped = start.saturating_sub(row.start + WINDOW).min(row.variances.len());
-            let from = (row.start + skipped + WINDOW).saturating_sub(start).min(length);
-            let to = sums.variances[from..].iter_mut().zip(&mut sums.counts[from..]);
+            let skipped = start
+                .saturating_sub(row.start + WINDOW)
+                .min(row.variances.len());
+            let from = (row.start + skipped + WINDOW)
+                .saturating_sub(start)
+                .min(length);
+            let to = sums.variances[from..]
+                .iter_mut()
+                .zip(&mut sums.counts[from..]);
             for ((sum, count), &variance) in to.zip(&row.variances[skipped..]) {
                 let is_seen = variance < f32::INFINITY;
                 *sum += if is_seen { variance } else { 0.0 };

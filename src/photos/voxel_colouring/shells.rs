@@ -17,7 +17,10 @@ const GRID: usize = 5;
 
 /// Eye depths of shells, metres, near to far: where at least `least` photographs see the same. None if there is no such place.
 pub(super) fn depths(photographs: &[Photograph], least: usize) -> Vec<f64> {
-    let reach = photographs.iter().map(|photograph| photograph.eye().abs().max_element()).fold(0.0, f64::max);
+    let reach = photographs
+        .iter()
+        .map(|photograph| photograph.eye().abs().max_element())
+        .fold(0.0, f64::max);
     if reach <= 0.0 || least == 0 {
         return Vec::new();
     }
@@ -37,13 +40,19 @@ pub(super) fn depths(photographs: &[Photograph], least: usize) -> Vec<f64> {
 
 /// The step from a shell to the next; `None` if too few photographs see any of it.
 fn step(photographs: &[Photograph], depth: f64, least: usize) -> Option<f64> {
-    let inside = || photographs.iter().filter(|photograph| photograph.is_inside(depth));
+    let inside = || {
+        photographs
+            .iter()
+            .filter(|photograph| photograph.is_inside(depth))
+    };
     let mut fastest: f64 = 0.0;
     for photograph in inside() {
         for point in photograph.points_on_shell(depth, GRID) {
             let seen = || inside().filter(|other| other.project(point).is_some());
             if seen().count() >= least {
-                fastest = seen().map(|other| motion(other, point, depth)).fold(fastest, f64::max);
+                fastest = seen()
+                    .map(|other| motion(other, point, depth))
+                    .fold(fastest, f64::max);
             }
         }
     }

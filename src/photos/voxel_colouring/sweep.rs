@@ -4,10 +4,10 @@ use super::evidence::{EvidenceRow, Witnesses};
 use super::photograph::{Photograph, Projection};
 use super::runs::{Kept, RunRow};
 use super::{Pass, PhotographsJob};
+use glam::DVec3;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
-use glam::DVec3;
 use rayon::prelude::*;
 
 /// The cube so far.
@@ -34,12 +34,20 @@ impl<'a> Sweep<'a> {
     pub(super) fn new(job: &'a PhotographsJob, photographs: Vec<Photograph>) -> Self {
         let swept = |face| SweptFace {
             face,
-            projections: photographs.iter().map(|one| one.projection(face, job.face_size_px)).collect(),
+            projections: photographs
+                .iter()
+                .map(|one| one.projection(face, job.face_size_px))
+                .collect(),
             runs: vec![RunRow::default(); job.face_size_px as usize],
             kept: Vec::new(),
         };
         let faces = Face::ALL.into_iter().map(swept).collect();
-        Self { job, photographs, faces, may_run: false }
+        Self {
+            job,
+            photographs,
+            faces,
+            may_run: false,
+        }
     }
 
     /// Sweeps the shell at an eye depth of the faces, metres; `false` if there is no evidence of any surface.
@@ -48,10 +56,19 @@ impl<'a> Sweep<'a> {
         let side = self.job.face_size_px as usize;
         let before: Vec<usize> = self.faces.iter().map(|face| face.kept.len()).collect();
         for face in &mut self.faces {
-            let witnesses = Witnesses::new(&self.photographs, &face.projections, depth, side, pass.least_views);
+            let witnesses = Witnesses::new(
+                &self.photographs,
+                &face.projections,
+                depth,
+                side,
+                pass.least_views,
+            );
             let rows = witnesses.rows();
             let first = rows.start;
-            let evidence: Vec<EvidenceRow> = rows.into_par_iter().map(|row| witnesses.row(row, pass)).collect();
+            let evidence: Vec<EvidenceRow> = rows
+                .into_par_iter()
+                .map(|row| witnesses.row(row, pass))
+                .collect();
             is_anything |= evidence.iter().any(|row| !row.is_empty());
             face.step(&evidence, first, depth, pass);
         }
@@ -66,7 +83,9 @@ impl<'a> Sweep<'a> {
             return;
         }
         let before: Vec<usize> = self.faces.iter().map(|face| face.kept.len()).collect();
-        self.faces.iter_mut().for_each(|face| face.step(&[], 0, f64::INFINITY, pass));
+        self.faces
+            .iter_mut()
+            .for_each(|face| face.step(&[], 0, f64::INFINITY, pass));
         self.claim(&before);
     }
 
@@ -92,9 +111,13 @@ impl<'a> Sweep<'a> {
 
     /// The six faces. What lies within one pixel of parallax along a ray is one surface: the nearest of it stays.
     pub(super) fn finish(self) -> Vec<LayeredDepthImage> {
-        let similar = DepthBins::new(self.job.half_size_m, self.job.face_size_px).inverse_depth(1.0) as f32;
+        let similar =
+            DepthBins::new(self.job.half_size_m, self.job.face_size_px).inverse_depth(1.0) as f32;
         let face_px = self.job.face_size_px;
-        self.faces.into_iter().map(|face| layers(face.face, face_px, face.kept, similar)).collect()
+        self.faces
+            .into_iter()
+            .map(|face| layers(face.face, face_px, face.kept, similar))
+            .collect()
     }
 }
 
@@ -105,7 +128,11 @@ impl SweptFace {
         let with_evidence = first..first + evidence.len();
         let step = |(row, runs): (usize, &mut RunRow)| {
             let is_idle = !runs.may_end() && !with_evidence.contains(&row);
-            if is_idle { Vec::new() } else { runs.step(evidence, first, row, side, (1.0 / depth) as f32, pass) }
+            if is_idle {
+                Vec::new()
+            } else {
+                runs.step(evidence, first, row, side, (1.0 / depth) as f32, pass)
+            }
         };
         let kept: Vec<Vec<Kept>> = self.runs.par_iter_mut().enumerate().map(step).collect();
         kept.into_iter().for_each(|row| self.kept.extend(row));
@@ -115,19 +142,32 @@ impl SweptFace {
 /// A face of what was kept.
 fn layers(face: Face, face_px: u32, mut kept: Vec<Kept>, similar: f32) -> LayeredDepthImage {
     // By pixel, the farthest first.
-    kept.sort_by(|a, b| a.pixel.cmp(&b.pixel).then(a.inverse_depth.total_cmp(&b.inverse_depth)));
+    kept.sort_by(|a, b| {
+        a.pixel
+            .cmp(&b.pixel)
+            .then(a.inverse_depth.total_cmp(&b.inverse_depth))
+    });
     let mut image = LayeredDepthImage::empty(face, face_px);
     for pixel in kept.chunk_by(|a, b| a.pixel == b.pixel) {
         let first = image.samples.len();
         let mut nearest = f32::INFINITY;
         for kept in pixel.iter().rev().filter(|kept| {
             let is_distinct = nearest - kept.inverse_depth > similar;
-            nearest = if is_distinct { kept.inverse_depth } else { nearest };
+            nearest = if is_distinct {
+                kept.inverse_depth
+            } else {
+                nearest
+            };
             is_distinct
         }) {
             let [r, g, b] = kept.color_srgb;
-            let normal = EncodedNormal::new(-middle(face, kept.pixel, face_px).normalize().as_vec3());
-            let sample = DepthPixel { inverse_depth: kept.inverse_depth, normal, color_srgb: [r, g, b, 255] };
+            let normal =
+                EncodedNormal::new(-middle(face, kept.pixel, face_px).normalize().as_vec3());
+            let sample = DepthPixel {
+                inverse_depth: kept.inverse_depth,
+                normal,
+                color_srgb: [r, g, b, 255],
+            };
             image.samples.push(sample);
         }
         image.samples[first..].reverse();
@@ -143,5 +183,9 @@ fn layers(face: Face, face_px: u32, mut kept: Vec<Kept>, similar: f32) -> Layere
 
 /// The ray through the middle of a pixel, at eye depth 1.
 fn middle(face: Face, pixel: u32, face_px: u32) -> DVec3 {
-    face.direction(f64::from(pixel % face_px) + 0.5, f64::from(pixel / face_px) + 0.5, face_px)
+    face.direction(
+        f64::from(pixel % face_px) + 0.5,
+        f64::from(pixel / face_px) + 0.5,
+        face_px,
+    )
 }

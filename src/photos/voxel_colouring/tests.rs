@@ -1,11 +1,11 @@
 //! Voxel colouring beside a slow, obvious one, and a solid that it must find.
 
 use super::*;
-use headbox_images::{Distortion, Pinhole, Pose};
-use headbox_core::cube_face::Face;
-use headbox_cube::model::samples::LayeredDepthImage;
-use headbox_cube::model::depth_bins::DepthBins;
 use glam::DMat3;
+use headbox_core::cube_face::Face;
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::model::samples::LayeredDepthImage;
+use headbox_images::{Distortion, Pinhole, Pose};
 
 const SIZE: [u32; 2] = [48, 36];
 
@@ -13,7 +13,9 @@ const SIZE: [u32; 2] = [48, 36];
 const BALL: (DVec3, f64) = (DVec3::new(0.0, 0.0, -2.0), 0.5);
 
 fn pattern(p: DVec3) -> [u8; 4] {
-    let wave = |c: f64| (7.0 * p.x + 4.0 * p.y + c).sin() * 50.0 + (5.0 * p.y - 8.0 * p.z - c).cos() * 40.0 + 150.0;
+    let wave = |c: f64| {
+        (7.0 * p.x + 4.0 * p.y + c).sin() * 50.0 + (5.0 * p.y - 8.0 * p.z - c).cos() * 40.0 + 150.0
+    };
     let [r, g, b] = [0.0, 1.0, 2.0].map(|c| wave(c) as u8);
     [r, g, b, 255]
 }
@@ -23,25 +25,45 @@ fn meet(eye: DVec3, ray: DVec3) -> Option<DVec3> {
     let (to, radius) = (BALL.0 - eye, BALL.1);
     let along = ray.dot(to) / ray.length_squared();
     let aside = (to - ray * along).length_squared();
-    (aside < radius * radius).then(|| eye + ray * (along - ((radius * radius - aside) / ray.length_squared()).sqrt()))
+    (aside < radius * radius)
+        .then(|| eye + ray * (along - ((radius * radius - aside) / ray.length_squared()).sqrt()))
 }
 
 /// A photograph of the ball from so many degrees to the right.
 fn photograph(degrees: f64) -> LoadedView {
     let turn = DMat3::from_rotation_y(degrees.to_radians());
     let eye = BALL.0 + turn * DVec3::Z * 2.0 + DVec3::Y * 0.1 * (degrees * 7.0).sin();
-    let pinhole = Pinhole { focal_px: [70.0; 2], principal_px: [24.0, 18.0], distortion: Distortion::default() };
+    let pinhole = Pinhole {
+        focal_px: [70.0; 2],
+        principal_px: [24.0, 18.0],
+        distortion: Distortion::default(),
+    };
     let lens = Lens::Pinhole(pinhole);
     let color = |i: u32| {
-        let ray = turn * lens.ray([f64::from(i % SIZE[0]) + 0.5, f64::from(i / SIZE[0]) + 0.5], SIZE);
+        let ray = turn
+            * lens.ray(
+                [f64::from(i % SIZE[0]) + 0.5, f64::from(i / SIZE[0]) + 0.5],
+                SIZE,
+            );
         meet(eye, ray).map_or([0, 0, 0, 255], pattern)
     };
     let color = (0..SIZE[0] * SIZE[1]).map(color).collect();
-    LoadedView { size_px: SIZE, lens, pose: Pose { eye, world_from_eye: turn }, color, depth: Vec::new() }
+    LoadedView {
+        size_px: SIZE,
+        lens,
+        pose: Pose {
+            eye,
+            world_from_eye: turn,
+        },
+        color,
+        depth: Vec::new(),
+    }
 }
 
 fn photographs() -> Vec<LoadedView> {
-    [0.0, -12.0, 12.0, -25.0, 25.0, -38.0, 38.0, 140.0].map(photograph).to_vec()
+    [0.0, -12.0, 12.0, -25.0, 25.0, -38.0, 38.0, 140.0]
+        .map(photograph)
+        .to_vec()
 }
 
 fn job(face_size_px: u32) -> PhotographsJob {
@@ -77,27 +99,49 @@ impl<'a> Oracle<'a> {
         let [width, height] = SIZE.map(i64::from);
         let is_dark = |view: &LoadedView, x: i64, y: i64| {
             let outside = x < 0 || y < 0 || x >= width || y >= height;
-            outside || view.color[(y * width + x) as usize][..3].iter().all(|level| *level <= dark)
+            outside
+                || view.color[(y * width + x) as usize][..3]
+                    .iter()
+                    .all(|level| *level <= dark)
         };
         let around = |view: &LoadedView, i: i64| {
             (-1..=1).all(|dy| (-1..=1).all(|dx| is_dark(view, i % width + dx, i / width + dy)))
         };
         let pixels = || 0..width * height;
-        let is_rim = |view: &LoadedView, i: i64| is_dark(view, i % width, i / width) && !around(view, i);
-        let rim = views.iter().map(|view| pixels().map(|i| is_rim(view, i)).collect()).collect();
-        let backdrop = views.iter().map(|view| pixels().map(|i| around(view, i)).collect()).collect();
+        let is_rim =
+            |view: &LoadedView, i: i64| is_dark(view, i % width, i / width) && !around(view, i);
+        let rim = views
+            .iter()
+            .map(|view| pixels().map(|i| is_rim(view, i)).collect())
+            .collect();
+        let backdrop = views
+            .iter()
+            .map(|view| pixels().map(|i| around(view, i)).collect())
+            .collect();
         let claimed = vec![vec![false; (width * height) as usize]; views.len()];
-        Self { job, views, backdrop, rim, claimed }
+        Self {
+            job,
+            views,
+            backdrop,
+            rim,
+            claimed,
+        }
     }
 
     fn point(&self, (face, x, y): Candidate, depth: f64) -> DVec3 {
-        Face::ALL[face].direction(f64::from(x) + 0.5, f64::from(y) + 0.5, self.job.face_size_px) * depth
+        Face::ALL[face].direction(
+            f64::from(x) + 0.5,
+            f64::from(y) + 0.5,
+            self.job.face_size_px,
+        ) * depth
     }
 
     /// Where a view sees a point, whether from inside the shell, and the pixel's number.
     fn seen(&self, view: usize, point: DVec3, depth: f64) -> Option<([f64; 2], bool, usize)> {
         let pose = self.views[view].pose;
-        let [x, y, _] = self.views[view].lens.project(pose.to_eye(point + self.job.centre), SIZE)?;
+        let [x, y, _] = self.views[view]
+            .lens
+            .project(pose.to_eye(point + self.job.centre), SIZE)?;
         let inside = x >= 0.0 && y >= 0.0 && x < f64::from(SIZE[0]) && y < f64::from(SIZE[1]);
         let within = (pose.eye - self.job.centre).abs().max_element() < depth;
         inside.then(|| ([x, y], within, y as usize * SIZE[0] as usize + x as usize))
@@ -108,28 +152,42 @@ impl<'a> Oracle<'a> {
         let point = self.point(candidate, depth);
         let mut colors = Vec::new();
         for view in 0..self.views.len() {
-            let Some((position, within, pixel)) = self.seen(view, point, depth) else { continue };
+            let Some((position, within, pixel)) = self.seen(view, point, depth) else {
+                continue;
+            };
             if self.backdrop[view][pixel] {
                 return None;
             }
             if within && !self.claimed[view][pixel] && !self.rim[view][pixel] {
-                colors.push(DVec3::from(self.views[view].color_at(position).expect("inside")));
+                colors.push(DVec3::from(
+                    self.views[view].color_at(position).expect("inside"),
+                ));
             }
         }
         let count = colors.len() as f64;
         let mean = colors.iter().sum::<DVec3>() / count;
-        let variance = colors.iter().map(|color| color.distance_squared(mean)).sum::<f64>() / count;
-        (colors.len() >= pass.least_views).then(|| (variance.min(f64::from(pass.most_variance())), mean))
+        let variance = colors
+            .iter()
+            .map(|color| color.distance_squared(mean))
+            .sum::<f64>()
+            / count;
+        (colors.len() >= pass.least_views)
+            .then(|| (variance.min(f64::from(pass.most_variance())), mean))
     }
 
     fn claim(&mut self, candidate: Candidate, depth: f64) {
         let point = self.point(candidate, depth);
         for view in 0..self.views.len() {
-            let Some(([x, y], true, own)) = self.seen(view, point, depth) else { continue };
+            let Some(([x, y], true, own)) = self.seen(view, point, depth) else {
+                continue;
+            };
             let distance = self.views[view].pose.eye.distance(point + self.job.centre);
             let reach = depth / f64::from(self.job.face_size_px) * 70.0 / distance;
             for (i, claimed) in self.claimed[view].iter_mut().enumerate() {
-                let (column, row) = ((i % SIZE[0] as usize) as f64 + 0.5, (i / SIZE[0] as usize) as f64 + 0.5);
+                let (column, row) = (
+                    (i % SIZE[0] as usize) as f64 + 0.5,
+                    (i / SIZE[0] as usize) as f64 + 0.5,
+                );
                 *claimed |= i == own || ((column - x).abs() <= reach && (row - y).abs() <= reach);
             }
         }
@@ -138,14 +196,21 @@ impl<'a> Oracle<'a> {
     /// Candidates that are kept, with their depths, of one face.
     fn run(mut self, face: usize, depths: &[f64], passes: &[Pass]) -> Vec<(Candidate, f64)> {
         let side = self.job.face_size_px;
-        let all: Vec<Candidate> = (0..side * side).map(|i| (face, i % side, i / side)).collect();
+        let all: Vec<Candidate> = (0..side * side)
+            .map(|i| (face, i % side, i / side))
+            .collect();
         let mut kept = Vec::new();
         for pass in passes {
             let mut runs: Vec<Vec<(f64, f64)>> = vec![Vec::new(); all.len()];
             for depth in depths.iter().copied().chain([f64::INFINITY]) {
                 let evidence: Vec<_> = all
                     .iter()
-                    .map(|&candidate| depth.is_finite().then(|| self.evidence(candidate, depth, pass)).flatten())
+                    .map(|&candidate| {
+                        depth
+                            .is_finite()
+                            .then(|| self.evidence(candidate, depth, pass))
+                            .flatten()
+                    })
                     .collect();
                 let mut ended = Vec::new();
                 for (i, &candidate) in all.iter().enumerate() {
@@ -156,16 +221,24 @@ impl<'a> Oracle<'a> {
                         .filter_map(|other| evidence[other as usize].map(|found| found.0))
                         .collect();
                     let mean = window.iter().sum::<f64>() / window.len() as f64;
-                    let agreed = evidence[i].is_some() && mean <= f64::from(pass.agreeing_variance());
+                    let agreed =
+                        evidence[i].is_some() && mean <= f64::from(pass.agreeing_variance());
                     if agreed {
                         runs[i].push((mean, depth));
                     }
-                    if !runs[i].is_empty() && (!agreed || runs[i].len() == pass.longest_run as usize) {
-                        let best = runs[i].drain(..).reduce(|a, b| if b.0 < a.0 { b } else { a }).expect("a run");
+                    if !runs[i].is_empty()
+                        && (!agreed || runs[i].len() == pass.longest_run as usize)
+                    {
+                        let best = runs[i]
+                            .drain(..)
+                            .reduce(|a, b| if b.0 < a.0 { b } else { a })
+                            .expect("a run");
                         ended.push((candidate, best.1));
                     }
                 }
-                ended.iter().for_each(|(candidate, depth)| self.claim(*candidate, *depth));
+                ended
+                    .iter()
+                    .for_each(|(candidate, depth)| self.claim(*candidate, *depth));
                 kept.extend(ended);
             }
         }
@@ -201,16 +274,26 @@ fn the_sweep_is_what_its_definition_says() {
                 nearest = if distinct { *q } else { nearest };
                 distinct
             });
-            let found: Vec<f64> =
-                faces[face].pixel(x, y).iter().rev().map(|sample| f64::from(sample.inverse_depth)).collect();
+            let found: Vec<f64> = faces[face]
+                .pixel(x, y)
+                .iter()
+                .rev()
+                .map(|sample| f64::from(sample.inverse_depth))
+                .collect();
             total += usize::from(!of_pixel.is_empty() || !found.is_empty());
-            let equal =
-                found.len() == of_pixel.len() && found.iter().zip(&of_pixel).all(|(a, b)| (a / b - 1.0).abs() < 1e-6);
+            let equal = found.len() == of_pixel.len()
+                && found
+                    .iter()
+                    .zip(&of_pixel)
+                    .all(|(a, b)| (a / b - 1.0).abs() < 1e-6);
             same += usize::from(equal && !found.is_empty());
         }
     }
     assert!(total > 90, "{total} pixels");
-    assert!((total - same) as f64 <= ROUNDED * total as f64, "{same} of {total} pixels are as expected");
+    assert!(
+        (total - same) as f64 <= ROUNDED * total as f64,
+        "{same} of {total} pixels are as expected"
+    );
 }
 
 #[test]
@@ -222,19 +305,35 @@ fn a_ball_is_found_where_it_is() {
     for (x, y) in (0..140).flat_map(|y| (0..140).map(move |x| (x, y))) {
         let ray = Face::NegZ.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, 140);
         let nearest = face.pixel(x, y).last();
-        let Some(point) = meet(DVec3::ZERO, ray) else { continue };
+        let Some(point) = meet(DVec3::ZERO, ray) else {
+            continue;
+        };
         on_ball += 1;
         let Some(sample) = nearest else { continue };
         // Between cameras 25 degrees apart a pixel of parallax is 0.06 m of depth.
         if (1.0 / f64::from(sample.inverse_depth) + point.z).abs() < 0.07 {
             found += 1;
-            colors += (0..3).map(|c| f64::from(sample.color_srgb[c].abs_diff(pattern(point)[c]))).sum::<f64>() / 3.0;
+            colors += (0..3)
+                .map(|c| f64::from(sample.color_srgb[c].abs_diff(pattern(point)[c])))
+                .sum::<f64>()
+                / 3.0;
         }
     }
-    let elsewhere: usize = faces.iter().filter(|face| face.face != Face::NegZ).map(|face| face.samples.len()).sum();
+    let elsewhere: usize = faces
+        .iter()
+        .filter(|face| face.face != Face::NegZ)
+        .map(|face| face.samples.len())
+        .sum();
     // Its rim, seen edge-on, is not told by three.
-    assert!(on_ball > 800 && found * 5 > on_ball * 4, "{found} of {on_ball} pixels");
-    assert!(colors / f64::from(found) < 8.0, "{} levels", colors / f64::from(found));
+    assert!(
+        on_ball > 800 && found * 5 > on_ball * 4,
+        "{found} of {on_ball} pixels"
+    );
+    assert!(
+        colors / f64::from(found) < 8.0,
+        "{} levels",
+        colors / f64::from(found)
+    );
     assert_eq!(elsewhere, 0);
 }
 
@@ -242,7 +341,10 @@ fn a_ball_is_found_where_it_is() {
 fn threads_do_not_matter() {
     let (job, views) = (job(72), photographs());
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a pool");
         pool.install(|| colored(&job, &views))
     };
     assert_eq!(on(1), on(3));
@@ -250,12 +352,31 @@ fn threads_do_not_matter() {
 
 #[test]
 fn what_shows_nothing_gives_an_empty_cube() {
-    let black = LoadedView { color: vec![[0, 0, 0, 255]; (SIZE[0] * SIZE[1]) as usize], ..photograph(0.0) };
-    let masked = LoadedView { color: vec![[90, 80, 70, 0]; (SIZE[0] * SIZE[1]) as usize], ..photograph(0.0) };
-    let panorama = LoadedView { lens: Lens::Equirectangular, ..photograph(0.0) };
+    let black = LoadedView {
+        color: vec![[0, 0, 0, 255]; (SIZE[0] * SIZE[1]) as usize],
+        ..photograph(0.0)
+    };
+    let masked = LoadedView {
+        color: vec![[90, 80, 70, 0]; (SIZE[0] * SIZE[1]) as usize],
+        ..photograph(0.0)
+    };
+    let panorama = LoadedView {
+        lens: Lens::Equirectangular,
+        ..photograph(0.0)
+    };
     let one = photograph(0.0);
-    for views in [vec![], vec![one.clone()], vec![one; 3], vec![black; 3], vec![masked; 3], vec![panorama; 3]] {
-        let samples: usize = colored(&job(40), &views).iter().map(|face| face.samples.len()).sum();
+    for views in [
+        vec![],
+        vec![one.clone()],
+        vec![one; 3],
+        vec![black; 3],
+        vec![masked; 3],
+        vec![panorama; 3],
+    ] {
+        let samples: usize = colored(&job(40), &views)
+            .iter()
+            .map(|face| face.samples.len())
+            .sum();
         assert_eq!(samples, 0);
     }
 }
@@ -266,7 +387,10 @@ fn photographs_for_which_there_is_no_room_are_told() {
         name: i.to_string(),
         size_px,
         lens: photograph(0.0).lens,
-        pose: Pose { eye: DVec3::X * f64::from(i), world_from_eye: DMat3::IDENTITY },
+        pose: Pose {
+            eye: DVec3::X * f64::from(i),
+            world_from_eye: DMat3::IDENTITY,
+        },
         color: "none.png".into(),
         depth: None,
         mask: None,
@@ -283,6 +407,9 @@ fn photographs_for_which_there_is_no_room_are_told() {
     let room = (PHOTOGRAPHS_BYTES / (Photograph::BYTES_A_PIXEL << 20)) as u32;
     assert_eq!(told(room, [1024, 1024]), None);
     let sentence = told(room + 3, [1024, 1024]).expect("a sentence");
-    assert!(sentence.starts_with(&format!("3 of {} photographs", room + 3)), "{sentence}");
+    assert!(
+        sentence.starts_with(&format!("3 of {} photographs", room + 3)),
+        "{sentence}"
+    );
     assert_eq!(told(0, [640, 480]), None);
 }

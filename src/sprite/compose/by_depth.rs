@@ -33,18 +33,22 @@ pub(super) fn lay_by_depth(layers: &[LayerPicture], to: &mut [[u8; 4]]) {
     /// Pixels that a thread takes at least.
     const AT_LEAST: usize = 1 << 12;
     let light = LinearLight::tables();
-    to.par_chunks_mut(AT_LEAST).enumerate().for_each_init(Vec::new, |found, (chunk, to)| {
-        for (pixel, to) in to.iter_mut().enumerate() {
-            let i = chunk * AT_LEAST + pixel;
-            found.clear();
-            found.extend(layers.iter().filter_map(|layer| {
-                let color = *layer.colors.get(i)?;
-                (color[3] > 0).then_some((*layer.inverse_depth.get(i)?, color))
-            }));
-            found.sort_by(|(a, _): &(f32, [u8; 4]), (b, _)| a.total_cmp(b));
-            *to = found.iter().fold([0; 4], |behind, &(_, front)| laid_over(light, front, behind));
-        }
-    });
+    to.par_chunks_mut(AT_LEAST)
+        .enumerate()
+        .for_each_init(Vec::new, |found, (chunk, to)| {
+            for (pixel, to) in to.iter_mut().enumerate() {
+                let i = chunk * AT_LEAST + pixel;
+                found.clear();
+                found.extend(layers.iter().filter_map(|layer| {
+                    let color = *layer.colors.get(i)?;
+                    (color[3] > 0).then_some((*layer.inverse_depth.get(i)?, color))
+                }));
+                found.sort_by(|(a, _): &(f32, [u8; 4]), (b, _)| a.total_cmp(b));
+                *to = found.iter().fold([0; 4], |behind, &(_, front)| {
+                    laid_over(light, front, behind)
+                });
+            }
+        });
 }
 
 #[cfg(test)]
@@ -55,8 +59,14 @@ mod tests {
     fn the_nearest_of_each_pixel_is_in_front() {
         let (red, blue) = ([200, 0, 0, 255], [0, 0, 200, 255]);
         let layers = [
-            LayerPicture { colors: vec![red; 4], inverse_depth: vec![0.5, 1.5, 1.0, 0.5] },
-            LayerPicture { colors: vec![blue, blue, blue, [0, 0, 200, 0]], inverse_depth: vec![1.0, 1.0, 1.0, 9.0] },
+            LayerPicture {
+                colors: vec![red; 4],
+                inverse_depth: vec![0.5, 1.5, 1.0, 0.5],
+            },
+            LayerPicture {
+                colors: vec![blue, blue, blue, [0, 0, 200, 0]],
+                inverse_depth: vec![1.0, 1.0, 1.0, 9.0],
+            },
         ];
         let mut laid = [[7; 4]; 4];
         lay_by_depth(&layers, &mut laid);
@@ -68,12 +78,20 @@ mod tests {
     #[test]
     fn what_covers_a_part_lets_the_farther_through() {
         let half = |color: [u8; 3]| [color[0], color[1], color[2], 128];
-        let layers = [([255; 3], 3.0), ([0; 3], 2.0), ([255, 0, 0], 1.0)]
-            .map(|(color, depth)| LayerPicture { colors: vec![half(color)], inverse_depth: vec![depth] });
+        let layers = [([255; 3], 3.0), ([0; 3], 2.0), ([255, 0, 0], 1.0)].map(|(color, depth)| {
+            LayerPicture {
+                colors: vec![half(color)],
+                inverse_depth: vec![depth],
+            }
+        });
         let mut laid = [[0; 4]];
         lay_by_depth(&layers, &mut laid);
         // In linear light: half white, a quarter black, an eighth red, over a share of 7/8.
-        assert!(laid[0][3] > 220 && laid[0][0] > laid[0][1] && laid[0][1] > 190, "{:?}", laid[0]);
+        assert!(
+            laid[0][3] > 220 && laid[0][0] > laid[0][1] && laid[0][1] > 190,
+            "{:?}",
+            laid[0]
+        );
         assert_eq!(laid[0][1], laid[0][2]);
     }
 }

@@ -13,17 +13,17 @@ mod stand;
 
 pub use polygons::{Polygons, PolygonsError, place};
 
-use headbox_core::camera::Camera;
-use headbox_core::simd;
-use headbox_core::environment::Environment;
-use headbox_core::frame::Frame;
-use headbox_cube::pack::PackedCube;
-use headbox_cube::render::resolve::finish::{Background, Pixels};
-use headbox_cube::render::canvas::linear::LinearLight;
-use headbox_cube::render::{RenderSettings, Renderer};
 use crate::{Outcome, RenderOptions, SpriteLayer, SpriteRenderer, SpriteSet, straight};
 use by_depth::{LayerPicture, lay_by_depth};
 use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_core::environment::Environment;
+use headbox_core::frame::Frame;
+use headbox_core::simd;
+use headbox_cube::pack::PackedCube;
+use headbox_cube::render::canvas::linear::LinearLight;
+use headbox_cube::render::resolve::finish::{Background, Pixels};
+use headbox_cube::render::{RenderSettings, Renderer};
 use order::CubePoints;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -112,7 +112,13 @@ impl Composition {
             environment = sprites.environment.clone();
         }
         let points = cubes.iter().map(CubePoints::new).collect();
-        Self { sprites, cubes, points, polygons: Vec::new(), environment }
+        Self {
+            sprites,
+            cubes,
+            points,
+            polygons: Vec::new(),
+            environment,
+        }
     }
 
     /// The same with polygons among the images.
@@ -170,9 +176,19 @@ impl Composition {
             }
         }
         let by_depth = stats.order.len() > 1 && (settings.by_depth || !self.polygons.is_empty());
-        composer.pictures.resize_with(if by_depth { stats.order.len() } else { 0 }, LayerPicture::default);
+        composer.pictures.resize_with(
+            if by_depth { stats.order.len() } else { 0 },
+            LayerPicture::default,
+        );
         for (number, layer) in stats.order.clone().into_iter().enumerate() {
-            self.draw_layer(composer, (number, layer), camera, settings, frame, &mut stats);
+            self.draw_layer(
+                composer,
+                (number, layer),
+                camera,
+                settings,
+                frame,
+                &mut stats,
+            );
         }
         if by_depth {
             lay_by_depth(&composer.pictures, &mut frame.color);
@@ -184,13 +200,27 @@ impl Composition {
             level: simd::level(),
         };
         let width = (frame.width as usize).max(1);
-        let rows = frame.color.par_chunks_mut(width).zip(frame.coverage.par_chunks_mut(width)).enumerate();
+        let rows = frame
+            .color
+            .par_chunks_mut(width)
+            .zip(frame.coverage.par_chunks_mut(width))
+            .enumerate();
         let put_under = |(y, (colors, coverages)): (usize, (_, _))| {
-            background.put_under(y as u32, Pixels { colors, coverages, depths_m: &mut [], inverse_depths: &mut [] })
+            background.put_under(
+                y as u32,
+                Pixels {
+                    colors,
+                    coverages,
+                    depths_m: &mut [],
+                    inverse_depths: &mut [],
+                },
+            )
         };
         stats.hole_pixels = rows.map(put_under).sum();
-        stats.compose_ms =
-            started.elapsed().as_secs_f64() * 1e3 - stats.sprites_ms - stats.cubes_ms - stats.polygons_ms;
+        stats.compose_ms = started.elapsed().as_secs_f64() * 1e3
+            - stats.sprites_ms
+            - stats.cubes_ms
+            - stats.polygons_ms;
         stats
     }
 
@@ -209,11 +239,19 @@ impl Composition {
         match layer {
             Layer::Sprite(index) => {
                 let sprite = &self.sprites.sprites()[index];
-                stats.outcomes[index] = composer.sprites.render(sprite, camera, &settings.sprites, &mut composer.layer);
-                let colors = composer.layer.pixels().par_iter().map(|pixel| straight(*pixel));
+                stats.outcomes[index] =
+                    composer
+                        .sprites
+                        .render(sprite, camera, &settings.sprites, &mut composer.layer);
+                let colors = composer
+                    .layer
+                    .pixels()
+                    .par_iter()
+                    .map(|pixel| straight(*pixel));
                 match picture {
                     Some(picture) => {
-                        let (plane, width) = (sprite.sprite().sprite().plane(), camera.width() as usize);
+                        let (plane, width) =
+                            (sprite.sprite().sprite().plane(), camera.width() as usize);
                         let depth = |i: usize| {
                             let [x, y] = [i % width, i / width].map(|at| at as f64 + 0.5);
                             plane.inverse_depth(camera, x, y) as f32
@@ -226,27 +264,43 @@ impl Composition {
             }
             Layer::Cube(index) => {
                 let cube = &self.cubes[index];
-                let cubes = RenderSettings { depth: picture.is_some() || settings.cubes.depth, ..settings.cubes };
+                let cubes = RenderSettings {
+                    depth: picture.is_some() || settings.cubes.depth,
+                    ..settings.cubes
+                };
                 let (drawn, cube_stats) = match self.polygons.is_empty() {
                     true => composer.cubes.render_with_stats(cube, camera, &cubes),
-                    false => composer.cubes.render_among(cube, &composer.polygons.standing(), camera, &cubes),
+                    false => composer.cubes.render_among(
+                        cube,
+                        &composer.polygons.standing(),
+                        camera,
+                        &cubes,
+                    ),
                 };
                 stats.depth_pixels_in += cube_stats.depth_pixels_in;
                 stats.splatted += cube_stats.splatted;
                 let colors = drawn.color.par_iter().zip(&drawn.coverage);
-                let colors = colors.map(|(&[r, g, b, _], coverage)| [r, g, b, coverage.splat_share()]);
+                let colors =
+                    colors.map(|(&[r, g, b, _], coverage)| [r, g, b, coverage.splat_share()]);
                 match picture {
-                    Some(picture) => picture.set(colors, drawn.depth_m.par_iter().map(|depth_m| 1.0 / depth_m)),
+                    Some(picture) => picture.set(
+                        colors,
+                        drawn.depth_m.par_iter().map(|depth_m| 1.0 / depth_m),
+                    ),
                     None => lay_over(&mut frame.color, colors),
                 }
                 stats.cubes_ms += started.elapsed().as_secs_f64() * 1e3;
             }
             Layer::Polygons => {
                 let (standing, width) = (composer.polygons.standing(), camera.width() as usize);
-                let pixels = (0..frame.color.len()).into_par_iter().map(|i| standing.pixel(i % width, i / width));
+                let pixels = (0..frame.color.len())
+                    .into_par_iter()
+                    .map(|i| standing.pixel(i % width, i / width));
                 let colors = pixels.clone().map(|(color, _)| color);
                 match picture {
-                    Some(picture) => picture.set(colors, pixels.map(|(_, inverse_depth)| inverse_depth)),
+                    Some(picture) => {
+                        picture.set(colors, pixels.map(|(_, inverse_depth)| inverse_depth))
+                    }
                     None => lay_over(&mut frame.color, colors),
                 }
                 stats.polygons_ms += started.elapsed().as_secs_f64() * 1e3;
@@ -261,9 +315,13 @@ const AT_LEAST: usize = 1 << 14;
 /// Lays a layer over what is there: straight colours, each with the share of 255 that it covers.
 fn lay_over(behind: &mut [[u8; 4]], front: impl IndexedParallelIterator<Item = [u8; 4]>) {
     let linear = LinearLight::tables();
-    behind.par_iter_mut().zip(front).with_min_len(AT_LEAST).for_each(|(behind, front)| {
-        *behind = laid_over(linear, front, *behind);
-    });
+    behind
+        .par_iter_mut()
+        .zip(front)
+        .with_min_len(AT_LEAST)
+        .for_each(|(behind, front)| {
+            *behind = laid_over(linear, front, *behind);
+        });
 }
 
 /// A straight colour over another, each with the share of 255 that it covers.
@@ -278,8 +336,8 @@ fn laid_over(light: &LinearLight, front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_core::random::Rng;
     use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
+    use headbox_core::random::Rng;
 
     /// Two roundings to 8 bits, each of half a level and, in the darkest colours, of 12 bits of linear light.
     const LAID_LEVELS: f32 = 2.0;
@@ -288,8 +346,14 @@ mod tests {
     fn layers_blend_as_light_does() {
         let mut random = Rng::keyed(5);
         for _ in 0..10_000 {
-            let mut pixel =
-                |share: u8| [random.below(256) as u8, random.below(256) as u8, random.below(256) as u8, share];
+            let mut pixel = |share: u8| {
+                [
+                    random.below(256) as u8,
+                    random.below(256) as u8,
+                    random.below(256) as u8,
+                    share,
+                ]
+            };
             let (front, middle, back) = (pixel(77), pixel(200), pixel(255));
             let mut two = [middle];
             lay_over(&mut two, [front].into_par_iter());
@@ -302,7 +366,10 @@ mod tests {
                 };
                 let exact = srgb8_from_linear(mix(front, mix(middle, linear_from_srgb8(back[c]))));
                 let off = f32::from(laid[0][c].abs_diff(exact));
-                assert!(off <= LAID_LEVELS, "{front:?} over {middle:?} over {back:?}: {laid:?}, not {exact}");
+                assert!(
+                    off <= LAID_LEVELS,
+                    "{front:?} over {middle:?} over {back:?}: {laid:?}, not {exact}"
+                );
             }
             assert_eq!(laid[0][3], 255);
         }
@@ -312,6 +379,9 @@ mod tests {
             lay_over(&mut pixel, [front].into_par_iter());
             pixel[0]
         };
-        assert_eq!([laid(thin, opaque), laid(opaque, clear), laid(clear, thin)], [opaque, opaque, thin]);
+        assert_eq!(
+            [laid(thin, opaque), laid(opaque, clear), laid(clear, thin)],
+            [opaque, opaque, thin]
+        );
     }
 }

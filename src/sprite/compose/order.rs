@@ -1,10 +1,10 @@
 //! The order in which an eye sees sprites and cube LDIs.
 
 use super::Layer;
-use headbox_core::cube_face::Face;
-use headbox_cube::pack::{PackedCube, PackedSegment};
 use crate::{SpriteSet, SpriteWithDepth};
 use glam::DVec3;
+use headbox_core::cube_face::Face;
+use headbox_cube::pack::{PackedCube, PackedSegment};
 
 /// Where the samples of a cube LDI lie: some of them, spread evenly.
 pub(super) struct CubePoints {
@@ -17,14 +17,22 @@ const POINTS: usize = 4096;
 
 impl CubePoints {
     pub(super) fn new(cube: &PackedCube) -> Self {
-        let every = (cube.depth_pixel_count() + cube.planes.texels.len()).div_ceil(POINTS).max(1);
+        let every = (cube.depth_pixel_count() + cube.planes.texels.len())
+            .div_ceil(POINTS)
+            .max(1);
         let mut seen = 0;
         let mut points = Vec::with_capacity(POINTS);
-        let rows = cube.segments.iter().flat_map(|segment| (0..segment.height).map(move |y| (segment, y)));
+        let rows = cube
+            .segments
+            .iter()
+            .flat_map(|segment| (0..segment.height).map(move |y| (segment, y)));
         for (segment, y) in rows {
             for (x, pixel) in samples_of_row(segment, y) {
                 if seen % every == 0 {
-                    let (x, y) = (f64::from(segment.x0 + x) + 0.5, f64::from(segment.y0 + y) + 0.5);
+                    let (x, y) = (
+                        f64::from(segment.x0 + x) + 0.5,
+                        f64::from(segment.y0 + y) + 0.5,
+                    );
                     let direction = segment.face.direction(x, y, cube.face_size_px);
                     let inverse_depth = segment.inverse_depth(pixel.inverse_depth_code());
                     points.push(cube.info.centre + direction / inverse_depth);
@@ -43,7 +51,11 @@ impl CubePoints {
 
     /// Mean distance from an eye; 0 without samples.
     fn distance(&self, eye: DVec3) -> f64 {
-        self.points.iter().map(|point| (*point - eye).length()).sum::<f64>() / self.points.len().max(1) as f64
+        self.points
+            .iter()
+            .map(|point| (*point - eye).length())
+            .sum::<f64>()
+            / self.points.len().max(1) as f64
     }
 
     /// Whether a sprite hides more samples than hide it, on sight lines from `eye` through the sprite's rectangle;
@@ -75,16 +87,28 @@ impl CubePoints {
 fn points_on_planes(cube: &PackedCube) -> impl Iterator<Item = (usize, DVec3)> {
     cube.planes.tiles.iter().flat_map(move |tile| {
         let face = Face::ALL[usize::from(tile.face) % Face::ALL.len()];
-        let plane = cube.planes.planes.get(tile.plane as usize).copied().unwrap_or_default();
+        let plane = cube
+            .planes
+            .planes
+            .get(tile.plane as usize)
+            .copied()
+            .unwrap_or_default();
         let [q, along_x, along_y] = plane.inverse_depth(face, cube.face_size_px);
         let texels = cube.planes.texels.get(tile.texel_range()).unwrap_or(&[]);
-        texels.iter().enumerate().filter(|(_, texel)| texel[3] > 127).map(move |(i, _)| {
-            let [column, row] = [i % usize::from(tile.width), i / usize::from(tile.width)];
-            let x = f64::from(tile.x0) + 0.5 + column as f64;
-            let y = f64::from(tile.y0) + 0.5 + row as f64;
-            let direction = face.direction(x, y, cube.face_size_px);
-            (tile.first_texel as usize + i, cube.info.centre + direction / (q + along_x * x + along_y * y))
-        })
+        texels
+            .iter()
+            .enumerate()
+            .filter(|(_, texel)| texel[3] > 127)
+            .map(move |(i, _)| {
+                let [column, row] = [i % usize::from(tile.width), i / usize::from(tile.width)];
+                let x = f64::from(tile.x0) + 0.5 + column as f64;
+                let y = f64::from(tile.y0) + 0.5 + row as f64;
+                let direction = face.direction(x, y, cube.face_size_px);
+                (
+                    tile.first_texel as usize + i,
+                    cube.info.centre + direction / (q + along_x * x + along_y * y),
+                )
+            })
     })
 }
 
@@ -98,9 +122,18 @@ fn samples_of_row(
 
 /// See [`super::Composition::back_to_front`].
 pub(super) fn back_to_front(sprites: &SpriteSet, cubes: &[CubePoints], eye: DVec3) -> Vec<Layer> {
-    let mut order: Vec<Layer> = sprites.back_to_front(eye).into_iter().map(Layer::Sprite).collect();
+    let mut order: Vec<Layer> = sprites
+        .back_to_front(eye)
+        .into_iter()
+        .map(Layer::Sprite)
+        .collect();
     let mut by_nearness: Vec<usize> = (0..cubes.len()).collect();
-    by_nearness.sort_by(|&a, &b| cubes[a].distance(eye).total_cmp(&cubes[b].distance(eye)).then(b.cmp(&a)));
+    by_nearness.sort_by(|&a, &b| {
+        cubes[a]
+            .distance(eye)
+            .total_cmp(&cubes[b].distance(eye))
+            .then(b.cmp(&a))
+    });
     for cube in by_nearness {
         let behind = |layer: &Layer| match layer {
             Layer::Sprite(index) => cubes[cube].is_behind(sprites.sprites()[*index].sprite(), eye),
@@ -108,9 +141,17 @@ pub(super) fn back_to_front(sprites: &SpriteSet, cubes: &[CubePoints], eye: DVec
             Layer::Cube(_) | Layer::Polygons => Some(true),
         };
         let relations: Vec<Option<bool>> = order.iter().map(behind).collect();
-        let first_before_it = relations.iter().position(|relation| *relation == Some(true));
-        let after_last_behind = relations.iter().rposition(|relation| *relation == Some(false)).map(|last| last + 1);
-        order.insert(first_before_it.or(after_last_behind).unwrap_or(0), Layer::Cube(cube));
+        let first_before_it = relations
+            .iter()
+            .position(|relation| *relation == Some(true));
+        let after_last_behind = relations
+            .iter()
+            .rposition(|relation| *relation == Some(false))
+            .map(|last| last + 1);
+        order.insert(
+            first_before_it.or(after_last_behind).unwrap_or(0),
+            Layer::Cube(cube),
+        );
     }
     order
 }

@@ -3,16 +3,16 @@
 //! They are rasterised ([`headbox_raster`]) once for a frame, and stand in it with a depth for each pixel (`stand.rs`), against which cube
 //! LDIs are drawn.
 
-use headbox_core::camera::Camera;
-use headbox_model::bake::{BakeOptions, bake_unmetered};
-use headbox_core::cube_face::Face;
-use headbox_core::tone::ToneMap;
-use headbox_scene::scene::{Scene, SceneError, Sky, SkyError, SkyPicture};
-use headbox_cube::pack::PackedCube;
-use headbox_core::progress::Progress;
-use headbox_raster::RasterMesh;
-use headbox_cube::render::{RenderSettings, Renderer};
 use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_core::cube_face::Face;
+use headbox_core::progress::Progress;
+use headbox_core::tone::ToneMap;
+use headbox_cube::pack::PackedCube;
+use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_model::bake::{BakeOptions, bake_unmetered};
+use headbox_raster::RasterMesh;
+use headbox_scene::scene::{Scene, SceneError, Sky, SkyError, SkyPicture};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -53,8 +53,16 @@ impl Polygons {
         scene.validate()?;
         let all = 0..scene.triangles.len() as u32;
         let [low, high] = scene.bounds();
-        let mesh = RasterMesh::new(Arc::new(scene), std::slice::from_ref(&all), (low + high) / 2.0);
-        Ok(Self { mesh, bounds: [low, high], tone: ToneMap::default() })
+        let mesh = RasterMesh::new(
+            Arc::new(scene),
+            std::slice::from_ref(&all),
+            (low + high) / 2.0,
+        );
+        Ok(Self {
+            mesh,
+            bounds: [low, high],
+            tone: ToneMap::default(),
+        })
     }
 
     /// The same in the light of what a cube LDI shows from the middle of the polygons, or from that place of its headbox which is nearest
@@ -64,10 +72,17 @@ impl Polygons {
     ///
     /// # Errors
     /// [`PolygonsError`].
-    pub fn lit_by(mut scene: Scene, cube: &PackedCube, progress: &dyn Progress) -> Result<Self, PolygonsError> {
+    pub fn lit_by(
+        mut scene: Scene,
+        cube: &PackedCube,
+        progress: &dyn Progress,
+    ) -> Result<Self, PolygonsError> {
         scene.validate()?;
         let [low, high] = scene.bounds();
-        scene.sky = Some(Sky::Picture(Arc::new(surroundings(cube, (low + high) / 2.0)?)));
+        scene.sky = Some(Sky::Picture(Arc::new(surroundings(
+            cube,
+            (low + high) / 2.0,
+        )?)));
         scene.sun = None;
         scene.lamps.clear();
         for material in &mut scene.materials {
@@ -79,9 +94,16 @@ impl Polygons {
                 0 => progress.begin("light of the polygons", "samples", all as u64),
                 before => progress.advance(done.saturating_sub(before) as u64),
             }
-            if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            if progress.is_cancelled() {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
         });
-        Ok(Self { tone: cube.info.tone, ..Self::new(baked.scene)? })
+        Ok(Self {
+            tone: cube.info.tone,
+            ..Self::new(baked.scene)?
+        })
     }
 
     pub(super) fn mesh(&self) -> &RasterMesh {
@@ -107,23 +129,46 @@ fn surroundings(cube: &PackedCube, place: DVec3) -> Result<SkyPicture, PolygonsE
     let mut renderer = Renderer::new();
     let mut faces = Vec::with_capacity(Face::ALL.len());
     for face in Face::ALL {
-        let camera = Camera::from_parts(eye, face.world_from_eye(), f64::from(side) / 2.0, side, side)?;
-        faces.push(renderer.render(cube, &camera, &RenderSettings::default()).color.clone());
+        let camera = Camera::from_parts(
+            eye,
+            face.world_from_eye(),
+            f64::from(side) / 2.0,
+            side,
+            side,
+        )?;
+        faces.push(
+            renderer
+                .render(cube, &camera, &RenderSettings::default())
+                .color
+                .clone(),
+        );
     }
     let texel = |i: u32| {
         let [azimuth, elevation] = [
-            (f64::from(i % (2 * side)) + 0.5) / f64::from(side) * std::f64::consts::PI - std::f64::consts::PI,
+            (f64::from(i % (2 * side)) + 0.5) / f64::from(side) * std::f64::consts::PI
+                - std::f64::consts::PI,
             (0.5 - (f64::from(i / (2 * side)) + 0.5) / f64::from(side)) * std::f64::consts::PI,
         ];
         // North, -Z, in the middle; from there to the east, +X.
-        let toward = DVec3::new(azimuth.sin() * elevation.cos(), elevation.sin(), -azimuth.cos() * elevation.cos());
+        let toward = DVec3::new(
+            azimuth.sin() * elevation.cos(),
+            elevation.sin(),
+            -azimuth.cos() * elevation.cos(),
+        );
         let face = Face::containing(toward);
         let [x, y, _] = face.project(toward, side);
         let [column, row] = [x, y].map(|at| (at as u32).min(side - 1));
-        let color = faces[face.index()].get((row * side + column) as usize).copied().unwrap_or_default();
+        let color = faces[face.index()]
+            .get((row * side + column) as usize)
+            .copied()
+            .unwrap_or_default();
         [color[0], color[1], color[2]].map(|level| cube.info.tone.exposed(level))
     };
-    Ok(SkyPicture::new([2 * side, side], (0..2 * side * side).map(texel).collect(), 0.0)?)
+    Ok(SkyPicture::new(
+        [2 * side, side],
+        (0..2 * side * side).map(texel).collect(),
+        0.0,
+    )?)
 }
 
 /// Moves a scene: scaled about its own origin, turned about the up axis, world axes, from north (-Z) to east (+X), and its origin put to a place.
@@ -150,7 +195,11 @@ mod tests {
         scene.normals = vec![Vec3::NEG_Z; scene.positions.len()];
         place(&mut scene, 2.0, 90.0, DVec3::new(10.0, 20.0, 30.0));
         // A quarter of a turn from north to east.
-        assert!((scene.positions[0] - DVec3::new(12.0, 21.0, 30.0)).length() < 1e-12, "{}", scene.positions[0]);
+        assert!(
+            (scene.positions[0] - DVec3::new(12.0, 21.0, 30.0)).length() < 1e-12,
+            "{}",
+            scene.positions[0]
+        );
         assert!((scene.normals[0] - Vec3::X).length() < 1e-6);
     }
 }

@@ -1,13 +1,13 @@
 //! Capturing sprites from a scene by ray tracing: one sprite per slab of eye depth.
 
 use crate::{DepthImport, DisplacementFormat, SpriteError, SpriteWithDepth};
-use headbox_trace::light::{LightSample, Lighting, LitPoint, pixel_jitter};
-use headbox_trace::sampler::random4;
-use headbox_trace::bvh::{Ray, Tracer};
+use glam::Vec3;
 use headbox_core::camera::Camera;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::progress::Progress;
-use glam::Vec3;
+use headbox_trace::bvh::{Ray, Tracer};
+use headbox_trace::light::{LightSample, Lighting, LitPoint, pixel_jitter};
+use headbox_trace::sampler::random4;
 use image::RgbaImage;
 use rayon::prelude::*;
 
@@ -46,12 +46,18 @@ pub fn capture_slabs(
     slabs: &[[f64; 2]],
     progress: &dyn Progress,
 ) -> Result<Vec<SpriteWithDepth>, SpriteError> {
-    progress.begin("sprites", "rows", u64::from(camera.height()) * slabs.len() as u64);
+    progress.begin(
+        "sprites",
+        "rows",
+        u64::from(camera.height()) * slabs.len() as u64,
+    );
     let mut sprites = Vec::with_capacity(slabs.len());
     for slab in slabs {
         let range = slab.map(|depth| depth as f32);
         let row = |y: u32| {
-            let pixels: Vec<Pixel> = (0..camera.width()).map(|x| capture.pixel(camera, range, x, y)).collect();
+            let pixels: Vec<Pixel> = (0..camera.width())
+                .map(|x| capture.pixel(camera, range, x, y))
+                .collect();
             progress.advance(1);
             pixels
         };
@@ -59,8 +65,9 @@ pub fn capture_slabs(
         if rows.iter().flatten().all(|pixel| pixel.color[3] == 0) {
             continue;
         }
-        let color =
-            RgbaImage::from_fn(camera.width(), camera.height(), |x, y| image::Rgba(rows[y as usize][x as usize].color));
+        let color = RgbaImage::from_fn(camera.width(), camera.height(), |x, y| {
+            image::Rgba(rows[y as usize][x as usize].color)
+        });
         let depth: Vec<f32> = rows.iter().flatten().map(|pixel| pixel.depth).collect();
         let import = DepthImport {
             color,
@@ -83,9 +90,15 @@ impl SlabCapture<'_> {
         let mut hits = 0u32;
         let mut nearest_to_center = (f32::INFINITY, f32::NAN);
         for index in 0..samples {
-            let jitter = if samples == 1 { [0.5; 2] } else { pixel_jitter(x, y, index) };
+            let jitter = if samples == 1 {
+                [0.5; 2]
+            } else {
+                pixel_jitter(x, y, index)
+            };
             let ray = self.ray(camera, range, [x, y], jitter);
-            let Some(hit) = self.tracer.closest(&ray) else { continue };
+            let Some(hit) = self.tracer.closest(&ray) else {
+                continue;
+            };
             hits += 1;
             // Rays have an eye depth of 1 per unit, so t is eye depth.
             let off_center = (jitter[0] - 0.5).powi(2) + (jitter[1] - 0.5).powi(2);
@@ -95,26 +108,57 @@ impl SlabCapture<'_> {
             sum += self.radiance(&ray, &hit, [x, y], index);
         }
         if hits == 0 {
-            return Pixel { color: [0; 4], depth: f32::NAN };
+            return Pixel {
+                color: [0; 4],
+                depth: f32::NAN,
+            };
         }
-        let center = self.tracer.closest(&self.ray(camera, range, [x, y], [0.5; 2]));
+        let center = self
+            .tracer
+            .closest(&self.ray(camera, range, [x, y], [0.5; 2]));
         let alpha = ((hits * 255 * 2 + samples) / (2 * samples)) as u8;
         let [r, g, b] = self.lighting.stored(sum / hits as f32);
-        Pixel { color: [r, g, b, alpha], depth: center.map_or(nearest_to_center.1, |hit| hit.t) }
+        Pixel {
+            color: [r, g, b, alpha],
+            depth: center.map_or(nearest_to_center.1, |hit| hit.t),
+        }
     }
 
-    fn ray(&self, camera: &Camera, [t_min, t_max]: [f32; 2], [x, y]: [u32; 2], jitter: [f32; 2]) -> Ray {
-        let position = [f64::from(x) + f64::from(jitter[0]), f64::from(y) + f64::from(jitter[1])];
+    fn ray(
+        &self,
+        camera: &Camera,
+        [t_min, t_max]: [f32; 2],
+        [x, y]: [u32; 2],
+        jitter: [f32; 2],
+    ) -> Ray {
+        let position = [
+            f64::from(x) + f64::from(jitter[0]),
+            f64::from(y) + f64::from(jitter[1]),
+        ];
         let direction = camera.direction(position[0], position[1]).as_vec3();
-        Ray { origin: (camera.eye() - self.tracer.origin()).as_vec3(), direction, t_min, t_max }
+        Ray {
+            origin: (camera.eye() - self.tracer.origin()).as_vec3(),
+            direction,
+            t_min,
+            t_max,
+        }
     }
 
-    fn radiance(&self, ray: &Ray, hit: &headbox_trace::bvh::Hit, [x, y]: [u32; 2], index: u32) -> Vec3 {
+    fn radiance(
+        &self,
+        ray: &Ray,
+        hit: &headbox_trace::bvh::Hit,
+        [x, y]: [u32; 2],
+        index: u32,
+    ) -> Vec3 {
         let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
         let radiosity = if self.lit {
             let [stream, ..] = random4([x, y, 0x5bd1, 2]);
             let sample = LightSample { stream, index };
-            Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample))
+            Vec3::from_array(
+                self.lighting
+                    .radiosity_per_albedo(self.tracer, &point, &sample),
+            )
         } else {
             Vec3::ONE
         };
@@ -135,21 +179,38 @@ pub fn slabs_at_gaps(tracer: &Tracer, camera: &Camera, count: usize) -> Vec<[f64
             let [x, y] = [(i, camera.width()), (j, camera.height())]
                 .map(|(k, side)| (f64::from(k) + 0.5) / f64::from(GRID) * f64::from(side));
             let direction = camera.direction(x, y).as_vec3();
-            let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let ray = Ray {
+                origin,
+                direction,
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             tracer.all_hits(&ray, &mut |hit| depths.push(f64::from(hit.t)));
         }
         depths
     };
-    let mut depths: Vec<f64> = (0..GRID).into_par_iter().flat_map_iter(column).filter(|&d| d > 0.0).collect();
+    let mut depths: Vec<f64> = (0..GRID)
+        .into_par_iter()
+        .flat_map_iter(column)
+        .filter(|&d| d > 0.0)
+        .collect();
     depths.sort_unstable_by(f64::total_cmp);
-    let (Some(&first), Some(&last)) = (depths.first(), depths.last()) else { return Vec::new() };
-    let mut gaps: Vec<[f64; 2]> =
-        depths.windows(2).filter(|pair| pair[1] > pair[0] * LEAST_RATIO).map(|pair| [pair[0], pair[1]]).collect();
+    let (Some(&first), Some(&last)) = (depths.first(), depths.last()) else {
+        return Vec::new();
+    };
+    let mut gaps: Vec<[f64; 2]> = depths
+        .windows(2)
+        .filter(|pair| pair[1] > pair[0] * LEAST_RATIO)
+        .map(|pair| [pair[0], pair[1]])
+        .collect();
     gaps.sort_by(|a, b| (b[1] / b[0]).total_cmp(&(a[1] / a[0])));
     gaps.truncate(count.saturating_sub(1));
     let mut cuts: Vec<f64> = gaps.iter().map(|[near, far]| (near * far).sqrt()).collect();
     // The grid of rays may miss the nearest and the farthest point.
     cuts.extend([first * 0.5, last * 2.0]);
     cuts.sort_unstable_by(f64::total_cmp);
-    cuts.windows(2).rev().map(|pair| [pair[0], pair[1]]).collect()
+    cuts.windows(2)
+        .rev()
+        .map(|pair| [pair[0], pair[1]])
+        .collect()
 }

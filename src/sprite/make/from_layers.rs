@@ -19,7 +19,10 @@ pub fn sprites_of_layers(
             depth: &layer.depth,
             depth_kind: DepthKind::EyeDepth,
             window_range_m: (0.0, 0.0),
-            plane: Some(SpritePlane { normal: layer.normal, offset: layer.offset }),
+            plane: Some(SpritePlane {
+                normal: layer.normal,
+                offset: layer.offset,
+            }),
             format,
         };
         import.build()

@@ -38,10 +38,16 @@ impl DepthImport<'_> {
         let size = (self.camera.width(), self.camera.height());
         SpriteError::check_sizes("colour", (width, height), "camera", size)?;
         if self.depth.len() != width as usize * height as usize {
-            return Err(SpriteError::Count { expected: width as usize * height as usize, found: self.depth.len() });
+            return Err(SpriteError::Count {
+                expected: width as usize * height as usize,
+                found: self.depth.len(),
+            });
         }
         let (near, far) = self.window_range_m;
-        let is_window = matches!(self.depth_kind, DepthKind::WindowDepth | DepthKind::ReversedWindowDepth);
+        let is_window = matches!(
+            self.depth_kind,
+            DepthKind::WindowDepth | DepthKind::ReversedWindowDepth
+        );
         if is_window && !(near > 0.0 && far > near && near.is_finite()) {
             return Err(SpriteError::DepthRange { near, far });
         }
@@ -67,8 +73,13 @@ impl DepthImport<'_> {
             q.map(|q| (distance * (q - sprite.plane().inverse_depth(&self.camera, x, y))) as f32)
         };
         let visible = sprite.color().pixels().map(|p| p.0[3] > 0);
-        let known = pixel_centers(width, height).zip(&inverse_depths).map(displacement).zip(visible);
-        let known: Vec<Option<f32>> = known.map(|(d, visible)| d.filter(|d| visible && d.is_finite())).collect();
+        let known = pixel_centers(width, height)
+            .zip(&inverse_depths)
+            .map(displacement)
+            .zip(visible);
+        let known: Vec<Option<f32>> = known
+            .map(|(d, visible)| d.filter(|d| visible && d.is_finite()))
+            .collect();
         let values = spread(known, width as usize);
         let displacement = Displacement::new(width, height, &values, self.format)?;
         SpriteWithDepth::new(sprite, displacement)
@@ -90,7 +101,10 @@ impl DepthImport<'_> {
             };
             (inverse_depth.is_finite() && inverse_depth > 0.0).then_some(inverse_depth)
         };
-        pixel_centers(self.camera.width(), self.camera.height()).zip(self.depth).map(convert).collect()
+        pixel_centers(self.camera.width(), self.camera.height())
+            .zip(self.depth)
+            .map(convert)
+            .collect()
     }
 }
 
@@ -104,15 +118,20 @@ fn pixel_centers(width: u32, height: u32) -> impl Iterator<Item = [f64; 2]> {
 fn spread(known: Vec<Option<f32>>, width: usize) -> Vec<f32> {
     let height = known.len() / width.max(1);
     // Offset to the nearest known pixel, as far as it has been heard of.
-    let mut nearest: Vec<Option<[i32; 2]>> = known.iter().map(|known| known.map(|_| [0, 0])).collect();
+    let mut nearest: Vec<Option<[i32; 2]>> =
+        known.iter().map(|known| known.map(|_| [0, 0])).collect();
     let squared = |[x, y]: [i32; 2]| i64::from(x) * i64::from(x) + i64::from(y) * i64::from(y);
     let mut sweep = |x: usize, y: usize, neighbors: &[(isize, isize)]| {
         for &(dx, dy) in neighbors {
-            let (Some(nx), Some(ny)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else { continue };
+            let (Some(nx), Some(ny)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else {
+                continue;
+            };
             if nx >= width || ny >= height {
                 continue;
             }
-            let Some([ox, oy]) = nearest[ny * width + nx] else { continue };
+            let Some([ox, oy]) = nearest[ny * width + nx] else {
+                continue;
+            };
             let candidate = [ox + dx as i32, oy + dy as i32];
             let best = &mut nearest[y * width + x];
             if best.is_none_or(|best| squared(candidate) < squared(best)) {
@@ -125,15 +144,24 @@ fn spread(known: Vec<Option<f32>>, width: usize) -> Vec<f32> {
         (0..width).rev().for_each(|x| sweep(x, y, &[(1, 0)]));
     }
     for y in (0..height).rev() {
-        (0..width).rev().for_each(|x| sweep(x, y, &[(1, 0), (0, 1), (-1, 1), (1, 1)]));
+        (0..width)
+            .rev()
+            .for_each(|x| sweep(x, y, &[(1, 0), (0, 1), (-1, 1), (1, 1)]));
         (0..width).for_each(|x| sweep(x, y, &[(-1, 0)]));
     }
     let value = |(i, offset): (usize, &Option<[i32; 2]>)| {
         let [dx, dy] = (*offset)?.map(|o| o as isize);
-        let (x, y) = ((i % width).checked_add_signed(dx)?, (i / width).checked_add_signed(dy)?);
+        let (x, y) = (
+            (i % width).checked_add_signed(dx)?,
+            (i / width).checked_add_signed(dy)?,
+        );
         known.get(y * width + x).copied().flatten()
     };
-    nearest.iter().enumerate().map(|pixel| value(pixel).unwrap_or(0.0)).collect()
+    nearest
+        .iter()
+        .enumerate()
+        .map(|pixel| value(pixel).unwrap_or(0.0))
+        .collect()
 }
 
 #[cfg(test)]
@@ -142,46 +170,87 @@ mod tests {
     use glam::DVec3;
     use image::Rgba;
 
-    fn import(depth: &[f32], depth_kind: DepthKind, alpha: u8) -> Result<SpriteWithDepth, SpriteError> {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).expect("valid");
+    fn import(
+        depth: &[f32],
+        depth_kind: DepthKind,
+        alpha: u8,
+    ) -> Result<SpriteWithDepth, SpriteError> {
+        let camera =
+            Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).expect("valid");
         let color = RgbaImage::from_pixel(4, 3, Rgba([10, 20, 30, alpha]));
         let window_range_m = (0.5, 10.0);
         let format = DisplacementFormat::F32;
-        DepthImport { color, camera, depth, depth_kind, window_range_m, plane: None, format }.build()
+        DepthImport {
+            color,
+            camera,
+            depth,
+            depth_kind,
+            window_range_m,
+            plane: None,
+            format,
+        }
+        .build()
     }
 
     #[test]
     fn every_depth_kind_gives_the_same_sprite() {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).expect("valid");
+        let camera =
+            Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).expect("valid");
         let eye_depth: Vec<f32> = (0..12).map(|i| 2.0 + 0.1 * (i % 5) as f32).collect();
         let ray: Vec<f32> = pixel_centers(4, 3)
             .zip(&eye_depth)
             .map(|([x, y], &z)| (f64::from(z) * camera.direction(x, y).length()) as f32)
             .collect();
-        let window: Vec<f32> = eye_depth.iter().map(|&z| 10.0 / 9.5 * (1.0 - 0.5 / z)).collect();
-        for (depth, kind) in
-            [(&eye_depth, DepthKind::EyeDepth), (&ray, DepthKind::RayDistance), (&window, DepthKind::WindowDepth)]
-        {
+        let window: Vec<f32> = eye_depth
+            .iter()
+            .map(|&z| 10.0 / 9.5 * (1.0 - 0.5 / z))
+            .collect();
+        for (depth, kind) in [
+            (&eye_depth, DepthKind::EyeDepth),
+            (&ray, DepthKind::RayDistance),
+            (&window, DepthKind::WindowDepth),
+        ] {
             let sprite = import(depth, kind, 255).expect("valid");
             for (i, &want) in eye_depth.iter().enumerate() {
-                let found = sprite.eye_depth(i as u32 % 4, i as u32 / 4).expect("in front");
+                let found = sprite
+                    .eye_depth(i as u32 % 4, i as u32 / 4)
+                    .expect("in front");
                 // f32 rounding of the input, amplified by the window depth's slope at Z = 2 (Z^2 / near = 8).
-                assert!((found - f64::from(want)).abs() < 1e-5, "{kind:?}: {found} for {want}");
+                assert!(
+                    (found - f64::from(want)).abs() < 1e-5,
+                    "{kind:?}: {found} for {want}"
+                );
             }
         }
     }
 
     #[test]
     fn bad_depth_is_an_error_or_transparent() {
-        assert_eq!(import(&[1.0; 11], DepthKind::EyeDepth, 255), Err(SpriteError::Count { expected: 12, found: 11 }));
+        assert_eq!(
+            import(&[1.0; 11], DepthKind::EyeDepth, 255),
+            Err(SpriteError::Count {
+                expected: 12,
+                found: 11
+            })
+        );
         for bad in [f32::NAN, f32::INFINITY, 0.0, -1.0] {
-            assert_eq!(import(&[bad; 12], DepthKind::EyeDepth, 255), Err(SpriteError::NoValidDepth), "{bad}");
+            assert_eq!(
+                import(&[bad; 12], DepthKind::EyeDepth, 255),
+                Err(SpriteError::NoValidDepth),
+                "{bad}"
+            );
         }
         let mut mostly_bad = [f32::NAN; 12];
         mostly_bad[5] = 2.0;
         let sprite = import(&mostly_bad, DepthKind::EyeDepth, 255).expect("one valid depth");
-        assert!((sprite.eye_depth(3, 2).expect("in front") - 2.0).abs() < 1e-5, "the only depth spreads");
-        assert!(import(&[f32::NAN; 12], DepthKind::EyeDepth, 0).is_ok(), "nothing visible needs no depth");
+        assert!(
+            (sprite.eye_depth(3, 2).expect("in front") - 2.0).abs() < 1e-5,
+            "the only depth spreads"
+        );
+        assert!(
+            import(&[f32::NAN; 12], DepthKind::EyeDepth, 0).is_ok(),
+            "nothing visible needs no depth"
+        );
     }
 
     #[test]
@@ -189,6 +258,9 @@ mod tests {
         let mut known = vec![None; 35];
         (known[8], known[33]) = (Some(1.0), Some(2.0)); // (1, 1) and (5, 4) of 7 x 5
         let spread = spread(known, 7);
-        assert_eq!([spread[0], spread[14], spread[34], spread[27], spread[6 + 7]], [1.0, 1.0, 2.0, 2.0, 2.0]);
+        assert_eq!(
+            [spread[0], spread[14], spread[34], spread[27], spread[6 + 7]],
+            [1.0, 1.0, 2.0, 2.0, 2.0]
+        );
     }
 }

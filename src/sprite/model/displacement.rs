@@ -38,14 +38,24 @@ pub struct Displacement {
 impl Displacement {
     /// No displacement at all.
     pub fn zero(width: u32, height: u32) -> Self {
-        Self { width, height, scale: 1.0, values: Values::I8(vec![0; width as usize * height as usize]) }
+        Self {
+            width,
+            height,
+            scale: 1.0,
+            values: Values::I8(vec![0; width as usize * height as usize]),
+        }
     }
 
     /// Stores `values` (row-major) in a format; integers get the finest scale that holds the largest.
     ///
     /// # Errors
     /// [`SpriteError::Count`] unless there is one value per pixel, [`SpriteError::NotFinite`].
-    pub fn new(width: u32, height: u32, values: &[f32], format: DisplacementFormat) -> Result<Self, SpriteError> {
+    pub fn new(
+        width: u32,
+        height: u32,
+        values: &[f32],
+        format: DisplacementFormat,
+    ) -> Result<Self, SpriteError> {
         if values.iter().any(|v| !v.is_finite()) {
             return Err(SpriteError::NotFinite);
         }
@@ -57,17 +67,30 @@ impl Displacement {
         };
         // Displacements so small that the scale is not a normal number are no displacement.
         let fitting = largest / steps;
-        let scale = if format == DisplacementFormat::F32 || !fitting.is_normal() { 1.0 } else { fitting };
+        let scale = if format == DisplacementFormat::F32 || !fitting.is_normal() {
+            1.0
+        } else {
+            fitting
+        };
         let values = match format {
-            DisplacementFormat::I8 => Values::I8(values.iter().map(|v| (v / scale).round() as i8).collect()),
-            DisplacementFormat::I16 => Values::I16(values.iter().map(|v| (v / scale).round() as i16).collect()),
+            DisplacementFormat::I8 => {
+                Values::I8(values.iter().map(|v| (v / scale).round() as i8).collect())
+            }
+            DisplacementFormat::I16 => {
+                Values::I16(values.iter().map(|v| (v / scale).round() as i16).collect())
+            }
             DisplacementFormat::F32 => Values::F32(values.to_vec()),
         };
         Self::from_stored(width, height, scale, values)
     }
 
     /// From stored values.
-    pub(super) fn from_stored(width: u32, height: u32, scale: f32, values: Values) -> Result<Self, SpriteError> {
+    pub(super) fn from_stored(
+        width: u32,
+        height: u32,
+        scale: f32,
+        values: Values,
+    ) -> Result<Self, SpriteError> {
         let (found, finite) = match &values {
             Values::I8(v) => (v.len(), true),
             Values::I16(v) => (v.len(), true),
@@ -80,7 +103,12 @@ impl Displacement {
         if !finite || scale < 0.0 || !(scale * f32::from(i16::MAX)).is_finite() {
             return Err(SpriteError::NotFinite);
         }
-        Ok(Self { width, height, scale, values })
+        Ok(Self {
+            width,
+            height,
+            scale,
+            values,
+        })
     }
 
     /// Columns and rows.
@@ -143,7 +171,10 @@ impl Displacement {
         // Columns (or rows) i of `count` reaches over these of the `all` finer ones.
         let range = |i: u32, all: u32, count: u32| {
             let edge = |i: u32| u64::from(i) * u64::from(all);
-            ((edge(i) / u64::from(count)) as u32, edge(i + 1).div_ceil(u64::from(count)) as u32)
+            (
+                (edge(i) / u64::from(count)) as u32,
+                edge(i + 1).div_ceil(u64::from(count)) as u32,
+            )
         };
         let mean = |i: usize| {
             let (x0, x1) = range(i as u32 % width, self.width, width);
@@ -164,20 +195,40 @@ mod tests {
     #[test]
     fn integers_hold_values_to_half_a_step() {
         let values: Vec<f32> = (0..600).map(|i| (i as f32 * 0.37).sin() * 0.02).collect();
-        for (format, steps) in [(DisplacementFormat::I8, 127.0), (DisplacementFormat::I16, 32767.0)] {
+        for (format, steps) in [
+            (DisplacementFormat::I8, 127.0),
+            (DisplacementFormat::I16, 32767.0),
+        ] {
             let stored = Displacement::new(30, 20, &values, format).expect("finite");
             // A little beyond half a step: the scale itself is rounded.
             let half_step = 0.02 / steps * 0.5 * 1.001;
-            assert!(stored.to_f32().iter().zip(&values).all(|(a, b)| (a - b).abs() <= half_step + 1e-8));
+            assert!(
+                stored
+                    .to_f32()
+                    .iter()
+                    .zip(&values)
+                    .all(|(a, b)| (a - b).abs() <= half_step + 1e-8)
+            );
             assert_eq!(stored.format(), format);
         }
-        assert_eq!(Displacement::new(30, 20, &values, DisplacementFormat::F32).expect("finite").to_f32(), values);
+        assert_eq!(
+            Displacement::new(30, 20, &values, DisplacementFormat::F32)
+                .expect("finite")
+                .to_f32(),
+            values
+        );
     }
 
     #[test]
     fn bad_values_are_refused() {
         let new = |values: &[f32]| Displacement::new(2, 1, values, DisplacementFormat::I8);
-        assert_eq!(new(&[0.0]), Err(SpriteError::Count { expected: 2, found: 1 }));
+        assert_eq!(
+            new(&[0.0]),
+            Err(SpriteError::Count {
+                expected: 2,
+                found: 1
+            })
+        );
         assert_eq!(new(&[0.0, f32::INFINITY]), Err(SpriteError::NotFinite));
         let nan = Displacement::new(1, 1, &[f32::NAN], DisplacementFormat::F32);
         assert_eq!(nan, Err(SpriteError::NotFinite));
@@ -187,7 +238,8 @@ mod tests {
     #[test]
     fn reduction_takes_means() {
         let values = [1.0, 3.0, 5.0, 1.0, 3.0, 7.0];
-        let reduced = Displacement::new(3, 2, &values, DisplacementFormat::F32).and_then(|d| d.reduced(2));
+        let reduced =
+            Displacement::new(3, 2, &values, DisplacementFormat::F32).and_then(|d| d.reduced(2));
         let reduced = reduced.expect("finite");
         assert_eq!((reduced.size(), reduced.to_f32()), ((2, 1), vec![2.0, 4.5]));
     }

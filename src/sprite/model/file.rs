@@ -6,11 +6,14 @@
 //! displacements), both sprite after sprite, row-major.
 
 use super::displacement::Values;
-use crate::{Displacement, DisplacementFormat, Sprite, SpriteError, SpriteInfo, SpritePlane, SpriteSet, SpriteWithDepth};
+use crate::{
+    Displacement, DisplacementFormat, Sprite, SpriteError, SpriteInfo, SpritePlane, SpriteSet,
+    SpriteWithDepth,
+};
+use glam::{DMat3, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use headbox_cube::pack::file::read_environment;
-use glam::{DMat3, DVec3};
 use image::RgbaImage;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -52,15 +55,23 @@ impl SpriteSet {
         };
         let mut writer = ContainerWriter::new(SPRITE_FILE);
         writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-        writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));
+        writer.section("environment", || {
+            Ok(bytemuck::cast_slice(&self.environment.texels).to_vec())
+        });
         writer.section("geometry", move || {
             Ok(bytemuck::cast_slice(&sprites().flat_map(geometry).collect::<Vec<f64>>()).to_vec())
         });
         writer.section("color", move || {
-            Ok(sprites().map(|s| s.sprite().color().as_raw().as_slice()).collect::<Vec<_>>().concat())
+            Ok(sprites()
+                .map(|s| s.sprite().color().as_raw().as_slice())
+                .collect::<Vec<_>>()
+                .concat())
         });
         writer.section("depth", move || {
-            Ok(sprites().map(|s| s.displacement().stored_bytes()).collect::<Vec<_>>().concat())
+            Ok(sprites()
+                .map(|s| s.displacement().stored_bytes())
+                .collect::<Vec<_>>()
+                .concat())
         });
         writer.write(path)
     }
@@ -72,13 +83,23 @@ impl SpriteSet {
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let file = Container::open(path, SPRITE_FILE)?;
         let info_section = file.section("info")?;
-        let FileHeader { info, environment_size_px, sprites: headers } = info_section.json()?;
+        let FileHeader {
+            info,
+            environment_size_px,
+            sprites: headers,
+        } = info_section.json()?;
         if !info.frame.is_sane() {
-            return Err(info_section.damaged("a unit between 1e-9 and 1e9 m", info.frame.unit_m.to_string()));
+            return Err(info_section.damaged(
+                "a unit between 1e-9 and 1e9 m",
+                info.frame.unit_m.to_string(),
+            ));
         }
         let environment = read_environment(file.section("environment")?, environment_size_px)?;
-        let [mut geometry, mut color, mut depth] =
-            [file.section("geometry")?, file.section("color")?, file.section("depth")?];
+        let [mut geometry, mut color, mut depth] = [
+            file.section("geometry")?,
+            file.section("color")?,
+            file.section("depth")?,
+        ];
         let mut sprites = Vec::new();
         for header in &headers {
             let numbers: [f64; GEOMETRY] = geometry.values()?;
@@ -98,13 +119,24 @@ impl SpriteWithDepth {
     pub fn header(&self) -> SpriteHeader {
         let (width, height) = self.sprite().color().dimensions();
         let (displacement_width, displacement_height) = self.displacement().size();
-        SpriteHeader { width, height, displacement_width, displacement_height, format: self.displacement().format() }
+        SpriteHeader {
+            width,
+            height,
+            displacement_width,
+            displacement_height,
+            format: self.displacement().format(),
+        }
     }
 
     /// Geometry, colour and displacement as a section of a file that holds other things too.
     pub fn arrays(&self) -> Vec<u8> {
         let numbers = geometry(self);
-        [bytemuck::cast_slice(&numbers), self.sprite().color().as_raw(), self.displacement().stored_bytes()].concat()
+        [
+            bytemuck::cast_slice(&numbers),
+            self.sprite().color().as_raw(),
+            self.displacement().stored_bytes(),
+        ]
+        .concat()
     }
 
     /// Reads what [`Self::arrays`] wrote.
@@ -118,7 +150,9 @@ impl SpriteWithDepth {
 
 impl SpriteHeader {
     fn color_bytes(&self) -> usize {
-        (self.width as usize).saturating_mul(self.height as usize).saturating_mul(4)
+        (self.width as usize)
+            .saturating_mul(self.height as usize)
+            .saturating_mul(4)
     }
 }
 
@@ -133,7 +167,10 @@ fn sprite(
     let camera = camera(numbers, header).map_err(|e| section.damaged("a camera", e.to_string()))?;
     let color = RgbaImage::from_raw(header.width, header.height, pixels);
     let color = color.ok_or_else(|| section.damaged("a picture of its size", "another"))?;
-    let plane = SpritePlane { normal: DVec3::new(numbers[13], numbers[14], numbers[15]), offset: numbers[16] };
+    let plane = SpritePlane {
+        normal: DVec3::new(numbers[13], numbers[14], numbers[15]),
+        offset: numbers[16],
+    };
     let sprite = unit(plane)
         .and_then(|plane| Sprite::new(color, camera, plane))
         .and_then(|sprite| SpriteWithDepth::new(sprite, displacement));
@@ -166,15 +203,29 @@ fn camera(numbers: &[f64; GEOMETRY], header: &SpriteHeader) -> Result<Camera, Ca
     if !off.iter().all(|v| v.abs() < ORTHONORMAL) || !(1e-6..1e12).contains(&numbers[12]) {
         return Err(CameraError::NotFinite("rotation or focal length"));
     }
-    Camera::from_parts(vector(0), rotation, numbers[12], header.width, header.height)
+    Camera::from_parts(
+        vector(0),
+        rotation,
+        numbers[12],
+        header.width,
+        header.height,
+    )
 }
 
 fn unit(plane: SpritePlane) -> Result<SpritePlane, SpriteError> {
     let is_unit = (plane.normal.length() - 1.0).abs() < ORTHONORMAL;
-    if is_unit { Ok(plane) } else { Err(SpriteError::NotFinite) }
+    if is_unit {
+        Ok(plane)
+    } else {
+        Err(SpriteError::NotFinite)
+    }
 }
 
-fn displacement(section: &mut Section, header: &SpriteHeader, scale: f32) -> Result<Displacement, FileError> {
+fn displacement(
+    section: &mut Section,
+    header: &SpriteHeader,
+    scale: f32,
+) -> Result<Displacement, FileError> {
     let (width, height) = (header.displacement_width, header.displacement_height);
     let count = (width as usize).saturating_mul(height as usize);
     let values = match header.format {

@@ -2,9 +2,9 @@
 
 use crate::SpriteWithDepth;
 use headbox_core::files::write_whole;
+use headbox_core::image_file;
 use headbox_images as images;
 use headbox_images::DepthPicture;
-use headbox_core::image_file;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -34,7 +34,10 @@ pub enum ImageFileError {
 /// # Errors
 /// [`ImageFileError::Io`].
 pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> Result<(), ImageFileError> {
-    images::write_depth_exr(depth, path).map_err(|source| ImageFileError::Io { path: path.into(), source })
+    images::write_depth_exr(depth, path).map_err(|source| ImageFileError::Io {
+        path: path.into(),
+        source,
+    })
 }
 
 impl SpriteWithDepth {
@@ -42,8 +45,15 @@ impl SpriteWithDepth {
     pub fn depth_picture(&self) -> DepthPicture {
         let (width, height) = self.displacement().size();
         let depth = |(x, y)| self.eye_depth(x, y).map_or(f32::NAN, |depth| depth as f32);
-        let values = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(depth).collect();
-        DepthPicture { width, height, values }
+        let values = (0..height)
+            .flat_map(|y| (0..width).map(move |x| (x, y)))
+            .map(depth)
+            .collect();
+        DepthPicture {
+            width,
+            height,
+            values,
+        }
     }
 
     /// Writes colour (PNG, straight alpha) and eye depth (EXR, metres): what [`crate::DepthImport`] takes back.
@@ -52,11 +62,19 @@ impl SpriteWithDepth {
     /// [`ImageFileError::Io`].
     pub fn export(&self, color_png: &Path, depth_exr: &Path) -> Result<(), ImageFileError> {
         let color = self.sprite().color();
-        let png = image_file::png(color.as_raw(), color.width(), color.height(), image::ExtendedColorType::Rgba8);
+        let png = image_file::png(
+            color.as_raw(),
+            color.width(),
+            color.height(),
+            image::ExtendedColorType::Rgba8,
+        );
         let write = |bytes: Vec<u8>| write_whole(color_png, |writer| writer.write_all(&bytes));
         png.map_err(io::Error::other)
             .and_then(write)
-            .map_err(|source| ImageFileError::Io { path: color_png.into(), source })?;
+            .map_err(|source| ImageFileError::Io {
+                path: color_png.into(),
+                source,
+            })?;
         write_depth_exr(&self.depth_picture(), depth_exr)
     }
 }

@@ -1,11 +1,11 @@
 //! Several sprites of one scene, and the order in which an eye sees them.
 
 use crate::{Outcome, PreparedSprite, RenderOptions, SpriteLayer, SpriteRenderer, SpriteWithDepth};
-use headbox_core::camera::Camera;
-use headbox_core::file_frame::FileFrame;
-use headbox_core::environment::Environment;
-use headbox_core::light_parameters::LightParameters;
 use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_core::environment::Environment;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::light_parameters::LightParameters;
 use serde::{Deserialize, Serialize};
 
 /// Where sprites come from; travels in the `.sprite` file.
@@ -56,12 +56,24 @@ impl SpriteSet {
     /// beyond the plane of another, as the eye sees it, is drawn before it; where that leaves a choice (or contradicts
     /// itself, as overlapping sprites can), the one whose middle is farther is drawn first.
     pub fn back_to_front(&self, eye: DVec3) -> Vec<usize> {
-        let shapes: Vec<Shape> = self.sprites.iter().map(|s| Shape::new(s.sprite(), eye)).collect();
+        let shapes: Vec<Shape> = self
+            .sprites
+            .iter()
+            .map(|s| Shape::new(s.sprite(), eye))
+            .collect();
         let mut left: Vec<usize> = (0..shapes.len()).collect();
-        left.sort_by(|&a, &b| shapes[b].distance.total_cmp(&shapes[a].distance).then(a.cmp(&b)));
+        left.sort_by(|&a, &b| {
+            shapes[b]
+                .distance
+                .total_cmp(&shapes[a].distance)
+                .then(a.cmp(&b))
+        });
         let mut order = Vec::with_capacity(left.len());
         while !left.is_empty() {
-            let free = |&a: &usize| left.iter().all(|&b| a == b || !shapes[b].is_behind(&shapes[a]));
+            let free = |&a: &usize| {
+                left.iter()
+                    .all(|&b| a == b || !shapes[b].is_behind(&shapes[a]))
+            };
             let next = left.iter().position(free).unwrap_or(0);
             order.push(left.remove(next));
         }
@@ -108,7 +120,8 @@ pub fn visible_points(sprite: &SpriteWithDepth) -> Vec<DVec3> {
     let (columns, rows) = sprite.displacement().size();
     let camera = sprite.sprite().camera();
     let color = sprite.sprite().color();
-    let along = |count: u32| (0..SAMPLES_PER_SIDE).map(move |i| i * (count - 1) / (SAMPLES_PER_SIDE - 1));
+    let along =
+        |count: u32| (0..SAMPLES_PER_SIDE).map(move |i| i * (count - 1) / (SAMPLES_PER_SIDE - 1));
     let cells = along(rows).flat_map(|y| along(columns).map(move |x| (x, y)));
     let point = |(x, y): (u32, u32)| {
         let px = (f64::from(x) + 0.5) * f64::from(color.width()) / f64::from(columns);
@@ -125,14 +138,20 @@ impl Shape {
         let points = visible_points(sprite);
         let plane = sprite.sprite().plane().facing(eye);
         let mean = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
-        Self { points, plane: (plane.normal, plane.offset), distance: (mean - eye).length() }
+        Self {
+            points,
+            plane: (plane.normal, plane.offset),
+            distance: (mean - eye).length(),
+        }
     }
 
     /// Whether this shape has to be drawn before `other`: it lies beyond the other's plane, or the other before its own.
     fn is_behind(&self, other: &Self) -> bool {
         let sides = |shape: &Self, (normal, offset): (DVec3, f64)| {
             let distances = shape.points.iter().map(|p| normal.dot(*p) + offset);
-            distances.fold([f64::MAX, f64::MIN], |[low, high], d| [low.min(d), high.max(d)])
+            distances.fold([f64::MAX, f64::MIN], |[low, high], d| {
+                [low.min(d), high.max(d)]
+            })
         };
         let (mine, theirs) = (sides(self, other.plane), sides(other, self.plane));
         // The surfaces have depth of their own about their planes: only what is clearly on one side decides.

@@ -25,21 +25,52 @@ impl ShiftField {
     pub(crate) fn new(field: &Field, transfer: &SpriteTransfer, cell_px: [f64; 2]) -> Self {
         let e = -transfer.epipole_in_sprite;
         let shift = |index: usize, cell: u32| {
-            let x = (f64::from(field.x0) + (index % field.width as usize) as f64 + 0.5) * cell_px[0];
-            let y = (f64::from(field.y0) + (index / field.width as usize) as f64 + 0.5) * cell_px[1];
+            let x =
+                (f64::from(field.x0) + (index % field.width as usize) as f64 + 0.5) * cell_px[0];
+            let y =
+                (f64::from(field.y0) + (index / field.width as usize) as f64 + 0.5) * cell_px[1];
             let d = f64::from(field.coding.displacement(cell, 0.0, 0.0));
             let w = (1.0 + d * e.z).max(f64::from(NEAREST_DEPTH_SHARE));
-            [((x + d * e.x) / w - x) as f32, ((y + d * e.y) / w - y) as f32]
+            [
+                ((x + d * e.x) / w - x) as f32,
+                ((y + d * e.y) / w - y) as f32,
+            ]
         };
-        let shifts: Vec<[f32; 2]> = field.cells.par_iter().enumerate().map(|(i, &cell)| shift(i, cell)).collect();
-        let reached = shifts.iter().zip(&field.cells).filter(|(_, cell)| **cell != 0);
-        let largest = reached.flat_map(|(s, _)| s).fold(0.0f32, |max, s| max.max(s.abs()));
-        let scale = if (largest / 32767.0).is_normal() { largest / 32767.0 } else { 1.0 };
+        let shifts: Vec<[f32; 2]> = field
+            .cells
+            .par_iter()
+            .enumerate()
+            .map(|(i, &cell)| shift(i, cell))
+            .collect();
+        let reached = shifts
+            .iter()
+            .zip(&field.cells)
+            .filter(|(_, cell)| **cell != 0);
+        let largest = reached
+            .flat_map(|(s, _)| s)
+            .fold(0.0f32, |max, s| max.max(s.abs()));
+        let scale = if (largest / 32767.0).is_normal() {
+            largest / 32767.0
+        } else {
+            1.0
+        };
         let pack = |(shift, &cell): (&[f32; 2], &u32)| {
-            let [u, v] = shift.map(|s| u32::from((s / scale).round().clamp(-32767.0, 32767.0) as i16 as u16));
-            if cell == 0 { Self::EMPTY } else { u | (v << 16) }
+            let [u, v] = shift
+                .map(|s| u32::from((s / scale).round().clamp(-32767.0, 32767.0) as i16 as u16));
+            if cell == 0 {
+                Self::EMPTY
+            } else {
+                u | (v << 16)
+            }
         };
         let cells = shifts.par_iter().zip(&field.cells).map(pack).collect();
-        Self { x0: field.x0, y0: field.y0, width: field.width, height: field.height, cells, scale }
+        Self {
+            x0: field.x0,
+            y0: field.y0,
+            width: field.width,
+            height: field.height,
+            cells,
+            scale,
+        }
     }
 }

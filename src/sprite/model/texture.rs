@@ -42,7 +42,10 @@ impl Texture {
     pub(crate) fn new(color: &RgbaImage) -> Self {
         let (mut width, mut height) = color.dimensions();
         let mut pixels: Vec<[u8; 4]> = color.pixels().map(|p| premultiplied(p.0)).collect();
-        let mut texture = Self { texels: Vec::new(), levels: Vec::new() };
+        let mut texture = Self {
+            texels: Vec::new(),
+            levels: Vec::new(),
+        };
         texture.push_level(&pixels, width, height);
         while width > 1 || height > 1 {
             (pixels, width, height) = halved(&pixels, width, height);
@@ -55,7 +58,8 @@ impl Texture {
         let stride = width + BORDER;
         let start = self.texels.len();
         let origin = start + stride as usize + 1;
-        self.texels.resize(start + stride as usize * (height + BORDER) as usize, [0; 2]);
+        self.texels
+            .resize(start + stride as usize * (height + BORDER) as usize, [0; 2]);
         for (y, row) in pixels.chunks_exact(width as usize).enumerate() {
             let first = origin + y * stride as usize;
             for (x, &pixel) in row.iter().enumerate() {
@@ -64,7 +68,12 @@ impl Texture {
                 self.texels[first + x - stride as usize][1] = pixel;
             }
         }
-        self.levels.push(MipLevel { origin: origin as u32, stride, width, height });
+        self.levels.push(MipLevel {
+            origin: origin as u32,
+            stride,
+            width,
+            height,
+        });
     }
 }
 
@@ -78,14 +87,22 @@ pub(super) fn premultiplied([r, g, b, a]: [u8; 4]) -> [u8; 4] {
 fn halved(pixels: &[[u8; 4]], width: u32, height: u32) -> (Vec<[u8; 4]>, u32, u32) {
     let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
     let at = |x: u32, y: u32| {
-        if x < width && y < height { pixels[y as usize * width as usize + x as usize] } else { [0; 4] }
+        if x < width && y < height {
+            pixels[y as usize * width as usize + x as usize]
+        } else {
+            [0; 4]
+        }
     };
     let mean = |i: u32| {
         let (x, y) = (i % half_width * 2, i / half_width * 2);
         let four = [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)];
         [0, 1, 2, 3].map(|c| ((four.iter().map(|p| u32::from(p[c])).sum::<u32>() + 2) / 4) as u8)
     };
-    ((0..half_width * half_height).map(mean).collect(), half_width, half_height)
+    (
+        (0..half_width * half_height).map(mean).collect(),
+        half_width,
+        half_height,
+    )
 }
 
 #[cfg(test)]
@@ -100,7 +117,8 @@ mod tests {
         assert_eq!(sizes, [(5, 3), (3, 2), (2, 1), (1, 1)]);
         for level in &texture.levels {
             let at = |x: i64, y: i64| {
-                texture.texels[(i64::from(level.origin) + y * i64::from(level.stride) + x) as usize][0]
+                texture.texels[(i64::from(level.origin) + y * i64::from(level.stride) + x) as usize]
+                    [0]
             };
             let (w, h) = (i64::from(level.width), i64::from(level.height));
             for y in -1..h + 2 {
@@ -111,7 +129,10 @@ mod tests {
             }
             assert_ne!(at(0, 0), 0);
         }
-        assert_eq!(texture.texels[texture.levels[0].origin as usize][0], u32::from_le_bytes([255, 128, 0, 255]));
+        assert_eq!(
+            texture.texels[texture.levels[0].origin as usize][0],
+            u32::from_le_bytes([255, 128, 0, 255])
+        );
     }
 
     #[test]

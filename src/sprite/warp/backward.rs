@@ -3,9 +3,9 @@
 use super::cell::Coding;
 use super::field::Field;
 use super::sampling::{BLOCK, Footprints, LANE_NUMBERS, LANES, TexelMap, address, sample};
+use super::transfer::SpriteTransfer;
 use crate::model::shift::ShiftField;
 use crate::model::texture::Texture;
-use super::transfer::SpriteTransfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x16};
 use glam::{DVec3, dvec3};
 use rayon::prelude::*;
@@ -50,17 +50,31 @@ impl<'a> Cells<'a> {
             Parallax::None => None,
             Parallax::Displacement(f) | Parallax::AsPrinted(f) | Parallax::Affine(f) => {
                 let largest = f.coding.largest();
-                Some(Self { cells: &f.cells, origin: [f.x0, f.y0], size: [f.width, f.height], largest })
+                Some(Self {
+                    cells: &f.cells,
+                    origin: [f.x0, f.y0],
+                    size: [f.width, f.height],
+                    largest,
+                })
             }
-            Parallax::Shift(f) => {
-                Some(Self { cells: &f.cells, origin: [f.x0, f.y0], size: [f.width, f.height], largest: 0.0 })
-            }
+            Parallax::Shift(f) => Some(Self {
+                cells: &f.cells,
+                origin: [f.x0, f.y0],
+                size: [f.width, f.height],
+                largest: 0.0,
+            }),
         }
     }
 }
 
 /// Draws every pixel of a frame of `width` columns.
-pub(super) fn backward(level: Level, view: &BackwardPlan, nearest: bool, width: u32, pixels: &mut [u32]) {
+pub(super) fn backward(
+    level: Level,
+    view: &BackwardPlan,
+    nearest: bool,
+    width: u32,
+    pixels: &mut [u32],
+) {
     const BAND_ROWS: usize = 16;
     if width == 0 || Cells::of(view.parallax).is_some_and(|c| c.cells.is_empty()) {
         pixels.fill(0);
@@ -74,16 +88,27 @@ pub(super) fn backward(level: Level, view: &BackwardPlan, nearest: bool, width: 
             dispatch!(level, simd => rows::<_, false>(simd, view, width as usize, first, pixels));
         }
     };
-    let bands = pixels.par_chunks_mut(width as usize * BAND_ROWS).enumerate();
+    let bands = pixels
+        .par_chunks_mut(width as usize * BAND_ROWS)
+        .enumerate();
     if rayon::current_num_threads() == 1 {
-        pixels.chunks_mut(width as usize * BAND_ROWS).enumerate().for_each(draw);
+        pixels
+            .chunks_mut(width as usize * BAND_ROWS)
+            .enumerate()
+            .for_each(draw);
     } else {
         bands.for_each(draw);
     }
 }
 
 #[inline(always)]
-fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &BackwardPlan, width: usize, first: usize, pixels: &mut [u32]) {
+fn rows<S: Simd, const NEAREST: bool>(
+    simd: S,
+    view: &BackwardPlan,
+    width: usize,
+    first: usize,
+    pixels: &mut [u32],
+) {
     let cells = Cells::of(view.parallax);
     let mut footprints = Footprints::new();
     let mut found = Found::new();
@@ -106,7 +131,14 @@ fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &BackwardPlan, width: usize
                 let count = pixels.next_multiple_of(LANES);
                 match view.parallax {
                     Parallax::None => straight::<S, NEAREST>(simd, &place, count, &mut footprints),
-                    _ => displaced::<S, NEAREST>(simd, view.parallax, &place, count, &mut found, &mut footprints),
+                    _ => displaced::<S, NEAREST>(
+                        simd,
+                        view.parallax,
+                        &place,
+                        count,
+                        &mut found,
+                        &mut footprints,
+                    ),
                 }
                 sample::<S, NEAREST>(simd, view.texture, &mut footprints, count, &mut drawn);
                 out.copy_from_slice(&drawn[..pixels]);
@@ -127,7 +159,11 @@ fn one_level(view: &BackwardPlan, [x, y]: [usize; 2], pixels: usize) -> usize {
         (at.z > 0.0).then(|| mip_level(view.transfer, share, [at.x * share, at.y * share], levels))
     };
     let (first, last) = (level(x as f64 + 0.5), level((x + pixels) as f64 - 0.5));
-    if first == last { pixels } else { pixels.min(LANES) }
+    if first == last {
+        pixels
+    } else {
+        pixels.min(LANES)
+    }
 }
 
 /// What is computed once per block, in f64: positions are then relative to a whole pixel of the picture near the
@@ -170,7 +206,12 @@ const FARTHEST_ANCHOR: f64 = 131_072.0;
 impl<'a> Block<'a> {
     /// `None` if no pixel of the block shows anything.
     #[inline(always)]
-    fn new(view: &BackwardPlan<'a>, cells: Option<Cells<'a>>, [x, y]: [usize; 2], pixels: usize) -> Option<Self> {
+    fn new(
+        view: &BackwardPlan<'a>,
+        cells: Option<Cells<'a>>,
+        [x, y]: [usize; 2],
+        pixels: usize,
+    ) -> Option<Self> {
         let h = &view.transfer.sprite_from_target;
         let y = y as f64 + 0.5;
         let at = |x: f64| h.x_axis * x + (h.y_axis * y + h.z_axis);
@@ -191,9 +232,17 @@ impl<'a> Block<'a> {
             return None;
         }
         let anchor = [whole(center[0]), whole(center[1])];
-        let normalizer = if middle.z > 0.0 { middle.z } else { first.z.max(last.z) };
+        let normalizer = if middle.z > 0.0 {
+            middle.z
+        } else {
+            first.z.max(last.z)
+        };
         let to_anchor = dvec3(anchor[0], anchor[1], 0.0);
-        let share = if middle.z > 0.0 { share } else { 1.0 / normalizer };
+        let share = if middle.z > 0.0 {
+            share
+        } else {
+            1.0 / normalizer
+        };
         let start = (first - to_anchor * first.z) * share;
         let step = (h.x_axis - to_anchor * h.x_axis.z) * share;
         Some(Self {
@@ -204,7 +253,10 @@ impl<'a> Block<'a> {
             over_texels: over(
                 [first, last],
                 [0.0; 2],
-                [f64::from(view.texture.levels[0].width), f64::from(view.texture.levels[0].height)],
+                [
+                    f64::from(view.texture.levels[0].width),
+                    f64::from(view.texture.levels[0].height),
+                ],
             ),
             lookup: cells.map(|cells| Lookup::new(view, cells, anchor, low, high, [first, last])),
         })
@@ -214,7 +266,11 @@ impl<'a> Block<'a> {
 /// The whole pixel before a position; none at all counts as 0.
 #[inline(always)]
 fn whole(position: f64) -> f64 {
-    if position.is_finite() { position.floor().clamp(-FARTHEST_ANCHOR, FARTHEST_ANCHOR) } else { 0.0 }
+    if position.is_finite() {
+        position.floor().clamp(-FARTHEST_ANCHOR, FARTHEST_ANCHOR)
+    } else {
+        0.0
+    }
 }
 
 /// The level at which the picture's pixels are about as large as the frame's: both are compared along the frame's rows
@@ -223,13 +279,21 @@ fn whole(position: f64) -> f64 {
 fn mip_level(transfer: &SpriteTransfer, share: f64, center: [f64; 2], levels: usize) -> usize {
     let h = &transfer.sprite_from_target;
     let squared = |column: DVec3| {
-        let (x, y) = (column.x - center[0] * column.z, column.y - center[1] * column.z);
+        let (x, y) = (
+            column.x - center[0] * column.z,
+            column.y - center[1] * column.z,
+        );
         (x * x + y * y) * (share * share)
     };
     let stretch = squared(h.x_axis).max(squared(h.y_axis));
     // floor(log2(stretch^1/2) + 1/2) = floor(log2(2 stretch) / 2), read off the exponent.
     let exponent = ((2.0 * stretch).to_bits() >> 52 & 0x7ff) as i64 - 1023;
-    if stretch.is_finite() { (exponent.max(0) / 2) as usize } else { 0 }.min(levels - 1)
+    if stretch.is_finite() {
+        (exponent.max(0) / 2) as usize
+    } else {
+        0
+    }
+    .min(levels - 1)
 }
 
 /// The rectangle of plane positions, in pixels of the picture, outside of which nothing shows.
@@ -238,12 +302,18 @@ fn bounds(view: &BackwardPlan, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f6
     match cells {
         None => {
             let level = &view.texture.levels[0];
-            ([-rim; 2], [f64::from(level.width) + rim, f64::from(level.height) + rim])
+            (
+                [-rim; 2],
+                [f64::from(level.width) + rim, f64::from(level.height) + rim],
+            )
         }
         Some(Cells { origin, size, .. }) => {
             let [px, py] = view.cell_px;
             let (x, y) = (f64::from(origin[0]), f64::from(origin[1]));
-            let high = [(x + f64::from(size[0])) * px + rim, (y + f64::from(size[1])) * py + rim];
+            let high = [
+                (x + f64::from(size[0])) * px + rim,
+                (y + f64::from(size[1])) * py + rim,
+            ];
             ([x * px - rim, y * py - rim], high)
         }
     }
@@ -252,8 +322,13 @@ fn bounds(view: &BackwardPlan, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f6
 /// Whether both ends of a line segment are in front and inside a rectangle.
 #[inline(always)]
 fn over(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
-    let inside =
-        |p: &DVec3| p.z > 0.0 && p.x > low[0] * p.z && p.x < high[0] * p.z && p.y > low[1] * p.z && p.y < high[1] * p.z;
+    let inside = |p: &DVec3| {
+        p.z > 0.0
+            && p.x > low[0] * p.z
+            && p.x < high[0] * p.z
+            && p.y > low[1] * p.z
+            && p.y < high[1] * p.z
+    };
     ends.iter().all(inside)
 }
 
@@ -287,11 +362,19 @@ impl<'a> Lookup<'a> {
         };
         // A line between two positions over the field stays over it; the rest of a cell is for rounding.
         let [left, top] = [px, py].map(|side| 0.125 * side);
-        let [left, top] = [left + f64::from(cells.origin[0]) * px, top + f64::from(cells.origin[1]) * py];
+        let [left, top] = [
+            left + f64::from(cells.origin[0]) * px,
+            top + f64::from(cells.origin[1]) * py,
+        ];
         let right = left + (f64::from(cells.size[0]) - 0.25) * px;
         let bottom = top + (f64::from(cells.size[1]) - 0.25) * py;
-        let over_cells =
-            |p: DVec3| p.z > 0.0 && p.x > left * p.z && p.x < right * p.z && p.y > top * p.z && p.y < bottom * p.z;
+        let over_cells = |p: DVec3| {
+            p.z > 0.0
+                && p.x > left * p.z
+                && p.x < right * p.z
+                && p.y > top * p.z
+                && p.y < bottom * p.z
+        };
         Self {
             inside: ends.into_iter().all(over_cells),
             gentle: f64::from(cells.largest) * e.z.abs() < GENTLE,
@@ -310,7 +393,11 @@ impl<'a> Lookup<'a> {
 
 /// Position on the plane of sixteen pixels relative to the anchor, whether it is in front, and 1 / w.
 #[inline(always)]
-fn on_plane<S: Simd>(simd: S, place: &Block, first: usize) -> ([f32x16<S>; 2], mask32x16<S>, f32x16<S>) {
+fn on_plane<S: Simd>(
+    simd: S,
+    place: &Block,
+    first: usize,
+) -> ([f32x16<S>; 2], mask32x16<S>, f32x16<S>) {
     let lanes = f32x16::load_array_ref(simd, &LANE_NUMBERS) + first as f32;
     let x = lanes * place.step[0] + place.start[0];
     let y = lanes * place.step[1] + place.start[1];
@@ -321,7 +408,12 @@ fn on_plane<S: Simd>(simd: S, place: &Block, first: usize) -> ([f32x16<S>; 2], m
 
 /// Footprints of a block without parallax.
 #[inline(always)]
-fn straight<S: Simd, const NEAREST: bool>(simd: S, place: &Block, count: usize, footprints: &mut Footprints) {
+fn straight<S: Simd, const NEAREST: bool>(
+    simd: S,
+    place: &Block,
+    count: usize,
+    footprints: &mut Footprints,
+) {
     for first in (0..count).step_by(LANES) {
         let (position, valid, _) = on_plane(simd, place, first);
         if place.over_texels {
@@ -348,7 +440,15 @@ struct Found {
 impl Found {
     fn new() -> Self {
         let zero = [0.0; BLOCK];
-        Self { x: zero, y: zero, share: zero, dx: zero, dy: zero, index: [0; BLOCK], cell: [0; BLOCK] }
+        Self {
+            x: zero,
+            y: zero,
+            share: zero,
+            dx: zero,
+            dy: zero,
+            index: [0; BLOCK],
+            cell: [0; BLOCK],
+        }
     }
 }
 
@@ -363,7 +463,11 @@ fn displaced<S: Simd, const NEAREST: bool>(
     footprints: &mut Footprints,
 ) {
     let Some(lookup) = &place.lookup else { return };
-    let empty = if matches!(parallax, Parallax::Shift(_)) { ShiftField::EMPTY } else { 0 };
+    let empty = if matches!(parallax, Parallax::Shift(_)) {
+        ShiftField::EMPTY
+    } else {
+        0
+    };
     for first in (0..count).step_by(LANES) {
         match lookup.inside {
             true => find_cells::<S, true>(simd, place, lookup, first, found),
@@ -381,21 +485,46 @@ fn displaced<S: Simd, const NEAREST: bool>(
             Parallax::Shift(field) => (shifted(field.scale, cells, plane), known),
             Parallax::Affine(field) => {
                 let d = displacement(&field.coding, cells, offset);
-                ([plane[0] + d * lookup.epipole[0], plane[1] + d * lookup.epipole[1]], known)
+                (
+                    [
+                        plane[0] + d * lookup.epipole[0],
+                        plane[1] + d * lookup.epipole[1],
+                    ],
+                    known,
+                )
             }
-            Parallax::Displacement(field) => along_epipole(lookup, plane, displacement(&field.coding, cells, offset)),
+            Parallax::Displacement(field) => {
+                along_epipole(lookup, plane, displacement(&field.coding, cells, offset))
+            }
             Parallax::AsPrinted(field) => {
                 let share = load(simd, &found.share, first) * (1.0 / place.normalizer);
-                along_epipole(lookup, plane, displacement(&field.coding, cells, offset) * share)
+                along_epipole(
+                    lookup,
+                    plane,
+                    displacement(&field.coding, cells, offset) * share,
+                )
             }
         };
-        address::<S, NEAREST, false>(simd, &place.texels, position, known & in_front, first, footprints);
+        address::<S, NEAREST, false>(
+            simd,
+            &place.texels,
+            position,
+            known & in_front,
+            first,
+            footprints,
+        );
     }
 }
 
 /// The cells of indices; `empty` where there is none. A function of its own, so that what it needs stays in registers.
 #[inline(never)]
-fn fetch_cells(cells: &[u32], indices: &[u32; BLOCK], empty: u32, out: &mut [u32; BLOCK], count: usize) {
+fn fetch_cells(
+    cells: &[u32],
+    indices: &[u32; BLOCK],
+    empty: u32,
+    out: &mut [u32; BLOCK],
+    count: usize,
+) {
     let (out, indices) = (out.as_chunks_mut::<4>().0, indices.as_chunks::<4>().0);
     for (out, indices) in out.iter_mut().zip(indices).take(count / 4) {
         for i in 0..4 {
@@ -411,9 +540,17 @@ fn load<S: Simd>(simd: S, values: &[f32; BLOCK], first: usize) -> f32x16<S> {
 
 /// Eq. 8: `(x3, y3, 1) + d e21`, and whether it is in front.
 #[inline(always)]
-fn along_epipole<S: Simd>(lookup: &Lookup, plane: [f32x16<S>; 2], d: f32x16<S>) -> ([f32x16<S>; 2], mask32x16<S>) {
+fn along_epipole<S: Simd>(
+    lookup: &Lookup,
+    plane: [f32x16<S>; 2],
+    d: f32x16<S>,
+) -> ([f32x16<S>; 2], mask32x16<S>) {
     let w = d * lookup.epipole[2] + 1.0;
-    let share = if lookup.gentle { reciprocal_near_one(d * lookup.epipole[2]) } else { f32x16::splat(d.simd, 1.0) / w };
+    let share = if lookup.gentle {
+        reciprocal_near_one(d * lookup.epipole[2])
+    } else {
+        f32x16::splat(d.simd, 1.0) / w
+    };
     let x = (plane[0] + d * lookup.epipole[0]) * share;
     let y = (plane[1] + d * lookup.epipole[1]) * share;
     ([x, y], w.simd_gt(0.0))
@@ -445,13 +582,20 @@ fn displacement<S: Simd>(coding: &Coding, cells: u32x16<S>, offset: [f32x16<S>; 
     let cells = cells.bitcast::<i32x16<S>>();
     let slope_x = ((cells << 16) >> 24).to_float::<f32x16<S>>();
     let slope_y = ((cells << 24) >> 24).to_float::<f32x16<S>>();
-    (value - coding.zero) * coding.scale + (slope_x * offset[0] + slope_y * offset[1]) * coding.slope_scale
+    (value - coding.zero) * coding.scale
+        + (slope_x * offset[0] + slope_y * offset[1]) * coding.slope_scale
 }
 
 /// Positions on the plane and the indices of their cells; beyond the field the border's cells go on, beyond the rim
 /// there is no cell.
 #[inline(always)]
-fn find_cells<S: Simd, const INSIDE: bool>(simd: S, place: &Block, lookup: &Lookup, first: usize, found: &mut Found) {
+fn find_cells<S: Simd, const INSIDE: bool>(
+    simd: S,
+    place: &Block,
+    lookup: &Lookup,
+    first: usize,
+    found: &mut Found,
+) {
     let (position, in_front, share) = on_plane(simd, place, first);
     let mut inside = in_front;
     let mut cell = [i32x16::splat(simd, 0); 2];
@@ -461,7 +605,9 @@ fn find_cells<S: Simd, const INSIDE: bool>(simd: S, place: &Block, lookup: &Look
         let column = if INSIDE {
             at.floor()
         } else {
-            inside = inside & position[axis].simd_ge(lookup.low[axis]) & position[axis].simd_le(lookup.high[axis]);
+            inside = inside
+                & position[axis].simd_ge(lookup.low[axis])
+                & position[axis].simd_le(lookup.high[axis]);
             let low = f32x16::splat(simd, -lookup.base[axis] as f32);
             let high = (lookup.size[axis] - 1 - lookup.base[axis]) as f32;
             inside.select(at, low).floor().max(low).min(high)
@@ -470,8 +616,14 @@ fn find_cells<S: Simd, const INSIDE: bool>(simd: S, place: &Block, lookup: &Look
         cell[axis] = column.to_int::<i32x16<S>>() + lookup.base[axis];
     }
     let index = cell[1] * lookup.stride + cell[0];
-    let index = if INSIDE { index } else { inside.select(index, i32x16::splat(simd, -1)) };
-    index.bitcast::<u32x16<S>>().store_slice(&mut found.index[first..first + LANES]);
+    let index = if INSIDE {
+        index
+    } else {
+        inside.select(index, i32x16::splat(simd, -1))
+    };
+    index
+        .bitcast::<u32x16<S>>()
+        .store_slice(&mut found.index[first..first + LANES]);
     position[0].store_slice(&mut found.x[first..first + LANES]);
     position[1].store_slice(&mut found.y[first..first + LANES]);
     share.store_slice(&mut found.share[first..first + LANES]);

@@ -41,12 +41,24 @@ impl Coding {
         let (low, high) = (low - steepest, high + steepest);
         let step = (high - low) / (MAX_VALUE - 1.0);
         if !step.is_normal() {
-            return Self { scale: side, zero: 16384.0, slope_scale: 1.0 };
+            return Self {
+                scale: side,
+                zero: 16384.0,
+                slope_scale: 1.0,
+            };
         }
         let nearest_zero = if side > 0.0 { -low / step } else { high / step };
         let slope_scale = steepest / 127.0;
-        let slope_scale = if slope_scale.is_normal() { slope_scale } else { 1.0 };
-        Self { scale: step * side, zero: (nearest_zero + 1.0).round(), slope_scale }
+        let slope_scale = if slope_scale.is_normal() {
+            slope_scale
+        } else {
+            1.0
+        };
+        Self {
+            scale: step * side,
+            zero: (nearest_zero + 1.0).round(),
+            slope_scale,
+        }
     }
 
     /// No cell holds a larger displacement, up to a cell from its centre.
@@ -58,7 +70,8 @@ impl Coding {
     /// Packs one cell.
     pub(super) fn pack(&self, visible: bool, d: f32, slope: [f32; 2]) -> u32 {
         let value = (d / self.scale + self.zero + 0.5).clamp(1.0, MAX_VALUE) as u32;
-        let [x, y] = slope.map(|s| ((s / self.slope_scale).round().clamp(-127.0, 127.0) as i8) as u8);
+        let [x, y] =
+            slope.map(|s| ((s / self.slope_scale).round().clamp(-127.0, 127.0) as i8) as u8);
         (u32::from(visible) << 31) | (value << 16) | (u32::from(x) << 8) | u32::from(y)
     }
 
@@ -72,5 +85,8 @@ impl Coding {
 
 /// The two slopes of a cell in units.
 pub(super) fn slopes(cell: u32) -> [f32; 2] {
-    [f32::from((cell >> 8) as u8 as i8), f32::from(cell as u8 as i8)]
+    [
+        f32::from((cell >> 8) as u8 as i8),
+        f32::from(cell as u8 as i8),
+    ]
 }

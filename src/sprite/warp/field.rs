@@ -44,24 +44,57 @@ impl Field {
     pub(super) fn of_sprite(sprite: &Sprite, displacement: &Displacement) -> Self {
         let (width, height) = displacement.size();
         let values = smoothed(displacement);
-        let (low, high) = values.iter().fold((f32::MAX, f32::MIN), |(low, high), &v| (low.min(v), high.max(v)));
+        let (low, high) = values.iter().fold((f32::MAX, f32::MIN), |(low, high), &v| {
+            (low.min(v), high.max(v))
+        });
         let at = |x: u32, y: u32| values[y as usize * width as usize + x as usize];
         let slope = |x: u32, y: u32| {
             let neighbor = |inside: bool, x: u32, y: u32| inside.then(|| at(x, y));
             let here = at(x, y);
-            let before = [neighbor(x > 0, x.wrapping_sub(1), y), neighbor(y > 0, x, y.wrapping_sub(1))];
-            let after = [neighbor(x + 1 < width, x + 1, y), neighbor(y + 1 < height, x, y + 1)];
+            let before = [
+                neighbor(x > 0, x.wrapping_sub(1), y),
+                neighbor(y > 0, x, y.wrapping_sub(1)),
+            ];
+            let after = [
+                neighbor(x + 1 < width, x + 1, y),
+                neighbor(y + 1 < height, x, y + 1),
+            ];
             [0, 1].map(|axis| limited(before[axis], here, after[axis]))
         };
         let pixels = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let steepest = pixels().flat_map(|(x, y)| slope(x, y)).fold(0.0f32, |max, s| max.max(s.abs()));
+        let steepest = pixels()
+            .flat_map(|(x, y)| slope(x, y))
+            .fold(0.0f32, |max, s| max.max(s.abs()));
         let coding = Coding::new(low, high, steepest, 1.0);
         let visible = visible_cells(sprite.color(), width, height);
-        let cells: Vec<u32> =
-            pixels().zip(visible).map(|((x, y), visible)| coding.pack(visible, at(x, y), slope(x, y))).collect();
-        let step = if displacement.format() == DisplacementFormat::F32 { 0.0 } else { displacement.scale() };
-        let patches = Patches::new(&UnpackedField { width, height, values: &values, cells: &cells }, step);
-        Self { x0: 0, y0: 0, width, height, cells, coding, range: [low.min(0.0), high.max(0.0)], patches }
+        let cells: Vec<u32> = pixels()
+            .zip(visible)
+            .map(|((x, y), visible)| coding.pack(visible, at(x, y), slope(x, y)))
+            .collect();
+        let step = if displacement.format() == DisplacementFormat::F32 {
+            0.0
+        } else {
+            displacement.scale()
+        };
+        let patches = Patches::new(
+            &UnpackedField {
+                width,
+                height,
+                values: &values,
+                cells: &cells,
+            },
+            step,
+        );
+        Self {
+            x0: 0,
+            y0: 0,
+            width,
+            height,
+            cells,
+            coding,
+            range: [low.min(0.0), high.max(0.0)],
+            patches,
+        }
     }
 }
 
@@ -78,7 +111,10 @@ fn smoothed(displacement: &Displacement) -> Vec<f32> {
     if displacement.format() != DisplacementFormat::I8 {
         return stored;
     }
-    let (width, height) = (displacement.size().0 as usize, displacement.size().1 as usize);
+    let (width, height) = (
+        displacement.size().0 as usize,
+        displacement.size().1 as usize,
+    );
     let step = displacement.scale();
     let mut values = stored.clone();
     for _ in 0..SMOOTHING_ROUNDS {
@@ -88,7 +124,10 @@ fn smoothed(displacement: &Displacement) -> Vec<f32> {
             (0..width).map(move |x| {
                 let index = y * width + x;
                 let (mut sum, mut count) = (0.0, 0.0);
-                for (inside, stride) in [(x > 0 && x + 1 < width, 1), (y > 0 && y + 1 < height, width)] {
+                for (inside, stride) in [
+                    (x > 0 && x + 1 < width, 1),
+                    (y > 0 && y + 1 < height, width),
+                ] {
                     if !inside {
                         continue;
                     }
@@ -98,7 +137,11 @@ fn smoothed(displacement: &Displacement) -> Vec<f32> {
                         count += 2.0;
                     }
                 }
-                let mean = if count > 0.0 { sum / count } else { values[index] };
+                let mean = if count > 0.0 {
+                    sum / count
+                } else {
+                    values[index]
+                };
                 let moved = 0.5 * (values[index] + mean);
                 moved.clamp(stored[index] - 0.5 * step, stored[index] + 0.5 * step)
             })
@@ -119,7 +162,11 @@ fn limited(before: Option<f32>, here: f32, after: Option<f32>) -> f32 {
     };
     let central = 0.5 * (left + right);
     let limit = 2.0 * left.abs().min(right.abs());
-    if left * right > 0.0 { central.clamp(-limit, limit) } else { 0.0 }
+    if left * right > 0.0 {
+        central.clamp(-limit, limit)
+    } else {
+        0.0
+    }
 }
 
 /// Whether any pixel under a cell, or next to those, is not fully transparent.
@@ -127,7 +174,10 @@ fn visible_cells(color: &RgbaImage, width: u32, height: u32) -> impl Iterator<It
     let range = |i: u32, all: u32, count: u32| {
         let edge = |i: u64| i * u64::from(all) / u64::from(count);
         let last = edge(u64::from(i) + 1) + 1;
-        (edge(u64::from(i)).saturating_sub(1) as u32, (last as u32).min(all))
+        (
+            edge(u64::from(i)).saturating_sub(1) as u32,
+            (last as u32).min(all),
+        )
     };
     (0..height).flat_map(move |y| {
         let (y0, y1) = range(y, color.height(), height);
@@ -148,19 +198,31 @@ mod tests {
             let coding = Coding::new(-0.013, 0.041, 0.002, side);
             let zero = coding.pack(true, 0.0, [0.0; 2]);
             assert_eq!(coding.displacement(zero, 0.3, -0.2), 0.0);
-            let (near, far) = (coding.pack(true, 0.02 * side, [0.0; 2]), coding.pack(true, -0.01 * side, [0.0; 2]));
+            let (near, far) = (
+                coding.pack(true, 0.02 * side, [0.0; 2]),
+                coding.pack(true, -0.01 * side, [0.0; 2]),
+            );
             assert!(near > zero && zero > far && far > coding.pack(false, 0.04, [0.0; 2]));
-            assert!(coding.pack(false, -1.0, [0.0; 2]) > 0, "an empty cell is unlike any other");
+            assert!(
+                coding.pack(false, -1.0, [0.0; 2]) > 0,
+                "an empty cell is unlike any other"
+            );
         }
         let flat = Coding::new(0.0, 0.0, 0.0, 1.0);
-        assert_eq!(flat.displacement(flat.pack(true, 0.0, [0.0; 2]), 0.5, 0.5), 0.0);
+        assert_eq!(
+            flat.displacement(flat.pack(true, 0.0, [0.0; 2]), 0.5, 0.5),
+            0.0
+        );
     }
 
     #[test]
     fn values_and_slopes_come_back_to_half_a_unit() {
         let coding = Coding::new(-0.02, 0.03, 0.001, 1.0);
         for i in 0..50 {
-            let (d, slope) = (-0.02 + 0.001 * i as f32, [0.0009 * (i as f32).sin(), -0.0005]);
+            let (d, slope) = (
+                -0.02 + 0.001 * i as f32,
+                [0.0009 * (i as f32).sin(), -0.0005],
+            );
             let cell = coding.pack(true, d, slope);
             let want = d + slope[0] * 0.5 + slope[1] * -0.5;
             let tolerance = 0.51 * coding.scale + 0.51 * coding.slope_scale;
@@ -179,18 +241,24 @@ mod tests {
             };
             let scale = (0..WIDTH).map(|x| exact(x).abs()).fold(0.0, f32::max) / 127.0;
             let values: Vec<f32> = (0..WIDTH * 5).map(|i| exact(i % WIDTH)).collect();
-            let stored = Displacement::new(WIDTH, 5, &values, DisplacementFormat::I8).expect("finite");
+            let stored =
+                Displacement::new(WIDTH, 5, &values, DisplacementFormat::I8).expect("finite");
             let error = |found: &[f32]| {
                 // The ends of a ramp have one side only.
-                let inner = (0..WIDTH as usize).filter(|x| (4..26).contains(x) || (34..56).contains(x));
-                let squares: Vec<f32> =
-                    inner.map(|x| (found[2 * WIDTH as usize + x] - exact(x as u32)).powi(2)).collect();
+                let inner =
+                    (0..WIDTH as usize).filter(|x| (4..26).contains(x) || (34..56).contains(x));
+                let squares: Vec<f32> = inner
+                    .map(|x| (found[2 * WIDTH as usize + x] - exact(x as u32)).powi(2))
+                    .collect();
                 (squares.iter().sum::<f32>() / squares.len() as f32).sqrt()
             };
             let (before, after) = (error(&stored.to_f32()), error(&smoothed(&stored)));
             assert!(after < 0.6 * before, "{slope}: {before} {after}");
             let jump = smoothed(&stored)[30] - smoothed(&stored)[29];
-            assert!((jump - (exact(30) - exact(29))).abs() < 2.0 * scale, "the cliff stays");
+            assert!(
+                (jump - (exact(30) - exact(29))).abs() < 2.0 * scale,
+                "the cliff stays"
+            );
         }
     }
 

@@ -35,7 +35,14 @@ const LAST: u32 = 2;
 /// one farthest from the target eye, since what a nearer surface uncovers is the background. In a gap that a magnified
 /// smooth surface leaves all neighbours agree.
 #[inline(always)]
-pub(super) fn fill<S: Simd>(simd: S, cells: &mut [u32], width: usize, coding: &Coding, steps: u32, gaps: &mut Gaps) {
+pub(super) fn fill<S: Simd>(
+    simd: S,
+    cells: &mut [u32],
+    width: usize,
+    coding: &Coding,
+    steps: u32,
+    gaps: &mut Gaps,
+) {
     if steps == 0 || width == 0 {
         return;
     }
@@ -45,7 +52,10 @@ pub(super) fn fill<S: Simd>(simd: S, cells: &mut [u32], width: usize, coding: &C
         grow(simd, cells, width, coding, gaps);
         for (start, grown) in &gaps.filled {
             let start = *start as usize;
-            if let Some(target) = cells.get_mut(start..start + LANES).filter(|_| count == LANES) {
+            if let Some(target) = cells
+                .get_mut(start..start + LANES)
+                .filter(|_| count == LANES)
+            {
                 target.copy_from_slice(grown);
             } else {
                 cells[start..start + count].copy_from_slice(&grown[..count]);
@@ -62,16 +72,23 @@ fn find_gaps<S: Simd>(simd: S, cells: &[u32], width: usize, blocks: &mut Vec<Blo
     for (y, row) in cells.chunks_exact(width).enumerate() {
         let mut whole = row.chunks_exact(LANES);
         let mut x = 0;
-        let ends = |x: usize| if x == 0 { FIRST } else { 0 } | if x + LANES >= width { LAST } else { 0 };
+        let ends =
+            |x: usize| if x == 0 { FIRST } else { 0 } | if x + LANES >= width { LAST } else { 0 };
         for block in &mut whole {
             if u32x16::from_slice(simd, block).simd_eq(0).any_true() {
-                blocks.push(Block { start: (y * width + x) as u32, ends: ends(x) });
+                blocks.push(Block {
+                    start: (y * width + x) as u32,
+                    ends: ends(x),
+                });
             }
             x += LANES;
         }
         if whole.remainder().contains(&0) {
             let x = width.saturating_sub(LANES);
-            blocks.push(Block { start: (y * width + x) as u32, ends: ends(x) });
+            blocks.push(Block {
+                start: (y * width + x) as u32,
+                ends: ends(x),
+            });
         }
     }
 }
@@ -90,7 +107,11 @@ fn grow<S: Simd>(simd: S, cells: &[u32], width: usize, coding: &Coding, gaps: &m
         let start = block.start as isize;
         // Cells of other rows are not neighbours.
         let first = if block.ends & FIRST != 0 { 0 } else { u32::MAX };
-        let last = if block.ends & LAST != 0 { count as u32 - 1 } else { u32::MAX };
+        let last = if block.ends & LAST != 0 {
+            count as u32 - 1
+        } else {
+            u32::MAX
+        };
         let (left, right) = (lanes(simd, cells, start - 1), lanes(simd, cells, start + 1));
         let neighbors = [
             (lane.simd_eq(first).select(zero, left), ratio, 8),
@@ -111,7 +132,8 @@ fn grow<S: Simd>(simd: S, cells: &[u32], width: usize, coding: &Coding, gaps: &m
             gaps.open.push(block);
         }
         if taken.any_true() {
-            gaps.filled.push((block.start, taken.select(best ^ VISIBLE, here).to_array()));
+            gaps.filled
+                .push((block.start, taken.select(best ^ VISIBLE, here).to_array()));
         }
     }
 }
@@ -141,7 +163,11 @@ fn lanes<S: Simd>(simd: S, all: &[u32], start: isize) -> u32x16<S> {
 fn continued<S: Simd>(cells: u32x16<S>, ratio: f32, slope_bit: u32) -> u32x16<S> {
     let slope = ((cells.bitcast::<i32x16<S>>() << (24 - slope_bit)) >> 24).to_float::<f32x16<S>>();
     let value = ((cells >> 16) & 0x7fff).to_float::<f32x16<S>>() + (slope * ratio + 0.5);
-    let value = value.max(1.0).min(32767.0).to_int::<i32x16<S>>().bitcast::<u32x16<S>>();
+    let value = value
+        .max(1.0)
+        .min(32767.0)
+        .to_int::<i32x16<S>>()
+        .bitcast::<u32x16<S>>();
     (cells & (VISIBLE | 0xffff)) | (value << 16)
 }
 
@@ -158,14 +184,21 @@ mod tests {
     #[test]
     fn gaps_take_the_background_and_grow_step_by_step() {
         let coding = Coding::new(0.0, 1.0, 0.0, 1.0);
-        let (near, far) = (coding.pack(true, 0.9, [0.0; 2]), coding.pack(true, 0.1, [0.0; 2]));
+        let (near, far) = (
+            coding.pack(true, 0.9, [0.0; 2]),
+            coding.pack(true, 0.1, [0.0; 2]),
+        );
         let row = vec![near, 0, 0, 0, 0, 0, 0, far, 0, near];
         for (steps, want) in [
             (0, vec![near, 0, 0, 0, 0, 0, 0, far, 0, near]),
             (1, vec![near, near, 0, 0, 0, 0, far, far, far, near]),
             (2, vec![near, near, near, 0, 0, far, far, far, far, near]),
         ] {
-            assert_eq!(filled(10, row.clone(), &coding, steps), want, "{steps} steps");
+            assert_eq!(
+                filled(10, row.clone(), &coding, steps),
+                want,
+                "{steps} steps"
+            );
         }
     }
 

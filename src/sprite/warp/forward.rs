@@ -9,7 +9,9 @@ use super::field::Field;
 use super::fill::{Gaps, fill};
 use super::patches::{BLOCK_SIDE, GROUP, PatchGroup, TILE};
 use super::planes::{Setups, draw_patch, set_up, slope_units};
-use super::pure_parallax::{CellBand, Encoding, FirstPass, NEAREST_DEPTH_SHARE, PureParallax, Stored, moved};
+use super::pure_parallax::{
+    CellBand, Encoding, FirstPass, NEAREST_DEPTH_SHARE, PureParallax, Stored, moved,
+};
 use super::sampling::COPIES;
 use super::transfer::SpriteTransfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*, u8x64, u32x4, u32x16};
@@ -40,7 +42,9 @@ pub(super) fn forward(
     out.cells.resize(width * height, 0);
     let steps = pass.fill_steps as usize;
     // A band shorter than what it draws beside it would be mostly that.
-    let bands = rayon::current_num_threads().min(height / (2 * steps).max(1)).max(1);
+    let bands = rayon::current_num_threads()
+        .min(height / (2 * steps).max(1))
+        .max(1);
     let band_rows = height.div_ceil(bands).max(1);
     memory.resize_with(bands, BandMemory::default);
     let coding = out.coding;
@@ -66,7 +70,11 @@ pub(super) fn forward(
     if let [memory] = memory.as_mut_slice() {
         whole_band((0, (&mut out.cells, memory)));
     } else {
-        out.cells.par_chunks_mut(width * band_rows).zip(memory).enumerate().for_each(whole_band);
+        out.cells
+            .par_chunks_mut(width * band_rows)
+            .zip(memory)
+            .enumerate()
+            .for_each(whole_band);
     }
 }
 
@@ -81,14 +89,23 @@ fn forward_band<S: Simd>(
     cells: &mut [u32],
 ) {
     let [_, epipole_y, epipole_z] = parallax.epipole;
-    let mut band = CellBand { cells, first: first as i32, rows: (end - first) as i32, width: parallax.width as i32 };
+    let mut band = CellBand {
+        cells,
+        first: first as i32,
+        rows: (end - first) as i32,
+        width: parallax.width as i32,
+    };
     let mut setups = Setups::new();
     for (number, strip) in source.patches.strips.iter().enumerate() {
         let y0 = number as u32 * TILE;
         // Rows stay together up to their displacements: a strip reaches only these.
         let edges = [y0 as f32, (y0 + TILE) as f32];
-        let reached = edges.into_iter().flat_map(|y| range.map(|d| moved(y, d, epipole_y, epipole_z)));
-        let reached = reached.fold([f32::MAX, f32::MIN], |[low, high], y| [low.min(y), high.max(y)]);
+        let reached = edges
+            .into_iter()
+            .flat_map(|y| range.map(|d| moved(y, d, epipole_y, epipole_z)));
+        let reached = reached.fold([f32::MAX, f32::MIN], |[low, high], y| {
+            [low.min(y), high.max(y)]
+        });
         let [low, high] = reached.map(|y| y + parallax.origin[1]);
         if high < first as f32 - 1.0 || low > end as f32 + 1.0 {
             continue;
@@ -103,13 +120,32 @@ fn forward_band<S: Simd>(
                 }
                 let side = (2.0 * group.half[lane]) as u32;
                 if side > 0 {
-                    let corner = [group.x[lane] - group.half[lane], group.y[lane] - group.half[lane]];
-                    move_square(simd, source, parallax, corner.map(|v| v as u32), side, &mut setups, &mut band);
+                    let corner = [
+                        group.x[lane] - group.half[lane],
+                        group.y[lane] - group.half[lane],
+                    ];
+                    move_square(
+                        simd,
+                        source,
+                        parallax,
+                        corner.map(|v| v as u32),
+                        side,
+                        &mut setups,
+                        &mut band,
+                    );
                 }
             }
         }
         for &corner in &strip.rough {
-            move_square(simd, source, parallax, corner, BLOCK_SIDE, &mut setups, &mut band);
+            move_square(
+                simd,
+                source,
+                parallax,
+                corner,
+                BLOCK_SIDE,
+                &mut setups,
+                &mut band,
+            );
         }
     }
 }
@@ -148,7 +184,12 @@ fn move_square_at<S: Simd>(
             let (moved, magnified) = move_cells(simd, parallax, block, position, band);
             scatter(simd, moved, band.cells);
             if magnified != 0 && parallax.stored == Stored::Corrected {
-                let whole = set_up(simd, parallax, &cells_as_patches(&block.to_array(), parallax, position), setups);
+                let whole = set_up(
+                    simd,
+                    parallax,
+                    &cells_as_patches(&block.to_array(), parallax, position),
+                    setups,
+                );
                 for lane in (0..GROUP).filter(|lane| (whole & magnified) >> lane & 1 == 1) {
                     draw_patch(simd, setups, lane, band);
                 }
@@ -166,25 +207,37 @@ fn block_of<S: Simd>(simd: S, source: &Field, [x, y]: [u32; 2]) -> u32x16<S> {
         && let Some(cells) = source.cells.get(start..start + 3 * width + 4)
     {
         let (upper, lower) = cells.split_at(2 * width);
-        let first = u32x4::from_slice(simd, &upper[..4]).combine(u32x4::from_slice(simd, &upper[width..width + 4]));
-        let second = u32x4::from_slice(simd, &lower[..4]).combine(u32x4::from_slice(simd, &lower[width..width + 4]));
+        let first = u32x4::from_slice(simd, &upper[..4])
+            .combine(u32x4::from_slice(simd, &upper[width..width + 4]));
+        let second = u32x4::from_slice(simd, &lower[..4])
+            .combine(u32x4::from_slice(simd, &lower[width..width + 4]));
         return first.combine(second);
     }
     let mut block = [0; 16];
     for (i, cell) in block.iter_mut().enumerate() {
         let inside = x as usize + i % 4 < width;
-        *cell = source.cells.get(start + i / 4 * width + i % 4).copied().filter(|_| inside).unwrap_or(0);
+        *cell = source
+            .cells
+            .get(start + i / 4 * width + i % 4)
+            .copied()
+            .filter(|_| inside)
+            .unwrap_or(0);
     }
     u32x16::load_array(simd, block)
 }
 
 /// The cells of a block that begins with the cell centred at `position`.
-fn cells_as_patches(block: &[u32; GROUP], parallax: &PureParallax, position: [f32; 2]) -> PatchGroup {
+fn cells_as_patches(
+    block: &[u32; GROUP],
+    parallax: &PureParallax,
+    position: [f32; 2],
+) -> PatchGroup {
     let mut group = PatchGroup::EMPTY;
     for (i, &cell) in block.iter().enumerate().filter(|(_, cell)| **cell != 0) {
         (group.x[i], group.y[i]) = (position[0] + BLOCK_COLUMNS[i], position[1] + BLOCK_ROWS[i]);
         group.d[i] = parallax.source_coding.displacement(cell, 0.0, 0.0);
-        [group.slope_x[i], group.slope_y[i]] = slopes(cell).map(|slope| slope * parallax.source_coding.slope_scale);
+        [group.slope_x[i], group.slope_y[i]] =
+            slopes(cell).map(|slope| slope * parallax.source_coding.slope_scale);
         (group.half[i], group.visible[i]) = (0.5, cell & VISIBLE);
     }
     group
@@ -201,15 +254,22 @@ const IN_STEP: [u32; 16] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
 #[inline(always)]
 fn scatter<S: Simd>(simd: S, (indices, values): Moved<S>, cells: &mut [u32]) {
     let firsts = indices.swizzle_dyn_within_blocks(u8x64::load_array_ref(simd, &COPIES[0]));
-    let in_step = (indices - firsts).simd_eq(u32x16::load_array_ref(simd, &IN_STEP)).to_bitmask();
+    let in_step = (indices - firsts)
+        .simd_eq(u32x16::load_array_ref(simd, &IN_STEP))
+        .to_bitmask();
     let (indices, values) = (indices.to_array(), values.to_array());
     for group in 0..4 {
-        let (indices, values) = (&indices[4 * group..4 * group + 4], &values[4 * group..4 * group + 4]);
+        let (indices, values) = (
+            &indices[4 * group..4 * group + 4],
+            &values[4 * group..4 * group + 4],
+        );
         let first = indices[0] as usize;
         if in_step >> (4 * group) & 15 == 15
             && let Some(target) = cells.get_mut(first..first + 4)
         {
-            u32x4::from_slice(simd, target).max(u32x4::from_slice(simd, values)).store_slice(target);
+            u32x4::from_slice(simd, target)
+                .max(u32x4::from_slice(simd, values))
+                .store_slice(target);
             continue;
         }
         for (&index, &value) in indices.iter().zip(values) {
@@ -221,8 +281,12 @@ fn scatter<S: Simd>(simd: S, (indices, values): Moved<S>, cells: &mut [u32]) {
 }
 
 /// Columns and rows of the cells of a block.
-const BLOCK_COLUMNS: [f32; 16] = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
-const BLOCK_ROWS: [f32; 16] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+const BLOCK_COLUMNS: [f32; 16] = [
+    0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0,
+];
+const BLOCK_ROWS: [f32; 16] = [
+    0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0,
+];
 
 /// The cells of a block, the first of them centred at `position`; and a bit for each that is magnified.
 #[inline(always)]
@@ -256,7 +320,10 @@ fn move_cells<S: Simd>(
     let (slope_x, slope_y) = (slope_x * factor, slope_y * factor);
     let value = value + slope_x * (column + 0.5 - x3) + slope_y * (row + 0.5 - y3);
 
-    let (column, row) = (column + parallax.origin[0], row + (parallax.origin[1] - band.first as f32));
+    let (column, row) = (
+        column + parallax.origin[0],
+        row + (parallax.origin[1] - band.first as f32),
+    );
     let inside = column.simd_ge(0.0)
         & column.simd_lt(parallax.width)
         & row.simd_ge(0.0)
@@ -266,10 +333,22 @@ fn move_cells<S: Simd>(
     let zero = f32x16::splat(simd, 0.0);
     let row = inside.select(row, zero).to_int::<i32x16<S>>();
     let column = inside.select(column, zero).to_int::<i32x16<S>>();
-    let index = inside.select(row * parallax.width as i32 + column, i32x16::splat(simd, -1));
-    let packed = encode(&parallax.encoding, cells, inside.select(value, zero), slope_x, slope_y);
+    let index = inside.select(
+        row * parallax.width as i32 + column,
+        i32x16::splat(simd, -1),
+    );
+    let packed = encode(
+        &parallax.encoding,
+        cells,
+        inside.select(value, zero),
+        slope_x,
+        slope_y,
+    );
     let magnified = share.max(stretch * share * share).simd_gt(MAGNIFIED) & cells.simd_ne(0);
-    ((index.bitcast::<u32x16<S>>(), packed), magnified.to_bitmask())
+    (
+        (index.bitcast::<u32x16<S>>(), packed),
+        magnified.to_bitmask(),
+    )
 }
 
 /// Cells that move apart by more than this leave gaps side by side. Below, a gap is one cell wide, and filling takes it
@@ -296,7 +375,11 @@ fn encode<S: Simd>(
     slope_y: f32x16<S>,
 ) -> u32x16<S> {
     let value = d * encoding.steps_per_unit + encoding.rounded_zero;
-    let value = value.max(1.0).min(32767.0).to_int::<i32x16<S>>().bitcast::<u32x16<S>>();
+    let value = value
+        .max(1.0)
+        .min(32767.0)
+        .to_int::<i32x16<S>>()
+        .bitcast::<u32x16<S>>();
     let x = slope_units(slope_x * encoding.slopes_per_unit);
     let y = slope_units(slope_y * encoding.slopes_per_unit);
     (source & VISIBLE) | (value << 16) | (x << 8) | y
@@ -305,32 +388,54 @@ fn encode<S: Simd>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_core::camera::Camera;
     use crate::{Displacement, DisplacementFormat, Sprite, SpritePlane};
     use glam::{DMat3, DVec3, dvec3};
+    use headbox_core::camera::Camera;
     use image::{Rgba, RgbaImage};
 
     #[test]
     fn bands_agree_with_the_whole() {
         const SIDE: u32 = 144;
-        let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, [SIDE, SIDE]).expect("valid");
+        let camera = Camera::look_at(
+            dvec3(0.0, 0.0, 2.0),
+            DVec3::ZERO,
+            DVec3::Y,
+            50.0,
+            [SIDE, SIDE],
+        )
+        .expect("valid");
         let color = RgbaImage::from_pixel(SIDE, SIDE, Rgba([255; 4]));
-        let sprite = Sprite::new(color, camera, SpritePlane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
+        let sprite =
+            Sprite::new(color, camera, SpritePlane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
         // Squares at heights of their own: gaps of more rows than filling takes steps lie everywhere.
         let height = |x: u32, y: u32| ((x / 24 * 37 + y / 24 * 101) % 11) as f32 / 11.0;
-        let values: Vec<f32> = (0..SIDE * SIDE).map(|i| height(i % SIDE, i / SIDE)).collect();
-        let displacement = Displacement::new(SIDE, SIDE, &values, DisplacementFormat::F32).expect("finite");
+        let values: Vec<f32> = (0..SIDE * SIDE)
+            .map(|i| height(i % SIDE, i / SIDE))
+            .collect();
+        let displacement =
+            Displacement::new(SIDE, SIDE, &values, DisplacementFormat::F32).expect("finite");
         let field = Field::of_sprite(&sprite, &displacement);
-        let transfer = SpriteTransfer::from_parts(DMat3::IDENTITY, dvec3(4.0, 60.0, 0.05), 1.0).expect("regular");
+        let transfer = SpriteTransfer::from_parts(DMat3::IDENTITY, dvec3(4.0, 60.0, 0.05), 1.0)
+            .expect("regular");
         let moved = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("threads");
             let (mut out, mut memory) = (Field::empty(), Vec::new());
-            let pass = FirstPass { cell_px: [1.0; 2], stored: Stored::Corrected, fill_steps: 5 };
+            let pass = FirstPass {
+                cell_px: [1.0; 2],
+                stored: Stored::Corrected,
+                fill_steps: 5,
+            };
             pool.install(|| forward(Level::new(), &field, &transfer, pass, &mut out, &mut memory));
             out
         };
         let whole = moved(1);
-        assert!(whole.cells.contains(&0) && whole.cells.iter().any(|&cell| cell != 0), "gaps wider than are filled");
+        assert!(
+            whole.cells.contains(&0) && whole.cells.iter().any(|&cell| cell != 0),
+            "gaps wider than are filled"
+        );
         for threads in 2..7 {
             assert!(moved(threads) == whole, "{threads} threads");
         }

@@ -15,7 +15,11 @@ pub struct SpriteLayer {
 impl SpriteLayer {
     /// A transparent frame.
     pub fn new(width: u32, height: u32) -> Self {
-        Self { width, height, pixels: vec![0; width as usize * height as usize] }
+        Self {
+            width,
+            height,
+            pixels: vec![0; width as usize * height as usize],
+        }
     }
 
     /// Takes a size; all pixels become transparent.
@@ -44,7 +48,11 @@ impl SpriteLayer {
     /// differ only what both cover changes.
     pub fn draw_over(&mut self, front: &Self) {
         let width = (self.width as usize).max(1);
-        for (back, front) in self.pixels.chunks_mut(width).zip(front.pixels.chunks((front.width as usize).max(1))) {
+        for (back, front) in self
+            .pixels
+            .chunks_mut(width)
+            .zip(front.pixels.chunks((front.width as usize).max(1)))
+        {
             for (back, &front) in back.iter_mut().zip(front) {
                 *back = over(front, *back);
             }
@@ -56,7 +64,11 @@ impl SpriteLayer {
         let [r, g, b] = background;
         let back = u32::from_le_bytes([r, g, b, 255]);
         RgbImage::from_fn(self.width, self.height, |x, y| {
-            let [r, g, b, _] = over(self.pixels[y as usize * self.width as usize + x as usize], back).to_le_bytes();
+            let [r, g, b, _] = over(
+                self.pixels[y as usize * self.width as usize + x as usize],
+                back,
+            )
+            .to_le_bytes();
             image::Rgb([r, g, b])
         })
     }
@@ -64,7 +76,9 @@ impl SpriteLayer {
     /// As an image with straight alpha.
     pub fn to_rgba(&self) -> RgbaImage {
         RgbaImage::from_fn(self.width, self.height, |x, y| {
-            image::Rgba(straight(self.pixels[y as usize * self.width as usize + x as usize].to_le_bytes()))
+            image::Rgba(straight(
+                self.pixels[y as usize * self.width as usize + x as usize].to_le_bytes(),
+            ))
         })
     }
 }
@@ -75,7 +89,8 @@ pub(crate) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     if a == 0 || a == 255 {
         return [r, g, b, a];
     }
-    let straight = |c: u8| ((u32::from(c) * 510 + u32::from(a)) / (2 * u32::from(a))).min(255) as u8;
+    let straight =
+        |c: u8| ((u32::from(c) * 510 + u32::from(a)) / (2 * u32::from(a))).min(255) as u8;
     [straight(r), straight(g), straight(b), a]
 }
 

@@ -75,18 +75,34 @@ impl Patches {
     /// Cuts a field into patches. Stored displacements have steps of `step` (0 if they are fine): an eighth of one is
     /// less than rounding left open.
     pub(super) fn new(surface: &UnpackedField, step: f32) -> Self {
-        let largest = surface.values.iter().fold(0.0f32, |max, d| max.max(d.abs()));
+        let largest = surface
+            .values
+            .iter()
+            .fold(0.0f32, |max, d| max.max(d.abs()));
         let tolerance = (largest * FLATNESS).max(step / 8.0);
         let strip = |y: u32| {
             let mut strip = Strip::default();
             let mut patches = Vec::new();
             for x in (0..surface.width).step_by(TILE as usize) {
-                split(surface, tolerance, [x, y], TILE, &mut patches, &mut strip.rough);
+                split(
+                    surface,
+                    tolerance,
+                    [x, y],
+                    TILE,
+                    &mut patches,
+                    &mut strip.rough,
+                );
             }
             strip.groups = patches.chunks(GROUP).map(grouped).collect();
             strip
         };
-        Self { strips: (0..surface.height).step_by(TILE as usize).map(strip).collect(), tolerance }
+        Self {
+            strips: (0..surface.height)
+                .step_by(TILE as usize)
+                .map(strip)
+                .collect(),
+            tolerance,
+        }
     }
 }
 
@@ -139,7 +155,12 @@ fn fit(surface: &UnpackedField, tolerance: f32, [x0, y0]: [u32; 2], side: u32) -
         return None;
     }
     let half = f64::from(side) / 2.0;
-    let offset = |i: u32| [f64::from(i % side) + 0.5 - half, f64::from(i / side) + 0.5 - half];
+    let offset = |i: u32| {
+        [
+            f64::from(i % side) + 0.5 - half,
+            f64::from(i / side) + 0.5 - half,
+        ]
+    };
     let (mut mean, mut along, mut square) = (0.0, [0.0; 2], 0.0);
     for i in 0..count {
         let d = f64::from(surface.values[index(i)]);
@@ -157,7 +178,10 @@ fn fit(surface: &UnpackedField, tolerance: f32, [x0, y0]: [u32; 2], side: u32) -
         return None;
     }
     let center = [f64::from(x0) + half, f64::from(y0) + half];
-    Some(([center[0], center[1], d, slope[0], slope[1], half].map(|v| v as f32), visible))
+    Some((
+        [center[0], center[1], d, slope[0], slope[1], half].map(|v| v as f32),
+        visible,
+    ))
 }
 
 #[cfg(test)]
@@ -174,13 +198,31 @@ mod tests {
         };
         let values: Vec<f32> = (0..24 * 18).map(|i| value(i % 24, i / 24)).collect();
         let cells = vec![VISIBLE; values.len()];
-        let patches = Patches::new(&UnpackedField { width: 24, height: 18, values: &values, cells: &cells }, 0.0);
+        let patches = Patches::new(
+            &UnpackedField {
+                width: 24,
+                height: 18,
+                values: &values,
+                cells: &cells,
+            },
+            0.0,
+        );
         let count: Vec<_> = patches
             .strips
             .iter()
             .map(|s| {
-                let large = s.groups.iter().flat_map(|g| g.half).filter(|&half| half == 4.0).count();
-                let small = s.groups.iter().flat_map(|g| g.half).filter(|&half| half == 2.0).count();
+                let large = s
+                    .groups
+                    .iter()
+                    .flat_map(|g| g.half)
+                    .filter(|&half| half == 4.0)
+                    .count();
+                let small = s
+                    .groups
+                    .iter()
+                    .flat_map(|g| g.half)
+                    .filter(|&half| half == 2.0)
+                    .count();
                 (large, small, s.rough.clone())
             })
             .collect();

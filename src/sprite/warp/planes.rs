@@ -26,7 +26,14 @@ impl Setups {
     pub(super) fn new() -> Self {
         let linear = [[0.0; GROUP]; 3];
         let (boxes, value, rest) = ([[0; GROUP]; 4], [[0; GROUP]; 3], [0; GROUP]);
-        Self { boxes, across: linear, down: linear, reach: linear, value, rest }
+        Self {
+            boxes,
+            across: linear,
+            down: linear,
+            reach: linear,
+            value,
+            rest,
+        }
     }
 }
 
@@ -37,7 +44,12 @@ impl Setups {
 /// `d3 = (a + b U + c V) / (1 + a e_z + b e_x + c e_y)`, e relative to the centre, and (U, V) comes from
 /// `(u, v) = ((U, V) - d3 (e_x, e_y)) / (1 - d3 e_z)`: all linear in (U, V) but for the last division, which a
 /// comparison does not need.
-pub(super) fn set_up<S: Simd>(simd: S, parallax: &PureParallax, group: &PatchGroup, out: &mut Setups) -> u64 {
+pub(super) fn set_up<S: Simd>(
+    simd: S,
+    parallax: &PureParallax,
+    group: &PatchGroup,
+    out: &mut Setups,
+) -> u64 {
     simd.vectorize(
         #[inline(always)]
         || set_up_at(simd, parallax, group, out),
@@ -45,13 +57,30 @@ pub(super) fn set_up<S: Simd>(simd: S, parallax: &PureParallax, group: &PatchGro
 }
 
 #[inline(always)]
-fn set_up_at<S: Simd>(simd: S, parallax: &PureParallax, group: &PatchGroup, out: &mut Setups) -> u64 {
-    let (x, y) = (f32x16::load_array_ref(simd, &group.x), f32x16::load_array_ref(simd, &group.y));
-    let (half, a) = (f32x16::load_array_ref(simd, &group.half), f32x16::load_array_ref(simd, &group.d));
-    let (b, c) = (f32x16::load_array_ref(simd, &group.slope_x), f32x16::load_array_ref(simd, &group.slope_y));
+fn set_up_at<S: Simd>(
+    simd: S,
+    parallax: &PureParallax,
+    group: &PatchGroup,
+    out: &mut Setups,
+) -> u64 {
+    let (x, y) = (
+        f32x16::load_array_ref(simd, &group.x),
+        f32x16::load_array_ref(simd, &group.y),
+    );
+    let (half, a) = (
+        f32x16::load_array_ref(simd, &group.half),
+        f32x16::load_array_ref(simd, &group.d),
+    );
+    let (b, c) = (
+        f32x16::load_array_ref(simd, &group.slope_x),
+        f32x16::load_array_ref(simd, &group.slope_y),
+    );
     let [ex, ey, ez] = parallax.epipole;
     let one = f32x16::splat(simd, 1.0);
-    let (ex, ey) = (f32x16::splat(simd, ex) - x * ez, f32x16::splat(simd, ey) - y * ez);
+    let (ex, ey) = (
+        f32x16::splat(simd, ex) - x * ez,
+        f32x16::splat(simd, ey) - y * ez,
+    );
     let w3 = a * ez + 1.0;
     let stretch = w3 + b * ex + c * ey;
     let share = one / stretch;
@@ -66,17 +95,34 @@ fn set_up_at<S: Simd>(simd: S, parallax: &PureParallax, group: &PatchGroup, out:
         let w3 = d * ez + 1.0;
         shallowest = shallowest.min(w3);
         let share = one / w3;
-        let corner = [(half * right + d * ex) * share, (half * below + d * ey) * share, d * share];
+        let corner = [
+            (half * right + d * ex) * share,
+            (half * below + d * ey) * share,
+            d * share,
+        ];
         for (range, at) in boxed.iter_mut().zip(corner) {
             *range = [range[0].min(at), range[1].max(at)];
         }
     }
     // Neighbouring planes miss each other by twice what displacements are off them.
     let margin = (ex.max(-ex).max(ey.max(-ey)) * (2.0 * parallax.tolerance) + MARGIN).min(0.45);
-    let [cx, cy] = [x + (parallax.origin[0] - 0.5), y + (parallax.origin[1] - 0.5)];
-    let (column, row) = ((boxed[0][0] + cx - margin).ceil(), (boxed[1][0] + cy - margin).ceil());
-    let (last_column, last_row) = ((boxed[0][1] + cx + margin).floor(), (boxed[1][1] + cy + margin).floor());
-    let Encoding { steps_per_unit, rounded_zero, slopes_per_unit } = parallax.encoding;
+    let [cx, cy] = [
+        x + (parallax.origin[0] - 0.5),
+        y + (parallax.origin[1] - 0.5),
+    ];
+    let (column, row) = (
+        (boxed[0][0] + cx - margin).ceil(),
+        (boxed[1][0] + cy - margin).ceil(),
+    );
+    let (last_column, last_row) = (
+        (boxed[0][1] + cx + margin).floor(),
+        (boxed[1][1] + cy + margin).floor(),
+    );
+    let Encoding {
+        steps_per_unit,
+        rounded_zero,
+        slopes_per_unit,
+    } = parallax.encoding;
     let slack = (q.max(-q) + r.max(-r)) * margin;
     let least = (boxed[2][0] - slack) * steps_per_unit + rounded_zero;
     let most = (boxed[2][1] + slack) * steps_per_unit + rounded_zero;
@@ -98,15 +144,27 @@ fn set_up_at<S: Simd>(simd: S, parallax: &PureParallax, group: &PatchGroup, out:
     store([from_x - d3 * ex, one - q * ex, -(r * ex)], &mut out.across);
     store([from_y - d3 * ey, -(q * ey), one - r * ey], &mut out.down);
     let depth = half * ez;
-    store([half + margin - d3 * depth, -(q * depth), -(r * depth)], &mut out.reach);
-    let boxes = [column, row, last_column - column + 1.0, last_row - row + 1.0];
+    store(
+        [half + margin - d3 * depth, -(q * depth), -(r * depth)],
+        &mut out.reach,
+    );
+    let boxes = [
+        column,
+        row,
+        last_column - column + 1.0,
+        last_row - row + 1.0,
+    ];
     for i in 0..4 {
-        boxes[i].to_int::<i32x16<S>>().store_slice(&mut out.boxes[i]);
+        boxes[i]
+            .to_int::<i32x16<S>>()
+            .store_slice(&mut out.boxes[i]);
     }
     let fixed = steps_per_unit * 65536.0;
     let values = [d3 * fixed + rounded_zero * 65536.0, q * fixed, r * fixed];
     for i in 0..3 {
-        values[i].to_int::<i32x16<S>>().store_slice(&mut out.value[i]);
+        values[i]
+            .to_int::<i32x16<S>>()
+            .store_slice(&mut out.value[i]);
     }
     let slopes = (slope_units(q * slopes_per_unit) << 8) | slope_units(r * slopes_per_unit);
     (slopes | u32x16::load_array_ref(simd, &group.visible)).store_slice(&mut out.rest);
@@ -139,7 +197,12 @@ pub(super) fn draw_patch<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &
 fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut CellBand) {
     // One by one: `map` over arrays of arrays would copy all lanes of each.
     let boxes = &setups.boxes;
-    let [column, row, columns, rows] = [boxes[0][lane], boxes[1][lane], boxes[2][lane], boxes[3][lane]];
+    let [column, row, columns, rows] = [
+        boxes[0][lane],
+        boxes[1][lane],
+        boxes[2][lane],
+        boxes[3][lane],
+    ];
     if row >= band.first + band.rows || row + rows <= band.first {
         return;
     }
@@ -149,15 +212,26 @@ fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Cell
         let (mut across, across_down) = linear(simd, &setups.across, lane, skipped as f32);
         let (mut down, down_down) = linear(simd, &setups.down, lane, skipped as f32);
         let (mut reach, reach_down) = linear(simd, &setups.reach, lane, skipped as f32);
-        let [start, step, value_down] = [setups.value[0][lane], setups.value[1][lane], setups.value[2][lane]];
+        let [start, step, value_down] = [
+            setups.value[0][lane],
+            setups.value[1][lane],
+            setups.value[2][lane],
+        ];
         let start = start.wrapping_add(step.wrapping_mul(skipped));
         let mut value = whole_lanes * step + start;
         for y in row - band.first..row - band.first + rows {
             if (0..band.rows).contains(&y) {
                 let farthest = across.abs().max(down.abs());
                 let packed = (value.bitcast::<u32x16<S>>() & 0x7fff_0000) | rest;
-                let packed = farthest.simd_le(reach).select(packed, u32x16::splat(simd, 0));
-                put(simd, packed, (y * band.width + column + skipped) as usize, band.cells);
+                let packed = farthest
+                    .simd_le(reach)
+                    .select(packed, u32x16::splat(simd, 0));
+                put(
+                    simd,
+                    packed,
+                    (y * band.width + column + skipped) as usize,
+                    band.cells,
+                );
             }
             (across, down, reach) = (across + across_down, down + down_down, reach + reach_down);
             value += value_down;
@@ -167,17 +241,27 @@ fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Cell
 
 /// A linear quantity of a patch in sixteen columns of its first row, so many columns from the first, and its change per row.
 #[inline(always)]
-fn linear<S: Simd>(simd: S, values: &[[f32; GROUP]; 3], lane: usize, skipped: f32) -> (f32x16<S>, f32x16<S>) {
+fn linear<S: Simd>(
+    simd: S,
+    values: &[[f32; GROUP]; 3],
+    lane: usize,
+    skipped: f32,
+) -> (f32x16<S>, f32x16<S>) {
     let [start, step, down] = [values[0][lane], values[1][lane], values[2][lane]];
     let lanes = f32x16::load_array_ref(simd, &LANE_NUMBERS);
-    (lanes * step + (start + step * skipped), f32x16::splat(simd, down))
+    (
+        lanes * step + (start + step * skipped),
+        f32x16::splat(simd, down),
+    )
 }
 
 /// The larger of what is there and what comes.
 #[inline(always)]
 fn put<S: Simd>(simd: S, values: u32x16<S>, index: usize, cells: &mut [u32]) {
     if let Some(target) = cells.get_mut(index..index + 16) {
-        u32x16::from_slice(simd, target).max(values).store_slice(target);
+        u32x16::from_slice(simd, target)
+            .max(values)
+            .store_slice(target);
     } else if let Some(target) = cells.get_mut(index..) {
         for (cell, value) in target.iter_mut().zip(values.to_array()) {
             *cell = value.max(*cell);

@@ -43,17 +43,35 @@ pub(super) struct PureParallax {
 
 impl PureParallax {
     /// For a pass, and the displacements that stay in front of the target eye. `out` takes its place, size and coding.
-    pub(super) fn new(source: &Field, transfer: &SpriteTransfer, pass: FirstPass, out: &mut Field) -> (Self, [f32; 2]) {
+    pub(super) fn new(
+        source: &Field,
+        transfer: &SpriteTransfer,
+        pass: FirstPass,
+        out: &mut Field,
+    ) -> (Self, [f32; 2]) {
         let e = transfer.epipole_in_sprite;
-        let epipole = [(e.x / pass.cell_px[0]) as f32, (e.y / pass.cell_px[1]) as f32, e.z as f32];
+        let epipole = [
+            (e.x / pass.cell_px[0]) as f32,
+            (e.y / pass.cell_px[1]) as f32,
+            e.z as f32,
+        ];
         let range = in_front(source.range, epipole[2]);
         let [x0, x1] = reach(source.width, range, epipole[0], epipole[2]);
         let [y0, y1] = reach(source.height, range, epipole[1], epipole[2]);
         (out.x0, out.y0) = (x0, y0);
         (out.width, out.height) = ((x1 - x0) as u32, (y1 - y0) as u32);
-        let share = |d: f32| if pass.stored == Stored::Corrected { d / (1.0 + d * epipole[2]) } else { d };
+        let share = |d: f32| {
+            if pass.stored == Stored::Corrected {
+                d / (1.0 + d * epipole[2])
+            } else {
+                d
+            }
+        };
         let [a, b] = range.map(share);
-        let shallowest = range.map(|d| 1.0 + d * epipole[2]).into_iter().fold(1.0, f32::min);
+        let shallowest = range
+            .map(|d| 1.0 + d * epipole[2])
+            .into_iter()
+            .fold(1.0, f32::min);
         let steepest = 127.0 * source.coding.slope_scale / shallowest * 1.25;
         out.coding = Coding::new(a.min(b), a.max(b), steepest, transfer.side as f32);
         let parallax = Self {
@@ -108,9 +126,16 @@ pub(super) fn moved(x: f32, d: f32, epipole: f32, epipole_z: f32) -> f32 {
 /// First and last cell that positions 0 to `length` can reach, at most one `length` beyond either end.
 fn reach(length: u32, range: [f32; 2], epipole: f32, epipole_z: f32) -> [i32; 2] {
     let length = length as f32;
-    let ends = [0.0, length].into_iter().flat_map(|x| range.map(|d| moved(x, d, epipole, epipole_z)));
-    let [low, high] = ends.fold([0.0, length], |[low, high]: [f32; 2], x| [low.min(x), high.max(x)]);
-    [low.max(-length).floor() as i32, high.min(2.0 * length).ceil() as i32]
+    let ends = [0.0, length]
+        .into_iter()
+        .flat_map(|x| range.map(|d| moved(x, d, epipole, epipole_z)));
+    let [low, high] = ends.fold([0.0, length], |[low, high]: [f32; 2], x| {
+        [low.min(x), high.max(x)]
+    });
+    [
+        low.max(-length).floor() as i32,
+        high.min(2.0 * length).ceil() as i32,
+    ]
 }
 
 /// The part of the output that a thread writes.

@@ -5,14 +5,14 @@ use super::field::Field;
 use super::forward::{BandMemory, forward};
 use super::pure_parallax::{FirstPass, Stored};
 use super::sampling::SpriteSampling;
-use crate::model::shift::ShiftField;
 use super::splat::splat;
-use crate::model::texture::Texture;
 use super::transfer::{Outcome, SpriteTransfer};
+use crate::model::shift::ShiftField;
+use crate::model::texture::Texture;
 use crate::{SpriteLayer, SpriteWithDepth};
+use fearless_simd::Level;
 use headbox_core::camera::Camera;
 use headbox_core::simd;
-use fearless_simd::Level;
 
 /// How parallax inside a sprite is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Hash, serde::Serialize)]
@@ -86,7 +86,11 @@ pub struct RenderOptions {
 impl Default for RenderOptions {
     /// Two passes, bilinear, three steps of filling: what the paper found good.
     fn default() -> Self {
-        Self { variant: SpriteVariant::default(), sampling: SpriteSampling::default(), fill_steps: 3 }
+        Self {
+            variant: SpriteVariant::default(),
+            sampling: SpriteSampling::default(),
+            fill_steps: 3,
+        }
     }
 }
 
@@ -111,7 +115,10 @@ impl PreparedSprite {
         Self {
             texture: Texture::new(color),
             field: Field::of_sprite(sprite.sprite(), sprite.displacement()),
-            cell_px: [f64::from(color.width()) / f64::from(width), f64::from(color.height()) / f64::from(height)],
+            cell_px: [
+                f64::from(color.width()) / f64::from(width),
+                f64::from(color.height()) / f64::from(height),
+            ],
             invisible: color.pixels().all(|p| p.0[3] == 0),
             sprite,
         }
@@ -146,7 +153,12 @@ impl SpriteRenderer {
 
     /// For a given SIMD level: every level gives the same bytes, as does every number of threads.
     pub fn with_level(level: Level) -> Self {
-        Self { level, moved: Field::empty(), bands: Vec::new(), nearness: Vec::new() }
+        Self {
+            level,
+            moved: Field::empty(),
+            bands: Vec::new(),
+            nearness: Vec::new(),
+        }
     }
 
     /// Draws `sprite` as `target` sees it into `frame`, which takes the target's size; what was in it is gone. Runs on
@@ -188,16 +200,36 @@ impl SpriteRenderer {
             affine = transfer.with_epipole_at_infinity();
             transfer = &affine;
         }
-        let PreparedSprite { texture, field, cell_px, .. } = sprite;
+        let PreparedSprite {
+            texture,
+            field,
+            cell_px,
+            ..
+        } = sprite;
         let moves = !matches!(
             options.variant,
             SpriteVariant::Homography | SpriteVariant::OnePass | SpriteVariant::ForwardColor
         );
         if moves {
             let as_printed = options.variant == SpriteVariant::AsPrinted;
-            let stored = if as_printed { Stored::AsPrinted } else { Stored::Corrected };
-            let pass = FirstPass { cell_px: *cell_px, stored, fill_steps: options.fill_steps };
-            forward(self.level, field, transfer, pass, &mut self.moved, &mut self.bands);
+            let stored = if as_printed {
+                Stored::AsPrinted
+            } else {
+                Stored::Corrected
+            };
+            let pass = FirstPass {
+                cell_px: *cell_px,
+                stored,
+                fill_steps: options.fill_steps,
+            };
+            forward(
+                self.level,
+                field,
+                transfer,
+                pass,
+                &mut self.moved,
+                &mut self.bands,
+            );
         }
         let shifts;
         let parallax = match options.variant {
@@ -213,12 +245,32 @@ impl SpriteRenderer {
             SpriteVariant::ForwardColor => {
                 let width = frame.size().0;
                 let pixels = &mut frame.pixels;
-                splat(texture, field, *cell_px, transfer, options.sampling, width, pixels, &mut self.nearness);
+                splat(
+                    texture,
+                    field,
+                    *cell_px,
+                    transfer,
+                    options.sampling,
+                    width,
+                    pixels,
+                    &mut self.nearness,
+                );
                 return;
             }
         };
-        let view = BackwardPlan { texture, transfer, cell_px: *cell_px, parallax };
+        let view = BackwardPlan {
+            texture,
+            transfer,
+            cell_px: *cell_px,
+            parallax,
+        };
         let width = frame.size().0;
-        backward(self.level, &view, options.sampling == SpriteSampling::Nearest, width, &mut frame.pixels);
+        backward(
+            self.level,
+            &view,
+            options.sampling == SpriteSampling::Nearest,
+            width,
+            &mut frame.pixels,
+        );
     }
 }

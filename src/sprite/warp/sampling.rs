@@ -26,8 +26,9 @@ pub(super) const BLOCK: usize = 128;
 pub(super) const LANES: usize = 16;
 
 /// Numbers of the pixels in a vector.
-pub(super) const LANE_NUMBERS: [f32; LANES] =
-    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+pub(super) const LANE_NUMBERS: [f32; LANES] = [
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
+];
 
 /// Addresses and texels of a block on their way. Aligned as cache lines are: vectors that lie across two cost twice.
 #[repr(align(64))]
@@ -44,7 +45,12 @@ pub(super) struct Footprints {
 
 impl Footprints {
     pub(super) fn new() -> Self {
-        Self { offsets: [0; BLOCK], upper: [0; BLOCK], lower: [0; BLOCK], texels: [[[0; 2]; 2]; BLOCK] }
+        Self {
+            offsets: [0; BLOCK],
+            upper: [0; BLOCK],
+            lower: [0; BLOCK],
+            texels: [[[0; 2]; 2]; BLOCK],
+        }
     }
 }
 
@@ -96,16 +102,24 @@ pub(super) fn address<S: Simd, const NEAREST: bool, const INSIDE: bool>(
         let high = (sides[axis] - map.base[axis]) as f32;
         let half = if NEAREST { 0.5 } else { 0.0 };
         let texel = position[axis] * map.scale + (map.rest[axis] + half);
-        let texel = if INSIDE { texel } else { valid.select(texel, low).max(low).min(high) };
+        let texel = if INSIDE {
+            texel
+        } else {
+            valid.select(texel, low).max(low).min(high)
+        };
         let floor = texel.floor();
         fraction[axis] = texel - floor;
         cell[axis] = floor.to_int::<i32x16<S>>();
     }
     // Far from the picture the parts may overflow; the sum of all, modulo 2^32, does not.
     let row = map.base[1].wrapping_mul(map.level.stride as i32);
-    let origin = (map.level.origin as i32).wrapping_add(row).wrapping_add(map.base[0]);
+    let origin = (map.level.origin as i32)
+        .wrapping_add(row)
+        .wrapping_add(map.base[0]);
     let offset = cell[1] * (map.level.stride as i32) + cell[0] + origin;
-    offset.bitcast::<u32x16<S>>().store_slice(&mut out.offsets[first..first + LANES]);
+    offset
+        .bitcast::<u32x16<S>>()
+        .store_slice(&mut out.offsets[first..first + LANES]);
     if NEAREST {
         return;
     }
@@ -117,8 +131,12 @@ pub(super) fn address<S: Simd, const NEAREST: bool, const INSIDE: bool>(
     let upper_left = i32x16::splat(simd, ONE) - x - y + both;
     let upper = (upper_left & 0xffff) | ((x - both) << 16);
     let lower = ((y - both) & 0xffff) | (both << 16);
-    upper.bitcast::<u32x16<S>>().store_slice(&mut out.upper[first..first + LANES]);
-    lower.bitcast::<u32x16<S>>().store_slice(&mut out.lower[first..first + LANES]);
+    upper
+        .bitcast::<u32x16<S>>()
+        .store_slice(&mut out.upper[first..first + LANES]);
+    lower
+        .bitcast::<u32x16<S>>()
+        .store_slice(&mut out.lower[first..first + LANES]);
 }
 
 /// The weight 1.
@@ -144,7 +162,9 @@ pub(super) const COPIES: [[u8; 64]; 4] = [
     in_each_block([0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3]),
     in_each_block([4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7]),
     in_each_block([8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11]),
-    in_each_block([12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15]),
+    in_each_block([
+        12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15,
+    ]),
 ];
 
 /// Fetches and mixes the first `count` pixels of a block into `out`; `count` is a multiple of [`LANES`].
@@ -191,16 +211,26 @@ fn mix<S: Simd>(simd: S, footprints: &Footprints, first: usize, out: &mut [u32])
     let mut word = u32x16::splat(simd, 0);
     for k in 0..4 {
         let texels = u8x64::from_slice(simd, &bytes[k * 64..k * 64 + 64]);
-        let pairs = texels.swizzle_dyn_within_blocks(by_channel).bitcast::<u16x32<S>>();
+        let pairs = texels
+            .swizzle_dyn_within_blocks(by_channel)
+            .bitcast::<u16x32<S>>();
         let upper = (pairs & 0xff).bitcast::<i16x32<S>>();
         let lower = (pairs >> 8).bitcast::<i16x32<S>>();
         let lane = u8x64::load_array_ref(simd, &COPIES[k]);
-        let upper_weights = upper_weights.swizzle_dyn_within_blocks(lane).bitcast::<i16x32<S>>();
-        let lower_weights = lower_weights.swizzle_dyn_within_blocks(lane).bitcast::<i16x32<S>>();
-        let sum = upper.pairwise_dot_product(upper_weights) + lower.pairwise_dot_product(lower_weights);
+        let upper_weights = upper_weights
+            .swizzle_dyn_within_blocks(lane)
+            .bitcast::<i16x32<S>>();
+        let lower_weights = lower_weights
+            .swizzle_dyn_within_blocks(lane)
+            .bitcast::<i16x32<S>>();
+        let sum =
+            upper.pairwise_dot_product(upper_weights) + lower.pairwise_dot_product(lower_weights);
         let level = (sum + ONE / 2) >> 14;
         word |= level.bitcast::<u32x16<S>>() << (8 * k as u32);
     }
     let transposed = u8x64::load_array_ref(simd, &TRANSPOSED);
-    word.bitcast::<u8x64<S>>().swizzle_dyn_within_blocks(transposed).bitcast::<u32x16<S>>().store_slice(out);
+    word.bitcast::<u8x64<S>>()
+        .swizzle_dyn_within_blocks(transposed)
+        .bitcast::<u32x16<S>>()
+        .store_slice(out);
 }

@@ -5,8 +5,8 @@
 use super::cell::VISIBLE;
 use super::field::Field;
 use super::sampling::SpriteSampling;
-use crate::model::texture::Texture;
 use super::transfer::SpriteTransfer;
+use crate::model::texture::Texture;
 use glam::dvec3;
 
 /// Draws into `pixels`, row-major, `width` columns; `nearness` is scratch space.
@@ -33,7 +33,8 @@ pub(super) fn splat(
             }
             let (px, py) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
             let d = f64::from(displacement(field, px / cell_px[0], py / cell_px[1]));
-            let p = transfer.target_from_sprite * dvec3(px, py, 1.0) + transfer.epipole_in_target * d;
+            let p =
+                transfer.target_from_sprite * dvec3(px, py, 1.0) + transfer.epipole_in_target * d;
             if p.z.is_nan() || p.z <= 0.0 {
                 continue;
             }
@@ -46,7 +47,11 @@ pub(super) fn splat(
             };
             for (dx, dy) in (0..count).flat_map(|dy| (0..count).map(move |dx| (dx, dy))) {
                 let (column, row) = (first[0] + f64::from(dx), first[1] + f64::from(dy));
-                if column < 0.0 || row < 0.0 || column >= f64::from(width) || row >= f64::from(height) {
+                if column < 0.0
+                    || row < 0.0
+                    || column >= f64::from(width)
+                    || row >= f64::from(height)
+                {
                     continue;
                 }
                 let index = row as usize * width as usize + column as usize;
@@ -64,5 +69,9 @@ fn displacement(field: &Field, x: f64, y: f64) -> f32 {
     let column = (x as u32).min(field.width - 1);
     let row = (y as u32).min(field.height - 1);
     let cell = field.cells[row as usize * field.width as usize + column as usize] | VISIBLE;
-    field.coding.displacement(cell, (x - f64::from(column)) as f32 - 0.5, (y - f64::from(row)) as f32 - 0.5)
+    field.coding.displacement(
+        cell,
+        (x - f64::from(column)) as f32 - 0.5,
+        (y - f64::from(row)) as f32 - 0.5,
+    )
 }

@@ -1,8 +1,8 @@
 //! From the sprite's camera to another: homography of the plane and epipole (Shade et al., Eq. 1 to 6).
 
 use crate::Sprite;
-use headbox_core::camera::Camera;
 use glam::{DMat3, DMat4, DVec3, dvec3};
+use headbox_core::camera::Camera;
 
 /// How a rendering came out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
@@ -51,31 +51,54 @@ impl SpriteTransfer {
         let (camera, plane) = (sprite.camera(), sprite.plane());
         let pixel_direction = |x: f64, y: f64| camera.direction(x, y);
         let origin = pixel_direction(0.0, 0.0);
-        let directions =
-            DMat3::from_cols(pixel_direction(1.0, 0.0) - origin, pixel_direction(0.0, 1.0) - origin, origin);
+        let directions = DMat3::from_cols(
+            pixel_direction(1.0, 0.0) - origin,
+            pixel_direction(0.0, 1.0) - origin,
+            origin,
+        );
         let project = projection(target);
         let baseline = project * (camera.eye() - target.eye());
         let distance = plane.signed_distance(camera.eye());
         let inverse_depth = directions.transpose() * plane.normal / -distance;
         let target_from_sprite = project * directions + outer(baseline, inverse_depth);
         let epipole_in_target = baseline / distance;
-        let transfer = Self::from_parts(target_from_sprite, epipole_in_target, target_side(sprite, target)?);
+        let transfer = Self::from_parts(
+            target_from_sprite,
+            epipole_in_target,
+            target_side(sprite, target)?,
+        );
         transfer.filter(|t| t.shows(sprite)).ok_or(Outcome::Behind)
     }
 
     /// From H12, e12 and the side; `None` unless H12 has an inverse and all is finite.
-    pub fn from_parts(target_from_sprite: DMat3, epipole_in_target: DVec3, side: f64) -> Option<Self> {
+    pub fn from_parts(
+        target_from_sprite: DMat3,
+        epipole_in_target: DVec3,
+        side: f64,
+    ) -> Option<Self> {
         let sprite_from_target = target_from_sprite.inverse();
         let epipole_in_sprite = sprite_from_target * epipole_in_target;
-        let finite = sprite_from_target.is_finite() && target_from_sprite.is_finite() && epipole_in_sprite.is_finite();
-        finite.then_some(Self { target_from_sprite, sprite_from_target, epipole_in_target, epipole_in_sprite, side })
+        let finite = sprite_from_target.is_finite()
+            && target_from_sprite.is_finite()
+            && epipole_in_sprite.is_finite();
+        finite.then_some(Self {
+            target_from_sprite,
+            sprite_from_target,
+            epipole_in_target,
+            epipole_in_sprite,
+            side,
+        })
     }
 
     /// The same with the epipole in the sprite at infinity (S8): every pixel moves in one direction.
     #[must_use]
     pub(super) fn with_epipole_at_infinity(&self) -> Self {
         let epipole_in_sprite = dvec3(self.epipole_in_sprite.x, self.epipole_in_sprite.y, 0.0);
-        Self { epipole_in_sprite, epipole_in_target: self.target_from_sprite * epipole_in_sprite, ..*self }
+        Self {
+            epipole_in_sprite,
+            epipole_in_target: self.target_from_sprite * epipole_in_sprite,
+            ..*self
+        }
     }
 
     /// Position in the target of a sprite pixel at displacement `d` (Eq. 4), or `None` if it is not in front.
@@ -86,9 +109,19 @@ impl SpriteTransfer {
 
     /// Whether a corner of the sprite's rectangle on the plane is in front of the target eye.
     fn shows(&self, sprite: &Sprite) -> bool {
-        let (w, h) = (f64::from(sprite.camera().width()), f64::from(sprite.camera().height()));
-        let corners = [dvec3(0.0, 0.0, 1.0), dvec3(w, 0.0, 1.0), dvec3(0.0, h, 1.0), dvec3(w, h, 1.0)];
-        corners.iter().any(|&corner| (self.target_from_sprite * corner).z > 0.0)
+        let (w, h) = (
+            f64::from(sprite.camera().width()),
+            f64::from(sprite.camera().height()),
+        );
+        let corners = [
+            dvec3(0.0, 0.0, 1.0),
+            dvec3(w, 0.0, 1.0),
+            dvec3(0.0, h, 1.0),
+            dvec3(w, h, 1.0),
+        ];
+        corners
+            .iter()
+            .any(|&corner| (self.target_from_sprite * corner).z > 0.0)
     }
 }
 
@@ -96,13 +129,22 @@ impl SpriteTransfer {
 fn target_side(sprite: &Sprite, target: &Camera) -> Result<f64, Outcome> {
     let distance = sprite.plane().signed_distance(target.eye());
     let range = (target.eye() - sprite.middle()).length();
-    if distance.abs() > EDGE_ON * range && distance.is_finite() { Ok(distance.signum()) } else { Err(Outcome::EdgeOn) }
+    if distance.abs() > EDGE_ON * range && distance.is_finite() {
+        Ok(distance.signum())
+    } else {
+        Err(Outcome::EdgeOn)
+    }
 }
 
 /// Rows x, y and w of a camera's matrix, without translation: (w x, w y, w) of a direction.
 fn projection(camera: &Camera) -> DMat3 {
     let rows: DMat4 = camera.image_from_world().transpose();
-    DMat3::from_cols(rows.x_axis.truncate(), rows.y_axis.truncate(), rows.w_axis.truncate()).transpose()
+    DMat3::from_cols(
+        rows.x_axis.truncate(),
+        rows.y_axis.truncate(),
+        rows.w_axis.truncate(),
+    )
+    .transpose()
 }
 
 /// column * row^T.
@@ -140,15 +182,27 @@ mod tests {
         let t12 = hat(&target) * hat(sprite.camera()).inverse();
         let t21 = t12.inverse();
         let rows = t12.transpose();
-        assert!(rows.z_axis.distance(DVec4::Z) < ROUNDING, "C6: the third row is [0 0 1 0]");
+        assert!(
+            rows.z_axis.distance(DVec4::Z) < ROUNDING,
+            "C6: the third row is [0 0 1 0]"
+        );
         let pick = |v: DVec4| dvec3(v.x, v.y, v.w);
-        for (mine, theirs) in [(transfer.target_from_sprite, t12), (transfer.sprite_from_target, t21)] {
-            for (k, column) in [theirs.x_axis, theirs.y_axis, theirs.w_axis].into_iter().enumerate() {
+        for (mine, theirs) in [
+            (transfer.target_from_sprite, t12),
+            (transfer.sprite_from_target, t21),
+        ] {
+            for (k, column) in [theirs.x_axis, theirs.y_axis, theirs.w_axis]
+                .into_iter()
+                .enumerate()
+            {
                 assert!(mine.col(k).distance(pick(column)) < ROUNDING * 1e3);
             }
         }
         assert!(transfer.epipole_in_target.distance(pick(t12.z_axis)) < ROUNDING * 1e3);
-        assert!((-transfer.epipole_in_sprite).distance(pick(t21.z_axis)) < ROUNDING * 1e3, "e21 = -e*");
+        assert!(
+            (-transfer.epipole_in_sprite).distance(pick(t21.z_axis)) < ROUNDING * 1e3,
+            "e21 = -e*"
+        );
     }
 
     #[test]
@@ -170,10 +224,16 @@ mod tests {
         let (normal, middle) = (sprite.plane().normal.normalize(), sprite.middle());
         let along = normal.any_orthonormal_vector();
         for range in [0.2, 5.0, 300.0] {
-            for (angle, is_edge_on) in [(0.8e-3, true), (1.2e-3, false), (-0.8e-3, true), (-1.2e-3, false)] {
+            for (angle, is_edge_on) in [
+                (0.8e-3, true),
+                (1.2e-3, false),
+                (-0.8e-3, true),
+                (-1.2e-3, false),
+            ] {
                 let eye = middle + (along + normal * angle) * range;
                 let target = Camera::look_at(eye, middle, normal, 50.0, [64, 48]).expect("valid");
-                let found = SpriteTransfer::new(&sprite, &target).map(|_| ()) == Err(Outcome::EdgeOn);
+                let found =
+                    SpriteTransfer::new(&sprite, &target).map(|_| ()) == Err(Outcome::EdgeOn);
                 assert_eq!(found, is_edge_on, "{range} m, {angle} rad");
             }
         }
@@ -184,7 +244,8 @@ mod tests {
         let (sprite, _) = setup();
         let corner = |x, y| {
             let ray = sprite.camera().direction(x, y);
-            let depth = -sprite.plane().signed_distance(sprite.camera().eye()) / sprite.plane().normal.dot(ray);
+            let depth = -sprite.plane().signed_distance(sprite.camera().eye())
+                / sprite.plane().normal.dot(ray);
             sprite.camera().eye() + ray * depth
         };
         let (left, right) = (corner(0.0, 24.0), corner(64.0, 24.0));
@@ -194,8 +255,17 @@ mod tests {
             let target = Camera::look_at(eye, at, DVec3::Y, 50.0, [64, 48]).expect("valid");
             assert!(SpriteTransfer::new(&sprite, &target).is_ok());
         }
-        let target = Camera::look_at(left * 2.0 - right, left * 3.0 - right * 2.0, DVec3::Y, 50.0, [64, 48]);
-        assert!(SpriteTransfer::new(&sprite, &target.expect("valid")).is_err(), "all of it is behind");
+        let target = Camera::look_at(
+            left * 2.0 - right,
+            left * 3.0 - right * 2.0,
+            DVec3::Y,
+            50.0,
+            [64, 48],
+        );
+        assert!(
+            SpriteTransfer::new(&sprite, &target.expect("valid")).is_err(),
+            "all of it is behind"
+        );
     }
 
     #[test]
@@ -214,12 +284,23 @@ mod tests {
         let (sprite, _) = setup();
         let look = |eye, at| Camera::look_at(eye, at, DVec3::Y, 50.0, [64, 48]).expect("valid");
         let in_plane = look(dvec3(10.0, 1.0, 0.0), dvec3(11.0, 1.0, 0.0));
-        assert_eq!(SpriteTransfer::new(&sprite, &in_plane), Err(Outcome::EdgeOn));
+        assert_eq!(
+            SpriteTransfer::new(&sprite, &in_plane),
+            Err(Outcome::EdgeOn)
+        );
         let along_plane = look(dvec3(9.0, 1.0, 0.2), dvec3(10.0, 1.0, 0.0));
-        assert_eq!(SpriteTransfer::new(&sprite, &along_plane), Err(Outcome::EdgeOn));
+        assert_eq!(
+            SpriteTransfer::new(&sprite, &along_plane),
+            Err(Outcome::EdgeOn)
+        );
         let away = look(dvec3(10.0, 1.0, 4.0), dvec3(10.0, 1.0, 8.0));
         assert_eq!(SpriteTransfer::new(&sprite, &away), Err(Outcome::Behind));
         let from_behind = look(dvec3(10.0, 1.0, -4.0), dvec3(10.0, 1.0, 0.0));
-        assert_eq!(SpriteTransfer::new(&sprite, &from_behind).expect("visible").side, -1.0);
+        assert_eq!(
+            SpriteTransfer::new(&sprite, &from_behind)
+                .expect("visible")
+                .side,
+            -1.0
+        );
     }
 }

@@ -3,14 +3,21 @@
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
 use headbox_cube::pack::{PackedCube, PackedSegment, SegmentSide};
-use headbox_cube::render::reference::inspect::{Fate, Kept};
 use headbox_cube::render::canvas::touched::Touched;
+use headbox_cube::render::reference::inspect::{Fate, Kept};
 use headbox_viewer::{Figure, Swatch};
 
 /// Colours of seven classes: the "viridis" map by van der Walt and Smith (2015), whose lightness
 /// grows evenly, and white.
-const CLASSES: [[u8; 3]; 7] =
-    [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37], [255, 255, 255]];
+const CLASSES: [[u8; 3]; 7] = [
+    [68, 1, 84],
+    [65, 68, 135],
+    [42, 120, 142],
+    [34, 168, 132],
+    [122, 209, 81],
+    [253, 231, 37],
+    [255, 255, 255],
+];
 
 /// Where there are no samples.
 pub(super) const NOTHING: [u8; 3] = [20, 20, 20];
@@ -26,7 +33,10 @@ const TIMES: Tops = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
 /// The colour of the class of a number that is more than 0.
 pub(super) fn class_color(value: f32, tops: &Tops) -> [u8; 3] {
-    CLASSES[tops.iter().position(|top| value <= *top).unwrap_or(tops.len())]
+    CLASSES[tops
+        .iter()
+        .position(|top| value <= *top)
+        .unwrap_or(tops.len())]
 }
 
 /// The legend of classes: what each ends at, in `unit`.
@@ -35,13 +45,22 @@ pub(super) fn class_legend(nothing: &str, tops: &Tops, unit: &str) -> Vec<Swatch
     let labels = up_to.chain(tops.last().map(|top| format!("more than {top} {unit}")));
     // Of classes that end alike, all but the first are empty.
     let is_empty = |i: usize| i > 0 && tops.get(i) == tops.get(i - 1);
-    let classes = CLASSES.into_iter().zip(labels).enumerate().filter(|(i, _)| !is_empty(*i));
+    let classes = CLASSES
+        .into_iter()
+        .zip(labels)
+        .enumerate()
+        .filter(|(i, _)| !is_empty(*i));
     let classes = classes.map(|(_, (color, label))| Swatch { color, label });
-    std::iter::once(swatch(NOTHING, nothing)).chain(classes).collect()
+    std::iter::once(swatch(NOTHING, nothing))
+        .chain(classes)
+        .collect()
 }
 
 pub(crate) fn swatch(color: [u8; 3], label: &str) -> Swatch {
-    Swatch { color, label: label.into() }
+    Swatch {
+        color,
+        label: label.into(),
+    }
 }
 
 pub(super) fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
@@ -57,7 +76,11 @@ pub(crate) fn paint_footprints(touched: &[Touched], pixels: &mut [[u8; 4]]) -> V
     let (mut sum_px, mut count) = (0.0, 0.0_f64);
     for (pixel, touched) in pixels.iter_mut().zip(touched) {
         let width_px = touched.width_px;
-        *pixel = opaque(if width_px > 0.0 { class_color(width_px, &WIDTHS_PX) } else { NOTHING });
+        *pixel = opaque(if width_px > 0.0 {
+            class_color(width_px, &WIDTHS_PX)
+        } else {
+            NOTHING
+        });
         sum_px += f64::from(width_px);
         count += f64::from(u8::from(width_px > 0.0));
     }
@@ -73,7 +96,11 @@ pub(crate) fn paint_overdraw(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec
     let (mut sum, mut drawn, mut most) = (0_u64, 0_u64, 0);
     for (pixel, touched) in pixels.iter_mut().zip(touched) {
         let times = touched.footprints;
-        *pixel = opaque(if times > 0 { class_color(times as f32, &TIMES) } else { NOTHING });
+        *pixel = opaque(if times > 0 {
+            class_color(times as f32, &TIMES)
+        } else {
+            NOTHING
+        });
         sum += u64::from(times);
         drawn += u64::from(times > 0);
         most = most.max(times);
@@ -103,7 +130,12 @@ const HIDDEN_COLOR: [u8; 3] = [86, 180, 233];
 
 /// Paints the faces of a cube unfolded over the dimmed frame: what is drawn in its own colours, the rest in the colour of the
 /// test that left it out.
-pub(crate) fn paint_clipping(cube: &PackedCube, kept: &[Kept], frame: &Frame, pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+pub(crate) fn paint_clipping(
+    cube: &PackedCube,
+    kept: &[Kept],
+    frame: &Frame,
+    pixels: &mut [[u8; 4]],
+) -> Vec<Figure> {
     for (pixel, &[r, g, b, _]) in pixels.iter_mut().zip(&frame.color) {
         *pixel = opaque([r, g, b].map(|c| c / 4));
     }
@@ -119,7 +151,9 @@ pub(crate) fn paint_clipping(cube: &PackedCube, kept: &[Kept], frame: &Frame, pi
             .collect();
         segments.sort_by_key(|(_, segment)| segment.side == SegmentSide::Far);
         let [left, top] = [0, 1].map(|axis| corner[axis] + place[axis] * side);
-        let on_face = |i: usize| ((i as u64 * 2 + 1) * u64::from(cube.face_size_px) / (2 * side as u64)) as u32;
+        let on_face = |i: usize| {
+            ((i as u64 * 2 + 1) * u64::from(cube.face_size_px) / (2 * side as u64)) as u32
+        };
         for (row, y) in (0..side).map(|i| (i, on_face(i))) {
             let row = &mut pixels[(top + row) * width + left..][..side];
             for (i, pixel) in row.iter_mut().enumerate() {
@@ -138,7 +172,9 @@ fn fate_color(segments: &[(&Kept, &PackedSegment)], x: u32, y: u32) -> [u8; 3] {
         let nearest = inside.then(|| segment.pixel(column, row).last())??;
         Some((kept.fate(x, y), nearest.color_srgb))
     });
-    let Some((fate, [r, g, b, _])) = seen else { return NOTHING };
+    let Some((fate, [r, g, b, _])) = seen else {
+        return NOTHING;
+    };
     let tint = match fate {
         Fate::Drawn => return [r, g, b],
         Fate::OutsideRectangle => OUTSIDE_COLOR,
@@ -156,7 +192,10 @@ pub(super) fn tinted(tint: [u8; 3], [r, g, b]: [u8; 3]) -> [u8; 3] {
 /// Depth pixels by what becomes of them.
 fn clipping_figures(cube: &PackedCube, kept: &[Kept]) -> Vec<Figure> {
     let [mut drawn, mut outside, mut hidden] = [0_u64; 3];
-    for (kept, segment) in kept.iter().filter_map(|k| Some((k, cube.segments.get(k.segment)?))) {
+    for (kept, segment) in kept
+        .iter()
+        .filter_map(|k| Some((k, cube.segments.get(k.segment)?)))
+    {
         for row in 0..segment.height {
             let (_, counts) = segment.row(row);
             kept.for_each_run(segment, segment.y0 + row, |fate, columns| {
@@ -191,16 +230,18 @@ pub(super) fn clipping_legend() -> Vec<Swatch> {
 mod tests {
     use super::super::variation::tests::cube;
     use super::*;
+    use glam::{DVec3, dvec3};
     use headbox_core::camera::Camera;
     use headbox_cube::render::footprint::splat::SplatKernel;
     use headbox_cube::render::{RenderSettings, Renderer};
-    use glam::{DVec3, dvec3};
 
     /// Views from off the centre: along the axes of the room, and askew.
     fn views(cube: &PackedCube) -> Vec<Camera> {
         let eye = cube.info.centre + dvec3(0.3, -0.2, 0.25) * cube.info.half_size_m;
         let ahead = [DVec3::NEG_Z, DVec3::X, dvec3(0.4, -0.7, 0.6)];
-        ahead.map(|ahead| Camera::look_at(eye, eye + ahead, DVec3::Y, 55.0, [90, 70]).unwrap()).to_vec()
+        ahead
+            .map(|ahead| Camera::look_at(eye, eye + ahead, DVec3::Y, 55.0, [90, 70]).unwrap())
+            .to_vec()
     }
 
     #[test]
@@ -214,26 +255,40 @@ mod tests {
             let (mut left_out, mut all) = (0, 0);
             for kept in &kept {
                 let segment = &mut marked.segments[kept.segment];
-                for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y))) {
+                for (x, y) in
+                    (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y)))
+                {
                     let row = y as usize * (segment.width as usize + 1) + x as usize;
-                    let [start, end] =
-                        [0, 1].map(|i| (segment.row_offsets[y as usize] + segment.row_counts[row + i]) as usize);
+                    let [start, end] = [0, 1].map(|i| {
+                        (segment.row_offsets[y as usize] + segment.row_counts[row + i]) as usize
+                    });
                     all += end - start;
                     if kept.fate(segment.x0 + x, segment.y0 + y) != Fate::Drawn {
                         left_out += end - start;
-                        segment.depth_pixels[start..end].iter_mut().for_each(|p| p.color_srgb = MARK);
+                        segment.depth_pixels[start..end]
+                            .iter_mut()
+                            .for_each(|p| p.color_srgb = MARK);
                     }
                 }
             }
-            let counted: f64 = clipping_figures(&cube, &kept)[1..].iter().map(|figure| figure.value).sum();
+            let counted: f64 = clipping_figures(&cube, &kept)[1..]
+                .iter()
+                .map(|figure| figure.value)
+                .sum();
             assert!(left_out > all / 4 && left_out < all, "{left_out} of {all}");
             assert_eq!(counted, left_out as f64);
             let expected = renderer.render(&cube, &camera, &settings).color.clone();
             assert!(renderer.render(&marked, &camera, &settings).color == expected);
         }
-        let unclipped = RenderSettings { unclipped: true, ..settings };
+        let unclipped = RenderSettings {
+            unclipped: true,
+            ..settings
+        };
         let kept = renderer.kept(&cube, &views(&cube)[0], &unclipped);
-        assert_eq!(clipping_figures(&cube, &kept)[0].value, cube.depth_pixel_count() as f64);
+        assert_eq!(
+            clipping_figures(&cube, &kept)[0].value,
+            cube.depth_pixel_count() as f64
+        );
     }
 
     #[test]
@@ -241,16 +296,28 @@ mod tests {
         let cube = cube();
         let mut renderer = Renderer::new();
         for (camera, (name, kernel)) in views(&cube).into_iter().zip(SplatKernel::ALL) {
-            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            let settings = RenderSettings {
+                kernel,
+                ..RenderSettings::default()
+            };
             let touched = renderer.touched(&cube, &camera, &settings);
-            let unclipped = RenderSettings { unclipped: true, ..settings };
-            assert!(touched == renderer.touched(&cube, &camera, &unclipped), "{name}: clipping changes nothing");
+            let unclipped = RenderSettings {
+                unclipped: true,
+                ..settings
+            };
+            assert!(
+                touched == renderer.touched(&cube, &camera, &unclipped),
+                "{name}: clipping changes nothing"
+            );
             let frame = renderer.render(&cube, &camera, &settings);
             for (i, (touched, coverage)) in touched.iter().zip(&frame.coverage).enumerate() {
                 assert_eq!(touched.footprints > 0, touched.width_px > 0.0);
                 // The paper's squares lie about the pixel of a sample rather than about the sample.
                 let shows = coverage.splat_share() > 0;
-                assert!(kernel == SplatKernel::Paper || !shows || touched.footprints > 0, "{name}: pixel {i}");
+                assert!(
+                    kernel == SplatKernel::Paper || !shows || touched.footprints > 0,
+                    "{name}: pixel {i}"
+                );
             }
         }
     }
@@ -261,7 +328,8 @@ mod tests {
         let (mut renderer, settings) = (Renderer::new(), RenderSettings::default());
         for size in [(320, 240), (7, 5), (1, 1)] {
             let eye = cube.info.centre;
-            let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 55.0, [size.0, size.1]).unwrap();
+            let camera =
+                Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 55.0, [size.0, size.1]).unwrap();
             let kept = renderer.kept(&cube, &camera, &settings);
             let frame = renderer.render(&cube, &camera, &settings).clone();
             let mut pixels = vec![[0; 4]; frame.color.len()];
@@ -272,9 +340,20 @@ mod tests {
 
     #[test]
     fn classes_end_where_the_legend_says() {
-        let of = |value| CLASSES.iter().position(|class| *class == class_color(value, &TIMES)).unwrap();
-        assert_eq!([1.0, 2.0, 3.0, 4.0, 5.0, 32.0, 33.0, 1e9].map(of), [0, 1, 2, 2, 3, 5, 6, 6]);
-        let labels: Vec<_> = class_legend("none", &TIMES, "x").into_iter().map(|line| line.label).collect();
+        let of = |value| {
+            CLASSES
+                .iter()
+                .position(|class| *class == class_color(value, &TIMES))
+                .unwrap()
+        };
+        assert_eq!(
+            [1.0, 2.0, 3.0, 4.0, 5.0, 32.0, 33.0, 1e9].map(of),
+            [0, 1, 2, 2, 3, 5, 6, 6]
+        );
+        let labels: Vec<_> = class_legend("none", &TIMES, "x")
+            .into_iter()
+            .map(|line| line.label)
+            .collect();
         let some = [0, 1, 6, 7].map(|i| labels[i].as_str());
         assert_eq!(some, ["none", "up to 1 x", "up to 32 x", "more than 32 x"]);
     }
@@ -291,10 +370,22 @@ mod tests {
                 for i in 0..=size {
                     let (t, end) = (f64::from(i), f64::from(size));
                     if right {
-                        assert!(a.direction(end, t, size as u32).distance(b.direction(0.0, t, size as u32)) < 1e-12);
+                        assert!(
+                            a.direction(end, t, size as u32).distance(b.direction(
+                                0.0,
+                                t,
+                                size as u32
+                            )) < 1e-12
+                        );
                     }
                     if below {
-                        assert!(a.direction(t, end, size as u32).distance(b.direction(t, 0.0, size as u32)) < 1e-12);
+                        assert!(
+                            a.direction(t, end, size as u32).distance(b.direction(
+                                t,
+                                0.0,
+                                size as u32
+                            )) < 1e-12
+                        );
                     }
                 }
             }

@@ -49,7 +49,10 @@ impl GeometryOverlay {
                 Overlay::Holes.legend()
             }
             Self::Coverage => {
-                let seen = renderer.seen_by(geometry).into_iter().zip(&renderer.frame().coverage);
+                let seen = renderer
+                    .seen_by(geometry)
+                    .into_iter()
+                    .zip(&renderer.frame().coverage);
                 for (pixel, (seen, coverage)) in pixels.iter_mut().zip(seen) {
                     *pixel = match seen.unwrap_or(0) {
                         _ if coverage.is_hole() => HOLE_COLOR,
@@ -62,21 +65,35 @@ impl GeometryOverlay {
             }
             Self::Camera => {
                 let cameras = renderer.used().iter();
-                let legend = cameras.map(|camera| swatch(distinct_color(*camera), &geometry.name(*camera))).collect();
-                paint(renderer, pixels, |i, shown| tinted(distinct_color(shown.camera), color_of(i)));
+                let legend = cameras
+                    .map(|camera| swatch(distinct_color(*camera), &geometry.name(*camera)))
+                    .collect();
+                paint(renderer, pixels, |i, shown| {
+                    tinted(distinct_color(shown.camera), color_of(i))
+                });
                 legend
             }
             Self::Owners => {
-                paint(renderer, pixels, |_, shown| class_color(shown.owners as f32, &OWNERS));
+                paint(renderer, pixels, |_, shown| {
+                    class_color(shown.owners as f32, &OWNERS)
+                });
                 class_legend("no triangle", &OWNERS, "cameras in a triangle")
             }
             Self::Mesh => {
-                paint(renderer, pixels, |i, shown| if shown.on_rim { RIM } else { tinted([128; 3], color_of(i)) });
+                paint(renderer, pixels, |i, shown| {
+                    if shown.on_rim {
+                        RIM
+                    } else {
+                        tinted([128; 3], color_of(i))
+                    }
+                });
                 vec![swatch(RIM, "where triangles meet")]
             }
             Self::Age => {
                 paint(renderer, pixels, |_, shown| {
-                    geometry.age_s(shown.camera).map_or([0; 3], |age| class_color(age.max(f32::MIN_POSITIVE), &AGES_S))
+                    geometry.age_s(shown.camera).map_or([0; 3], |age| {
+                        class_color(age.max(f32::MIN_POSITIVE), &AGES_S)
+                    })
                 });
                 class_legend("no picture", &AGES_S, "s since it was read")
             }
@@ -96,7 +113,11 @@ const CAMERAS: Tops = [1.0, 2.0, 3.0, 4.0, 6.0, 9.0];
 const AGES_S: Tops = [0.1, 0.5, 2.0, 10.0, 60.0, 600.0];
 
 /// Paints pixels that show a triangle, the others black.
-fn paint(renderer: &GeometryRenderer, pixels: &mut [[u8; 4]], color: impl Fn(usize, Shown) -> [u8; 3]) {
+fn paint(
+    renderer: &GeometryRenderer,
+    pixels: &mut [[u8; 4]],
+    color: impl Fn(usize, Shown) -> [u8; 3],
+) {
     for (i, (pixel, shown)) in pixels.iter_mut().zip(renderer.shown()).enumerate() {
         *pixel = opaque(shown.map_or([0; 3], |shown| color(i, shown)));
     }

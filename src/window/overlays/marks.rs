@@ -1,11 +1,13 @@
 //! Where pictures were taken from, and the points that they were aligned by, drawn over whatever is made of them.
 
+use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_images::{Lens, Pinhole, SparsePoint, View};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::statistics::median;
-use glam::DVec3;
-use headbox_viewer::{EyeBounds, FrameReport, FrameRequest, FrameSource, Navigation, Pose, RoomMap, Setting, Swatch};
+use headbox_images::{Lens, Pinhole, SparsePoint, View};
+use headbox_viewer::{
+    EyeBounds, FrameReport, FrameRequest, FrameSource, Navigation, Pose, RoomMap, Setting, Swatch,
+};
 use tiny_skia::{Color, LineCap, Paint, PathBuilder, PixmapMut, Stroke, Transform};
 
 /// The pyramid of a camera is so long, of the distance to the next one.
@@ -58,13 +60,19 @@ impl Marks {
     pub fn new(views: &[View], points: Vec<SparsePoint>) -> Self {
         let eyes: Vec<DVec3> = views.iter().map(|view| view.pose.eye).collect();
         let cameras = views.iter().map(Pyramid::of).collect();
-        Self { cameras, points, length_m: LENGTH * spacing_m(&eyes).unwrap_or(1.0) }
+        Self {
+            cameras,
+            points,
+            length_m: LENGTH * spacing_m(&eyes).unwrap_or(1.0),
+        }
     }
 
     /// Draws what was asked for over what a camera shows.
     fn draw(&self, over: Over, camera: &Camera, pixels: &mut [[u8; 4]]) {
         if matches!(over, Over::Points | Over::Both) {
-            self.points.iter().for_each(|point| paint_point(point, camera, pixels));
+            self.points
+                .iter()
+                .for_each(|point| paint_point(point, camera, pixels));
         }
         if matches!(over, Over::Cameras | Over::Both) {
             self.draw_cameras(camera, pixels);
@@ -78,25 +86,34 @@ impl Marks {
             if pyramid.eye.distance(camera.eye()) < self.length_m {
                 continue;
             }
-            let corners = pyramid.corners.map(|corner| pyramid.eye + corner * self.length_m);
+            let corners = pyramid
+                .corners
+                .map(|corner| pyramid.eye + corner * self.length_m);
             let rim = (0..4).map(|i| [corners[i], corners[(i + 1) % 4]]);
             let edges = corners.iter().map(|corner| [pyramid.eye, *corner]);
             for [from, to] in rim.chain(edges) {
-                let Some([from, to]) = in_frame(camera, from, to, NEAREST * self.length_m) else { continue };
+                let Some([from, to]) = in_frame(camera, from, to, NEAREST * self.length_m) else {
+                    continue;
+                };
                 lines.move_to(from[0], from[1]);
                 lines.line_to(to[0], to[1]);
             }
         }
         let bytes = bytemuck::cast_slice_mut(pixels);
-        let (Some(lines), Some(mut picture)) =
-            (lines.finish(), PixmapMut::from_bytes(bytes, camera.width(), camera.height()))
-        else {
+        let (Some(lines), Some(mut picture)) = (
+            lines.finish(),
+            PixmapMut::from_bytes(bytes, camera.width(), camera.height()),
+        ) else {
             return;
         };
         let mut paint = Paint::default();
         let [r, g, b] = CAMERA;
         paint.set_color(Color::from_rgba8(r, g, b, u8::MAX));
-        let stroke = Stroke { width: LINE_PX, line_cap: LineCap::Round, ..Stroke::default() };
+        let stroke = Stroke {
+            width: LINE_PX,
+            line_cap: LineCap::Round,
+            ..Stroke::default()
+        };
         picture.stroke_path(&lines, &paint, &stroke, Transform::identity(), None);
     }
 }
@@ -105,14 +122,23 @@ impl Pyramid {
     fn of(view: &View) -> Self {
         let [width, height] = view.size_px.map(f64::from);
         let corner = |[x, y]: [f64; 2]| match view.lens {
-            Lens::Pinhole(Pinhole { focal_px, principal_px, .. }) => {
-                DVec3::new((x - principal_px[0]) / focal_px[0], (principal_px[1] - y) / focal_px[1], -1.0)
-            }
+            Lens::Pinhole(Pinhole {
+                focal_px,
+                principal_px,
+                ..
+            }) => DVec3::new(
+                (x - principal_px[0]) / focal_px[0],
+                (principal_px[1] - y) / focal_px[1],
+                -1.0,
+            ),
             // It looks everywhere: a square ahead says where its middle is.
             Lens::Equirectangular => DVec3::new(x / width - 0.5, 0.5 - y / height, -1.0),
         };
         let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
-        Self { eye: view.pose.eye, corners: corners.map(|at| view.pose.world_from_eye * corner(at)) }
+        Self {
+            eye: view.pose.eye,
+            corners: corners.map(|at| view.pose.world_from_eye * corner(at)),
+        }
     }
 }
 
@@ -123,10 +149,17 @@ fn spacing_m(eyes: &[DVec3]) -> Option<f64> {
     let step = eyes.len().div_ceil(ASKED).max(1);
     let nearest = |i: usize| {
         let others = eyes.iter().enumerate().filter(|(other, _)| *other != i);
-        others.map(|(_, eye)| eye.distance(eyes[i])).filter(|distance| *distance > 0.0).fold(f64::INFINITY, f64::min)
+        others
+            .map(|(_, eye)| eye.distance(eyes[i]))
+            .filter(|distance| *distance > 0.0)
+            .fold(f64::INFINITY, f64::min)
     };
     let distances = (0..eyes.len()).step_by(step).map(nearest);
-    median(distances.filter(|distance| distance.is_finite()).collect::<Vec<f64>>())
+    median(
+        distances
+            .filter(|distance| distance.is_finite())
+            .collect::<Vec<f64>>(),
+    )
 }
 
 /// A line from one point to another as far as it lies before the eye, in pixels.
@@ -135,7 +168,9 @@ fn in_frame(camera: &Camera, from: DVec3, to: DVec3, nearest_m: f64) -> Option<[
     let [near, far] = [depth(from), depth(to)];
     let end = |point: DVec3, own: f64, other: DVec3, others: f64| match own >= nearest_m {
         true => Some(point),
-        false if others >= nearest_m => Some(point + (other - point) * ((nearest_m - own) / (others - own))),
+        false if others >= nearest_m => {
+            Some(point + (other - point) * ((nearest_m - own) / (others - own)))
+        }
         false => None,
     };
     let ends = [end(from, near, to, far)?, end(to, far, from, near)?];
@@ -147,7 +182,9 @@ fn in_frame(camera: &Camera, from: DVec3, to: DVec3, nearest_m: f64) -> Option<[
 }
 
 fn paint_point(point: &SparsePoint, camera: &Camera, pixels: &mut [[u8; 4]]) {
-    let Some([x, y, _]) = camera.project(point.position) else { return };
+    let Some([x, y, _]) = camera.project(point.position) else {
+        return;
+    };
     let [width, height] = [camera.width(), camera.height()].map(i64::from);
     let [r, g, b] = point.color;
     let span = |at: f64, end: i64| {
@@ -223,13 +260,22 @@ impl FrameSource for Marked {
         self.source.settings().into_iter().chain([marks]).collect()
     }
 
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String> {
         let mut report = self.source.render(request, pixels)?;
-        let chosen = Over::ALL.get(request.settings.choice("marks")?).map_or(Over::Nothing, |(_, over)| *over);
+        let chosen = Over::ALL
+            .get(request.settings.choice("marks")?)
+            .map_or(Over::Nothing, |(_, over)| *over);
         self.marks.draw(chosen, &request.camera, pixels);
         if matches!(chosen, Over::Cameras | Over::Both) {
             let label = format!("where {} pictures were taken", self.marks.cameras.len());
-            report.legend.push(Swatch { color: CAMERA, label });
+            report.legend.push(Swatch {
+                color: CAMERA,
+                label,
+            });
         }
         Ok(report)
     }
@@ -242,8 +288,8 @@ impl FrameSource for Marked {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_fixtures::{plane_view, saved};
     use glam::DMat3;
+    use headbox_fixtures::{plane_view, saved};
 
     const SIZE: [u32; 2] = [200, 100];
 
@@ -252,8 +298,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let eyes = [-1.0, 0.0, 1.0].map(|x| DVec3::new(x, 0.0, 0.0));
         let views = eyes.map(|eye| saved(&plane_view(eye, 3.0, [40, 30]), folder.path(), "view"));
-        let at = |z: f64, color| SparsePoint { position: DVec3::new(0.5, -0.5, z), color };
-        let nowhere = SparsePoint { position: DVec3::splat(f64::INFINITY), color: [9; 3] };
+        let at = |z: f64, color| SparsePoint {
+            position: DVec3::new(0.5, -0.5, z),
+            color,
+        };
+        let nowhere = SparsePoint {
+            position: DVec3::splat(f64::INFINITY),
+            color: [9; 3],
+        };
         Marks::new(&views, vec![at(-4.0, [1, 2, 3]), at(9.0, [7; 3]), nowhere])
     }
 
@@ -279,10 +331,18 @@ mod tests {
         let eye = DVec3::new(0.0, 0.0, 3.0);
         let background = |color: [u8; 3]| color == [200, 100, 50];
         let (_, nothing) = drawn(Over::Nothing, eye);
-        assert!(nothing.iter().all(|&[r, g, b, a]| background([r, g, b]) && a == 255));
+        assert!(
+            nothing
+                .iter()
+                .all(|&[r, g, b, a]| background([r, g, b]) && a == 255)
+        );
         let (camera, points) = drawn(Over::Points, eye);
         assert_eq!(at(&camera, &points, DVec3::new(0.5, -0.5, -4.0)), [1, 2, 3]);
-        assert_eq!(count(&points, |color| !background(color)), 4, "what is behind the eye or nowhere is not drawn");
+        assert_eq!(
+            count(&points, |color| !background(color)),
+            4,
+            "what is behind the eye or nowhere is not drawn"
+        );
         let (camera, cameras) = drawn(Over::Cameras, eye);
         // Eyes are a metre apart.
         let marks = marks();
@@ -291,7 +351,10 @@ mod tests {
             let corner = pyramid.eye + pyramid.corners[0] * marks.length_m;
             for share in [0.25, 0.5, 0.75] {
                 let [r, g, b] = at(&camera, &cameras, pyramid.eye.lerp(corner, share));
-                assert!(r > 225 && g > 150 && b < 50, "{share} from eye to corner: {r} {g} {b}");
+                assert!(
+                    r > 225 && g > 150 && b < 50,
+                    "{share} from eye to corner: {r} {g} {b}"
+                );
             }
         }
         let (_, both) = drawn(Over::Both, eye);
@@ -301,12 +364,17 @@ mod tests {
 
     #[test]
     fn nothing_is_drawn_of_the_camera_that_one_looks_through_nor_of_what_lies_behind() {
-        let changed = |eye: DVec3| count(&drawn(Over::Cameras, eye).1, |color| color != [200, 100, 50]);
+        let changed = |eye: DVec3| {
+            count(&drawn(Over::Cameras, eye).1, |color| {
+                color != [200, 100, 50]
+            })
+        };
         // Amid the three the other two stand beside, out of sight.
         assert_eq!(changed(DVec3::ZERO), 0);
         assert_eq!(changed(DVec3::new(0.0, 0.0, -3.0)), 0);
         // What reaches past the eye's plane is cut off there, from either end.
-        let camera = Camera::from_parts(DVec3::ZERO, DMat3::IDENTITY, 80.0, SIZE[0], SIZE[1]).unwrap();
+        let camera =
+            Camera::from_parts(DVec3::ZERO, DMat3::IDENTITY, 80.0, SIZE[0], SIZE[1]).unwrap();
         let (ahead, behind) = (DVec3::new(0.5, 0.0, -1.0), DVec3::new(0.5, 0.0, 1.0));
         let [from, to] = in_frame(&camera, ahead, behind, 0.5).unwrap();
         assert_eq!((from, to), ([140.0, 50.0], [180.0, 50.0]));

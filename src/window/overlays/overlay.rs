@@ -1,16 +1,16 @@
 //! What is painted instead of colours.
 
-use crate::overlays::effort;
 use super::effort::swatch;
+use super::variation::Meaning;
+use crate::overlays::effort;
 use crate::sources::growth::LitScene;
 use crate::sources::reference::{Reference, Traced};
-use super::variation::Meaning;
+use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::metrics;
 use headbox_raster::{RasterOutput, Seen};
-use glam::{DVec3, Vec3};
 use headbox_viewer::{Figure, Ongoing, Refinement, Swatch};
 use image::{Rgb, RgbImage};
 use std::time::Duration;
@@ -58,7 +58,11 @@ impl Overlay {
 
     /// What the colours of the LDI tell.
     pub(crate) fn meaning(self) -> Meaning {
-        if let Self::Recolored(meaning) = self { meaning } else { Meaning::Captured }
+        if let Self::Recolored(meaning) = self {
+            meaning
+        } else {
+            Meaning::Captured
+        }
     }
 
     /// What its colours mean; nothing if that is plain.
@@ -100,7 +104,11 @@ const OPAQUE: u8 = 255;
 pub(crate) fn paint_holes(frame: &Frame, pixels: &mut [[u8; 4]]) {
     for ((pixel, color), coverage) in pixels.iter_mut().zip(&frame.color).zip(&frame.coverage) {
         let [r, g, b, _] = color.map(|c| c / 2);
-        *pixel = if coverage.is_hole() { HOLE_COLOR } else { [r, g, b, OPAQUE] };
+        *pixel = if coverage.is_hole() {
+            HOLE_COLOR
+        } else {
+            [r, g, b, OPAQUE]
+        };
     }
 }
 
@@ -108,7 +116,11 @@ pub(crate) fn paint_holes(frame: &Frame, pixels: &mut [[u8; 4]]) {
 pub(crate) fn paint_backdrops(walk: &RasterOutput, pixels: &mut [[u8; 4]]) {
     for (i, (pixel, &[r, g, b, a])) in pixels.iter_mut().zip(&walk.frame.color).enumerate() {
         let grey = ((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8;
-        *pixel = if matches!(walk.seen(i), Seen::Marker(_)) { [r, g, b, a] } else { [grey, grey, grey, a] };
+        *pixel = if matches!(walk.seen(i), Seen::Marker(_)) {
+            [r, g, b, a]
+        } else {
+            [grey, grey, grey, a]
+        };
     }
 }
 
@@ -118,7 +130,12 @@ pub(crate) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
         let share = coverage.splat_share();
         *pixel = match coverage {
             Coverage::HOLE | Coverage::FILLED => HOLE_COLOR,
-            Coverage::ENVIRONMENT => [ENVIRONMENT_RGB[0], ENVIRONMENT_RGB[1], ENVIRONMENT_RGB[2], OPAQUE],
+            Coverage::ENVIRONMENT => [
+                ENVIRONMENT_RGB[0],
+                ENVIRONMENT_RGB[1],
+                ENVIRONMENT_RGB[2],
+                OPAQUE,
+            ],
             _ => [share, share, share, OPAQUE],
         };
     }
@@ -128,12 +145,23 @@ pub(crate) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
 /// the point seen through the eye from there). Nothing, if the eye is at the centre or moves sideways.
 pub(crate) fn paint_epipole(camera: &Camera, centre: DVec3, pixels: &mut [[u8; 4]]) {
     const RADIUS_PX: i64 = 9;
-    let (ahead, behind) = (camera.project(centre), camera.project(2.0 * camera.eye() - centre));
-    let Some([x, y, _]) = ahead.or(behind) else { return };
+    let (ahead, behind) = (
+        camera.project(centre),
+        camera.project(2.0 * camera.eye() - centre),
+    );
+    let Some([x, y, _]) = ahead.or(behind) else {
+        return;
+    };
     let (width, height) = (i64::from(camera.width()), i64::from(camera.height()));
-    for (dy, dx) in (-RADIUS_PX..=RADIUS_PX).flat_map(|dy| (-RADIUS_PX..=RADIUS_PX).map(move |dx| (dy, dx))) {
+    for (dy, dx) in
+        (-RADIUS_PX..=RADIUS_PX).flat_map(|dy| (-RADIUS_PX..=RADIUS_PX).map(move |dx| (dy, dx)))
+    {
         let on_ring = (dx * dx + dy * dy - RADIUS_PX * RADIUS_PX).abs() <= RADIUS_PX;
-        let drawn = if ahead.is_some() { dx == 0 || dy == 0 } else { on_ring };
+        let drawn = if ahead.is_some() {
+            dx == 0 || dy == 0
+        } else {
+            on_ring
+        };
         let (x, y) = (x as i64 + dx, y as i64 + dy);
         if drawn && (0..width).contains(&x) && (0..height).contains(&y) {
             pixels[(y * width + x) as usize] = HOLE_COLOR;
@@ -160,7 +188,10 @@ impl Judge {
 
     /// How far truth is, if the overlay shows it.
     pub(crate) fn ongoing(&self, overlay: Overlay) -> Option<Ongoing> {
-        self.reference.as_ref().filter(|_| overlay.needs_truth())?.ongoing()
+        self.reference
+            .as_ref()
+            .filter(|_| overlay.needs_truth())?
+            .ongoing()
     }
 
     /// Paints truth, or the frame's FLIP error in the magma colours, as far as it is known; `scene` is called once, on
@@ -183,8 +214,14 @@ impl Judge {
             Some(reference) => reference.ask(camera)?,
             None => None,
         };
-        let Some(traced) = traced else { return Ok((Vec::new(), Refinement::Later(LOOK_AGAIN))) };
-        let refinement = if traced.is_final() { Refinement::Done } else { Refinement::Later(LOOK_AGAIN) };
+        let Some(traced) = traced else {
+            return Ok((Vec::new(), Refinement::Later(LOOK_AGAIN)));
+        };
+        let refinement = if traced.is_final() {
+            Refinement::Done
+        } else {
+            Refinement::Later(LOOK_AGAIN)
+        };
         Ok((judge(overlay, frame, &traced, pixels)?, refinement))
     }
 }
@@ -194,7 +231,8 @@ fn averaged(image: &RgbImage, side: u32) -> RgbImage {
     let (width, height) = image.dimensions();
     RgbImage::from_fn(width.div_ceil(side), height.div_ceil(side), |x, y| {
         let columns = x * side..((x + 1) * side).min(width);
-        let square = (y * side..((y + 1) * side).min(height)).flat_map(|y| columns.clone().map(move |x| (x, y)));
+        let square = (y * side..((y + 1) * side).min(height))
+            .flat_map(|y| columns.clone().map(move |x| (x, y)));
         let (mut sum, mut count) = (Vec3::ZERO, 0.0);
         for (x, y) in square {
             sum += Vec3::from(image.get_pixel(x, y).0.map(linear_from_srgb8));
@@ -204,26 +242,54 @@ fn averaged(image: &RgbImage, side: u32) -> RgbImage {
     })
 }
 
-fn judge(overlay: Overlay, frame: &Frame, traced: &Traced, pixels: &mut [[u8; 4]]) -> Result<Vec<Figure>, String> {
+fn judge(
+    overlay: Overlay,
+    frame: &Frame,
+    traced: &Traced,
+    pixels: &mut [[u8; 4]],
+) -> Result<Vec<Figure>, String> {
     let mut image = frame.to_rgb().map_err(|error| error.to_string())?;
     let (truth, side) = (&traced.truth.rgb(), traced.coarseness());
     if side > 1 {
         image = averaged(&image, side);
     }
     let words = |error: metrics::MetricError| error.to_string();
-    let map = metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(words)?;
+    let map =
+        metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(words)?;
     let psnr_db = metrics::psnr_db(truth, &image).map_err(words)?;
-    let shown = if overlay == Overlay::Truth { truth } else { &map.to_magma() };
+    let shown = if overlay == Overlay::Truth {
+        truth
+    } else {
+        &map.to_magma()
+    };
     let width = frame.width.max(1) as usize;
     for (i, pixel) in pixels.iter_mut().enumerate() {
         let (x, y) = ((i % width) as u32 / side, (i / width) as u32 / side);
-        let [r, g, b] = shown.get_pixel_checked(x, y).map_or([0; 3], |color| color.0);
+        let [r, g, b] = shown
+            .get_pixel_checked(x, y)
+            .map_or([0; 3], |color| color.0);
         *pixel = [r, g, b, OPAQUE];
     }
     Ok(vec![
-        Figure { name: "FLIP", value: map.mean, unit: "" },
-        Figure { name: "PSNR", value: psnr_db, unit: "dB" },
-        Figure { name: "rays per pixel of truth", value: traced.samples().into(), unit: "" },
-        Figure { name: "truth's own error", value: traced.truth.standard_error_psnr_db, unit: "dB" },
+        Figure {
+            name: "FLIP",
+            value: map.mean,
+            unit: "",
+        },
+        Figure {
+            name: "PSNR",
+            value: psnr_db,
+            unit: "dB",
+        },
+        Figure {
+            name: "rays per pixel of truth",
+            value: traced.samples().into(),
+            unit: "",
+        },
+        Figure {
+            name: "truth's own error",
+            value: traced.truth.standard_error_psnr_db,
+            unit: "dB",
+        },
     ])
 }

@@ -33,29 +33,44 @@ impl Meaning {
             Self::Depth => [1.0, 2.0, 8.0, 64.0, 1024.0]
                 .map(|halves: f64| match halves {
                     1.0 => swatch(depth_color(1.0), "at the side of the headbox"),
-                    _ => swatch(depth_color(1.0 / halves), &format!("{halves} times as far from its centre")),
+                    _ => swatch(
+                        depth_color(1.0 / halves),
+                        &format!("{halves} times as far from its centre"),
+                    ),
                 })
                 .to_vec(),
             Self::Layer => {
-                let layers = DISTINCT.into_iter().zip(0..).map(|(color, layer)| match layer {
-                    0 => swatch(color, "layer 1, the nearest"),
-                    7 => swatch(color, "layer 8; then again from the first"),
-                    _ => swatch(color, &format!("layer {}", layer + 1)),
-                });
+                let layers = DISTINCT
+                    .into_iter()
+                    .zip(0..)
+                    .map(|(color, layer)| match layer {
+                        0 => swatch(color, "layer 1, the nearest"),
+                        7 => swatch(color, "layer 8; then again from the first"),
+                        _ => swatch(color, &format!("layer {}", layer + 1)),
+                    });
                 layers.collect()
             }
-            Self::Face => {
-                Face::ALL.map(|face| swatch(DISTINCT[face.index()], &format!("face {}", face.name()))).to_vec()
-            }
+            Self::Face => Face::ALL
+                .map(|face| swatch(DISTINCT[face.index()], &format!("face {}", face.name())))
+                .to_vec(),
             Self::Primitive => {
                 let planes = ["pictures on planes,", "a colour", "for each", "plane"];
-                let planes = planes.into_iter().zip(0..).map(|(text, plane)| swatch(distinct_color(plane), text));
-                [swatch(INFINITY, "picture at infinity"), swatch(SAMPLES, "layered depth pixels")]
+                let planes = planes
                     .into_iter()
-                    .chain(planes)
-                    .collect()
+                    .zip(0..)
+                    .map(|(text, plane)| swatch(distinct_color(plane), text));
+                [
+                    swatch(INFINITY, "picture at infinity"),
+                    swatch(SAMPLES, "layered depth pixels"),
+                ]
+                .into_iter()
+                .chain(planes)
+                .collect()
             }
-            Self::Segment => vec![swatch(DISTINCT[1], "near segment"), swatch(DISTINCT[0], "far segment")],
+            Self::Segment => vec![
+                swatch(DISTINCT[1], "near segment"),
+                swatch(DISTINCT[0], "far segment"),
+            ],
         }
     }
 }
@@ -75,15 +90,33 @@ pub(crate) struct Variation {
 
 impl Variation {
     /// The LDI as it is.
-    const PLAIN: Self = Self { faces: [true; 6], near: true, far: true, planes: true, meaning: Meaning::Captured };
+    const PLAIN: Self = Self {
+        faces: [true; 6],
+        near: true,
+        far: true,
+        planes: true,
+        meaning: Meaning::Captured,
+    };
 
     fn shows(&self, segment: &PackedSegment) -> bool {
-        self.faces[segment.face.index()] && if segment.side == SegmentSide::Near { self.near } else { self.far }
+        self.faces[segment.face.index()]
+            && if segment.side == SegmentSide::Near {
+                self.near
+            } else {
+                self.far
+            }
     }
 
     fn apply(&self, cube: &PackedCube) -> PackedCube {
-        let mut segments: Vec<_> = cube.segments.iter().filter(|s| self.shows(s)).cloned().collect();
-        segments.iter_mut().for_each(|segment| recolor(segment, self.meaning, cube.info.half_size_m));
+        let mut segments: Vec<_> = cube
+            .segments
+            .iter()
+            .filter(|s| self.shows(s))
+            .cloned()
+            .collect();
+        segments
+            .iter_mut()
+            .for_each(|segment| recolor(segment, self.meaning, cube.info.half_size_m));
         PackedCube {
             info: cube.info.clone(),
             face_size_px: cube.face_size_px,
@@ -97,17 +130,44 @@ impl Variation {
     /// The pictures on planes that are shown.
     fn pictures(&self, cube: &PackedCube) -> PlaneSet {
         let from = &cube.planes;
-        let mut shown = PlaneSet { planes: from.planes.clone(), samples: from.samples, ..PlaneSet::default() };
-        let is_shown = |tile: &&PlaneTile| self.planes && self.faces.get(usize::from(tile.face)) == Some(&true);
+        let mut shown = PlaneSet {
+            planes: from.planes.clone(),
+            samples: from.samples,
+            ..PlaneSet::default()
+        };
+        let is_shown = |tile: &&PlaneTile| {
+            self.planes && self.faces.get(usize::from(tile.face)) == Some(&true)
+        };
         for tile in from.tiles.iter().filter(is_shown) {
             let first_texel = shown.texels.len() as u32;
-            let plane = from.planes.get(tile.plane as usize).copied().unwrap_or_default();
-            let picture = Picture { tile, plane, face_px: cube.face_size_px, half_size_m: cube.info.half_size_m };
+            let plane = from
+                .planes
+                .get(tile.plane as usize)
+                .copied()
+                .unwrap_or_default();
+            let picture = Picture {
+                tile,
+                plane,
+                face_px: cube.face_size_px,
+                half_size_m: cube.info.half_size_m,
+            };
             let texels = from.texels.get(tile.texel_range()).unwrap_or(&[]);
-            shown.texels.extend(texels.iter().enumerate().map(|(i, texel)| picture.recolor(i, *texel, self.meaning)));
-            shown.tiles.push(PlaneTile { first_texel, ..*tile });
+            shown.texels.extend(
+                texels
+                    .iter()
+                    .enumerate()
+                    .map(|(i, texel)| picture.recolor(i, *texel, self.meaning)),
+            );
+            shown.tiles.push(PlaneTile {
+                first_texel,
+                ..*tile
+            });
         }
-        shown.error_px = if shown.tiles.is_empty() { 0.0 } else { from.error_px };
+        shown.error_px = if shown.tiles.is_empty() {
+            0.0
+        } else {
+            from.error_px
+        };
         shown
     }
 }
@@ -184,11 +244,15 @@ impl Picture<'_> {
 
     /// 1/m, in the middle of a texel.
     fn inverse_depth(&self, texel: usize) -> f64 {
-        let Some(face) = Face::ALL.get(usize::from(self.tile.face)) else { return 0.0 };
+        let Some(face) = Face::ALL.get(usize::from(self.tile.face)) else {
+            return 0.0;
+        };
         let [q, along_x, along_y] = self.plane.inverse_depth(*face, self.face_px);
         let width = usize::from(self.tile.width.max(1));
-        let (x, y) =
-            (f64::from(self.tile.x0) + (texel % width) as f64, f64::from(self.tile.y0) + (texel / width) as f64);
+        let (x, y) = (
+            f64::from(self.tile.x0) + (texel % width) as f64,
+            f64::from(self.tile.y0) + (texel / width) as f64,
+        );
         q + along_x * (x + 0.5) + along_y * (y + 0.5)
     }
 }
@@ -199,23 +263,39 @@ fn recolor(segment: &mut PackedSegment, meaning: Meaning, half_size_m: f64) {
         Meaning::Captured => {}
         Meaning::Face => {
             let color = DISTINCT[segment.face.index()];
-            segment.depth_pixels.iter_mut().for_each(|p| paint(&mut p.color_srgb, color));
+            segment
+                .depth_pixels
+                .iter_mut()
+                .for_each(|p| paint(&mut p.color_srgb, color));
         }
         Meaning::Segment => {
             let color = DISTINCT[usize::from(segment.side == SegmentSide::Near)];
-            segment.depth_pixels.iter_mut().for_each(|p| paint(&mut p.color_srgb, color));
+            segment
+                .depth_pixels
+                .iter_mut()
+                .for_each(|p| paint(&mut p.color_srgb, color));
         }
-        Meaning::Primitive => segment.depth_pixels.iter_mut().for_each(|p| paint(&mut p.color_srgb, SAMPLES)),
+        Meaning::Primitive => segment
+            .depth_pixels
+            .iter_mut()
+            .for_each(|p| paint(&mut p.color_srgb, SAMPLES)),
         Meaning::Depth => {
             let (start, step) = (segment.inverse_depth(0), segment.inverse_depth_step());
             for pixel in &mut segment.depth_pixels {
                 let inverse_depth = start + f64::from(pixel.inverse_depth_code()) * step;
-                paint(&mut pixel.color_srgb, depth_color(inverse_depth * half_size_m));
+                paint(
+                    &mut pixel.color_srgb,
+                    depth_color(inverse_depth * half_size_m),
+                );
             }
         }
         Meaning::Layer => {
             let colors = layer_colors(segment);
-            segment.depth_pixels.iter_mut().zip(colors).for_each(|(p, color)| paint(&mut p.color_srgb, color));
+            segment
+                .depth_pixels
+                .iter_mut()
+                .zip(colors)
+                .for_each(|(p, color)| paint(&mut p.color_srgb, color));
         }
     }
 }
@@ -231,7 +311,11 @@ fn layer_colors(segment: &PackedSegment) -> Vec<[u8; 3]> {
         for ends in segment.row(y).1.windows(2) {
             let layers = ends[1].saturating_sub(ends[0]);
             // Farthest first in memory.
-            colors.extend((0..layers).rev().map(|layer| DISTINCT[layer as usize % DISTINCT.len()]));
+            colors.extend(
+                (0..layers)
+                    .rev()
+                    .map(|layer| DISTINCT[layer as usize % DISTINCT.len()]),
+            );
         }
     }
     colors
@@ -247,22 +331,28 @@ fn depth_color(nearness: f64) -> [u8; 3] {
 }
 
 /// Names of the faces for controls, in the order of [`Face::ALL`].
-pub(crate) const FACE_NAMES: [(&str, &str); 6] =
-    [("face+x", "+X"), ("face-x", "-X"), ("face+y", "+Y"), ("face-y", "-Y"), ("face+z", "+Z"), ("face-z", "-Z")];
+pub(crate) const FACE_NAMES: [(&str, &str); 6] = [
+    ("face+x", "+X"),
+    ("face-x", "-X"),
+    ("face+y", "+Y"),
+    ("face-y", "-Y"),
+    ("face+z", "+Z"),
+    ("face-z", "-Z"),
+];
 
 const _: () = assert!(FACE_NAMES.len() == Face::ALL.len(), "a name each");
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use headbox_ldi::job::CaptureJob;
-    use headbox_cube::model::parameters::CaptureParameters;
-    use headbox_ldi::settings::Resources;
-    use headbox_cube::pack::{SplatIndexLayout, Split};
     use headbox_core::progress::Silent;
+    use headbox_cube::model::parameters::CaptureParameters;
+    use headbox_cube::pack::{SplatIndexLayout, Split};
+    use headbox_ldi::job::CaptureJob;
+    use headbox_ldi::settings::Resources;
 
     /// A small capture with several layers in its only segment of each face.
-    pub(in crate) fn cube() -> Arc<PackedCube> {
+    pub(crate) fn cube() -> Arc<PackedCube> {
         let source = headbox_ldi::scene_source::SceneSource::new("builtin:interior");
         let scene = Arc::new(source.open().unwrap());
         let headbox = scene.headbox.unwrap();
@@ -273,20 +363,36 @@ pub(super) mod tests {
             ..CaptureJob::new(source, headbox.centre, headbox.half_size_m)
         };
         let lighting = headbox_trace::light::Lighting::of_scene(&tracer, 0);
-        let (ldi, _) = job.run(&tracer, &lighting, &Resources::default(), &Silent).unwrap();
+        let (ldi, _) = job
+            .run(&tracer, &lighting, &Resources::default(), &Silent)
+            .unwrap();
         Arc::new(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap())
     }
 
     #[test]
     fn variations_are_valid_ldis_of_the_same_geometry() {
         let cube = cube();
-        for meaning in [Meaning::Depth, Meaning::Layer, Meaning::Face, Meaning::Segment, Meaning::Primitive] {
-            let other = Variation { meaning, ..Variation::PLAIN }.apply(&cube);
+        for meaning in [
+            Meaning::Depth,
+            Meaning::Layer,
+            Meaning::Face,
+            Meaning::Segment,
+            Meaning::Primitive,
+        ] {
+            let other = Variation {
+                meaning,
+                ..Variation::PLAIN
+            }
+            .apply(&cube);
             other.validate().unwrap();
             assert_eq!(other.depth_pixel_count(), cube.depth_pixel_count());
             for (a, b) in cube.segments.iter().zip(&other.segments) {
                 for (a, b) in a.depth_pixels.iter().zip(&b.depth_pixels) {
-                    assert_eq!((a.geometry, a.color_srgb[3]), (b.geometry, b.color_srgb[3]), "{meaning:?}");
+                    assert_eq!(
+                        (a.geometry, a.color_srgb[3]),
+                        (b.geometry, b.color_srgb[3]),
+                        "{meaning:?}"
+                    );
                 }
             }
         }
@@ -295,12 +401,20 @@ pub(super) mod tests {
     #[test]
     fn the_nearest_depth_pixel_of_a_pixel_is_layer_0() {
         let cube = cube();
-        let layers = Variation { meaning: Meaning::Layer, ..Variation::PLAIN }.apply(&cube);
+        let layers = Variation {
+            meaning: Meaning::Layer,
+            ..Variation::PLAIN
+        }
+        .apply(&cube);
         let mut deepest = 0;
         for segment in &layers.segments {
-            for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y))) {
+            for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y)))
+            {
                 for (layer, depth_pixel) in segment.pixel(x, y).iter().rev().enumerate() {
-                    assert_eq!(depth_pixel.color_srgb[..3], DISTINCT[layer % DISTINCT.len()]);
+                    assert_eq!(
+                        depth_pixel.color_srgb[..3],
+                        DISTINCT[layer % DISTINCT.len()]
+                    );
                     deepest = deepest.max(layer);
                 }
             }
@@ -315,12 +429,28 @@ pub(super) mod tests {
         let without = |face: usize| {
             let mut faces = [true; 6];
             faces[face] = false;
-            Variation { faces, ..Variation::PLAIN }
+            Variation {
+                faces,
+                ..Variation::PLAIN
+            }
         };
-        assert!(Arc::ptr_eq(&cube, &variations.of(&cube, &Variation::PLAIN)), "nothing is copied for nothing");
+        assert!(
+            Arc::ptr_eq(&cube, &variations.of(&cube, &Variation::PLAIN)),
+            "nothing is copied for nothing"
+        );
         let a = variations.of(&cube, &without(5));
-        assert!(a.segments.iter().all(|s| s.face != Face::NegZ) && a.segments.len() < cube.segments.len());
-        let b = variations.of(&cube, &Variation { near: false, far: false, ..Variation::PLAIN });
+        assert!(
+            a.segments.iter().all(|s| s.face != Face::NegZ)
+                && a.segments.len() < cube.segments.len()
+        );
+        let b = variations.of(
+            &cube,
+            &Variation {
+                near: false,
+                far: false,
+                ..Variation::PLAIN
+            },
+        );
         assert!(b.segments.is_empty());
         assert!(Arc::ptr_eq(&a, &variations.of(&cube, &without(5))));
         variations.clear();

@@ -1,28 +1,31 @@
 //! A cube LDI in the window, from a file or growing.
 
+use super::growth::{Growth, LitScene, Stand};
+use super::points::Points;
 use crate::background::FewerThreads;
-use crate::overlays::effort;
 use crate::facts::{axes_fact, simd_fact};
 use crate::file_name::file_name;
-use super::growth::{Growth, LitScene, Stand};
+use crate::overlays::effort;
 use crate::overlays::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
-use super::points::Points;
-use crate::terms::TERMS;
 use crate::overlays::variation::{FACE_NAMES, Variation, Variations};
+use crate::terms::TERMS;
+use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_trace::light::Lighting;
 use headbox_core::cube_face::Face;
 use headbox_core::file_frame::FileFrame;
-use headbox_trace::bvh::Tracer;
-use headbox_trace::viewpoint::suggest_view;
 use headbox_core::frame::Frame;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 use headbox_ldi::scene_source::SceneSource;
-use glam::DVec3;
-use headbox_viewer::{EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting, SettingValues, Stage};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_trace::viewpoint::suggest_view;
+use headbox_viewer::{
+    EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting,
+    SettingValues, Stage,
+};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -72,7 +75,13 @@ impl CubeSource {
         let info = &cube.info;
         let ahead = info.ahead.unwrap_or_else(|| richest_side(&cube));
         let up = headbox_trace::viewpoint::level_up(info.up);
-        let place = Place { centre: info.centre, half_size_m: info.half_size_m, ahead, up, frame: info.frame };
+        let place = Place {
+            centre: info.centre,
+            half_size_m: info.half_size_m,
+            ahead,
+            up,
+            frame: info.frame,
+        };
         Self::new(title, place, Some(Arc::new(cube)), None)
     }
 
@@ -82,18 +91,43 @@ impl CubeSource {
     /// One sentence.
     pub(super) fn capture(source: SceneSource, output_dir: &Path) -> Result<Self, String> {
         let stem = source.name.strip_prefix("builtin:").unwrap_or(&source.name);
-        let stem =
-            Path::new(stem).file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned());
-        let name =
-            if source.name.starts_with("builtin:") { source.name.clone() } else { file_name(Path::new(&source.name)) };
+        let stem = Path::new(stem).file_stem().map_or_else(
+            || "scene".into(),
+            |stem| stem.to_string_lossy().into_owned(),
+        );
+        let name = if source.name.starts_with("builtin:") {
+            source.name.clone()
+        } else {
+            file_name(Path::new(&source.name))
+        };
         let title = format!("{name} (live capture)");
         let (growth, found) = Growth::start(source)?;
         let scene = found.tracer.scene();
         let (centre, half_size_m) = (found.headbox.centre, found.headbox.half_size_m);
         let ahead = suggest_view(&found.tracer, centre);
-        let place = Place { centre, half_size_m, ahead, up: DVec3::Y, frame: scene.frame };
-        let (begun, points, file) = (Instant::now(), Points::new(scene, centre), output_dir.join(stem + ".ldi"));
-        Ok(Self::new(title, place, None, Some(Growing { growth, begun, points, file })))
+        let place = Place {
+            centre,
+            half_size_m,
+            ahead,
+            up: DVec3::Y,
+            frame: scene.frame,
+        };
+        let (begun, points, file) = (
+            Instant::now(),
+            Points::new(scene, centre),
+            output_dir.join(stem + ".ldi"),
+        );
+        Ok(Self::new(
+            title,
+            place,
+            None,
+            Some(Growing {
+                growth,
+                begun,
+                points,
+                file,
+            }),
+        ))
     }
 
     /// A cube that [`Self::show`] will bring.
@@ -101,9 +135,24 @@ impl CubeSource {
         Self::new(title, place, None, None)
     }
 
-    fn new(title: String, place: Place, cube: Option<Arc<PackedCube>>, growing: Option<Growing>) -> Self {
-        let (variations, renderer, judge) = (Variations::default(), Renderer::new(), Judge::default());
-        Self { title, cube, place, variations, renderer, threads: FewerThreads::default(), judge, growing }
+    fn new(
+        title: String,
+        place: Place,
+        cube: Option<Arc<PackedCube>>,
+        growing: Option<Growing>,
+    ) -> Self {
+        let (variations, renderer, judge) =
+            (Variations::default(), Renderer::new(), Judge::default());
+        Self {
+            title,
+            cube,
+            place,
+            variations,
+            renderer,
+            threads: FewerThreads::default(),
+            judge,
+            growing,
+        }
     }
 
     /// Shows another cube instead.
@@ -114,17 +163,28 @@ impl CubeSource {
 
     /// Takes over what a growing capture has become, and tells how far it is.
     fn grow(&mut self) -> Result<Option<Stand>, String> {
-        let Some(growing) = &self.growing else { return Ok(None) };
+        let Some(growing) = &self.growing else {
+            return Ok(None);
+        };
         if let Some(newer) = growing.growth.newer_than(self.cube.as_ref()) {
             self.cube = Some(newer);
             self.variations.clear();
         }
-        growing.growth.failure().map_or_else(|| Ok(Some(growing.growth.stand())), Err)
+        growing
+            .growth
+            .failure()
+            .map_or_else(|| Ok(Some(growing.growth.stand())), Err)
     }
 
     /// How to get the scene that an LDI was captured from.
-    fn scene(&self, cube: &PackedCube) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
-        let in_hand = self.growing.as_ref().map(|growing| growing.growth.lit_scene());
+    fn scene(
+        &self,
+        cube: &PackedCube,
+    ) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
+        let in_hand = self
+            .growing
+            .as_ref()
+            .map(|growing| growing.growth.lit_scene());
         let info = cube.info.clone();
         move || match in_hand {
             Some(scene) => scene(),
@@ -136,7 +196,11 @@ impl CubeSource {
     fn ongoing(&self, stand: &Stand) -> Option<Ongoing> {
         let growing = self.growing.as_ref().filter(|_| !stand.ended)?;
         let [done, all] = stand.rounds;
-        Some(Ongoing::since(format!("capturing, round {} of {all}", done + 1), stand.share, growing.begun))
+        Some(Ongoing::since(
+            format!("capturing, round {} of {all}", done + 1),
+            stand.share,
+            growing.begun,
+        ))
     }
 }
 
@@ -174,8 +238,12 @@ fn paint_effort(
     pixels: &mut [[u8; 4]],
 ) -> Vec<Figure> {
     match overlay {
-        Overlay::Footprints => effort::paint_footprints(&renderer.touched(cube, camera, settings), pixels),
-        Overlay::Overdraw => effort::paint_overdraw(&renderer.touched(cube, camera, settings), pixels),
+        Overlay::Footprints => {
+            effort::paint_footprints(&renderer.touched(cube, camera, settings), pixels)
+        }
+        Overlay::Overdraw => {
+            effort::paint_overdraw(&renderer.touched(cube, camera, settings), pixels)
+        }
         Overlay::Clipping => {
             let kept = renderer.kept(cube, camera, settings);
             effort::paint_clipping(cube, &kept, renderer.frame(), pixels)
@@ -187,20 +255,36 @@ fn paint_effort(
 /// Opens the scene that an LDI names, with the light it was captured in; where that comes from is not learnt yet.
 fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
     let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
-    let scene = source.open().map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
+    let scene = source
+        .open()
+        .map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
     let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
     let lit = info.parameters.light_samples > 0;
     let bounces = info.parameters.bounces;
-    let mut lighting =
-        if lit { Lighting::measure(&tracer, bounces) } else { Lighting::prepare(&tracer, bounces, false) };
+    let mut lighting = if lit {
+        Lighting::measure(&tracer, bounces)
+    } else {
+        Lighting::prepare(&tracer, bounces, false)
+    };
     lighting.exposure = info.exposure;
-    Ok(LitScene { tracer, lighting: Arc::new(lighting), lit, guided: false })
+    Ok(LitScene {
+        tracer,
+        lighting: Arc::new(lighting),
+        lit,
+        guided: false,
+    })
 }
 
 fn render_settings(values: &SettingValues) -> Result<RenderSettings, String> {
-    let kernel = SplatKernel::ALL.get(values.choice("kernel")?).map_or(SplatKernel::default(), |&(_, kernel)| kernel);
+    let kernel = SplatKernel::ALL
+        .get(values.choice("kernel")?)
+        .map_or(SplatKernel::default(), |&(_, kernel)| kernel);
     let unclipped = !values.toggle("clip")?;
-    Ok(RenderSettings { kernel, unclipped, ..RenderSettings::default() })
+    Ok(RenderSettings {
+        kernel,
+        unclipped,
+        ..RenderSettings::default()
+    })
 }
 
 fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, String> {
@@ -208,16 +292,34 @@ fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, Stri
     for (shown, (id, _)) in faces.iter_mut().zip(FACE_NAMES) {
         *shown = values.toggle(id)?;
     }
-    let (near, far, planes) = (values.toggle("near")?, values.toggle("far")?, values.toggle("planes")?);
-    Ok(Variation { faces, near, far, planes, meaning: overlay.meaning() })
+    let (near, far, planes) = (
+        values.toggle("near")?,
+        values.toggle("far")?,
+        values.toggle("planes")?,
+    );
+    Ok(Variation {
+        faces,
+        near,
+        far,
+        planes,
+        meaning: overlay.meaning(),
+    })
 }
 
 /// The level direction toward the side of the cube that has the most to show; ahead (-Z) if there is none.
 fn richest_side(cube: &PackedCube) -> DVec3 {
-    let depth_pixels =
-        |side: Face| -> usize { cube.segments.iter().filter(|s| s.face == side).map(|s| s.depth_pixels.len()).sum() };
+    let depth_pixels = |side: Face| -> usize {
+        cube.segments
+            .iter()
+            .filter(|s| s.face == side)
+            .map(|s| s.depth_pixels.len())
+            .sum()
+    };
     let sides = [Face::PosX, Face::NegX, Face::PosZ, Face::NegZ];
-    sides.into_iter().max_by_key(|&side| depth_pixels(side)).map_or(DVec3::NEG_Z, Face::normal)
+    sides
+        .into_iter()
+        .max_by_key(|&side| depth_pixels(side))
+        .map_or(DVec3::NEG_Z, Face::normal)
 }
 
 impl FrameSource for CubeSource {
@@ -226,11 +328,19 @@ impl FrameSource for CubeSource {
     }
 
     fn start_pose(&self) -> Pose {
-        Pose::upright(self.place.centre, self.place.centre + self.place.ahead, self.place.up, 60.0)
+        Pose::upright(
+            self.place.centre,
+            self.place.centre + self.place.ahead,
+            self.place.up,
+            60.0,
+        )
     }
 
     fn bounds(&self) -> Option<EyeBounds> {
-        Some(EyeBounds { centre: self.place.centre, half_size: DVec3::splat(self.place.half_size_m) })
+        Some(EyeBounds {
+            centre: self.place.centre,
+            half_size: DVec3::splat(self.place.half_size_m),
+        })
     }
 
     fn file_frame(&self) -> FileFrame {
@@ -245,7 +355,12 @@ impl FrameSource for CubeSource {
         let kernels = SplatKernel::ALL.map(|(name, _)| name);
         let overlays = Overlay::ALL.map(|(name, _)| name);
         let mut settings = vec![
-            Setting::choice("kernel", "Footprints", "How samples become pixels (no unit).", &kernels),
+            Setting::choice(
+                "kernel",
+                "Footprints",
+                "How samples become pixels (no unit).",
+                &kernels,
+            ),
             Setting::choice(
                 "overlay",
                 "Overlay",
@@ -272,8 +387,13 @@ impl FrameSource for CubeSource {
             ),
         ];
         let part = |id, label: &str| {
-            Setting::toggle(id, label, "Draws this part of the LDI; holes show where nothing else is.", true)
-                .folded_under("Parts")
+            Setting::toggle(
+                id,
+                label,
+                "Draws this part of the LDI; holes show where nothing else is.",
+                true,
+            )
+            .folded_under("Parts")
         };
         settings.extend(FACE_NAMES.map(|(id, name)| part(id, &format!("Face {name}"))));
         settings.extend([
@@ -282,15 +402,24 @@ impl FrameSource for CubeSource {
             part("planes", "Pictures on planes"),
         ]);
         if let Some(growing) = &self.growing {
-            let tip = format!("Writes the LDI as captured so far to {}.", growing.file.display());
+            let tip = format!(
+                "Writes the LDI as captured so far to {}.",
+                growing.file.display()
+            );
             settings.push(Setting::action(SAVE, "Save as .ldi", &tip).under("Capture"));
         }
         settings
     }
 
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String> {
         let settings = render_settings(&request.settings)?;
-        let overlay = Overlay::ALL.get(request.settings.choice("overlay")?).map_or(Overlay::None, |&(_, o)| o);
+        let overlay = Overlay::ALL
+            .get(request.settings.choice("overlay")?)
+            .map_or(Overlay::None, |&(_, o)| o);
         let growth = self.grow()?;
         let ongoing = growth.and_then(|stand| self.ongoing(&stand));
         let Some(whole) = self.cube.clone() else {
@@ -306,13 +435,16 @@ impl FrameSource for CubeSource {
             });
         };
         let scene = self.scene(&whole);
-        let cube = self.variations.of(&whole, &variation(&request.settings, overlay)?);
+        let cube = self
+            .variations
+            .of(&whole, &variation(&request.settings, overlay)?);
         let renderer = &mut self.renderer;
-        let (frame, stats) = self
-            .threads
-            .install(&request.settings, || renderer.render_with_stats(&cube, &request.camera, &settings))?;
+        let (frame, stats) = self.threads.install(&request.settings, || {
+            renderer.render_with_stats(&cube, &request.camera, &settings)
+        })?;
         let (stages, mut figures) = (stages(stats), figures(stats, &cube));
-        let (judged, mut refinement) = paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
+        let (judged, mut refinement) =
+            paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
         let inspected = self.threads.install(&request.settings, || {
             paint_effort(renderer, &cube, &request.camera, &settings, overlay, pixels)
         })?;
@@ -327,25 +459,46 @@ impl FrameSource for CubeSource {
         // Truth is what one waits for if one asked for it.
         let ongoing = self.judge.ongoing(overlay).or(ongoing);
         let facts = vec![simd_fact(), axes_fact(&self.place.frame)];
-        Ok(FrameReport { stages, figures, facts, refinement, legend: overlay.legend(), ongoing })
+        Ok(FrameReport {
+            stages,
+            figures,
+            facts,
+            refinement,
+            legend: overlay.legend(),
+            ongoing,
+        })
     }
 
     fn act(&mut self, action: &str) -> Result<String, String> {
         match &self.growing {
             Some(growing) if action == SAVE => {
-                let newest = growing.growth.newer_than(self.cube.as_ref()).or_else(|| self.cube.clone());
-                let cube = newest.ok_or("There is nothing to save before the first round is done.")?;
-                cube.write(&growing.file).map_err(|error| error.to_string())?;
+                let newest = growing
+                    .growth
+                    .newer_than(self.cube.as_ref())
+                    .or_else(|| self.cube.clone());
+                let cube =
+                    newest.ok_or("There is nothing to save before the first round is done.")?;
+                cube.write(&growing.file)
+                    .map_err(|error| error.to_string())?;
                 let (count, face) = (cube.depth_pixel_count(), cube.face_size_px);
-                Ok(format!("Saved {}: {count} depth pixels, faces of {face} px.", growing.file.display()))
+                Ok(format!(
+                    "Saved {}: {count} depth pixels, faces of {face} px.",
+                    growing.file.display()
+                ))
             }
-            _ => Err(format!("\"{action}\" is not something that this view can do.")),
+            _ => Err(format!(
+                "\"{action}\" is not something that this view can do."
+            )),
         }
     }
 }
 
 fn stages(stats: &FrameStats) -> Vec<Stage> {
-    let times = [("clear", stats.clear_ms), ("warp", stats.warp_ms), ("finish", stats.finish_ms)];
+    let times = [
+        ("clear", stats.clear_ms),
+        ("warp", stats.warp_ms),
+        ("finish", stats.finish_ms),
+    ];
     times.map(|(name, ms)| Stage { name, ms }).to_vec()
 }
 
@@ -362,6 +515,10 @@ fn figures(stats: &FrameStats, cube: &PackedCube) -> Vec<Figure> {
         ("face size", cube.face_size_px.into()),
     ];
     counts
-        .map(|(name, value)| Figure { name, value: value as f64, unit: if name == "face size" { "px" } else { "" } })
+        .map(|(name, value)| Figure {
+            name,
+            value: value as f64,
+            unit: if name == "face size" { "px" } else { "" },
+        })
         .to_vec()
 }

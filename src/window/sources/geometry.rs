@@ -4,8 +4,13 @@ use crate::background::FewerThreads;
 use crate::overlays::geometry_overlay::GeometryOverlay;
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
-use headbox_photos::view_geometry::{GeometryRenderer, GeometrySettings, GeometryStats, Patience, Texturing, TimeBudget, ViewGeometry};
-use headbox_viewer::{Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, Stage};
+use headbox_photos::view_geometry::{
+    GeometryRenderer, GeometrySettings, GeometryStats, Patience, Texturing, TimeBudget,
+    ViewGeometry,
+};
+use headbox_viewer::{
+    Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, Stage,
+};
 use std::time::Duration;
 
 /// How long the thread that decodes pictures is left to itself between two looks for what it has.
@@ -26,7 +31,12 @@ pub(super) struct GeometrySource {
 }
 
 impl GeometrySource {
-    pub(super) fn new(title: String, geometry: ViewGeometry, start: &Camera, initial: GeometrySettings) -> Self {
+    pub(super) fn new(
+        title: String,
+        geometry: ViewGeometry,
+        start: &Camera,
+        initial: GeometrySettings,
+    ) -> Self {
         let (start, renderer) = (crate::start_at(start), GeometryRenderer::new());
         Self {
             title,
@@ -40,8 +50,10 @@ impl GeometrySource {
     }
 
     fn settings_of(&self, request: &FrameRequest) -> Result<GeometrySettings, String> {
-        let (_, texturing) =
-            Texturing::ALL.get(request.settings.choice("texturing")?).copied().unwrap_or(Texturing::ALL[0]);
+        let (_, texturing) = Texturing::ALL
+            .get(request.settings.choice("texturing")?)
+            .copied()
+            .unwrap_or(Texturing::ALL[0]);
         Ok(GeometrySettings {
             texturing,
             cameras: request.settings.number("cameras")? as usize,
@@ -67,8 +79,10 @@ impl FrameSource for GeometrySource {
 
     fn settings(&self) -> Vec<Setting> {
         let options = Texturing::ALL.map(|(name, _)| name.to_owned()).to_vec();
-        let selected =
-            Texturing::ALL.iter().position(|(_, texturing)| *texturing == self.initial.texturing).unwrap_or(0);
+        let selected = Texturing::ALL
+            .iter()
+            .position(|(_, texturing)| *texturing == self.initial.texturing)
+            .unwrap_or(0);
         vec![
             Setting::new(
                 "texturing",
@@ -110,12 +124,30 @@ impl FrameSource for GeometrySource {
         ]
     }
 
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String> {
         let full = self.settings_of(request)?;
         self.budget.ms = request.settings.number("budget")?;
-        let settings = if request.moving { self.budget.settings(&full) } else { full };
-        let Self { geometry, renderer, threads, budget, .. } = self;
-        let draw = || renderer.render(geometry, &request.camera, &settings, Patience::Never).1;
+        let settings = if request.moving {
+            self.budget.settings(&full)
+        } else {
+            full
+        };
+        let Self {
+            geometry,
+            renderer,
+            threads,
+            budget,
+            ..
+        } = self;
+        let draw = || {
+            renderer
+                .render(geometry, &request.camera, &settings, Patience::Never)
+                .1
+        };
         let stats = threads.install(&request.settings, draw)?;
         if request.moving {
             budget.took(stats.frame_ms);
@@ -127,18 +159,37 @@ impl FrameSource for GeometrySource {
         let legend = overlay.paint(geometry, renderer, pixels);
         let mut facts = vec![crate::facts::simd_fact()];
         if stats.cameras_valid == 0 {
-            facts.push(Fact { name: "nothing", text: geometry.nothing_seen() });
+            facts.push(Fact {
+                name: "nothing",
+                text: geometry.nothing_seen(),
+            });
         }
         let told = [("lost", geometry.lost()), ("mended", geometry.mended())];
-        facts.extend(told.into_iter().filter_map(|(name, why)| Some(Fact { name, text: why.into_iter().next()? })));
+        facts.extend(told.into_iter().filter_map(|(name, why)| {
+            Some(Fact {
+                name,
+                text: why.into_iter().next()?,
+            })
+        }));
         let refinement = match stats.pictures_missing {
             0 => Refinement::Done,
             _ => Refinement::Later(LOOK_AGAIN),
         };
         let mut figures = figures(&stats);
         figures.push(figure("grid", f64::from(settings.grid_px), "px"));
-        figures.push(figure("memory", geometry.bytes() as f64 / f64::from(1 << 20), "MiB"));
-        Ok(FrameReport { stages: stages(&stats), figures, facts, legend, refinement, ongoing: None })
+        figures.push(figure(
+            "memory",
+            geometry.bytes() as f64 / f64::from(1 << 20),
+            "MiB",
+        ));
+        Ok(FrameReport {
+            stages: stages(&stats),
+            figures,
+            facts,
+            legend,
+            refinement,
+            ongoing: None,
+        })
     }
 }
 

@@ -6,18 +6,18 @@
 //! here of how rays become depth pixels.
 
 use crate::background;
-use headbox_trace::light::Lighting;
 use headbox_core::headbox::Headbox;
-use headbox_trace::bvh::Tracer;
-use headbox_trace::viewpoint;
-use headbox_ldi::job::CaptureJob;
+use headbox_core::progress::Progress;
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_ldi::settings::Resources;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_cube::planes::DEFAULT_ERROR_PX;
-use headbox_core::progress::Progress;
+use headbox_ldi::job::CaptureJob;
 use headbox_ldi::scene_source::SceneSource;
+use headbox_ldi::settings::Resources;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_trace::viewpoint;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -55,9 +55,24 @@ struct Round {
 /// The rounds. The last has the faces of what `headbox capture` makes when nothing is said, with a fifth of its rays: what a
 /// window shows while one waits is to be whole in a minute.
 const ROUNDS: [Round; 3] = [
-    Round { face_size_px: 192, strata: 12, rays: 8, light_samples: 1 },
-    Round { face_size_px: 512, strata: 16, rays: 16, light_samples: 2 },
-    Round { face_size_px: 1024, strata: 24, rays: 10, light_samples: 4 },
+    Round {
+        face_size_px: 192,
+        strata: 12,
+        rays: 8,
+        light_samples: 1,
+    },
+    Round {
+        face_size_px: 512,
+        strata: 16,
+        rays: 16,
+        light_samples: 2,
+    },
+    Round {
+        face_size_px: 1024,
+        strata: 24,
+        rays: 10,
+        light_samples: 4,
+    },
 ];
 
 /// Stages of a round: pilot, rays, light.
@@ -135,7 +150,8 @@ impl Growth {
     /// One sentence: the scene cannot be opened.
     pub(super) fn start(source: SceneSource) -> Result<(Self, CapturePlace), String> {
         let scene = Arc::new(source.open().map_err(|error| error.to_string())?);
-        let headbox = viewpoint::place_headbox(&scene, None, None).map_err(|error| error.to_string())?;
+        let headbox =
+            viewpoint::place_headbox(&scene, None, None).map_err(|error| error.to_string())?;
         let tracer = Arc::new(Tracer::new(scene, headbox.centre));
         let pool = background::pool("capture")?;
         let shared = Arc::new(Shared::default());
@@ -143,12 +159,24 @@ impl Growth {
             let (shared, tracer) = (Arc::clone(&shared), Arc::clone(&tracer));
             move || {
                 let rounds = || {
-                    let lighting = Arc::new(Lighting::prepare(&tracer, CaptureParameters::DEFAULT.bounces, true));
-                    let scene = shared.is_lit(LitScene { tracer, lighting, lit: true, guided: true });
-                    ROUNDS.iter().try_for_each(|round| shared.run(&round.job(&source, &headbox), &scene))
+                    let lighting = Arc::new(Lighting::prepare(
+                        &tracer,
+                        CaptureParameters::DEFAULT.bounces,
+                        true,
+                    ));
+                    let scene = shared.is_lit(LitScene {
+                        tracer,
+                        lighting,
+                        lit: true,
+                        guided: true,
+                    });
+                    ROUNDS
+                        .iter()
+                        .try_for_each(|round| shared.run(&round.job(&source, &headbox), &scene))
                 };
                 let work = || pool.install(rounds);
-                let panicked = |_| Err("The capture stopped because of an error in the program.".into());
+                let panicked =
+                    |_| Err("The capture stopped because of an error in the program.".into());
                 shared.end(catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(panicked));
             }
         });
@@ -164,8 +192,15 @@ impl Growth {
             loop {
                 match &state.scene {
                     Some(scene) => return Ok(scene.clone()),
-                    None if state.ended => return Err("The capture ended before there was light.".into()),
-                    None => state = shared.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
+                    None if state.ended => {
+                        return Err("The capture ended before there was light.".into());
+                    }
+                    None => {
+                        state = shared
+                            .changed
+                            .wait(state)
+                            .unwrap_or_else(PoisonError::into_inner)
+                    }
                 }
             }
         }
@@ -176,7 +211,11 @@ impl Growth {
     pub(super) fn first(&self) -> Option<Arc<PackedCube>> {
         let mut state = self.shared.lock();
         while state.newest.is_none() && !state.ended {
-            state = self.shared.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            state = self
+                .shared
+                .changed
+                .wait(state)
+                .unwrap_or_else(PoisonError::into_inner);
         }
         state.newest.clone()
     }
@@ -184,7 +223,11 @@ impl Growth {
     /// The finest LDI so far, if it is another than `shown`.
     pub(super) fn newer_than(&self, shown: Option<&Arc<PackedCube>>) -> Option<Arc<PackedCube>> {
         let state = self.shared.lock();
-        state.newest.as_ref().filter(|newest| shown.is_none_or(|shown| !Arc::ptr_eq(newest, shown))).map(Arc::clone)
+        state
+            .newest
+            .as_ref()
+            .filter(|newest| shown.is_none_or(|shown| !Arc::ptr_eq(newest, shown)))
+            .map(Arc::clone)
     }
 
     /// Why a later round failed, told once.
@@ -195,9 +238,17 @@ impl Growth {
     /// How far the capture is.
     pub(super) fn stand(&self) -> Stand {
         let state = self.shared.lock();
-        let [stages, done, all] = [&self.shared.stages, &self.shared.steps_done, &self.shared.steps]
-            .map(|n| n.load(Ordering::Relaxed) as f64);
-        let of_stage = if all > 0.0 { (done / all).min(1.0) } else { 0.0 };
+        let [stages, done, all] = [
+            &self.shared.stages,
+            &self.shared.steps_done,
+            &self.shared.steps,
+        ]
+        .map(|n| n.load(Ordering::Relaxed) as f64);
+        let of_stage = if all > 0.0 {
+            (done / all).min(1.0)
+        } else {
+            0.0
+        };
         // Stages may come more than once: a round is never told to be done before it is.
         let of_round = ((stages - 1.0).max(0.0) + of_stage).min(STAGES * 0.97) / STAGES;
         let work = |rounds: &[Round]| rounds.iter().map(Round::work).sum::<f64>();
@@ -236,7 +287,9 @@ impl Shared {
         /// many.
         const BUDGET: (u32, u64) = (1000, 1 << 30);
         let is_large = job.face_size_px >= BUDGET.0;
-        let resources = Resources { budget: is_large.then(|| (BUDGET.1, std::env::temp_dir())) };
+        let resources = Resources {
+            budget: is_large.then(|| (BUDGET.1, std::env::temp_dir())),
+        };
         let captured = job.run(&scene.tracer, &scene.lighting, &resources, self);
         let (ldi, _) = captured.map_err(|error| format!("The capture failed: {error}."))?;
         let packed = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
@@ -252,7 +305,9 @@ impl Shared {
     fn end(&self, result: Result<(), String>) {
         let mut state = self.lock();
         state.ended = true;
-        state.failed = result.err().filter(|_| !self.cancelled.load(Ordering::Relaxed));
+        state.failed = result
+            .err()
+            .filter(|_| !self.cancelled.load(Ordering::Relaxed));
         self.changed.notify_all();
     }
 }
@@ -286,8 +341,19 @@ mod tests {
         assert!(growth.stand().rounds[0] >= 1 && growth.stand().share > 0.0);
         let job = ROUNDS[0].job(&source, &place.headbox);
         let silent = headbox_core::progress::Silent;
-        let (ldi, _) = job.run(&scene.tracer, &scene.lighting, &Resources::default(), &silent).unwrap();
-        assert!(*first == planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap());
+        let (ldi, _) = job
+            .run(
+                &scene.tracer,
+                &scene.lighting,
+                &Resources::default(),
+                &silent,
+            )
+            .unwrap();
+        assert!(
+            *first
+                == planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX)
+                    .unwrap()
+        );
         let shared = Arc::clone(&growth.shared);
         drop(growth);
         let mut state = shared.lock();
@@ -299,7 +365,9 @@ mod tests {
 
     #[test]
     fn scenes_that_cannot_be_opened_are_named() {
-        let error = Growth::start(SceneSource::new("builtin:nonsense")).err().unwrap();
+        let error = Growth::start(SceneSource::new("builtin:nonsense"))
+            .err()
+            .unwrap();
         assert!(error.contains("nonsense"), "{error}");
     }
 }

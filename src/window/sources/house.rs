@@ -2,13 +2,11 @@
 
 use crate::background;
 use crate::background::FewerThreads;
-use crate::overlays::effort::swatch;
 use crate::file_name::file_name;
+use crate::overlays::effort::swatch;
 use crate::overlays::overlay::{Overlay, paint_backdrops, paint_holes};
 use crate::terms::TERMS;
-use headbox_model::bake::{BakeOptions, bake_model};
-use headbox_model::load::{LoadedModel, ModelOptions, load_model};
-use headbox_model::PortalModel;
+use glam::{DVec2, DVec3};
 use headbox_core::file_frame::FileFrame;
 use headbox_house::backdrop::BackdropQuality;
 use headbox_house::file;
@@ -20,9 +18,14 @@ use headbox_house::store::Store;
 use headbox_house::tour::Tour;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk_path::WalkPath;
+use headbox_model::PortalModel;
+use headbox_model::bake::{BakeOptions, bake_model};
+use headbox_model::load::{LoadedModel, ModelOptions, load_model};
 use headbox_scenes as scenes;
-use glam::{DVec2, DVec3};
-use headbox_viewer::{Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Ongoing, Pose, Refinement, Room, RoomMap, Setting, Stage};
+use headbox_viewer::{
+    Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Ongoing, Pose,
+    Refinement, Room, RoomMap, Setting, Stage,
+};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
@@ -50,8 +53,20 @@ const BUILTIN_TRIANGLES: usize = 60_000;
 
 /// How finely light is baked, one after the other: a first in a few seconds, and one with a third of the vertices of the default.
 const LIGHTS: [BakeOptions; 2] = [
-    BakeOptions { edge_m: 1.0, max_triangles: 300_000, samples: 8, smoothing: 4, bounces: 1 },
-    BakeOptions { edge_m: 0.4, max_triangles: 1_000_000, samples: 32, smoothing: 2, bounces: 1 },
+    BakeOptions {
+        edge_m: 1.0,
+        max_triangles: 300_000,
+        samples: 8,
+        smoothing: 4,
+        bounces: 1,
+    },
+    BakeOptions {
+        edge_m: 0.4,
+        max_triangles: 1_000_000,
+        samples: 32,
+        smoothing: 2,
+        bounces: 1,
+    },
 ];
 
 /// A house, seen from anywhere: the eye may leave it and pass through walls.
@@ -98,7 +113,12 @@ impl HouseSource {
     /// See [`HouseFileError`].
     pub(super) fn read(path: &Path) -> Result<Self, HouseFileError> {
         let (house, store, quality) = file::read(path, BUDGET_BYTES)?;
-        Ok(Self::new(format!("{} (house)", file_name(path)), house, store, quality))
+        Ok(Self::new(
+            format!("{} (house)", file_name(path)),
+            house,
+            store,
+            quality,
+        ))
     }
 
     /// The built-in house.
@@ -121,10 +141,15 @@ impl HouseSource {
         let (frame, count) = (model.scene.frame, findings.len());
         let source = Self::of_model(format!("{} (home)", file_name(path)), model)?;
         let most = findings.into_iter().take(MOST_NOTES);
-        let mut notes: Vec<String> = most.map(|finding| finding.in_file(&frame).to_string()).collect();
+        let mut notes: Vec<String> = most
+            .map(|finding| finding.in_file(&frame).to_string())
+            .collect();
         if count > notes.len() {
             let more = count - notes.len();
-            notes.push(format!("{more} more things are told by: headbox house {}", path.display()));
+            notes.push(format!(
+                "{more} more things are told by: headbox house {}",
+                path.display()
+            ));
         }
         Ok(Self { notes, ..source })
     }
@@ -133,19 +158,39 @@ impl HouseSource {
     fn of_model(title: String, model: PortalModel) -> Result<Self, String> {
         let house = House::new(model.clone()).map_err(|error| error.to_string())?;
         let lit = Some(LitLater::begin(model)?);
-        let plain = Self::new(title, house, Store::new(BUDGET_BYTES), BackdropQuality::default());
+        let plain = Self::new(
+            title,
+            house,
+            Store::new(BUDGET_BYTES),
+            BackdropQuality::default(),
+        );
         Ok(Self { lit, ..plain })
     }
 
     fn new(title: String, house: House, store: Store, quality: BackdropQuality) -> Self {
         let (initial, start) = (HouseVariant::of_store(&store), start_in(&house));
-        let tour = Tour::new(Arc::new(house), Arc::new(store), quality, initial.settings());
-        Self { title, tour, start, initial, threads: FewerThreads::default(), lit: None, notes: Vec::new() }
+        let tour = Tour::new(
+            Arc::new(house),
+            Arc::new(store),
+            quality,
+            initial.settings(),
+        );
+        Self {
+            title,
+            tour,
+            start,
+            initial,
+            threads: FewerThreads::default(),
+            lit: None,
+            notes: Vec::new(),
+        }
     }
 
     /// Takes the lit house over once it is there. Returns whether it is still to come.
     fn awaits_light(&mut self) -> Result<bool, String> {
-        let Some(lit) = &mut self.lit else { return Ok(false) };
+        let Some(lit) = &mut self.lit else {
+            return Ok(false);
+        };
         let house = match lit.houses.try_recv() {
             Err(TryRecvError::Empty) => return Ok(true),
             Err(TryRecvError::Disconnected) => {
@@ -158,7 +203,12 @@ impl HouseSource {
             self.lit = None;
         }
         let store = Store::new(BUDGET_BYTES);
-        self.tour = Tour::new(Arc::new(house?), Arc::new(store), BackdropQuality::default(), self.tour.settings);
+        self.tour = Tour::new(
+            Arc::new(house?),
+            Arc::new(store),
+            BackdropQuality::default(),
+            self.tour.settings,
+        );
         Ok(self.lit.is_some())
     }
 }
@@ -172,8 +222,13 @@ impl LitLater {
         let pool = background::pool("light")?;
         let work = move || {
             for light in &LIGHTS {
-                watched.samples.iter().for_each(|count| count.store(0, Ordering::Relaxed));
-                let (lit, _) = pool.install(|| bake_model(model.clone(), light, &|done, all| watched.note(done, all)));
+                watched
+                    .samples
+                    .iter()
+                    .for_each(|count| count.store(0, Ordering::Relaxed));
+                let (lit, _) = pool.install(|| {
+                    bake_model(model.clone(), light, &|done, all| watched.note(done, all))
+                });
                 if watched.given_up.load(Ordering::Relaxed) {
                     return;
                 }
@@ -184,7 +239,12 @@ impl LitLater {
         };
         let thread = std::thread::Builder::new().name("light".into()).spawn(work);
         thread.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        Ok(Self { houses, come: 0, baking, begun: Instant::now() })
+        Ok(Self {
+            houses,
+            come: 0,
+            baking,
+            begun: Instant::now(),
+        })
     }
 
     fn ongoing(&self) -> Ongoing {
@@ -192,7 +252,11 @@ impl LitLater {
         let share = if all > 0.0 { done / all } else { 0.0 };
         // Of a flat of three rooms the first light takes a third of the time: to learn where light comes from takes as long as for the second.
         let [first, second] = [0.33, 0.67];
-        let share = if self.come == 0 { first * share } else { first + second * share };
+        let share = if self.come == 0 {
+            first * share
+        } else {
+            first + second * share
+        };
         Ongoing::since("computing light", share, self.begun)
     }
 }
@@ -202,7 +266,11 @@ impl Baking {
     fn note(&self, done: usize, all: usize) -> ControlFlow<()> {
         self.samples[0].fetch_max(done, Ordering::Relaxed);
         self.samples[1].store(all, Ordering::Relaxed);
-        if self.given_up.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if self.given_up.load(Ordering::Relaxed) {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
     }
 }
 
@@ -211,8 +279,9 @@ impl Baking {
 fn start_in(house: &House) -> Pose {
     let walk = WalkPath::default();
     let first = WalkPath::first(house).ok().flatten();
-    let (eye, forward) =
-        first.map_or((house.tracer().origin(), DVec3::NEG_Z), |camera| (camera.eye(), camera.forward()));
+    let (eye, forward) = first.map_or((house.tracer().origin(), DVec3::NEG_Z), |camera| {
+        (camera.eye(), camera.forward())
+    });
     Pose::looking_at(eye, eye + forward, walk.fov_y_deg)
 }
 
@@ -231,7 +300,10 @@ impl FrameSource for HouseSource {
 
     fn plan(&self) -> Option<RoomMap> {
         let model = self.tour.house().plan();
-        let spaces = model.cells.iter().flat_map(|cell| cell.space.iter().map(move |prism| (&cell.name, prism)));
+        let spaces = model
+            .cells
+            .iter()
+            .flat_map(|cell| cell.space.iter().map(move |prism| (&cell.name, prism)));
         let rooms: Vec<_> = spaces
             .map(|(name, prism)| Room {
                 name: name.clone(),
@@ -262,8 +334,13 @@ impl FrameSource for HouseSource {
     }
 
     fn settings(&self) -> Vec<Setting> {
-        let options = HouseVariant::ALL.map(|variant| variant.name.to_owned()).to_vec();
-        let selected = HouseVariant::ALL.iter().position(|variant| *variant == self.initial).unwrap_or(0);
+        let options = HouseVariant::ALL
+            .map(|variant| variant.name.to_owned())
+            .to_vec();
+        let selected = HouseVariant::ALL
+            .iter()
+            .position(|variant| *variant == self.initial)
+            .unwrap_or(0);
         vec![
             Setting::new(
                 "variant",
@@ -284,18 +361,37 @@ impl FrameSource for HouseSource {
         ]
     }
 
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String> {
         let awaits_light = self.awaits_light()?;
-        let Self { tour, initial, threads, .. } = self;
-        tour.settings = HouseVariant::ALL.get(request.settings.choice("variant")?).unwrap_or(initial).settings();
+        let Self {
+            tour,
+            initial,
+            threads,
+            ..
+        } = self;
+        tour.settings = HouseVariant::ALL
+            .get(request.settings.choice("variant")?)
+            .unwrap_or(initial)
+            .settings();
         let (_, stats) = threads.install(&request.settings, || tour.frame(&request.camera))?;
         let (stages, mut figures, cell) = (stages(stats), figures(stats), stats.cell);
         let mut facts = vec![place(tour.house(), cell)];
         if awaits_light {
-            facts.push(Fact { name: "light", text: "is being baked".into() });
+            facts.push(Fact {
+                name: "light",
+                text: "is being baked".into(),
+            });
         }
         facts.push(crate::facts::simd_fact());
-        figures.push(figure("memory of backdrops", tour.store().bytes() as f64 / f64::from(1 << 20), "MiB"));
+        figures.push(figure(
+            "memory of backdrops",
+            tour.store().bytes() as f64 / f64::from(1 << 20),
+            "MiB",
+        ));
         let legend = match OVERLAYS.get(request.settings.choice("overlay")?) {
             Some(&"holes") => {
                 paint_holes(&tour.last().frame, pixels);
@@ -303,26 +399,55 @@ impl FrameSource for HouseSource {
             }
             Some(&"backdrops") => {
                 paint_backdrops(tour.last(), pixels);
-                vec![swatch([230, 159, 0], "in its colours: a backdrop"), swatch([128; 3], "grey: geometry")]
+                vec![
+                    swatch([230, 159, 0], "in its colours: a backdrop"),
+                    swatch([128; 3], "grey: geometry"),
+                ]
             }
             _ => {
                 pixels.copy_from_slice(&tour.last().frame.color);
                 Vec::new()
             }
         };
-        let refinement =
-            if awaits_light || tour.can_improve() { Refinement::Later(LOOK_AGAIN) } else { Refinement::Done };
-        let missing = figures.iter().find(|figure| figure.name == MISSING).map_or(0.0, |figure| figure.value);
+        let refinement = if awaits_light || tour.can_improve() {
+            Refinement::Later(LOOK_AGAIN)
+        } else {
+            Refinement::Done
+        };
+        let missing = figures
+            .iter()
+            .find(|figure| figure.name == MISSING)
+            .map_or(0.0, |figure| figure.value);
         let ongoing = self.lit.as_ref().map(LitLater::ongoing).or_else(|| {
             let what = format!("building {missing} backdrops");
-            (refinement != Refinement::Done).then_some(Ongoing { what, share: 0.0, left: None })
+            (refinement != Refinement::Done).then_some(Ongoing {
+                what,
+                share: 0.0,
+                left: None,
+            })
         });
-        Ok(FrameReport { stages, figures, facts, legend, refinement, ongoing })
+        Ok(FrameReport {
+            stages,
+            figures,
+            facts,
+            legend,
+            refinement,
+            ongoing,
+        })
     }
 }
 
 fn stages(stats: &WalkStats) -> Vec<Stage> {
-    vec![Stage { name: "geometry", ms: stats.geometry_ms }, Stage { name: "backdrops", ms: stats.backdrop_ms }]
+    vec![
+        Stage {
+            name: "geometry",
+            ms: stats.geometry_ms,
+        },
+        Stage {
+            name: "backdrops",
+            ms: stats.backdrop_ms,
+        },
+    ]
 }
 
 fn figure(name: &'static str, value: f64, unit: &'static str) -> Figure {
@@ -348,5 +473,8 @@ fn place(house: &House, cell: Option<u32>) -> Fact {
         Some((number, cell)) => format!("{} (cell {number})", cell.name),
         None => "in a wall".into(),
     };
-    Fact { name: "the eye is in", text }
+    Fact {
+        name: "the eye is in",
+        text,
+    }
 }

@@ -1,35 +1,35 @@
 //! Which source opens what; the start page.
 
 use super::cube::CubeSource;
-use crate::file_name::file_name;
 use super::geometry::GeometrySource;
 use super::house::HouseSource;
 use super::live::LiveSource;
 use super::lumigraph::LumigraphSource;
-use crate::overlays::marks::{Marked, Marks};
 use super::photographs::PhotographsSource;
 use super::sprite::SpriteSource;
-use headbox_images::deep_exr::DeepImage;
-use headbox_images::ImageSet;
-use headbox_trace::light::Lighting;
-use headbox_core::container::HOMES;
-use headbox_trace::bvh::Tracer;
-use headbox_trace::viewpoint::{place_headbox, suggest_view};
+use crate::file_name::file_name;
+use crate::overlays::marks::{Marked, Marks};
+use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use headbox_core::container::FileError;
-use headbox_ldi::from_deep::{DeepPlace, FromDeepError, cube as cube_of_deep};
-use headbox_ldi::from_images::NearImages;
-use headbox_lumigraph::Slabs;
+use headbox_core::container::HOMES;
+use headbox_core::progress::Silent;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_house::file::HouseFileError;
-use headbox_core::progress::Silent;
+use headbox_images::ImageSet;
+use headbox_images::deep_exr::DeepImage;
+use headbox_ldi::from_deep::{DeepPlace, FromDeepError, cube as cube_of_deep};
+use headbox_ldi::from_images::NearImages;
 use headbox_ldi::scene_source::SceneSource;
-use headbox_sprite::SpriteSet;
+use headbox_lumigraph::Slabs;
 use headbox_photos::view_geometry::{GeometrySettings, ViewGeometry};
 use headbox_scenes as scenes;
+use headbox_sprite::SpriteSet;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use headbox_trace::truth;
-use glam::{DVec3, Vec3};
+use headbox_trace::viewpoint::{place_headbox, suggest_view};
 use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
 use image::{Rgb, RgbImage};
 use std::fmt::Display;
@@ -84,7 +84,10 @@ pub fn open(name: &str, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenE
 ///
 /// # Errors
 /// See [`OpenError`].
-pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
+pub fn open_source(
+    source: SceneSource,
+    output_dir: &Path,
+) -> Result<Box<dyn FrameSource>, OpenError> {
     let name = source.name.as_str();
     let path = Path::new(name);
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
@@ -99,9 +102,15 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
         }
         Some("lumi") => Box::new(LumigraphSource::new(Slabs::read(path)?, path)),
         Some("house") => Box::new(HouseSource::read(path)?),
-        Some(extension) if HOMES.contains(&extension) => Box::new(HouseSource::load(path).map_err(OpenError::Scene)?),
+        Some(extension) if HOMES.contains(&extension) => {
+            Box::new(HouseSource::load(path).map_err(OpenError::Scene)?)
+        }
         Some(extension) if SCENES.contains(&extension) => Box::new(capture(source, output_dir)?),
-        _ => return Err(OpenError::Kind { name: name.to_owned() }),
+        _ => {
+            return Err(OpenError::Kind {
+                name: name.to_owned(),
+            });
+        }
     };
     Ok(source)
 }
@@ -116,7 +125,10 @@ fn deep_picture(path: &Path) -> Result<PackedCube, String> {
     let image = DeepImage::read(path).map_err(|error| error.to_string())?;
     let of_file = |error: &dyn Display| format!("{}: {error}", path.display());
     let cube = cube_of_deep(&image, DeepPlace::default()).map_err(|error| match error {
-        FromDeepError::View => of_file(&format!("{error} (headbox capture {} --fov DEG -o F.ldi)", path.display())),
+        FromDeepError::View => of_file(&format!(
+            "{error} (headbox capture {} --fov DEG -o F.ldi)",
+            path.display()
+        )),
         error => of_file(&error),
     })?;
     PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto).map_err(|error| of_file(&error))
@@ -137,9 +149,15 @@ pub fn show_geometry(
 ///
 /// # Errors
 /// [`OpenError::Scene`] if an image cannot be read, or no thread started.
-pub fn show_live(near: NearImages, origin: &Path, start: &Camera) -> Result<Box<dyn FrameSource>, OpenError> {
+pub fn show_live(
+    near: NearImages,
+    origin: &Path,
+    start: &Camera,
+) -> Result<Box<dyn FrameSource>, OpenError> {
     let title = format!("{} (nearest images)", file_name(origin));
-    Ok(Box::new(LiveSource::new(title, near, origin, start).map_err(OpenError::Scene)?))
+    Ok(Box::new(
+        LiveSource::new(title, near, origin, start).map_err(OpenError::Scene)?,
+    ))
 }
 
 /// Photographs of the folder `origin` without depth, coloured into a cube LDI while they are looked at.
@@ -147,7 +165,9 @@ pub fn show_live(near: NearImages, origin: &Path, start: &Camera) -> Result<Box<
 /// # Errors
 /// [`OpenError::Scene`] if the first photograph cannot be read, or no thread started.
 pub fn show_photographs(set: ImageSet, origin: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
-    Ok(Box::new(PhotographsSource::new(set, origin).map_err(OpenError::Scene)?))
+    Ok(Box::new(
+        PhotographsSource::new(set, origin).map_err(OpenError::Scene)?,
+    ))
 }
 
 /// What is made of pictures, where the window can draw marks over it: where they were taken.
@@ -184,7 +204,12 @@ fn calmed(lit: &RgbImage, unlit: &RgbImage) -> RgbImage {
     let (width, height) = lit.dimensions();
     let linear = |image: &RgbImage, x: i64, y: i64| {
         let at = |v: i64, end: u32| v.clamp(0, i64::from(end) - 1) as u32;
-        Vec3::from(image.get_pixel(at(x, width), at(y, height)).0.map(linear_from_srgb8))
+        Vec3::from(
+            image
+                .get_pixel(at(x, width), at(y, height))
+                .0
+                .map(linear_from_srgb8),
+        )
     };
     RgbImage::from_fn(width, height, |x, y| {
         let (x, y) = (i64::from(x), i64::from(y));
@@ -211,7 +236,10 @@ impl Library for SceneLibrary {
             description: scene.description.into(),
         };
         let mut entries: Vec<_> = scenes::all().iter().map(entry).collect();
-        entries.iter_mut().filter(|entry| entry.id == HOUSE).for_each(|house| house.description += ", to be walked");
+        entries
+            .iter_mut()
+            .filter(|entry| entry.id == HOUSE)
+            .for_each(|house| house.description += ", to be walked");
         entries
     }
 
@@ -225,17 +253,48 @@ impl Library for SceneLibrary {
         let tracer = Tracer::new(scene, eye);
         let lighting = Lighting::measure(&tracer, 1);
         let (width, height) = Self::THUMBNAIL_PX;
-        let camera = Camera::look_at(eye, eye + suggest_view(&tracer, eye), DVec3::Y, 60.0, [width, height]).ok()?;
+        let camera = Camera::look_at(
+            eye,
+            eye + suggest_view(&tracer, eye),
+            DVec3::Y,
+            60.0,
+            [width, height],
+        )
+        .ok()?;
         let [lit, unlit] = [true, false].map(|lit| {
-            let lighting = if lit { &lighting } else { &Lighting::of_scene(&tracer, 0) };
-            truth::render(&tracer, lighting, lit, &camera, Self::THUMBNAIL_SAMPLES, &Silent).rgb()
+            let lighting = if lit {
+                &lighting
+            } else {
+                &Lighting::of_scene(&tracer, 0)
+            };
+            truth::render(
+                &tracer,
+                lighting,
+                lit,
+                &camera,
+                Self::THUMBNAIL_SAMPLES,
+                &Silent,
+            )
+            .rgb()
         });
-        let pixels = calmed(&lit, &unlit).pixels().map(|&Rgb([r, g, b])| [r, g, b, 255]).collect();
-        Some(Thumbnail { width, height, pixels })
+        let pixels = calmed(&lit, &unlit)
+            .pixels()
+            .map(|&Rgb([r, g, b])| [r, g, b, 255])
+            .collect();
+        Some(Thumbnail {
+            width,
+            height,
+            pixels,
+        })
     }
 
     fn extensions(&self) -> Vec<String> {
-        ["ldi", "exr", "sprite", "lumi", "house"].into_iter().chain(HOMES).chain(SCENES).map(str::to_owned).collect()
+        ["ldi", "exr", "sprite", "lumi", "house"]
+            .into_iter()
+            .chain(HOMES)
+            .chain(SCENES)
+            .map(str::to_owned)
+            .collect()
     }
 
     fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
@@ -243,7 +302,9 @@ impl Library for SceneLibrary {
     }
 
     fn open_file(&mut self, path: &Path) -> Result<Box<dyn FrameSource>, String> {
-        let name = path.to_str().ok_or_else(|| format!("{}: the name is not valid Unicode.", path.display()))?;
+        let name = path
+            .to_str()
+            .ok_or_else(|| format!("{}: the name is not valid Unicode.", path.display()))?;
         open(name, &self.output_dir).map_err(|error| error.to_string())
     }
 }
@@ -256,7 +317,11 @@ mod tests {
     fn what_cannot_be_shown_is_said() {
         let here = Path::new(".");
         let message = |name: &str| open(name, here).err().unwrap().to_string();
-        assert!(message("notes.txt").contains("notes.txt: only"), "{}", message("notes.txt"));
+        assert!(
+            message("notes.txt").contains("notes.txt: only"),
+            "{}",
+            message("notes.txt")
+        );
         assert!(message("no/such.ldi").contains("no/such.ldi"));
         assert!(message("no/such.exr").contains("no/such.exr"));
         assert!(message("no/such.sprite").contains("no/such.sprite"));
@@ -269,11 +334,20 @@ mod tests {
 
     #[test]
     fn every_entry_has_a_picture_with_something_in_it() {
-        let mut library = SceneLibrary { output_dir: ".".into() };
+        let mut library = SceneLibrary {
+            output_dir: ".".into(),
+        };
         for entry in library.entries() {
             let picture = library.thumbnail(&entry).unwrap();
-            assert_eq!(picture.pixels.len(), (picture.width * picture.height) as usize);
-            assert!(picture.pixels.iter().any(|p| *p != picture.pixels[0]), "{}", entry.name);
+            assert_eq!(
+                picture.pixels.len(),
+                (picture.width * picture.height) as usize
+            );
+            assert!(
+                picture.pixels.iter().any(|p| *p != picture.pixels[0]),
+                "{}",
+                entry.name
+            );
         }
     }
 }

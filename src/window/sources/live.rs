@@ -5,12 +5,14 @@
 //! their cube if they are others than those of the last one, and hands it over whole. What was wished for before and is not any more is
 //! never built.
 
-use crate::background;
 use super::cube::CubeSource;
+use crate::background;
 use headbox_core::camera::Camera;
-use headbox_ldi::from_images::NearImages;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_viewer::{EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting};
+use headbox_ldi::from_images::NearImages;
+use headbox_viewer::{
+    EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting,
+};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -48,23 +50,51 @@ impl LiveSource {
     ///
     /// # Errors
     /// One sentence: an image cannot be read, or no thread started.
-    pub(super) fn new(title: String, mut near: NearImages, folder: &Path, start: &Camera) -> Result<Self, String> {
+    pub(super) fn new(
+        title: String,
+        mut near: NearImages,
+        folder: &Path,
+        start: &Camera,
+    ) -> Result<Self, String> {
         let wish = (*start, NearImages::COUNT);
         let nearest = near.nearest(start, NearImages::COUNT);
-        let Built { cube, images, names, ms } = build(&mut near, nearest)?;
+        let Built {
+            cube,
+            images,
+            names,
+            ms,
+        } = build(&mut near, nearest)?;
         let speed_m_per_s = near.depth_m() / 2.0;
         let builder = Builder::start(near, images)?;
         let shown = CubeSource::from_file(cube, folder);
-        Ok(Self { title, start: crate::start_at(start), speed_m_per_s, shown, builder, wish, made_of: (names, ms) })
+        Ok(Self {
+            title,
+            start: crate::start_at(start),
+            speed_m_per_s,
+            shown,
+            builder,
+            wish,
+            made_of: (names, ms),
+        })
     }
 }
 
 fn build(near: &mut NearImages, images: Vec<usize>) -> Result<Built, String> {
     let started = Instant::now();
     let ldi = near.cube(&images).map_err(|error| error.to_string())?;
-    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).map_err(|error| error.to_string())?;
-    let names = images.iter().map(|&i| near.views()[i].name.as_str()).collect::<Vec<_>>().join(", ");
-    Ok(Built { cube, images, names, ms: started.elapsed().as_secs_f64() * 1e3 })
+    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)
+        .map_err(|error| error.to_string())?;
+    let names = images
+        .iter()
+        .map(|&i| near.views()[i].name.as_str())
+        .collect::<Vec<_>>()
+        .join(", ");
+    Ok(Built {
+        cube,
+        images,
+        names,
+        ms: started.elapsed().as_secs_f64() * 1e3,
+    })
 }
 
 /// The thread that builds cubes. Dropping it ends the thread after the cube in hand; nobody waits for it.
@@ -99,7 +129,9 @@ impl Builder {
                 let work = || pool.install(|| shared.work(near, images));
                 if catch_unwind(AssertUnwindSafe(work)).is_err() {
                     let mut state = shared.lock();
-                    state.failed = Some("The images cannot be merged because of an error in the program.".into());
+                    state.failed = Some(
+                        "The images cannot be merged because of an error in the program.".into(),
+                    );
                     state.busy = false;
                 }
             }
@@ -168,7 +200,10 @@ impl Shared {
                 state.busy = true;
                 return Some(wish);
             }
-            state = self.wished.wait(state).unwrap_or_else(PoisonError::into_inner);
+            state = self
+                .wished
+                .wait(state)
+                .unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
@@ -207,24 +242,40 @@ impl FrameSource for LiveSource {
             NearImages::COUNT as u32,
             1..=16,
         );
-        std::iter::once(images).chain(self.shown.settings()).collect()
+        std::iter::once(images)
+            .chain(self.shown.settings())
+            .collect()
     }
 
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String> {
         let wish = (request.camera, request.settings.number("images")? as usize);
         if self.wish != wish {
             self.builder.wish(wish);
             self.wish = wish;
         }
         let (newest, may_come) = self.builder.look()?;
-        if let Some(Built { cube, names, ms, .. }) = newest {
+        if let Some(Built {
+            cube, names, ms, ..
+        }) = newest
+        {
             self.shown.show(cube);
             self.made_of = (names, ms);
         }
         let mut report = self.shown.render(request, pixels)?;
         let (names, ms) = &self.made_of;
-        report.facts.push(Fact { name: "made of", text: names.clone() });
-        report.figures.push(Figure { name: "the cube took", value: *ms, unit: "ms" });
+        report.facts.push(Fact {
+            name: "made of",
+            text: names.clone(),
+        });
+        report.figures.push(Figure {
+            name: "the cube took",
+            value: *ms,
+            unit: "ms",
+        });
         if may_come {
             report.refinement = Refinement::Later(LOOK_AGAIN);
         }

@@ -2,7 +2,9 @@
 
 use headbox_core::file_frame::FileFrame;
 use headbox_lumigraph::{Blend, LumigraphSettings, Show, Slabs, SlabsRenderer};
-use headbox_viewer::{Figure, FrameReport, FrameRequest, FrameSource, Pose, Setting, SettingValues, Stage};
+use headbox_viewer::{
+    Figure, FrameReport, FrameRequest, FrameSource, Pose, Setting, SettingValues, Stage,
+};
 use std::path::Path;
 
 /// The lumigraph of a file.
@@ -15,13 +17,21 @@ pub(super) struct LumigraphSource {
 impl LumigraphSource {
     pub(super) fn new(slabs: Slabs, file: &Path) -> Self {
         let title = format!("{} (lumigraph)", crate::file_name::file_name(file));
-        Self { title, slabs, renderer: SlabsRenderer::new() }
+        Self {
+            title,
+            slabs,
+            renderer: SlabsRenderer::new(),
+        }
     }
 }
 
 fn settings(values: &SettingValues) -> Result<LumigraphSettings, String> {
-    let show = Show::ALL.get(values.choice("overlay")?).map_or(Show::Colors, |(_, show)| *show);
-    let blend = Blend::ALL.get(values.choice("blend")?).map_or(Blend::default(), |(_, blend)| *blend);
+    let show = Show::ALL
+        .get(values.choice("overlay")?)
+        .map_or(Show::Colors, |(_, show)| *show);
+    let blend = Blend::ALL
+        .get(values.choice("blend")?)
+        .map_or(Blend::default(), |(_, blend)| *blend);
     let tolerance_px = values.number("merge")?;
     let (levels, skip) = (values.toggle("levels")?, values.toggle("skip")?);
     Ok(LumigraphSettings {
@@ -56,7 +66,9 @@ impl FrameSource for LumigraphSource {
         let across = |places: &[f64]| places[places.len() - 1] - places[0];
         // Of a single camera nothing says how large the scene is but its depth.
         let nearest = first.range().map_or(1.0, |[_, max]| 1.0 / max);
-        across(grid.columns()).max(across(grid.rows())).max(nearest / 10.0)
+        across(grid.columns())
+            .max(across(grid.rows()))
+            .max(nearest / 10.0)
     }
 
     fn file_frame(&self) -> FileFrame {
@@ -74,9 +86,21 @@ impl FrameSource for LumigraphSource {
         let skip = "Leaves layers out that show in no rectangle of the images where a block of the frame would find them; the frame \
                     is the same.";
         vec![
-            Setting::choice("overlay", "Overlay", overlay, &Show::ALL.map(|(name, _)| name)),
+            Setting::choice(
+                "overlay",
+                "Overlay",
+                overlay,
+                &Show::ALL.map(|(name, _)| name),
+            ),
             Setting::choice("blend", "Blend", blend, &Blend::ALL.map(|(name, _)| name)),
-            Setting::number("merge", "Merge layers", merge, defaults.tolerance_px, 0.0..=16.0, "px"),
+            Setting::number(
+                "merge",
+                "Merge layers",
+                merge,
+                defaults.tolerance_px,
+                0.0..=16.0,
+                "px",
+            ),
             Setting::toggle(
                 "levels",
                 "Levels of detail",
@@ -87,28 +111,61 @@ impl FrameSource for LumigraphSource {
         ]
     }
 
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String> {
         let settings = settings(&request.settings)?;
-        let (frame, stats) = self.renderer.render(&self.slabs, &request.camera, &settings);
+        let (frame, stats) = self
+            .renderer
+            .render(&self.slabs, &request.camera, &settings);
         pixels.copy_from_slice(&frame.color);
-        let stored: usize = self.slabs.all().iter().map(|slab| slab.layers().len()).sum();
+        let stored: usize = self
+            .slabs
+            .all()
+            .iter()
+            .map(|slab| slab.layers().len())
+            .sum();
         let shown = self.slabs.shares(&request.camera).len();
         let share = 1.0 - stats.hole_pixels as f64 / pixels.len().max(1) as f64;
         Ok(FrameReport {
             stages: vec![
-                Stage { name: "plan", ms: stats.plan_ms },
-                Stage { name: "draw", ms: stats.frame_ms - stats.plan_ms },
+                Stage {
+                    name: "plan",
+                    ms: stats.plan_ms,
+                },
+                Stage {
+                    name: "draw",
+                    ms: stats.frame_ms - stats.plan_ms,
+                },
             ],
             figures: vec![
-                Figure { name: "layers after merging", value: stats.layers as f64, unit: "" },
-                Figure { name: "layers stored", value: stored as f64, unit: "" },
-                Figure { name: "light slabs shown", value: shown as f64, unit: "" },
+                Figure {
+                    name: "layers after merging",
+                    value: stats.layers as f64,
+                    unit: "",
+                },
+                Figure {
+                    name: "layers stored",
+                    value: stored as f64,
+                    unit: "",
+                },
+                Figure {
+                    name: "light slabs shown",
+                    value: shown as f64,
+                    unit: "",
+                },
                 Figure {
                     name: "layers asked a pixel",
                     value: stats.layer_pixels as f64 / pixels.len().max(1) as f64,
                     unit: "",
                 },
-                Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
+                Figure {
+                    name: "pixels covered",
+                    value: share * 100.0,
+                    unit: "%",
+                },
             ],
             facts: vec![crate::facts::simd_fact()],
             ..FrameReport::default()

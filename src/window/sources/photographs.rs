@@ -4,18 +4,20 @@
 //! and all coarser ones together take a seventh of the last. Until the first is there, the photograph whose camera the cube is made about is
 //! shown, on the plane through what all cameras look at: from where one starts it looks as it was taken.
 
-use crate::background;
 use super::cube::{CubeSource, Place};
+use crate::background;
 use crate::file_name::file_name;
-use headbox_images::{ImageSet, Lens, LoadedView, View};
-use headbox_trace::viewpoint::level_up;
-use headbox_photos::voxel_colouring::PhotographsJob;
+use glam::DVec3;
+use headbox_core::progress::Progress;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_cube::planes::DEFAULT_ERROR_PX;
-use headbox_core::progress::Progress;
-use glam::DVec3;
-use headbox_viewer::{EyeBounds, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting};
+use headbox_images::{ImageSet, Lens, LoadedView, View};
+use headbox_photos::voxel_colouring::PhotographsJob;
+use headbox_trace::viewpoint::level_up;
+use headbox_viewer::{
+    EyeBounds, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting,
+};
 use rayon::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -58,17 +60,34 @@ impl PhotographsSource {
     pub(super) fn new(set: ImageSet, folder: &Path) -> Result<Self, String> {
         let job = PhotographsJob::suggest(&set);
         let apart = |view: &&View| view.pose.eye.distance_squared(job.centre);
-        let perspective = set.views.iter().filter(|view| matches!(view.lens, Lens::Pinhole(_)));
+        let perspective = set
+            .views
+            .iter()
+            .filter(|view| matches!(view.lens, Lens::Pinhole(_)));
         let nearest = perspective.min_by(|a, b| apart(a).total_cmp(&apart(b)));
-        let nearest =
-            nearest.ok_or_else(|| format!("{}: none of its views is a perspective photograph.", folder.display()))?;
+        let nearest = nearest.ok_or_else(|| {
+            format!(
+                "{}: none of its views is a perspective photograph.",
+                folder.display()
+            )
+        })?;
         let view = nearest.load().map_err(|error| error.to_string())?;
-        let (ahead, up) = (-view.pose.world_from_eye.z_axis, view.pose.world_from_eye.y_axis);
-        let place =
-            Place { centre: job.centre, half_size_m: job.half_size_m, ahead, up: level_up(Some(up)), frame: set.frame };
+        let (ahead, up) = (
+            -view.pose.world_from_eye.z_axis,
+            view.pose.world_from_eye.y_axis,
+        );
+        let place = Place {
+            centre: job.centre,
+            half_size_m: job.half_size_m,
+            ahead,
+            up: level_up(Some(up)),
+            frame: set.frame,
+        };
         let fov_y_deg = match view.lens {
             Lens::Pinhole(pinhole) => {
-                2.0 * (f64::from(view.size_px[1]) / 2.0 / pinhole.focal_px[1]).atan().to_degrees()
+                2.0 * (f64::from(view.size_px[1]) / 2.0 / pinhole.focal_px[1])
+                    .atan()
+                    .to_degrees()
             }
             Lens::Equirectangular => 60.0,
         };
@@ -76,26 +95,38 @@ impl PhotographsSource {
         // Cameras that look out of a room look at nothing in common.
         let least = 10.0 * job.half_size_m;
         let far = (set.focus() - view.pose.eye).dot(ahead).max(least);
-        let first = Flat { at: view.pose.eye + ahead * far, view };
+        let first = Flat {
+            at: view.pose.eye + ahead * far,
+            view,
+        };
         let shown = CubeSource::to_come(format!("{} (photographs)", file_name(folder)), place);
         let colouring = Colouring::start(set, job)?;
-        Ok(Self { shown, start, first: Some(first), colouring, begun: Instant::now() })
+        Ok(Self {
+            shown,
+            start,
+            first: Some(first),
+            colouring,
+            begun: Instant::now(),
+        })
     }
 }
 
 impl Flat {
     fn paint(&self, request: &FrameRequest, pixels: &mut [[u8; 4]]) {
         let camera = &request.camera;
-        pixels.par_chunks_mut(camera.width().max(1) as usize).enumerate().for_each(|(y, row)| {
-            for (x, pixel) in (0u32..).zip(row) {
-                let direction = camera.direction(f64::from(x) + 0.5, y as f64 + 0.5);
-                let color = self.view.color_on_plane(self.at, camera.eye(), direction);
-                *pixel = color.map_or([0; 4], |color| {
-                    let [r, g, b] = color.map(|level| (level + 0.5) as u8);
-                    [r, g, b, 255]
-                });
-            }
-        });
+        pixels
+            .par_chunks_mut(camera.width().max(1) as usize)
+            .enumerate()
+            .for_each(|(y, row)| {
+                for (x, pixel) in (0u32..).zip(row) {
+                    let direction = camera.direction(f64::from(x) + 0.5, y as f64 + 0.5);
+                    let color = self.view.color_on_plane(self.at, camera.eye(), direction);
+                    *pixel = color.map_or([0; 4], |color| {
+                        let [r, g, b] = color.map(|level| (level + 0.5) as u8);
+                        [r, g, b, 255]
+                    });
+                }
+            });
     }
 }
 
@@ -124,15 +155,22 @@ impl Colouring {
     fn start(set: ImageSet, job: PhotographsJob) -> Result<Self, String> {
         let pool = background::pool("photographs")?;
         let shared = Arc::new(Shared::default());
-        let spawned = std::thread::Builder::new().name("photographs".into()).spawn({
-            let shared = Arc::clone(&shared);
-            move || {
-                let rounds = || ROUNDS.iter().try_for_each(|&smaller| shared.run(&set, &job, smaller));
-                let work = || pool.install(rounds);
-                let panicked = |_| Err("The colouring stopped because of an error in the program.".into());
-                shared.end(catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(panicked));
-            }
-        });
+        let spawned = std::thread::Builder::new()
+            .name("photographs".into())
+            .spawn({
+                let shared = Arc::clone(&shared);
+                move || {
+                    let rounds = || {
+                        ROUNDS
+                            .iter()
+                            .try_for_each(|&smaller| shared.run(&set, &job, smaller))
+                    };
+                    let work = || pool.install(rounds);
+                    let panicked =
+                        |_| Err("The colouring stopped because of an error in the program.".into());
+                    shared.end(catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(panicked));
+                }
+            });
         spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
         Ok(Self(shared))
     }
@@ -141,10 +179,20 @@ impl Colouring {
     fn ongoing(&self, begun: Instant) -> Option<Ongoing> {
         let state = self.0.lock();
         let [done, all] = state.steps.map(|steps| steps as f64);
-        let of_stage = if all > 0.0 { (done / all).min(1.0) } else { 0.0 };
+        let of_stage = if all > 0.0 {
+            (done / all).min(1.0)
+        } else {
+            0.0
+        };
         // A round is never told to be done before it is packed.
-        let of_round = (state.stages.saturating_sub(1) as f64 + of_stage).min(STAGES * 0.97) / STAGES;
-        let work = |rounds: &[u32]| rounds.iter().map(|smaller| 1.0 / f64::from(*smaller).powi(3)).sum::<f64>();
+        let of_round =
+            (state.stages.saturating_sub(1) as f64 + of_stage).min(STAGES * 0.97) / STAGES;
+        let work = |rounds: &[u32]| {
+            rounds
+                .iter()
+                .map(|smaller| 1.0 / f64::from(*smaller).powi(3))
+                .sum::<f64>()
+        };
         let (before, rest) = ROUNDS.split_at(state.rounds_done.min(ROUNDS.len()));
         let now = rest.get(..1).map_or(0.0, |round| work(round) * of_round);
         let what = format!("colouring, round {} of {}", before.len() + 1, ROUNDS.len());
@@ -167,7 +215,9 @@ impl Shared {
     /// One round.
     fn run(&self, set: &ImageSet, job: &PhotographsJob, smaller: u32) -> Result<(), String> {
         let views: Vec<&View> = set.views.iter().collect();
-        let ldi = job.run_smaller(set, &views, smaller, self).map_err(|error| error.to_string())?;
+        let ldi = job
+            .run_smaller(set, &views, smaller, self)
+            .map_err(|error| error.to_string())?;
         if self.is_cancelled() {
             return Err("given up".into());
         }
@@ -232,7 +282,11 @@ impl FrameSource for PhotographsSource {
         self.shown.settings()
     }
 
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String> {
         // Asked first: once nothing is going on the last cube is there.
         let ongoing = self.colouring.ongoing(self.begun);
         let (newest, failed) = {
@@ -277,10 +331,19 @@ mod tests {
     /// A plane at Z = -3, photographed from five places, without depth.
     fn photographs() -> (tempfile::TempDir, ImageSet) {
         let folder = tempfile::tempdir().unwrap();
-        let eyes = [[0.0, 0.0], [0.2, 0.0], [-0.2, 0.05], [0.0, 0.2], [0.1, -0.2]];
+        let eyes = [
+            [0.0, 0.0],
+            [0.2, 0.0],
+            [-0.2, 0.05],
+            [0.0, 0.2],
+            [0.1, -0.2],
+        ];
         let view = |(i, [x, y]): (usize, [f64; 2])| {
             let taken = plane_view(DVec3::new(x, y, 0.0), 3.0, SIZE);
-            View { depth: None, ..saved(&taken, folder.path(), &i.to_string()) }
+            View {
+                depth: None,
+                ..saved(&taken, folder.path(), &i.to_string())
+            }
         };
         let views: Vec<View> = eyes.into_iter().enumerate().map(view).collect();
         let set = set_of(folder.path(), &views);
@@ -303,7 +366,8 @@ mod tests {
     }
 
     #[test]
-    fn the_photograph_stands_there_until_a_coarse_cube_and_finer_ones_follow_to_that_of_a_capture() {
+    fn the_photograph_stands_there_until_a_coarse_cube_and_finer_ones_follow_to_that_of_a_capture()
+    {
         let (folder, set) = photographs();
         let mut source = PhotographsSource::new(set.clone(), folder.path()).unwrap();
         let request = request(&source);
@@ -313,27 +377,47 @@ mod tests {
         first.paint(&request, &mut pixels);
         for (found, taken) in pixels.iter().zip(&first.view.color) {
             // Positions in f64, then the nearest level.
-            assert!((0..3).all(|c| found[c].abs_diff(taken[c]) <= 1), "{found:?} {taken:?}");
+            assert!(
+                (0..3).all(|c| found[c].abs_diff(taken[c]) <= 1),
+                "{found:?} {taken:?}"
+            );
         }
         let (mut shares, mut faces) = (Vec::new(), Vec::new());
         loop {
             let report = source.render(&request, &mut pixels);
-            let Ok(report) = report else { panic!("{report:?}") };
-            faces.extend(report.figures.iter().find(|figure| figure.name == "face size").map(|figure| figure.value));
+            let Ok(report) = report else {
+                panic!("{report:?}")
+            };
+            faces.extend(
+                report
+                    .figures
+                    .iter()
+                    .find(|figure| figure.name == "face size")
+                    .map(|figure| figure.value),
+            );
             match report.ongoing {
                 Some(ongoing) => shares.push(ongoing.share),
                 None => break,
             }
             std::thread::sleep(Duration::from_millis(2));
         }
-        assert!(shares.is_sorted() && shares.iter().all(|share| (0.0..=1.0).contains(share)), "{shares:?}");
+        assert!(
+            shares.is_sorted() && shares.iter().all(|share| (0.0..=1.0).contains(share)),
+            "{shares:?}"
+        );
         let last = source.render(&request, &mut pixels).unwrap();
         assert_eq!(last.refinement, Refinement::Done);
         let views: Vec<&View> = set.views.iter().collect();
         let job = PhotographsJob::suggest(&set);
-        assert!(faces.is_sorted() && faces.last() == Some(&f64::from(job.face_size_px)), "{faces:?}");
-        let ldi = job.run(&set, &views, &headbox_core::progress::Silent).unwrap();
-        let whole = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap();
+        assert!(
+            faces.is_sorted() && faces.last() == Some(&f64::from(job.face_size_px)),
+            "{faces:?}"
+        );
+        let ldi = job
+            .run(&set, &views, &headbox_core::progress::Silent)
+            .unwrap();
+        let whole =
+            planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap();
         let mut expected = CubeSource::from_file(whole, folder.path());
         let mut other = pixels.clone();
         expected.render(&request, &mut other).unwrap();
@@ -343,7 +427,9 @@ mod tests {
     #[test]
     fn a_photograph_that_cannot_be_read_is_named() {
         let (folder, set) = photographs();
-        set.views.iter().for_each(|view| std::fs::remove_file(&view.color).unwrap());
+        set.views
+            .iter()
+            .for_each(|view| std::fs::remove_file(&view.color).unwrap());
         let error = PhotographsSource::new(set, folder.path()).err().unwrap();
         assert!(error.contains(".png"), "{error}");
     }

@@ -1,11 +1,11 @@
 //! A scene as points, shown until the first capture is there: surfaces sampled where they fill the view from the headbox,
 //! each point as large as its share of them.
 
-use headbox_core::camera::Camera;
-use headbox_trace::sampler::{random4, unit_float};
-use headbox_scene::scene::Scene;
-use headbox_core::color::srgb8_from_linear;
 use glam::{DVec3, Vec3};
+use headbox_core::camera::Camera;
+use headbox_core::color::srgb8_from_linear;
+use headbox_scene::scene::Scene;
+use headbox_trace::sampler::{random4, unit_float};
 use std::ops::Range;
 
 /// How many points stand for a scene.
@@ -49,13 +49,28 @@ impl Points {
         let point = |index: u32| {
             let random = random4([index, 0x9017, 0, 0]).map(unit_float);
             let wanted = (f64::from(index) + f64::from(random[0])) / f64::from(POINTS) * sum;
-            let triangle = running.partition_point(|&end| end <= wanted).min(running.len().saturating_sub(1));
+            let triangle = running
+                .partition_point(|&end| end <= wanted)
+                .min(running.len().saturating_sub(1));
             let count = share_of(&running, triangle) / sum * f64::from(POINTS);
-            Point::on(scene, centre, triangle as u32, [random[1], random[2]], count)
+            Point::on(
+                scene,
+                centre,
+                triangle as u32,
+                [random[1], random[2]],
+                count,
+            )
         };
         let range: Range<u32> = if sum > 0.0 { 0..POINTS } else { 0..0 };
-        let sky = scene.sky.as_ref().map_or([0.1; 3], |sky| sky.seen(Vec3::NEG_Z));
-        Self { points: range.map(point).collect(), sky_srgb: sky.map(srgb8_from_linear), depths: Vec::new() }
+        let sky = scene
+            .sky
+            .as_ref()
+            .map_or([0.1; 3], |sky| sky.seen(Vec3::NEG_Z));
+        Self {
+            points: range.map(point).collect(),
+            sky_srgb: sky.map(srgb8_from_linear),
+            depths: Vec::new(),
+        }
     }
 
     /// Paints what a camera sees of them.
@@ -67,10 +82,13 @@ impl Points {
         self.depths.resize(pixels.len(), f32::INFINITY);
         for point in &self.points {
             let depth = (point.position - camera.eye()).dot(camera.forward());
-            let Some([x, y, _]) = camera.project(point.position).filter(|_| depth > 0.0) else { continue };
+            let Some([x, y, _]) = camera.project(point.position).filter(|_| depth > 0.0) else {
+                continue;
+            };
             let radius = (point.radius_m * camera.focal_px() / depth).clamp(0.5, WIDEST_PX);
             let span = |at: f64, end: i64| {
-                let [low, high] = [at - radius, at + radius].map(|edge| (edge.round() as i64).clamp(0, end));
+                let [low, high] =
+                    [at - radius, at + radius].map(|edge| (edge.round() as i64).clamp(0, end));
                 low..high
             };
             let [r, g, b] = point.color_srgb;
@@ -89,7 +107,9 @@ impl Points {
 
 /// The weight of one triangle, from running sums.
 fn share_of(running: &[f64], triangle: usize) -> f64 {
-    let before = triangle.checked_sub(1).map_or(0.0, |before| running[before]);
+    let before = triangle
+        .checked_sub(1)
+        .map_or(0.0, |before| running[before]);
     running.get(triangle).map_or(0.0, |end| end - before)
 }
 
@@ -103,10 +123,18 @@ impl Point {
         let position = a + (b - a) * f64::from(u) + (c - a) * f64::from(v);
         let normal = (b - a).cross(c - a);
         let radius_m = (normal.length() / 2.0 / count.max(1.0)).sqrt();
-        let facing = (position - centre).normalize_or_zero().dot(normal.normalize_or_zero()).abs() as f32;
-        let albedo = Vec3::from(scene.paint(triangle).albedo(u, v)) * (DIMMEST + (BRIGHTEST - DIMMEST) * facing);
+        let facing = (position - centre)
+            .normalize_or_zero()
+            .dot(normal.normalize_or_zero())
+            .abs() as f32;
+        let albedo = Vec3::from(scene.paint(triangle).albedo(u, v))
+            * (DIMMEST + (BRIGHTEST - DIMMEST) * facing);
         let color = albedo + Vec3::from(scene.emission(triangle, u, v));
-        Self { position, radius_m, color_srgb: color.to_array().map(srgb8_from_linear) }
+        Self {
+            position,
+            radius_m,
+            color_srgb: color.to_array().map(srgb8_from_linear),
+        }
     }
 }
 
@@ -120,10 +148,15 @@ mod tests {
         let scene = SceneSource::new("builtin:interior").open().unwrap();
         let centre = scene.headbox.unwrap().centre;
         let mut points = Points::new(&scene, centre);
-        let camera = Camera::look_at(centre, centre + DVec3::NEG_Z, DVec3::Y, 60.0, [160, 120]).unwrap();
+        let camera =
+            Camera::look_at(centre, centre + DVec3::NEG_Z, DVec3::Y, 60.0, [160, 120]).unwrap();
         let mut pixels = vec![[0; 4]; 160 * 120];
         points.paint(&camera, &mut pixels);
-        let open = points.depths.iter().filter(|depth| depth.is_infinite()).count();
+        let open = points
+            .depths
+            .iter()
+            .filter(|depth| depth.is_infinite())
+            .count();
         assert!(open * 50 < pixels.len(), "{open} pixels see no point");
         let first = pixels.clone();
         points.paint(&camera, &mut pixels);
@@ -136,6 +169,10 @@ mod tests {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [8, 8]).unwrap();
         let mut pixels = vec![[0; 4]; 64];
         points.paint(&camera, &mut pixels);
-        assert!(pixels.iter().all(|pixel| *pixel == pixels[0] && pixel[3] == u8::MAX));
+        assert!(
+            pixels
+                .iter()
+                .all(|pixel| *pixel == pixels[0] && pixel[3] == u8::MAX)
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! Ray-traced truth of the current view, refined in the background.
 
-use crate::background;
 use super::growth::LitScene;
+use crate::background;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
 use headbox_trace::truth;
@@ -78,14 +78,17 @@ impl Reference {
     ///
     /// # Errors
     /// One sentence, if there can be no thread.
-    pub(crate) fn start(scene: impl FnOnce() -> Result<LitScene, String> + Send + 'static) -> Result<Self, String> {
+    pub(crate) fn start(
+        scene: impl FnOnce() -> Result<LitScene, String> + Send + 'static,
+    ) -> Result<Self, String> {
         let shared = Arc::new(Shared::default());
         let pool = background::pool("error map")?;
         let spawned = std::thread::Builder::new().name("error map".into()).spawn({
             let shared = Arc::clone(&shared);
             move || {
                 let work = || pool.install(|| scene().map(|scene| shared.work(scene)));
-                let panicked = |_| Err("Ray tracing stopped because of an error in the program.".into());
+                let panicked =
+                    |_| Err("Ray tracing stopped because of an error in the program.".into());
                 let done = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(panicked);
                 shared.lock().failed = done.err();
             }
@@ -115,15 +118,27 @@ impl Reference {
     pub(crate) fn ongoing(&self) -> Option<Ongoing> {
         let state = self.shared.lock();
         if !state.has_scene {
-            return Some(Ongoing { what: "preparing the scene for truth".into(), share: 0.0, left: None });
+            return Some(Ongoing {
+                what: "preparing the scene for truth".into(),
+                share: 0.0,
+                left: None,
+            });
         }
         let (_, round, begun) = state.tracing?;
         let work = |(samples, side): &(u32, u32)| f64::from(*samples) / f64::from(side * side);
         let sum = |rounds: &[(u32, u32)]| rounds.iter().map(work).sum::<f64>();
         let [done, all] = [0, 1].map(|i| self.shared.rows[i].load(Ordering::Relaxed) as f64);
         let now = work(&ROUNDS[round]) * if all > 0.0 { done / all } else { 0.0 };
-        let what = format!("truth, {} of {} rays per pixel", ROUNDS[round].0, ROUNDS[ROUNDS.len() - 1].0);
-        Some(Ongoing::since(what, (sum(&ROUNDS[..round]) + now) / sum(&ROUNDS), begun))
+        let what = format!(
+            "truth, {} of {} rays per pixel",
+            ROUNDS[round].0,
+            ROUNDS[ROUNDS.len() - 1].0
+        );
+        Some(Ongoing::since(
+            what,
+            (sum(&ROUNDS[..round]) + now) / sum(&ROUNDS),
+            begun,
+        ))
     }
 
     /// No view needs truth until one asks again.
@@ -154,15 +169,31 @@ impl Shared {
             if rounds > 0 {
                 scene.guide();
             }
-            let wanted = StillWanted { shared: self, camera };
+            let wanted = StillWanted {
+                shared: self,
+                camera,
+            };
             let (samples, side) = ROUNDS[rounds];
             // A view that has a camera has a coarser one.
-            let Some(traced) = coarser(&camera, side) else { return };
-            let truth = truth::render(&scene.tracer, &scene.lighting, scene.lit, &traced, samples, &wanted);
+            let Some(traced) = coarser(&camera, side) else {
+                return;
+            };
+            let truth = truth::render(
+                &scene.tracer,
+                &scene.lighting,
+                scene.lit,
+                &traced,
+                samples,
+                &wanted,
+            );
             if wanted.is_cancelled() {
                 continue;
             }
-            let traced = Traced { camera, rounds: rounds + 1, truth: Arc::new(truth) };
+            let traced = Traced {
+                camera,
+                rounds: rounds + 1,
+                truth: Arc::new(truth),
+            };
             let mut state = self.lock();
             state.traced.retain(|t| t.camera != camera);
             state.traced.push(traced);
@@ -176,17 +207,33 @@ impl Shared {
             if state.closed {
                 return None;
             }
-            let rounds = |camera: &Camera| state.traced.iter().find(|t| t.camera == *camera).map_or(0, |t| t.rounds);
-            let behind = state.asked.iter().map(|camera| (*camera, rounds(camera))).min_by_key(|(_, rounds)| *rounds);
+            let rounds = |camera: &Camera| {
+                state
+                    .traced
+                    .iter()
+                    .find(|t| t.camera == *camera)
+                    .map_or(0, |t| t.rounds)
+            };
+            let behind = state
+                .asked
+                .iter()
+                .map(|camera| (*camera, rounds(camera)))
+                .min_by_key(|(_, rounds)| *rounds);
             match behind.filter(|(_, rounds)| *rounds < ROUNDS.len()) {
                 Some((camera, rounds)) => {
-                    let begun = state.tracing.filter(|(before, ..)| *before == camera).map(|(.., begun)| begun);
+                    let begun = state
+                        .tracing
+                        .filter(|(before, ..)| *before == camera)
+                        .map(|(.., begun)| begun);
                     state.tracing = Some((camera, rounds, begun.unwrap_or_else(Instant::now)));
                     return Some((camera, rounds));
                 }
                 None => {
                     state.tracing = None;
-                    state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+                    state = self
+                        .changed
+                        .wait(state)
+                        .unwrap_or_else(PoisonError::into_inner);
                 }
             }
         }
@@ -198,12 +245,25 @@ fn coarser(camera: &Camera, side: u32) -> Option<Camera> {
     if side == 1 {
         return Some(*camera);
     }
-    let fov_y_deg = |height: u32| 2.0 * (f64::from(height) / 2.0 / camera.focal_px()).atan().to_degrees();
-    let size = [camera.width().div_ceil(side), camera.height().div_ceil(side)];
+    let fov_y_deg = |height: u32| {
+        2.0 * (f64::from(height) / 2.0 / camera.focal_px())
+            .atan()
+            .to_degrees()
+    };
+    let size = [
+        camera.width().div_ceil(side),
+        camera.height().div_ceil(side),
+    ];
     // The middle of the coarse frame lies up to half a square from that of the fine one.
     let up = camera.world_from_eye().y_axis;
-    let coarse =
-        Camera::look_at(camera.eye(), camera.eye() + camera.forward(), up, fov_y_deg(size[1] * side), size).ok()?;
+    let coarse = Camera::look_at(
+        camera.eye(),
+        camera.eye() + camera.forward(),
+        up,
+        fov_y_deg(size[1] * side),
+        size,
+    )
+    .ok()?;
     let [x, y] = camera.principal_px();
     Some(coarse.with_principal_px([x / f64::from(side), y / f64::from(side)]))
 }

@@ -1,12 +1,14 @@
 //! Sprites with depth in the window: tilted by orbiting.
 
 use crate::overlays::overlay::{Overlay, paint_holes};
-use headbox_core::file_frame::FileFrame;
-use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
-use headbox_core::frame::Frame;
-use headbox_sprite::{RenderOptions, SpriteSampling, SpriteSet, SpriteVariant};
 use glam::DVec3;
-use headbox_viewer::{Figure, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Setting, SettingValues, Stage};
+use headbox_core::file_frame::FileFrame;
+use headbox_core::frame::Frame;
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
+use headbox_sprite::{RenderOptions, SpriteSampling, SpriteSet, SpriteVariant};
+use headbox_viewer::{
+    Figure, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Setting, SettingValues, Stage,
+};
 use std::path::Path;
 
 /// Most steps of gap filling on offer.
@@ -33,11 +35,23 @@ impl SpriteSource {
     pub(super) fn new(set: SpriteSet, file: &Path) -> Option<Self> {
         let first = set.sprites().first()?.sprite().sprite();
         let camera = first.camera();
-        let fov_y_deg = 2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px()).atan().to_degrees();
+        let fov_y_deg = 2.0
+            * (f64::from(camera.height()) / 2.0 / camera.focal_px())
+                .atan()
+                .to_degrees();
         // The middle of the sprites in depth: there parallax goes both ways.
-        let middle = [f64::from(camera.width()) / 2.0, f64::from(camera.height()) / 2.0];
-        let depth = |plane: &headbox_sprite::SpritePlane| 1.0 / plane.inverse_depth(camera, middle[0], middle[1]);
-        let mut depths: Vec<f64> = set.sprites().iter().map(|s| depth(s.sprite().sprite().plane())).collect();
+        let middle = [
+            f64::from(camera.width()) / 2.0,
+            f64::from(camera.height()) / 2.0,
+        ];
+        let depth = |plane: &headbox_sprite::SpritePlane| {
+            1.0 / plane.inverse_depth(camera, middle[0], middle[1])
+        };
+        let mut depths: Vec<f64> = set
+            .sprites()
+            .iter()
+            .map(|s| depth(s.sprite().sprite().plane()))
+            .collect();
         depths.retain(|depth| *depth > 0.0 && depth.is_finite());
         depths.sort_by(f64::total_cmp);
         let distance = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
@@ -45,14 +59,32 @@ impl SpriteSource {
         let start = Pose::looking_at(camera.eye(), pivot, fov_y_deg);
         let title = format!("{} (sprites)", crate::file_name::file_name(file));
         let layers = Composition::new(set, Vec::new());
-        Some(Self { title, start, pivot, layers, composer: Composer::default(), frame: Frame::default() })
+        Some(Self {
+            title,
+            start,
+            pivot,
+            layers,
+            composer: Composer::default(),
+            frame: Frame::default(),
+        })
     }
 }
 
 fn options(values: &SettingValues) -> Result<RenderOptions, String> {
-    let variant = SpriteVariant::ALL.get(values.choice("variant")?).copied().unwrap_or_default();
-    let sampling = if values.toggle("nearest")? { SpriteSampling::Nearest } else { SpriteSampling::default() };
-    Ok(RenderOptions { variant, sampling, fill_steps: values.number("fill")? as u32 })
+    let variant = SpriteVariant::ALL
+        .get(values.choice("variant")?)
+        .copied()
+        .unwrap_or_default();
+    let sampling = if values.toggle("nearest")? {
+        SpriteSampling::Nearest
+    } else {
+        SpriteSampling::default()
+    };
+    Ok(RenderOptions {
+        variant,
+        sampling,
+        fill_steps: values.number("fill")? as u32,
+    })
 }
 
 impl FrameSource for SpriteSource {
@@ -65,7 +97,10 @@ impl FrameSource for SpriteSource {
     }
 
     fn navigation(&self) -> Navigation {
-        Navigation::Orbit { pivot: self.pivot, nearest: self.pivot.distance(self.start.eye) * NEAREST_SHARE }
+        Navigation::Orbit {
+            pivot: self.pivot,
+            nearest: self.pivot.distance(self.start.eye) * NEAREST_SHARE,
+        }
     }
 
     fn speed_m_per_s(&self) -> f64 {
@@ -78,15 +113,26 @@ impl FrameSource for SpriteSource {
 
     fn settings(&self) -> Vec<Setting> {
         let names = SpriteVariant::ALL.map(SpriteVariant::name);
-        let chosen = SpriteVariant::ALL.iter().position(|v| *v == SpriteVariant::default()).unwrap_or(0);
+        let chosen = SpriteVariant::ALL
+            .iter()
+            .position(|v| *v == SpriteVariant::default())
+            .unwrap_or(0);
         let tip = "How parallax inside a sprite is drawn: two passes are the papers' recommendation, the others what it is \
                    measured against (no unit).";
         let options = names.map(str::to_owned).to_vec();
-        let control = headbox_viewer::Control::Choice { options, selected: chosen };
+        let control = headbox_viewer::Control::Choice {
+            options,
+            selected: chosen,
+        };
         let fill = RenderOptions::default().fill_steps;
         vec![
             Setting::new("variant", "Variant", tip, control),
-            Setting::toggle("nearest", "Nearest texel", "Takes the nearest texel instead of four (bilinear).", false),
+            Setting::toggle(
+                "nearest",
+                "Nearest texel",
+                "Takes the nearest texel instead of four (bilinear).",
+                false,
+            ),
             Setting::count(
                 "fill",
                 "Gap filling",
@@ -103,10 +149,24 @@ impl FrameSource for SpriteSource {
         ]
     }
 
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
-        let settings = ComposeSettings { sprites: options(&request.settings)?, ..ComposeSettings::default() };
-        let stats = self.layers.render(&mut self.composer, &request.camera, &settings, &mut self.frame);
-        let (_, overlay) = OVERLAYS.get(request.settings.choice("overlay")?).unwrap_or(&OVERLAYS[0]);
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String> {
+        let settings = ComposeSettings {
+            sprites: options(&request.settings)?,
+            ..ComposeSettings::default()
+        };
+        let stats = self.layers.render(
+            &mut self.composer,
+            &request.camera,
+            &settings,
+            &mut self.frame,
+        );
+        let (_, overlay) = OVERLAYS
+            .get(request.settings.choice("overlay")?)
+            .unwrap_or(&OVERLAYS[0]);
         match overlay {
             Overlay::Holes => paint_holes(&self.frame, pixels),
             _ => pixels.copy_from_slice(&self.frame.color),
@@ -114,12 +174,26 @@ impl FrameSource for SpriteSource {
         let share = 1.0 - stats.hole_pixels as f64 / pixels.len().max(1) as f64;
         Ok(FrameReport {
             stages: vec![
-                Stage { name: "sprites", ms: stats.sprites_ms },
-                Stage { name: "compose", ms: stats.compose_ms },
+                Stage {
+                    name: "sprites",
+                    ms: stats.sprites_ms,
+                },
+                Stage {
+                    name: "compose",
+                    ms: stats.compose_ms,
+                },
             ],
             figures: vec![
-                Figure { name: "number of sprites", value: self.layers.sprites().sprites().len() as f64, unit: "" },
-                Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
+                Figure {
+                    name: "number of sprites",
+                    value: self.layers.sprites().sprites().len() as f64,
+                    unit: "",
+                },
+                Figure {
+                    name: "pixels covered",
+                    value: share * 100.0,
+                    unit: "%",
+                },
             ],
             facts: vec![crate::facts::simd_fact()],
             legend: overlay.legend(),

@@ -1,7 +1,10 @@
 //! A synthetic frame source: a checkered room with a ball, ray-cast per pixel. No files, no other crates.
 
 use glam::{DVec3, Vec3, dvec3, vec3};
-use headbox_viewer::{Entry, EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Pose, Refinement, Room, RoomMap, Setting, Stage, Swatch, Thumbnail};
+use headbox_viewer::{
+    Entry, EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation,
+    Pose, Refinement, Room, RoomMap, Setting, Stage, Swatch, Thumbnail,
+};
 use std::{path::Path, sync::Arc, time::Instant};
 
 /// Half the size of the room, metres.
@@ -41,7 +44,13 @@ struct Hit {
 
 impl CheckerRoom {
     pub(crate) fn new(kind: Kind) -> Self {
-        Self { kind, hue: 0, rounds: 0, last_camera: None, hits: Vec::new() }
+        Self {
+            kind,
+            hue: 0,
+            rounds: 0,
+            last_camera: None,
+            hits: Vec::new(),
+        }
     }
 }
 
@@ -67,13 +76,19 @@ impl FrameSource for CheckerRoom {
             Kind::Orbit => return None,
             Kind::Walk => HALF.as_dvec3() * 0.9,
         };
-        Some(EyeBounds { centre: DVec3::ZERO, half_size })
+        Some(EyeBounds {
+            centre: DVec3::ZERO,
+            half_size,
+        })
     }
 
     fn navigation(&self) -> Navigation {
         match self.kind {
             Kind::Headbox => Navigation::Fly,
-            Kind::Orbit => Navigation::Orbit { pivot: BALL.0.as_dvec3(), nearest: 1.2 * f64::from(BALL.1) },
+            Kind::Orbit => Navigation::Orbit {
+                pivot: BALL.0.as_dvec3(),
+                nearest: 1.2 * f64::from(BALL.1),
+            },
             Kind::Walk => Navigation::Walk,
         }
     }
@@ -84,14 +99,34 @@ impl FrameSource for CheckerRoom {
             outline: vec![[-3.0, z0], [3.0, z0], [3.0, z1], [-3.0, z1]],
         };
         let rooms = vec![room("front", -4.0, 0.5), room("back", 0.5, 4.0)];
-        (self.kind == Kind::Walk).then(|| RoomMap { rooms, openings: vec![[[-0.6, 0.5], [0.6, 0.5]]] })
+        (self.kind == Kind::Walk).then(|| RoomMap {
+            rooms,
+            openings: vec![[[-0.6, 0.5], [0.6, 0.5]]],
+        })
     }
 
     fn settings(&self) -> Vec<Setting> {
         vec![
-            Setting::choice("overlay", "Overlay", "What the colours show.", &["None", "Distance", "Face"]),
-            Setting::number("check", "Checks", "Side of a check in metres.", 0.5, 0.1..=2.0, "m"),
-            Setting::toggle("lamp", "Lamp", "Light that falls off with the distance from the room's centre.", true),
+            Setting::choice(
+                "overlay",
+                "Overlay",
+                "What the colours show.",
+                &["None", "Distance", "Face"],
+            ),
+            Setting::number(
+                "check",
+                "Checks",
+                "Side of a check in metres.",
+                0.5,
+                0.1..=2.0,
+                "m",
+            ),
+            Setting::toggle(
+                "lamp",
+                "Lamp",
+                "Light that falls off with the distance from the room's centre.",
+                true,
+            ),
             Setting::count(
                 "block",
                 "Block",
@@ -109,21 +144,35 @@ impl FrameSource for CheckerRoom {
                 "ms",
             )
             .under("Tests"),
-            Setting::toggle("refine", "Refine", "Pretends to need 8 rounds until the picture is done.", false)
-                .under("Tests"),
+            Setting::toggle(
+                "refine",
+                "Refine",
+                "Pretends to need 8 rounds until the picture is done.",
+                false,
+            )
+            .under("Tests"),
             Setting::toggle("fail", "Fail", "Every frame fails.", false).under("Tests"),
-            Setting::action("recolour", "Recolour", "Changes the colours of the walls.").under("Tests"),
+            Setting::action("recolour", "Recolour", "Changes the colours of the walls.")
+                .under("Tests"),
         ]
     }
 
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+    fn render(
+        &mut self,
+        request: &FrameRequest,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<FrameReport, String> {
         let settings = &request.settings;
         if settings.toggle("fail")? {
             return Err("The room was asked to fail.".into());
         }
         let (check, lamp) = (settings.number("check")? as f32, settings.toggle("lamp")?);
         let overlay = settings.choice("overlay")?;
-        let noise = if settings.toggle("refine")? { self.noise(request) } else { 0 };
+        let noise = if settings.toggle("refine")? {
+            self.noise(request)
+        } else {
+            0
+        };
         let block = settings.number("block")? as usize;
         let (width, hue) = (request.camera.width() as usize, self.hue);
         let [mut cast_ms, mut shade_ms] = [0.0; 2];
@@ -140,10 +189,12 @@ impl FrameSource for CheckerRoom {
                     2 => FACE_COLORS[usize::from(hit.face)],
                     _ => shade(hit, check, lamp, hue),
                 };
-                let dark = noise > 0 && ((band * width + column) as u32).wrapping_mul(2_654_435_761) >> 24 < noise;
+                let dark = noise > 0
+                    && ((band * width + column) as u32).wrapping_mul(2_654_435_761) >> 24 < noise;
                 pixels.fill(opaque(if dark { [0; 3] } else { color }));
             }
-            rest.chunks_exact_mut(width).for_each(|below| below.copy_from_slice(row));
+            rest.chunks_exact_mut(width)
+                .for_each(|below| below.copy_from_slice(row));
             cast_ms += (cast - started).as_secs_f64() * 1e3;
             shade_ms += cast.elapsed().as_secs_f64() * 1e3;
         }
@@ -155,18 +206,43 @@ impl FrameSource for CheckerRoom {
         let wait_ms = waits.elapsed().as_secs_f64() * 1e3;
         Ok(FrameReport {
             stages: vec![
-                Stage { name: "cast", ms: cast_ms },
-                Stage { name: "shade", ms: shade_ms },
-                Stage { name: "wait", ms: wait_ms },
+                Stage {
+                    name: "cast",
+                    ms: cast_ms,
+                },
+                Stage {
+                    name: "shade",
+                    ms: shade_ms,
+                },
+                Stage {
+                    name: "wait",
+                    ms: wait_ms,
+                },
             ],
             figures: vec![
-                Figure { name: "rays", value: pixels.len() as f64, unit: "" },
-                Figure { name: "nearest", value: near.into(), unit: "m" },
+                Figure {
+                    name: "rays",
+                    value: pixels.len() as f64,
+                    unit: "",
+                },
+                Figure {
+                    name: "nearest",
+                    value: near.into(),
+                    unit: "m",
+                },
             ],
             facts: self.place(request.camera.eye()).into_iter().collect(),
-            legend: if overlay == 2 { face_legend() } else { Vec::new() },
+            legend: if overlay == 2 {
+                face_legend()
+            } else {
+                Vec::new()
+            },
             ongoing: None,
-            refinement: if noise > 0 { Refinement::Next } else { Refinement::Done },
+            refinement: if noise > 0 {
+                Refinement::Next
+            } else {
+                Refinement::Done
+            },
         })
     }
 
@@ -185,8 +261,13 @@ impl CheckerRoom {
     /// The room of the plan that the eye is in.
     fn place(&self, eye: DVec3) -> Option<Fact> {
         let plan = self.plan()?;
-        let text = plan.room_at(eye).map_or_else(|| "outside".into(), |room| plan.rooms[room].name.clone());
-        Some(Fact { name: "the eye is in", text })
+        let text = plan
+            .room_at(eye)
+            .map_or_else(|| "outside".into(), |room| plan.rooms[room].name.clone());
+        Some(Fact {
+            name: "the eye is in",
+            text,
+        })
     }
 
     /// Finds what every `step`th pixel of a row sees.
@@ -196,28 +277,56 @@ impl CheckerRoom {
         let first = camera.direction(0.5, y).as_vec3();
         let right = (camera.direction(1.5, y) - camera.direction(0.5, y)).as_vec3();
         self.hits.clear();
-        self.hits.extend((0..camera.width()).step_by(step).map(|column| hit(eye, first + right * column as f32)));
+        self.hits.extend(
+            (0..camera.width())
+                .step_by(step)
+                .map(|column| hit(eye, first + right * column as f32)),
+        );
     }
 
     /// Share of black pixels, in 256ths: fewer with every round for the same camera.
     fn noise(&mut self, request: &FrameRequest) -> u32 {
         let same = self.last_camera.replace(request.camera) == Some(request.camera);
-        self.rounds = if same { (self.rounds + 1).min(ROUNDS) } else { 0 };
+        self.rounds = if same {
+            (self.rounds + 1).min(ROUNDS)
+        } else {
+            0
+        };
         (ROUNDS - self.rounds) * 12
     }
 }
 
-const FACE_COLORS: [[u8; 3]; 7] =
-    [[214, 96, 77], [244, 165, 130], [146, 197, 222], [67, 147, 195], [180, 180, 180], [90, 174, 97], [153, 112, 171]];
+const FACE_COLORS: [[u8; 3]; 7] = [
+    [214, 96, 77],
+    [244, 165, 130],
+    [146, 197, 222],
+    [67, 147, 195],
+    [180, 180, 180],
+    [90, 174, 97],
+    [153, 112, 171],
+];
 
 fn face_legend() -> Vec<Swatch> {
     let names = ["left", "right", "floor", "ceiling", "front", "back", "ball"];
-    FACE_COLORS.iter().zip(names).map(|(&color, name)| Swatch { color, label: name.into() }).collect()
+    FACE_COLORS
+        .iter()
+        .zip(names)
+        .map(|(&color, name)| Swatch {
+            color,
+            label: name.into(),
+        })
+        .collect()
 }
 
 /// The nearest surface along a ray (of any length) from inside the room.
 fn hit(eye: Vec3, ray: Vec3) -> Hit {
-    let toward = |axis: usize| if ray[axis] > 0.0 { HALF[axis] } else { -HALF[axis] };
+    let toward = |axis: usize| {
+        if ray[axis] > 0.0 {
+            HALF[axis]
+        } else {
+            -HALF[axis]
+        }
+    };
     let walls = (vec3(toward(0), toward(1), toward(2)) - eye) / ray;
     let (t_wall, axis) = if walls.x < walls.y && walls.x < walls.z {
         (walls.x, 0)
@@ -229,18 +338,30 @@ fn hit(eye: Vec3, ray: Vec3) -> Hit {
     let to_ball = BALL.0 - eye;
     let (a, b) = (ray.length_squared(), ray.dot(to_ball));
     let disc = b * b - a * (to_ball.length_squared() - BALL.1 * BALL.1);
-    let t_ball = if disc > 0.0 && b > 0.0 { (b - disc.sqrt()) / a } else { f32::INFINITY };
+    let t_ball = if disc > 0.0 && b > 0.0 {
+        (b - disc.sqrt()) / a
+    } else {
+        f32::INFINITY
+    };
     let (t, face) = if t_ball > 0.0 && t_ball < t_wall {
         (t_ball, 6)
     } else {
         (t_wall, axis * 2 + u8::from(ray[usize::from(axis)] > 0.0))
     };
-    Hit { position: eye + ray * t, distance: t * a.sqrt(), face }
+    Hit {
+        position: eye + ray * t,
+        distance: t * a.sqrt(),
+        face,
+    }
 }
 
 fn shade(hit: &Hit, check: f32, lamp: bool, hue: u32) -> [u8; 3] {
     let ball = hit.face == 6;
-    let p = if ball { (hit.position - BALL.0) * 2.0 } else { hit.position };
+    let p = if ball {
+        (hit.position - BALL.0) * 2.0
+    } else {
+        hit.position
+    };
     // A wall's own coordinate sits on a boundary between checks: nudge it off. Far enough to the positive side, a cast
     // rounds down, faster than `floor`.
     let cell = (p + vec3(0.01, 0.01, 0.01)) * (1.0 / check) + Vec3::splat(1000.0);
@@ -251,8 +372,16 @@ fn shade(hit: &Hit, check: f32, lamp: bool, hue: u32) -> [u8; 3] {
         1 => [base[1], base[2], base[0]],
         _ => [base[2], base[0], base[1]],
     };
-    let lit = if lamp { 1.15 / (1.0 + 0.06 * (hit.position - vec3(0.0, 1.2, -1.0)).length_squared()) } else { 1.0 };
-    let lit = if ball { lit * (0.65 + 0.35 * (hit.position.y - BALL.0.y) / BALL.1) } else { lit };
+    let lit = if lamp {
+        1.15 / (1.0 + 0.06 * (hit.position - vec3(0.0, 1.2, -1.0)).length_squared())
+    } else {
+        1.0
+    };
+    let lit = if ball {
+        lit * (0.65 + 0.35 * (hit.position.y - BALL.0.y) / BALL.1)
+    } else {
+        lit
+    };
     let tone = lit * if odd { 0.45 } else { 1.0 };
     base.map(|c| (f32::from(c) * tone).min(255.0) as u8)
 }
@@ -272,7 +401,11 @@ impl Library for Rooms {
             description: description.into(),
         };
         vec![
-            entry("room", "Checker room", "A headbox of 1 m in the middle of a room."),
+            entry(
+                "room",
+                "Checker room",
+                "A headbox of 1 m in the middle of a room.",
+            ),
             entry("ball", "Checker ball", "An object to circle."),
             entry("hall", "Checker hall", "A walk with a plan."),
         ]
@@ -284,8 +417,20 @@ impl Library for Rooms {
         let camera = room.start_pose().camera(width, height).ok()?;
         let settings = Arc::new(headbox_viewer::SettingValues::initial(&room.settings()));
         let mut pixels = vec![[0; 4]; (width * height) as usize];
-        room.render(&FrameRequest { camera, settings, moving: false }, &mut pixels).ok()?;
-        Some(Thumbnail { width, height, pixels })
+        room.render(
+            &FrameRequest {
+                camera,
+                settings,
+                moving: false,
+            },
+            &mut pixels,
+        )
+        .ok()?;
+        Some(Thumbnail {
+            width,
+            height,
+            pixels,
+        })
     }
 
     fn extensions(&self) -> Vec<String> {
@@ -303,7 +448,8 @@ impl Library for Rooms {
     }
 
     fn open_file(&mut self, path: &Path) -> Result<Box<dyn FrameSource>, String> {
-        let text = std::fs::read_to_string(path).map_err(|e| format!("Cannot read {}: {e}.", path.display()))?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| format!("Cannot read {}: {e}.", path.display()))?;
         self.open_entry(text.trim())
     }
 }

@@ -23,7 +23,10 @@ impl EyeBounds {
     /// The box with every wall moved inward by `distance` metres (both eyes of a stereo pair stay inside).
     #[must_use]
     pub fn shrunk(&self, distance: f64) -> Self {
-        Self { half_size: (self.half_size - distance).max(DVec3::ZERO), ..*self }
+        Self {
+            half_size: (self.half_size - distance).max(DVec3::ZERO),
+            ..*self
+        }
     }
 
     /// Where the eye arrives that moves from `from` by `by`. Axis by axis: unhindered until the soft margin of
@@ -42,7 +45,11 @@ impl EyeBounds {
         let share = |i: usize| {
             let margin = self.half_size[i] * Self::SOFT_SHARE;
             let left = self.half_size[i] - offset[i];
-            if margin > 0.0 { (1.0 - left / margin).clamp(0.0, 1.0) } else { 1.0 }
+            if margin > 0.0 {
+                (1.0 - left / margin).clamp(0.0, 1.0)
+            } else {
+                1.0
+            }
         };
         share(0).max(share(1)).max(share(2))
     }
@@ -72,7 +79,10 @@ mod tests {
     use super::*;
     use glam::dvec3;
 
-    const BOUNDS: EyeBounds = EyeBounds { centre: DVec3::new(1.0, 2.0, 3.0), half_size: DVec3::new(0.5, 0.5, 1.0) };
+    const BOUNDS: EyeBounds = EyeBounds {
+        centre: DVec3::new(1.0, 2.0, 3.0),
+        half_size: DVec3::new(0.5, 0.5, 1.0),
+    };
 
     /// Rounding of a few exponentials on lengths of order 1 m.
     const MOVE_TOLERANCE_M: f64 = 1e-12;
@@ -80,8 +90,15 @@ mod tests {
     #[test]
     fn free_inside_and_never_through_the_wall() {
         let centre = BOUNDS.centre;
-        assert_eq!(BOUNDS.soft_move(centre, dvec3(0.1, -0.2, 0.3)), centre + dvec3(0.1, -0.2, 0.3));
-        for by in [dvec3(1.0, 0.0, 0.0), dvec3(-40.0, 3.0, -1e9), DVec3::splat(1e300)] {
+        assert_eq!(
+            BOUNDS.soft_move(centre, dvec3(0.1, -0.2, 0.3)),
+            centre + dvec3(0.1, -0.2, 0.3)
+        );
+        for by in [
+            dvec3(1.0, 0.0, 0.0),
+            dvec3(-40.0, 3.0, -1e9),
+            DVec3::splat(1e300),
+        ] {
             assert!(BOUNDS.contains(BOUNDS.soft_move(centre, by)), "{by}");
         }
     }
@@ -91,7 +108,9 @@ mod tests {
         for by in [dvec3(0.9, -0.7, 0.2), dvec3(0.46, -0.5, 0.95)] {
             let once = BOUNDS.soft_move(BOUNDS.centre, by);
             let steps = 7;
-            let many = (0..steps).fold(BOUNDS.centre, |eye, _| BOUNDS.soft_move(eye, by / f64::from(steps)));
+            let many = (0..steps).fold(BOUNDS.centre, |eye, _| {
+                BOUNDS.soft_move(eye, by / f64::from(steps))
+            });
             assert!(once.distance(many) < MOVE_TOLERANCE_M, "{once} {many}");
         }
     }
@@ -99,20 +118,32 @@ mod tests {
     #[test]
     fn the_way_back_is_never_slowed() {
         let at_wall = BOUNDS.centre + dvec3(0.499, 0.0, 0.0);
-        assert!((BOUNDS.soft_move(at_wall, dvec3(-0.1, 0.0, 0.0)).x - (at_wall.x - 0.1)).abs() < MOVE_TOLERANCE_M);
+        assert!(
+            (BOUNDS.soft_move(at_wall, dvec3(-0.1, 0.0, 0.0)).x - (at_wall.x - 0.1)).abs()
+                < MOVE_TOLERANCE_M
+        );
     }
 
     #[test]
     fn from_outside_only_inward() {
         let outside = BOUNDS.centre + dvec3(2.0, 0.0, 0.0);
         assert_eq!(BOUNDS.soft_move(outside, dvec3(0.5, 0.0, 0.0)), outside);
-        assert_eq!(BOUNDS.soft_move(outside, dvec3(-0.5, 0.0, 0.0)), outside - dvec3(0.5, 0.0, 0.0));
+        assert_eq!(
+            BOUNDS.soft_move(outside, dvec3(-0.5, 0.0, 0.0)),
+            outside - dvec3(0.5, 0.0, 0.0)
+        );
     }
 
     #[test]
     fn a_box_without_extent_holds_the_eye() {
-        let point = EyeBounds { centre: DVec3::ZERO, half_size: DVec3::ZERO };
-        assert_eq!(point.soft_move(DVec3::ZERO, dvec3(1.0, -1.0, 0.0)), DVec3::ZERO);
+        let point = EyeBounds {
+            centre: DVec3::ZERO,
+            half_size: DVec3::ZERO,
+        };
+        assert_eq!(
+            point.soft_move(DVec3::ZERO, dvec3(1.0, -1.0, 0.0)),
+            DVec3::ZERO
+        );
         assert_eq!(BOUNDS.shrunk(9.0).half_size, DVec3::ZERO);
     }
 

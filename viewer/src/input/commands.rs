@@ -1,12 +1,12 @@
 //! What keys, buttons and scripts can ask for, done.
 
-use crate::window::app::Viewer;
+use crate::input::keymap::Command;
+use crate::playback::eye_path::CameraPath;
 use crate::playback::{camera_file, export};
 use crate::thread::exchange::{ExportOrder, Location, Order};
-use crate::playback::eye_path::CameraPath;
-use crate::input::keymap::Command;
-use crate::window::messages::Kind;
 use crate::thread::session::Opening;
+use crate::window::app::Viewer;
+use crate::window::messages::Kind;
 use egui::{Context, ViewportCommand};
 use std::{
     path::Path,
@@ -93,13 +93,19 @@ impl Viewer {
         if self.start_page.has_library() {
             self.open_list.toggle();
         } else {
-            self.messages.add(Kind::Done, "This window shows one view only and opens no other.", now_s);
+            self.messages.add(
+                Kind::Done,
+                "This window shows one view only and opens no other.",
+                now_s,
+            );
         }
     }
 
     fn save_frame(&mut self, now_s: f64) {
         let Some(frame) = self.frame_on_screen() else {
-            return self.messages.add(Kind::Error, "There is no frame to save yet.", now_s);
+            return self
+                .messages
+                .add(Kind::Error, "There is no frame to save yet.", now_s);
         };
         let dir = self.options.output_dir.clone();
         self.session.in_background(move || {
@@ -110,7 +116,9 @@ impl Viewer {
     }
 
     fn save_camera(&mut self) {
-        let (Some(info), Some(wish)) = (&self.info, &self.wish) else { return };
+        let (Some(info), Some(wish)) = (&self.info, &self.wish) else {
+            return;
+        };
         let mut record = camera_file::record(&self.eye.pose, &info.file_frame);
         record.size = Some(wish.size_px);
         let dir = self.options.output_dir.clone();
@@ -131,9 +139,14 @@ impl Viewer {
     pub(crate) fn collect_shots(&mut self, now_s: f64) {
         let messages = &mut self.messages;
         self.pending_shots.retain(|(path, taken)| {
-            let taken = taken.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take();
+            let taken = taken
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner)
+                .take();
             match &taken {
-                Some(Ok(())) => messages.add(Kind::Done, format!("Saved {}.", path.display()), now_s),
+                Some(Ok(())) => {
+                    messages.add(Kind::Done, format!("Saved {}.", path.display()), now_s)
+                }
                 Some(Err(error)) => messages.add(Kind::Error, error, now_s),
                 None => {}
             }
@@ -145,7 +158,11 @@ impl Viewer {
         if self.tape.recorded().is_some() {
             let kept = self.tape.stop_recording();
             let poses = self.tape.path.as_ref().map_or(0, |path| path.poses().len());
-            let text = if kept { format!("Recorded {poses} poses.") } else { "Nothing was recorded.".into() };
+            let text = if kept {
+                format!("Recorded {poses} poses.")
+            } else {
+                "Nothing was recorded.".into()
+            };
             self.messages.add(Kind::Done, text, now_s);
         } else {
             self.tape.record();
@@ -159,13 +176,21 @@ impl Viewer {
             self.path_ended = false;
             self.eye.motion.stop();
         } else {
-            self.messages.add(Kind::Done, "There is no path to replay: record one (R) or load one.", now_s);
+            self.messages.add(
+                Kind::Done,
+                "There is no path to replay: record one (R) or load one.",
+                now_s,
+            );
         }
     }
 
     fn save_path(&mut self, now_s: f64) {
         let (Some(info), Some(path), Some(wish)) = (&self.info, &self.tape.path, &self.wish) else {
-            return self.messages.add(Kind::Done, "There is no path to save: record one (R).", now_s);
+            return self.messages.add(
+                Kind::Done,
+                "There is no path to save: record one (R).",
+                now_s,
+            );
         };
         let record = camera_file::path_record(path, wish.size_px, &info.file_frame);
         let dir = self.options.output_dir.clone();
@@ -179,8 +204,12 @@ impl Viewer {
         let Some(info) = &self.info else { return };
         match camera_file::read_path(file, &info.file_frame, info.start_pose.up) {
             Ok(path) => {
-                let text =
-                    format!("{} poses, {:.1} s, from {}.", path.poses().len(), path.duration_s(), file.display());
+                let text = format!(
+                    "{} poses, {:.1} s, from {}.",
+                    path.poses().len(),
+                    path.duration_s(),
+                    file.display()
+                );
                 self.tape.stop();
                 self.messages.add(Kind::Done, text, now_s);
                 self.take_path(path, now_s);
@@ -192,9 +221,15 @@ impl Viewer {
     /// Takes a path over as it is, also where it leaves the headbox: a script may want to see what is there.
     pub(crate) fn take_path(&mut self, path: CameraPath, now_s: f64) {
         if let Some(bounds) = self.info.as_ref().and_then(|info| info.bounds) {
-            let outside = path.poses().iter().filter(|timed| !bounds.contains(timed.pose.eye)).count();
+            let outside = path
+                .poses()
+                .iter()
+                .filter(|timed| !bounds.contains(timed.pose.eye))
+                .count();
             if outside > 0 {
-                let text = format!("{outside} poses of the path are outside of the headbox: holes are to be expected.");
+                let text = format!(
+                    "{outside} poses of the path are outside of the headbox: holes are to be expected."
+                );
                 self.messages.add(Kind::Done, text, now_s);
             }
         }
@@ -203,17 +238,28 @@ impl Viewer {
 
     fn export_path(&mut self, now_s: f64) {
         let (Some(path), Some(wish)) = (&self.tape.path, &self.wish) else {
-            return self.messages.add(Kind::Done, "There is no path to render: record one (R) or load one.", now_s);
+            return self.messages.add(
+                Kind::Done,
+                "There is no path to render: record one (R) or load one.",
+                now_s,
+            );
         };
         let dir = export::free_name(&self.options.output_dir, "path", "frames");
         let (path, size, settings) = (path.clone(), wish.size_px, Arc::clone(&self.sets.a));
         self.exporting = Some([0, path.poses().len()]);
-        self.session.order(Order::Export(ExportOrder { path, size, settings, dir }));
+        self.session.order(Order::Export(ExportOrder {
+            path,
+            size,
+            settings,
+            dir,
+        }));
     }
 }
 
 /// The message about a file that was written, or not.
 fn told(path: &Path, result: std::io::Result<()>) -> Result<String, String> {
     let path = path.display();
-    result.map(|()| format!("Saved {path}.")).map_err(|e| format!("{path} cannot be written: {e}."))
+    result
+        .map(|()| format!("Saved {path}."))
+        .map_err(|e| format!("{path} cannot be written: {e}."))
 }

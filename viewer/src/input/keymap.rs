@@ -1,7 +1,7 @@
 //! Keys and what they do: one table that both the program and the list on F1 read.
 
-use crate::thread::exchange::Location;
 use crate::input::motion::Steering;
+use crate::thread::exchange::Location;
 use egui::{InputState, Key};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -50,15 +50,27 @@ pub(crate) struct Binding {
 }
 
 const fn drive(keys: &'static [Key], axes: [i8; 3], help: &'static str) -> Binding {
-    Binding { keys, effect: Effect::Drive(axes), help }
+    Binding {
+        keys,
+        effect: Effect::Drive(axes),
+        help,
+    }
 }
 
 const fn turn(keys: &'static [Key], axes: [i8; 2], help: &'static str) -> Binding {
-    Binding { keys, effect: Effect::Turn(axes), help }
+    Binding {
+        keys,
+        effect: Effect::Turn(axes),
+        help,
+    }
 }
 
 const fn press(keys: &'static [Key], command: Command, help: &'static str) -> Binding {
-    Binding { keys, effect: Effect::Command(command), help }
+    Binding {
+        keys,
+        effect: Effect::Command(command),
+        help,
+    }
 }
 
 /// The keys, in the order of the list on F1.
@@ -75,16 +87,36 @@ pub(crate) const BINDINGS: &[Binding] = &[
     turn(&[Key::ArrowDown], [0, -1], "Look down"),
     press(&[Key::Home, Key::C], Command::Centre, "Back to the centre"),
     press(&[Key::B], Command::ToggleCompare, "Compare A with B"),
-    press(&[Key::X], Command::NextStereo, "Stereo: off, cross-eyed, parallel"),
+    press(
+        &[Key::X],
+        Command::NextStereo,
+        "Stereo: off, cross-eyed, parallel",
+    ),
     press(&[Key::P], Command::SaveFrame, "Save the frame (PNG)"),
     press(&[Key::K], Command::SaveCamera, "Save the camera (JSON)"),
-    press(&[Key::R], Command::ToggleRecording, "Record a path, or stop"),
-    press(&[Key::Space], Command::TogglePlayback, "Replay the path, or stop"),
+    press(
+        &[Key::R],
+        Command::ToggleRecording,
+        "Record a path, or stop",
+    ),
+    press(
+        &[Key::Space],
+        Command::TogglePlayback,
+        "Replay the path, or stop",
+    ),
     press(&[Key::O], Command::ShowOpen, "Open a file"),
     press(&[Key::Backspace], Command::Start, "Back to the start page"),
-    press(&[Key::H, Key::F2], Command::TogglePanels, "Hide or show the panels"),
+    press(
+        &[Key::H, Key::F2],
+        Command::TogglePanels,
+        "Hide or show the panels",
+    ),
     press(&[Key::F11], Command::FullScreen, "Full screen"),
-    press(&[Key::F12], Command::SaveWindow, "Save a picture of the window (PNG)"),
+    press(
+        &[Key::F12],
+        Command::SaveWindow,
+        "Save a picture of the window (PNG)",
+    ),
     press(&[Key::Escape], Command::Dismiss, "Close messages and lists"),
     press(&[Key::F1], Command::ToggleKeys, "This list"),
 ];
@@ -105,7 +137,10 @@ pub(crate) fn steering(input: &InputState, listening: bool) -> Steering {
     let (mut drive, mut turn) = (DVec3::ZERO, [0.0; 2]);
     // Command shortcuts (Ctrl+C and the like) are not movement.
     if listening && !input.modifiers.command && !input.modifiers.ctrl {
-        for binding in BINDINGS.iter().filter(|b| b.keys.iter().any(|key| input.key_down(*key))) {
+        for binding in BINDINGS
+            .iter()
+            .filter(|b| b.keys.iter().any(|key| input.key_down(*key)))
+        {
             match binding.effect {
                 Effect::Drive(axes) => drive += DVec3::from(axes.map(f64::from)),
                 Effect::Turn(axes) => (0..2).for_each(|i| turn[i] += f64::from(axes[i])),
@@ -114,8 +149,14 @@ pub(crate) fn steering(input: &InputState, listening: bool) -> Steering {
         }
     }
     let factor = |held: bool, factor: f64| if held { factor } else { 1.0 };
-    let speed_factor = factor(input.modifiers.shift, SHIFT_FACTOR) / factor(input.modifiers.alt, SHIFT_FACTOR);
-    Steering { drive, turn, speed_factor, ..Steering::default() }
+    let speed_factor =
+        factor(input.modifiers.shift, SHIFT_FACTOR) / factor(input.modifiers.alt, SHIFT_FACTOR);
+    Steering {
+        drive,
+        turn,
+        speed_factor,
+        ..Steering::default()
+    }
 }
 
 /// The commands whose keys were pressed since the last frame (held keys do not repeat).
@@ -128,7 +169,15 @@ pub(crate) fn commands(input: &InputState) -> Vec<Command> {
         })
     };
     let commands = BINDINGS.iter().filter(|b| b.keys.iter().any(pressed));
-    commands.filter_map(|b| if let Effect::Command(c) = &b.effect { Some(c.clone()) } else { None }).collect()
+    commands
+        .filter_map(|b| {
+            if let Effect::Command(c) = &b.effect {
+                Some(c.clone())
+            } else {
+                None
+            }
+        })
+        .collect()
 }
 
 #[cfg(test)]
@@ -150,9 +199,26 @@ mod tests {
     #[test]
     fn opposite_keys_cancel() {
         let sum = |pick: fn(&Effect) -> Option<[i8; 3]>| {
-            BINDINGS.iter().filter_map(|b| pick(&b.effect)).fold([0; 3], |s, a| [s[0] + a[0], s[1] + a[1], s[2] + a[2]])
+            BINDINGS
+                .iter()
+                .filter_map(|b| pick(&b.effect))
+                .fold([0; 3], |s, a| [s[0] + a[0], s[1] + a[1], s[2] + a[2]])
         };
-        assert_eq!(sum(|e| if let Effect::Drive(a) = e { Some(*a) } else { None }), [0; 3]);
-        assert_eq!(sum(|e| if let Effect::Turn([a, b]) = e { Some([*a, *b, 0]) } else { None }), [0; 3]);
+        assert_eq!(
+            sum(|e| if let Effect::Drive(a) = e {
+                Some(*a)
+            } else {
+                None
+            }),
+            [0; 3]
+        );
+        assert_eq!(
+            sum(|e| if let Effect::Turn([a, b]) = e {
+                Some([*a, *b, 0])
+            } else {
+                None
+            }),
+            [0; 3]
+        );
     }
 }

@@ -1,13 +1,13 @@
 //! The frame itself: steering in it, asking for it, painting it.
 
-use crate::window::app::{Viewer, Wish};
-use crate::thread::exchange::Job;
 use crate::input::keymap;
 use crate::input::keymap::Command;
-use crate::window::{layout, views};
 use crate::input::motion::{Handling, Steering};
 use crate::panels;
 use crate::playback::tape::Replay;
+use crate::thread::exchange::Job;
+use crate::window::app::{Viewer, Wish};
+use crate::window::{layout, views};
 use egui::{CursorIcon, Painter, PointerButton, Pos2, Rect, Response, Sense, Ui, pos2, vec2};
 use headbox_core::camera::Camera;
 use std::time::{Duration, Instant};
@@ -41,8 +41,12 @@ impl Viewer {
         self.ask(ui, rect, moving);
         if moving || self.eye.motion.is_moving() || self.tape.is_playing() {
             // The eye coasts, or rests soon: either way there is another pass to come.
-            let awaiting = self.shown.as_ref().is_none_or(|shown| shown.job.number < self.jobs_issued);
-            ui.ctx().request_repaint_after(if awaiting { AWAITING_PASS } else { MOVING_PASS });
+            let awaiting = self
+                .shown
+                .as_ref()
+                .is_none_or(|shown| shown.job.number < self.jobs_issued);
+            ui.ctx()
+                .request_repaint_after(if awaiting { AWAITING_PASS } else { MOVING_PASS });
         }
         self.paint(ui.painter(), rect);
         if let Some(divider) = divider {
@@ -74,8 +78,15 @@ impl Viewer {
         let listening = !ui.ctx().text_edit_focused();
         let (mut steering, dt_s) = ui.input(|i| {
             // After a rest the time since the last pass says nothing about the motion that begins now.
-            let dt_s = if self.eye.motion.is_moving() { i.unstable_dt } else { i.predicted_dt };
-            (keymap::steering(i, listening), f64::from(dt_s).min(MAX_STEP_S))
+            let dt_s = if self.eye.motion.is_moving() {
+                i.unstable_dt
+            } else {
+                i.predicted_dt
+            };
+            (
+                keymap::steering(i, listening),
+                f64::from(dt_s).min(MAX_STEP_S),
+            )
         });
         if response.dragged_by(PointerButton::Primary) {
             let delta = response.drag_delta();
@@ -83,24 +94,37 @@ impl Viewer {
         }
         if response.hovered() {
             let (scroll, zoom) = ui.input(|i| (i.smooth_scroll_delta().y, i.zoom_delta()));
-            steering.wheel_notches = f64::from(scroll) / POINTS_PER_NOTCH + f64::from(zoom).log(1.1);
+            steering.wheel_notches =
+                f64::from(scroll) / POINTS_PER_NOTCH + f64::from(zoom).log(1.1);
         }
-        let idle = Steering { speed_factor: steering.speed_factor, ..Steering::default() };
+        let idle = Steering {
+            speed_factor: steering.speed_factor,
+            ..Steering::default()
+        };
         if steering == idle && !self.eye.motion.is_moving() {
             return;
         }
         let handling = self.handling(response.rect);
-        self.eye.pose = self.eye.motion.advance(&self.eye.pose, &steering, &handling, dt_s);
+        self.eye.pose = self
+            .eye
+            .motion
+            .advance(&self.eye.pose, &steering, &handling, dt_s);
     }
 
     fn handling(&self, rect: Rect) -> Handling {
         let info = self.info.as_ref();
-        let apart = if self.display.stereo.places() > 1 { self.display.separation_m / 2.0 } else { 0.0 };
+        let apart = if self.display.stereo.places() > 1 {
+            self.display.separation_m / 2.0
+        } else {
+            0.0
+        };
         Handling {
             navigation: info.map(|info| info.navigation).unwrap_or_default(),
             speed_m_per_s: self.eye.speed_m_per_s,
             grab_scene: self.eye.grab_scene,
-            bounds: info.and_then(|info| info.bounds).map(|bounds| bounds.shrunk(apart)),
+            bounds: info
+                .and_then(|info| info.bounds)
+                .map(|bounds| bounds.shrunk(apart)),
             view_height_points: f64::from(rect.height()),
         }
     }
@@ -109,14 +133,32 @@ impl Viewer {
     fn ask(&mut self, ui: &Ui, rect: Rect, moving: bool) {
         let Some(info) = &self.info else { return };
         let (scale_px, max_side) = ui.input(|i| (i.pixels_per_point, i.max_texture_side));
-        let max_side = u32::try_from(max_side).unwrap_or(u32::MAX).min(Camera::MAX_SIDE_PX);
+        let max_side = u32::try_from(max_side)
+            .unwrap_or(u32::MAX)
+            .min(Camera::MAX_SIDE_PX);
         let side = |points: f32| ((points * scale_px).round() as u32).clamp(1, max_side);
         let size_px = [side(rect.width()), side(rect.height())];
-        let scale = if moving && self.display.lower_resolution { self.policy.moving_scale() } else { 1.0 };
+        let scale = if moving && self.display.lower_resolution {
+            self.policy.moving_scale()
+        } else {
+            1.0
+        };
         let (stereo, separation) = (self.display.stereo, self.display.separation_m);
-        let wish = Wish { pose: self.eye.pose, size_px, scale, moving, stereo, separation, sets: self.sets_shown() };
-        let answered = self.shown.as_ref().is_some_and(|shown| shown.job.number == self.jobs_issued);
-        let forced = (self.automation.wants_frames() || self.tape.pose_index().is_some()) && answered;
+        let wish = Wish {
+            pose: self.eye.pose,
+            size_px,
+            scale,
+            moving,
+            stereo,
+            separation,
+            sets: self.sets_shown(),
+        };
+        let answered = self
+            .shown
+            .as_ref()
+            .is_some_and(|shown| shown.job.number == self.jobs_issued);
+        let forced =
+            (self.automation.wants_frames() || self.tape.pose_index().is_some()) && answered;
         if self.wish.as_ref() == Some(&wish) && !forced {
             return;
         }
@@ -125,7 +167,9 @@ impl Viewer {
         }
         let [width, height] = size_px.map(|side| ((f64::from(side) * scale).round() as u32).max(1));
         // Sides are clamped to what a camera allows, so there is always a camera.
-        let Ok(cameras) = stereo.cameras(&wish.pose, separation, width, height) else { return };
+        let Ok(cameras) = stereo.cameras(&wish.pose, separation, width, height) else {
+            return;
+        };
         self.jobs_issued += 1;
         self.session.request(Job {
             source_id: info.id,
@@ -159,21 +203,31 @@ impl Viewer {
             let place_rect = place_rect(rect, place, places);
             let split = place_rect.left() + place_rect.width() * self.display.divider;
             for set in 0..sets {
-                let Some(texture) = self.textures.get(place * sets + set) else { continue };
+                let Some(texture) = self.textures.get(place * sets + set) else {
+                    continue;
+                };
                 let clip = match (sets, set) {
                     (1, _) => place_rect,
                     (_, 0) => place_rect.with_max_x(split),
                     _ => place_rect.with_min_x(split),
                 };
                 let clip = clip.intersect(painter.clip_rect());
-                painter.with_clip_rect(clip).image(texture.id(), place_rect, whole, egui::Color32::WHITE);
+                painter.with_clip_rect(clip).image(
+                    texture.id(),
+                    place_rect,
+                    whole,
+                    egui::Color32::WHITE,
+                );
             }
         }
     }
 
     /// Positions of the divider, one per place.
     fn divider_x(&self, rect: Rect) -> Vec<f32> {
-        let places = self.shown.as_ref().map_or(1, |shown| shown.job.cameras.len());
+        let places = self
+            .shown
+            .as_ref()
+            .map_or(1, |shown| shown.job.cameras.len());
         let x = |place| {
             let rect = place_rect(rect, place, places);
             rect.left() + rect.width() * self.display.divider
@@ -187,14 +241,22 @@ impl Viewer {
             return None;
         }
         let mut grabbed: Option<Response> = None;
-        let places = self.shown.as_ref().map_or(1, |shown| shown.job.cameras.len());
+        let places = self
+            .shown
+            .as_ref()
+            .map_or(1, |shown| shown.job.cameras.len());
         for (place, x) in self.divider_x(rect).into_iter().enumerate() {
-            let strip = Rect::from_center_size(pos2(x, rect.center().y), vec2(DIVIDER_GRAB_POINTS, rect.height()));
-            let response = ui.interact(strip, ui.scope_id().with(("divider", place)), Sense::drag());
+            let strip = Rect::from_center_size(
+                pos2(x, rect.center().y),
+                vec2(DIVIDER_GRAB_POINTS, rect.height()),
+            );
+            let response =
+                ui.interact(strip, ui.scope_id().with(("divider", place)), Sense::drag());
             let response = response.on_hover_and_drag_cursor(CursorIcon::ResizeHorizontal);
             if let (true, Some(at)) = (response.dragged(), response.interact_pointer_pos()) {
                 let rect = place_rect(rect, place, places);
-                self.display.divider = ((at.x - rect.left()) / rect.width().max(1.0)).clamp(0.0, 1.0);
+                self.display.divider =
+                    ((at.x - rect.left()) / rect.width().max(1.0)).clamp(0.0, 1.0);
             }
             grabbed = Some(grabbed.map_or_else(|| response.clone(), |g| g.union(response.clone())));
         }
@@ -206,11 +268,13 @@ impl Viewer {
         if !self.display.insets {
             return;
         }
-        let mut corner = rect.right_bottom() - vec2(panels::inset::MARGIN_POINTS, panels::inset::MARGIN_POINTS);
+        let mut corner =
+            rect.right_bottom() - vec2(panels::inset::MARGIN_POINTS, panels::inset::MARGIN_POINTS);
         if let Some(bounds) = &info.bounds
             && let Some(area) = panels::inset::frame(painter, rect, &mut corner, "Headbox")
         {
-            let aspect = f64::from(rect.width() / rect.height().max(1.0)) / f64::from(self.display.stereo.places());
+            let aspect = f64::from(rect.width() / rect.height().max(1.0))
+                / f64::from(self.display.stereo.places());
             panels::inset::paint(painter, area, bounds, &self.eye.pose, aspect);
         }
         if let Some(plan) = &info.plan
@@ -228,14 +292,22 @@ impl Viewer {
         if let Some(ongoing) = pictures.find_map(|picture| picture.report.ongoing.as_ref()) {
             // Beside the button that unfolds the panel.
             let folded = self.show_panels && layout::is_narrow(painter.ctx());
-            let left = if folded { rect.left() + layout::UNFOLD_WIDTH_POINTS } else { rect.left() };
+            let left = if folded {
+                rect.left() + layout::UNFOLD_WIDTH_POINTS
+            } else {
+                rect.left()
+            };
             panels::strip::paint(painter, rect, left, ongoing);
         }
     }
 
     /// Says what colours mean, where they are not what is seen: of A, or else of B.
     fn paint_legend(&self, painter: &Painter, rect: Rect) {
-        let legends = self.shown.iter().flat_map(|shown| &shown.pictures).map(|picture| &picture.report.legend);
+        let legends = self
+            .shown
+            .iter()
+            .flat_map(|shown| &shown.pictures)
+            .map(|picture| &picture.report.legend);
         if let Some(legend) = legends.into_iter().find(|legend| !legend.is_empty()) {
             let margin = panels::inset::MARGIN_POINTS;
             panels::legend::paint(painter, rect.left_bottom() + vec2(margin, -margin), legend);
@@ -253,20 +325,32 @@ impl Wish {
 /// The part of the frame's rectangle that one place of a stereo pair takes.
 fn place_rect(rect: Rect, place: usize, places: usize) -> Rect {
     let width = rect.width() / places as f32;
-    Rect::from_min_size(rect.min + vec2(width * place as f32, 0.0), vec2(width, rect.height()))
+    Rect::from_min_size(
+        rect.min + vec2(width * place as f32, 0.0),
+        vec2(width, rect.height()),
+    )
 }
 
 impl Viewer {
     /// The frame on the screen as one image (stereo pairs side by side, A and B parted by the divider): a closure, so that
     /// the work can be done on another thread.
-    pub(crate) fn frame_on_screen(&self) -> Option<impl FnOnce() -> (usize, Vec<[u8; 4]>) + Send + use<>> {
+    pub(crate) fn frame_on_screen(
+        &self,
+    ) -> Option<impl FnOnce() -> (usize, Vec<[u8; 4]>) + Send + use<>> {
         let shown = self.shown.as_ref()?;
-        let pictures: Vec<_> = shown.pictures.iter().map(|picture| picture.image.clone()).collect();
+        let pictures: Vec<_> = shown
+            .pictures
+            .iter()
+            .map(|picture| picture.image.clone())
+            .collect();
         let (places, divider) = (shown.job.cameras.len(), f64::from(self.display.divider));
         Some(move || {
             let refs: Vec<_> = pictures
                 .iter()
-                .map(|image| views::PictureRef { width: image.size[0], pixels: bytemuck::cast_slice(&image.pixels) })
+                .map(|image| views::PictureRef {
+                    width: image.size[0],
+                    pixels: bytemuck::cast_slice(&image.pixels),
+                })
                 .collect();
             views::compose(&refs, places, divider)
         })

@@ -63,12 +63,27 @@ impl Motion {
     }
 
     /// The pose `dt_s` seconds after `pose`.
-    pub(crate) fn advance(&mut self, pose: &Pose, steering: &Steering, handling: &Handling, dt_s: f64) -> Pose {
+    pub(crate) fn advance(
+        &mut self,
+        pose: &Pose,
+        steering: &Steering,
+        handling: &Handling,
+        dt_s: f64,
+    ) -> Pose {
         let speed = handling.speed_m_per_s * steering.speed_factor;
-        let drive = if steering.drive.length() > 1.0 { steering.drive.normalize() } else { steering.drive };
+        let drive = if steering.drive.length() > 1.0 {
+            steering.drive.normalize()
+        } else {
+            steering.drive
+        };
         let mut travel = DVec3::ZERO;
         for i in 0..3 {
-            (self.velocity[i], travel[i]) = lagged(self.velocity[i], drive[i] * speed, dt_s, handling.speed_m_per_s);
+            (self.velocity[i], travel[i]) = lagged(
+                self.velocity[i],
+                drive[i] * speed,
+                dt_s,
+                handling.speed_m_per_s,
+            );
         }
         let mut turn = [0.0; 2];
         for i in 0..2 {
@@ -77,26 +92,46 @@ impl Motion {
         }
         let rad_per_point = pose.fov_y_deg.to_radians() / handling.view_height_points.max(1.0);
         let orbits = matches!(handling.navigation, Navigation::Orbit { .. });
-        let drag_sign = if handling.grab_scene || orbits { 1.0 } else { -1.0 };
+        let drag_sign = if handling.grab_scene || orbits {
+            1.0
+        } else {
+            -1.0
+        };
         for i in 0..2 {
             turn[i] += drag_sign * steering.drag_points[i] * rad_per_point;
         }
         // Not even a rounding error without a turn of the wheel.
         let zooms = steering.wheel_notches != 0.0;
-        let pose = if zooms { pose.zoomed(NOTCH_ZOOM.powf(steering.wheel_notches)) } else { *pose };
+        let pose = if zooms {
+            pose.zoomed(NOTCH_ZOOM.powf(steering.wheel_notches))
+        } else {
+            *pose
+        };
         match handling.navigation {
             Navigation::Fly | Navigation::Walk => {
                 let pose = pose.turned(turn[0], turn[1]);
                 let by = world_travel(&pose, handling.navigation, travel);
-                Pose { eye: moved(handling.bounds, pose.eye, by), ..pose }
+                Pose {
+                    eye: moved(handling.bounds, pose.eye, by),
+                    ..pose
+                }
             }
             Navigation::Orbit { pivot, nearest } => {
                 // A drag to the right carries the object to the right: the eye goes the other way around it.
-                let turned = Pose::upright(pose.eye, pivot, pose.up, pose.fov_y_deg).turned(-turn[0], -turn[1]);
-                let radius = (pose.eye.distance(pivot) - travel.z).max(nearest.max(MIN_ORBIT_RADIUS_M));
+                let turned = Pose::upright(pose.eye, pivot, pose.up, pose.fov_y_deg)
+                    .turned(-turn[0], -turn[1]);
+                let radius =
+                    (pose.eye.distance(pivot) - travel.z).max(nearest.max(MIN_ORBIT_RADIUS_M));
                 let around = turned.turned(travel.x / radius, -travel.y / radius);
-                let eye = moved(handling.bounds, pose.eye, pivot - around.forward() * radius - pose.eye);
-                Pose { eye, ..Pose::upright(eye, pivot, pose.up, pose.fov_y_deg) }
+                let eye = moved(
+                    handling.bounds,
+                    pose.eye,
+                    pivot - around.forward() * radius - pose.eye,
+                );
+                Pose {
+                    eye,
+                    ..Pose::upright(eye, pivot, pose.up, pose.fov_y_deg)
+                }
             }
         }
     }
@@ -110,8 +145,15 @@ impl Motion {
 /// Travel along right, up, forward turned into world axes: flight follows the view, walking stays level, and "up" is what
 /// the pose takes for up in both.
 fn world_travel(pose: &Pose, navigation: Navigation, travel: DVec3) -> DVec3 {
-    let level = Pose { pitch_rad: 0.0, ..*pose };
-    let forward = if navigation == Navigation::Walk { level.forward() } else { pose.forward() };
+    let level = Pose {
+        pitch_rad: 0.0,
+        ..*pose
+    };
+    let forward = if navigation == Navigation::Walk {
+        level.forward()
+    } else {
+        pose.forward()
+    };
     level.world_from_eye().x_axis * travel.x + pose.up * travel.y + forward * travel.z
 }
 
@@ -134,10 +176,19 @@ mod tests {
     use glam::dvec3;
 
     const PIVOT: DVec3 = DVec3::new(0.0, 0.0, -3.0);
-    const ORBIT: Navigation = Navigation::Orbit { pivot: PIVOT, nearest: 1.0 };
+    const ORBIT: Navigation = Navigation::Orbit {
+        pivot: PIVOT,
+        nearest: 1.0,
+    };
 
     fn handling(navigation: Navigation) -> Handling {
-        Handling { navigation, speed_m_per_s: 2.0, grab_scene: false, bounds: None, view_height_points: 600.0 }
+        Handling {
+            navigation,
+            speed_m_per_s: 2.0,
+            grab_scene: false,
+            bounds: None,
+            view_height_points: 600.0,
+        }
     }
 
     fn start() -> Pose {
@@ -145,10 +196,19 @@ mod tests {
     }
 
     fn held(drive: DVec3) -> Steering {
-        Steering { drive, speed_factor: 1.0, ..Steering::default() }
+        Steering {
+            drive,
+            speed_factor: 1.0,
+            ..Steering::default()
+        }
     }
 
-    fn simulate(steering: &Steering, handling: &Handling, seconds: f64, fps: u32) -> (Pose, Motion) {
+    fn simulate(
+        steering: &Steering,
+        handling: &Handling,
+        seconds: f64,
+        fps: u32,
+    ) -> (Pose, Motion) {
         let (mut pose, mut motion) = (start(), Motion::default());
         for _ in 0..(seconds * f64::from(fps)) as u32 {
             pose = motion.advance(&pose, steering, handling, 1.0 / f64::from(fps));
@@ -160,15 +220,35 @@ mod tests {
     fn the_way_does_not_depend_on_the_frame_rate() {
         // Walking straight ahead has a closed solution, so the only difference is rounding.
         let steering = held(dvec3(1.0, 0.0, 1.0));
-        let [slow, fast] = [10, 240].map(|fps| simulate(&steering, &handling(Navigation::Fly), 1.0, fps).0.eye);
+        let [slow, fast] = [10, 240].map(|fps| {
+            simulate(&steering, &handling(Navigation::Fly), 1.0, fps)
+                .0
+                .eye
+        });
         assert!(slow.distance(fast) < 1e-9, "{slow} {fast}");
         assert!(slow.x > 1.0 && slow.z < -1.0, "right and forward: {slow}");
     }
 
     #[test]
     fn diagonals_are_no_faster_and_the_lag_costs_its_time_constant() {
-        let straight = simulate(&held(dvec3(0.0, 0.0, 1.0)), &handling(Navigation::Fly), 1.0, 60).0.eye.length();
-        let diagonal = simulate(&held(dvec3(1.0, 1.0, 1.0)), &handling(Navigation::Fly), 1.0, 60).0.eye.length();
+        let straight = simulate(
+            &held(dvec3(0.0, 0.0, 1.0)),
+            &handling(Navigation::Fly),
+            1.0,
+            60,
+        )
+        .0
+        .eye
+        .length();
+        let diagonal = simulate(
+            &held(dvec3(1.0, 1.0, 1.0)),
+            &handling(Navigation::Fly),
+            1.0,
+            60,
+        )
+        .0
+        .eye
+        .length();
         assert!((straight - diagonal).abs() < 1e-9);
         assert!((straight - 2.0 * (1.0 - LAG_S)).abs() < 1e-4);
     }
@@ -178,20 +258,38 @@ mod tests {
         let (mut pose, mut motion) = simulate(&held(DVec3::Z), &handling(Navigation::Fly), 0.5, 60);
         assert!(motion.is_moving());
         for _ in 0..60 {
-            pose = motion.advance(&pose, &held(DVec3::ZERO), &handling(Navigation::Fly), 1.0 / 60.0);
+            pose = motion.advance(
+                &pose,
+                &held(DVec3::ZERO),
+                &handling(Navigation::Fly),
+                1.0 / 60.0,
+            );
         }
         assert!(!motion.is_moving());
-        assert_eq!(motion.advance(&pose, &held(DVec3::ZERO), &handling(Navigation::Fly), 1.0), pose);
+        assert_eq!(
+            motion.advance(&pose, &held(DVec3::ZERO), &handling(Navigation::Fly), 1.0),
+            pose
+        );
     }
 
     #[test]
     fn a_drag_over_the_height_turns_by_the_field_of_view() {
         let mut steering = held(DVec3::ZERO);
         steering.drag_points = [600.0, -300.0];
-        let pose = Motion::default().advance(&start(), &steering, &handling(Navigation::Fly), 1.0 / 60.0);
-        assert!((pose.yaw_rad + 60_f64.to_radians()).abs() < 1e-12, "the head follows the pointer to the right");
-        assert!((pose.pitch_rad - 30_f64.to_radians()).abs() < 1e-12, "and up");
-        let grabbing = Handling { grab_scene: true, ..handling(Navigation::Fly) };
+        let pose =
+            Motion::default().advance(&start(), &steering, &handling(Navigation::Fly), 1.0 / 60.0);
+        assert!(
+            (pose.yaw_rad + 60_f64.to_radians()).abs() < 1e-12,
+            "the head follows the pointer to the right"
+        );
+        assert!(
+            (pose.pitch_rad - 30_f64.to_radians()).abs() < 1e-12,
+            "and up"
+        );
+        let grabbing = Handling {
+            grab_scene: true,
+            ..handling(Navigation::Fly)
+        };
         let grabbed = Motion::default().advance(&start(), &steering, &grabbing, 1.0 / 60.0);
         assert!((grabbed.yaw_rad + pose.yaw_rad).abs() < 1e-12);
     }
@@ -199,7 +297,9 @@ mod tests {
     #[test]
     fn walking_stays_level() {
         let looking_down = start().turned(0.0, -1.0);
-        let step = |navigation| Motion::default().advance(&looking_down, &held(DVec3::Z), &handling(navigation), 0.5);
+        let step = |navigation| {
+            Motion::default().advance(&looking_down, &held(DVec3::Z), &handling(navigation), 0.5)
+        };
         assert_eq!(step(Navigation::Walk).eye.y, 0.0);
         assert!(step(Navigation::Fly).eye.y < -0.1);
     }
@@ -226,9 +326,15 @@ mod tests {
 
     #[test]
     fn bounds_hold_the_eye() {
-        let bounds = EyeBounds { centre: DVec3::ZERO, half_size: DVec3::splat(0.25) };
+        let bounds = EyeBounds {
+            centre: DVec3::ZERO,
+            half_size: DVec3::splat(0.25),
+        };
         for navigation in [Navigation::Fly, Navigation::Walk, ORBIT] {
-            let handling = Handling { bounds: Some(bounds), ..handling(navigation) };
+            let handling = Handling {
+                bounds: Some(bounds),
+                ..handling(navigation)
+            };
             let (pose, _) = simulate(&held(dvec3(1.0, 0.3, 1.0)), &handling, 5.0, 30);
             assert!(bounds.contains(pose.eye), "{navigation:?} {}", pose.eye);
             assert_eq!(pose.fov_y_deg, 60.0, "moving does not zoom");

@@ -40,17 +40,36 @@ impl Pose {
     /// As [`Self::looking_at`], where `up` is up (+Y if it has no direction).
     pub fn upright(eye: DVec3, target: DVec3, up: DVec3, fov_y_deg: f64) -> Self {
         let up = up.try_normalize().unwrap_or(DVec3::Y);
-        let forward =
-            (target - eye).try_normalize().map_or(DVec3::NEG_Z, |ahead| world_from_level(up).transpose() * ahead);
-        let yaw_rad = if forward.x == 0.0 && forward.z == 0.0 { 0.0 } else { (-forward.x).atan2(-forward.z) };
-        let pitch_rad = forward.y.clamp(-1.0, 1.0).asin().clamp(-Self::MAX_PITCH_RAD, Self::MAX_PITCH_RAD);
+        let forward = (target - eye)
+            .try_normalize()
+            .map_or(DVec3::NEG_Z, |ahead| {
+                world_from_level(up).transpose() * ahead
+            });
+        let yaw_rad = if forward.x == 0.0 && forward.z == 0.0 {
+            0.0
+        } else {
+            (-forward.x).atan2(-forward.z)
+        };
+        let pitch_rad = forward
+            .y
+            .clamp(-1.0, 1.0)
+            .asin()
+            .clamp(-Self::MAX_PITCH_RAD, Self::MAX_PITCH_RAD);
         // Adding 0 turns -0 into 0, which reads better.
-        Self { eye, yaw_rad: yaw_rad + 0.0, pitch_rad, fov_y_deg: clamp(fov_y_deg, &Self::FOV_Y_DEG), up }
+        Self {
+            eye,
+            yaw_rad: yaw_rad + 0.0,
+            pitch_rad,
+            fov_y_deg: clamp(fov_y_deg, &Self::FOV_Y_DEG),
+            up,
+        }
     }
 
     /// Rotation from eye space to world space; its columns are right, up and back.
     pub fn world_from_eye(&self) -> DMat3 {
-        world_from_level(self.up) * DMat3::from_rotation_y(self.yaw_rad) * DMat3::from_rotation_x(self.pitch_rad)
+        world_from_level(self.up)
+            * DMat3::from_rotation_y(self.yaw_rad)
+            * DMat3::from_rotation_x(self.pitch_rad)
     }
 
     /// Unit vector along the viewing axis.
@@ -70,8 +89,13 @@ impl Pose {
     /// The pose after turning left by `yaw_rad` and up by `pitch_rad`, the tilt limited.
     #[must_use]
     pub fn turned(self, yaw_rad: f64, pitch_rad: f64) -> Self {
-        let pitch_rad = (self.pitch_rad + pitch_rad).clamp(-Self::MAX_PITCH_RAD, Self::MAX_PITCH_RAD);
-        Self { yaw_rad: self.yaw_rad + yaw_rad, pitch_rad, ..self }
+        let pitch_rad =
+            (self.pitch_rad + pitch_rad).clamp(-Self::MAX_PITCH_RAD, Self::MAX_PITCH_RAD);
+        Self {
+            yaw_rad: self.yaw_rad + yaw_rad,
+            pitch_rad,
+            ..self
+        }
     }
 
     /// The pose with the image magnified by `factor` about its middle, the field of view limited.
@@ -79,7 +103,10 @@ impl Pose {
     pub fn zoomed(self, factor: f64) -> Self {
         let half_height = (self.fov_y_deg.to_radians() / 2.0).tan() / factor;
         let fov_y_deg = (2.0 * half_height.atan()).to_degrees();
-        Self { fov_y_deg: clamp(fov_y_deg, &Self::FOV_Y_DEG), ..self }
+        Self {
+            fov_y_deg: clamp(fov_y_deg, &Self::FOV_Y_DEG),
+            ..self
+        }
     }
 }
 
@@ -103,7 +130,11 @@ mod tests {
     #[test]
     fn looking_at_and_forward_are_inverse() {
         let eye = dvec3(1.0, 2.0, 3.0);
-        for target in [dvec3(4.0, 2.5, -1.0), dvec3(-2.0, -3.0, 8.0), dvec3(1.0, 2.0, 10.0)] {
+        for target in [
+            dvec3(4.0, 2.5, -1.0),
+            dvec3(-2.0, -3.0, 8.0),
+            dvec3(1.0, 2.0, 10.0),
+        ] {
             let pose = Pose::looking_at(eye, target, 60.0);
             assert!(pose.forward().distance((target - eye).normalize()) < ROTATION_TOLERANCE);
         }
@@ -119,25 +150,51 @@ mod tests {
     #[test]
     fn the_camera_equals_the_one_made_from_eye_and_look_at() {
         let (eye, target) = (dvec3(0.2, 1.5, -0.4), dvec3(3.0, 0.5, -2.0));
-        let ours = Pose::looking_at(eye, target, 47.0).camera(320, 200).unwrap();
+        let ours = Pose::looking_at(eye, target, 47.0)
+            .camera(320, 200)
+            .unwrap();
         let theirs = Camera::look_at(eye, target, DVec3::Y, 47.0, [320, 200]).unwrap();
         let difference = ours.world_from_eye() - theirs.world_from_eye();
-        assert!(difference.to_cols_array().iter().all(|d| d.abs() < ROTATION_TOLERANCE));
+        assert!(
+            difference
+                .to_cols_array()
+                .iter()
+                .all(|d| d.abs() < ROTATION_TOLERANCE)
+        );
         assert!((ours.focal_px() - theirs.focal_px()).abs() < 1e-9);
     }
 
     #[test]
     fn another_up_is_kept_while_one_turns() {
         let eye = dvec3(0.3, -0.2, 0.9);
-        for up in [DVec3::X, DVec3::NEG_Y, dvec3(1.0, 0.2, -3.0), dvec3(0.0, 0.9, 0.1)] {
+        for up in [
+            DVec3::X,
+            DVec3::NEG_Y,
+            dvec3(1.0, 0.2, -3.0),
+            dvec3(0.0, 0.9, 0.1),
+        ] {
             let target = eye + dvec3(0.4, 0.6, -0.8);
             let pose = Pose::upright(eye, target, up, 50.0);
-            assert!(pose.forward().distance((target - eye).normalize()) < ROTATION_TOLERANCE, "{up}");
-            let theirs = Camera::look_at(eye, target, up, 50.0, [64, 48]).unwrap().world_from_eye();
+            assert!(
+                pose.forward().distance((target - eye).normalize()) < ROTATION_TOLERANCE,
+                "{up}"
+            );
+            let theirs = Camera::look_at(eye, target, up, 50.0, [64, 48])
+                .unwrap()
+                .world_from_eye();
             let difference = pose.world_from_eye() - theirs;
-            assert!(difference.to_cols_array().iter().all(|d| d.abs() < ROTATION_TOLERANCE), "{up} {difference}");
+            assert!(
+                difference
+                    .to_cols_array()
+                    .iter()
+                    .all(|d| d.abs() < ROTATION_TOLERANCE),
+                "{up} {difference}"
+            );
             let right = pose.turned(0.7, -0.2).world_from_eye().x_axis;
-            assert!(right.dot(up).abs() < ROTATION_TOLERANCE, "the horizon stays level: {up}");
+            assert!(
+                right.dot(up).abs() < ROTATION_TOLERANCE,
+                "the horizon stays level: {up}"
+            );
         }
         let none = Pose::upright(eye, eye, DVec3::ZERO, 50.0);
         assert!(none.up == DVec3::Y && none.forward() == DVec3::NEG_Z);

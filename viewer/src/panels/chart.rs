@@ -11,17 +11,23 @@ const THINNEST_POINTS: f32 = 0.2;
 
 /// The chart with its legend.
 pub(crate) fn show(ui: &mut Ui, history: &History) {
-    let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT_POINTS), Sense::hover());
+    let (rect, response) =
+        ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT_POINTS), Sense::hover());
     let names = history.stage_names();
     let highest = history.frames().map(|f| f.render_ms).fold(0.0, f64::max);
-    let axis = Axis { rect: rect.shrink2(vec2(0.0, 1.0)), top_ms: nice_ceiling(highest) };
+    let axis = Axis {
+        rect: rect.shrink2(vec2(0.0, 1.0)),
+        top_ms: nice_ceiling(highest),
+    };
     let painter = ui.painter_at(rect);
     painter.rect_filled(rect, 3.0, theme::BACKDROP);
     axis.paint_lines(&painter);
     axis.paint_columns(&painter, history, &names);
     axis.paint_labels(&painter);
     let tip = "Milliseconds by stage for the last frames, the newest on the right; the lines are labelled in ms.";
-    let hovered = response.hover_pos().and_then(|at| axis.frame_at(at.x, history));
+    let hovered = response
+        .hover_pos()
+        .and_then(|at| axis.frame_at(at.x, history));
     match hovered {
         Some(frame) => response.on_hover_text_at_pointer(describe(frame)),
         None => response.on_hover_text(tip),
@@ -30,10 +36,17 @@ pub(crate) fn show(ui: &mut Ui, history: &History) {
         for (i, name) in names.iter().enumerate() {
             let (swatch, _) = ui.allocate_exact_size(vec2(9.0, 9.0), Sense::hover());
             ui.painter().rect_filled(swatch, 2.0, color(i));
-            let of_stage = |f: &FrameTimes| f.stages.iter().find(|s| s.name == *name).map_or(0.0, |s| s.ms);
+            let of_stage = |f: &FrameTimes| {
+                f.stages
+                    .iter()
+                    .find(|s| s.name == *name)
+                    .map_or(0.0, |s| s.ms)
+            };
             let median = history.median(of_stage).unwrap_or(0.0);
             ui.small(format!("{name} {median:.1}"))
-                .on_hover_text(format!("Median time of the stage \"{name}\" over the chart, in milliseconds."));
+                .on_hover_text(format!(
+                    "Median time of the stage \"{name}\" over the chart, in milliseconds."
+                ));
         }
     });
 }
@@ -58,14 +71,24 @@ impl Axis {
 
     fn paint_lines(&self, painter: &Painter) {
         for ms in self.grid() {
-            painter.hline(self.rect.x_range(), self.y(ms), Stroke::new(1.0, Color32::from_gray(45)));
+            painter.hline(
+                self.rect.x_range(),
+                self.y(ms),
+                Stroke::new(1.0, Color32::from_gray(45)),
+            );
         }
     }
 
     fn paint_labels(&self, painter: &Painter) {
         for ms in self.grid() {
             let at = pos2(self.rect.left() + 3.0, self.y(ms) + 1.0);
-            painter.text(at, Align2::LEFT_TOP, format!("{ms} ms"), FontId::proportional(10.0), theme::LINE);
+            painter.text(
+                at,
+                Align2::LEFT_TOP,
+                format!("{ms} ms"),
+                FontId::proportional(10.0),
+                theme::LINE,
+            );
         }
     }
 
@@ -79,11 +102,17 @@ impl Axis {
                 if bottom - top < THINNEST_POINTS {
                     return;
                 }
-                mesh.add_colored_rect(Rect::from_min_max(pos2(right - width, top), pos2(right, bottom)), color);
+                mesh.add_colored_rect(
+                    Rect::from_min_max(pos2(right - width, top), pos2(right, bottom)),
+                    color,
+                );
             };
             let mut stacked_ms = 0.0;
             for stage in &frame.stages {
-                let index = names.iter().position(|name| *name == stage.name).unwrap_or(0);
+                let index = names
+                    .iter()
+                    .position(|name| *name == stage.name)
+                    .unwrap_or(0);
                 column(stacked_ms, stacked_ms + stage.ms, color(index));
                 stacked_ms += stage.ms;
             }

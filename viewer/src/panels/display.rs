@@ -1,7 +1,7 @@
 //! How the frame is shown: resolution, stereo, comparison.
 
-use crate::window::options::ViewerOptions;
 use crate::input::steering::Sets;
+use crate::window::options::ViewerOptions;
 use crate::window::views::Stereo;
 use egui::{Checkbox, Slider, Ui};
 use std::sync::Arc;
@@ -42,7 +42,10 @@ impl Display {
 /// The controls. `moving_scale` is the resolution in use while moving.
 pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut Sets, moving_scale: f64) {
     let text = if display.lower_resolution && moving_scale < 1.0 {
-        format!("Fewer pixels while moving (now {:.0} %)", moving_scale * 100.0)
+        format!(
+            "Fewer pixels while moving (now {:.0} %)",
+            moving_scale * 100.0
+        )
     } else {
         "Fewer pixels while moving".into()
     };
@@ -79,7 +82,9 @@ pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut Sets, moving_s
     .on_hover_text("Distance between the two eyes in metres (a person's: 0.063 m).");
     let before = display.compare;
     ui.add(Checkbox::new(&mut display.compare, "Compare A with B"))
-        .on_hover_text("Shows two sets of settings left and right of a divider that can be dragged (B).");
+        .on_hover_text(
+            "Shows two sets of settings left and right of a divider that can be dragged (B).",
+        );
     if display.compare && !before {
         // B starts as A: what one then changes is the difference seen.
         (sets.b, sets.edits_b) = (Arc::clone(&sets.a), true);

@@ -1,8 +1,8 @@
 //! The small 3-D drawing of the headbox with the eye in it.
 
-use crate::panels::{strip, theme};
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
+use crate::panels::{strip, theme};
 use egui::{Align2, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
 use glam::{DMat3, DVec3, dvec3};
 
@@ -22,13 +22,30 @@ const FRUSTUM_SHARE: f64 = 0.45;
 ///
 /// None if there is no room for it: insets stay in the right half of a frame, below its strip.
 pub(crate) fn frame(painter: &Painter, rect: Rect, corner: &mut Pos2, title: &str) -> Option<Rect> {
-    if corner.y - SIZE_POINTS < rect.top() + MARGIN_POINTS + strip::HEIGHT_POINTS || rect.width() < 2.0 * SIZE_POINTS {
+    if corner.y - SIZE_POINTS < rect.top() + MARGIN_POINTS + strip::HEIGHT_POINTS
+        || rect.width() < 2.0 * SIZE_POINTS
+    {
         return None;
     }
-    let rect = Rect::from_min_size(*corner - vec2(SIZE_POINTS, SIZE_POINTS), vec2(SIZE_POINTS, SIZE_POINTS));
+    let rect = Rect::from_min_size(
+        *corner - vec2(SIZE_POINTS, SIZE_POINTS),
+        vec2(SIZE_POINTS, SIZE_POINTS),
+    );
     corner.y -= SIZE_POINTS + MARGIN_POINTS;
-    painter.rect(rect, 5.0, theme::INSET, Stroke::new(1.0, theme::FAINT), StrokeKind::Inside);
-    painter.text(rect.min + vec2(7.0, 5.0), Align2::LEFT_TOP, title, FontId::proportional(11.0), theme::INSET_TEXT);
+    painter.rect(
+        rect,
+        5.0,
+        theme::INSET,
+        Stroke::new(1.0, theme::FAINT),
+        StrokeKind::Inside,
+    );
+    painter.text(
+        rect.min + vec2(7.0, 5.0),
+        Align2::LEFT_TOP,
+        title,
+        FontId::proportional(11.0),
+        theme::INSET_TEXT,
+    );
     Some(rect.shrink(6.0))
 }
 
@@ -42,18 +59,34 @@ struct Projection {
 
 impl Projection {
     fn new(rect: Rect, bounds: &EyeBounds, pose: &Pose) -> Self {
-        let seen_from = Pose { pitch_rad: SEEN_FROM_PITCH_RAD, yaw_rad: pose.yaw_rad + SEEN_FROM_YAW_RAD, ..*pose };
+        let seen_from = Pose {
+            pitch_rad: SEEN_FROM_PITCH_RAD,
+            yaw_rad: pose.yaw_rad + SEEN_FROM_YAW_RAD,
+            ..*pose
+        };
         let world_from_page = seen_from.world_from_eye();
-        let points_per_m = f64::from(rect.width()) / 2.0 * FILL / bounds.half_size.length().max(1e-9);
+        let points_per_m =
+            f64::from(rect.width()) / 2.0 * FILL / bounds.half_size.length().max(1e-9);
         let page_from_world = world_from_page.transpose();
-        Self { page_from_world, centre: bounds.centre, middle: rect.center() + vec2(0.0, 6.0), points_per_m }
+        Self {
+            page_from_world,
+            centre: bounds.centre,
+            middle: rect.center() + vec2(0.0, 6.0),
+            points_per_m,
+        }
     }
 
     /// Position on the page, and how near the point is to the viewer (metres, larger is nearer).
     fn point(&self, world: DVec3) -> (Pos2, f64) {
         let p = self.page_from_world * (world - self.centre);
         let points = p * self.points_per_m;
-        (pos2(self.middle.x + points.x as f32, self.middle.y - points.y as f32), p.z)
+        (
+            pos2(
+                self.middle.x + points.x as f32,
+                self.middle.y - points.y as f32,
+            ),
+            p.z,
+        )
     }
 }
 
@@ -80,8 +113,8 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Po
     let ((eye, _), (foot, _)) = (projection.point(pose.eye), projection.point(floor));
     painter.line_segment([eye, foot], Stroke::new(1.0, theme::FAINT));
     painter.circle_filled(foot, 1.5, theme::FAINT);
-    let corners =
-        frustum(pose, aspect, bounds.half_size.length() * FRUSTUM_SHARE).map(|corner| projection.point(corner).0);
+    let corners = frustum(pose, aspect, bounds.half_size.length() * FRUSTUM_SHARE)
+        .map(|corner| projection.point(corner).0);
     let stroke = Stroke::new(1.2, theme::ACCENT);
     for i in 0..4 {
         painter.line_segment([eye, corners[i]], stroke);
@@ -90,7 +123,13 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Po
     painter.circle_filled(eye, 3.5, theme::ACCENT);
     let size = bounds.half_size * 2.0;
     let label = format!("{:.2} x {:.2} x {:.2} m", size.x, size.y, size.z);
-    painter.text(rect.right_bottom(), Align2::RIGHT_BOTTOM, label, FontId::proportional(10.0), theme::INSET_TEXT);
+    painter.text(
+        rect.right_bottom(),
+        Align2::RIGHT_BOTTOM,
+        label,
+        FontId::proportional(10.0),
+        theme::INSET_TEXT,
+    );
 }
 
 /// The four corners of the view at a distance of `length` metres along the diagonal rays.
@@ -104,7 +143,8 @@ fn frustum(pose: &Pose, aspect: f64, length: f64) -> [DVec3; 4] {
 
 /// The twelve edges of the cube from -1 to 1.
 fn edges() -> impl Iterator<Item = (DVec3, DVec3)> {
-    let corner = |i: usize| DVec3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 }));
+    let corner =
+        |i: usize| DVec3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 }));
     (0..8)
         .flat_map(move |i| (0..3).map(move |axis| (i, i | 1 << axis)))
         .filter(|(a, b)| a != b)
@@ -124,13 +164,20 @@ mod tests {
     #[test]
     fn the_box_fits_the_inset_from_every_side() {
         let rect = Rect::from_min_size(pos2(10.0, 20.0), vec2(136.0, 136.0));
-        let bounds = EyeBounds { centre: dvec3(5.0, -3.0, 2.0), half_size: dvec3(0.5, 0.5, 2.0) };
+        let bounds = EyeBounds {
+            centre: dvec3(5.0, -3.0, 2.0),
+            half_size: dvec3(0.5, 0.5, 2.0),
+        };
         for i in 0..64 {
             let up = [DVec3::Y, DVec3::X, dvec3(0.3, -0.2, 0.8)][i as usize % 3];
-            let pose = Pose::upright(DVec3::ZERO, DVec3::NEG_Z, up, 60.0).turned(f64::from(i) * 0.1, 0.0);
+            let pose =
+                Pose::upright(DVec3::ZERO, DVec3::NEG_Z, up, 60.0).turned(f64::from(i) * 0.1, 0.0);
             let projection = Projection::new(rect, &bounds, &pose);
             for (a, _) in edges() {
-                assert!(rect.expand(6.0).contains(projection.point(bounds.centre + bounds.half_size * a).0));
+                assert!(
+                    rect.expand(6.0)
+                        .contains(projection.point(bounds.centre + bounds.half_size * a).0)
+                );
             }
         }
     }
@@ -138,12 +185,25 @@ mod tests {
     #[test]
     fn forward_is_into_the_page_and_up() {
         let rect = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 100.0));
-        let bounds = EyeBounds { centre: DVec3::ZERO, half_size: DVec3::ONE };
+        let bounds = EyeBounds {
+            centre: DVec3::ZERO,
+            half_size: DVec3::ONE,
+        };
         let ups = [DVec3::Y, DVec3::NEG_Y, dvec3(0.8, 0.6, 0.0)];
-        for (up, yaw) in ups.into_iter().flat_map(|up| [0.0, 1.0, 4.0].map(|yaw| (up, yaw))) {
-            let pose = Pose { eye: DVec3::ZERO, yaw_rad: yaw, pitch_rad: 0.0, fov_y_deg: 60.0, up };
+        for (up, yaw) in ups
+            .into_iter()
+            .flat_map(|up| [0.0, 1.0, 4.0].map(|yaw| (up, yaw)))
+        {
+            let pose = Pose {
+                eye: DVec3::ZERO,
+                yaw_rad: yaw,
+                pitch_rad: 0.0,
+                fov_y_deg: 60.0,
+                up,
+            };
             let projection = Projection::new(rect, &bounds, &pose);
-            let ((eye, _), (ahead, nearness)) = (projection.point(pose.eye), projection.point(pose.forward()));
+            let ((eye, _), (ahead, nearness)) =
+                (projection.point(pose.eye), projection.point(pose.forward()));
             assert!(ahead.y < eye.y && nearness < 0.0, "{yaw}");
         }
     }

@@ -11,22 +11,26 @@ const HALVES_POINTS: f32 = 600.0;
 pub(crate) fn show(ctx: &Context, open: &mut bool) {
     // Without the title and the borders.
     let room = ctx.content_rect().size() - vec2(40.0, 90.0);
-    super::dialog(ctx, "Keys", open).resizable(false).show(ctx, |ui| {
-        ScrollArea::vertical().max_height(room.y.max(60.0)).show(ui, |ui| {
-            if room.x >= WIDE_POINTS {
-                ui.horizontal_top(|ui| {
-                    keys(ui);
-                    mouse(ui);
+    super::dialog(ctx, "Keys", open)
+        .resizable(false)
+        .show(ctx, |ui| {
+            ScrollArea::vertical()
+                .max_height(room.y.max(60.0))
+                .show(ui, |ui| {
+                    if room.x >= WIDE_POINTS {
+                        ui.horizontal_top(|ui| {
+                            keys(ui);
+                            mouse(ui);
+                        });
+                    } else if room.x >= HALVES_POINTS {
+                        ui.horizontal_top(keys);
+                        mouse(ui);
+                    } else {
+                        keys(ui);
+                        mouse(ui);
+                    }
                 });
-            } else if room.x >= HALVES_POINTS {
-                ui.horizontal_top(keys);
-                mouse(ui);
-            } else {
-                keys(ui);
-                mouse(ui);
-            }
         });
-    });
 }
 
 /// The keys in two halves.
@@ -42,16 +46,25 @@ fn keys(ui: &mut Ui) {
 }
 
 fn mouse(ui: &mut Ui) {
-    list(ui, BINDINGS.len(), MOUSE_HELP.iter().map(|(what, help)| ((*what).to_owned(), *help)));
+    list(
+        ui,
+        BINDINGS.len(),
+        MOUSE_HELP
+            .iter()
+            .map(|(what, help)| ((*what).to_owned(), *help)),
+    );
 }
 
 fn list(ui: &mut Ui, id: usize, rows: impl Iterator<Item = (String, &'static str)>) {
-    Grid::new(("keys", id)).num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
-        for (keys, help) in rows {
-            ui.strong(keys);
-            ui.label(help);
-            ui.end_row();
-        }
-    });
+    Grid::new(("keys", id))
+        .num_columns(2)
+        .spacing([14.0, 3.0])
+        .show(ui, |ui| {
+            for (keys, help) in rows {
+                ui.strong(keys);
+                ui.label(help);
+                ui.end_row();
+            }
+        });
     ui.add_space(10.0);
 }

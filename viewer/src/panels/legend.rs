@@ -11,10 +11,15 @@ const BORDER_POINTS: f32 = 8.0;
 /// Draws a legend whose left bottom corner is `corner`.
 pub(crate) fn paint(painter: &Painter, corner: Pos2, legend: &[Swatch]) {
     let font = FontId::proportional(12.0);
-    let texts: Vec<_> =
-        legend.iter().map(|line| painter.layout_no_wrap(line.label.clone(), font.clone(), Color32::WHITE)).collect();
+    let texts: Vec<_> = legend
+        .iter()
+        .map(|line| painter.layout_no_wrap(line.label.clone(), font.clone(), Color32::WHITE))
+        .collect();
     let widest = texts.iter().map(|text| text.size().x).fold(0.0, f32::max);
-    let size = vec2(widest + SWATCH_POINTS + 3.0 * BORDER_POINTS, texts.len() as f32 * LINE_POINTS + BORDER_POINTS);
+    let size = vec2(
+        widest + SWATCH_POINTS + 3.0 * BORDER_POINTS,
+        texts.len() as f32 * LINE_POINTS + BORDER_POINTS,
+    );
     let rect = Rect::from_min_size(pos2(corner.x, corner.y - size.y), size);
     painter.rect_filled(rect, 5.0, theme::LEGEND);
     for (i, line) in legend.iter().enumerate() {
@@ -27,6 +32,12 @@ pub(crate) fn paint(painter: &Painter, corner: Pos2, legend: &[Swatch]) {
             Color32::from_rgb(r, g, b),
         );
         let text = pos2(rect.left() + 2.0 * BORDER_POINTS + SWATCH_POINTS, middle);
-        painter.text(text, Align2::LEFT_CENTER, &line.label, font.clone(), Color32::WHITE);
+        painter.text(
+            text,
+            Align2::LEFT_CENTER,
+            &line.label,
+            font.clone(),
+            Color32::WHITE,
+        );
     }
 }

@@ -25,16 +25,28 @@ use egui::{Align2, Button, CollapsingHeader, Context, RichText, Ui, Window};
 /// A window over the frame, at first in the middle of it.
 pub(crate) fn dialog<'a>(ctx: &Context, title: &'a str, open: &'a mut bool) -> Window<'a> {
     let middle = ctx.content_rect().center();
-    Window::new(title).open(open).collapsible(false).pivot(Align2::CENTER_CENTER).default_pos(middle)
+    Window::new(title)
+        .open(open)
+        .collapsible(false)
+        .pivot(Align2::CENTER_CENTER)
+        .default_pos(middle)
 }
 
 /// A part of the side panel that can be folded away.
 pub(crate) fn section(ui: &mut Ui, title: &str, open: bool, contents: impl FnOnce(&mut Ui)) {
-    CollapsingHeader::new(RichText::new(title).strong()).default_open(open).show(ui, contents);
+    CollapsingHeader::new(RichText::new(title).strong())
+        .default_open(open)
+        .show(ui, contents);
 }
 
 /// A button that asks for a command.
-pub(crate) fn button(ui: &mut Ui, text: &str, tooltip: &str, command: Command, commands: &mut Vec<Command>) {
+pub(crate) fn button(
+    ui: &mut Ui,
+    text: &str,
+    tooltip: &str,
+    command: Command,
+    commands: &mut Vec<Command>,
+) {
     enabled_button(ui, true, text, tooltip, command, commands);
 }
 
@@ -47,7 +59,10 @@ pub(crate) fn enabled_button(
     command: Command,
     commands: &mut Vec<Command>,
 ) {
-    let response = ui.add_enabled(enabled, Button::new(text)).on_hover_text(tooltip).on_disabled_hover_text(tooltip);
+    let response = ui
+        .add_enabled(enabled, Button::new(text))
+        .on_hover_text(tooltip)
+        .on_disabled_hover_text(tooltip);
     if response.clicked() {
         commands.push(command);
     }

@@ -1,8 +1,8 @@
 //! A small list of files to open. Drawn by the window itself, so that it also works remotely and without a desktop.
 
-use crate::thread::exchange::Location;
 use crate::input::keymap::Command;
 use crate::playback::recent::Recent;
+use crate::thread::exchange::Location;
 use egui::{Button, Context, Key, Label, RichText, ScrollArea, TextEdit, Ui, vec2};
 use std::path::{Path, PathBuf};
 
@@ -34,7 +34,11 @@ impl OpenList {
     pub(crate) fn toggle(&mut self) {
         self.is_open = !self.is_open;
         if self.is_open {
-            let dir = if self.dir.as_os_str().is_empty() { std::env::current_dir() } else { Ok(self.dir.clone()) };
+            let dir = if self.dir.as_os_str().is_empty() {
+                std::env::current_dir()
+            } else {
+                Ok(self.dir.clone())
+            };
             self.go(dir.unwrap_or_else(|_| PathBuf::from("/")));
         }
     }
@@ -45,7 +49,10 @@ impl OpenList {
 
     fn go(&mut self, dir: PathBuf) {
         let listed = list(&dir, &self.extensions);
-        self.error = listed.as_ref().err().map(|e| format!("Cannot list {}: {e}.", dir.display()));
+        self.error = listed
+            .as_ref()
+            .err()
+            .map(|e| format!("Cannot list {}: {e}.", dir.display()));
         self.contents = listed.unwrap_or_default();
         self.path = dir.display().to_string();
         self.dir = dir;
@@ -78,11 +85,11 @@ fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
         // Links count as what they lead to.
         if entry.path().is_dir() {
             contents.folders.push(name);
-        } else if entry
-            .path()
-            .extension()
-            .is_some_and(|e| extensions.iter().any(|wanted| e.eq_ignore_ascii_case(wanted)))
-        {
+        } else if entry.path().extension().is_some_and(|e| {
+            extensions
+                .iter()
+                .any(|wanted| e.eq_ignore_ascii_case(wanted))
+        }) {
             contents.files.push(name);
         }
     }
@@ -92,49 +99,69 @@ fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
 }
 
 /// The list in a window of its own, while open.
-pub(crate) fn show(ctx: &Context, list: &mut OpenList, recent: &Recent, commands: &mut Vec<Command>) {
+pub(crate) fn show(
+    ctx: &Context,
+    list: &mut OpenList,
+    recent: &Recent,
+    commands: &mut Vec<Command>,
+) {
     let (mut is_open, mut next_dir, mut chosen) = (list.is_open, None, None);
     let room = ctx.content_rect().size() - vec2(40.0, 90.0);
     let size = vec2(420.0, 360.0).min(room).max(vec2(80.0, 60.0));
-    super::dialog(ctx, "Open", &mut is_open).default_size(size).show(ctx, |ui| {
-        ui.horizontal(|ui| {
-            if ui.button("Up").on_hover_text("Goes to the folder above.").clicked() {
-                next_dir = list.dir.parent().map(Path::to_owned);
-            }
-            let field = TextEdit::singleline(&mut list.path).desired_width(f32::INFINITY).hint_text("Path");
-            let field = ui.add(field).on_hover_text("A folder or file; Enter goes there or opens it.");
-            if field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
-                chosen = list.take_path(&list.path.clone());
-            }
+    super::dialog(ctx, "Open", &mut is_open)
+        .default_size(size)
+        .show(ctx, |ui| {
+            ui.horizontal(|ui| {
+                if ui
+                    .button("Up")
+                    .on_hover_text("Goes to the folder above.")
+                    .clicked()
+                {
+                    next_dir = list.dir.parent().map(Path::to_owned);
+                }
+                let field = TextEdit::singleline(&mut list.path)
+                    .desired_width(f32::INFINITY)
+                    .hint_text("Path");
+                let field = ui
+                    .add(field)
+                    .on_hover_text("A folder or file; Enter goes there or opens it.");
+                if field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
+                    chosen = list.take_path(&list.path.clone());
+                }
+            });
+            ui.add(
+                Label::new(
+                    RichText::new(format!("Files of type {}", list.extensions.join(", "))).weak(),
+                )
+                .wrap(),
+            );
+            ui.separator();
+            ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                if let Some(error) = &list.error {
+                    ui.label(error);
+                }
+                for folder in &list.contents.folders {
+                    if row(ui, &format!("{folder}/"), "Opens this folder.") {
+                        next_dir = Some(list.dir.join(folder));
+                    }
+                }
+                for file in &list.contents.files {
+                    if row(ui, file, "Opens this file.") {
+                        chosen = Some(list.dir.join(file));
+                    }
+                }
+                let mut paths = recent.paths().peekable();
+                if paths.peek().is_some() {
+                    ui.separator();
+                    ui.weak("Opened last");
+                }
+                for path in paths {
+                    if row(ui, &path.display().to_string(), "Opens this file again.") {
+                        chosen = Some(path.to_owned());
+                    }
+                }
+            });
         });
-        ui.add(Label::new(RichText::new(format!("Files of type {}", list.extensions.join(", "))).weak()).wrap());
-        ui.separator();
-        ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            if let Some(error) = &list.error {
-                ui.label(error);
-            }
-            for folder in &list.contents.folders {
-                if row(ui, &format!("{folder}/"), "Opens this folder.") {
-                    next_dir = Some(list.dir.join(folder));
-                }
-            }
-            for file in &list.contents.files {
-                if row(ui, file, "Opens this file.") {
-                    chosen = Some(list.dir.join(file));
-                }
-            }
-            let mut paths = recent.paths().peekable();
-            if paths.peek().is_some() {
-                ui.separator();
-                ui.weak("Opened last");
-            }
-            for path in paths {
-                if row(ui, &path.display().to_string(), "Opens this file again.") {
-                    chosen = Some(path.to_owned());
-                }
-            }
-        });
-    });
     list.is_open = is_open && chosen.is_none();
     if let Some(dir) = next_dir {
         list.go(dir);
@@ -144,7 +171,9 @@ pub(crate) fn show(ctx: &Context, list: &mut OpenList, recent: &Recent, commands
 
 /// A row of the list, all of which can be clicked.
 fn row(ui: &mut Ui, text: &str, tooltip: &str) -> bool {
-    let row = Button::selectable(false, text).truncate().min_size(vec2(ui.available_width(), 0.0));
+    let row = Button::selectable(false, text)
+        .truncate()
+        .min_size(vec2(ui.available_width(), 0.0));
     ui.add(row).on_hover_text(tooltip).clicked()
 }
 

@@ -24,37 +24,64 @@ pub(crate) fn show(
     ui.horizontal(|ui| {
         let (text, tip) = match tape.recorded() {
             Some(poses) => (format!("Stop ({poses} poses)"), "Ends the recording (R)."),
-            None => ("Record".into(), "Records the eye's path, 30 poses a second at most (R)."),
+            None => (
+                "Record".into(),
+                "Records the eye's path, 30 poses a second at most (R).",
+            ),
         };
         button(ui, &text, tip, Command::ToggleRecording, commands);
         let (text, tip) = match tape.is_playing() {
             true => ("Stop replay", "Ends the replay (Space)."),
-            false => ("Replay", "Replays the path, at its own speed in seconds or pose by pose (Space)."),
+            false => (
+                "Replay",
+                "Replays the path, at its own speed in seconds or pose by pose (Space).",
+            ),
         };
-        enabled_button(ui, tape.path.is_some(), text, tip, Command::TogglePlayback, commands);
-        ui.add(Checkbox::new(&mut tape.repeat, "Repeat")).on_hover_text("Replays again and again.");
+        enabled_button(
+            ui,
+            tape.path.is_some(),
+            text,
+            tip,
+            Command::TogglePlayback,
+            commands,
+        );
+        ui.add(Checkbox::new(&mut tape.repeat, "Repeat"))
+            .on_hover_text("Replays again and again.");
     });
     ui.horizontal(|ui| {
         ui.selectable_value(&mut tape.mode, ReplayMode::InTime, "In time")
-            .on_hover_text("Replays at the path's own speed, in seconds; frames that are late are left out.");
+            .on_hover_text(
+                "Replays at the path's own speed, in seconds; frames that are late are left out.",
+            );
         ui.selectable_value(&mut tape.mode, ReplayMode::EveryPose, "Every pose")
             .on_hover_text("Shows each pose once, however many milliseconds its frame takes.");
     });
     match (tape.progress(now_s), &tape.path) {
         (Some(share), _) => {
-            ui.add(ProgressBar::new(share as f32).desired_height(6.0)).on_hover_text("Share of the path replayed.");
+            ui.add(ProgressBar::new(share as f32).desired_height(6.0))
+                .on_hover_text("Share of the path replayed.");
         }
         (None, Some(path)) => {
-            ui.weak(format!("{} poses, {:.1} s", path.poses().len(), path.duration_s()))
-                .on_hover_text("The path in hand: number of poses and duration in seconds.");
+            ui.weak(format!(
+                "{} poses, {:.1} s",
+                path.poses().len(),
+                path.duration_s()
+            ))
+            .on_hover_text("The path in hand: number of poses and duration in seconds.");
         }
         (None, None) => {}
     }
     path_files(ui, tape, exporting, commands);
-    ui.weak(format!("Files go to {}", output_dir.display())).on_hover_text("Folder for everything saved here.");
+    ui.weak(format!("Files go to {}", output_dir.display()))
+        .on_hover_text("Folder for everything saved here.");
 }
 
-fn path_files(ui: &mut Ui, tape: &Tape, exporting: Option<[usize; 2]>, commands: &mut Vec<Command>) {
+fn path_files(
+    ui: &mut Ui,
+    tape: &Tape,
+    exporting: Option<[usize; 2]>,
+    commands: &mut Vec<Command>,
+) {
     let has_path = tape.path.is_some();
     ui.horizontal(|ui| {
         let tip = "Writes the path as JSON: times in seconds, cameras in the words of the command line.";
@@ -68,17 +95,24 @@ fn path_files(ui: &mut Ui, tape: &Tape, exporting: Option<[usize; 2]>, commands:
         }
     });
     if let Some([done, total]) = exporting {
-        ui.add(ProgressBar::new(done as f32 / total.max(1) as f32).text(format!("{done} of {total} frames")))
-            .on_hover_text("Frames written.");
+        ui.add(
+            ProgressBar::new(done as f32 / total.max(1) as f32)
+                .text(format!("{done} of {total} frames")),
+        )
+        .on_hover_text("Frames written.");
     }
     let id = ui.scope_id().with("path file");
     let mut file: String = ui.data_mut(|data| data.get_temp(id).unwrap_or_default());
     ui.horizontal(|ui| {
-        let field = TextEdit::singleline(&mut file).hint_text("path.json").desired_width(150.0);
+        let field = TextEdit::singleline(&mut file)
+            .hint_text("path.json")
+            .desired_width(150.0);
         let field = ui.add(field).on_hover_text("A path file (JSON) to load.");
         let enter = field.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
         let tip = "Loads the path file named on the left.";
-        let load = ui.add_enabled(!file.is_empty(), egui::Button::new("Load path")).on_hover_text(tip);
+        let load = ui
+            .add_enabled(!file.is_empty(), egui::Button::new("Load path"))
+            .on_hover_text(tip);
         if load.on_disabled_hover_text(tip).clicked() || (enter && !file.is_empty()) {
             commands.push(Command::LoadPath(PathBuf::from(&file)));
         }

@@ -1,27 +1,43 @@
 //! The source's own settings, drawn from data.
 
 use super::{button, section};
-use crate::thread::exchange::SourceInfo;
 use crate::input::keymap::Command;
-use crate::setting::{Control, Setting, SettingValue, SettingValues};
 use crate::input::steering::Sets;
+use crate::setting::{Control, Setting, SettingValue, SettingValues};
+use crate::thread::exchange::SourceInfo;
 use egui::{Checkbox, ComboBox, Slider, Ui};
 use std::{ops::RangeInclusive, sync::Arc};
 
 /// The controls, under their headings in order of first appearance.
-pub(crate) fn show(ui: &mut Ui, info: &SourceInfo, sets: &mut Sets, compare: bool, commands: &mut Vec<Command>) {
+pub(crate) fn show(
+    ui: &mut Ui,
+    info: &SourceInfo,
+    sets: &mut Sets,
+    compare: bool,
+    commands: &mut Vec<Command>,
+) {
     let settings = &info.settings;
     if compare {
         ui.horizontal(|ui| {
             ui.label("Settings of");
-            ui.selectable_value(&mut sets.edits_b, false, "A").on_hover_text("Change what is left of the divider.");
-            ui.selectable_value(&mut sets.edits_b, true, "B").on_hover_text("Change what is right of the divider.");
-            if ui.button("Swap").on_hover_text("Exchanges the settings of A and B.").clicked() {
+            ui.selectable_value(&mut sets.edits_b, false, "A")
+                .on_hover_text("Change what is left of the divider.");
+            ui.selectable_value(&mut sets.edits_b, true, "B")
+                .on_hover_text("Change what is right of the divider.");
+            if ui
+                .button("Swap")
+                .on_hover_text("Exchanges the settings of A and B.")
+                .clicked()
+            {
                 std::mem::swap(&mut sets.a, &mut sets.b);
             }
         });
     }
-    let values = Arc::make_mut(if compare && sets.edits_b { &mut sets.b } else { &mut sets.a });
+    let values = Arc::make_mut(if compare && sets.edits_b {
+        &mut sets.b
+    } else {
+        &mut sets.a
+    });
     let mut groups: Vec<(&str, bool)> = Vec::new();
     for setting in settings {
         if groups.iter().all(|(group, _)| *group != setting.group) {
@@ -37,7 +53,13 @@ pub(crate) fn show(ui: &mut Ui, info: &SourceInfo, sets: &mut Sets, compare: boo
     }
 }
 
-fn control(ui: &mut Ui, info: &SourceInfo, setting: &Setting, values: &mut SettingValues, commands: &mut Vec<Command>) {
+fn control(
+    ui: &mut Ui,
+    info: &SourceInfo,
+    setting: &Setting,
+    values: &mut SettingValues,
+    commands: &mut Vec<Command>,
+) {
     let (label, tip) = (setting.label.as_str(), setting.tooltip.as_str());
     match (&setting.control, values.get_mut(setting.id)) {
         (Control::Action, _) => button(ui, label, tip, Command::Act(setting.id), commands),
@@ -46,24 +68,49 @@ fn control(ui: &mut Ui, info: &SourceInfo, setting: &Setting, values: &mut Setti
         }
         (Control::Choice { options, .. }, Some(SettingValue::Choice(index))) => {
             let chosen = options.get(*index).map_or("", String::as_str);
-            let list = ComboBox::new(setting.id, label).selected_text(chosen).show_ui(ui, |ui| {
-                for (i, option) in options.iter().enumerate() {
-                    ui.selectable_value(index, i, option).on_hover_text(info.term(option).unwrap_or(tip));
-                }
-            });
+            let list = ComboBox::new(setting.id, label)
+                .selected_text(chosen)
+                .show_ui(ui, |ui| {
+                    for (i, option) in options.iter().enumerate() {
+                        ui.selectable_value(index, i, option)
+                            .on_hover_text(info.term(option).unwrap_or(tip));
+                    }
+                });
             list.response.on_hover_text(tip);
         }
-        (Control::Number { range, step, unit, logarithmic, .. }, Some(SettingValue::Number(value))) => {
-            ui.add(slider(value, range, *step, unit, *logarithmic).text(label)).on_hover_text(tip);
+        (
+            Control::Number {
+                range,
+                step,
+                unit,
+                logarithmic,
+                ..
+            },
+            Some(SettingValue::Number(value)),
+        ) => {
+            ui.add(slider(value, range, *step, unit, *logarithmic).text(label))
+                .on_hover_text(tip);
         }
         // `values` comes from the same settings, so that kinds always agree.
         _ => {}
     }
 }
 
-fn slider<'a>(value: &'a mut f64, range: &RangeInclusive<f64>, step: f64, unit: &str, logarithmic: bool) -> Slider<'a> {
-    let suffix = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-    let slider = Slider::new(value, range.clone()).logarithmic(logarithmic).suffix(suffix);
+fn slider<'a>(
+    value: &'a mut f64,
+    range: &RangeInclusive<f64>,
+    step: f64,
+    unit: &str,
+    logarithmic: bool,
+) -> Slider<'a> {
+    let suffix = if unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {unit}")
+    };
+    let slider = Slider::new(value, range.clone())
+        .logarithmic(logarithmic)
+        .suffix(suffix);
     if step == 1.0 {
         slider.integer()
     } else if step > 0.0 {

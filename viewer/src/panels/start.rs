@@ -1,12 +1,14 @@
 //! The page shown while there is no view.
 
-use crate::panels::theme;
-use crate::thread::exchange::Location;
 use crate::input::keymap::Command;
+use crate::panels::theme;
 use crate::playback::recent::Recent;
-use crate::thread::session::Opening;
 use crate::source::{Entry, Thumbnail};
-use egui::{Align, Button, Color32, Context, Layout, RichText, Sense, TextureHandle, Ui, UiBuilder, vec2};
+use crate::thread::exchange::Location;
+use crate::thread::session::Opening;
+use egui::{
+    Align, Button, Color32, Context, Layout, RichText, Sense, TextureHandle, Ui, UiBuilder, vec2,
+};
 use std::time::Duration;
 
 /// Size of a card's picture, points.
@@ -29,7 +31,10 @@ pub(crate) struct StartPage {
 
 impl StartPage {
     pub(crate) fn new(has_library: bool) -> Self {
-        Self { has_library, cards: Vec::new() }
+        Self {
+            has_library,
+            cards: Vec::new(),
+        }
     }
 
     /// Whether anything can be opened from this window.
@@ -66,7 +71,13 @@ pub(crate) fn show(
     if opening.is_some() || !page.has_library {
         let text = opening.map_or_else(
             || "Opening…".into(),
-            |opening| format!("Opening {}… {} s", opening.what, opening.since.elapsed().as_secs()),
+            |opening| {
+                format!(
+                    "Opening {}… {} s",
+                    opening.what,
+                    opening.since.elapsed().as_secs()
+                )
+            },
         );
         let text = egui::Label::new(RichText::new(text).heading()).wrap();
         ui.centered_and_justified(|ui| ui.add(text));
@@ -79,15 +90,21 @@ pub(crate) fn show(
         ui.label("Choose a scene, open a file, or drop one here.");
         ui.add_space(10.0);
         let tip = "Lists the files of a folder (O).";
-        if ui.add(Button::new("Open a file…")).on_hover_text(tip).clicked() {
+        if ui
+            .add(Button::new("Open a file…"))
+            .on_hover_text(tip)
+            .clicked()
+        {
             commands.push(Command::ShowOpen);
         }
         ui.add_space(14.0);
         egui::ScrollArea::vertical().show(ui, |ui| {
             opened_last(ui, recent, commands);
             let across = CARD_POINTS.x + CARD_GAP_POINTS;
-            let columns = ((ui.available_width() / across) as usize).clamp(1, page.cards.len().max(1));
-            let margin = ((ui.available_width() - across * columns as f32 + CARD_GAP_POINTS) / 2.0).max(0.0);
+            let columns =
+                ((ui.available_width() / across) as usize).clamp(1, page.cards.len().max(1));
+            let margin =
+                ((ui.available_width() - across * columns as f32 + CARD_GAP_POINTS) / 2.0).max(0.0);
             for row in page.cards.chunks(columns) {
                 ui.horizontal_top(|ui| {
                     ui.spacing_mut().item_spacing.x = 0.0;
@@ -112,9 +129,19 @@ fn opened_last(ui: &mut Ui, recent: &Recent, commands: &mut Vec<Command>) {
     ui.strong("Opened last");
     let width = ROW_POINTS.min(ui.available_width() - 16.0).max(0.0);
     for path in recent.paths() {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let row = Button::selectable(false, name).truncate().min_size(vec2(width, 0.0));
-        if ui.add(row).on_hover_text(format!("Opens {}.", path.display())).clicked() {
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let row = Button::selectable(false, name)
+            .truncate()
+            .min_size(vec2(width, 0.0));
+        if ui
+            .add(row)
+            .on_hover_text(format!("Opens {}.", path.display()))
+            .clicked()
+        {
             commands.push(Command::Open(Location::File(path.to_owned())));
         }
     }
@@ -123,24 +150,33 @@ fn opened_last(ui: &mut Ui, recent: &Recent, commands: &mut Vec<Command>) {
 
 /// One offer, all of which can be clicked; true if it was chosen.
 fn card(ui: &mut Ui, entry: &Entry, picture: Option<&TextureHandle>) -> bool {
-    let whole = UiBuilder::new().id_salt(&entry.id).layout(Layout::top_down(Align::Min)).sense(Sense::click());
+    let whole = UiBuilder::new()
+        .id_salt(&entry.id)
+        .layout(Layout::top_down(Align::Min))
+        .sense(Sense::click());
     let card = ui.scope_builder(whole, |ui| {
         ui.set_width(CARD_POINTS.x);
         let (rect, _) = ui.allocate_exact_size(CARD_POINTS, Sense::hover());
         let whole = egui::Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
         ui.painter().rect_filled(rect, 4.0, Color32::from_gray(34));
         if let Some(picture) = picture {
-            ui.painter().image(picture.id(), rect, whole, Color32::WHITE);
+            ui.painter()
+                .image(picture.id(), rect, whole, Color32::WHITE);
         }
         if ui.response().contains_pointer() {
             let stroke = egui::Stroke::new(2.0, theme::ACCENT);
-            ui.painter().rect_stroke(rect, 4.0, stroke, egui::StrokeKind::Outside);
+            ui.painter()
+                .rect_stroke(rect, 4.0, stroke, egui::StrokeKind::Outside);
         }
-        let name = ui.add(Button::new(&entry.name)).on_hover_text(&entry.description);
+        let name = ui
+            .add(Button::new(&entry.name))
+            .on_hover_text(&entry.description);
         ui.add(egui::Label::new(RichText::new(&entry.description).weak()).wrap());
         ui.add_space(14.0);
         name.clicked()
     });
-    let around = card.response.on_hover_text(format!("Opens {}: {}", entry.name, entry.description));
+    let around = card
+        .response
+        .on_hover_text(format!("Opens {}: {}", entry.name, entry.description));
     around.clicked() || card.inner
 }

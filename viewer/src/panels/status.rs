@@ -1,8 +1,8 @@
 //! The line below the frame.
 
-use crate::thread::exchange::Finished;
 use crate::input::pose::Pose;
 use crate::playback::tape::Tape;
+use crate::thread::exchange::Finished;
 use egui::{Align, Layout, Ui};
 
 /// Where the eye is, what is rendered, how fast.

@@ -15,23 +15,47 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, left: f32, ongoing: &Ongoing)
     let strip = Rect::from_min_size(rect.min, vec2(rect.width(), HEIGHT_POINTS));
     let painter = painter.with_clip_rect(strip.intersect(painter.clip_rect()));
     painter.rect_filled(strip, 0.0, theme::STRIP);
-    let done = vec2(strip.width() * ongoing.share.clamp(0.0, 1.0) as f32, BAR_POINTS);
-    painter.rect_filled(Rect::from_min_size(pos2(strip.left(), strip.bottom() - BAR_POINTS), done), 0.0, theme::ACCENT);
+    let done = vec2(
+        strip.width() * ongoing.share.clamp(0.0, 1.0) as f32,
+        BAR_POINTS,
+    );
+    painter.rect_filled(
+        Rect::from_min_size(pos2(strip.left(), strip.bottom() - BAR_POINTS), done),
+        0.0,
+        theme::ACCENT,
+    );
     let at = pos2(left + MARGIN_POINTS, strip.center().y - BAR_POINTS / 2.0);
-    painter.text(at, Align2::LEFT_CENTER, sentence(ongoing), FontId::proportional(12.0), Color32::WHITE);
+    painter.text(
+        at,
+        Align2::LEFT_CENTER,
+        sentence(ongoing),
+        FontId::proportional(12.0),
+        Color32::WHITE,
+    );
 }
 
 /// What is being done, how far it is, how long it will still take.
 pub(crate) fn sentence(ongoing: &Ongoing) -> String {
     // What is not done does not say 100 %.
-    let share = format!("{}: {:.0} %", ongoing.what, (ongoing.share * 100.0).floor().min(99.0));
-    ongoing.left.map_or_else(|| share.clone(), |left| format!("{share}, {} left", duration(left)))
+    let share = format!(
+        "{}: {:.0} %",
+        ongoing.what,
+        (ongoing.share * 100.0).floor().min(99.0)
+    );
+    ongoing.left.map_or_else(
+        || share.clone(),
+        |left| format!("{share}, {} left", duration(left)),
+    )
 }
 
 /// Seconds to 90, then minutes.
 fn duration(left: Duration) -> String {
     let s = left.as_secs_f64();
-    if s < 90.0 { format!("{:.0} s", s.max(1.0)) } else { format!("{:.0} min", s / 60.0) }
+    if s < 90.0 {
+        format!("{:.0} s", s.max(1.0))
+    } else {
+        format!("{:.0} min", s / 60.0)
+    }
 }
 
 #[cfg(test)]
@@ -46,8 +70,17 @@ mod tests {
             left: left_s.map(Duration::from_secs_f64),
         };
         assert_eq!(sentence(&ongoing(0.0, None)), "light: 0 %");
-        assert_eq!(sentence(&ongoing(0.5, Some(12.4))), "light: 50 %, 12 s left");
-        assert_eq!(sentence(&ongoing(0.999, Some(0.01))), "light: 99 %, 1 s left");
-        assert_eq!(sentence(&ongoing(0.1, Some(600.0))), "light: 10 %, 10 min left");
+        assert_eq!(
+            sentence(&ongoing(0.5, Some(12.4))),
+            "light: 50 %, 12 s left"
+        );
+        assert_eq!(
+            sentence(&ongoing(0.999, Some(0.01))),
+            "light: 99 %, 1 s left"
+        );
+        assert_eq!(
+            sentence(&ongoing(0.1, Some(600.0))),
+            "light: 10 %, 10 min left"
+        );
     }
 }

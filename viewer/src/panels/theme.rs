@@ -86,7 +86,11 @@ mod tests {
     fn luminance(color: Color32) -> f64 {
         let linear = |c: u8| {
             let c = f64::from(c) / 255.0;
-            if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+            if c <= 0.04045 {
+                c / 12.92
+            } else {
+                ((c + 0.055) / 1.055).powf(2.4)
+            }
         };
         0.2126 * linear(color.r()) + 0.7152 * linear(color.g()) + 0.0722 * linear(color.b())
     }
@@ -116,7 +120,11 @@ mod tests {
             ("strong", visuals.strong_text_color(), PANEL),
             ("warning", WARNING, PANEL),
             ("accent", ACCENT, PANEL),
-            ("chosen", visuals.selection.stroke.color, visuals.selection.bg_fill),
+            (
+                "chosen",
+                visuals.selection.stroke.color,
+                visuals.selection.bg_fill,
+            ),
             ("strip", Color32::WHITE, STRIP),
             // Insets and legends lie over any frame: over white, their backing is the brightest.
             ("inset", INSET_TEXT, over_white(INSET)),
@@ -133,8 +141,16 @@ mod tests {
             pairs.push((name, widget.text_color(), widget.weak_bg_fill));
             pairs.push((name, widget.text_color(), widget.bg_fill));
         }
-        pairs.push(("field", widgets.inactive.text_color(), visuals.extreme_bg_color));
-        let poor: Vec<_> = pairs.iter().map(|&(name, a, b)| (name, contrast(a, b))).filter(|(_, c)| *c < 4.5).collect();
+        pairs.push((
+            "field",
+            widgets.inactive.text_color(),
+            visuals.extreme_bg_color,
+        ));
+        let poor: Vec<_> = pairs
+            .iter()
+            .map(|&(name, a, b)| (name, contrast(a, b)))
+            .filter(|(_, c)| *c < 4.5)
+            .collect();
         assert!(poor.is_empty(), "{poor:?}");
     }
 

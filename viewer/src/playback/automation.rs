@@ -46,7 +46,12 @@ pub(crate) struct Progress<'a> {
 
 impl Automation {
     pub(crate) fn new(exit: Exit, screenshot: Option<PathBuf>) -> Self {
-        Self { exit, screenshot, stage: Stage::Running, taken: Arc::default() }
+        Self {
+            exit,
+            screenshot,
+            stage: Stage::Running,
+            taken: Arc::default(),
+        }
     }
 
     /// Whether frames must follow each other although nothing changes.
@@ -85,7 +90,11 @@ impl Automation {
             }
             return None;
         }
-        let taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let taken = self
+            .taken
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
         match taken {
             Some(result) => {
                 self.close(ctx);

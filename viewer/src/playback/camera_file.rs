@@ -1,11 +1,11 @@
 //! Poses to and from the camera and path files of [`headbox_scene::camera_path`].
 
-use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
 use crate::input::pose::Pose;
+use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
 use glam::DVec3;
+use headbox_core::file_frame::FileFrame;
 use headbox_scene::camera_path;
 use headbox_scene::camera_path::{CameraRecord, PathRecord};
-use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
 /// Time between poses of a path file that gives no times, seconds.
@@ -29,21 +29,49 @@ pub(crate) fn record(pose: &Pose, frame: &FileFrame) -> CameraRecord {
 
 /// The record of a path whose frames have `size`.
 pub(crate) fn path_record(path: &CameraPath, size: [u32; 2], frame: &FileFrame) -> PathRecord {
-    let timed = |p: &TimedPose| CameraRecord { time_s: Some(p.time_s), ..record(&p.pose, frame) };
-    PathRecord { size: Some(size), poses: path.poses().iter().map(timed).collect() }
+    let timed = |p: &TimedPose| CameraRecord {
+        time_s: Some(p.time_s),
+        ..record(&p.pose, frame)
+    };
+    PathRecord {
+        size: Some(size),
+        poses: path.poses().iter().map(timed).collect(),
+    }
 }
 
 /// Reads a path file. A roll is not kept, for the eye never rolls: all poses have one `up`. Those without times follow each other at 30 a second.
-pub(crate) fn read_path(file: &Path, frame: &FileFrame, up: DVec3) -> Result<CameraPath, CameraFileError> {
+pub(crate) fn read_path(
+    file: &Path,
+    frame: &FileFrame,
+    up: DVec3,
+) -> Result<CameraPath, CameraFileError> {
     let timed = |(index, record): (usize, CameraRecord)| {
         let camera = record.camera(frame);
-        let camera = camera.map_err(|source| camera_path::PathError::Pose { path: file.into(), pose: index, source })?;
-        let pose = Pose::upright(camera.eye(), camera.eye() + camera.forward(), up, record.fov);
-        Ok(TimedPose { time_s: record.time_s.unwrap_or(index as f64 * DEFAULT_INTERVAL_S), pose })
+        let camera = camera.map_err(|source| camera_path::PathError::Pose {
+            path: file.into(),
+            pose: index,
+            source,
+        })?;
+        let pose = Pose::upright(
+            camera.eye(),
+            camera.eye() + camera.forward(),
+            up,
+            record.fov,
+        );
+        Ok(TimedPose {
+            time_s: record.time_s.unwrap_or(index as f64 * DEFAULT_INTERVAL_S),
+            pose,
+        })
     };
-    let poses = camera_path::read_records(file, frame, 1.0 / DEFAULT_INTERVAL_S)?.into_iter().enumerate().map(timed);
+    let poses = camera_path::read_records(file, frame, 1.0 / DEFAULT_INTERVAL_S)?
+        .into_iter()
+        .enumerate()
+        .map(timed);
     let poses = poses.collect::<Result<Vec<_>, camera_path::PathError>>()?;
-    CameraPath::new(poses).map_err(|source| CameraFileError::Times { path: file.into(), source })
+    CameraPath::new(poses).map_err(|source| CameraFileError::Times {
+        path: file.into(),
+        source,
+    })
 }
 
 #[cfg(test)]
@@ -55,7 +83,10 @@ mod tests {
     /// Rounding of a rotation and a change of unit, metres.
     const POSE_TOLERANCE_M: f64 = 1e-12;
 
-    const CENTIMETRES_Z_UP: FileFrame = FileFrame { up: UpAxis::Z, unit_m: 0.01 };
+    const CENTIMETRES_Z_UP: FileFrame = FileFrame {
+        up: UpAxis::Z,
+        unit_m: 0.01,
+    };
 
     fn pose() -> Pose {
         Pose::looking_at(dvec3(1.0, 2.0, 3.0), dvec3(-1.0, 2.5, 0.0), 55.0)
@@ -63,7 +94,10 @@ mod tests {
 
     #[test]
     fn paths_survive_the_file() {
-        let poses = (0..5).map(|i| TimedPose { time_s: f64::from(i), pose: pose().turned(0.1 * f64::from(i), 0.0) });
+        let poses = (0..5).map(|i| TimedPose {
+            time_s: f64::from(i),
+            pose: pose().turned(0.1 * f64::from(i), 0.0),
+        });
         let path = CameraPath::new(poses.collect()).unwrap();
         let file = tempfile::NamedTempFile::new().unwrap();
         serde_json::to_writer(&file, &path_record(&path, [64, 48], &CENTIMETRES_Z_UP)).unwrap();
@@ -74,7 +108,11 @@ mod tests {
             assert!(a.pose.forward().distance(b.pose.forward()) < POSE_TOLERANCE_M);
         }
         let cameras = camera_path::read(file.path(), &CENTIMETRES_Z_UP, 30.0).unwrap();
-        assert_eq!((cameras.len(), cameras[4].width()), (5, 64), "`headbox render --path` reads it too");
+        assert_eq!(
+            (cameras.len(), cameras[4].width()),
+            (5, 64),
+            "`headbox render --path` reads it too"
+        );
     }
 
     #[test]
@@ -85,14 +123,37 @@ mod tests {
             read_path(file.path(), &FileFrame::default(), DVec3::Y)
         };
         let view = r#""eye":[0,0,0],"look_at":[0,0,-1],"up":[0,1,0],"fov":60"#;
-        let bad_fov = format!(r#"{{"size":[4,4],"poses":[{{{view}}},{{{}}}]}}"#, view.replace("60", "0"));
+        let bad_fov = format!(
+            r#"{{"size":[4,4],"poses":[{{{view}}},{{{}}}]}}"#,
+            view.replace("60", "0")
+        );
         let error = read(&bad_fov).unwrap_err();
-        assert!(matches!(error, CameraFileError::File(camera_path::PathError::Pose { pose: 1, .. })), "{error}");
+        assert!(
+            matches!(
+                error,
+                CameraFileError::File(camera_path::PathError::Pose { pose: 1, .. })
+            ),
+            "{error}"
+        );
         let timed = format!(r#"[{{{view},"time_s":1}},{{{view},"time_s":1}}]"#);
-        assert!(matches!(read(&timed).unwrap_err(), CameraFileError::Times { source: PathError::Time(1), .. }));
-        let missing = read_path(Path::new("no/such/file.json"), &FileFrame::default(), DVec3::Y).unwrap_err();
+        assert!(matches!(
+            read(&timed).unwrap_err(),
+            CameraFileError::Times {
+                source: PathError::Time(1),
+                ..
+            }
+        ));
+        let missing = read_path(
+            Path::new("no/such/file.json"),
+            &FileFrame::default(),
+            DVec3::Y,
+        )
+        .unwrap_err();
         assert!(missing.to_string().contains("no/such/file.json"));
         let untimed = read(&format!("[{{{view}}},{{{view}}},{{{view}}}]")).unwrap();
-        assert!((untimed.duration_s() - 2.0 / 30.0).abs() < 1e-12, "without times: 30 a second");
+        assert!(
+            (untimed.duration_s() - 2.0 / 30.0).abs() < 1e-12,
+            "without times: 30 a second"
+        );
     }
 }

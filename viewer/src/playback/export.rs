@@ -10,12 +10,21 @@ use std::path::{Path, PathBuf};
 /// What the system or the encoder said.
 pub(crate) fn write_png(path: &Path, width: usize, pixels: &[[u8; 4]]) -> io::Result<()> {
     let height = pixels.len().checked_div(width).unwrap_or(0);
-    let too_large = |_| io::Error::new(io::ErrorKind::InvalidInput, "the image is too large for a PNG file");
-    let (w, h) = (u32::try_from(width).map_err(too_large)?, u32::try_from(height).map_err(too_large)?);
+    let too_large = |_| {
+        io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "the image is too large for a PNG file",
+        )
+    };
+    let (w, h) = (
+        u32::try_from(width).map_err(too_large)?,
+        u32::try_from(height).map_err(too_large)?,
+    );
     files::write_whole(path, |file| {
         let encoder = image::codecs::png::PngEncoder::new(file);
         let kind = image::ExtendedColorType::Rgba8;
-        image::ImageEncoder::write_image(encoder, bytemuck::cast_slice(pixels), w, h, kind).map_err(io::Error::other)
+        image::ImageEncoder::write_image(encoder, bytemuck::cast_slice(pixels), w, h, kind)
+            .map_err(io::Error::other)
     })
 }
 
@@ -33,7 +42,10 @@ pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Resu
 /// `stem-0001.extension` in `dir`, or the first later number that is not taken.
 pub(crate) fn free_name(dir: &Path, stem: &str, extension: &str) -> PathBuf {
     let name = |number: u32| dir.join(format!("{stem}-{number:04}.{extension}"));
-    (1..u32::MAX).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(u32::MAX))
+    (1..u32::MAX)
+        .map(name)
+        .find(|path| !path.exists())
+        .unwrap_or_else(|| name(u32::MAX))
 }
 
 #[cfg(test)]
@@ -44,18 +56,32 @@ mod tests {
     fn png_files_hold_the_pixels() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("new/frame.png");
-        let pixels = [[1, 2, 3, 255], [4, 5, 6, 255], [7, 8, 9, 255], [10, 11, 12, 255], [0; 4], [255; 4]];
+        let pixels = [
+            [1, 2, 3, 255],
+            [4, 5, 6, 255],
+            [7, 8, 9, 255],
+            [10, 11, 12, 255],
+            [0; 4],
+            [255; 4],
+        ];
         write_png(&path, 3, &pixels).unwrap();
         let back = image::open(&path).unwrap().into_rgba8();
         assert_eq!((back.width(), back.height()), (3, 2));
         assert_eq!(back.into_raw(), bytemuck::cast_slice::<_, u8>(&pixels));
-        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1, "no temporary file stays");
+        assert_eq!(
+            std::fs::read_dir(path.parent().unwrap()).unwrap().count(),
+            1,
+            "no temporary file stays"
+        );
     }
 
     #[test]
     fn a_failed_write_leaves_nothing() {
         let dir = tempfile::tempdir().unwrap();
-        assert!(write_png(&dir.path().join("x.png"), 0, &[]).is_err(), "an image without pixels");
+        assert!(
+            write_png(&dir.path().join("x.png"), 0, &[]).is_err(),
+            "an image without pixels"
+        );
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     }
 

@@ -20,7 +20,9 @@ pub enum PathError {
     #[error("a path needs at least one pose")]
     Empty,
     /// Times do not grow.
-    #[error("pose {0} of the path is not later than the one before it, or its time is not a finite number")]
+    #[error(
+        "pose {0} of the path is not later than the one before it, or its time is not a finite number"
+    )]
     Time(usize),
 }
 
@@ -66,11 +68,24 @@ impl CameraPath {
         if after == 0 {
             return poses[0].pose;
         }
-        let Some(next) = poses.get(after) else { return poses[after - 1].pose };
-        let around = [poses.get(after.wrapping_sub(2)), Some(&poses[after - 1]), Some(next), poses.get(after + 1)];
+        let Some(next) = poses.get(after) else {
+            return poses[after - 1].pose;
+        };
+        let around = [
+            poses.get(after.wrapping_sub(2)),
+            Some(&poses[after - 1]),
+            Some(next),
+            poses.get(after + 1),
+        ];
         let heading = poses[after - 1].pose.yaw_rad;
-        let value = |of: &dyn Fn(&Pose) -> f64| cubic(around.map(|p| p.map(|p| (p.time_s, of(&p.pose)))), time);
-        let eye = DVec3::new(value(&|p| p.eye.x), value(&|p| p.eye.y), value(&|p| p.eye.z));
+        let value = |of: &dyn Fn(&Pose) -> f64| {
+            cubic(around.map(|p| p.map(|p| (p.time_s, of(&p.pose)))), time)
+        };
+        let eye = DVec3::new(
+            value(&|p| p.eye.x),
+            value(&|p| p.eye.y),
+            value(&|p| p.eye.z),
+        );
         Pose {
             eye,
             yaw_rad: value(&|p| heading + short_way(p.yaw_rad - heading)),
@@ -88,7 +103,9 @@ fn short_way(angle_rad: f64) -> f64 {
 
 /// Monotone cubic between the two middle knots (time, value); the outer ones, where there are any, shape the slopes.
 fn cubic(knots: [Option<(f64, f64)>; 4], time: f64) -> f64 {
-    let [before, Some((t0, v0)), Some((t1, v1)), after] = knots else { return f64::NAN };
+    let [before, Some((t0, v0)), Some((t1, v1)), after] = knots else {
+        return f64::NAN;
+    };
     let (span, slope) = (t1 - t0, (v1 - v0) / (t1 - t0));
     let slope_before = before.map(|(t, v)| ((v0 - v) / (t0 - t), t0 - t));
     let slope_after = after.map(|(t, v)| ((v - v1) / (t - t1), t - t1));
@@ -104,7 +121,10 @@ fn cubic(knots: [Option<(f64, f64)>; 4], time: f64) -> f64 {
     let (m0, m1) = (tangent(slope_before) * span, tangent(slope_after) * span);
     let u = (time - t0) / span;
     let (u2, u3) = (u * u, u * u * u);
-    v0 * (2.0 * u3 - 3.0 * u2 + 1.0) + m0 * (u3 - 2.0 * u2 + u) + v1 * (3.0 * u2 - 2.0 * u3) + m1 * (u3 - u2)
+    v0 * (2.0 * u3 - 3.0 * u2 + 1.0)
+        + m0 * (u3 - 2.0 * u2 + u)
+        + v1 * (3.0 * u2 - 2.0 * u3)
+        + m1 * (u3 - u2)
 }
 
 /// Collects a path while the eye moves.
@@ -155,11 +175,20 @@ mod tests {
     const CUBIC_TOLERANCE: f64 = 1e-12;
 
     fn pose(x: f64, yaw_rad: f64) -> Pose {
-        Pose { eye: dvec3(x, 0.0, 0.0), yaw_rad, pitch_rad: 0.0, fov_y_deg: 60.0, up: DVec3::Y }
+        Pose {
+            eye: dvec3(x, 0.0, 0.0),
+            yaw_rad,
+            pitch_rad: 0.0,
+            fov_y_deg: 60.0,
+            up: DVec3::Y,
+        }
     }
 
     fn path(knots: &[(f64, f64, f64)]) -> CameraPath {
-        let poses = knots.iter().map(|&(time_s, x, yaw)| TimedPose { time_s, pose: pose(x, yaw) });
+        let poses = knots.iter().map(|&(time_s, x, yaw)| TimedPose {
+            time_s,
+            pose: pose(x, yaw),
+        });
         CameraPath::new(poses.collect()).unwrap()
     }
 
@@ -178,16 +207,30 @@ mod tests {
 
     #[test]
     fn never_leaves_the_range_of_the_poses_around() {
-        let path = path(&[(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.1, 1.0, 0.0), (3.0, 1.0, 0.0), (3.2, 0.4, 0.0)]);
+        let path = path(&[
+            (0.0, 0.0, 0.0),
+            (1.0, 0.0, 0.0),
+            (1.1, 1.0, 0.0),
+            (3.0, 1.0, 0.0),
+            (3.2, 0.4, 0.0),
+        ]);
         for i in 0..=3200 {
             let x = path.at(f64::from(i) / 1000.0).eye.x;
-            assert!((-CUBIC_TOLERANCE..=1.0 + CUBIC_TOLERANCE).contains(&x), "{i} ms: {x}");
+            assert!(
+                (-CUBIC_TOLERANCE..=1.0 + CUBIC_TOLERANCE).contains(&x),
+                "{i} ms: {x}"
+            );
         }
     }
 
     #[test]
     fn even_motion_stays_even() {
-        let path = path(&[(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (2.5, 2.5, 0.0), (3.0, 3.0, 0.0)]);
+        let path = path(&[
+            (0.0, 0.0, 0.0),
+            (1.0, 1.0, 0.0),
+            (2.5, 2.5, 0.0),
+            (3.0, 3.0, 0.0),
+        ]);
         for i in 0..=30 {
             let t = f64::from(i) / 10.0;
             assert!((path.at(t).eye.x - t).abs() < CUBIC_TOLERANCE, "{t}");
@@ -198,16 +241,28 @@ mod tests {
     fn headings_take_the_short_way() {
         let path = path(&[(0.0, 0.0, 3.1), (1.0, 0.0, -3.1)]);
         let middle = path.at(0.5).yaw_rad;
-        assert!((short_way(middle).abs() - std::f64::consts::PI).abs() < 1e-9, "{middle}");
+        assert!(
+            (short_way(middle).abs() - std::f64::consts::PI).abs() < 1e-9,
+            "{middle}"
+        );
     }
 
     #[test]
     fn bad_times_are_refused() {
-        let at = |time_s| TimedPose { time_s, pose: pose(0.0, 0.0) };
+        let at = |time_s| TimedPose {
+            time_s,
+            pose: pose(0.0, 0.0),
+        };
         assert_eq!(CameraPath::new(vec![]), Err(PathError::Empty));
         assert_eq!(CameraPath::new(vec![at(f64::NAN)]), Err(PathError::Time(0)));
-        assert_eq!(CameraPath::new(vec![at(0.0), at(1.0), at(1.0)]), Err(PathError::Time(2)));
-        assert_eq!(CameraPath::new(vec![at(0.0), at(f64::INFINITY)]), Err(PathError::Time(1)));
+        assert_eq!(
+            CameraPath::new(vec![at(0.0), at(1.0), at(1.0)]),
+            Err(PathError::Time(2))
+        );
+        assert_eq!(
+            CameraPath::new(vec![at(0.0), at(f64::INFINITY)]),
+            Err(PathError::Time(1))
+        );
     }
 
     #[test]
@@ -217,7 +272,11 @@ mod tests {
         for i in 0..300 {
             recorder.record(100.0 + f64::from(i) / 90.0, seen(f64::from(i) / 90.0));
         }
-        assert!(recorder.len() <= 101, "at most 30 poses a second: {}", recorder.len());
+        assert!(
+            recorder.len() <= 101,
+            "at most 30 poses a second: {}",
+            recorder.len()
+        );
         let path = recorder.finish().unwrap();
         for i in 0..320 {
             let t = f64::from(i) / 100.0;

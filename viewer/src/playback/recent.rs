@@ -16,8 +16,12 @@ impl Recent {
 
     /// The list as it was kept; empty if there is none, or something else is in its place.
     pub(crate) fn read(file: Option<PathBuf>) -> Self {
-        let text = file.as_ref().and_then(|file| std::fs::read_to_string(file).ok());
-        let kept: Vec<PathBuf> = text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default();
+        let text = file
+            .as_ref()
+            .and_then(|file| std::fs::read_to_string(file).ok());
+        let kept: Vec<PathBuf> = text
+            .and_then(|text| serde_json::from_str(&text).ok())
+            .unwrap_or_default();
         let mut paths = Vec::new();
         for path in kept.iter().map(|path| canonical(path)) {
             if paths.len() < Self::MOST && !paths.contains(&path) {
@@ -29,7 +33,10 @@ impl Recent {
 
     /// Those that still exist.
     pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
-        self.paths.iter().map(PathBuf::as_path).filter(|path| path.exists())
+        self.paths
+            .iter()
+            .map(PathBuf::as_path)
+            .filter(|path| path.exists())
     }
 
     /// Puts a file first. That the list cannot be kept costs a convenience, nothing else.
@@ -66,8 +73,15 @@ mod tests {
         (0..10).for_each(|i| recent.add(&path(i)));
         recent.add(&path(5));
         std::fs::remove_file(path(9)).unwrap();
-        let found: Vec<_> = Recent::read(Some(kept.clone())).paths().map(Path::to_owned).collect();
-        assert_eq!(found, [5, 8, 7, 6, 4, 3, 2].map(path), "without the one that is gone");
+        let found: Vec<_> = Recent::read(Some(kept.clone()))
+            .paths()
+            .map(Path::to_owned)
+            .collect();
+        assert_eq!(
+            found,
+            [5, 8, 7, 6, 4, 3, 2].map(path),
+            "without the one that is gone"
+        );
         std::fs::write(&kept, "{").unwrap();
         assert_eq!(Recent::read(Some(kept)).paths().count(), 0);
     }

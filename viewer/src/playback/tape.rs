@@ -1,7 +1,7 @@
 //! Recording and replaying a path, as a state machine without clock or window.
 
-use crate::playback::eye_path::{CameraPath, Recorder};
 use crate::input::pose::Pose;
+use crate::playback::eye_path::{CameraPath, Recorder};
 
 /// How a path is replayed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,7 +44,10 @@ pub(crate) enum Replay {
 impl Tape {
     /// Without a path yet.
     pub(crate) fn new(mode: ReplayMode) -> Self {
-        Self { mode, ..Self::default() }
+        Self {
+            mode,
+            ..Self::default()
+        }
     }
 
     /// Whether the eye is being recorded, and the number of poses so far.
@@ -68,7 +71,9 @@ impl Tape {
     pub(crate) fn progress(&self, now_s: f64) -> Option<f64> {
         let path = self.path.as_ref()?;
         Some(match self.playback? {
-            Playback::InTime { started_s } => ((now_s - started_s) / path.duration_s().max(1e-9)).clamp(0.0, 1.0),
+            Playback::InTime { started_s } => {
+                ((now_s - started_s) / path.duration_s().max(1e-9)).clamp(0.0, 1.0)
+            }
             Playback::EveryPose { index } => index as f64 / path.poses().len() as f64,
         })
     }
@@ -110,7 +115,9 @@ impl Tape {
 
     /// The pose to show at `now_s`.
     pub(crate) fn step(&mut self, now_s: f64) -> Replay {
-        let (Some(path), Some(playback)) = (&self.path, self.playback) else { return Replay::Idle };
+        let (Some(path), Some(playback)) = (&self.path, self.playback) else {
+            return Replay::Idle;
+        };
         match playback {
             Playback::InTime { started_s } => {
                 let time_s = now_s - started_s;
@@ -153,10 +160,24 @@ mod tests {
     use glam::DVec3;
 
     fn tape(mode: ReplayMode) -> Tape {
-        let pose =
-            |i: u32| Pose { eye: DVec3::X * f64::from(i), yaw_rad: 0.0, pitch_rad: 0.0, fov_y_deg: 60.0, up: DVec3::Y };
-        let poses = (0..3).map(|i| TimedPose { time_s: f64::from(i), pose: pose(i) }).collect();
-        Tape { path: CameraPath::new(poses).ok(), mode, ..Tape::default() }
+        let pose = |i: u32| Pose {
+            eye: DVec3::X * f64::from(i),
+            yaw_rad: 0.0,
+            pitch_rad: 0.0,
+            fov_y_deg: 60.0,
+            up: DVec3::Y,
+        };
+        let poses = (0..3)
+            .map(|i| TimedPose {
+                time_s: f64::from(i),
+                pose: pose(i),
+            })
+            .collect();
+        Tape {
+            path: CameraPath::new(poses).ok(),
+            mode,
+            ..Tape::default()
+        }
     }
 
     fn x(replay: Replay) -> f64 {
@@ -186,7 +207,11 @@ mod tests {
         for (i, pose) in [0.0, 1.0, 2.0].into_iter().enumerate() {
             assert_eq!(tape.pose_index(), Some(i));
             assert_eq!(x(tape.step(1000.0 * pose)), pose);
-            assert_eq!(x(tape.step(1000.0 * pose + 1.0)), pose, "not before the frame was shown");
+            assert_eq!(
+                x(tape.step(1000.0 * pose + 1.0)),
+                pose,
+                "not before the frame was shown"
+            );
             tape.shown(i);
             tape.shown(i);
         }
@@ -197,7 +222,10 @@ mod tests {
     #[test]
     fn repeating_starts_again() {
         for mode in [ReplayMode::InTime, ReplayMode::EveryPose] {
-            let mut tape = Tape { repeat: true, ..tape(mode) };
+            let mut tape = Tape {
+                repeat: true,
+                ..tape(mode)
+            };
             tape.play(0.0);
             (0..3).for_each(|i| tape.shown(i));
             assert_eq!(x(tape.step(2.5)), 0.0);
@@ -214,7 +242,15 @@ mod tests {
         assert_eq!(tape.path.as_ref().unwrap().poses().len(), 3);
         tape.record();
         let pose = tape.path.as_ref().unwrap().at(1.0);
-        (0..10).for_each(|i| tape.note(f64::from(i), Pose { eye: DVec3::X * f64::from(i), ..pose }));
+        (0..10).for_each(|i| {
+            tape.note(
+                f64::from(i),
+                Pose {
+                    eye: DVec3::X * f64::from(i),
+                    ..pose
+                },
+            )
+        });
         assert!(tape.stop_recording());
         assert_eq!(tape.path.as_ref().unwrap().poses().len(), 10);
         assert!(!Tape::default().play(0.0), "nothing to play");

@@ -14,7 +14,10 @@ fn keys_move_the_eye_and_home_brings_it_back() {
     settle(&mut window);
     let moved = window.state().eye.pose;
     let way = moved.eye - start.eye;
-    assert!(way.normalize().distance(start.forward()) < 1e-6, "W follows the view: {way}");
+    assert!(
+        way.normalize().distance(start.forward()) < 1e-6,
+        "W follows the view: {way}"
+    );
     assert!(way.length() > 0.05, "{way}");
     press(&mut window, Key::Home);
     assert_eq!(window.state().eye.pose, start);
@@ -28,7 +31,10 @@ fn the_edge_of_the_headbox_holds_the_eye() {
     window.run_steps(300);
     let eye = window.state().eye.pose.eye;
     let bounds = window.state().info.as_ref().unwrap().bounds.unwrap();
-    assert!(bounds.contains(eye) && bounds.edge_share(eye) > 0.99, "{eye}");
+    assert!(
+        bounds.contains(eye) && bounds.edge_share(eye) > 0.99,
+        "{eye}"
+    );
 }
 
 #[test]
@@ -42,7 +48,10 @@ fn dragging_looks_around_and_the_wheel_changes_the_field_of_view() {
     window.drop_at(IN_FRAME + vec2(100.0, 0.0));
     window.step();
     let turned = window.state().eye.pose;
-    assert!(turned.yaw_rad < start.yaw_rad, "the head follows the pointer to the right");
+    assert!(
+        turned.yaw_rad < start.yaw_rad,
+        "the head follows the pointer to the right"
+    );
     assert_eq!((turned.eye, turned.pitch_rad), (start.eye, start.pitch_rad));
     window.hover_at(IN_FRAME);
     window.step();
@@ -61,7 +70,8 @@ fn dragging_looks_around_and_the_wheel_changes_the_field_of_view() {
 #[test]
 fn an_orbiting_eye_keeps_looking_at_its_pivot() {
     let mut window = room_with(Kind::Orbit, ViewerOptions::default());
-    let crate::Navigation::Orbit { pivot, .. } = window.state().info.as_ref().unwrap().navigation else {
+    let crate::Navigation::Orbit { pivot, .. } = window.state().info.as_ref().unwrap().navigation
+    else {
         unreachable!()
     };
     let distance = window.state().eye.pose.eye.distance(pivot);
@@ -79,7 +89,9 @@ fn typing_does_not_walk() {
     let mut window = room();
     click(&mut window, "Record");
     let start = window.state().eye.pose;
-    window.get_by(|node| node.role() == egui::accesskit::Role::TextInput).focus();
+    window
+        .get_by(|node| node.role() == egui::accesskit::Role::TextInput)
+        .focus();
     window.run_steps(2);
     assert!(window.ctx.text_edit_focused());
     window.key_down(Key::W);
@@ -97,7 +109,11 @@ fn standing_still_asks_for_no_frames() {
     window.run_steps(50);
     assert_eq!(window.state().jobs_issued, jobs);
     assert!(
-        window.output().viewport_output.values().all(|v| v.repaint_delay > Duration::from_secs(1)),
+        window
+            .output()
+            .viewport_output
+            .values()
+            .all(|v| v.repaint_delay > Duration::from_secs(1)),
         "nor for passes"
     );
 }

@@ -1,28 +1,41 @@
 use super::*;
-use crate::{Exit, ReplayMode};
-use crate::playback::camera_file;
 use crate::input::keymap::Command;
+use crate::playback::camera_file;
+use crate::{Exit, ReplayMode};
 use egui::Key;
-use headbox_scene::camera_path;
 use headbox_core::file_frame::FileFrame;
+use headbox_scene::camera_path;
 use std::path::{Path, PathBuf};
 
 /// Poses that went through JSON and degrees, metres.
 const FILE_TOLERANCE_M: f64 = 1e-9;
 
 fn saving_to(dir: &Path) -> Window {
-    room_with(Kind::Headbox, ViewerOptions { output_dir: dir.into(), ..ViewerOptions::default() })
+    room_with(
+        Kind::Headbox,
+        ViewerOptions {
+            output_dir: dir.into(),
+            ..ViewerOptions::default()
+        },
+    )
 }
 
 /// A path of 5 poses to the right, as a file.
 fn path_file(dir: &Path) -> PathBuf {
     let view = |i: u32| {
         let x = 0.05 * f64::from(i);
-        format!(r#"{{"time_s":{},"eye":[{x},0,0],"look_at":[{x},0,-1],"up":[0,1,0],"fov":60}}"#, 0.1 * f64::from(i))
+        format!(
+            r#"{{"time_s":{},"eye":[{x},0,0],"look_at":[{x},0,-1],"up":[0,1,0],"fov":60}}"#,
+            0.1 * f64::from(i)
+        )
     };
     let views: Vec<_> = (0..5).map(view).collect();
     let file = dir.join("path.json");
-    std::fs::write(&file, format!(r#"{{"size":[320,180],"poses":[{}]}}"#, views.join(","))).unwrap();
+    std::fs::write(
+        &file,
+        format!(r#"{{"size":[320,180],"poses":[{}]}}"#, views.join(",")),
+    )
+    .unwrap();
     file
 }
 
@@ -32,11 +45,21 @@ fn the_frame_is_saved_as_it_is_shown() {
     let mut window = saving_to(dir.path());
     settle(&mut window);
     press(&mut window, Key::P);
-    wait(&mut window, "the file", |viewer| viewer.messages.iter().len() == 1);
-    let saved = image::open(dir.path().join("frame-0001.png")).unwrap().into_rgba8();
+    wait(&mut window, "the file", |viewer| {
+        viewer.messages.iter().len() == 1
+    });
+    let saved = image::open(dir.path().join("frame-0001.png"))
+        .unwrap()
+        .into_rgba8();
     let shown = &window.state().shown.as_ref().unwrap().pictures[0].image;
-    assert_eq!([saved.width() as usize, saved.height() as usize], shown.size);
-    assert_eq!(saved.into_raw(), bytemuck::cast_slice::<_, u8>(&shown.pixels));
+    assert_eq!(
+        [saved.width() as usize, saved.height() as usize],
+        shown.size
+    );
+    assert_eq!(
+        saved.into_raw(),
+        bytemuck::cast_slice::<_, u8>(&shown.pixels)
+    );
 }
 
 #[test]
@@ -45,10 +68,25 @@ fn the_camera_is_saved_in_the_words_of_the_command_line() {
     let mut window = saving_to(dir.path());
     settle(&mut window);
     press(&mut window, Key::K);
-    wait(&mut window, "the file", |viewer| viewer.messages.iter().len() == 1);
-    let cameras = camera_path::read(&dir.path().join("camera-0001.json"), &FileFrame::default(), 30.0).unwrap();
-    assert_eq!([cameras[0].width(), cameras[0].height()], window.state().wish.as_ref().unwrap().size_px);
-    assert!(cameras[0].forward().distance(window.state().eye.pose.forward()) < FILE_TOLERANCE_M);
+    wait(&mut window, "the file", |viewer| {
+        viewer.messages.iter().len() == 1
+    });
+    let cameras = camera_path::read(
+        &dir.path().join("camera-0001.json"),
+        &FileFrame::default(),
+        30.0,
+    )
+    .unwrap();
+    assert_eq!(
+        [cameras[0].width(), cameras[0].height()],
+        window.state().wish.as_ref().unwrap().size_px
+    );
+    assert!(
+        cameras[0]
+            .forward()
+            .distance(window.state().eye.pose.forward())
+            < FILE_TOLERANCE_M
+    );
 }
 
 #[test]
@@ -58,8 +96,14 @@ fn a_file_that_cannot_be_written_is_a_message() {
     std::fs::write(&file, "").unwrap();
     let mut window = saving_to(&file);
     press(&mut window, Key::P);
-    wait(&mut window, "the message", |viewer| viewer.messages.iter().len() == 1);
-    assert!(texts(&window)[0].contains(" cannot be written: "), "{:?}", texts(&window));
+    wait(&mut window, "the message", |viewer| {
+        viewer.messages.iter().len() == 1
+    });
+    assert!(
+        texts(&window)[0].contains(" cannot be written: "),
+        "{:?}",
+        texts(&window)
+    );
 }
 
 #[test]
@@ -78,24 +122,45 @@ fn what_was_recorded_is_replayed_and_saved() {
     press(&mut window, Key::Space);
     window.run_steps(2);
     assert!(window.state().tape.is_playing());
-    wait(&mut window, "the end of the replay", |viewer| viewer.path_ended);
+    wait(&mut window, "the end of the replay", |viewer| {
+        viewer.path_ended
+    });
     assert_eq!(window.state().eye.pose, end);
     click(&mut window, "Record");
     click(&mut window, "Save path");
-    wait(&mut window, "the file", |viewer| viewer.messages.iter().any(|m| m.text.contains("path-0001.json")));
-    let path =
-        camera_file::read_path(&dir.path().join("path-0001.json"), &FileFrame::default(), glam::DVec3::Y).unwrap();
-    assert_eq!(path.poses().len(), window.state().tape.path.as_ref().unwrap().poses().len());
+    wait(&mut window, "the file", |viewer| {
+        viewer
+            .messages
+            .iter()
+            .any(|m| m.text.contains("path-0001.json"))
+    });
+    let path = camera_file::read_path(
+        &dir.path().join("path-0001.json"),
+        &FileFrame::default(),
+        glam::DVec3::Y,
+    )
+    .unwrap();
+    assert_eq!(
+        path.poses().len(),
+        window.state().tape.path.as_ref().unwrap().poses().len()
+    );
 }
 
 #[test]
 fn a_scripted_path_shows_every_pose_and_ends_the_run() {
     let dir = tempfile::tempdir().unwrap();
-    let options = ViewerOptions { replay: ReplayMode::EveryPose, exit: Exit::AfterPath, ..ViewerOptions::default() };
+    let options = ViewerOptions {
+        replay: ReplayMode::EveryPose,
+        exit: Exit::AfterPath,
+        ..ViewerOptions::default()
+    };
     let mut window = room_with(Kind::Headbox, options);
     settle(&mut window);
     // The path begins under our eyes: building a window runs passes that nobody sees.
-    let commands = [Command::LoadPath(path_file(dir.path())), Command::TogglePlayback];
+    let commands = [
+        Command::LoadPath(path_file(dir.path())),
+        Command::TogglePlayback,
+    ];
     window.state_mut().commands.extend(commands);
     let mut shown = Vec::new();
     step_until(&mut window, "the end", |window| {
@@ -114,16 +179,27 @@ fn a_scripted_path_shows_every_pose_and_ends_the_run() {
 fn a_path_is_rendered_to_frames() {
     let dir = tempfile::tempdir().unwrap();
     let path = Some(path_file(dir.path()));
-    let options = ViewerOptions { path, output_dir: dir.path().into(), ..ViewerOptions::default() };
+    let options = ViewerOptions {
+        path,
+        output_dir: dir.path().into(),
+        ..ViewerOptions::default()
+    };
     let mut window = room_with(Kind::Headbox, options);
-    wait(&mut window, "the end of the replay", |viewer| viewer.path_ended);
+    wait(&mut window, "the end of the replay", |viewer| {
+        viewer.path_ended
+    });
     click(&mut window, "Record");
     click(&mut window, "Render path");
-    wait(&mut window, "the frames", |viewer| viewer.exporting.is_none());
+    wait(&mut window, "the frames", |viewer| {
+        viewer.exporting.is_none()
+    });
     let frames = dir.path().join("path-0001.frames");
     assert_eq!(std::fs::read_dir(&frames).unwrap().count(), 5);
     let last = image::open(frames.join("frame-00004.png")).unwrap();
-    assert_eq!([last.width(), last.height()], window.state().wish.as_ref().unwrap().size_px);
+    assert_eq!(
+        [last.width(), last.height()],
+        window.state().wish.as_ref().unwrap().size_px
+    );
 }
 
 #[test]
@@ -131,20 +207,50 @@ fn a_damaged_path_is_a_message() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("bad.json");
     std::fs::write(&file, "[]").unwrap();
-    let window = room_with(Kind::Headbox, ViewerOptions { path: Some(file), ..ViewerOptions::default() });
-    assert!(texts(&window)[0].contains("bad.json"), "{:?}", texts(&window));
+    let window = room_with(
+        Kind::Headbox,
+        ViewerOptions {
+            path: Some(file),
+            ..ViewerOptions::default()
+        },
+    );
+    assert!(
+        texts(&window)[0].contains("bad.json"),
+        "{:?}",
+        texts(&window)
+    );
 }
 
 #[test]
 fn a_path_that_leaves_the_headbox_is_shown_and_said() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("far.json");
-    let pose = |x: f64| format!(r#"{{"eye":[{x},0,0],"look_at":[{x},0,-1],"up":[0,1,0],"fov":60}}"#);
-    std::fs::write(&file, format!("[{},{},{}]", pose(0.0), pose(7.0), pose(1e30))).unwrap();
-    let mut window = room_with(Kind::Headbox, ViewerOptions { path: Some(file), ..ViewerOptions::default() });
-    wait(&mut window, "the end of the replay", |viewer| viewer.path_ended);
-    assert!(texts(&window)[0].starts_with("2 poses of the path are outside"), "{:?}", texts(&window));
+    let pose =
+        |x: f64| format!(r#"{{"eye":[{x},0,0],"look_at":[{x},0,-1],"up":[0,1,0],"fov":60}}"#);
+    std::fs::write(
+        &file,
+        format!("[{},{},{}]", pose(0.0), pose(7.0), pose(1e30)),
+    )
+    .unwrap();
+    let mut window = room_with(
+        Kind::Headbox,
+        ViewerOptions {
+            path: Some(file),
+            ..ViewerOptions::default()
+        },
+    );
+    wait(&mut window, "the end of the replay", |viewer| {
+        viewer.path_ended
+    });
+    assert!(
+        texts(&window)[0].starts_with("2 poses of the path are outside"),
+        "{:?}",
+        texts(&window)
+    );
     settle(&mut window);
     press(&mut window, Key::Home);
-    assert_eq!(window.state().eye.pose, window.state().info.as_ref().unwrap().start_pose);
+    assert_eq!(
+        window.state().eye.pose,
+        window.state().info.as_ref().unwrap().start_pose
+    );
 }

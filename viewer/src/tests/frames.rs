@@ -15,8 +15,19 @@ fn the_frame_on_the_screen_is_the_newest_view_in_window_pixels() {
     let shown = viewer.shown.as_ref().unwrap();
     let wish = viewer.wish.as_ref().unwrap();
     assert_eq!(shown.pictures[0].image.size.map(|s| s as u32), wish.size_px);
-    assert_eq!(shown.job.cameras[0], viewer.eye.pose.camera(wish.size_px[0], wish.size_px[1]).unwrap());
-    assert!(wish.size_px[1] > 1300, "the scale of the display counts: {:?}", wish.size_px);
+    assert_eq!(
+        shown.job.cameras[0],
+        viewer
+            .eye
+            .pose
+            .camera(wish.size_px[0], wish.size_px[1])
+            .unwrap()
+    );
+    assert!(
+        wish.size_px[1] > 1300,
+        "the scale of the display counts: {:?}",
+        wish.size_px
+    );
     let middle = shown.pictures[0].image.pixels[shown.pictures[0].image.pixels.len() / 2];
     assert_eq!(middle.a(), 255);
 }
@@ -34,11 +45,17 @@ fn stereo_shows_two_eyes_side_by_side() {
     assert_eq!(cameras[0].width(), whole[0] / 2);
     let right = cameras[0].world_from_eye().x_axis;
     let apart = (cameras[0].eye() - cameras[1].eye()).dot(right);
-    assert!((apart - window.state().display.separation_m).abs() < 1e-9, "the right eye's view is on the left: {apart}");
+    assert!(
+        (apart - window.state().display.separation_m).abs() < 1e-9,
+        "the right eye's view is on the left: {apart}"
+    );
     press(&mut window, Key::X);
     settle(&mut window);
     let cameras = &window.state().shown.as_ref().unwrap().job.cameras;
-    assert!((cameras[1].eye() - cameras[0].eye()).dot(right) > 0.0, "parallel: the left eye's view is on the left");
+    assert!(
+        (cameras[1].eye() - cameras[0].eye()).dot(right) > 0.0,
+        "parallel: the left eye's view is on the left"
+    );
 }
 
 #[test]
@@ -49,13 +66,25 @@ fn comparing_renders_both_sets_and_edits_one() {
     settle(&mut window);
     let shown = window.state().shown.as_ref().unwrap();
     assert_eq!(shown.pictures.len(), 2);
-    assert_eq!(shown.job.sets.iter().map(|set| set.toggle("lamp")).collect::<Vec<_>>(), [Ok(true), Ok(false)]);
+    assert_eq!(
+        shown
+            .job
+            .sets
+            .iter()
+            .map(|set| set.toggle("lamp"))
+            .collect::<Vec<_>>(),
+        [Ok(true), Ok(false)]
+    );
     assert!(shown.pictures[0].image.pixels != shown.pictures[1].image.pixels);
     let size = shown.pictures[0].image.size;
     let (width, pixels) = window.state().frame_on_screen().unwrap()();
     let [a, b] = [0, 1].map(|i| &shown.pictures[i].image.pixels);
     assert_eq!(width, size[0]);
-    assert_eq!((pixels[0], pixels[width - 1]), (a[0].to_array(), b[width - 1].to_array()), "A left, B right");
+    assert_eq!(
+        (pixels[0], pixels[width - 1]),
+        (a[0].to_array(), b[width - 1].to_array()),
+        "A left, B right"
+    );
 }
 
 #[test]
@@ -74,13 +103,24 @@ fn the_divider_can_be_dragged() {
     window.run_steps(2);
     window.drop_at(middle - egui::vec2(60.0, 0.0));
     window.step();
-    assert!(window.state().display.divider < 0.4, "{}", window.state().display.divider);
-    assert_eq!(window.state().eye.pose, pose, "the head does not turn meanwhile");
+    assert!(
+        window.state().display.divider < 0.4,
+        "{}",
+        window.state().display.divider
+    );
+    assert_eq!(
+        window.state().eye.pose,
+        pose,
+        "the head does not turn meanwhile"
+    );
 }
 
 #[test]
 fn slow_frames_lose_pixels_only_while_moving() {
-    let options = ViewerOptions { settings: vec![("delay".into(), "200".into())], ..ViewerOptions::default() };
+    let options = ViewerOptions {
+        settings: vec![("delay".into(), "200".into())],
+        ..ViewerOptions::default()
+    };
     let mut window = room_with(Kind::Headbox, options);
     window.key_down(Key::W);
     wait(&mut window, "a frame of fewer pixels", |viewer| {
@@ -92,12 +132,18 @@ fn slow_frames_lose_pixels_only_while_moving() {
     let viewer = window.state();
     let shown = viewer.shown.as_ref().unwrap();
     assert_eq!(shown.job.scale, 1.0);
-    assert_eq!(shown.pictures[0].image.size.map(|s| s as u32), viewer.wish.as_ref().unwrap().size_px);
+    assert_eq!(
+        shown.pictures[0].image.size.map(|s| s as u32),
+        viewer.wish.as_ref().unwrap().size_px
+    );
 }
 
 #[test]
 fn a_converging_source_is_asked_again_until_it_is_done() {
-    let options = ViewerOptions { settings: vec![("refine".into(), "on".into())], ..ViewerOptions::default() };
+    let options = ViewerOptions {
+        settings: vec![("refine".into(), "on".into())],
+        ..ViewerOptions::default()
+    };
     let mut window = room_with(Kind::Headbox, options);
     wait(&mut window, "the finished picture", |viewer| {
         let shown = viewer.shown.as_ref().unwrap();
@@ -105,7 +151,11 @@ fn a_converging_source_is_asked_again_until_it_is_done() {
     });
     let round = window.state().shown.as_ref().unwrap().job.round;
     window.run_steps(20);
-    assert_eq!(window.state().shown.as_ref().unwrap().job.round, round, "then it rests");
+    assert_eq!(
+        window.state().shown.as_ref().unwrap().job.round,
+        round,
+        "then it rests"
+    );
 }
 
 #[test]
@@ -114,7 +164,9 @@ fn a_failing_source_leaves_the_last_frame_and_a_message() {
     settle(&mut window);
     let number = window.state().shown.as_ref().unwrap().job.number;
     click(&mut window, "Fail");
-    wait(&mut window, "the message", |viewer| viewer.messages.iter().len() == 1);
+    wait(&mut window, "the message", |viewer| {
+        viewer.messages.iter().len() == 1
+    });
     assert_eq!(texts(&window), ["The room was asked to fail."]);
     // A list takes a pass to find its size.
     window.run_steps(2);
@@ -123,7 +175,10 @@ fn a_failing_source_leaves_the_last_frame_and_a_message() {
     assert!(texts(&window).is_empty());
     click(&mut window, "Fail");
     settle(&mut window);
-    assert!(window.state().shown.as_ref().unwrap().job.number > number, "and it works again");
+    assert!(
+        window.state().shown.as_ref().unwrap().job.number > number,
+        "and it works again"
+    );
 }
 
 #[test]
@@ -141,7 +196,9 @@ fn a_source_that_panics_is_a_message_too() {
         }
     }
     let mut window = open(Some(Box::new(Broken)), ViewerOptions::default());
-    wait(&mut window, "the message", |viewer| viewer.messages.iter().len() == 1);
+    wait(&mut window, "the message", |viewer| {
+        viewer.messages.iter().len() == 1
+    });
     assert!(texts(&window)[0].contains("index out of bounds"));
     window.run_steps(5);
 }
@@ -150,8 +207,13 @@ fn a_source_that_panics_is_a_message_too() {
 fn buttons_of_the_source_act_and_report() {
     let mut window = room();
     click(&mut window, "Recolour");
-    wait(&mut window, "the report", |viewer| viewer.messages.iter().len() == 1);
+    wait(&mut window, "the report", |viewer| {
+        viewer.messages.iter().len() == 1
+    });
     assert_eq!(texts(&window), ["The walls have new colours."]);
     let setting = Setting::action("x", "X", "Unknown.");
-    assert_eq!(CheckerRoom::new(Kind::Walk).act(setting.id), Err("The room cannot do \"x\".".into()));
+    assert_eq!(
+        CheckerRoom::new(Kind::Walk).act(setting.id),
+        Err("The room cannot do \"x\".".into())
+    );
 }

@@ -12,12 +12,11 @@ mod snapshots;
 #[path = "../../examples/checker_room/room.rs"]
 mod room;
 
-
-use crate::window::app::Viewer;
 use crate::playback::automation::Outcome;
-use crate::window::options::ViewerOptions;
-use crate::thread::session::Session;
 use crate::source::{FrameSource, Library};
+use crate::thread::session::Session;
+use crate::window::app::Viewer;
+use crate::window::options::ViewerOptions;
 use egui_kittest::{
     Harness,
     kittest::{NodeT, Queryable},
@@ -53,8 +52,16 @@ fn open_on(
 ) -> Window {
     let (library, can_open) = (options.library.take(), source.is_none());
     let session = Session::start(source, None, library, Arc::new(|| ())).unwrap();
-    let viewer = Viewer::new(session, options, can_open, Arc::new(Mutex::new(Outcome::default())));
-    let harness = Harness::builder().with_size(size).with_step_dt(PASS_S).renderer(painter);
+    let viewer = Viewer::new(
+        session,
+        options,
+        can_open,
+        Arc::new(Mutex::new(Outcome::default())),
+    );
+    let harness = Harness::builder()
+        .with_size(size)
+        .with_step_dt(PASS_S)
+        .renderer(painter);
     let harness = harness.with_context_setup(crate::panels::theme::install);
     harness.build_ui_state(|ui, viewer: &mut Viewer| viewer.pass(ui, None), viewer)
 }
@@ -63,7 +70,9 @@ fn open_on(
 fn room_with(kind: Kind, mut options: ViewerOptions) -> Window {
     options.settings.insert(0, ("block".into(), "8".into()));
     let mut window = open(Some(Box::new(CheckerRoom::new(kind))), options);
-    wait(&mut window, "the first frame", |viewer| viewer.shown.is_some());
+    wait(&mut window, "the first frame", |viewer| {
+        viewer.shown.is_some()
+    });
     window
 }
 
@@ -74,8 +83,16 @@ fn room() -> Window {
 /// A window on the start page.
 fn start_page() -> Window {
     let library: Box<dyn Library> = Box::new(Rooms);
-    let mut window = open(None, ViewerOptions { library: Some(library), ..ViewerOptions::default() });
-    step_until(&mut window, "the entries", |window| window.query_by_label("Checker hall").is_some());
+    let mut window = open(
+        None,
+        ViewerOptions {
+            library: Some(library),
+            ..ViewerOptions::default()
+        },
+    );
+    step_until(&mut window, "the entries", |window| {
+        window.query_by_label("Checker hall").is_some()
+    });
     window
 }
 
@@ -98,7 +115,8 @@ fn settle(window: &mut Window) {
     window.run_steps(2);
     wait(window, "the newest frame at rest", |viewer| {
         let shown = viewer.shown.as_ref();
-        shown.is_some_and(|s| s.job.number == viewer.jobs_issued && !s.job.moving) && !viewer.eye.motion.is_moving()
+        shown.is_some_and(|s| s.job.number == viewer.jobs_issued && !s.job.moving)
+            && !viewer.eye.motion.is_moving()
     });
 }
 
@@ -115,5 +133,10 @@ fn click(window: &mut Window, label: &str) {
 }
 
 fn texts(window: &Window) -> Vec<String> {
-    window.state().messages.iter().map(|message| message.text.clone()).collect()
+    window
+        .state()
+        .messages
+        .iter()
+        .map(|message| message.text.clone())
+        .collect()
 }

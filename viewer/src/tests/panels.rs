@@ -2,8 +2,15 @@ use super::*;
 use egui::{Key, accesskit::Role};
 
 /// Roles of things that can be operated.
-const CONTROLS: [Role; 7] =
-    [Role::Button, Role::CheckBox, Role::ComboBox, Role::RadioButton, Role::Slider, Role::SpinButton, Role::TextInput];
+const CONTROLS: [Role; 7] = [
+    Role::Button,
+    Role::CheckBox,
+    Role::ComboBox,
+    Role::RadioButton,
+    Role::Slider,
+    Role::SpinButton,
+    Role::TextInput,
+];
 
 /// Controls of egui's own windows, whose names say all there is to say.
 const OWN_NAMES: [&str; 1] = ["Close window"];
@@ -11,30 +18,52 @@ const OWN_NAMES: [&str; 1] = ["Close window"];
 /// Labels of controls without a tooltip.
 fn without_tooltip(window: &Window) -> Vec<String> {
     let nodes = window.root().children_recursive();
-    let controls: Vec<_> =
-        nodes.map(|node| node.accesskit_node()).filter(|node| CONTROLS.contains(&node.role())).collect();
+    let controls: Vec<_> = nodes
+        .map(|node| node.accesskit_node())
+        .filter(|node| CONTROLS.contains(&node.role()))
+        .collect();
     // The number beside a slider shares the slider's tooltip.
-    let in_slider = |label: &Option<String>| controls.iter().any(|c| c.role() == Role::Slider && c.label() == *label);
+    let in_slider = |label: &Option<String>| {
+        controls
+            .iter()
+            .any(|c| c.role() == Role::Slider && c.label() == *label)
+    };
     let bare = controls.iter().filter(|node| {
         let label = node.label();
-        let own = label.as_deref().is_some_and(|label| OWN_NAMES.contains(&label));
+        let own = label
+            .as_deref()
+            .is_some_and(|label| OWN_NAMES.contains(&label));
         let part = node.role() == Role::SpinButton && in_slider(&label);
         node.description().is_none_or(|tip| tip.is_empty()) && !own && !part
     });
-    bare.map(|node| format!("{:?} {:?}", node.role(), node.label())).collect()
+    bare.map(|node| format!("{:?} {:?}", node.role(), node.label()))
+        .collect()
 }
 
 #[test]
 fn every_control_has_a_tooltip() {
-    let mut window = room_with(Kind::Walk, ViewerOptions { compare: Some(Vec::new()), ..ViewerOptions::default() });
+    let mut window = room_with(
+        Kind::Walk,
+        ViewerOptions {
+            compare: Some(Vec::new()),
+            ..ViewerOptions::default()
+        },
+    );
     click(&mut window, "Record");
     window.run_steps(20);
     // Section headers fold and unfold; their names say all there is to say.
     let headers = ["View", "Tests", "Statistics", "Camera", "Display", "Record"];
     let bare: Vec<_> = without_tooltip(&window);
-    let bare: Vec<_> = bare.into_iter().filter(|b| !headers.iter().any(|h| b.contains(&format!("{h:?}")))).collect();
+    let bare: Vec<_> = bare
+        .into_iter()
+        .filter(|b| !headers.iter().any(|h| b.contains(&format!("{h:?}"))))
+        .collect();
     assert!(bare.is_empty(), "{bare:#?}");
-    let controls = window.root().children_recursive().filter(|n| CONTROLS.contains(&n.accesskit_node().role())).count();
+    let controls = window
+        .root()
+        .children_recursive()
+        .filter(|n| CONTROLS.contains(&n.accesskit_node().role()))
+        .count();
     assert!(controls > 30, "the panel is there: {controls} controls");
 }
 
@@ -67,7 +96,11 @@ fn panels_can_be_hidden_and_the_frame_takes_their_place() {
 fn the_start_page_opens_scenes() {
     let mut window = start_page();
     window.run_steps(3);
-    assert!(without_tooltip(&window).is_empty(), "{:?}", without_tooltip(&window));
+    assert!(
+        without_tooltip(&window).is_empty(),
+        "{:?}",
+        without_tooltip(&window)
+    );
     click(&mut window, "Checker hall");
     wait(&mut window, "the hall", |viewer| viewer.shown.is_some());
     assert_eq!(window.state().info.as_ref().unwrap().title, "Checker hall");
@@ -97,13 +130,21 @@ fn files_can_be_dropped_and_bad_ones_leave_the_view() {
         path
     });
     let mut window = start_page();
-    window.input_mut().dropped_files.push(Arc::new(Dropped(good)));
+    window
+        .input_mut()
+        .dropped_files
+        .push(Arc::new(Dropped(good)));
     window.step();
     wait(&mut window, "the ball", |viewer| viewer.shown.is_some());
     assert_eq!(window.state().info.as_ref().unwrap().title, "Checker ball");
-    window.input_mut().dropped_files.push(Arc::new(Dropped(bad)));
+    window
+        .input_mut()
+        .dropped_files
+        .push(Arc::new(Dropped(bad)));
     window.step();
-    wait(&mut window, "the message", |viewer| viewer.messages.iter().len() == 1);
+    wait(&mut window, "the message", |viewer| {
+        viewer.messages.iter().len() == 1
+    });
     assert_eq!(texts(&window), ["There is no room named \"nonsense\"."]);
     assert_eq!(window.state().info.as_ref().unwrap().title, "Checker ball");
 }
@@ -114,7 +155,11 @@ fn the_file_list_opens_on_o() {
     press(&mut window, Key::O);
     window.run_steps(3);
     assert!(window.query_by_label("Up").is_some());
-    assert!(without_tooltip(&window).is_empty(), "{:?}", without_tooltip(&window));
+    assert!(
+        without_tooltip(&window).is_empty(),
+        "{:?}",
+        without_tooltip(&window)
+    );
     press(&mut window, Key::Escape);
     window.run_steps(20);
     assert!(window.query_by_label("Up").is_none());
@@ -139,9 +184,16 @@ fn in_a_narrow_window_the_panel_folds_away_and_lies_over_the_frame() {
     assert!(window.query_by_label("Lamp").is_none());
     press(&mut window, Key::F1);
     window.run_steps(4);
-    for words in ["Look down", "Save a picture of the window (PNG)", "Double click"] {
+    for words in [
+        "Look down",
+        "Save a picture of the window (PNG)",
+        "Double click",
+    ] {
         let rect = window.get_by_label(words).rect();
-        assert!(rect.left() >= 0.0 && rect.right() <= 480.0, "{words}: {rect:?}");
+        assert!(
+            rect.left() >= 0.0 && rect.right() <= 480.0,
+            "{words}: {rect:?}"
+        );
     }
 }
 
@@ -156,7 +208,9 @@ fn there_is_a_way_back_to_the_start_page() {
     window.run_steps(3);
     assert!(window.state().info.is_none() && window.query_by_label("Checker hall").is_some());
     click(&mut window, "Checker hall");
-    wait(&mut window, "the hall again", |viewer| viewer.shown.is_some());
+    wait(&mut window, "the hall again", |viewer| {
+        viewer.shown.is_some()
+    });
 }
 
 #[test]
@@ -165,7 +219,10 @@ fn the_path_field_goes_to_folders_and_opens_files() {
     std::fs::write(dir.path().join("ball.room"), "ball").unwrap();
     let mut list = crate::panels::open::OpenList::default();
     assert_eq!(list.take_path(dir.path().to_str().unwrap()), None);
-    assert_eq!(list.take_path("ball.room"), Some(dir.path().join("ball.room")));
+    assert_eq!(
+        list.take_path("ball.room"),
+        Some(dir.path().join("ball.room"))
+    );
     assert_eq!(list.take_path("none.room"), None);
 }
 
@@ -175,7 +232,12 @@ fn click_at(window: &mut Window, at: egui::Pos2) {
         window.hover_at(at);
         window.step();
         let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
-        window.event(egui::Event::PointerButton { pos: at, button, pressed, modifiers });
+        window.event(egui::Event::PointerButton {
+            pos: at,
+            button,
+            pressed,
+            modifiers,
+        });
         window.step();
     }
 }
@@ -186,14 +248,20 @@ fn a_row_is_clicked_anywhere_along_it() {
     window.run_steps(3);
     // Below its name, beside the words.
     let name = window.get_by_label("Checker hall").rect();
-    click_at(&mut window, egui::pos2(name.left() + 180.0, name.bottom() + 12.0));
+    click_at(
+        &mut window,
+        egui::pos2(name.left() + 180.0, name.bottom() + 12.0),
+    );
     wait(&mut window, "the hall", |viewer| viewer.shown.is_some());
     window.run_steps(3);
     // A heading folds at its far end.
     assert!(window.query_by_label("Compare A with B").is_some());
     let heading = window.get_by_label("Display").rect();
     assert!(heading.width() > 200.0, "{heading:?}");
-    click_at(&mut window, egui::pos2(heading.right() - 5.0, heading.center().y));
+    click_at(
+        &mut window,
+        egui::pos2(heading.right() - 5.0, heading.center().y),
+    );
     window.run_steps(30);
     assert!(window.query_by_label("Compare A with B").is_none());
 
@@ -201,10 +269,18 @@ fn a_row_is_clicked_anywhere_along_it() {
     std::fs::write(dir.path().join("ball.room"), "ball").unwrap();
     press(&mut window, Key::O);
     window.run_steps(3);
-    window.state_mut().open_list.take_path(dir.path().to_str().unwrap());
+    window
+        .state_mut()
+        .open_list
+        .take_path(dir.path().to_str().unwrap());
     window.run_steps(3);
     let row = window.get_by_label("ball.room").rect();
     assert!(row.width() > 300.0, "{row:?}");
     click_at(&mut window, egui::pos2(row.right() - 5.0, row.center().y));
-    wait(&mut window, "the ball", |viewer| viewer.info.as_ref().is_some_and(|info| info.title == "Checker ball"));
+    wait(&mut window, "the ball", |viewer| {
+        viewer
+            .info
+            .as_ref()
+            .is_some_and(|info| info.title == "Checker ball")
+    });
 }

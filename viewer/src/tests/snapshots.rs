@@ -2,9 +2,9 @@
 //! anew: look at them then. A picture that differs is left beside the old one as `NAME.new.png`.
 
 use super::{painter::Painter, *};
-use crate::thread::history::FrameTimes;
 use crate::input::keymap::Command;
 use crate::source::Stage;
+use crate::thread::history::FrameTimes;
 use egui::Key;
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -29,25 +29,40 @@ fn painted(source: Option<CheckerRoom>, options: ViewerOptions) -> Painted {
 
 fn of_room(kind: Kind, options: ViewerOptions) -> Painted {
     let mut painted = painted(Some(CheckerRoom::new(kind)), options);
-    wait(&mut painted.window, "the first frame", |viewer| viewer.shown.is_some());
+    wait(&mut painted.window, "the first frame", |viewer| {
+        viewer.shown.is_some()
+    });
     settle(&mut painted.window);
     painted
 }
 
 /// Puts the same times into every window: measured ones differ.
 fn invent_times(viewer: &mut Viewer) {
-    let Some(shown) = &mut viewer.shown else { return };
+    let Some(shown) = &mut viewer.shown else {
+        return;
+    };
     let stages = |frame: usize| {
-        let ms = |name, i: usize| Stage { name, ms: 2.0 + ((frame * (i + 2)) % 7) as f64 * 0.5 };
+        let ms = |name, i: usize| Stage {
+            name,
+            ms: 2.0 + ((frame * (i + 2)) % 7) as f64 * 0.5,
+        };
         vec![ms("cast", 1), ms("shade", 2), ms("wait", 3)]
     };
     shown.render_ms = 12.5;
-    shown.pictures.iter_mut().for_each(|picture| picture.report.stages = stages(0));
+    shown
+        .pictures
+        .iter_mut()
+        .for_each(|picture| picture.report.stages = stages(0));
     viewer.history.clear();
     for i in 0..90 {
         let (stages, shown_s) = (stages(i), i as f64 * 0.02);
         let render_ms = stages.iter().map(|stage| stage.ms).sum::<f64>() + 0.5;
-        viewer.history.push(FrameTimes { shown_s, render_ms, latency_ms: render_ms + 1.0, stages });
+        viewer.history.push(FrameTimes {
+            shown_s,
+            render_ms,
+            latency_ms: render_ms + 1.0,
+            stages,
+        });
     }
 }
 
@@ -58,9 +73,14 @@ impl Painted {
         // Columns are as wide as they were in the pass before.
         self.window.run_steps(4);
         let background = crate::panels::theme::BACKDROP;
-        let picture = self.painter.picture(&self.window.ctx, self.window.output(), background);
+        let picture = self
+            .painter
+            .picture(&self.window.ctx, self.window.output(), background);
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/tests/snapshots");
-        let (known, new) = (folder.join(format!("{name}.png")), folder.join(format!("{name}.new.png")));
+        let (known, new) = (
+            folder.join(format!("{name}.png")),
+            folder.join(format!("{name}.new.png")),
+        );
         if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
             picture.save(&known).unwrap();
             return;
@@ -68,27 +88,48 @@ impl Painted {
         let difference = difference(&picture, &known);
         if difference > PIXELS {
             picture.save(&new).unwrap();
-            panic!("{}: {:.2} % of the pixels differ from {}", new.display(), difference * 100.0, known.display());
+            panic!(
+                "{}: {:.2} % of the pixels differ from {}",
+                new.display(),
+                difference * 100.0,
+                known.display()
+            );
         }
     }
 }
 
 /// Share of the pixels that differ.
 fn difference(picture: &RgbImage, known: &PathBuf) -> f64 {
-    let Ok(known) = image::open(known).map(|known| known.into_rgb8()) else { return 1.0 };
+    let Ok(known) = image::open(known).map(|known| known.into_rgb8()) else {
+        return 1.0;
+    };
     if known.dimensions() != picture.dimensions() {
         return 1.0;
     }
-    let differs = |(a, b): (&image::Rgb<u8>, &image::Rgb<u8>)| (0..3).any(|i| a.0[i].abs_diff(b.0[i]) > LEVELS);
-    let count = picture.pixels().zip(known.pixels()).filter(|pair| differs(*pair)).count();
+    let differs = |(a, b): (&image::Rgb<u8>, &image::Rgb<u8>)| {
+        (0..3).any(|i| a.0[i].abs_diff(b.0[i]) > LEVELS)
+    };
+    let count = picture
+        .pixels()
+        .zip(known.pixels())
+        .filter(|pair| differs(*pair))
+        .count();
     count as f64 / f64::from(picture.width() * picture.height())
 }
 
 #[test]
 fn start_page() {
     let library: Box<dyn Library> = Box::new(Rooms);
-    let mut page = painted(None, ViewerOptions { library: Some(library), ..ViewerOptions::default() });
-    wait(&mut page.window, "the thumbnails", |viewer| viewer.start_page.is_pictured());
+    let mut page = painted(
+        None,
+        ViewerOptions {
+            library: Some(library),
+            ..ViewerOptions::default()
+        },
+    );
+    wait(&mut page.window, "the thumbnails", |viewer| {
+        viewer.start_page.is_pictured()
+    });
     page.compare("start_page");
 }
 
@@ -100,21 +141,41 @@ fn panels_and_headbox() {
 #[test]
 fn comparison_in_stereo() {
     let compare = Some(vec![("lamp".into(), "off".into())]);
-    let options = ViewerOptions { compare, stereo: crate::Stereo::CrossEyed, ..ViewerOptions::default() };
+    let options = ViewerOptions {
+        compare,
+        stereo: crate::Stereo::CrossEyed,
+        ..ViewerOptions::default()
+    };
     of_room(Kind::Headbox, options).compare("compare_stereo");
 }
 
 #[test]
 fn plan_fact_and_legend() {
     let settings = vec![("overlay".into(), "face".into())];
-    of_room(Kind::Walk, ViewerOptions { settings, ..ViewerOptions::default() }).compare("walk");
+    of_room(
+        Kind::Walk,
+        ViewerOptions {
+            settings,
+            ..ViewerOptions::default()
+        },
+    )
+    .compare("walk");
 }
 
 #[test]
 fn keys_and_messages() {
-    let mut room = of_room(Kind::Orbit, ViewerOptions { panels: false, ..ViewerOptions::default() });
+    let mut room = of_room(
+        Kind::Orbit,
+        ViewerOptions {
+            panels: false,
+            ..ViewerOptions::default()
+        },
+    );
     press(&mut room.window, Key::F1);
-    room.window.state_mut().commands.extend([Command::TogglePlayback, Command::LoadPath("no/such/path.json".into())]);
+    room.window.state_mut().commands.extend([
+        Command::TogglePlayback,
+        Command::LoadPath("no/such/path.json".into()),
+    ]);
     // A list takes a few passes to find its size and to fade in.
     room.window.run_steps(30);
     room.compare("keys_messages");
@@ -123,14 +184,26 @@ fn keys_and_messages() {
 #[test]
 fn a_window_of_next_to_no_size_is_laid_out() {
     let mut room = of_room(Kind::Headbox, ViewerOptions::default());
-    for size in [[1.0, 1.0], [40.0, 30.0], [320.0, 20.0], [20.0, 400.0], [900.0, 680.0]] {
+    for size in [
+        [1.0, 1.0],
+        [40.0, 30.0],
+        [320.0, 20.0],
+        [20.0, 400.0],
+        [900.0, 680.0],
+    ] {
         room.window.set_size(size.into());
         settle(&mut room.window);
         let [width, height] = room.window.state().wish.as_ref().unwrap().size_px;
-        assert!(width >= 1 && height >= 1 && width <= 900 && height <= 680, "{width}x{height} px");
+        assert!(
+            width >= 1 && height >= 1 && width <= 900 && height <= 680,
+            "{width}x{height} px"
+        );
     }
     // The panel keeps the width that it last had room for.
-    assert!(room.window.state().wish.as_ref().unwrap().size_px[0] > 500, "the frame has its place again");
+    assert!(
+        room.window.state().wish.as_ref().unwrap().size_px[0] > 500,
+        "the frame has its place again"
+    );
 }
 
 /// 480 points are enough for the frame with its inset, and for the panel over it.

@@ -1,11 +1,11 @@
 //! What the window and its render thread say to each other.
 
 use crate::input::bounds::EyeBounds;
-use crate::playback::eye_path::CameraPath;
 use crate::input::pose::Pose;
+use crate::playback::eye_path::CameraPath;
 use crate::setting::{Setting, SettingValues};
-use crate::thread::slot::{Inbox, Slot};
 use crate::source::{Entry, FrameReport, FrameSource, Navigation, RoomMap, Thumbnail};
+use crate::thread::slot::{Inbox, Slot};
 use egui::{Color32, ColorImage};
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
@@ -101,7 +101,10 @@ pub(crate) struct SourceInfo {
 impl SourceInfo {
     /// The sentence behind a term.
     pub(crate) fn term(&self, name: &str) -> Option<&'static str> {
-        self.terms.iter().find(|(term, _)| *term == name).map(|(_, sentence)| *sentence)
+        self.terms
+            .iter()
+            .find(|(term, _)| *term == name)
+            .map(|(_, sentence)| *sentence)
     }
 
     pub(crate) fn of(source: &dyn FrameSource, id: u64) -> Self {
@@ -134,7 +137,10 @@ pub(crate) enum Event {
     /// Something was done.
     Done(String),
     /// What the start page offers, and the extensions of files that can be opened.
-    Offers { entries: Vec<Entry>, extensions: Vec<String> },
+    Offers {
+        entries: Vec<Entry>,
+        extensions: Vec<String>,
+    },
     /// The picture of an entry.
     Thumbnail { id: String, thumbnail: Thumbnail },
     /// Frames written by the running export, `None` when it has ended.
@@ -152,7 +158,11 @@ pub(crate) struct Shared {
 impl Shared {
     /// A pixel buffer of `len` pixels, a used one if there is one.
     pub(crate) fn buffer(&self, len: usize) -> Vec<Color32> {
-        let used = self.pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let used = self
+            .pool
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .pop();
         let mut buffer = used.unwrap_or_default();
         buffer.resize(len, Color32::TRANSPARENT);
         buffer
@@ -160,7 +170,9 @@ impl Shared {
 
     /// Gives the buffers of pictures that nobody else holds back to the renderer.
     pub(crate) fn recycle(&self, pictures: impl IntoIterator<Item = Picture>) {
-        let buffers = pictures.into_iter().filter_map(|picture| Arc::into_inner(picture.image));
+        let buffers = pictures
+            .into_iter()
+            .filter_map(|picture| Arc::into_inner(picture.image));
         let mut pool = self.pool.lock().unwrap_or_else(PoisonError::into_inner);
         pool.extend(buffers.map(|image| image.pixels));
         pool.truncate(Self::MAX_POOLED);

@@ -43,16 +43,31 @@ impl History {
     }
 
     /// The frames, oldest first.
-    pub(crate) fn frames(&self) -> impl DoubleEndedIterator<Item = &FrameTimes> + ExactSizeIterator {
+    pub(crate) fn frames(
+        &self,
+    ) -> impl DoubleEndedIterator<Item = &FrameTimes> + ExactSizeIterator {
         self.frames.iter()
     }
 
     /// Frames per second shown over the last second before the newest frame, or 0 if too few.
     pub(crate) fn shown_per_s(&self) -> f64 {
-        let Some(newest) = self.frames.back() else { return 0.0 };
-        let recent = || self.frames.iter().filter(|f| newest.shown_s - f.shown_s <= Self::RATE_WINDOW_S);
-        let (count, first) = (recent().count(), recent().next().map_or(newest.shown_s, |f| f.shown_s));
-        if newest.shown_s > first { (count - 1) as f64 / (newest.shown_s - first) } else { 0.0 }
+        let Some(newest) = self.frames.back() else {
+            return 0.0;
+        };
+        let recent = || {
+            self.frames
+                .iter()
+                .filter(|f| newest.shown_s - f.shown_s <= Self::RATE_WINDOW_S)
+        };
+        let (count, first) = (
+            recent().count(),
+            recent().next().map_or(newest.shown_s, |f| f.shown_s),
+        );
+        if newest.shown_s > first {
+            (count - 1) as f64 / (newest.shown_s - first)
+        } else {
+            0.0
+        }
     }
 
     /// Names of the stages, in the order of their first appearance.
@@ -88,7 +103,11 @@ pub(crate) fn nice_ceiling(value: f64) -> f64 {
         return 1.0;
     }
     let power = 10_f64.powf(value.log10().floor());
-    [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|top| *top >= value).unwrap_or(10.0 * power)
+    [1.0, 2.0, 5.0, 10.0]
+        .map(|m| m * power)
+        .into_iter()
+        .find(|top| *top >= value)
+        .unwrap_or(10.0 * power)
 }
 
 #[cfg(test)]
@@ -96,7 +115,11 @@ mod tests {
     use super::*;
 
     fn frame(shown_s: f64, render_ms: f64) -> FrameTimes {
-        FrameTimes { shown_s, render_ms, ..FrameTimes::default() }
+        FrameTimes {
+            shown_s,
+            render_ms,
+            ..FrameTimes::default()
+        }
     }
 
     #[test]
@@ -123,17 +146,55 @@ mod tests {
 
     #[test]
     fn stages_add_by_name() {
-        let mut sum = vec![Stage { name: "warp", ms: 1.0 }];
-        add_stages(&mut sum, &[Stage { name: "splat", ms: 2.0 }, Stage { name: "warp", ms: 3.0 }]);
-        assert_eq!(sum, [Stage { name: "warp", ms: 4.0 }, Stage { name: "splat", ms: 2.0 }]);
+        let mut sum = vec![Stage {
+            name: "warp",
+            ms: 1.0,
+        }];
+        add_stages(
+            &mut sum,
+            &[
+                Stage {
+                    name: "splat",
+                    ms: 2.0,
+                },
+                Stage {
+                    name: "warp",
+                    ms: 3.0,
+                },
+            ],
+        );
+        assert_eq!(
+            sum,
+            [
+                Stage {
+                    name: "warp",
+                    ms: 4.0
+                },
+                Stage {
+                    name: "splat",
+                    ms: 2.0
+                }
+            ]
+        );
         let mut history = History::default();
-        history.push(FrameTimes { stages: sum, ..FrameTimes::default() });
+        history.push(FrameTimes {
+            stages: sum,
+            ..FrameTimes::default()
+        });
         assert_eq!(history.stage_names(), ["warp", "splat"]);
     }
 
     #[test]
     fn axes_end_on_round_numbers() {
-        for (value, top) in [(0.7, 1.0), (1.0, 1.0), (1.1, 2.0), (3.0, 5.0), (7.0, 10.0), (16.7, 20.0), (0.0, 1.0)] {
+        for (value, top) in [
+            (0.7, 1.0),
+            (1.0, 1.0),
+            (1.1, 2.0),
+            (3.0, 5.0),
+            (7.0, 10.0),
+            (16.7, 20.0),
+            (0.0, 1.0),
+        ] {
             assert_eq!(nice_ceiling(value), top, "{value}");
         }
         assert_eq!(median([3.0, 1.0]), Some(2.0));

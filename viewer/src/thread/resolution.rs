@@ -29,7 +29,9 @@ impl ResolutionPolicy {
 
     /// Learns that a frame at `scale` took `ms`, and chooses the next step for frames of at most `target_ms`.
     pub(crate) fn observe(&mut self, scale: f64, ms: f64, target_ms: f64) {
-        let Some(step) = SCALES.iter().position(|s| *s == scale) else { return };
+        let Some(step) = SCALES.iter().position(|s| *s == scale) else {
+            return;
+        };
         let mean = self.mean_ms.entry(step).or_insert(ms);
         *mean += (ms - *mean) * NEWEST_WEIGHT;
         if step == self.step {
@@ -44,8 +46,12 @@ impl ResolutionPolicy {
 
     fn choose(&self, target_ms: f64) -> usize {
         let step = self.step;
-        let Some(&now) = self.mean_ms.get(&step) else { return step };
-        let above = step.checked_sub(1).and_then(|above| Some((above, *self.mean_ms.get(&above)?)));
+        let Some(&now) = self.mean_ms.get(&step) else {
+            return step;
+        };
+        let above = step
+            .checked_sub(1)
+            .and_then(|above| Some((above, *self.mean_ms.get(&above)?)));
         if let Some((above, above_ms)) = above
             && now > above_ms * (1.0 - MIN_SAVING)
         {
@@ -53,8 +59,15 @@ impl ResolutionPolicy {
         }
         if now > target_ms {
             let below = step + 1;
-            let helps = self.mean_ms.get(&below).is_none_or(|&ms| ms <= now * (1.0 - MIN_SAVING));
-            return if below < SCALES.len() && helps { below } else { step };
+            let helps = self
+                .mean_ms
+                .get(&below)
+                .is_none_or(|&ms| ms <= now * (1.0 - MIN_SAVING));
+            return if below < SCALES.len() && helps {
+                below
+            } else {
+                step
+            };
         }
         let predicted = |above: usize| now * (SCALES[above] / SCALES[step]).powi(2);
         match step.checked_sub(1) {
@@ -87,8 +100,18 @@ mod tests {
     #[test]
     fn slow_frames_shrink_until_they_fit() {
         // 40 ms at full size: 3/4 gives 22.5, 1/2 gives 10.
-        assert_eq!(settle(&mut ResolutionPolicy::default(), 50, |scale| 40.0 * scale * scale), 0.5);
-        assert_eq!(settle(&mut ResolutionPolicy::default(), 50, |scale| 4000.0 * scale * scale), 0.25);
+        assert_eq!(
+            settle(&mut ResolutionPolicy::default(), 50, |scale| 40.0
+                * scale
+                * scale),
+            0.5
+        );
+        assert_eq!(
+            settle(&mut ResolutionPolicy::default(), 50, |scale| 4000.0
+                * scale
+                * scale),
+            0.25
+        );
     }
 
     #[test]

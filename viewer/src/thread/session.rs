@@ -3,8 +3,8 @@
 //! The window asks for the newest view and shows the latest finished frame; neither side waits for the other. Everything
 //! slow (opening, rendering, writing path frames, thumbnails) happens on the thread.
 
-use crate::thread::exchange::{Event, Finished, Job, Order, Picture, Shared, Wake};
 use crate::source::{Coming, FrameSource, Library};
+use crate::thread::exchange::{Event, Finished, Job, Order, Picture, Shared, Wake};
 use crate::thread::worker::Worker;
 use egui::TextureHandle;
 use std::{
@@ -21,7 +21,10 @@ pub(crate) struct Opening {
 
 impl Opening {
     pub(crate) fn begin(what: String) -> Self {
-        Self { what, since: Instant::now() }
+        Self {
+            what,
+            since: Instant::now(),
+        }
     }
 }
 
@@ -44,9 +47,24 @@ impl Session {
     ) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let (sender, events) = mpsc::channel();
-        let worker = Worker::new(Arc::clone(&shared), sender.clone(), Arc::clone(&wake), source, coming, library);
-        let thread = Builder::new().name("render".into()).spawn(move || worker.run())?;
-        Ok(Self { shared, sender, events, wake, threads: vec![thread] })
+        let worker = Worker::new(
+            Arc::clone(&shared),
+            sender.clone(),
+            Arc::clone(&wake),
+            source,
+            coming,
+            library,
+        );
+        let thread = Builder::new()
+            .name("render".into())
+            .spawn(move || worker.run())?;
+        Ok(Self {
+            shared,
+            sender,
+            events,
+            wake,
+            threads: vec![thread],
+        })
     }
 
     /// Asks for a view in place of any that was not begun.
@@ -75,7 +93,10 @@ impl Session {
     }
 
     /// Does something slow (writing a file) on a thread of its own and tells the outcome as a message.
-    pub(crate) fn in_background(&mut self, work: impl FnOnce() -> Result<String, String> + Send + 'static) {
+    pub(crate) fn in_background(
+        &mut self,
+        work: impl FnOnce() -> Result<String, String> + Send + 'static,
+    ) {
         self.threads.retain(|thread| !thread.is_finished());
         let (sender, wake) = (self.sender.clone(), Arc::clone(&self.wake));
         let spawned = Builder::new().name("file".into()).spawn(move || {
@@ -87,7 +108,9 @@ impl Session {
             Ok(thread) => self.threads.push(thread),
             Err(error) => {
                 // The receiver is ours, so this cannot fail.
-                let _ = self.sender.send(Event::Error(format!("Cannot start a thread: {error}.")));
+                let _ = self
+                    .sender
+                    .send(Event::Error(format!("Cannot start a thread: {error}.")));
             }
         }
     }

@@ -63,8 +63,15 @@ pub(crate) enum Next<Order, Job> {
 
 impl<Order, Job> Default for Inbox<Order, Job> {
     fn default() -> Self {
-        let state = InboxState { orders: VecDeque::new(), job: None, closed: false };
-        Self { state: Mutex::new(state), changed: Condvar::new() }
+        let state = InboxState {
+            orders: VecDeque::new(),
+            job: None,
+            closed: false,
+        };
+        Self {
+            state: Mutex::new(state),
+            changed: Condvar::new(),
+        }
     }
 }
 
@@ -108,7 +115,10 @@ impl<Order, Job> Inbox<Order, Job> {
             let left = match wait {
                 Wait::No => return Next::Nothing,
                 Wait::Forever => {
-                    state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+                    state = self
+                        .changed
+                        .wait(state)
+                        .unwrap_or_else(PoisonError::into_inner);
                     continue;
                 }
                 Wait::Until(due) => due.saturating_duration_since(Instant::now()),
@@ -116,7 +126,11 @@ impl<Order, Job> Inbox<Order, Job> {
             if left.is_zero() {
                 return Next::Nothing;
             }
-            state = self.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
+            state = self
+                .changed
+                .wait_timeout(state, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
     }
 }
@@ -157,9 +171,18 @@ mod tests {
     #[test]
     fn waiting_ends() {
         let inbox = Inbox::<(), ()>::default();
-        assert_eq!(inbox.next(Wait::Until(Instant::now() + std::time::Duration::from_millis(2))), Next::Nothing);
+        assert_eq!(
+            inbox.next(Wait::Until(
+                Instant::now() + std::time::Duration::from_millis(2)
+            )),
+            Next::Nothing
+        );
         inbox.put_job(());
-        assert_eq!(inbox.next(Wait::Until(Instant::now())), Next::Job(()), "what is there needs no time");
+        assert_eq!(
+            inbox.next(Wait::Until(Instant::now())),
+            Next::Job(()),
+            "what is there needs no time"
+        );
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! The loop of the render thread.
 
-use crate::thread::exchange::{Event, ExportOrder, Finished, Job, Location, Order, Picture, Shared, SourceInfo, Wake};
 use crate::playback::export;
 use crate::setting::SettingValues;
-use crate::thread::slot::{Next, Wait};
 use crate::source::{Coming, Entry, FrameRequest, FrameSource, Library, Refinement};
+use crate::thread::exchange::{
+    Event, ExportOrder, Finished, Job, Location, Order, Picture, Shared, SourceInfo, Wake,
+};
+use crate::thread::slot::{Next, Wait};
 use egui::ColorImage;
 use headbox_core::camera::Camera;
 use std::{
@@ -47,7 +49,18 @@ impl Worker {
         library: Option<Box<dyn Library>>,
     ) -> Self {
         let (unpictured, again, export) = (Vec::new(), None, None);
-        Self { shared, events, wake, source, coming, source_id: 0, library, unpictured, again, export }
+        Self {
+            shared,
+            events,
+            wake,
+            source,
+            coming,
+            source_id: 0,
+            library,
+            unpictured,
+            again,
+            export,
+        }
     }
 
     /// Works until the window closes the inbox. The newest view goes first, then exports, refinement and thumbnails.
@@ -58,7 +71,10 @@ impl Worker {
         if let Some(library) = &self.library {
             let (entries, extensions) = (library.entries(), library.extensions());
             self.unpictured = entries.iter().rev().cloned().collect();
-            self.tell(Event::Offers { entries, extensions });
+            self.tell(Event::Offers {
+                entries,
+                extensions,
+            });
         }
         if let Some(coming) = self.coming.take() {
             self.await_source(&coming);
@@ -85,7 +101,10 @@ impl Worker {
             match coming.source.recv_timeout(LOOK) {
                 Err(mpsc::RecvTimeoutError::Timeout) => {}
                 Err(mpsc::RecvTimeoutError::Disconnected) => {
-                    return self.tell(Event::OpenFailed(format!("{} could not be opened.", coming.name)));
+                    return self.tell(Event::OpenFailed(format!(
+                        "{} could not be opened.",
+                        coming.name
+                    )));
                 }
                 Ok(Ok(source)) => return self.install(source),
                 Ok(Err(error)) => return self.tell(Event::OpenFailed(error)),
@@ -147,7 +166,10 @@ impl Worker {
     }
 
     fn open(&mut self, location: &Location) -> Result<Box<dyn FrameSource>, String> {
-        let library = self.library.as_mut().ok_or("This window shows one view only and opens no other.")?;
+        let library = self
+            .library
+            .as_mut()
+            .ok_or("This window shows one view only and opens no other.")?;
         let opened = match location {
             Location::Entry(id) => guarded(|| library.open_entry(id)),
             Location::File(path) => guarded(|| library.open_file(path)),
@@ -166,7 +188,9 @@ impl Worker {
         if job.source_id != self.source_id {
             return;
         }
-        let Some(source) = &mut self.source else { return };
+        let Some(source) = &mut self.source else {
+            return;
+        };
         let started = Instant::now();
         let mut pictures = Vec::with_capacity(job.cameras.len() * job.sets.len());
         for camera in &job.cameras {
@@ -179,8 +203,15 @@ impl Worker {
             }
         }
         let render_ms = started.elapsed().as_secs_f64() * 1e3;
-        let due = pictures.iter().filter_map(|p| due(p.report.refinement)).min();
-        if let Some(unseen) = self.shared.finished.put(Finished { job: job.clone(), pictures, render_ms }) {
+        let due = pictures
+            .iter()
+            .filter_map(|p| due(p.report.refinement))
+            .min();
+        if let Some(unseen) = self.shared.finished.put(Finished {
+            job: job.clone(),
+            pictures,
+            render_ms,
+        }) {
             self.shared.recycle(unseen.pictures);
         }
         (self.wake)();
@@ -199,7 +230,10 @@ impl Worker {
         let total = export.order.path.poses().len();
         let event = match export_frame(&mut **source, &self.shared, export) {
             Ok(()) if export.next < total => Event::Exported(Some([export.next, total])),
-            Ok(()) => Event::Done(format!("{total} frames are in {}.", export.order.dir.display())),
+            Ok(()) => Event::Done(format!(
+                "{total} frames are in {}.",
+                export.order.dir.display()
+            )),
             Err(Failure::Error(error)) => Event::Error(error),
             Err(Failure::Panic(panic)) => return self.lose(panic),
         };
@@ -216,9 +250,14 @@ impl Worker {
     }
 
     fn thumbnail_step(&mut self) {
-        let (Some(library), Some(entry)) = (&mut self.library, self.unpictured.pop()) else { return };
+        let (Some(library), Some(entry)) = (&mut self.library, self.unpictured.pop()) else {
+            return;
+        };
         match guarded(|| library.thumbnail(&entry)) {
-            Ok(Some(thumbnail)) => self.tell(Event::Thumbnail { id: entry.id, thumbnail }),
+            Ok(Some(thumbnail)) => self.tell(Event::Thumbnail {
+                id: entry.id,
+                thumbnail,
+            }),
             Ok(None) => {}
             Err(panic) => self.tell(Event::Error(panic)),
         }
@@ -249,17 +288,30 @@ fn render_picture(
 ) -> Result<Picture, Failure> {
     let size = [camera.width() as usize, camera.height() as usize];
     let mut pixels = shared.buffer(size[0] * size[1]);
-    let request = FrameRequest { camera, settings: Arc::clone(settings), moving };
+    let request = FrameRequest {
+        camera,
+        settings: Arc::clone(settings),
+        moving,
+    };
     let report = guarded(|| source.render(&request, bytemuck::cast_slice_mut(&mut pixels)));
     let report = report.map_err(Failure::Panic)?.map_err(Failure::Error)?;
-    Ok(Picture { image: Arc::new(ColorImage::new(size, pixels)), report })
+    Ok(Picture {
+        image: Arc::new(ColorImage::new(size, pixels)),
+        report,
+    })
 }
 
 /// Renders and writes the next pose of an export; a source that converges is asked until it is done.
-fn export_frame(source: &mut dyn FrameSource, shared: &Shared, export: &mut Export) -> Result<(), Failure> {
+fn export_frame(
+    source: &mut dyn FrameSource,
+    shared: &Shared,
+    export: &mut Export,
+) -> Result<(), Failure> {
     let order = &export.order;
     let pose = order.path.poses()[export.next].pose;
-    let camera = pose.camera(order.size[0], order.size[1]).map_err(|e| Failure::Error(e.to_string()))?;
+    let camera = pose
+        .camera(order.size[0], order.size[1])
+        .map_err(|e| Failure::Error(e.to_string()))?;
     let mut picture = render_picture(source, shared, camera, &order.settings, false)?;
     for _ in 1..MAX_EXPORT_ROUNDS {
         if picture.report.refinement != Refinement::Next {
@@ -269,7 +321,11 @@ fn export_frame(source: &mut dyn FrameSource, shared: &Shared, export: &mut Expo
         picture = render_picture(source, shared, camera, &order.settings, false)?;
     }
     let path = order.dir.join(format!("frame-{:05}.png", export.next));
-    let written = export::write_png(&path, picture.image.width(), bytemuck::cast_slice(&picture.image.pixels));
+    let written = export::write_png(
+        &path,
+        picture.image.width(),
+        bytemuck::cast_slice(&picture.image.pixels),
+    );
     shared.recycle([picture]);
     export.next += 1;
     written.map_err(|e| Failure::Error(format!("{} cannot be written: {e}.", path.display())))
@@ -289,5 +345,6 @@ fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
 
 fn panic_text(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no details")
+    text.or_else(|| panic.downcast_ref::<&str>().copied())
+        .unwrap_or("no details")
 }

@@ -1,26 +1,26 @@
 //! The window's state and its course through one pass: news, keys, panels, the frame.
 
-use crate::playback::automation::{Automation, Outcome, Progress};
-use crate::playback::camera_file;
-use crate::thread::exchange::{Event, Finished, SourceInfo};
-use crate::thread::history::{FrameTimes, History, add_stages};
 use crate::input::keymap;
 use crate::input::keymap::Command;
-use crate::window::messages::{Kind, Messages};
 use crate::input::motion::Motion;
-use crate::window::options::ViewerOptions;
+use crate::input::pose::Pose;
+use crate::input::steering::{Eye, Sets};
 use crate::panels;
 use crate::panels::display::Display;
 use crate::panels::open::OpenList;
 use crate::panels::start::StartPage;
-use crate::input::pose::Pose;
+use crate::playback::automation::{Automation, Outcome, Progress};
+use crate::playback::camera_file;
 use crate::playback::recent::Recent;
-use crate::thread::resolution::ResolutionPolicy;
-use crate::thread::session::{Opening, Session};
+use crate::playback::tape::Tape;
 use crate::setting::SettingValues;
 use crate::source::Refinement;
-use crate::input::steering::{Eye, Sets};
-use crate::playback::tape::Tape;
+use crate::thread::exchange::{Event, Finished, SourceInfo};
+use crate::thread::history::{FrameTimes, History, add_stages};
+use crate::thread::resolution::ResolutionPolicy;
+use crate::thread::session::{Opening, Session};
+use crate::window::messages::{Kind, Messages};
+use crate::window::options::ViewerOptions;
 use crate::window::views::Stereo;
 use egui::{CentralPanel, Context, Frame, TextureHandle, Ui, ViewportCommand};
 use headbox_core::statistics::median;
@@ -105,10 +105,21 @@ struct Clock {
 const PASSES_KEPT: usize = 256;
 
 impl Viewer {
-    pub(crate) fn new(session: Session, options: ViewerOptions, can_open: bool, outcome: Arc<Mutex<Outcome>>) -> Self {
+    pub(crate) fn new(
+        session: Session,
+        options: ViewerOptions,
+        can_open: bool,
+        outcome: Arc<Mutex<Outcome>>,
+    ) -> Self {
         let display = Display::new(options.stereo, options.moving_limit_ms);
         let pose = Pose::looking_at(glam::DVec3::ZERO, glam::DVec3::NEG_Z, 60.0);
-        let eye = Eye { pose, motion: Motion::default(), speed_m_per_s: 1.0, grab_scene: false, moved_s: f64::MIN };
+        let eye = Eye {
+            pose,
+            motion: Motion::default(),
+            speed_m_per_s: 1.0,
+            grab_scene: false,
+            moved_s: f64::MIN,
+        };
         Self {
             session,
             info: None,
@@ -165,13 +176,21 @@ impl Viewer {
             self.commands.extend(ui.input(keymap::commands));
         }
         let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
-        self.commands.extend(dropped.map(|path| Command::Open(crate::thread::exchange::Location::File(path))));
+        self.commands.extend(
+            dropped.map(|path| Command::Open(crate::thread::exchange::Location::File(path))),
+        );
         self.panels(ui, now_s);
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             if self.info.is_some() {
                 self.look(ui, now_s);
             } else {
-                panels::start::show(ui, &mut self.start_page, self.opening.as_ref(), &self.recent, &mut self.commands);
+                panels::start::show(
+                    ui,
+                    &mut self.start_page,
+                    self.opening.as_ref(),
+                    &self.recent,
+                    &mut self.commands,
+                );
             }
         });
         panels::messages::show(&ctx, &mut self.messages);
@@ -200,11 +219,16 @@ impl Viewer {
             }
             Event::Error(error) => self.messages.add(Kind::Error, error, now_s),
             Event::Done(text) => self.messages.add(Kind::Done, text, now_s),
-            Event::Offers { entries, extensions } => {
+            Event::Offers {
+                entries,
+                extensions,
+            } => {
                 self.start_page.set_entries(entries);
                 self.open_list.set_extensions(extensions);
             }
-            Event::Thumbnail { id, thumbnail } => self.start_page.set_thumbnail(ctx, &id, &thumbnail),
+            Event::Thumbnail { id, thumbnail } => {
+                self.start_page.set_thumbnail(ctx, &id, &thumbnail)
+            }
             Event::Exported(progress) => self.exporting = progress,
         }
     }
@@ -212,14 +236,19 @@ impl Viewer {
     fn opened(&mut self, ctx: &Context, info: SourceInfo, now_s: f64) {
         ctx.send_viewport_cmd(ViewportCommand::Title(format!("{} - headbox", info.title)));
         let mut values = SettingValues::initial(&info.settings);
-        let set = |values: &mut SettingValues, texts: Vec<(String, String)>, messages: &mut Messages| {
-            for (id, text) in texts {
-                if let Err(error) = values.set_text(&info.settings, &id, &text) {
-                    messages.add(Kind::Error, error, now_s);
+        let set =
+            |values: &mut SettingValues, texts: Vec<(String, String)>, messages: &mut Messages| {
+                for (id, text) in texts {
+                    if let Err(error) = values.set_text(&info.settings, &id, &text) {
+                        messages.add(Kind::Error, error, now_s);
+                    }
                 }
-            }
-        };
-        set(&mut values, std::mem::take(&mut self.options.settings), &mut self.messages);
+            };
+        set(
+            &mut values,
+            std::mem::take(&mut self.options.settings),
+            &mut self.messages,
+        );
         let a = Arc::new(values);
         let b = self.options.compare.take().map(|texts| {
             let mut values = (*a).clone();
@@ -227,7 +256,11 @@ impl Viewer {
             Arc::new(values)
         });
         self.display.compare = b.is_some();
-        self.sets = Sets { b: b.unwrap_or_else(|| Arc::clone(&a)), a, edits_b: false };
+        self.sets = Sets {
+            b: b.unwrap_or_else(|| Arc::clone(&a)),
+            a,
+            edits_b: false,
+        };
         self.eye.pose = self.options.pose.take().unwrap_or(info.start_pose);
         self.eye.motion.stop();
         self.eye.speed_m_per_s = info.speed_m_per_s;
@@ -251,7 +284,9 @@ impl Viewer {
 
     /// Replays the path that the window was started with.
     fn replay_given_path(&mut self, now_s: f64) {
-        let (Some(file), Some(info)) = (self.options.path.take(), &self.info) else { return };
+        let (Some(file), Some(info)) = (self.options.path.take(), &self.info) else {
+            return;
+        };
         match camera_file::read_path(&file, &info.file_frame, info.start_pose.up) {
             Ok(path) => {
                 self.take_path(path, now_s);
@@ -263,10 +298,20 @@ impl Viewer {
 
     /// Takes over a finished frame: its pictures become textures, its times go into the history.
     fn show_frame(&mut self, ctx: &Context, finished: Finished, now_s: f64) {
-        let Some(info) = self.info.as_ref().filter(|info| info.id == finished.job.source_id) else { return };
+        let Some(info) = self
+            .info
+            .as_ref()
+            .filter(|info| info.id == finished.job.source_id)
+        else {
+            return;
+        };
         // Pixel for pixel at rest; smooth where fewer pixels are stretched over the window.
         let exact = finished.job.scale == 1.0;
-        let filter = if exact { egui::TextureOptions::NEAREST } else { egui::TextureOptions::LINEAR };
+        let filter = if exact {
+            egui::TextureOptions::NEAREST
+        } else {
+            egui::TextureOptions::LINEAR
+        };
         for (i, picture) in finished.pictures.iter().enumerate() {
             match self.textures.get_mut(i) {
                 // Of the same size, it is written over: a new texture would first have to be made.
@@ -276,19 +321,32 @@ impl Viewer {
                 Some(texture) => texture.set(Arc::clone(&picture.image), filter),
                 None => {
                     let name = format!("{} {i}", info.title);
-                    self.textures.push(ctx.load_texture(name, Arc::clone(&picture.image), filter));
+                    self.textures
+                        .push(ctx.load_texture(name, Arc::clone(&picture.image), filter));
                 }
             }
         }
         let mut stages = Vec::new();
-        finished.pictures.iter().for_each(|p| add_stages(&mut stages, &p.report.stages));
+        finished
+            .pictures
+            .iter()
+            .for_each(|p| add_stages(&mut stages, &p.report.stages));
         if finished.job.moving {
-            self.policy.observe(finished.job.scale, finished.render_ms, self.display.target_ms);
+            self.policy.observe(
+                finished.job.scale,
+                finished.render_ms,
+                self.display.target_ms,
+            );
         }
         if finished.job.round == 0 {
             let latency_ms = finished.job.issued.elapsed().as_secs_f64() * 1e3;
             let render_ms = finished.render_ms;
-            self.history.push(FrameTimes { shown_s: now_s, render_ms, latency_ms, stages });
+            self.history.push(FrameTimes {
+                shown_s: now_s,
+                render_ms,
+                latency_ms,
+                stages,
+            });
         }
         if let Some(index) = finished.job.replayed {
             self.tape.shown(index);
@@ -323,20 +381,44 @@ impl Viewer {
                 ctx.request_repaint();
             }
             // `shown` was painted in an earlier pass if a frame was counted before this one.
-            if first_image && outcome.summary.first_image_s.is_none() && outcome.summary.frames_shown > 0 {
+            if first_image
+                && outcome.summary.first_image_s.is_none()
+                && outcome.summary.frames_shown > 0
+            {
                 outcome.summary.first_image_s = Some(self.options.started.elapsed().as_secs_f64());
             }
             outcome.summary.frames_shown = self.clock.frames_shown;
         }
-        let settled = self.shown.as_ref().is_some_and(|s| s.job.number == self.jobs_issued && !s.job.moving);
-        let error = self.messages.iter().find(|m| m.kind == Kind::Error).map(|m| m.text.as_str());
+        let settled = self
+            .shown
+            .as_ref()
+            .is_some_and(|s| s.job.number == self.jobs_issued && !s.job.moving);
+        let error = self
+            .messages
+            .iter()
+            .find(|m| m.kind == Kind::Error)
+            .map(|m| m.text.as_str());
         let path_done = self.path_ended && settled && !self.tape.is_playing();
-        let done = |shown: &Finished| shown.pictures.iter().all(|p| p.report.refinement == Refinement::Done);
+        let done = |shown: &Finished| {
+            shown
+                .pictures
+                .iter()
+                .all(|p| p.report.refinement == Refinement::Done)
+        };
         let refined = settled && self.shown.as_ref().is_some_and(done);
         let thumbnails_done = self.start_page.is_pictured();
-        let progress = Progress { frames_shown: self.clock.frames_shown, path_done, refined, thumbnails_done, error };
+        let progress = Progress {
+            frames_shown: self.clock.frames_shown,
+            path_done,
+            refined,
+            thumbnails_done,
+            error,
+        };
         if let Some(error) = self.automation.step(ctx, &progress) {
-            self.outcome.lock().unwrap_or_else(PoisonError::into_inner).error = Some(error);
+            self.outcome
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .error = Some(error);
         }
         if self.automation.is_closing() {
             self.sum_up();
@@ -350,7 +432,8 @@ impl Viewer {
         if let (Some(first), Some(last)) = (self.clock.first, self.clock.last)
             && last > first
         {
-            summary.shown_per_s = (self.clock.frames_shown - 1) as f64 / (last - first).as_secs_f64();
+            summary.shown_per_s =
+                (self.clock.frames_shown - 1) as f64 / (last - first).as_secs_f64();
         }
         summary.render_ms_median = self.history.median(|f| f.render_ms).unwrap_or(0.0);
         summary.latency_ms_median = self.history.median(|f| f.latency_ms).unwrap_or(0.0);

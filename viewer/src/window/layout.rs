@@ -1,8 +1,8 @@
 //! Which panels surround the frame, and what of the window's state each shows and changes.
 
-use crate::window::app::Viewer;
 use crate::input::keymap::Command;
 use crate::panels::{button, camera, display, record, section, source, statistics, status, theme};
+use crate::window::app::Viewer;
 use egui::{Area, Button, Context, Frame, Id, Label, Panel, RichText, ScrollArea, Ui, vec2};
 
 /// Width of the side panel at first, points.
@@ -29,65 +29,126 @@ impl Viewer {
         if is_narrow(ui.ctx()) {
             return self.over_frame(ui.ctx(), now_s);
         }
-        Panel::bottom("status")
-            .resizable(false)
-            .show(ui, |ui| status::show(ui, &self.eye.pose, self.shown.as_ref(), &self.tape));
-        Panel::left("panel").resizable(true).default_size(WIDTH_POINTS).show(ui, |ui| {
-            ScrollArea::vertical().auto_shrink(false).show(ui, |ui| self.side(ui, now_s));
+        Panel::bottom("status").resizable(false).show(ui, |ui| {
+            status::show(ui, &self.eye.pose, self.shown.as_ref(), &self.tape)
         });
+        Panel::left("panel")
+            .resizable(true)
+            .default_size(WIDTH_POINTS)
+            .show(ui, |ui| {
+                ScrollArea::vertical()
+                    .auto_shrink(false)
+                    .show(ui, |ui| self.side(ui, now_s));
+            });
     }
 
     /// In a narrow window: a button in the corner of the frame, and the panel over the frame once it is pressed.
     fn over_frame(&mut self, ctx: &Context, now_s: f64) {
         let screen = ctx.content_rect();
         let corner = screen.min + vec2(4.0, 4.0);
-        Area::new(Id::unique("unfold")).fixed_pos(corner).constrain(false).show(ctx, |ui| {
-            let (text, tip) =
-                if self.unfolded { ("Fold", "Folds the panel away.") } else { ("Panel", "Shows the panel.") };
-            if ui.add(Button::new(text)).on_hover_text(tip).clicked() {
-                self.unfolded = !self.unfolded;
-            }
-        });
+        Area::new(Id::unique("unfold"))
+            .fixed_pos(corner)
+            .constrain(false)
+            .show(ctx, |ui| {
+                let (text, tip) = if self.unfolded {
+                    ("Fold", "Folds the panel away.")
+                } else {
+                    ("Panel", "Shows the panel.")
+                };
+                if ui.add(Button::new(text)).on_hover_text(tip).clicked() {
+                    self.unfolded = !self.unfolded;
+                }
+            });
         // In next to no room a panel would have none.
-        let size = vec2(WIDTH_POINTS.min(screen.width() - 24.0), screen.height() - UNFOLD_POINTS - 12.0);
+        let size = vec2(
+            WIDTH_POINTS.min(screen.width() - 24.0),
+            screen.height() - UNFOLD_POINTS - 12.0,
+        );
         if !self.unfolded || size.x < 100.0 || size.y < 60.0 {
             return;
         }
-        let frame = Frame::new().fill(theme::PANEL).inner_margin(6.0).corner_radius(4.0);
-        Area::new(Id::unique("panel over frame")).fixed_pos(corner + vec2(0.0, UNFOLD_POINTS)).show(ctx, |ui| {
-            frame.show(ui, |ui| {
-                ui.set_width(size.x - 12.0);
-                ScrollArea::vertical().max_height(size.y - 12.0).show(ui, |ui| self.side(ui, now_s));
+        let frame = Frame::new()
+            .fill(theme::PANEL)
+            .inner_margin(6.0)
+            .corner_radius(4.0);
+        Area::new(Id::unique("panel over frame"))
+            .fixed_pos(corner + vec2(0.0, UNFOLD_POINTS))
+            .show(ctx, |ui| {
+                frame.show(ui, |ui| {
+                    ui.set_width(size.x - 12.0);
+                    ScrollArea::vertical()
+                        .max_height(size.y - 12.0)
+                        .show(ui, |ui| self.side(ui, now_s));
+                });
             });
-        });
     }
 
     /// The side panel, from top to bottom.
     fn side(&mut self, ui: &mut Ui, now_s: f64) {
         let Some(info) = &self.info else { return };
         ui.add_space(6.0);
-        ui.add(Label::new(RichText::new(&info.title).heading().strong()).wrap()).on_hover_text("What is shown.");
+        ui.add(Label::new(RichText::new(&info.title).heading().strong()).wrap())
+            .on_hover_text("What is shown.");
         ui.horizontal_wrapped(|ui| {
             if self.start_page.has_library() {
-                let tip = "Goes back to the page with all scenes and the files opened last (Backspace).";
+                let tip =
+                    "Goes back to the page with all scenes and the files opened last (Backspace).";
                 button(ui, "Start page", tip, Command::Start, &mut self.commands);
                 let tip = "Opens another file (O); files can also be dropped here.";
                 button(ui, "Open…", tip, Command::ShowOpen, &mut self.commands);
             }
-            button(ui, "Keys", "Lists the keys (F1).", Command::ToggleKeys, &mut self.commands);
-            button(ui, "Hide", "Hides the panels (H brings them back).", Command::TogglePanels, &mut self.commands);
+            button(
+                ui,
+                "Keys",
+                "Lists the keys (F1).",
+                Command::ToggleKeys,
+                &mut self.commands,
+            );
+            button(
+                ui,
+                "Hide",
+                "Hides the panels (H brings them back).",
+                Command::TogglePanels,
+                &mut self.commands,
+            );
         });
         ui.add_space(4.0);
-        source::show(ui, info, &mut self.sets, self.display.compare, &mut self.commands);
-        section(ui, "Statistics", false, |ui| statistics::show(ui, info, self.shown.as_ref(), &self.history));
+        source::show(
+            ui,
+            info,
+            &mut self.sets,
+            self.display.compare,
+            &mut self.commands,
+        );
+        section(ui, "Statistics", false, |ui| {
+            statistics::show(ui, info, self.shown.as_ref(), &self.history)
+        });
         section(ui, "Camera", true, |ui| {
-            camera::show(ui, &mut self.eye, info.bounds.as_ref(), now_s, &mut self.commands);
+            camera::show(
+                ui,
+                &mut self.eye,
+                info.bounds.as_ref(),
+                now_s,
+                &mut self.commands,
+            );
         });
         section(ui, "Display", true, |ui| {
-            display::show(ui, &mut self.display, &mut self.sets, self.policy.moving_scale());
+            display::show(
+                ui,
+                &mut self.display,
+                &mut self.sets,
+                self.policy.moving_scale(),
+            );
         });
         section(ui, "Record", false, |ui| {
-            record::show(ui, &mut self.tape, self.exporting, &self.options.output_dir, now_s, &mut self.commands);
+            record::show(
+                ui,
+                &mut self.tape,
+                self.exporting,
+                &self.options.output_dir,
+                now_s,
+                &mut self.commands,
+            );
         });
         ui.add_space(6.0);
     }

@@ -1,6 +1,5 @@
 //! Messages to the person at the window.
 
-
 /// A message's weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
@@ -41,7 +40,12 @@ impl Messages {
         if self.0.len() == Self::MAX_SHOWN {
             self.0.remove(0);
         }
-        self.0.push(Message { kind, text, count: 1, last_s: now_s });
+        self.0.push(Message {
+            kind,
+            text,
+            count: 1,
+            last_s: now_s,
+        });
     }
 
     pub(crate) fn iter(&self) -> impl ExactSizeIterator<Item = &Message> {
@@ -64,7 +68,11 @@ impl Messages {
     pub(crate) fn expire(&mut self, now_s: f64) -> Option<f64> {
         let left = |m: &Message| m.last_s + Self::DONE_S - now_s;
         self.0.retain(|m| m.kind == Kind::Error || left(m) > 0.0);
-        self.0.iter().filter(|m| m.kind == Kind::Done).map(left).min_by(f64::total_cmp)
+        self.0
+            .iter()
+            .filter(|m| m.kind == Kind::Done)
+            .map(left)
+            .min_by(f64::total_cmp)
     }
 }
 
@@ -79,7 +87,10 @@ mod tests {
         messages.add(Kind::Done, "saved", 1.0);
         assert_eq!(messages.expire(2.0), Some(Messages::DONE_S - 1.0));
         assert_eq!(messages.expire(100.0), None);
-        assert_eq!(messages.iter().map(|m| m.text.as_str()).collect::<Vec<_>>(), ["broken"]);
+        assert_eq!(
+            messages.iter().map(|m| m.text.as_str()).collect::<Vec<_>>(),
+            ["broken"]
+        );
         messages.dismiss(0);
         messages.dismiss(0);
         assert_eq!(messages.iter().len(), 0);

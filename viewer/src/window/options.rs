@@ -1,8 +1,8 @@
 //! How the window is started, and how it ended.
 
 use crate::input::pose::Pose;
-use crate::source::{Coming, Library, Thumbnail};
 use crate::playback::tape::ReplayMode;
+use crate::source::{Coming, Library, Thumbnail};
 use crate::window::views::Stereo;
 use serde::Serialize;
 use std::{path::PathBuf, time::Instant};

@@ -59,9 +59,16 @@ impl Stereo {
     ///
     /// # Errors
     /// [`CameraError`] if the image size cannot be rendered.
-    pub fn cameras(self, pose: &Pose, separation: f64, width: u32, height: u32) -> Result<Vec<Camera>, CameraError> {
+    pub fn cameras(
+        self,
+        pose: &Pose,
+        separation: f64,
+        width: u32,
+        height: u32,
+    ) -> Result<Vec<Camera>, CameraError> {
         let eyes = self.eyes(pose, separation).into_iter();
-        eyes.map(|eye| Pose { eye, ..*pose }.camera((width / self.places()).max(1), height)).collect()
+        eyes.map(|eye| Pose { eye, ..*pose }.camera((width / self.places()).max(1), height))
+            .collect()
     }
 }
 
@@ -77,12 +84,22 @@ pub(crate) struct PictureRef<'a> {
 /// Puts the pictures of one frame together as the screen shows them: `pictures` holds for each place from left to right
 /// one picture per setting set (A, or A and B), all of one size; `divider` is the share of each place's width that shows A.
 /// Returns width and pixels, row 0 on top.
-pub(crate) fn compose(pictures: &[PictureRef<'_>], places: usize, divider: f64) -> (usize, Vec<[u8; 4]>) {
+pub(crate) fn compose(
+    pictures: &[PictureRef<'_>],
+    places: usize,
+    divider: f64,
+) -> (usize, Vec<[u8; 4]>) {
     let sets = pictures.len() / places.max(1);
-    let (Some(first), true) = (pictures.first(), sets > 0) else { return (0, Vec::new()) };
+    let (Some(first), true) = (pictures.first(), sets > 0) else {
+        return (0, Vec::new());
+    };
     let width = first.width;
     let height = first.pixels.len().checked_div(width).unwrap_or(0);
-    let split = if sets > 1 { divider_column(divider, width) } else { width };
+    let split = if sets > 1 {
+        divider_column(divider, width)
+    } else {
+        width
+    };
     let mut out = Vec::with_capacity(places * width * height);
     for row in 0..height {
         for place in pictures.chunks_exact(sets).take(places) {
@@ -109,8 +126,14 @@ mod tests {
         let pose = Pose::looking_at(dvec3(1.0, 0.0, 0.0), dvec3(1.0, 0.0, -1.0), 60.0);
         let eyes = |stereo: Stereo| stereo.eyes(&pose, 0.064);
         assert_eq!(eyes(Stereo::Off), [pose.eye]);
-        assert_eq!(eyes(Stereo::Parallel), [dvec3(0.968, 0.0, 0.0), dvec3(1.032, 0.0, 0.0)]);
-        assert_eq!(eyes(Stereo::CrossEyed), [dvec3(1.032, 0.0, 0.0), dvec3(0.968, 0.0, 0.0)]);
+        assert_eq!(
+            eyes(Stereo::Parallel),
+            [dvec3(0.968, 0.0, 0.0), dvec3(1.032, 0.0, 0.0)]
+        );
+        assert_eq!(
+            eyes(Stereo::CrossEyed),
+            [dvec3(1.032, 0.0, 0.0), dvec3(0.968, 0.0, 0.0)]
+        );
     }
 
     #[test]
@@ -126,7 +149,10 @@ mod tests {
     fn composing_splits_and_joins() {
         let picture = |value: u8| vec![[value; 4]; 4 * 2];
         let pictures = [picture(1), picture(2), picture(3), picture(4)];
-        let refs: Vec<_> = pictures.iter().map(|pixels| PictureRef { width: 4, pixels }).collect();
+        let refs: Vec<_> = pictures
+            .iter()
+            .map(|pixels| PictureRef { width: 4, pixels })
+            .collect();
         let row = |(width, pixels): (usize, Vec<[u8; 4]>)| {
             assert_eq!(pixels.len(), width * 2);
             pixels[width..].iter().map(|p| p[0]).collect::<Vec<_>>()

@@ -1,11 +1,11 @@
 //! The window on the desktop.
 
-use crate::window::app::Viewer;
-use crate::playback::automation::Outcome;
-use crate::window::options::{Exit, Summary, ViewerError, ViewerOptions};
 use crate::panels::theme;
-use crate::thread::session::Session;
+use crate::playback::automation::Outcome;
 use crate::source::FrameSource;
+use crate::thread::session::Session;
+use crate::window::app::Viewer;
+use crate::window::options::{Exit, Summary, ViewerError, ViewerOptions};
 use eframe::{App, CreationContext, Frame, NativeOptions, Renderer};
 use egui::Context;
 use std::{
@@ -19,7 +19,10 @@ use std::{
 /// # Errors
 /// [`ViewerError::NoDisplay`] without a display; [`ViewerError::Scripted`] if anything goes wrong in a run that ends by itself
 /// ([`Exit`]); see there for the others.
-pub fn run(source: Option<Box<dyn FrameSource>>, options: ViewerOptions) -> Result<Summary, ViewerError> {
+pub fn run(
+    source: Option<Box<dyn FrameSource>>,
+    options: ViewerOptions,
+) -> Result<Summary, ViewerError> {
     if source.is_none() && options.coming.is_none() && options.library.is_none() {
         return Err(ViewerError::NothingToShow);
     }
@@ -30,10 +33,21 @@ pub fn run(source: Option<Box<dyn FrameSource>>, options: ViewerOptions) -> Resu
     let shared = Arc::clone(&outcome);
     let size = options.window_size_points;
     let creator = move |cc: &CreationContext<'_>| create(&cc.egui_ctx, source, options, shared);
-    let viewport = egui::ViewportBuilder::default().with_title("headbox").with_app_id("headbox").with_inner_size(size);
-    let native = NativeOptions { viewport, renderer: Renderer::Glow, dithering: false, ..NativeOptions::default() };
+    let viewport = egui::ViewportBuilder::default()
+        .with_title("headbox")
+        .with_app_id("headbox")
+        .with_inner_size(size);
+    let native = NativeOptions {
+        viewport,
+        renderer: Renderer::Glow,
+        dithering: false,
+        ..NativeOptions::default()
+    };
     let closed = eframe::run_native("headbox", native, Box::new(creator));
-    let outcome = outcome.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    let outcome = outcome
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .clone();
     match (closed, outcome.error) {
         (Err(eframe::Error::AppCreation(error)), _) => match error.downcast::<std::io::Error>() {
             Ok(error) => Err(ViewerError::Thread(*error)),
@@ -48,9 +62,16 @@ pub fn run(source: Option<Box<dyn FrameSource>>, options: ViewerOptions) -> Resu
 
 /// The displays that the environment names.
 fn displays() -> String {
-    let name =
-        |key: &str| std::env::var(key).ok().filter(|value| !value.is_empty()).map(|value| format!("{key}={value}"));
-    let named: Vec<_> = ["WAYLAND_DISPLAY", "DISPLAY"].into_iter().filter_map(name).collect();
+    let name = |key: &str| {
+        std::env::var(key)
+            .ok()
+            .filter(|value| !value.is_empty())
+            .map(|value| format!("{key}={value}"))
+    };
+    let named: Vec<_> = ["WAYLAND_DISPLAY", "DISPLAY"]
+        .into_iter()
+        .filter_map(name)
+        .collect();
     if named.is_empty() {
         "neither WAYLAND_DISPLAY nor DISPLAY is set".into()
     } else {
@@ -91,7 +112,10 @@ struct Desktop(Viewer);
 
 impl App for Desktop {
     fn ui(&mut self, ui: &mut egui::Ui, frame: &mut Frame) {
-        let last_pass_ms = frame.info().cpu_usage.map(|seconds| f64::from(seconds) * 1e3);
+        let last_pass_ms = frame
+            .info()
+            .cpu_usage
+            .map(|seconds| f64::from(seconds) * 1e3);
         self.0.pass(ui, last_pass_ms);
     }
 

@@ -33,25 +33,37 @@ const AS_NEAR: [f32; 2] = [0.1, 0.3];
 impl Pooling<'_> {
     /// What was found over the narrow windows along a part's line, and parts over which a mean is as good; `None` where
     /// there is no line.
-    pub(super) fn along(&self, part: usize, narrow: &[Sums], reader: &mut Reader) -> Option<(Sums, f32)> {
+    pub(super) fn along(
+        &self,
+        part: usize,
+        narrow: &[Sums],
+        reader: &mut Reader,
+    ) -> Option<(Sums, f32)> {
         let here = self.nearness(part, [0, 0], reader)?;
         let [x, y] = self.line(part, here, reader)?;
         let (mut sums, mut total, mut squares, mut last) = (Sums::default(), 0.0, 0.0, 0.0);
         for step in -REACH..=REACH {
             let away = [x, y].map(|c| (c * STEP_PX * step as f32).round() as i32);
-            let found = self.same_surface_at(part, away).zip(self.nearness(part, away, reader));
+            let found = self
+                .same_surface_at(part, away)
+                .zip(self.nearness(part, away, reader));
             let weight = found.map_or(0.0, |(_, near)| {
                 let gauss = (-0.5 * (step as f32 / RADIUS).powi(2)).exp();
                 gauss * (1.0 - smooth_step(AS_NEAR, (near / here - 1.0).abs()))
             });
             if let Some((other, _)) = found {
-                sums.iter_mut().zip(&narrow[other]).for_each(|(sum, value)| *sum += weight * value);
+                sums.iter_mut()
+                    .zip(&narrow[other])
+                    .for_each(|(sum, value)| *sum += weight * value);
             }
             total += weight;
             squares += weight * (weight + 2.0 * CORRELATION * last);
             last = weight;
         }
-        Some((sums.map(|sum| sum / total), narrow::parts() * total * total / squares))
+        Some((
+            sums.map(|sum| sum / total),
+            narrow::parts() * total * total / squares,
+        ))
     }
 
     /// The direction in pixels in which nearness does not change.
@@ -60,7 +72,10 @@ impl Pooling<'_> {
             let [before, after] = [[-x, -y], [x, y]].map(|away| self.nearness(part, away, reader));
             match (before, after) {
                 (Some(before), Some(after)) => (after - before) / 2.0,
-                (before, after) => after.map_or(0.0, |after| after - here) + before.map_or(0.0, |before| here - before),
+                (before, after) => {
+                    after.map_or(0.0, |after| after - here)
+                        + before.map_or(0.0, |before| here - before)
+                }
             }
         };
         let [x, y] = [[BASE_PX, 0], [0, BASE_PX]].map(|away| change(away) / here);
@@ -77,7 +92,9 @@ impl Pooling<'_> {
     /// The first part of a part's surface so many pixels away.
     fn same_surface_at(&self, part: usize, away: [i32; 2]) -> Option<usize> {
         let [x, y] = self.pixel_at(part, away)?.map(u32::from);
-        self.parts.range(x, y).find(|&other| self.surfaces[part].is_same(&self.surfaces[other]))
+        self.parts
+            .range(x, y)
+            .find(|&other| self.surfaces[part].is_same(&self.surfaces[other]))
     }
 
     /// The pixel so many pixels away, on the same face.

@@ -21,14 +21,31 @@ pub(crate) struct Windows {
 
 impl Windows {
     /// Windows of `face`, whose blocks are `own`, over these and those of the `others` that are known, by number of the face.
-    pub(crate) fn new(face: Face, size_px: u32, own: &Blocks, others: [Option<&Blocks>; 6]) -> Self {
+    pub(crate) fn new(
+        face: Face,
+        size_px: u32,
+        own: &Blocks,
+        others: [Option<&Blocks>; 6],
+    ) -> Self {
         let level = |(number, own): (usize, &Level)| {
             let mut faces = others.map(|blocks| blocks.map(|blocks| &blocks.levels[number]));
             faces[face.index()] = Some(own);
             let (blocks, size_px) = (own.blocks, size_px as f32);
-            WindowLevel { blocks, size_px, lattice: Around { faces, face, blocks, size_px }.windows() }
+            WindowLevel {
+                blocks,
+                size_px,
+                lattice: Around {
+                    faces,
+                    face,
+                    blocks,
+                    size_px,
+                }
+                .windows(),
+            }
         };
-        Self { levels: own.levels.iter().enumerate().map(level).collect() }
+        Self {
+            levels: own.levels.iter().enumerate().map(level).collect(),
+        }
     }
 }
 
@@ -68,7 +85,11 @@ pub(super) struct Reader<'a> {
 impl Windows {
     /// Readers of all sizes.
     pub(super) fn readers(&self) -> Vec<Reader<'_>> {
-        let reader = |level| Reader { level, last: (usize::MAX, Surface::NONE), found: [None; 4] };
+        let reader = |level| Reader {
+            level,
+            last: (usize::MAX, Surface::NONE),
+            found: [None; 4],
+        };
         self.levels.iter().map(reader).collect()
     }
 }
@@ -88,11 +109,18 @@ impl Reader<'_> {
             self.found = cells.map(|cell| level.lattice.find(cell, surface));
             self.last = (first, *surface);
         }
-        let weights = [(1.0 - right) * (1.0 - down), right * (1.0 - down), (1.0 - right) * down, right * down];
+        let weights = [
+            (1.0 - right) * (1.0 - down),
+            right * (1.0 - down),
+            (1.0 - right) * down,
+            right * down,
+        ];
         let mut all = Sums::default();
         for (sums, weight) in self.found.iter().zip(weights) {
             if let Some(sums) = sums {
-                all.iter_mut().zip(*sums).for_each(|(all, value)| *all += weight * value);
+                all.iter_mut()
+                    .zip(*sums)
+                    .for_each(|(all, value)| *all += weight * value);
             }
         }
         all
@@ -114,7 +142,9 @@ impl<'a> Around<'a> {
         let (face, [x, y]) = if (0..side).contains(&x) && (0..side).contains(&y) {
             (self.face, [x, y])
         } else {
-            let middle = self.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, self.blocks);
+            let middle = self
+                .face
+                .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, self.blocks);
             let face = Face::containing(middle);
             let [x, y, _] = face.project(middle, self.blocks);
             (face, [x, y].map(|c| (c as i32).clamp(0, side - 1)))
@@ -131,9 +161,14 @@ impl<'a> Around<'a> {
 
     /// The window of each surface about a block.
     fn windows_about(&self, x: i32, y: i32) -> Vec<(Surface, Sums)> {
-        let Some((lattice, cell)) = self.block(x, y) else { return Vec::new() };
+        let Some((lattice, cell)) = self.block(x, y) else {
+            return Vec::new();
+        };
         let window = |surface: &Surface| (*surface, Sums::default());
-        let mut windows: Vec<(Surface, Sums)> = lattice.surfaces[lattice.cell(cell)].iter().map(window).collect();
+        let mut windows: Vec<(Surface, Sums)> = lattice.surfaces[lattice.cell(cell)]
+            .iter()
+            .map(window)
+            .collect();
         if windows.is_empty() {
             return windows;
         }
@@ -141,12 +176,18 @@ impl<'a> Around<'a> {
         let per_pixel = (self.blocks as f32 / self.size_px).powi(2);
         for (dy, weight_y) in [(-1, 0.25), (0, 0.5), (1, 0.25)] {
             for (dx, weight_x) in [(-1, 0.25), (0, 0.5), (1, 0.25)] {
-                let Some((lattice, cell)) = self.block(x + dx, y + dy) else { continue };
+                let Some((lattice, cell)) = self.block(x + dx, y + dy) else {
+                    continue;
+                };
                 for other in lattice.cell(cell) {
                     let (surface, sums) = (&lattice.surfaces[other], &lattice.sums[other]);
-                    for (_, window) in windows.iter_mut().filter(|(here, _)| here.is_same(surface)) {
+                    for (_, window) in windows.iter_mut().filter(|(here, _)| here.is_same(surface))
+                    {
                         let weight = weight_x * weight_y * per_pixel;
-                        window.iter_mut().zip(sums).for_each(|(window, value)| *window += weight * value);
+                        window
+                            .iter_mut()
+                            .zip(sums)
+                            .for_each(|(window, value)| *window += weight * value);
                     }
                 }
             }

@@ -5,8 +5,8 @@ use super::narrow::Narrow;
 use super::surface::Surface;
 use super::window::{Beside, Chosen, LANES, SHARE, Window};
 use super::{Pooled, SMALL_LEVEL};
-use headbox_core::simd;
 use fearless_simd::{Simd, dispatch, f32x8, mask32x8, prelude::*};
+use headbox_core::simd;
 use rayon::prelude::*;
 
 /// Share of the window of [`SMALL_LEVEL`] that a surface fills at least if its narrowest window is that of rows and columns. Of smaller
@@ -60,7 +60,8 @@ fn chunk<'a, S: Simd>(
 ) {
     let last = first + pooled.len() - 1;
     for (i, pooled) in pooled.chunks_mut(LANES).enumerate() {
-        let numbers: [usize; LANES] = std::array::from_fn(|lane| (first + i * LANES + lane).min(last));
+        let numbers: [usize; LANES] =
+            std::array::from_fn(|lane| (first + i * LANES + lane).min(last));
         let places = numbers.map(place);
         let found = batch(simd, &places, numbers, readers, narrow);
         pooled.copy_from_slice(&found[..pooled.len()]);
@@ -80,7 +81,10 @@ fn batch<S: Simd>(
     for lane in 0..LANES {
         (widths[lane], expected[lane]) = (places[lane].width_m, places[lane].expected);
     }
-    let (widths, expected) = (f32x8::load_array(simd, widths), f32x8::load_array(simd, expected));
+    let (widths, expected) = (
+        f32x8::load_array(simd, widths),
+        f32x8::load_array(simd, expected),
+    );
     let mut small = [Beside::default(); SMALL_LEVEL + 1];
     for (small, reader) in small.iter_mut().zip(readers.iter_mut()) {
         read(reader, places, small);
@@ -88,7 +92,13 @@ fn batch<S: Simd>(
     let mut chosen = match narrow {
         Some(narrow) => {
             let is_large = small[SMALL_LEVEL].of(simd, SHARE).simd_ge(LARGE_SHARE);
-            narrowest(narrow, numbers, [widths, expected], readers.get_mut(SMALL_LEVEL), is_large)
+            narrowest(
+                narrow,
+                numbers,
+                [widths, expected],
+                readers.get_mut(SMALL_LEVEL),
+                is_large,
+            )
         }
         None => Chosen::none(simd),
     };
@@ -99,7 +109,12 @@ fn batch<S: Simd>(
             None if chosen.is_open() => read(reader, places, &mut sums),
             None => break,
         }
-        let window = Window::new(simd, &sums, f32x8::splat(simd, reader.level.parts()), expected);
+        let window = Window::new(
+            simd,
+            &sums,
+            f32x8::splat(simd, reader.level.parts()),
+            expected,
+        );
         chosen.take(&window, widths * reader.level.radius_px());
     }
     chosen.pooled()
@@ -126,10 +141,17 @@ fn narrowest<S: Simd>(
     for lane in 0..LANES {
         sums.set(lane, &narrow.sums[parts[lane]]);
     }
-    let own = Window::new(simd, &sums, f32x8::splat(simd, super::narrow::parts()), expected);
+    let own = Window::new(
+        simd,
+        &sums,
+        f32x8::splat(simd, super::narrow::parts()),
+        expected,
+    );
     let mut chosen = Chosen::first(own, is_large);
     let Some(reader) = reader else { return chosen };
-    let mut near = chosen.is_near(widths * reader.level.radius_px()).to_bitmask();
+    let mut near = chosen
+        .is_near(widths * reader.level.radius_px())
+        .to_bitmask();
     let (mut counts, mut found) = ([1.0; LANES], 0);
     while near != 0 {
         let lane = near.trailing_zeros() as usize;
@@ -141,7 +163,11 @@ fn narrowest<S: Simd>(
     }
     if found != 0 {
         let line = Window::new(simd, &sums, f32x8::load_array(simd, counts), expected);
-        chosen.widen(&line, f32x8::splat(simd, 0.0), mask32x8::from_bitmask(simd, found));
+        chosen.widen(
+            &line,
+            f32x8::splat(simd, 0.0),
+            mask32x8::from_bitmask(simd, found),
+        );
     }
     chosen
 }

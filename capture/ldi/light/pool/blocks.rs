@@ -3,8 +3,8 @@
 use super::Gathered;
 use super::surface::Surface;
 use super::window::{SHARE, Sums, sums_of};
-use crate::surfaces::surface_samples::FaceParts;
 use crate::surfaces::rows;
+use crate::surfaces::surface_samples::FaceParts;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -44,7 +44,9 @@ impl Lattice {
     #[inline]
     pub(super) fn find(&self, cell: usize, surface: &Surface) -> Option<&Sums> {
         let run = self.cell(cell);
-        let at = self.surfaces[run.clone()].iter().position(|other| surface.is_same(other))?;
+        let at = self.surfaces[run.clone()]
+            .iter()
+            .position(|other| surface.is_same(other))?;
         Some(&self.sums[run.start + at])
     }
 
@@ -56,7 +58,10 @@ impl Lattice {
 
     /// Of cells, row after row.
     pub(super) fn of_rows(rows: Vec<Vec<Cell>>) -> Self {
-        let mut lattice = Self { starts: vec![0], ..Self::default() };
+        let mut lattice = Self {
+            starts: vec![0],
+            ..Self::default()
+        };
         for cell in rows.into_iter().flatten() {
             for (surface, sums) in cell {
                 lattice.surfaces.push(surface);
@@ -124,7 +129,11 @@ impl Blocks {
         let mut levels = vec![smallest];
         for (number, &blocks) in sizes.iter().enumerate().skip(1) {
             let width_px = parts.size_px as f32 / blocks as f32;
-            let least = if number < WHOLE_LEVELS { 0.0 } else { LEAST_SHARE * width_px * width_px };
+            let least = if number < WHOLE_LEVELS {
+                0.0
+            } else {
+                LEAST_SHARE * width_px * width_px
+            };
             let next = levels.last_mut().map(|below| above(below, blocks, least));
             levels.extend(next);
         }
@@ -133,10 +142,15 @@ impl Blocks {
 
     /// The surfaces of the smallest blocks, each with the middle of its block, pixels.
     pub(super) fn middles(&self, size_px: u32) -> Vec<(Surface, [f32; 2])> {
-        let Level { blocks, lattice, .. } = &self.levels[0];
-        let middle =
-            |cell: u32| [cell % blocks, cell / blocks].map(|c| (c as f32 + 0.5) * size_px as f32 / *blocks as f32);
-        let cells = (0..blocks * blocks).flat_map(|cell| lattice.cell(cell as usize).map(move |_| middle(cell)));
+        let Level {
+            blocks, lattice, ..
+        } = &self.levels[0];
+        let middle = |cell: u32| {
+            [cell % blocks, cell / blocks]
+                .map(|c| (c as f32 + 0.5) * size_px as f32 / *blocks as f32)
+        };
+        let cells = (0..blocks * blocks)
+            .flat_map(|cell| lattice.cell(cell as usize).map(move |_| middle(cell)));
         lattice.surfaces.iter().copied().zip(cells).collect()
     }
 
@@ -169,16 +183,20 @@ impl Level {
     fn for_each_row(&mut self, fill: impl Fn(usize, usize, &mut [Sums]) + Sync) {
         let Lattice { starts, sums, .. } = &mut self.lattice;
         let rows = rows::of_face(starts, self.blocks, sums);
-        rows.into_par_iter().enumerate().for_each(|(y, (first, sums))| {
-            sums.fill(Sums::default());
-            fill(y, first, sums);
-        });
+        rows.into_par_iter()
+            .enumerate()
+            .for_each(|(y, (first, sums))| {
+                sums.fill(Sums::default());
+                fill(y, first, sums);
+            });
     }
 }
 
 #[inline]
 fn add(to: &mut Sums, sums: &Sums, weight: f32) {
-    to.iter_mut().zip(sums).for_each(|(to, value)| *to += weight * value);
+    to.iter_mut()
+        .zip(sums)
+        .for_each(|(to, value)| *to += weight * value);
 }
 
 /// The smallest blocks: their surfaces are told apart by the first part of each.
@@ -187,14 +205,17 @@ fn smallest(parts: &FaceParts, surfaces: &[Surface], blocks: u32) -> (Level, Mem
     // By rows of blocks: cells, and the place in its cell and the weight of each of the row's parts.
     let row = |by: u32| {
         let rows = pixels_of(by, blocks, size_px);
-        let [first, end] = [rows.start, rows.end].map(|y| parts.offsets[(y * size_px) as usize] as usize);
+        let [first, end] =
+            [rows.start, rows.end].map(|y| parts.offsets[(y * size_px) as usize] as usize);
         let mut cells = vec![Cell::new(); blocks as usize];
         let mut members = vec![(0u32, 0u32, 0.0f32); end - first];
         for y in rows {
             for (bx, cell) in (0..).zip(&mut cells) {
                 for run in pixels_of(bx, blocks, size_px).map(|x| parts.range(x, y)) {
                     for part in run.clone() {
-                        let place = cell.iter().position(|(other, _)| surfaces[part].is_same(other));
+                        let place = cell
+                            .iter()
+                            .position(|(other, _)| surfaces[part].is_same(other));
                         let place = place.unwrap_or_else(|| {
                             cell.push((surfaces[part], Sums::default()));
                             cell.len() - 1
@@ -204,7 +225,8 @@ fn smallest(parts: &FaceParts, surfaces: &[Surface], blocks: u32) -> (Level, Mem
                     let of_pixel = &mut members[run.start - first..run.end - first];
                     for p in 0..of_pixel.len() {
                         let place = of_pixel[p].1;
-                        let weight = 1.0 / of_pixel.iter().filter(|other| other.1 == place).count() as f32;
+                        let weight =
+                            1.0 / of_pixel.iter().filter(|other| other.1 == place).count() as f32;
                         of_pixel[p].2 = weight;
                         cell[place as usize].1[SHARE] += weight;
                     }
@@ -215,16 +237,32 @@ fn smallest(parts: &FaceParts, surfaces: &[Surface], blocks: u32) -> (Level, Mem
     };
     let (rows, members): (Vec<_>, Vec<_>) = (0..blocks).into_par_iter().map(row).unzip();
     let lattice = Lattice::of_rows(rows);
-    let (entry, weight) = (Vec::with_capacity(surfaces.len()), Vec::with_capacity(surfaces.len()));
-    let mut found = Members { entry, weight, rows: vec![0] };
+    let (entry, weight) = (
+        Vec::with_capacity(surfaces.len()),
+        Vec::with_capacity(surfaces.len()),
+    );
+    let mut found = Members {
+        entry,
+        weight,
+        rows: vec![0],
+    };
     for (by, members) in members.into_iter().enumerate() {
         found.rows.push(found.entry.len() + members.len());
         for (bx, place, weight) in members {
-            found.entry.push(lattice.starts[by * blocks as usize + bx as usize] + place);
+            found
+                .entry
+                .push(lattice.starts[by * blocks as usize + bx as usize] + place);
             found.weight.push(weight);
         }
     }
-    (Level { blocks, lattice, parents: Vec::new() }, found)
+    (
+        Level {
+            blocks,
+            lattice,
+            parents: Vec::new(),
+        },
+        found,
+    )
 }
 
 /// The blocks twice as wide as those `below`; surfaces that fill fewer pixels than `least` are left out.
@@ -236,7 +274,11 @@ fn above(below: &mut Level, blocks: u32, least: f32) -> Level {
         for x in 0..blocks {
             let (cell, children) = merged(below, [x, y], least);
             cells.push(cell);
-            parents.extend(children.into_iter().map(|(child, place)| (child, place.map(|place| (x, place)))));
+            parents.extend(
+                children
+                    .into_iter()
+                    .map(|(child, place)| (child, place.map(|place| (x, place)))),
+            );
         }
         (cells, parents)
     };
@@ -249,19 +291,34 @@ fn above(below: &mut Level, blocks: u32, least: f32) -> Level {
             below.parents[child] = parent.unwrap_or(NOT_FOLLOWED);
         }
     }
-    Level { blocks, lattice, parents: Vec::new() }
+    Level {
+        blocks,
+        lattice,
+        parents: Vec::new(),
+    }
 }
 
 /// The surfaces of block (x, y) of twice the width, and the place among them of each surface of the four blocks below, if it is followed.
 fn merged(below: &Level, [x, y]: [u32; 2], least: f32) -> (Cell, Vec<(usize, Option<u32>)>) {
-    let children = [(2 * x, 2 * y), (2 * x + 1, 2 * y), (2 * x, 2 * y + 1), (2 * x + 1, 2 * y + 1)];
+    let children = [
+        (2 * x, 2 * y),
+        (2 * x + 1, 2 * y),
+        (2 * x, 2 * y + 1),
+        (2 * x + 1, 2 * y + 1),
+    ];
     let (mut cell, mut members) = (Cell::new(), Vec::new());
-    for child in children.into_iter().flat_map(|(x, y)| below.lattice.cell((y * below.blocks + x) as usize)) {
+    for child in children
+        .into_iter()
+        .flat_map(|(x, y)| below.lattice.cell((y * below.blocks + x) as usize))
+    {
         let (surface, sums) = (below.lattice.surfaces[child], &below.lattice.sums[child]);
-        let place = cell.iter().position(|(other, _)| surface.is_same(other)).unwrap_or_else(|| {
-            cell.push((surface, Sums::default()));
-            cell.len() - 1
-        });
+        let place = cell
+            .iter()
+            .position(|(other, _)| surface.is_same(other))
+            .unwrap_or_else(|| {
+                cell.push((surface, Sums::default()));
+                cell.len() - 1
+            });
         add(&mut cell[place].1, sums, 1.0);
         members.push((child, place));
     }
@@ -269,5 +326,11 @@ fn merged(below: &Level, [x, y]: [u32; 2], least: f32) -> (Cell, Vec<(usize, Opt
     let follow = |(_, sums): &(Surface, Sums)| (sums[SHARE] >= least).then(|| (kept, kept += 1).0);
     let places: Vec<Option<u32>> = cell.iter().map(follow).collect();
     cell.retain(|(_, sums)| sums[SHARE] >= least);
-    (cell, members.into_iter().map(|(child, place)| (child, places[place])).collect())
+    (
+        cell,
+        members
+            .into_iter()
+            .map(|(child, place)| (child, places[place]))
+            .collect(),
+    )
 }

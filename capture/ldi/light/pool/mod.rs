@@ -38,9 +38,9 @@ pub(crate) use surface::same_surface;
 pub(super) use survey::Survey;
 
 use crate::surfaces::surface_samples::FaceParts;
+use glam::Vec3;
 use headbox_core::color::luminance;
 use headbox_core::cube_face::Face;
-use glam::Vec3;
 use rayon::prelude::*;
 use surface::Surface;
 use window::FEW_SAMPLES;
@@ -88,19 +88,45 @@ impl<'a> Pooling<'a> {
     pub(super) fn new(parts: &'a FaceParts, face: Face) -> Self {
         let surfaces: Vec<Surface> = parts.parts.par_iter().map(Surface::of).collect();
         let (size_px, pixels) = (parts.size_px, parts.pixels());
-        let width = |(surface, pixel): (&Surface, &[u16; 2])| surface.pixel_width(face, middle(*pixel), size_px);
+        let width = |(surface, pixel): (&Surface, &[u16; 2])| {
+            surface.pixel_width(face, middle(*pixel), size_px)
+        };
         let widths = surfaces.par_iter().zip(&pixels).map(width).collect();
-        Self { parts, pixels, surfaces, widths }
+        Self {
+            parts,
+            pixels,
+            surfaces,
+            widths,
+        }
     }
 
     /// The light of each part over its window, by what was gathered on the face and windows over blocks; samples of a class vary as is
     /// `expected` of it.
-    pub(super) fn pool(&self, gathered: &[Gathered], windows: &Windows, expected: &[f32]) -> Vec<Pooled> {
+    pub(super) fn pool(
+        &self,
+        gathered: &[Gathered],
+        windows: &Windows,
+        expected: &[f32],
+    ) -> Vec<Pooled> {
         let place = |part: usize| {
-            let (surface, position, width_m) = (&self.surfaces[part], middle(self.pixels[part]), self.widths[part]);
-            Place { surface, position, width_m, expected: expected[surface.class as usize] }
+            let (surface, position, width_m) = (
+                &self.surfaces[part],
+                middle(self.pixels[part]),
+                self.widths[part],
+            );
+            Place {
+                surface,
+                position,
+                width_m,
+                expected: expected[surface.class as usize],
+            }
         };
-        pooled(self.surfaces.len(), place, windows, Some(&self.narrow(gathered)))
+        pooled(
+            self.surfaces.len(),
+            place,
+            windows,
+            Some(&self.narrow(gathered)),
+        )
     }
 }
 
@@ -117,7 +143,9 @@ pub(super) struct Classes {
 
 impl Default for Classes {
     fn default() -> Self {
-        Self { sums: vec![[0.0; 3]; 1 << 16] }
+        Self {
+            sums: vec![[0.0; 3]; 1 << 16],
+        }
     }
 }
 
@@ -125,10 +153,16 @@ impl Classes {
     /// What parts of these classes have gathered.
     pub(super) fn of(classes: &[u16], gathered: &[Gathered]) -> Self {
         let mut all = Self::default();
-        for (&class, g) in classes.iter().zip(gathered).filter(|(_, g)| g.samples > 0.0) {
+        for (&class, g) in classes
+            .iter()
+            .zip(gathered)
+            .filter(|(_, g)| g.samples > 0.0)
+        {
             let found = [g.samples, luminance(g.light.to_array()), g.squares].map(f64::from);
             let sums = &mut all.sums[usize::from(class)];
-            sums.iter_mut().zip(found).for_each(|(sum, found)| *sum += found);
+            sums.iter_mut()
+                .zip(found)
+                .for_each(|(sum, found)| *sum += found);
         }
         all
     }
@@ -136,7 +170,9 @@ impl Classes {
     /// Adds those of another face.
     pub(super) fn absorb(&mut self, other: &Self) {
         for (sums, others) in self.sums.iter_mut().zip(&other.sums) {
-            sums.iter_mut().zip(others).for_each(|(sum, other)| *sum += other);
+            sums.iter_mut()
+                .zip(others)
+                .for_each(|(sum, other)| *sum += other);
         }
     }
 
@@ -151,8 +187,8 @@ impl Classes {
             (squares * per_sample - (light * per_sample).powi(2)).max(0.0)
         };
         let few = f64::from(FEW_SAMPLES);
-        let of_class = |of: &[f64; 3]| ((variance(*of) * of[0] + variance(all) * few) / (of[0] + few)) as f32;
+        let of_class =
+            |of: &[f64; 3]| ((variance(*of) * of[0] + variance(all) * few) / (of[0] + few)) as f32;
         self.sums.iter().map(of_class).collect()
     }
 }
-

@@ -33,7 +33,10 @@ impl Pooling<'_> {
             let across = self.pass(&sums, [step, 0]);
             sums = self.pass(&across, [0, step]);
         }
-        Narrow { pooling: self, sums }
+        Narrow {
+            pooling: self,
+            sums,
+        }
     }
 
     /// Half of what each part's surface has in its own pixel, and a quarter of what it has in those one step away in either
@@ -65,12 +68,16 @@ impl Pooling<'_> {
         let (mut sum, mut count) = (Sums::default(), 0.0);
         for (other, values) in self.surfaces[run.clone()].iter().zip(&from[run]) {
             if here.is_same(other) {
-                sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+                sum.iter_mut()
+                    .zip(values)
+                    .for_each(|(sum, value)| *sum += value);
                 count += 1.0;
             }
         }
         if count > 0.0 {
-            all.iter_mut().zip(sum).for_each(|(all, sum)| *all += sum * (weight / count));
+            all.iter_mut()
+                .zip(sum)
+                .for_each(|(all, sum)| *all += sum * (weight / count));
         }
     }
 }

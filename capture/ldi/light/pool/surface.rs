@@ -1,8 +1,8 @@
 //! What parts are one surface.
 
-use headbox_core::cube_face::Face;
 use crate::light::shade::LitPart;
 use glam::Vec3;
+use headbox_core::cube_face::Face;
 
 /// What tells a part's surface from others; the same on all faces.
 #[derive(Clone, Copy, PartialEq)]
@@ -18,10 +18,18 @@ const WIDEST_M: f32 = 1e20;
 
 impl Surface {
     /// Unlike any surface of a part.
-    pub(super) const NONE: Self = Self { normal: Vec3::ZERO, distance: 0.0, class: u32::MAX };
+    pub(super) const NONE: Self = Self {
+        normal: Vec3::ZERO,
+        distance: 0.0,
+        class: u32::MAX,
+    };
 
     pub(super) fn of(part: &LitPart) -> Self {
-        Self { normal: part.plane_normal, distance: part.plane_distance, class: u32::from(part.class) }
+        Self {
+            normal: part.plane_normal,
+            distance: part.plane_distance,
+            class: u32::from(part.class),
+        }
     }
 
     /// See [`same_surface`].

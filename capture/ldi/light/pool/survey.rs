@@ -52,9 +52,19 @@ impl<'a> Survey<'a> {
                 widest = widest.max(share * reader.level.parts());
             }
             let width_m = surface.pixel_width(face, position, size_px);
-            Middle { surface, position, width_m, share: small, widest }
+            Middle {
+                surface,
+                position,
+                width_m,
+                share: small,
+                widest,
+            }
         };
-        let middles = blocks.middles(size_px).into_par_iter().map_init(|| windows.readers(), middle).collect();
+        let middles = blocks
+            .middles(size_px)
+            .into_par_iter()
+            .map_init(|| windows.readers(), middle)
+            .collect();
         Self { members, middles }
     }
 
@@ -81,9 +91,19 @@ impl<'a> Survey<'a> {
     /// What windows over blocks hold about each part, by [`Self::of`], on surfaces where samples vary by so much.
     pub(crate) fn pooled(&self, windows: &Windows, expected: &[f32]) -> Vec<Pooled> {
         let place = |number: usize| {
-            let Middle { surface, position, width_m, .. } = &self.middles[number];
+            let Middle {
+                surface,
+                position,
+                width_m,
+                ..
+            } = &self.middles[number];
             let expected = expected[surface.class as usize];
-            Place { surface, position: *position, width_m: *width_m, expected }
+            Place {
+                surface,
+                position: *position,
+                width_m: *width_m,
+                expected,
+            }
         };
         pooled(self.middles.len(), place, windows, None)
     }
@@ -104,10 +124,18 @@ mod tests {
     fn what_is_decided_for_a_block_is_decided_where_its_parts_are() {
         const SIZE: u32 = 64;
         // A narrow strip of one wall beside another, and in each pixel a leaf of its own.
-        let of_pixel =
-            |p: u32| [part(if p % SIZE < 6 { 1 } else { 2 }, 5.0), part(3, 4.0 - 0.01 * p as f32 / SIZE as f32)];
+        let of_pixel = |p: u32| {
+            [
+                part(if p % SIZE < 6 { 1 } else { 2 }, 5.0),
+                part(3, 4.0 - 0.01 * p as f32 / SIZE as f32),
+            ]
+        };
         let parts = (0..SIZE * SIZE).flat_map(of_pixel).collect();
-        let face = FaceParts { size_px: SIZE, offsets: (0..=SIZE * SIZE).map(|p| 2 * p).collect(), parts };
+        let face = FaceParts {
+            size_px: SIZE,
+            offsets: (0..=SIZE * SIZE).map(|p| 2 * p).collect(),
+            parts,
+        };
         let (blocks, members) = Blocks::new(&face);
         let windows = Windows::new(Face::NegZ, SIZE, &blocks, [None; 6]);
         let survey = Survey::new(Face::NegZ, SIZE, &blocks, &windows, &members);
@@ -116,12 +144,25 @@ mod tests {
             assert!(middle.surface.is_same(&Surface::of(part)), "part {p}");
             // Blocks are four pixels wide.
             let is_near = |c: usize| (middle.position[c] - pixel[c] as f32 - 0.5).abs() <= 1.5;
-            assert!(is_near(0) && is_near(1), "part {p} at {pixel:?}: {:?}", middle.position);
+            assert!(
+                is_near(0) && is_near(1),
+                "part {p} at {pixel:?}: {:?}",
+                middle.position
+            );
         }
         let [strip, wall] = [2, 40].map(|x| 2 * (32 * SIZE + x) as usize);
-        assert!(survey.widest(strip) < 0.3 * survey.widest(wall), "{} {}", survey.widest(strip), survey.widest(wall));
+        assert!(
+            survey.widest(strip) < 0.3 * survey.widest(wall),
+            "{} {}",
+            survey.widest(strip),
+            survey.widest(wall)
+        );
         // At 5 m each pixel of 64 of a face is 2 / 64 of that wide, a little more beside the middle.
-        assert!((survey.width_m(wall) / 0.15625 - 1.0).abs() < 0.1, "{}", survey.width_m(wall));
+        assert!(
+            (survey.width_m(wall) / 0.15625 - 1.0).abs() < 0.1,
+            "{}",
+            survey.width_m(wall)
+        );
         assert_eq!(survey.most_samples(wall, 4.0), 1.0);
     }
 }

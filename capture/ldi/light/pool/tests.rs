@@ -1,8 +1,8 @@
 //! Pooling of parts whose light is known.
 
 use super::*;
-use headbox_trace::sampler::{RayKey, random4, unit_float};
 use crate::light::shade::LitPart;
+use headbox_trace::sampler::{RayKey, random4, unit_float};
 
 const SIZE: u32 = 64;
 
@@ -27,7 +27,12 @@ pub(super) fn part(class: u16, plane_distance: f32) -> LitPart {
 
 /// One sample.
 fn sample(light: f32, nearness: f32) -> Gathered {
-    Gathered { light: Vec3::splat(light), squares: light * light, nearness, samples: 1.0 }
+    Gathered {
+        light: Vec3::splat(light),
+        squares: light * light,
+        nearness,
+        samples: 1.0,
+    }
 }
 
 /// What a face's samples are pooled to by themselves.
@@ -36,18 +41,32 @@ fn pooled(face: &FaceParts, gathered: &[Gathered]) -> Vec<Pooled> {
     let (mut blocks, members) = Blocks::new(face);
     blocks.fill(&members, gathered);
     let windows = Windows::new(Face::NegZ, face.size_px, &blocks, [None; 6]);
-    pooling.pool(gathered, &windows, &Classes::of(&face.classes(), gathered).variances())
+    pooling.pool(
+        gathered,
+        &windows,
+        &Classes::of(&face.classes(), gathered).variances(),
+    )
 }
 
 /// Pooled light of a wall 5 m away, of which each part has a sample of `light` within a share of `noise`: the mean of each column.
 fn wall(noise: f32, light: impl Fn(u32) -> f32, nearness: impl Fn(u32) -> f32) -> Vec<f32> {
     let factor = |p: u32| 1.0 + noise * (2.0 * unit_float(random4([p, 1, 2, 3])[0]) - 1.0);
-    let gathered: Vec<Gathered> =
-        (0..SIZE * SIZE).map(|p| sample(light(p % SIZE) * factor(p), nearness(p % SIZE))).collect();
+    let gathered: Vec<Gathered> = (0..SIZE * SIZE)
+        .map(|p| sample(light(p % SIZE) * factor(p), nearness(p % SIZE)))
+        .collect();
     let parts = vec![part(1, 5.0); gathered.len()];
-    let face = FaceParts { size_px: SIZE, offsets: (0..=SIZE * SIZE).collect(), parts };
+    let face = FaceParts {
+        size_px: SIZE,
+        offsets: (0..=SIZE * SIZE).collect(),
+        parts,
+    };
     let pooled = pooled(&face, &gathered);
-    let column = |x: u32| (0..SIZE).map(|y| pooled[face.range(x, y).start].light.x).sum::<f32>() / SIZE as f32;
+    let column = |x: u32| {
+        (0..SIZE)
+            .map(|y| pooled[face.range(x, y).start].light.x)
+            .sum::<f32>()
+            / SIZE as f32
+    };
     (0..SIZE).map(column).collect()
 }
 
@@ -57,15 +76,31 @@ fn light_is_shared_on_a_surface_and_never_across() {
     let of_pixel = |p: u32| {
         let step = (part(1, 5.1 + 0.1 * p as f32), sample(9.0, 0.0));
         let wall = |light: u32| (part(1, 5.0), sample(light as f32, 0.0));
-        [wall((p ^ (p / SIZE)) % 2), wall((p ^ (p / SIZE)) % 2), (part(2 + p as u16, 5.0), sample(7.0, 0.0)), step]
+        [
+            wall((p ^ (p / SIZE)) % 2),
+            wall((p ^ (p / SIZE)) % 2),
+            (part(2 + p as u16, 5.0), sample(7.0, 0.0)),
+            step,
+        ]
     };
-    let (parts, gathered): (Vec<LitPart>, Vec<Gathered>) = (0..SIZE * SIZE).flat_map(of_pixel).unzip();
-    let face = FaceParts { size_px: SIZE, offsets: (0..=SIZE * SIZE).map(|p| 4 * p).collect(), parts };
+    let (parts, gathered): (Vec<LitPart>, Vec<Gathered>) =
+        (0..SIZE * SIZE).flat_map(of_pixel).unzip();
+    let face = FaceParts {
+        size_px: SIZE,
+        offsets: (0..=SIZE * SIZE).map(|p| 4 * p).collect(),
+        parts,
+    };
     for pixel in pooled(&face, &gathered).chunks(4) {
         let [a, b, other, step] = [0, 1, 2, 3].map(|i| pixel[i].light.x);
-        assert!((a - 0.5).abs() < 0.05 && (b - 0.5).abs() < 0.05, "the alternation is averaged: {a} {b}");
+        assert!(
+            (a - 0.5).abs() < 0.05 && (b - 0.5).abs() < 0.05,
+            "the alternation is averaged: {a} {b}"
+        );
         // Rounding of sums and quotients of up to a hundred terms.
-        assert!((other - 7.0).abs() < 1e-4 && (step - 9.0).abs() < 1e-4, "{other} {step}");
+        assert!(
+            (other - 7.0).abs() < 1e-4 && (step - 9.0).abs() < 1e-4,
+            "{other} {step}"
+        );
     }
 }
 
@@ -75,7 +110,11 @@ fn the_edge_of_a_shadow_stays_where_it_is() {
     let found = wall(0.1, light, |_| 0.0);
     for x in (0..27).chain(37..SIZE) {
         // The widest window alone errs by 0.4 here.
-        assert!((found[x as usize] - light(x)).abs() < 0.05, "{} at {x}", found[x as usize]);
+        assert!(
+            (found[x as usize] - light(x)).abs() < 0.05,
+            "{} at {x}",
+            found[x as usize]
+        );
     }
 }
 
@@ -84,9 +123,19 @@ fn a_contact_shadow_stays_in_noise_that_hides_it() {
     // Light beside something that stands on the wall: its distance is that to the wall's left edge.
     let distance_m = |x: u32| (x as f32 + 0.5) * 10.0 / SIZE as f32;
     let light = |x: u32| distance_m(x) / (distance_m(x) + 0.5);
-    let bias = |found: Vec<f32>| (2..SIZE).map(|x| (found[x as usize] - light(x)).abs()).fold(0.0, f32::max);
-    let (with, without) = (bias(wall(1.0, light, |x| 1.0 / distance_m(x))), bias(wall(1.0, light, |_| 0.0)));
-    assert!(with < 0.1 && with < 0.8 * without, "{with}, and {without} without distances");
+    let bias = |found: Vec<f32>| {
+        (2..SIZE)
+            .map(|x| (found[x as usize] - light(x)).abs())
+            .fold(0.0, f32::max)
+    };
+    let (with, without) = (
+        bias(wall(1.0, light, |x| 1.0 / distance_m(x))),
+        bias(wall(1.0, light, |_| 0.0)),
+    );
+    assert!(
+        with < 0.1 && with < 0.8 * without,
+        "{with}, and {without} without distances"
+    );
 }
 
 /// Root of the mean squared relative error of pooled light within 1.5 m of a corner, to one side of which distances (metres) are positive
@@ -94,12 +143,24 @@ fn a_contact_shadow_stays_in_noise_that_hides_it() {
 fn grain_in_a_corner(distance_m: impl Fn([u32; 2]) -> f32) -> f32 {
     let at = |p: u32| distance_m([p % SIZE, p / SIZE]);
     let light = |p: u32| at(p).abs() / (at(p).abs() + 0.5);
-    let found = |p: u32| sample(light(p) * 2.0 * unit_float(random4([p, 1, 2, 3])[0]), 1.0 / at(p).abs().max(0.1));
+    let found = |p: u32| {
+        sample(
+            light(p) * 2.0 * unit_float(random4([p, 1, 2, 3])[0]),
+            1.0 / at(p).abs().max(0.1),
+        )
+    };
     let gathered: Vec<Gathered> = (0..SIZE * SIZE).map(found).collect();
-    let parts = (0..SIZE * SIZE).map(|p| part(if at(p) > 0.0 { 1 } else { 2 }, 5.0)).collect();
-    let face = FaceParts { size_px: SIZE, offsets: (0..=SIZE * SIZE).collect(), parts };
+    let parts = (0..SIZE * SIZE)
+        .map(|p| part(if at(p) > 0.0 { 1 } else { 2 }, 5.0))
+        .collect();
+    let face = FaceParts {
+        size_px: SIZE,
+        offsets: (0..=SIZE * SIZE).collect(),
+        parts,
+    };
     let pooled = pooled(&face, &gathered);
-    let is_near = |p: &u32| (0.5..1.5).contains(&at(*p).abs()) && (16..SIZE - 16).contains(&(p / SIZE));
+    let is_near =
+        |p: &u32| (0.5..1.5).contains(&at(*p).abs()) && (16..SIZE - 16).contains(&(p / SIZE));
     let near: Vec<u32> = (0..SIZE * SIZE).filter(is_near).collect();
     let error = |&p: &u32| (pooled[p as usize].light.x / light(p) - 1.0).powi(2);
     (near.iter().map(error).sum::<f32>() / near.len() as f32).sqrt()
@@ -112,7 +173,10 @@ fn corners_are_pooled_along() {
     let pixel_m = 10.0 / SIZE as f32;
     let upright = grain_in_a_corner(|[x, _]| (x as f32 + 0.5) * pixel_m);
     let slanting = grain_in_a_corner(|[x, y]| (x as f32 - 0.6 * y as f32 - 12.75) * pixel_m / 1.17);
-    assert!(upright < 0.5 * narrow && slanting < 0.7 * narrow, "{upright}, {slanting}, and {narrow} of narrow windows");
+    assert!(
+        upright < 0.5 * narrow && slanting < 0.7 * narrow,
+        "{upright}, {slanting}, and {narrow} of narrow windows"
+    );
 }
 
 #[test]
@@ -135,12 +199,23 @@ fn across_a_border() -> Vec<(Face, FaceParts, Vec<Gathered>)> {
             let direction = face.direction(x, y, SIZE).as_vec3();
             if direction.dot(toward) > 0.8 * direction.length() {
                 let noise = unit_float(random4([pixel, face.index() as u32, 2, 3])[0]);
-                parts.push(LitPart { plane_normal: -toward, ..part(1, -3.0) });
+                parts.push(LitPart {
+                    plane_normal: -toward,
+                    ..part(1, -3.0)
+                });
                 gathered.push(sample(2.0 * noise, 0.0));
             }
             offsets.push(parts.len() as u32);
         }
-        (face, FaceParts { size_px: SIZE, offsets, parts }, gathered)
+        (
+            face,
+            FaceParts {
+                size_px: SIZE,
+                offsets,
+                parts,
+            },
+            gathered,
+        )
     };
     Face::ALL.map(of_face).into()
 }
@@ -162,20 +237,41 @@ fn step_at_border(know_each_other: bool) -> f32 {
         let expected = Classes::of(&parts.classes(), gathered).variances();
         let pooled = Pooling::new(parts, *face).pool(gathered, &windows, &expected);
         // The last column of the one face meets the first of the other.
-        let x = if *face == Face::NegZ { parts.size_px - 1 } else { 0 };
-        let column = (0..parts.size_px)
-            .filter_map(|y| pooled.get(parts.range(x, y).start).filter(|_| !parts.pixel(x, y).is_empty()));
+        let x = if *face == Face::NegZ {
+            parts.size_px - 1
+        } else {
+            0
+        };
+        let column = (0..parts.size_px).filter_map(|y| {
+            pooled
+                .get(parts.range(x, y).start)
+                .filter(|_| !parts.pixel(x, y).is_empty())
+        });
         column.map(|pooled| pooled.light.x).collect()
     };
     let (left, right) = (light(Face::NegZ), light(Face::PosX));
-    assert!(left.len() == right.len() && left.len() > 100, "{} and {} rows", left.len(), right.len());
-    (left.iter().zip(&right).map(|(a, b)| (a - b).powi(2)).sum::<f32>() / left.len() as f32).sqrt()
+    assert!(
+        left.len() == right.len() && left.len() > 100,
+        "{} and {} rows",
+        left.len(),
+        right.len()
+    );
+    (left
+        .iter()
+        .zip(&right)
+        .map(|(a, b)| (a - b).powi(2))
+        .sum::<f32>()
+        / left.len() as f32)
+        .sqrt()
 }
 
 #[test]
 fn a_wall_shows_no_line_where_faces_meet() {
     let (together, apart) = (step_at_border(true), step_at_border(false));
-    assert!(together < 0.5 * apart, "{together}, and {apart} by themselves");
+    assert!(
+        together < 0.5 * apart,
+        "{together}, and {apart} by themselves"
+    );
 }
 
 #[test]
@@ -183,12 +279,26 @@ fn what_is_seen_exactly_edge_on_is_lit() {
     // A row of pixels looks along planes through it: one through the centre, and others beside it.
     for (size_px, distance) in [(7, 0.0), (7, 0.01), (65, 0.0), (65, 1e-30), (65, 3.0)] {
         let row = size_px / 2;
-        let plane = LitPart { plane_normal: Vec3::Y, ..part(1, distance) };
-        let offsets = (0..=size_px * size_px).map(|p: u32| p.saturating_sub(row * size_px).min(size_px)).collect();
-        let face = FaceParts { size_px, offsets, parts: vec![plane; size_px as usize] };
-        let gathered: Vec<Gathered> = (0..size_px).map(|p| sample(1.0 + (p % 2) as f32, 0.5)).collect();
+        let plane = LitPart {
+            plane_normal: Vec3::Y,
+            ..part(1, distance)
+        };
+        let offsets = (0..=size_px * size_px)
+            .map(|p: u32| p.saturating_sub(row * size_px).min(size_px))
+            .collect();
+        let face = FaceParts {
+            size_px,
+            offsets,
+            parts: vec![plane; size_px as usize],
+        };
+        let gathered: Vec<Gathered> = (0..size_px)
+            .map(|p| sample(1.0 + (p % 2) as f32, 0.5))
+            .collect();
         for pooled in pooled(&face, &gathered) {
-            assert!((1.0..=2.0).contains(&pooled.light.x), "{size_px} px, {distance} m: {pooled:?}");
+            assert!(
+                (1.0..=2.0).contains(&pooled.light.x),
+                "{size_px} px, {distance} m: {pooled:?}"
+            );
         }
     }
 }

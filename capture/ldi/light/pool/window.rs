@@ -1,9 +1,9 @@
 //! What was found over windows of some parts side by side, and which of them the light of each comes from.
 
 use super::{Gathered, Pooled};
-use headbox_core::color::LUMINANCE;
 use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
 use glam::Vec3;
+use headbox_core::color::LUMINANCE;
 
 /// Parts that are pooled side by side.
 pub(super) const LANES: usize = 8;
@@ -62,7 +62,16 @@ pub(super) fn parts_within(radius_px: f32) -> f32 {
 /// The window of a part alone.
 pub(super) fn sums_of(gathered: &Gathered) -> Sums {
     let [r, g, b] = gathered.light.to_array();
-    [r, g, b, gathered.samples, gathered.squares, gathered.nearness, 1.0, 0.0]
+    [
+        r,
+        g,
+        b,
+        gathered.samples,
+        gathered.squares,
+        gathered.nearness,
+        1.0,
+        0.0,
+    ]
 }
 
 /// [`Sums`] of parts side by side, `[sum][part]`.
@@ -110,7 +119,14 @@ impl<S: Simd> Window<S> {
         // Few samples may have missed what is rare and bright.
         let variance = (variance * samples + expected * FEW_SAMPLES) / (samples + FEW_SAMPLES);
         let nearness = sums.of(simd, NEARNESS) * per_sample;
-        Self { light: [red, green, blue], level, variance, nearness, samples, parts }
+        Self {
+            light: [red, green, blue],
+            level,
+            variance,
+            nearness,
+            samples,
+            parts,
+        }
     }
 
     /// These, and where a mask says so, `others`.
@@ -148,14 +164,22 @@ impl<S: Simd> Chosen<S> {
     /// These, for the parts for which a mask says so.
     #[inline(always)]
     pub(super) fn first(window: Window<S>, begun: mask32x8<S>) -> Self {
-        Self { pooled: window, last: window, open: f32x8::splat(window.level.token(), 1.0), begun }
+        Self {
+            pooled: window,
+            last: window,
+            open: f32x8::splat(window.level.token(), 1.0),
+            begun,
+        }
     }
 
     /// Of no part yet.
     #[inline(always)]
     pub(super) fn none(simd: S) -> Self {
         let nothing = f32x8::splat(simd, 0.0);
-        Self::first(Window::new(simd, &Beside::default(), nothing, nothing), mask32x8::from_bitmask(simd, 0))
+        Self::first(
+            Window::new(simd, &Beside::default(), nothing, nothing),
+            mask32x8::from_bitmask(simd, 0),
+        )
     }
 
     /// Of which parts light comes from so near that a window with a standard deviation of `radius_m` would be biased.
@@ -168,7 +192,8 @@ impl<S: Simd> Chosen<S> {
     /// of the surface as too small to follow. Parts without a window begin with these.
     #[inline(always)]
     pub(super) fn take(&mut self, wide: &Window<S>, radius_m: f32x8<S>) {
-        let may_count = (wide.parts * 2.0).simd_gt(self.last.parts) & self.open.simd_gt(0.0) & self.begun;
+        let may_count =
+            (wide.parts * 2.0).simd_gt(self.last.parts) & self.open.simd_gt(0.0) & self.begun;
         let begins = !self.begun;
         self.widen(wide, radius_m, may_count);
         self.pooled = self.pooled.or(wide, begins);
@@ -219,11 +244,22 @@ impl<S: Simd> Chosen<S> {
 
     #[inline(always)]
     pub(super) fn pooled(&self) -> [Pooled; LANES] {
-        let Window { light: [red, green, blue], variance, samples, parts, .. } = &self.pooled;
+        let Window {
+            light: [red, green, blue],
+            variance,
+            samples,
+            parts,
+            ..
+        } = &self.pooled;
         let mut pooled = [Pooled::default(); LANES];
         for (i, pooled) in pooled.iter_mut().enumerate() {
             let light = Vec3::new(red[i], green[i], blue[i]);
-            *pooled = Pooled { light, variance: variance[i], samples: samples[i], parts: parts[i] };
+            *pooled = Pooled {
+                light,
+                variance: variance[i],
+                samples: samples[i],
+                parts: parts[i],
+            };
         }
         pooled
     }
@@ -246,9 +282,9 @@ fn smooth_steps<S: Simd>([from, to]: [f32; 2], x: f32x8<S>) -> f32x8<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_trace::sampler::{random4, unit_float};
-    use headbox_core::simd;
     use fearless_simd::dispatch;
+    use headbox_core::simd;
+    use headbox_trace::sampler::{random4, unit_float};
 
     /// A window of a part: sums, parts, and its standard deviation, metres.
     type Level = (Sums, f32, f32);
@@ -262,9 +298,21 @@ mod tests {
             let samples = if a < 0.1 { 0.0 } else { 0.02 + 2.0 * b };
             let light = samples * (0.5 + 0.3 * c) * if d < 0.2 { 0.2 } else { 1.0 };
             let share = if d > 0.9 { 0.01 } else { c };
-            let sums =
-                [light, 0.9 * light, 1.1 * light, samples, light * light + 0.2 * samples, samples * d * d, share, 0.0];
-            (sums, 30.0 * 4f32.powi(number as i32), 0.02 * 2f32.powi(number as i32))
+            let sums = [
+                light,
+                0.9 * light,
+                1.1 * light,
+                samples,
+                light * light + 0.2 * samples,
+                samples * d * d,
+                share,
+                0.0,
+            ];
+            (
+                sums,
+                30.0 * 4f32.powi(number as i32),
+                0.02 * 2f32.powi(number as i32),
+            )
         };
         (0..5).map(level).collect()
     }
@@ -280,20 +328,43 @@ mod tests {
             parts: f64,
         }
         let found = |(sums, parts, _): &Level| {
-            let ([r, g, b, samples, squares, nearness, share, _], parts) = (sums.map(f64::from), f64::from(*parts));
+            let ([r, g, b, samples, squares, nearness, share, _], parts) =
+                (sums.map(f64::from), f64::from(*parts));
             let light = [r, g, b].map(|c| c / samples.max(1e-20));
-            let level: f64 = light.iter().zip(LUMINANCE).map(|(c, weight)| c * f64::from(weight)).sum();
+            let level: f64 = light
+                .iter()
+                .zip(LUMINANCE)
+                .map(|(c, weight)| c * f64::from(weight))
+                .sum();
             let variance = (squares / samples.max(1e-20) - level * level).max(0.0);
-            let (nearness, all, few) = (nearness / samples.max(1e-20), samples * parts, f64::from(FEW_SAMPLES));
+            let (nearness, all, few) = (
+                nearness / samples.max(1e-20),
+                samples * parts,
+                f64::from(FEW_SAMPLES),
+            );
             let variance = (variance * all + f64::from(EXPECTED) * few) / (all + few);
-            Found { light, level, variance, nearness, samples: all, parts: share * parts }
+            Found {
+                light,
+                level,
+                variance,
+                nearness,
+                samples: all,
+                parts: share * parts,
+            }
         };
         let step = |[from, to]: [f32; 2], x: f64| {
             let share = ((x - f64::from(from)) / f64::from(to - from)).clamp(0.0, 1.0);
             share * share * (3.0 - 2.0 * share)
         };
         let (mut last, mut open) = (found(&levels[0]), 1.0);
-        let mut all = [last.light[0], last.light[1], last.light[2], last.variance, last.samples, last.parts];
+        let mut all = [
+            last.light[0],
+            last.light[1],
+            last.light[2],
+            last.variance,
+            last.samples,
+            last.parts,
+        ];
         for at in &levels[1..] {
             let wide = found(at);
             if open <= 0.0 || 2.0 * wide.parts <= last.parts {
@@ -310,8 +381,10 @@ mod tests {
             open *= 1.0 - trusted * bias * bias / (bias * bias + error2);
             let shares = [open, open, open, open.max(1.0 - trusted), open, open];
             let [r, g, b] = wide.light;
-            for ((all, wide), share) in
-                all.iter_mut().zip([r, g, b, wide.variance, wide.samples, wide.parts]).zip(shares)
+            for ((all, wide), share) in all
+                .iter_mut()
+                .zip([r, g, b, wide.variance, wide.samples, wide.parts])
+                .zip(shares)
             {
                 *all += (wide - *all) * share;
             }
@@ -327,7 +400,12 @@ mod tests {
             let mut sums = Beside::default();
             (0..LANES).for_each(|lane| sums.set(lane, &parts[lane][number].0));
             let (_, count, radius_m) = parts[0][number];
-            let window = Window::new(simd, &sums, f32x8::splat(simd, count), f32x8::splat(simd, EXPECTED));
+            let window = Window::new(
+                simd,
+                &sums,
+                f32x8::splat(simd, count),
+                f32x8::splat(simd, EXPECTED),
+            );
             chosen.take(&window, f32x8::splat(simd, radius_m));
         }
         chosen.pooled()
@@ -336,7 +414,8 @@ mod tests {
     #[test]
     fn windows_are_chosen_side_by_side_as_one_by_one_at_every_level() {
         for first in (0..4000).step_by(LANES) {
-            let parts: [Vec<Level>; LANES] = std::array::from_fn(|lane| levels(first + lane as u32));
+            let parts: [Vec<Level>; LANES] =
+                std::array::from_fn(|lane| levels(first + lane as u32));
             let mut of_lowest = None;
             for level in simd::levels() {
                 let found = dispatch!(level, simd => chosen(simd, &parts));
@@ -348,7 +427,10 @@ mod tests {
                 for (found, expected) in found.iter().zip(oracle(levels)) {
                     // Variances are differences of squares of about 1 in f32, and decide by how much wider windows count.
                     let tolerance = 2e-6 + 2e-4 * expected.abs();
-                    assert!((found - expected).abs() <= tolerance, "{found} for {expected}: {levels:?}");
+                    assert!(
+                        (found - expected).abs() <= tolerance,
+                        "{found} for {expected}: {levels:?}"
+                    );
                 }
             }
         }

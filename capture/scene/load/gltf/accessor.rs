@@ -5,8 +5,8 @@
 
 use super::super::notes::{Note, Notes};
 use super::super::textures::find_file;
-use crate::load::gltf::uri;
 use super::uri::Target;
+use crate::load::gltf::uri;
 use gltf::json::accessor::{Accessor, ComponentType, Type};
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Root, buffer};
@@ -24,11 +24,19 @@ pub(super) struct Buffers<'a> {
 
 impl<'a> Buffers<'a> {
     /// Reads the buffers; `blob` is the binary chunk of a GLB.
-    pub(super) fn read(root: &'a Root, blob: Option<Vec<u8>>, folder: &Path, notes: &mut Notes) -> Self {
+    pub(super) fn read(
+        root: &'a Root,
+        blob: Option<Vec<u8>>,
+        folder: &Path,
+        notes: &mut Notes,
+    ) -> Self {
         let mut blob = blob;
         let mut read = |(index, buffer): (usize, &buffer::Buffer)| {
             let (name, bytes) = match buffer.uri.as_deref() {
-                None => (format!("buffer {index}"), blob.take().ok_or_else(|| "no binary chunk".to_owned())),
+                None => (
+                    format!("buffer {index}"),
+                    blob.take().ok_or_else(|| "no binary chunk".to_owned()),
+                ),
                 Some(uri) => match uri::resolve(uri) {
                     Target::Data(bytes) => (format!("buffer {index}"), bytes),
                     Target::File(file) => {
@@ -43,7 +51,11 @@ impl<'a> Buffers<'a> {
                     }
                 },
             };
-            bytes.map_err(|cause| notes.add_named(Note::BufferUnreadable, format!("{name} ({cause})"))).ok()
+            bytes
+                .map_err(|cause| {
+                    notes.add_named(Note::BufferUnreadable, format!("{name} ({cause})"))
+                })
+                .ok()
         };
         let data = root.buffers.iter().enumerate().map(&mut read).collect();
         Self { root, data }
@@ -61,7 +73,10 @@ impl<'a> Buffers<'a> {
 
     /// Whether an accessor's entries are in the file, so that there are no more of them than it has room for.
     pub(super) fn has_bytes(&self, index: Index<Accessor>) -> bool {
-        self.root.accessors.get(index.value()).is_some_and(|accessor| accessor.buffer_view.is_some())
+        self.root
+            .accessors
+            .get(index.value())
+            .is_some_and(|accessor| accessor.buffer_view.is_some())
     }
 
     /// The entries of an accessor as vectors of `N` components; more components are cut off, fewer are a defect, as is
@@ -80,13 +95,27 @@ impl<'a> Buffers<'a> {
         };
         if let Some(sparse) = &accessor.sparse {
             let count = usize::try_from(sparse.count.0).ok()?;
-            let Checked::Valid(index_type) = sparse.indices.component_type else { return None };
-            let index_layout = Layout { component: index_type.0, components: 1, normalized: false };
+            let Checked::Valid(index_type) = sparse.indices.component_type else {
+                return None;
+            };
+            let index_layout = Layout {
+                component: index_type.0,
+                components: 1,
+                normalized: false,
+            };
             let offset = |offset: u64| usize::try_from(offset).ok();
-            let places: Vec<[f64; 1]> =
-                self.entries(sparse.indices.buffer_view, offset(sparse.indices.byte_offset.0)?, count, index_layout)?;
-            let replacements =
-                self.entries(sparse.values.buffer_view, offset(sparse.values.byte_offset.0)?, count, layout)?;
+            let places: Vec<[f64; 1]> = self.entries(
+                sparse.indices.buffer_view,
+                offset(sparse.indices.byte_offset.0)?,
+                count,
+                index_layout,
+            )?;
+            let replacements = self.entries(
+                sparse.values.buffer_view,
+                offset(sparse.values.byte_offset.0)?,
+                count,
+                layout,
+            )?;
             for ([place], replacement) in places.into_iter().zip(replacements) {
                 *values.get_mut(place as usize)? = replacement;
             }
@@ -109,9 +138,14 @@ impl<'a> Buffers<'a> {
         let component_size = layout.component.size();
         let entry_size = component_size * layout.components;
         let stride = stride.unwrap_or(entry_size).max(entry_size);
-        let end = count.checked_sub(1)?.checked_mul(stride)?.checked_add(entry_size)?;
+        let end = count
+            .checked_sub(1)?
+            .checked_mul(stride)?
+            .checked_add(entry_size)?;
         let bytes = bytes.get(..end)?;
-        let entry = |entry: &[u8]| std::array::from_fn(|i| layout.component_at(&entry[i * component_size..]));
+        let entry = |entry: &[u8]| {
+            std::array::from_fn(|i| layout.component_at(&entry[i * component_size..]))
+        };
         Some(bytes.chunks(stride).map(entry).collect())
     }
 }
@@ -127,14 +161,22 @@ struct Layout {
 impl Layout {
     /// `None` for matrices but those of skins: columns of four floats, which no padding keeps apart.
     fn of(accessor: &Accessor) -> Option<Self> {
-        let Checked::Valid(component) = accessor.component_type else { return None };
-        let Checked::Valid(shape) = accessor.type_ else { return None };
+        let Checked::Valid(component) = accessor.component_type else {
+            return None;
+        };
+        let Checked::Valid(shape) = accessor.type_ else {
+            return None;
+        };
         match shape {
             Type::Scalar | Type::Vec2 | Type::Vec3 | Type::Vec4 => {}
             Type::Mat4 if component.0 == ComponentType::F32 => {}
             Type::Mat2 | Type::Mat3 | Type::Mat4 => return None,
         }
-        Some(Self { component: component.0, components: shape.multiplicity(), normalized: accessor.normalized })
+        Some(Self {
+            component: component.0,
+            components: shape.multiplicity(),
+            normalized: accessor.normalized,
+        })
     }
 
     /// The number at the start of `bytes`, which are at least as many as the component has.
@@ -149,6 +191,10 @@ impl Layout {
             ComponentType::U32 => (f64::from(u32::from_le_bytes(four())), 4_294_967_295.0),
             ComponentType::F32 => return f64::from(f32::from_le_bytes(four())),
         };
-        if self.normalized { (value / greatest).max(-1.0) } else { value }
+        if self.normalized {
+            (value / greatest).max(-1.0)
+        } else {
+            value
+        }
     }
 }

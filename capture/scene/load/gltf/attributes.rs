@@ -16,18 +16,36 @@ pub(super) struct Attributes {
 }
 
 impl Attributes {
-    pub(super) fn read(primitive: &Primitive, texcoord_set: u32, buffers: &Buffers, notes: &mut Notes) -> Option<Self> {
+    pub(super) fn read(
+        primitive: &Primitive,
+        texcoord_set: u32,
+        buffers: &Buffers,
+        notes: &mut Notes,
+    ) -> Option<Self> {
         let accessor = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
-        let positions = accessor(Semantic::Positions).and_then(|positions| buffers.vectors(positions));
+        let positions =
+            accessor(Semantic::Positions).and_then(|positions| buffers.vectors(positions));
         let Some(positions) = positions else {
             notes.add(Note::AccessorUnreadable, 1);
             return None;
         };
         let count = positions.len();
         Some(Self {
-            normals: optional(accessor(Semantic::Normals).map(|a| buffers.vectors(a)), count, notes),
-            texcoords: optional(accessor(Semantic::TexCoords(texcoord_set)).map(|a| buffers.vectors(a)), count, notes),
-            colors: optional(accessor(Semantic::Colors(0)).map(|a| buffers.vectors(a)), count, notes),
+            normals: optional(
+                accessor(Semantic::Normals).map(|a| buffers.vectors(a)),
+                count,
+                notes,
+            ),
+            texcoords: optional(
+                accessor(Semantic::TexCoords(texcoord_set)).map(|a| buffers.vectors(a)),
+                count,
+                notes,
+            ),
+            colors: optional(
+                accessor(Semantic::Colors(0)).map(|a| buffers.vectors(a)),
+                count,
+                notes,
+            ),
             positions,
         })
     }
@@ -37,7 +55,10 @@ impl Attributes {
 fn optional<T>(read: Option<Option<Vec<T>>>, count: usize, notes: &mut Notes) -> Vec<T> {
     let is_given = read.is_some();
     let values = read.flatten().filter(|values| values.len() == count);
-    notes.add(Note::AccessorUnreadable, usize::from(is_given && values.is_none()));
+    notes.add(
+        Note::AccessorUnreadable,
+        usize::from(is_given && values.is_none()),
+    );
     values.unwrap_or_default()
 }
 

@@ -30,23 +30,37 @@ const MAX_FRAMES: f64 = 1e6;
 /// The path of the first camera that an animation moves, `fps` moments a second from the first key to the last; without an animation
 /// that moves one, all perspective cameras as they stand, in the order of nodes.
 pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera>, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
+    let malformed = |cause: String| LoadError::Malformed {
+        path: path.to_path_buf(),
+        cause,
+    };
     let (root, transforms, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
     let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);
     let rig = Rig::new(&root, transforms);
-    let cameras: Vec<usize> = (0..root.nodes.len()).filter(|node| rig.lens(*node).is_some()).collect();
+    let cameras: Vec<usize> = (0..root.nodes.len())
+        .filter(|node| rig.lens(*node).is_some())
+        .collect();
     if cameras.is_empty() {
-        return Err(malformed("it holds no perspective camera; export cameras with it".into()));
+        return Err(malformed(
+            "it holds no perspective camera; export cameras with it".into(),
+        ));
     }
     for animation in &root.animations {
-        let tracks =
-            tracks(animation, &buffers).ok_or_else(|| malformed("the keys of an animation cannot be read".into()))?;
-        let moved = cameras.iter().find(|camera| rig.ancestry(**camera).any(|n| tracks.iter().any(|t| t.node == n)));
+        let tracks = tracks(animation, &buffers)
+            .ok_or_else(|| malformed("the keys of an animation cannot be read".into()))?;
+        let moved = cameras.iter().find(|camera| {
+            rig.ancestry(**camera)
+                .any(|n| tracks.iter().any(|t| t.node == n))
+        });
         let Some(camera) = moved else { continue };
-        let of_camera = tracks.iter().filter(|track| rig.ancestry(*camera).any(|node| node == track.node));
+        let of_camera = tracks
+            .iter()
+            .filter(|track| rig.ancestry(*camera).any(|node| node == track.node));
         let times = of_camera.flat_map(|track| track.times.iter().copied());
-        let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+        let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| {
+            (a.min(t), b.max(t))
+        });
         let frames = ((last - first) * fps + 1e-6).floor() + 1.0;
         if !(1.0..=MAX_FRAMES).contains(&frames) {
             return Err(malformed(format!("its animation lasts {} s", last - first)));
@@ -54,7 +68,10 @@ pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera
         let at = |i: u32| rig.camera(*camera, &tracks, first + f64::from(i) / fps);
         return Ok((0..frames as u32).filter_map(at).collect());
     }
-    Ok(cameras.into_iter().filter_map(|camera| rig.camera(camera, &[], 0.0)).collect())
+    Ok(cameras
+        .into_iter()
+        .filter_map(|camera| rig.camera(camera, &[], 0.0))
+        .collect())
 }
 
 /// Nodes and who stands on whom.
@@ -74,7 +91,11 @@ impl<'a> Rig<'a> {
                 }
             }
         }
-        Self { root, transforms, parents }
+        Self {
+            root,
+            transforms,
+            parents,
+        }
     }
 
     /// A node, its parent, ...; in a file whose nodes go round in a circle no more than there are nodes.
@@ -84,7 +105,10 @@ impl<'a> Rig<'a> {
 
     /// Vertical field of view and aspect of a node's perspective camera.
     fn lens(&self, node: usize) -> Option<(f64, Option<f64>)> {
-        let camera = self.root.cameras.get(self.root.nodes.get(node)?.camera?.value())?;
+        let camera = self
+            .root
+            .cameras
+            .get(self.root.nodes.get(node)?.camera?.value())?;
         let lens = camera.perspective.as_ref()?;
         Some((f64::from(lens.yfov), lens.aspect_ratio.map(f64::from)))
     }
@@ -93,12 +117,25 @@ impl<'a> Rig<'a> {
         let (fov_y, aspect) = self.lens(node)?;
         let world_from_node = self.ancestry(node).fold(DAffine3::IDENTITY, |from, node| {
             let mut transform = self.transforms.of(node);
-            tracks.iter().filter(|track| track.node == node).for_each(|track| track.apply(time_s, &mut transform));
+            tracks
+                .iter()
+                .filter(|track| track.node == node)
+                .for_each(|track| track.apply(time_s, &mut transform));
             transform.parent_from_node() * from
         });
-        let [up, back] =
-            [world_from_node.matrix3.y_axis, world_from_node.matrix3.z_axis].map(|axis| axis.normalize_or_zero());
-        Some(GltfCamera { eye: world_from_node.translation, forward: -back, up, fov_y, aspect, time_s })
+        let [up, back] = [
+            world_from_node.matrix3.y_axis,
+            world_from_node.matrix3.z_axis,
+        ]
+        .map(|axis| axis.normalize_or_zero());
+        Some(GltfCamera {
+            eye: world_from_node.translation,
+            forward: -back,
+            up,
+            fov_y,
+            aspect,
+            time_s,
+        })
     }
 }
 
@@ -116,25 +153,48 @@ struct Track {
 fn tracks(animation: &Animation, buffers: &Buffers) -> Option<Vec<Track>> {
     let mut tracks = Vec::new();
     for channel in &animation.channels {
-        let Checked::Valid(property) = channel.target.path else { return None };
+        let Checked::Valid(property) = channel.target.path else {
+            return None;
+        };
         let sampler = animation.samplers.get(channel.sampler.value())?;
-        let Checked::Valid(interpolation) = sampler.interpolation else { return None };
+        let Checked::Valid(interpolation) = sampler.interpolation else {
+            return None;
+        };
         let values = match property {
-            Property::Translation | Property::Scale => {
-                buffers.vectors::<3>(sampler.output)?.into_iter().map(|v| DVec3::from(v).extend(0.0)).collect()
-            }
-            Property::Rotation => {
-                buffers.vectors::<4>(sampler.output)?.into_iter().map(DVec4::from).collect::<Vec<_>>()
-            }
+            Property::Translation | Property::Scale => buffers
+                .vectors::<3>(sampler.output)?
+                .into_iter()
+                .map(|v| DVec3::from(v).extend(0.0))
+                .collect(),
+            Property::Rotation => buffers
+                .vectors::<4>(sampler.output)?
+                .into_iter()
+                .map(DVec4::from)
+                .collect::<Vec<_>>(),
             Property::MorphTargetWeights => continue,
         };
-        let times: Vec<f64> = buffers.vectors::<1>(sampler.input)?.into_iter().map(|[time]| time).collect();
-        let a_time = if interpolation == Interpolation::CubicSpline { 3 } else { 1 };
-        let rising = times.windows(2).all(|pair| pair[0] < pair[1]) && times.iter().all(|time| time.is_finite());
+        let times: Vec<f64> = buffers
+            .vectors::<1>(sampler.input)?
+            .into_iter()
+            .map(|[time]| time)
+            .collect();
+        let a_time = if interpolation == Interpolation::CubicSpline {
+            3
+        } else {
+            1
+        };
+        let rising = times.windows(2).all(|pair| pair[0] < pair[1])
+            && times.iter().all(|time| time.is_finite());
         if times.is_empty() || !rising || values.len() != times.len() * a_time {
             return None;
         }
-        tracks.push(Track { node: channel.target.node.value(), property, interpolation, times, values });
+        tracks.push(Track {
+            node: channel.target.node.value(),
+            property,
+            interpolation,
+            times,
+            values,
+        });
     }
     Some(tracks)
 }
@@ -162,7 +222,10 @@ impl Track {
         let (before, step) = (next - 1, self.times[next] - self.times[next - 1]);
         let t = (time_s - self.times[before]) / step;
         if spline {
-            let (out, into) = (self.values[3 * before + 2] * step, self.values[3 * next] * step);
+            let (out, into) = (
+                self.values[3 * before + 2] * step,
+                self.values[3 * next] * step,
+            );
             let (t2, t3) = (t * t, t * t * t);
             return key(before) * (2.0 * t3 - 3.0 * t2 + 1.0)
                 + out * (t3 - 2.0 * t2 + t)
@@ -170,7 +233,8 @@ impl Track {
                 + into * (t3 - t2);
         }
         if self.property == Property::Rotation {
-            let [a, b] = [key(before), key(next)].map(|v| DQuat::from_vec4(v.normalize_or(DVec4::W)));
+            let [a, b] =
+                [key(before), key(next)].map(|v| DQuat::from_vec4(v.normalize_or(DVec4::W)));
             return DVec4::from(a.slerp(b, t));
         }
         key(before).lerp(key(next), t)

@@ -23,11 +23,14 @@ pub(super) fn places(
     buffers: &Buffers,
     notes: &mut Notes,
 ) -> Vec<DAffine3> {
-    let Some(attributes) = attributes else { return vec![world_from_node] };
+    let Some(attributes) = attributes else {
+        return vec![world_from_node];
+    };
     match node_from_instances(attributes, buffers) {
-        Some(instances) => {
-            instances.into_iter().map(|node_from_instance| world_from_node * node_from_instance).collect()
-        }
+        Some(instances) => instances
+            .into_iter()
+            .map(|node_from_instance| world_from_node * node_from_instance)
+            .collect(),
         None => {
             notes.add(Note::AccessorUnreadable, 1);
             vec![world_from_node]
@@ -35,22 +38,38 @@ pub(super) fn places(
     }
 }
 
-fn node_from_instances(attributes: &InstanceAttributes, buffers: &Buffers) -> Option<Vec<DAffine3>> {
+fn node_from_instances(
+    attributes: &InstanceAttributes,
+    buffers: &Buffers,
+) -> Option<Vec<DAffine3>> {
     let translations = read::<3>(attributes.translation, buffers)?;
     let rotations = read::<4>(attributes.rotation, buffers)?;
     let scales = read::<3>(attributes.scale, buffers)?;
-    let lengths =
-        [translations.as_ref().map(Vec::len), rotations.as_ref().map(Vec::len), scales.as_ref().map(Vec::len)];
+    let lengths = [
+        translations.as_ref().map(Vec::len),
+        rotations.as_ref().map(Vec::len),
+        scales.as_ref().map(Vec::len),
+    ];
     let count = lengths.into_iter().flatten().next()?;
     if lengths.into_iter().flatten().any(|length| length != count) {
         return None;
     }
     let instance = |i: usize| {
-        let rotation = rotations.as_ref().map_or(DQuat::IDENTITY, |all| DQuat::from_array(all[i]));
+        let rotation = rotations
+            .as_ref()
+            .map_or(DQuat::IDENTITY, |all| DQuat::from_array(all[i]));
         DAffine3::from_scale_rotation_translation(
-            scales.as_ref().map_or(DVec3::ONE, |all| DVec3::from_array(all[i])),
-            if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY },
-            translations.as_ref().map_or(DVec3::ZERO, |all| DVec3::from_array(all[i])),
+            scales
+                .as_ref()
+                .map_or(DVec3::ONE, |all| DVec3::from_array(all[i])),
+            if rotation.length_squared() > 0.0 {
+                rotation.normalize()
+            } else {
+                DQuat::IDENTITY
+            },
+            translations
+                .as_ref()
+                .map_or(DVec3::ZERO, |all| DVec3::from_array(all[i])),
         )
     };
     Some((0..count).map(instance).collect())
@@ -58,8 +77,16 @@ fn node_from_instances(attributes: &InstanceAttributes, buffers: &Buffers) -> Op
 
 /// The entries of an attribute, `Some(None)` if it is not given, `None` if it is damaged or has no bytes of its own: then nothing
 /// bounds their number.
-fn read<const N: usize>(attribute: Option<u32>, buffers: &Buffers) -> Option<Option<Vec<[f64; N]>>> {
-    let Some(attribute) = attribute else { return Some(None) };
+fn read<const N: usize>(
+    attribute: Option<u32>,
+    buffers: &Buffers,
+) -> Option<Option<Vec<[f64; N]>>> {
+    let Some(attribute) = attribute else {
+        return Some(None);
+    };
     let accessor = Index::new(attribute);
-    buffers.has_bytes(accessor).then(|| buffers.vectors(accessor))?.map(Some)
+    buffers
+        .has_bytes(accessor)
+        .then(|| buffers.vectors(accessor))?
+        .map(Some)
 }

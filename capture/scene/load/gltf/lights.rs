@@ -11,12 +11,24 @@ use glam::{DAffine3, DVec3, Vec3};
 
 /// Adds the lamp at a node, if there is one.
 pub(super) fn push(root: &Root, node: &Node, world_from_node: DAffine3, builder: &mut Builder) {
-    let at_node = node.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
-    let Some(index) = at_node.map(|light| light.light.value()) else { return };
-    let all = root.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
-    let lamp = all.and_then(|all| all.lights.get(index)).and_then(|light| lamp(light, world_from_node, builder));
+    let at_node = node
+        .extensions
+        .as_ref()
+        .and_then(|extensions| extensions.khr_lights_punctual.as_ref());
+    let Some(index) = at_node.map(|light| light.light.value()) else {
+        return;
+    };
+    let all = root
+        .extensions
+        .as_ref()
+        .and_then(|extensions| extensions.khr_lights_punctual.as_ref());
+    let lamp = all
+        .and_then(|all| all.lights.get(index))
+        .and_then(|light| lamp(light, world_from_node, builder));
     let is_sane = lamp.is_some_and(|lamp| builder.lights.push(lamp));
-    builder.notes.add(Note::LightUnreadable, usize::from(!is_sane));
+    builder
+        .notes
+        .add(Note::LightUnreadable, usize::from(!is_sane));
 }
 
 /// `None` if it is of no known type.
@@ -25,8 +37,12 @@ fn lamp(light: &Light, world_from_node: DAffine3, builder: &Builder) -> Option<L
     let position = frame.world_from_file(world_from_node.translation);
     let ahead = frame.world_direction_from_file(world_from_node.matrix3 * DVec3::NEG_Z);
     let axis: Vec3 = ahead.normalize_or_zero().as_vec3();
-    let range_m = light.range.map_or(f32::INFINITY, |range| range * frame.unit_m as f32);
-    let Checked::Valid(kind) = light.type_ else { return None };
+    let range_m = light
+        .range
+        .map_or(f32::INFINITY, |range| range * frame.unit_m as f32);
+    let Checked::Valid(kind) = light.type_ else {
+        return None;
+    };
     let reach = match kind {
         Type::Directional => Reach::Distant { direction: -axis },
         Type::Point => Reach::Point { position, range_m },
@@ -34,9 +50,19 @@ fn lamp(light: &Light, world_from_node: DAffine3, builder: &Builder) -> Option<L
             let [inner, outer] = light
                 .spot
                 .as_ref()
-                .map_or([0.0, std::f32::consts::FRAC_PI_4], |spot| [spot.inner_cone_angle, spot.outer_cone_angle]);
-            Reach::Spot { position, range_m, axis, cosines: [inner.cos(), outer.cos()] }
+                .map_or([0.0, std::f32::consts::FRAC_PI_4], |spot| {
+                    [spot.inner_cone_angle, spot.outer_cone_angle]
+                });
+            Reach::Spot {
+                position,
+                range_m,
+                axis,
+                cosines: [inner.cos(), outer.cos()],
+            }
         }
     };
-    Some(Lamp { intensity: light.color.map(|c| c * light.intensity), reach })
+    Some(Lamp {
+        intensity: light.color.map(|c| c * light.intensity),
+        reach,
+    })
 }

@@ -26,9 +26,19 @@ impl Pose {
         buffers: &Buffers,
         notes: &mut Notes,
     ) -> Self {
-        let weights = node.weights.as_ref().or(mesh.weights.as_ref()).cloned().unwrap_or_default();
-        let joints = node.skin.and_then(|skin| joints(root, skin, world_from_nodes, buffers));
-        notes.add(Note::SkinUnreadable, usize::from(node.skin.is_some() && joints.is_none()));
+        let weights = node
+            .weights
+            .as_ref()
+            .or(mesh.weights.as_ref())
+            .cloned()
+            .unwrap_or_default();
+        let joints = node
+            .skin
+            .and_then(|skin| joints(root, skin, world_from_nodes, buffers));
+        notes.add(
+            Note::SkinUnreadable,
+            usize::from(node.skin.is_some() && joints.is_none()),
+        );
         Self { weights, joints }
     }
 
@@ -42,11 +52,17 @@ impl Pose {
     ) {
         let targets = primitive.targets.iter().flatten().zip(&self.weights);
         for (target, &weight) in targets.filter(|(_, weight)| **weight != 0.0) {
-            for (moved, by) in
-                [(&mut attributes.positions, target.positions), (&mut attributes.normals, target.normals)]
-            {
-                let Some(by) = by.filter(|_| !moved.is_empty()) else { continue };
-                match buffers.vectors::<3>(by).filter(|by| by.len() == moved.len()) {
+            for (moved, by) in [
+                (&mut attributes.positions, target.positions),
+                (&mut attributes.normals, target.normals),
+            ] {
+                let Some(by) = by.filter(|_| !moved.is_empty()) else {
+                    continue;
+                };
+                match buffers
+                    .vectors::<3>(by)
+                    .filter(|by| by.len() == moved.len())
+                {
                     Some(by) => add_scaled(moved, &by, f64::from(weight)),
                     None => notes.add(Note::AccessorUnreadable, 1),
                 }
@@ -62,14 +78,20 @@ impl Pose {
         buffers: &Buffers,
         notes: &mut Notes,
     ) -> bool {
-        let Some(joints) = &self.joints else { return false };
+        let Some(joints) = &self.joints else {
+            return false;
+        };
         let bent = world_from_vertices(primitive, attributes.positions.len(), joints, buffers);
         let Some(world_from_vertices) = bent else {
             notes.add(Note::SkinUnreadable, 1);
             return false;
         };
-        for (position, world_from_vertex) in attributes.positions.iter_mut().zip(&world_from_vertices) {
-            *position = world_from_vertex.transform_point3(DVec3::from(*position)).to_array();
+        for (position, world_from_vertex) in
+            attributes.positions.iter_mut().zip(&world_from_vertices)
+        {
+            *position = world_from_vertex
+                .transform_point3(DVec3::from(*position))
+                .to_array();
         }
         for (normal, world_from_vertex) in attributes.normals.iter_mut().zip(&world_from_vertices) {
             *normal = (cofactors(world_from_vertex.matrix3) * DVec3::from(*normal)).to_array();
@@ -96,11 +118,16 @@ fn joints(
         None => vec![DAffine3::IDENTITY; skin.joints.len()],
         Some(matrices) => {
             let matrices = buffers.vectors::<16>(matrices)?;
-            matrices.iter().map(|m| DAffine3::from_mat4(DMat4::from_cols_array(m))).collect()
+            matrices
+                .iter()
+                .map(|m| DAffine3::from_mat4(DMat4::from_cols_array(m)))
+                .collect()
         }
     };
     let world_from_joint = |joint: usize| world_from_nodes.get(joint).copied().flatten();
-    let of_joint = |(i, joint): (usize, &Index<Node>)| Some(world_from_joint(joint.value())? * *inverse_bind.get(i)?);
+    let of_joint = |(i, joint): (usize, &Index<Node>)| {
+        Some(world_from_joint(joint.value())? * *inverse_bind.get(i)?)
+    };
     skin.joints.iter().enumerate().map(of_joint).collect()
 }
 
@@ -114,14 +141,26 @@ fn world_from_vertices(
     let accessor = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
     let mut sums = vec![(DAffine3::ZERO, 0.0); count];
     // Four joints a set; the specification asks for at least one set.
-    let sets = (0..).map_while(|set| Some([accessor(Semantic::Joints(set))?, accessor(Semantic::Weights(set))?]));
+    let sets = (0..).map_while(|set| {
+        Some([
+            accessor(Semantic::Joints(set))?,
+            accessor(Semantic::Weights(set))?,
+        ])
+    });
     for [indices, weights] in sets {
-        let (indices, weights) = (buffers.vectors::<4>(indices)?, buffers.vectors::<4>(weights)?);
+        let (indices, weights) = (
+            buffers.vectors::<4>(indices)?,
+            buffers.vectors::<4>(weights)?,
+        );
         if indices.len() != count || weights.len() != count {
             return None;
         }
         for ((sum, indices), weights) in sums.iter_mut().zip(indices).zip(weights) {
-            for (index, weight) in indices.into_iter().zip(weights).filter(|(_, weight)| *weight != 0.0) {
+            for (index, weight) in indices
+                .into_iter()
+                .zip(weights)
+                .filter(|(_, weight)| *weight != 0.0)
+            {
                 let joint = joints.get(index as usize)?;
                 sum.0 = DAffine3 {
                     matrix3: sum.0.matrix3 + joint.matrix3 * weight,

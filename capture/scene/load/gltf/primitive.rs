@@ -20,17 +20,27 @@ pub(super) fn push_primitive(
     buffers: &Buffers,
     builder: &mut Builder,
 ) -> Result<(), TooManyVertices> {
-    let Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) = primitive.mode else {
+    let Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) =
+        primitive.mode
+    else {
         builder.notes.add(Note::NonTriangles, 1);
         return Ok(());
     };
-    let Some(surface) = surface else { return Ok(()) };
-    let Some(mut attributes) = Attributes::read(primitive, surface.texcoord_set, buffers, &mut builder.notes) else {
+    let Some(surface) = surface else {
+        return Ok(());
+    };
+    let Some(mut attributes) =
+        Attributes::read(primitive, surface.texcoord_set, buffers, &mut builder.notes)
+    else {
         return Ok(());
     };
     pose.morph(primitive, &mut attributes, buffers, &mut builder.notes);
     let is_in_world = pose.bend(primitive, &mut attributes, buffers, &mut builder.notes);
-    let places = if is_in_world { &[DAffine3::IDENTITY] } else { places };
+    let places = if is_in_world {
+        &[DAffine3::IDENTITY]
+    } else {
+        places
+    };
     let count = attributes.positions.len();
     let corners: Vec<usize> = match primitive.indices {
         None => (0..count).collect(),
@@ -43,14 +53,23 @@ pub(super) fn push_primitive(
         },
     };
     let all = triangles(mode, &corners);
-    let valid: Vec<[usize; 3]> = all.iter().copied().filter(|t| t.iter().all(|&vertex| vertex < count)).collect();
-    builder.notes.add(Note::FaceIndexOutOfRange, all.len() - valid.len());
+    let valid: Vec<[usize; 3]> = all
+        .iter()
+        .copied()
+        .filter(|t| t.iter().all(|&vertex| vertex < count))
+        .collect();
+    builder
+        .notes
+        .add(Note::FaceIndexOutOfRange, all.len() - valid.len());
     let Some(material) = surface.material else {
-        builder.notes.add(Note::SeeThrough, valid.len() * places.len());
+        builder
+            .notes
+            .add(Note::SeeThrough, valid.len() * places.len());
         return Ok(());
     };
     for &world_from_node in places {
-        let first = push_vertices(&attributes, world_from_node, surface, builder).ok_or(TooManyVertices)?;
+        let first =
+            push_vertices(&attributes, world_from_node, surface, builder).ok_or(TooManyVertices)?;
         let is_mirrored = world_from_node.matrix3.determinant() < 0.0;
         for &[a, b, c] in &valid {
             let [b, c] = if is_mirrored { [c, b] } else { [b, c] };
@@ -71,16 +90,24 @@ fn push_vertices(
     let first = builder.next_vertex(attributes.positions.len())?;
     let normal_from_node = cofactors(world_from_node.matrix3);
     for (i, &position) in attributes.positions.iter().enumerate() {
-        let normal = attributes.normals.get(i).map_or(DVec3::ZERO, |&n| normal_from_node * DVec3::from(n));
+        let normal = attributes
+            .normals
+            .get(i)
+            .map_or(DVec3::ZERO, |&n| normal_from_node * DVec3::from(n));
         let texcoord = attributes.texcoords.get(i).map_or(Vec2::ZERO, |&[u, v]| {
-            let in_image = surface.image_from_vertex.transform_point2(Vec2::new(u as f32, v as f32));
+            let in_image = surface
+                .image_from_vertex
+                .transform_point2(Vec2::new(u as f32, v as f32));
             Vec2::new(in_image.x, 1.0 - in_image.y) // v of glTF goes down
         });
         builder.push_vertex(Vertex {
             position: world_from_node.transform_point3(DVec3::from(position)),
             normal: normal.normalize_or_zero().as_vec3(),
             texcoord,
-            color: attributes.colors.get(i).map_or(Vec3::ONE, |&c| DVec3::from(c).as_vec3()),
+            color: attributes
+                .colors
+                .get(i)
+                .map_or(Vec3::ONE, |&c| DVec3::from(c).as_vec3()),
         });
     }
     Some(first)
@@ -91,9 +118,15 @@ fn triangles(mode: Mode, corners: &[usize]) -> Vec<[usize; 3]> {
     match mode {
         Mode::TriangleStrip => {
             // Every other triangle of a strip runs the other way around.
-            triples.enumerate().map(|(i, [a, b, c])| if i % 2 == 0 { [a, b, c] } else { [b, a, c] }).collect()
+            triples
+                .enumerate()
+                .map(|(i, [a, b, c])| if i % 2 == 0 { [a, b, c] } else { [b, a, c] })
+                .collect()
         }
         Mode::TriangleFan => triples.map(|[_, b, c]| [corners[0], b, c]).collect(),
-        _ => corners.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+        _ => corners
+            .chunks_exact(3)
+            .map(|t| [t[0], t[1], t[2]])
+            .collect(),
     }
 }

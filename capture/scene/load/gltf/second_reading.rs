@@ -69,28 +69,47 @@ impl SecondReading {
 
     /// The transform of a node; none if the file gives none.
     pub(super) fn parent_from_node(&self, index: usize) -> DAffine3 {
-        self.nodes.get(index).map_or(DAffine3::IDENTITY, NodeTransform::parent_from_node)
+        self.nodes
+            .get(index)
+            .map_or(DAffine3::IDENTITY, NodeTransform::parent_from_node)
     }
 
     /// Half the edge of the headbox about a node, in the file's unit, where its extras say so.
     pub(super) fn headbox_half_size(&self, index: usize) -> Option<f64> {
-        let half_size = self.nodes.get(index)?.extras.get(HEADBOX_HALF_SIZE)?.as_f64()?;
+        let half_size = self
+            .nodes
+            .get(index)?
+            .extras
+            .get(HEADBOX_HALF_SIZE)?
+            .as_f64()?;
         (half_size.is_finite() && half_size > 0.0).then_some(half_size)
     }
 
     /// The image that shows a texture better than its ordinary one, which it may lack.
     pub(super) fn image_of_texture(&self, index: usize) -> Option<usize> {
-        self.textures.get(index)?.extensions.webp.as_ref().map(|webp| webp.source)
+        self.textures
+            .get(index)?
+            .extensions
+            .webp
+            .as_ref()
+            .map(|webp| webp.source)
     }
 
     /// Whether a texture has an image in KTX2, which is not read.
     pub(super) fn is_ktx2(&self, index: usize) -> bool {
-        self.textures.get(index).is_some_and(|texture| texture.extensions.basis.is_some())
+        self.textures
+            .get(index)
+            .is_some_and(|texture| texture.extensions.basis.is_some())
     }
 
     /// The instances of a node's mesh, where it has some.
     pub(super) fn instances(&self, index: usize) -> Option<&InstanceAttributes> {
-        self.nodes.get(index)?.extensions.instancing.as_ref().map(|instancing| &instancing.attributes)
+        self.nodes
+            .get(index)?
+            .extensions
+            .instancing
+            .as_ref()
+            .map(|instancing| &instancing.attributes)
     }
 
     /// A node's own transform; for what is animated, which has no matrix.
@@ -107,7 +126,11 @@ impl NodeTransform {
         let rotation = DQuat::from_array(self.rotation.unwrap_or([0.0; 4]));
         DAffine3::from_scale_rotation_translation(
             DVec3::from_array(self.scale.unwrap_or([1.0; 3])),
-            if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY },
+            if rotation.length_squared() > 0.0 {
+                rotation.normalize()
+            } else {
+                DQuat::IDENTITY
+            },
             DVec3::from_array(self.translation.unwrap_or_default()),
         )
     }

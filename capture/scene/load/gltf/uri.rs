@@ -55,7 +55,11 @@ fn decode_base64(text: &str) -> Result<Vec<u8>, String> {
             b'+' | b'-' => 62,
             b'/' | b'_' => 63,
             b'=' | b' ' | b'\t' | b'\r' | b'\n' => continue,
-            _ => return Err(format!("character {place} of its base64 text is not base64")),
+            _ => {
+                return Err(format!(
+                    "character {place} of its base64 text is not base64"
+                ));
+            }
         };
         (bits, count) = (bits << 6 | u32::from(value), count + 6);
         if count >= 8 {
@@ -73,14 +77,26 @@ mod tests {
     #[test]
     fn uris_of_every_kind() {
         // The test vectors of RFC 4648, section 10.
-        for (text, bytes) in [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9v YmFy", "foobar")] {
+        for (text, bytes) in [
+            ("", ""),
+            ("Zg==", "f"),
+            ("Zm8=", "fo"),
+            ("Zm9v", "foo"),
+            ("Zm9v YmFy", "foobar"),
+        ] {
             assert_eq!(decode_base64(text), Ok(bytes.as_bytes().to_vec()));
         }
-        assert_eq!(resolve("data:application/octet-stream;base64,-_8="), Target::Data(Ok(vec![0xfb, 0xff])));
+        assert_eq!(
+            resolve("data:application/octet-stream;base64,-_8="),
+            Target::Data(Ok(vec![0xfb, 0xff]))
+        );
         assert_eq!(resolve("data:,a%20b"), Target::Data(Ok(b"a b".to_vec())));
         assert!(matches!(resolve("data:;base64,?"), Target::Data(Err(_))));
         assert!(matches!(resolve("data:x"), Target::Data(Err(_))));
-        assert_eq!(resolve("my%20wood%.png%4"), Target::File("my wood%.png%4".into()));
+        assert_eq!(
+            resolve("my%20wood%.png%4"),
+            Target::File("my wood%.png%4".into())
+        );
         assert_eq!(resolve("%FF"), Target::File("\u{fffd}".into()));
     }
 }

@@ -11,8 +11,16 @@ pub(crate) type Rays = [Vec<f32>; 6];
 fn disk(u: f64, v: f64) -> (f64, f64) {
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
     let quarter = std::f64::consts::FRAC_PI_4;
-    let (r, phi) = if a.abs() > b.abs() { (a, quarter * (b / a)) } else { (b, quarter * (2.0 - a / b)) };
-    if r == 0.0 { (0.0, 0.0) } else { (r * phi.cos(), r * phi.sin()) }
+    let (r, phi) = if a.abs() > b.abs() {
+        (a, quarter * (b / a))
+    } else {
+        (b, quarter * (2.0 - a / b))
+    };
+    if r == 0.0 {
+        (0.0, 0.0)
+    } else {
+        (r * phi.cos(), r * phi.sin())
+    }
 }
 
 /// `m` cosine-weighted rays in each of the `n`^4 strata of each face.
@@ -23,7 +31,12 @@ pub(crate) fn cube_rays(centre: DVec3, half: f64, n: u32, m: u32, faces: &str) -
         let (axis, sign) = (face / 2, if face % 2 == 0 { 1.0 } else { -1.0 });
         let (right, up) = ((axis + 1) % 3, (axis + 2) % 3);
         for stratum in 0..n.pow(4) {
-            let cell = [stratum / n.pow(3), stratum / n.pow(2) % n, stratum / n % n, stratum % n];
+            let cell = [
+                stratum / n.pow(3),
+                stratum / n.pow(2) % n,
+                stratum / n % n,
+                stratum % n,
+            ];
             for _ in 0..m {
                 let q = cell.map(|c| (f64::from(c) + random.unit()) / f64::from(n));
                 let (x, y) = disk(q[2], q[3]);
@@ -58,5 +71,10 @@ pub(crate) fn load_packet(rays: &Rays, start: usize) -> RayPacket {
 /// Ray `i`, without limits.
 pub(crate) fn load_ray(rays: &Rays, i: usize) -> Ray {
     let [ox, oy, oz, dx, dy, dz] = [0, 1, 2, 3, 4, 5].map(|component: usize| rays[component][i]);
-    Ray { origin: Vec3::new(ox, oy, oz), direction: Vec3::new(dx, dy, dz), t_min: 0.0, t_max: f32::INFINITY }
+    Ray {
+        origin: Vec3::new(ox, oy, oz),
+        direction: Vec3::new(dx, dy, dz),
+        t_min: 0.0,
+        t_max: f32::INFINITY,
+    }
 }

@@ -35,7 +35,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let number = |i: usize, default: f64| args.get(i).map_or(Ok(default), |s| s.parse::<f64>());
     let centre = DVec3::new(number(3, 0.0)?, number(4, 0.0)?, number(5, 2.0)?);
-    let (half, n, m) = (number(6, 0.5)?, number(7, 32.0)? as u32, number(8, 16.0)? as u32);
+    let (half, n, m) = (
+        number(6, 0.5)?,
+        number(7, 32.0)? as u32,
+        number(8, 16.0)? as u32,
+    );
     let faces = args.get(9).map_or("0", String::as_str);
     let repetitions = number(10, 3.0)? as usize;
 
@@ -45,7 +49,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = Instant::now();
     // The file's own frame, so that every tracer sees the same numbers.
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
-    println!("{} triangles, {} rays; built in {:.2?}", tracer.scene().triangles.len(), rays[0].len(), start.elapsed());
+    println!(
+        "{} triangles, {} rays; built in {:.2?}",
+        tracer.scene().triangles.len(),
+        rays[0].len(),
+        start.elapsed()
+    );
     report(&tracer, &rays);
     let mut results = (vec![1.0; rays[0].len()], vec![1; rays[0].len()]);
     for (name, trace_chunk) in [
@@ -55,11 +64,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     ] {
         for threads in [1, 2] {
             let mut rates: Vec<f64> = (0..repetitions)
-                .map(|_| rays[0].len() as f64 / 1e6 / timed_pass(&tracer, &rays, &mut results, threads, trace_chunk))
+                .map(|_| {
+                    rays[0].len() as f64
+                        / 1e6
+                        / timed_pass(&tracer, &rays, &mut results, threads, trace_chunk)
+                })
                 .collect();
             rates.sort_by(f64::total_cmp);
             let (least, most) = (rates[0], rates[repetitions - 1]);
-            println!("{name}, {threads} thread(s): {:.2} Mrays/s ({least:.2} to {most:.2})", rates[repetitions / 2]);
+            println!(
+                "{name}, {threads} thread(s): {:.2} Mrays/s ({least:.2} to {most:.2})",
+                rates[repetitions / 2]
+            );
         }
     }
     Ok(())
@@ -67,14 +83,25 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// Positions and faces of an OBJ, in the file's frame.
 fn read_obj(path: &str) -> Result<Scene, Box<dyn std::error::Error>> {
-    let options = tobj::LoadOptions { triangulate: true, ..tobj::LoadOptions::default() };
+    let options = tobj::LoadOptions {
+        triangulate: true,
+        ..tobj::LoadOptions::default()
+    };
     let (models, _) = tobj::load_obj(path, &options)?;
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     for mesh in models.into_iter().map(|model| model.mesh) {
         let base = scene.positions.len() as u32;
-        scene.positions.extend(mesh.positions.chunks_exact(3).map(DVec3::from_slice));
+        scene
+            .positions
+            .extend(mesh.positions.chunks_exact(3).map(DVec3::from_slice));
         let triangles = mesh.indices.as_chunks::<3>().0.iter();
-        scene.triangles.extend(triangles.map(|t| Triangle { vertices: t.map(|i| i + base), material: 0 }));
+        scene.triangles.extend(triangles.map(|t| Triangle {
+            vertices: t.map(|i| i + base),
+            material: 0,
+        }));
     }
     Ok(scene)
 }
@@ -98,7 +125,11 @@ fn report(tracer: &Tracer, rays: &Rays) {
             sum += f64::from(t);
         }
     }
-    println!("hit fraction {:.5}, mean t {:.5}", hits as f64 / rays[0].len() as f64, sum / hits.max(1) as f64);
+    println!(
+        "hit fraction {:.5}, mean t {:.5}",
+        hits as f64 / rays[0].len() as f64,
+        sum / hits.max(1) as f64
+    );
 }
 
 /// Traces the rays from `start` on, as many as the results hold.
@@ -112,7 +143,10 @@ fn timed_pass(
     threads: usize,
     trace_chunk: TraceChunk,
 ) -> f64 {
-    let chunks = t.chunks_mut(CHUNK).zip(primitive.chunks_mut(CHUNK)).enumerate();
+    let chunks = t
+        .chunks_mut(CHUNK)
+        .zip(primitive.chunks_mut(CHUNK))
+        .enumerate();
     let chunks = Mutex::new(chunks);
     let start = Instant::now();
     std::thread::scope(|scope| {
@@ -120,7 +154,9 @@ fn timed_pass(
             scope.spawn(|| {
                 loop {
                     let chunk = chunks.lock().ok().and_then(|mut chunks| chunks.next());
-                    let Some((index, (t, primitive))) = chunk else { break };
+                    let Some((index, (t, primitive))) = chunk else {
+                        break;
+                    };
                     trace_chunk(tracer, rays, index * CHUNK, t, primitive);
                 }
             });
@@ -134,14 +170,22 @@ fn timed_pass(
 fn trace_packets(tracer: &Tracer, rays: &Rays, start: usize, t: &mut [f32], primitive: &mut [u32]) {
     let mut packets = [const { RayPacket::EMPTY }; BATCH];
     let mut hits = [const { HitPacket::MISS }; BATCH];
-    for (i, (t, primitive)) in t.chunks_mut(BATCH * PACKET).zip(primitive.chunks_mut(BATCH * PACKET)).enumerate() {
+    for (i, (t, primitive)) in t
+        .chunks_mut(BATCH * PACKET)
+        .zip(primitive.chunks_mut(BATCH * PACKET))
+        .enumerate()
+    {
         let start = start + i * BATCH * PACKET;
         let count = t.len().div_ceil(PACKET);
         for (k, packet) in packets[..count].iter_mut().enumerate() {
             *packet = load_packet(rays, start + k * PACKET);
         }
         tracer.closest_packets(&packets[..count], &mut hits[..count]);
-        for (k, (t, primitive)) in t.chunks_mut(PACKET).zip(primitive.chunks_mut(PACKET)).enumerate() {
+        for (k, (t, primitive)) in t
+            .chunks_mut(PACKET)
+            .zip(primitive.chunks_mut(PACKET))
+            .enumerate()
+        {
             t.copy_from_slice(&hits[k].t[..t.len()]);
             primitive.copy_from_slice(&hits[k].primitive[..primitive.len()]);
         }
@@ -150,7 +194,9 @@ fn trace_packets(tracer: &Tracer, rays: &Rays, start: usize, t: &mut [f32], prim
 
 fn trace_occlusion(tracer: &Tracer, rays: &Rays, start: usize, _: &mut [f32], blocked: &mut [u32]) {
     for (i, blocked) in blocked.chunks_mut(BATCH * PACKET).enumerate() {
-        let starts = (start + i * BATCH * PACKET..).step_by(PACKET).take(blocked.len().div_ceil(PACKET));
+        let starts = (start + i * BATCH * PACKET..)
+            .step_by(PACKET)
+            .take(blocked.len().div_ceil(PACKET));
         let packets: Vec<RayPacket> = starts.map(|start| load_packet(rays, start)).collect();
         let mut bits = [0; BATCH];
         tracer.occluded_packets(&packets, &mut bits);
@@ -163,6 +209,8 @@ fn trace_occlusion(tracer: &Tracer, rays: &Rays, start: usize, _: &mut [f32], bl
 fn trace_single(tracer: &Tracer, rays: &Rays, start: usize, t: &mut [f32], primitive: &mut [u32]) {
     for (i, (t, primitive)) in t.iter_mut().zip(primitive).enumerate() {
         let ray = load_ray(rays, start + i);
-        (*t, *primitive) = tracer.closest(&ray).map_or((f32::INFINITY, u32::MAX), |hit| (hit.t, hit.primitive));
+        (*t, *primitive) = tracer
+            .closest(&ray)
+            .map_or((f32::INFINITY, u32::MAX), |hit| (hit.t, hit.primitive));
     }
 }

@@ -18,9 +18,21 @@ const KNEE: f32 = 0.95;
 
 /// XYZ of the sRGB primaries under D65, as columns, in the digits of the authors' evaluator.
 const XYZ_FROM_RGB: DMat3 = DMat3::from_cols(
-    DVec3::new(10135552.0 / 24577794.0, 2613072.0 / 12288897.0, 1425312.0 / 73733382.0),
-    DVec3::new(8788810.0 / 24577794.0, 8788810.0 / 12288897.0, 8788810.0 / 73733382.0),
-    DVec3::new(4435075.0 / 24577794.0, 887015.0 / 12288897.0, 70074185.0 / 73733382.0),
+    DVec3::new(
+        10135552.0 / 24577794.0,
+        2613072.0 / 12288897.0,
+        1425312.0 / 73733382.0,
+    ),
+    DVec3::new(
+        8788810.0 / 24577794.0,
+        8788810.0 / 12288897.0,
+        8788810.0 / 73733382.0,
+    ),
+    DVec3::new(
+        4435075.0 / 24577794.0,
+        887015.0 / 12288897.0,
+        70074185.0 / 73733382.0,
+    ),
 );
 
 /// What the eye makes out of a row: planes of padded rows.
@@ -54,8 +66,11 @@ impl ColorSpace {
     pub(super) fn new(level: Level) -> Self {
         let white = XYZ_FROM_RGB * DVec3::ONE;
         let relative_xyz_from_rgb = DMat3::from_diagonal(white.recip()) * XYZ_FROM_RGB;
-        let opponent_from_relative_xyz =
-            DMat3::from_cols(DVec3::new(0.0, 1.0, 0.0), DVec3::new(1.0, -1.0, 1.0), DVec3::new(0.0, 0.0, -1.0));
+        let opponent_from_relative_xyz = DMat3::from_cols(
+            DVec3::new(0.0, 1.0, 0.0),
+            DVec3::new(1.0, -1.0, 1.0),
+            DVec3::new(0.0, 0.0, -1.0),
+        );
         let opponent_from_rgb = opponent_from_relative_xyz * relative_xyz_from_rgb;
         let mut space = Self {
             linear_from_srgb8: std::array::from_fn(|value| linear_from_srgb8(value as u8)),
@@ -64,19 +79,25 @@ impl ColorSpace {
             relative_xyz_from_rgb: rows(relative_xyz_from_rgb),
             largest_difference: 0.0,
         };
-        space.largest_difference = dispatch!(level, simd => space.difference_of_green_and_blue(simd));
+        space.largest_difference =
+            dispatch!(level, simd => space.difference_of_green_and_blue(simd));
         space
     }
 
     /// Turns rows of linear red, green and blue (whole vectors) into opponent color, in place.
     #[inline(always)]
-    pub(super) fn rows_to_opponent<S: Simd>(&self, simd: S, [red, green, blue]: Triple<&mut [f32]>) {
+    pub(super) fn rows_to_opponent<S: Simd>(
+        &self,
+        simd: S,
+        [red, green, blue]: Triple<&mut [f32]>,
+    ) {
         for i in (0..red.len()).step_by(S::f32s::LEN) {
             let lanes = i..i + S::f32s::LEN;
             let r = S::f32s::from_slice(simd, &red[lanes.clone()]);
             let g = S::f32s::from_slice(simd, &green[lanes.clone()]);
             let b = S::f32s::from_slice(simd, &blue[lanes.clone()]);
-            let [luminance, red_green, blue_yellow] = transform::<S>(&self.opponent_from_rgb, [r, g, b]);
+            let [luminance, red_green, blue_yellow] =
+                transform::<S>(&self.opponent_from_rgb, [r, g, b]);
             luminance.store_slice(&mut red[lanes.clone()]);
             red_green.store_slice(&mut green[lanes.clone()]);
             blue_yellow.store_slice(&mut blue[lanes]);
@@ -88,7 +109,11 @@ impl ColorSpace {
     #[inline(always)]
     fn hunt_lab<S: Simd>(&self, simd: S, opponent: Triple<S::f32s>) -> Triple<S::f32s> {
         let [r, g, b] = transform::<S>(&self.rgb_from_opponent, opponent);
-        let rgb = [unit_clamp(simd, r), unit_clamp(simd, g), unit_clamp(simd, b)];
+        let rgb = [
+            unit_clamp(simd, r),
+            unit_clamp(simd, g),
+            unit_clamp(simd, b),
+        ];
         let [x, y, z] = transform::<S>(&self.relative_xyz_from_rgb, rgb);
         let (x, y, z) = (lab_curve::<S>(x), lab_curve::<S>(y), lab_curve::<S>(z));
         let lightness = y * 116.0 - 16.0;
@@ -117,24 +142,45 @@ impl ColorSpace {
     #[inline(always)]
     fn difference_of_green_and_blue<S: Simd>(&self, simd: S) -> f32 {
         let [y, x, z] = &self.opponent_from_rgb;
-        let green = [S::f32s::splat(simd, y[1]), S::f32s::splat(simd, x[1]), S::f32s::splat(simd, z[1])];
-        let blue = [S::f32s::splat(simd, y[2]), S::f32s::splat(simd, x[2]), S::f32s::splat(simd, z[2])];
+        let green = [
+            S::f32s::splat(simd, y[1]),
+            S::f32s::splat(simd, x[1]),
+            S::f32s::splat(simd, z[1]),
+        ];
+        let blue = [
+            S::f32s::splat(simd, y[2]),
+            S::f32s::splat(simd, x[2]),
+            S::f32s::splat(simd, z[2]),
+        ];
         self.difference(simd, green, blue)[0]
     }
 }
 
 /// The FLIP errors of a row, 0..=1.
 #[inline(always)]
-pub(super) fn row_errors<S: Simd>(simd: S, space: &ColorSpace, reference: &Seen, test: &Seen, errors: &mut [f32]) {
+pub(super) fn row_errors<S: Simd>(
+    simd: S,
+    space: &ColorSpace,
+    reference: &Seen,
+    test: &Seen,
+    errors: &mut [f32],
+) {
     let lanes = S::f32s::LEN;
     let one = S::f32s::splat(simd, 1.0);
     for (i, out) in errors.chunks_exact_mut(lanes).enumerate() {
         let first = i * lanes;
-        let color_error = space.color_error(simd, opponent(simd, reference, first), opponent(simd, test, first));
+        let color_error = space.color_error(
+            simd,
+            opponent(simd, reference, first),
+            opponent(simd, test, first),
+        );
         let edge = magnitude(simd, &reference.slope, first) - magnitude(simd, &test.slope, first);
-        let point = magnitude(simd, &reference.curvature, first) - magnitude(simd, &test.curvature, first);
+        let point =
+            magnitude(simd, &reference.curvature, first) - magnitude(simd, &test.curvature, first);
         // The paper's exponent of the feature difference, q_f, is 1/2.
-        let feature_error = (edge.abs().max(point.abs()) * std::f32::consts::FRAC_1_SQRT_2).sqrt().min(one);
+        let feature_error = (edge.abs().max(point.abs()) * std::f32::consts::FRAC_1_SQRT_2)
+            .sqrt()
+            .min(one);
         unit_clamp(simd, pow(simd, color_error, one - feature_error)).store_slice(out);
     }
 }
@@ -143,7 +189,11 @@ pub(super) fn row_errors<S: Simd>(simd: S, space: &ColorSpace, reference: &Seen,
 #[inline(always)]
 fn opponent<S: Simd>(simd: S, seen: &Seen, first: usize) -> Triple<S::f32s> {
     let [luminance, red_green, blue_yellow] = &seen.opponent;
-    [load(simd, luminance, first), load(simd, red_green, first), load(simd, blue_yellow, first)]
+    [
+        load(simd, luminance, first),
+        load(simd, red_green, first),
+        load(simd, blue_yellow, first),
+    ]
 }
 
 /// The length of a gradient.
@@ -159,7 +209,8 @@ fn load<S: Simd>(simd: S, plane: &[f32], first: usize) -> S::f32s {
 
 #[inline(always)]
 fn unit_clamp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
-    x.max(S::f32s::splat(simd, 0.0)).min(S::f32s::splat(simd, 1.0))
+    x.max(S::f32s::splat(simd, 0.0))
+        .min(S::f32s::splat(simd, 1.0))
 }
 
 /// The compressive function of CIELAB: a cube root, and its tangent below (6/29)^3.
@@ -167,7 +218,8 @@ fn unit_clamp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
 fn lab_curve<S: Simd>(x: S::f32s) -> S::f32s {
     const DELTA: f32 = 6.0 / 29.0;
     let linear = x * (1.0 / (3.0 * DELTA * DELTA)) + 4.0 / 29.0;
-    x.simd_gt(DELTA * DELTA * DELTA).select(cbrt::<S>(x), linear)
+    x.simd_gt(DELTA * DELTA * DELTA)
+        .select(cbrt::<S>(x), linear)
 }
 
 #[inline(always)]

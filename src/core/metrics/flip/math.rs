@@ -30,7 +30,8 @@ fn halley<S: Simd, V: SimdFloat<S, Element = f32>>(x: V, root: V) -> V {
 #[inline(always)]
 pub(super) fn pow<S: Simd>(simd: S, x: S::f32s, exponent: S::f32s) -> S::f32s {
     let power = exp2::<S>(log2::<S>(x) * exponent);
-    x.simd_lt(f32::MIN_POSITIVE).select(S::f32s::splat(simd, 0.0), power)
+    x.simd_lt(f32::MIN_POSITIVE)
+        .select(S::f32s::splat(simd, 0.0), power)
 }
 
 /// Binary logarithm of normal `x > 0`: the exponent, and the series of artanh about 1 for the mantissa.
@@ -78,9 +79,16 @@ mod tests {
             let x = (f64::from(i) * 3.5e-4 - 19.5).exp2() as f32;
             for exponent in [0.7_f32, 1.0, 0.31] {
                 let (root, power) = dispatch!(level, simd => scalar(simd, x, exponent));
-                let (true_root, true_power) = (f64::from(x).cbrt(), f64::from(x).powf(f64::from(exponent)));
-                assert!((f64::from(root) / true_root - 1.0).abs() < ROOT_ERROR, "cbrt({x}) = {root}");
-                assert!((f64::from(power) / true_power - 1.0).abs() < POWER_ERROR, "{x}^{exponent} = {power}");
+                let (true_root, true_power) =
+                    (f64::from(x).cbrt(), f64::from(x).powf(f64::from(exponent)));
+                assert!(
+                    (f64::from(root) / true_root - 1.0).abs() < ROOT_ERROR,
+                    "cbrt({x}) = {root}"
+                );
+                assert!(
+                    (f64::from(power) / true_power - 1.0).abs() < POWER_ERROR,
+                    "{x}^{exponent} = {power}"
+                );
             }
         }
         assert_eq!(dispatch!(level, simd => scalar(simd, 0.0, 0.7)).1, 0.0);
@@ -90,6 +98,9 @@ mod tests {
     #[inline(always)]
     fn scalar<S: Simd>(simd: S, x: f32, exponent: f32) -> (f32, f32) {
         let x = S::f32s::splat(simd, x);
-        (cbrt::<S>(x)[0], pow(simd, x, S::f32s::splat(simd, exponent))[0])
+        (
+            cbrt::<S>(x)[0],
+            pow(simd, x, S::f32s::splat(simd, exponent))[0],
+        )
     }
 }

@@ -20,8 +20,8 @@ use rayon::prelude::*;
 use self::color::{ColorSpace, Seen, row_errors};
 use self::weights::FilterWeights;
 use super::comparable::{MAX_PIXELS_PER_DEGREE, MIN_PIXELS_PER_DEGREE, MetricError, check_sizes};
-use crate::metrics::magma;
 use super::rows::{RowRing, across, derive, padded_len, smooth};
+use crate::metrics::magma;
 use crate::simd;
 
 /// The usual viewing condition: a display 3840 pixels and 0.7 m wide, seen from 0.7 m: `3840 pi / 180` pixels a degree.
@@ -54,19 +54,36 @@ impl FlipMap {
 /// # Errors
 /// When the sizes differ, the images have no pixels, or `pixels_per_degree` is outside
 /// [`MIN_PIXELS_PER_DEGREE`]..=[`MAX_PIXELS_PER_DEGREE`].
-pub fn flip_map(reference: &RgbImage, test: &RgbImage, pixels_per_degree: f32) -> Result<FlipMap, MetricError> {
+pub fn flip_map(
+    reference: &RgbImage,
+    test: &RgbImage,
+    pixels_per_degree: f32,
+) -> Result<FlipMap, MetricError> {
     check_sizes(reference, test)?;
     if !(MIN_PIXELS_PER_DEGREE..=MAX_PIXELS_PER_DEGREE).contains(&pixels_per_degree) {
         return Err(MetricError::PixelsPerDegree(pixels_per_degree));
     }
-    Ok(flip_map_at(simd::level(), reference, test, pixels_per_degree))
+    Ok(flip_map_at(
+        simd::level(),
+        reference,
+        test,
+        pixels_per_degree,
+    ))
 }
 
 /// [`flip_map`] of checked arguments at a given SIMD level.
-fn flip_map_at(level: Level, reference: &RgbImage, test: &RgbImage, pixels_per_degree: f32) -> FlipMap {
+fn flip_map_at(
+    level: Level,
+    reference: &RgbImage,
+    test: &RgbImage,
+    pixels_per_degree: f32,
+) -> FlipMap {
     let (width, height) = reference.dimensions();
-    let stage =
-        Stage { level, weights: FilterWeights::new(f64::from(pixels_per_degree)), space: ColorSpace::new(level) };
+    let stage = Stage {
+        level,
+        weights: FilterWeights::new(f64::from(pixels_per_degree)),
+        space: ColorSpace::new(level),
+    };
     let mut errors = vec![0.0; width as usize * height as usize];
     let band_sums: Vec<f64> = errors
         .par_chunks_mut(BAND_ROWS * width as usize)
@@ -75,7 +92,12 @@ fn flip_map_at(level: Level, reference: &RgbImage, test: &RgbImage, pixels_per_d
         .collect();
     // Summed in the order of the bands, whose height is a constant: no thread count changes the mean.
     let mean = band_sums.iter().sum::<f64>() / errors.len() as f64;
-    FlipMap { width, height, errors, mean }
+    FlipMap {
+        width,
+        height,
+        errors,
+        mean,
+    }
 }
 
 /// Rows that one task computes. More means fewer rows filtered twice (the halo), less means more threads are kept busy.
@@ -104,13 +126,21 @@ struct Stage {
 
 impl Stage {
     /// Fills the errors of the rows from `first_row` on; returns their sum.
-    fn band(&self, reference: &RgbImage, test: &RgbImage, first_row: usize, errors: &mut [f32]) -> f64 {
+    fn band(
+        &self,
+        reference: &RgbImage,
+        test: &RgbImage,
+        first_row: usize,
+        errors: &mut [f32],
+    ) -> f64 {
         let width = reference.width() as usize;
         let halo = self.weights.radius() as isize;
         let first_row = first_row as isize;
         let mut sides = [reference, test].map(|image| Side::new(self, image));
         for y in first_row - halo..first_row + halo {
-            sides.iter_mut().for_each(|side| side.filter_across(self, y));
+            sides
+                .iter_mut()
+                .for_each(|side| side.filter_across(self, y));
         }
         let mut row = vec![0.0; padded_len(width)];
         let mut sum = 0.0;
@@ -149,7 +179,11 @@ impl<'a> Side<'a> {
             image,
             padded: std::array::from_fn(|_| vec![0.0; len + 2 * radius]),
             ring: RowRing::new(radius, plane::COUNT, len),
-            seen: Seen { opponent: [row(), row(), row()], slope: [row(), row()], curvature: [row(), row()] },
+            seen: Seen {
+                opponent: [row(), row(), row()],
+                slope: [row(), row()],
+                curvature: [row(), row()],
+            },
             scratch: row(),
         }
     }
@@ -174,7 +208,12 @@ impl<'a> Side<'a> {
         }
         if let (Some(slope), Some(curvature)) = (planes.next(), planes.next()) {
             let neighbors = across(luminance, weights.slope.len() - 1, len);
-            derive(*level, [&weights.slope, &weights.curvature], &neighbors, [slope, curvature]);
+            derive(
+                *level,
+                [&weights.slope, &weights.curvature],
+                &neighbors,
+                [slope, curvature],
+            );
         }
     }
 
@@ -189,7 +228,10 @@ impl<'a> Side<'a> {
                 *value = stage.space.linear_from_srgb8[usize::from(pixel[channel])];
             }
         }
-        let planes = self.padded.each_mut().map(|plane| &mut plane[radius..radius + len]);
+        let planes = self
+            .padded
+            .each_mut()
+            .map(|plane| &mut plane[radius..radius + len]);
         dispatch!(stage.level, simd => stage.space.rows_to_opponent(simd, planes));
         for plane in &mut self.padded {
             let (first, last) = (plane[radius], plane[radius + width - 1]);
@@ -201,23 +243,40 @@ impl<'a> Side<'a> {
     /// Filters the ring down about row `y`, into [`Side::seen`].
     fn filter_down(&mut self, stage: &Stage, y: isize) {
         let Stage { level, weights, .. } = stage;
-        let Seen { opponent: [luminance, red_green, blue_yellow], slope, curvature } = &mut self.seen;
+        let Seen {
+            opponent: [luminance, red_green, blue_yellow],
+            slope,
+            curvature,
+        } = &mut self.seen;
         let ring = &self.ring;
-        let blur =
-            |taps: &[f32], plane, out: &mut [f32]| smooth(*level, taps, &ring.down(y, taps.len() - 1, plane), out);
+        let blur = |taps: &[f32], plane, out: &mut [f32]| {
+            smooth(*level, taps, &ring.down(y, taps.len() - 1, plane), out)
+        };
 
         blur(&weights.luminance, plane::LUMINANCE, luminance);
         blur(&weights.red_green, plane::RED_GREEN, red_green);
         blur(&weights.blue_yellow[0], plane::BLUE_YELLOW[0], blue_yellow);
-        blur(&weights.blue_yellow[1], plane::BLUE_YELLOW[1], &mut self.scratch);
-        blue_yellow.iter_mut().zip(&self.scratch).for_each(|(sum, second)| *sum += second);
+        blur(
+            &weights.blue_yellow[1],
+            plane::BLUE_YELLOW[1],
+            &mut self.scratch,
+        );
+        blue_yellow
+            .iter_mut()
+            .zip(&self.scratch)
+            .for_each(|(sum, second)| *sum += second);
 
         let [slope_across, slope_down] = slope;
         let [curvature_across, curvature_down] = curvature;
         blur(&weights.feature, plane::SLOPE, slope_across);
         blur(&weights.feature, plane::CURVATURE, curvature_across);
         let neighbors = ring.down(y, weights.slope.len() - 1, plane::FEATURE);
-        derive(*level, [&weights.slope, &weights.curvature], &neighbors, [slope_down, curvature_down]);
+        derive(
+            *level,
+            [&weights.slope, &weights.curvature],
+            &neighbors,
+            [slope_down, curvature_down],
+        );
     }
 }
 
@@ -229,8 +288,10 @@ mod tests {
     #[test]
     fn no_simd_level_changes_a_bit() {
         let [a, b] = [1, 2].map(|seed| noise(77, 41, seed));
-        let maps: Vec<FlipMap> =
-            levels().into_iter().map(|level| flip_map_at(level, &a, &b, DEFAULT_PIXELS_PER_DEGREE)).collect();
+        let maps: Vec<FlipMap> = levels()
+            .into_iter()
+            .map(|level| flip_map_at(level, &a, &b, DEFAULT_PIXELS_PER_DEGREE))
+            .collect();
         assert!(maps[0].mean > 0.1 && maps.windows(2).all(|pair| pair[0] == pair[1]));
     }
 }

@@ -51,12 +51,19 @@ impl FilterWeights {
             .map(|x| (-x * x / (2.0 * sigma * sigma)).exp())
             .collect();
         let times = |factor: &dyn Fn(f64) -> f64| -> Vec<f64> {
-            feature.iter().enumerate().map(|(k, g)| factor(k as f64) * g).collect()
+            feature
+                .iter()
+                .enumerate()
+                .map(|(k, g)| factor(k as f64) * g)
+                .collect()
         };
         Self {
             luminance: unit(half(LUMINANCE.1, 1.0)),
             red_green: unit(half(RED_GREEN.1, 1.0)),
-            blue_yellow: [divided(&wide, blue_yellow_total), divided(&narrow, blue_yellow_total)],
+            blue_yellow: [
+                divided(&wide, blue_yellow_total),
+                divided(&narrow, blue_yellow_total),
+            ],
             slope: one_sided(&times(&|x| x)),
             curvature: balanced(&times(&|x| x * x / (sigma * sigma) - 1.0)),
             feature: unit(feature),
@@ -86,10 +93,18 @@ fn one_sided(half: &[f64]) -> Vec<f32> {
 /// A symmetric filter whose positive taps are scaled to sum to 1 and the negative ones to -1.
 fn balanced(half: &[f64]) -> Vec<f32> {
     let part = |keep: fn(f64) -> bool| -> f64 {
-        total(&half.iter().map(|&tap| if keep(tap) { tap } else { 0.0 }).collect::<Vec<_>>()).abs()
+        total(
+            &half
+                .iter()
+                .map(|&tap| if keep(tap) { tap } else { 0.0 })
+                .collect::<Vec<_>>(),
+        )
+        .abs()
     };
     let (positive, negative) = (part(|tap| tap > 0.0), part(|tap| tap < 0.0));
-    half.iter().map(|&tap| (tap / if tap > 0.0 { positive } else { negative }) as f32).collect()
+    half.iter()
+        .map(|&tap| (tap / if tap > 0.0 { positive } else { negative }) as f32)
+        .collect()
 }
 
 #[cfg(test)]
@@ -101,15 +116,24 @@ mod tests {
     fn filters_are_normalised_over_the_whole_range_of_viewing_conditions() {
         /// Taps are rounded to f32 one by one: at most 2^-24 of their sum, which is 1.
         const ROUNDING: f64 = 1e-7;
-        for ppd in [MIN_PIXELS_PER_DEGREE, 5.5, DEFAULT_PIXELS_PER_DEGREE, MAX_PIXELS_PER_DEGREE] {
+        for ppd in [
+            MIN_PIXELS_PER_DEGREE,
+            5.5,
+            DEFAULT_PIXELS_PER_DEGREE,
+            MAX_PIXELS_PER_DEGREE,
+        ] {
             let weights = FilterWeights::new(f64::from(ppd));
-            let sum = |taps: &[f32]| total(&taps.iter().map(|&tap| f64::from(tap)).collect::<Vec<_>>());
+            let sum =
+                |taps: &[f32]| total(&taps.iter().map(|&tap| f64::from(tap)).collect::<Vec<_>>());
             for taps in [&weights.luminance, &weights.red_green, &weights.feature] {
                 assert!((sum(taps) - 1.0).abs() < ROUNDING);
             }
             let [wide, narrow] = &weights.blue_yellow;
             assert!((sum(wide).powi(2) + sum(narrow).powi(2) - 1.0).abs() < 2.0 * ROUNDING);
-            assert!((weights.slope.iter().map(|&tap| f64::from(tap)).sum::<f64>() - 1.0).abs() < ROUNDING);
+            assert!(
+                (weights.slope.iter().map(|&tap| f64::from(tap)).sum::<f64>() - 1.0).abs()
+                    < ROUNDING
+            );
             assert!(sum(&weights.curvature).abs() < ROUNDING);
             assert!(weights.curvature.iter().all(|tap| tap.is_finite()));
         }

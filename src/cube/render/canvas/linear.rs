@@ -16,7 +16,9 @@ pub struct LinearLight {
 static RECIPROCALS: [u64; 256] = splat::reciprocals();
 
 static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
-    linear: std::array::from_fn(|c| (linear_from_srgb8(c as u8) * f32::from(LinearLight::MAX) + 0.5) as u16),
+    linear: std::array::from_fn(|c| {
+        (linear_from_srgb8(c as u8) * f32::from(LinearLight::MAX) + 0.5) as u16
+    }),
     srgb: std::array::from_fn(|v| srgb8_from_linear(v as f32 / f32::from(LinearLight::MAX))),
 });
 
@@ -47,7 +49,8 @@ impl LinearLight {
                 sum += u32::from(self.linear[usize::from(color[channel])]) * weight;
             }
             // sum / total, as sum is below 2^21.
-            *mixed = self.srgb[((u64::from(sum) * reciprocal) >> 32) as usize & usize::from(Self::MAX)];
+            *mixed =
+                self.srgb[((u64::from(sum) * reciprocal) >> 32) as usize & usize::from(Self::MAX)];
         }
         mixed
     }
@@ -82,12 +85,23 @@ mod tests {
     #[test]
     fn mixes_are_those_of_light() {
         for (a, b, share) in [(0, 255, 128), (30, 210, 51), (200, 90, 204), (4, 9, 100)] {
-            let exact = (linear_from_srgb8(a) * share as f32 + linear_from_srgb8(b) * (255 - share) as f32) / 255.0;
+            let exact = (linear_from_srgb8(a) * share as f32
+                + linear_from_srgb8(b) * (255 - share) as f32)
+                / 255.0;
             let found = LinearLight::tables().mix([[a; 3], [b; 3]], [share, 255 - share])[1];
-            assert!((f32::from(found) - f32::from(srgb8_from_linear(exact))).abs() <= MIX_LEVELS, "{a}, {b}: {found}");
+            assert!(
+                (f32::from(found) - f32::from(srgb8_from_linear(exact))).abs() <= MIX_LEVELS,
+                "{a}, {b}: {found}"
+            );
         }
-        assert_eq!(LinearLight::tables().over([10, 20, 30, 0], [40, 50, 60, 255]), [40, 50, 60, 255]);
-        assert_eq!(LinearLight::tables().over([10, 20, 30, 255], [40, 50, 60, 255]), [10, 20, 30, 255]);
+        assert_eq!(
+            LinearLight::tables().over([10, 20, 30, 0], [40, 50, 60, 255]),
+            [40, 50, 60, 255]
+        );
+        assert_eq!(
+            LinearLight::tables().over([10, 20, 30, 255], [40, 50, 60, 255]),
+            [10, 20, 30, 255]
+        );
         assert_eq!(LinearLight::tables().over([0; 4], [0; 4])[3], 0);
     }
 }

@@ -1,11 +1,11 @@
 //! Each splat over what is there, in 8-bit integers (S21, C12).
 
 use super::linear::LinearLight;
-use crate::render::planes::PlaneCanvas;
+use crate::render::Spans;
 use crate::render::footprint::size::LANES;
 use crate::render::footprint::splat;
 use crate::render::footprint::splat::{Canvas, Splats, ceil_to_i32, covered_lanes, load};
-use crate::render::Spans;
+use crate::render::planes::PlaneCanvas;
 use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, i32x16, prelude::*, u8x16, u16x16};
 use std::ops::Range;
 
@@ -84,7 +84,9 @@ static STAMPS: [[[[u16; 4 * PIXELS]; 2]; 4]; 4] = {
 fn blend<S: Simd>(simd: S, pixels: &mut [[u8; 4]; PIXELS], source: u16x16<S>, weight: u16x16<S>) {
     let (low, high) = u8x16::load_array(simd, bytemuck::cast(*pixels)).widen();
     let there = simd.combine_u16x8(low, high);
-    let half = source.simd_gt(there).select(u16x16::splat(simd, 128), u16x16::splat(simd, 127));
+    let half = source
+        .simd_gt(there)
+        .select(u16x16::splat(simd, 128), u16x16::splat(simd, 127));
     let rest = u16x16::splat(simd, 256) - weight;
     let (low, high) = simd.split_u16x16((there * rest + source * weight + half) >> 8);
     *pixels = bytemuck::cast(simd.narrow_u16x8(low, high).to_array());
@@ -108,7 +110,11 @@ impl OverCanvas {
     /// Blends a splat over [`PIXELS`] pixels from an index on.
     #[inline(always)]
     fn blend_at<S: Simd>(&mut self, simd: S, at: usize, source: u16x16<S>, weight: u16x16<S>) {
-        if let Some(pixels) = self.pixels.get_mut(at..).and_then(|pixels| pixels.first_chunk_mut()) {
+        if let Some(pixels) = self
+            .pixels
+            .get_mut(at..)
+            .and_then(|pixels| pixels.first_chunk_mut())
+        {
             blend(simd, pixels, source, weight);
         }
     }
@@ -118,7 +124,8 @@ impl OverCanvas {
     fn draw_points<S: Simd>(&mut self, simd: S, splats: &Splats) {
         let (stride, rows) = (self.stride() as i32, self.rows.len() as i32);
         for start in (0..splats.count()).step_by(LANES) {
-            let row = i32x16::truncate_from(load(simd, &splats.y, start).floor()) - self.rows.start as i32;
+            let row = i32x16::truncate_from(load(simd, &splats.y, start).floor())
+                - self.rows.start as i32;
             let column = i32x16::truncate_from(load(simd, &splats.x, start).floor());
             let at = row * stride + column + MARGIN as i32;
             let inside = row.simd_ge(0) & row.simd_lt(rows);
@@ -152,7 +159,10 @@ impl OverCanvas {
             let reach = class as i32;
             let (source, alpha) = source_of(simd, splats.color[i]);
             let first = (columns[i] - reach + MARGIN as i32) as usize;
-            let (top, bottom) = ((middles[i] - reach).max(rows.start), (middles[i] + reach + 1).min(rows.end));
+            let (top, bottom) = (
+                (middles[i] - reach).max(rows.start),
+                (middles[i] + reach + 1).min(rows.end),
+            );
             for row in top..bottom {
                 let start = (row - rows.start) as usize * stride + first;
                 if class == 0 && alpha == 256 {
@@ -163,9 +173,19 @@ impl OverCanvas {
                 }
                 let weights = &STAMPS[class][((row - middles[i]).unsigned_abs() as usize).min(3)];
                 // In 1/256: at most 128 * 256 / 128.
-                self.blend_at(simd, start, source, (u16x16::load_array(simd, weights[0]) * alpha) >> 7);
+                self.blend_at(
+                    simd,
+                    start,
+                    source,
+                    (u16x16::load_array(simd, weights[0]) * alpha) >> 7,
+                );
                 if class > 1 {
-                    self.blend_at(simd, start + PIXELS, source, (u16x16::load_array(simd, weights[1]) * alpha) >> 7);
+                    self.blend_at(
+                        simd,
+                        start + PIXELS,
+                        source,
+                        (u16x16::load_array(simd, weights[1]) * alpha) >> 7,
+                    );
                 }
             }
         }
@@ -175,12 +195,20 @@ impl OverCanvas {
     /// row and the column that hold the sample.
     #[inline(always)]
     fn draw_rectangles<S: Simd, const PLUS: bool>(&mut self, simd: S, splats: &Splats) {
-        let (across, down) = ([0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]);
+        let (across, down) = (
+            [0.0, self.width as f32],
+            [self.rows.start as f32, self.rows.end as f32],
+        );
         let has_ground = !self.ground.is_empty();
         for start in (0..splats.count()).step_by(LANES) {
             let [left, right] = covered_lanes(simd, [&splats.x, &splats.radius_x], start, across);
             let [top, bottom] = covered_lanes(simd, [&splats.y, &splats.radius_y], start, down);
-            let (left, right, top, bottom) = (left.to_array(), right.to_array(), top.to_array(), bottom.to_array());
+            let (left, right, top, bottom) = (
+                left.to_array(),
+                right.to_array(),
+                top.to_array(),
+                bottom.to_array(),
+            );
             for (lane, i) in (start..splats.count().min(start + LANES)).enumerate() {
                 let (columns, rows) = (left[lane]..right[lane], top[lane]..bottom[lane]);
                 let is_small = (1..=2).contains(&columns.len()) && (1..=2).contains(&rows.len());
@@ -206,7 +234,10 @@ impl OverCanvas {
         rows: Range<i32>,
     ) {
         for (row, column) in rows.flat_map(|row| columns.clone().map(move |column| (row, column))) {
-            if !self.ground.hides([column as f32, row as f32], splats.inverse_depth[i]) {
+            if !self
+                .ground
+                .hides([column as f32, row as f32], splats.inverse_depth[i])
+            {
                 self.draw_rectangle::<_, PLUS>(simd, splats, i, column..column + 1, row..row + 1);
             }
         }
@@ -216,7 +247,9 @@ impl OverCanvas {
     /// ends no processor foresees (docs/decisions/0050).
     #[inline(always)]
     fn fill_corners(&mut self, columns: Range<i32>, rows: Range<i32>, color: u32) {
-        let at = (rows.start - self.rows.start as i32) as usize * self.stride() + columns.start as usize + MARGIN;
+        let at = (rows.start - self.rows.start as i32) as usize * self.stride()
+            + columns.start as usize
+            + MARGIN;
         let (right, below) = (columns.len() - 1, (rows.len() - 1) * self.stride());
         for at in [at, at + right, at + below, at + below + right] {
             if let Some(pixel) = self.pixels.get_mut(at) {
@@ -244,7 +277,8 @@ impl OverCanvas {
                 false => [columns.start, columns.end],
             };
             let width = (right - left).max(0) as usize;
-            let start = (row - self.rows.start as i32) as usize * self.stride() + left as usize + MARGIN;
+            let start =
+                (row - self.rows.start as i32) as usize * self.stride() + left as usize + MARGIN;
             if alpha == 256 {
                 if let Some(pixels) = self.pixels.get_mut(start..start + width) {
                     pixels.fill(splats.color[i].to_ne_bytes());
@@ -252,7 +286,12 @@ impl OverCanvas {
                 continue;
             }
             for at in (0..width).step_by(PIXELS) {
-                self.blend_at(simd, start + at, source, weights_of(simd, alpha, width - at));
+                self.blend_at(
+                    simd,
+                    start + at,
+                    source,
+                    weights_of(simd, alpha, width - at),
+                );
             }
         }
     }
@@ -311,7 +350,11 @@ impl Canvas for OverCanvas {
     fn lay(&mut self) {
         let stride = self.stride();
         for (pixels, (colors, _)) in self.pixels.chunks_mut(stride).zip(self.ground.rows()) {
-            for (pixel, color) in pixels[MARGIN..].iter_mut().zip(colors).filter(|(_, color)| color[3] == 255) {
+            for (pixel, color) in pixels[MARGIN..]
+                .iter_mut()
+                .zip(colors)
+                .filter(|(_, color)| color[3] == 255)
+            {
                 *pixel = *color;
             }
         }
@@ -349,7 +392,8 @@ fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
         return [r, g, b, share];
     }
     let (half, reciprocal) = (u64::from(share / 2), RECIPROCALS[usize::from(share)]);
-    let [r, g, b] = [r, g, b].map(|c| (((u64::from(c) * 255 + half) * reciprocal) >> 32).min(255) as u8);
+    let [r, g, b] =
+        [r, g, b].map(|c| (((u64::from(c) * 255 + half) * reciprocal) >> 32).min(255) as u8);
     [r, g, b, if share >= WHOLE { 255 } else { share }]
 }
 
@@ -369,10 +413,17 @@ mod tests {
         let mut splats = Box::new(Splats::new());
         splats.len = 3 * LANES - 5;
         for i in 0..splats.len {
-            (splats.x[i], splats.y[i]) = (random.between(-3.0, 43.0) as f32, random.between(2.0, 22.0) as f32);
+            (splats.x[i], splats.y[i]) = (
+                random.between(-3.0, 43.0) as f32,
+                random.between(2.0, 22.0) as f32,
+            );
             splats.radius_x[i] = 0.5 + random.below(4) as f32 + random.between(0.0, 0.4) as f32;
             splats.radius_y[i] = random.between(0.5, 3.0) as f32;
-            let alpha = if random.below(2) == 0 { 255 } else { random.below(255) as u8 };
+            let alpha = if random.below(2) == 0 {
+                255
+            } else {
+                random.below(255) as u8
+            };
             let [r, g, b] = [0; 3].map(|_: u8| random.below(256) as u8);
             splats.color[i] = u32::from_ne_bytes([r, g, b, alpha]);
         }
@@ -383,8 +434,8 @@ mod tests {
     fn weight(shape: Shape, splats: &Splats, i: usize, [column, row]: [i32; 2]) -> u32 {
         let (x, y) = (splats.x[i], splats.y[i]);
         let (middle_x, middle_y) = (x.floor() as i32, y.floor() as i32);
-        let is_inside =
-            (column as f32 + 0.5 - x).abs() < splats.radius_x[i] && (row as f32 + 0.5 - y).abs() < splats.radius_y[i];
+        let is_inside = (column as f32 + 0.5 - x).abs() < splats.radius_x[i]
+            && (row as f32 + 0.5 - y).abs() < splats.radius_y[i];
         let is_whole = match shape {
             Shape::Rectangle => is_inside,
             Shape::Plus => is_inside && (column == middle_x || row == middle_y),
@@ -397,7 +448,8 @@ mod tests {
                     return 0;
                 }
                 let sigma = f64::from(2 * class + 1) / 4.0;
-                let octaves = f64::from(dx * dx + dy * dy) / (2.0 * sigma * sigma) / std::f64::consts::LN_2;
+                let octaves =
+                    f64::from(dx * dx + dy * dy) / (2.0 * sigma * sigma) / std::f64::consts::LN_2;
                 return 256 >> octaves.round().min(2.0) as u32;
             }
         };
@@ -410,28 +462,42 @@ mod tests {
             let mut random = Rng::keyed(8);
             let batches: Vec<Box<Splats>> = (0..6).map(|_| splats(&mut random)).collect();
             let mut expected = vec![[0u8; 4]; WIDTH as usize * ROWS.len()];
-            for (batch, i) in batches.iter().flat_map(|batch| (0..batch.count()).map(move |i| (batch, i))) {
+            for (batch, i) in batches
+                .iter()
+                .flat_map(|batch| (0..batch.count()).map(move |i| (batch, i)))
+            {
                 let [r, g, b, alpha] = batch.color[i].to_ne_bytes();
                 let own = u32::from(alpha) + u32::from(alpha >> 7);
                 for (at, pixel) in expected.iter_mut().enumerate() {
-                    let place = [at as i32 % WIDTH as i32, at as i32 / WIDTH as i32 + ROWS.start as i32];
+                    let place = [
+                        at as i32 % WIDTH as i32,
+                        at as i32 / WIDTH as i32 + ROWS.start as i32,
+                    ];
                     // Ties go toward what is blended in.
                     let weight = weight(shape, batch, i, place) * own / 256;
                     for (there, source) in pixel.iter_mut().zip([r, g, b, 255]) {
                         let half = if source > *there { 128 } else { 127 };
-                        *there = ((u32::from(*there) * (256 - weight) + u32::from(source) * weight + half) >> 8) as u8;
+                        *there = ((u32::from(*there) * (256 - weight)
+                            + u32::from(source) * weight
+                            + half)
+                            >> 8) as u8;
                     }
                 }
             }
             for level in simd::levels() {
-                let mut canvas = OverCanvas { shape, ..OverCanvas::default() };
+                let mut canvas = OverCanvas {
+                    shape,
+                    ..OverCanvas::default()
+                };
                 canvas.clear(WIDTH, ROWS);
                 batches.iter().for_each(|batch| canvas.draw(batch, level));
                 for row in 0..ROWS.len() {
                     let mut found = vec![[0; 4]; 31];
                     canvas.resolve(row, 7, &mut found, level);
                     let start = row * WIDTH as usize + 7;
-                    let expected = expected[start..start + 31].iter().map(|pixel| straight(*pixel));
+                    let expected = expected[start..start + 31]
+                        .iter()
+                        .map(|pixel| straight(*pixel));
                     assert!(found.into_iter().eq(expected), "{shape:?}, row {row}");
                 }
             }
@@ -445,7 +511,10 @@ mod tests {
                 let exact = (f64::from(c) * 255.0 / f64::from(share)).round().min(255.0) as u8;
                 let [r, g, _, alpha] = straight([c, 0, 0, share]);
                 // Halves may go either way.
-                assert!(r.abs_diff(exact) <= u8::from(u32::from(c) * 510 % u32::from(share) == 0) && g == 0);
+                assert!(
+                    r.abs_diff(exact) <= u8::from(u32::from(c) * 510 % u32::from(share) == 0)
+                        && g == 0
+                );
                 assert_eq!(alpha, if share >= 252 { 255 } else { share });
             }
         }
@@ -487,10 +556,19 @@ mod tests {
     fn blending_a_colour_over_itself_changes_nothing() {
         for c in 0..=255 {
             for weight in [0, 1, 64, 128, 200, 255, 256] {
-                assert_eq!(blended([c, c, c, 255], [c, c, c, 255], weight), [c, c, c, 255]);
+                assert_eq!(
+                    blended([c, c, c, 255], [c, c, c, 255], weight),
+                    [c, c, c, 255]
+                );
             }
-            assert_eq!(blended([255 - c, 0, c, 77], [c, c, c, 255], 256), [c, c, c, 255]);
-            assert_eq!(blended([255 - c, 0, c, 77], [c, c, c, 255], 0), [255 - c, 0, c, 77]);
+            assert_eq!(
+                blended([255 - c, 0, c, 77], [c, c, c, 255], 256),
+                [c, c, c, 255]
+            );
+            assert_eq!(
+                blended([255 - c, 0, c, 77], [c, c, c, 255], 0),
+                [255 - c, 0, c, 77]
+            );
         }
     }
 
@@ -505,7 +583,10 @@ mod tests {
                     assert_eq!(at(row, class + row), at(row, class - row));
                     assert!(at(row, column) >= 32);
                 }
-                assert!(2 * class == 7 || at(row, 2 * class + 1) == 0, "nothing beyond it");
+                assert!(
+                    2 * class == 7 || at(row, 2 * class + 1) == 0,
+                    "nothing beyond it"
+                );
             }
         }
     }

@@ -15,7 +15,13 @@ pub struct Touched {
 
 /// Counts splats, in their order, on pixels: the rows `rows` of a frame that is `width` pixels wide. `own` is the part of a
 /// radius that belongs to the sample alone.
-pub(crate) fn touch(pixels: &mut [Touched], width: u32, rows: &Range<u32>, splats: &Splats, own: f32) {
+pub(crate) fn touch(
+    pixels: &mut [Touched],
+    width: u32,
+    rows: &Range<u32>,
+    splats: &Splats,
+    own: f32,
+) {
     let (across, down) = ([0.0, width as f32], [rows.start as f32, rows.end as f32]);
     for i in 0..splats.count() {
         let [rx, ry] = [splats.radius_x[i], splats.radius_y[i]];
@@ -27,7 +33,9 @@ pub(crate) fn touch(pixels: &mut [Touched], width: u32, rows: &Range<u32>, splat
             let start = (row - rows.start.cast_signed()) as usize * width as usize;
             let is_own_row = (own_top..own_bottom).contains(&row);
             for column in left..right {
-                let Some(pixel) = pixels.get_mut(start + column as usize) else { continue };
+                let Some(pixel) = pixels.get_mut(start + column as usize) else {
+                    continue;
+                };
                 pixel.footprints += 1;
                 if pixel.width_px == 0.0 || is_own_row && (own_left..own_right).contains(&column) {
                     pixel.width_px = 2.0 * rx.max(ry);
@@ -54,7 +62,10 @@ mod tests {
         let mut pixels = [Touched::default(); 6];
         touch(&mut pixels, 6, &(7..8), &splats, 0.25);
         let found: Vec<_> = pixels.iter().map(|p| (p.footprints, p.width_px)).collect();
-        assert_eq!(found, [(0, 0.0), (1, 2.0), (2, 1.0), (1, 3.0), (1, 3.0), (1, 3.0)]);
+        assert_eq!(
+            found,
+            [(0, 0.0), (1, 2.0), (2, 1.0), (1, 3.0), (1, 3.0), (1, 3.0)]
+        );
     }
 
     #[test]
@@ -64,7 +75,12 @@ mod tests {
         // 10 and 11, of which it owns pixel 2, 11.
         let drawn = [([3.5, 12.5], [1.5, 2.5]), ([2.7, 11.05], [1.0, 1.2])];
         for (i, ([x, y], [rx, ry])) in drawn.into_iter().enumerate() {
-            (splats.x[i], splats.y[i], splats.radius_x[i], splats.radius_y[i]) = (x, y, rx, ry);
+            (
+                splats.x[i],
+                splats.y[i],
+                splats.radius_x[i],
+                splats.radius_y[i],
+            ) = (x, y, rx, ry);
         }
         splats.len = drawn.len();
         let width = 6;
@@ -78,13 +94,26 @@ mod tests {
             let pixel = whole[(row - 9) * width as usize + column];
             (pixel.footprints, pixel.width_px)
         };
-        assert_eq!([at(3, 9), at(3, 10), at(3, 14), at(3, 15)], [(0, 0.0), (2, 5.0), (1, 5.0), (0, 0.0)]);
-        assert_eq!([at(1, 12), at(2, 12), at(4, 12), at(5, 12)], [(0, 0.0), (1, 5.0), (1, 5.0), (0, 0.0)]);
-        assert_eq!([at(2, 11), at(3, 11), at(2, 10)], [(2, 2.4), (2, 5.0), (2, 5.0)]);
+        assert_eq!(
+            [at(3, 9), at(3, 10), at(3, 14), at(3, 15)],
+            [(0, 0.0), (2, 5.0), (1, 5.0), (0, 0.0)]
+        );
+        assert_eq!(
+            [at(1, 12), at(2, 12), at(4, 12), at(5, 12)],
+            [(0, 0.0), (1, 5.0), (1, 5.0), (0, 0.0)]
+        );
+        assert_eq!(
+            [at(2, 11), at(3, 11), at(2, 10)],
+            [(2, 2.4), (2, 5.0), (2, 5.0)]
+        );
         // A little more of it is its own, and not yet the next row.
         assert_eq!(touched(9..16, 0.44)[width as usize + 2].width_px, 5.0);
         let all_own = touched(9..16, 1.0);
-        assert_eq!(all_own[2 * width as usize + 3].width_px, 2.4, "what is drawn last is in front");
+        assert_eq!(
+            all_own[2 * width as usize + 3].width_px,
+            2.4,
+            "what is drawn last is in front"
+        );
         assert_eq!(all_own[3 * width as usize + 4].width_px, 5.0);
         // The same in a band that begins amid them.
         assert_eq!(touched(12..16, 0.2), whole[3 * width as usize..]);

@@ -3,13 +3,13 @@
 //! The rules are those of [`crate::render::canvas::surface`]; what differs is that nothing is rounded. Footprints are ellipses whose weights
 //! add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.
 
-use crate::render::planes::PlaneCanvas;
 use super::size::EllipseSize;
-use crate::render::footprint::splat;
 use super::splat::{Canvas, Splats, covered};
-use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use crate::render::Spans;
+use crate::render::footprint::splat;
+use crate::render::planes::PlaneCanvas;
 use fearless_simd::{Level, Simd, dispatch};
+use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use std::ops::Range;
 use std::sync::LazyLock;
 
@@ -25,7 +25,8 @@ const MAX_CORRELATION: f32 = 0.995;
 /// A splat weighs at least this in the middle, however small its sample is.
 const MIN_PEAK: f32 = 0.036;
 
-static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|c| linear_from_srgb8(c as u8)));
+static LINEAR: LazyLock<[f32; 256]> =
+    LazyLock::new(|| std::array::from_fn(|c| linear_from_srgb8(c as u8)));
 
 /// One pixel.
 #[derive(Clone, Copy, Default)]
@@ -50,24 +51,42 @@ impl Cell {
         let [r, g, b, behind] = self.behind;
         // What is behind goes on behind the front, as in `crate::render::canvas::surface`.
         let filled = (behind / (1.0 - share).max(f32::EPSILON)).min(1.0);
-        let rest = if behind > 0.0 { (1.0 - share) * filled / behind } else { 0.0 };
-        [front[0] + r * rest, front[1] + g * rest, front[2] + b * rest, share + (1.0 - share) * filled]
+        let rest = if behind > 0.0 {
+            (1.0 - share) * filled / behind
+        } else {
+            0.0
+        };
+        [
+            front[0] + r * rest,
+            front[1] + g * rest,
+            front[2] + b * rest,
+            share + (1.0 - share) * filled,
+        ]
     }
 
     /// Adds a splat.
     fn add(&mut self, color: [f32; 3], weight: f32, inverse_depth: f32, apart: f32) {
         if self.inverse_depth < inverse_depth - apart {
             self.behind = self.flattened();
-            (self.sum, self.weight, self.inverse_depth) = (color.map(|c| c * weight), weight, inverse_depth);
+            (self.sum, self.weight, self.inverse_depth) =
+                (color.map(|c| c * weight), weight, inverse_depth);
         } else if self.inverse_depth <= inverse_depth + apart {
-            self.sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c * weight);
+            self.sum
+                .iter_mut()
+                .zip(color)
+                .for_each(|(sum, c)| *sum += c * weight);
             self.weight += weight;
             self.inverse_depth = self.inverse_depth.max(inverse_depth);
         } else if self.weight < OPAQUE {
             let share = weight.min(1.0);
             let over = |c: f32, behind: f32| c * share + behind * (1.0 - share);
             let [r, g, b, behind] = self.behind;
-            self.behind = [over(color[0], r), over(color[1], g), over(color[2], b), over(1.0, behind)];
+            self.behind = [
+                over(color[0], r),
+                over(color[1], g),
+                over(color[2], b),
+                over(1.0, behind),
+            ];
         }
     }
 }
@@ -104,11 +123,13 @@ impl EllipseCanvas {
         let correlation = splats.correlation[i].clamp(-MAX_CORRELATION, MAX_CORRELATION);
         let uncorrelated = 1.0 - correlation * correlation;
         // A Gaussian of volume `area`, of which the splat's weight is the part of its bounds.
-        let peak = splats.weight[i] * EllipseSize::DEVIATIONS.powi(2) / (std::f32::consts::TAU * uncorrelated.sqrt());
+        let peak = splats.weight[i] * EllipseSize::DEVIATIONS.powi(2)
+            / (std::f32::consts::TAU * uncorrelated.sqrt());
         let peak = peak.max(MIN_PEAK) * f32::from(alpha) / 255.0;
         let inverse_depth = splats.inverse_depth[i];
         let apart = (inverse_depth * self.tolerance).max(self.bin);
-        let scale = [splats.radius_x[i], splats.radius_y[i]].map(|radius| EllipseSize::DEVIATIONS / radius);
+        let scale =
+            [splats.radius_x[i], splats.radius_y[i]].map(|radius| EllipseSize::DEVIATIONS / radius);
         for row in top..bottom {
             let v = (row as f32 + 0.5 - splats.y[i]) * scale[1];
             let start = (row - self.rows.start.cast_signed()) as usize * self.width as usize;
@@ -129,7 +150,8 @@ impl Canvas for EllipseCanvas {
         self.width = width;
         self.rows = rows;
         self.cells.clear();
-        self.cells.resize(width as usize * self.rows.len(), Cell::default());
+        self.cells
+            .resize(width as usize * self.rows.len(), Cell::default());
     }
 
     fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
@@ -148,8 +170,14 @@ impl Canvas for EllipseCanvas {
     }
 
     fn lay(&mut self) {
-        for (cells, (colors, inverse_depths)) in self.cells.chunks_mut(self.width as usize).zip(self.ground.rows()) {
-            for ((cell, [r, g, b, share]), inverse_depth) in cells.iter_mut().zip(colors).zip(inverse_depths) {
+        for (cells, (colors, inverse_depths)) in self
+            .cells
+            .chunks_mut(self.width as usize)
+            .zip(self.ground.rows())
+        {
+            for ((cell, [r, g, b, share]), inverse_depth) in
+                cells.iter_mut().zip(colors).zip(inverse_depths)
+            {
                 if *share == 255 {
                     (cell.sum, cell.weight) = ([*r, *g, *b].map(|c| LINEAR[usize::from(c)]), 1.0);
                     cell.inverse_depth = inverse_depth.max(0.0);
@@ -164,7 +192,12 @@ impl Canvas for EllipseCanvas {
             let apart = (q * self.tolerance).max(self.bin);
             let ([r, g, b, share], [column, row]) = (rim.color, rim.pixel.map(|v| v as usize));
             if let Some(cell) = self.cells.get_mut(row * self.width as usize + column) {
-                cell.add([r, g, b].map(|c| LINEAR[usize::from(c)]), f32::from(share) / 255.0, q, apart);
+                cell.add(
+                    [r, g, b].map(|c| LINEAR[usize::from(c)]),
+                    f32::from(share) / 255.0,
+                    q,
+                    apart,
+                );
             }
         }
     }
@@ -176,7 +209,9 @@ impl Canvas for EllipseCanvas {
     fn tell_depths(&self, row: usize, column: usize, to: &mut [f32]) {
         let start = row * self.width as usize + column;
         let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
-        to.iter_mut().zip(from).for_each(|(to, cell)| *to = cell.inverse_depth);
+        to.iter_mut()
+            .zip(from)
+            .for_each(|(to, cell)| *to = cell.inverse_depth);
     }
 
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], _: Level) {
@@ -201,7 +236,11 @@ mod tests {
     const LEVELS: u8 = 1;
 
     fn canvas() -> EllipseCanvas {
-        let mut canvas = EllipseCanvas { tolerance: 0.01, bin: 0.001, ..EllipseCanvas::default() };
+        let mut canvas = EllipseCanvas {
+            tolerance: 0.01,
+            bin: 0.001,
+            ..EllipseCanvas::default()
+        };
         canvas.clear(20, 4..16);
         canvas
     }
@@ -209,36 +248,63 @@ mod tests {
     fn one(color: [u8; 4], weight: f32, correlation: f32) -> Box<Splats> {
         let mut splats = Box::new(Splats::new());
         splats.len = 1;
-        (splats.x[0], splats.y[0], splats.radius_x[0], splats.radius_y[0]) = (9.3, 9.8, 6.0, 4.0);
-        (splats.weight[0], splats.correlation[0], splats.inverse_depth[0]) = (weight, correlation, 0.5);
+        (
+            splats.x[0],
+            splats.y[0],
+            splats.radius_x[0],
+            splats.radius_y[0],
+        ) = (9.3, 9.8, 6.0, 4.0);
+        (
+            splats.weight[0],
+            splats.correlation[0],
+            splats.inverse_depth[0],
+        ) = (weight, correlation, 0.5);
         splats.color[0] = u32::from_ne_bytes(color);
         splats
     }
 
     #[test]
     fn a_splat_is_a_gaussian_whose_volume_is_its_weight() {
-        for (weight, correlation, alpha) in [(0.4, 0.0, 255), (0.7, 0.6, 255), (0.5, -0.8, 100), (1e-4, 0.0, 255)] {
+        for (weight, correlation, alpha) in [
+            (0.4, 0.0, 255),
+            (0.7, 0.6, 255),
+            (0.5, -0.8, 100),
+            (1e-4, 0.0, 255),
+        ] {
             for level in simd::levels() {
                 let mut canvas = canvas();
                 canvas.draw(&one([9, 9, 9, alpha], weight, correlation), level);
                 let mut sum = 0.0;
                 for (i, cell) in canvas.cells.iter().enumerate() {
                     // 2.5 deviations to the border.
-                    let (u, v) = (((i % 20) as f32 + 0.5 - 9.3) / 2.4, ((i / 20) as f32 + 4.5 - 9.8) / 1.6);
+                    let (u, v) = (
+                        ((i % 20) as f32 + 0.5 - 9.3) / 2.4,
+                        ((i / 20) as f32 + 4.5 - 9.8) / 1.6,
+                    );
                     let rest = 1.0 - correlation * correlation;
                     let squared = (u * u + v * v - 2.0 * correlation * u * v) / rest;
                     // The weight times the area of the bounds of a deviation, over the Gaussian's volume, in spacings of a sample.
                     let peak = (weight * 6.25 / (std::f32::consts::TAU * rest.sqrt())).max(0.036);
-                    let expected =
-                        if squared < 6.25 { peak * f32::from(alpha) / 255.0 * (-0.5 * squared).exp() } else { 0.0 };
-                    assert!((cell.weight - expected).abs() < 1e-5, "{u} {v}: {} {expected}", cell.weight);
+                    let expected = if squared < 6.25 {
+                        peak * f32::from(alpha) / 255.0 * (-0.5 * squared).exp()
+                    } else {
+                        0.0
+                    };
+                    assert!(
+                        (cell.weight - expected).abs() < 1e-5,
+                        "{u} {v}: {} {expected}",
+                        cell.weight
+                    );
                     assert!((cell.sum[0] - expected * LINEAR[9]).abs() < 1e-6);
                     sum += cell.weight;
                 }
                 // What 2.5 deviations leave out is exp(-3.125), 4.4 %.
                 if weight > 0.1 {
                     let volume = weight * 24.0 * f32::from(alpha) / 255.0;
-                    assert!((sum / volume / (1.0 - (-3.125f32).exp()) - 1.0).abs() < 0.03, "{sum} {volume}");
+                    assert!(
+                        (sum / volume / (1.0 - (-3.125f32).exp()) - 1.0).abs() < 0.03,
+                        "{sum} {volume}"
+                    );
                 }
             }
         }
@@ -250,7 +316,11 @@ mod tests {
             let drawn = |correlation| {
                 let mut canvas = canvas();
                 canvas.draw(&one([9, 9, 9, 255], 0.5, correlation), Level::new());
-                canvas.cells.iter().map(|cell| cell.weight).collect::<Vec<_>>()
+                canvas
+                    .cells
+                    .iter()
+                    .map(|cell| cell.weight)
+                    .collect::<Vec<_>>()
             };
             let found = drawn(correlation);
             assert!(found == drawn(largest) && found.iter().any(|weight| *weight > 0.0));
@@ -260,21 +330,40 @@ mod tests {
     #[test]
     fn surfaces_are_apart_by_a_part_of_their_depth_and_a_bin_at_least() {
         // A hundredth of 0.5 is 0.005; of 0.05 less than a bin of 0.001.
-        for (q, nearer, is_one) in [(0.5, 0.504, true), (0.5, 0.506, false), (0.05, 0.0508, true), (0.05, 0.0512, false)] {
+        for (q, nearer, is_one) in [
+            (0.5, 0.504, true),
+            (0.5, 0.506, false),
+            (0.05, 0.0508, true),
+            (0.05, 0.0512, false),
+        ] {
             let (mut canvas, mut splats) = (canvas(), one([9, 9, 9, 255], 0.5, 0.0));
             for q in [nearer, q] {
                 splats.inverse_depth[0] = q;
                 canvas.draw(&splats, Level::new());
             }
-            let cell = canvas.cells.iter().max_by(|a, b| a.weight.total_cmp(&b.weight)).expect("some");
-            assert_eq!((cell.behind == [0.0; 4], cell.inverse_depth), (is_one, nearer), "{q} and {nearer}");
+            let cell = canvas
+                .cells
+                .iter()
+                .max_by(|a, b| a.weight.total_cmp(&b.weight))
+                .expect("some");
+            assert_eq!(
+                (cell.behind == [0.0; 4], cell.inverse_depth),
+                (is_one, nearer),
+                "{q} and {nearer}"
+            );
         }
     }
 
     #[test]
     fn surfaces_are_averaged_and_lie_over_what_is_behind() {
         let near = |found: [f32; 4], expected: [f32; 4]| {
-            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{found:?}, not {expected:?}");
+            assert!(
+                found
+                    .iter()
+                    .zip(expected)
+                    .all(|(a, b)| (a - b).abs() < 1e-5),
+                "{found:?}, not {expected:?}"
+            );
         };
         let (red, blue) = ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
         let mut cell = Cell::default();
@@ -308,7 +397,10 @@ mod tests {
         open.add(blue, 0.25, 0.1, 0.01);
         near(open.flattened(), [0.5, 0.0, 0.25, 0.75]);
         open.add(red, 0.5, 0.1, 0.01);
-        near(open.flattened(), [0.5 + 0.5 * 0.5 / 0.625, 0.0, 0.5 * 0.125 / 0.625, 1.0]);
+        near(
+            open.flattened(),
+            [0.5 + 0.5 * 0.5 / 0.625, 0.0, 0.5 * 0.125 / 0.625, 1.0],
+        );
         let mut green = Cell::default();
         green.add([0.0, 1.0, 0.0], 0.46, 0.5, 0.01);
         green.add([0.0, 0.5, 0.0], 0.25, 0.1, 0.01);
@@ -322,11 +414,24 @@ mod tests {
         let (mut found, mut depths) = ([[0; 4]; 3], [9.0; 3]);
         canvas.resolve(5, 6, &mut found, Level::new());
         canvas.tell_depths(5, 6, &mut depths);
-        assert_eq!((found[0], found[2], depths), ([0; 4], [0; 4], [0.0, 0.5, 0.0]));
-        assert!(found[1].iter().zip([180, 90, 20, 128]).all(|(a, b)| a.abs_diff(b) <= LEVELS), "{:?}", found[1]);
+        assert_eq!(
+            (found[0], found[2], depths),
+            ([0; 4], [0; 4], [0.0, 0.5, 0.0])
+        );
+        assert!(
+            found[1]
+                .iter()
+                .zip([180, 90, 20, 128])
+                .all(|(a, b)| a.abs_diff(b) <= LEVELS),
+            "{:?}",
+            found[1]
+        );
         assert_eq!(found[1][3], 128, "127.5, rounded");
         canvas.clear_spans([20, 16], &|_| [0..0, 0..0, 0..0]);
-        canvas.cells.fill(Cell { weight: 1.0, ..Cell::default() });
+        canvas.cells.fill(Cell {
+            weight: 1.0,
+            ..Cell::default()
+        });
         canvas.clear_spans([20, 16], &|y| [y..20, 0..0, 0..0]);
         assert!((0..20 * 16).all(|i| (canvas.cells[i].weight == 0.0) == (i % 20 >= i / 20)));
     }

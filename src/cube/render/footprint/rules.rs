@@ -1,9 +1,9 @@
 //! The numbers by which tents are drawn, for renderers elsewhere that are held to this one's frames.
 
 use super::size::{Size, TangentSize, TangentTable};
-use crate::render::setup::clip;
 use crate::render::canvas::surface;
 use crate::render::footprint::tent;
+use crate::render::setup::clip;
 
 /// The largest tangent of the angle to its normal under which a sample's plane is believed.
 pub const MAX_SLOPE: f32 = TangentTable::MAX_SLOPE;

@@ -1,9 +1,9 @@
 //! Footprints: which there are ([`SplatKernel`]), splats ready to be drawn, and what they are drawn on (S20, S21,
 //! C10, C12).
 
+use super::size::{EllipseSize, LANES};
 use crate::render::Spans;
 use crate::render::planes::{LARGEST_BY_MIDDLE_PX, PlaneCanvas};
-use super::size::{EllipseSize, LANES};
 use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -75,7 +75,12 @@ impl SplatKernel {
         match self {
             Self::Tent => 0.5,
             Self::Ellipse => 0.5 / EllipseSize::SCALE,
-            Self::Paper | Self::Opaque | Self::Point | Self::Plus | Self::Square2 | Self::Square3 => 1.0,
+            Self::Paper
+            | Self::Opaque
+            | Self::Point
+            | Self::Plus
+            | Self::Square2
+            | Self::Square3 => 1.0,
         }
     }
 
@@ -260,7 +265,8 @@ pub(crate) fn clear_spans<T: Copy>(
 /// the one after the last.
 #[inline(always)]
 pub(crate) fn covered(position: f32, radius: f32, [start, end]: [f32; 2]) -> [i32; 2] {
-    [position - radius, position + radius].map(|border| ceil_to_i32((border - 0.5).max(start).min(end)))
+    [position - radius, position + radius]
+        .map(|border| ceil_to_i32((border - 0.5).max(start).min(end)))
 }
 
 /// [`covered`] for the splats from `start` on, as many as there are lanes.
@@ -273,7 +279,10 @@ pub(crate) fn covered_lanes<S: Simd>(
 ) -> [i32x16<S>; 2] {
     let (position, radius) = (load(simd, position, start), load(simd, radius, start));
     let (left, right) = (position - radius - 0.5, position + radius - 0.5);
-    let (left, right) = (left.max(first).min(end).ceil(), right.max(first).min(end).ceil());
+    let (left, right) = (
+        left.max(first).min(end).ceil(),
+        right.max(first).min(end).ceil(),
+    );
     [i32x16::truncate_from(left), i32x16::truncate_from(right)]
 }
 

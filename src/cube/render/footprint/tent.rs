@@ -35,19 +35,30 @@ pub(crate) struct Tents {
 
 impl Default for Tents {
     fn default() -> Self {
-        Self { columns: Lines::default(), rows: Lines::default(), peak: [0; Splats::ROOM] }
+        Self {
+            columns: Lines::default(),
+            rows: Lines::default(),
+            peak: [0; Splats::ROOM],
+        }
     }
 }
 
 impl Tents {
     /// Makes the tents of `splats`, clipped to ranges of columns and of rows.
     #[inline(always)]
-    pub(crate) fn fill<S: Simd>(&mut self, simd: S, splats: &Splats, [columns, rows]: [[f32; 2]; 2]) {
+    pub(crate) fn fill<S: Simd>(
+        &mut self,
+        simd: S,
+        splats: &Splats,
+        [columns, rows]: [[f32; 2]; 2],
+    ) {
         for i in (0..splats.count()).step_by(LANES) {
-            self.columns.fill(simd, [&splats.x, &splats.radius_x], i, columns);
+            self.columns
+                .fill(simd, [&splats.x, &splats.radius_x], i, columns);
             self.rows.fill(simd, [&splats.y, &splats.radius_y], i, rows);
             let weight = load(simd, &splats.weight, i);
-            let alpha = (u32x16::from_slice(simd, &splats.color[i..i + LANES]) >> ALPHA_SHIFT) & 255;
+            let alpha =
+                (u32x16::from_slice(simd, &splats.color[i..i + LANES]) >> ALPHA_SHIFT) & 255;
             let alpha = f32x16::float_from(alpha);
             let peak = weight.max(MIN_PEAK) * alpha * ((ONE * PEAK_STEPS) as f32 / 255.0);
             u32x16::truncate_from(peak).store_slice(&mut self.peak[i..i + LANES]);
@@ -70,15 +81,29 @@ pub(crate) struct Lines {
 impl Default for Lines {
     fn default() -> Self {
         let zero = [0; Splats::ROOM];
-        Self { first: zero, end: zero, at: zero, step: zero }
+        Self {
+            first: zero,
+            end: zero,
+            at: zero,
+            step: zero,
+        }
     }
 }
 
 impl Lines {
     #[inline(always)]
-    fn fill<S: Simd>(&mut self, simd: S, [position, radius]: [&[f32; Splats::ROOM]; 2], i: usize, bounds: [f32; 2]) {
+    fn fill<S: Simd>(
+        &mut self,
+        simd: S,
+        [position, radius]: [&[f32; Splats::ROOM]; 2],
+        i: usize,
+        bounds: [f32; 2],
+    ) {
         let [first, end] = covered_lanes(simd, [position, radius], i, bounds);
-        let (position, scale) = (load(simd, position, i), f32x16::splat(simd, TOP as f32) / load(simd, radius, i));
+        let (position, scale) = (
+            load(simd, position, i),
+            f32x16::splat(simd, TOP as f32) / load(simd, radius, i),
+        );
         // Rounded at the middle, not at `first`, which depends on the band.
         let middle = i32x16::truncate_from(position);
         let at = i32x16::truncate_from((f32x16::float_from(middle) + 0.5 - position) * scale);
@@ -99,6 +124,9 @@ impl Lines {
     #[inline(always)]
     pub(crate) fn from(&self, i: usize, line: i32) -> [i32; 2] {
         // A line before the first may be far from it, where what it says does not matter.
-        [self.at[i].wrapping_add((line - self.first[i]).wrapping_mul(self.step[i])), self.step[i]]
+        [
+            self.at[i].wrapping_add((line - self.first[i]).wrapping_mul(self.step[i])),
+            self.step[i],
+        ]
     }
 }

@@ -1,24 +1,24 @@
 //! One band of a frame, drawn by one thread from its first splat to its last pixel.
 
-use crate::render::setup::clip;
-use crate::render::setup::clip::{Band, BlockClip};
 use super::epipolar::Spans;
-use crate::render::resolve::fill;
-use crate::render::resolve::finish::{Background, Pixels};
-use crate::render::traverse::format::Format;
-use crate::render::warp::batch::SegmentWarp;
-use crate::render::traverse::batches;
-use crate::render::traverse::batches::{Batch, Cut, SegmentPart, Uncut};
-use crate::render::{FramePlan, FrameStats, SegmentPlan, Source};
-use headbox_core::camera::Camera;
 use crate::pack::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment};
 use crate::render::canvas::depth::DepthCanvas;
-use crate::render::footprint::ellipse::EllipseCanvas;
 use crate::render::canvas::over::{OverCanvas, Shape};
-use crate::render::planes::ROWS_BESIDE;
+use crate::render::canvas::surface::SurfaceCanvas;
+use crate::render::footprint::ellipse::EllipseCanvas;
 use crate::render::footprint::size::{EllipseSize, FixedSize, Size, TangentSize};
 use crate::render::footprint::splat::{Canvas, SplatKernel, Splats};
-use crate::render::canvas::surface::SurfaceCanvas;
+use crate::render::planes::ROWS_BESIDE;
+use crate::render::resolve::fill;
+use crate::render::resolve::finish::{Background, Pixels};
+use crate::render::setup::clip;
+use crate::render::setup::clip::{Band, BlockClip};
+use crate::render::traverse::batches;
+use crate::render::traverse::batches::{Batch, Cut, SegmentPart, Uncut};
+use crate::render::traverse::format::Format;
+use crate::render::warp::batch::SegmentWarp;
+use crate::render::{FramePlan, FrameStats, SegmentPlan, Source};
+use headbox_core::camera::Camera;
 use std::ops::Range;
 use std::time::Instant;
 
@@ -62,10 +62,31 @@ impl Default for Worker {
 
 impl Worker {
     /// Draws a band on its pixels.
-    pub(crate) fn draw(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
+    pub(crate) fn draw(
+        &mut self,
+        plan: &FramePlan,
+        source: Source,
+        camera: &Camera,
+        band: &Band,
+        pixels: Pixels,
+    ) {
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth } = self;
-        let mut pass = Pass { plan, source, band, stats, strokes, depth };
+        let Self {
+            stats,
+            strokes,
+            over,
+            surfaces,
+            ellipses,
+            depth,
+        } = self;
+        let mut pass = Pass {
+            plan,
+            source,
+            band,
+            stats,
+            strokes,
+            depth,
+        };
         match plan.kernel {
             SplatKernel::Tent => pass.draw(surfaces, camera, pixels),
             SplatKernel::Ellipse => pass.draw(ellipses, camera, pixels),
@@ -83,8 +104,22 @@ impl Worker {
         spans: impl Fn(u32) -> Spans,
     ) {
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth } = self;
-        let mut pass = Pass { plan, source, band, stats, strokes, depth };
+        let Self {
+            stats,
+            strokes,
+            over,
+            surfaces,
+            ellipses,
+            depth,
+        } = self;
+        let mut pass = Pass {
+            plan,
+            source,
+            band,
+            stats,
+            strokes,
+            depth,
+        };
         match plan.kernel {
             SplatKernel::Tent => pass.draw_spans(surfaces, scope, spans),
             SplatKernel::Ellipse => pass.draw_spans(ellipses, scope, spans),
@@ -114,7 +149,13 @@ pub(crate) trait Scope {
 
     /// The rectangle of a segment's face pixels, and in `visible` which of the blocks that it touches; `None` for
     /// nothing. `i`: the segment's place in drawing order.
-    fn part<S: Size>(&self, i: usize, clip: &BlockClip, size: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]>;
+    fn part<S: Size>(
+        &self,
+        i: usize,
+        clip: &BlockClip,
+        size: &S,
+        visible: &mut Vec<bool>,
+    ) -> Option<[Range<u32>; 2]>;
 
     /// The same segment's cut.
     fn cut<'a>(&'a self, i: usize, clip: BlockClip<'a>) -> Self::Cut<'a>;
@@ -129,15 +170,27 @@ pub(crate) struct Clipped {
 impl Scope for Clipped {
     type Cut<'a> = Uncut;
 
-    fn part<S: Size>(&self, _: usize, clip: &BlockClip, size: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]> {
+    fn part<S: Size>(
+        &self,
+        _: usize,
+        clip: &BlockClip,
+        size: &S,
+        visible: &mut Vec<bool>,
+    ) -> Option<[Range<u32>; 2]> {
         let whole = batches::whole(clip.segment, clip.face_px);
         if self.unclipped {
             visible.clear();
             visible.resize(batches::block_count(&whole), true);
             return Some(whole);
         }
-        let found = clip::rectangle(clip.transfer, clip.segment, clip.band, f64::from(S::MAX_RADIUS_PX))?;
-        let rectangle = [0, 1].map(|i| found[i].start.min(whole[i].end)..found[i].end.min(whole[i].end));
+        let found = clip::rectangle(
+            clip.transfer,
+            clip.segment,
+            clip.band,
+            f64::from(S::MAX_RADIUS_PX),
+        )?;
+        let rectangle =
+            [0, 1].map(|i| found[i].start.min(whole[i].end)..found[i].end.min(whole[i].end));
         clip.blocks(&rectangle, size, visible);
         Some(rectangle)
     }
@@ -170,7 +223,12 @@ impl Pass<'_> {
             self.draw_ground(canvas);
         }
         let cleared = Instant::now();
-        self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
+        self.draw_segments(
+            canvas,
+            &Clipped {
+                unclipped: plan.unclipped,
+            },
+        );
         if plan.kernel.compares_depths() {
             canvas.add_rims(plan.level);
         }
@@ -180,14 +238,19 @@ impl Pass<'_> {
         }
         let drawn = Instant::now();
         let background = Background::new(plan, self.source.cube, camera);
-        let (inverse_depths, holes_before) = (std::mem::take(&mut pixels.inverse_depths), self.stats.hole_pixels);
+        let (inverse_depths, holes_before) = (
+            std::mem::take(&mut pixels.inverse_depths),
+            self.stats.hole_pixels,
+        );
         for (row, (y, pixels)) in band.rows.clone().zip(pixels.rows(band.width)).enumerate() {
             canvas.resolve(row, 0, pixels.colors, plan.level);
             self.depth.resolve(row, 0, pixels.depths_m);
             self.stats.hole_pixels += background.put_under(y, pixels);
         }
         let has_holes = self.stats.hole_pixels > holes_before || plan.tells_all;
-        fill::tell_rows(inverse_depths, band, has_holes, |row, to| canvas.tell_depths(row, 0, to));
+        fill::tell_rows(inverse_depths, band, has_holes, |row, to| {
+            canvas.tell_depths(row, 0, to)
+        });
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
@@ -195,10 +258,23 @@ impl Pass<'_> {
 
     /// Draws the pictures on planes and what stands in the frame, and puts them behind all that is yet to come.
     fn draw_ground(&mut self, canvas: &mut dyn Canvas) {
-        let Self { plan, band, source, .. } = *self;
-        let beside = if plan.depth || !plan.kernel.compares_depths() { ROWS_BESIDE } else { 0 };
+        let Self {
+            plan, band, source, ..
+        } = *self;
+        let beside = if plan.depth || !plan.kernel.compares_depths() {
+            ROWS_BESIDE
+        } else {
+            0
+        };
         let rows = (band.rows.clone(), beside);
-        canvas.ground_mut().draw(&source.cube.planes, &plan.planes, source.standing, rows, plan.tolerance, plan.level);
+        canvas.ground_mut().draw(
+            &source.cube.planes,
+            &plan.planes,
+            source.standing,
+            rows,
+            plan.tolerance,
+            plan.level,
+        );
         canvas.lay();
         if plan.depth {
             self.depth.lay(canvas.ground());
@@ -209,11 +285,17 @@ impl Pass<'_> {
     }
 
     /// Draws what lies in a scope on a whole frame's canvas that is clean in some columns of each row.
-    fn draw_spans(&mut self, canvas: &mut dyn Canvas, scope: &impl Scope, spans: impl Fn(u32) -> Spans) {
+    fn draw_spans(
+        &mut self,
+        canvas: &mut dyn Canvas,
+        scope: &impl Scope,
+        spans: impl Fn(u32) -> Spans,
+    ) {
         let started = Instant::now();
         canvas.clear_spans([self.band.width, self.band.height], &spans);
         if self.plan.depth {
-            self.depth.clear_spans([self.band.width, self.band.height], &spans);
+            self.depth
+                .clear_spans([self.band.width, self.band.height], &spans);
         }
         let cleared = Instant::now();
         self.draw_segments(canvas, scope);
@@ -224,7 +306,14 @@ impl Pass<'_> {
 
     fn draw_segments(&mut self, canvas: &mut dyn Canvas, scope: &impl Scope) {
         let (plan, cube) = (self.plan, self.source.cube);
-        plan.for_each_segment(cube, &mut Drawing { pass: self, canvas, scope });
+        plan.for_each_segment(
+            cube,
+            &mut Drawing {
+                pass: self,
+                canvas,
+                scope,
+            },
+        );
     }
 }
 
@@ -236,23 +325,76 @@ struct Drawing<'a, 'b, Sc> {
 }
 
 impl<Sc: Scope> ForSegment for Drawing<'_, '_, Sc> {
-    fn segment<S: Size>(&mut self, i: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) {
-        let Pass { plan, band, source, .. } = *self.pass;
-        let Strokes { batch, exact_batch, splats, visible } = &mut *self.pass.strokes;
-        let clip = BlockClip { transfer: &of_frame.transfer, segment, band, face_px: plan.face_px };
-        let Some([columns, rows]) = self.scope.part(i, &clip, size, visible) else { return };
-        let (stats, depth, canvas) = (&mut *self.pass.stats, &mut *self.pass.depth, &mut *self.canvas);
-        let mut strokes = SegmentStrokes { plan, band, of_frame, size, splats, stats, depth, canvas };
+    fn segment<S: Size>(
+        &mut self,
+        i: usize,
+        of_frame: &SegmentPlan,
+        segment: &PackedSegment,
+        size: &S,
+    ) {
+        let Pass {
+            plan, band, source, ..
+        } = *self.pass;
+        let Strokes {
+            batch,
+            exact_batch,
+            splats,
+            visible,
+        } = &mut *self.pass.strokes;
+        let clip = BlockClip {
+            transfer: &of_frame.transfer,
+            segment,
+            band,
+            face_px: plan.face_px,
+        };
+        let Some([columns, rows]) = self.scope.part(i, &clip, size, visible) else {
+            return;
+        };
+        let (stats, depth, canvas) = (
+            &mut *self.pass.stats,
+            &mut *self.pass.depth,
+            &mut *self.canvas,
+        );
+        let mut strokes = SegmentStrokes {
+            plan,
+            band,
+            of_frame,
+            size,
+            splats,
+            stats,
+            depth,
+            canvas,
+        };
         let cut = self.scope.cut(i, clip);
         match source.exact {
             None => {
                 let depth_pixels = &segment.depth_pixels;
-                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(
+                    &SegmentPart {
+                        segment,
+                        depth_pixels,
+                        columns,
+                        rows,
+                        visible,
+                    },
+                    &cut,
+                    batch,
+                );
             }
             Some(exact) => {
                 let depth_pixels = exact.get(of_frame.index).map_or(&[][..], Vec::as_slice);
                 let batch = exact_batch.get_or_insert_with(|| Box::new(Batch::new()));
-                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(
+                    &SegmentPart {
+                        segment,
+                        depth_pixels,
+                        columns,
+                        rows,
+                        visible,
+                    },
+                    &cut,
+                    batch,
+                );
             }
         }
     }
@@ -272,48 +414,81 @@ struct SegmentStrokes<'a, S> {
 
 impl<S: Size> SegmentStrokes<'_, S> {
     fn draw<P: Format>(&mut self, part: &SegmentPart<P>, cut: &impl Cut, batch: &mut Batch<P>) {
-        let Self { plan, band, of_frame, size, splats, stats, depth, canvas } = self;
+        let Self {
+            plan,
+            band,
+            of_frame,
+            size,
+            splats,
+            stats,
+            depth,
+            canvas,
+        } = self;
         let (level, own) = (plan.level, plan.kernel.own_share());
         let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);
-        batches::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
-            warp.warp(batch, *size, splats);
-            let compares = plan.kernel.compares_depths();
-            if !compares {
-                splats.retain_in_front(canvas.ground());
-            }
-            canvas.draw(splats, level);
-            if plan.depth {
-                if compares {
+        batches::traverse(
+            part,
+            cut,
+            &of_frame.eye,
+            of_frame.layers,
+            batch,
+            &mut |batch| {
+                warp.warp(batch, *size, splats);
+                let compares = plan.kernel.compares_depths();
+                if !compares {
                     splats.retain_in_front(canvas.ground());
                 }
-                depth.draw(splats, own, canvas.ground());
-            }
-            stats.depth_pixels_in += batch.len as u64;
-            stats.splatted += splats.len as u64;
-            stats.behind_or_outside += (batch.len - splats.len) as u64;
-            stats.by_footprint.iter_mut().zip(splats.by_footprint).for_each(|(sum, count)| *sum += count);
-        });
+                canvas.draw(splats, level);
+                if plan.depth {
+                    if compares {
+                        splats.retain_in_front(canvas.ground());
+                    }
+                    depth.draw(splats, own, canvas.ground());
+                }
+                stats.depth_pixels_in += batch.len as u64;
+                stats.splatted += splats.len as u64;
+                stats.behind_or_outside += (batch.len - splats.len) as u64;
+                stats
+                    .by_footprint
+                    .iter_mut()
+                    .zip(splats.by_footprint)
+                    .for_each(|(sum, count)| *sum += count);
+            },
+        );
     }
 }
 
 /// Something that is done to every segment, in drawing order, with the kernel's way to know sizes.
 pub(crate) trait ForSegment {
     /// Does it to the `i`th.
-    fn segment<S: Size>(&mut self, i: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S);
+    fn segment<S: Size>(
+        &mut self,
+        i: usize,
+        of_frame: &SegmentPlan,
+        segment: &PackedSegment,
+        size: &S,
+    );
 }
 
 impl FramePlan {
     pub(crate) fn for_each_segment(&self, cube: &PackedCube, visitor: &mut impl ForSegment) {
         for (i, of_frame) in self.segments.iter().enumerate() {
             let segment = &cube.segments[of_frame.index];
-            let paper = self.paper_sizes.get(i).filter(|_| self.kernel == SplatKernel::Paper);
+            let paper = self
+                .paper_sizes
+                .get(i)
+                .filter(|_| self.kernel == SplatKernel::Paper);
             match (paper, self.kernel.stamp_radius_px()) {
                 (Some(size), _) => visitor.segment(i, of_frame, segment, size),
-                (None, Some(radius_px)) => visitor.segment(i, of_frame, segment, &FixedSize { radius_px }),
+                (None, Some(radius_px)) => {
+                    visitor.segment(i, of_frame, segment, &FixedSize { radius_px })
+                }
                 (None, None) => {
                     let size = TangentSize::new(&self.tangent_table, &of_frame.transfer);
                     match self.kernel {
-                        SplatKernel::Ellipse => visitor.segment(i, of_frame, segment, &EllipseSize(size)),
+                        SplatKernel::Ellipse => {
+                            visitor.segment(i, of_frame, segment, &EllipseSize(size))
+                        }
                         _ => visitor.segment(i, of_frame, segment, &size),
                     }
                 }

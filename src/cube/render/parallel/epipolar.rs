@@ -6,9 +6,9 @@
 //! epipoles are: in the image, on a corner, far away, at infinity (where the lines are parallel strips) or behind.
 
 use crate::render::setup::transfer::Transfer;
+use glam::{DVec2, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
-use glam::{DVec2, DVec3};
 use std::ops::Range;
 
 /// Positions in a row of pixels, ascending and apart; some may be empty.
@@ -24,7 +24,10 @@ pub(super) struct Epipolar {
 impl Epipolar {
     pub(super) fn new(eye_from_centre: DVec3) -> Self {
         // An eye at the centre sees no parallax, and any line through it will do.
-        let (u, v) = eye_from_centre.try_normalize().unwrap_or(DVec3::X).any_orthonormal_pair();
+        let (u, v) = eye_from_centre
+            .try_normalize()
+            .unwrap_or(DVec3::X)
+            .any_orthonormal_pair();
         Self { across: [u, v] }
     }
 
@@ -35,7 +38,10 @@ impl Epipolar {
 
     /// The rays `start + x * step`.
     pub(super) fn row(&self, start: DVec3, step: DVec3) -> Rays {
-        Rays { start: self.project(start), step: self.project(step) }
+        Rays {
+            start: self.project(start),
+            step: self.project(step),
+        }
     }
 
     /// The rays through a row of a camera's frame.
@@ -77,7 +83,11 @@ pub(super) fn turn_of(v: DVec2) -> f64 {
 /// The unit vector of an angle.
 fn direction_of(turn: f64) -> DVec2 {
     let (quarter, t) = (turn.floor(), turn - turn.floor());
-    let (x, y) = if quarter % 2.0 == 0.0 { (1.0 - t, t) } else { (-t, 1.0 - t) };
+    let (x, y) = if quarter % 2.0 == 0.0 {
+        (1.0 - t, t)
+    } else {
+        (-t, 1.0 - t)
+    };
     DVec2::new(x, y).normalize_or(DVec2::X) * if quarter < 2.0 { 1.0 } else { -1.0 }
 }
 
@@ -119,7 +129,8 @@ impl Weights {
         for i in 0..bins {
             let weight = self.bins[(start + i) % bins];
             while next < count && (before + weight) * count as u64 > next as u64 * total {
-                let into = (next as f64 * total as f64 / count as f64 - before as f64) / weight as f64;
+                let into =
+                    (next as f64 * total as f64 / count as f64 - before as f64) / weight as f64;
                 turns.push(turn((start + i) as f64 + into));
                 next += 1;
             }
@@ -133,7 +144,11 @@ impl Weights {
         let bins = self.bins.len();
         let (mut longest, mut middle, mut length) = (0, None, 0);
         for i in 0..2 * bins {
-            length = if self.bins[i % bins] == 0 { length + 1 } else { 0 };
+            length = if self.bins[i % bins] == 0 {
+                length + 1
+            } else {
+                0
+            };
             if length > longest && length <= bins {
                 (longest, middle) = (length, Some((i - length / 2) % bins));
             }
@@ -167,9 +182,15 @@ impl Boundary {
         let toward = direction_of(turn);
         let origin = camera.direction(0.0, 0.0);
         let step = |x, y| epipolar.project(camera.direction(x, y) - origin);
-        let boundary = Self { turn, toward, per_px: DVec2::ONE, radius_px };
+        let boundary = Self {
+            turn,
+            toward,
+            per_px: DVec2::ONE,
+            radius_px,
+        };
         Self {
-            per_px: boundary.coordinates(step(1.0, 0.0)).abs() + boundary.coordinates(step(0.0, 1.0)).abs(),
+            per_px: boundary.coordinates(step(1.0, 0.0)).abs()
+                + boundary.coordinates(step(0.0, 1.0)).abs(),
             ..boundary
         }
     }
@@ -218,7 +239,13 @@ impl Boundary {
 
     /// The pixels of `range` in a row of a face whose splats, of at most `reach_px`, may touch the mask. `w`: of x, the
     /// largest ratio of eye depths there, as `w[0] + x * w[1]`.
-    pub(super) fn extended(&self, rays: &Rays, w: [f64; 2], reach_px: f64, range: &Range<u32>) -> Range<u32> {
+    pub(super) fn extended(
+        &self,
+        rays: &Rays,
+        w: [f64; 2],
+        reach_px: f64,
+        range: &Range<u32>,
+    ) -> Range<u32> {
         let [low, high] = self.touching(rays, w, reach_px + self.radius_px);
         let first = ((low - 0.5).floor().max(0.0) as u32).clamp(range.start, range.end);
         let end = (((high - 0.5).ceil() + 1.0).max(0.0) as u32).clamp(range.start, range.end);
@@ -236,8 +263,11 @@ impl Boundary {
     ) -> BoxAtBoundary {
         let corners = [0, 1, 2, 3].map(|i| [bounds[0][i & 1], bounds[1][i >> 1]]);
         BoxAtBoundary {
-            rays: corners.map(|[x, y]| self.coordinates(epipolar.project(face.direction(x, y, size_px)))),
-            w: corners.map(|[x, y]| bounds[2].map(|q| transfer.at(x, y).z + transfer.inverse_depth.z * q)),
+            rays: corners
+                .map(|[x, y]| self.coordinates(epipolar.project(face.direction(x, y, size_px)))),
+            w: corners.map(|[x, y]| {
+                bounds[2].map(|q| transfer.at(x, y).z + transfer.inverse_depth.z * q)
+            }),
         }
     }
 
@@ -246,7 +276,10 @@ impl Boundary {
     pub(super) fn is_near(&self, seen: &BoxAtBoundary, radius_px: f64) -> bool {
         let reach = self.per_px * radius_px;
         let any = |inside: &dyn Fn(DVec2, f64) -> bool| {
-            seen.rays.iter().zip(&seen.w).any(|(ray, w)| w.iter().any(|w| inside(*ray, *w)))
+            seen.rays
+                .iter()
+                .zip(&seen.w)
+                .any(|(ray, w)| w.iter().any(|w| inside(*ray, *w)))
         };
         any(&|ray, w| ray.x <= reach.x * w)
             && any(&|ray, w| -ray.x <= reach.x * w)
@@ -256,7 +289,9 @@ impl Boundary {
 
 /// The part of `rays` that lies between boundary `k` and the next one (around the circle), all of it if there is none.
 pub(super) fn spans(boundaries: &[Boundary], k: usize, rays: &Rays, range: &Range<u32>) -> Spans {
-    let Some(first) = boundaries.get(k) else { return [range.clone(), range.end..range.end, range.end..range.end] };
+    let Some(first) = boundaries.get(k) else {
+        return [range.clone(), range.end..range.end, range.end..range.end];
+    };
     let (is_last, next) = match boundaries.get(k + 1) {
         Some(next) => (false, next),
         None => (true, &boundaries[0]),
@@ -271,10 +306,19 @@ pub(super) fn spans(boundaries: &[Boundary], k: usize, rays: &Rays, range: &Rang
     };
     let (a, b) = (cut(first), cut(next));
     // Whoever lies within rounding of a boundary lies in its mask, so that either side will do for it.
-    [range.start..a.min(b), a.min(b)..a.max(b), a.max(b)..range.end].map(|span| {
+    [
+        range.start..a.min(b),
+        a.min(b)..a.max(b),
+        a.max(b)..range.end,
+    ]
+    .map(|span| {
         // Between pixels if need be: one that lies on the baseline itself has no angle.
         let middle = f64::from(span.start) + f64::from(span.end - span.start) / 2.0;
-        if !span.is_empty() && inside(turn_of(rays.at(middle))) { span } else { span.end..span.end }
+        if !span.is_empty() && inside(turn_of(rays.at(middle))) {
+            span
+        } else {
+            span.end..span.end
+        }
     })
 }
 
@@ -310,7 +354,10 @@ mod tests {
         weights.cut(4, &mut turns);
         // A bin is 4 / BINS wide.
         let wanted = [0.75, 1.0, 1.25, 3.0];
-        assert!(turns.len() == 4 && turns.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 0.002), "{turns:?}");
+        assert!(
+            turns.len() == 4 && turns.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 0.002),
+            "{turns:?}"
+        );
         weights.cut(1, &mut turns);
         assert!(turns.is_empty());
     }
@@ -318,10 +365,21 @@ mod tests {
     /// A camera in some place and direction, and a half plane through its baseline.
     fn some_boundary(random: &mut Rng) -> (Camera, DVec3, Epipolar, Boundary) {
         let (eye, toward) = (random.in_cube(0.5), random.in_cube(1.0));
-        let camera =
-            Camera::look_at(eye, eye + toward, DVec3::Y, random.between(40.0, 100.0), [64, 48]).expect("valid");
+        let camera = Camera::look_at(
+            eye,
+            eye + toward,
+            DVec3::Y,
+            random.between(40.0, 100.0),
+            [64, 48],
+        )
+        .expect("valid");
         let epipolar = Epipolar::new(eye);
-        let boundary = Boundary::new(random.between(0.0, 4.0), &epipolar, &camera, random.between(0.5, 6.0));
+        let boundary = Boundary::new(
+            random.between(0.0, 4.0),
+            &epipolar,
+            &camera,
+            random.between(0.5, 6.0),
+        );
         (camera, eye, epipolar, boundary)
     }
 
@@ -338,20 +396,33 @@ mod tests {
             let row = random.below(48) as u32;
             let mask = boundary.mask(&epipolar.frame_row(&camera, row), 64);
             for x in 0..64 {
-                let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)].map(|(right, down)| {
-                    let [x, y] =
-                        [(x, right), (row, down)].map(|(at, to)| f64::from(at) + 0.5 + to * boundary.radius_px);
-                    boundary.coordinates(epipolar.project(camera.direction(x, y)))
-                });
+                let corners =
+                    [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)].map(|(right, down)| {
+                        let [x, y] = [(x, right), (row, down)]
+                            .map(|(at, to)| f64::from(at) + 0.5 + to * boundary.radius_px);
+                        boundary.coordinates(epipolar.project(camera.direction(x, y)))
+                    });
                 let across = corners.map(|corner| corner.x);
-                let (least, most) =
-                    (across.into_iter().fold(f64::MAX, f64::min), across.into_iter().fold(f64::MIN, f64::max));
-                let along = corners.map(|corner| corner.y).into_iter().fold(f64::MIN, f64::max);
-                if [least, most, along].iter().any(|border| border.abs() < ROUNDING) {
+                let (least, most) = (
+                    across.into_iter().fold(f64::MAX, f64::min),
+                    across.into_iter().fold(f64::MIN, f64::max),
+                );
+                let along = corners
+                    .map(|corner| corner.y)
+                    .into_iter()
+                    .fold(f64::MIN, f64::max);
+                if [least, most, along]
+                    .iter()
+                    .any(|border| border.abs() < ROUNDING)
+                {
                     continue;
                 }
                 let touches = least < 0.0 && most > 0.0 && along > 0.0;
-                assert_eq!(mask.contains(&x), touches, "{x} of row {row}, {mask:?}, {boundary:?}");
+                assert_eq!(
+                    mask.contains(&x),
+                    touches,
+                    "{x} of row {row}, {mask:?}, {boundary:?}"
+                );
                 *(if touches { &mut inside } else { &mut outside }) += 1;
             }
         }
@@ -371,21 +442,38 @@ mod tests {
             let (_, _, epipolar, boundary) = some_boundary(&mut random);
             let (size, face) = (64, Face::ALL[random.below(6) as usize]);
             let start = face.direction(0.0, random.between(0.0, 64.0), size);
-            let rays = epipolar.row(start, face.direction(1.0, 0.0, size) - face.direction(0.0, 0.0, size));
-            let (w, reach_px) = ([random.between(0.1, 2.0), random.between(-0.01, 0.01)], random.between(0.0, 3.0));
+            let rays = epipolar.row(
+                start,
+                face.direction(1.0, 0.0, size) - face.direction(0.0, 0.0, size),
+            );
+            let (w, reach_px) = (
+                [random.between(0.1, 2.0), random.between(-0.01, 0.01)],
+                random.between(0.0, 3.0),
+            );
             let range = 5..60;
             let extended = boundary.extended(&rays, w, reach_px, &range);
             let touches = |x: u32| {
                 let x = f64::from(x) + 0.5;
-                may_touch(&boundary, rays.at(x), w[0] + w[1] * x, reach_px + boundary.radius_px)
+                may_touch(
+                    &boundary,
+                    rays.at(x),
+                    w[0] + w[1] * x,
+                    reach_px + boundary.radius_px,
+                )
             };
             for x in range.clone() {
-                assert!(extended.contains(&x) || !touches(x), "{x} of {extended:?}, {boundary:?}");
+                assert!(
+                    extended.contains(&x) || !touches(x),
+                    "{x} of {extended:?}, {boundary:?}"
+                );
                 near += u32::from(touches(x));
             }
             assert!(extended.start >= range.start && extended.end <= range.end);
             let inner = extended.start + 2..extended.end.saturating_sub(2);
-            assert!(inner.clone().all(touches), "{inner:?} of {extended:?}, {boundary:?}");
+            assert!(
+                inner.clone().all(touches),
+                "{inner:?} of {extended:?}, {boundary:?}"
+            );
             far += range.len() - extended.len();
         }
         assert!(near > 1000 && far > 5000, "{near} {far}");
@@ -398,17 +486,26 @@ mod tests {
             let (camera, eye, epipolar, boundary) = some_boundary(&mut random);
             let (size, face) = (64, Face::ALL[random.below(6) as usize]);
             let transfer = Transfer::new(&camera, eye, face, size);
-            let bounds = [(0.0, 64.0, 16.0), (0.0, 64.0, 16.0), (0.0, 1.0, 0.5)].map(|(from, to, most)| {
-                let start = random.between(from, to);
-                [start, start + random.between(0.0, most)]
-            });
+            let bounds =
+                [(0.0, 64.0, 16.0), (0.0, 64.0, 16.0), (0.0, 1.0, 0.5)].map(|(from, to, most)| {
+                    let start = random.between(from, to);
+                    [start, start + random.between(0.0, most)]
+                });
             let radius_px = random.between(0.5, 4.0);
-            let found = boundary.is_near(&boundary.see(&epipolar, face, size, &transfer, &bounds), radius_px);
+            let found = boundary.is_near(
+                &boundary.see(&epipolar, face, size, &transfer, &bounds),
+                radius_px,
+            );
             for _ in 0..60 {
                 let [x, y, q] = bounds.map(|[from, to]| random.between(from, to));
-                let (ray, w) =
-                    (epipolar.project(face.direction(x, y, size)), transfer.at(x, y).z + transfer.inverse_depth.z * q);
-                assert!(found || !may_touch(&boundary, ray, w, radius_px), "({x}, {y}) at {q} of {bounds:?}");
+                let (ray, w) = (
+                    epipolar.project(face.direction(x, y, size)),
+                    transfer.at(x, y).z + transfer.inverse_depth.z * q,
+                );
+                assert!(
+                    found || !may_touch(&boundary, ray, w, radius_px),
+                    "({x}, {y}) at {q} of {bounds:?}"
+                );
             }
             *(if found { &mut near } else { &mut far }) += 1;
         }

@@ -24,18 +24,18 @@
 
 use super::assemble::Owners;
 use super::band::{Clipped, ForSegment, Scope, Worker};
-use crate::render::setup::clip::{Band, BlockClip, W_NEAR};
 use super::epipolar::{Boundary, Epipolar, Rays, Spans, Weights, spans};
+use crate::pack::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
+use crate::pack::{PackedCube, PackedSegment};
+use crate::render::footprint::size::Size;
+use crate::render::footprint::splat::SplatKernel;
 use crate::render::resolve::finish::Background;
+use crate::render::setup::clip::{Band, BlockClip, W_NEAR};
 use crate::render::traverse::batches::Cut;
 use crate::render::{FramePlan, FrameStats, Imbalance, SegmentPlan, Source};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
-use crate::pack::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
-use crate::pack::{PackedCube, PackedSegment};
-use crate::render::footprint::size::Size;
-use crate::render::footprint::splat::SplatKernel;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::time::Instant;
@@ -90,7 +90,10 @@ impl SegmentInView {
         let [columns, rows] = self.rectangle.as_ref()?;
         let first = columns.start / BLOCK_COLUMNS;
         let stride = columns.end.div_ceil(BLOCK_COLUMNS) - first;
-        Some(((y / BLOCK_ROWS - rows.start / BLOCK_ROWS) * stride + x / BLOCK_COLUMNS - first) as usize)
+        Some(
+            ((y / BLOCK_ROWS - rows.start / BLOCK_ROWS) * stride + x / BLOCK_COLUMNS - first)
+                as usize,
+        )
     }
 }
 
@@ -104,11 +107,25 @@ struct Clipping<'a> {
 }
 
 impl ForSegment for Clipping<'_> {
-    fn segment<S: Size>(&mut self, i: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) {
+    fn segment<S: Size>(
+        &mut self,
+        i: usize,
+        of_frame: &SegmentPlan,
+        segment: &PackedSegment,
+        size: &S,
+    ) {
         let face_px = self.plan.face_px;
-        let clip = BlockClip { transfer: &of_frame.transfer, segment, band: self.frame, face_px };
+        let clip = BlockClip {
+            transfer: &of_frame.transfer,
+            segment,
+            band: self.frame,
+            face_px,
+        };
         let view = &mut self.segments[i];
-        view.rectangle = Clipped { unclipped: self.plan.unclipped }.part(i, &clip, size, &mut view.visible);
+        view.rectangle = Clipped {
+            unclipped: self.plan.unclipped,
+        }
+        .part(i, &clip, size, &mut view.visible);
         let mut reach_px = std::mem::take(&mut view.reach_px);
         reach_px.clear();
         for (block, column, row) in view.blocks() {
@@ -127,16 +144,21 @@ impl Clipping<'_> {
     /// Adds the depth pixels in view, counted in every fourth row, in pieces of 16 columns.
     fn weigh(&mut self, i: usize, segment: &PackedSegment, face_px: u32) {
         let view = &self.segments[i];
-        let Some([columns, rows]) = &view.rectangle else { return };
+        let Some([columns, rows]) = &view.rectangle else {
+            return;
+        };
         for (_, column, row) in view.blocks().filter(|(block, ..)| view.visible[*block]) {
-            let clip = |start: u32, length: u32, to: &Range<u32>| start.max(to.start)..(start + length).min(to.end);
+            let clip = |start: u32, length: u32, to: &Range<u32>| {
+                start.max(to.start)..(start + length).min(to.end)
+            };
             let columns = clip(column * BLOCK_COLUMNS, BLOCK_COLUMNS, columns);
             for y in clip(row * BLOCK_ROWS, BLOCK_ROWS, rows).step_by(4) {
                 let rays = face_row(self.epipolar, segment.face, y, face_px);
                 let (_, counts) = segment.row(y - segment.y0);
                 for x in columns.clone().step_by(16) {
                     let end = (x + 16).min(columns.end);
-                    let ends = [x, end].map(|x| counts.get((x - segment.x0) as usize).copied().unwrap_or(0));
+                    let ends = [x, end]
+                        .map(|x| counts.get((x - segment.x0) as usize).copied().unwrap_or(0));
                     let count = u64::from(ends[1].saturating_sub(ends[0]));
                     self.weights.add(rays.at(f64::from(x + end) / 2.0), count);
                 }
@@ -148,7 +170,10 @@ impl Clipping<'_> {
 /// The rays of a row of a face.
 fn face_row(epipolar: &Epipolar, face: Face, y: u32, face_px: u32) -> Rays {
     let start = face.direction(0.0, f64::from(y) + 0.5, face_px);
-    epipolar.row(start, face.direction(1.0, f64::from(y) + 0.5, face_px) - start)
+    epipolar.row(
+        start,
+        face.direction(1.0, f64::from(y) + 0.5, face_px) - start,
+    )
 }
 
 /// The least radii with which the boundaries' masks hold the buffer zones.
@@ -161,13 +186,36 @@ struct Widening<'a> {
 }
 
 impl ForSegment for Widening<'_> {
-    fn segment<S: Size>(&mut self, i: usize, of_frame: &SegmentPlan, segment: &PackedSegment, _: &S) {
+    fn segment<S: Size>(
+        &mut self,
+        i: usize,
+        of_frame: &SegmentPlan,
+        segment: &PackedSegment,
+        _: &S,
+    ) {
         let (view, face_px) = (&self.segments[i], self.plan.face_px);
-        let clip = BlockClip { transfer: &of_frame.transfer, segment, band: self.frame, face_px };
+        let clip = BlockClip {
+            transfer: &of_frame.transfer,
+            segment,
+            band: self.frame,
+            face_px,
+        };
         for (block, column, row) in view.blocks() {
-            let Some(bounds) = clip.bounds(column, row).filter(|_| view.visible[block]) else { continue };
-            for boundary in self.boundaries.iter_mut().filter(|b| b.radius_px < view.reach_px[block]) {
-                let seen = boundary.see(self.epipolar, segment.face, face_px, &of_frame.transfer, &bounds);
+            let Some(bounds) = clip.bounds(column, row).filter(|_| view.visible[block]) else {
+                continue;
+            };
+            for boundary in self
+                .boundaries
+                .iter_mut()
+                .filter(|b| b.radius_px < view.reach_px[block])
+            {
+                let seen = boundary.see(
+                    self.epipolar,
+                    segment.face,
+                    face_px,
+                    &of_frame.transfer,
+                    &bounds,
+                );
                 if boundary.is_near(&seen, view.reach_px[block]) {
                     boundary.radius_px = view.reach_px[block];
                 }
@@ -197,14 +245,27 @@ impl Scope for Fragment<'_> {
     where
         Self: 'a;
 
-    fn part<S: Size>(&self, i: usize, _: &BlockClip, _: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]> {
+    fn part<S: Size>(
+        &self,
+        i: usize,
+        _: &BlockClip,
+        _: &S,
+        visible: &mut Vec<bool>,
+    ) -> Option<[Range<u32>; 2]> {
         visible.clone_from(&self.of.segments[i].visible);
         self.of.segments[i].rectangle.clone()
     }
 
     fn cut<'a>(&'a self, i: usize, clip: BlockClip<'a>) -> FragmentCut<'a> {
-        let columns = self.of.segments[i].rectangle.as_ref().map_or(0..0, |[columns, _]| columns.clone());
-        FragmentCut { fragment: self, face: clip.segment.face, columns }
+        let columns = self.of.segments[i]
+            .rectangle
+            .as_ref()
+            .map_or(0..0, |[columns, _]| columns.clone());
+        FragmentCut {
+            fragment: self,
+            face: clip.segment.face,
+            columns,
+        }
     }
 }
 
@@ -212,8 +273,18 @@ impl Cut for FragmentCut<'_> {
     type Row = Spans;
 
     fn row(&self, y: u32) -> Spans {
-        let Fragment { of, epipolar, face_px, index } = self.fragment;
-        spans(&of.boundaries, *index, &face_row(epipolar, self.face, y, *face_px), &self.columns)
+        let Fragment {
+            of,
+            epipolar,
+            face_px,
+            index,
+        } = self.fragment;
+        spans(
+            &of.boundaries,
+            *index,
+            &face_row(epipolar, self.face, y, *face_px),
+            &self.columns,
+        )
     }
 
     fn within(&self, row: &Spans, _: u32, range: &Range<u32>) -> Spans {
@@ -244,21 +315,38 @@ impl Scope for Extended<'_> {
     where
         Self: 'a;
 
-    fn part<S: Size>(&self, i: usize, clip: &BlockClip, _: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]> {
+    fn part<S: Size>(
+        &self,
+        i: usize,
+        clip: &BlockClip,
+        _: &S,
+        visible: &mut Vec<bool>,
+    ) -> Option<[Range<u32>; 2]> {
         let view = &self.of.segments[i];
         visible.clear();
         for (block, column, row) in view.blocks() {
             let bounds = clip.bounds(column, row).filter(|_| view.visible[block]);
             visible.push(bounds.is_some_and(|bounds| {
-                let seen = self.boundary.see(self.epipolar, clip.segment.face, clip.face_px, clip.transfer, &bounds);
-                self.boundary.is_near(&seen, view.reach_px[block] + self.boundary.radius_px)
+                let seen = self.boundary.see(
+                    self.epipolar,
+                    clip.segment.face,
+                    clip.face_px,
+                    clip.transfer,
+                    &bounds,
+                );
+                self.boundary
+                    .is_near(&seen, view.reach_px[block] + self.boundary.radius_px)
             }));
         }
         view.rectangle.clone()
     }
 
     fn cut<'a>(&'a self, i: usize, clip: BlockClip<'a>) -> ExtendedCut<'a> {
-        ExtendedCut { zone: self, view: &self.of.segments[i], clip }
+        ExtendedCut {
+            zone: self,
+            view: &self.of.segments[i],
+            clip,
+        }
     }
 }
 
@@ -266,19 +354,31 @@ impl Cut for ExtendedCut<'_> {
     type Row = (Rays, [f64; 2]);
 
     fn row(&self, y: u32) -> Self::Row {
-        let BlockClip { transfer, segment, face_px, .. } = self.clip;
+        let BlockClip {
+            transfer,
+            segment,
+            face_px,
+            ..
+        } = self.clip;
         let w = [transfer.at(0.0, f64::from(y) + 0.5).z, transfer.x_step.z];
         (face_row(self.zone.epipolar, segment.face, y, face_px), w)
     }
 
     fn within(&self, (rays, [w, w_step]): &Self::Row, y: u32, range: &Range<u32>) -> Spans {
         let none = range.end..range.end;
-        let bounds = self.clip.bounds(range.start / BLOCK_COLUMNS, y / BLOCK_ROWS);
+        let bounds = self
+            .clip
+            .bounds(range.start / BLOCK_COLUMNS, y / BLOCK_ROWS);
         let block = self.view.block_of(range.start, y);
-        let Some(([.., q], block)) = bounds.zip(block) else { return [none.clone(), none.clone(), none] };
+        let Some(([.., q], block)) = bounds.zip(block) else {
+            return [none.clone(), none.clone(), none];
+        };
         let per_q = self.clip.transfer.inverse_depth.z;
         let w = w + (q[0] * per_q).max(q[1] * per_q);
-        let found = self.zone.boundary.extended(rays, [w, *w_step], self.view.reach_px[block], range);
+        let found =
+            self.zone
+                .boundary
+                .extended(rays, [w, *w_step], self.view.reach_px[block], range);
         [found, none.clone(), none]
     }
 }
@@ -294,34 +394,76 @@ impl Fragments {
         (frame, inverse_depths): (&mut Frame, &mut [f32]),
     ) -> FrameStats {
         let (started, cube) = (Instant::now(), source.cube);
-        let count = if count > 0 { count as usize } else { rayon::current_num_threads() };
+        let count = if count > 0 {
+            count as usize
+        } else {
+            rayon::current_num_threads()
+        };
         let principal_px = camera.principal_px();
-        let band = Band { width: frame.width, height: frame.height, principal_px, rows: 0..frame.height };
+        let band = Band {
+            width: frame.width,
+            height: frame.height,
+            principal_px,
+            rows: 0..frame.height,
+        };
         let epipolar = Epipolar::new(camera.eye() - cube.info.centre);
-        self.prepare(plan, cube, camera, count.min(MAX_FRAGMENTS as usize), &epipolar, &band);
+        self.prepare(
+            plan,
+            cube,
+            camera,
+            count.min(MAX_FRAGMENTS as usize),
+            &epipolar,
+            &band,
+        );
         let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
 
         let cuts = self.boundaries.len();
         let (first_pass, passes) = (cuts.max(1), cuts.max(1) + cuts);
         let mut painters = std::mem::take(&mut self.painters);
         painters.resize_with(passes.max(painters.len()), Worker::default);
-        painters[..passes].par_iter_mut().enumerate().with_max_len(1).for_each(|(i, painter)| {
-            painter.stats = FrameStats::default();
-            let whole_row = 0..band.width;
-            match i.checked_sub(first_pass) {
-                None => {
-                    let fragment = Fragment { of: self, epipolar: &epipolar, face_px: plan.face_px, index: i };
-                    let sector = |y| spans(&self.boundaries, i, &epipolar.frame_row(camera, y), &whole_row);
-                    painter.draw_spans(plan, source, &band, &fragment, sector);
+        painters[..passes]
+            .par_iter_mut()
+            .enumerate()
+            .with_max_len(1)
+            .for_each(|(i, painter)| {
+                painter.stats = FrameStats::default();
+                let whole_row = 0..band.width;
+                match i.checked_sub(first_pass) {
+                    None => {
+                        let fragment = Fragment {
+                            of: self,
+                            epipolar: &epipolar,
+                            face_px: plan.face_px,
+                            index: i,
+                        };
+                        let sector = |y| {
+                            spans(
+                                &self.boundaries,
+                                i,
+                                &epipolar.frame_row(camera, y),
+                                &whole_row,
+                            )
+                        };
+                        painter.draw_spans(plan, source, &band, &fragment, sector);
+                    }
+                    Some(k) => {
+                        let boundary = &self.boundaries[k];
+                        let zone = Extended {
+                            of: self,
+                            epipolar: &epipolar,
+                            boundary,
+                        };
+                        let mask = |y| {
+                            [
+                                boundary.mask(&epipolar.frame_row(camera, y), band.width),
+                                0..0,
+                                0..0,
+                            ]
+                        };
+                        painter.draw_spans(plan, source, &band, &zone, mask);
+                    }
                 }
-                Some(k) => {
-                    let boundary = &self.boundaries[k];
-                    let zone = Extended { of: self, epipolar: &epipolar, boundary };
-                    let mask = |y| [boundary.mask(&epipolar.frame_row(camera, y), band.width), 0..0, 0..0];
-                    painter.draw_spans(plan, source, &band, &zone, mask);
-                }
-            }
-        });
+            });
 
         let mut stats = FrameStats::default();
         let mut busy = Imbalance::default();
@@ -338,22 +480,47 @@ impl Fragments {
         stats.clear_ms += prepared_ms;
         let background = Background::new(plan, cube, camera);
         let rays = |y| epipolar.frame_row(camera, y);
-        let Self { owners, boundaries, .. } = self;
+        let Self {
+            owners, boundaries, ..
+        } = self;
         let finished = match plan.kernel {
-            SplatKernel::Tent => owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
-                let Worker { surfaces, depth, .. } = &painters[i];
-                (surfaces, depth)
-            }),
-            SplatKernel::Ellipse => {
-                owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
-                    let Worker { ellipses, depth, .. } = &painters[i];
+            SplatKernel::Tent => owners.assemble(
+                plan,
+                boundaries,
+                &background,
+                (frame, inverse_depths),
+                rays,
+                |i| {
+                    let Worker {
+                        surfaces, depth, ..
+                    } = &painters[i];
+                    (surfaces, depth)
+                },
+            ),
+            SplatKernel::Ellipse => owners.assemble(
+                plan,
+                boundaries,
+                &background,
+                (frame, inverse_depths),
+                rays,
+                |i| {
+                    let Worker {
+                        ellipses, depth, ..
+                    } = &painters[i];
                     (ellipses, depth)
-                })
-            }
-            _ => owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
-                let Worker { over, depth, .. } = &painters[i];
-                (over, depth)
-            }),
+                },
+            ),
+            _ => owners.assemble(
+                plan,
+                boundaries,
+                &background,
+                (frame, inverse_depths),
+                rays,
+                |i| {
+                    let Worker { over, depth, .. } = &painters[i];
+                    (over, depth)
+                },
+            ),
         };
         self.painters = painters;
         stats.absorb(&finished);
@@ -370,13 +537,44 @@ impl Fragments {
         epipolar: &Epipolar,
         frame: &Band,
     ) {
-        let Self { segments, weights, turns, boundaries, .. } = self;
+        let Self {
+            segments,
+            weights,
+            turns,
+            boundaries,
+            ..
+        } = self;
         weights.clear();
-        segments.resize_with(plan.segments.len().max(segments.len()), SegmentInView::default);
-        plan.for_each_segment(cube, &mut Clipping { segments, weights, epipolar, plan, frame });
+        segments.resize_with(
+            plan.segments.len().max(segments.len()),
+            SegmentInView::default,
+        );
+        plan.for_each_segment(
+            cube,
+            &mut Clipping {
+                segments,
+                weights,
+                epipolar,
+                plan,
+                frame,
+            },
+        );
         weights.cut(count, turns);
         boundaries.clear();
-        boundaries.extend(turns.iter().map(|turn| Boundary::new(*turn, epipolar, camera, LEAST_RADIUS_PX)));
-        plan.for_each_segment(cube, &mut Widening { segments, boundaries, epipolar, plan, frame });
+        boundaries.extend(
+            turns
+                .iter()
+                .map(|turn| Boundary::new(*turn, epipolar, camera, LEAST_RADIUS_PX)),
+        );
+        plan.for_each_segment(
+            cube,
+            &mut Widening {
+                segments,
+                boundaries,
+                epipolar,
+                plan,
+                frame,
+            },
+        );
     }
 }

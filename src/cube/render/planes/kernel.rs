@@ -5,9 +5,9 @@
 use super::Rim;
 use super::plan::{FrameSize, Span, TileInView};
 use crate::render::footprint::splat;
+use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
 pub(super) use headbox_core::texels::LANES;
 use headbox_core::texels::{between, fours};
-use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
 use std::ops::Range;
 
 /// Where alpha lies in four bytes as they lie in memory.
@@ -36,7 +36,10 @@ pub(super) fn draw(tile: &TileInView, texels: &[[u8; 4]], to: &mut Rows, level: 
 
 #[inline(always)]
 fn draw_tile<S: Simd>(simd: S, tile: &TileInView, texels: &[[u8; 4]], to: &mut Rows) {
-    let (first, end) = (tile.rows.start.max(to.rows.start), tile.rows.end.min(to.rows.end));
+    let (first, end) = (
+        tile.rows.start.max(to.rows.start),
+        tile.rows.end.min(to.rows.end),
+    );
     for y in first..end {
         if let Some(span) = tile.span(y, to.frame) {
             draw_span(simd, tile, texels, &span, y - to.rows.start, to);
@@ -45,17 +48,29 @@ fn draw_tile<S: Simd>(simd: S, tile: &TileInView, texels: &[[u8; 4]], to: &mut R
 }
 
 #[inline(always)]
-fn draw_span<S: Simd>(simd: S, tile: &TileInView, texels: &[[u8; 4]], span: &Span, index: u32, to: &mut Rows) {
+fn draw_span<S: Simd>(
+    simd: S,
+    tile: &TileInView,
+    texels: &[[u8; 4]],
+    span: &Span,
+    index: u32,
+    to: &mut Rows,
+) {
     let start = index as usize * to.stride;
     let row = start..start + to.stride;
-    let (Some(colors), Some(depths)) = (to.colors.get_mut(row.clone()), to.depths.get_mut(row)) else { return };
+    let (Some(colors), Some(depths)) = (to.colors.get_mut(row.clone()), to.depths.get_mut(row))
+    else {
+        return;
+    };
     let lane = f32x16::load_array(simd, LANE_NUMBERS);
     let (right, lower) = (tile.width as f32 - 1.0, tile.height as f32 - 1.0);
     let (first, count) = (span.columns.start as usize, span.columns.len());
     let mut at = 0;
     while at < count {
         let chunk = first + at..first + at + LANES;
-        let (Some(colors), Some(depths)) = (colors.get_mut(chunk.clone()), depths.get_mut(chunk.clone())) else {
+        let (Some(colors), Some(depths)) =
+            (colors.get_mut(chunk.clone()), depths.get_mut(chunk.clone()))
+        else {
             return;
         };
         let k = lane + at as f32;
@@ -72,26 +87,42 @@ fn draw_span<S: Simd>(simd: S, tile: &TileInView, texels: &[[u8; 4]], span: &Spa
         let v = ((k * span.step[1] + span.start[1]) * w).max(0.0).min(lower);
         let (column, row) = (u.floor().min(right - 1.0), v.floor().min(lower - 1.0));
         let upper_left = u32x16::truncate_from(row) * tile.width + u32x16::truncate_from(column);
-        let Some(found) = fours(simd, texels, upper_left, tile.width as usize) else { return };
+        let Some(found) = fours(simd, texels, upper_left, tile.width as usize) else {
+            return;
+        };
         let color = between(found, [share(u - column), share(v - row)]);
         let alpha = color >> ALPHA_SHIFT;
         let whole = alpha.simd_eq(255);
         let shown = in_front & whole;
-        shown.select(color, u32x16::from_slice(simd, colors)).store_slice(colors);
+        shown
+            .select(color, u32x16::from_slice(simd, colors))
+            .store_slice(colors);
         shown.select(q, old).store_slice(depths);
         if tile.opaque {
             continue;
         }
         let partial = (in_front & !whole & alpha.simd_ge(MIN_ALPHA)).to_bitmask();
         if partial != 0 {
-            add_rims(to.rims, partial, [chunk.start as u32, index], &color.to_array(), &q.to_array());
+            add_rims(
+                to.rims,
+                partial,
+                [chunk.start as u32, index],
+                &color.to_array(),
+                &q.to_array(),
+            );
         }
     }
 }
 
 /// Adds what the pixels from `first` on show that cover theirs in part. Out of the loop, whose registers it would take.
 #[inline(never)]
-fn add_rims(rims: &mut Vec<Rim>, mut partial: u64, first: [u32; 2], colors: &[u32; LANES], q: &[f32; LANES]) {
+fn add_rims(
+    rims: &mut Vec<Rim>,
+    mut partial: u64,
+    first: [u32; 2],
+    colors: &[u32; LANES],
+    q: &[f32; LANES],
+) {
     rims.reserve(LANES);
     while partial != 0 {
         let i = partial.trailing_zeros() as usize;
@@ -106,7 +137,9 @@ fn share<S: Simd>(distance: f32x16<S>) -> u32x16<S> {
     u32x16::truncate_from(distance * 256.0 + 0.5)
 }
 
-const LANE_NUMBERS: [f32; LANES] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
+const LANE_NUMBERS: [f32; LANES] = [
+    0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.,
+];
 
 static RECIPROCALS: [u64; 256] = splat::reciprocals();
 
@@ -117,7 +150,11 @@ impl Rim {
         let [r, g, b, alpha] = color.to_ne_bytes();
         let (reciprocal, half) = (RECIPROCALS[usize::from(alpha)], u64::from(alpha / 2));
         let straight = |c: u8| (((u64::from(c) * 255 + half) * reciprocal) >> 32).min(255) as u8;
-        Self { pixel, color: [straight(r), straight(g), straight(b), alpha], inverse_depth }
+        Self {
+            pixel,
+            color: [straight(r), straight(g), straight(b), alpha],
+            inverse_depth,
+        }
     }
 }
 
@@ -132,7 +169,8 @@ mod tests {
             for (off, expected) in [(0.0, i), (0.4, i), (-0.4, i)] {
                 let distance = (i as f32 + off).max(0.0) / 256.0;
                 for level in simd::levels() {
-                    let found = dispatch!(level, simd => share(f32x16::splat(simd, distance)).to_array());
+                    let found =
+                        dispatch!(level, simd => share(f32x16::splat(simd, distance)).to_array());
                     assert_eq!(found, [expected as u32; LANES]);
                 }
             }
@@ -143,8 +181,10 @@ mod tests {
     fn straight_colours_are_exact_divisions() {
         for alpha in 1..=255u8 {
             for c in 0..=255u8 {
-                let Rim { color, .. } = Rim::new([0, 0], u32::from_ne_bytes([c, 0, alpha, alpha]), 1.0);
-                let exact = ((u32::from(c) * 255 + u32::from(alpha / 2)) / u32::from(alpha)).min(255);
+                let Rim { color, .. } =
+                    Rim::new([0, 0], u32::from_ne_bytes([c, 0, alpha, alpha]), 1.0);
+                let exact =
+                    ((u32::from(c) * 255 + u32::from(alpha / 2)) / u32::from(alpha)).min(255);
                 assert_eq!(color.map(u32::from), [exact, 0, 255, u32::from(alpha)]);
             }
         }

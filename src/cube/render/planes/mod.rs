@@ -98,8 +98,12 @@ impl PlaneCanvas {
     pub(crate) fn hides(&self, [x, y]: [f32; 2], inverse_depth: f32) -> bool {
         // Casts saturate: what is above or on the left is in the first.
         let column = (x as usize).min(self.width.saturating_sub(1));
-        let row = (y as usize).max(self.held.start).min(self.held.end.saturating_sub(1));
-        let there = self.inverse_depth.get(row.wrapping_sub(self.held.start) * (self.width + MARGIN) + column);
+        let row = (y as usize)
+            .max(self.held.start)
+            .min(self.held.end.saturating_sub(1));
+        let there = self
+            .inverse_depth
+            .get(row.wrapping_sub(self.held.start) * (self.width + MARGIN) + column);
         there.is_some_and(|there| inverse_depth * (1.0 + self.tolerance) < *there)
     }
 
@@ -132,15 +136,24 @@ impl PlaneCanvas {
             rims: &mut self.rims,
         };
         for tile in &view.tiles {
-            kernel::draw(tile, set.texels_at(tile.index as usize, tile.level), &mut to, level);
+            kernel::draw(
+                tile,
+                set.texels_at(tile.index as usize, tile.level),
+                &mut to,
+                level,
+            );
         }
         if let Some(standing) = standing {
             self.stand(standing);
         }
-        let (depths, at) = (&self.inverse_depth, |[column, row]: [u32; 2]| row as usize * stride + column as usize);
+        let (depths, at) = (&self.inverse_depth, |[column, row]: [u32; 2]| {
+            row as usize * stride + column as usize
+        });
         let (above, shown) = (self.above() as u32, self.rows.len() as u32);
         self.rims.retain_mut(|rim| {
-            let is_seen = depths.get(at(rim.pixel)).is_some_and(|depth| rim.inverse_depth > *depth);
+            let is_seen = depths
+                .get(at(rim.pixel))
+                .is_some_and(|depth| rim.inverse_depth > *depth);
             rim.pixel[1] = rim.pixel[1].wrapping_sub(above);
             is_seen && rim.pixel[1] < shown
         });
@@ -168,7 +181,11 @@ impl PlaneCanvas {
                 }
                 match color[3] {
                     255 => (self.colors[at], self.inverse_depth[at]) = (color, nearness),
-                    _ => self.rims.push(Rim { pixel: [x as u32, row as u32], color, inverse_depth: nearness }),
+                    _ => self.rims.push(Rim {
+                        pixel: [x as u32, row as u32],
+                        color,
+                        inverse_depth: nearness,
+                    }),
                 }
             }
         }
@@ -178,14 +195,20 @@ impl PlaneCanvas {
     pub(crate) fn row(&self, row: usize) -> (&[[u8; 4]], &[f32]) {
         let start = (self.above() + row) * (self.width + MARGIN);
         let pixels = start..start + self.width;
-        (self.colors.get(pixels.clone()).unwrap_or(&[]), self.inverse_depth.get(pixels).unwrap_or(&[]))
+        (
+            self.colors.get(pixels.clone()).unwrap_or(&[]),
+            self.inverse_depth.get(pixels).unwrap_or(&[]),
+        )
     }
 
     /// Eight pixels of a row, also where the row ends among them; `None` if nothing was drawn.
     #[inline]
     pub(crate) fn eight(&self, row: usize, column: usize) -> Option<(&[[u8; 4]; 8], &[f32; 8])> {
         let start = (self.above() + row) * (self.width + MARGIN) + column;
-        Some((self.colors.get(start..)?.first_chunk()?, self.inverse_depth.get(start..)?.first_chunk()?))
+        Some((
+            self.colors.get(start..)?.first_chunk()?,
+            self.inverse_depth.get(start..)?.first_chunk()?,
+        ))
     }
 
     /// All rows that are shown.
@@ -199,4 +222,3 @@ impl PlaneCanvas {
         &self.rims
     }
 }
-

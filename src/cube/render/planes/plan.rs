@@ -1,9 +1,9 @@
 //! What of the planes a frame shows, and how.
 
-use headbox_core::camera::Camera;
-use headbox_core::cube_face::Face;
 use crate::pack::{Plane, PlaneSet, PlaneTile, mips};
 use glam::{DMat3, DVec3};
+use headbox_core::camera::Camera;
+use headbox_core::cube_face::Face;
 use std::ops::Range;
 
 /// Least ratio of the eye depth in the frame to that in the face, as for samples.
@@ -86,8 +86,14 @@ impl Side {
     fn new(row: DVec3) -> Self {
         let crossing = [-row.z / row.x, -row.y / row.x];
         match crossing.iter().all(|of| of.is_finite()) {
-            true => Self { slope: row.x, crossing },
-            false => Self { slope: 0.0, crossing: [row.z, row.y] },
+            true => Self {
+                slope: row.x,
+                crossing,
+            },
+            false => Self {
+                slope: 0.0,
+                crossing: [row.z, row.y],
+            },
         }
     }
 }
@@ -99,27 +105,49 @@ impl PlanesInView {
     }
 
     /// Finds what a camera sees whose eye is at some place from the centre, world axes.
-    pub(crate) fn prepare(&mut self, set: &PlaneSet, camera: &Camera, eye_from_centre: DVec3, face_px: u32) {
+    pub(crate) fn prepare(
+        &mut self,
+        set: &PlaneSet,
+        camera: &Camera,
+        eye_from_centre: DVec3,
+        face_px: u32,
+    ) {
         self.tiles.clear();
-        self.frame = FrameSize { width: camera.width(), height: camera.height(), principal_px: camera.principal_px() };
+        self.frame = FrameSize {
+            width: camera.width(),
+            height: camera.height(),
+            principal_px: camera.principal_px(),
+        };
         self.planes.clear();
         self.planes.resize(set.planes.len(), None);
         for (index, tile) in (0..).zip(&set.tiles) {
-            let Some(face) = Face::ALL.get(usize::from(tile.face)) else { continue };
-            let Some(slot) = self.planes.get_mut(tile.plane as usize) else { continue };
+            let Some(face) = Face::ALL.get(usize::from(tile.face)) else {
+                continue;
+            };
+            let Some(slot) = self.planes.get_mut(tile.plane as usize) else {
+                continue;
+            };
             let in_view = match slot {
                 Some((of_face, in_view)) if *of_face == tile.face => *in_view,
-                _ => PlaneInView::new(&set.planes[tile.plane as usize], camera, eye_from_centre, *face, face_px),
+                _ => PlaneInView::new(
+                    &set.planes[tile.plane as usize],
+                    camera,
+                    eye_from_centre,
+                    *face,
+                    face_px,
+                ),
             };
             *slot = Some((tile.face, in_view));
-            self.tiles.extend(in_view.tile(tile, index, set, &self.frame));
+            self.tiles
+                .extend(in_view.tile(tile, index, set, &self.frame));
         }
         for level in 0..=mips::LEVELS {
             if self.tiles.iter().any(|tile| tile.level == level) {
                 set.make_level(level);
             }
         }
-        self.tiles.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.index.cmp(&b.index)));
+        self.tiles
+            .sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.index.cmp(&b.index)));
     }
 
     /// Number of pictures in view.
@@ -129,7 +157,13 @@ impl PlanesInView {
 }
 
 impl PlaneInView {
-    fn new(plane: &Plane, camera: &Camera, eye_from_centre: DVec3, face: Face, face_px: u32) -> Self {
+    fn new(
+        plane: &Plane,
+        camera: &Camera,
+        eye_from_centre: DVec3,
+        face: Face,
+        face_px: u32,
+    ) -> Self {
         let in_eye = camera.world_from_eye().transpose();
         let to_frame = |v: DVec3| {
             let v = in_eye * v;
@@ -145,23 +179,42 @@ impl PlaneInView {
             column(face.direction(0.0, 0.0, face_px), q),
         );
         let face_from_frame = frame_from_face.inverse();
-        Self { frame_from_face, face_from_frame, inverse_depth: DVec3::new(along_x, along_y, q) }
+        Self {
+            frame_from_face,
+            face_from_frame,
+            inverse_depth: DVec3::new(along_x, along_y, q),
+        }
     }
 
     /// The level ([`mips`]) at which a texel at a place on the face is about as large as a frame pixel, by area.
     fn level(&self, at: DVec3) -> usize {
         let h = self.frame_from_face * at;
         let (x, y) = (self.frame_from_face.x_axis, self.frame_from_face.y_axis);
-        let [xx, xy, yx, yy] =
-            [x.x - x.z * h.x / h.z, x.y - x.z * h.y / h.z, y.x - y.z * h.x / h.z, y.y - y.z * h.y / h.z];
+        let [xx, xy, yx, yy] = [
+            x.x - x.z * h.x / h.z,
+            x.y - x.z * h.y / h.z,
+            y.x - y.z * h.x / h.z,
+            y.y - y.z * h.y / h.z,
+        ];
         let area_px = (xx * yy - xy * yx).abs() / (h.z * h.z);
         let at_level = |level: usize| area_px * f64::from(1 << (2 * mips::halvings(level)));
-        (0..mips::LEVELS).take_while(|level| at_level(*level) < LEAST_AREA_PX[level % 2]).count()
+        (0..mips::LEVELS)
+            .take_while(|level| at_level(*level) < LEAST_AREA_PX[level % 2])
+            .count()
     }
 
-    fn tile(&self, tile: &PlaneTile, index: u32, set: &PlaneSet, frame: &FrameSize) -> Option<TileInView> {
+    fn tile(
+        &self,
+        tile: &PlaneTile,
+        index: u32,
+        set: &PlaneSet,
+        frame: &FrameSize,
+    ) -> Option<TileInView> {
         let (x0, y0) = (f64::from(tile.x0) + 0.5, f64::from(tile.y0) + 0.5);
-        let (x1, y1) = (x0 + f64::from(tile.width) - 1.0, y0 + f64::from(tile.height) - 1.0);
+        let (x1, y1) = (
+            x0 + f64::from(tile.width) - 1.0,
+            y0 + f64::from(tile.height) - 1.0,
+        );
         let corners = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)].map(|(x, y)| DVec3::new(x, y, 1.0));
         let in_frame = corners.map(|corner| self.frame_from_face * corner);
         let [cx, cy] = frame.principal_px;
@@ -180,18 +233,31 @@ impl PlaneInView {
         let rows = match in_front {
             true => {
                 let y = in_frame.map(|h| h.y / h.z + cy);
-                let (top, bottom) = (y.into_iter().fold(height, f64::min), y.into_iter().fold(0.0, f64::max));
-                ((top - 0.5 - OVERLAP).ceil().max(0.0) as u32)..((bottom + 0.5 + OVERLAP).floor().min(height) as u32)
+                let (top, bottom) = (
+                    y.into_iter().fold(height, f64::min),
+                    y.into_iter().fold(0.0, f64::max),
+                );
+                ((top - 0.5 - OVERLAP).ceil().max(0.0) as u32)
+                    ..((bottom + 0.5 + OVERLAP).floor().min(height) as u32)
             }
             false => 0..frame.height,
         };
-        let nearest = corners.iter().zip(in_frame).map(|(corner, h)| self.inverse_depth.dot(*corner) / h.z.max(W_NEAR));
+        let nearest = corners
+            .iter()
+            .zip(in_frame)
+            .map(|(corner, h)| self.inverse_depth.dot(*corner) / h.z.max(W_NEAR));
         let nearest = nearest.fold(0.0, f64::max);
         let inverse = self.face_from_frame.transpose();
         let [u, v, w] = [inverse.x_axis, inverse.y_axis, inverse.z_axis];
         let q = u * self.inverse_depth.x + v * self.inverse_depth.y + w * self.inverse_depth.z;
-        set.texels.get(tile.texel_range()).filter(|_| tile.width.min(tile.height) > 1)?;
-        let level = if in_front { self.level(DVec3::new((x0 + x1) / 2.0, (y0 + y1) / 2.0, 1.0)) } else { 0 };
+        set.texels
+            .get(tile.texel_range())
+            .filter(|_| tile.width.min(tile.height) > 1)?;
+        let level = if in_front {
+            self.level(DVec3::new((x0 + x1) / 2.0, (y0 + y1) / 2.0, 1.0))
+        } else {
+            0
+        };
         let scale = 1.0 / f64::from(1 << mips::halvings(level));
         let [u, v] = [(u - w * x0) * scale, (v - w * y0) * scale];
         let [right, lower] = [(x1 - x0) * scale, (y1 - y0) * scale];
@@ -225,7 +291,11 @@ impl TileInView {
         let (x_first, y) = (0.5 - cx, f64::from(y) + 0.5 - cy);
         let at_first = |row: DVec3| row.x * x_first + row.y * y + row.z;
         let (mut start, mut end) = (0.0f64, f64::from(frame.width) - 1.0);
-        for Side { slope, crossing: [at, per_row] } in self.sides {
+        for Side {
+            slope,
+            crossing: [at, per_row],
+        } in self.sides
+        {
             let value = at + per_row * y;
             if slope > 0.0 {
                 start = start.max(value - x_first);

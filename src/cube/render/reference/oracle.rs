@@ -1,11 +1,11 @@
 //! The slow, obvious renderer that the fast one is held to: f64, from the unpacked LDI, any order, a depth buffer, and
 //! each sample's exact footprint.
 
+use crate::model::samples::{CubeLdi, DepthPixel, LayeredDepthImage};
 use crate::render::setup::transfer::Transfer;
+use glam::{DMat3, DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::frame::{Coverage, Frame};
-use crate::model::samples::{CubeLdi, DepthPixel, LayeredDepthImage};
-use glam::{DMat3, DVec3, dvec3};
 
 /// The largest tangent of the angle to its normal under which a sample's plane is seen, as in the fast renderer: a
 /// surface that the LDI sees edge-on does not reach across the whole scene.
@@ -23,7 +23,13 @@ struct Patch {
 }
 
 impl Patch {
-    fn new(transfer: &Transfer, face: &LayeredDepthImage, x: f64, y: f64, sample: &DepthPixel) -> Self {
+    fn new(
+        transfer: &Transfer,
+        face: &LayeredDepthImage,
+        x: f64,
+        y: f64,
+        sample: &DepthPixel,
+    ) -> Self {
         let q = f64::from(sample.inverse_depth);
         let slope = face.inverse_depth_slope(x, y, sample, MAX_SLOPE);
         let inverse_depth = dvec3(q, q * slope.x, q * slope.y);
@@ -33,7 +39,10 @@ impl Patch {
             column(transfer.x_step, inverse_depth.y),
             column(transfer.y_step, inverse_depth.z),
         );
-        Self { of_face, inverse_depth }
+        Self {
+            of_face,
+            inverse_depth,
+        }
     }
 
     /// Smallest and largest position in the frame (from the principal point), or `None` if all of it is behind the eye.
@@ -47,7 +56,9 @@ impl Patch {
             return Some([[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]]);
         }
         let at = corners.map(|c| [c.x / c.z, c.y / c.z]);
-        let extreme = |pick: fn(f64, f64) -> f64| [0, 1].map(|i| at.iter().map(|c| c[i]).reduce(pick).unwrap_or(0.0));
+        let extreme = |pick: fn(f64, f64) -> f64| {
+            [0, 1].map(|i| at.iter().map(|c| c[i]).reduce(pick).unwrap_or(0.0))
+        };
         Some([extreme(f64::min), extreme(f64::max)])
     }
 
@@ -69,19 +80,35 @@ pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> Frame {
     let mut inverse_depth = vec![0.0; frame.color.len()];
     let size = [f64::from(camera.width()), f64::from(camera.height())];
     for face in &ldi.faces {
-        let transfer = Transfer::new(camera, camera.eye() - ldi.info.centre, face.face, face.size_px);
+        let transfer = Transfer::new(
+            camera,
+            camera.eye() - ldi.info.centre,
+            face.face,
+            face.size_px,
+        );
         for (y, x) in (0..face.size_px).flat_map(|y| (0..face.size_px).map(move |x| (y, x))) {
             for sample in face.pixel(x, y) {
-                let patch = Patch::new(&transfer, face, f64::from(x) + 0.5, f64::from(y) + 0.5, sample);
+                let patch = Patch::new(
+                    &transfer,
+                    face,
+                    f64::from(x) + 0.5,
+                    f64::from(y) + 0.5,
+                    sample,
+                );
                 let of_frame = patch.of_face.inverse();
-                let Some([low, high]) = patch.bounds().filter(|_| of_frame.is_finite()) else { continue };
+                let Some([low, high]) = patch.bounds().filter(|_| of_frame.is_finite()) else {
+                    continue;
+                };
                 let pixels = |i: usize| {
                     let clip = |v: f64| (v + size[i] / 2.0).clamp(0.0, size[i]);
                     (clip(low[i]).floor() as usize, clip(high[i]).ceil() as usize)
                 };
                 let ((left, right), (top, bottom)) = (pixels(0), pixels(1));
                 for (py, px) in (top..bottom).flat_map(|py| (left..right).map(move |px| (py, px))) {
-                    let at = [px as f64 + 0.5 - size[0] / 2.0, py as f64 + 0.5 - size[1] / 2.0];
+                    let at = [
+                        px as f64 + 0.5 - size[0] / 2.0,
+                        py as f64 + 0.5 - size[1] / 2.0,
+                    ];
                     let index = py * frame.width as usize + px;
                     if let Some(q) = patch.inverse_depth_at(&of_frame, at[0], at[1])
                         && q > inverse_depth[index]
@@ -98,7 +125,11 @@ pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> Frame {
     for (index, (color, coverage)) in frame.color.iter_mut().zip(&mut frame.coverage).enumerate() {
         let (px, py) = (index % frame.width as usize, index / frame.width as usize);
         let direction = camera.direction(px as f64 + 0.5, py as f64 + 0.5).as_vec3();
-        if let Some([r, g, b]) = ldi.environment.sample(direction).filter(|_| coverage.is_hole()) {
+        if let Some([r, g, b]) = ldi
+            .environment
+            .sample(direction)
+            .filter(|_| coverage.is_hole())
+        {
             (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
         }
     }

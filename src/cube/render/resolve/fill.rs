@@ -47,15 +47,24 @@ impl Filler {
         self.holes.clear();
         for (i, chunk) in frame.coverage.chunks(CHUNK).enumerate() {
             // A minimum is what compilers make vectors of.
-            if chunk.iter().fold(u8::MAX, |least, coverage| least.min(coverage.byte())) == Coverage::HOLE.byte() {
+            if chunk
+                .iter()
+                .fold(u8::MAX, |least, coverage| least.min(coverage.byte()))
+                == Coverage::HOLE.byte()
+            {
                 let is_hole = |k: &usize| chunk[*k] == Coverage::HOLE;
-                self.holes.extend((0..chunk.len()).filter(is_hole).map(|k| i * CHUNK + k));
+                self.holes
+                    .extend((0..chunk.len()).filter(is_hole).map(|k| i * CHUNK + k));
             }
         }
         for _ in 0..STEPS {
             let mut found = std::mem::take(&mut self.found);
             found.clear();
-            found.extend(self.holes.iter().filter_map(|&i| Some((i, self.farthest_beside(frame, i, width)?))));
+            found.extend(
+                self.holes
+                    .iter()
+                    .filter_map(|&i| Some((i, self.farthest_beside(frame, i, width)?))),
+            );
             for &(i, seen) in &found {
                 (frame.color[i], frame.coverage[i]) = (seen.color, Coverage::FILLED);
                 self.inverse_depths[i] = seen.inverse_depth;
@@ -74,10 +83,16 @@ impl Filler {
             i.checked_sub(width),
             Some(i + width).filter(|&below| below < frame.color.len()),
         ];
-        let known = beside.into_iter().flatten().filter(|&j| frame.coverage[j] != Coverage::HOLE);
+        let known = beside
+            .into_iter()
+            .flatten()
+            .filter(|&j| frame.coverage[j] != Coverage::HOLE);
         let seen = known.map(|j| {
             let is_far = frame.coverage[j] == Coverage::ENVIRONMENT;
-            Seen { color: frame.color[j], inverse_depth: if is_far { 0.0 } else { self.inverse_depths[j] } }
+            Seen {
+                color: frame.color[j],
+                inverse_depth: if is_far { 0.0 } else { self.inverse_depths[j] },
+            }
         });
         seen.min_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth))
     }
@@ -85,9 +100,17 @@ impl Filler {
 
 /// Has those rows of a band told to whose pixels holes may look, the band's own or those of its neighbours: `tell` writes a row,
 /// counted from the band's first. Nothing if `inverse_depths` is empty.
-pub(crate) fn tell_rows(inverse_depths: &mut [f32], band: &Band, has_holes: bool, tell: impl Fn(usize, &mut [f32])) {
+pub(crate) fn tell_rows(
+    inverse_depths: &mut [f32],
+    band: &Band,
+    has_holes: bool,
+    tell: impl Fn(usize, &mut [f32]),
+) {
     let last = band.rows.len();
-    for (row, to) in inverse_depths.chunks_mut(band.width.max(1) as usize).enumerate() {
+    for (row, to) in inverse_depths
+        .chunks_mut(band.width.max(1) as usize)
+        .enumerate()
+    {
         if has_holes || row < STEPS || row + STEPS >= last {
             tell(row, to);
         }
@@ -110,7 +133,12 @@ mod tests {
                 let mut farthest = f32::INFINITY;
                 for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
                     let (nx, ny) = (x + dx, y + dy);
-                    if before.coverage[at] != Coverage::HOLE || nx < 0 || ny < 0 || nx >= width || ny >= height {
+                    if before.coverage[at] != Coverage::HOLE
+                        || nx < 0
+                        || ny < 0
+                        || nx >= width
+                        || ny >= height
+                    {
                         continue;
                     }
                     let n = (ny * width + nx) as usize;
@@ -133,9 +161,14 @@ mod tests {
     #[test]
     fn filling_is_what_the_oracle_does() {
         let mut random = Rng::new(5);
-        for [width, height, hole_share] in
-            [[40, 30, 10], [64, 64, 60], [1, 90, 50], [33, 1, 95], [7, 5, 100], [3, 3, 0]]
-        {
+        for [width, height, hole_share] in [
+            [40, 30, 10],
+            [64, 64, 60],
+            [1, 90, 50],
+            [33, 1, 95],
+            [7, 5, 100],
+            [3, 3, 0],
+        ] {
             let mut frame = Frame::default();
             frame.reset(width, height, [0; 3]);
             let mut inverse_depths = vec![0.0; frame.color.len()];
@@ -143,30 +176,56 @@ mod tests {
                 if random.below(100) < u64::from(hole_share) {
                     continue;
                 }
-                let kinds = [Coverage::ENVIRONMENT, Coverage::of_splats(9), Coverage::FULL];
+                let kinds = [
+                    Coverage::ENVIRONMENT,
+                    Coverage::of_splats(9),
+                    Coverage::FULL,
+                ];
                 frame.coverage[i] = kinds[random.below(3) as usize];
                 frame.color[i] = [random.below(256) as u8, random.below(256) as u8, 7, 255];
                 inverse_depths[i] = random.below(4) as f32;
             }
             let expected = oracle(&frame, &inverse_depths);
-            let mut filler = Filler { inverse_depths, ..Filler::default() };
+            let mut filler = Filler {
+                inverse_depths,
+                ..Filler::default()
+            };
             filler.fill(&mut frame);
-            assert!(frame == expected, "{width}x{height}, {hole_share} %: not a bit differs");
+            assert!(
+                frame == expected,
+                "{width}x{height}, {hole_share} %: not a bit differs"
+            );
         }
     }
 
     #[test]
     fn bands_tell_the_rows_that_holes_may_look_at() {
         let told = |has_holes: bool, rows: u32, pixels: usize| {
-            let (mut depths, band) =
-                (vec![0.0; pixels], Band { width: 3, height: 20, principal_px: [0.0; 2], rows: 4..4 + rows });
-            tell_rows(&mut depths, &band, has_holes, |row, to| to.fill(1.0 + row as f32));
+            let (mut depths, band) = (
+                vec![0.0; pixels],
+                Band {
+                    width: 3,
+                    height: 20,
+                    principal_px: [0.0; 2],
+                    rows: 4..4 + rows,
+                },
+            );
+            tell_rows(&mut depths, &band, has_holes, |row, to| {
+                to.fill(1.0 + row as f32)
+            });
             depths
         };
         let three = |rows: [usize; 7]| rows.map(|row| [row as f32; 3]).concat();
-        assert_eq!(told(false, 7, 21), three([1, 2, 0, 0, 0, 6, 7]), "two rows at either border");
+        assert_eq!(
+            told(false, 7, 21),
+            three([1, 2, 0, 0, 0, 6, 7]),
+            "two rows at either border"
+        );
         assert_eq!(told(true, 7, 21), three([1, 2, 3, 4, 5, 6, 7]));
-        assert_eq!((told(true, 7, 0), told(false, 1, 3)), (vec![], vec![1.0; 3]));
+        assert_eq!(
+            (told(true, 7, 0), told(false, 1, 3)),
+            (vec![], vec![1.0; 3])
+        );
     }
 
     #[test]
@@ -182,7 +241,13 @@ mod tests {
         }
         filler.fill(&mut frame);
         assert_eq!(frame.color[1], far);
-        assert_eq!((frame.coverage[1], frame.coverage[5]), (Coverage::FILLED, Coverage::HOLE));
-        assert!(frame.coverage[1].is_hole() && frame.coverage[1].splat_share() == 0, "a guess, and no sample");
+        assert_eq!(
+            (frame.coverage[1], frame.coverage[5]),
+            (Coverage::FILLED, Coverage::HOLE)
+        );
+        assert!(
+            frame.coverage[1].is_hole() && frame.coverage[1].splat_share() == 0,
+            "a guess, and no sample"
+        );
     }
 }

@@ -10,9 +10,9 @@
 //! 4. in a pixel, samples by descending distance from the foot of the eye on the pixel's ray, which is farthest first
 //!    unless the eye is beyond samples.
 
-use headbox_core::cube_face::Face;
 use crate::pack::{PackedSegment, SegmentSide};
 use glam::DVec3;
+use headbox_core::cube_face::Face;
 use std::ops::Range;
 
 /// A run of rows or columns.
@@ -38,7 +38,10 @@ pub(crate) struct EyeInFace {
 impl EyeInFace {
     pub(crate) fn new(eye_from_centre: DVec3, face: Face, size_px: u32) -> Self {
         let axes = [face.right(), face.up(), face.normal()];
-        Self { in_face: DVec3::from(axes.map(|a| a.dot(eye_from_centre))), size_px: f64::from(size_px) }
+        Self {
+            in_face: DVec3::from(axes.map(|a| a.dot(eye_from_centre))),
+            size_px: f64::from(size_px),
+        }
     }
 
     /// Rows of `range` in drawing order.
@@ -65,12 +68,19 @@ impl EyeInFace {
         let epipole = epipole.floor().clamp(-1.0, f64::from(u32::MAX)) as i64;
         let clamp = |i: i64| i.clamp(i64::from(range.start), i64::from(range.end)) as u32;
         let (low, high) = (clamp(epipole), clamp(epipole + 1));
-        let toward = [(range.start..low, false), (high..range.end, true), (low..high, false)];
+        let toward = [
+            (range.start..low, false),
+            (high..range.end, true),
+            (low..high, false),
+        ];
         let runs = toward.map(|(range, descending)| Run { range, descending });
         if depth >= 0.0 {
             return runs;
         }
-        let [a, b, c] = runs.map(|run| Run { descending: !run.descending, ..run });
+        let [a, b, c] = runs.map(|run| Run {
+            descending: !run.descending,
+            ..run
+        });
         [c, b, a]
     }
 
@@ -82,7 +92,11 @@ impl EyeInFace {
 
     /// The ray through a position in face pixels: right, up, outward; eye depth 1.
     fn ray(&self, x: f64, y: f64) -> DVec3 {
-        DVec3::new(2.0 * x / self.size_px - 1.0, 1.0 - 2.0 * y / self.size_px, 1.0)
+        DVec3::new(
+            2.0 * x / self.size_px - 1.0,
+            1.0 - 2.0 * y / self.size_px,
+            1.0,
+        )
     }
 
     /// How the samples of a segment's pixels are ordered: by one rule for all if the farthest and nearest sample prove
@@ -94,11 +108,15 @@ impl EyeInFace {
         // The foot is eye . ray / |ray|^2: the numerator is linear in the ray, so extreme at a corner of the rectangle;
         // |ray|^2 lies between 1 and 3.
         let along = rays.map(|ray| self.in_face.dot(ray));
-        let (least, most) = along.iter().fold((f64::MAX, f64::MIN), |(a, b), &v| (a.min(v), b.max(v)));
+        let (least, most) = along
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(a, b), &v| (a.min(v), b.max(v)));
         let bound = |v: f64, outermost: f64| if v * outermost > 0.0 { v } else { v / 3.0 };
         let (least, most) = (bound(least, -1.0), bound(most, 1.0));
-        let (nearest, farthest) =
-            (1.0 / f64::from(segment.inverse_depth_max), 1.0 / f64::from(segment.inverse_depth_min));
+        let (nearest, farthest) = (
+            1.0 / f64::from(segment.inverse_depth_max),
+            1.0 / f64::from(segment.inverse_depth_min),
+        );
         // All midpoints of two samples lie between the nearest and the farthest sample.
         if most <= nearest {
             LayerOrder::FarthestFirst
@@ -119,7 +137,11 @@ pub(crate) enum LayerOrder {
 }
 
 /// Writes the indices of `segments` in drawing order to `order`.
-pub(crate) fn segment_order(segments: &[PackedSegment], eye_from_centre: DVec3, order: &mut Vec<usize>) {
+pub(crate) fn segment_order(
+    segments: &[PackedSegment],
+    eye_from_centre: DVec3,
+    order: &mut Vec<usize>,
+) {
     // Inside a face: the far segment in the middle, the near one after it if the eye is on the near side of the plane
     // between them (the near segment's farthest sample lies on one that will do), before it otherwise.
     let rank = |s: &PackedSegment| {
@@ -142,15 +164,20 @@ pub(crate) fn segment_order(segments: &[PackedSegment], eye_from_centre: DVec3, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_core::random::Rng;
     use crate::pack::{BlockIndex, PackedDepthPixel};
     use crate::render::traverse::batches::{Batch, SegmentPart, Uncut, traverse, whole};
     use glam::dvec3;
+    use headbox_core::random::Rng;
 
     const SIZE: u32 = 12;
 
     /// A segment with one depth pixel in every pixel.
-    fn full_segment(face: Face, side: SegmentSide, inverse_depth_min: f32, inverse_depth_max: f32) -> PackedSegment {
+    fn full_segment(
+        face: Face,
+        side: SegmentSide,
+        inverse_depth_min: f32,
+        inverse_depth_max: f32,
+    ) -> PackedSegment {
         PackedSegment {
             face,
             side,
@@ -162,7 +189,13 @@ mod tests {
             inverse_depth_max,
             row_offsets: (0..=SIZE).map(|y| y * SIZE).collect(),
             row_counts: (0..SIZE).flat_map(|_| 0..=SIZE).collect(),
-            depth_pixels: vec![PackedDepthPixel { geometry: 0, color_srgb: [0; 4] }; (SIZE * SIZE) as usize],
+            depth_pixels: vec![
+                PackedDepthPixel {
+                    geometry: 0,
+                    color_srgb: [0; 4]
+                };
+                (SIZE * SIZE) as usize
+            ],
             blocks: BlockIndex::default(),
         }
     }
@@ -182,15 +215,22 @@ mod tests {
                 rows,
                 visible: &visible,
             };
-            traverse(&part, &Uncut, &eye, eye.layer_order(&segments[i]), &mut Batch::new(), &mut |batch| {
-                for k in 0..batch.len {
-                    let x = batch.anchor_column + u32::from(batch.columns[k]);
-                    let rank = &mut ranks[i][(batch.row * SIZE + x) as usize];
-                    assert_eq!(*rank, usize::MAX, "drawn twice");
-                    *rank = next;
-                    next += 1;
-                }
-            });
+            traverse(
+                &part,
+                &Uncut,
+                &eye,
+                eye.layer_order(&segments[i]),
+                &mut Batch::new(),
+                &mut |batch| {
+                    for k in 0..batch.len {
+                        let x = batch.anchor_column + u32::from(batch.columns[k]);
+                        let rank = &mut ranks[i][(batch.row * SIZE + x) as usize];
+                        assert_eq!(*rank, usize::MAX, "drawn twice");
+                        *rank = next;
+                        next += 1;
+                    }
+                },
+            );
         }
         assert_eq!(next, segments.len() * (SIZE * SIZE) as usize, "all drawn");
         ranks
@@ -201,8 +241,16 @@ mod tests {
         let cell = 2.0 / f64::from(SIZE);
         let mut eyes = vec![DVec3::ZERO];
         // Epipole of +Z (and, mirrored, of -Z) at (x, y) * cell from the middle: corner, edges, inside, border, beyond.
-        for (x, y) in [(0.0, 0.0), (1.0, 0.5), (0.5, 2.0), (0.5, 0.5), (2.3, -1.7), (6.0, 1.2), (6.0, 6.0), (40.0, 3.0)]
-        {
+        for (x, y) in [
+            (0.0, 0.0),
+            (1.0, 0.5),
+            (0.5, 2.0),
+            (0.5, 0.5),
+            (2.3, -1.7),
+            (6.0, 1.2),
+            (6.0, 6.0),
+            (40.0, 3.0),
+        ] {
             for depth in [0.4, -0.4, 3.0, -3.0] {
                 eyes.push(dvec3(x * cell, y * cell, 1.0) * depth);
             }
@@ -244,9 +292,13 @@ mod tests {
         let locate = |p: DVec3| {
             let face = Face::containing(p);
             let [x, y, eye_depth] = face.project(p, SIZE);
-            let near = f64::from(segments[2 * face.index() + 1].inverse_depth_min) * eye_depth <= 1.0;
+            let near =
+                f64::from(segments[2 * face.index() + 1].inverse_depth_min) * eye_depth <= 1.0;
             let pixel = |v: f64| (v as u32).min(SIZE - 1);
-            (2 * face.index() + usize::from(near), (pixel(y) * SIZE + pixel(x)) as usize)
+            (
+                2 * face.index() + usize::from(near),
+                (pixel(y) * SIZE + pixel(x)) as usize,
+            )
         };
         let mut compared = 0;
         for eye in eyes() {
@@ -255,10 +307,16 @@ mod tests {
                 let direction = random.in_cube(1.0);
                 let near = (1.0 + random.between(-1.0, 1.0)).powi(3) * 2.0 + 1e-3;
                 let far = near + (1.0 + random.between(-1.0, 1.0)).powi(3) * 3.0;
-                let (a, b) = (locate(eye + direction * far), locate(eye + direction * near));
+                let (a, b) = (
+                    locate(eye + direction * far),
+                    locate(eye + direction * near),
+                );
                 if a != b {
                     compared += 1;
-                    assert!(ranks[a.0][a.1] < ranks[b.0][b.1], "eye {eye}, direction {direction}, {near} to {far}");
+                    assert!(
+                        ranks[a.0][a.1] < ranks[b.0][b.1],
+                        "eye {eye}, direction {direction}, {near} to {far}"
+                    );
                 }
             }
         }
@@ -272,14 +330,23 @@ mod tests {
         const LAYERS: u32 = 20;
         segment.row_offsets.iter_mut().for_each(|o| *o *= LAYERS);
         segment.row_counts.iter_mut().for_each(|c| *c *= LAYERS);
-        let layer = |k: u32| PackedDepthPixel { geometry: k * ((1 << 20) - 1) / (LAYERS - 1), color_srgb: [0; 4] };
-        segment.depth_pixels = (0..SIZE * SIZE).flat_map(|_| (0..LAYERS).map(layer)).collect();
+        let layer = |k: u32| PackedDepthPixel {
+            geometry: k * ((1 << 20) - 1) / (LAYERS - 1),
+            color_srgb: [0; 4],
+        };
+        segment.depth_pixels = (0..SIZE * SIZE)
+            .flat_map(|_| (0..LAYERS).map(layer))
+            .collect();
         let mut random = Rng::keyed(4);
         let mut seen = Vec::new();
         for reach in [0.3, 1.0, 3.0, 40.0] {
             for i in 0..40 {
                 // The first one of the far ones looks back at all samples.
-                let eye = if i == 0 { dvec3(0.1, 0.2, -1.0) * reach } else { random.in_cube(1.0) * reach };
+                let eye = if i == 0 {
+                    dvec3(0.1, 0.2, -1.0) * reach
+                } else {
+                    random.in_cube(1.0) * reach
+                };
                 let in_face = EyeInFace::new(eye, Face::NegZ, SIZE);
                 seen.push(in_face.layer_order(&segment));
                 let mut before: Option<(u32, u8, f64)> = None;
@@ -291,23 +358,40 @@ mod tests {
                     rows,
                     visible: &visible,
                 };
-                traverse(&part, &Uncut, &in_face, in_face.layer_order(&segment), &mut Batch::new(), &mut |batch| {
-                    for k in 0..batch.len {
-                        let x = f64::from(batch.anchor_column) + f64::from(batch.columns[k]) + 0.5;
-                        let depth = 1.0 / segment.inverse_depth(batch.depth_pixels[k].inverse_depth_code());
-                        let point = Face::NegZ.direction(x, f64::from(batch.row) + 0.5, SIZE) * depth;
-                        let distance = (point - eye).length();
-                        if let Some((row, column, last)) = before
-                            && (row, column) == (batch.row, batch.columns[k])
-                        {
-                            assert!(distance <= last + 1e-9, "eye {eye}: {distance} after {last}");
+                traverse(
+                    &part,
+                    &Uncut,
+                    &in_face,
+                    in_face.layer_order(&segment),
+                    &mut Batch::new(),
+                    &mut |batch| {
+                        for k in 0..batch.len {
+                            let x =
+                                f64::from(batch.anchor_column) + f64::from(batch.columns[k]) + 0.5;
+                            let depth = 1.0
+                                / segment.inverse_depth(batch.depth_pixels[k].inverse_depth_code());
+                            let point =
+                                Face::NegZ.direction(x, f64::from(batch.row) + 0.5, SIZE) * depth;
+                            let distance = (point - eye).length();
+                            if let Some((row, column, last)) = before
+                                && (row, column) == (batch.row, batch.columns[k])
+                            {
+                                assert!(
+                                    distance <= last + 1e-9,
+                                    "eye {eye}: {distance} after {last}"
+                                );
+                            }
+                            before = Some((batch.row, batch.columns[k], distance));
                         }
-                        before = Some((batch.row, batch.columns[k], distance));
-                    }
-                });
+                    },
+                );
             }
         }
-        for order in [LayerOrder::FarthestFirst, LayerOrder::NearestFirst, LayerOrder::PerPixel] {
+        for order in [
+            LayerOrder::FarthestFirst,
+            LayerOrder::NearestFirst,
+            LayerOrder::PerPixel,
+        ] {
             assert!(seen.contains(&order), "{order:?} was not tried");
         }
     }

@@ -1,8 +1,8 @@
 //! The matrix that takes an LDI's pixels to a frame's (S18, C2, C8).
 
+use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
-use glam::{DVec3, Vec3};
 
 /// `target_from_reference` of one face, one column for each coordinate of the LDI.
 ///
@@ -94,7 +94,14 @@ mod tests {
     fn f32_positions_along_a_wide_row_agree_with_f64() {
         let size = 4096;
         let eye = DVec3::new(0.21, -0.13, 0.34);
-        let camera = Camera::look_at(eye, DVec3::new(0.3, 0.2, -5.0), DVec3::Y, 90.0, [4096, 4096]).expect("valid");
+        let camera = Camera::look_at(
+            eye,
+            DVec3::new(0.3, 0.2, -5.0),
+            DVec3::Y,
+            90.0,
+            [4096, 4096],
+        )
+        .expect("valid");
         let transfer = Transfer::new(&camera, eye, Face::NegZ, size);
         let (min, step) = (0.01, 1.2 / f64::from(INVERSE_DEPTH_CODE_MAX));
         let (mut worst, mut drift) = (0.0f64, 0.0f64);
@@ -107,7 +114,8 @@ mod tests {
                     let exact = transfer.at(f64::from(column) + 0.5, f64::from(row) + 0.5)
                         + transfer.inverse_depth * (min + f64::from(code) * step);
                     let found = anchored.apply((column - block) as f32, code as f32);
-                    let error = |h: Vec3| (f64::from(h.x) / f64::from(h.z) - exact.x / exact.z).abs();
+                    let error =
+                        |h: Vec3| (f64::from(h.x) / f64::from(h.z) - exact.x / exact.z).abs();
                     let in_view = (exact.x / exact.z).abs() < 2048.0 && exact.z > 0.0;
                     if in_view {
                         let x = f64::from(found.x) / f64::from(found.z) - exact.x / exact.z;
@@ -120,15 +128,24 @@ mod tests {
             }
         }
         assert!(worst < F32_POSITION_PX, "{worst}");
-        assert!(drift > 4.0 * worst, "the running sum is expected to be worse: {drift} against {worst}");
+        assert!(
+            drift > 4.0 * worst,
+            "the running sum is expected to be worse: {drift} against {worst}"
+        );
     }
 
     #[test]
     fn transfer_agrees_with_the_cameras() {
         let centre = DVec3::new(10.0, 20.0, -5.0);
         let eye = centre + DVec3::new(0.3, -0.2, 0.1);
-        let camera =
-            Camera::look_at(eye, centre + DVec3::new(2.0, 1.0, -0.5), DVec3::Y, 70.0, [640, 480]).expect("valid");
+        let camera = Camera::look_at(
+            eye,
+            centre + DVec3::new(2.0, 1.0, -0.5),
+            DVec3::Y,
+            70.0,
+            [640, 480],
+        )
+        .expect("valid");
         for face in Face::ALL {
             let transfer = Transfer::new(&camera, eye - centre, face, 100);
             for (x, y, depth) in [(3.0, 4.0, 2.0), (50.0, 50.0, 100.0), (99.0, 20.0, 0.9)] {

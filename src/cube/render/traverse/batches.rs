@@ -2,11 +2,11 @@
 //!
 //! Kernels (scalar, SIMD, any splat) take the batches; none of them needs to know of order, offsets or layers.
 
-use crate::render::parallel::epipolar::Spans;
 use super::format::Format;
-use crate::render::setup::order::{EyeInFace, LayerOrder, Run};
 use crate::pack::PackedSegment;
 use crate::pack::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
+use crate::render::parallel::epipolar::Spans;
+use crate::render::setup::order::{EyeInFace, LayerOrder, Run};
 use std::ops::Range;
 
 /// Depth pixels of a full batch.
@@ -45,10 +45,20 @@ impl<P: Format> Batch<P> {
     fn extend(&mut self, column: u8, counts: &[u32], samples: &[P]) {
         self.depth_pixels[..samples.len()].copy_from_slice(samples);
         // Counts of a damaged cube need not ascend.
-        let starts = counts.iter().map(|start| (start.saturating_sub(counts[0]) as usize).min(samples.len()));
-        if samples.len() + 1 == counts.len() && starts.clone().zip(0..).all(|(start, i): (usize, usize)| start == i) {
+        let starts = counts
+            .iter()
+            .map(|start| (start.saturating_sub(counts[0]) as usize).min(samples.len()));
+        if samples.len() + 1 == counts.len()
+            && starts
+                .clone()
+                .zip(0..)
+                .all(|(start, i): (usize, usize)| start == i)
+        {
             // One sample in each pixel, as over most of a simple scene.
-            self.columns[..samples.len()].iter_mut().zip(column..).for_each(|(c, column)| *c = column);
+            self.columns[..samples.len()]
+                .iter_mut()
+                .zip(column..)
+                .for_each(|(c, column)| *c = column);
         } else {
             // Eight bytes at a time, of which the next pixel overwrites those that it needs.
             for (column, (start, end)) in (column..).zip(starts.clone().zip(starts.skip(1))) {
@@ -87,13 +97,19 @@ pub(crate) struct SegmentPart<'a, P> {
 
 /// Columns and rows of a whole segment, as far as they lie on the face.
 pub(crate) fn whole(segment: &PackedSegment, size_px: u32) -> [Range<u32>; 2] {
-    let clip = |start: u32, length: u32| start.min(size_px)..start.saturating_add(length).min(size_px);
-    [clip(segment.x0, segment.width), clip(segment.y0, segment.height)]
+    let clip =
+        |start: u32, length: u32| start.min(size_px)..start.saturating_add(length).min(size_px);
+    [
+        clip(segment.x0, segment.width),
+        clip(segment.y0, segment.height),
+    ]
 }
 
 /// Number of blocks that a rectangle touches.
 pub(crate) fn block_count([columns, rows]: &[Range<u32>; 2]) -> usize {
-    let blocks = |range: &Range<u32>, length: u32| (range.end.div_ceil(length) - range.start / length) as usize;
+    let blocks = |range: &Range<u32>, length: u32| {
+        (range.end.div_ceil(length) - range.start / length) as usize
+    };
     blocks(columns, BLOCK_COLUMNS) * blocks(rows, BLOCK_ROWS)
 }
 
@@ -103,7 +119,9 @@ impl<'a, P> SegmentPart<'a, P> {
         let first = |range: &Range<u32>, length: u32| range.start / length;
         let blocks = self.columns.end.div_ceil(BLOCK_COLUMNS) - first(&self.columns, BLOCK_COLUMNS);
         let start = (row / BLOCK_ROWS - first(&self.rows, BLOCK_ROWS)) * blocks;
-        self.visible.get(start as usize..(start + blocks) as usize).unwrap_or(&[])
+        self.visible
+            .get(start as usize..(start + blocks) as usize)
+            .unwrap_or(&[])
     }
 }
 
@@ -161,7 +179,10 @@ pub(crate) fn traverse<P: Format, C: Cut>(
             for run in &columns {
                 for_each_block(run, |run| {
                     let block = run.range.start / BLOCK_COLUMNS;
-                    if !visible.get((block - first_block) as usize).is_some_and(|visible| *visible) {
+                    if !visible
+                        .get((block - first_block) as usize)
+                        .is_some_and(|visible| *visible)
+                    {
                         return;
                     }
                     let mut spans = cut.within(&row_cut, row, &run.range);
@@ -177,7 +198,10 @@ pub(crate) fn traverse<P: Format, C: Cut>(
                         batch.row = row;
                         batch.anchor_column = block * BLOCK_COLUMNS;
                         batch.len = 0;
-                        let run = Run { range, descending: run.descending };
+                        let run = Run {
+                            range,
+                            descending: run.descending,
+                        };
                         gather(segment, eye, layers, samples, counts, &run, batch, draw);
                         if batch.len > 0 {
                             draw(batch);
@@ -190,7 +214,10 @@ pub(crate) fn traverse<P: Format, C: Cut>(
 }
 
 /// Fills a batch with the samples of a run of pixels in one block, in drawing order.
-#[expect(clippy::too_many_arguments, reason = "the inner loop of the traversal, apart only to be read")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the inner loop of the traversal, apart only to be read"
+)]
 #[inline(always)]
 fn gather<P: Format>(
     segment: &PackedSegment,
@@ -202,18 +229,25 @@ fn gather<P: Format>(
     batch: &mut Batch<P>,
     draw: &mut impl FnMut(&Batch<P>),
 ) {
-    let all = samples.get(counts[0] as usize..counts[run.range.len()] as usize).unwrap_or(&[]);
+    let all = samples
+        .get(counts[0] as usize..counts[run.range.len()] as usize)
+        .unwrap_or(&[]);
     if layers == LayerOrder::FarthestFirst && !run.descending && all.len() <= BATCH_CAPACITY {
         batch.extend((run.range.start - batch.anchor_column) as u8, counts, all);
         return;
     }
     for_each(run, |x| {
         let i = (x - run.range.start) as usize;
-        let Some(pixel) = samples.get(counts[i] as usize..counts[i + 1] as usize) else { return };
+        let Some(pixel) = samples.get(counts[i] as usize..counts[i + 1] as usize) else {
+            return;
+        };
         let column = (x - batch.anchor_column) as u8;
         match layers {
             LayerOrder::FarthestFirst => pixel.iter().for_each(|p| batch.push(column, *p, draw)),
-            LayerOrder::NearestFirst => pixel.iter().rev().for_each(|p| batch.push(column, *p, draw)),
+            LayerOrder::NearestFirst => pixel
+                .iter()
+                .rev()
+                .for_each(|p| batch.push(column, *p, draw)),
             LayerOrder::PerPixel => {
                 let foot = eye.foot_on_ray(f64::from(x) + 0.5, f64::from(batch.row) + 0.5);
                 from_both_ends(segment, pixel, foot, |p| batch.push(column, *p, draw));
@@ -224,7 +258,12 @@ fn gather<P: Format>(
 
 /// The samples of one pixel by descending distance from the foot of the eye on the pixel's ray (C9). Both ends of the
 /// pixel's list are the farthest on their side of the foot, so that one comparison a sample sorts them.
-fn from_both_ends<P: Format>(segment: &PackedSegment, mut pixel: &[P], foot: f64, mut push: impl FnMut(&P)) {
+fn from_both_ends<P: Format>(
+    segment: &PackedSegment,
+    mut pixel: &[P],
+    foot: f64,
+    mut push: impl FnMut(&P),
+) {
     let from_foot = |p: &P| (1.0 / p.inverse_depth(segment) - foot).abs();
     while let [first, .., last] = pixel {
         if from_foot(first) >= from_foot(last) {
@@ -252,11 +291,17 @@ fn for_each_block(run: &Run, mut visit: impl FnMut(Run)) {
     if start >= end {
         return;
     }
-    let blocks = Run { range: start / BLOCK_COLUMNS..end.div_ceil(BLOCK_COLUMNS), descending: run.descending };
+    let blocks = Run {
+        range: start / BLOCK_COLUMNS..end.div_ceil(BLOCK_COLUMNS),
+        descending: run.descending,
+    };
     for_each(&blocks, |block| {
         let first = block * BLOCK_COLUMNS;
         let range = start.max(first)..end.min(first + BLOCK_COLUMNS);
-        visit(Run { range, descending: run.descending });
+        visit(Run {
+            range,
+            descending: run.descending,
+        });
     });
 }
 
@@ -265,10 +310,10 @@ mod tests {
     //! Which depth pixels are passed on, whatever their order (`order.rs` tests that).
 
     use super::*;
-    use headbox_core::cube_face::Face;
     use crate::pack::tests::scattered;
     use crate::pack::{PackedCube, PackedDepthPixel, SplatIndexLayout, Split};
     use glam::DVec3;
+    use headbox_core::cube_face::Face;
 
     /// Column, row and bits.
     type Found = Vec<(u32, u32, u32)>;
@@ -277,10 +322,18 @@ mod tests {
         let eye = EyeInFace::new(eye, part.segment.face, 170);
         let (mut batch, mut found) = (Batch::new(), Found::new());
         traverse(part, &Uncut, &eye, layers, &mut batch, &mut |batch| {
-            assert!(batch.len > 0 && batch.len <= BATCH_CAPACITY && batch.anchor_column % BLOCK_COLUMNS == 0);
+            assert!(
+                batch.len > 0
+                    && batch.len <= BATCH_CAPACITY
+                    && batch.anchor_column % BLOCK_COLUMNS == 0
+            );
             for (column, pixel) in batch.columns.iter().zip(&batch.depth_pixels[..batch.len]) {
                 assert!(u32::from(*column) < BLOCK_COLUMNS);
-                found.push((batch.anchor_column + u32::from(*column), batch.row, pixel.geometry));
+                found.push((
+                    batch.anchor_column + u32::from(*column),
+                    batch.row,
+                    pixel.geometry,
+                ));
             }
         });
         found.sort_unstable();
@@ -289,14 +342,28 @@ mod tests {
 
     #[test]
     fn all_of_the_visible_blocks_in_the_rectangle_is_passed_on_and_nothing_else() {
-        let cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
-        let segment = cube.segments.iter().find(|segment| segment.face == Face::PosY).expect("one");
+        let cube =
+            PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+        let segment = cube
+            .segments
+            .iter()
+            .find(|segment| segment.face == Face::PosY)
+            .expect("one");
         // Epipoles in the middle of the part, beside it, and none.
-        let eyes = [segment.face.direction(110.3, 35.6, 170) * 0.3, DVec3::new(-0.4, 0.1, 0.3), DVec3::ZERO];
+        let eyes = [
+            segment.face.direction(110.3, 35.6, 170) * 0.3,
+            DVec3::new(-0.4, 0.1, 0.3),
+            DVec3::ZERO,
+        ];
         for (i, (eye, layers)) in eyes
             .into_iter()
             .flat_map(|eye| {
-                [LayerOrder::FarthestFirst, LayerOrder::NearestFirst, LayerOrder::PerPixel].map(|layers| (eye, layers))
+                [
+                    LayerOrder::FarthestFirst,
+                    LayerOrder::NearestFirst,
+                    LayerOrder::PerPixel,
+                ]
+                .map(|layers| (eye, layers))
             })
             .enumerate()
         {
@@ -325,11 +392,22 @@ mod tests {
 
     #[test]
     fn a_segment_has_as_many_blocks_as_it_touches_on_the_face() {
-        let cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+        let cube =
+            PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
         let segment = &cube.segments[0];
-        let (x, y) = (segment.x0..segment.x0 + segment.width, segment.y0..segment.y0 + segment.height);
+        let (x, y) = (
+            segment.x0..segment.x0 + segment.width,
+            segment.y0..segment.y0 + segment.height,
+        );
         assert_eq!(whole(segment, 170), [x.clone(), y.clone()]);
         assert_eq!(whole(segment, 30), [30..30, y.start..30]);
-        assert_eq!((block_count(&[x, y]), block_count(&[64..65, 15..17]), block_count(&[0..0, 0..1])), (2 * 3, 2, 0));
+        assert_eq!(
+            (
+                block_count(&[x, y]),
+                block_count(&[64..65, 15..17]),
+                block_count(&[0..0, 0..1])
+            ),
+            (2 * 3, 2, 0)
+        );
     }
 }

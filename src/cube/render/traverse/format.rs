@@ -29,10 +29,16 @@ pub(crate) struct Unpacked<S: Simd> {
 }
 
 impl Format for PackedDepthPixel {
-    const NOTHING: Self = Self { geometry: 0, color_srgb: [0; 4] };
+    const NOTHING: Self = Self {
+        geometry: 0,
+        color_srgb: [0; 4],
+    };
 
     fn scale(segment: &PackedSegment) -> [f64; 2] {
-        [f64::from(segment.inverse_depth_min), segment.inverse_depth_step()]
+        [
+            f64::from(segment.inverse_depth_min),
+            segment.inverse_depth_step(),
+        ]
     }
 
     #[inline]
@@ -43,15 +49,27 @@ impl Format for PackedDepthPixel {
     #[inline(always)]
     fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S> {
         let words: &[u32] = bytemuck::cast_slice(&depth_pixels[..LANES]);
-        let (first, second) = (u32x16::from_slice(simd, &words[..LANES]), u32x16::from_slice(simd, &words[LANES..]));
+        let (first, second) = (
+            u32x16::from_slice(simd, &words[..LANES]),
+            u32x16::from_slice(simd, &words[LANES..]),
+        );
         let (geometry, color) = simd.deinterleave_u32x16(first, second);
         let code = f32x16::float_from(geometry & INVERSE_DEPTH_CODE_MAX);
-        Unpacked { code, normals: Normals::Index(geometry >> 20), color }
+        Unpacked {
+            code,
+            normals: Normals::Index(geometry >> 20),
+            color,
+        }
     }
 }
 
 impl Format for ExactDepthPixel {
-    const NOTHING: Self = Self { inverse_depth: 1.0, normal: [0.0; 3], color_srgb: [0; 4], splat_index: 0 };
+    const NOTHING: Self = Self {
+        inverse_depth: 1.0,
+        normal: [0.0; 3],
+        color_srgb: [0; 4],
+        splat_index: 0,
+    };
 
     fn scale(_: &PackedSegment) -> [f64; 2] {
         [0.0, 1.0]
@@ -74,10 +92,17 @@ impl Format for ExactDepthPixel {
             (index[i], color[i]) = (pixel.splat_index, u32::from_ne_bytes(pixel.color_srgb));
         }
         let [x, y, z] = normal;
-        let normal = [f32x16::load_array(simd, x), f32x16::load_array(simd, y), f32x16::load_array(simd, z)];
+        let normal = [
+            f32x16::load_array(simd, x),
+            f32x16::load_array(simd, y),
+            f32x16::load_array(simd, z),
+        ];
         Unpacked {
             code: f32x16::load_array(simd, code),
-            normals: Normals::Exact { normal, index: u32x16::load_array(simd, index) },
+            normals: Normals::Exact {
+                normal,
+                index: u32x16::load_array(simd, index),
+            },
             color: u32x16::load_array(simd, color),
         }
     }

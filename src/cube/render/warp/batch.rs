@@ -3,12 +3,12 @@
 //! One code for every SIMD level, down to plain scalars: IEEE operations in a fixed order, without fused multiply-adds and
 //! approximate reciprocals, so that all levels give the same bits.
 
-use crate::render::setup::clip::{Band, W_NEAR};
-use crate::render::traverse::format::{Format, Unpacked};
-use crate::render::setup::transfer::{RowTransfer, Transfer};
-use crate::render::traverse::batches::{BATCH_CAPACITY, Batch};
 use crate::render::footprint::size::{LANES, Lanes, Size};
 use crate::render::footprint::splat::Splats;
+use crate::render::setup::clip::{Band, W_NEAR};
+use crate::render::setup::transfer::{RowTransfer, Transfer};
+use crate::render::traverse::batches::{BATCH_CAPACITY, Batch};
+use crate::render::traverse::format::{Format, Unpacked};
 use fearless_simd::{ExtractToken, Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 
 /// What the warp of one segment needs.
@@ -44,8 +44,16 @@ impl<'a> SegmentWarp<'a> {
     }
 
     #[inline(always)]
-    fn warp_at<S: Simd, P: Format>(&self, simd: S, batch: &Batch<P>, size: &impl Size, splats: &mut Splats) {
-        let row = self.transfer.anchored(batch.anchor_column, batch.row, self.scale[0], self.scale[1]);
+    fn warp_at<S: Simd, P: Format>(
+        &self,
+        simd: S,
+        batch: &Batch<P>,
+        size: &impl Size,
+        splats: &mut Splats,
+    ) {
+        let row =
+            self.transfer
+                .anchored(batch.anchor_column, batch.row, self.scale[0], self.scale[1]);
         (splats.len, splats.by_footprint) = (0, [0; 4]);
         for start in (0..batch.len.min(BATCH_CAPACITY)).step_by(LANES) {
             self.warp_lanes(simd, &row, batch, start, size, splats);
@@ -67,7 +75,11 @@ impl<'a> SegmentWarp<'a> {
         for (column, byte) in columns.iter_mut().zip(&batch.columns[start..start + LANES]) {
             *column = f32::from(*byte);
         }
-        let Unpacked { code, normals, color } = P::load(simd, &batch.depth_pixels[start..start + LANES]);
+        let Unpacked {
+            code,
+            normals,
+            color,
+        } = P::load(simd, &batch.depth_pixels[start..start + LANES]);
         let k = f32x16::load_array(simd, columns);
 
         // As `RowTransfer::apply`.
@@ -99,14 +111,20 @@ impl<'a> SegmentWarp<'a> {
         let n = splats.len;
         keep(px, shown, &mut splats.x, n);
         keep(py, shown, &mut splats.y, n);
-        keep(inverse_depth * reciprocal_w, shown, &mut splats.inverse_depth, n);
+        keep(
+            inverse_depth * reciprocal_w,
+            shown,
+            &mut splats.inverse_depth,
+            n,
+        );
         keep(rx, shown, &mut splats.radius_x, n);
         keep(ry, shown, &mut splats.radius_y, n);
         keep(footprints.weight, shown, &mut splats.weight, n);
         if Z::IS_ELLIPTICAL {
             keep(footprints.correlation, shown, &mut splats.correlation, n);
         }
-        simd.compress_u32x16(color, shown).store_slice(&mut splats.color[n..n + LANES]);
+        simd.compress_u32x16(color, shown)
+            .store_slice(&mut splats.color[n..n + LANES]);
         let larger = rx.max_precise(ry);
         let all = count(shown);
         let three = count(shown & larger.simd_ge(1.0));
@@ -124,7 +142,8 @@ impl<'a> SegmentWarp<'a> {
 #[inline(always)]
 fn keep<S: Simd>(values: f32x16<S>, shown: mask32x16<S>, to: &mut [f32; Splats::ROOM], n: usize) {
     let simd = values.token();
-    simd.compress_f32x16(values, shown).store_slice(&mut to[n..n + LANES]);
+    simd.compress_f32x16(values, shown)
+        .store_slice(&mut to[n..n + LANES]);
 }
 
 /// How many lanes are set.
@@ -138,14 +157,14 @@ mod tests {
     //! Batches of both forms, at every SIMD level, against the transfer in f64.
 
     use super::*;
-    use headbox_core::random::Rng;
-    use headbox_core::cube_face::Face;
-    use headbox_core::camera::Camera;
-    use headbox_core::simd;
     use crate::pack::tests::scattered;
     use crate::pack::{ExactCube, ExactDepthPixel, PackedDepthPixel, SplatIndexLayout, Split};
     use crate::render::footprint::size::{FootprintLanes, Normals};
     use glam::DVec3;
+    use headbox_core::camera::Camera;
+    use headbox_core::cube_face::Face;
+    use headbox_core::random::Rng;
+    use headbox_core::simd;
 
     /// Pixels by which f32 may err (as in `transfer`), and splats that near to a border may show or not.
     const F32_PX: f64 = 2e-3;
@@ -187,8 +206,14 @@ mod tests {
 
     #[test]
     fn splats_lie_where_the_transfer_says_and_all_of_those_that_touch_the_band_are_kept() {
-        let exact = ExactCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
-        let i = exact.cube.segments.iter().position(|segment| segment.face == Face::PosZ).expect("one");
+        let exact =
+            ExactCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+        let i = exact
+            .cube
+            .segments
+            .iter()
+            .position(|segment| segment.face == Face::PosZ)
+            .expect("one");
         let (segment, exact) = (&exact.cube.segments[i], &exact.depth_pixels[i]);
         let (mut random, mut kept, mut dropped) = (Rng::keyed(6), 0, 0);
         for length in [1, 15, 16, 17, 50, 49, 48] {
@@ -199,9 +224,15 @@ mod tests {
                 // Eyes before and behind the samples.
                 let eye = random.in_cube(2.0);
                 let ahead = Face::PosZ.direction(75.0, 31.5, 170) - eye * 0.5;
-                let camera = Camera::look_at(eye, eye + ahead, DVec3::Y, 30.0, [80, 60]).expect("valid");
+                let camera =
+                    Camera::look_at(eye, eye + ahead, DVec3::Y, 30.0, [80, 60]).expect("valid");
                 let camera = camera.with_principal_px([middle, 26.0]);
-                let band = Band { width: 80, height: 60, principal_px: camera.principal_px(), rows: 11..47 };
+                let band = Band {
+                    width: 80,
+                    height: 60,
+                    principal_px: camera.principal_px(),
+                    rows: 11..47,
+                };
                 let transfer = Transfer::new(&camera, eye, Face::PosZ, 170);
                 let (size, radius_y) = (ByPlace { radius_px }, 31.5 * 0.03 * f64::from(radius_px));
                 let (packed, exact) = (&segment.depth_pixels[7..7 + length], &exact[7..7 + length]);
@@ -209,10 +240,26 @@ mod tests {
                 let place = |i: usize, q: f64| {
                     let column = 64.5 + f64::from(columns(i));
                     let h = transfer.at(column, 31.5) + transfer.inverse_depth * q;
-                    let (x, y, radius_x) = (h.x / h.z + middle, h.y / h.z + 26.0, column * 0.01 * f64::from(radius_px));
-                    let inside = [x + radius_x, 80.0 - x + radius_x, y + radius_y - 11.0, 47.0 - y + radius_y];
+                    let (x, y, radius_x) = (
+                        h.x / h.z + middle,
+                        h.y / h.z + 26.0,
+                        column * 0.01 * f64::from(radius_px),
+                    );
+                    let inside = [
+                        x + radius_x,
+                        80.0 - x + radius_x,
+                        y + radius_y - 11.0,
+                        47.0 - y + radius_y,
+                    ];
                     let inside = inside.into_iter().fold(f64::INFINITY, f64::min);
-                    ([x, y, q / h.z, radius_x, q], if h.z >= f64::from(W_NEAR) { inside } else { -1.0 })
+                    (
+                        [x, y, q / h.z, radius_x, q],
+                        if h.z >= f64::from(W_NEAR) {
+                            inside
+                        } else {
+                            -1.0
+                        },
+                    )
                 };
                 let is_sure = |i: usize, q: f64| place(i, q).1.abs() > F32_PX;
                 let packed_q = |i: usize| segment.inverse_depth(packed[i].inverse_depth_code());
@@ -221,8 +268,11 @@ mod tests {
                     continue;
                 }
                 let shown = |q: &dyn Fn(usize) -> f64| -> Vec<Shown> {
-                    let all = (0..length).map(|i| (place(i, q(i)), u32::from_ne_bytes(exact[i].color_srgb)));
-                    all.filter(|((_, inside), _)| *inside > 0.0).map(|((of_splat, _), color)| (of_splat, color)).collect()
+                    let all = (0..length)
+                        .map(|i| (place(i, q(i)), u32::from_ne_bytes(exact[i].color_srgb)));
+                    all.filter(|((_, inside), _)| *inside > 0.0)
+                        .map(|((of_splat, _), color)| (of_splat, color))
+                        .collect()
                 };
                 let (of_packed, of_exact) = (shown(&packed_q), shown(&exact_q));
                 (kept, dropped) = (kept + of_exact.len(), dropped + length - of_exact.len());
@@ -230,27 +280,35 @@ mod tests {
                     let mut splats = Box::new(Splats::new());
                     let check = |splats: &Splats, expected: &[Shown]| {
                         assert_eq!(splats.len, expected.len());
-                        let of_class = |other| if class == other { expected.len() as u64 } else { 0 };
+                        let of_class = |other| {
+                            if class == other {
+                                expected.len() as u64
+                            } else {
+                                0
+                            }
+                        };
                         assert_eq!(splats.by_footprint, [0, 1, 2, 3].map(of_class));
-                        for (i, ([x, y, q, radius_x, q_face], color)) in expected.iter().enumerate() {
-                            let near = |found: f32, exact: f64, within: f64| (f64::from(found) - exact).abs() <= within;
+                        for (i, ([x, y, q, radius_x, q_face], color)) in expected.iter().enumerate()
+                        {
+                            let near = |found: f32, exact: f64, within: f64| {
+                                (f64::from(found) - exact).abs() <= within
+                            };
                             assert!(near(splats.x[i], *x, F32_PX) && near(splats.y[i], *y, F32_PX));
                             assert!(near(splats.inverse_depth[i], *q, q * 1e-4), "{q}");
-                            assert!(near(splats.radius_x[i], *radius_x, 1e-5) && near(splats.radius_y[i], radius_y, 1e-5));
-                            assert!(near(splats.weight[i], *q_face, 1e-6) && splats.color[i] == *color);
+                            assert!(
+                                near(splats.radius_x[i], *radius_x, 1e-5)
+                                    && near(splats.radius_y[i], radius_y, 1e-5)
+                            );
+                            assert!(
+                                near(splats.weight[i], *q_face, 1e-6) && splats.color[i] == *color
+                            );
                         }
                     };
-                    SegmentWarp::new(&transfer, PackedDepthPixel::scale(segment), &band, level).warp(
-                        &batch(packed, columns),
-                        &size,
-                        &mut splats,
-                    );
+                    SegmentWarp::new(&transfer, PackedDepthPixel::scale(segment), &band, level)
+                        .warp(&batch(packed, columns), &size, &mut splats);
                     check(&splats, &of_packed);
-                    SegmentWarp::new(&transfer, ExactDepthPixel::scale(segment), &band, level).warp(
-                        &batch(exact, columns),
-                        &size,
-                        &mut splats,
-                    );
+                    SegmentWarp::new(&transfer, ExactDepthPixel::scale(segment), &band, level)
+                        .warp(&batch(exact, columns), &size, &mut splats);
                     check(&splats, &of_exact);
                 }
             }
@@ -261,7 +319,12 @@ mod tests {
     #[test]
     fn packed_depth_pixels_have_the_normals_of_their_indices() {
         let geometry = |i: u32| ((i * 331 % 2048) << 20) | (i * 65_537 % (1 << 20));
-        let pixels: Vec<_> = (0..16).map(|i| PackedDepthPixel { geometry: geometry(i), color_srgb: [7; 4] }).collect();
+        let pixels: Vec<_> = (0..16)
+            .map(|i| PackedDepthPixel {
+                geometry: geometry(i),
+                color_srgb: [7; 4],
+            })
+            .collect();
         for level in simd::levels() {
             dispatch!(level, simd => {
                 let Unpacked { code, normals: Normals::Index(indices), .. } = PackedDepthPixel::load(simd, &pixels) else {

@@ -6,13 +6,13 @@ mod shell;
 
 use super::texels::{Picture, rests};
 use super::{Content, MAX_PAGE_BYTES, Part, environment, poster};
-use headbox_core::cube_face::Face;
 use crate::ExportError;
+use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::pack::splat_index::SPLAT_INDEX_COUNT;
 use headbox_cube::pack::{PackedCube, PlaneSet};
-use headbox_cube::render::footprint::rules;
 use headbox_cube::render::canvas::surface;
+use headbox_cube::render::footprint::rules;
 use serde_json::{Value, json};
 
 pub(super) const MODULES: &[&str] = &[
@@ -27,20 +27,32 @@ pub(super) const MODULES: &[&str] = &[
 
 /// What a page of a cube holds.
 pub(super) fn content(cube: &PackedCube) -> Result<Content, ExportError> {
-    if cube.depth_pixel_count() == 0 && cube.planes.tiles.is_empty() && cube.environment.size_px == 0 {
+    if cube.depth_pixel_count() == 0
+        && cube.planes.tiles.is_empty()
+        && cube.environment.size_px == 0
+    {
         return Err(ExportError::Empty);
     }
     let at_least = cube.bytes() as u64 / 4;
     if at_least > MAX_PAGE_BYTES {
-        return Err(ExportError::TooLarge { bytes: at_least, limit: MAX_PAGE_BYTES });
+        return Err(ExportError::TooLarge {
+            bytes: at_least,
+            limit: MAX_PAGE_BYTES,
+        });
     }
-    Ok(Content { header: header(cube), parts: parts(cube)?, poster: poster(cube)?, modules: MODULES })
+    Ok(Content {
+        header: header(cube),
+        parts: parts(cube)?,
+        poster: poster(cube)?,
+        modules: MODULES,
+    })
 }
 
 fn header(cube: &PackedCube) -> Value {
     let info = &cube.info;
     let face_px = f64::from(cube.face_size_px);
-    let faces = Face::ALL.map(|face| json!({"right": face.right(), "up": face.up(), "normal": face.normal()}));
+    let faces = Face::ALL
+        .map(|face| json!({"right": face.right(), "up": face.up(), "normal": face.normal()}));
     let segments: Vec<Value> = cube.segments.iter().map(|segment| {
         json!({"face": segment.face.index(), "min": segment.inverse_depth(0), "step": segment.inverse_depth_step()})
     }).collect();
@@ -88,7 +100,10 @@ fn parts(cube: &PackedCube) -> Result<Vec<Part>, ExportError> {
             let header = json!({
                 "kind": "samples", "segment": i, "blocks": part.blocks, "samples": part.samples, "later": toward(&i) <= 0.5,
             });
-            parts.push(Part { header, bytes: part.bytes });
+            parts.push(Part {
+                header,
+                bytes: part.bytes,
+            });
         }
     }
     Ok(parts)
@@ -96,9 +111,15 @@ fn parts(cube: &PackedCube) -> Result<Vec<Part>, ExportError> {
 
 /// The normals that splat indices stand for, in the face's frame, as 16-bit integers of 1/32767.
 fn normals(cube: &PackedCube) -> Part {
-    let normals = (0..SPLAT_INDEX_COUNT as u32).flat_map(|index| cube.layout.normal(index).to_array());
-    let bytes = normals.flat_map(|c| ((c * 32767.0).round() as i16).to_le_bytes()).collect();
-    Part { header: json!({"kind": "normals"}), bytes }
+    let normals =
+        (0..SPLAT_INDEX_COUNT as u32).flat_map(|index| cube.layout.normal(index).to_array());
+    let bytes = normals
+        .flat_map(|c| ((c * 32767.0).round() as i16).to_le_bytes())
+        .collect();
+    Part {
+        header: json!({"kind": "normals"}),
+        bytes,
+    }
 }
 
 /// Planes and pictures as they lie in memory, and the rests of their texels.

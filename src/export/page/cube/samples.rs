@@ -77,19 +77,31 @@ impl Part {
         let side = BLOCK_PX as usize;
         let mut pixels = vec![Pixel::default(); side * side];
         for i in 0..pixels.len() {
-            let (x, y) = (column * BLOCK_PX + (i % side) as u32, row * BLOCK_PX + (i / side) as u32);
+            let (x, y) = (
+                column * BLOCK_PX + (i % side) as u32,
+                row * BLOCK_PX + (i / side) as u32,
+            );
             let of_pixel = match (x.checked_sub(segment.x0), y.checked_sub(segment.y0)) {
                 (Some(x), Some(y)) => segment.pixel(x, y),
                 _ => &[],
             };
-            pixels[i] = Pixel { start: self.samples.len(), count: of_pixel.len() };
+            pixels[i] = Pixel {
+                start: self.samples.len(),
+                count: of_pixel.len(),
+            };
             let mut left = of_pixel.len();
             while left >= 255 {
                 self.counts.push(255);
                 left -= 255;
             }
             self.counts.push(left as u8);
-            let neighbour = |exists: bool, back: usize| if exists { pixels[i - back] } else { Pixel::default() };
+            let neighbour = |exists: bool, back: usize| {
+                if exists {
+                    pixels[i - back]
+                } else {
+                    Pixel::default()
+                }
+            };
             let (on_left, above) = (neighbour(i % side > 0, 1), neighbour(i >= side, side));
             let above_left = neighbour(i % side > 0 && i >= side, side + 1);
             for (k, sample) in of_pixel.iter().enumerate() {
@@ -100,39 +112,82 @@ impl Part {
             self.counts.truncate(counts);
             return;
         }
-        self.blocks.extend([column as u16, row as u16].into_iter().flat_map(u16::to_le_bytes));
+        self.blocks.extend(
+            [column as u16, row as u16]
+                .into_iter()
+                .flat_map(u16::to_le_bytes),
+        );
     }
 
-    fn put(&mut self, sample: PackedDepthPixel, i: usize, count: usize, [left, above, above_left]: [Pixel; 3]) {
-        let all = [left, above, above_left].iter().all(|pixel| pixel.count == count);
+    fn put(
+        &mut self,
+        sample: PackedDepthPixel,
+        i: usize,
+        count: usize,
+        [left, above, above_left]: [Pixel; 3],
+    ) {
+        let all = [left, above, above_left]
+            .iter()
+            .all(|pixel| pixel.count == count);
         let beside = match (left.count, above.count) {
             (1.., _) => Some(left.beside(i, count)),
             (0, 1..) => Some(above.beside(i, count)),
             (0, 0) => self.samples.len().checked_sub(1),
         };
         let expected = match (all, beside) {
-            (true, _) => self.codes[left.start + i] + self.codes[above.start + i] - self.codes[above_left.start + i],
+            (true, _) => {
+                self.codes[left.start + i] + self.codes[above.start + i]
+                    - self.codes[above_left.start + i]
+            }
             (false, Some(at)) => self.codes[at],
             (false, None) => 0,
         };
         let code = sample.inverse_depth_code() as i32;
         let off = code - expected.clamp(0, INVERSE_DEPTH_CODE_MAX as i32);
         let zigzag = (off << 1 ^ off >> 31).to_le_bytes();
-        self.depth.iter_mut().zip(zigzag).for_each(|(plane, byte)| plane.push(byte));
-        let beside = beside.map_or(PackedDepthPixel { geometry: 0, color_srgb: [0; 4] }, |at| self.samples[at]);
+        self.depth
+            .iter_mut()
+            .zip(zigzag)
+            .for_each(|(plane, byte)| plane.push(byte));
+        let beside = beside.map_or(
+            PackedDepthPixel {
+                geometry: 0,
+                color_srgb: [0; 4],
+            },
+            |at| self.samples[at],
+        );
         let splat = (sample.splat_index().wrapping_sub(beside.splat_index()) & 0x7ff).to_le_bytes();
-        self.splat.iter_mut().zip(splat).for_each(|(plane, byte)| plane.push(byte));
+        self.splat
+            .iter_mut()
+            .zip(splat)
+            .for_each(|(plane, byte)| plane.push(byte));
         let ([r, g, b, a], [er, eg, eb, ea]) = (sample.color_srgb, beside.color_srgb);
         let (dr, dg, db) = (r.wrapping_sub(er), g.wrapping_sub(eg), b.wrapping_sub(eb));
-        let color = [dg, dr.wrapping_sub(dg), db.wrapping_sub(dg), a.wrapping_sub(ea)];
-        self.color.iter_mut().zip(color).for_each(|(plane, byte)| plane.push(byte));
+        let color = [
+            dg,
+            dr.wrapping_sub(dg),
+            db.wrapping_sub(dg),
+            a.wrapping_sub(ea),
+        ];
+        self.color
+            .iter_mut()
+            .zip(color)
+            .for_each(|(plane, byte)| plane.push(byte));
         self.codes.push(code);
         self.samples.push(sample);
     }
 
     fn finish(self) -> SamplePart {
-        let arrays = [self.blocks, self.counts].into_iter().chain(self.depth).chain(self.splat).chain(self.color);
+        let arrays = [self.blocks, self.counts]
+            .into_iter()
+            .chain(self.depth)
+            .chain(self.splat)
+            .chain(self.color);
         let arrays: Vec<Vec<u8>> = arrays.collect();
-        SamplePart { blocks: arrays[0].len() / 4, samples: self.codes.len(), bytes: arrays.concat() }
+        SamplePart {
+            blocks: arrays[0].len() / 4,
+            samples: self.codes.len(),
+            bytes: arrays.concat(),
+        }
     }
 }

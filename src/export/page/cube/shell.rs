@@ -2,10 +2,10 @@
 //! from elsewhere it has parallax and no gaps; nothing behind what is nearest.
 
 use super::super::Part;
-use headbox_core::camera::Camera;
-use headbox_core::image_file::PictureError;
-use headbox_core::cube_face::Face;
 use crate::ExportError;
+use headbox_core::camera::Camera;
+use headbox_core::cube_face::Face;
+use headbox_core::image_file::PictureError;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::{RenderSettings, Renderer};
 use image::RgbImage;
@@ -26,25 +26,46 @@ pub(super) fn part(cube: &PackedCube) -> Result<Part, ExportError> {
     let mut picture = RgbImage::new(color_px, 6 * color_px);
     let mut inverse_depths = Vec::new();
     let mut renderer = Renderer::new();
-    let settings = RenderSettings { depth: true, ..RenderSettings::default() };
+    let settings = RenderSettings {
+        depth: true,
+        ..RenderSettings::default()
+    };
     for (i, face) in Face::ALL.into_iter().enumerate() {
-        let camera =
-            Camera::from_parts(cube.center(), face.world_from_eye(), f64::from(color_px) / 2.0, color_px, color_px)?;
+        let camera = Camera::from_parts(
+            cube.center(),
+            face.world_from_eye(),
+            f64::from(color_px) / 2.0,
+            color_px,
+            color_px,
+        )?;
         let frame = renderer.render(cube, &camera, &settings);
-        let colors = frame.color.iter().map(|[r, g, b, _]| image::Rgb([*r, *g, *b]));
-        let rows = picture.pixels_mut().skip(i * (color_px * color_px) as usize);
+        let colors = frame
+            .color
+            .iter()
+            .map(|[r, g, b, _]| image::Rgb([*r, *g, *b]));
+        let rows = picture
+            .pixels_mut()
+            .skip(i * (color_px * color_px) as usize);
         rows.zip(colors).for_each(|(to, from)| *to = from);
         inverse_depths.extend(shrunk(&frame.depth_m, color_px));
     }
     let nearest = inverse_depths.iter().copied().fold(0.0, f32::max);
-    let coded = |q: &f32| if nearest > 0.0 { (q / nearest * 255.0).round() as u8 } else { 0 };
+    let coded = |q: &f32| {
+        if nearest > 0.0 {
+            (q / nearest * 255.0).round() as u8
+        } else {
+            0
+        }
+    };
     let mut before = 0u8;
     let mut bytes: Vec<u8> = Vec::new();
     for code in inverse_depths.iter().map(coded) {
         bytes.push(code.wrapping_sub(before));
         before = code;
     }
-    JpegEncoder::new_with_quality(&mut bytes, QUALITY).encode_image(&picture).map_err(PictureError::from)?;
+    JpegEncoder::new_with_quality(&mut bytes, QUALITY)
+        .encode_image(&picture)
+        .map_err(PictureError::from)?;
     Ok(Part {
         header: json!({"kind": "shell", "first": true, "depthPx": color_px / SQUARE_PX, "nearest": nearest}),
         bytes,
@@ -56,7 +77,8 @@ fn shrunk(depths_m: &[f32], side: u32) -> Vec<f32> {
     let corners = || (0..side).step_by(SQUARE_PX as usize);
     let squares = corners().flat_map(|y| corners().map(move |x| (x, y)));
     let median = |(x, y): (u32, u32)| {
-        let pixels = (0..SQUARE_PX * SQUARE_PX).map(|k| ((y + k / SQUARE_PX) * side + x + k % SQUARE_PX) as usize);
+        let pixels = (0..SQUARE_PX * SQUARE_PX)
+            .map(|k| ((y + k / SQUARE_PX) * side + x + k % SQUARE_PX) as usize);
         let mut found: Vec<f32> = pixels.map(|i| 1.0 / depths_m[i]).collect();
         found.sort_by(f32::total_cmp);
         found[found.len() / 2]

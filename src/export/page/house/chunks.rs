@@ -10,11 +10,11 @@
 //! texcoords   u32 u, then v: binary32, likewise; only where a material has a texture
 //! ```
 
-use headbox_scene::material::Material;
-use headbox_scene::scene::Scene;
-use headbox_house::house::House;
 use exr::prelude::f16;
 use glam::{DVec3, Vec2, Vec3};
+use headbox_house::house::House;
+use headbox_scene::material::Material;
+use headbox_scene::scene::Scene;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -55,17 +55,24 @@ fn cut(house: &House, most: usize) -> Vec<Chunk> {
     let mut pieces = Vec::new();
     for (cell, of_cell) in (0..).zip(&house.plan().cells) {
         let end = of_cell.triangles.end.min(scene.triangles.len() as u32);
-        let drawn: Vec<u32> =
-            (of_cell.triangles.start..end).filter(|triangle| has_room(scene, origin, *triangle)).collect();
+        let drawn: Vec<u32> = (of_cell.triangles.start..end)
+            .filter(|triangle| has_room(scene, origin, *triangle))
+            .collect();
         split(scene, drawn, most, &mut |piece| pieces.push((cell, piece)));
     }
-    pieces.into_par_iter().map(|(cell, piece)| encode(scene, origin, cell, piece)).collect()
+    pieces
+        .into_par_iter()
+        .map(|(cell, piece)| encode(scene, origin, cell, piece))
+        .collect()
 }
 
 /// Whether a triangle's positions can be written.
 fn has_room(scene: &Scene, origin: DVec3, triangle: u32) -> bool {
     let limit = f64::from(i32::MAX / 2) * POSITION_STEP_M;
-    scene.corners(triangle).iter().all(|p| (*p - origin).abs().max_element() < limit)
+    scene
+        .corners(triangle)
+        .iter()
+        .all(|p| (*p - origin).abs().max_element() < limit)
 }
 
 /// Halves triangles along the longest side of their middles' box until they are few enough; those of a half keep their order, so that
@@ -80,7 +87,13 @@ fn split(scene: &Scene, triangles: Vec<u32>, most: usize, put: &mut dyn FnMut(Ve
     let middle = |triangle: u32| scene.corners(triangle).iter().sum::<DVec3>();
     let [low, high] = bounds(triangles.iter().map(|triangle| middle(*triangle)));
     let extent = high - low;
-    let axis = (0..3).fold(0, |longest, axis| if extent[axis] > extent[longest] { axis } else { longest });
+    let axis = (0..3).fold(0, |longest, axis| {
+        if extent[axis] > extent[longest] {
+            axis
+        } else {
+            longest
+        }
+    });
     let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
     let along = |i: &u32| middle(triangles[*i as usize])[axis];
     order.sort_by(|a, b| along(a).total_cmp(&along(b)));
@@ -88,12 +101,19 @@ fn split(scene: &Scene, triangles: Vec<u32>, most: usize, put: &mut dyn FnMut(Ve
     for half in [first, second] {
         let mut half = half.to_vec();
         half.sort_unstable();
-        split(scene, half.iter().map(|i| triangles[*i as usize]).collect(), most, put);
+        split(
+            scene,
+            half.iter().map(|i| triangles[*i as usize]).collect(),
+            most,
+            put,
+        );
     }
 }
 
 fn bounds(points: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
-    points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+    points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| {
+        [low.min(p), high.max(p)]
+    })
 }
 
 fn encode(scene: &Scene, origin: DVec3, cell: u32, mut piece: Vec<u32>) -> Chunk {
@@ -104,14 +124,28 @@ fn encode(scene: &Scene, origin: DVec3, cell: u32, mut piece: Vec<u32>) -> Chunk
             order.push(material);
         }
     }
-    piece.sort_by_key(|triangle| order.iter().position(|material| *material == material_of(triangle)));
-    let runs: Vec<(u32, usize)> =
-        piece.chunk_by(|a, b| material_of(a) == material_of(b)).map(|run| (material_of(&run[0]), run.len())).collect();
-    let textured = runs.iter().any(|(material, _)| scene.materials.get(*material as usize).is_some_and(is_textured));
+    piece.sort_by_key(|triangle| {
+        order
+            .iter()
+            .position(|material| *material == material_of(triangle))
+    });
+    let runs: Vec<(u32, usize)> = piece
+        .chunk_by(|a, b| material_of(a) == material_of(b))
+        .map(|run| (material_of(&run[0]), run.len()))
+        .collect();
+    let textured = runs.iter().any(|(material, _)| {
+        scene
+            .materials
+            .get(*material as usize)
+            .is_some_and(is_textured)
+    });
 
     let mut known: HashMap<u32, usize> = HashMap::new();
     let (mut named, mut corners) = (Vec::new(), Vec::with_capacity(piece.len() * 3));
-    for vertex in piece.iter().flat_map(|triangle| scene.triangles[*triangle as usize].vertices) {
+    for vertex in piece
+        .iter()
+        .flat_map(|triangle| scene.triangles[*triangle as usize].vertices)
+    {
         let next = named.len();
         let number = *known.entry(vertex).or_insert(next);
         if number == next {
@@ -122,23 +156,47 @@ fn encode(scene: &Scene, origin: DVec3, cell: u32, mut piece: Vec<u32>) -> Chunk
     let mut bytes = planes(&corners, 2);
     let steps = |vertex: &usize| ((scene.positions[*vertex] - origin) / POSITION_STEP_M).round();
     for axis in 0..3 {
-        bytes.extend(planes(&zigzags(named.iter().map(|vertex| steps(vertex)[axis] as i32)), 4));
+        bytes.extend(planes(
+            &zigzags(named.iter().map(|vertex| steps(vertex)[axis] as i32)),
+            4,
+        ));
     }
     let color = |vertex: &usize| scene.colors.get(*vertex).copied().unwrap_or(Vec3::ONE);
     for channel in 0..3 {
-        let halves = named.iter().map(|vertex| i32::from(f16::from_f32(color(vertex)[channel].max(0.0)).to_bits()));
+        let halves = named
+            .iter()
+            .map(|vertex| i32::from(f16::from_f32(color(vertex)[channel].max(0.0)).to_bits()));
         bytes.extend(planes(&zigzags(halves), 2));
     }
     let texcoord = |vertex: &usize| scene.texcoords.get(*vertex).copied().unwrap_or(Vec2::ZERO);
     for axis in (0..2).filter(|_| textured) {
-        bytes.extend(planes(&zigzags(named.iter().map(|vertex| texcoord(vertex)[axis].to_bits() as i32)), 4));
+        bytes.extend(planes(
+            &zigzags(
+                named
+                    .iter()
+                    .map(|vertex| texcoord(vertex)[axis].to_bits() as i32),
+            ),
+            4,
+        ));
     }
     let bounds = bounds(named.iter().map(|vertex| scene.positions[*vertex] - origin));
-    Chunk { cell, bounds, runs, vertices: named.len(), triangles: piece.len(), textured, bytes }
+    Chunk {
+        cell,
+        bounds,
+        runs,
+        vertices: named.len(),
+        triangles: piece.len(),
+        textured,
+        bytes,
+    }
 }
 
 fn is_textured(material: &Material) -> bool {
-    material.albedo_texture.or(material.emission_texture).is_some() || material.cutout.is_some()
+    material
+        .albedo_texture
+        .or(material.emission_texture)
+        .is_some()
+        || material.cutout.is_some()
 }
 
 /// What each number is more than the one before, wrapping around, the sign in the lowest bit.
@@ -154,7 +212,9 @@ fn zigzags(numbers: impl Iterator<Item = i32>) -> Vec<u32> {
 
 /// The lowest bytes of all numbers, then the next, up to `width` bytes a number.
 fn planes(numbers: &[u32], width: usize) -> Vec<u8> {
-    (0..width).flat_map(|k| numbers.iter().map(move |number| number.to_le_bytes()[k])).collect()
+    (0..width)
+        .flat_map(|k| numbers.iter().map(move |number| number.to_le_bytes()[k]))
+        .collect()
 }
 
 #[cfg(test)]
@@ -171,7 +231,13 @@ mod tests {
         fn numbers(&mut self, count: usize, width: usize) -> Vec<u32> {
             let from = &self.bytes[self.at..self.at + count * width];
             self.at += count * width;
-            (0..count).map(|i| (0..width).map(|k| u32::from(from[k * count + i]) << (8 * k)).sum()).collect()
+            (0..count)
+                .map(|i| {
+                    (0..width)
+                        .map(|k| u32::from(from[k * count + i]) << (8 * k))
+                        .sum()
+                })
+                .collect()
         }
 
         fn sums(&mut self, count: usize, width: usize) -> Vec<i32> {
@@ -188,14 +254,21 @@ mod tests {
     type Shown = (u32, [([i32; 3], [u32; 3], [u32; 2]); 3]);
 
     fn read(chunk: &Chunk) -> Vec<Shown> {
-        let mut reader = Reader { bytes: &chunk.bytes, at: 0 };
+        let mut reader = Reader {
+            bytes: &chunk.bytes,
+            at: 0,
+        };
         let mut next = 0;
         let name = |back: u32| {
             let number = next - back as usize;
             next += usize::from(back == 0);
             number
         };
-        let corners: Vec<usize> = reader.numbers(chunk.triangles * 3, 2).into_iter().map(name).collect();
+        let corners: Vec<usize> = reader
+            .numbers(chunk.triangles * 3, 2)
+            .into_iter()
+            .map(name)
+            .collect();
         let positions = [0; 3].map(|_: i32| reader.sums(chunk.vertices, 4));
         let colors = [0; 3].map(|_: i32| reader.sums(chunk.vertices, 2));
         let texcoords = if chunk.textured {
@@ -211,10 +284,18 @@ mod tests {
                 [0, 1].map(|i| texcoords[i][v] as u32),
             )
         };
-        let mut materials = chunk.runs.iter().flat_map(|(material, count)| std::iter::repeat_n(*material, *count));
+        let mut materials = chunk
+            .runs
+            .iter()
+            .flat_map(|(material, count)| std::iter::repeat_n(*material, *count));
         corners
             .chunks(3)
-            .map(|c| (materials.next().expect("a run"), [vertex(c[0]), vertex(c[1]), vertex(c[2])]))
+            .map(|c| {
+                (
+                    materials.next().expect("a run"),
+                    [vertex(c[0]), vertex(c[1]), vertex(c[2])],
+                )
+            })
             .collect()
     }
 
@@ -225,13 +306,25 @@ mod tests {
         let house = House::new(model).expect("a house");
         let (scene, origin) = (house.scene(), house.mesh().origin());
         let all = cut(&house, 100);
-        assert!(all.len() > 2 * house.plan().cells.len(), "{} pieces", all.len());
-        assert!(all.iter().all(|chunk| chunk.triangles <= 100 && chunk.vertices <= 300));
-        let textured: HashMap<u32, bool> =
-            (0..).zip(&scene.materials).map(|(number, material)| (number, is_textured(material))).collect();
+        assert!(
+            all.len() > 2 * house.plan().cells.len(),
+            "{} pieces",
+            all.len()
+        );
+        assert!(
+            all.iter()
+                .all(|chunk| chunk.triangles <= 100 && chunk.vertices <= 300)
+        );
+        let textured: HashMap<u32, bool> = (0..)
+            .zip(&scene.materials)
+            .map(|(number, material)| (number, is_textured(material)))
+            .collect();
         let plain = |(material, corners): Shown| {
             let keep = textured[&material];
-            (material, corners.map(|(p, c, t)| (p, c, if keep { t } else { [0; 2] })))
+            (
+                material,
+                corners.map(|(p, c, t)| (p, c, if keep { t } else { [0; 2] })),
+            )
         };
         let mut found: Vec<Shown> = all.iter().flat_map(read).map(plain).collect();
         let vertex = |v: u32| {
@@ -240,14 +333,24 @@ mod tests {
             let texcoord = scene.texcoords.get(v as usize).copied().unwrap_or_default();
             (
                 position.to_array().map(|c| c as i32),
-                color.to_array().map(|c| u32::from(f16::from_f32(c).to_bits())),
+                color
+                    .to_array()
+                    .map(|c| u32::from(f16::from_f32(c).to_bits())),
                 texcoord.to_array().map(f32::to_bits),
             )
         };
-        let mut expected: Vec<Shown> =
-            scene.triangles.iter().map(|t| plain((t.material, t.vertices.map(vertex)))).collect();
+        let mut expected: Vec<Shown> = scene
+            .triangles
+            .iter()
+            .map(|t| plain((t.material, t.vertices.map(vertex))))
+            .collect();
         found.sort_unstable();
         expected.sort_unstable();
-        assert!(found == expected, "{} triangles of {}", found.len(), expected.len());
+        assert!(
+            found == expected,
+            "{} triangles of {}",
+            found.len(),
+            expected.len()
+        );
     }
 }

@@ -3,12 +3,12 @@
 //! A place is free if the eye above it is in a room and nothing that reaches to its height is nearer than a shoulder; and in doors, whose
 //! leaves, if the model has them closed, are walked through. Windows are not passed.
 
-use headbox_model::{Portal, Prism};
-use headbox_trace::bvh::Ray;
+use glam::{DVec2, DVec3, Vec3};
 use headbox_house::house::{EYE_HEIGHT_M, House, REVEAL_M};
 use headbox_house::opening::Opening;
 use headbox_house::walk_path::door;
-use glam::{DVec2, DVec3, Vec3};
+use headbox_model::{Portal, Prism};
+use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
@@ -54,10 +54,9 @@ struct Passage {
 impl Passage {
     fn new(house: &House, portal: &Portal) -> Option<Self> {
         let opening = Opening::new(portal, 0)?;
-        let is_door = portal
-            .cells
-            .iter()
-            .all(|cell| house.plan().outside == Some(*cell) || door(house.plan(), portal, *cell).is_some());
+        let is_door = portal.cells.iter().all(|cell| {
+            house.plan().outside == Some(*cell) || door(house.plan(), portal, *cell).is_some()
+        });
         Some(Self { opening, is_door })
     }
 
@@ -65,38 +64,82 @@ impl Passage {
     fn holds(&self, eye: DVec3) -> bool {
         let aside = self.opening.right * f64::from(SHOULDER_M).min(self.opening.half.x / 2.0);
         self.opening.distance_in_front(eye).abs() < REVEAL_M
-            && [eye - aside, eye + aside].iter().all(|p| self.opening.contains(*p))
+            && [eye - aside, eye + aside]
+                .iter()
+                .all(|p| self.opening.contains(*p))
     }
 }
 
 /// The storeys of a house, the lowest first.
 pub(super) fn floors(house: &House) -> Vec<Floor> {
-    let is_room = |prism: &&Prism| prism.floor_y.is_finite() && prism.ceiling_y - prism.floor_y >= ROOM_M;
-    let rooms = || house.plan().cells.iter().flat_map(|cell| &cell.space).filter(is_room);
+    let is_room =
+        |prism: &&Prism| prism.floor_y.is_finite() && prism.ceiling_y - prism.floor_y >= ROOM_M;
+    let rooms = || {
+        house
+            .plan()
+            .cells
+            .iter()
+            .flat_map(|cell| &cell.space)
+            .filter(is_room)
+    };
     let mut heights: Vec<f64> = rooms().map(|prism| prism.floor_y).collect();
     heights.sort_by(f64::total_cmp);
     heights.dedup_by(|next, kept| *next - *kept < STOREY_M);
-    let passages: Vec<Passage> = house.plan().portals.iter().filter_map(|portal| Passage::new(house, portal)).collect();
+    let passages: Vec<Passage> = house
+        .plan()
+        .portals
+        .iter()
+        .filter_map(|portal| Passage::new(house, portal))
+        .collect();
     let of_height = |height: &f64| {
-        let here: Vec<&Prism> = rooms().filter(|prism| (0.0..STOREY_M).contains(&(prism.floor_y - height))).collect();
+        let here: Vec<&Prism> = rooms()
+            .filter(|prism| (0.0..STOREY_M).contains(&(prism.floor_y - height)))
+            .collect();
         floor(house, &passages, &here, height + EYE_HEIGHT_M)
     };
     heights.iter().filter_map(of_height).collect()
 }
 
 fn floor(house: &House, passages: &[Passage], rooms: &[&Prism], eye_y: f64) -> Option<Floor> {
-    let corners = || rooms.iter().flat_map(|prism| prism.outline.iter().copied()).filter(|p| p.is_finite());
+    let corners = || {
+        rooms
+            .iter()
+            .flat_map(|prism| prism.outline.iter().copied())
+            .filter(|p| p.is_finite())
+    };
     let (low, high) = (corners().reduce(DVec2::min)?, corners().reduce(DVec2::max)?);
     let step = STEP_M.max((high - low).max_element() / MOST);
-    let [columns, rows] = [high.x - low.x, high.y - low.y].map(|side| (side / step).ceil() as usize + 1);
-    let at = |i: usize| DVec3::new(low.x + (i % columns) as f64 * step, eye_y, low.y + (i / columns) as f64 * step);
-    let free = (0..columns * rows).into_par_iter().map(|i| u8::from(is_free(house, passages, at(i))));
-    Some(Floor { eye_y, low, step, columns, rows, free: free.collect() })
+    let [columns, rows] =
+        [high.x - low.x, high.y - low.y].map(|side| (side / step).ceil() as usize + 1);
+    let at = |i: usize| {
+        DVec3::new(
+            low.x + (i % columns) as f64 * step,
+            eye_y,
+            low.y + (i / columns) as f64 * step,
+        )
+    };
+    let free = (0..columns * rows)
+        .into_par_iter()
+        .map(|i| u8::from(is_free(house, passages, at(i))));
+    Some(Floor {
+        eye_y,
+        low,
+        step,
+        columns,
+        rows,
+        free: free.collect(),
+    })
 }
 
 fn is_free(house: &House, passages: &[Passage], eye: DVec3) -> bool {
-    let in_room = house.cell_of_eye(eye).is_some_and(|cell| house.plan().outside != Some(cell));
-    let holds = |is_door: bool| passages.iter().any(|passage| passage.is_door == is_door && passage.holds(eye));
+    let in_room = house
+        .cell_of_eye(eye)
+        .is_some_and(|cell| house.plan().outside != Some(cell));
+    let holds = |is_door: bool| {
+        passages
+            .iter()
+            .any(|passage| passage.is_door == is_door && passage.holds(eye))
+    };
     in_room && (holds(true) || !holds(false) && has_elbow_room(house, eye))
 }
 
@@ -104,10 +147,22 @@ fn is_free(house: &House, passages: &[Passage], eye: DVec3) -> bool {
 fn has_elbow_room(house: &House, eye: DVec3) -> bool {
     let origin = (eye - house.tracer().origin()).as_vec3();
     let diagonal = std::f32::consts::FRAC_1_SQRT_2;
-    let half = [[1.0, 0.0], [diagonal, diagonal], [0.0, 1.0], [-diagonal, diagonal]];
+    let half = [
+        [1.0, 0.0],
+        [diagonal, diagonal],
+        [0.0, 1.0],
+        [-diagonal, diagonal],
+    ];
     half.iter()
         .flat_map(|[x, z]| [Vec3::new(*x, 0.0, *z), Vec3::new(-x, 0.0, -z)])
-        .all(|direction| !house.tracer().occluded(&Ray { origin, direction, t_min: 0.0, t_max: SHOULDER_M }))
+        .all(|direction| {
+            !house.tracer().occluded(&Ray {
+                origin,
+                direction,
+                t_min: 0.0,
+                t_max: SHOULDER_M,
+            })
+        })
 }
 
 #[cfg(test)]
@@ -143,15 +198,25 @@ mod tests {
         model.mend();
         let house = House::new(model).expect("a house");
         let all = floors(&house);
-        let [floor] = all.as_slice() else { panic!("one storey, not {}", all.len()) };
-        let eye = WalkPath::first(&house).expect("a camera").expect("a room").eye();
+        let [floor] = all.as_slice() else {
+            panic!("one storey, not {}", all.len())
+        };
+        let eye = WalkPath::first(&house)
+            .expect("a camera")
+            .expect("a room")
+            .eye();
         let place = |p: DVec3| {
-            let [column, row] = [p.x - floor.low.x, p.z - floor.low.y].map(|d| (d / floor.step).round() as usize);
+            let [column, row] =
+                [p.x - floor.low.x, p.z - floor.low.y].map(|d| (d / floor.step).round() as usize);
             row * floor.columns + column
         };
         let at = |i: usize| {
             let (column, row) = ((i % floor.columns) as f64, (i / floor.columns) as f64);
-            DVec3::new(floor.low.x + column * floor.step, floor.eye_y, floor.low.y + row * floor.step)
+            DVec3::new(
+                floor.low.x + column * floor.step,
+                floor.eye_y,
+                floor.low.y + row * floor.step,
+            )
         };
         let reached = reached(floor, place(eye));
         let mut entered = vec![false; house.plan().cells.len()];
@@ -163,17 +228,35 @@ mod tests {
         let left_out: Vec<usize> = (0..entered.len()).filter(|cell| !entered[*cell]).collect();
         assert_eq!(left_out, [outside], "of {} cells", entered.len());
         // From each place to those beside it there is no wall but closed leaves in doors.
-        let passages: Vec<Passage> = house.plan().portals.iter().filter_map(|p| Passage::new(&house, p)).collect();
+        let passages: Vec<Passage> = house
+            .plan()
+            .portals
+            .iter()
+            .filter_map(|p| Passage::new(&house, p))
+            .collect();
         for i in reached {
             let from = at(i);
             for (beside, direction) in [(i + 1, Vec3::X), (i + floor.columns, Vec3::Z)] {
-                let both = floor.free.get(beside) == Some(&1) && (beside % floor.columns != 0 || direction == Vec3::Z);
-                if !both || passages.iter().any(|p| p.is_door && (p.holds(from) || p.holds(at(beside)))) {
+                let both = floor.free.get(beside) == Some(&1)
+                    && (beside % floor.columns != 0 || direction == Vec3::Z);
+                if !both
+                    || passages
+                        .iter()
+                        .any(|p| p.is_door && (p.holds(from) || p.holds(at(beside))))
+                {
                     continue;
                 }
                 let origin = (from - house.tracer().origin()).as_vec3();
-                let ray = Ray { origin, direction, t_min: 0.0, t_max: floor.step as f32 };
-                assert!(!house.tracer().occluded(&ray), "from {from} along {direction}");
+                let ray = Ray {
+                    origin,
+                    direction,
+                    t_min: 0.0,
+                    t_max: floor.step as f32,
+                };
+                assert!(
+                    !house.tracer().occluded(&ray),
+                    "from {from} along {direction}"
+                );
             }
         }
     }
@@ -184,10 +267,24 @@ mod tests {
         model.mend();
         let house = House::new(model).expect("a house");
         let outside = house.plan().outside;
-        let passages = house.plan().portals.iter().map(|p| (p, Passage::new(&house, p).expect("an area")));
+        let passages = house
+            .plan()
+            .portals
+            .iter()
+            .map(|p| (p, Passage::new(&house, p).expect("an area")));
         let (doors, windows): (Vec<_>, Vec<_>) = passages.partition(|(_, passage)| passage.is_door);
-        assert!(doors.len() > 10 && windows.len() > 10, "{} doors, {} windows", doors.len(), windows.len());
+        assert!(
+            doors.len() > 10 && windows.len() > 10,
+            "{} doors, {} windows",
+            doors.len(),
+            windows.len()
+        );
         let high = |(_, passage): &(&Portal, Passage)| passage.opening.half.y * 2.0 > 1.9;
-        assert!(doors.iter().all(high) && windows.iter().all(|(p, _)| outside.is_some_and(|o| p.cells.contains(&o))));
+        assert!(
+            doors.iter().all(high)
+                && windows
+                    .iter()
+                    .all(|(p, _)| outside.is_some_and(|o| p.cells.contains(&o)))
+        );
     }
 }

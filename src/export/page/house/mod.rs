@@ -7,18 +7,18 @@ mod chunks;
 mod floors;
 
 use super::{Content, Part, environment, png};
-use headbox_model::{Cell, Portal};
-use headbox_core::camera::Camera;
-use headbox_scene::material::{Material, Texture};
 use crate::{ExportError, POSTER_PX, jpeg};
+use chunks::{Chunk, POSITION_STEP_M};
+use floors::Floor;
+use glam::DVec3;
+use headbox_core::camera::Camera;
 use headbox_house::cull::{Limits, visible_cells};
 use headbox_house::house::House;
 use headbox_house::settings::WalkSettings;
 use headbox_house::store::Store;
 use headbox_house::walk::Walker;
-use chunks::{Chunk, POSITION_STEP_M};
-use floors::Floor;
-use glam::DVec3;
+use headbox_model::{Cell, Portal};
+use headbox_scene::material::{Material, Texture};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
@@ -37,22 +37,29 @@ pub(super) fn content(house: &House, first: &Camera) -> Result<Content, ExportEr
     if house.sky().size_px > 0 {
         parts.push(environment(house.sky()));
     }
-    parts.extend(
-        floors.iter().enumerate().map(|(number, floor)| Part {
-            header: json!({"kind": "floor", "floor": number}),
-            bytes: floor.free.clone(),
-        }),
-    );
+    parts.extend(floors.iter().enumerate().map(|(number, floor)| Part {
+        header: json!({"kind": "floor", "floor": number}),
+        bytes: floor.free.clone(),
+    }));
     let shown = shown_first(house, first);
     let chunks = chunks::chunks(house);
     let used: BTreeSet<u32> = chunks.iter().flat_map(Chunk::materials).collect();
-    let is_first = |chunk: &Chunk| shown.as_ref().is_none_or(|cells| cells.contains(&chunk.cell));
+    let is_first = |chunk: &Chunk| {
+        shown
+            .as_ref()
+            .is_none_or(|cells| cells.contains(&chunk.cell))
+    };
     let (now, later): (Vec<_>, Vec<_>) = chunks.iter().partition(|chunk| is_first(chunk));
     parts.extend(now.iter().map(|chunk| mesh(chunk, false)));
     parts.extend(textures(&scene.materials, &used, &scene.textures)?);
     parts.extend(later.iter().map(|chunk| mesh(chunk, true)));
     let header = header(house, first, &floors);
-    Ok(Content { header, parts, poster: poster(house, first)?, modules: MODULES })
+    Ok(Content {
+        header,
+        parts,
+        poster: poster(house, first)?,
+        modules: MODULES,
+    })
 }
 
 /// The cells that show in the first view; `None` for all.
@@ -67,21 +74,41 @@ fn mesh(chunk: &Chunk, later: bool) -> Part {
         "kind": "mesh", "later": later, "cell": chunk.cell, "box": chunk.bounds, "runs": chunk.runs, "vertices": chunk.vertices,
         "triangles": chunk.triangles, "textured": chunk.textured,
     });
-    Part { header, bytes: chunk.bytes.clone() }
+    Part {
+        header,
+        bytes: chunk.bytes.clone(),
+    }
 }
 
 /// The textures of some materials, each a PNG file.
-fn textures(materials: &[Material], used: &BTreeSet<u32>, all: &[Texture]) -> Result<Vec<Part>, ExportError> {
-    let materials = used.iter().filter_map(|number| materials.get(*number as usize));
+fn textures(
+    materials: &[Material],
+    used: &BTreeSet<u32>,
+    all: &[Texture],
+) -> Result<Vec<Part>, ExportError> {
+    let materials = used
+        .iter()
+        .filter_map(|number| materials.get(*number as usize));
     let numbers: BTreeSet<u32> = materials
-        .flat_map(|m| [m.albedo_texture, m.emission_texture, m.cutout.map(|cutout| cutout.texture)])
+        .flat_map(|m| {
+            [
+                m.albedo_texture,
+                m.emission_texture,
+                m.cutout.map(|cutout| cutout.texture),
+            ]
+        })
         .flatten()
         .collect();
-    let textures = numbers.into_iter().filter_map(|number| Some((number, all.get(number as usize)?)));
+    let textures = numbers
+        .into_iter()
+        .filter_map(|number| Some((number, all.get(number as usize)?)));
     textures
         .map(|(number, texture)| {
             let bytes = png(texture.texels(), [texture.width(), texture.height()])?;
-            Ok(Part { header: json!({"kind": "texture", "texture": number, "later": true}), bytes })
+            Ok(Part {
+                header: json!({"kind": "texture", "texture": number, "later": true}),
+                bytes,
+            })
         })
         .collect()
 }
@@ -122,6 +149,16 @@ fn header(house: &House, first: &Camera, floors: &[Floor]) -> Value {
 
 /// A JPEG file of what a camera sees.
 fn poster(house: &House, first: &Camera) -> Result<Vec<u8>, ExportError> {
-    let camera = Camera::look_at(first.eye(), first.eye() + first.forward(), DVec3::Y, 60.0, POSTER_PX)?;
-    jpeg(Walker::new().frame(house, &Store::new(0), &camera, &WalkSettings::default()).0)
+    let camera = Camera::look_at(
+        first.eye(),
+        first.eye() + first.forward(),
+        DVec3::Y,
+        60.0,
+        POSTER_PX,
+    )?;
+    jpeg(
+        Walker::new()
+            .frame(house, &Store::new(0), &camera, &WalkSettings::default())
+            .0,
+    )
 }

@@ -4,14 +4,18 @@
 //! planned in the page (`plan.js`).
 
 use super::{Content, MAX_PAGE_BYTES, Part, environment, png};
-use headbox_core::camera::Camera;
 use crate::{ExportError, POSTER_PX, jpeg};
-use headbox_lumigraph::{Lumigraph, LumigraphRenderer, LumigraphSettings, Picture};
 use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_lumigraph::{Lumigraph, LumigraphRenderer, LumigraphSettings, Picture};
 use serde_json::json;
 
-pub(super) const MODULES: &[&str] =
-    &[include_str!("plan.js"), include_str!("place.js"), include_str!("shaders.js"), include_str!("renderer.js")];
+pub(super) const MODULES: &[&str] = &[
+    include_str!("plan.js"),
+    include_str!("place.js"),
+    include_str!("shaders.js"),
+    include_str!("renderer.js"),
+];
 
 /// Width and height of the frame whose field of view the page begins with.
 const FIRST_PX: [u32; 2] = [1024, 768];
@@ -21,25 +25,47 @@ pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
     let grid = lumigraph.grid();
     let at_least = (grid.camera_count() * grid.picture_pixels()) as u64 / 4;
     if at_least > MAX_PAGE_BYTES {
-        return Err(ExportError::TooLarge { bytes: at_least, limit: MAX_PAGE_BYTES });
+        return Err(ExportError::TooLarge {
+            bytes: at_least,
+            limit: MAX_PAGE_BYTES,
+        });
     }
     let mut parts = Vec::new();
     if lumigraph.environment.size_px > 0 {
         parts.push(environment(&lumigraph.environment));
     }
-    let ends = lumigraph.layers().iter().flat_map(|layer| [layer.min, layer.max]);
-    parts.push(Part { header: json!({"kind": "layers"}), bytes: ends.flat_map(f64::to_le_bytes).collect() });
-    for (round, shown) in rounds([grid.columns().len(), grid.rows().len()]).into_iter().enumerate() {
+    let ends = lumigraph
+        .layers()
+        .iter()
+        .flat_map(|layer| [layer.min, layer.max]);
+    parts.push(Part {
+        header: json!({"kind": "layers"}),
+        bytes: ends.flat_map(f64::to_le_bytes).collect(),
+    });
+    for (round, shown) in rounds([grid.columns().len(), grid.rows().len()])
+        .into_iter()
+        .enumerate()
+    {
         for camera in &shown.new {
             let (picture, later) = (&lumigraph.pictures()[*camera], round > 0);
             let header = json!({"kind": "indices", "camera": camera, "later": later});
-            parts.push(Part { header, bytes: indices(picture) });
-            let texels: Vec<[u8; 4]> = picture.color.iter().map(|[r, g, b]| [*r, *g, *b, 255]).collect();
+            parts.push(Part {
+                header,
+                bytes: indices(picture),
+            });
+            let texels: Vec<[u8; 4]> = picture
+                .color
+                .iter()
+                .map(|[r, g, b]| [*r, *g, *b, 255])
+                .collect();
             let mut header = json!({"kind": "colors", "camera": camera, "later": later});
             if Some(camera) == shown.new.last() {
                 header["shows"] = json!({"columns": shown.places[0], "rows": shown.places[1]});
             }
-            parts.push(Part { header, bytes: png(&texels, grid.size_px())? });
+            parts.push(Part {
+                header,
+                bytes: png(&texels, grid.size_px())?,
+            });
         }
     }
     let axes = grid.world_from_eye();
@@ -55,7 +81,12 @@ pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
             "focal": grid.focal_px(), "size": grid.size_px(), "convergence": grid.convergence(),
         },
     });
-    Ok(Content { header, parts, poster: poster(lumigraph)?, modules: MODULES })
+    Ok(Content {
+        header,
+        parts,
+        poster: poster(lumigraph)?,
+        modules: MODULES,
+    })
 }
 
 /// Cameras that a page shows from a time on: a grid of their own.
@@ -68,14 +99,30 @@ struct Shown {
 
 /// How a grid of so many columns and rows comes: its corners first, then with each round what halves the gaps.
 fn rounds([columns, rows]: [usize; 2]) -> Vec<Shown> {
-    let mut places = [columns, rows].map(|count| if count == 1 { vec![0] } else { vec![0, count - 1] });
+    let mut places = [columns, rows].map(|count| {
+        if count == 1 {
+            vec![0]
+        } else {
+            vec![0, count - 1]
+        }
+    });
     let mut known = vec![false; columns * rows];
     let mut rounds = Vec::new();
     loop {
-        let of_row = |row: &usize| places[0].iter().map(move |column| row * columns + column).collect::<Vec<_>>();
+        let of_row = |row: &usize| {
+            places[0]
+                .iter()
+                .map(move |column| row * columns + column)
+                .collect::<Vec<_>>()
+        };
         let cameras = places[1].iter().flat_map(of_row);
-        let new = cameras.filter(|camera| !std::mem::replace(&mut known[*camera], true)).collect();
-        rounds.push(Shown { places: places.clone(), new });
+        let new = cameras
+            .filter(|camera| !std::mem::replace(&mut known[*camera], true))
+            .collect();
+        rounds.push(Shown {
+            places: places.clone(),
+            new,
+        });
         if places[0].len() == columns && places[1].len() == rows {
             return rounds;
         }
@@ -85,7 +132,9 @@ fn rounds([columns, rows]: [usize; 2]) -> Vec<Shown> {
 
 /// Ascending numbers, and the middles of their gaps.
 fn halved(numbers: &[usize]) -> Vec<usize> {
-    let middles = numbers.windows(2).map(|pair| usize::midpoint(pair[0], pair[1]));
+    let middles = numbers
+        .windows(2)
+        .map(|pair| usize::midpoint(pair[0], pair[1]));
     let mut all: Vec<usize> = numbers.iter().copied().chain(middles).collect();
     all.sort_unstable();
     all.dedup();
@@ -95,9 +144,15 @@ fn halved(numbers: &[usize]) -> Vec<usize> {
 /// The layers of an image's pixels, each less the one before: low bytes, then high ones.
 fn indices(picture: &Picture) -> Vec<u8> {
     let before = std::iter::once(&0).chain(&picture.index);
-    let more: Vec<[u8; 2]> =
-        picture.index.iter().zip(before).map(|(index, before)| index.wrapping_sub(*before).to_le_bytes()).collect();
-    (0..2).flat_map(|byte| more.iter().map(move |two| two[byte])).collect()
+    let more: Vec<[u8; 2]> = picture
+        .index
+        .iter()
+        .zip(before)
+        .map(|(index, before)| index.wrapping_sub(*before).to_le_bytes())
+        .collect();
+    (0..2)
+        .flat_map(|byte| more.iter().map(move |two| two[byte]))
+        .collect()
 }
 
 /// A JPEG file of the first view.
@@ -106,7 +161,11 @@ fn poster(lumigraph: &Lumigraph) -> Result<Vec<u8>, ExportError> {
     let axes = grid.world_from_eye();
     let (eye, up): (DVec3, DVec3) = (grid.origin(), axes.y_axis);
     let camera = Camera::look_at(eye, eye - axes.z_axis, up, fov_y_deg, POSTER_PX)?;
-    jpeg(LumigraphRenderer::new().render(lumigraph, &camera, &LumigraphSettings::default()).0)
+    jpeg(
+        LumigraphRenderer::new()
+            .render(lumigraph, &camera, &LumigraphSettings::default())
+            .0,
+    )
 }
 
 #[cfg(test)]
@@ -119,9 +178,16 @@ mod tests {
             let (mut known, rounds) = (Vec::new(), rounds([columns, rows]));
             for Shown { places, new } in &rounds {
                 known.extend(new);
-                assert!(!new.is_empty() && places.iter().all(|places| places.is_sorted_by(|a, b| a < b)));
+                assert!(
+                    !new.is_empty()
+                        && places
+                            .iter()
+                            .all(|places| places.is_sorted_by(|a, b| a < b))
+                );
                 // All that it shows is there.
-                for (row, column) in places[1].iter().flat_map(|row| places[0].iter().map(move |column| (row, column)))
+                for (row, column) in places[1]
+                    .iter()
+                    .flat_map(|row| places[0].iter().map(move |column| (row, column)))
                 {
                     assert!(known.contains(&(row * columns + column)), "{row} {column}");
                 }
@@ -130,7 +196,18 @@ mod tests {
             known.sort_unstable();
             assert!(known.into_iter().eq(0..columns * rows), "{columns} {rows}");
         }
-        let columns: Vec<Vec<usize>> = rounds([8, 1]).into_iter().map(|shown| shown.places[0].clone()).collect();
-        assert_eq!(columns, [vec![0, 7], vec![0, 3, 7], vec![0, 1, 3, 5, 7], (0..8).collect()]);
+        let columns: Vec<Vec<usize>> = rounds([8, 1])
+            .into_iter()
+            .map(|shown| shown.places[0].clone())
+            .collect();
+        assert_eq!(
+            columns,
+            [
+                vec![0, 7],
+                vec![0, 3, 7],
+                vec![0, 1, 3, 5, 7],
+                (0..8).collect()
+            ]
+        );
     }
 }

@@ -7,13 +7,13 @@ mod displacements;
 
 use super::texels::{Picture, rests};
 use super::{Content, MAX_PAGE_BYTES, Part, environment};
-use headbox_core::camera::Camera;
-use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use crate::of_sprites::half_size_m;
 use crate::{ExportError, POSTER_PX, jpeg};
-use headbox_core::frame::Frame;
-use headbox_sprite::{PreparedSprite, RenderOptions, SpriteSet, rules, visible_points};
 use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_core::frame::Frame;
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
+use headbox_sprite::{PreparedSprite, RenderOptions, SpriteSet, rules, visible_points};
 use serde_json::{Value, json};
 
 pub(super) const MODULES: &[&str] = &[
@@ -28,12 +28,21 @@ pub(super) const MODULES: &[&str] = &[
 
 /// What a page of sprites holds. It begins where the first of them was taken.
 pub(super) fn content(set: &SpriteSet) -> Result<Content, ExportError> {
-    let first = set.sprites().first().ok_or(ExportError::Empty)?.sprite().sprite().camera();
+    let first = set
+        .sprites()
+        .first()
+        .ok_or(ExportError::Empty)?
+        .sprite()
+        .sprite()
+        .camera();
     let pixels = |sprite: &PreparedSprite| sprite.sprite().sprite().color().pixels().len() as u64;
     // No picture is deflated to less than two bits a pixel, but where nothing is.
     let at_least = set.sprites().iter().map(pixels).sum::<u64>() / 4;
     if at_least > MAX_PAGE_BYTES {
-        return Err(ExportError::TooLarge { bytes: at_least, limit: MAX_PAGE_BYTES });
+        return Err(ExportError::TooLarge {
+            bytes: at_least,
+            limit: MAX_PAGE_BYTES,
+        });
     }
     let centre = first.eye();
     let mut parts = Vec::new();
@@ -57,21 +66,35 @@ pub(super) fn content(set: &SpriteSet) -> Result<Content, ExportError> {
             "edgeOn": rules::EDGE_ON,
         },
     });
-    Ok(Content { header, parts, poster: poster(set)?, modules: MODULES })
+    Ok(Content {
+        header,
+        parts,
+        poster: poster(set)?,
+        modules: MODULES,
+    })
 }
 
 /// A sprite: points of its surface, its displacements, its picture.
 fn part(sprite: &PreparedSprite, centre: DVec3) -> Part {
     let points = visible_points(sprite.sprite());
-    let coordinates = points.iter().flat_map(|point| (*point - centre).as_vec3().to_array());
+    let coordinates = points
+        .iter()
+        .flat_map(|point| (*point - centre).as_vec3().to_array());
     let mut bytes: Vec<u8> = coordinates.flat_map(f32::to_le_bytes).collect();
     let displacement = sprite.sprite().displacement();
     bytes.extend(displacements::rests(displacement));
     let color = sprite.sprite().sprite().color();
     // What is not seen need not be known.
-    let texels: Vec<[u8; 4]> = color.pixels().map(|pixel| if pixel.0[3] > 0 { pixel.0 } else { [0; 4] }).collect();
+    let texels: Vec<[u8; 4]> = color
+        .pixels()
+        .map(|pixel| if pixel.0[3] > 0 { pixel.0 } else { [0; 4] })
+        .collect();
     let opaque = texels.iter().all(|texel| texel[3] == 255);
-    let all = Picture { texels: 0..texels.len(), width: color.width() as usize, opaque };
+    let all = Picture {
+        texels: 0..texels.len(),
+        width: color.width() as usize,
+        opaque,
+    };
     bytes.extend(rests(&texels, [all]));
     let header = json!({
         "kind": "sprite",
@@ -105,18 +128,37 @@ fn view(sprite: &PreparedSprite, centre: DVec3) -> Value {
 
 /// Vertical field of view, degrees.
 fn fov_y_deg(camera: &Camera) -> f64 {
-    2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px()).atan().to_degrees()
+    2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px())
+        .atan()
+        .to_degrees()
 }
 
 /// A JPEG file of the first view, with no more rows than the picture that it shows.
 fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
-    let first = set.sprites().first().ok_or(ExportError::Empty)?.sprite().sprite().camera();
+    let first = set
+        .sprites()
+        .first()
+        .ok_or(ExportError::Empty)?
+        .sprite()
+        .sprite()
+        .camera();
     let rows = first.height().min(POSTER_PX[1]);
     let size_px = [(rows * POSTER_PX[0]).div_ceil(POSTER_PX[1]), rows];
-    let camera = Camera::look_at(first.eye(), first.eye() + first.forward(), DVec3::Y, fov_y_deg(first), size_px)?;
+    let camera = Camera::look_at(
+        first.eye(),
+        first.eye() + first.forward(),
+        DVec3::Y,
+        fov_y_deg(first),
+        size_px,
+    )?;
     let mut frame = Frame::default();
     let composition = Composition::new(set.clone(), Vec::new());
-    composition.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
+    composition.render(
+        &mut Composer::default(),
+        &camera,
+        &ComposeSettings::default(),
+        &mut frame,
+    );
     jpeg(&frame)
 }
 
@@ -130,9 +172,15 @@ mod tests {
     /// A picture of half-transparent grey, nothing on its left half.
     fn sprite(eye: DVec3) -> SpriteWithDepth {
         let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, [40, 30]).unwrap();
-        let color = RgbaImage::from_fn(40, 30, |x, _| image::Rgba([90, 90, 90, if x < 20 { 0 } else { 128 }]));
+        let color = RgbaImage::from_fn(40, 30, |x, _| {
+            image::Rgba([90, 90, 90, if x < 20 { 0 } else { 128 }])
+        });
         let plane = SpritePlane::parallel_to_image(&camera, 2.0);
-        SpriteWithDepth::new(Sprite::new(color, camera, plane).unwrap(), Displacement::zero(20, 15)).unwrap()
+        SpriteWithDepth::new(
+            Sprite::new(color, camera, plane).unwrap(),
+            Displacement::zero(20, 15),
+        )
+        .unwrap()
     }
 
     #[test]
@@ -157,6 +205,9 @@ mod tests {
 
     #[test]
     fn no_sprite_is_no_page() {
-        assert!(matches!(Page::of_sprites(&SpriteSet::new(Vec::new()), "none"), Err(ExportError::Empty)));
+        assert!(matches!(
+            Page::of_sprites(&SpriteSet::new(Vec::new()), "none"),
+            Err(ExportError::Empty)
+        ));
     }
 }

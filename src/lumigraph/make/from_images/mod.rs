@@ -8,11 +8,11 @@ use super::from_images_error::{FromImagesError, MOST_TURNED_DEG};
 use super::raw::{RawLumigraph, RawPicture};
 use super::reproject::reproject;
 use crate::{CameraGrid, GridParts, LumigraphError};
-use headbox_images::{ImageSet, Lens, Pinhole, View};
-use headbox_core::statistics::median;
+use glam::{DVec2, DVec3};
 use headbox_core::environment::Environment;
 use headbox_core::progress::{Progress, check_cancelled};
-use glam::{DVec2, DVec3};
+use headbox_core::statistics::median;
+use headbox_images::{ImageSet, Lens, Pinhole, View};
 use rayon::prelude::*;
 
 /// The sides of the images that all share are at most so many times those of the largest picture; what turned pictures show beyond is
@@ -40,7 +40,10 @@ impl RawLumigraph {
     ///
     /// # Errors
     /// [`FromImagesError`] of the first camera or picture that does not fit.
-    pub fn from_images(set: &ImageSet, progress: &dyn Progress) -> Result<FromImages, FromImagesError> {
+    pub fn from_images(
+        set: &ImageSet,
+        progress: &dyn Progress,
+    ) -> Result<FromImages, FromImagesError> {
         let views: Vec<&View> = set.views.iter().collect();
         if views.is_empty() {
             return Err(LumigraphError::NoCameras.into());
@@ -48,9 +51,18 @@ impl RawLumigraph {
         if let Some(view) = views.iter().find(|view| view.depth.is_none()) {
             return Err(FromImagesError::NoDepth(view.name.clone()));
         }
-        let stands: Vec<Stand> = views.iter().map(|view| Stand { name: &view.name, pose: view.color_pose() }).collect();
+        let stands: Vec<Stand> = views
+            .iter()
+            .map(|view| Stand {
+                name: &view.name,
+                pose: view.color_pose(),
+            })
+            .collect();
         let found = find_grid(&stands, &set.frame)?;
-        let slopes = views.iter().map(|view| Slopes::of(view, &found)).collect::<Result<Vec<_>, _>>()?;
+        let slopes = views
+            .iter()
+            .map(|view| Slopes::of(view, &found))
+            .collect::<Result<Vec<_>, _>>()?;
         let (grid, notes) = common_images(&views, &slopes, &found)?;
         progress.begin("images", "images", views.len() as u64);
         let picture = |place: usize| -> Result<RawPicture, FromImagesError> {
@@ -59,10 +71,17 @@ impl RawLumigraph {
             progress.advance(1);
             Ok(reproject(&loaded, &grid, place))
         };
-        let pictures: Vec<RawPicture> =
-            (0..found.cameras.len()).into_par_iter().map(picture).collect::<Result<_, _>>()?;
+        let pictures: Vec<RawPicture> = (0..found.cameras.len())
+            .into_par_iter()
+            .map(picture)
+            .collect::<Result<_, _>>()?;
         let raw = Self::new(grid, pictures, Environment::default());
-        let rounding = ROUNDING * found.columns.iter().chain(&found.rows).fold(0.0, |most: f64, at| most.max(at.abs()));
+        let rounding = ROUNDING
+            * found
+                .columns
+                .iter()
+                .chain(&found.rows)
+                .fold(0.0, |most: f64, at| most.max(at.abs()));
         let allowed_m = most_off_m(&raw).max(rounding);
         let worst = (0..views.len()).max_by(|&a, &b| found.off_m[a].total_cmp(&found.off_m[b]));
         match worst.filter(|&camera| found.off_m[camera] > allowed_m) {
@@ -82,7 +101,10 @@ impl RawLumigraph {
 /// by the bound of a layer (Eq. 4), that is wrong for what lies nearer or farther.
 fn most_off_m(raw: &RawLumigraph) -> f64 {
     let convergence = raw.grid().convergence();
-    let apart = raw.range().unwrap_or_default().map(|disparity| (disparity - convergence).abs());
+    let apart = raw
+        .range()
+        .unwrap_or_default()
+        .map(|disparity| (disparity - convergence).abs());
     MOST_DISPLACED_PX / (raw.grid().focal_px() * apart[0].max(apart[1]))
 }
 
@@ -95,13 +117,21 @@ struct Slopes {
 
 impl Slopes {
     fn of(view: &View, found: &FoundGrid) -> Result<Self, FromImagesError> {
-        let Some(pinhole) = view.pinhole() else { return Err(FromImagesError::Panorama(view.name.clone())) };
-        let Pinhole { focal_px: [across, down], .. } = pinhole;
+        let Some(pinhole) = view.pinhole() else {
+            return Err(FromImagesError::Panorama(view.name.clone()));
+        };
+        let Pinhole {
+            focal_px: [across, down],
+            ..
+        } = pinhole;
         let plane_from_eye = found.world_from_eye.transpose() * view.color_pose().world_from_eye;
         let forward = (plane_from_eye * DVec3::NEG_Z).normalize();
         let degrees = (-forward.z).clamp(-1.0, 1.0).acos().to_degrees();
         if degrees > MOST_TURNED_DEG {
-            return Err(FromImagesError::Turned { name: view.name.clone(), degrees });
+            return Err(FromImagesError::Turned {
+                name: view.name.clone(),
+                degrees,
+            });
         }
         let [width, height] = view.size_px.map(f64::from);
         let slope = |x: f64, y: f64| {
@@ -111,7 +141,10 @@ impl Slopes {
         let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
         Ok(Self {
             middle: slope(0.5 * width, 0.5 * height).unwrap_or(DVec2::ZERO),
-            corners: corners.into_iter().filter_map(|[x, y]| slope(x, y)).collect(),
+            corners: corners
+                .into_iter()
+                .filter_map(|[x, y]| slope(x, y))
+                .collect(),
             focal_px: (across * down).sqrt(),
         })
     }
@@ -124,22 +157,49 @@ fn common_images(
     slopes: &[Slopes],
     found: &FoundGrid,
 ) -> Result<(CameraGrid, Vec<String>), FromImagesError> {
-    let place =
-        |place: usize| DVec2::new(found.columns[place % found.columns.len()], found.rows[place / found.columns.len()]);
-    let pairs = || found.cameras.iter().enumerate().map(|(at, &camera)| (place(at), &slopes[camera]));
+    let place = |place: usize| {
+        DVec2::new(
+            found.columns[place % found.columns.len()],
+            found.rows[place / found.columns.len()],
+        )
+    };
+    let pairs = || {
+        found
+            .cameras
+            .iter()
+            .enumerate()
+            .map(|(at, &camera)| (place(at), &slopes[camera]))
+    };
     let count = views.len() as f64;
-    let (mean_place, mean_slope) =
-        pairs().fold((DVec2::ZERO, DVec2::ZERO), |sum, (at, s)| (sum.0 + at / count, sum.1 + s.middle / count));
+    let (mean_place, mean_slope) = pairs().fold((DVec2::ZERO, DVec2::ZERO), |sum, (at, s)| {
+        (sum.0 + at / count, sum.1 + s.middle / count)
+    });
     // The line of middles over places, by least squares.
-    let products = pairs().map(|(at, s)| (at - mean_place).dot(s.middle - mean_slope)).sum::<f64>();
-    let squares = pairs().map(|(at, _)| (at - mean_place).length_squared()).sum::<f64>();
-    let convergence = if squares > 0.0 { 0.0 - products / squares } else { 0.0 };
+    let products = pairs()
+        .map(|(at, s)| (at - mean_place).dot(s.middle - mean_slope))
+        .sum::<f64>();
+    let squares = pairs()
+        .map(|(at, _)| (at - mean_place).length_squared())
+        .sum::<f64>();
+    let convergence = if squares > 0.0 {
+        0.0 - products / squares
+    } else {
+        0.0
+    };
     let focal_px = median(slopes.iter().map(|s| s.focal_px)).unwrap_or(1.0);
     let mut half = DVec2::ZERO;
     for (at, s) in pairs() {
-        s.corners.iter().for_each(|corner| half = half.max((*corner + at * convergence).abs() * focal_px));
+        s.corners
+            .iter()
+            .for_each(|corner| half = half.max((*corner + at * convergence).abs() * focal_px));
     }
-    let largest = |axis: usize| views.iter().map(|view| view.size_px[axis]).max().unwrap_or(1);
+    let largest = |axis: usize| {
+        views
+            .iter()
+            .map(|view| view.size_px[axis])
+            .max()
+            .unwrap_or(1)
+    };
     let most = [largest(0), largest(1)].map(|side| MOST_GROWTH * f64::from(side));
     // What is beyond the last pixel by rounding needs no pixel.
     let wanted = [half.x, half.y].map(|half| (2.0 * half - 1e-3).ceil());
@@ -152,11 +212,25 @@ fn common_images(
             wanted[1].min(most[1])
         ));
     }
-    let side = |axis: usize| if sees_back { most[axis] } else { wanted[axis].min(most[axis]) };
+    let side = |axis: usize| {
+        if sees_back {
+            most[axis]
+        } else {
+            wanted[axis].min(most[axis])
+        }
+    };
     let size_px = [side(0), side(1)].map(|side| side as u32);
     let (origin, world_from_eye) = (found.origin, found.world_from_eye);
     let (columns, rows) = (found.columns.clone(), found.rows.clone());
-    let parts = GridParts { origin, world_from_eye, columns, rows, focal_px, size_px, convergence };
+    let parts = GridParts {
+        origin,
+        world_from_eye,
+        columns,
+        rows,
+        focal_px,
+        size_px,
+        convergence,
+    };
     Ok((CameraGrid::new(parts)?, notes))
 }
 

@@ -1,17 +1,17 @@
 //! Image sets on disk become the lumigraphs that the scene itself gives.
 
 use super::*;
-use headbox_images::{DepthPicture, ImageSetOptions};
-use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_trace::bvh::Ray;
-use headbox_core::camera::Camera;
-use headbox_core::color::srgb8_from_linear;
 use crate::tests::{Bed, psnr_db, render};
 use crate::{Lumigraph, LumigraphSettings, Placement};
-use headbox_core::progress::Silent;
-use headbox_sprite::write_depth_exr;
-use headbox_trace::truth;
 use glam::{DMat3, DMat4};
+use headbox_core::camera::Camera;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::progress::Silent;
+use headbox_images::{DepthPicture, ImageSetOptions};
+use headbox_sprite::write_depth_exr;
+use headbox_trace::bvh::Ray;
+use headbox_trace::truth;
 use image::{Rgb, RgbImage};
 use proptest::prelude::*;
 use serde_json::json;
@@ -25,7 +25,10 @@ struct Shot {
 }
 
 /// Of nerfstudio's files.
-const FRAME: FileFrame = FileFrame { up: UpAxis::Z, unit_m: 1.0 };
+const FRAME: FileFrame = FileFrame {
+    up: UpAxis::Z,
+    unit_m: 1.0,
+};
 
 /// Writes pictures as a set of nerfstudio's.
 fn write(folder: &Path, shots: &[Shot]) {
@@ -82,14 +85,25 @@ fn shots_of(raw: &RawLumigraph) -> Vec<Shot> {
 /// A plate with a dome on it before the sky, seen from 4x3 places that are unevenly spaced.
 fn plate() -> Bed {
     let scene = headbox_scenes::build("bump", 0).expect("built in");
-    Bed::of(scene, DVec3::new(0.0, 0.0, 9.0), vec![-0.5, -0.1, 0.2, 0.5], vec![-0.3, 0.1, 0.3], [97, 64])
+    Bed::of(
+        scene,
+        DVec3::new(0.0, 0.0, 9.0),
+        vec![-0.5, -0.1, 0.2, 0.5],
+        vec![-0.3, 0.1, 0.3],
+        [97, 64],
+    )
 }
 
 #[test]
 fn pictures_of_a_scene_give_the_scenes_own_lumigraph() {
     let raw = plate().raw();
     let mut shots = shots_of(&raw);
-    let sky = raw.pictures().iter().flat_map(|p| &p.disparity).filter(|d| **d == 0.0).count();
+    let sky = raw
+        .pictures()
+        .iter()
+        .flat_map(|p| &p.disparity)
+        .filter(|d| **d == 0.0)
+        .count();
     assert!(sky > 100, "there is sky to be told from surfaces");
     // In whatever order they were taken.
     shots.rotate_left(5);
@@ -98,12 +112,26 @@ fn pictures_of_a_scene_give_the_scenes_own_lumigraph() {
     assert!(notes.is_empty(), "{notes:?}");
     let (a, b) = (found.grid(), raw.grid());
     assert_eq!(a.size_px(), b.size_px());
-    let off =
-        |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold((a.len() - b.len()) as f64, f64::max);
-    assert!(off(a.columns(), b.columns()).max(off(a.rows(), b.rows())) < 1e-9, "{:?} {:?}", a.columns(), a.rows());
+    let off = |a: &[f64], b: &[f64]| {
+        a.iter()
+            .zip(b)
+            .map(|(a, b)| (a - b).abs())
+            .fold((a.len() - b.len()) as f64, f64::max)
+    };
+    assert!(
+        off(a.columns(), b.columns()).max(off(a.rows(), b.rows())) < 1e-9,
+        "{:?} {:?}",
+        a.columns(),
+        a.rows()
+    );
     assert!(a.origin().distance(b.origin()) < 1e-9 && (a.focal_px() - b.focal_px()).abs() < 1e-9);
     assert!((a.convergence() - b.convergence()).abs() < 1e-9);
-    assert!((a.world_from_eye() - b.world_from_eye()).to_cols_array().iter().all(|v| v.abs() < 1e-9));
+    assert!(
+        (a.world_from_eye() - b.world_from_eye())
+            .to_cols_array()
+            .iter()
+            .all(|v| v.abs() < 1e-9)
+    );
     for (a, b) in found.pictures().iter().zip(raw.pictures()) {
         assert!(a.color == b.color, "colours to the last bit");
         let differs = |(a, b): (&f32, &f32)| (a - b).abs() > 1e-6 * b;
@@ -112,7 +140,11 @@ fn pictures_of_a_scene_give_the_scenes_own_lumigraph() {
     let layered = |raw: &RawLumigraph| raw.layered(60, Placement::Histogram).expect("layered");
     let (a, b) = (layered(&found), layered(&raw));
     assert_eq!(a.layers().len(), b.layers().len());
-    let pairs = a.pictures().iter().zip(b.pictures()).flat_map(|(a, b)| a.index.iter().zip(&b.index));
+    let pairs = a
+        .pictures()
+        .iter()
+        .zip(b.pictures())
+        .flat_map(|(a, b)| a.index.iter().zip(&b.index));
     let others = pairs.filter(|(a, b)| a != b).count();
     // Where a layer ends at a pixel's own disparity, rounding may put it into the next.
     assert!(others * 2000 < 12 * 97 * 64, "{others} other layers");
@@ -124,17 +156,29 @@ fn smooth(bed: &Bed, camera: Camera) -> Shot {
     let pixel = |(x, y)| {
         let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let origin = (camera.eye() - bed.tracer.origin()).as_vec3();
-        let ray = Ray { origin, direction: direction.as_vec3(), t_min: 0.0, t_max: f32::INFINITY };
+        let ray = Ray {
+            origin,
+            direction: direction.as_vec3(),
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         let depth = bed.tracer.closest(&ray).map_or(f32::INFINITY, |hit| hit.t);
         if depth == f32::INFINITY {
             return ([60, 90, 200], depth);
         }
         let point = camera.eye() + direction * f64::from(depth);
         let level = |at: f64| srgb8_from_linear(0.5 + 0.4 * (2.0 * at).sin() as f32);
-        ([level(point.x), level(point.y), level(point.x + point.z)], depth)
+        (
+            [level(point.x), level(point.y), level(point.x + point.z)],
+            depth,
+        )
     };
     let (color, depth) = pixels.map(pixel).unzip();
-    Shot { camera, color, depth }
+    Shot {
+        camera,
+        color,
+        depth,
+    }
 }
 
 #[test]
@@ -150,15 +194,21 @@ fn cameras_that_look_elsewhere_through_other_lenses_give_the_same_images() {
                 * DMat3::from_rotation_y(own(1.0))
                 * DMat3::from_rotation_z(0.2 + own(2.0));
             let focal_px = straight.focal_px() * (1.0 + 0.05 * i as f64);
-            smooth(&bed, Camera::from_parts(straight.eye(), turn, focal_px, 160, 140).expect("valid"))
+            smooth(
+                &bed,
+                Camera::from_parts(straight.eye(), turn, focal_px, 160, 140).expect("valid"),
+            )
         })
         .collect();
     let FromImages { raw, .. } = made_of(&shots).expect("a grid");
     let (mut pixels, mut off, mut known) = (0usize, 0usize, 0usize);
     for (i, picture) in raw.pictures().iter().enumerate() {
         let expected = smooth(&bed, raw.grid().camera(i % 3, i / 3));
-        for ((color, disparity), (expected, depth)) in
-            picture.color.iter().zip(&picture.disparity).zip(expected.color.iter().zip(&expected.depth))
+        for ((color, disparity), (expected, depth)) in picture
+            .color
+            .iter()
+            .zip(&picture.disparity)
+            .zip(expected.color.iter().zip(&expected.depth))
         {
             pixels += 1;
             if disparity.is_nan() {
@@ -177,18 +227,28 @@ fn cameras_that_look_elsewhere_through_other_lenses_give_the_same_images() {
 
 #[test]
 fn frames_from_an_uneven_grid_of_pictures_are_as_good_as_from_the_scene() {
-    let bed = Bed::new(vec![-0.5, -0.2, 0.05, 0.5], vec![-0.4, 0.0, 0.1, 0.4], [160, 160]);
+    let bed = Bed::new(
+        vec![-0.5, -0.2, 0.05, 0.5],
+        vec![-0.4, 0.0, 0.1, 0.4],
+        [160, 160],
+    );
     let raw = bed.raw();
     let of_pictures = made_of(&shots_of(&raw)).expect("a grid").raw;
     let eye = bed.grid.origin() + DVec3::new(0.13, 0.07, 0.4);
     let camera = Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 36.0, [128, 128]).expect("valid");
     let truth = truth::render(&bed.tracer, &bed.lighting, false, &camera, 64, &Silent).frame;
-    let settings = LumigraphSettings { merge: false, ..LumigraphSettings::default() };
+    let settings = LumigraphSettings {
+        merge: false,
+        ..LumigraphSettings::default()
+    };
     let [found, scenes] = [&of_pictures, &raw].map(|raw| {
         let lumigraph = raw.layered(255, Placement::Histogram).expect("layered");
         psnr_db(&render(&lumigraph, &camera, &settings).color, &truth.color)
     });
-    assert!(found > 23.0 && (found - scenes).abs() < 0.05, "{found} and {scenes} dB");
+    assert!(
+        found > 23.0 && (found - scenes).abs() < 0.05,
+        "{found} and {scenes} dB"
+    );
 }
 
 #[test]
@@ -196,11 +256,19 @@ fn what_one_picture_does_not_know_others_show_and_what_none_knows_is_a_hole() {
     let bed = Bed::new(vec![-0.3, 0.0, 0.3], vec![0.0], [120, 90]);
     let mut shots = shots_of(&bed.raw());
     let centre = |i: usize| (40..50).contains(&(i / 120)) && (50..62).contains(&(i % 120));
-    shots[1].depth.iter_mut().enumerate().filter(|(i, _)| centre(*i)).for_each(|(_, depth)| *depth = f32::NAN);
+    shots[1]
+        .depth
+        .iter_mut()
+        .enumerate()
+        .filter(|(i, _)| centre(*i))
+        .for_each(|(_, depth)| *depth = f32::NAN);
     let lumigraph_of = |shots: &[Shot]| {
         let raw = made_of(shots).expect("a grid").raw;
         let mut lumigraph = raw.layered(255, Placement::Histogram).expect("layered");
-        lumigraph.environment = Environment { size_px: 2, texels: vec![[255, 0, 255, 255]; 24] };
+        lumigraph.environment = Environment {
+            size_px: 2,
+            texels: vec![[255, 0, 255, 255]; 24],
+        };
         lumigraph
     };
     let known = lumigraph_of(&shots_of(&bed.raw()));
@@ -214,22 +282,40 @@ fn what_one_picture_does_not_know_others_show_and_what_none_knows_is_a_hole() {
         fast
     };
     let (expected, found) = (frames(&known), frames(&partly));
-    assert_eq!(found.hole_count(), expected.hole_count(), "its neighbours see it");
+    assert_eq!(
+        found.hole_count(),
+        expected.hole_count(),
+        "its neighbours see it"
+    );
     assert!(psnr_db(&expected.color, &found.color) > 25.0);
     // Files keep what is not known, also where it needs a second byte.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.lumi");
     for count in [9, 255, 256] {
-        let lumigraph = made_of(&shots).expect("a grid").raw.layered(count, Placement::Uniform).expect("layered");
+        let lumigraph = made_of(&shots)
+            .expect("a grid")
+            .raw
+            .layered(count, Placement::Uniform)
+            .expect("layered");
         lumigraph.write(&path).expect("written");
         let back = Lumigraph::read(&path).expect("read");
-        assert_eq!((back.pictures(), back.unknown_pixels()), (lumigraph.pictures(), 120));
-        assert_eq!(back.index_bytes(), if lumigraph.layers().len() < 255 { 1 } else { 2 });
+        assert_eq!(
+            (back.pictures(), back.unknown_pixels()),
+            (lumigraph.pictures(), 120)
+        );
+        assert_eq!(
+            back.index_bytes(),
+            if lumigraph.layers().len() < 255 { 1 } else { 2 }
+        );
     }
     // One camera, which alone does not know it: no sky is shown there.
     let alone = lumigraph_of(&shots[1..2]);
     let hole = frames(&alone);
-    let holes = hole.coverage.iter().filter(|coverage| coverage.is_hole()).count();
+    let holes = hole
+        .coverage
+        .iter()
+        .filter(|coverage| coverage.is_hole())
+        .count();
     assert!(holes.abs_diff(120) <= 30, "{holes}");
     assert!(!hole.color.contains(&[255, 0, 255, 255]));
 }
@@ -238,15 +324,22 @@ fn what_one_picture_does_not_know_others_show_and_what_none_knows_is_a_hole() {
 fn wall_from(places: &[DVec3], turn: DMat3) -> Vec<Shot> {
     let shot = |eye: &DVec3| {
         let camera = Camera::from_parts(*eye, turn, 20.0, 16, 12).expect("valid");
-        let pixels = (0..12).flat_map(|y| (0..16).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]));
+        let pixels =
+            (0..12).flat_map(|y| (0..16).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]));
         let depth = pixels.map(|[x, y]| ((-2.0 - eye.z) / camera.direction(x, y).z) as f32);
-        Shot { camera, color: vec![[90; 3]; 16 * 12], depth: depth.collect() }
+        Shot {
+            camera,
+            color: vec![[90; 3]; 16 * 12],
+            depth: depth.collect(),
+        }
     };
     places.iter().map(shot).collect()
 }
 
 fn places(columns: &[f64], rows: &[f64]) -> Vec<DVec3> {
-    rows.iter().flat_map(|y| columns.iter().map(|x| DVec3::new(*x, *y, 0.0))).collect()
+    rows.iter()
+        .flat_map(|y| columns.iter().map(|x| DVec3::new(*x, *y, 0.0)))
+        .collect()
 }
 
 #[test]
@@ -254,29 +347,53 @@ fn sets_that_are_no_grid_are_refused_in_a_sentence_that_says_where() {
     let full = places(&[0.0, 0.2, 0.5], &[0.0, 0.3]);
     let straight = |places: &[DVec3]| wall_from(places, DMat3::IDENTITY);
     assert!(made_of(&straight(&full)).is_ok());
-    let without: Vec<DVec3> = full.iter().copied().filter(|p| *p != DVec3::new(0.5, 0.3, 0.0)).collect();
+    let without: Vec<DVec3> = full
+        .iter()
+        .copied()
+        .filter(|p| *p != DVec3::new(0.5, 0.3, 0.0))
+        .collect();
     let said = refused(&straight(&without));
     // The file's axes have Z up.
-    assert!(said.contains("5 cameras stand in 3 columns and 2 rows") && said.contains("0.500,-0.000,0.300"), "{said}");
+    assert!(
+        said.contains("5 cameras stand in 3 columns and 2 rows")
+            && said.contains("0.500,-0.000,0.300"),
+        "{said}"
+    );
     let mut moved = full.clone();
     moved[4].z = 0.1;
     let said = refused(&straight(&moved));
-    assert!(said.contains("004.png") && said.contains("off the plane") && said.contains("leave it out"), "{said}");
+    assert!(
+        said.contains("004.png") && said.contains("off the plane") && said.contains("leave it out"),
+        "{said}"
+    );
     (moved[4].z, moved[4].x) = (0.0, 0.32);
     let said = refused(&straight(&moved));
-    assert!(said.contains("4 columns and 2 rows, but none where these cross at"), "{said}");
+    assert!(
+        said.contains("4 columns and 2 rows, but none where these cross at"),
+        "{said}"
+    );
     moved[4] = moved[3];
     let said = refused(&straight(&moved));
-    assert!(said.contains("003.png and 004.png were taken from the same place"), "{said}");
+    assert!(
+        said.contains("003.png and 004.png were taken from the same place"),
+        "{said}"
+    );
     let said = refused(&wall_from(&full, DMat3::from_rotation_x(1.2)));
     assert!(said.contains("000.png looks 69 degrees away"), "{said}");
     let mut set = straight(&full);
-    set[2].camera = Camera::from_parts(full[2], DMat3::from_rotation_y(2.0), 20.0, 16, 12).expect("valid");
+    set[2].camera =
+        Camera::from_parts(full[2], DMat3::from_rotation_y(2.0), 20.0, 16, 12).expect("valid");
     assert!(refused(&set).contains("002.png looks"));
-    let said = |change: fn(&mut ImageSet)| with(&straight(&full), change).expect_err("refused").to_string();
+    let said = |change: fn(&mut ImageSet)| {
+        with(&straight(&full), change)
+            .expect_err("refused")
+            .to_string()
+    };
     assert!(said(|set| set.views.clear()).contains("at least one camera"));
     assert!(said(|set| set.views[3].depth = None).contains("003.png has no depth"));
-    assert!(said(|set| set.views[1].lens = Lens::Equirectangular).contains("001.png is a panorama"));
+    assert!(
+        said(|set| set.views[1].lens = Lens::Equirectangular).contains("001.png is a panorama")
+    );
     assert!(said(|set| set.views[1].color = "nowhere.png".into()).contains("nowhere.png"));
 }
 
@@ -285,7 +402,9 @@ fn a_camera_may_be_off_its_place_by_what_nobody_sees() {
     // Something at 1 m before a wall at 2 m: half a unit of disparity, 20 px of focal length.
     let near = |places: &[DVec3]| {
         let mut shots = wall_from(places, DMat3::IDENTITY);
-        shots.iter_mut().for_each(|shot| shot.depth[100..104].fill(1.0));
+        shots
+            .iter_mut()
+            .for_each(|shot| shot.depth[100..104].fill(1.0));
         shots
     };
     let full = places(&[0.0, 1.0, 2.0], &[0.0, 1.0]);
@@ -297,15 +416,31 @@ fn a_camera_may_be_off_its_place_by_what_nobody_sees() {
     // Parallel images: a pixel is 1 / (20 * 1).
     assert!(off(0.09).is_ok(), "its row goes between its cameras");
     let said = off(0.14).expect_err("refused").to_string();
-    assert!(said.contains("displaced by a pixel") && said.contains("0.05"), "{said}");
+    assert!(
+        said.contains("displaced by a pixel") && said.contains("0.05"),
+        "{said}"
+    );
 }
 
 #[test]
 fn rows_columns_and_single_cameras_are_grids() {
-    for (columns, rows) in [(vec![0.0], vec![0.0]), (vec![0.0, 0.1, 0.4], vec![0.0]), (vec![0.0], vec![0.0, 0.3])] {
-        let FromImages { raw, .. } = made_of(&wall_from(&places(&columns, &rows), DMat3::IDENTITY)).expect("a grid");
-        assert_eq!((raw.grid().columns().len(), raw.grid().rows().len()), (columns.len(), rows.len()));
-        assert!((raw.grid().world_from_eye() - DMat3::IDENTITY).to_cols_array().iter().all(|v| v.abs() < 1e-9));
+    for (columns, rows) in [
+        (vec![0.0], vec![0.0]),
+        (vec![0.0, 0.1, 0.4], vec![0.0]),
+        (vec![0.0], vec![0.0, 0.3]),
+    ] {
+        let FromImages { raw, .. } =
+            made_of(&wall_from(&places(&columns, &rows), DMat3::IDENTITY)).expect("a grid");
+        assert_eq!(
+            (raw.grid().columns().len(), raw.grid().rows().len()),
+            (columns.len(), rows.len())
+        );
+        assert!(
+            (raw.grid().world_from_eye() - DMat3::IDENTITY)
+                .to_cols_array()
+                .iter()
+                .all(|v| v.abs() < 1e-9)
+        );
         assert_eq!(raw.grid().size_px(), [16, 12]);
         let [min, max] = raw.range().expect("a wall");
         assert!((min - 0.5).abs() < 1e-6 && (max - 0.5).abs() < 1e-6);

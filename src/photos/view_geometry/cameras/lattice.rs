@@ -17,8 +17,13 @@ impl Lattice {
     pub(crate) fn new(width: u32, height: u32, spacing_px: f32) -> Self {
         // A wider grid than the frame is no grid; a finer one than pixels shows nothing more.
         let spacing = (spacing_px.clamp(1.0, 256.0) * SUBPIXELS as f32) as i32;
-        let nodes = |side: u32| (i64::from(side) * i64::from(SUBPIXELS) / i64::from(spacing)) as u32 + 4;
-        Self { columns: nodes(width), rows: nodes(height), spacing }
+        let nodes =
+            |side: u32| (i64::from(side) * i64::from(SUBPIXELS) / i64::from(spacing)) as u32 + 4;
+        Self {
+            columns: nodes(width),
+            rows: nodes(height),
+            spacing,
+        }
     }
 
     /// Nodes in a pixel, along an axis.

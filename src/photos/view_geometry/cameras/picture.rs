@@ -1,9 +1,9 @@
 //! A camera's picture as a texture: linear light, minified copies, and with every texel how near what it shows is.
 
 use crate::view_geometry::render::fuse::NOBODY;
-use headbox_images::{FARTHEST_M, LoadedView};
-use headbox_core::color::linear_from_srgb8;
 use glam::Vec4;
+use headbox_core::color::linear_from_srgb8;
+use headbox_images::{FARTHEST_M, LoadedView};
 
 /// Sixteen bits of linear light.
 const FULL: f32 = 65_535.0;
@@ -43,10 +43,20 @@ const HALVINGS: usize = 4;
 impl Picture {
     /// Of a view in memory.
     pub(crate) fn new(view: &LoadedView) -> Self {
-        let inverse =
-            |i: usize| view.depth.get(i).filter(|depth| **depth > 0.0).map(|depth| 1.0 / depth.min(FARTHEST_M));
-        let nearest = (0..view.depth.len()).filter_map(inverse).fold(0.0, f32::max);
-        let step = if nearest > 0.0 { nearest / f32::from(NOBODY - LEAST_DEPTH) } else { 1.0 };
+        let inverse = |i: usize| {
+            view.depth
+                .get(i)
+                .filter(|depth| **depth > 0.0)
+                .map(|depth| 1.0 / depth.min(FARTHEST_M))
+        };
+        let nearest = (0..view.depth.len())
+            .filter_map(inverse)
+            .fold(0.0, f32::max);
+        let step = if nearest > 0.0 {
+            nearest / f32::from(NOBODY - LEAST_DEPTH)
+        } else {
+            1.0
+        };
         let [width, height] = view.size_px.map(|side| side as usize);
         let texel = |x: usize, y: usize| {
             let i = y * width + x;
@@ -56,24 +66,33 @@ impl Picture {
                 _ if a == 0 => MASKED,
                 // What is far is known to be, though it seem nearer by a step.
                 Some(inverse) => {
-                    LEAST_DEPTH + (inverse / step + 0.5).clamp(1.0, f32::from(NOBODY - LEAST_DEPTH)) as u16
+                    LEAST_DEPTH
+                        + (inverse / step + 0.5).clamp(1.0, f32::from(NOBODY - LEAST_DEPTH)) as u16
                 }
                 None => UNKNOWN,
             };
             [r, g, b, depth]
         };
         let mut levels = vec![Level::new([width, height], [width, height], texel)];
-        while let Some(next) =
-            levels.last().filter(|_| levels.len() <= HALVINGS).and_then(|level| level.halved([width, height]))
+        while let Some(next) = levels
+            .last()
+            .filter(|_| levels.len() <= HALVINGS)
+            .and_then(|level| level.halved([width, height]))
         {
             levels.push(next);
         }
-        Self { levels, inverse_depth_step: step }
+        Self {
+            levels,
+            inverse_depth_step: step,
+        }
     }
 
     /// Bytes in memory.
     pub(crate) fn bytes(&self) -> usize {
-        self.levels.iter().map(|level| size_of_val(level.texels.as_slice())).sum()
+        self.levels
+            .iter()
+            .map(|level| size_of_val(level.texels.as_slice()))
+            .sum()
     }
 
     /// The copy in which `texels` of the picture along an axis are nearest to one.
@@ -81,7 +100,11 @@ impl Picture {
     pub(crate) fn level_for(&self, texels: f32) -> usize {
         // Half an octave belongs to either side.
         let finest = texels * texels < 2.0;
-        if finest { 0 } else { ((texels * texels * 2.0).log2() * 0.5).min((self.levels.len() - 1) as f32) as usize }
+        if finest {
+            0
+        } else {
+            ((texels * texels * 2.0).log2() * 0.5).min((self.levels.len() - 1) as f32) as usize
+        }
     }
 
     /// What is at a position in pixels of the picture: linear colour, up to [`FULL`], bilinear over what is not masked out, and the inverse
@@ -95,12 +118,18 @@ impl Picture {
             return None;
         }
         // Beyond the middles of the outermost texels the colour goes on.
-        let (x, y) = ((x - 0.5).max(0.0).min(width - 1.0), (y - 0.5).max(0.0).min(height - 1.0));
+        let (x, y) = (
+            (x - 0.5).max(0.0).min(width - 1.0),
+            (y - 0.5).max(0.0).min(height - 1.0),
+        );
         let (column, row) = ((x as i32).min(level.last[0]), (y as i32).min(level.last[1]));
         let (fx, fy) = (x - column as f32, y - row as f32);
         let first = row as usize * level.stride + column as usize;
         let [a, b] = *level.texels.get(first..)?.first_chunk::<2>()?;
-        let [c, d] = *level.texels.get(first + level.stride..)?.first_chunk::<2>()?;
+        let [c, d] = *level
+            .texels
+            .get(first + level.stride..)?
+            .first_chunk::<2>()?;
         let upper = if fx < 0.5 { a[3] } else { b[3] };
         let lower = if fx < 0.5 { c[3] } else { d[3] };
         let depth = if fy < 0.5 { upper } else { lower };
@@ -117,9 +146,18 @@ impl Picture {
 
 /// Bilinear over the texels that are not masked out.
 fn unmasked(four: [[u16; 4]; 4], fx: f32, fy: f32) -> Option<[f32; 3]> {
-    let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+    let weights = [
+        (1.0 - fx) * (1.0 - fy),
+        fx * (1.0 - fy),
+        (1.0 - fx) * fy,
+        fx * fy,
+    ];
     let (mut sum, mut total) = ([0.0; 3], 0.0);
-    for (texel, weight) in four.into_iter().zip(weights).filter(|(texel, _)| texel[3] != MASKED) {
+    for (texel, weight) in four
+        .into_iter()
+        .zip(weights)
+        .filter(|(texel, _)| texel[3] != MASKED)
+    {
         (0..3).for_each(|k| sum[k] += f32::from(texel[k]) * weight);
         total += weight;
     }
@@ -127,14 +165,22 @@ fn unmasked(four: [[u16; 4]; 4], fx: f32, fy: f32) -> Option<[f32; 3]> {
 }
 
 impl Level {
-    fn new([width, height]: [usize; 2], whole: [usize; 2], texel: impl Fn(usize, usize) -> [u16; 4]) -> Self {
-        let places = (0..=height).flat_map(|y| (0..=width).map(move |x| (x.min(width - 1), y.min(height - 1))));
+    fn new(
+        [width, height]: [usize; 2],
+        whole: [usize; 2],
+        texel: impl Fn(usize, usize) -> [u16; 4],
+    ) -> Self {
+        let places = (0..=height)
+            .flat_map(|y| (0..=width).map(move |x| (x.min(width - 1), y.min(height - 1))));
         Self {
             width,
             height,
             size: [width as f32, height as f32],
             last: [width as i32 - 1, height as i32 - 1],
-            scale: [width as f32 / whole[0] as f32, height as f32 / whole[1] as f32],
+            scale: [
+                width as f32 / whole[0] as f32,
+                height as f32 / whole[1] as f32,
+            ],
             stride: width + 1,
             texels: places.map(|(x, y)| texel(x, y)).collect(),
         }
@@ -149,23 +195,34 @@ impl Level {
         let mean = |x: usize, y: usize| {
             let first = 2 * y * self.stride + 2 * x;
             let four = [0, 1, self.stride, self.stride + 1].map(|next| self.texels[first + next]);
-            let [r, g, b] = unmasked(four, 0.5, 0.5).unwrap_or_default().map(|c| (c + 0.5) as u16);
+            let [r, g, b] = unmasked(four, 0.5, 0.5)
+                .unwrap_or_default()
+                .map(|c| (c + 0.5) as u16);
             let depth = four.iter().map(|texel| texel[3]).max().unwrap_or(MASKED);
             [r, g, b, depth]
         };
-        Some(Self::new([self.width.div_ceil(2), self.height.div_ceil(2)], whole, mean))
+        Some(Self::new(
+            [self.width.div_ceil(2), self.height.div_ceil(2)],
+            whole,
+            mean,
+        ))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use crate::view_geometry::tests::view_of;
     use super::*;
+    pub(crate) use crate::view_geometry::tests::view_of;
     use glam::DVec3;
 
     fn view() -> LoadedView {
         let depth = |x: u32, _| if x == 0 { f32::NAN } else { 1.0 + x as f32 };
-        view_of(DVec3::ZERO, depth, |x, y| [x as u8 * 10, y as u8 * 20, 200], [13, 7])
+        view_of(
+            DVec3::ZERO,
+            depth,
+            |x, y| [x as u8 * 10, y as u8 * 20, 200],
+            [13, 7],
+        )
     }
 
     fn color(picture: &Picture, level: usize, x: f32, y: f32) -> Option<[f32; 3]> {
@@ -180,7 +237,13 @@ mod tests {
     fn colours_are_bilinear_in_linear_light() {
         let picture = Picture::new(&view());
         let linear = |level: u8| linear_from_srgb8(level) * FULL;
-        for (x, y) in [(4.5, 3.5), (4.75, 3.5), (4.5, 3.75), (0.0, 0.0), (13.0, 7.0)] {
+        for (x, y) in [
+            (4.5, 3.5),
+            (4.75, 3.5),
+            (4.5, 3.75),
+            (0.0, 0.0),
+            (13.0, 7.0),
+        ] {
             let found = color(&picture, 0, x, y).expect("inside");
             let mixed = |at: f32, side: f32, step: f32| {
                 let at = (at - 0.5).clamp(0.0, side - 1.0);
@@ -189,10 +252,18 @@ mod tests {
             };
             let expected = [mixed(x, 13.0, 10.0), mixed(y, 7.0, 20.0), linear(200)];
             // Half a step of sixteen bits for each of the texels.
-            assert!((0..3).all(|k| (found[k] - expected[k]).abs() < 1.1), "{x} {y}: {found:?} {expected:?}");
+            assert!(
+                (0..3).all(|k| (found[k] - expected[k]).abs() < 1.1),
+                "{x} {y}: {found:?} {expected:?}"
+            );
         }
-        assert!(color(&picture, 0, -0.01, 1.0).is_none() && color(&picture, 0, 13.01, 1.0).is_none());
-        assert!(color(&picture, 0, f32::NAN, 1.0).is_none() && picture.sample(1, f32::NAN, 1.0).is_none());
+        assert!(
+            color(&picture, 0, -0.01, 1.0).is_none() && color(&picture, 0, 13.01, 1.0).is_none()
+        );
+        assert!(
+            color(&picture, 0, f32::NAN, 1.0).is_none()
+                && picture.sample(1, f32::NAN, 1.0).is_none()
+        );
     }
 
     #[test]
@@ -203,7 +274,10 @@ mod tests {
         let picture = Picture::new(&view);
         for x in 1..13 {
             let found = shown(&picture, x as f32 + 0.5, 1.5);
-            assert!((found - 1.0 / (1.0 + x as f32)).abs() < 0.5 / 65_000.0, "{x}");
+            assert!(
+                (found - 1.0 / (1.0 + x as f32)).abs() < 0.5 / 65_000.0,
+                "{x}"
+            );
         }
         assert!(shown(&picture, 0.5, 1.5) == 0.0, "unknown");
         assert!(picture.sample(0, 13.5, 3.5).is_none() && picture.sample(0, 2.0, 9.0).is_none());
@@ -218,14 +292,32 @@ mod tests {
         let picture = Picture::new(&view_of(DVec3::ZERO, depth, |_, _| [90; 3], [8, 4]));
         let found = [0, 1, 2, 3].map(|x| shown(&picture, x as f32 + 0.5, 1.5));
         let step = picture.inverse_depth_step;
-        assert!(found[0] == 0.0 && (found[1] - 1.0).abs() < step && found[2] == step && found[3] == step, "{found:?}");
+        assert!(
+            found[0] == 0.0
+                && (found[1] - 1.0).abs() < step
+                && found[2] == step
+                && found[3] == step,
+            "{found:?}"
+        );
     }
 
     #[test]
     fn copies_are_means_of_the_picture() {
-        let view = view_of(DVec3::ZERO, |_, _| 1.0, |x, y| [if (x + y) % 2 == 0 { 255 } else { 0 }; 3], [16, 8]);
+        let view = view_of(
+            DVec3::ZERO,
+            |_, _| 1.0,
+            |x, y| [if (x + y) % 2 == 0 { 255 } else { 0 }; 3],
+            [16, 8],
+        );
         let picture = Picture::new(&view);
-        assert_eq!((picture.level_for(1.0), picture.level_for(1.5), picture.level_for(4.1)), (0, 1, 2));
+        assert_eq!(
+            (
+                picture.level_for(1.0),
+                picture.level_for(1.5),
+                picture.level_for(4.1)
+            ),
+            (0, 1, 2)
+        );
         for (x, y) in [(3.0, 3.0), (8.3, 4.0), (15.0, 1.0)] {
             let found = color(&picture, 1, x, y).expect("inside");
             assert!((found[0] - FULL / 2.0).abs() < 1.0, "{found:?}");

@@ -5,11 +5,11 @@
 //! they are held against when its picture is read ([`check`]).
 
 use super::samples::{MAX_PROBES, Probes, Samples};
-use crate::view_geometry::{RealCamera, SampleGrid};
 use crate::cache;
-use headbox_images::{Distortion, LoadedView, Pinhole, Pose, View};
-use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
+use crate::view_geometry::{RealCamera, SampleGrid};
 use glam::{DMat3, DVec3};
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
+use headbox_images::{Distortion, LoadedView, Pinhole, Pose, View};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -29,8 +29,17 @@ struct Header {
 }
 
 /// The file of a set's samples in a folder; `None` if one of its views has no file any more.
-pub(crate) fn path(folder: &Path, views: &[View], grid: &SampleGrid, origin: DVec3) -> Option<PathBuf> {
-    Some(folder.join(cache::of_views("samples", &format!("{grid:?} {origin:?}"), views)?))
+pub(crate) fn path(
+    folder: &Path,
+    views: &[View],
+    grid: &SampleGrid,
+    origin: DVec3,
+) -> Option<PathBuf> {
+    Some(folder.join(cache::of_views(
+        "samples",
+        &format!("{grid:?} {origin:?}"),
+        views,
+    )?))
 }
 
 /// Writes the samples of cameras.
@@ -38,7 +47,10 @@ pub(crate) fn write(path: &Path, cameras: &[RealCamera]) -> Result<(), FileError
     let counts = |camera: &RealCamera| camera.samples.counts().to_vec();
     let levels = cameras.first().map_or(0, |camera| counts(camera).len());
     let mut writer = ContainerWriter::new(FileKind::SAMPLES);
-    let header = Header { cameras: cameras.len(), levels };
+    let header = Header {
+        cameras: cameras.len(),
+        levels,
+    };
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("cameras", || {
         Ok(bytemuck::cast_slice(&cameras.iter().flat_map(numbers).collect::<Vec<f64>>()).to_vec())
@@ -50,11 +62,18 @@ pub(crate) fn write(path: &Path, cameras: &[RealCamera]) -> Result<(), FileError
     writer.section("probes", || {
         Ok(bytemuck::cast_slice(&cameras.iter().flat_map(probes).collect::<Vec<f32>>()).to_vec())
     });
-    let checksums: Vec<u32> = cameras.iter().map(|camera| camera.samples.checksum()).collect();
-    writer.section("checksums", move || Ok(bytemuck::cast_slice(&checksums).to_vec()));
+    let checksums: Vec<u32> = cameras
+        .iter()
+        .map(|camera| camera.samples.checksum())
+        .collect();
+    writer.section("checksums", move || {
+        Ok(bytemuck::cast_slice(&checksums).to_vec())
+    });
     for (axis, name) in AXES.into_iter().enumerate() {
         writer.section(name, move || {
-            let points = cameras.iter().flat_map(|camera| camera.samples.of_level(0)[axis]);
+            let points = cameras
+                .iter()
+                .flat_map(|camera| camera.samples.of_level(0)[axis]);
             Ok(points.flat_map(|value| value.to_le_bytes()).collect())
         });
     }
@@ -64,9 +83,16 @@ pub(crate) fn write(path: &Path, cameras: &[RealCamera]) -> Result<(), FileError
 fn numbers(camera: &RealCamera) -> [f64; NUMBERS] {
     let RealCamera { pose, lens, .. } = camera;
     let (eye, turn) = (pose.eye.to_array(), pose.world_from_eye.to_cols_array());
-    let all = eye.into_iter().chain(turn).chain(lens.focal_px).chain(lens.principal_px);
+    let all = eye
+        .into_iter()
+        .chain(turn)
+        .chain(lens.focal_px)
+        .chain(lens.principal_px);
     let mut numbers = [0.0; NUMBERS];
-    numbers.iter_mut().zip(all).for_each(|(to, from)| *to = from);
+    numbers
+        .iter_mut()
+        .zip(all)
+        .for_each(|(to, from)| *to = from);
     numbers
 }
 
@@ -79,8 +105,10 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
         return Err(info.damaged(format!("{views} cameras"), cameras.to_string()));
     }
     info = file.section("counts")?;
-    let total =
-        cameras.checked_mul(levels).filter(|_| levels > 0).ok_or_else(|| info.damaged("levels of detail", "none"))?;
+    let total = cameras
+        .checked_mul(levels)
+        .filter(|_| levels > 0)
+        .ok_or_else(|| info.damaged("levels of detail", "none"))?;
     let counts: Vec<u32> = info.array(total)?;
     let all: Vec<[f64; NUMBERS]> = file.section("cameras")?.array(cameras)?;
     let probes: Vec<[[f32; MAX_PROBES]; 3]> = file.section("probes")?.array(cameras)?;
@@ -89,13 +117,27 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
     let held = axes.each_ref().map(|axis| axis.values::<f32>().len());
     let mut first = 0;
     let mut opened = Vec::with_capacity(cameras);
-    for (((numbers, probes), counts), checksum) in all.iter().zip(probes).zip(counts.chunks(levels)).zip(checksums) {
+    for (((numbers, probes), counts), checksum) in all
+        .iter()
+        .zip(probes)
+        .zip(counts.chunks(levels))
+        .zip(checksums)
+    {
         // The finest level has all.
         let count = counts.iter().copied().max().unwrap_or(0) as usize;
         if held.iter().any(|held| first + count > *held) {
-            return Err(info.damaged(format!("{} points or more", first + count), format!("{held:?}")));
+            return Err(info.damaged(
+                format!("{} points or more", first + count),
+                format!("{held:?}"),
+            ));
         }
-        let samples = Samples::mapped(&axes, first..first + count, counts.to_vec(), Probes::new(probes), checksum);
+        let samples = Samples::mapped(
+            &axes,
+            first..first + count,
+            counts.to_vec(),
+            Probes::new(probes),
+            checksum,
+        );
         first += count;
         opened.push(camera(numbers, samples));
     }
@@ -106,8 +148,15 @@ fn camera(numbers: &[f64; NUMBERS], samples: Samples) -> RealCamera {
     let [x, y, z, turn @ .., fx, fy, px, py] = *numbers;
     let turn: [f64; 9] = turn;
     RealCamera {
-        pose: Pose { eye: DVec3::new(x, y, z), world_from_eye: DMat3::from_cols_array(&turn) },
-        lens: Pinhole { focal_px: [fx, fy], principal_px: [px, py], distortion: Distortion::default() },
+        pose: Pose {
+            eye: DVec3::new(x, y, z),
+            world_from_eye: DMat3::from_cols_array(&turn),
+        },
+        lens: Pinhole {
+            focal_px: [fx, fy],
+            principal_px: [px, py],
+            distortion: Distortion::default(),
+        },
         left_out: false,
         samples: Arc::new(samples),
     }
@@ -121,10 +170,14 @@ pub(crate) fn check(
     origin: DVec3,
     file: Option<PathBuf>,
 ) -> impl Fn(u32, &LoadedView) + Send + Sync + use<> {
-    let samples: Vec<Arc<Samples>> = cameras.iter().map(|camera| Arc::clone(&camera.samples)).collect();
+    let samples: Vec<Arc<Samples>> = cameras
+        .iter()
+        .map(|camera| Arc::clone(&camera.samples))
+        .collect();
     move |camera, view| {
         let samples = samples.get(camera as usize);
-        let is_whole = samples.is_none_or(|samples| samples.check(|| Samples::new(view, &grid, origin)));
+        let is_whole =
+            samples.is_none_or(|samples| samples.check(|| Samples::new(view, &grid, origin)));
         if let Some(file) = file.as_ref().filter(|_| !is_whole) {
             // What cannot be removed is found damaged again.
             let _ = std::fs::remove_file(file);
@@ -134,9 +187,9 @@ pub(crate) fn check(
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     pub(crate) use crate::view_geometry::tests::{frame, frame_at, plane_view, saved, set_of};
     use crate::view_geometry::{GeometryResources, GeometrySettings, ViewGeometry};
-    use super::*;
     use headbox_core::progress::Silent;
 
     const SIZE: [u32; 2] = [96, 72];
@@ -149,38 +202,65 @@ mod tests {
 
     fn open(views: &[View], cache: &Path) -> ViewGeometry {
         let set = set_of(cache, views);
-        let resources = GeometryResources { cache: Some(cache.into()), ..GeometryResources::default() };
-        ViewGeometry::open(&set, &views.iter().collect::<Vec<_>>(), &resources, &Silent).expect("opens")
+        let resources = GeometryResources {
+            cache: Some(cache.into()),
+            ..GeometryResources::default()
+        };
+        ViewGeometry::open(&set, &views.iter().collect::<Vec<_>>(), &resources, &Silent)
+            .expect("opens")
     }
 
     fn files(folder: &Path) -> Vec<PathBuf> {
-        std::fs::read_dir(folder).map_or(Vec::new(), |entries| entries.flatten().map(|entry| entry.path()).collect())
+        std::fs::read_dir(folder).map_or(Vec::new(), |entries| {
+            entries.flatten().map(|entry| entry.path()).collect()
+        })
     }
 
     #[test]
     fn a_set_opened_again_shows_the_same_without_a_picture_read() {
-        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let (pictures, cache) = (
+            tempfile::tempdir().expect("a folder"),
+            tempfile::tempdir().expect("a folder"),
+        );
         let views = views(pictures.path());
         let camera = frame_at(DVec3::new(0.05, 0.02, 0.1), SIZE);
         let settings = GeometrySettings::default();
         let expected = frame(&open(&views, cache.path()), &camera, &settings);
         let again = open(&views, cache.path());
         assert_eq!(again.pictures.bytes(), 0, "nothing was read");
-        assert!(again.notes().is_empty() && cache::make_room(cache.path(), 0) == 0, "it is in use");
+        assert!(
+            again.notes().is_empty() && cache::make_room(cache.path(), 0) == 0,
+            "it is in use"
+        );
         let found = frame(&again, &camera, &settings);
         assert!(found.0 == expected.0 && found.1.samples == expected.1.samples);
-        let samples =
-            |geometry: &ViewGeometry| geometry.cameras.iter().map(|camera| camera.samples.bytes()).sum::<usize>();
-        assert!(samples(&again) < 3 * 2048, "points are mapped: {}", samples(&again));
+        let samples = |geometry: &ViewGeometry| {
+            geometry
+                .cameras
+                .iter()
+                .map(|camera| camera.samples.bytes())
+                .sum::<usize>()
+        };
+        assert!(
+            samples(&again) < 3 * 2048,
+            "points are mapped: {}",
+            samples(&again)
+        );
         for coarse in [1, 3, 9] {
-            let settings = GeometrySettings { level: coarse, ..settings };
+            let settings = GeometrySettings {
+                level: coarse,
+                ..settings
+            };
             assert!(frame(&again, &camera, &settings).1.samples * 3 < found.1.samples);
         }
     }
 
     #[test]
     fn what_has_changed_is_sampled_anew() {
-        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let (pictures, cache) = (
+            tempfile::tempdir().expect("a folder"),
+            tempfile::tempdir().expect("a folder"),
+        );
         let views = views(pictures.path());
         open(&views, cache.path());
         saved(&plane_view(DVec3::ZERO, 2.0, SIZE), pictures.path(), "a");
@@ -188,23 +268,49 @@ mod tests {
         let nearer = frame(
             &open(&views, cache.path()),
             &camera,
-            &GeometrySettings { cameras: 1, ..GeometrySettings::default() },
+            &GeometrySettings {
+                cameras: 1,
+                ..GeometrySettings::default()
+            },
         );
         assert_eq!(files(cache.path()).len(), 2);
         let plain = set_of(pictures.path(), &views);
         let resources = GeometryResources::default();
-        let plain = ViewGeometry::open(&plain, &views.iter().collect::<Vec<_>>(), &resources, &Silent).expect("opens");
-        assert!(frame(&plain, &camera, &GeometrySettings { cameras: 1, ..GeometrySettings::default() }).0 == nearer.0);
+        let plain = ViewGeometry::open(
+            &plain,
+            &views.iter().collect::<Vec<_>>(),
+            &resources,
+            &Silent,
+        )
+        .expect("opens");
+        assert!(
+            frame(
+                &plain,
+                &camera,
+                &GeometrySettings {
+                    cameras: 1,
+                    ..GeometrySettings::default()
+                }
+            )
+            .0 == nearer.0
+        );
         open(&views[1..], cache.path());
         assert_eq!(files(cache.path()).len(), 3, "other views, another file");
     }
 
     #[test]
     fn a_damaged_file_is_as_none_and_written_anew() {
-        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let (pictures, cache) = (
+            tempfile::tempdir().expect("a folder"),
+            tempfile::tempdir().expect("a folder"),
+        );
         let views = views(pictures.path());
         let camera = frame_at(DVec3::ZERO, SIZE);
-        let expected = frame(&open(&views, cache.path()), &camera, &GeometrySettings::default());
+        let expected = frame(
+            &open(&views, cache.path()),
+            &camera,
+            &GeometrySettings::default(),
+        );
         let file = files(cache.path()).pop().expect("a file");
         let whole = std::fs::read(&file).expect("read");
         let cameras = super::open(&file, 3).expect("whole");
@@ -212,7 +318,11 @@ mod tests {
             Vec::new(),
             whole[..40].to_vec(),
             whole[..whole.len() - 100].to_vec(),
-            whole.iter().enumerate().map(|(i, byte)| if i == 700 { !byte } else { *byte }).collect(),
+            whole
+                .iter()
+                .enumerate()
+                .map(|(i, byte)| if i == 700 { !byte } else { *byte })
+                .collect(),
             b"HEADBOX\0trth and something else".to_vec(),
         ];
         for damage in damages {
@@ -220,7 +330,11 @@ mod tests {
             std::fs::write(&file, &damage).expect("written");
             assert!(super::open(&file, 3).is_err(), "{} bytes", damage.len());
             let anew = open(&views, cache.path());
-            assert!(matches!(anew.notes(), [note] if note.contains("made anew")), "{:?}", anew.notes());
+            assert!(
+                matches!(anew.notes(), [note] if note.contains("made anew")),
+                "{:?}",
+                anew.notes()
+            );
             assert!(frame(&anew, &camera, &GeometrySettings::default()).0 == expected.0);
             assert_eq!(std::fs::read(&file).expect("read"), whole);
         }
@@ -231,29 +345,58 @@ mod tests {
         // A cache that cannot be written.
         let nowhere = cache.path().join("file");
         std::fs::write(&nowhere, b"no folder").expect("written");
-        assert!(frame(&open(&views, &nowhere), &camera, &GeometrySettings::default()).0 == expected.0);
+        assert!(
+            frame(
+                &open(&views, &nowhere),
+                &camera,
+                &GeometrySettings::default()
+            )
+            .0 == expected.0
+        );
     }
 
     #[test]
     fn damaged_points_are_found_when_their_camera_is_used_and_made_anew() {
-        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let (pictures, cache) = (
+            tempfile::tempdir().expect("a folder"),
+            tempfile::tempdir().expect("a folder"),
+        );
         let views = views(pictures.path());
         let camera = frame_at(DVec3::new(0.05, 0.0, 0.1), SIZE);
-        let expected = frame(&open(&views, cache.path()), &camera, &GeometrySettings::default());
+        let expected = frame(
+            &open(&views, cache.path()),
+            &camera,
+            &GeometrySettings::default(),
+        );
         let file = files(cache.path()).pop().expect("a file");
         let whole = std::fs::read(&file).expect("read");
         let cameras = super::open(&file, 3).expect("whole");
-        assert!(cameras.iter().all(|camera| camera.samples.check(Samples::default)));
+        assert!(
+            cameras
+                .iter()
+                .all(|camera| camera.samples.check(Samples::default))
+        );
         // The last byte of the second camera's last point, whichever axis is last in the file.
         let of_one = whole.len() - 1 - 4 * cameras[2].samples.of_level(0)[2].len();
-        let damaged: Vec<u8> = whole.iter().zip(0..).map(|(byte, i)| byte ^ u8::from(i == of_one)).collect();
+        let damaged: Vec<u8> = whole
+            .iter()
+            .zip(0..)
+            .map(|(byte, i)| byte ^ u8::from(i == of_one))
+            .collect();
         std::fs::remove_file(&file).expect("removed");
         std::fs::write(&file, damaged).expect("written");
         let mended = open(&views, cache.path());
-        assert!(mended.notes().is_empty() && mended.mended().is_empty(), "points are not read yet");
+        assert!(
+            mended.notes().is_empty() && mended.mended().is_empty(),
+            "points are not read yet"
+        );
         let found = frame(&mended, &camera, &GeometrySettings::default());
         assert!(found.0 == expected.0 && found.1.samples == expected.1.samples);
-        assert!(matches!(&mended.mended()[..], [why] if why.contains("samples of b")), "{:?}", mended.mended());
+        assert!(
+            matches!(&mended.mended()[..], [why] if why.contains("samples of b")),
+            "{:?}",
+            mended.mended()
+        );
         assert!(!file.exists(), "it is made anew the next time");
         open(&views, cache.path());
         assert_eq!(std::fs::read(&file).expect("read"), whole);
@@ -261,14 +404,24 @@ mod tests {
 
     #[test]
     fn pictures_that_are_gone_since_it_was_opened_are_passed_over() {
-        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let (pictures, cache) = (
+            tempfile::tempdir().expect("a folder"),
+            tempfile::tempdir().expect("a folder"),
+        );
         let views = views(pictures.path());
         open(&views, cache.path());
         let geometry = open(&views, cache.path());
         std::fs::remove_file(&views[0].color).expect("removed");
         std::fs::write(&views[1].color, b"no picture").expect("written");
-        let (shown, stats) = frame(&geometry, &frame_at(DVec3::ZERO, SIZE), &GeometrySettings::default());
-        assert!(stats.cameras_used == 1 && stats.hole_pixels < 96 * 72 / 4, "{stats:?}");
+        let (shown, stats) = frame(
+            &geometry,
+            &frame_at(DVec3::ZERO, SIZE),
+            &GeometrySettings::default(),
+        );
+        assert!(
+            stats.cameras_used == 1 && stats.hole_pixels < 96 * 72 / 4,
+            "{stats:?}"
+        );
         assert_eq!(geometry.lost().len(), 2, "{:?}", geometry.lost());
         assert!(shown.color.iter().any(|color| color[0] > 0));
     }

@@ -3,9 +3,9 @@
 //! Invariant: the samples of level of detail n, which are those of all levels n and above (C25), are the first of the list. So
 //! a coarse look at many cameras reads the beginning of each list and nothing else.
 
-use headbox_images::LoadedView;
-use headbox_core::container::MappedSection;
 use glam::{DVec3, Vec3};
+use headbox_core::container::MappedSection;
+use headbox_images::LoadedView;
 use std::ops::Range;
 use std::sync::OnceLock;
 
@@ -64,7 +64,9 @@ impl Probes {
     /// Of their coordinates.
     pub(super) fn new(axes: [[f32; MAX_PROBES]; 3]) -> Self {
         let [x, y, z] = &axes;
-        let count = (0..MAX_PROBES).filter(|i| (x[*i] + y[*i] + z[*i]).is_finite()).count() as u32;
+        let count = (0..MAX_PROBES)
+            .filter(|i| (x[*i] + y[*i] + z[*i]).is_finite())
+            .count() as u32;
         Self { axes, count }
     }
 }
@@ -80,7 +82,10 @@ pub struct SampleGrid {
 
 impl Default for SampleGrid {
     fn default() -> Self {
-        Self { spacing_px: 3, coarsest: 3 }
+        Self {
+            spacing_px: 3,
+            coarsest: 3,
+        }
     }
 }
 
@@ -96,23 +101,34 @@ impl Samples {
         let spacing = grid.spacing_px.max(1);
         let coarsest = grid.coarsest.min(16);
         // From the first pixel to the last, so that what is sampled reaches to the picture's rims.
-        let [columns, rows] = view.size_px.map(|side| side.saturating_sub(1).div_ceil(spacing) + 1);
+        let [columns, rows] = view
+            .size_px
+            .map(|side| side.saturating_sub(1).div_ceil(spacing) + 1);
         let mut levels: Vec<Vec<Vec3>> = vec![Vec::new(); coarsest as usize + 1];
         let mut probes = [None::<(u32, Vec3)>; MAX_PROBES];
         let mut window = Vec::new();
-        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)))
+        {
             let at = [(column, view.size_px[0]), (row, view.size_px[1])]
                 .map(|(number, side)| (number * spacing).min(side - 1));
-            let Some(depth) = median_depth(view, at, (spacing / 2).max(1), &mut window) else { continue };
+            let Some(depth) = median_depth(view, at, (spacing / 2).max(1), &mut window) else {
+                continue;
+            };
             // A depth is a multiple of the pixel's ray, whose third component is 1 for a pinhole: eye depth (C24).
-            let ray = view.lens.ray(at.map(|at| f64::from(at) + 0.5), view.size_px);
+            let ray = view
+                .lens
+                .ray(at.map(|at| f64::from(at) + 0.5), view.size_px);
             let point = (view.pose.to_world(ray * f64::from(depth)) - origin).as_vec3();
-            let level = column.trailing_zeros().min(row.trailing_zeros()).min(coarsest);
+            let level = column
+                .trailing_zeros()
+                .min(row.trailing_zeros())
+                .min(coarsest);
             levels[level as usize].push(point);
-            let cell = [(column, columns, PROBES[0]), (row, rows, PROBES[1])].map(|(at, of, cells)| {
-                let cell = (at * cells / of.max(1)).min(cells - 1);
-                (cell, (2 * at * cells).abs_diff((2 * cell + 1) * of))
-            });
+            let cell =
+                [(column, columns, PROBES[0]), (row, rows, PROBES[1])].map(|(at, of, cells)| {
+                    let cell = (at * cells / of.max(1)).min(cells - 1);
+                    (cell, (2 * at * cells).abs_diff((2 * cell + 1) * of))
+                });
             let probe = &mut probes[(cell[1].0 * PROBES[0] + cell[0].0) as usize];
             let off_middle = cell[0].1 + cell[1].1;
             if probe.is_none_or(|(best, _)| off_middle < best) {
@@ -129,7 +145,11 @@ impl Samples {
         for (i, (_, point)) in probes.iter().flatten().enumerate() {
             (0..3).for_each(|axis| spread[axis][i] = point[axis]);
         }
-        Self { points: Held::Memory(points), counts, probes: Probes::new(spread) }
+        Self {
+            points: Held::Memory(points),
+            counts,
+            probes: Probes::new(spread),
+        }
     }
 
     /// Samples in a file: some of the points of three sections, and what [`Self::counts`], [`Self::probes`] and [`Self::checksum`] were.
@@ -140,28 +160,43 @@ impl Samples {
         probes: Probes,
         checksum: u32,
     ) -> Self {
-        let mapped = Mapped { axes: axes.clone(), points, checksum, checked: OnceLock::new() };
-        Self { points: Held::Disk(mapped), counts, probes }
+        let mapped = Mapped {
+            axes: axes.clone(),
+            points,
+            checksum,
+            checked: OnceLock::new(),
+        };
+        Self {
+            points: Held::Disk(mapped),
+            counts,
+            probes,
+        }
     }
 
     /// Of all points.
     pub(super) fn checksum(&self) -> u32 {
         let mut sum = crc32fast::Hasher::new();
-        self.of_level(0).iter().for_each(|axis| sum.update(bytemuck::cast_slice(axis)));
+        self.of_level(0)
+            .iter()
+            .for_each(|axis| sum.update(bytemuck::cast_slice(axis)));
         sum.finalize()
     }
 
     /// Reads the points of samples in a file and holds them against their checksum, if this is the first time; if they are damaged, those of `anew`
     /// take their place. Returns whether they are whole.
     pub(crate) fn check(&self, anew: impl FnOnce() -> Self) -> bool {
-        let Held::Disk(mapped) = &self.points else { return true };
+        let Held::Disk(mapped) = &self.points else {
+            return true;
+        };
         let replaced = || (self.checksum() != mapped.checksum).then(|| Box::new(anew()));
         mapped.checked.get_or_init(replaced).is_none()
     }
 
     /// What took the place of damaged points.
     pub(crate) fn mended(&self) -> Option<&Self> {
-        let Held::Disk(mapped) = &self.points else { return None };
+        let Held::Disk(mapped) = &self.points else {
+            return None;
+        };
         mapped.checked.get()?.as_deref()
     }
 
@@ -175,12 +210,17 @@ impl Samples {
         if let Some(mended) = self.mended() {
             return mended.of_level(level);
         }
-        let count = self.counts.get(level as usize).or(self.counts.last()).copied().unwrap_or(0) as usize;
+        let count = self
+            .counts
+            .get(level as usize)
+            .or(self.counts.last())
+            .copied()
+            .unwrap_or(0) as usize;
         let all: Points = match &self.points {
             Held::Memory(axes) => axes.each_ref().map(Vec::as_slice),
-            Held::Disk(Mapped { axes, points, .. }) => {
-                axes.each_ref().map(|axis| axis.values().get(points.clone()).unwrap_or_default())
-            }
+            Held::Disk(Mapped { axes, points, .. }) => axes
+                .each_ref()
+                .map(|axis| axis.values().get(points.clone()).unwrap_or_default()),
         };
         all.map(|axis| axis.get(..count).unwrap_or_default())
     }
@@ -201,13 +241,22 @@ impl Samples {
 }
 
 /// The lower median of the known depths of a window about a pixel.
-fn median_depth(view: &LoadedView, [x, y]: [u32; 2], radius: u32, window: &mut Vec<f32>) -> Option<f32> {
+fn median_depth(
+    view: &LoadedView,
+    [x, y]: [u32; 2],
+    radius: u32,
+    window: &mut Vec<f32>,
+) -> Option<f32> {
     window.clear();
     let range = |at: u32, side: u32| at.saturating_sub(radius)..(at + radius + 1).min(side);
     let (columns, rows) = (range(x, view.size_px[0]), range(y, view.size_px[1]));
     let all = columns.len() * rows.len();
     for row in rows {
-        window.extend(columns.clone().filter_map(|column| view.depth_at(column, row)));
+        window.extend(
+            columns
+                .clone()
+                .filter_map(|column| view.depth_at(column, row)),
+        );
     }
     if window.is_empty() || 3 * window.len() < all {
         return None;
@@ -218,19 +267,29 @@ fn median_depth(view: &LoadedView, [x, y]: [u32; 2], radius: u32, window: &mut V
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use crate::view_geometry::tests::{plane_view, view_of};
     use super::*;
+    pub(crate) use crate::view_geometry::tests::{plane_view, view_of};
 
     #[test]
     fn a_level_of_detail_is_the_beginning_of_the_list_and_has_a_quarter_of_the_finer_one() {
         let view = plane_view(DVec3::ZERO, 2.0, [64, 64]);
-        let samples = Samples::new(&view, &SampleGrid { spacing_px: 2, coarsest: 3 }, DVec3::ZERO);
-        let counts: Vec<usize> = (0..6).map(|level| samples.of_level(level)[0].len()).collect();
+        let samples = Samples::new(
+            &view,
+            &SampleGrid {
+                spacing_px: 2,
+                coarsest: 3,
+            },
+            DVec3::ZERO,
+        );
+        let counts: Vec<usize> = (0..6)
+            .map(|level| samples.of_level(level)[0].len())
+            .collect();
         assert_eq!(counts, [33 * 33, 17 * 17, 9 * 9, 5 * 5, 25, 25]);
         // Level 1 is what a grid of twice the spacing would hold: every second point in both directions.
         let ([second, ..], [all, ..]) = (samples.of_level(1), samples.of_level(0));
         assert_eq!(second, &all[..17 * 17]);
-        let columns: std::collections::BTreeSet<i32> = second.iter().map(|x| (x * 1e4) as i32).collect();
+        let columns: std::collections::BTreeSet<i32> =
+            second.iter().map(|x| (x * 1e4) as i32).collect();
         assert_eq!(columns.len(), 17);
         assert_eq!(samples.probes().count as usize, MAX_PROBES);
     }
@@ -239,23 +298,43 @@ mod tests {
     fn samples_lie_where_the_depth_says_and_outliers_do_not_count() {
         let depth = |x: u32, y: u32| if (x, y) == (10, 10) { 0.1 } else { 3.0 };
         let view = view_of(DVec3::new(1.0, 2.0, 3.0), depth, |_, _| [9; 3], [48, 32]);
-        let samples = Samples::new(&view, &SampleGrid { spacing_px: 4, coarsest: 2 }, DVec3::ONE);
+        let samples = Samples::new(
+            &view,
+            &SampleGrid {
+                spacing_px: 4,
+                coarsest: 2,
+            },
+            DVec3::ONE,
+        );
         let [x, _, z] = samples.of_level(0);
         assert_eq!((x.len(), z.len()), (13 * 9, 13 * 9));
         // Looking down -Z from (1, 2, 3), relative to (1, 1, 1).
-        assert!(z.iter().all(|z| (z - (3.0 - 3.0 - 1.0)).abs() < 1e-5), "{z:?}");
+        assert!(
+            z.iter().all(|z| (z - (3.0 - 3.0 - 1.0)).abs() < 1e-5),
+            "{z:?}"
+        );
     }
 
     #[test]
     fn holes_have_no_samples() {
         let depth = |x: u32, _| if x < 24 { f32::NAN } else { 2.0 };
         let view = view_of(DVec3::ZERO, depth, |_, _| [9; 3], [48, 32]);
-        let samples = Samples::new(&view, &SampleGrid { spacing_px: 4, coarsest: 2 }, DVec3::ZERO);
+        let samples = Samples::new(
+            &view,
+            &SampleGrid {
+                spacing_px: 4,
+                coarsest: 2,
+            },
+            DVec3::ZERO,
+        );
         assert_eq!(samples.of_level(0)[0].len(), 7 * 9);
         let none = view_of(DVec3::ZERO, |_, _| f32::NAN, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(&none, &SampleGrid::default(), DVec3::ZERO);
         assert!(samples.of_level(0)[0].is_empty() && samples.probes().count == 0);
         let tiny = view_of(DVec3::ZERO, |_, _| 1.0, |_, _| [9; 3], [2, 1]);
-        assert_eq!(Samples::new(&tiny, &SampleGrid::default(), DVec3::ZERO).of_level(0)[0].len(), 2);
+        assert_eq!(
+            Samples::new(&tiny, &SampleGrid::default(), DVec3::ZERO).of_level(0)[0].len(),
+            2
+        );
     }
 }

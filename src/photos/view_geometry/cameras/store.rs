@@ -5,8 +5,8 @@
 //! picture that cannot be read any more is remembered as lost: its camera is passed over, and why is said.
 
 use super::picture::Picture;
-use headbox_images::{LoadedView, View};
 use headbox_core::lru::Shelves;
+use headbox_images::{LoadedView, View};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -57,8 +57,16 @@ struct AtHand {
 
 impl PictureStore {
     pub(crate) fn new(views: Vec<View>, budget: usize) -> Self {
-        let shared = Shared { views, budget, when_read: OnceLock::new(), state: Mutex::default() };
-        Self { shared: Arc::new(shared), worker: OnceLock::new() }
+        let shared = Shared {
+            views,
+            budget,
+            when_read: OnceLock::new(),
+            state: Mutex::default(),
+        };
+        Self {
+            shared: Arc::new(shared),
+            worker: OnceLock::new(),
+        }
     }
 
     /// From now on `look` is given each camera's view before its picture is at hand. It is told so once.
@@ -112,7 +120,9 @@ impl PictureStore {
         drop(state);
         drop(gone);
         if to_come > 0 {
-            let worker = self.worker.get_or_init(|| Shared::start(Arc::clone(&self.shared)));
+            let worker = self
+                .worker
+                .get_or_init(|| Shared::start(Arc::clone(&self.shared)));
             // The thread ends with the store alone.
             let _ = worker.send(());
         }
@@ -125,29 +135,48 @@ impl PictureStore {
             let missing: Vec<u32> = {
                 let mut state = self.shared.lock();
                 let State { held, lost, .. } = &mut *state;
-                let readable = ranked.iter().copied().filter(|camera| !lost.contains_key(camera)).take(count);
-                readable.filter(|camera| held.take_down(*camera).is_none()).collect()
+                let readable = ranked
+                    .iter()
+                    .copied()
+                    .filter(|camera| !lost.contains_key(camera))
+                    .take(count);
+                readable
+                    .filter(|camera| held.take_down(*camera).is_none())
+                    .collect()
             };
             if missing.is_empty() {
                 return;
             }
-            missing.into_par_iter().for_each(|camera| self.shared.decode(camera));
+            missing
+                .into_par_iter()
+                .for_each(|camera| self.shared.decode(camera));
         }
     }
 
     /// The name of a view.
     pub(crate) fn name(&self, camera: u32) -> String {
-        self.shared.views.get(camera as usize).map_or_else(String::new, |view| view.name.clone())
+        self.shared
+            .views
+            .get(camera as usize)
+            .map_or_else(String::new, |view| view.name.clone())
     }
 
     /// A picture, if it is at hand; to look at it is no use of it.
     pub(crate) fn at_hand(&self, camera: u32) -> Option<Arc<Picture>> {
-        self.shared.lock().held.look_at(camera).map(|at_hand| Arc::clone(&at_hand.picture))
+        self.shared
+            .lock()
+            .held
+            .look_at(camera)
+            .map(|at_hand| Arc::clone(&at_hand.picture))
     }
 
     /// How long a picture has been at hand, seconds.
     pub(crate) fn age_s(&self, camera: u32) -> Option<f32> {
-        self.shared.lock().held.look_at(camera).map(|at_hand| at_hand.since.elapsed().as_secs_f32())
+        self.shared
+            .lock()
+            .held
+            .look_at(camera)
+            .map(|at_hand| at_hand.since.elapsed().as_secs_f32())
     }
 
     /// What could not be read any more: a sentence each.
@@ -164,7 +193,9 @@ impl PictureStore {
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, State> {
         // A panic elsewhere leaves the state whole: each change is one insertion or removal.
-        self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+        self.state
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
     /// Reads a camera's picture, and lets go of what it takes the room of.
@@ -202,7 +233,9 @@ impl Shared {
             }
         };
         // Without a thread the pictures stay missing, and the next best cameras go on serving.
-        let _ = std::thread::Builder::new().name("pictures".into()).spawn(work);
+        let _ = std::thread::Builder::new()
+            .name("pictures".into())
+            .spawn(work);
         sender
     }
 }
@@ -210,7 +243,14 @@ impl Shared {
 impl State {
     fn hold(&mut self, camera: u32, picture: Picture) {
         let bytes = picture.bytes() as u64;
-        self.held.put(camera, AtHand { picture: Arc::new(picture), since: Instant::now() }, bytes);
+        self.held.put(
+            camera,
+            AtHand {
+                picture: Arc::new(picture),
+                since: Instant::now(),
+            },
+            bytes,
+        );
     }
 
     fn next_queued(&mut self) -> Option<u32> {
@@ -225,12 +265,18 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use crate::view_geometry::tests::{plane_view, saved};
     use super::*;
+    pub(crate) use crate::view_geometry::tests::{plane_view, saved};
     use glam::DVec3;
 
     fn views(count: usize, folder: &std::path::Path) -> Vec<View> {
-        let view = |i: usize| saved(&plane_view(DVec3::X * i as f64, 2.0, [32, 24]), folder, &format!("{i}"));
+        let view = |i: usize| {
+            saved(
+                &plane_view(DVec3::X * i as f64, 2.0, [32, 24]),
+                folder,
+                &format!("{i}"),
+            )
+        };
         (0..count).map(view).collect()
     }
 
@@ -244,13 +290,24 @@ mod tests {
         let views = views(6, folder.path());
         let one = Picture::new(&views[0].load().expect("loads")).bytes();
         let store = PictureStore::new(views, 3 * one);
-        let fetch = |ranked: &[u32]| cameras(&store.fetch(ranked.iter().copied(), 2, Patience::Wait));
+        let fetch =
+            |ranked: &[u32]| cameras(&store.fetch(ranked.iter().copied(), 2, Patience::Wait));
         assert_eq!(fetch(&[0, 1, 2]), [0, 1]);
         assert_eq!(fetch(&[2, 0]), [2, 0]);
         assert_eq!(fetch(&[3, 4]), [3, 4]);
         assert_eq!(store.bytes(), 3 * one);
-        let held: Vec<u32> = store.shared.lock().held.iter().map(|(camera, _)| camera).collect();
-        assert_eq!(held, [2, 3, 4], "1 was used before 0 and 2; of these the lower number went");
+        let held: Vec<u32> = store
+            .shared
+            .lock()
+            .held
+            .iter()
+            .map(|(camera, _)| camera)
+            .collect();
+        assert_eq!(
+            held,
+            [2, 3, 4],
+            "1 was used before 0 and 2; of these the lower number went"
+        );
     }
 
     #[test]
@@ -260,9 +317,16 @@ mod tests {
         std::fs::remove_file(&views[1].color).expect("removed");
         let store = PictureStore::new(views, usize::MAX);
         for patience in [Patience::Wait, Patience::Never] {
-            assert_eq!(cameras(&store.fetch([0, 1, 2].into_iter(), 2, patience)), [0, 2]);
+            assert_eq!(
+                cameras(&store.fetch([0, 1, 2].into_iter(), 2, patience)),
+                [0, 2]
+            );
         }
-        assert!(matches!(&store.lost()[..], [why] if why.contains("1.png")), "{:?}", store.lost());
+        assert!(
+            matches!(&store.lost()[..], [why] if why.contains("1.png")),
+            "{:?}",
+            store.lost()
+        );
     }
 
     #[test]
@@ -270,7 +334,10 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let store = PictureStore::new(views(4, folder.path()), usize::MAX);
         store.fetch([3].into_iter(), 1, Patience::Wait);
-        assert_eq!(cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, Patience::Never)), [3]);
+        assert_eq!(
+            cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, Patience::Never)),
+            [3]
+        );
         let started = Instant::now();
         while cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, Patience::Never)) != [0, 1] {
             assert!(started.elapsed().as_secs() < 60, "the thread decodes");

@@ -19,7 +19,10 @@ impl Picture {
     /// As [`Self::level_for`].
     #[inline(always)]
     pub(crate) fn levels_for<S: Simd>(&self, texels: f32x16<S>) -> u32x16<S> {
-        let (one, zero) = (u32x16::splat(texels.token(), 1), u32x16::splat(texels.token(), 0));
+        let (one, zero) = (
+            u32x16::splat(texels.token(), 1),
+            u32x16::splat(texels.token(), 0),
+        );
         let mut level = zero;
         let mut bound = 2.0;
         for _ in 1..self.levels.len() {
@@ -39,8 +42,14 @@ impl Picture {
         wanted: u64,
     ) -> Sixteen<S> {
         let zero = f32x16::splat(simd, 0.0);
-        let nothing = Sixteen { color: [zero; 3], inverse_depth: zero, known: 0 };
-        let Some(level) = self.levels.get(level as usize) else { return nothing };
+        let nothing = Sixteen {
+            color: [zero; 3],
+            inverse_depth: zero,
+            known: 0,
+        };
+        let Some(level) = self.levels.get(level as usize) else {
+            return nothing;
+        };
         let (x, y) = (x * level.scale[0], y * level.scale[1]);
         let [width, height] = level.size;
         let inside = x.simd_ge(0.0) & y.simd_ge(0.0) & x.simd_le(width) & y.simd_le(height);
@@ -51,20 +60,38 @@ impl Picture {
         let column = x.floor().min(level.last[0] as f32);
         let row = y.floor().min(level.last[1] as f32);
         let (fx, fy) = (x - column, y - row);
-        let index: u32x16<S> =
-            (i32x16::truncate_from(row) * level.stride as i32 + i32x16::truncate_from(column)).bitcast();
-        let Some([a, b, c, d]) = fours(simd, &level.texels, index, level.stride) else { return nothing };
+        let index: u32x16<S> = (i32x16::truncate_from(row) * level.stride as i32
+            + i32x16::truncate_from(column))
+        .bitcast();
+        let Some([a, b, c, d]) = fours(simd, &level.texels, index, level.stride) else {
+            return nothing;
+        };
         let half = f32x16::splat(simd, 0.5);
         let (left, top) = (fx.simd_lt(half), fy.simd_lt(half));
         let depth = top.select(left.select(a[1], b[1]), left.select(c[1], d[1])) >> 16;
         let least = u32x16::splat(simd, u32::from(LEAST_DEPTH));
         let inverse_depth = float(depth.max(least) - least) * self.inverse_depth_step;
-        let masked = (a[1] >> 16).min(b[1] >> 16).min((c[1] >> 16).min(d[1] >> 16)).simd_eq(u32::from(MASKED));
+        let masked = (a[1] >> 16)
+            .min(b[1] >> 16)
+            .min((c[1] >> 16).min(d[1] >> 16))
+            .simd_eq(u32::from(MASKED));
         let shares = [fx, fy];
         let mut color = [
-            bilinear(a[0] & 0xffff, b[0] & 0xffff, c[0] & 0xffff, d[0] & 0xffff, shares),
+            bilinear(
+                a[0] & 0xffff,
+                b[0] & 0xffff,
+                c[0] & 0xffff,
+                d[0] & 0xffff,
+                shares,
+            ),
             bilinear(a[0] >> 16, b[0] >> 16, c[0] >> 16, d[0] >> 16, shares),
-            bilinear(a[1] & 0xffff, b[1] & 0xffff, c[1] & 0xffff, d[1] & 0xffff, shares),
+            bilinear(
+                a[1] & 0xffff,
+                b[1] & 0xffff,
+                c[1] & 0xffff,
+                d[1] & 0xffff,
+                shares,
+            ),
         ];
         let mut known = known;
         if masked.to_bitmask() & known != 0 {
@@ -74,37 +101,73 @@ impl Picture {
             }
             known &= rest;
         }
-        Sixteen { color, inverse_depth, known }
+        Sixteen {
+            color,
+            inverse_depth,
+            known,
+        }
     }
 }
 
 /// Of each index the texel there, the one right of it, and the two below, `stride` further on: red and green, and blue and inverse
 /// depth, in the lower and upper halves of two words. `None` if there are not so many texels.
 #[inline(always)]
-fn fours<S: Simd>(simd: S, texels: &[[u16; 4]], index: u32x16<S>, stride: usize) -> Option<[[u32x16<S>; 2]; 4]> {
+fn fours<S: Simd>(
+    simd: S,
+    texels: &[[u16; 4]],
+    index: u32x16<S>,
+    stride: usize,
+) -> Option<[[u32x16<S>; 2]; 4]> {
     let count = texels.len().checked_sub(stride)?;
     let (upper, lower) = (texels.get(..count)?, texels.get(stride..stride + count)?);
     if count < 2 {
         return None;
     }
     let index = index.min(count as u32 - 2).to_array();
-    let ([a, b], [c, d]) = (left_and_right(simd, upper, &index), left_and_right(simd, lower, &index));
+    let ([a, b], [c, d]) = (
+        left_and_right(simd, upper, &index),
+        left_and_right(simd, lower, &index),
+    );
     Some([a, b, c, d])
 }
 
 /// Of pairs of texels, each from an index on, the words of the left ones and of the right ones.
 #[inline(always)]
-fn left_and_right<S: Simd>(simd: S, texels: &[[u16; 4]], index: &[u32; LANES]) -> [[u32x16<S>; 2]; 2] {
-    let (a, b) = simd.deinterleave_u32x16(four_pairs(simd, texels, index, 0), four_pairs(simd, texels, index, 4));
-    let (c, d) = simd.deinterleave_u32x16(four_pairs(simd, texels, index, 8), four_pairs(simd, texels, index, 12));
-    let (red_green, blue_depth) = (simd.deinterleave_u32x16(a, c), simd.deinterleave_u32x16(b, d));
+fn left_and_right<S: Simd>(
+    simd: S,
+    texels: &[[u16; 4]],
+    index: &[u32; LANES],
+) -> [[u32x16<S>; 2]; 2] {
+    let (a, b) = simd.deinterleave_u32x16(
+        four_pairs(simd, texels, index, 0),
+        four_pairs(simd, texels, index, 4),
+    );
+    let (c, d) = simd.deinterleave_u32x16(
+        four_pairs(simd, texels, index, 8),
+        four_pairs(simd, texels, index, 12),
+    );
+    let (red_green, blue_depth) = (
+        simd.deinterleave_u32x16(a, c),
+        simd.deinterleave_u32x16(b, d),
+    );
     [[red_green.0, blue_depth.0], [red_green.1, blue_depth.1]]
 }
 
 #[inline(always)]
-fn four_pairs<S: Simd>(simd: S, texels: &[[u16; 4]], index: &[u32; LANES], first: usize) -> u32x16<S> {
-    let (a, b) = (pair(simd, texels, index[first]), pair(simd, texels, index[first + 1]));
-    let (c, d) = (pair(simd, texels, index[first + 2]), pair(simd, texels, index[first + 3]));
+fn four_pairs<S: Simd>(
+    simd: S,
+    texels: &[[u16; 4]],
+    index: &[u32; LANES],
+    first: usize,
+) -> u32x16<S> {
+    let (a, b) = (
+        pair(simd, texels, index[first]),
+        pair(simd, texels, index[first + 1]),
+    );
+    let (c, d) = (
+        pair(simd, texels, index[first + 2]),
+        pair(simd, texels, index[first + 3]),
+    );
     a.combine(b).combine(c.combine(d))
 }
 
@@ -112,13 +175,23 @@ fn four_pairs<S: Simd>(simd: S, texels: &[[u16; 4]], index: &[u32; LANES], first
 fn pair<S: Simd>(simd: S, texels: &[[u16; 4]], index: u32) -> u32x4<S> {
     // In these words the compiler sees that nothing lies outside.
     let at = (index as usize).min(texels.len().saturating_sub(2));
-    let two = texels.get(at..at + 2).and_then(<[[u16; 4]]>::first_chunk::<2>).copied().unwrap_or_default();
+    let two = texels
+        .get(at..at + 2)
+        .and_then(<[[u16; 4]]>::first_chunk::<2>)
+        .copied()
+        .unwrap_or_default();
     u32x4::load_array(simd, bytemuck::cast(two))
 }
 
 /// Between four levels.
 #[inline(always)]
-fn bilinear<S: Simd>(a: u32x16<S>, b: u32x16<S>, c: u32x16<S>, d: u32x16<S>, [x, y]: [f32x16<S>; 2]) -> f32x16<S> {
+fn bilinear<S: Simd>(
+    a: u32x16<S>,
+    b: u32x16<S>,
+    c: u32x16<S>,
+    d: u32x16<S>,
+    [x, y]: [f32x16<S>; 2],
+) -> f32x16<S> {
     let (a, b, c, d) = (float(a), float(b), float(c), float(d));
     let (top, bottom) = (a + (b - a) * x, c + (d - c) * x);
     top + (bottom - top) * y
@@ -126,14 +199,20 @@ fn bilinear<S: Simd>(a: u32x16<S>, b: u32x16<S>, c: u32x16<S>, d: u32x16<S>, [x,
 
 /// As [`unmasked`], and which lanes have any texel that is not masked out.
 #[inline(always)]
-fn unmasked_sixteen<S: Simd>(simd: S, texels: [[u32x16<S>; 2]; 4], [x, y]: [f32x16<S>; 2]) -> ([f32x16<S>; 3], u64) {
+fn unmasked_sixteen<S: Simd>(
+    simd: S,
+    texels: [[u32x16<S>; 2]; 4],
+    [x, y]: [f32x16<S>; 2],
+) -> ([f32x16<S>; 3], u64) {
     let zero = f32x16::splat(simd, 0.0);
     let (left, top) = (1.0 - x, 1.0 - y);
     let weights = [left * top, x * top, left * y, x * y];
     let (mut color, mut total) = ([zero; 3], zero);
     for i in 0..4 {
         let [red_green, blue_depth] = texels[i];
-        let weight = (blue_depth >> 16).simd_eq(u32::from(MASKED)).select(zero, weights[i]);
+        let weight = (blue_depth >> 16)
+            .simd_eq(u32::from(MASKED))
+            .select(zero, weights[i]);
         color[0] += float(red_green & 0xffff) * weight;
         color[1] += float(red_green >> 16) * weight;
         color[2] += float(blue_depth & 0xffff) * weight;
@@ -155,12 +234,12 @@ fn float<S: Simd>(numbers: u32x16<S>) -> f32x16<S> {
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use crate::view_geometry::tests::view_of;
     use super::*;
-    use headbox_core::random::Rng;
-    use headbox_core::simd;
+    pub(crate) use crate::view_geometry::tests::view_of;
     use fearless_simd::dispatch;
     use glam::DVec3;
+    use headbox_core::random::Rng;
+    use headbox_core::simd;
 
     #[inline(always)]
     fn look<S: Simd>(
@@ -170,8 +249,16 @@ mod tests {
         at: [&[f32; LANES]; 2],
     ) -> ([[f32; LANES]; 3], [f32; LANES], u64) {
         let [x, y] = at.map(|axis| f32x16::load_array_ref(simd, axis));
-        let Sixteen { color: [r, g, b], inverse_depth, known } = picture.sample_sixteen(simd, level, [x, y], 0xf7ff);
-        ([r.to_array(), g.to_array(), b.to_array()], inverse_depth.to_array(), known)
+        let Sixteen {
+            color: [r, g, b],
+            inverse_depth,
+            known,
+        } = picture.sample_sixteen(simd, level, [x, y], 0xf7ff);
+        (
+            [r.to_array(), g.to_array(), b.to_array()],
+            inverse_depth.to_array(),
+            known,
+        )
     }
 
     #[test]
@@ -185,8 +272,20 @@ mod tests {
         );
         view.depth[40..60].fill(f32::NAN);
         let mut masked = view.clone();
-        (0..masked.color.len()).filter(|i| i * 31 % 7 < 2).for_each(|i| masked.color[i][3] = 0);
-        let hard = [-0.01, 0.0, 0.5, 14.0, 23.0, 23.01, f32::NAN, f32::INFINITY, -1e30];
+        (0..masked.color.len())
+            .filter(|i| i * 31 % 7 < 2)
+            .for_each(|i| masked.color[i][3] = 0);
+        let hard = [
+            -0.01,
+            0.0,
+            0.5,
+            14.0,
+            23.0,
+            23.01,
+            f32::NAN,
+            f32::INFINITY,
+            -1e30,
+        ];
         for picture in [Picture::new(&view), Picture::new(&masked)] {
             for round in 0..400u32 {
                 let mut place = |side: f64| match random.below(4) {
@@ -199,8 +298,11 @@ mod tests {
                     let (color, depth, known) =
                         dispatch!(simd_level, simd => look(simd, &picture, number, at.each_ref()));
                     for lane in 0..LANES {
-                        let expected = picture.sample(number as usize, at[0][lane], at[1][lane]).filter(|_| lane != 11);
-                        let found = (known >> lane & 1 == 1).then(|| (color.map(|channel| channel[lane]), depth[lane]));
+                        let expected = picture
+                            .sample(number as usize, at[0][lane], at[1][lane])
+                            .filter(|_| lane != 11);
+                        let found = (known >> lane & 1 == 1)
+                            .then(|| (color.map(|channel| channel[lane]), depth[lane]));
                         assert_eq!(
                             found, expected,
                             "({}, {}) of copy {number}, {simd_level:?}",
@@ -217,9 +319,11 @@ mod tests {
     fn copies_of_sixteen_are_those_of_one_by_one() {
         let picture = Picture::new(&view_of(DVec3::ZERO, |_, _| 1.0, |_, _| [9; 3], [64, 48]));
         let texels: [f32; LANES] = std::array::from_fn(|i| 0.3 * 1.37f32.powi(i as i32));
-        let found =
-            dispatch!(simd::level(), simd => picture.levels_for(f32x16::load_array_ref(simd, &texels)).to_array());
-        assert_eq!(found.map(|level| level as usize), texels.map(|texels| picture.level_for(texels)));
+        let found = dispatch!(simd::level(), simd => picture.levels_for(f32x16::load_array_ref(simd, &texels)).to_array());
+        assert_eq!(
+            found.map(|level| level as usize),
+            texels.map(|texels| picture.level_for(texels))
+        );
         assert!(found.contains(&4));
     }
 }

@@ -33,13 +33,25 @@ pub(crate) struct Mesh {
 impl Mesh {
     /// Triangulates all nodes of a grid, valid or not: strips of it on all threads, then what their seams still call for.
     pub(super) fn triangulate(&mut self, grid: &Grid) {
-        let (across, down) = (grid.lattice.columns as usize - 1, grid.lattice.rows as usize - 1);
+        let (across, down) = (
+            grid.lattice.columns as usize - 1,
+            grid.lattice.rows as usize - 1,
+        );
         self.corners.resize(6 * across * down, 0);
         self.twins.resize(6 * across * down, NONE);
         let half_edges = 6 * across * STRIP_ROWS;
-        let strips = self.corners.par_chunks_mut(half_edges).zip(self.twins.par_chunks_mut(half_edges));
+        let strips = self
+            .corners
+            .par_chunks_mut(half_edges)
+            .zip(self.twins.par_chunks_mut(half_edges));
         let strips = strips.enumerate().map(|(number, (corners, twins))| {
-            let mut part = Part { grid, corners, twins, stack: Vec::new(), flips: 0 };
+            let mut part = Part {
+                grid,
+                corners,
+                twins,
+                stack: Vec::new(),
+                flips: 0,
+            };
             let first_row = number * STRIP_ROWS;
             part.lattice(first_row);
             part.legalise_all();
@@ -47,7 +59,13 @@ impl Mesh {
             (part.finish(first_row, (number * half_edges) as u32), flips)
         });
         let seams: Vec<(Seams, u64)> = strips.collect();
-        let mut whole = Part { grid, corners: &mut self.corners, twins: &mut self.twins, stack: Vec::new(), flips: 0 };
+        let mut whole = Part {
+            grid,
+            corners: &mut self.corners,
+            twins: &mut self.twins,
+            stack: Vec::new(),
+            flips: 0,
+        };
         for pair in seams.windows(2) {
             for (&above, &below) in pair[0].0.lower.iter().zip(&pair[1].0.upper) {
                 whole.link(above, below);
@@ -131,7 +149,8 @@ impl Part<'_> {
             }
             let (next, previous) = around(edge);
             let (twin_next, twin_previous) = around(twin);
-            let [from, to, apex, other] = [edge, next, previous, twin_previous].map(|e| self.corners[e as usize]);
+            let [from, to, apex, other] =
+                [edge, next, previous, twin_previous].map(|e| self.corners[e as usize]);
             if !in_circle([from, to, apex, other].map(|node| at(self.grid, node))) {
                 continue;
             }
@@ -156,16 +175,24 @@ impl Part<'_> {
     /// them, but may have come to another of its triangles.
     fn finish(self, first_row: usize, base: u32) -> Seams {
         let columns = self.grid.lattice.columns;
-        let (upper_row, lower_row) =
-            (first_row as u32, first_row as u32 + (self.corners.len() / 6) as u32 / (columns - 1));
-        let mut seams = Seams { upper: vec![NONE; columns as usize - 1], lower: vec![NONE; columns as usize - 1] };
+        let (upper_row, lower_row) = (
+            first_row as u32,
+            first_row as u32 + (self.corners.len() / 6) as u32 / (columns - 1),
+        );
+        let mut seams = Seams {
+            upper: vec![NONE; columns as usize - 1],
+            lower: vec![NONE; columns as usize - 1],
+        };
         for edge in 0..self.corners.len() as u32 {
             let twin = &mut self.twins[edge as usize];
             if *twin != NONE {
                 *twin += base;
                 continue;
             }
-            let (from, to) = (self.corners[edge as usize], self.corners[around(edge).0 as usize]);
+            let (from, to) = (
+                self.corners[edge as usize],
+                self.corners[around(edge).0 as usize],
+            );
             let left = (from.min(to) % columns) as usize;
             match (from / columns, to / columns) {
                 (a, b) if a != b => {} // the left or the right rim
@@ -190,7 +217,10 @@ fn around(edge: u32) -> (u32, u32) {
 
 #[inline]
 fn at(grid: &Grid, node: u32) -> [i64; 2] {
-    [i64::from(grid.x[node as usize]), i64::from(grid.y[node as usize])]
+    [
+        i64::from(grid.x[node as usize]),
+        i64::from(grid.y[node as usize]),
+    ]
 }
 
 /// Twice the area of a triangle; positive if its corners go from right to down.
@@ -203,7 +233,8 @@ pub(super) fn doubled_area([a, b, c]: [[i64; 2]; 3]) -> i64 {
 #[inline]
 fn down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
     let [a, b, c, d] = nodes.map(|node| at(grid, node));
-    let inside = |one: [[i64; 2]; 3], other: [[i64; 2]; 3]| doubled_area(one) > 0 && doubled_area(other) > 0;
+    let inside =
+        |one: [[i64; 2]; 3], other: [[i64; 2]; 3]| doubled_area(one) > 0 && doubled_area(other) > 0;
     if !inside([a, b, d], [a, d, c]) {
         return true;
     }
@@ -218,11 +249,27 @@ fn in_circle([a, b, c, d]: [[i64; 2]; 4]) -> bool {
     let [a, b, c] = [a, b, c].map(|p| [p[0] - d[0], p[1] - d[1]]);
     let square = |p: [i64; 2]| p[0] * p[0] + p[1] * p[1];
     let cross = |p: [i64; 2], q: [i64; 2]| p[0] * q[1] - p[1] * q[0];
-    let products = [(square(a), cross(b, c)), (square(b), cross(c, a)), (square(c), cross(a, b))];
-    if [a, b, c].as_flattened().iter().all(|side| side.unsigned_abs() < NEAR) {
-        return products.iter().map(|(square, cross)| square * cross).sum::<i64>() > 0;
+    let products = [
+        (square(a), cross(b, c)),
+        (square(b), cross(c, a)),
+        (square(c), cross(a, b)),
+    ];
+    if [a, b, c]
+        .as_flattened()
+        .iter()
+        .all(|side| side.unsigned_abs() < NEAR)
+    {
+        return products
+            .iter()
+            .map(|(square, cross)| square * cross)
+            .sum::<i64>()
+            > 0;
     }
-    products.iter().map(|(square, cross)| i128::from(*square) * i128::from(*cross)).sum::<i128>() > 0
+    products
+        .iter()
+        .map(|(square, cross)| i128::from(*square) * i128::from(*cross))
+        .sum::<i128>()
+        > 0
 }
 
 #[cfg(test)]
@@ -250,11 +297,18 @@ mod tests {
     }
 
     fn edges(triangles: impl Iterator<Item = [u32; 3]>) -> BTreeSet<[u32; 2]> {
-        triangles.flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]).map(|[a, b]| [a.min(b), a.max(b)]).collect()
+        triangles
+            .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]])
+            .map(|[a, b]| [a.min(b), a.max(b)])
+            .collect()
     }
 
     fn valid(mesh: &Mesh, grid: &Grid) -> Vec<[u32; 3]> {
-        mesh.triangles().iter().filter(|corners| grid.holds(corners)).copied().collect()
+        mesh.triangles()
+            .iter()
+            .filter(|corners| grid.holds(corners))
+            .copied()
+            .collect()
     }
 
     #[test]
@@ -267,28 +321,45 @@ mod tests {
             let mut general = DelaunayTriangulation::<Point2<f64>>::new();
             let mut node_of = std::collections::BTreeMap::new();
             for node in 0..grid.owner.len() {
-                let handle = general.insert(Point2::new(f64::from(grid.x[node]), f64::from(grid.y[node])));
+                let handle = general.insert(Point2::new(
+                    f64::from(grid.x[node]),
+                    f64::from(grid.y[node]),
+                ));
                 node_of.insert(handle.expect("a vertex").index(), node as u32);
             }
-            let theirs = edges(general.inner_faces().map(|face| face.vertices().map(|v| node_of[&v.fix().index()])));
+            let theirs = edges(
+                general
+                    .inner_faces()
+                    .map(|face| face.vertices().map(|v| node_of[&v.fix().index()])),
+            );
             let ours = edges(valid(&mesh, &grid).into_iter());
             // The general one fills up to the convex hull; away from the rim both are the same.
             let inner = |node: u32| {
                 let (column, row) = (node % grid.lattice.columns, node / grid.lattice.columns);
-                (2..grid.lattice.columns - 2).contains(&column) && (2..grid.lattice.rows - 2).contains(&row)
+                (2..grid.lattice.columns - 2).contains(&column)
+                    && (2..grid.lattice.rows - 2).contains(&row)
             };
             let is_inner = |edge: &&[u32; 2]| edge.iter().all(|node| inner(*node));
-            let [ours, theirs] =
-                [&ours, &theirs].map(|edges| edges.iter().filter(is_inner).copied().collect::<Vec<_>>());
-            assert!(ours.len() > 200 && ours == theirs, "seed {seed}: {} and {} edges", ours.len(), theirs.len());
+            let [ours, theirs] = [&ours, &theirs]
+                .map(|edges| edges.iter().filter(is_inner).copied().collect::<Vec<_>>());
+            assert!(
+                ours.len() > 200 && ours == theirs,
+                "seed {seed}: {} and {} edges",
+                ours.len(),
+                theirs.len()
+            );
         }
     }
 
     #[test]
     fn triangles_cover_the_grid_once_and_no_corner_lies_in_their_circles() {
-        for (size, spacing, seed) in
-            [([64, 40], 4.0, 1), ([1, 1], 4.0, 2), ([300, 7], 1.0, 3), ([90, 90], 33.3, 4), ([33, 500], 3.7, 5)]
-        {
+        for (size, spacing, seed) in [
+            ([64, 40], 4.0, 1),
+            ([1, 1], 4.0, 2),
+            ([300, 7], 1.0, 3),
+            ([90, 90], 33.3, 4),
+            ([33, 500], 3.7, 5),
+        ] {
             let grid = scattered(size, spacing, seed);
             let mut mesh = Mesh::default();
             mesh.triangulate(&grid);
@@ -299,11 +370,17 @@ mod tests {
             let (columns, rows) = (grid.lattice.columns, grid.lattice.rows);
             let mut rim: Vec<u32> = (0..columns).collect();
             rim.extend((1..rows).map(|row| row * columns + columns - 1));
-            rim.extend((0..columns - 1).rev().map(|column| (rows - 1) * columns + column));
+            rim.extend(
+                (0..columns - 1)
+                    .rev()
+                    .map(|column| (rows - 1) * columns + column),
+            );
             rim.extend((1..rows - 1).rev().map(|row| row * columns));
             let cross = |a: [i64; 2], b: [i64; 2]| a[0] * b[1] - a[1] * b[0];
             let around = rim.iter().zip(rim.iter().cycle().skip(1));
-            let expected: i64 = around.map(|(a, b)| cross(at(&grid, *a), at(&grid, *b))).sum();
+            let expected: i64 = around
+                .map(|(a, b)| cross(at(&grid, *a), at(&grid, *b)))
+                .sum();
             assert_eq!(triangles.iter().map(area).sum::<i64>(), expected);
             for edge in 0..mesh.corners.len() as u32 {
                 let twin = mesh.twins[edge as usize];
@@ -314,7 +391,12 @@ mod tests {
                 let (next, previous) = super::around(edge);
                 let corner = |e: u32| at(&grid, mesh.corners[e as usize]);
                 let other = corner(super::around(twin).1);
-                assert!(!in_circle([corner(edge), corner(next), corner(previous), other]));
+                assert!(!in_circle([
+                    corner(edge),
+                    corner(next),
+                    corner(previous),
+                    other
+                ]));
             }
         }
     }
@@ -337,12 +419,22 @@ mod tests {
     fn circles_are_exact() {
         let far = 1 << 22;
         let square = [[0, 0], [far, 0], [far, far]];
-        assert!(!in_circle([square[0], square[1], square[2], [0, far]]), "on the circle");
-        assert!(in_circle([square[0], square[1], square[2], [1, far]]), "a part of a pixel inside");
+        assert!(
+            !in_circle([square[0], square[1], square[2], [0, far]]),
+            "on the circle"
+        );
+        assert!(
+            in_circle([square[0], square[1], square[2], [1, far]]),
+            "a part of a pixel inside"
+        );
         let near = (1 << 14) - 1;
         let square = |far: i64, off: i64| in_circle([[0, 0], [far, 0], [far, far], [off, far]]);
         for far in [near, near + 1] {
-            assert_eq!([-1, 0, 1].map(|off| square(far, off)), [false, false, true], "{far}");
+            assert_eq!(
+                [-1, 0, 1].map(|off| square(far, off)),
+                [false, false, true],
+                "{far}"
+            );
         }
         let square = [[0, 0], [far, 0], [far, far]];
         assert!(!in_circle([square[0], square[1], square[2], [-1, far]]));

@@ -8,8 +8,8 @@
 //! Invariant: the position of a node lies in the cell of the lattice that it is the node of, valid or not. `delaunay`
 //! starts from it.
 
-use crate::view_geometry::cameras::lattice::{Lattice, SUBPIXELS};
 use super::project::{Hit, Projection};
+use crate::view_geometry::cameras::lattice::{Lattice, SUBPIXELS};
 use crate::view_geometry::cameras::samples::Points;
 use crate::view_geometry::{EdgeRule, GeometrySettings};
 use rayon::prelude::*;
@@ -41,8 +41,10 @@ impl Grid {
         self.x.clear();
         self.y.clear();
         for row in 0..rows {
-            self.x.extend((0..columns).map(|column| lattice.middle(column, row)[0]));
-            self.y.resize((row + 1) * columns, lattice.middle(0, row)[1]);
+            self.x
+                .extend((0..columns).map(|column| lattice.middle(column, row)[0]));
+            self.y
+                .resize((row + 1) * columns, lattice.middle(0, row)[1]);
         }
         let count = columns * rows;
         self.inverse_depth.clear();
@@ -56,7 +58,9 @@ impl Grid {
     /// Whether all corners of a triangle hold a sample.
     #[inline]
     pub(crate) fn holds(&self, corners: &[u32; 3]) -> bool {
-        corners.iter().all(|&node| self.owner[node as usize] != NOBODY)
+        corners
+            .iter()
+            .all(|&node| self.owner[node as usize] != NOBODY)
     }
 
     /// Nodes that hold a sample.
@@ -69,7 +73,10 @@ impl Grid {
         let keep = (1.0 - margin).max(0.0).powi(2);
         for hit in hits {
             let node = hit.node as usize;
-            let (Some(held), Some(owner)) = (self.distance_squared.get_mut(node), self.owner.get_mut(node)) else {
+            let (Some(held), Some(owner)) = (
+                self.distance_squared.get_mut(node),
+                self.owner.get_mut(node),
+            ) else {
                 continue;
             };
             let bound = if *owner == rank { *held } else { *held * keep };
@@ -86,7 +93,10 @@ impl Grid {
     pub(super) fn drop_leaks(&mut self, edge: &EdgeRule) {
         /// Of eight neighbours. A node on the straight rim of what is in front of it has three nearer ones, in a corner five.
         const NEARER: usize = 6;
-        let (columns, spacing) = (self.lattice.columns as usize, self.lattice.spacing as f32 / SUBPIXELS as f32);
+        let (columns, spacing) = (
+            self.lattice.columns as usize,
+            self.lattice.spacing as f32 / SUBPIXELS as f32,
+        );
         let leaks: Vec<usize> = self
             .inner()
             .filter(|&node| {
@@ -105,7 +115,11 @@ impl Grid {
                     node + columns,
                     node + columns + 1,
                 ];
-                around.into_iter().filter(|&other| self.inverse_depth[other] > bound).count() >= NEARER
+                around
+                    .into_iter()
+                    .filter(|&other| self.inverse_depth[other] > bound)
+                    .count()
+                    >= NEARER
             })
             .collect();
         for node in leaks {
@@ -137,17 +151,28 @@ impl Grid {
                     (first.0 + second.0 <= most + 1).then_some((first, second))
                 };
                 let along_row = pair(1, column, columns - 1 - column);
-                let along_column = pair(columns as isize, row, self.lattice.rows as usize - 1 - row);
-                let ((a, first), (b, second)) =
-                    along_row.into_iter().chain(along_column).min_by_key(|((a, _), (b, _))| a + b)?;
+                let along_column =
+                    pair(columns as isize, row, self.lattice.rows as usize - 1 - row);
+                let ((a, first), (b, second)) = along_row
+                    .into_iter()
+                    .chain(along_column)
+                    .min_by_key(|((a, _), (b, _))| a + b)?;
                 let [ia, ib] = [first, second].map(|node| self.inverse_depth[node]);
                 let near = ia.max(ib);
                 let value = match (ia - ib).abs() > edge.most(near, (a + b) as f32 * spacing) {
                     true => ia.min(ib),
                     false => (ia * b as f32 + ib * a as f32) / (a + b) as f32,
                 };
-                let takes_first = if value == ia.min(ib) { ia <= ib } else { a <= b };
-                Some((node, value, self.owner[if takes_first { first } else { second }]))
+                let takes_first = if value == ia.min(ib) {
+                    ia <= ib
+                } else {
+                    a <= b
+                };
+                Some((
+                    node,
+                    value,
+                    self.owner[if takes_first { first } else { second }],
+                ))
             })
             .collect();
         for (node, inverse_depth, owner) in closed {
@@ -159,7 +184,8 @@ impl Grid {
     /// Nodes with eight neighbours.
     fn inner(&self) -> impl Iterator<Item = usize> {
         let (columns, rows) = (self.lattice.columns as usize, self.lattice.rows as usize);
-        (1..rows - 1).flat_map(move |row| (1..columns - 1).map(move |column| row * columns + column))
+        (1..rows - 1)
+            .flat_map(move |row| (1..columns - 1).map(move |column| row * columns + column))
     }
 }
 
@@ -180,7 +206,10 @@ pub(super) fn fuse(
     hits.resize_with(AT_ONCE, Vec::new);
     for (cameras, first) in samples.chunks(AT_ONCE).zip((0..NOBODY).step_by(AT_ONCE)) {
         let lattice = &grid.lattice;
-        cameras.par_iter().zip(hits.par_iter_mut()).for_each(|(points, hits)| frame.project(*points, lattice, hits));
+        cameras
+            .par_iter()
+            .zip(hits.par_iter_mut())
+            .for_each(|(points, hits)| frame.project(*points, lattice, hits));
         for (hits, rank) in hits.iter().zip(first..).take(cameras.len()) {
             grid.add(rank, hits, settings.margin);
         }
@@ -194,14 +223,19 @@ pub(super) fn fuse(
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use crate::view_geometry::tests::frame_at;
     use super::*;
+    pub(crate) use crate::view_geometry::tests::frame_at;
+    use glam::{DVec3, Vec3};
     use headbox_core::camera::Camera;
     use headbox_core::simd;
-    use glam::{DVec3, Vec3};
 
     fn settings(margin: f32) -> GeometrySettings {
-        GeometrySettings { grid_px: 4.0, margin, close_nodes: 0, ..GeometrySettings::default() }
+        GeometrySettings {
+            grid_px: 4.0,
+            margin,
+            close_nodes: 0,
+            ..GeometrySettings::default()
+        }
     }
 
     fn edge() -> EdgeRule {
@@ -209,12 +243,24 @@ mod tests {
     }
 
     fn fused(cameras: &[Vec<Vec3>], frame: &Camera, settings: &GeometrySettings) -> Grid {
-        let axes = |points: &Vec<Vec3>| [0, 1, 2].map(|axis| points.iter().map(|p| p[axis]).collect::<Vec<_>>());
+        let axes = |points: &Vec<Vec3>| {
+            [0, 1, 2].map(|axis| points.iter().map(|p| p[axis]).collect::<Vec<_>>())
+        };
         let cameras: Vec<[Vec<f32>; 3]> = cameras.iter().map(axes).collect();
-        let samples: Vec<Points> = cameras.iter().map(|axes| axes.each_ref().map(Vec::as_slice)).collect();
+        let samples: Vec<Points> = cameras
+            .iter()
+            .map(|axes| axes.each_ref().map(Vec::as_slice))
+            .collect();
         let mut grid = Grid::default();
         let projection = Projection::new(frame, DVec3::ZERO, simd::level());
-        fuse(&mut grid, &mut Vec::new(), &samples, &projection, &edge(), settings);
+        fuse(
+            &mut grid,
+            &mut Vec::new(),
+            &samples,
+            &projection,
+            &edge(),
+            settings,
+        );
         grid
     }
 
@@ -226,17 +272,24 @@ mod tests {
         let frame = frame_at(DVec3::new(0.1, -0.2, 0.5), [64, 48]);
         let points: Vec<Vec3> = (0..900u32)
             .map(|i| {
-                let [a, b, c] = [i * 37 % 101, i * 53 % 97, i * 71 % 89].map(|n| n as f32 / 45.0 - 1.0);
+                let [a, b, c] =
+                    [i * 37 % 101, i * 53 % 97, i * 71 % 89].map(|n| n as f32 / 45.0 - 1.0);
                 Vec3::new(2.0 * a, 2.0 * b, -2.0 + c)
             })
             .collect();
         let grid = fused(std::slice::from_ref(&points), &frame, &settings(0.0));
         let mut nearest = vec![None::<(f64, [f64; 3])>; grid.owner.len()];
         for point in &points {
-            let Some(at) = frame.project(point.as_dvec3()) else { continue };
-            let cell =
-                |px: f64, count: u32| Some((px / 4.0 + 1.5).floor()).filter(|n| (0.0..f64::from(count)).contains(n));
-            let (Some(column), Some(row)) = (cell(at[0], grid.lattice.columns), cell(at[1], grid.lattice.rows)) else {
+            let Some(at) = frame.project(point.as_dvec3()) else {
+                continue;
+            };
+            let cell = |px: f64, count: u32| {
+                Some((px / 4.0 + 1.5).floor()).filter(|n| (0.0..f64::from(count)).contains(n))
+            };
+            let (Some(column), Some(row)) = (
+                cell(at[0], grid.lattice.columns),
+                cell(at[1], grid.lattice.rows),
+            ) else {
                 continue;
             };
             let distance = (point.as_dvec3() - frame.eye()).length();
@@ -255,11 +308,19 @@ mod tests {
                 emptied += 1; // a leak
                 continue;
             }
-            let found = [grid.x[node], grid.y[node]].map(|part| f64::from(part) / f64::from(SUBPIXELS));
-            assert!((found[0] - x).abs() < POSITION && (found[1] - y).abs() < POSITION, "{found:?} {x} {y}");
+            let found =
+                [grid.x[node], grid.y[node]].map(|part| f64::from(part) / f64::from(SUBPIXELS));
+            assert!(
+                (found[0] - x).abs() < POSITION && (found[1] - y).abs() < POSITION,
+                "{found:?} {x} {y}"
+            );
             assert!((f64::from(grid.inverse_depth[node]) * depth - 1.0).abs() < 1e-5);
         }
-        assert!(grid.valid() > 150 && emptied < 20, "{} {emptied}", grid.valid());
+        assert!(
+            grid.valid() > 150 && emptied < 20,
+            "{} {emptied}",
+            grid.valid()
+        );
     }
 
     #[test]
@@ -270,11 +331,23 @@ mod tests {
             let grid = fused(cameras, &frame, &settings(margin));
             grid.owner.iter().copied().find(|owner| *owner != NOBODY)
         };
-        assert_eq!(owner(&[at(2.0), at(1.99)], 0.0), Some(1), "the paper's rule");
+        assert_eq!(
+            owner(&[at(2.0), at(1.99)], 0.0),
+            Some(1),
+            "the paper's rule"
+        );
         assert_eq!(owner(&[at(2.0), at(1.99)], 0.02), Some(0));
-        assert_eq!(owner(&[at(2.0), at(1.9)], 0.02), Some(1), "nearer by more than the margin");
+        assert_eq!(
+            owner(&[at(2.0), at(1.9)], 0.02),
+            Some(1),
+            "nearer by more than the margin"
+        );
         assert_eq!(owner(&[[at(2.0), at(1.99)].concat()], 0.02), Some(0));
-        assert_eq!(owner(&[vec![Vec3::Z, Vec3::ZERO, Vec3::NAN]], 0.02), None, "behind, at the eye, nowhere");
+        assert_eq!(
+            owner(&[vec![Vec3::Z, Vec3::ZERO, Vec3::NAN]], 0.02),
+            None,
+            "behind, at the eye, nowhere"
+        );
     }
 
     #[test]
@@ -283,17 +356,23 @@ mod tests {
         let focal = frame.focal_px() as f32;
         // Every third node, and every fourth, both ways.
         for apart in [12, 16] {
-            let of_row = |y: u32| (0..8u32).map(move |x| [x, y].map(|at| (at * apart) as f32 + 1.0));
-            let point = |[x, y]: [f32; 2]| Vec3::new((x - 48.0) / focal, (36.0 - y) / focal, -1.0) * 3.0;
+            let of_row =
+                |y: u32| (0..8u32).map(move |x| [x, y].map(|at| (at * apart) as f32 + 1.0));
+            let point =
+                |[x, y]: [f32; 2]| Vec3::new((x - 48.0) / focal, (36.0 - y) / focal, -1.0) * 3.0;
             let points: Vec<Vec3> = (0..6).flat_map(of_row).map(point).collect();
-            let settings = GeometrySettings { grid_px: 4.0, ..GeometrySettings::default() };
+            let settings = GeometrySettings {
+                grid_px: 4.0,
+                ..GeometrySettings::default()
+            };
             let grid = fused(&[points], &frame, &settings);
             let columns = grid.lattice.columns as usize;
             let open = |node: &usize| grid.owner[*node] == NOBODY;
             // Between the first sample, in the node that is one from the rim, and the last in the frame.
             let (last_column, last_row) = (1 + 80 / apart * apart / 4, 1 + 60 / apart * apart / 4);
-            let within = (1..=last_row as usize)
-                .flat_map(|row| (1..=last_column as usize).map(move |column| row * columns + column));
+            let within = (1..=last_row as usize).flat_map(|row| {
+                (1..=last_column as usize).map(move |column| row * columns + column)
+            });
             assert_eq!(within.filter(open).count(), 0, "{apart} px apart");
         }
     }
@@ -303,14 +382,29 @@ mod tests {
         let frame = frame_at(DVec3::ZERO, [97, 61]);
         for spacing in [1.0, 3.3, 7.004, 400.0] {
             let points: Vec<Vec3> = (0..5000u32)
-                .map(|i| Vec3::new((i % 71) as f32 / 35.0 - 1.0, (i % 67) as f32 / 33.0 - 1.0, -1.0 - (i % 3) as f32))
+                .map(|i| {
+                    Vec3::new(
+                        (i % 71) as f32 / 35.0 - 1.0,
+                        (i % 67) as f32 / 33.0 - 1.0,
+                        -1.0 - (i % 3) as f32,
+                    )
+                })
                 .collect();
-            let settings = GeometrySettings { grid_px: spacing, close_nodes: 2, ..GeometrySettings::default() };
+            let settings = GeometrySettings {
+                grid_px: spacing,
+                close_nodes: 2,
+                ..GeometrySettings::default()
+            };
             let grid = fused(&[points], &frame, &settings);
-            let Lattice { columns, spacing, .. } = grid.lattice;
+            let Lattice {
+                columns, spacing, ..
+            } = grid.lattice;
             let columns = columns as i32;
             for node in 0..grid.owner.len() as i32 {
-                for (at, number) in [(grid.x[node as usize], node % columns), (grid.y[node as usize], node / columns)] {
+                for (at, number) in [
+                    (grid.x[node as usize], node % columns),
+                    (grid.y[node as usize], node / columns),
+                ] {
                     let from_middle = at - (number - 1) * spacing;
                     assert!(-(spacing / 2) <= from_middle && from_middle <= (spacing - 1) / 2);
                 }
@@ -326,7 +420,11 @@ mod tests {
         for node in 0..grid.owner.len() {
             let value = values[node % values.len()];
             grid.inverse_depth[node] = value;
-            grid.owner[node] = if value > 0.0 { (node % values.len()) as u16 } else { NOBODY };
+            grid.owner[node] = if value > 0.0 {
+                (node % values.len()) as u16
+            } else {
+                NOBODY
+            };
         }
         grid
     }
@@ -335,14 +433,25 @@ mod tests {
     fn holes_are_closed_by_what_is_on_both_sides_or_by_what_is_behind() {
         let mut grid = rows_of(&[1.0, 1.0, 0.0, 0.0, 1.3, 1.3, 1.3]);
         grid.close_holes(2, &EdgeRule::new(5.0, 0.0));
-        assert!((grid.inverse_depth[2] - 1.1).abs() < 1e-6 && (grid.inverse_depth[3] - 1.2).abs() < 1e-6);
+        assert!(
+            (grid.inverse_depth[2] - 1.1).abs() < 1e-6
+                && (grid.inverse_depth[3] - 1.2).abs() < 1e-6
+        );
         assert_eq!(grid.owner[..7], [0, 1, 1, 4, 4, 5, 6]);
         let mut grid = rows_of(&[1.0, 1.0, 0.0, 0.0, 4.0, 4.0, 4.0]);
         grid.close_holes(2, &EdgeRule::new(500.0, 0.0));
-        assert_eq!(grid.inverse_depth[..4], [1.0; 4], "the farther surface goes on");
+        assert_eq!(
+            grid.inverse_depth[..4],
+            [1.0; 4],
+            "the farther surface goes on"
+        );
         let mut grid = rows_of(&[1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0]);
         grid.close_holes(2, &edge());
-        assert_eq!(grid.inverse_depth[..7], [1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0], "too wide, or open to one side");
+        assert_eq!(
+            grid.inverse_depth[..7],
+            [1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0],
+            "too wide, or open to one side"
+        );
     }
 
     #[test]

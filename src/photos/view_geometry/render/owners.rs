@@ -5,8 +5,8 @@
 //! camera supply most (C27): here it does, wherever its own depth agrees.
 
 use super::fuse::{Grid, NOBODY};
-use crate::view_geometry::cameras::lattice::SUBPIXELS;
 use super::texture_camera::TextureCamera;
+use crate::view_geometry::cameras::lattice::SUBPIXELS;
 use rayon::prelude::*;
 
 /// Nodes that a thread takes at a time.
@@ -14,34 +14,62 @@ const NODES: usize = 1024;
 
 /// Gives each node that holds a sample to the best ranked camera that sees it; of those worse than the sample's own none is asked.
 pub(super) fn settle(grid: &mut Grid, cameras: &[TextureCamera]) {
-    let Grid { x, y, inverse_depth, owner, .. } = grid;
-    let places = x.par_chunks(NODES).zip(y.par_chunks(NODES)).zip(inverse_depth.par_chunks(NODES));
-    owner.par_chunks_mut(NODES).zip(places).for_each(|(owners, ((x, y), inverse_depth))| {
-        let places = x.iter().zip(y).zip(inverse_depth);
-        for (owner, ((&x, &y), &inverse_depth)) in owners.iter_mut().zip(places) {
-            if *owner == NOBODY {
-                continue;
+    let Grid {
+        x,
+        y,
+        inverse_depth,
+        owner,
+        ..
+    } = grid;
+    let places = x
+        .par_chunks(NODES)
+        .zip(y.par_chunks(NODES))
+        .zip(inverse_depth.par_chunks(NODES));
+    owner
+        .par_chunks_mut(NODES)
+        .zip(places)
+        .for_each(|(owners, ((x, y), inverse_depth))| {
+            let places = x.iter().zip(y).zip(inverse_depth);
+            for (owner, ((&x, &y), &inverse_depth)) in owners.iter_mut().zip(places) {
+                if *owner == NOBODY {
+                    continue;
+                }
+                let at = [x, y].map(|part| part as f32 / SUBPIXELS as f32);
+                let better = cameras
+                    .iter()
+                    .zip(0..*owner)
+                    .find(|(camera, _)| camera.agrees(at, inverse_depth));
+                if let Some((_, rank)) = better {
+                    *owner = rank;
+                }
             }
-            let at = [x, y].map(|part| part as f32 / SUBPIXELS as f32);
-            let better = cameras.iter().zip(0..*owner).find(|(camera, _)| camera.agrees(at, inverse_depth));
-            if let Some((_, rank)) = better {
-                *owner = rank;
-            }
-        }
-    });
+        });
 }
 
 #[cfg(test)]
 mod tests {
     pub(crate) use crate::view_geometry::tests::{frame_at, opened, plane_view, view_of};
-    use crate::view_geometry::{GeometryRenderer, GeometrySettings, Patience, SampleGrid, Shown, ViewGeometry};
+    use crate::view_geometry::{
+        GeometryRenderer, GeometrySettings, Patience, SampleGrid, Shown, ViewGeometry,
+    };
     use glam::DVec3;
 
-    fn shown(geometry: &ViewGeometry, settings: &GeometrySettings) -> (Vec<u32>, Vec<Option<Shown>>) {
+    fn shown(
+        geometry: &ViewGeometry,
+        settings: &GeometrySettings,
+    ) -> (Vec<u32>, Vec<Option<Shown>>) {
         let mut renderer = GeometryRenderer::new();
         // Finer than samples are, so that nodes are filled by several cameras.
-        let settings = GeometrySettings { grid_px: 2.0, ..*settings };
-        renderer.render(geometry, &frame_at(DVec3::ZERO, [96, 72]), &settings, Patience::Wait);
+        let settings = GeometrySettings {
+            grid_px: 2.0,
+            ..*settings
+        };
+        renderer.render(
+            geometry,
+            &frame_at(DVec3::ZERO, [96, 72]),
+            &settings,
+            Patience::Wait,
+        );
         (renderer.used().to_vec(), renderer.shown())
     }
 
@@ -51,13 +79,18 @@ mod tests {
         let views = [[0.0, 0.0], [-0.04, 0.04], [0.08, -0.08]];
         let views = views.map(|[x, y]| plane_view(DVec3::new(x + 0.005, y, 0.0), 3.0, [96, 72]));
         let (_folder, geometry) = opened(&views, &SampleGrid::default());
-        let by_sample = GeometrySettings { by_sight: false, ..GeometrySettings::default() };
+        let by_sample = GeometrySettings {
+            by_sight: false,
+            ..GeometrySettings::default()
+        };
         let share_of_best = |settings: &GeometrySettings| {
             let (used, shown) = shown(&geometry, settings);
             let is_best = |shown: &&Shown| shown.camera == used[0] && shown.owners == 1;
-            shown.iter().flatten().filter(is_best).count() as f64 / shown.iter().flatten().count() as f64
+            shown.iter().flatten().filter(is_best).count() as f64
+                / shown.iter().flatten().count() as f64
         };
-        let [sampled, seen] = [by_sample, GeometrySettings::default()].map(|settings| share_of_best(&settings));
+        let [sampled, seen] =
+            [by_sample, GeometrySettings::default()].map(|settings| share_of_best(&settings));
         assert!(sampled < 0.6 && seen > 0.93, "{sampled} {seen}");
     }
 
@@ -67,11 +100,25 @@ mod tests {
         let eyes = [0.12, -0.6];
         let size = [96, 72];
         let views = eyes.map(|x| {
-            let ray = |column: u32| (f64::from(column) + 0.5 - 48.0) / frame_at(DVec3::ZERO, size).focal_px();
-            let depth = move |column: u32, _: u32| if (x + ray(column)).abs() < 0.12 { 1.0 } else { 3.0 };
+            let ray = |column: u32| {
+                (f64::from(column) + 0.5 - 48.0) / frame_at(DVec3::ZERO, size).focal_px()
+            };
+            let depth = move |column: u32, _: u32| {
+                if (x + ray(column)).abs() < 0.12 {
+                    1.0
+                } else {
+                    3.0
+                }
+            };
             view_of(DVec3::new(x, 0.0, 0.0), depth, |_, _| [90; 3], size)
         });
-        let (_folder, geometry) = opened(&views, &SampleGrid { spacing_px: 2, coarsest: 3 });
+        let (_folder, geometry) = opened(
+            &views,
+            &SampleGrid {
+                spacing_px: 2,
+                coarsest: 3,
+            },
+        );
         let (used, shown) = shown(&geometry, &GeometrySettings::default());
         assert_eq!(used[0], 0);
         let row = &shown[36 * 96..37 * 96];
@@ -80,11 +127,22 @@ mod tests {
         let at = |x: f64, depth: f64| (48.0 + x / depth * focal) as usize;
         let hidden_until = at(-0.12, 1.0) - 2;
         let hidden_from = at(0.12 + (-0.12 - 0.12) * 3.0, 3.0) + 2;
-        assert!(hidden_until > hidden_from + 1, "{hidden_from} {hidden_until}");
+        assert!(
+            hidden_until > hidden_from + 1,
+            "{hidden_from} {hidden_until}"
+        );
         for column in hidden_from..hidden_until {
-            assert!(row[column].is_none_or(|shown| shown.camera == 1), "{column}: {:?}", row[column]);
+            assert!(
+                row[column].is_none_or(|shown| shown.camera == 1),
+                "{column}: {:?}",
+                row[column]
+            );
         }
-        let of_best = row.iter().flatten().filter(|shown| shown.camera == 0).count();
+        let of_best = row
+            .iter()
+            .flatten()
+            .filter(|shown| shown.camera == 0)
+            .count();
         assert!(of_best > 60, "{of_best}");
     }
 }

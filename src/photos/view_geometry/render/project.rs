@@ -2,10 +2,10 @@
 
 use crate::view_geometry::cameras::lattice::{Lattice, SUBPIXELS};
 use crate::view_geometry::cameras::samples::Points;
-use headbox_core::camera::Camera;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, i32x16, u32x16};
 use glam::{DVec3, Vec3};
+use headbox_core::camera::Camera;
 
 /// Nothing nearer than this is drawn, metres.
 const NEAR_M: f32 = 1e-3;
@@ -44,7 +44,8 @@ impl Projection {
             level,
             size: [frame.width(), frame.height()],
             eye: (frame.eye() - origin).as_vec3(),
-            axes: [turn.x_axis * focal, -turn.y_axis * focal, -turn.z_axis].map(|axis| axis.as_vec3()),
+            axes: [turn.x_axis * focal, -turn.y_axis * focal, -turn.z_axis]
+                .map(|axis| axis.as_vec3()),
             principal: frame.principal_px().map(|px| px as f32),
         }
     }
@@ -65,7 +66,10 @@ impl Projection {
             // Nowhere is in no frame.
             let mut last = [[f32::NAN; LANES]; 3];
             for (padded, axis) in last.iter_mut().zip([last_x, last_y, last_z]) {
-                padded.iter_mut().zip(axis).for_each(|(to, from)| *to = *from);
+                padded
+                    .iter_mut()
+                    .zip(axis)
+                    .for_each(|(to, from)| *to = *from);
             }
             let [x, y, z] = &last;
             self.project_sixteen(simd, [x, y, z], lattice, to);
@@ -73,7 +77,13 @@ impl Projection {
     }
 
     #[inline(always)]
-    fn project_sixteen<S: Simd>(&self, simd: S, [x, y, z]: [&[f32; LANES]; 3], lattice: &Lattice, to: &mut Vec<Hit>) {
+    fn project_sixteen<S: Simd>(
+        &self,
+        simd: S,
+        [x, y, z]: [&[f32; LANES]; 3],
+        lattice: &Lattice,
+        to: &mut Vec<Hit>,
+    ) {
         let d = [
             f32x16::load_array_ref(simd, x) - self.eye.x,
             f32x16::load_array_ref(simd, y) - self.eye.y,
@@ -81,9 +91,16 @@ impl Projection {
         ];
         let depth = along(self.axes[2], d);
         let inverse = 1.0 / depth;
-        let (x, column, in_columns) =
-            place(along(self.axes[0], d) * inverse + self.principal[0], lattice, lattice.columns);
-        let (y, row, in_rows) = place(along(self.axes[1], d) * inverse + self.principal[1], lattice, lattice.rows);
+        let (x, column, in_columns) = place(
+            along(self.axes[0], d) * inverse + self.principal[0],
+            lattice,
+            lattice.columns,
+        );
+        let (y, row, in_rows) = place(
+            along(self.axes[1], d) * inverse + self.principal[1],
+            lattice,
+            lattice.rows,
+        );
         // False for NaN.
         let mut inside = depth.simd_gt(NEAR_M).to_bitmask() & in_columns & in_rows;
         if inside == 0 {
@@ -95,7 +112,12 @@ impl Projection {
         while inside != 0 {
             let i = inside.trailing_zeros() as usize % LANES;
             inside &= inside - 1;
-            to.push(Hit { node: node[i], at: [x[i], y[i]], inverse_depth: inverse[i], distance_squared: distance[i] });
+            to.push(Hit {
+                node: node[i],
+                at: [x[i], y[i]],
+                inverse_depth: inverse[i],
+                distance_squared: distance[i],
+            });
         }
     }
 }
@@ -108,9 +130,12 @@ fn place<S: Simd>(px: f32x16<S>, lattice: &Lattice, count: u32) -> (i32x16<S>, u
     let inside = node.simd_ge(0.0) & node.simd_lt(count as f32);
     let node = i32x16::truncate_from(inside.select(node, f32x16::splat(px.token(), 0.0)));
     let middle = (node - 1) * lattice.spacing;
-    let part =
-        i32x16::truncate_from((inside.select(px, f32x16::splat(px.token(), 0.0)) * SUBPIXELS as f32).round_ties_even());
-    let part = part.max(middle - lattice.spacing / 2).min(middle + (lattice.spacing - 1) / 2);
+    let part = i32x16::truncate_from(
+        (inside.select(px, f32x16::splat(px.token(), 0.0)) * SUBPIXELS as f32).round_ties_even(),
+    );
+    let part = part
+        .max(middle - lattice.spacing / 2)
+        .min(middle + (lattice.spacing - 1) / 2);
     (part, node.bitcast(), inside.to_bitmask())
 }
 
@@ -122,8 +147,8 @@ fn along<S: Simd>(axis: Vec3, d: [f32x16<S>; 3]) -> f32x16<S> {
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use crate::view_geometry::tests::frame_at;
     use super::*;
+    pub(crate) use crate::view_geometry::tests::frame_at;
     use headbox_core::simd;
 
     /// A position in f32 differs from one in f64 by less than this, px, beyond half a part.
@@ -136,11 +161,17 @@ mod tests {
         // An odd count, with points behind, at the eye and nowhere.
         let mut points: Vec<Vec3> = (0..901u32)
             .map(|i| {
-                let [a, b, c] = [i * 37 % 101, i * 53 % 97, i * 71 % 89].map(|n| n as f32 / 45.0 - 1.0);
+                let [a, b, c] =
+                    [i * 37 % 101, i * 53 % 97, i * 71 % 89].map(|n| n as f32 / 45.0 - 1.0);
                 Vec3::new(2.0 * a, 2.0 * b, -2.0 + 3.0 * c)
             })
             .collect();
-        points.extend([Vec3::NAN, frame.eye().as_vec3(), Vec3::splat(f32::INFINITY), Vec3::ZERO]);
+        points.extend([
+            Vec3::NAN,
+            frame.eye().as_vec3(),
+            Vec3::splat(f32::INFINITY),
+            Vec3::ZERO,
+        ]);
         let [x, y, z] = [0, 1, 2].map(|axis| points.iter().map(|p| p[axis]).collect::<Vec<_>>());
         let mut at_levels = Vec::new();
         for level in simd::levels() {
@@ -148,13 +179,22 @@ mod tests {
             Projection::new(&frame, DVec3::ZERO, level).project([&x, &y, &z], &lattice, &mut hits);
             at_levels.push(hits);
         }
-        assert!(at_levels.windows(2).all(|pair| pair[0] == pair[1]), "all levels alike");
+        assert!(
+            at_levels.windows(2).all(|pair| pair[0] == pair[1]),
+            "all levels alike"
+        );
         let mut hits = at_levels[0].iter();
         for point in &points {
-            let Some([x, y, depth]) = frame.project(point.as_dvec3()) else { continue };
-            let cell =
-                |px: f64, count: u32| Some((px / 4.0 + 1.5).floor()).filter(|n| (0.0..f64::from(count)).contains(n));
-            let (Some(column), Some(row)) = (cell(x, lattice.columns), cell(y, lattice.rows)) else { continue };
+            let Some([x, y, depth]) = frame.project(point.as_dvec3()) else {
+                continue;
+            };
+            let cell = |px: f64, count: u32| {
+                Some((px / 4.0 + 1.5).floor()).filter(|n| (0.0..f64::from(count)).contains(n))
+            };
+            let (Some(column), Some(row)) = (cell(x, lattice.columns), cell(y, lattice.rows))
+            else {
+                continue;
+            };
             let hit = hits.next().expect("a hit");
             assert_eq!(hit.node, row as u32 * lattice.columns + column as u32);
             for (found, expected) in hit.at.into_iter().zip([x, y]) {

@@ -9,8 +9,8 @@
 
 use crate::view_geometry::RealCamera;
 use crate::view_geometry::cameras::samples::{MAX_PROBES, Probes};
-use headbox_core::camera::Camera;
 use glam::{DVec3, Vec3};
+use headbox_core::camera::Camera;
 
 /// How much each penalty counts; only their ratios matter.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -25,7 +25,11 @@ pub struct RankWeights {
 
 impl Default for RankWeights {
     fn default() -> Self {
-        Self { distance: 1.0, angle: 1.0, visibility: 1.0 }
+        Self {
+            distance: 1.0,
+            angle: 1.0,
+            visibility: 1.0,
+        }
     }
 }
 
@@ -44,7 +48,13 @@ const SAME_SURFACES_RAD: f64 = std::f64::consts::FRAC_PI_3;
 
 /// Ranks the cameras that are valid for a frame, the best first; of equals the one with the lower index. A camera is not valid if it looks more than
 /// the frame's field of view, or [`SAME_SURFACES_RAD`], away from the frame's direction, if none of its probes falls into the frame, or if it is left out.
-pub(super) fn rank(cameras: &[RealCamera], frame: &Camera, origin: DVec3, weights: &RankWeights, to: &mut Vec<Ranked>) {
+pub(super) fn rank(
+    cameras: &[RealCamera],
+    frame: &Camera,
+    origin: DVec3,
+    weights: &RankWeights,
+    to: &mut Vec<Ranked>,
+) {
     to.clear();
     let view = Probing::new(frame, origin);
     let (forward, widest) = (frame.forward(), view.widest_rad);
@@ -60,16 +70,34 @@ pub(super) fn rank(cameras: &[RealCamera], frame: &Camera, origin: DVec3, weight
             continue;
         }
         let distance = (camera.pose.eye - frame.eye()).cross(forward).length();
-        terms.push((index, distance, cosine.acos() / widest, 1.0 - f64::from(seen) / f64::from(probes.count)));
+        terms.push((
+            index,
+            distance,
+            cosine.acos() / widest,
+            1.0 - f64::from(seen) / f64::from(probes.count),
+        ));
     }
-    let farthest = terms.iter().map(|(_, distance, ..)| *distance).fold(0.0, f64::max);
+    let farthest = terms
+        .iter()
+        .map(|(_, distance, ..)| *distance)
+        .fold(0.0, f64::max);
     // All on the line of sight: 0 / 0 is 0.
     let per = if farthest > 0.0 { 1.0 / farthest } else { 0.0 };
-    to.extend(terms.into_iter().map(|(camera, distance, angle, missed)| Ranked {
-        camera,
-        penalty: weights.distance * distance * per + weights.angle * angle + weights.visibility * missed,
-    }));
-    to.sort_by(|a, b| a.penalty.total_cmp(&b.penalty).then(a.camera.cmp(&b.camera)));
+    to.extend(
+        terms
+            .into_iter()
+            .map(|(camera, distance, angle, missed)| Ranked {
+                camera,
+                penalty: weights.distance * distance * per
+                    + weights.angle * angle
+                    + weights.visibility * missed,
+            }),
+    );
+    to.sort_by(|a, b| {
+        a.penalty
+            .total_cmp(&b.penalty)
+            .then(a.camera.cmp(&b.camera))
+    });
 }
 
 /// Counts points that fall into a frame.
@@ -88,7 +116,8 @@ impl Probing {
     fn new(frame: &Camera, origin: DVec3) -> Self {
         let turn = frame.world_from_eye();
         let focal = frame.focal_px();
-        let axes = [turn.x_axis * focal, -turn.y_axis * focal, -turn.z_axis].map(|axis| axis.as_vec3());
+        let axes =
+            [turn.x_axis * focal, -turn.y_axis * focal, -turn.z_axis].map(|axis| axis.as_vec3());
         let [x, y] = frame.principal_px();
         let [width, height] = [frame.width(), frame.height()].map(f64::from);
         // Between opposite corners.
@@ -113,8 +142,11 @@ impl Probing {
             let along = |axis: Vec3| (axis.x * dx + axis.y * dy) + axis.z * dz;
             let (x, y, depth) = (along(across), along(below), along(ahead));
             // All false for NaN.
-            let inside =
-                (depth > 0.0) & (x >= left * depth) & (x < right * depth) & (y >= up * depth) & (y < down * depth);
+            let inside = (depth > 0.0)
+                & (x >= left * depth)
+                & (x < right * depth)
+                & (y >= up * depth)
+                & (y < down * depth);
             count += u32::from(inside);
         }
         count
@@ -123,18 +155,30 @@ impl Probing {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     pub(crate) use crate::view_geometry::tests::{frame_at, plane_view};
     use crate::view_geometry::{RealCamera, SampleGrid};
-    use super::*;
 
     fn ranked(eyes: &[DVec3], frame: &Camera) -> Vec<Ranked> {
         let cameras: Vec<RealCamera> = eyes
             .iter()
-            .map(|eye| RealCamera::of_loaded(&plane_view(*eye, 2.0, [64, 48]), &SampleGrid::default(), DVec3::ZERO))
+            .map(|eye| {
+                RealCamera::of_loaded(
+                    &plane_view(*eye, 2.0, [64, 48]),
+                    &SampleGrid::default(),
+                    DVec3::ZERO,
+                )
+            })
             .map(|camera| camera.expect("a pinhole"))
             .collect();
         let mut ranked = Vec::new();
-        rank(&cameras, frame, DVec3::ZERO, &RankWeights::default(), &mut ranked);
+        rank(
+            &cameras,
+            frame,
+            DVec3::ZERO,
+            &RankWeights::default(),
+            &mut ranked,
+        );
         ranked
     }
 
@@ -149,7 +193,8 @@ mod tests {
         let probe = |i: usize| Vec3::from_array([0, 1, 2].map(|axis| probes.axes[axis][i]));
         let inside = |p: &Vec3| {
             frame.project(p.as_dvec3()).is_some_and(|[x, y, _]| {
-                (0.0..f64::from(frame.width())).contains(&x) && (0.0..f64::from(frame.height())).contains(&y)
+                (0.0..f64::from(frame.width())).contains(&x)
+                    && (0.0..f64::from(frame.height())).contains(&y)
             })
         };
         let seen = (0..probes.count as usize).map(probe).filter(inside).count();
@@ -172,35 +217,71 @@ mod tests {
         let cameras: Vec<RealCamera> = eyes
             .iter()
             .filter_map(|eye| {
-                RealCamera::of_loaded(&plane_view(*eye, 2.0, [64, 48]), &SampleGrid::default(), DVec3::ZERO)
+                RealCamera::of_loaded(
+                    &plane_view(*eye, 2.0, [64, 48]),
+                    &SampleGrid::default(),
+                    DVec3::ZERO,
+                )
             })
             .collect();
-        let distance = |camera: &RealCamera| (camera.pose.eye - frame.eye()).cross(frame.forward()).length();
+        let distance = |camera: &RealCamera| {
+            (camera.pose.eye - frame.eye())
+                .cross(frame.forward())
+                .length()
+        };
         let valid = |camera: &&RealCamera| oracle(camera, &frame, 1.0).is_some();
-        let farthest = cameras.iter().filter(valid).map(distance).fold(0.0, f64::max);
+        let farthest = cameras
+            .iter()
+            .filter(valid)
+            .map(distance)
+            .fold(0.0, f64::max);
         let found = ranked(&eyes, &frame);
         assert_eq!(found.len(), cameras.iter().filter(valid).count());
-        assert!(found.windows(2).all(|pair| pair[0].penalty <= pair[1].penalty));
+        assert!(
+            found
+                .windows(2)
+                .all(|pair| pair[0].penalty <= pair[1].penalty)
+        );
         for Ranked { camera, penalty } in found {
             let expected = oracle(&cameras[camera as usize], &frame, farthest).expect("valid");
-            assert!((penalty - expected).abs() < TOLERANCE, "{camera}: {penalty} {expected}");
+            assert!(
+                (penalty - expected).abs() < TOLERANCE,
+                "{camera}: {penalty} {expected}"
+            );
         }
     }
 
     #[test]
     fn cameras_that_look_away_or_see_nothing_of_the_frame_are_not_valid() {
         let frame = frame_at(DVec3::ZERO, [64, 48]);
-        assert!(ranked(&[DVec3::new(100.0, 0.0, 0.0)], &frame).is_empty(), "far to the side");
-        let back = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::Y, 60.0, [64, 48]).expect("a camera");
+        assert!(
+            ranked(&[DVec3::new(100.0, 0.0, 0.0)], &frame).is_empty(),
+            "far to the side"
+        );
+        let back =
+            Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::Y, 60.0, [64, 48]).expect("a camera");
         assert!(ranked(&[DVec3::ZERO], &back).is_empty(), "looking away");
-        assert!(ranked(&[DVec3::new(0.0, 0.0, 50.0)], &frame_at(DVec3::new(0.0, 0.0, 1e3), [64, 48])).len() == 1);
+        assert!(
+            ranked(
+                &[DVec3::new(0.0, 0.0, 50.0)],
+                &frame_at(DVec3::new(0.0, 0.0, 1e3), [64, 48])
+            )
+            .len()
+                == 1
+        );
         assert!(ranked(&[], &frame).is_empty());
     }
 
     #[test]
     fn identical_poses_keep_their_order_and_have_no_nan() {
         let found = ranked(&[DVec3::ZERO; 3], &frame_at(DVec3::ZERO, [64, 48]));
-        assert_eq!(found.iter().map(|ranked| ranked.camera).collect::<Vec<_>>(), [0, 1, 2]);
-        assert!(found.iter().all(|ranked| ranked.penalty.abs() < 1e-6), "{found:?}");
+        assert_eq!(
+            found.iter().map(|ranked| ranked.camera).collect::<Vec<_>>(),
+            [0, 1, 2]
+        );
+        assert!(
+            found.iter().all(|ranked| ranked.penalty.abs() < 1e-6),
+            "{found:?}"
+        );
     }
 }

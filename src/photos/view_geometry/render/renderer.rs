@@ -1,21 +1,21 @@
 //! Frames: the steps in order (E13), each over buffers that stay from frame to frame.
 
 use super::delaunay::Mesh;
-use crate::view_geometry::render::fuse;
 use super::fuse::Grid;
-use crate::view_geometry::render::owners;
 use super::project::{Hit, Projection};
-use crate::view_geometry::render::rank;
 use super::rank::Ranked;
-use crate::view_geometry::cameras::samples::Points;
 use super::scan::{BAND_ROWS, Bins, Described, MOST_CAMERAS, Scanner};
 use super::texture::{Band, Painter};
 use super::texture_camera::TextureCamera;
+use crate::view_geometry::cameras::samples::Points;
+use crate::view_geometry::render::fuse;
+use crate::view_geometry::render::owners;
+use crate::view_geometry::render::rank;
 use crate::view_geometry::{EdgeRule, GeometrySettings, Patience, Texturing, ViewGeometry};
-use headbox_core::camera::Camera;
-use headbox_core::simd;
-use headbox_core::frame::Frame;
 use fearless_simd::Level;
+use headbox_core::camera::Camera;
+use headbox_core::frame::Frame;
+use headbox_core::simd;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -125,11 +125,20 @@ impl GeometryRenderer {
             (now - std::mem::replace(&mut last, now)).as_secs_f64() * 1e3
         };
         let mut stats = GeometryStats::default();
-        rank::rank(&geometry.cameras, camera, geometry.origin, &settings.weights, &mut self.ranked);
+        rank::rank(
+            &geometry.cameras,
+            camera,
+            geometry.origin,
+            &settings.weights,
+            &mut self.ranked,
+        );
         stats.cameras_valid = self.ranked.len() as u64;
         stats.rank_ms = lap();
         let by_rank = self.ranked.iter().map(|ranked| ranked.camera);
-        let (pictures, missing) = geometry.pictures.fetch(by_rank, settings.cameras.clamp(1, MOST_CAMERAS), patience);
+        let (pictures, missing) =
+            geometry
+                .pictures
+                .fetch(by_rank, settings.cameras.clamp(1, MOST_CAMERAS), patience);
         (stats.cameras_used, stats.pictures_missing) = (pictures.len() as u64, missing as u64);
         stats.fetch_ms = lap();
         let edge = EdgeRule::new(camera.focal_px() as f32, geometry.depth_noise);
@@ -146,18 +155,31 @@ impl GeometryRenderer {
         };
         let cameras: Vec<TextureCamera> = pictures.iter().cloned().map(textured).collect();
         if settings.texturing != Texturing::Nearest {
-            let points = |(number, _): &(u32, _)| geometry.cameras[*number as usize].samples.of_level(settings.level);
+            let points = |(number, _): &(u32, _)| {
+                geometry.cameras[*number as usize]
+                    .samples
+                    .of_level(settings.level)
+            };
             let samples: Vec<Points> = pictures.iter().map(points).collect();
             stats.samples = samples.iter().map(|[x, ..]| x.len() as u64).sum();
             let projection = Projection::new(camera, geometry.origin, self.level);
-            fuse::fuse(&mut self.grid, &mut self.hits, &samples, &projection, &edge, settings);
+            fuse::fuse(
+                &mut self.grid,
+                &mut self.hits,
+                &samples,
+                &projection,
+                &edge,
+                settings,
+            );
             if settings.by_sight {
                 owners::settle(&mut self.grid, &cameras);
             }
             stats.nodes = self.grid.valid() as u64;
             stats.fuse_ms = lap();
             self.mesh.triangulate(&self.grid);
-            stats.triangles = self.bins.sort(&self.grid, self.mesh.triangles(), camera.height());
+            stats.triangles = self
+                .bins
+                .sort(&self.grid, self.mesh.triangles(), camera.height());
             stats.flips = self.mesh.flips;
             stats.mesh_ms = lap();
         }
@@ -168,22 +190,58 @@ impl GeometryRenderer {
         (&self.frame, stats)
     }
 
-    fn paint(&mut self, cameras: &[TextureCamera], camera: &Camera, edge: &EdgeRule, settings: &GeometrySettings) {
+    fn paint(
+        &mut self,
+        cameras: &[TextureCamera],
+        camera: &Camera,
+        edge: &EdgeRule,
+        settings: &GeometrySettings,
+    ) {
         let (width, height) = (camera.width(), camera.height());
         self.frame.reset(width, height, settings.hole_color_srgb);
-        let Self { level, grid, mesh, bins, frame, .. } = self;
+        let Self {
+            level,
+            grid,
+            mesh,
+            bins,
+            frame,
+            ..
+        } = self;
         let described = &self.described;
-        let scanner = Scanner { grid, triangles: mesh.triangles(), bins, cameras, edge };
-        let painter = Painter { level: *level, scanner, texturing: settings.texturing };
+        let scanner = Scanner {
+            grid,
+            triangles: mesh.triangles(),
+            bins,
+            cameras,
+            edge,
+        };
+        let painter = Painter {
+            level: *level,
+            scanner,
+            texturing: settings.texturing,
+        };
         let pixels = width as usize * BAND_ROWS as usize;
-        let Frame { color, coverage, .. } = frame;
-        let bands =
-            color.par_chunks_mut(pixels).zip(coverage.par_chunks_mut(pixels)).zip(0..height.div_ceil(BAND_ROWS));
+        let Frame {
+            color, coverage, ..
+        } = frame;
+        let bands = color
+            .par_chunks_mut(pixels)
+            .zip(coverage.par_chunks_mut(pixels))
+            .zip(0..height.div_ceil(BAND_ROWS));
         let spare = || described.lock().unwrap_or_else(PoisonError::into_inner);
         bands.for_each(|((colors, coverage), number)| {
             let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);
             let mut described = spare().pop().unwrap_or_default();
-            painter.paint(&mut Band { number, width, rows, colors, coverage }, &mut described);
+            painter.paint(
+                &mut Band {
+                    number,
+                    width,
+                    rows,
+                    colors,
+                    coverage,
+                },
+                &mut described,
+            );
             spare().push(described);
         });
     }

@@ -7,10 +7,10 @@
 //! Where a triangle's corners belong to different surfaces, no skin spans them: each pixel belongs to the near or to
 //! the far one, as the picture of the near one's camera says.
 
-use crate::view_geometry::EdgeRule;
 use super::fuse::Grid;
-use crate::view_geometry::cameras::lattice::SUBPIXELS;
 use super::texture_camera::TextureCamera;
+use crate::view_geometry::EdgeRule;
+use crate::view_geometry::cameras::lattice::SUBPIXELS;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -104,9 +104,15 @@ impl Bins {
             let [a, b, c] = corners.map(|node| grid.y[node as usize]);
             let (first, last) = (band_of(a.min(b).min(c)), band_of(a.max(b).max(c)));
             // A frame's side is below 2^16.
-            [first.clamp(0, count) as u16, (last + 1).clamp(0, count) as u16]
+            [
+                first.clamp(0, count) as u16,
+                (last + 1).clamp(0, count) as u16,
+            ]
         };
-        triangles.par_iter().map(bands).collect_into_vec(&mut self.bands);
+        triangles
+            .par_iter()
+            .map(bands)
+            .collect_into_vec(&mut self.bands);
         self.starts.clear();
         self.starts.resize(count as usize + 2, 0);
         let mut shown = 0;
@@ -119,7 +125,8 @@ impl Bins {
             self.starts[band] += self.starts[band - 1];
         }
         self.numbers.clear();
-        self.numbers.resize(self.starts.last().map_or(0, |sum| *sum as usize), 0);
+        self.numbers
+            .resize(self.starts.last().map_or(0, |sum| *sum as usize), 0);
         for (&[first, end], number) in self.bands.iter().zip(0..) {
             for band in first..end {
                 let next = &mut self.starts[usize::from(band) + 1];
@@ -132,8 +139,13 @@ impl Bins {
 
     /// Numbers of the triangles of a band, in ascending order.
     fn of(&self, band: u32) -> &[u32] {
-        let bounds = self.starts.get(band as usize..).and_then(<[u32]>::first_chunk::<2>);
-        bounds.and_then(|[from, to]| self.numbers.get(*from as usize..*to as usize)).unwrap_or_default()
+        let bounds = self
+            .starts
+            .get(band as usize..)
+            .and_then(<[u32]>::first_chunk::<2>);
+        bounds
+            .and_then(|[from, to]| self.numbers.get(*from as usize..*to as usize))
+            .unwrap_or_default()
     }
 }
 
@@ -194,14 +206,19 @@ impl Scanner<'_> {
     pub(crate) fn describe(&self, band: u32, width: u32, rows: &Range<u32>, to: &mut Described) {
         to.reset(width, rows.len() as u32);
         for &number in self.bins.of(band) {
-            let Some(triangle) = self.set_up(number, width, rows) else { continue };
+            let Some(triangle) = self.set_up(number, width, rows) else {
+                continue;
+            };
             let [a, b, c] = triangle.owners;
-            let owners = u32::from(a) | u32::from(b) << OWNER_BITS | u32::from(c) << (2 * OWNER_BITS);
+            let owners =
+                u32::from(a) | u32::from(b) << OWNER_BITS | u32::from(c) << (2 * OWNER_BITS);
             let is_plain = triangle.cut.is_none() && a == b && b == c;
             let per_column = sum(triangle.weighed(triangle.edges.map(|[_, column, _]| column)));
             for y in triangle.rows.clone() {
                 let row = (y - rows.start) as usize * to.per_row;
-                let Some(pixels) = to.pixels.get_mut(row..row + to.per_row) else { continue };
+                let Some(pixels) = to.pixels.get_mut(row..row + to.per_row) else {
+                    continue;
+                };
                 let mut edges = triangle.edges_in(y);
                 let first = sum(triangle.weighed(edges));
                 let mut was_inside = false;
@@ -230,7 +247,12 @@ impl Scanner<'_> {
     }
 
     /// The place that a pixel shows of the triangle that it was found to show.
-    pub(super) fn look_up<T>(&self, number: u32, [x, y]: [u32; 2], then: impl FnOnce(Spot) -> Option<T>) -> Option<T> {
+    pub(super) fn look_up<T>(
+        &self,
+        number: u32,
+        [x, y]: [u32; 2],
+        then: impl FnOnce(Spot) -> Option<T>,
+    ) -> Option<T> {
         let triangle = self.set_up(number, x + 1, &(y..y + 1))?;
         let across = i64::from(x - triangle.columns.start);
         let mut edges = triangle.edges_in(y);
@@ -240,14 +262,22 @@ impl Scanner<'_> {
 
     #[inline]
     fn set_up(&self, number: u32, width: u32, rows: &Range<u32>) -> Option<Triangle> {
-        let corners = self.triangles.get(number as usize)?.map(|node| node as usize);
+        let corners = self
+            .triangles
+            .get(number as usize)?
+            .map(|node| node as usize);
         let at = corners.map(|node| [self.grid.x[node], self.grid.y[node]]);
         // The pixels whose centres lie within the box.
         let range = |axis: usize, low: u32, high: u32| {
             let [a, b, c] = at.map(|p| p[axis]);
             let half = SUBPIXELS / 2;
-            let first = (a.min(b).min(c) + half - 1).div_euclid(SUBPIXELS).max(low as i32);
-            let end = (a.max(b).max(c) - half).div_euclid(SUBPIXELS).saturating_add(1).min(high as i32);
+            let first = (a.min(b).min(c) + half - 1)
+                .div_euclid(SUBPIXELS)
+                .max(low as i32);
+            let end = (a.max(b).max(c) - half)
+                .div_euclid(SUBPIXELS)
+                .saturating_add(1)
+                .min(high as i32);
             (first < end).then_some(first as u32..end as u32)
         };
         let rows = range(1, rows.start, rows.end)?;
@@ -255,13 +285,14 @@ impl Scanner<'_> {
         let inverse_depth = corners.map(|node| self.grid.inverse_depth[node]);
         let cut = self.cut(at, inverse_depth);
         let at = at.map(|p| p.map(i64::from));
-        let centre =
-            [columns.start, rows.start].map(|pixel| i64::from(pixel) * i64::from(SUBPIXELS) + i64::from(SUBPIXELS / 2));
+        let centre = [columns.start, rows.start]
+            .map(|pixel| i64::from(pixel) * i64::from(SUBPIXELS) + i64::from(SUBPIXELS / 2));
         let edge = |from: [i64; 2], to: [i64; 2]| {
             let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
             // A centre on an edge belongs to the triangle whose upper or left edge it is.
             let is_theirs = !(dy < 0 || (dy == 0 && dx > 0));
-            let value = dx * (centre[1] - from[1]) - dy * (centre[0] - from[0]) - i64::from(is_theirs);
+            let value =
+                dx * (centre[1] - from[1]) - dy * (centre[0] - from[0]) - i64::from(is_theirs);
             [value, -dy * i64::from(SUBPIXELS), dx * i64::from(SUBPIXELS)]
         };
         let [a, b, c] = at;
@@ -282,13 +313,20 @@ impl Scanner<'_> {
     /// Which of three corners belong to the nearer of two surfaces; `None` if they are of one.
     #[inline]
     fn cut(&self, at: [[i32; 2]; 3], inverse: [f32; 3]) -> Option<[bool; 3]> {
-        let (near, far) = (inverse[0].max(inverse[1]).max(inverse[2]), inverse[0].min(inverse[1]).min(inverse[2]));
+        let (near, far) = (
+            inverse[0].max(inverse[1]).max(inverse[2]),
+            inverse[0].min(inverse[1]).min(inverse[2]),
+        );
         if near - far <= self.edge.least() {
             return None;
         }
         let parts = |i: usize, j: usize| {
             let [dx, dy] = [0, 1].map(|axis| (at[i][axis] - at[j][axis]) as f32);
-            self.edge.parts(inverse[i], inverse[j], (dx * dx + dy * dy).sqrt() / SUBPIXELS as f32)
+            self.edge.parts(
+                inverse[i],
+                inverse[j],
+                (dx * dx + dy * dy).sqrt() / SUBPIXELS as f32,
+            )
         };
         // Of three corners the one in the middle goes with the nearer of the others.
         let middle = (near + far) * 0.5;
@@ -301,27 +339,50 @@ impl Scanner<'_> {
         let weights = triangle.weighed(edges);
         match triangle.cut {
             Some(near) => self.side(triangle, near, weights, pixel.map(|at| at as f32 + 0.5)),
-            None => Spot { triangle, weights, inverse_depth: sum(weights) },
+            None => Spot {
+                triangle,
+                weights,
+                inverse_depth: sum(weights),
+            },
         }
     }
 
     /// The place on the surface that shows in a pixel of a triangle across a depth edge.
-    fn side<'t>(&self, triangle: &'t Triangle, is_near: [bool; 3], weights: [f32; 3], [x, y]: [f32; 2]) -> Spot<'t> {
+    fn side<'t>(
+        &self,
+        triangle: &'t Triangle,
+        is_near: [bool; 3],
+        weights: [f32; 3],
+        [x, y]: [f32; 2],
+    ) -> Spot<'t> {
         let of_side = |near: bool| {
             let in_frame = [0, 1, 2].map(|k| match is_near[k] == near {
                 true => (weights[k] / triangle.inverse_depth[k]).max(1e-6),
                 false => 0.0,
             });
             let weights = [0, 1, 2].map(|k| in_frame[k] * triangle.inverse_depth[k]);
-            (Spot { triangle, weights, inverse_depth: sum(weights) / sum(in_frame) }, sum(in_frame))
+            (
+                Spot {
+                    triangle,
+                    weights,
+                    inverse_depth: sum(weights) / sum(in_frame),
+                },
+                sum(in_frame),
+            )
         };
         let ((near, near_share), (far, far_share)) = (of_side(true), of_side(false));
-        let owner = (0..3).filter(|k| is_near[*k]).map(|k| triangle.owners[k]).min();
+        let owner = (0..3)
+            .filter(|k| is_near[*k])
+            .map(|k| triangle.owners[k])
+            .min();
         let camera = owner.and_then(|owner| self.cameras.get(owner as usize));
-        let shows_near = match camera.and_then(|camera| camera.depths_at([x, y], near.inverse_depth)) {
-            Some([shown, there]) => shown > there * 0.5 * (1.0 + far.inverse_depth / near.inverse_depth),
-            None => near_share > far_share,
-        };
+        let shows_near =
+            match camera.and_then(|camera| camera.depths_at([x, y], near.inverse_depth)) {
+                Some([shown, there]) => {
+                    shown > there * 0.5 * (1.0 + far.inverse_depth / near.inverse_depth)
+                }
+                None => near_share > far_share,
+            };
         if shows_near { near } else { far }
     }
 }

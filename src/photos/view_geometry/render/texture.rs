@@ -7,13 +7,13 @@
 //! The paper projects textures through whatever stands between. Here each texel knows its depth: a camera that shows something nearer does not see the pixel's
 //! point and has no say in it.
 
-use crate::view_geometry::Texturing;
 use super::scan::{Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, Spot, UNCOVERED};
 use super::texture_camera::TextureCamera;
-use headbox_core::frame::Coverage;
-use headbox_core::srgb_table::{SrgbTable, encode_srgb};
+use crate::view_geometry::Texturing;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, mask32x16, u32x16};
+use headbox_core::frame::Coverage;
+use headbox_core::srgb_table::{SrgbTable, encode_srgb};
 use std::ops::Range;
 
 /// Linear light of texels, 16 bits.
@@ -23,7 +23,9 @@ const PER_FULL: f32 = 1.0 / 65_535.0;
 const MOST_AVERAGED: f32 = 4.0;
 
 /// The column of each lane.
-const COLUMNS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+const COLUMNS: [f32; LANES] = [
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
+];
 
 /// Places of neighbouring pixels.
 #[derive(Clone, Copy)]
@@ -46,11 +48,21 @@ impl<S: Simd> Sums<S> {
     #[inline(always)]
     fn new(simd: S) -> Self {
         let zero = f32x16::splat(simd, 0.0);
-        Self { color: [zero; 3], weight: zero }
+        Self {
+            color: [zero; 3],
+            weight: zero,
+        }
     }
 
     /// Adds what a camera shows of the `wanted` lanes, where it sees them.
-    fn add(&mut self, simd: S, camera: &TextureCamera, places: &Places<S>, wanted: u64, weight: f32x16<S>) {
+    fn add(
+        &mut self,
+        simd: S,
+        camera: &TextureCamera,
+        places: &Places<S>,
+        wanted: u64,
+        weight: f32x16<S>,
+    ) {
         simd.vectorize(
             #[inline(always)]
             || self.add_at(simd, camera, places, wanted, weight),
@@ -58,11 +70,26 @@ impl<S: Simd> Sums<S> {
     }
 
     #[inline(always)]
-    fn add_at(&mut self, simd: S, camera: &TextureCamera, places: &Places<S>, wanted: u64, weight: f32x16<S>) {
-        let &Places { x, y, inverse_depth } = places;
+    fn add_at(
+        &mut self,
+        simd: S,
+        camera: &TextureCamera,
+        places: &Places<S>,
+        wanted: u64,
+        weight: f32x16<S>,
+    ) {
+        let &Places {
+            x,
+            y,
+            inverse_depth,
+        } = places;
         let row = camera.start + camera.down * y;
         let [h, v, w] = [0, 1, 2].map(|axis| (row[axis], camera.right[axis], camera.shift[axis]));
-        let (h, v, w) = (along(h, x, inverse_depth), along(v, x, inverse_depth), along(w, x, inverse_depth));
+        let (h, v, w) = (
+            along(h, x, inverse_depth),
+            along(v, x, inverse_depth),
+            along(w, x, inverse_depth),
+        );
         let per = 1.0 / w;
         let (u, v, there) = (h * per, v * per, inverse_depth * per);
         let in_front = w.simd_gt(0.0).to_bitmask() & wanted;
@@ -76,7 +103,8 @@ impl<S: Simd> Sums<S> {
             if here != 0 {
                 let found = camera.picture.sample_sixteen(simd, level, [u, v], here);
                 let seen = found.known & !found.inverse_depth.simd_gt(bound).to_bitmask();
-                let share = mask32x16::from_bitmask(simd, seen).select(weight, f32x16::splat(simd, 0.0));
+                let share =
+                    mask32x16::from_bitmask(simd, seen).select(weight, f32x16::splat(simd, 0.0));
                 for channel in 0..3 {
                     self.color[channel] += found.color[channel] * share;
                 }
@@ -89,7 +117,11 @@ impl<S: Simd> Sums<S> {
 
 /// A homogeneous coordinate of places in a row.
 #[inline(always)]
-fn along<S: Simd>((row, right, shift): (f32, f32, f32), x: f32x16<S>, inverse_depth: f32x16<S>) -> f32x16<S> {
+fn along<S: Simd>(
+    (row, right, shift): (f32, f32, f32),
+    x: f32x16<S>,
+    inverse_depth: f32x16<S>,
+) -> f32x16<S> {
     x * right + row + inverse_depth * shift
 }
 
@@ -114,7 +146,9 @@ impl Painter<'_> {
     pub(super) fn paint(&self, band: &mut Band, described: &mut Described) {
         match self.texturing {
             Texturing::Nearest => described.fill(band.width, band.rows.len() as u32),
-            _ => self.scanner.describe(band.number, band.width, &band.rows, described),
+            _ => self
+                .scanner
+                .describe(band.number, band.width, &band.rows, described),
         }
         dispatch!(self.level, simd => self.color(simd, band, described));
     }
@@ -122,11 +156,19 @@ impl Painter<'_> {
     #[inline(always)]
     fn color<S: Simd>(&self, simd: S, band: &mut Band, described: &Described) {
         let width = band.width as usize;
-        let rows = band.colors.chunks_mut(width).zip(band.coverage.chunks_mut(width));
-        for ((colors, coverage), (y, pixels)) in
-            rows.zip(band.rows.clone().zip(described.pixels.chunks(described.per_row)))
-        {
-            let chunks = colors.chunks_mut(LANES).zip(coverage.chunks_mut(LANES)).zip(pixels);
+        let rows = band
+            .colors
+            .chunks_mut(width)
+            .zip(band.coverage.chunks_mut(width));
+        for ((colors, coverage), (y, pixels)) in rows.zip(
+            band.rows
+                .clone()
+                .zip(described.pixels.chunks(described.per_row)),
+        ) {
+            let chunks = colors
+                .chunks_mut(LANES)
+                .zip(coverage.chunks_mut(LANES))
+                .zip(pixels);
             for (((colors, coverage), pixels), x) in chunks.zip((0..).step_by(LANES)) {
                 self.color_pixels(simd, pixels, [x, y], colors, coverage);
             }
@@ -142,7 +184,10 @@ impl Painter<'_> {
         colors: &mut [[u8; 4]],
         coverage: &mut [Coverage],
     ) {
-        let covered = !u32x16::load_array_ref(simd, &pixels.owners).simd_eq(UNCOVERED).to_bitmask() & 0xffff;
+        let covered = !u32x16::load_array_ref(simd, &pixels.owners)
+            .simd_eq(UNCOVERED)
+            .to_bitmask()
+            & 0xffff;
         if covered == 0 {
             return;
         }
@@ -156,7 +201,8 @@ impl Painter<'_> {
         let table = SrgbTable::get();
         let mut color = u32x16::splat(simd, 0xff00_0000);
         for channel in 0..3 {
-            color |= table.encode_sixteen(simd, sums.color[channel] * per, LANES) << (8 * channel as u32);
+            color |= table.encode_sixteen(simd, sums.color[channel] * per, LANES)
+                << (8 * channel as u32);
         }
         let color = color.to_array();
         let seen = sums.weight.simd_gt(0.0).to_bitmask() & covered;
@@ -175,9 +221,11 @@ impl Painter<'_> {
                 false if of_corners => self.unseen(pixels, lane, [x + lane, y]),
                 false => None,
             };
-            let (Some(found), Some(color), Some(coverage)) =
-                (found, colors.get_mut(lane as usize), coverage.get_mut(lane as usize))
-            else {
+            let (Some(found), Some(color), Some(coverage)) = (
+                found,
+                colors.get_mut(lane as usize),
+                coverage.get_mut(lane as usize),
+            ) else {
                 continue;
             };
             (*color, *coverage) = (found, Coverage::FULL);
@@ -209,7 +257,9 @@ impl Painter<'_> {
                 let owners = u32x16::load_array_ref(simd, &pixels.owners);
                 let mut ranks = Ranks::of(&pixels.owners);
                 while let Some(rank) = ranks.take_first() {
-                    let Some(camera) = cameras.get(rank as usize) else { continue };
+                    let Some(camera) = cameras.get(rank as usize) else {
+                        continue;
+                    };
                     let weight = weight_of(simd, owners, rank, &pixels.weights);
                     let mut wanted = weight.simd_gt(0.0).to_bitmask() & covered;
                     if self.texturing == Texturing::Multi {
@@ -227,31 +277,47 @@ impl Painter<'_> {
     /// The colours of the corners themselves, by weight: of a surface that its cameras do not see here, as something hides it from them.
     #[cold]
     fn unseen(&self, pixels: &Pixels, lane: u32, at: [u32; 2]) -> Option<[u8; 4]> {
-        self.scanner.look_up(pixels.triangles[lane as usize % LANES], at, |Spot { triangle, weights, .. }| {
-            let (mut sum, mut total) = ([0.0; 3], 0.0);
-            for k in (0..3).filter(|k| weights[*k] > 0.0) {
-                let camera = self.scanner.cameras.get(triangle.owners[k] as usize);
-                let looked = camera.and_then(|camera| camera.color_at(triangle.at[k], triangle.inverse_depth[k]));
-                let Some(color) = looked else { continue };
-                (0..3).for_each(|c| sum[c] += color[c] * weights[k]);
-                total += weights[k];
-            }
-            let [r, g, b] = sum.map(|c| encode_srgb(c * (PER_FULL / total)));
-            (total > 0.0).then_some([r, g, b, 255])
-        })
+        self.scanner.look_up(
+            pixels.triangles[lane as usize % LANES],
+            at,
+            |Spot {
+                 triangle, weights, ..
+             }| {
+                let (mut sum, mut total) = ([0.0; 3], 0.0);
+                for k in (0..3).filter(|k| weights[*k] > 0.0) {
+                    let camera = self.scanner.cameras.get(triangle.owners[k] as usize);
+                    let looked = camera.and_then(|camera| {
+                        camera.color_at(triangle.at[k], triangle.inverse_depth[k])
+                    });
+                    let Some(color) = looked else { continue };
+                    (0..3).for_each(|c| sum[c] += color[c] * weights[k]);
+                    total += weights[k];
+                }
+                let [r, g, b] = sum.map(|c| encode_srgb(c * (PER_FULL / total)));
+                (total > 0.0).then_some([r, g, b, 255])
+            },
+        )
     }
 }
 
 /// What the corners that a camera owns weigh together.
 #[inline(always)]
-fn weight_of<S: Simd>(simd: S, owners: u32x16<S>, rank: u32, weights: &[[f32; LANES]; 3]) -> f32x16<S> {
+fn weight_of<S: Simd>(
+    simd: S,
+    owners: u32x16<S>,
+    rank: u32,
+    weights: &[[f32; LANES]; 3],
+) -> f32x16<S> {
     let zero = f32x16::splat(simd, 0.0);
     let mut sum = zero;
     let mut is_all = mask32x16::splat(simd, true);
     for k in 0..3u32 {
         let is_owner = ((owners >> (k * OWNER_BITS)) & MOST_CAMERAS as u32).simd_eq(rank);
         // Of neighbours' weights that lie outside by rounding some are negative.
-        sum += is_owner.select(f32x16::load_array_ref(simd, &weights[k as usize]).max(zero), zero);
+        sum += is_owner.select(
+            f32x16::load_array_ref(simd, &weights[k as usize]).max(zero),
+            zero,
+        );
         is_all &= is_owner;
     }
     is_all.select(f32x16::splat(simd, 1.0), sum)

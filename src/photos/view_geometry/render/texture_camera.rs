@@ -2,8 +2,8 @@
 
 use crate::view_geometry::cameras::picture::Picture;
 use crate::view_geometry::{EdgeRule, RealCamera};
-use headbox_core::camera::Camera;
 use glam::{DMat3, DVec3, Vec3};
+use headbox_core::camera::Camera;
 use std::sync::Arc;
 
 /// A camera shows another surface than a point if what it shows is nearer by more than this share of inverse depth, beyond what
@@ -28,13 +28,27 @@ pub(crate) struct TextureCamera {
 }
 
 impl TextureCamera {
-    pub(crate) fn new(camera: &RealCamera, picture: Arc<Picture>, frame: &Camera, edge: &EdgeRule) -> Self {
+    pub(crate) fn new(
+        camera: &RealCamera,
+        picture: Arc<Picture>,
+        frame: &Camera,
+        edge: &EdgeRule,
+    ) -> Self {
         let eye_from_world = camera.pose.world_from_eye.transpose();
         let shift = camera.homogeneous(eye_from_world * (frame.eye() - camera.pose.eye));
-        let turned = Self::turned(camera, picture, frame, eye_from_world * frame.world_from_eye());
+        let turned = Self::turned(
+            camera,
+            picture,
+            frame,
+            eye_from_world * frame.world_from_eye(),
+        );
         // What the picture shows is known to a step.
         let slack = edge.least() + turned.picture.inverse_depth_step;
-        Self { shift: shift.as_vec3(), slack, ..turned }
+        Self {
+            shift: shift.as_vec3(),
+            slack,
+            ..turned
+        }
     }
 
     /// As if the camera stood where the frame's does, and looked the same way: the picture alone, without depth.
@@ -76,15 +90,19 @@ impl TextureCamera {
 
     /// Whether the camera shows a place of the frame: what it shows there is neither nearer nor farther.
     pub(crate) fn agrees(&self, at: [f32; 2], inverse_depth: f32) -> bool {
-        self.depths_at(at, inverse_depth).is_some_and(|[shown, there]| {
-            shown <= there * self.hidden + self.slack && there <= shown * self.hidden + self.slack
-        })
+        self.depths_at(at, inverse_depth)
+            .is_some_and(|[shown, there]| {
+                shown <= there * self.hidden + self.slack
+                    && there <= shown * self.hidden + self.slack
+            })
     }
 
     /// Linear colour, up to the largest of a texel, of a place of the frame in its picture, whatever it shows there.
     pub(super) fn color_at(&self, at: [f32; 2], inverse_depth: f32) -> Option<[f32; 3]> {
         let [u, v, _, ratio] = self.locate(at, inverse_depth)?;
-        let (color, _) = self.picture.sample(self.picture.level_for(self.scale / ratio), u, v)?;
+        let (color, _) = self
+            .picture
+            .sample(self.picture.level_for(self.scale / ratio), u, v)?;
         Some(color)
     }
 }

@@ -8,8 +8,11 @@ fn narrow_ring(step_deg: f64, count: u32) -> Vec<LoadedView> {
     let size = [96, 96];
     // 13 degrees, corner to corner.
     let focal = 600.0;
-    let lens =
-        Lens::Pinhole(Pinhole { focal_px: [focal; 2], principal_px: [48.0; 2], distortion: Distortion::default() });
+    let lens = Lens::Pinhole(Pinhole {
+        focal_px: [focal; 2],
+        principal_px: [48.0; 2],
+        distortion: Distortion::default(),
+    });
     let view = |i: u32| {
         let turn = DMat3::from_rotation_y((f64::from(i) * step_deg).to_radians());
         let eye = turn * DVec3::Z * 10.0;
@@ -17,7 +20,8 @@ fn narrow_ring(step_deg: f64, count: u32) -> Vec<LoadedView> {
             let ray = turn * lens.ray([f64::from(x) + 0.5, f64::from(y) + 0.5], size);
             let along = -eye.dot(ray) / ray.length_squared();
             let aside = (eye + ray * along).length_squared();
-            (aside < RADIUS * RADIUS).then(|| along - ((RADIUS * RADIUS - aside) / ray.length_squared()).sqrt())
+            (aside < RADIUS * RADIUS)
+                .then(|| along - ((RADIUS * RADIUS - aside) / ray.length_squared()).sqrt())
         };
         let pixels = || (0..size[0] * size[1]).map(|i| (i % size[0], i / size[0]));
         let color = |(x, y)| {
@@ -31,9 +35,14 @@ fn narrow_ring(step_deg: f64, count: u32) -> Vec<LoadedView> {
         LoadedView {
             size_px: size,
             lens,
-            pose: Pose { eye, world_from_eye: turn },
+            pose: Pose {
+                eye,
+                world_from_eye: turn,
+            },
             color: pixels().map(color).collect(),
-            depth: pixels().map(|(x, y)| met(x, y).map_or(f32::NAN, |depth| depth as f32)).collect(),
+            depth: pixels()
+                .map(|(x, y)| met(x, y).map_or(f32::NAN, |depth| depth as f32))
+                .collect(),
         }
     };
     (0..count).map(view).collect()
@@ -42,22 +51,50 @@ fn narrow_ring(step_deg: f64, count: u32) -> Vec<LoadedView> {
 #[test]
 fn cameras_around_an_object_serve_each_other_whatever_their_field_of_view() {
     let views = narrow_ring(22.5, 16);
-    let (_folder, mut geometry) = opened(&views, &SampleGrid { spacing_px: 2, coarsest: 2 });
+    let (_folder, mut geometry) = opened(
+        &views,
+        &SampleGrid {
+            spacing_px: 2,
+            coarsest: 2,
+        },
+    );
     geometry.leave_out(&[0]);
-    let camera = Camera::from_parts(views[0].pose.eye, views[0].pose.world_from_eye, 600.0, 96, 96).expect("a camera");
+    let camera = Camera::from_parts(
+        views[0].pose.eye,
+        views[0].pose.world_from_eye,
+        600.0,
+        96,
+        96,
+    )
+    .expect("a camera");
     let (shown, stats) = frame(&geometry, &camera, &settings(Texturing::Averaged));
     // Two on each side look from within 60 degrees; those farther round see the other side.
     assert_eq!(stats.cameras_valid, 4);
     let (mut on_ball, mut covered, mut off) = (0, 0, 0.0);
-    for (i, depth) in views[0].depth.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
+    for (i, depth) in views[0]
+        .depth
+        .iter()
+        .enumerate()
+        .filter(|(_, depth)| depth.is_finite())
+    {
         on_ball += 1;
         if shown.coverage[i].is_hole() {
             continue;
         }
         covered += 1;
-        off += (0..3).map(|c| f64::from(shown.color[i][c].abs_diff(views[0].color[i][c]))).sum::<f64>() / 3.0;
+        off += (0..3)
+            .map(|c| f64::from(shown.color[i][c].abs_diff(views[0].color[i][c])))
+            .sum::<f64>()
+            / 3.0;
         assert!(*depth < 10.0);
     }
-    assert!(on_ball > 2500 && covered * 10 > on_ball * 9, "{covered} of {on_ball}");
-    assert!(off / f64::from(covered) < 6.0, "{} levels", off / f64::from(covered));
+    assert!(
+        on_ball > 2500 && covered * 10 > on_ball * 9,
+        "{covered} of {on_ball}"
+    );
+    assert!(
+        off / f64::from(covered) < 6.0,
+        "{} levels",
+        off / f64::from(covered)
+    );
 }

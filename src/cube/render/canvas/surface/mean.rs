@@ -28,16 +28,22 @@ pub(super) fn means<S: Simd>(simd: S, sums: &Sums) -> u32x8<S> {
     let whole_weight = u32x8::load_array(simd, sums[3]);
     let weight = f32x8::float_from(whole_weight);
     let reciprocal = f32x8::splat(simd, 1.0) / weight.max(1.0);
-    let (red, green) = (mean(simd, &sums[0], reciprocal), mean(simd, &sums[1], reciprocal));
+    let (red, green) = (
+        mean(simd, &sums[0], reciprocal),
+        mean(simd, &sums[1], reciprocal),
+    );
     let blue = mean(simd, &sums[2], reciprocal);
-    let share = u32x8::truncate_from(weight.min(OPAQUE as f32) * (255.0 / OPAQUE as f32)).max(MIN_SHARE);
+    let share =
+        u32x8::truncate_from(weight.min(OPAQUE as f32) * (255.0 / OPAQUE as f32)).max(MIN_SHARE);
     let color = red | (green << 8) | (blue << 16) | (share << 24);
     whole_weight.simd_eq(0).select(u32x8::splat(simd, 0), color)
 }
 
 #[inline(always)]
 fn mean<S: Simd>(simd: S, sum: &[u32; BLOCK], reciprocal: f32x8<S>) -> u32x8<S> {
-    u32x8::truncate_from((f32x8::float_from(u32x8::load_array(simd, *sum)) * reciprocal + 0.5).min(255.0))
+    u32x8::truncate_from(
+        (f32x8::float_from(u32x8::load_array(simd, *sum)) * reciprocal + 0.5).min(255.0),
+    )
 }
 
 /// What three surfaces show, the nearest first, each with the share of 255 of the pixel that it would hide alone.
@@ -59,8 +65,8 @@ pub(super) fn together([front, second, rest]: [[u8; 4]; 3], light: &LinearLight)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_core::simd;
     use fearless_simd::dispatch;
+    use headbox_core::simd;
 
     #[test]
     fn means_are_rounded_to_the_nearest_at_every_level() {
@@ -82,13 +88,17 @@ mod tests {
                 }
             }
         }
-        assert_eq!(dispatch!(simd::level(), simd => means(simd, &NO_SUMS).to_array()), [0; BLOCK]);
+        assert_eq!(
+            dispatch!(simd::level(), simd => means(simd, &NO_SUMS).to_array()),
+            [0; BLOCK]
+        );
     }
 
     #[test]
     fn what_is_behind_takes_the_room_that_is_left() {
         let light = LinearLight::tables();
-        let [red, green, blue] = [[200, 0, 0], [0, 200, 0], [0, 0, 200]].map(|[r, g, b]| move |share| [r, g, b, share]);
+        let [red, green, blue] =
+            [[200, 0, 0], [0, 200, 0], [0, 0, 200]].map(|[r, g, b]| move |share| [r, g, b, share]);
         assert_eq!(together([red(255), green(255), blue(255)], light), red(255));
         assert_eq!(together([red(0), green(0), blue(0)], light)[3], 0);
         let [r, g, b, share] = together([red(100), green(255), blue(255)], light);

@@ -15,11 +15,11 @@ mod tests;
 pub(crate) use mean::{MIN_SHARE, OPAQUE};
 
 use super::linear::LinearLight;
-use crate::render::planes::PlaneCanvas;
+use crate::render::Spans;
 use crate::render::footprint::splat::{Canvas, Splats};
 use crate::render::footprint::tent;
 use crate::render::footprint::tent::{ONE, PEAK_STEPS, Tents};
-use crate::render::Spans;
+use crate::render::planes::PlaneCanvas;
 use fearless_simd::{Level, Simd, dispatch};
 use mean::BLOCK;
 use peel::{Peel, Tolerance};
@@ -67,7 +67,10 @@ impl SurfaceCanvas {
 
     #[inline(always)]
     fn draw_all<S: Simd>(&mut self, simd: S, splats: &Splats) {
-        let bounds = [[0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]];
+        let bounds = [
+            [0.0, self.width as f32],
+            [self.rows.start as f32, self.rows.end as f32],
+        ];
         self.tents.fill(simd, splats, bounds);
         let (first_row, across) = (self.rows.start.cast_signed(), self.tiles_across());
         for i in 0..splats.count() {
@@ -75,7 +78,8 @@ impl SurfaceCanvas {
             if columns.is_empty() || rows.is_empty() {
                 continue;
             }
-            let [left, right] = [columns.start, columns.end - 1].map(|column| column.cast_unsigned() as usize / BLOCK);
+            let [left, right] = [columns.start, columns.end - 1]
+                .map(|column| column.cast_unsigned() as usize / BLOCK);
             let rows = [rows.start, rows.end].map(|row| (row - first_row).cast_unsigned() as usize);
             for down in rows[0] / TILE_ROWS..(rows[1] - 1) / TILE_ROWS + 1 {
                 let top = down * TILE_ROWS;
@@ -101,7 +105,10 @@ impl SurfaceCanvas {
     #[inline(always)]
     fn settle_all<S: Simd>(&mut self, simd: S) {
         let (light, across, stride) = (LinearLight::tables(), self.tiles_across(), self.stride());
-        let tolerance = Tolerance { relative: self.tolerance, least: self.bin };
+        let tolerance = Tolerance {
+            relative: self.tolerance,
+            least: self.bin,
+        };
         for (tile, pieces) in self.tiles.iter().enumerate() {
             if pieces.is_empty() {
                 continue;
@@ -112,14 +119,18 @@ impl SurfaceCanvas {
             for row in 0..TILE_ROWS.min(self.rows.len() - first_row) {
                 let start = (first_row + row) * stride + column;
                 let to = start..start + BLOCK;
-                let (colors, inverse_depths) = (&mut self.colors[to.clone()], &mut self.inverse_depth[to]);
+                let (colors, inverse_depths) =
+                    (&mut self.colors[to.clone()], &mut self.inverse_depth[to]);
                 if touched.contains(row) {
                     let shown = self.peel.shown(row);
                     colors.copy_from_slice(&shown.0.map(u32::to_le_bytes));
                     inverse_depths.copy_from_slice(shown.1);
                 } else if let Some(shown) = ground(row) {
                     colors.copy_from_slice(shown.0);
-                    inverse_depths.iter_mut().zip(shown.1).for_each(|(to, q)| *to = q.max(0.0));
+                    inverse_depths
+                        .iter_mut()
+                        .zip(shown.1)
+                        .for_each(|(to, q)| *to = q.max(0.0));
                 } else {
                     colors.fill([0; 4]);
                     inverse_depths.fill(0.0);
@@ -129,17 +140,30 @@ impl SurfaceCanvas {
     }
 
     /// Some columns of a row, in runs of tiles on which something is drawn or not: which, and where they are kept if something is.
-    fn pieces(&self, row: usize, columns: Range<usize>) -> impl Iterator<Item = (Range<usize>, Option<Range<usize>>)> {
+    fn pieces(
+        &self,
+        row: usize,
+        columns: Range<usize>,
+    ) -> impl Iterator<Item = (Range<usize>, Option<Range<usize>>)> {
         let (start, tiles) = (row * self.stride(), row / TILE_ROWS * self.tiles_across());
-        let of_row = self.tiles.get(tiles..tiles + self.tiles_across()).unwrap_or(&[]);
+        let of_row = self
+            .tiles
+            .get(tiles..tiles + self.tiles_across())
+            .unwrap_or(&[]);
         let mut next = columns.start;
         std::iter::from_fn(move || {
             let first = next / BLOCK;
             let is_empty = of_row.get(first).filter(|_| next < columns.end)?.is_empty();
-            let run = of_row[first..].iter().take_while(|tile| tile.is_empty() == is_empty).count();
+            let run = of_row[first..]
+                .iter()
+                .take_while(|tile| tile.is_empty() == is_empty)
+                .count();
             let piece = next..((first + run) * BLOCK).min(columns.end);
             next = piece.end;
-            Some((piece.clone(), (!is_empty).then_some(start + piece.start..start + piece.end)))
+            Some((
+                piece.clone(),
+                (!is_empty).then_some(start + piece.start..start + piece.end),
+            ))
         })
     }
 }
@@ -181,7 +205,10 @@ impl Canvas for SurfaceCanvas {
                 inverse_depth: rim.inverse_depth.max(0.0),
                 rows: [row_in as u16, row_in as u16 + 1],
             };
-            if let Some(tile) = self.tiles.get_mut(row / TILE_ROWS * across + column / BLOCK) {
+            if let Some(tile) = self
+                .tiles
+                .get_mut(row / TILE_ROWS * across + column / BLOCK)
+            {
                 tile.push(piece);
             }
         }
@@ -201,7 +228,10 @@ impl Canvas for SurfaceCanvas {
             let to = &mut to[piece.start - column..piece.end - column];
             match (kept, ground.get(piece)) {
                 (Some(kept), _) => to.copy_from_slice(&self.inverse_depth[kept]),
-                (None, Some(ground)) => to.iter_mut().zip(ground).for_each(|(to, ground)| *to = ground.max(0.0)),
+                (None, Some(ground)) => to
+                    .iter_mut()
+                    .zip(ground)
+                    .for_each(|(to, ground)| *to = ground.max(0.0)),
                 (None, None) => to.fill(0.0),
             }
         }

@@ -51,7 +51,9 @@ impl Touched {
     #[inline(always)]
     fn by(pieces: &[Piece]) -> Self {
         let below = |row: u16| (1u64 << row.min(TILE_ROWS as u16)) - 1;
-        Self(pieces.iter().fold(0, |rows, piece| rows | (below(piece.rows[1]) & !below(piece.rows[0])) as u32))
+        Self(pieces.iter().fold(0, |rows, piece| {
+            rows | (below(piece.rows[1]) & !below(piece.rows[0])) as u32
+        }))
     }
 
     /// From the first to the last.
@@ -79,7 +81,13 @@ struct Stroke {
     row: u32,
 }
 
-const NO_STROKE: Stroke = Stroke { weights: [0; BLOCK], color: [0; 3], inverse_depth: NOWHERE, reach: NOWHERE, row: 0 };
+const NO_STROKE: Stroke = Stroke {
+    weights: [0; BLOCK],
+    color: [0; 3],
+    inverse_depth: NOWHERE,
+    reach: NOWHERE,
+    row: 0,
+};
 
 /// One row of a tile.
 #[derive(Clone, Copy)]
@@ -122,7 +130,13 @@ pub(super) struct Peel {
 
 impl Default for Peel {
     fn default() -> Self {
-        Self { rows: [EMPTY; TILE_ROWS], strokes: Vec::new(), count: 0, behind: Vec::new(), count_behind: 0 }
+        Self {
+            rows: [EMPTY; TILE_ROWS],
+            strokes: Vec::new(),
+            count: 0,
+            behind: Vec::new(),
+            count_behind: 0,
+        }
     }
 }
 
@@ -170,13 +184,17 @@ impl Peel {
     /// The largest inverse depth of each pixel; and strokes.
     #[inline(always)]
     fn find_front<S: Simd>(&mut self, simd: S, pieces: &[Piece], tolerance: Tolerance) {
-        self.count = pieces.iter().map(|piece| usize::from(piece.rows[1] - piece.rows[0])).sum();
+        self.count = pieces
+            .iter()
+            .map(|piece| usize::from(piece.rows[1] - piece.rows[0]))
+            .sum();
         if self.strokes.len() < self.count {
             self.strokes.resize(self.count, NO_STROKE);
         }
         let mut strokes = self.strokes.iter_mut();
         for piece in pieces {
-            let (inverse_depth, reach) = (piece.inverse_depth, tolerance.reach(piece.inverse_depth));
+            let (inverse_depth, reach) =
+                (piece.inverse_depth, tolerance.reach(piece.inverse_depth));
             let color = [0, 1, 2].map(|channel| u32::from(piece.color[channel]));
             let (across, q) = (piece.across(simd), f32x8::splat(simd, inverse_depth));
             let [mut first, end] = piece.rows.map(usize::from);
@@ -207,10 +225,17 @@ impl Peel {
             let row = &mut self.rows[stroke.row as usize % TILE_ROWS];
             let weight = u32x8::load_array(simd, stroke.weights);
             let on_front = f32x8::load_array(simd, row.front).simd_le(stroke.reach);
-            add(simd, &mut row.sums, on_front.select(weight, none), &stroke.color);
+            add(
+                simd,
+                &mut row.sums,
+                on_front.select(weight, none),
+                &stroke.color,
+            );
             let behind = is_there(weight) & !on_front;
             let q = behind.select(f32x8::splat(simd, stroke.inverse_depth), nowhere);
-            f32x8::load_array(simd, row.second).max(q).store_array(&mut row.second);
+            f32x8::load_array(simd, row.second)
+                .max(q)
+                .store_array(&mut row.second);
             // Written wherever it lies, and kept if it lies behind: no branch that nobody foresees.
             self.behind[count] = i as u32;
             count += usize::from(behind.any_true());
@@ -226,14 +251,25 @@ impl Peel {
             let stroke = &self.strokes[i as usize];
             let row = &mut self.rows[stroke.row as usize % TILE_ROWS];
             let second = f32x8::load_array(simd, row.second);
-            let behind = f32x8::load_array(simd, row.front).simd_gt(stroke.reach) & second.simd_ge(0.0);
+            let behind =
+                f32x8::load_array(simd, row.front).simd_gt(stroke.reach) & second.simd_ge(0.0);
             if !behind.any_true() {
                 continue;
             }
             let weight = behind.select(u32x8::load_array(simd, stroke.weights), none);
             let on_second = second.simd_le(stroke.reach);
-            add(simd, &mut row.sums, on_second.select(weight, none), &stroke.color);
-            add(simd, &mut row.rest, on_second.select(none, weight), &stroke.color);
+            add(
+                simd,
+                &mut row.sums,
+                on_second.select(weight, none),
+                &stroke.color,
+            );
+            add(
+                simd,
+                &mut row.rest,
+                on_second.select(none, weight),
+                &stroke.color,
+            );
         }
     }
 }
@@ -246,9 +282,13 @@ impl Row {
         if let Some((colors, inverse_depths)) = ground {
             let colors = u32x8::load_array(simd, colors.map(u32::from_le_bytes));
             let is_whole = (colors >> 24).simd_eq(255);
-            is_whole.select(colors, u32x8::splat(simd, 0)).store_array(&mut self.ground);
+            is_whole
+                .select(colors, u32x8::splat(simd, 0))
+                .store_array(&mut self.ground);
             let inverse_depth = f32x8::load_array(simd, *inverse_depths).max(0.0);
-            is_whole.select(inverse_depth, f32x8::splat(simd, NOWHERE)).store_array(&mut self.ground_inverse_depth);
+            is_whole
+                .select(inverse_depth, f32x8::splat(simd, NOWHERE))
+                .store_array(&mut self.ground_inverse_depth);
         }
         self.front = self.ground_inverse_depth;
     }
@@ -257,7 +297,9 @@ impl Row {
     #[inline(always)]
     fn come_near<S: Simd>(&mut self, simd: S, weight: u32x8<S>, inverse_depth: f32x8<S>) {
         let there = is_there(weight).select(inverse_depth, f32x8::splat(simd, NOWHERE));
-        f32x8::load_array(simd, self.front).max(there).store_array(&mut self.front);
+        f32x8::load_array(simd, self.front)
+            .max(there)
+            .store_array(&mut self.front);
     }
 
     /// Begins the sums of the front surface with what lies under all, if it is of that surface; else it is behind.
@@ -265,9 +307,12 @@ impl Row {
     fn begin_front<S: Simd>(&mut self, simd: S, tolerance: Tolerance) {
         let q = f32x8::load_array(simd, self.ground_inverse_depth);
         let is_there = q.simd_ge(0.0);
-        let on_front = f32x8::load_array(simd, self.front).simd_le(tolerance.reach_of_ground(q)) & is_there;
+        let on_front =
+            f32x8::load_array(simd, self.front).simd_le(tolerance.reach_of_ground(q)) & is_there;
         self.sums = of_ground(simd, on_front, &self.ground);
-        (!on_front & is_there).select(q, f32x8::splat(simd, NOWHERE)).store_array(&mut self.second);
+        (!on_front & is_there)
+            .select(q, f32x8::splat(simd, NOWHERE))
+            .store_array(&mut self.second);
     }
 
     /// Colours of the front surface, and the sums of what is behind it begun. Where it fills its pixel, nothing is behind; returns whether
@@ -276,9 +321,14 @@ impl Row {
     fn color_front<S: Simd>(&mut self, simd: S, tolerance: Tolerance) -> bool {
         let color = means(simd, &self.sums);
         color.store_array(&mut self.colors);
-        let (nowhere, front) = (f32x8::splat(simd, NOWHERE), f32x8::load_array(simd, self.front).max(0.0));
+        let (nowhere, front) = (
+            f32x8::splat(simd, NOWHERE),
+            f32x8::load_array(simd, self.front).max(0.0),
+        );
         front.store_array(&mut self.front);
-        let second = (color >> 24).simd_lt(255).select(f32x8::load_array(simd, self.second), nowhere);
+        let second = (color >> 24)
+            .simd_lt(255)
+            .select(f32x8::load_array(simd, self.second), nowhere);
         second.store_array(&mut self.second);
         let is_open = second.simd_ge(0.0);
         if !is_open.any_true() {
@@ -296,7 +346,9 @@ impl Row {
     /// Lays the front surface over what is behind it.
     #[inline(always)]
     fn blend<S: Simd>(&mut self, simd: S, light: &LinearLight) {
-        let mut open = f32x8::load_array(simd, self.second).simd_ge(0.0).to_bitmask();
+        let mut open = f32x8::load_array(simd, self.second)
+            .simd_ge(0.0)
+            .to_bitmask();
         if open == 0 {
             return;
         }
@@ -334,5 +386,10 @@ fn of_ground<S: Simd>(simd: S, lanes: mask32x8<S>, colors: &[u32; BLOCK]) -> Sum
     let color = lanes.select(u32x8::load_array(simd, *colors), u32x8::splat(simd, 0));
     let weight = lanes.select(u32x8::splat(simd, ONE), u32x8::splat(simd, 0));
     let [red, green, blue] = [color & 255, (color >> 8) & 255, (color >> 16) & 255];
-    [(red * ONE).to_array(), (green * ONE).to_array(), (blue * ONE).to_array(), weight.to_array()]
+    [
+        (red * ONE).to_array(),
+        (green * ONE).to_array(),
+        (blue * ONE).to_array(),
+        weight.to_array(),
+    ]
 }

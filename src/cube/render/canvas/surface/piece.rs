@@ -40,7 +40,8 @@ impl Piece {
     #[inline(always)]
     pub(super) fn heights<S: Simd>(&self, simd: S, first: usize) -> u32x8<S> {
         let [at, step] = self.down;
-        let at = i32x8::load_array(simd, LANES) * step + at.wrapping_add((first as i32).wrapping_mul(step));
+        let at = i32x8::load_array(simd, LANES) * step
+            + at.wrapping_add((first as i32).wrapping_mul(step));
         let heights: u32x8<S> = (i32x8::splat(simd, TOP) - at.abs()).max(0).bitcast();
         (heights * self.peak) >> 15
     }

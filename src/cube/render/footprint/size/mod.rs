@@ -1,11 +1,11 @@
 //! How large the footprint of a sample is in the frame.
 
-use headbox_core::camera::Camera;
 use crate::pack::splat_index::{DEPTH_CODE_COUNT, SPLAT_INDEX_COUNT};
 use crate::pack::{PackedSegment, SplatIndexLayout};
 use crate::render::setup::transfer::Transfer;
 use fearless_simd::{ExtractToken, Simd, f32x16, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
+use headbox_core::camera::Camera;
 
 /// Samples that are warped at a time.
 pub(crate) const LANES: usize = 16;
@@ -30,7 +30,10 @@ pub(crate) enum Normals<S: Simd> {
     /// As the 11 bits say.
     Index(u32x16<S>),
     /// Unit vectors in the face's frame, and the 11 bits beside them.
-    Exact { normal: [f32x16<S>; 3], index: u32x16<S> },
+    Exact {
+        normal: [f32x16<S>; 3],
+        index: u32x16<S>,
+    },
 }
 
 impl<S: Simd> Normals<S> {
@@ -57,7 +60,12 @@ impl<S: Simd> FootprintLanes<S> {
     fn of_squares(radius: f32x16<S>) -> Self {
         let simd = radius.token();
         let (weight, correlation) = (f32x16::splat(simd, 1.0), f32x16::splat(simd, 0.0));
-        Self { radius_x: radius, radius_y: radius, weight, correlation }
+        Self {
+            radius_x: radius,
+            radius_y: radius,
+            weight,
+            correlation,
+        }
     }
 }
 
@@ -92,17 +100,30 @@ impl PaperSize {
     const MIN_COSINE: f32 = 0.1;
 
     pub(crate) fn new() -> Self {
-        Self { widths: Box::new([0.0; SPLAT_INDEX_COUNT]), layout: SplatIndexLayout::Paper }
+        Self {
+            widths: Box::new([0.0; SPLAT_INDEX_COUNT]),
+            layout: SplatIndexLayout::Paper,
+        }
     }
 
     /// Refills the table.
-    pub(crate) fn refill(&mut self, camera: &Camera, segment: &PackedSegment, layout: SplatIndexLayout, face_px: u32) {
+    pub(crate) fn refill(
+        &mut self,
+        camera: &Camera,
+        segment: &PackedSegment,
+        layout: SplatIndexLayout,
+        face_px: u32,
+    ) {
         self.layout = layout;
         let ratio = (camera.focal_px() / (f64::from(face_px) / 2.0)) as f32;
-        let back_in_face = (segment.face.world_from_eye().transpose() * -camera.forward()).as_vec3();
+        let back_in_face =
+            (segment.face.world_from_eye().transpose() * -camera.forward()).as_vec3();
         let width = |index: u32| {
             let normal = layout.normal(index);
-            let (cos1, cos2) = (normal.z.max(Self::MIN_COSINE), normal.dot(back_in_face).max(Self::MIN_COSINE));
+            let (cos1, cos2) = (
+                normal.z.max(Self::MIN_COSINE),
+                normal.dot(back_in_face).max(Self::MIN_COSINE),
+            );
             ratio * (cos2 / cos1).sqrt()
         };
         let range = segment.depth_code_range();
@@ -143,7 +164,11 @@ impl Size for PaperSize {
         if self.layout == SplatIndexLayout::Paper {
             width *= lanes.inverse_depth;
         }
-        let radius = ((width - 1.0) * 0.5).ceil().max_precise(0.0).min_precise(3.0) + 0.5;
+        let radius = ((width - 1.0) * 0.5)
+            .ceil()
+            .max_precise(0.0)
+            .min_precise(3.0)
+            + 0.5;
         FootprintLanes::of_squares(radius)
     }
 }
@@ -212,7 +237,13 @@ impl TangentTable {
     pub(super) const MAX_SLOPE: f32 = 12.0;
 
     /// Fills the table of planes. Radii are the spacing of the samples times `scale`, at least `min_radius_px`.
-    pub(crate) fn refill(&mut self, layout: SplatIndexLayout, face_px: u32, scale: f32, min_radius_px: f32) {
+    pub(crate) fn refill(
+        &mut self,
+        layout: SplatIndexLayout,
+        face_px: u32,
+        scale: f32,
+        min_radius_px: f32,
+    ) {
         let step = 2.0 / face_px as f32;
         for (i, plane) in self.planes.iter_mut().enumerate() {
             let n = layout.normal(i as u32);
@@ -253,7 +284,9 @@ impl Size for TangentSize<'_> {
             along(along_x).hypot(along(along_y)) * f64::from(self.table.scale)
         };
         // A hair more than f32 can round up to.
-        (radius(0).max(radius(1)) * (1.0 + 1e-5)).max(f64::from(self.table.min_radius_px)).min(most)
+        (radius(0).max(radius(1)) * (1.0 + 1e-5))
+            .max(f64::from(self.table.min_radius_px))
+            .min(most)
     }
 
     #[inline(always)]
@@ -262,7 +295,12 @@ impl Size for TangentSize<'_> {
         let (radius_x, radius_y) = (self.radius(xx, xy), self.radius(yx, yy));
         let area = (xx * yy - xy * yx).abs();
         let weight = (area / (radius_x * radius_y)).min_precise(1.0);
-        FootprintLanes { radius_x, radius_y, weight, correlation: f32x16::splat(simd, 0.0) }
+        FootprintLanes {
+            radius_x,
+            radius_y,
+            weight,
+            correlation: f32x16::splat(simd, 0.0),
+        }
     }
 }
 
@@ -271,26 +309,45 @@ impl TangentSize<'_> {
     #[inline(always)]
     fn radius<S: Simd>(&self, of_x: f32x16<S>, of_y: f32x16<S>) -> f32x16<S> {
         let length = (of_x * of_x + of_y * of_y).sqrt();
-        (length * self.table.scale).max_precise(self.table.min_radius_px).min_precise(Self::MAX_RADIUS_PX)
+        (length * self.table.scale)
+            .max_precise(self.table.min_radius_px)
+            .min_precise(Self::MAX_RADIUS_PX)
     }
 
     /// Where in the frame, px, the next samples of the same surface land to the right and below: of x to both, and of y.
     #[inline(always)]
     fn jacobian<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> [[f32x16<S>; 2]; 2] {
         let [plane_x, plane_y, plane_z] = self.planes(simd, &lanes.normals);
-        let reciprocal = f32x16::splat(simd, 1.0) / (plane_x * lanes.x + plane_y * lanes.y + plane_z);
+        let reciprocal =
+            f32x16::splat(simd, 1.0) / (plane_x * lanes.x + plane_y * lanes.y + plane_z);
         let most = self.table.max_slope;
         // The precise forms also turn the NaN of 0 / 0 into a number.
-        let slope_x = (plane_x * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
-        let slope_y = (plane_y * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
+        let slope_x =
+            (plane_x * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
+        let slope_y =
+            (plane_y * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
         let p = self.per_inverse_depth;
         let (dx, dy) = (self.x_step, self.y_step);
-        let along_x = [slope_x * p.x + dx.x, slope_x * p.y + dx.y, slope_x * p.z + dx.z];
-        let along_y = [slope_y * p.x + dy.x, slope_y * p.y + dy.y, slope_y * p.z + dy.z];
+        let along_x = [
+            slope_x * p.x + dx.x,
+            slope_x * p.y + dx.y,
+            slope_x * p.z + dx.z,
+        ];
+        let along_y = [
+            slope_y * p.x + dy.x,
+            slope_y * p.y + dy.y,
+            slope_y * p.z + dy.z,
+        ];
         let w = lanes.reciprocal_w;
         let (x, y) = (lanes.homogeneous[0] * w, lanes.homogeneous[1] * w);
-        let of_x = [(along_x[0] - x * along_x[2]) * w, (along_y[0] - x * along_y[2]) * w];
-        let of_y = [(along_x[1] - y * along_x[2]) * w, (along_y[1] - y * along_y[2]) * w];
+        let of_x = [
+            (along_x[0] - x * along_x[2]) * w,
+            (along_y[0] - x * along_y[2]) * w,
+        ];
+        let of_y = [
+            (along_x[1] - y * along_x[2]) * w,
+            (along_y[1] - y * along_y[2]) * w,
+        ];
         [of_x, of_y]
     }
 
@@ -305,9 +362,15 @@ impl TangentSize<'_> {
                     let plane = self.table.planes[index[i] as usize % SPLAT_INDEX_COUNT];
                     (xs[i], ys[i], zs[i]) = (plane.x, plane.y, plane.z);
                 }
-                [f32x16::load_array(simd, xs), f32x16::load_array(simd, ys), f32x16::load_array(simd, zs)]
+                [
+                    f32x16::load_array(simd, xs),
+                    f32x16::load_array(simd, ys),
+                    f32x16::load_array(simd, zs),
+                ]
             }
-            Normals::Exact { normal: [x, y, z], .. } => {
+            Normals::Exact {
+                normal: [x, y, z], ..
+            } => {
                 let step = self.table.step;
                 [*x * step, *y * -step, *y - *x - *z]
             }
@@ -332,8 +395,13 @@ impl EllipseSize<'_> {
     /// The radius along one axis of the frame: of a row of the Jacobian, blurred.
     #[inline(always)]
     fn radius<S: Simd>(of_x: f32x16<S>, of_y: f32x16<S>) -> f32x16<S> {
-        let (along, blur) = (Self::SCALE * Self::SCALE, (Self::BLUR_PX * Self::DEVIATIONS).powi(2));
-        ((of_x * of_x + of_y * of_y) * along + blur).sqrt().min_precise(Self::MAX_RADIUS_PX)
+        let (along, blur) = (
+            Self::SCALE * Self::SCALE,
+            (Self::BLUR_PX * Self::DEVIATIONS).powi(2),
+        );
+        ((of_x * of_x + of_y * of_y) * along + blur)
+            .sqrt()
+            .min_precise(Self::MAX_RADIUS_PX)
     }
 }
 
@@ -343,7 +411,10 @@ impl Size for EllipseSize<'_> {
 
     fn largest_radius_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64 {
         let blur = f64::from(Self::BLUR_PX * Self::DEVIATIONS) * (1.0 + 1e-5);
-        self.0.largest_radius_px(transfer, q, w, frame_px).hypot(blur).min(f64::from(Self::MAX_RADIUS_PX))
+        self.0
+            .largest_radius_px(transfer, q, w, frame_px)
+            .hypot(blur)
+            .min(f64::from(Self::MAX_RADIUS_PX))
     }
 
     #[inline(always)]
@@ -354,7 +425,12 @@ impl Size for EllipseSize<'_> {
         let area = (xx * yy - xy * yx).abs();
         let reciprocal = f32x16::splat(simd, 1.0) / (radius_x * radius_y);
         let correlation = (xx * yx + xy * yy) * along * reciprocal;
-        FootprintLanes { radius_x, radius_y, weight: area * reciprocal, correlation }
+        FootprintLanes {
+            radius_x,
+            radius_y,
+            weight: area * reciprocal,
+            correlation,
+        }
     }
 }
 

@@ -1,13 +1,13 @@
 //! Sizes of footprints: the paper's table against areas, and tangent planes against differences.
 
 use super::*;
-use headbox_core::random::Rng;
-use headbox_core::cube_face::Face;
-use headbox_core::simd;
 use crate::pack::SegmentSide;
 use crate::pack::blocks::BlockIndex;
 use fearless_simd::{Level, dispatch};
 use glam::dvec3;
+use headbox_core::cube_face::Face;
+use headbox_core::random::Rng;
+use headbox_core::simd;
 
 /// Face sizes and the cameras of the cases below.
 const FACE_PX: u32 = 100;
@@ -21,9 +21,12 @@ fn width_px(camera: &Camera, face: Face, normal: DVec3, depth: f64) -> f64 {
     let corner = |x: f64, y: f64| {
         let half_pixel = 1e-3 / f64::from(FACE_PX);
         let toward = world * dvec3(x * half_pixel, y * half_pixel, -1.0);
-        camera.project(toward * (middle.dot(normal) / toward.dot(normal))).expect("in front")
+        camera
+            .project(toward * (middle.dot(normal) / toward.dot(normal)))
+            .expect("in front")
     };
-    let [a, b, c, d] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| corner(x, y));
+    let [a, b, c, d] =
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| corner(x, y));
     let twice_the_area = (c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1]);
     (twice_the_area.abs() / 2.0).sqrt() * 1e3
 }
@@ -52,19 +55,29 @@ const TOLERANCE: f64 = 2e-3;
 fn the_papers_table_says_the_area_of_a_pixel_on_its_surface() {
     let mut table = PaperSize::new();
     let mut checked = 0;
-    for (face, layout) in
-        Face::ALL.into_iter().flat_map(|f| [(f, SplatIndexLayout::Normal), (f, SplatIndexLayout::Paper)])
+    for (face, layout) in Face::ALL
+        .into_iter()
+        .flat_map(|f| [(f, SplatIndexLayout::Normal), (f, SplatIndexLayout::Paper)])
     {
         let segment = segment(face);
         let (range, world) = (segment.depth_code_range(), face.world_from_eye());
         // Eyes off the face's axis, nearer and farther than the centre, with a shorter and a longer focal length.
-        for (eye, fov) in [(dvec3(0.4, 0.3, -0.5), 70.0), (dvec3(-1.2, 0.5, 0.4), 20.0), (dvec3(0.0, 1.0, -1.0), 5.0)] {
+        for (eye, fov) in [
+            (dvec3(0.4, 0.3, -0.5), 70.0),
+            (dvec3(-1.2, 0.5, 0.4), 20.0),
+            (dvec3(0.0, 1.0, -1.0), 5.0),
+        ] {
             for index in (0..layout.index_count() as u32).step_by(13) {
                 // The paper's codes hold a depth; the table is right at the depth in a code's middle.
-                let depth = if layout == SplatIndexLayout::Paper { range.decode(index as usize % 32) } else { 2.5 };
+                let depth = if layout == SplatIndexLayout::Paper {
+                    range.decode(index as usize % 32)
+                } else {
+                    2.5
+                };
                 let (eye, point) = (world * eye, world * dvec3(0.0, 0.0, -depth));
                 // The sight line is the camera's axis, where the angles to both are one.
-                let camera = Camera::look_at(eye, point, dvec3(0.3, 0.9, 0.2), fov, [300, 200]).expect("valid");
+                let camera = Camera::look_at(eye, point, dvec3(0.3, 0.9, 0.2), fov, [300, 200])
+                    .expect("valid");
                 let normal = layout.normal(index).as_dvec3();
                 let (cos1, cos2) = (normal.z, (world * normal).dot((eye - point).normalize()));
                 let flattest = f64::from(PaperSize::MIN_COSINE);
@@ -72,7 +85,11 @@ fn the_papers_table_says_the_area_of_a_pixel_on_its_surface() {
                     continue;
                 }
                 table.refill(&camera, &segment, layout, FACE_PX);
-                let q = if layout == SplatIndexLayout::Paper { 1.0 / depth } else { 1.0 };
+                let q = if layout == SplatIndexLayout::Paper {
+                    1.0 / depth
+                } else {
+                    1.0
+                };
                 let w = (eye - point).length() / depth;
                 let found = f64::from(table.widths[index as usize]) * q / w;
                 let expected = width_px(&camera, face, normal, depth);
@@ -89,7 +106,10 @@ fn the_papers_table_says_the_area_of_a_pixel_on_its_surface() {
 
 /// Radii of samples of which the table says the widths, at w = 1 and inverse depth `q`.
 fn radii(layout: SplatIndexLayout, widths: [f32; LANES], w: f32, q: f32) -> [f32; LANES] {
-    let mut table = PaperSize { layout, ..PaperSize::new() };
+    let mut table = PaperSize {
+        layout,
+        ..PaperSize::new()
+    };
     table.widths[..LANES].copy_from_slice(&widths);
     dispatch!(Level::new(), simd => {
         let zero = f32x16::splat(simd, 0.0);
@@ -110,12 +130,37 @@ fn radii(layout: SplatIndexLayout, widths: [f32; LANES], w: f32, q: f32) -> [f32
 
 #[test]
 fn squares_are_the_smallest_that_are_as_wide_as_the_sample() {
-    let widths = [0.0, 0.5, 1.0, 1.01, 2.0, 2.99, 3.0, 3.01, 4.5, 5.0, 5.01, 6.0, 7.0, 7.5, 60.0, f32::NAN];
-    let expected = [0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5, 3.5, 0.5];
+    let widths = [
+        0.0,
+        0.5,
+        1.0,
+        1.01,
+        2.0,
+        2.99,
+        3.0,
+        3.01,
+        4.5,
+        5.0,
+        5.01,
+        6.0,
+        7.0,
+        7.5,
+        60.0,
+        f32::NAN,
+    ];
+    let expected = [
+        0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5, 3.5, 0.5,
+    ];
     assert_eq!(radii(SplatIndexLayout::Normal, widths, 1.0, 9.0), expected);
     // Twice as far from the eye as from the centre: half the width. The paper's entries are metres, times inverse depth.
-    assert_eq!(radii(SplatIndexLayout::Normal, widths.map(|w| w * 2.0), 2.0, 9.0), expected);
-    assert_eq!(radii(SplatIndexLayout::Paper, widths.map(|w| w * 2.0), 1.0, 0.5), expected);
+    assert_eq!(
+        radii(SplatIndexLayout::Normal, widths.map(|w| w * 2.0), 2.0, 9.0),
+        expected
+    );
+    assert_eq!(
+        radii(SplatIndexLayout::Paper, widths.map(|w| w * 2.0), 1.0, 0.5),
+        expected
+    );
 }
 
 /// Samples of one row of a face, and a camera that sees them.
@@ -132,7 +177,8 @@ impl Row {
     fn new(random: &mut Rng) -> Self {
         let (eye, y) = (random.in_cube(0.4), random.between(20.0, 80.0));
         let at = eye + Face::PosY.normal() + random.in_cube(0.3);
-        let camera = Camera::look_at(eye, at, random.in_cube(1.0), 70.0, [300, 200]).expect("valid");
+        let camera =
+            Camera::look_at(eye, at, random.in_cube(1.0), 70.0, [300, 200]).expect("valid");
         let encode = |n: DVec3| {
             let range = segment(Face::PosY).depth_code_range();
             SplatIndexLayout::Normal.encode((n + DVec3::Z).normalize(), 1.0, range)
@@ -153,7 +199,8 @@ impl Row {
     /// How far the sample's plane is from being seen edge-on.
     fn along(&self, i: usize) -> f64 {
         let half = f64::from(FACE_PX) / 2.0;
-        self.normal(i).dot(dvec3(self.x[i] / half - 1.0, 1.0 - self.y / half, -1.0))
+        self.normal(i)
+            .dot(dvec3(self.x[i] / half - 1.0, 1.0 - self.y / half, -1.0))
     }
 
     /// Position in the frame, from its axis, where the plane of sample `i`, which is no steeper than it may be, is seen some pixels of the
@@ -174,7 +221,9 @@ impl Row {
         let step = 1e-4;
         let [right, left] = [step, -step].map(|dx| self.beside(i, dx, 0.0));
         let [below, above] = [step, -step].map(|dy| self.beside(i, 0.0, dy));
-        [0, 1].map(|axis| [right[axis] - left[axis], below[axis] - above[axis]].map(|d| d / (2.0 * step)))
+        [0, 1].map(|axis| {
+            [right[axis] - left[axis], below[axis] - above[axis]].map(|d| d / (2.0 * step))
+        })
     }
 
     fn w(&self, i: usize) -> f64 {
@@ -182,8 +231,12 @@ impl Row {
     }
 
     fn lanes<S: Simd>(&self, simd: S, exact: bool) -> Lanes<S> {
-        let load = |of: &dyn Fn(usize) -> f64| f32x16::load_array(simd, std::array::from_fn(|i| of(i) as f32));
-        let at = |i: usize| self.transfer.at(self.x[i], self.y) + self.transfer.inverse_depth * self.q[i];
+        let load = |of: &dyn Fn(usize) -> f64| {
+            f32x16::load_array(simd, std::array::from_fn(|i| of(i) as f32))
+        };
+        let at = |i: usize| {
+            self.transfer.at(self.x[i], self.y) + self.transfer.inverse_depth * self.q[i]
+        };
         let index = u32x16::load_array(simd, self.index);
         let normal = [0, 1, 2].map(|axis| load(&|i| self.normal(i)[axis]));
         Lanes {
@@ -192,7 +245,11 @@ impl Row {
             inverse_depth: load(&|i| self.q[i]),
             x: load(&|i| self.x[i]),
             y: self.y as f32,
-            normals: if exact { Normals::Exact { normal, index } } else { Normals::Index(index) },
+            normals: if exact {
+                Normals::Exact { normal, index }
+            } else {
+                Normals::Index(index)
+            },
         }
     }
 }
@@ -221,19 +278,40 @@ fn radii_are_where_the_next_samples_of_the_same_surface_land() {
                 let rows @ [[xx, xy], [yx, yy]] = row.jacobian(i);
                 let of_row = |[a, b]: [f64; 2]| (a.hypot(b) * f64::from(1.15f32)).clamp(0.8, 32.0);
                 let expected = rows.map(of_row);
-                let near = |found: f64, expected: f64| (found - expected).abs() <= F32_RADIUS * expected.abs().max(0.1);
-                assert!(near(rx[i], expected[0]) && near(ry[i], expected[1]), "{expected:?}: {} {}", rx[i], ry[i]);
+                let near = |found: f64, expected: f64| {
+                    (found - expected).abs() <= F32_RADIUS * expected.abs().max(0.1)
+                };
+                assert!(
+                    near(rx[i], expected[0]) && near(ry[i], expected[1]),
+                    "{expected:?}: {} {}",
+                    rx[i],
+                    ry[i]
+                );
                 let area = (xx * yy - xy * yx).abs();
-                assert!(near(weight[i], (area / (expected[0] * expected[1])).min(1.0)), "{area}: {}", weight[i]);
+                assert!(
+                    near(weight[i], (area / (expected[0] * expected[1])).min(1.0)),
+                    "{area}: {}",
+                    weight[i]
+                );
                 checked[0] += 1;
                 // A Gaussian of half a spacing, blurred by 0.3 px, up to 2.5 deviations.
                 let deviations = rows.map(|[a, b]| (a * a + b * b) * 0.25 + 0.09);
                 let [px, py] = deviations.map(|squared| 2.5 * squared.sqrt());
                 if px.max(py) < 31.0 {
-                    assert!(near(ex[i], px) && near(ey[i], py), "{px} {py}: {} {}", ex[i], ey[i]);
+                    assert!(
+                        near(ex[i], px) && near(ey[i], py),
+                        "{px} {py}: {} {}",
+                        ex[i],
+                        ey[i]
+                    );
                     assert!(near(e_weight[i], area / (px * py)));
-                    let expected = (xx * yx + xy * yy) * 0.25 / (deviations[0] * deviations[1]).sqrt();
-                    assert!(near(correlation[i], expected), "{expected}: {}", correlation[i]);
+                    let expected =
+                        (xx * yx + xy * yy) * 0.25 / (deviations[0] * deviations[1]).sqrt();
+                    assert!(
+                        near(correlation[i], expected),
+                        "{expected}: {}",
+                        correlation[i]
+                    );
                     checked[1] += 1;
                 }
                 // No bound on radii is below one of them, where samples lie in the frame.
@@ -241,7 +319,9 @@ fn radii_are_where_the_next_samples_of_the_same_surface_land() {
                 if x.abs() < 150.0 && y.abs() < 100.0 {
                     let (q, w) = (row.q[i], row.w(i));
                     assert!(size.largest_radius_px(&row.transfer, q, w, frame) >= rx[i].max(ry[i]));
-                    assert!(ellipse.largest_radius_px(&row.transfer, q, w, frame) >= ex[i].max(ey[i]));
+                    assert!(
+                        ellipse.largest_radius_px(&row.transfer, q, w, frame) >= ex[i].max(ey[i])
+                    );
                 }
             }
         }
@@ -261,17 +341,31 @@ fn bounds_on_radii_are_as_small_as_what_they_add_up() {
     assert!((size.largest_radius_px(&transfer, 1.0, 1.0, [200, 200]) - 3.0).abs() < 1e-3);
     assert!((size.largest_radius_px(&transfer, 1.0, 2.0, [200, 200]) - 1.5).abs() < 1e-3);
     assert_eq!(size.largest_radius_px(&transfer, 1.0, 1e9, [200, 200]), 0.5);
-    assert_eq!(size.largest_radius_px(&transfer, 1.0, 0.0, [200, 200]), 32.0);
-    assert_eq!(size.largest_radius_px(&transfer, 1.0, 1e-9, [200, 200]), 32.0);
+    assert_eq!(
+        size.largest_radius_px(&transfer, 1.0, 0.0, [200, 200]),
+        32.0
+    );
+    assert_eq!(
+        size.largest_radius_px(&transfer, 1.0, 1e-9, [200, 200]),
+        32.0
+    );
     let blurred = EllipseSize(size).largest_radius_px(&transfer, 1.0, 1.0, [200, 200]);
     assert!((blurred - 3f64.hypot(0.75)).abs() < 1e-3, "{blurred}");
     // Depth moves samples to the right and a little toward the eye: 12 * 0.02 * 0.5 of it from a pixel to the next, at most, and what
     // comes nearer moves from as far as 150 and 32 pixels beside the axis.
     let [one, inverse_depth] = [DVec3::ZERO, dvec3(3.0, 0.0, 0.01)];
-    let transfer = Transfer { one, x_step: dvec3(2.0, 0.0, 0.0), y_step: dvec3(0.0, 2.0, 0.0), inverse_depth };
+    let transfer = Transfer {
+        one,
+        x_step: dvec3(2.0, 0.0, 0.0),
+        y_step: dvec3(0.0, 2.0, 0.0),
+        inverse_depth,
+    };
     let size = TangentSize::new(&table, &transfer);
     let of_depth: f64 = 0.12 * 3.0 + 182.0 * 0.12 * 0.01;
     let expected = (2.0 + of_depth).hypot(of_depth) * 1.5;
     let found = size.largest_radius_px(&transfer, 0.5, 1.0, [300, 100]);
-    assert!((found / expected - 1.0).abs() < 1e-4 && found > expected, "{found}, not {expected}");
+    assert!(
+        (found / expected - 1.0).abs() < 1e-4 && found > expected,
+        "{found}, not {expected}"
+    );
 }
