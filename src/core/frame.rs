@@ -1,4 +1,4 @@
-//! A finished frame.
+//! Frame: colours, coverage and eye depth of a finished image.
 
 use crate::camera::CameraError;
 use crate::files::write_whole;
@@ -8,51 +8,51 @@ use image::RgbImage;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// How a pixel of a frame came about, in one byte.
+/// Origin of a pixel's colour, in one byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(transparent)]
 pub struct Coverage(u8);
 
 impl Coverage {
-    /// No splat touched the pixel and no environment texel that a real miss reached is there.
+    /// Hole: no splat and no environment texel that a real miss reached.
     pub const HOLE: Self = Self(0);
-    /// The environment alone.
+    /// Environment only.
     pub const ENVIRONMENT: Self = Self(1);
-    /// A small hole that was given the colour of what lies beside and behind it.
+    /// Small hole, filled from the background around it.
     pub const FILLED: Self = Self(2);
-    /// Splats cover the pixel wholly.
+    /// Completely covered by splats.
     pub const FULL: Self = Self(255);
 
-    /// A pixel of which splats cover `share` of 255; at least the smallest value that is not
-    /// one of those.
-    pub fn of_splats(share: u8) -> Self {
+    /// Coverage of a pixel of which splats cover `share`, 0..=255; at least the smallest value that is
+    /// not one of the constants.
+    pub fn from_splat_share(share: u8) -> Self {
         Self(share.max(3))
     }
 
-    /// The coverage of a [`Self::byte`].
+    /// Inverse of [`Self::byte`].
     #[inline]
-    pub const fn of_byte(byte: u8) -> Self {
+    pub const fn from_byte(byte: u8) -> Self {
         Self(byte)
     }
 
-    /// The byte that it is kept in.
+    /// Encoding as one byte.
     #[inline]
     pub const fn byte(self) -> u8 {
         self.0
     }
 
-    /// True if nothing is known of the pixel, filled or not.
+    /// Returns true for holes, filled or not.
     pub fn is_hole(self) -> bool {
         self == Self::HOLE || self == Self::FILLED
     }
 
-    /// Share of the pixel that splats cover, of 255; 0 for a hole and for the environment alone.
+    /// Share of the pixel that splats cover, 0..=255; 0 for holes and for environment only.
     pub fn splat_share(self) -> u8 {
         if self <= Self::FILLED { 0 } else { self.0 }
     }
 }
 
-/// An image, row 0 on top, and where it came from.
+/// Image, row 0 on top, with the coverage and optionally the eye depth of each pixel.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Width in pixels.
@@ -61,49 +61,52 @@ pub struct Frame {
     pub height: u32,
     /// sRGB, alpha 255; `width * height` entries.
     pub color: Vec<[u8; 4]>,
-    /// One for each pixel.
+    /// Coverage of each pixel.
     pub coverage: Vec<Coverage>,
-    /// Eye depth in metres of what covers each pixel, infinite where no splat does; empty unless it was asked for.
+    /// Eye depth of each pixel in metres, infinite where no splat covers it; empty unless requested.
     pub depth_m: Vec<f32>,
 }
 
-/// Why a frame could not be encoded.
+/// Error of encoding or writing a frame.
 #[derive(Debug, thiserror::Error)]
 pub enum FrameError {
-    /// The size of the frame cannot be that of an image.
+    /// Invalid frame size.
     #[error(transparent)]
     Size(#[from] CameraError),
-    /// The rows of a buffer are too short, or too few.
-    #[error("{bytes} bytes in rows of {stride} do not hold {rows} rows of {row_bytes} bytes")]
+    /// Target buffer with too short or too few rows.
+    #[error(
+        "a buffer of {bytes} bytes with rows of {stride} cannot hold {rows} rows of {row_bytes} bytes"
+    )]
     Buffer {
-        /// Bytes of the buffer.
+        /// Size of the buffer, bytes.
         bytes: usize,
-        /// Bytes from the start of a row to that of the next.
+        /// Distance between the starts of rows, bytes.
         stride: usize,
-        /// Rows of the frame.
+        /// Height of the frame, rows.
         rows: u32,
-        /// Bytes that a row of the frame needs.
+        /// Size of a row of the frame, bytes.
         row_bytes: usize,
     },
-    /// The file could not be written.
-    #[error("{} could not be written: {source}", path.display())]
+    /// Write error.
+    #[error("{}: cannot write: {source}", path.display())]
     Write {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         source: io::Error,
     },
-    /// The encoder failed.
+    /// PNG encoder error.
     #[error("cannot encode the frame as PNG: {0}")]
     Png(#[from] PictureError),
 }
 
 impl Frame {
-    /// Makes the frame `width` by `height`, all holes of the colour `color_srgb`; keeps the memory it has.
+    /// Resizes to `width` x `height` pixels, all holes of colour `color_srgb`. Reuses memory.
     pub fn reset(&mut self, width: u32, height: u32, color_srgb: [u8; 3]) {
         let count = width as usize * height as usize;
         let [r, g, b] = color_srgb;
-        (self.width, self.height) = (width, height);
+        self.width = width;
+        self.height = height;
         self.color.clear();
         self.color.resize(count, [r, g, b, 255]);
         self.coverage.clear();
@@ -111,19 +114,20 @@ impl Frame {
         self.depth_m.clear();
     }
 
-    /// Makes the frame `width` by `height`, with or without depths; what its pixels hold may be anything. Keeps the memory it
-    /// has.
+    /// Resizes to `width` x `height` pixels, with or without depth; pixel values are unspecified. Reuses
+    /// memory.
     pub fn resize(&mut self, width: u32, height: u32, depth: bool) {
         let count = width as usize * height as usize;
-        (self.width, self.height) = (width, height);
+        self.width = width;
+        self.height = height;
         self.color.resize(count, [0; 4]);
         self.coverage.resize(count, Coverage::HOLE);
         self.depth_m
             .resize(if depth { count } else { 0 }, f32::INFINITY);
     }
 
-    /// Copies the colours, 4 bytes a pixel, to a buffer whose rows start `stride` bytes apart, as those of windows and of
-    /// parts of larger images do. Bytes between rows stay as they are.
+    /// Copies the colours, 4 bytes a pixel, to a buffer whose rows start `stride` bytes apart, such as a
+    /// window's or a part of a larger image. Leaves the bytes between rows unchanged.
     ///
     /// # Errors
     /// [`FrameError::Buffer`] if the frame does not fit.
@@ -158,10 +162,10 @@ impl Frame {
         self.coverage.iter().filter(|c| c.is_hole()).count() as u64
     }
 
-    /// The colours as a picture.
+    /// Converts the colours to an RGB image.
     ///
     /// # Errors
-    /// [`FrameError::Size`] if width, height and the number of colours do not fit together.
+    /// [`FrameError::Size`] if the number of colours is not width x height.
     pub fn to_rgb(&self) -> Result<RgbImage, FrameError> {
         let rgb = self
             .color
@@ -172,12 +176,13 @@ impl Frame {
             .ok_or(CameraError::Size(self.width, self.height))?)
     }
 
-    /// Saves the frame as a PNG file, whole or not at all.
+    /// Writes the frame as a PNG file, completely or not at all.
     ///
     /// # Errors
     /// As [`Self::to_png`]; [`FrameError::Write`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FrameError> {
-        let (path, png) = (path.as_ref(), self.to_png()?);
+        let path = path.as_ref();
+        let png = self.to_png()?;
         let written = write_whole(path, |file| file.write_all(&png));
         written.map_err(|source| FrameError::Write {
             path: path.into(),
@@ -185,10 +190,10 @@ impl Frame {
         })
     }
 
-    /// The frame as the bytes of a PNG file (8-bit sRGB with alpha).
+    /// Encodes the frame as PNG (8-bit sRGB with alpha).
     ///
     /// # Errors
-    /// [`FrameError`] if width, height and the number of colours do not fit together, or the encoder fails.
+    /// [`FrameError`] if the number of colours is not width x height, or the encoder fails.
     pub fn to_png(&self) -> Result<Vec<u8>, FrameError> {
         if self.color.len() as u64 != u64::from(self.width) * u64::from(self.height) {
             return Err(CameraError::Size(self.width, self.height).into());
@@ -208,7 +213,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_fit_into_rows_of_any_length() {
+    fn copy_to_fits_any_stride() {
         let mut frame = Frame::default();
         frame.reset(3, 2, [1, 2, 3]);
         let mut wide = [9; 2 * 20];
@@ -217,19 +222,19 @@ mod tests {
             assert_eq!(row[..12], [1, 2, 3, 255, 1, 2, 3, 255, 1, 2, 3, 255]);
             assert_eq!(row[12..], [9; 8]);
         }
-        // The last row needs no room behind it.
+        // The last row needs no padding.
         assert!(
             frame.copy_to(&mut [0; 32], 20).is_ok() && frame.copy_to(&mut [0; 31], 20).is_err()
         );
         assert!(
             frame.copy_to(&mut [0; 100], 11).is_err(),
-            "rows that are too short"
+            "rows are too short"
         );
         assert!(Frame::default().copy_to(&mut [], 0).is_ok());
     }
 
     #[test]
-    fn png_round_trips_and_a_frame_of_the_wrong_size_is_refused() {
+    fn png_round_trips_and_wrong_size_is_refused() {
         let mut frame = Frame::default();
         frame.reset(3, 2, [1, 2, 3]);
         frame.color[4] = [250, 128, 7, 255];

@@ -1,106 +1,108 @@
-//! What is kept in memory within a budget of bytes: backdrops of portals (R16) and pictures of cameras (E10). What was used longest ago
-//! makes room.
+//! LRU cache bounded in bytes: backdrops of portals (R16), images of cameras (E10).
 //!
-//! Time goes by in moments, such as frames. What was used at the present one makes no room, so that a frame has all it wants at
-//! hand even where that alone takes more than the budget.
+//! Time is counted in ticks, such as frames. Values used during the current tick are never evicted,
+//! so that a frame keeps everything it needs even where that exceeds the budget.
 
 use std::collections::BTreeMap;
 
-/// Values by key, each of so many bytes and last used at some moment.
+/// Values by key, with their sizes in bytes and the tick of their last use.
 #[derive(Debug)]
-pub struct Shelves<K, V> {
-    held: BTreeMap<K, Held<V>>,
+pub struct LruCache<K, V> {
+    entries: BTreeMap<K, Entry<V>>,
     bytes: u64,
-    now: u64,
+    tick: u64,
 }
 
 #[derive(Debug)]
-struct Held<V> {
+struct Entry<V> {
     value: V,
     bytes: u64,
     last_used: u64,
 }
 
-impl<K, V> Default for Shelves<K, V> {
+impl<K, V> Default for LruCache<K, V> {
     fn default() -> Self {
         Self {
-            held: BTreeMap::new(),
+            entries: BTreeMap::new(),
             bytes: 0,
-            now: 0,
+            tick: 0,
         }
     }
 }
 
-impl<K: Ord + Copy, V: Clone> Shelves<K, V> {
-    /// From now on nothing has been used yet.
-    pub fn next_moment(&mut self) {
-        self.now += 1;
+impl<K: Ord + Copy, V: Clone> LruCache<K, V> {
+    /// Starts the next tick: no value counts as in use.
+    pub fn next_tick(&mut self) {
+        self.tick += 1;
     }
 
-    /// A value, if it is there; it counts as used now.
-    pub fn take_down(&mut self, key: K) -> Option<V> {
-        let held = self.held.get_mut(&key)?;
-        held.last_used = self.now;
-        Some(held.value.clone())
+    /// Returns the value of `key`, if present, and marks it as used.
+    pub fn get(&mut self, key: K) -> Option<V> {
+        let entry = self.entries.get_mut(&key)?;
+        entry.last_used = self.tick;
+        Some(entry.value.clone())
     }
 
-    /// A value, if it is there, without any use of it.
-    pub fn look_at(&self, key: K) -> Option<&V> {
-        self.held.get(&key).map(|held| &held.value)
+    /// Returns the value of `key`, if present, without marking it as used.
+    pub fn peek(&self, key: K) -> Option<&V> {
+        self.entries.get(&key).map(|entry| &entry.value)
     }
 
-    /// Puts a value in its place, where none or another was; it counts as used now.
+    /// Inserts or replaces a value of `bytes` bytes and marks it as used.
     pub fn put(&mut self, key: K, value: V, bytes: u64) {
         self.bytes += bytes;
-        if let Some(before) = self.held.insert(
+        if let Some(replaced) = self.entries.insert(
             key,
-            Held {
+            Entry {
                 value,
                 bytes,
-                last_used: self.now,
+                last_used: self.tick,
             },
         ) {
-            self.bytes -= before.bytes;
+            self.bytes -= replaced.bytes;
         }
     }
 
-    /// Lets values go until the others fit into so many bytes, those used longest ago first, of these the lowest key, but none that is used
-    /// now. They are returned, so that whoever holds a lock can drop them without it.
-    pub fn make_room(&mut self, budget: u64) -> Vec<V> {
-        let mut gone = Vec::new();
+    /// Evicts values until the others take at most `budget` bytes: least recently used first, ties by
+    /// lowest key, none that is in use. Returns the evicted values, so that a caller that holds a lock
+    /// can drop them after releasing it.
+    pub fn evict_to(&mut self, budget: u64) -> Vec<V> {
+        let mut evicted = Vec::new();
         while self.bytes > budget {
             let idle = self
-                .held
+                .entries
                 .iter()
-                .filter(|(_, held)| held.last_used < self.now);
+                .filter(|(_, entry)| entry.last_used < self.tick);
             let Some(oldest) = idle
-                .min_by_key(|(key, held)| (held.last_used, **key))
+                .min_by_key(|(key, entry)| (entry.last_used, **key))
                 .map(|(key, _)| *key)
             else {
                 break;
             };
-            let Some(held) = self.held.remove(&oldest) else {
+            let Some(entry) = self.entries.remove(&oldest) else {
                 break;
             };
-            self.bytes -= held.bytes;
-            gone.push(held.value);
+            self.bytes -= entry.bytes;
+            evicted.push(entry.value);
         }
-        gone
+        evicted
     }
 
-    /// Bytes of all values.
+    /// Total size of all values, bytes.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// How many values there are.
+    /// Number of values.
     pub fn len(&self) -> usize {
-        self.held.len()
+        self.entries.len()
     }
 
-    /// All values, by key.
+    /// Iterates over all values in the order of their keys.
     pub fn iter(&self) -> impl Iterator<Item = (K, &V)> {
-        self.held.iter().map(|(key, held)| (*key, &held.value))
+        self.entries
+            .iter()
+            .map(|(key, entry)| (*key, &entry.value))
     }
 }
 
@@ -108,40 +110,40 @@ impl<K: Ord + Copy, V: Clone> Shelves<K, V> {
 mod tests {
     use super::*;
 
-    fn keys(shelves: &Shelves<u32, char>) -> Vec<u32> {
-        shelves.iter().map(|(key, _)| key).collect()
+    fn keys(cache: &LruCache<u32, char>) -> Vec<u32> {
+        cache.iter().map(|(key, _)| key).collect()
     }
 
     #[test]
-    fn what_was_used_longest_ago_makes_room_but_nothing_that_is_used_now() {
-        let mut shelves = Shelves::default();
+    fn eviction_spares_values_in_use() {
+        let mut cache = LruCache::default();
         for (key, value) in (0..5).zip("abcde".chars()) {
-            shelves.put(key, value, 10);
+            cache.put(key, value, 10);
         }
-        assert!(shelves.make_room(0).is_empty(), "all are used now");
-        shelves.next_moment();
+        assert!(cache.evict_to(0).is_empty(), "all values are in use");
+        cache.next_tick();
         assert_eq!(
-            (shelves.take_down(1), shelves.take_down(9)),
+            (cache.get(1), cache.get(9)),
             (Some('b'), None)
         );
         assert_eq!(
-            (shelves.make_room(50).len(), shelves.make_room(30)),
+            (cache.evict_to(50).len(), cache.evict_to(30)),
             (0, vec!['a', 'c'])
         );
-        shelves.next_moment();
-        shelves.take_down(4);
-        assert_eq!(shelves.look_at(3), Some(&'d'));
+        cache.next_tick();
+        cache.get(4);
+        assert_eq!(cache.peek(3), Some(&'d'));
         assert_eq!(
-            (shelves.make_room(20), keys(&shelves)),
+            (cache.evict_to(20), keys(&cache)),
             (vec!['d'], vec![1, 4]),
-            "a look is no use"
+            "peek does not mark as used"
         );
         assert_eq!(
-            (shelves.make_room(1), shelves.len()),
+            (cache.evict_to(1), cache.len()),
             (vec!['b'], 1),
-            "the rest is used now"
+            "the rest is in use"
         );
-        shelves.put(4, 'f', 25);
-        assert_eq!((shelves.bytes(), shelves.look_at(4)), (25, Some(&'f')));
+        cache.put(4, 'f', 25);
+        assert_eq!((cache.bytes(), cache.peek(4)), (25, Some(&'f')));
     }
 }

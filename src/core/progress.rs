@@ -1,21 +1,21 @@
-//! How far long work is, and whether to give it up.
+//! Progress reporting and cancellation.
 
 use std::io;
 
-/// Where long work reports how far it is. Called from many threads.
+/// Receiver of the progress of long work. Called from many threads.
 pub trait Progress: Sync {
-    /// A stage of `total` steps begins; `unit` names them ("rays", "tiles").
+    /// Starts a stage of `total` steps; `unit` names them ("rays", "tiles").
     fn begin(&self, stage: &str, unit: &str, total: u64);
-    /// `steps` more are done.
+    /// Adds `steps` completed steps.
     fn advance(&self, steps: u64);
-    /// Whether the work should be given up: whoever does it then returns an error of kind
-    /// [`io::ErrorKind::Interrupted`] soon, or something that nobody will look at.
+    /// Returns true if the work should stop: it then soon returns an error of kind
+    /// [`io::ErrorKind::Interrupted`], or a result that is discarded.
     fn is_cancelled(&self) -> bool {
         false
     }
 }
 
-/// The error of work that was given up.
+/// Returns an error of kind [`io::ErrorKind::Interrupted`] if the work is cancelled.
 pub fn check_cancelled(progress: &dyn Progress) -> io::Result<()> {
     if progress.is_cancelled() {
         Err(io::ErrorKind::Interrupted.into())
@@ -24,7 +24,7 @@ pub fn check_cancelled(progress: &dyn Progress) -> io::Result<()> {
     }
 }
 
-/// Reports to nobody.
+/// Progress receiver that ignores everything.
 pub struct Silent;
 
 impl Progress for Silent {

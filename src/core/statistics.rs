@@ -1,19 +1,20 @@
-//! Medians and quartiles: one way to take them for frame times, planes and reports.
+//! Medians and quantiles.
 
-/// The middle of some values in any order (the mean of the two middle ones of an even count); `None` of none.
+/// Median of values in any order (mean of the two middle ones of an even count); `None` if empty.
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.into_iter().collect();
     sorted.sort_unstable_by(f64::total_cmp);
     quantile(&sorted, 0.5)
 }
 
-/// The value below which `share` (0..=1) of ascending values lie, interpolated linearly between neighbours; `None` of none.
+/// Quantile of ascending values: `share` (0..=1) of them lie below it. Interpolates linearly between
+/// neighbours; `None` if empty.
 pub fn quantile(ascending: &[f64], share: f64) -> Option<f64> {
     let last = ascending.len().checked_sub(1)?;
-    let place = share * last as f64;
-    let below = (place as usize).min(last);
+    let position = share * last as f64;
+    let below = (position as usize).min(last);
     let above = (below + 1).min(last);
-    Some(ascending[below] + (ascending[above] - ascending[below]) * (place - below as f64))
+    Some(ascending[below] + (ascending[above] - ascending[below]) * (position - below as f64))
 }
 
 #[cfg(test)]
@@ -21,7 +22,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn medians_and_quartiles_interpolate() {
+    fn quantile_interpolates_between_neighbours() {
         assert_eq!(median([]), None);
         assert_eq!(median([7.0]), Some(7.0));
         assert_eq!(median([4.0, 1.0, 2.0, 3.0]), Some(2.5));

@@ -3,7 +3,7 @@
 
 use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use super::house::House;
-use headbox_core::lru::Shelves;
+use headbox_core::lru::LruCache;
 use std::collections::{HashSet, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -15,7 +15,7 @@ pub type Key = (PortalSide, BackdropKind);
 #[derive(Debug)]
 pub struct Store {
     budget: u64,
-    shelves: Mutex<Shelves<Key, Arc<Backdrop>>>,
+    cache: Mutex<LruCache<Key, Arc<Backdrop>>>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -27,26 +27,26 @@ impl Store {
     pub fn new(budget_bytes: u64) -> Self {
         Self {
             budget: budget_bytes,
-            shelves: Mutex::default(),
+            cache: Mutex::default(),
         }
     }
 
     /// A backdrop, if it is there; it counts as used now.
     pub fn get(&self, key: Key) -> Option<Arc<Backdrop>> {
-        let mut shelves = lock(&self.shelves);
-        shelves.next_moment();
-        shelves.take_down(key)
+        let mut cache = lock(&self.cache);
+        cache.next_tick();
+        cache.get(key)
     }
 
     /// Whether a backdrop is there.
     pub fn contains(&self, key: Key) -> bool {
-        lock(&self.shelves).look_at(key).is_some()
+        lock(&self.cache).peek(key).is_some()
     }
 
     /// Whether one more backdrop of middling size fits beside so many bytes.
     fn has_room_beside(&self, bytes: u64) -> bool {
-        let shelves = lock(&self.shelves);
-        let one = shelves.bytes() / (shelves.len() as u64).max(1);
+        let cache = lock(&self.cache);
+        let one = cache.bytes() / (cache.len() as u64).max(1);
         bytes.saturating_add(one) <= self.budget
     }
 
@@ -57,23 +57,23 @@ impl Store {
         if bytes > self.budget {
             return false;
         }
-        let mut shelves = lock(&self.shelves);
-        shelves.next_moment();
-        shelves.put(key, backdrop, bytes);
-        let gone = shelves.make_room(self.budget);
-        drop(shelves);
+        let mut cache = lock(&self.cache);
+        cache.next_tick();
+        cache.put(key, backdrop, bytes);
+        let gone = cache.evict_to(self.budget);
+        drop(cache);
         drop(gone);
         true
     }
 
     /// Bytes of all backdrops.
     pub fn bytes(&self) -> u64 {
-        lock(&self.shelves).bytes()
+        lock(&self.cache).bytes()
     }
 
     /// All backdrops, by key.
     pub fn all(&self) -> Vec<(Key, Arc<Backdrop>)> {
-        lock(&self.shelves)
+        lock(&self.cache)
             .iter()
             .map(|(key, backdrop)| (key, Arc::clone(backdrop)))
             .collect()

@@ -65,7 +65,7 @@ impl<'a> Truths<'a> {
         if let (Some(path), Some(folder)) = (path, &self.folder) {
             // A cache that cannot be written costs time, and no more.
             if write(&path, &truth).is_ok() {
-                cache::make_room(folder, cache::MOST_BYTES);
+                cache::evict_to(folder, cache::MOST_BYTES);
             }
         }
         truth
@@ -122,7 +122,7 @@ fn read(path: &Path) -> Result<Truth, FileError> {
 /// The coverage whose share of 255 was written; less than all is never full.
 fn coverage_of(share: f32) -> Coverage {
     const ROUNDING: f32 = 0.01;
-    if share > 0.0 { Coverage::of_splats((share * 255.0 + ROUNDING) as u8) } else { Coverage::ENVIRONMENT }
+    if share > 0.0 { Coverage::from_splat_share((share * 255.0 + ROUNDING) as u8) } else { Coverage::ENVIRONMENT }
 }
 
 fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {

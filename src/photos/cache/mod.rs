@@ -1,7 +1,7 @@
 //! What is kept between runs because it costs time to make: files in the user's cache folder, named by what they are made of.
 //!
 //! What was kept of an image set is found again by [`of_views`], which is the one place that says when a set is still the same. A file
-//! that is damaged is made anew, with a word ([`read`]); the files used longest ago make room ([`make_room`]).
+//! that is damaged is made anew, with a word ([`read`]); the files used longest ago make room ([`evict_to`]).
 
 mod refinement;
 mod registration;
@@ -9,7 +9,7 @@ mod room;
 
 pub use refinement::refine_poses;
 pub use registration::register;
-pub use room::{InUse, MOST_BYTES, make_room};
+pub use room::{InUse, MOST_BYTES, evict_to};
 
 use headbox_core::container::FileError;
 use headbox_images::View;
@@ -102,7 +102,7 @@ fn kept_or_made<T, E>(
     if let Some((file, folder)) = file.as_deref().zip(folder)
         && write(file, &made).is_ok()
     {
-        make_room(folder, MOST_BYTES);
+        evict_to(folder, MOST_BYTES);
     }
     Ok((made, Was { kept: false, note }))
 }

@@ -31,7 +31,7 @@ impl InUse {
 
 /// Removes those of our files in a folder that were used longest ago until no more than `most` bytes are left, but none that is in use;
 /// returns how many were removed. What cannot be removed stays.
-pub fn make_room(folder: &Path, most: u64) -> usize {
+pub fn evict_to(folder: &Path, most: u64) -> usize {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return 0;
     };
@@ -97,22 +97,22 @@ mod tests {
                 .collect::<Vec<u64>>()
         };
         assert_eq!(
-            (make_room(folder.path(), 500), left().len()),
+            (evict_to(folder.path(), 500), left().len()),
             (0, 5),
             "they fit"
         );
         let held = InUse::of(&file(1)).expect("in use");
         drop(InUse::of(&file(0)).expect("used now"));
-        assert_eq!(make_room(folder.path(), 250), 3);
+        assert_eq!(evict_to(folder.path(), 250), 3);
         assert_eq!(left(), [0, 1], "0 was used last, 1 is in use");
-        assert_eq!((make_room(folder.path(), 0), left()), (1, vec![1]));
+        assert_eq!((evict_to(folder.path(), 0), left()), (1, vec![1]));
         drop(held);
-        assert_eq!((make_room(folder.path(), 0), left()), (1, vec![]));
+        assert_eq!((evict_to(folder.path(), 0), left()), (1, vec![]));
         assert!(
             others.iter().all(|other| other.exists()),
             "what is not ours"
         );
-        assert_eq!(make_room(&folder.path().join("nowhere"), 0), 0);
+        assert_eq!(evict_to(&folder.path().join("nowhere"), 0), 0);
         assert!(InUse::of(&file(0)).is_err());
     }
 }

@@ -181,7 +181,7 @@ impl ViewGeometry {
         pictures.when_read(sample_cache::check(&cameras, *grid, origin, file.clone()));
         let in_use = file.as_deref().and_then(|file| InUse::of(file).ok());
         if let Some(folder) = cache {
-            cache::make_room(folder, cache::MOST_BYTES);
+            cache::evict_to(folder, cache::MOST_BYTES);
         }
         Ok(Self {
             cameras,

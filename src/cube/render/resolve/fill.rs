@@ -178,7 +178,7 @@ mod tests {
                 }
                 let kinds = [
                     Coverage::ENVIRONMENT,
-                    Coverage::of_splats(9),
+                    Coverage::from_splat_share(9),
                     Coverage::FULL,
                 ];
                 frame.coverage[i] = kinds[random.below(3) as usize];

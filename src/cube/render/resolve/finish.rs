@@ -154,16 +154,16 @@ impl<'a> Background<'a> {
             color | u32::from_ne_bytes([0, 0, 0, 255]),
         );
         let alone = known.select(u32x16::splat(simd, ENVIRONMENT), u32x16::splat(simd, HOLE));
-        let of_splats = share.max(u32::from(Coverage::of_splats(0).splat_share()));
+        let from_splat_share = share.max(u32::from(Coverage::from_splat_share(0).splat_share()));
         let shares = share.to_array();
         let mut mixed = (open & !empty & known).to_bitmask();
         let seen = seen.to_array();
         *colors = bytemuck::cast(color.to_array());
         for (coverage, byte) in coverages
             .iter_mut()
-            .zip(empty.select(alone, of_splats).to_array())
+            .zip(empty.select(alone, from_splat_share).to_array())
         {
-            *coverage = Coverage::of_byte(byte as u8);
+            *coverage = Coverage::from_byte(byte as u8);
         }
         while mixed != 0 {
             let i = mixed.trailing_zeros() as usize;
@@ -240,7 +240,7 @@ mod tests {
                             .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
                             .as_vec3(),
                     );
-                    let of_splats = Coverage::of_splats(share);
+                    let from_splat_share = Coverage::from_splat_share(share);
                     match (share, seen) {
                         (255, _) => ([r, g, b], Coverage::FULL, true),
                         (0, Some(seen)) => (seen, Coverage::ENVIRONMENT, false),
@@ -248,13 +248,13 @@ mod tests {
                             holes += 1;
                             ([1, 2, 3], Coverage::HOLE, false)
                         }
-                        (_, None) => ([r, g, b], of_splats, true),
+                        (_, None) => ([r, g, b], from_splat_share, true),
                         (_, Some(seen)) => {
                             mixed += 1;
                             let shares = [u32::from(share), 255 - u32::from(share)];
                             (
                                 LinearLight::tables().mix([[r, g, b], seen], shares),
-                                of_splats,
+                                from_splat_share,
                                 true,
                             )
                         }

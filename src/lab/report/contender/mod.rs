@@ -149,7 +149,7 @@ mod tests {
         let shown = vec![Shown::Surface, Shown::Environment, Shown::Environment, Shown::Nothing];
         let picture = JudgedFrame { color: color.clone(), shown };
         assert_eq!(
-            picture.hole_fraction(&[Coverage::FULL, Coverage::FULL, Coverage::of_splats(254), Coverage::ENVIRONMENT]),
+            picture.hole_fraction(&[Coverage::FULL, Coverage::FULL, Coverage::from_splat_share(254), Coverage::ENVIRONMENT]),
             Some(0.5)
         );
         assert_eq!(JudgedFrame { color, shown: vec![] }.hole_fraction(&[Coverage::FULL; 4]), None);

@@ -229,7 +229,7 @@ mod tests {
         let again = open(&views, cache.path());
         assert_eq!(again.pictures.bytes(), 0, "nothing was read");
         assert!(
-            again.notes().is_empty() && cache::make_room(cache.path(), 0) == 0,
+            again.notes().is_empty() && cache::evict_to(cache.path(), 0) == 0,
             "it is in use"
         );
         let found = frame(&again, &camera, &settings);

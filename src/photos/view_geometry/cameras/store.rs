@@ -5,7 +5,7 @@
 //! picture that cannot be read any more is remembered as lost: its camera is passed over, and why is said.
 
 use super::picture::Picture;
-use headbox_core::lru::Shelves;
+use headbox_core::lru::LruCache;
 use headbox_images::{LoadedView, View};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -42,7 +42,7 @@ type WhenRead = Box<dyn Fn(u32, &LoadedView) + Send + Sync>;
 #[derive(Default)]
 struct State {
     /// Moments are fetches.
-    held: Shelves<u32, AtHand>,
+    held: LruCache<u32, AtHand>,
     /// Why pictures cannot be read.
     lost: BTreeMap<u32, String>,
     /// What the thread has yet to decode.
@@ -94,7 +94,7 @@ impl PictureStore {
         patience: Patience,
     ) -> (Vec<(u32, Arc<Picture>)>, usize) {
         let ranked: Vec<u32> = ranked.collect();
-        self.shared.lock().held.next_moment();
+        self.shared.lock().held.next_tick();
         if patience == Patience::Wait {
             self.decode_missing(&ranked, count);
         }
@@ -105,13 +105,13 @@ impl PictureStore {
             if found.len() == count {
                 break;
             }
-            match state.held.take_down(camera) {
+            match state.held.get(camera) {
                 Some(at_hand) => found.push((camera, at_hand.picture)),
                 None if state.lost.contains_key(&camera) => {}
                 None => missing.push(camera),
             }
         }
-        let gone = state.held.make_room(self.shared.budget as u64);
+        let gone = state.held.evict_to(self.shared.budget as u64);
         missing.truncate(count);
         let to_come = missing.len();
         missing.reverse();
@@ -141,7 +141,7 @@ impl PictureStore {
                     .filter(|camera| !lost.contains_key(camera))
                     .take(count);
                 readable
-                    .filter(|camera| held.take_down(*camera).is_none())
+                    .filter(|camera| held.get(*camera).is_none())
                     .collect()
             };
             if missing.is_empty() {
@@ -166,7 +166,7 @@ impl PictureStore {
         self.shared
             .lock()
             .held
-            .look_at(camera)
+            .peek(camera)
             .map(|at_hand| Arc::clone(&at_hand.picture))
     }
 
@@ -175,7 +175,7 @@ impl PictureStore {
         self.shared
             .lock()
             .held
-            .look_at(camera)
+            .peek(camera)
             .map(|at_hand| at_hand.since.elapsed().as_secs_f32())
     }
 
@@ -217,7 +217,7 @@ impl Shared {
                 state.lost.insert(camera, why);
             }
         }
-        let gone = state.held.make_room(self.budget as u64);
+        let gone = state.held.evict_to(self.budget as u64);
         drop(state);
         drop(gone);
     }
@@ -255,7 +255,7 @@ impl State {
 
     fn next_queued(&mut self) -> Option<u32> {
         while let Some(camera) = self.queued.pop() {
-            if self.held.look_at(camera).is_none() && !self.lost.contains_key(&camera) {
+            if self.held.peek(camera).is_none() && !self.lost.contains_key(&camera) {
                 return Some(camera);
             }
         }
