@@ -164,7 +164,7 @@ pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
 fn surfaces_of(hits: u32, rays: u32) -> Coverage {
     match u64::from(hits) * 255 / u64::from(rays.max(1)) {
         0 if hits == 0 => Coverage::ENVIRONMENT,
-        share => Coverage::of_splats(share as u8),
+        share => Coverage::from_splat_share(share as u8),
     }
 }
 
