@@ -1,4 +1,4 @@
-//! The page of results is what the command makes of its own file, and nothing else.
+//! `docs/results.md`, its charts and its CSV file are generated from the recorded reports, and are not edited.
 
 use headbox_lab::report::figures::figures;
 use headbox_lab::report::promises::PROMISES;
@@ -21,6 +21,7 @@ fn the_page_and_its_charts_come_from_the_report_beside_them() {
     let remake =
         "remake it: headbox report --results docs/results/report.json --walk docs/results/walk.json -o docs/results.md";
     assert!(docs("results.md") == results::page(&report, walk.as_ref()), "{remake}");
+    assert!(docs("results/report.csv") == report.to_csv(), "{remake}");
     if let Some(walk) = walk {
         assert!(docs("results/along-path.svg") == walk.chart().draw().to_svg(), "{remake}");
     }

@@ -26,7 +26,7 @@ pub fn summary(report: &Report) -> String {
 }
 
 /// Where and how.
-pub(super) fn preamble(report: &Report) -> String {
+fn preamble(report: &Report) -> String {
     let machine = &report.machine;
     let load = machine.load_hundredths.map_or(String::new(), |load| {
         format!(
@@ -53,7 +53,7 @@ pub(super) fn preamble(report: &Report) -> String {
 }
 
 /// All sentences of a scene.
-pub(super) fn scene(report: &Report, facts: &SceneFacts) -> String {
+fn scene(report: &Report, facts: &SceneFacts) -> String {
     let mut text = truth_sentence(facts);
     text += "\n";
     let rows: Vec<&Row> = report.group(&facts.scene, "representation").collect();

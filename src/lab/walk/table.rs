@@ -14,9 +14,67 @@ impl WalkReport {
         page
     }
 
-    /// The same as a part of another page, a level below its chapters.
+    /// Returns the short chapter of the results page: a chart, a table and three sentences.
     pub fn to_chapter(&self) -> String {
-        self.to_markdown().replace("\n## ", "\n### ").replacen("# ", "## ", 1)
+        let [width, height] = self.size;
+        let mut table = Table::new([
+            "drawn as",
+            "frame ms",
+            "95 %",
+            "worst",
+            "behind",
+            "PSNR dB",
+            "worst",
+            "behind portals",
+            "holes there",
+            "KiB",
+        ]);
+        for row in &self.rows {
+            let has_backdrops = row.portals > 0.0;
+            table.row([
+                row.name.clone(),
+                format!("{:.2}", row.frame_ms.median),
+                format!("{:.2}", row.frame_ms.p95),
+                format!("{:.2}", row.frame_ms.worst),
+                if has_backdrops { format!("{:.1}x", row.behind_speedup) } else { String::new() },
+                format!("{:.2}", row.psnr_db),
+                format!("{:.2}", row.least_psnr_db),
+                format!("{:.2}", row.behind_psnr_db),
+                if has_backdrops { percent(row.hole_share) } else { String::new() },
+                if row.captures > 0 { format!("{:.0}", row.bytes / 1024.0) } else { String::new() },
+            ]);
+        }
+        let mut chapter = format!(
+            "## Walk through {}\n\n![frame time along the path](results/along-path.svg)\n\n{table}\n\
+             {} cells, {} portals, {} triangles, {} poses of {width}x{height} px, {} of them compared with truth; {} threads of {} \
+             ({}), commit {}.\n\
+             *behind*: time of culled geometry for what the backdrops show, over theirs; primary rays take {:.2} ms (95 %: {:.2}, \
+             worst: {:.2}).\n",
+            self.scene,
+            self.cells,
+            self.portals,
+            self.triangles,
+            self.poses,
+            self.truth_poses,
+            self.threads,
+            self.machine.processor,
+            self.machine.simd,
+            self.commit,
+            self.primary_rays_ms.median,
+            self.primary_rays_ms.p95,
+            self.primary_rays_ms.worst,
+        );
+        let backdrops = self.rows.iter().filter(|row| row.portals > 0.0);
+        if let Some(best) = backdrops.max_by(|a, b| a.behind_psnr_db.total_cmp(&b.behind_psnr_db)) {
+            chapter += &format!(
+                "Of the backdrops, **{}** is nearest to truth behind portals ({:.1} dB, {} of its pixels are holes); exposure \
+                 errors, layers and threads are in [walk.json](results/walk.json).\n",
+                best.name,
+                best.behind_psnr_db,
+                percent(best.hole_share),
+            );
+        }
+        chapter
     }
 
     fn write_to(&self, page: &mut String) -> std::fmt::Result {

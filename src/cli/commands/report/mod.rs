@@ -239,6 +239,7 @@ impl ReportCommand {
         };
         write_text(output, &results::page(&report, walk.as_ref()))?;
         let folder = output.with_file_name("results");
+        write_text(&folder.join("report.csv"), &report.to_csv())?;
         if let Some(walk) = &walk {
             write_text(&folder.join("along-path.svg"), &walk.chart().draw().to_svg())?;
         }
