@@ -14,7 +14,6 @@ mod toml;
 mod xml;
 
 use crate::{Finding, PortalModel};
-use glam::DVec2;
 use headbox_core::container::HOMES;
 use headbox_scene::load::{LoadError, LoadOptions, extension_of, load};
 use headbox_scene::scene::Scene;

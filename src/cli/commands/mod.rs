@@ -14,5 +14,6 @@ pub(crate) mod report;
 pub(crate) mod scenes;
 pub(crate) mod sprite;
 pub(crate) mod truth;
+#[cfg(feature = "viewer")]
 pub(crate) mod view;
 pub(crate) mod walk;

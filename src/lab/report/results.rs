@@ -6,7 +6,6 @@ use super::figures::{short, slugs};
 use super::promises;
 use super::row::{Report, Row, SceneFacts, chosen, smallest};
 use super::words::{bytes, ms, times};
-use crate::report::summary;
 use crate::stats::pareto_front;
 use crate::table::{Table, figure};
 use crate::walk::WalkReport;

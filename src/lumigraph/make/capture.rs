@@ -8,7 +8,6 @@ use headbox_core::progress::{Progress, check_cancelled};
 use headbox_trace::bvh::{Hit, PACKET, Ray, RayPacket, Tracer};
 use headbox_trace::light::{LightSample, Lighting, pixel_jitter};
 use headbox_trace::sampler::random4;
-use headbox_trace::truth;
 use rayon::prelude::*;
 use std::io;
 

@@ -2,6 +2,7 @@
 
 mod content;
 pub(crate) mod geometry;
+#[cfg(feature = "viewer")]
 mod overlay;
 mod polygons;
 mod poses;
