@@ -29,7 +29,7 @@ fn trace(folder: &Path) {
         let off = |at: u32, of: u32| (2.0 * f64::from(at) / f64::from(of - 1) - 1.0) * 0.9 * headbox.half_size_m;
         let eye = headbox.centre + DVec3::new(off(i % WALL[0], WALL[0]), off(i / WALL[0], WALL[1]), 0.0);
         let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, SIZE).expect("a camera");
-        let view = traced_view::view(&tracer, &lighting, false, &camera, 1, &Silent);
+        let view = traced_view::trace(&tracer, &lighting, false, &camera, 1, &Silent);
         set.add(i as usize, &view, true).expect("written");
     }
     set.finish().expect("written");

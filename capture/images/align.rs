@@ -1,7 +1,8 @@
-//! Where photographs were taken (E2): found by COLMAP, which is run where it is installed.
+//! Camera poses of photographs (E2), estimated by an installed COLMAP.
 //!
-//! Its model is put beside the photographs, as `sparse/0`, where [`ImageSet::open`](super::ImageSet::open) looks for it: whole, or
-//! not at all. Axes and unit of such a model are what COLMAP makes them.
+//! The model is stored next to the photographs as `sparse/0`, where
+//! [`ImageSet::open`](super::ImageSet::open) looks for it, completely or not at all. Axes and unit
+//! of such a model are COLMAP's choice.
 
 use crate::color_images::read_size;
 use std::collections::VecDeque;
@@ -10,82 +11,81 @@ use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Endings of pictures that COLMAP is given and this crate can read.
-const ENDINGS: [&str; 6] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp"];
-/// So many pictures or fewer are each compared with each; of more, neighbours by name are.
+/// File extensions of images that both COLMAP and this crate read.
+const EXTENSIONS: [&str; 6] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp"];
+/// Maximum number of photographs for exhaustive matching; larger sets match neighbours by name.
 const ALL_PAIRS: usize = 200;
-/// Lines of a program that are kept for the case that it fails.
-const LAST_WORDS: usize = 4;
+/// Number of output lines kept for the error message.
+const MESSAGE_LINES: usize = 4;
 
-/// A step of the work.
+/// Step of the alignment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AlignStep {
-    /// Points that can be found again, in each picture.
+    /// Feature extraction in each photograph.
     Features,
-    /// The same points in pairs of pictures.
+    /// Feature matching between pairs of photographs.
     Matches,
-    /// Where each picture was taken.
+    /// Pose estimation of each photograph.
     Poses,
 }
 
-/// What was found.
+/// Result of an alignment.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Aligned {
-    /// Pictures whose place is known.
-    pub found: usize,
-    /// Pictures in all.
+pub struct Alignment {
+    /// Number of photographs with a pose.
+    pub posed: usize,
+    /// Number of photographs in the folder.
     pub pictures: usize,
-    /// Where the model was put.
+    /// Folder of the model.
     pub model: PathBuf,
 }
 
-/// Why photographs could not be aligned.
+/// Error of aligning photographs.
 #[derive(Debug, thiserror::Error)]
 pub enum AlignError {
-    /// COLMAP is not there.
+    /// COLMAP is not installed.
     #[error(
-        "COLMAP is not installed, which finds where photographs were taken (Debian: apt install colmap); or give cameras in \
-         transforms.json or a COLMAP model"
+        "COLMAP, which estimates the camera poses, is not installed (Debian: apt install colmap); install it, or provide \
+                 cameras in transforms.json or a COLMAP model"
     )]
     NotInstalled,
-    /// There is a model already, which is not replaced.
-    #[error("{}: there is a model already, which is used without aligning; remove it to have it made anew", .0.display())]
+    /// The folder has a model, which is not replaced.
+        #[error("{}: a model exists and is used without aligning; remove it to align again", .0.display())]
     Exists(PathBuf),
-    /// Too little to work with.
-    #[error("{}: {count} photographs; at least three are needed ({})", folder.display(), ENDINGS.join(", "))]
+    /// Fewer than three photographs.
+        #[error("{}: {count} photographs, but at least three are needed ({})", folder.display(), EXTENSIONS.join(", "))]
     FewPictures {
         /// The folder.
         folder: PathBuf,
-        /// How many it has.
+        /// Number of photographs.
         count: usize,
     },
-    /// COLMAP gave up.
-    #[error("colmap {step} failed: {words}")]
+    /// A COLMAP command failed.
+        #[error("colmap {step} failed: {message}")]
     Failed {
-        /// The step, by COLMAP's name.
-        step: &'static str,
-        /// What it said last.
-        words: String,
+        /// COLMAP command.
+                step: &'static str,
+                /// Last lines of its output.
+                message: String,
     },
-    /// COLMAP ended, and found nothing.
-    #[error(
-        "COLMAP could not say of any two photographs where they were taken: they show too little of the same things"
-    )]
+    /// COLMAP succeeded without a model.
+        #[error("COLMAP found no poses: no two photographs overlap enough")]
     NoModel,
     /// A file cannot be read or written.
     #[error("{}: {cause}", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         cause: io::Error,
     },
 }
 
-/// Is told of each step how much of how much is done.
+/// Progress callback: step, number of units done, and total.
 pub type AlignProgress<'a> = dyn FnMut(AlignStep, usize, usize) + 'a;
 
-/// Finds out where the photographs in a folder (or in `images` in it) were taken, and puts the model there as `sparse/0`.
+/// Estimates the poses of the photographs in a folder (or in its subfolder `images`) and stores the
+/// model there as `sparse/0`.
 ///
 /// # Errors
 /// [`AlignError`]; the folder is then what it was.
@@ -102,7 +102,7 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
         .into_iter()
         .find(|path| path.is_dir());
     let images = images.unwrap_or_else(|| folder.to_owned());
-    let photographs = pictures_in(&images).map_err(io(&images))?;
+    let photographs = list_photographs(&images).map_err(io(&images))?;
     let pictures = photographs.len();
     if pictures < 3 {
         return Err(AlignError::FewPictures {
@@ -110,21 +110,26 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
             count: pictures,
         });
     }
-    // Beside the photographs, so that what is made can be renamed.
+    // In the same folder, so that the result can be renamed into place.
     let work = tempfile::Builder::new()
         .prefix(".align-")
         .tempdir_in(folder)
         .map_err(io(folder))?;
-    let (database, models) = (work.path().join("database.db"), work.path().join("sparse"));
+    let database = work.path().join("database.db");
+        let models = work.path().join("sparse");
     fs::create_dir(&models).map_err(io(&models))?;
 
-    let mut colmap = Colmap {
+    let mut colmap = ColmapRunner {
         database: &database,
         pictures,
         progress,
     };
-    // COLMAP leaves out what is of another size than its only camera, such as upright pictures among others.
-    let one_camera = if of_one_size(&photographs) { "1" } else { "0" };
+    // With a single camera, COLMAP skips photographs of another size, such as upright ones.
+        let one_camera = if have_one_size(&photographs) {
+            "1"
+        } else {
+            "0"
+        };
     let cameras = [
         "--ImageReader.single_camera",
         one_camera,
@@ -152,13 +157,13 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
         models.as_os_str().to_owned(),
     ];
     match colmap.run("mapper", AlignStep::Poses, None, &map) {
-        // Some versions end as if they had failed where there is nothing to be found.
-        Err(AlignError::Failed { words, .. })
-            if words.contains("failed to create sparse model") => {}
+        // Some versions report failure when there is no model.
+                Err(AlignError::Failed { message, .. })
+                    if message.contains("failed to create sparse model") => {}
         result => result?,
     }
 
-    let (found, best) = largest_model(&models)
+    let (posed, best) = largest_model(&models)
         .map_err(io(&models))?
         .ok_or(AlignError::NoModel)?;
     let ready = work.path().join("ready");
@@ -166,20 +171,20 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
         .and_then(|()| fs::rename(&best, ready.join("0")))
         .map_err(io(&best))?;
     fs::rename(&ready, &sparse).map_err(io(&sparse))?;
-    Ok(Aligned {
-        found,
+    Ok(Alignment {
+            posed,
         pictures,
         model: sparse.join("0"),
     })
 }
 
-fn pictures_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
+fn list_photographs(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let mut pictures = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if path
             .extension()
-            .is_some_and(|e| ENDINGS.iter().any(|known| e.eq_ignore_ascii_case(known)))
+            .is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
         {
             pictures.push(path);
         }
@@ -187,15 +192,15 @@ fn pictures_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(pictures)
 }
 
-/// Whether all pictures can be of one camera. What cannot be read is no reason against it: COLMAP leaves it out.
-fn of_one_size(pictures: &[PathBuf]) -> bool {
+/// Returns true if all readable photographs have the same size; COLMAP skips unreadable ones.
+fn have_one_size(pictures: &[PathBuf]) -> bool {
     let mut sizes = pictures.iter().filter_map(|path| read_size(path).ok());
     sizes
         .next()
         .is_none_or(|first| sizes.all(|size| size == first))
 }
 
-/// Of the models that do not hang together the one with most pictures, and how many.
+/// Returns the number of photographs and the folder of the largest of the disconnected models.
 fn largest_model(models: &Path) -> io::Result<Option<(usize, PathBuf)>> {
     let mut best: Option<(usize, PathBuf)> = None;
     for entry in fs::read_dir(models)? {
@@ -203,7 +208,7 @@ fn largest_model(models: &Path) -> io::Result<Option<(usize, PathBuf)>> {
         let Ok(bytes) = fs::read(model.join("images.bin")) else {
             continue;
         };
-        // The file begins with their number.
+        // The file starts with the number of photographs.
         let count = bytes
             .first_chunk()
             .map_or(0, |first| u64::from_le_bytes(*first)) as usize;
@@ -216,34 +221,35 @@ fn largest_model(models: &Path) -> io::Result<Option<(usize, PathBuf)>> {
     Ok(best)
 }
 
-struct Colmap<'a, 'b> {
+/// Runs COLMAP commands on one database.
+struct ColmapRunner<'a, 'b> {
     database: &'a Path,
     pictures: usize,
     progress: &'a mut AlignProgress<'b>,
 }
 
-impl Colmap<'_, '_> {
-    /// Runs a step without a GPU, of which the option has two names, before COLMAP 3.12 and since.
+impl ColmapRunner<'_, '_> {
+    /// Runs a command without a GPU. The option has two names, before COLMAP 3.12 and since.
     fn run(
         &mut self,
         command: &'static str,
         step: AlignStep,
-        gpu_option_of: Option<&str>,
+        gpu_section: Option<&str>,
         arguments: &[std::ffi::OsString],
     ) -> Result<(), AlignError> {
-        let Some(part) = gpu_option_of else {
+        let Some(section) = gpu_section else {
             return self.run_once(command, step, None, arguments);
         };
         match self.run_once(
             command,
             step,
-            Some(&format!("--Sift{part}.use_gpu")),
+            Some(&format!("--Sift{section}.use_gpu")),
             arguments,
         ) {
-            Err(AlignError::Failed { words, .. }) if words.contains("use_gpu") => self.run_once(
+            Err(AlignError::Failed { message, .. }) if message.contains("use_gpu") => self.run_once(
                 command,
                 step,
-                Some(&format!("--Feature{part}.use_gpu")),
+                Some(&format!("--Feature{section}.use_gpu")),
                 arguments,
             ),
             result => result,
@@ -258,14 +264,14 @@ impl Colmap<'_, '_> {
         arguments: &[std::ffi::OsString],
     ) -> Result<(), AlignError> {
         (self.progress)(step, 0, self.pictures);
-        let of_program = |cause: io::Error| match cause.kind() {
+        let program_error = |cause: io::Error| match cause.kind() {
             io::ErrorKind::NotFound => AlignError::NotInstalled,
             _ => AlignError::Io {
                 path: "colmap".into(),
                 cause,
             },
         };
-        let (lines, writer) = io::pipe().map_err(of_program)?;
+        let (lines, writer) = io::pipe().map_err(program_error)?;
         let mut program = Command::new("colmap");
         program
             .arg(command)
@@ -273,41 +279,43 @@ impl Colmap<'_, '_> {
             .arg(self.database)
             .args(arguments);
         gpu_option.map(|option| program.args([option, "0"]));
-        // It has windows of its own, which nobody is to see.
+        // Without this COLMAP needs a display.
         program
             .env("QT_QPA_PLATFORM", "offscreen")
             .stdin(std::process::Stdio::null());
         program
-            .stdout(writer.try_clone().map_err(of_program)?)
+            .stdout(writer.try_clone().map_err(program_error)?)
             .stderr(writer);
-        let mut child = program.spawn().map_err(of_program)?;
-        // Else the pipe would not end with the child.
+        let mut child = program.spawn().map_err(program_error)?;
+        // Closes this process's copy of the pipe, so that the pipe ends with the child.
         drop(program);
-        let mut words = VecDeque::new();
+        let mut last_lines = VecDeque::new();
         for line in BufReader::new(lines).split(b'\n') {
-            let line = String::from_utf8_lossy(&line.map_err(of_program)?)
+            let line = String::from_utf8_lossy(&line.map_err(program_error)?)
                 .trim()
                 .to_owned();
-            if let Some((done, all)) = how_far(step, &line, self.pictures) {
+            if let Some((done, all)) = parse_progress(step, &line, self.pictures) {
                 (self.progress)(step, done.min(all), all);
             }
             if !line.is_empty() {
-                words.push_back(line);
-                words.drain(..words.len().saturating_sub(LAST_WORDS));
+                last_lines.push_back(line);
+                                last_lines.drain(..last_lines.len().saturating_sub(MESSAGE_LINES));
             }
         }
-        match child.wait().map_err(of_program)?.success() {
-            true => Ok(()),
-            false => Err(AlignError::Failed {
-                step: command,
-                words: Vec::from(words).join("; "),
-            }),
-        }
+        if child.wait().map_err(program_error)?.success() {
+                    Ok(())
+                } else {
+                    Err(AlignError::Failed {
+                        step: command,
+                        message: Vec::from(last_lines).join("; "),
+                    })
+                }
     }
 }
 
-/// What a line says of how much is done: `Processed file [3/16]`, `Matching block [1/2, 2/2]`, `Registering image #7 (5)`.
-fn how_far(step: AlignStep, line: &str, pictures: usize) -> Option<(usize, usize)> {
+/// Parses the progress in a line of COLMAP's output: `Processed file [3/16]`, `Matching block [1/2,
+/// 2/2]`, `Registering image #7 (5)`.
+fn parse_progress(step: AlignStep, line: &str, pictures: usize) -> Option<(usize, usize)> {
     let number = |text: &str| text.trim().parse::<usize>().ok();
     if step == AlignStep::Poses {
         let (_, rest) = line.split_once("Registering image #")?;
@@ -315,16 +323,15 @@ fn how_far(step: AlignStep, line: &str, pictures: usize) -> Option<(usize, usize
         return Some((number(count.split(')').next()?)?, pictures));
     }
     let inside = line.split_once('[')?.1.split(']').next()?;
-    let mut so_far = (0_usize, 1_usize);
+    let mut index = 0_usize;
+        let mut count = 1_usize;
     for part in inside.split(',') {
         let (done, all) = part.split_once('/')?;
-        let (done, all) = (number(done)?, number(all)?);
-        so_far = (
-            so_far.0 * all + done.checked_sub(1)?,
-            so_far.1.checked_mul(all)?,
-        );
-    }
-    Some((so_far.0 + 1, so_far.1))
+        let all = number(all)?;
+                index = index * all + number(done)?.checked_sub(1)?;
+                count = count.checked_mul(all)?;
+            }
+            Some((index + 1, count))
 }
 
 #[cfg(test)]
@@ -332,8 +339,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_say_how_far_the_work_is() {
-        let features = |line| how_far(AlignStep::Features, line, 16);
+    fn progress_parsed_from_output() {
+            let features = |line| parse_progress(AlignStep::Features, line, 16);
         assert_eq!(
             features("I20261123 feature.cc:1] Processed file [3/16]"),
             Some((3, 16))
@@ -341,21 +348,21 @@ mod tests {
         assert_eq!(features("Processed file [0/16]"), None);
         assert_eq!(features("  Name: a[1].png"), None);
         assert_eq!(
-            how_far(AlignStep::Matches, "Matching block [2/3, 1/3] in 0.1s", 16),
+            parse_progress(AlignStep::Matches, "Matching block [2/3, 1/3] in 0.1s", 16),
             Some((4, 9))
         );
         assert_eq!(
-            how_far(AlignStep::Poses, "Registering image #7 (5)", 16),
+            parse_progress(AlignStep::Poses, "Registering image #7 (5)", 16),
             Some((5, 16))
         );
         assert_eq!(
-            how_far(AlignStep::Poses, "=> Image sees 12 / 40 points", 16),
+            parse_progress(AlignStep::Poses, "=> Image sees 12 / 40 points", 16),
             None
         );
     }
 
     #[test]
-    fn the_model_of_most_pictures_is_taken() {
+    fn largest_model_most_photographs() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(largest_model(folder.path()).unwrap(), None);
         for (name, count) in [("0", 3_u64), ("1", 7), ("2", 7), ("3", 0)] {
@@ -373,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_with_a_model_or_without_pictures_is_left_as_it_is() {
+    fn folder_with_model_or_without_photographs_refused() {
         let folder = tempfile::tempdir().unwrap();
         let silent = &mut |_, _, _| ();
         let error = align(folder.path(), silent).unwrap_err();

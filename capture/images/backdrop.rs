@@ -1,20 +1,22 @@
-//! Photographs of an object before something dark: from which level on a pixel shows the object.
+//! Segmentation of photographs of an object in front of a dark backdrop.
 
 use super::LoadedView;
 
-/// A rim is dark below this level.
+/// Maximum level of a dark border pixel.
 const DARK: u8 = 16;
-/// If so large a share of all rims is.
-const SHARE: f64 = 0.5;
-/// Levels in a class of the histogram.
-const CLASS: usize = 8;
-/// The level is looked for in these classes.
-const CLASSES: std::ops::Range<usize> = 2..12;
+/// Minimum fraction of dark border pixels for a dark backdrop.
+const MIN_DARK_SHARE: f64 = 0.5;
+/// Levels in a bin of the histogram.
+const BIN: usize = 8;
+/// Bins in which the threshold is searched.
+const SEARCHED_BINS: std::ops::Range<usize> = 2..12;
 
-/// The level in the emptiest stretch of the histogram between backdrop and object, if there is a dark backdrop.
-pub fn find(views: &[LoadedView]) -> Option<u8> {
-    let (mut dark, mut rim) = (0u64, 0u64);
-    let mut histogram = [0u64; 256 / CLASS];
+/// Returns the level at the minimum of the histogram between backdrop and object, if the backdrop
+/// is dark.
+pub fn find_threshold(views: &[LoadedView]) -> Option<u8> {
+    let mut dark = 0u64;
+    let mut border = 0u64;
+    let mut histogram = [0u64; 256 / BIN];
     for view in views {
         let [width, height] = view.size_px.map(|side| side as usize);
         for (i, pixel) in view
@@ -24,41 +26,46 @@ pub fn find(views: &[LoadedView]) -> Option<u8> {
             .filter(|(_, pixel)| pixel[3] > 0)
         {
             let level = pixel[0].max(pixel[1]).max(pixel[2]);
-            histogram[usize::from(level) / CLASS] += 1;
-            let (x, y) = (i % width, i / width);
-            if x == 0 || y == 0 || x == width - 1 || y == height - 1 {
-                rim += 1;
+            histogram[usize::from(level) / BIN] += 1;
+                        let x = i % width;
+                        let y = i / width;
+                        if x == 0 || y == 0 || x == width - 1 || y == height - 1 {
+                            border += 1;
                 dark += u64::from(level < DARK);
             }
         }
     }
-    if dark as f64 <= SHARE * rim as f64 {
+    if dark as f64 <= MIN_DARK_SHARE * border as f64 {
         return None;
     }
-    let around = |class: usize| histogram[class - 1..=class + 1].iter().sum::<u64>();
-    let emptiest = CLASSES.min_by_key(|&class| around(class))?;
-    Some((emptiest * CLASS + CLASS / 2) as u8)
+    let smoothed = |bin: usize| histogram[bin - 1..=bin + 1].iter().sum::<u64>();
+        let emptiest = SEARCHED_BINS.min_by_key(|&bin| smoothed(bin))?;
+        Some((emptiest * BIN + BIN / 2) as u8)
 }
 
-/// For each pixel whether it shows nothing: it is masked out, or connected with the picture's rim by pixels that are no lighter than `dark`.
-pub(super) fn shows_nothing(view: &LoadedView, dark: Option<u8>) -> Vec<bool> {
-    let mut nothing: Vec<bool> = view.color.iter().map(|pixel| pixel[3] == 0).collect();
-    let Some(dark) = dark else { return nothing };
+/// Returns true for each background pixel: one that is masked out, or connected to the image border
+/// through pixels with levels up to `threshold`.
+pub(super) fn background_mask(view: &LoadedView, threshold: Option<u8>) -> Vec<bool> {
+    let mut mask: Vec<bool> = view.color.iter().map(|pixel| pixel[3] == 0).collect();
+    let Some(threshold) = threshold else {
+        return mask;
+    };
     let [width, height] = view.size_px.map(|side| side as usize);
-    let mut reached: Vec<usize> = Vec::new();
-    let reach = |i: usize, nothing: &mut [bool], reached: &mut Vec<usize>| {
-        if !nothing[i] && view.color[i][..3].iter().all(|&level| level <= dark) {
-            nothing[i] = true;
-            reached.push(i);
+    let mut stack: Vec<usize> = Vec::new();
+        let visit = |i: usize, mask: &mut [bool], stack: &mut Vec<usize>| {
+            if !mask[i] && view.color[i][..3].iter().all(|&level| level <= threshold) {
+                mask[i] = true;
+                stack.push(i);
         }
     };
-    let at_rim =
+    let is_border =
         |i: &usize| [0, width - 1].contains(&(i % width)) || [0, height - 1].contains(&(i / width));
     (0..width * height)
-        .filter(at_rim)
-        .for_each(|i| reach(i, &mut nothing, &mut reached));
-    while let Some(i) = reached.pop() {
-        let (x, y) = (i % width, i / width);
+        .filter(is_border)
+                .for_each(|i| visit(i, &mut mask, &mut stack));
+            while let Some(i) = stack.pop() {
+                let x = i % width;
+                let y = i / width;
         let sides = [
             (x > 0, i.wrapping_sub(1)),
             (x + 1 < width, i + 1),
@@ -68,9 +75,9 @@ pub(super) fn shows_nothing(view: &LoadedView, dark: Option<u8>) -> Vec<bool> {
         sides
             .into_iter()
             .filter(|side| side.0)
-            .for_each(|side| reach(side.1, &mut nothing, &mut reached));
-    }
-    nothing
+            .for_each(|side| visit(side.1, &mut mask, &mut stack));
+                }
+                mask
 }
 
 #[cfg(test)]
@@ -102,27 +109,27 @@ mod tests {
     }
 
     #[test]
-    fn a_dark_backdrop_ends_where_few_pixels_are() {
-        let level = find(&[view(150, 3), view(120, 6)]).expect("dark");
+    fn threshold_between_backdrop_and_object() {
+            let level = find_threshold(&[view(150, 3), view(120, 6)]).expect("dark");
         assert!((11..120).contains(&level), "{level}");
-        assert_eq!(find(&[view(150, 90)]), None, "no dark rims");
-        assert_eq!(find(&[]), None);
+        assert_eq!(find_threshold(&[view(150, 90)]), None, "bright borders");
+                assert_eq!(find_threshold(&[]), None);
     }
 
     #[test]
-    fn a_dark_place_within_the_object_is_no_backdrop() {
+    fn dark_spot_in_object_not_background() {
         let mut view = view(150, 3);
         view.color[16 * 32 + 16] = [1, 1, 1, 255];
         view.color[20 * 32 + 20][3] = 0;
-        let nothing = shows_nothing(&view, Some(11));
-        for (i, nothing) in nothing.into_iter().enumerate() {
+        let mask = background_mask(&view, Some(11));
+                for (i, is_background) in mask.into_iter().enumerate() {
             let inside = (8..24).contains(&(i % 32)) && (8..24).contains(&(i / 32));
-            assert_eq!(nothing, !inside || i == 20 * 32 + 20, "{i}");
+            assert_eq!(is_background, !inside || i == 20 * 32 + 20, "{i}");
         }
         assert_eq!(
-            shows_nothing(&view, None)
-                .into_iter()
-                .filter(|nothing| *nothing)
+            background_mask(&view, None)
+                            .into_iter()
+                            .filter(|is_background| *is_background)
                 .count(),
             1
         );

@@ -1,84 +1,88 @@
-//! Whether the views of a set agree with each other.
+//! Consistency check of the views of a set.
 
 use super::view::{FARTHEST_M, LoadedView, View};
 use super::{ImageSet, ImagesError};
 use crate::readers::text;
 use headbox_core::statistics::median;
 
-/// How well two neighbouring views agree where both know a depth.
+/// Disagreement of two neighbouring views where both have depth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Residual {
-    /// The first view's name.
+    /// Name of the first view.
     pub from: String,
-    /// The second's.
+    /// Name of the second view.
     pub to: String,
-    /// Share of the first view's points that the second sees at all (0..=1).
+    /// Fraction of the first view's points that the second sees (0..=1).
     pub overlap: f64,
-    /// Median of |depth found / depth expected - 1| over these; NaN without overlap.
+    /// Median of |actual depth / expected depth - 1| over these; NaN without overlap.
     pub relative_depth: f64,
-    /// Median difference of colours there, levels of 255; NaN without overlap.
+    /// Median colour difference of these, levels of 255; NaN without overlap.
     pub color_levels: f64,
 }
 
-/// What a check of a set found.
+/// Result of checking a set.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CheckReport {
-    /// Neighbours in the set's order that have depth.
+    /// Residuals of neighbours with depth, in the set's order.
     pub residuals: Vec<Residual>,
-    /// Median over all views that were loaded of depth that ends somewhere, metres; NaN without any.
+    /// Median finite depth of all loaded views, metres; NaN without any.
     pub median_depth_m: f64,
-    /// Share of pixels of known depth.
+    /// Fraction of pixels with known depth (0..=1).
     pub depth_share: f64,
-    /// What is wrong, a sentence each.
+    /// Warnings, one sentence each.
     pub warnings: Vec<String>,
 }
 
-/// A pixel in every so many rows and columns is looked at.
+/// Distance of the sampled pixels, in rows and columns.
 const STEP: u32 = 8;
 
-/// Neighbours whose depths differ by more than this, relative, disagree: ten times what a depth sensor errs by.
-const DISAGREE: f64 = 0.1;
+/// Relative depth difference above which neighbours disagree: ten times the error of a depth
+/// sensor.
+const MAX_DIFFERENCE: f64 = 0.1;
 
-/// Neighbours' eyes so many times as far apart as they see can hardly see the same.
-const FAR_APART: f64 = 10.0;
+/// Distance of neighbouring eyes, in median depths, above which they can hardly overlap.
+const MAX_BASELINE: f64 = 10.0;
 
-/// Looks whether all files are there, as large as they should be by what their headers say; then [`check_neighbors`].
+/// Checks that all files exist and have the right size by their headers, then runs
+/// [`check_neighbors`].
 ///
 /// # Errors
-/// [`ImagesError`] of the first view whose files are not there, or that cannot be loaded.
+/// [`ImagesError`] of the first view whose files are missing or cannot be loaded.
 pub fn check(
     set: &ImageSet,
     most: usize,
-    look: &mut dyn FnMut(&str),
+    on_view: &mut dyn FnMut(&str),
 ) -> Result<CheckReport, ImagesError> {
     set.views.iter().try_for_each(View::check_files)?;
-    check_neighbors(set, most, look)
+    check_neighbors(set, most, on_view)
 }
 
-/// Loads at most `most` pairs of neighbours that have depth, evenly over the set, and compares them. `look` is told of every view that was
-/// loaded; files of others are not looked at.
+/// Compares at most `most` pairs of neighbours with depth, evenly spread over the set. `on_view` is
+/// called for every loaded view; files of other views are not read.
 ///
 /// # Errors
 /// [`ImagesError`] of the first view that cannot be loaded.
 pub fn check_neighbors(
     set: &ImageSet,
     most: usize,
-    look: &mut dyn FnMut(&str),
+    on_view: &mut dyn FnMut(&str),
 ) -> Result<CheckReport, ImagesError> {
     let mut report = CheckReport {
-        warnings: duplicates(&set.views),
+        warnings: warn_of_duplicates(&set.views),
         ..CheckReport::default()
     };
-    let views: Vec<&View> = set.with_depth().collect();
-    let (mut depths, mut known, mut pixels) = (Vec::new(), 0u64, 0u64);
+    let views: Vec<&View> = set.views_with_depth().collect();
+    let mut depths = Vec::new();
+        let mut known = 0u64;
+        let mut pixels = 0u64;
     let pairs = views.len().saturating_sub(1);
     let chosen = (0..pairs.min(most)).map(|i| i * pairs / pairs.min(most).max(1));
     let single = if pairs == 0 { views.first() } else { None };
     let mut last: Option<(usize, LoadedView)> = None;
     let mut unknown = Vec::new();
-    let mut gather = |view: &LoadedView, name: &str| {
-        let before = known;
-        gather(view, &mut depths, &mut known, &mut pixels);
+    let mut add = |view: &LoadedView, name: &str| {
+            let before = known;
+            add_depths(view, &mut depths, &mut known, &mut pixels);
         if known == before {
             unknown.push(name.to_owned());
         }
@@ -86,15 +90,15 @@ pub fn check_neighbors(
     for i in chosen {
         let a = match last.take() {
             Some((j, view)) if j == i => view,
-            _ => load(views[i], look)?,
+            _ => load(views[i], on_view)?,
         };
-        let b = load(views[i + 1], look)?;
-        gather(&a, &views[i].name);
+        let b = load(views[i + 1], on_view)?;
+        add(&a, &views[i].name);
         let residual = compare(&a, &b, &views[i].name, &views[i + 1].name);
-        if residual.relative_depth > DISAGREE {
+        if residual.relative_depth > MAX_DIFFERENCE {
             report.warnings.push(format!(
-                "{} and {} disagree: where both see a point their depths differ by {:.0} %; a pose, the depth's unit or its \
-                 kind may be wrong",
+                "{} and {} disagree: their depths of the same points differ by {:.0} %; check the poses, the unit of depth \
+                                 and its kind",
                 residual.from,
                 residual.to,
                 residual.relative_depth * 100.0
@@ -104,29 +108,30 @@ pub fn check_neighbors(
         last = Some((i + 1, b));
     }
     if let Some(view) = single {
-        gather(&load(view, look)?, &view.name);
+        add(&load(view, on_view)?, &view.name);
     }
-    let unknown = text::first_of(&unknown);
+    let unknown = text::abbreviate(&unknown);
     report.warnings.extend(
         unknown.map(|which| {
-            format!("depth of no pixel is known (all are zero, or no numbers): {which}")
+            format!("no pixel has a valid depth (all are zero or not numbers): {which}")
         }),
     );
     report.median_depth_m = median(depths).unwrap_or(f64::NAN);
     report.depth_share = known as f64 / pixels.max(1) as f64;
     if report.median_depth_m > 500.0 || report.median_depth_m < 0.01 {
         report.warnings.push(format!(
-            "half of all depths lie beyond {:.3} m: the unit of the depth pictures may be wrong",
+            "the median depth is {:.3} m: the unit of the depth images may be wrong",
             report.median_depth_m
         ));
     }
-    report.warnings.extend(other_units(&views, &report));
+    report.warnings.extend(warn_of_units(&views, &report));
     Ok(report)
 }
 
-/// Poses in millimetres beside depth in metres make neighbours that see nothing of each other.
-fn other_units(views: &[&View], report: &CheckReport) -> Option<String> {
-    let apart = median(
+/// Returns a warning if the units of poses and depth differ: poses in millimetres and depth in
+/// metres give neighbours that see nothing of each other.
+fn warn_of_units(views: &[&View], report: &CheckReport) -> Option<String> {
+    let baseline = median(
         views
             .windows(2)
             .map(|pair| pair[0].pose.eye.distance(pair[1].pose.eye)),
@@ -135,25 +140,25 @@ fn other_units(views: &[&View], report: &CheckReport) -> Option<String> {
         .residuals
         .iter()
         .all(|residual| residual.relative_depth.is_nan());
-    (none_agree && apart > FAR_APART * report.median_depth_m).then(|| {
+    (none_agree && baseline > MAX_BASELINE * report.median_depth_m).then(|| {
         format!(
-            "neighbours stand {apart:.3} m apart (median) and see nothing of each other, as half of all depths lie within {:.3} m: poses and \
-             depth may be in different units, such as millimetres and metres",
+            "neighbouring cameras are {baseline:.3} m apart (median) and do not overlap, while the median depth is {:.3} m: \
+                         poses and depth may be in different units, such as millimetres and metres",
             report.median_depth_m
         )
     })
 }
 
-fn load(view: &View, look: &mut dyn FnMut(&str)) -> Result<LoadedView, ImagesError> {
-    look(&view.name);
+fn load(view: &View, on_view: &mut dyn FnMut(&str)) -> Result<LoadedView, ImagesError> {
+    on_view(&view.name);
     view.load()
 }
 
-/// Views with the same pose as another one.
-fn duplicates(views: &[View]) -> Vec<String> {
+/// Returns a warning that names views with equal poses.
+fn warn_of_duplicates(views: &[View]) -> Vec<String> {
     let mut order: Vec<&View> = views.iter().collect();
     order.sort_by(|a, b| {
-        // Of a camera that turns in one place all eyes are the same.
+        // Includes the orientation: a camera that turns in place has one eye position.
         let key = |view: &View| {
             (
                 view.pose.eye.to_array(),
@@ -164,30 +169,29 @@ fn duplicates(views: &[View]) -> Vec<String> {
             .partial_cmp(&key(b))
             .unwrap_or(std::cmp::Ordering::Equal)
     });
-    let same = order
-        .windows(2)
-        .filter(|pair| pair[0].pose == pair[1].pose && pair[0].lens == pair[1].lens);
-    let same: Vec<String> = same
+    let same: Vec<String> = order
+            .windows(2)
+            .filter(|pair| pair[0].pose == pair[1].pose && pair[0].lens == pair[1].lens)
         .map(|pair| format!("{} and {}", pair[0].name, pair[1].name))
         .collect();
-    text::first_of(&same)
+    text::abbreviate(&same)
         .map(|which| format!("views with the same pose: {which}"))
         .into_iter()
         .collect()
 }
 
-fn gather(view: &LoadedView, depths: &mut Vec<f64>, known: &mut u64, pixels: &mut u64) {
-    for_each_looked_at(view, |x, y| {
+fn add_depths(view: &LoadedView, depths: &mut Vec<f64>, known: &mut u64, pixels: &mut u64) {
+    for_each_sampled(view, |x, y| {
         *pixels += 1;
         if let Some(depth) = view.depth_at(x, y) {
             *known += 1;
-            // How far the sky is says nothing of units.
+            // Background depth is independent of the unit.
             depths.extend((depth < FARTHEST_M).then_some(f64::from(depth)));
         }
     });
 }
 
-fn for_each_looked_at(view: &LoadedView, mut visit: impl FnMut(u32, u32)) {
+fn for_each_sampled(view: &LoadedView, mut visit: impl FnMut(u32, u32)) {
     let [width, height] = view.size_px;
     for y in (STEP / 2..height).step_by(STEP as usize) {
         for x in (STEP / 2..width).step_by(STEP as usize) {
@@ -196,10 +200,13 @@ fn for_each_looked_at(view: &LoadedView, mut visit: impl FnMut(u32, u32)) {
     }
 }
 
-/// Points of `a` looked up in `b`. A point that `b` sees something else in front of is hidden there, and does not count.
+/// Compares points of `a` with depth and colour of `b` where they project to.
 fn compare(a: &LoadedView, b: &LoadedView, from: &str, to: &str) -> Residual {
-    let (mut relative, mut levels, mut points, mut seen) = (Vec::new(), Vec::new(), 0u64, 0u64);
-    for_each_looked_at(a, |x, y| {
+    let mut relative = Vec::new();
+        let mut levels = Vec::new();
+        let mut points = 0u64;
+        let mut seen = 0u64;
+        for_each_sampled(a, |x, y| {
         let Some(point) = a.point_at(x, y) else {
             return;
         };
@@ -211,13 +218,13 @@ fn compare(a: &LoadedView, b: &LoadedView, from: &str, to: &str) -> Residual {
         {
             return;
         }
-        let Some(found) = b.depth_at(bx as u32, by as u32) else {
+        let Some(actual) = b.depth_at(bx as u32, by as u32) else {
             return;
         };
-        let error = (f64::from(found) / expected - 1.0).abs();
+        let error = (f64::from(actual) / expected - 1.0).abs();
         seen += 1;
         relative.push(error);
-        if error < DISAGREE / 4.0
+        if error < MAX_DIFFERENCE / 4.0
             && let Some(color) = b.color_at([bx, by])
         {
             let own = a.color[y as usize * a.size_px[0] as usize + x as usize];

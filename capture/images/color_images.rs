@@ -1,18 +1,17 @@
-//! Colour pictures of image sets.
+//! Colour images of image sets.
 
 use super::ImagesError;
 use super::depth::extension;
 use super::exr_layer::ExrLayer;
 use exr::meta::MetaData;
 use headbox_core::color::srgb8_from_linear;
-use headbox_core::image_file;
-use headbox_core::image_file::MAX_PIXELS;
+use headbox_core::image_file::{self, MAX_PIXELS};
 use std::path::Path;
 
-/// Width, height, and row-major sRGB with straight alpha.
+/// Width, height, and pixels: row-major sRGB with straight alpha.
 pub type ColorPicture = (u32, u32, Vec<[u8; 4]>);
 
-/// Reads a picture: 8-bit sRGB as it is, EXR from linear, premultiplied.
+/// Reads an image: 8-bit sRGB unchanged, EXR converted from linear premultiplied colour.
 ///
 /// # Errors
 /// [`ImagesError`] that names the file.
@@ -20,11 +19,12 @@ pub fn read_color(path: &Path) -> Result<ColorPicture, ImagesError> {
     if extension(path) == "exr" {
         read_exr(path)
     } else {
-        read_other(path)
+        read_integers(path)
     }
 }
 
-/// Names of the channels that are red, green, blue and alpha; [`CONSTANT_ZERO`] and [`CONSTANT_ONE`] are of none.
+/// Names of the red, green, blue and alpha channels; [`CONSTANT_ZERO`] and [`CONSTANT_ONE`] stand
+/// for constants.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ColorChannels(pub [String; 4]);
 
@@ -34,19 +34,19 @@ impl Default for ColorChannels {
     }
 }
 
-/// Names of channels in pictures that are no EXR.
+/// Channel names of images that are not EXR.
 const USUAL: [&str; 4] = ["R", "G", "B", "A"];
 
-/// Seurat's name of a channel that is 0 everywhere.
+/// Seurat's name of a constant channel of 0.
 const CONSTANT_ZERO: &str = "CONSTANT_ZERO";
 
-/// Seurat's name of a channel that is 1 everywhere.
+/// Seurat's name of a constant channel of 1.
 const CONSTANT_ONE: &str = "CONSTANT_ONE";
 
-/// Samples of a channel by its name, 0..=1 or linear light.
-type Find = Box<dyn Fn(&str) -> Option<Vec<f32>>>;
+/// Lookup of a channel's samples by name: 0..=1, or linear light.
+type ChannelLookup = Box<dyn Fn(&str) -> Option<Vec<f32>>>;
 
-/// As [`read_color`], from channels by name.
+/// Reads an image like [`read_color`], with its channels selected by name.
 ///
 /// # Errors
 /// [`ImagesError`] that names the file, also if it lacks a channel.
@@ -55,9 +55,10 @@ pub(super) fn read_channels(
     channels: &ColorChannels,
 ) -> Result<ColorPicture, ImagesError> {
     let is_exr = extension(path) == "exr";
-    let (width, height, find): (u32, u32, Find) = if is_exr {
-        let layer = ExrLayer::read(path)?;
-        let (width, height) = (layer.width, layer.height);
+    let (width, height, find): (u32, u32, ChannelLookup) = if is_exr {
+            let layer = ExrLayer::read(path)?;
+            let width = layer.width;
+            let height = layer.height;
         let find = move |name: &str| {
             layer
                 .channel(name)
@@ -65,7 +66,7 @@ pub(super) fn read_channels(
         };
         (width, height, Box::new(find))
     } else {
-        let (width, height, pixels) = read_other(path)?;
+        let (width, height, pixels) = read_integers(path)?;
         let find = move |name: &str| {
             let channel = USUAL.iter().position(|known| *known == name)?;
             Some(
@@ -90,7 +91,7 @@ pub(super) fn read_channels(
         }
     };
     let [r, g, b, a] = &channels.0;
-    let (r, g, b, a) = (samples(r)?, samples(g)?, samples(b)?, samples(a)?);
+        let [r, g, b, a] = [samples(r)?, samples(g)?, samples(b)?, samples(a)?];
     let pixel = if is_exr { from_linear } else { from_shares };
     Ok((
         width,
@@ -101,7 +102,7 @@ pub(super) fn read_channels(
     ))
 }
 
-/// Levels of premultiplied linear light.
+/// Converts premultiplied linear light to 8-bit sRGB with straight alpha.
 fn from_linear([r, g, b, a]: [f32; 4]) -> [u8; 4] {
     let straight = |c: f32| srgb8_from_linear(if a > 0.0 { c / a } else { c });
     [
@@ -112,12 +113,12 @@ fn from_linear([r, g, b, a]: [f32; 4]) -> [u8; 4] {
     ]
 }
 
-/// Levels of what a picture of 8 bits holds.
+/// Converts fractions of 1 to 8 bits.
 fn from_shares(shares: [f32; 4]) -> [u8; 4] {
     shares.map(|share| (share * 255.0).round() as u8)
 }
 
-/// Width and height of a picture without decoding it.
+/// Reads the width and height of an image without decoding it.
 ///
 /// # Errors
 /// [`ImagesError`] that names the file.
@@ -141,7 +142,7 @@ pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
     Ok([width, height])
 }
 
-fn read_other(path: &Path) -> Result<ColorPicture, ImagesError> {
+fn read_integers(path: &Path) -> Result<ColorPicture, ImagesError> {
     let decoded = image_file::read(path, 8 * MAX_PIXELS)
         .map_err(|error| ImagesError::picture(path, error))?;
     let picture = decoded.into_rgba8();
@@ -165,8 +166,8 @@ fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
     let image = exr::prelude::read_first_rgba_layer_from_file(
         path,
         |size, _| (size.x(), vec![[0u8; 4]; size.x() * size.y()]),
-        |(stride, pixels), at, (r, g, b, a): (f32, f32, f32, f32)| {
-            pixels[at.y() * *stride + at.x()] = from_linear([r, g, b, a]);
+        |(stride, pixels), pixel, (r, g, b, a): (f32, f32, f32, f32)| {
+                    pixels[pixel.y() * *stride + pixel.x()] = from_linear([r, g, b, a]);
         },
     );
     let image = image.map_err(|error| ImagesError::picture(path, error.into()))?;

@@ -1,27 +1,27 @@
-//! Depth in files, and what it means.
+//! Depth files and the meaning of their values.
 
 use super::ImagesError;
 use super::exr_layer::ExrLayer;
 use exr::prelude::{Image, SpecificChannels, WritableImage};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files::write_whole;
-use headbox_core::image_file;
-use headbox_core::image_file::MAX_PIXELS;
+use headbox_core::image_file::{self, MAX_PIXELS};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Window depth so near to what an infinite far plane has is infinitely far: 32 bits, and sixteen all the more, tell no more.
+/// Maximum distance of a window depth from that of an infinite far plane to count as infinitely
+/// far: 32 bits, and 16 even less, resolve nothing finer.
 const INFINITELY_FAR: f64 = 1e-6;
 
-/// A depth per pixel, whatever it means.
+/// One depth value for each pixel, of any kind.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthPicture {
-    /// Columns.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
-    /// Row-major.
-    pub values: Vec<f32>,
+    /// Values, row-major.
+        pub values: Vec<f32>,
 }
 
 /// Writes depth as an EXR file with the single 32-bit channel `Z`.
@@ -33,37 +33,40 @@ pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> io::Result<()> {
     let value = |x: usize, y: usize| depth.values.get(y * width + x).copied().unwrap_or(f32::NAN);
     let channels = SpecificChannels::build()
         .with_channel("Z")
-        .with_pixel_fn(|at: exr::math::Vec2<usize>| (value(at.x(), at.y()),));
+        .with_pixel_fn(|pixel: exr::math::Vec2<usize>| (value(pixel.x(), pixel.y()),));
     let image = Image::from_channels((width, depth.height as usize), channels);
     write_whole(path, |writer| {
         image.write().to_buffered(writer).map_err(io::Error::other)
     })
 }
 
-/// Where a view's depth is, and what its values mean.
+/// Depth file of a view and the meaning of its values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthSource {
-    /// EXR, a grey picture of 16 bits, or a `.bin` map of COLMAP.
+    /// EXR, 16-bit grey image, or `.bin` map of COLMAP.
     pub path: PathBuf,
-    /// Channel of an EXR; `None` for `Z`, or else `Y`, `R`, or the only one. Of a picture of integers with colours R, G, B or A.
+    /// Channel of an EXR, or `None` for `Z`, else `Y`, `R`, or the only one; R, G, B or A of a
+    /// colour image of integers.
     pub channel: Option<String>,
-    /// What a value means once it is multiplied by `unit_m`.
+    /// Kind of depth that a value times `unit_m` is.
     pub kind: DepthKind,
-    /// Metres per stored value (in integer pictures, per step); 1/65535 for window depth in 16 bits.
+    /// Metres per stored value (per step in integer images); 1/65535 for window depth in 16 bits.
     pub unit_m: f32,
-    /// For [`DepthKind::WindowDepth`]: entries (2, 2) and (2, 3) of the clip matrix, which also tell reversed depth.
+    /// For [`DepthKind::WindowDepth`]: entries (2, 2) and (2, 3) of the clip matrix, which also
+    /// show reversed depth.
     pub window: Option<[f64; 2]>,
-    /// Whether zero is infinitely far (Seurat's), not unknown.
+    /// True if zero means infinitely far (Seurat) instead of unknown.
     pub zero_is_far: bool,
-    /// Whether integers are shares of 1 (Seurat's), all of which say something.
+    /// True if integers are fractions of 1 (Seurat), so that 0 and 65535 are depths.
     pub is_share: bool,
-    /// Of depth that was found from the pictures themselves ([`super::dense_depth`]), which belongs to the ideal lens and needs no
-    /// registration: the standard deviation of inverse depth, 1/m.
-    pub found: Option<f32>,
+    /// Standard deviation of inverse depth, 1/m, if the depth was estimated from the photographs
+    /// ([`super::dense_depth`]). Such depth belongs to the undistorted lens and needs no
+    /// registration.
+        pub estimated_deviation: Option<f32>,
 }
 
 impl DepthSource {
-    /// Eye depth, or ray distance, in metres.
+    /// Creates a source of eye depth or ray distance in units of `unit_m`.
     pub fn metres(path: PathBuf, kind: DepthKind, unit_m: f32) -> Self {
         Self {
             path,
@@ -73,13 +76,14 @@ impl DepthSource {
             window: None,
             zero_is_far: false,
             is_share: false,
-            found: None,
+            estimated_deviation: None,
         }
     }
 
-    /// Reads it: eye depth, or ray distance if that is its kind, in metres; infinite where the file says that nothing is there (infinity in EXR, zero in
-    /// Seurat's manifests), NaN where nothing is known (else zero, negative values, and the largest value of 16 bits that is no share, which
-    /// sensors write for "none").
+    /// Reads eye depth, or ray distance if that is the kind, in metres: infinite where the file
+    /// marks background (infinity in EXR, zero in Seurat's manifests), NaN where unknown (otherwise
+    /// zero, negative values, and the largest 16-bit value unless it is a fraction of 1: sensors
+    /// write it for "none").
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
@@ -92,9 +96,9 @@ impl DepthSource {
                 read_integers(
                     &self.path,
                     self.unit_m,
-                    &Integers {
+                    &IntegerFormat {
                         eight_bits: false,
-                        are_shares: self.is_share,
+                                                are_shares: self.is_share,
                         channel,
                     },
                 )?
@@ -102,7 +106,8 @@ impl DepthSource {
         };
         for value in &mut picture.values {
             let depth = match (self.kind, self.window) {
-                // Window depth d is (ndc + 1) / 2, and ndc = -a + b / Z with the clip matrix's a and b (C1).
+                // Window depth d is (ndc + 1) / 2, and ndc = -a + b / Z with the clip matrix's a
+                // and b (C1).
                 (DepthKind::WindowDepth, Some([a, b])) => {
                     let from_infinity = 2.0 * f64::from(*value) - 1.0 + a;
                     if from_infinity.abs() < INFINITELY_FAR {
@@ -121,9 +126,10 @@ impl DepthSource {
 }
 
 impl DepthPicture {
-    /// Reads depth from EXR (channel `Z`, or else `Y`, `R`, or the only one) or from a grey picture of 8 or 16 bits such
-    /// as PNG. Each stored value is multiplied by `unit`: metres per value (0.001 for millimetres in 16-bit PNG), or
-    /// 1/65535 for window depth in 16 bits. In integer pictures 0 means unknown and becomes NaN.
+    /// Reads depth from EXR (channel `Z`, else `Y`, `R`, or the only one) or from a grey image of 8
+    /// or 16 bits such as PNG. Each stored value is multiplied by `unit`: metres per value (0.001
+    /// for millimetres in 16-bit PNG), or 1/65535 for window depth in 16 bits. In integer images 0
+    /// means unknown and becomes NaN.
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
@@ -134,8 +140,8 @@ impl DepthPicture {
             read_integers(
                 path,
                 unit,
-                &Integers {
-                    eight_bits: true,
+                &IntegerFormat {
+                                    eight_bits: true,
                     are_shares: false,
                     channel: None,
                 },
@@ -144,19 +150,20 @@ impl DepthPicture {
     }
 }
 
+/// Returns the extension in lower case, or an empty string.
 pub(super) fn extension(path: &Path) -> String {
     path.extension()
         .map(|extension| extension.to_string_lossy().to_lowercase())
         .unwrap_or_default()
 }
 
-fn read_exr(path: &Path, wanted: Option<&str>, unit: f32) -> Result<DepthPicture, ImagesError> {
+fn read_exr(path: &Path, channel: Option<&str>, unit: f32) -> Result<DepthPicture, ImagesError> {
     let bad = |cause: String| ImagesError::Picture {
         path: path.into(),
         cause,
     };
     let layer = ExrLayer::read(path)?;
-    let samples = match wanted {
+    let samples = match channel {
         Some(name) => layer
             .channel(name)
             .ok_or_else(|| bad(format!("has no channel {name}")))?,
@@ -165,7 +172,7 @@ fn read_exr(path: &Path, wanted: Option<&str>, unit: f32) -> Result<DepthPicture
                 .into_iter()
                 .find_map(|name| layer.channel(name));
             let usual = usual.or_else(|| layer.only_channel());
-            usual.ok_or_else(|| bad("has no channel Z, Y or R to take depth from".into()))?
+            usual.ok_or_else(|| bad("has no channel Z, Y or R with depth".into()))?
         }
     };
     let values = samples.values_as_f32().map(|value| value * unit).collect();
@@ -176,17 +183,21 @@ fn read_exr(path: &Path, wanted: Option<&str>, unit: f32) -> Result<DepthPicture
     })
 }
 
-/// Which integers are depth.
-struct Integers<'a> {
-    /// Those of 8 bits too.
+/// Interpretation of integer images as depth.
+struct IntegerFormat<'a> {
+    /// True if 8-bit images are accepted.
     eight_bits: bool,
-    /// The least and the largest too.
+    /// True if the smallest and the largest value are depths.
     are_shares: bool,
-    /// Of pictures with colours.
+    /// Channel of a colour image.
     channel: Option<&'a str>,
 }
 
-fn read_integers(path: &Path, unit: f32, which: &Integers) -> Result<DepthPicture, ImagesError> {
+fn read_integers(
+    path: &Path,
+    unit: f32,
+    format: &IntegerFormat,
+) -> Result<DepthPicture, ImagesError> {
     let bad = |cause: String| ImagesError::Picture {
         path: path.into(),
         cause,
@@ -194,19 +205,19 @@ fn read_integers(path: &Path, unit: f32, which: &Integers) -> Result<DepthPictur
     let image = image_file::read(path, 2 * MAX_PIXELS)
         .map_err(|error| ImagesError::picture(path, error))?;
     let values: Vec<u16> = match &image {
-        image::DynamicImage::ImageLuma8(grey) if which.eight_bits => {
+        image::DynamicImage::ImageLuma8(grey) if format.eight_bits => {
             grey.as_raw().iter().map(|&v| u16::from(v)).collect()
         }
         image::DynamicImage::ImageLuma8(_) => {
             return Err(bad(
-                "depth in 8 bits has 255 steps, too few to move by; give 16 bits, or EXR".into(),
+                "has depth in 8 bits, too few for parallax; use 16 bits or EXR".into(),
             ));
         }
         image::DynamicImage::ImageLuma16(grey) => grey.as_raw().clone(),
         image::DynamicImage::ImageRgb16(_) | image::DynamicImage::ImageRgba16(_)
-            if which.channel.is_some() =>
+            if format.channel.is_some() =>
         {
-            let name = which.channel.unwrap_or_default();
+            let name = format.channel.unwrap_or_default();
             let channel = ["R", "G", "B", "A"].iter().position(|known| *known == name);
             let channel =
                 channel.ok_or_else(|| bad(format!("has no channel {name}, only R, G, B and A")))?;
@@ -218,13 +229,14 @@ fn read_integers(path: &Path, unit: f32, which: &Integers) -> Result<DepthPictur
         }
         _ => {
             return Err(bad(
-                "depth must be a grey picture of 8 or 16 bits, or EXR".into()
+                "is not a depth image; expected 8 or 16 bits of grey, or EXR".into()
             ));
         }
     };
-    let unknown = |v: u16| !which.are_shares && (v == 0 || (!which.eight_bits && v == u16::MAX));
-    let value = |v: u16| {
-        if unknown(v) {
+    let is_unknown =
+            |v: u16| !format.are_shares && (v == 0 || (!format.eight_bits && v == u16::MAX));
+        let value = |v: u16| {
+            if is_unknown(v) {
             f32::NAN
         } else {
             f32::from(v) * unit
@@ -238,7 +250,8 @@ fn read_integers(path: &Path, unit: f32, which: &Integers) -> Result<DepthPictur
     })
 }
 
-/// A depth map of COLMAP's dense reconstruction: `width&height&channels&`, then 32-bit floats.
+/// Reads a depth map of COLMAP's dense reconstruction: `width&height&channels&`, then 32-bit
+/// floats.
 fn read_colmap_map(path: &Path) -> Result<DepthPicture, ImagesError> {
     let bytes = std::fs::read(path).map_err(|cause| ImagesError::io(path, cause))?;
     let bad = |cause: &str| ImagesError::Picture {
@@ -252,20 +265,20 @@ fn read_colmap_map(path: &Path) -> Result<DepthPicture, ImagesError> {
             .iter()
             .take(12)
             .position(|&byte| byte == b'&')
-            .ok_or_else(|| bad("is no depth map of COLMAP"))?;
+            .ok_or_else(|| bad("is not a COLMAP depth map"))?;
         let text = std::str::from_utf8(&rest[..end])
             .ok()
             .and_then(|text| text.parse().ok());
-        *number = text.ok_or_else(|| bad("is no depth map of COLMAP"))?;
+        *number = text.ok_or_else(|| bad("is not a COLMAP depth map"))?;
         rest = &rest[end + 1..];
     }
     let [width, height, channels] = header;
     let count = width
         .checked_mul(height)
         .filter(|&count| count as u64 <= MAX_PIXELS && channels == 1);
-    let count = count.ok_or_else(|| bad("is no depth map of COLMAP with one channel"))?;
+    let count = count.ok_or_else(|| bad("is not a COLMAP depth map with one channel"))?;
     if rest.len() != count * 4 {
-        return Err(bad("is truncated, or has more bytes than its size says"));
+        return Err(bad("has a length that does not match the size in its header"));
     }
     let values = rest
         .chunks_exact(4)
@@ -292,17 +305,15 @@ mod tests {
     }
 
     #[test]
-    fn window_depth_of_either_direction_gives_eye_depth() {
+    fn window_depth_normal_and_reversed() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("d.png");
         let (near, far) = (0.5, 20.0);
         for reversed in [false, true] {
-            // Clip matrices of OpenGL, near to -1 and far to 1, and with both exchanged.
+            // OpenGL clip matrices: near to -1 and far to 1, and reversed.
             let sign = if reversed { -1.0 } else { 1.0 };
-            let (a, b) = (
-                -sign * (far + near) / (far - near),
-                -sign * 2.0 * far * near / (far - near),
-            );
+            let a = -sign * (far + near) / (far - near);
+                        let b = -sign * 2.0 * far * near / (far - near);
             let depths = [0.6, 1.0, 3.0, 15.0];
             let stored = depths.map(|z: f64| ((-a + b / z + 1.0) / 2.0 * 65_535.0).round() as u16);
             let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(4, 1, stored.to_vec())
@@ -311,19 +322,19 @@ mod tests {
             let read = source(path.clone(), DepthKind::WindowDepth, Some([a, b]))
                 .read()
                 .expect("read");
-            for (found, z) in read.values.iter().zip(depths) {
+            for (depth, z) in read.values.iter().zip(depths) {
                 // Half a step of 16 bits times dZ/dd = Z^2 (f - n) / (n f) (C1).
                 let tolerance = 0.6 / 65_535.0 * z * z * (far - near) / (near * far);
                 assert!(
-                    (f64::from(*found) - z).abs() < tolerance + 1e-5 * z,
-                    "{found} {z} {reversed}"
+                    (f64::from(*depth) - z).abs() < tolerance + 1e-5 * z,
+                                        "{depth} {z} {reversed}"
                 );
             }
         }
     }
 
     #[test]
-    fn unknown_depth_is_nan_and_eight_bits_are_refused() {
+    fn sixteen_bits_unknown_is_nan_eight_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("d.png");
         let grey =
@@ -349,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn infinitely_far_is_told_from_unknown() {
+    fn infinite_depth_distinct_from_unknown() {
         let folder = tempfile::tempdir().expect("a folder");
         let [exr, png] = ["d.exr", "d.png"].map(|name| folder.path().join(name));
         let values = vec![f32::INFINITY, f32::NAN, 0.0, -1.0, 2.0];
@@ -366,7 +377,7 @@ mod tests {
             image::ImageBuffer::<image::Luma<u16>, _>::from_raw(3, 1, vec![0u16, 65_535, 1500]);
         grey.expect("a picture").save(&png).expect("written");
         let read = |path: &Path, zero_is_far: bool| {
-            // Seurat's shares of 1 are known from the least to the largest.
+            // Seurat's fractions of 1 are all valid, from the smallest to the largest.
             let metres = DepthSource::metres(path.into(), DepthKind::EyeDepth, 0.5);
             let source = DepthSource {
                 zero_is_far,
@@ -415,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn depth_maps_of_colmap_are_checked_against_their_length() {
+    fn colmap_map_length_checked() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("a.jpg.geometric.bin");
         let mut bytes = b"2&1&1&".to_vec();

@@ -1,4 +1,4 @@
-//! The channels of a flat EXR, by their names.
+//! Channels of a flat EXR by name.
 
 use super::ImagesError;
 use exr::image::{AnyChannel, FlatSamples};
@@ -7,10 +7,11 @@ use exr::prelude::{ReadChannels, ReadLayers, read};
 use headbox_core::image_file::MAX_PIXELS;
 use std::path::Path;
 
-/// From so many pixels on one picture is worth threads of its own, which are started for it; many smaller ones are read side by side anyhow.
+/// Number of pixels from which decoding one image on several threads is worth it; smaller images
+/// are decoded in parallel with each other.
 const PARALLEL_PIXELS: usize = 1 << 22;
 
-/// The first layer of an EXR that is no deep one.
+/// First flat layer of an EXR.
 pub(super) struct ExrLayer {
     pub(super) width: u32,
     pub(super) height: u32,
@@ -18,8 +19,10 @@ pub(super) struct ExrLayer {
 }
 
 impl ExrLayer {
-    /// # Errors
-    /// [`ImagesError`] that names the file.
+    /// Reads the layer.
+        ///
+        /// # Errors
+        /// [`ImagesError`] that names the file.
     pub(super) fn read(path: &Path) -> Result<Self, ImagesError> {
         let bad = |cause: String| ImagesError::Picture {
             path: path.into(),
@@ -56,7 +59,7 @@ impl ExrLayer {
         })
     }
 
-    /// The samples of a channel, row-major.
+    /// Returns the samples of a channel, row-major.
     pub(super) fn channel(&self, name: &str) -> Option<&FlatSamples> {
         self.channels
             .iter()
@@ -64,7 +67,7 @@ impl ExrLayer {
             .map(|channel| &channel.sample_data)
     }
 
-    /// Those of the only channel.
+    /// Returns the samples of the channel if there is exactly one.
     pub(super) fn only_channel(&self) -> Option<&FlatSamples> {
         match &self.channels[..] {
             [channel] => Some(&channel.sample_data),

@@ -1,36 +1,37 @@
-//! From picture to ray and back: pinholes with OpenCV's distortion, and panoramas.
+//! Lens models: pinholes with OpenCV's distortion, and equirectangular panoramas.
 
 use glam::{DVec2, DVec3};
 
-/// How a picture's pixels map to rays of eye space.
+/// Mapping between pixels and rays in eye space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lens {
-    /// A perspective picture.
-    Pinhole(Pinhole),
-    /// All directions: longitude across, latitude down; the middle looks down -Z, as in Blender and nerfstudio.
+    /// A perspective image.
+        Pinhole(Pinhole),
+    /// All directions: longitude across, latitude down; the centre looks down -Z, as in Blender and
+    /// nerfstudio.
     Equirectangular,
 }
 
-/// A perspective picture.
+/// Intrinsics of a perspective image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pinhole {
     /// Focal lengths, pixels.
     pub focal_px: [f64; 2],
-    /// Where the viewing axis meets the picture, pixels, centres of pixels at halves.
+    /// Principal point, pixels; pixel centres at half-integers.
     pub principal_px: [f64; 2],
-    /// What the lens adds.
+    /// Lens distortion.
     pub distortion: Distortion,
 }
 
-/// Pixels beyond which no focal length and no principal point of a camera lies: a picture of 2^16 pixels through a lens of a thousandth of a
-/// degree.
+/// Maximum focal length and principal point of a camera, pixels: an image of 2^16 pixels through a
+/// lens of a thousandth of a degree.
 const FARTHEST_PX: f64 = 1e10;
 
 impl Pinhole {
-    /// Itself, if a camera could be like that.
-    ///
-    /// # Errors
-    /// What is wrong, to follow the name of file and field.
+    /// Returns the lens if its numbers are plausible.
+        ///
+        /// # Errors
+        /// The problem, as the rest of a sentence about the field.
     pub(super) fn checked(self) -> Result<Self, &'static str> {
         if !self.focal_px.iter().all(|&focal| focal > 0.0) {
             return Err("has a focal length that is not above 0");
@@ -41,20 +42,19 @@ impl Pinhole {
             .chain(&self.principal_px)
             .all(|px| px.abs() <= FARTHEST_PX)
         {
-            return Err(
-                "has a focal length or a principal point of more than 1e10 pixels, as no camera has",
-            );
+            return Err("has a focal length or a principal point of more than 1e10 pixels");
         }
         let Distortion { radial, tangential } = self.distortion;
-        match radial.iter().chain(&tangential).all(|k| k.is_finite()) {
-            true => Ok(self),
-            false => Err("has a distortion that is no finite number"),
-        }
+        if radial.iter().chain(&tangential).all(|k| k.is_finite()) {
+                    Ok(self)
+                } else {
+                    Err("has a distortion coefficient that is not finite")
+                }
     }
 }
 
-/// OpenCV's distortion of normalised positions: `radial` holds k1, k2, k3 of the numerator and k4, k5, k6 of the
-/// denominator, `tangential` p1 and p2. All zero for none.
+/// OpenCV's distortion of normalised positions: `radial` holds k1, k2, k3 of the numerator and k4,
+/// k5, k6 of the denominator, `tangential` p1 and p2. All zero for none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
     /// k1 to k6.
@@ -64,12 +64,13 @@ pub struct Distortion {
 }
 
 impl Distortion {
-    /// True if it changes nothing.
+    /// Returns true if the lens is ideal.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Where the lens puts what an ideal one has at `p` (x right, y down, at depth 1).
+    /// Maps a position in the ideal image to the distorted one; positions are normalised (x right,
+    /// y down, at depth 1).
     pub fn apply(&self, p: DVec2) -> DVec2 {
         let ([k1, k2, k3, k4, k5, k6], [p1, p2]) = (self.radial, self.tangential);
         let r2 = p.length_squared();
@@ -83,7 +84,7 @@ impl Distortion {
         p * radial + tangential
     }
 
-    /// The inverse of [`Self::apply`] by Newton's method, or `None` where the distortion cannot be undone.
+    /// Inverts [`Self::apply`] by Newton's method; `None` where the distortion has no inverse.
     pub fn undo(&self, distorted: DVec2) -> Option<DVec2> {
         const STEP: f64 = 1e-6;
         let mut p = distorted;
@@ -105,15 +106,15 @@ impl Distortion {
                 error.y * dx.x - error.x * dx.y,
             ) / determinant;
         }
-        // What strong distortion folds over from the other side is no ideal position either.
+        // Strong distortion folds positions over from the other side, which are not valid either.
         let same_side = p.dot(distorted) >= 0.0;
         (same_side && (self.apply(p) - distorted).length() < 1e-9).then_some(p)
     }
 }
 
 impl Lens {
-    /// The ray of eye space through a position of a picture of `size_px`, ideal lenses taken for granted: at eye depth 1 for a
-    /// pinhole, of length 1 for a panorama. A pixel's depth is a multiple of it.
+    /// Returns the ray in eye space through a position in pixels, ignoring distortion: at eye depth
+    /// 1 for a pinhole, of length 1 for a panorama. A pixel's depth is a multiple of it.
     pub fn ray(&self, [x, y]: [f64; 2], [width, height]: [u32; 2]) -> DVec3 {
         match self {
             Self::Pinhole(Pinhole {
@@ -134,7 +135,8 @@ impl Lens {
         }
     }
 
-    /// Position in a picture, and depth as a multiple of [`Self::ray`], of a point of eye space; `None` behind a pinhole.
+    /// Projects a point in eye space: position in pixels, and depth as a multiple of [`Self::ray`];
+    /// `None` behind a pinhole.
     pub fn project(&self, point: DVec3, [width, height]: [u32; 2]) -> Option<[f64; 3]> {
         match self {
             Self::Pinhole(Pinhole {
@@ -166,7 +168,7 @@ impl Lens {
         }
     }
 
-    /// Pixels for a radian near the middle of the picture.
+    /// Returns the pixels per radian at the centre of the image.
     pub fn pixels_per_radian(&self, [width, _]: [u32; 2]) -> f64 {
         match self {
             Self::Pinhole(pinhole) => (pinhole.focal_px[0] * pinhole.focal_px[1]).sqrt(),
@@ -174,7 +176,7 @@ impl Lens {
         }
     }
 
-    /// The same lens without distortion.
+    /// Returns the lens without distortion.
     pub fn ideal(self) -> Self {
         match self {
             Self::Pinhole(pinhole) => Self::Pinhole(Pinhole {
@@ -202,15 +204,15 @@ mod tests {
     }
 
     #[test]
-    fn lenses_that_no_camera_has_are_refused() {
+    fn implausible_lens_refused() {
         let Lens::Pinhole(good) = pinhole() else {
-            panic!("made as a pinhole")
+            panic!("not a pinhole")
         };
         assert_eq!(good.checked(), Ok(good));
         let refused = |change: fn(&mut Pinhole)| {
             let mut lens = good;
             change(&mut lens);
-            lens.checked().expect_err("no camera is like that")
+            lens.checked().expect_err("implausible")
         };
         assert!(refused(|lens| lens.focal_px[1] = 0.0).contains("not above 0"));
         assert!(refused(|lens| lens.focal_px[0] = f64::NAN).contains("not above 0"));
@@ -220,14 +222,16 @@ mod tests {
     }
 
     #[test]
-    fn rays_project_to_where_they_came_from() {
+    fn project_inverts_ray() {
         for lens in [pinhole(), Lens::Equirectangular] {
             for (x, y, depth) in [(10.5, 20.5, 0.3), (320.0, 240.0, 2.0), (639.5, 479.5, 70.0)] {
-                let [px, py, found] = lens
+                let [px, py, projected] = lens
                     .project(lens.ray([x, y], SIZE) * depth, SIZE)
                     .expect("in front");
                 assert!(
-                    (px - x).abs() < 1e-9 && (py - y).abs() < 1e-9 && (found - depth).abs() < 1e-9
+                    (px - x).abs() < 1e-9
+                                            && (py - y).abs() < 1e-9
+                                            && (projected - depth).abs() < 1e-9
                 );
             }
         }
@@ -238,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_of_a_panorama_looks_down_minus_z_and_its_right_is_plus_x() {
+    fn panorama_axes() {
         let ray = |x, y| Lens::Equirectangular.ray([x, y], SIZE);
         assert!((ray(320.0, 240.0) - DVec3::NEG_Z).length() < 1e-12);
         assert!((ray(480.0, 240.0) - DVec3::X).length() < 1e-12);
@@ -246,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn distortion_is_undone() {
+    fn undo_inverts_distortion() {
         let strong = Distortion {
             radial: [-0.31, 0.12, -0.02, 0.01, 0.0, 0.0],
             tangential: [0.002, -0.001],

@@ -1,20 +1,27 @@
-//! Image sets: pictures with known cameras, with or without depth, as other programs leave them in folders (S12,
-//! S16, S24, E2).
+//! Image sets: images with known cameras, with or without depth, in the folder layouts of other
+//! programs (S12, S16, S24, E2).
 //!
-//! Every reader turns its format's conventions into those of this crate: eye space X right, Y up, looking down -Z;
-//! centres of pixels at halves; depth as a multiple of the ray through its pixel ([`Lens::ray`]). Pictures stay on disk until
-//! [`View::load`] is called, so that sets of thousands cost no memory.
+//! Every reader converts its format's conventions to those of this crate: eye space X right, Y up,
+//! looking down -Z; pixel centres at half-integers; depth as a multiple of the ray through its
+//! pixel ([`Lens::ray`]). Images stay on disk until [`View::load`] is called, so that sets of
+//! thousands cost no memory.
 //!
-//! | format | file of | what is read |
+//! | format | module in `readers` | data read |
 //! |---|---|---|
 //! | Seurat `manifest.json` | `seurat` | view groups with matrices, depth of three kinds |
 //! | nerfstudio `transforms.json`, NeRF `transforms_train.json` | `nerfstudio` | poses, intrinsics, OpenCV distortion, depth in millimetres, panoramas |
-//! | COLMAP, text and binary | `colmap` | cameras, poses; dense depth maps where they are |
+//! | COLMAP, text and binary | `colmap` | cameras, poses; dense depth maps if present |
 //! | RGB-D frames (TSDF demo, 7-Scenes) | `rgbd` | colour, 16-bit depth, pose and intrinsics text |
 //! | Middlebury `*_par.txt` | `middlebury` | calibrated photographs |
-//! | panoramas | `panorama` | equirectangular, or six cube faces, with depth beside them |
+//! | panoramas | `panorama` | equirectangular, or six cube faces, with depth files next to them |
 //!
-//! Of photographs without depth it is found from the photographs (`dense_depth`), and read from beside them from then on.
+//! Modules in the order of work: `readers` open a folder; `view`, `pose`, `lens`, `depth`,
+//! `color_images` and `exr_layer` describe and load one view; `align` runs COLMAP on photographs
+//! without poses; `check` compares neighbouring views; `refine` corrects poses and `register`
+//! colour cameras; `backdrop` masks a dark background; `dense_depth` estimates depth by multi-view
+//! stereo, stored next to the images and read from there afterwards; `planar_layers` segments a
+//! sequence into planes; `deep_exr` reads and writes deep images; `traced_view` renders views with
+//! exact depth.
 
 pub mod align;
 pub mod backdrop;
@@ -34,15 +41,15 @@ pub mod traced_view;
 mod view;
 
 pub use crate::color_images::{ColorChannels, ColorPicture, read_color};
-pub use crate::readers::colmap_points::{SparsePoint, sparse_points};
+pub use crate::readers::colmap_points::{SparsePoint, read_sparse_points};
 pub use crate::readers::nerfstudio::{SetWriter, write_set};
-pub use align::{AlignError, AlignProgress, AlignStep, Aligned, align};
+pub use align::{AlignError, AlignProgress, AlignStep, Alignment, align};
 pub use check::{CheckReport, Residual, check, check_neighbors};
 pub use depth::{DepthPicture, DepthSource, write_depth_exr};
 pub use lens::{Distortion, Lens, Pinhole};
 pub use pose::Pose;
 pub use refine::{RefinementReport, RefinementStep};
-pub use register::{Kept, Registration, RegistrationReport, RegistrationStep};
+pub use register::{RegistrationModel, Registration, RegistrationReport, RegistrationStep};
 pub use view::{FARTHEST_M, LoadedView, View};
 
 use glam::{DMat3, DVec3};
@@ -51,11 +58,12 @@ use headbox_core::image_file::PictureError;
 use headbox_core::statistics::median;
 use std::path::{Path, PathBuf};
 
-/// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light errs by some 1.5 mm at a metre and
-/// six at two (Khoshelham and Elberink 2012).
+/// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light has an
+/// error of some 1.5 mm at one metre and 6 mm at two (Khoshelham and Elberink 2012).
 const SENSOR_NOISE: f32 = 0.0015;
 
-/// Why an image set could not be read. Each message is one sentence that names the file and, where there is one, the field.
+/// Error of reading an image set. Each message is one sentence that names the file and, if there is
+/// one, the field.
 #[derive(Debug, thiserror::Error)]
 pub enum ImagesError {
     /// A file or folder cannot be opened or read.
@@ -63,46 +71,46 @@ pub enum ImagesError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         cause: std::io::Error,
     },
-    /// The folder holds none of the formats that are read.
+    /// The folder holds none of the supported formats.
     #[error(
-        "{}: no image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
-         (COLMAP), frame-*.pose.txt (RGB-D frames), *_par.txt (Middlebury), or panoramas with depth beside them \
-         (NAME.png and NAME_depth.exr); a deep EXR is given by its own name",
+        "{}: not an image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
+                 (COLMAP), frame-*.pose.txt (RGB-D frames), *_par.txt (Middlebury), or panoramas with depth next to them \
+                 (NAME.png and NAME_depth.exr); to read a deep EXR, name the file itself",
         path.display()
     )]
     NoImageSet {
         /// The folder.
         path: PathBuf,
     },
-    /// A file of the set is not what it should be.
+    /// A field of a file is missing or invalid.
     #[error("{}: {field}: {cause}", path.display())]
     Field {
         /// The file.
         path: PathBuf,
-        /// Which part of it.
-        field: String,
-        /// What is wrong with it.
+        /// Path of the field in the file.
+                field: String,
+                /// Problem, as the rest of a sentence about the field.
         cause: String,
     },
-    /// A picture cannot be decoded.
+    /// An image cannot be decoded or does not fit the set.
     #[error("{}: {cause}", path.display())]
     Picture {
         /// The file.
         path: PathBuf,
-        /// What was expected or found.
+        /// Problem, as the rest of a sentence about the file.
         cause: String,
     },
     /// A path leads out of the set's folder.
-    #[error("{}: {field}: \"{leads_to}\" leads out of the folder; allow it by name (--allow-outside) if you trust the file", path.display())]
+    #[error("{}: {field}: \"{leads_to}\" leads out of the folder; pass --allow-outside if you trust the file", path.display())]
     Outside {
-        /// The file that says so.
+        /// The file that contains the path.
         path: PathBuf,
-        /// Which part of it.
-        field: String,
-        /// The path in question.
+        /// Path of the field in the file.
+                field: String,
+                /// The offending path.
         leads_to: String,
     },
 }
@@ -134,31 +142,32 @@ impl ImagesError {
     }
 }
 
-/// How an image set is opened.
+/// Options of [`ImageSet::open`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ImageSetOptions {
     /// Follows paths in manifests that lead out of the set's folder.
     pub allow_outside: bool,
 }
 
-/// Pictures with known cameras.
+/// A set of images with known cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImageSet {
-    /// The folder that was opened.
+    /// Opened folder.
     pub folder: PathBuf,
-    /// The format, in words.
+    /// Name of the format, for display.
     pub format: &'static str,
-    /// How the file's positions map to the world. Poses of [`Self::views`] are in the world already.
+    /// Mapping from the file's positions to the world. Poses of [`Self::views`] are already in
+    /// world space.
     pub frame: FileFrame,
-    /// The views, in the file's order.
+    /// Views in the file's order.
     pub views: Vec<View>,
-    /// The centre that the set was made for, world metres, if it says so.
+    /// Centre for which the set was made, world metres, if the file specifies one.
     pub headbox_centre: Option<DVec3>,
-    /// What was met and survived: one sentence each.
+    /// Notes on skipped or assumed data, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// What nerfstudio's files are called, and those of NeRF's synthetic scenes, of which the pictures to learn from are taken.
+/// File names of nerfstudio sets and of the training images of NeRF's synthetic scenes.
 pub const TRANSFORMS: [&str; 2] = ["transforms.json", "transforms_train.json"];
 
 impl ImageSet {
@@ -168,14 +177,14 @@ impl ImageSet {
     /// See [`ImagesError`].
     pub fn open(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
         let mut set = Self::read(path, options)?;
-        set.leave_out_missing()?;
+        set.drop_missing()?;
         dense_depth::attach(&mut set)?;
         Ok(set)
     }
 
-    /// Leaves out photographs that are not there: models and manifests often know more than were kept. Where depth comes with them, that
-    /// is damage, which loading names.
-    fn leave_out_missing(&mut self) -> Result<(), ImagesError> {
+    /// Drops views whose photograph is missing: models and manifests often list more images than
+    /// were distributed. A missing photograph with depth is damage, which loading reports.
+    fn drop_missing(&mut self) -> Result<(), ImagesError> {
         let is_missing = |view: &View| view.depth.is_none() && !view.color.is_file();
         let all = self.views.len();
         let Some(first) = self
@@ -187,19 +196,19 @@ impl ImageSet {
             return Ok(());
         };
         self.views.retain(|view| !is_missing(view));
-        let left_out = all - self.views.len();
+        let missing = all - self.views.len();
         if self.views.is_empty() {
-            let cause = format!("there is no such file, nor any other of the {all} pictures");
+            let cause = format!("file not found, nor any other of the {all} images");
             return Err(ImagesError::Picture { path: first, cause });
         }
         self.notes.push(format!(
-            "{left_out} of {all} pictures are not there, such as {}; their views are left out",
+            "{missing} of {all} images are missing, such as {}; their views are skipped",
             first.display()
         ));
         Ok(())
     }
 
-    /// The set without depth that was found from its pictures.
+    /// Reads the set without estimated depth.
     fn read(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
         let is_file = path.is_file();
         let folder = if is_file {
@@ -210,18 +219,20 @@ impl ImageSet {
         if !is_file {
             std::fs::read_dir(path).map_err(|cause| ImagesError::io(path, cause))?;
         }
-        let named = |name: &str| match is_file {
-            true => path
-                .file_name()
-                .is_some_and(|found| found == name)
-                .then(|| path.to_path_buf()),
-            false => Some(folder.join(name)).filter(|file| file.is_file()),
-        };
+        let find_file = |name: &str| {
+                    if is_file {
+                        let has_name = path.file_name().is_some_and(|own| own == name);
+                        has_name.then(|| path.to_path_buf())
+                    } else {
+                        Some(folder.join(name)).filter(|file| file.is_file())
+                    }
+                };
         let allow = options.allow_outside;
-        if let Some(file) = TRANSFORMS.into_iter().find_map(named) {
+        if let Some(file) = TRANSFORMS.into_iter().find_map(find_file) {
             return readers::nerfstudio::open(&file, allow);
         }
-        if let Some(file) = named("manifest.json").or_else(|| is_file.then(|| path.to_path_buf())) {
+        let manifest = find_file("manifest.json").or_else(|| is_file.then(|| path.to_path_buf()));
+                if let Some(file) = manifest {
             return readers::seurat::open(&file, allow);
         }
         for reader in [
@@ -237,89 +248,92 @@ impl ImageSet {
         Err(ImagesError::NoImageSet { path: path.into() })
     }
 
-    /// The views whose depth is known.
-    pub fn with_depth(&self) -> impl Iterator<Item = &View> {
+    /// Returns the views that have depth.
+        pub fn views_with_depth(&self) -> impl Iterator<Item = &View> {
         self.views.iter().filter(|view| view.depth.is_some())
     }
 
-    /// Whether all depth that there is was found from the pictures themselves.
-    pub fn depth_is_found(&self) -> bool {
+    /// Returns true if there is depth and all of it was estimated from the photographs.
+        pub fn has_estimated_depth(&self) -> bool {
         let mut sources = self
             .views
             .iter()
             .filter_map(|view| view.depth.as_ref())
             .peekable();
-        sources.peek().is_some() && sources.all(|source| source.found.is_some())
+        sources.peek().is_some() && sources.all(|source| source.estimated_deviation.is_some())
     }
 
-    /// Standard deviation of the views' inverse depths, 1/m: what was measured where depth was found from the pictures, that of sensors where
-    /// depth is in integers beside perspective pictures, else 0.
+    /// Returns the standard deviation of the views' inverse depths, 1/m: the measured one if depth
+    /// was estimated from the photographs, [`SENSOR_NOISE`] if depth is stored as integers next to
+    /// perspective images, else 0.
     pub fn depth_noise(&self) -> f32 {
-        let found = self
-            .views
-            .iter()
-            .filter_map(|view| view.depth.as_ref()?.found)
-            .map(f64::from);
-        if self.depth_is_found() {
-            return median(found).unwrap_or(0.0) as f32;
+        let deviations = self
+                    .views
+                    .iter()
+                    .filter_map(|view| view.depth.as_ref()?.estimated_deviation)
+                    .map(f64::from);
+                if self.has_estimated_depth() {
+                    return median(deviations).unwrap_or(0.0) as f32;
         }
-        let from_sensor = |view: &View| {
+        let is_from_sensor = |view: &View| {
             view.depth
                 .as_ref()
                 .is_some_and(|depth| depth.path.extension().is_some_and(|e| e == "png"))
         };
-        let first = self.with_depth().next();
+        let first = self.views_with_depth().next();
         let sensor =
-            first.is_some_and(|view| from_sensor(view) && matches!(view.lens, Lens::Pinhole(_)));
+            first.is_some_and(|view| is_from_sensor(view) && matches!(view.lens, Lens::Pinhole(_)));
         if sensor { SENSOR_NOISE } else { 0.0 }
     }
 
-    /// The mean of the cameras' up directions, unless they disagree.
+    /// Returns the mean of the cameras' up directions, or `None` if they disagree.
     pub fn up(&self) -> Option<DVec3> {
-        /// Of the mean of unit vectors: they spread by about 60 degrees.
-        const LEAST_LENGTH: f64 = 0.5;
+        /// Minimum length of the mean of the unit vectors: a spread of about 60 degrees.
+                const MIN_LENGTH: f64 = 0.5;
         let sum: DVec3 = self
             .views
             .iter()
             .map(|view| view.pose.world_from_eye.y_axis)
             .sum();
-        (sum.length() > LEAST_LENGTH * self.views.len() as f64).then(|| sum.normalize())
+        (sum.length() > MIN_LENGTH * self.views.len() as f64).then(|| sum.normalize())
     }
 
-    /// The view that has the most others near it, and how far away the nearest other eye is, metres (0.1 if there is none).
+    /// Returns the view with the closest neighbours, and the distance of the nearest other eye,
+    /// metres (0.1 if there is none).
     pub fn densest_view(&self) -> Option<(&View, f64)> {
-        /// Others that count.
+        /// Number of nearest views considered.
         const NEIGHBORS: usize = 4;
-        let spread = |view: &View| {
-            let mut apart: Vec<f64> = self
+        let neighbor_distances = |view: &View| {
+                    let mut distances: Vec<f64> = self
                 .views
                 .iter()
                 .map(|other| other.pose.eye.distance(view.pose.eye))
                 .collect();
-            if apart.len() > NEIGHBORS + 1 {
-                apart.select_nth_unstable_by(NEIGHBORS, f64::total_cmp);
-            }
-            apart.truncate(NEIGHBORS + 1); // itself is one of them
-            apart.sort_by(f64::total_cmp);
-            apart
+            if distances.len() > NEIGHBORS + 1 {
+                            distances.select_nth_unstable_by(NEIGHBORS, f64::total_cmp);
+                        }
+                        distances.truncate(NEIGHBORS + 1); // including the view itself
+                        distances.sort_by(f64::total_cmp);
+                        distances
         };
-        let sum = |apart: &[f64]| apart.iter().sum::<f64>();
-        let spreads = self.views.iter().map(|view| (view, spread(view)));
-        let (view, apart) = spreads.min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
-        // Poses of one place are written with some digits.
-        let same = apart.last().map_or(0.0, |distance| distance * 1e-3);
+        let sum = |distances: &[f64]| distances.iter().sum::<f64>();
+                let candidates = self.views.iter().map(|view| (view, neighbor_distances(view)));
+                let (view, distances) = candidates.min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
+                // Equal positions differ by the rounding of their digits in the file.
+                let same = distances.last().map_or(0.0, |distance| distance * 1e-3);
         Some((
             view,
-            apart
-                .into_iter()
+            distances
+                            .into_iter()
                 .find(|distance| *distance > same)
                 .unwrap_or(0.1),
         ))
     }
 
-    /// The point nearest to all viewing axes.
+    /// Returns the point nearest to all viewing axes.
     pub fn focus(&self) -> DVec3 {
-        let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+        let mut matrix = DMat3::ZERO;
+                let mut right = DVec3::ZERO;
         for view in &self.views {
             let axis = view.pose.world_from_eye.z_axis;
             let across =
@@ -337,19 +351,20 @@ impl ImageSet {
         }
     }
 
-    /// The view whose eye is nearest to the mean of all eyes: an original camera suits best as the centre of an LDI, for
-    /// fewer pixels are resampled twice (S12).
+    /// Returns the view whose eye is nearest to the mean of all eyes: an original camera is the
+    /// best centre of an LDI, because fewer pixels are resampled twice (S12).
     pub fn central_view(&self) -> Option<&View> {
         let mean = self.views.iter().map(|view| view.pose.eye).sum::<DVec3>()
             / self.views.len().max(1) as f64;
-        let apart = |view: &&View| view.pose.eye.distance_squared(mean);
-        self.views
-            .iter()
-            .min_by(|a, b| apart(a).total_cmp(&apart(b)))
+        let distance = |view: &&View| view.pose.eye.distance_squared(mean);
+                self.views
+                    .iter()
+                    .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 }
 
-/// Makes a path of a manifest one of the file system: relative to the manifest's folder, and under it unless `allow_outside`.
+/// Resolves a path in a manifest relative to the manifest's folder. A path out of that folder is an
+/// error unless `allow_outside`.
 fn resolve(
     manifest: &Path,
     field: &str,
@@ -361,7 +376,7 @@ fn resolve(
         return Err(ImagesError::field(
             manifest,
             field,
-            "is empty, and names no file",
+            "is empty, not a file name",
         ));
     }
     let folder = manifest.parent().unwrap_or(Path::new(""));
@@ -391,26 +406,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn paths_stay_under_their_manifest() {
-        let manifest = Path::new("/data/set/manifest.json");
-        let resolved = |written, allow| resolve(manifest, "color", written, allow);
+    fn path_out_of_folder_refused() {
+            let manifest = Path::new("/data/set/manifest.json");
+            let resolve_path = |written, allow| resolve(manifest, "color", written, allow);
         assert_eq!(
-            resolved("a/../b.png", false).expect("inside"),
+            resolve_path("a/../b.png", false).expect("inside"),
             Path::new("/data/set/a/../b.png")
         );
         for outside in ["../b.png", "a/../../b.png", "/etc/passwd"] {
-            let error = resolved(outside, false).expect_err(outside).to_string();
+            let error = resolve_path(outside, false).expect_err(outside).to_string();
             assert!(
                 error.contains("manifest.json") && error.contains("color"),
                 "{error}"
             );
-            assert!(resolved(outside, true).is_ok());
+            assert!(resolve_path(outside, true).is_ok());
         }
         assert!(
-            resolved("", true)
+            resolve_path("", true)
                 .expect_err("no name")
                 .to_string()
-                .contains("names no file")
+                .contains("not a file name")
         );
     }
 }

@@ -1,8 +1,8 @@
-//! Where a camera stands and how it is turned.
+//! Camera pose: position and orientation.
 
 use glam::{DMat3, DMat4, DVec3};
 
-/// A camera's place in the world.
+/// Position and orientation of a camera in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// The eye, world metres.
@@ -11,25 +11,25 @@ pub struct Pose {
     pub world_from_eye: DMat3,
 }
 
-/// How far the columns of a matrix may be from those of a rotation: poses are written with some six digits.
+/// Maximum deviation of a matrix from a rotation: poses are written with some six digits.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
-/// How far from the origin eyes may be along an axis, in the file's unit: the Earth is 12,756,000 m across. Beyond it is a number gone wrong, not a place.
+/// Maximum distance of an eye from the origin along an axis, in the file's unit: the Earth is
+/// 12,756,000 m across, so a larger number is an error.
 const FARTHEST_EYE: f64 = 1e9;
 
 impl Pose {
-    /// From a camera-to-world matrix whose eye space is that of this crate (OpenGL, Blender, nerfstudio, Seurat).
+    /// Converts a camera-to-world matrix whose eye space is that of this crate (OpenGL, Blender,
+    /// nerfstudio, Seurat).
     ///
     /// # Errors
-    /// A sentence if the matrix is not finite, mirrors, or is no rotation.
+    /// The rest of a sentence if the matrix is not finite, mirrors, or is not a rotation.
     pub fn from_opengl(world_from_eye: DMat4) -> Result<Self, String> {
         if !world_from_eye.is_finite() {
             return Err("is not finite".into());
         }
-        let (rotation, eye) = (
-            DMat3::from_mat4(world_from_eye),
-            world_from_eye.w_axis.truncate(),
-        );
+        let rotation = DMat3::from_mat4(world_from_eye);
+                let eye = world_from_eye.w_axis.truncate();
         let last_row = world_from_eye.transpose().w_axis;
         if (last_row - glam::DVec4::W).abs().max_element() > ROTATION_TOLERANCE {
             return Err(format!("its last row is {last_row}, not 0, 0, 0, 1"));
@@ -40,11 +40,12 @@ impl Pose {
         }
         Ok(Self {
             eye,
-            world_from_eye: rotation_of(rotation)?,
+            world_from_eye: orthonormalize(rotation)?,
         })
     }
 
-    /// From a camera-to-world matrix whose camera has X right, Y down, Z forward (OpenCV, RGB-D sensors).
+    /// Converts a camera-to-world matrix whose camera has X right, Y down, Z forward (OpenCV, RGB-D
+    /// sensors).
     ///
     /// # Errors
     /// As for [`Self::from_opengl`].
@@ -53,7 +54,8 @@ impl Pose {
         Self::from_opengl(world_from_camera * flip)
     }
 
-    /// From a rotation and translation of the world into a camera with X right, Y down, Z forward (COLMAP, Middlebury).
+    /// Converts world-to-camera extrinsics whose camera has X right, Y down, Z forward (COLMAP,
+    /// Middlebury).
     ///
     /// # Errors
     /// As for [`Self::from_opengl`].
@@ -65,7 +67,7 @@ impl Pose {
         Self::from_opencv(matrix)
     }
 
-    /// The same pose in other axes and another unit.
+    /// Converts the pose from the axes and unit of a file to the world.
     pub fn in_world(self, frame: &headbox_core::file_frame::FileFrame) -> Self {
         let turn = |axis: DVec3| frame.world_direction_from_file(axis);
         let [x, y, z] = [
@@ -80,8 +82,8 @@ impl Pose {
         }
     }
 
-    /// The angle between two poses, degrees, and the distance of their eyes, metres.
-    pub fn apart_from(&self, other: &Self) -> [f64; 2] {
+    /// Returns the angle between two poses, degrees, and the distance of their eyes, metres.
+        pub fn difference(&self, other: &Self) -> [f64; 2] {
         let turn = self.world_from_eye * other.world_from_eye.transpose();
         let cosine = (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0) / 2.0;
         [
@@ -90,46 +92,47 @@ impl Pose {
         ]
     }
 
-    /// A point of eye space in the world.
+    /// Transforms a point from eye space to the world.
     pub fn to_world(&self, point: DVec3) -> DVec3 {
         self.eye + self.world_from_eye * point
     }
 
-    /// A point of the world in eye space.
+    /// Transforms a point from the world to eye space.
     pub fn to_eye(&self, point: DVec3) -> DVec3 {
         self.world_from_eye.transpose() * (point - self.eye)
     }
 }
 
-/// The mean angle of pairs of poses, degrees, and the mean distance of their eyes, metres.
-pub(super) fn mean_apart(pairs: impl ExactSizeIterator<Item = (Pose, Pose)>) -> [f64; 2] {
+/// Returns the mean angle of pairs of poses, degrees, and the mean distance of their eyes, metres.
+pub(super) fn mean_difference(pairs: impl ExactSizeIterator<Item = (Pose, Pose)>) -> [f64; 2] {
     let count = pairs.len().max(1) as f64;
-    let sum = pairs.map(|(pose, other)| pose.apart_from(&other));
-    sum.fold([0.0; 2], |sum, apart| {
-        [sum[0] + apart[0], sum[1] + apart[1]]
-    })
+    let differences = pairs.map(|(pose, other)| pose.difference(&other));
+        differences.fold([0.0; 2], |sum, difference| {
+            [sum[0] + difference[0], sum[1] + difference[1]]
+        })
     .map(|sum| sum / count)
 }
 
-/// The rotation next to a matrix that is nearly one.
-fn rotation_of(matrix: DMat3) -> Result<DMat3, String> {
+/// Orthonormalises a matrix that is a rotation up to rounding.
+fn orthonormalize(matrix: DMat3) -> Result<DMat3, String> {
     let gram = matrix.transpose() * matrix;
-    let off = (gram - DMat3::IDENTITY)
+    let error = (gram - DMat3::IDENTITY)
         .abs()
         .to_cols_array()
         .into_iter()
         .fold(0.0, f64::max);
-    if off > ROTATION_TOLERANCE * 3.0 {
+    if error > ROTATION_TOLERANCE * 3.0 {
         let scale = matrix.determinant().abs().cbrt();
-        let same = (gram * (1.0 / (scale * scale)) - DMat3::IDENTITY)
-            .abs()
-            .to_cols_array();
-        return Err(
-            match same.into_iter().fold(0.0, f64::max) < ROTATION_TOLERANCE * 3.0 {
-                true => format!("is a rotation times a scale of {scale:.6}; poses must not scale"),
-                false => format!("is no rotation: its columns are off by {off:.3}"),
-            },
-        );
+        let unscaled_error = (gram * (1.0 / (scale * scale)) - DMat3::IDENTITY)
+                    .abs()
+                    .to_cols_array()
+                    .into_iter()
+                    .fold(0.0, f64::max);
+                return Err(if unscaled_error < ROTATION_TOLERANCE * 3.0 {
+                    format!("is a rotation times a scale of {scale:.6}; poses must not scale")
+                } else {
+                    format!("is not a rotation: its columns deviate from orthonormal by {error:.3}")
+                });
     }
     if matrix.determinant() < 0.0 {
         return Err(
@@ -147,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn opencv_cameras_look_along_their_z() {
+    fn opencv_pose_looks_along_z() {
         let pose =
             Pose::from_opencv(DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0))).expect("a pose");
         assert_eq!(
@@ -169,11 +172,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_rotation_is_said_to_be_none() {
+    fn invalid_matrix_refused_with_reason() {
         let error = |matrix: DMat4| Pose::from_opengl(matrix).expect_err("no pose");
         assert!(error(DMat4::from_scale(DVec3::splat(1000.0))).contains("scale of 1000"));
         assert!(error(DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0))).contains("mirrors"));
-        assert!(error(DMat4::from_scale(DVec3::new(1.0, 2.0, 1.0))).contains("no rotation"));
+        assert!(error(DMat4::from_scale(DVec3::new(1.0, 2.0, 1.0))).contains("not a rotation"));
         assert!(error(DMat4::from_translation(DVec3::NAN)).contains("finite"));
         assert!(error(DMat4::from_translation(DVec3::X * 1e300)).contains("away from the origin"));
         assert!(error(DMat4::ZERO).contains("last row"));

@@ -1,4 +1,4 @@
-//! Views of image sets made by ray tracing: photographs whose depth and camera are exact.
+//! Views of image sets rendered by ray tracing: photographs with exact depth and camera.
 
 use crate::{Distortion, Lens, LoadedView, Pinhole, Pose};
 use headbox_core::camera::Camera;
@@ -7,8 +7,8 @@ use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::truth::{eye_depth, render};
 
-/// Traces colour and eye depth of what `camera` sees, as a view of an image set.
-pub fn view(
+/// Traces colour and eye depth from `camera`, as a view of an image set.
+pub fn trace(
     tracer: &Tracer,
     lighting: &Lighting,
     lit: bool,

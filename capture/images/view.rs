@@ -1,4 +1,4 @@
-//! One picture of a set: its camera, its files, and what they hold once they are loaded.
+//! One view of a set: its camera, its files, and the loaded image.
 
 use super::ImagesError;
 use super::depth::DepthSource;
@@ -11,66 +11,93 @@ use headbox_core::camera::Camera;
 use headbox_core::depth_kind::DepthKind;
 use std::path::PathBuf;
 
-/// Where what is infinitely far is taken to be, metres: a step of a metre moves it by a hundredth of a pixel where a thousand pixels show a radian.
+/// Depth assigned to infinitely far points, metres: moving by one metre shifts them by a hundredth
+/// of a pixel at a thousand pixels a radian.
 pub const FARTHEST_M: f32 = 1e5;
 
-/// One picture of a set. Nothing of it is in memory but its camera.
+/// One image of a set: its camera in memory, its pixels on disk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// What the file calls it.
+    /// Name in the set's file.
     pub name: String,
     /// Width and height, pixels.
     pub size_px: [u32; 2],
-    /// How its pixels map to rays.
+    /// Mapping from pixels to rays.
     pub lens: Lens,
-    /// Where its camera was, world metres.
+    /// Camera pose, world metres.
     pub pose: Pose,
-    /// The picture.
+    /// Image file.
     pub color: PathBuf,
-    /// Its depth.
+    /// Depth file, if there is one.
     pub depth: Option<DepthSource>,
-    /// A picture that is black where the view is to be left out.
+    /// Mask file, black at pixels to ignore.
     pub mask: Option<PathBuf>,
-    /// Metres for a unit of the file's depth beyond its own unit (the set's frame).
+    /// Factor on the depth in metres: the unit of the set's frame.
     pub depth_scale: f32,
-    /// Channels that hold its colours, if not R, G, B and A.
+    /// Names of the colour channels, if not R, G, B and A.
     pub color_channels: Option<ColorChannels>,
-    /// Where its colours were taken from, if not from where its depth was. [`Self::load`] brings the depth there.
+    /// Camera of the colours, if it is not that of the depth. [`Self::load`] reprojects the depth
+    /// into it.
     pub registration: Option<Registration>,
 }
 
-/// A view in memory, its lens ideal.
+/// A view in memory, without lens distortion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedView {
     /// Width and height, pixels.
     pub size_px: [u32; 2],
-    /// Without distortion.
+    /// Lens without distortion.
     pub lens: Lens,
-    /// Where the camera was.
+    /// Camera pose, world metres.
     pub pose: Pose,
-    /// sRGB, straight alpha; alpha 0 where the view is masked out. Row-major, row 0 on top.
+    /// sRGB with straight alpha; alpha is 0 where the view is masked out. Row-major, row 0 on top.
     pub color: Vec<[u8; 4]>,
-    /// Multiples of [`Lens::ray`] (eye depth for a pinhole, ray distance for a panorama), metres, infinite where nothing is, NaN
-    /// where unknown; empty without depth.
+    /// Depth as multiples of [`Lens::ray`] (eye depth for a pinhole, ray distance for a panorama),
+    /// metres: infinite at background, NaN where unknown; empty without depth.
     pub depth: Vec<f32>,
 }
 
 impl View {
-    /// Reads picture, mask and depth, and undoes distortion (colour bilinearly, depth by the nearest pixel).
+    /// Creates a view without mask, whose depth is in metres and whose colours are unregistered R,
+    /// G, B and A.
+    pub fn new(
+        name: String,
+        size_px: [u32; 2],
+        lens: Lens,
+        pose: Pose,
+        color: PathBuf,
+        depth: Option<DepthSource>,
+    ) -> Self {
+        Self {
+            name,
+            size_px,
+            lens,
+            pose,
+            color,
+            depth,
+            mask: None,
+            depth_scale: 1.0,
+            color_channels: None,
+            registration: None,
+        }
+    }
+
+    /// Reads image, mask and depth, and undistorts them (colour bilinearly, depth by the nearest
+    /// pixel).
     ///
     /// # Errors
-    /// [`ImagesError`] that names the file, also if sizes differ.
+    /// [`ImagesError`] that names the file, also if the sizes differ.
     pub fn load(&self) -> Result<LoadedView, ImagesError> {
         let (width, height, mut color) = match &self.color_channels {
             Some(channels) => read_channels(&self.color, channels)?,
             None => read_color(&self.color)?,
         };
-        self.is_of_size([width, height])?;
+        self.check_size([width, height])?;
         if let Some(mask) = &self.mask {
             let (mask_width, mask_height, mask_pixels) = read_color(mask)?;
             if (mask_width, mask_height) != (width, height) {
                 let cause =
-                    format!("is {mask_width}x{mask_height} pixels, its picture {width}x{height}");
+                    format!("is {mask_width}x{mask_height} pixels, but its image is {width}x{height}");
                 return Err(ImagesError::Picture {
                     path: mask.clone(),
                     cause,
@@ -83,11 +110,12 @@ impl View {
             }
         }
         let depth = self.load_depth()?;
-        let of_ideal_lens = self
-            .depth
-            .as_ref()
-            .is_some_and(|depth| depth.found.is_some());
-        let (distorted, ideal) = if of_ideal_lens {
+        // Estimated depth belongs to the undistorted image.
+                let is_estimated = self
+                    .depth
+                    .as_ref()
+                    .is_some_and(|depth| depth.estimated_deviation.is_some());
+                let (distorted, estimated) = if is_estimated {
             (Vec::new(), depth)
         } else {
             (depth, Vec::new())
@@ -100,9 +128,9 @@ impl View {
             depth: distorted,
         };
         let undistorted = loaded.undistorted();
-        let ideal = if of_ideal_lens {
+        let ideal = if is_estimated {
             LoadedView {
-                depth: ideal,
+                depth: estimated,
                 ..undistorted
             }
         } else {
@@ -114,12 +142,12 @@ impl View {
         })
     }
 
-    /// Whether its files are there and its picture is as large as the set says, as far as names and headers tell.
+    /// Checks that the files exist and that the image's header has the size that the set specifies.
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
     pub(super) fn check_files(&self) -> Result<(), ImagesError> {
-        self.is_of_size(read_size(&self.color)?)?;
+        self.check_size(read_size(&self.color)?)?;
         let depth = self.depth.as_ref().map(|depth| &depth.path);
         depth.into_iter().chain(&self.mask).try_for_each(|path| {
             std::fs::metadata(path)
@@ -128,12 +156,12 @@ impl View {
         })
     }
 
-    fn is_of_size(&self, [width, height]: [u32; 2]) -> Result<(), ImagesError> {
+    fn check_size(&self, [width, height]: [u32; 2]) -> Result<(), ImagesError> {
         if [width, height] == self.size_px {
             return Ok(());
         }
         let [w, h] = self.size_px;
-        let cause = format!("is {width}x{height} pixels, but the set says {w}x{h}");
+        let cause = format!("is {width}x{height} pixels, but the set specifies {w}x{h}");
         Err(ImagesError::Picture {
             path: self.color.clone(),
             cause,
@@ -148,7 +176,7 @@ impl View {
         if [picture.width, picture.height] != self.size_px {
             let [w, h] = self.size_px;
             let cause = format!(
-                "is {}x{} pixels, its picture {w}x{h}",
+                "is {}x{} pixels, but its image is {w}x{h}",
                 picture.width, picture.height
             );
             return Err(ImagesError::Picture {
@@ -163,7 +191,7 @@ impl View {
         {
             for (x, depth) in row.iter_mut().enumerate() {
                 let scale = match (source.kind, self.lens) {
-                    // From the length along the ray to a multiple of the ray (C24).
+                    // Converts distance along the ray to a multiple of the ray (C24).
                     (DepthKind::RayDistance, Lens::Pinhole(_)) => {
                         (1.0 / self
                             .lens
@@ -178,14 +206,14 @@ impl View {
         Ok(picture.values)
     }
 
-    /// Whether it has depth that was not found from pictures.
+    /// Returns true if the view has depth that was not estimated from the photographs.
     pub fn has_own_depth(&self) -> bool {
         self.depth
             .as_ref()
-            .is_some_and(|depth| depth.found.is_none())
+            .is_some_and(|depth| depth.estimated_deviation.is_none())
     }
 
-    /// The ideal lens of its colours; `None` for a panorama.
+    /// Returns the undistorted lens of the colours; `None` for a panorama.
     pub fn pinhole(&self) -> Option<Pinhole> {
         let lens = self
             .registration
@@ -196,8 +224,8 @@ impl View {
         }
     }
 
-    /// The camera of frames that show what this view shows: its eye and direction, square pixels, the principal point in
-    /// the middle. `None` for a panorama.
+    /// Returns a camera for frames at this view: its eye and direction, with square pixels and a
+    /// centred principal point. `None` for a panorama.
     pub fn camera(&self) -> Option<Camera> {
         let Lens::Pinhole(pinhole) = self.lens else {
             return None;
@@ -215,8 +243,8 @@ impl View {
 }
 
 impl LoadedView {
-    /// The depth of what a pixel shows, if it is known and the pixel is not masked out; of what is infinitely far [`FARTHEST_M`], so that it is
-    /// a surface like others, with its colour.
+    /// Returns a pixel's depth if it is known and the pixel is not masked out. Infinite depth is
+    /// clamped to [`FARTHEST_M`], so that the background is a surface like others, with its colour.
     #[inline]
     pub fn depth_at(&self, x: u32, y: u32) -> Option<f32> {
         let i = y as usize * self.size_px[0] as usize + x as usize;
@@ -224,7 +252,7 @@ impl LoadedView {
         (depth > 0.0 && self.color[i][3] > 0).then_some(depth.min(FARTHEST_M))
     }
 
-    /// The world point of a pixel of known depth.
+    /// Returns the world point of a pixel with known depth.
     pub fn point_at(&self, x: u32, y: u32) -> Option<DVec3> {
         let depth = f64::from(self.depth_at(x, y)?);
         let ray = self
@@ -233,23 +261,23 @@ impl LoadedView {
         Some(self.pose.to_world(ray * depth))
     }
 
-    /// Colour at a position in pixels, bilinear over the pixels that are not masked out; `None` outside.
+    /// Samples the colour at a position in pixels, bilinearly over the pixels that are not masked
+    /// out; `None` outside.
     pub fn color_at(&self, [x, y]: [f64; 2]) -> Option<[f64; 3]> {
         let [width, height] = self.size_px.map(f64::from);
         if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
             return None;
         }
-        let (x, y) = (
-            (x - 0.5).clamp(0.0, width - 1.0),
-            (y - 0.5).clamp(0.0, height - 1.0),
-        );
-        let (x0, y0) = (x as usize, y as usize);
-        let (fx, fy) = (x - x0 as f64, y - y0 as f64);
-        let (x1, y1) = (
-            (x0 + 1).min(width as usize - 1),
-            (y0 + 1).min(height as usize - 1),
-        );
-        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        let x = (x - 0.5).clamp(0.0, width - 1.0);
+                let y = (y - 0.5).clamp(0.0, height - 1.0);
+                let x0 = x as usize;
+                let y0 = y as usize;
+                let fx = x - x0 as f64;
+                let fy = y - y0 as f64;
+                let x1 = (x0 + 1).min(width as usize - 1);
+                let y1 = (y0 + 1).min(height as usize - 1);
+                let mut sum = [0.0; 3];
+                let mut total = 0.0;
         for (px, py, weight) in [
             (x0, y0, (1.0 - fx) * (1.0 - fy)),
             (x1, y0, fx * (1.0 - fy)),
@@ -265,11 +293,11 @@ impl LoadedView {
         (total > 0.0).then(|| sum.map(|c| c / total))
     }
 
-    /// The colour of a photograph on the plane through `at` that faces its camera, where a ray from `eye` meets it; `None` where it does not,
-    /// and beside the photograph.
-    pub fn color_on_plane(&self, at: DVec3, eye: DVec3, direction: DVec3) -> Option<[f64; 3]> {
+    /// Samples the photograph projected onto the plane through `origin` that faces its camera,
+    /// where a ray from `eye` hits that plane; `None` without a hit and outside the photograph.
+        pub fn color_on_plane(&self, origin: DVec3, eye: DVec3, direction: DVec3) -> Option<[f64; 3]> {
         let normal = self.pose.world_from_eye.z_axis;
-        let depth = (at - eye).dot(normal) / direction.dot(normal);
+        let depth = (origin - eye).dot(normal) / direction.dot(normal);
         let point =
             self.pose.world_from_eye.transpose() * (eye + direction * depth - self.pose.eye);
         let [x, y, _] = self
@@ -279,25 +307,27 @@ impl LoadedView {
         self.color_at([x, y])
     }
 
-    /// A perspective view made so many times smaller, each pixel the mean of those not masked out; without depth. Pixels beyond whole blocks are left out. Others, and
-    /// what would be less than a pixel, are as they were.
+    /// Downscales a perspective view by an integer factor: each pixel is the mean of the pixels of
+    /// its block that are not masked out, depth is dropped, and pixels beyond whole blocks are left
+    /// out. Panoramas, and views that would become smaller than a pixel, are returned unchanged.
     #[must_use]
-    pub fn smaller(self, times: u32) -> Self {
-        let size_px = self.size_px.map(|side| side / times.max(1));
+    pub fn downscaled(self, factor: u32) -> Self {
+            let size_px = self.size_px.map(|side| side / factor.max(1));
         let Lens::Pinhole(pinhole) = self.lens else {
             return self;
         };
-        if times <= 1 || size_px.contains(&0) {
+        if factor <= 1 || size_px.contains(&0) {
             return self;
         }
         let mut color = Vec::with_capacity(size_px[0] as usize * size_px[1] as usize);
         for (x, y) in
-            (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x * times, y * times)))
-        {
-            let (mut sum, mut count) = ([0; 3], 0);
-            for row in y..y + times {
+                    (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x * factor, y * factor)))
+                {
+                    let mut sum = [0; 3];
+                    let mut count = 0;
+                    for row in y..y + factor {
                 let start = (row * self.size_px[0] + x) as usize;
-                for pixel in self.color[start..start + times as usize]
+                for pixel in self.color[start..start + factor as usize]
                     .iter()
                     .filter(|pixel| pixel[3] > 0)
                 {
@@ -308,9 +338,9 @@ impl LoadedView {
             let [r, g, b] = sum.map(|sum| ((sum + count / 2) / count.max(1)) as u8);
             color.push([r, g, b, if count > 0 { 255 } else { 0 }]);
         }
-        let share = 1.0 / f64::from(times);
+        let scale = 1.0 / f64::from(factor);
         let [focal_px, principal_px] =
-            [pinhole.focal_px, pinhole.principal_px].map(|px| px.map(|px| px * share));
+            [pinhole.focal_px, pinhole.principal_px].map(|px| px.map(|px| px * scale));
         let lens = Lens::Pinhole(Pinhole {
             focal_px,
             principal_px,
@@ -325,7 +355,7 @@ impl LoadedView {
         }
     }
 
-    /// The same view through an ideal lens.
+    /// Resamples the view as seen through an undistorted lens.
     pub(super) fn undistorted(self) -> Self {
         let Lens::Pinhole(Pinhole {
             focal_px,
@@ -344,25 +374,23 @@ impl LoadedView {
         let mut color = vec![[0; 4]; pixels];
         let mut depth = vec![f32::NAN; self.depth.len()];
         for (i, color) in color.iter_mut().enumerate() {
-            let (x, y) = (
-                (i % width as usize) as f64 + 0.5,
-                (i / width as usize) as f64 + 0.5,
-            );
+            let x = (i % width as usize) as f64 + 0.5;
+                        let y = (i / width as usize) as f64 + 0.5;
             let ideal = DVec2::new(
                 (x - principal_px[0]) / focal_px[0],
                 (y - principal_px[1]) / focal_px[1],
             );
-            let there = distortion.apply(ideal);
-            let position = [0, 1].map(|axis| principal_px[axis] + focal_px[axis] * there[axis]);
-            let Some(found) = self.color_at(position) else {
+            let distorted = distortion.apply(ideal);
+                        let position = [0, 1].map(|axis| principal_px[axis] + focal_px[axis] * distorted[axis]);
+                        let Some(sampled) = self.color_at(position) else {
                 continue;
             };
-            let [r, g, b] = found.map(|c| (c + 0.5) as u8);
+            let [r, g, b] = sampled.map(|c| (c + 0.5) as u8);
             let nearest = [position[0] as usize, position[1] as usize];
-            let at = nearest[1].min(height as usize - 1) * width as usize
+            let source = nearest[1].min(height as usize - 1) * width as usize
                 + nearest[0].min(width as usize - 1);
-            *color = [r, g, b, self.color[at][3]];
-            if let (Some(depth), Some(&known)) = (depth.get_mut(i), self.depth.get(at)) {
+            *color = [r, g, b, self.color[source][3]];
+                        if let (Some(depth), Some(&known)) = (depth.get_mut(i), self.depth.get(source)) {
                 *depth = known;
             }
         }
@@ -410,15 +438,15 @@ mod tests {
     }
 
     #[test]
-    fn smaller_views_see_the_same_in_fewer_pixels() {
+    fn downscaled_view_averages_blocks() {
         let whole = view();
-        let third = whole.clone().smaller(3);
+        let third = whole.clone().downscaled(3);
         assert_eq!((third.size_px, third.depth.len()), ([4, 3], 0));
         let point = DVec3::new(0.1, 0.2, -2.0);
         let [x, y, z] = whole.lens.project(point, whole.size_px).unwrap();
         let [u, v, w] = third.lens.project(point, third.size_px).unwrap();
         assert!((x / 3.0 - u).abs() < 1e-12 && (y / 3.0 - v).abs() < 1e-12 && z == w);
-        for (i, found) in (0u32..).zip(&third.color) {
+        for (i, color) in (0u32..).zip(&third.color) {
             let (x, y) = (i % 4 * 3, i / 4 * 3);
             let block = (0..9).map(|k| whole.color[((y + k / 3) * 13 + x + k % 3) as usize]);
             let known: Vec<[u8; 4]> = block.filter(|pixel| pixel[3] > 0).collect();
@@ -426,34 +454,34 @@ mod tests {
                 let mean =
                     known.iter().map(|pixel| f64::from(pixel[c])).sum::<f64>() / known.len() as f64;
                 assert!(
-                    (f64::from(found[c]) - mean).abs() <= 0.5,
-                    "{i}: {found:?} {mean}"
+                    (f64::from(color[c]) - mean).abs() <= 0.5,
+                                        "{i}: {color:?} {mean}"
                 );
             }
         }
-        assert_eq!(whole.clone().smaller(1), whole);
-        assert_eq!(whole.clone().smaller(10), whole, "less than a pixel");
+        assert_eq!(whole.clone().downscaled(1), whole);
+                assert_eq!(whole.clone().downscaled(10), whole, "less than a pixel");
     }
 
     #[test]
-    fn a_photograph_on_a_plane_looks_from_its_camera_as_it_was_taken() {
+    fn color_on_plane_same_from_any_eye() {
         let view = view();
-        let at = view.pose.eye - view.pose.world_from_eye.z_axis * 4.0;
+        let origin = view.pose.eye - view.pose.world_from_eye.z_axis * 4.0;
         for (x, y) in (0..9).flat_map(|y| (0..10).map(move |x| (x, y))) {
             let position = [f64::from(x) + 0.5, f64::from(y) + 0.5];
             let direction = view.pose.world_from_eye * view.lens.ray(position, view.size_px);
             let expected = view.color_at(position).unwrap();
-            // From elsewhere the same point of the plane.
+            // The same point of the plane, seen from two eyes.
             let point = view.pose.eye + direction * 4.0;
             for eye in [view.pose.eye, view.pose.eye + DVec3::new(0.4, 0.1, -0.3)] {
-                let found = view.color_on_plane(at, eye, point - eye).unwrap();
-                assert!(
-                    (0..3).all(|c| (found[c] - expected[c]).abs() < 1e-9),
-                    "{found:?} {expected:?}"
+                let color = view.color_on_plane(origin, eye, point - eye).unwrap();
+                                assert!(
+                                    (0..3).all(|c| (color[c] - expected[c]).abs() < 1e-9),
+                                    "{color:?} {expected:?}"
                 );
             }
             assert_eq!(
-                view.color_on_plane(at, view.pose.eye, -direction),
+                view.color_on_plane(origin, view.pose.eye, -direction),
                 None,
                 "behind"
             );

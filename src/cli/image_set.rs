@@ -4,7 +4,7 @@ use super::progress::Bar;
 use super::words::UsageError;
 use headbox_photos::cache;
 use headbox_core::files::protect_input;
-use headbox_images::{ImageSet, ImageSetOptions, Kept, RefinementReport, RefinementStep, RegistrationReport, RegistrationStep};
+use headbox_images::{ImageSet, ImageSetOptions, RefinementReport, RefinementStep, RegistrationModel, RegistrationReport, RegistrationStep};
 use headbox_core::progress::Progress;
 use clap::Args;
 use std::path::Path;
@@ -67,8 +67,8 @@ impl SetArgs {
         if !self.no_registration {
             let bar = Bar::new();
             let look = |step| match step {
-                RegistrationStep::Begins(views) => bar.begin("registering colour with depth", "views", views as u64),
-                RegistrationStep::Loaded => bar.advance(1),
+                RegistrationStep::LoadingStarted(views) => bar.begin("registering colour with depth", "views", views as u64),
+                RegistrationStep::ViewLoaded => bar.advance(1),
             };
             let (report, was) = cache::register(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
             bar.finish();
@@ -85,9 +85,9 @@ impl SetArgs {
 fn refine(set: &mut ImageSet) -> anyhow::Result<()> {
     let bar = Bar::new();
     let look = |step| match step {
-        RefinementStep::Loads(views) => bar.begin("loading depth", "views", views as u64),
-        RefinementStep::Solves(rounds) => bar.begin("refining poses", "rounds", rounds as u64),
-        RefinementStep::Loaded | RefinementStep::Solved => bar.advance(1),
+        RefinementStep::LoadingStarted(views) => bar.begin("loading depth", "views", views as u64),
+        RefinementStep::SolvingStarted(rounds) => bar.begin("refining poses", "rounds", rounds as u64),
+        RefinementStep::ViewLoaded | RefinementStep::RoundSolved => bar.advance(1),
     };
     let (report, was) = cache::refine_poses(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
     bar.finish();
@@ -101,17 +101,17 @@ const NOT_REFINED: &str = "poses: kept as given, for no two views with depth of 
 
 /// What refining a set's poses brought, in a sentence.
 fn refinement_words(report: &RefinementReport) -> String {
-    let [given, refined] = report.apart.map(|share| share * 100.0);
+    let [given, refined] = report.surface_distance.map(|share| share * 100.0);
     let [before, after] = report.levels;
     let found = format!(
         "points that were not used lie {given:.3} % of their distance off their neighbours' surfaces as given and {refined:.3} % refined, and \
          levels there differ by {before:.2} and {after:.2} ({} pairs of {} views)",
         report.pairs, report.views
     );
-    match report.is_kept {
+    match report.is_applied {
         false => format!("poses: kept as given: {found}"),
         true => {
-            let [turned, moved] = report.moved;
+            let [turned, moved] = report.movement;
             format!("poses: refined by {turned:.3} degrees and {:.1} mm on average: {found}", moved * 1000.0)
         }
     }
@@ -121,22 +121,22 @@ fn refinement_words(report: &RefinementReport) -> String {
 fn registration_words(report: &RegistrationReport) -> String {
     let [given, one, each] = report.levels;
     let exposure = format!("exposures are evened out, from {:.2} to {:.2} of the mean", report.gain[0], report.gain[1]);
-    let part = match report.judged < report.views {
-        true => format!("{} of {} views, which speak for all,", report.judged, report.views),
+    let part = match report.sampled_views < report.views {
+        true => format!("{} of {} views, which speak for all,", report.sampled_views, report.views),
         false => "views".into(),
     };
     let tried = format!(
         "{part} differ by {given:.2} levels as given, {one:.2} with one colour camera, {each:.2} with one for each view"
     );
-    match report.kept {
-        Kept::AsGiven => format!("registration: colour and depth are kept as given ({tried}); {exposure}"),
-        Kept::OneForAll | Kept::EachView => format!(
+    match report.applied {
+        RegistrationModel::AsGiven => format!("registration: colour and depth are kept as given ({tried}); {exposure}"),
+        RegistrationModel::SharedOffset | RegistrationModel::PerView => format!(
             "registration: colours were taken by another camera than depth: {tried}. Its focal length is {:.1} px, not {:.1}, \
              and it is turned by {:.2} degrees and moved by {:.1} cm on average; {exposure}. --no-registration leaves all as given",
             report.focal_px[1],
             report.focal_px[0],
-            report.moved[0],
-            report.moved[1] * 100.0
+            report.offset[0],
+            report.offset[1] * 100.0
         ),
     }
 }

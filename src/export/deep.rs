@@ -4,7 +4,7 @@
 //! cube LDI; a single face is the picture of a camera at the centre of the headbox that sees 90 degrees. Colours are linear light, 1 where
 //! white is (above it where a capture keeps that), of sRGB's primaries, times alpha; `Z` is eye depth of the face's camera, metres. The
 //! world has Y up; cameras are told as OpenEXR has them
-//! ([`DeepView::of_camera`]).
+//! ([`DeepView::from_camera`]).
 
 use super::ExportError;
 use super::stacks::{Deep, Stacks};
@@ -52,7 +52,7 @@ impl Faces {
             px,
             px,
         )?;
-        Ok(DeepView::of_camera(&camera))
+        Ok(DeepView::from_camera(&camera))
     }
 }
 

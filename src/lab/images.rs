@@ -91,7 +91,7 @@ pub fn measure(
     progress: &dyn Progress,
     show: &mut dyn FnMut(SideBySide),
 ) -> Result<ImagesReport, HoldOutError> {
-    let views: Vec<&View> = set.with_depth().collect();
+    let views: Vec<&View> = set.views_with_depth().collect();
     if views.len() < 2 {
         return Err(HoldOutError::TooFew { found: views.len(), what: "views with depth", least: 2 });
     }

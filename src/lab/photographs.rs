@@ -136,7 +136,7 @@ fn by_found_depth(
     progress.begin("finding depth", "steps", found.find_depth_steps());
     found.find_depth(&DenseDepth::default(), &|| progress.advance(1), &mut |_, _| {})?;
     let depth_ms = started.elapsed().as_secs_f64() * 1e3;
-    let views: Vec<&View> = found.with_depth().collect();
+    let views: Vec<&View> = found.views_with_depth().collect();
     let job = ImagesJob::suggest(&found);
     let mut drawn = Vec::new();
     for centre in centres {

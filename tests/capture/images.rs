@@ -250,7 +250,7 @@ fn every_format_gives_the_same_cameras_and_points() {
         }
         let report = check(&set, 4, &mut |_| {}).expect(name);
         assert_eq!(report.warnings, Vec::<String>::new(), "{name}");
-        if set.with_depth().count() == 2 {
+        if set.views_with_depth().count() == 2 {
             let residual = &report.residuals[0];
             assert!(residual.overlap > 0.5 && residual.relative_depth < 1e-3, "{name}: {residual:?}");
             // Bilinear lookups in a texture of a twentieth of a period a pixel.

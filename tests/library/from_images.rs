@@ -50,7 +50,7 @@ fn job(cube: &CubeLdi, face_size_px: u32, centre: DVec3) -> ImagesJob {
 }
 
 fn views(set: &ImageSet) -> Vec<&View> {
-    set.with_depth().collect()
+    set.views_with_depth().collect()
 }
 
 /// Two roundings of f32 on the way from inverse depth to depth and back, and those of the warp.
@@ -88,7 +88,7 @@ fn six_pinholes_of_the_tracer_give_its_centre_ray_ldi() {
     let taken = Face::ALL.map(|face| {
         let world_from_eye = DMat3::from_cols(face.right(), face.up(), -face.normal());
         let camera = Camera::from_parts(centre, world_from_eye, f64::from(SIDE) / 2.0, SIDE, SIDE).expect("a camera");
-        let view = traced_view::view(&tracer, &lighting, false, &camera, 1, &Silent);
+        let view = traced_view::trace(&tracer, &lighting, false, &camera, 1, &Silent);
         writer.add(face.index(), &view, true).expect("written");
         view
     });

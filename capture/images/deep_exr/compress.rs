@@ -1,24 +1,24 @@
-//! The compressions that OpenEXR allows for deep data. Both begin by taking bytes apart into those at even and at odd
-//! places, and then differences.
+//! Compressions that OpenEXR allows for deep data. Both first split bytes into those at even and at
+//! odd positions, then take differences.
 
 use flate2::Compression;
 use flate2::read::{ZlibDecoder, ZlibEncoder};
 use std::io::Read;
 
-/// How deep data is packed, row by row.
+/// Compression of deep data, row by row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeepCompression {
-    /// Not at all.
+    /// Uncompressed.
     None,
-    /// Runs of bytes.
+    /// Run-length encoding.
     Rle,
-    /// Deflate.
+    /// Deflate, one scanline per block.
     #[default]
     Zips,
 }
 
-/// Deflate's effort, of 9.
-const EFFORT: u32 = 4;
+/// Deflate level, 0..=9.
+const DEFLATE_LEVEL: u32 = 4;
 
 impl DeepCompression {
     pub(super) fn from_code(code: u8) -> Option<Self> {
@@ -31,15 +31,15 @@ impl DeepCompression {
         self as u8
     }
 
-    /// Bytes that are no longer than `raw`: what does not shrink is left as it is.
+    /// Compresses bytes; data that would not shrink is returned unchanged.
     pub(super) fn pack(self, raw: &[u8]) -> Vec<u8> {
         let packed = match self {
             Self::None => return raw.to_vec(),
-            Self::Rle => runs(&apart(raw)),
+            Self::Rle => encode_runs(&split_bytes(raw)),
             Self::Zips => {
                 let mut packed = Vec::new();
-                let apart = apart(raw);
-                match ZlibEncoder::new(apart.as_slice(), Compression::new(EFFORT))
+                let split = split_bytes(raw);
+                match ZlibEncoder::new(split.as_slice(), Compression::new(DEFLATE_LEVEL))
                     .read_to_end(&mut packed)
                 {
                     Ok(_) => packed,
@@ -54,7 +54,7 @@ impl DeepCompression {
         }
     }
 
-    /// The inverse of [`Self::pack`]; `length` bytes are expected, and no more are ever unpacked.
+    /// Inverts [`Self::pack`]; never unpacks more than the expected `length` bytes.
     pub(super) fn unpack(self, packed: &[u8], length: usize) -> Result<Vec<u8>, String> {
         if packed.len() == length {
             return Ok(packed.to_vec());
@@ -62,26 +62,27 @@ impl DeepCompression {
         let mut bytes = Vec::new();
         match self {
             Self::None => {}
-            Self::Rle => bytes = unrun(packed, length),
+            Self::Rle => bytes = decode_runs(packed, length),
             Self::Zips => {
                 let read = ZlibDecoder::new(packed)
                     .take(length as u64 + 1)
                     .read_to_end(&mut bytes);
-                read.map_err(|cause| format!("its ZIP data is damaged: {cause}"))?;
+                read.map_err(|cause| format!("has damaged ZIP data: {cause}"))?;
             }
         }
         if bytes.len() == length {
-            Ok(together(bytes))
+            Ok(join_bytes(bytes))
         } else {
             Err(format!(
-                "does not unpack to the {length} bytes that it says"
+                "does not unpack to the {length} bytes in its header"
             ))
         }
     }
 }
 
-/// Even places first, then odd ones; then each byte as its difference from the one before, plus 128.
-fn apart(raw: &[u8]) -> Vec<u8> {
+/// Moves even positions before odd ones, then replaces each byte by its difference from the one
+/// before, plus 128.
+fn split_bytes(raw: &[u8]) -> Vec<u8> {
     let mut bytes: Vec<u8> = raw
         .iter()
         .step_by(2)
@@ -94,7 +95,8 @@ fn apart(raw: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn together(mut bytes: Vec<u8>) -> Vec<u8> {
+/// Inverts [`split_bytes`].
+fn join_bytes(mut bytes: Vec<u8>) -> Vec<u8> {
     for i in 1..bytes.len() {
         bytes[i] = bytes[i].wrapping_add(bytes[i - 1]).wrapping_sub(128);
     }
@@ -104,13 +106,14 @@ fn together(mut bytes: Vec<u8>) -> Vec<u8> {
         .collect()
 }
 
-/// The shortest run that is worth a pair of bytes, and the longest that one holds.
+/// Shortest run that is worth a pair of bytes, and the longest that fits one.
 const RUN: std::ops::RangeInclusive<usize> = 3..=128;
 
-/// A count (one less than the run's length) and a byte for a run; minus the count and as many bytes for others.
-fn runs(bytes: &[u8]) -> Vec<u8> {
+/// Encodes runs as a count (the length minus one) and a byte, and literals as the negative count
+/// and the bytes.
+fn encode_runs(bytes: &[u8]) -> Vec<u8> {
     let mut packed = Vec::new();
-    let run_at = |i: usize| {
+    let run_length = |i: usize| {
         bytes[i..]
             .iter()
             .take(*RUN.end())
@@ -119,14 +122,14 @@ fn runs(bytes: &[u8]) -> Vec<u8> {
     };
     let mut i = 0;
     while i < bytes.len() {
-        let run = run_at(i);
+        let run = run_length(i);
         if run >= *RUN.start() {
             packed.extend([(run - 1) as u8, bytes[i]]);
             i += run;
             continue;
         }
         let start = i;
-        while i < bytes.len() && i - start < 127 && run_at(i) < *RUN.start() {
+        while i < bytes.len() && i - start < 127 && run_length(i) < *RUN.start() {
             i += 1;
         }
         packed.push((i - start).wrapping_neg() as u8);
@@ -135,7 +138,8 @@ fn runs(bytes: &[u8]) -> Vec<u8> {
     packed
 }
 
-fn unrun(mut packed: &[u8], length: usize) -> Vec<u8> {
+/// Inverts [`encode_runs`]; stops after more than `length` bytes.
+fn decode_runs(mut packed: &[u8], length: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     while let [count, rest @ ..] = packed {
         let count = *count as i8;

@@ -1,27 +1,27 @@
-//! The header of a file with one deep scanline part, and values as they are stored.
+//! Header of a file with one deep scanline part, and conversion of stored values.
 
 use super::compress::DeepCompression;
-use super::{DeepChannel, DeepImage, DeepKind, DeepView, Wrong, wrong};
+use super::{DeepChannel, DeepImage, DeepKind, DeepView, FieldError, field_error};
 use exr::prelude::f16;
 
 const MAGIC: u32 = 20_000_630;
 
-/// Version 2, and the flags of names beyond 31 bytes, of deep data and of several parts.
+/// Version 2, and the flags for names beyond 31 bytes, deep data and several parts.
 const VERSION: u32 = 2;
 const LONG_NAMES: u32 = 0x400;
 const DEEP: u32 = 0x800;
 const PARTS: u32 = 0x1000;
 
-/// The type of the one kind of part that is read.
+/// Type of the only supported kind of part.
 const DEEP_SCANLINE: &str = "deepscanline";
 
-/// What a picture shows.
+/// Attributes of [`DeepView`].
 const ENVIRONMENT: &str = "envmap";
 const ENVIRONMENT_CUBE: u8 = 1;
 const WORLD_TO_CAMERA: &str = "worldToCamera";
 const WORLD_TO_NDC: &str = "worldToNDC";
 
-/// Rows and columns at most, and pixels.
+/// Maximum numbers of rows, columns and pixels.
 const MAX_SIDE: i64 = 1 << 20;
 const MAX_PIXELS: i64 = 1 << 28;
 
@@ -32,72 +32,75 @@ pub(super) struct Header {
     pub(super) stored_px: [u32; 2],
     pub(super) channels: Vec<(String, DeepKind)>,
     pub(super) view: DeepView,
-    /// The byte after it.
+    /// Offset of the byte after the header.
     pub(super) end: usize,
 }
 
-/// Reads numbers off bytes; says which field ended too early.
+/// Bounds-checked reader of numbers; errors name the truncated field.
 pub(super) struct Cursor<'a> {
     pub(super) bytes: &'a [u8],
-    pub(super) at: usize,
+    pub(super) position: usize,
 }
 
 impl<'a> Cursor<'a> {
-    pub(super) fn take(&mut self, count: u64, field: &str) -> Result<&'a [u8], Wrong> {
+    pub(super) fn take(&mut self, count: u64, field: &str) -> Result<&'a [u8], FieldError> {
         let end = usize::try_from(count)
             .ok()
-            .and_then(|count| self.at.checked_add(count));
-        let taken = end.and_then(|end| Some((end, self.bytes.get(self.at..end)?)));
+            .and_then(|count| self.position.checked_add(count));
+        let taken = end.and_then(|end| Some((end, self.bytes.get(self.position..end)?)));
         let (end, taken) = taken
-            .ok_or_else(|| wrong(field, "the file ends before it, or points beyond its end"))?;
-        self.at = end;
+            .ok_or_else(|| field_error(field, "is truncated, or has an offset beyond the end of the file"))?;
+        self.position = end;
         Ok(taken)
     }
 
-    fn array<const N: usize>(&mut self, field: &str) -> Result<[u8; N], Wrong> {
+    fn array<const N: usize>(&mut self, field: &str) -> Result<[u8; N], FieldError> {
         let mut array = [0; N];
         array.copy_from_slice(self.take(N as u64, field)?);
         Ok(array)
     }
 
-    pub(super) fn u64(&mut self, field: &str) -> Result<u64, Wrong> {
+    pub(super) fn u64(&mut self, field: &str) -> Result<u64, FieldError> {
         Ok(u64::from_le_bytes(self.array(field)?))
     }
 
-    pub(super) fn i32(&mut self, field: &str) -> Result<i32, Wrong> {
+    pub(super) fn i32(&mut self, field: &str) -> Result<i32, FieldError> {
         Ok(i32::from_le_bytes(self.array(field)?))
     }
 
-    fn text(&mut self, field: &str) -> Result<String, Wrong> {
-        let rest = self.bytes.get(self.at..).unwrap_or_default();
+    fn text(&mut self, field: &str) -> Result<String, FieldError> {
+        let rest = self.bytes.get(self.position..).unwrap_or_default();
         let length = rest.iter().take(256).position(|&byte| byte == 0);
-        let length = length.ok_or_else(|| wrong(field, "has a name without an end"))?;
-        self.at += length + 1;
+        let length = length.ok_or_else(|| field_error(field, "has a name without an end"))?;
+        self.position += length + 1;
         Ok(String::from_utf8_lossy(&rest[..length]).into_owned())
     }
 }
 
 impl Header {
-    pub(super) fn read(bytes: &[u8]) -> Result<Self, Wrong> {
-        let mut cursor = Cursor { bytes, at: 0 };
+    pub(super) fn read(bytes: &[u8]) -> Result<Self, FieldError> {
+        let mut cursor = Cursor { bytes, position: 0 };
         let [magic, version] = [
             cursor.i32("the first bytes")? as u32,
             cursor.i32("the version")? as u32,
         ];
         if magic != MAGIC {
-            return Err(wrong("the first bytes", "are not those of OpenEXR"));
+            return Err(field_error("the first bytes", "are not those of OpenEXR"));
         }
         if version & 0xff != VERSION || version & PARTS != 0 {
-            return Err(wrong(
+            return Err(field_error(
                 "the version",
-                format!("{version:#x} is not that of one deep part"),
+                format!("{version:#x} is not that of a single deep part"),
             ));
         }
         if version & DEEP == 0 {
-            let cause = "is that of a flat picture, with one depth a pixel at most; such pictures are read by the folder, with depth beside them (NAME_depth.exr)";
-            return Err(wrong("the version", cause));
+            let cause = "is that of a flat image, with position most one depth per pixel; open its folder instead, with depth in NAME_depth.exr";
+            return Err(field_error("the version", cause));
         }
-        let (mut kind, mut compression, mut windows, mut channels) = (None, None, [None; 2], None);
+        let mut kind = None;
+                let mut compression = None;
+                let mut windows = [None; 2];
+                let mut channels = None;
         let mut view = DeepView::default();
         loop {
             let name = cursor.text("the header")?;
@@ -107,7 +110,7 @@ impl Header {
             cursor.text(&name)?;
             let length = cursor.i32(&name)?;
             let value = cursor.take(
-                u64::try_from(length).map_err(|_| wrong(&name, "has a negative length"))?,
+                u64::try_from(length).map_err(|_| field_error(&name, "has a negative length"))?,
                 &name,
             )?;
             match name.as_str() {
@@ -123,20 +126,20 @@ impl Header {
             }
         }
         if kind.as_deref() != Some(DEEP_SCANLINE) {
-            return Err(wrong(
+            return Err(field_error(
                 "type",
                 format!(
-                    "{} is not read, only {DEEP_SCANLINE}",
+                    "{} is not supported, only {DEEP_SCANLINE}",
                     kind.as_deref().unwrap_or("missing")
                 ),
             ));
         }
-        let missing = |name: &str| wrong(name, "is missing");
+        let missing = |name: &str| field_error(name, "is missing");
         let code = compression.ok_or_else(|| missing("compression"))?;
         let compression = DeepCompression::from_code(code).ok_or_else(|| {
-            wrong(
+            field_error(
                 "compression",
-                format!("{code} is none that deep data may have"),
+                format!("{code} is not valid for deep data"),
             )
         })?;
         let [(_, size_px), (origin_px, stored_px)] = [
@@ -151,16 +154,16 @@ impl Header {
             stored_px,
             channels,
             view,
-            end: cursor.at,
+            end: cursor.position,
         })
     }
 }
 
-/// Corner and size of a window.
-fn window(value: &[u8], field: &str) -> Result<([i32; 2], [u32; 2]), Wrong> {
+/// Parses a window: corner and size.
+fn window(value: &[u8], field: &str) -> Result<([i32; 2], [u32; 2]), FieldError> {
     let mut cursor = Cursor {
         bytes: value,
-        at: 0,
+        position: 0,
     };
     let mut number = || cursor.i32(field);
     let [left, top, right, bottom] = [number()?, number()?, number()?, number()?];
@@ -170,30 +173,30 @@ fn window(value: &[u8], field: &str) -> Result<([i32; 2], [u32; 2]), Wrong> {
         || !(1..=MAX_SIDE).contains(&height)
         || width * height > MAX_PIXELS
     {
-        return Err(wrong(field, format!("is {width}x{height} pixels")));
+        return Err(field_error(field, format!("is {width}x{height} pixels")));
     }
     Ok(([left, top], [width as u32, height as u32]))
 }
 
-fn matrix(value: &[u8], field: &str) -> Result<[f32; 16], Wrong> {
+fn matrix(value: &[u8], field: &str) -> Result<[f32; 16], FieldError> {
     let words: &[[u8; 4]] = value.as_chunks().0;
     let words: [[u8; 4]; 16] = words
         .try_into()
-        .map_err(|_| wrong(field, "is no matrix of 4x4 numbers"))?;
+        .map_err(|_| field_error(field, "is not a 4x4 matrix"))?;
     Ok(words.map(f32::from_le_bytes))
 }
 
-fn channel_list(value: &[u8]) -> Result<Vec<(String, DeepKind)>, Wrong> {
+fn channel_list(value: &[u8]) -> Result<Vec<(String, DeepKind)>, FieldError> {
     let mut cursor = Cursor {
         bytes: value,
-        at: 0,
+        position: 0,
     };
     let mut channels = Vec::new();
     loop {
         let name = cursor.text("channels")?;
         if name.is_empty() {
             return if channels.is_empty() {
-                Err(wrong("channels", "there are none"))
+                Err(field_error("channels", "are missing"))
             } else {
                 Ok(channels)
             };
@@ -203,18 +206,18 @@ fn channel_list(value: &[u8]) -> Result<Vec<(String, DeepKind)>, Wrong> {
             0 => DeepKind::Uint,
             1 => DeepKind::Half,
             2 => DeepKind::Float,
-            other => return Err(wrong(&field, format!("has an unknown type {other}"))),
+            other => return Err(field_error(&field, format!("has an unknown type {other}"))),
         };
-        cursor.take(4, &field)?; // linear or not, and padding
+        cursor.take(4, &field)?; // linearity flag and padding
         if [cursor.i32(&field)?, cursor.i32(&field)?] != [1, 1] {
-            return Err(wrong(&field, "is subsampled"));
+            return Err(field_error(&field, "is subsampled"));
         }
         channels.push((name, kind));
     }
 }
 
-/// Everything up to the table of scanlines.
-pub(super) fn written(
+/// Encodes the header, up to the table of scanlines.
+pub(super) fn encode(
     image: &DeepImage,
     channels: &[&DeepChannel],
     compression: DeepCompression,

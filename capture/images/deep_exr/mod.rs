@@ -1,7 +1,8 @@
-//! Deep OpenEXR images: any number of samples in a pixel, each with its own depth.
+//! Deep OpenEXR images: any number of samples per pixel, each with its own depth.
 //!
-//! Scanline parts without compression, with RLE and with ZIPS, which are all that OpenEXR allows for deep data. The `exr` crate, which reads
-//! and writes everything else here, knows no deep data. Layout: *OpenEXR File Layout*, "Deep Data".
+//! Supports scanline parts without compression, with RLE and with ZIPS, which are all that OpenEXR
+//! allows for deep data. The `exr` crate, used for all other EXR files, does not support deep data.
+//! Layout: *OpenEXR File Layout*, "Deep Data".
 
 mod compress;
 mod header;
@@ -17,7 +18,7 @@ use header::{Cursor, Header};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Why a deep image could not be read or written.
+/// Error of reading or writing a deep image.
 #[derive(Debug, thiserror::Error)]
 pub enum DeepExrError {
     /// The file cannot be opened, read or written.
@@ -25,25 +26,25 @@ pub enum DeepExrError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The file is not what it should be.
+    /// A field of the file is invalid.
     #[error("{}: {field}: {cause}", path.display())]
     Format {
         /// The file.
         path: PathBuf,
-        /// Which part of it.
-        field: String,
-        /// What was expected or found.
+        /// Name of the field.
+                field: String,
+                /// Problem, as the rest of a sentence about the field.
         cause: String,
     },
 }
 
-/// How a channel's values are stored.
+/// Storage type of a channel's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeepKind {
-    /// 32-bit integers; beyond 2^24 the nearest `f32` is kept.
+    /// 32-bit integers, rounded to `f32` beyond 2^24.
     Uint,
     /// 16-bit floats.
     Half,
@@ -56,44 +57,45 @@ pub enum DeepKind {
 pub struct DeepChannel {
     /// `R`, `G`, `B`, `A` (linear, premultiplied), `Z` (metres or the scene's unit), `ZBack`, ...
     pub name: String,
-    /// As what it is stored.
+    /// Storage type.
     pub kind: DeepKind,
-    /// A value for each sample, pixel by pixel, row by row from the top.
+    /// Values of the samples, pixel by pixel, row by row from the top.
     pub values: Vec<f32>,
 }
 
-/// Any number of samples in each pixel.
+/// Image with any number of samples in each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeepImage {
-    /// Width and height of the whole picture (the display window), pixels.
+    /// Width and height of the whole image (the display window), pixels.
     pub size_px: [u32; 2],
-    /// Column and row of the stored pixels' corner (the data window), which may lie outside the picture.
+    /// Column and row of the stored pixels' corner (the data window), which may lie outside the
+    /// image.
     pub origin_px: [i32; 2],
     /// Width and height of the stored pixels.
     pub stored_px: [u32; 2],
-    /// Where the samples of each stored pixel begin, and at last their number.
+    /// Index of the first sample of each stored pixel, followed by the number of samples.
     pub offsets: Vec<u32>,
-    /// In the order of their names.
+    /// Channels in the order of their names.
     pub channels: Vec<DeepChannel>,
-    /// What it is a picture of.
+    /// Camera attributes.
     pub view: DeepView,
 }
 
-/// What a deep image is a picture of, as far as its header says.
+/// Camera attributes of a deep image's header.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeepView {
-    /// Six faces of a cube, one above another, as OpenEXR's environment maps have them (`envmap`).
+    /// True for six cube faces on top of each other, as in OpenEXR's environment maps (`envmap`).
     pub cube: bool,
-    /// `worldToCamera`, for row vectors, row by row (which is: for column vectors, column by column).
+    /// `worldToCamera` for row vectors, row by row (equal to column by column for column vectors).
     pub world_to_camera: Option<[f32; 16]>,
-    /// `worldToNDC`, likewise.
+    /// `worldToNDC` in the same layout.
     pub world_to_ndc: Option<[f32; 16]>,
 }
 
 impl DeepView {
-    /// What a camera's picture says of it, by OpenEXR's *Standard Attributes*: camera space is left-handed, x right, y up, z forward; NDC
-    /// go from 0 to 1 over the picture, y down.
-    pub fn of_camera(camera: &Camera) -> Self {
+    /// Converts a camera by OpenEXR's *Standard Attributes*: camera space is left-handed, x right,
+    /// y up, z forward; NDC range from 0 to 1 over the image, y down.
+    pub fn from_camera(camera: &Camera) -> Self {
         let forward = DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0));
         let rotation = DMat4::from_mat3(camera.world_from_eye().transpose());
         let camera_from_world = forward * rotation * DMat4::from_translation(-camera.eye());
@@ -108,10 +110,10 @@ impl DeepView {
     }
 }
 
-/// A file may unpack to no more than this many bytes: what it says of its size is not to be trusted.
+/// Maximum number of bytes that a file may unpack to: the size in the header is not trusted.
 const MAX_BYTES: u64 = 8 << 30;
 
-/// Packed bytes give at most this many times as many: deflate reaches 1032.
+/// Maximum compression ratio: deflate reaches 1032.
 const MAX_RATIO: u64 = 1100;
 
 impl DeepKind {
@@ -129,7 +131,8 @@ impl DeepImage {
             .map(|channel| channel.values.as_slice())
     }
 
-    /// The numbers of the samples at a column and row of the whole picture; none outside of the stored pixels.
+    /// The numbers of the samples at a column and row of the whole picture; none outside of the
+    /// stored pixels.
     pub fn samples_at(&self, x: u32, y: u32) -> std::ops::Range<usize> {
         let [column, row] = [
             i64::from(x) - i64::from(self.origin_px[0]),
@@ -143,8 +146,9 @@ impl DeepImage {
         self.offsets[pixel] as usize..self.offsets[pixel + 1] as usize
     }
 
-    /// Linear, premultiplied red, green, blue and alpha of a pixel of the whole picture: the samples of all images over
-    /// each other, nearest first; of two at one depth the earlier image's lies in front. Missing channels are 0, missing alpha 1.
+    /// Composites the samples of all images at a pixel of the whole image, nearest first, to linear
+    /// premultiplied RGBA; at equal depth the earlier image lies in front. Missing channels are 0,
+    /// missing alpha 1.
     pub fn composite(images: &[&Self], x: u32, y: u32) -> [f32; 4] {
         let mut samples: Vec<(f32, [f32; 4])> = Vec::new();
         for image in images {
@@ -182,12 +186,12 @@ impl DeepImage {
         })
     }
 
-    /// Writes it, whole or not at all.
+    /// Writes the file atomically.
     ///
     /// # Errors
-    /// [`DeepExrError`] if the file cannot be written, or if counts and channels do not fit together.
+    /// [`DeepExrError`] if the file cannot be written, or if counts and channels are inconsistent.
     pub fn write(&self, path: &Path, compression: DeepCompression) -> Result<(), DeepExrError> {
-        let format = |(field, cause): Wrong| DeepExrError::Format {
+        let format = |(field, cause): FieldError| DeepExrError::Format {
             path: path.into(),
             field,
             cause,
@@ -199,21 +203,21 @@ impl DeepImage {
         })
     }
 
-    /// The file's bytes.
-    ///
-    /// # Errors
-    /// The field that is wrong, and what is, if counts and channels do not fit together.
-    pub fn to_bytes(&self, compression: DeepCompression) -> Result<Vec<u8>, Wrong> {
+    /// Encodes the file.
+        ///
+        /// # Errors
+        /// The invalid field if counts and channels are inconsistent.
+    pub fn to_bytes(&self, compression: DeepCompression) -> Result<Vec<u8>, FieldError> {
         self.check()?;
         let mut order: Vec<&DeepChannel> = self.channels.iter().collect();
         order.sort_by(|a, b| a.name.cmp(&b.name));
-        let mut out = header::written(self, &order, compression);
+        let mut out = header::encode(self, &order, compression);
         let [width, height] = self.stored_px.map(|side| side as usize);
         let table = out.len();
         out.resize(table + 8 * height, 0);
         for row in 0..height {
-            let at = out.len() as u64;
-            out[table + 8 * row..][..8].copy_from_slice(&at.to_le_bytes());
+            let offset = out.len() as u64;
+                        out[table + 8 * row..][..8].copy_from_slice(&offset.to_le_bytes());
             let offsets = &self.offsets[row * width..=(row + 1) * width];
             let counts: Vec<u8> = offsets[1..]
                 .iter()
@@ -235,14 +239,14 @@ impl DeepImage {
         Ok(out)
     }
 
-    fn check(&self) -> Result<(), Wrong> {
+    fn check(&self) -> Result<(), FieldError> {
         let pixels = self.stored_px[0] as usize * self.stored_px[1] as usize;
         let total = self.offsets.last().copied().unwrap_or(0) as usize;
         let rising = self.offsets.windows(2).all(|pair| pair[0] <= pair[1]);
         if self.offsets.len() != pixels + 1 || self.offsets[0] != 0 || !rising || pixels == 0 {
-            return Err(wrong(
+            return Err(field_error(
                 "offsets",
-                "do not count the samples of the stored pixels",
+                "do not match the stored pixels",
             ));
         }
         match self
@@ -250,23 +254,23 @@ impl DeepImage {
             .iter()
             .find(|channel| channel.values.len() != total || channel.name.is_empty())
         {
-            Some(channel) => Err(wrong(
+            Some(channel) => Err(field_error(
                 &format!("channel \"{}\"", channel.name),
-                "has another number of values than there are samples",
+                "does not have one value for each sample",
             )),
             None => Ok(()),
         }
     }
 }
 
-/// A field, and what is wrong with it.
-pub type Wrong = (String, String);
+/// An invalid field and its problem, as the rest of a sentence.
+pub type FieldError = (String, String);
 
-fn wrong(field: &str, cause: impl Into<String>) -> Wrong {
+fn field_error(field: &str, cause: impl Into<String>) -> FieldError {
     (field.into(), cause.into())
 }
 
-fn parse(bytes: &[u8]) -> Result<DeepImage, Wrong> {
+fn parse(bytes: &[u8]) -> Result<DeepImage, FieldError> {
     let header = Header::read(bytes)?;
     let Header {
         compression,
@@ -277,27 +281,27 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, Wrong> {
     let [width, height] = stored_px.map(|side| side as usize);
     let mut cursor = Cursor {
         bytes,
-        at: header.end,
+        position: header.end,
     };
     let table: Vec<u64> = (0..height)
         .map(|_| cursor.u64("the table of scanlines"))
         .collect::<Result<_, _>>()?;
     let bytes_a_sample: u64 = channels.iter().map(|(_, kind)| kind.bytes() as u64).sum();
     let mut counts = vec![0u32; width * height];
-    // Where each row's samples are packed, and how many bytes they unpack to.
+    // Packed samples of each row, and their unpacked length.
     let mut rows: Vec<(&[u8], u64)> = vec![(&[], 0); height];
     let mut total = 0u64;
     for start in table {
         let mut chunk = Cursor {
             bytes,
-            at: usize::try_from(start).unwrap_or(usize::MAX),
+            position: usize::try_from(start).unwrap_or(usize::MAX),
         };
         let y = chunk.i32("a scanline's number")?;
         let row = (i64::from(y) - i64::from(header.origin_px[1])) as usize;
         if row >= height {
-            return Err(wrong(
+            return Err(field_error(
                 "a scanline's number",
-                format!("{y} lies outside of the data window"),
+                format!("is {y}, outside the data window"),
             ));
         }
         let field = format!("scanline {y}");
@@ -306,22 +310,22 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, Wrong> {
         rows[row] = (chunk.take(packed[1], &field)?, packed[2]);
         let ends = compression
             .unpack(packed_counts, 4 * width)
-            .map_err(|cause| wrong(&field, cause))?;
+            .map_err(|cause| field_error(&field, cause))?;
         let mut before = 0;
         for (count, end) in counts[row * width..].iter_mut().zip(ends.chunks_exact(4)) {
             let end = u32::from_le_bytes([end[0], end[1], end[2], end[3]]);
             *count = end
                 .checked_sub(before)
-                .ok_or_else(|| wrong(&field, "its counts of samples fall"))?;
+                .ok_or_else(|| field_error(&field, "has decreasing counts of samples"))?;
             before = end;
         }
         let expected = u64::from(before) * bytes_a_sample;
         total += expected;
         if expected != packed[2] || expected > (packed[1] + 1) * MAX_RATIO || total > MAX_BYTES {
-            return Err(wrong(
+            return Err(field_error(
                 &field,
                 format!(
-                    "says {} bytes of samples, but counts {before} samples",
+                    "has {} bytes of samples, but counts {before} samples",
                     packed[2]
                 ),
             ));
@@ -333,7 +337,7 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, Wrong> {
     for count in counts {
         sum = sum
             .checked_add(count)
-            .ok_or_else(|| wrong("the counts of samples", "add up to more than 2^32"))?;
+            .ok_or_else(|| field_error("the counts of samples", "add up to more than 2^32"))?;
         offsets.push(sum);
     }
     let mut read: Vec<DeepChannel> = channels
@@ -348,7 +352,7 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, Wrong> {
         let field = || format!("scanline {}", i64::from(header.origin_px[1]) + row as i64);
         let data = compression
             .unpack(packed, length as usize)
-            .map_err(|cause| wrong(&field(), cause))?;
+            .map_err(|cause| field_error(&field(), cause))?;
         let samples = (offsets[(row + 1) * width] - offsets[row * width]) as usize;
         let mut rest = data.as_slice();
         for channel in &mut read {

@@ -8,7 +8,7 @@ fn random_image(seed: u64, stored_px: [u32; 2]) -> DeepImage {
         offsets.push(offsets[offsets.len() - 1] + random.below(5) as u32);
     }
     let total = offsets[offsets.len() - 1] as usize;
-    // Halves of whole numbers: exact in all three kinds but for integers.
+    // Multiples of one half, exact in half floats.
     let mut values = |step: f32| {
         (0..total)
             .map(|_| random.below(200) as f32 * step)
@@ -47,7 +47,7 @@ const ALL: [DeepCompression; 3] = [
 ];
 
 #[test]
-fn what_is_written_is_read() {
+fn written_image_reads_back() {
     for (seed, size) in [[1, 1], [17, 3], [64, 9], [1, 40]].into_iter().enumerate() {
         let image = random_image(seed as u64, size);
         for compression in ALL {
@@ -62,7 +62,7 @@ fn what_is_written_is_read() {
 }
 
 #[test]
-fn runs_and_deflate_make_even_data_small() {
+fn rle_and_zips_compress_constant_data() {
     let mut image = random_image(3, [64, 9]);
     image
         .channels
@@ -76,7 +76,7 @@ fn runs_and_deflate_make_even_data_small() {
 }
 
 #[test]
-fn damage_is_an_error_and_never_more_than_that() {
+fn damaged_file_never_panics() {
     let mut random = Rng::new(11);
     for compression in ALL {
         let bytes = random_image(5, [20, 6])
@@ -88,21 +88,21 @@ fn damage_is_an_error_and_never_more_than_that() {
         for _ in 0..3000 {
             let mut damaged = bytes.clone();
             for _ in 0..1 + random.below(3) {
-                let at = random.below(damaged.len() as u64) as usize;
-                damaged[at] = random.bits() as u8;
+                let position = random.below(damaged.len() as u64) as usize;
+                                damaged[position] = random.bits() as u8;
             }
-            let _ = parse(&damaged); // values may change; a panic or a wild allocation would end the test
+            let _ = parse(&damaged); // values may differ, but it must neither panic nor allocate without bounds
         }
     }
-    let (field, cause) = parse(b"x").expect_err("no file");
+    let (field, cause) = parse(b"x").expect_err("not a file");
     assert!(
-        field.contains("first bytes") && cause.contains("ends"),
+        field.contains("first bytes") && cause.contains("truncated"),
         "{field} {cause}"
     );
 }
 
 #[test]
-fn samples_that_do_not_fit_their_counts_are_not_written() {
+fn inconsistent_counts_not_written() {
     let mut image = random_image(7, [5, 5]);
     image.channels[1].values.pop();
     let (field, _) = image.to_bytes(DeepCompression::Zips).expect_err("refused");
@@ -110,7 +110,7 @@ fn samples_that_do_not_fit_their_counts_are_not_written() {
 }
 
 #[test]
-fn samples_lie_over_each_other_by_depth() {
+fn composite_nearest_sample_first() {
     let channel = |name: &str, values: [f32; 2]| DeepChannel {
         name: name.into(),
         kind: DeepKind::Float,
@@ -128,18 +128,18 @@ fn samples_lie_over_each_other_by_depth() {
         ],
         view: DeepView::default(),
     };
-    let found = DeepImage::composite(&[&image], 0, 0);
-    assert!(
-        (found[0] - (0.1 + 0.75 * 0.8)).abs() < 1e-6 && (found[3] - 1.0).abs() < 1e-6,
-        "{found:?}"
+    let pixel = DeepImage::composite(&[&image], 0, 0);
+        assert!(
+            (pixel[0] - (0.1 + 0.75 * 0.8)).abs() < 1e-6 && (pixel[3] - 1.0).abs() < 1e-6,
+            "{pixel:?}"
     );
     assert_eq!(DeepImage::composite(&[&image], 1, 0), [0.0; 4]);
 }
 
-/// The images of OpenEXR's collection, composited, are its flat composite. The deep image of its ground is not among them: above it
-/// all three make the whole picture.
+/// Composites OpenEXR's sample images and compares with their flat composite. The deep image of the
+/// ground is missing: above it the other three make the whole image.
 #[test]
-fn deep_images_of_others_make_their_flat_composite() {
+fn openexr_samples_match_flat_composite() {
     let folder = Path::new(concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../../shared/data/openexr_deep/LowResLeftView"
@@ -153,26 +153,26 @@ fn deep_images_of_others_make_their_flat_composite() {
     let flat = exr::prelude::read_first_rgba_layer_from_file(
         folder.join("composited.exr"),
         |size, _| (size.x(), vec![[0f32; 4]; size.x() * size.y()]),
-        |(stride, pixels), at, (r, g, b, a): (f32, f32, f32, f32)| {
-            pixels[at.y() * *stride + at.x()] = [r, g, b, a]
+        |(stride, pixels), pixel, (r, g, b, a): (f32, f32, f32, f32)| {
+                    pixels[pixel.y() * *stride + pixel.x()] = [r, g, b, a]
         },
     );
     let layer = flat.expect("reads").layer_data;
     let (stride, pixels) = layer.channel_data.pixels;
     let corner = layer.attributes.layer_position;
     let mut covered = 0;
-    // The ground begins below row 170.
+    // The ground starts below row 170.
     for y in 2..170u32 {
         for x in 2..1020u32 {
-            let found = DeepImage::composite(&[&balls, &leaves, &trunks], x, y);
+            let composited = DeepImage::composite(&[&balls, &leaves, &trunks], x, y);
             let expected = pixels
                 [(y as i32 - corner.y()) as usize * stride + (x as i32 - corner.x()) as usize];
             covered += u32::from(expected[3] > 0.0);
-            for (found, expected) in found.into_iter().zip(expected) {
+            for (level, expected) in composited.into_iter().zip(expected) {
                 // Samples and composite are halves: 11 bits each.
                 assert!(
-                    (found - expected).abs() <= 2e-3,
-                    "{x} {y}: {found} {expected}"
+                    (level - expected).abs() <= 2e-3,
+                                        "{x} {y}: {level} {expected}"
                 );
             }
         }

@@ -200,7 +200,7 @@ impl ImageSet {
         })?;
         store.finish()?;
         for view in &mut self.views {
-            view.depth = view.depth.take().filter(|depth| depth.found.is_none());
+            view.depth = view.depth.take().filter(|depth| depth.estimated_deviation.is_none());
         }
         Ok(attach(self)?)
     }

@@ -199,7 +199,7 @@ pub(crate) fn attach(set: &mut ImageSet) -> Result<(), ImagesError> {
         // Metres of the world, whatever the set's own unit is.
         let mut source = DepthSource::metres(file, DepthKind::EyeDepth, 1.0 / view.depth_scale);
         source.channel = Some("Z".into());
-        source.found = Some(deviation);
+        source.estimated_deviation = Some(deviation);
         view.depth = Some(source);
         found += 1;
     }

@@ -220,7 +220,7 @@ fn depth_is_found_the_same_on_any_number_of_threads_and_read_from_then_on() {
     let run = |threads: usize| {
         let folder = tempfile::tempdir().expect("a folder");
         let mut set = written(folder.path(), textured);
-        assert_eq!(set.with_depth().count(), 0);
+        assert_eq!(set.views_with_depth().count(), 0);
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
@@ -241,7 +241,7 @@ fn depth_is_found_the_same_on_any_number_of_threads_and_read_from_then_on() {
         set.depth_noise()
     );
     let again = ImageSet::open(folder.path(), &ImageSetOptions::default()).expect("a set");
-    assert_eq!(again.with_depth().count(), 5);
+    assert_eq!(again.views_with_depth().count(), 5);
     assert!(
         again.notes.iter().any(|note| note.contains("5 views")),
         "{:?}",
@@ -308,7 +308,7 @@ fn depth_for_other_cameras_and_damaged_lists_are_told() {
     };
     let before = "\"camera\": \"";
     let moved = open(&text.replacen(before, "\"camera\": \"x", 1)).expect("a set");
-    assert_eq!(moved.with_depth().count(), 4);
+    assert_eq!(moved.views_with_depth().count(), 4);
     assert!(
         moved
             .notes

@@ -64,10 +64,10 @@ impl<'a> Work<'a> {
             .step_by(step)
             .map(|view| view.load())
             .collect();
-        let dark = backdrop::find(&some?);
+        let dark = backdrop::find_threshold(&some?);
         let load = move |i: usize| {
             let view = views[i].load()?;
-            let nothing = backdrop::shows_nothing(&view, dark);
+            let nothing = backdrop::background_mask(&view, dark);
             MatchView::new(&view, nothing, settings.longest_px, settings.coarsest_px).ok_or_else(
                 || ImagesError::Picture {
                     path: views[i].color.clone(),

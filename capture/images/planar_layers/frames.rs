@@ -103,7 +103,7 @@ impl Frames {
                 views.par_iter().map(|view| view.load()).collect();
             let deviation = views
                 .first()
-                .and_then(|view| view.depth.as_ref()?.found)
+                .and_then(|view| view.depth.as_ref()?.estimated_deviation)
                 .unwrap_or(0.0);
             return Ok((loaded?, deviation));
         }
@@ -151,9 +151,9 @@ fn place(view: &LoadedView, point: DVec3) -> Option<[f64; 3]> {
 
 /// What a dark backdrop shows belongs to no layer.
 fn forget_backdrop(views: &mut [LoadedView]) {
-    let dark = backdrop::find(views);
+    let dark = backdrop::find_threshold(views);
     for view in views {
-        let nothing = backdrop::shows_nothing(view, dark);
+        let nothing = backdrop::background_mask(view, dark);
         for (pixel, nothing) in view.color.iter_mut().zip(nothing) {
             pixel[3] = if nothing { 0 } else { pixel[3] };
         }

@@ -1,4 +1,5 @@
-//! COLMAP's models, text and binary: `cameras`, `images`; dense depth maps where they are.
+//! Reader of COLMAP's models, text and binary: `cameras`, `images`, and dense depth maps if
+//! present.
 
 use crate::depth::DepthSource;
 use crate::lens::{Distortion, Lens, Pinhole};
@@ -11,59 +12,60 @@ use headbox_core::file_frame::FileFrame;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-struct Camera {
+/// Intrinsics of an entry of `cameras`.
+struct ColmapCamera {
     size_px: [u32; 2],
     lens: Lens,
 }
 
-struct Image {
+/// Entry of `images`.
+struct ColmapImage {
     pose: Pose,
     camera: u32,
     name: String,
 }
 
-/// Folders below the one that was named in which a model may lie.
-const PLACES: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
+/// Subfolders in which a model may lie.
+const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
 
-/// The folder of a model in a folder or below it, and how its files' names end.
-pub(super) fn model_of(folder: &Path) -> Option<(PathBuf, &'static str)> {
-    PLACES
+/// Finds a model in a folder or below it: its folder and the extension of its files.
+pub(super) fn find_model(folder: &Path) -> Option<(PathBuf, &'static str)> {
+    MODEL_FOLDERS
         .iter()
-        .map(|place| folder.join(place))
-        .find_map(|place| {
-            let holds = |ending: &str| place.join(format!("cameras.{ending}")).is_file();
+        .map(|subfolder| folder.join(subfolder))
+        .find_map(|model| {
+            let has = |extension: &str| model.join(format!("cameras.{extension}")).is_file();
             ["bin", "txt"]
                 .into_iter()
-                .find(|ending| holds(ending))
-                .map(|ending| (place.clone(), ending))
+                .find(|extension| has(extension))
+                .map(|extension| (model.clone(), extension))
         })
 }
 
+/// Opens the set in a folder; `None` without a model.
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let Some((place, ending)) = model_of(folder) else {
+    let Some((model, extension)) = find_model(folder) else {
         return Ok(None);
     };
-    let (cameras_file, images_file) = (
-        place.join(format!("cameras.{ending}")),
-        place.join(format!("images.{ending}")),
-    );
-    let (cameras, images) = match ending {
-        "bin" => (binary_cameras(&cameras_file)?, binary_images(&images_file)?),
-        _ => (text_cameras(&cameras_file)?, text_images(&images_file)?),
-    };
+    let cameras_file = model.join(format!("cameras.{extension}"));
+        let images_file = model.join(format!("images.{extension}"));
+        let (cameras, images) = match extension {
+            "bin" => (binary_cameras(&cameras_file)?, binary_images(&images_file)?),
+            _ => (text_cameras(&cameras_file)?, text_images(&images_file)?),
+        };
     if images.is_empty() {
         return Err(ImagesError::field(
             &images_file,
             "the file",
-            "holds no image",
+            "contains no image",
         ));
     }
     let mut views = Vec::new();
-    let pictures = picture_folder(folder, &place, &images[0].name);
+    let pictures = find_image_folder(folder, &model, &images[0].name);
     for image in images {
         let camera = cameras.get(&image.camera).ok_or_else(|| {
             let cause = format!(
-                "is of camera {}, which {} does not have",
+                "refers to camera {}, which is missing in {}",
                 image.camera,
                 cameras_file.display()
             );
@@ -77,22 +79,13 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             path.is_file()
                 .then(|| DepthSource::metres(path, DepthKind::EyeDepth, 1.0))
         });
-        let &Camera { size_px, lens } = camera;
-        views.push(View {
-            name: image.name,
-            size_px,
-            lens,
-            pose: image.pose,
-            color,
-            depth,
-            mask: None,
-            depth_scale: 1.0,
-            color_channels: None,
-            registration: None,
-        });
+        let &ColmapCamera { size_px, lens } = camera;
+                views.push(View::new(
+                    image.name, size_px, lens, image.pose, color, depth,
+                ));
     }
     views.sort_by(|a, b| a.name.cmp(&b.name));
-    let format = if ending == "bin" {
+    let format = if extension == "bin" {
         "COLMAP model (binary)"
     } else {
         "COLMAP model (text)"
@@ -108,8 +101,9 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     }))
 }
 
-/// The folder of a model's pictures, of which one is called `first`: `images`, or where the model was made among them.
-fn picture_folder(folder: &Path, model: &Path, first: &str) -> PathBuf {
+/// Finds the folder of a model's images by the first image's name: `images`, or a folder that
+/// contains the model.
+fn find_image_folder(folder: &Path, model: &Path, first: &str) -> PathBuf {
     let mut candidates = vec![folder.join("images"), model.join("images")];
     candidates.extend(model.parent().map(|parent| parent.join("images")));
     candidates.push(folder.to_owned());
@@ -120,7 +114,7 @@ fn picture_folder(folder: &Path, model: &Path, first: &str) -> PathBuf {
         .unwrap_or_else(|| folder.join("images"))
 }
 
-/// Names of COLMAP's camera models by number, and how many parameters each has.
+/// Names and parameter counts of COLMAP's camera models by number.
 const MODELS: [(&str, usize); 7] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -131,8 +125,9 @@ const MODELS: [(&str, usize); 7] = [
     ("FULL_OPENCV", 12),
 ];
 
-fn lens_of(model: &str, p: &[f64]) -> Result<Lens, String> {
-    let shared = |radial: [f64; 6]| {
+/// Converts a camera model and its parameters.
+fn parse_lens(model: &str, p: &[f64]) -> Result<Lens, String> {
+    let one_focal = |radial: [f64; 6]| {
         (
             [p[0]; 2],
             [p[1], p[2]],
@@ -142,24 +137,24 @@ fn lens_of(model: &str, p: &[f64]) -> Result<Lens, String> {
             },
         )
     };
-    let own = |distortion| ([p[0], p[1]], [p[2], p[3]], distortion);
+    let two_focals = |distortion| ([p[0], p[1]], [p[2], p[3]], distortion);
     let (focal_px, principal_px, distortion) = match model {
-        "SIMPLE_PINHOLE" => shared([0.0; 6]),
-        "PINHOLE" => own(Distortion::default()),
-        "SIMPLE_RADIAL" => shared([p[3], 0.0, 0.0, 0.0, 0.0, 0.0]),
-        "RADIAL" => shared([p[3], p[4], 0.0, 0.0, 0.0, 0.0]),
-        "OPENCV" => own(Distortion {
+        "SIMPLE_PINHOLE" => one_focal([0.0; 6]),
+        "PINHOLE" => two_focals(Distortion::default()),
+        "SIMPLE_RADIAL" => one_focal([p[3], 0.0, 0.0, 0.0, 0.0, 0.0]),
+        "RADIAL" => one_focal([p[3], p[4], 0.0, 0.0, 0.0, 0.0]),
+        "OPENCV" => two_focals(Distortion {
             radial: [p[4], p[5], 0.0, 0.0, 0.0, 0.0],
             tangential: [p[6], p[7]],
         }),
-        "FULL_OPENCV" => own(Distortion {
+        "FULL_OPENCV" => two_focals(Distortion {
             radial: [p[4], p[5], p[8], p[9], p[10], p[11]],
             tangential: [p[6], p[7]],
         }),
         other => {
             let known = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV or FULL_OPENCV";
             return Err(format!(
-                "has the model {other}; expected {known}: run COLMAP's image_undistorter first"
+                "has the unsupported model {other}; expected {known}: run COLMAP's image_undistorter first"
             ));
         }
     };
@@ -173,15 +168,15 @@ fn lens_of(model: &str, p: &[f64]) -> Result<Lens, String> {
     ))
 }
 
-fn camera_of(
+fn parse_camera(
     id: u32,
     model: &str,
     size: [u64; 2],
     parameters: &[f64],
     file: &Path,
-) -> Result<Camera, ImagesError> {
+) -> Result<ColmapCamera, ImagesError> {
     let bad = |cause: String| ImagesError::field(file, format!("camera {id}"), cause);
-    let lens = lens_of(model, parameters).map_err(bad)?;
+    let lens = parse_lens(model, parameters).map_err(bad)?;
     let side = |side: u64| {
         u32::try_from(side)
             .ok()
@@ -190,16 +185,16 @@ fn camera_of(
     let (Some(width), Some(height)) = (side(size[0]), side(size[1])) else {
         return Err(bad(format!("is {}x{} pixels", size[0], size[1])));
     };
-    Ok(Camera {
+    Ok(ColmapCamera {
         size_px: [width, height],
         lens,
     })
 }
 
-fn pose_of([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<Pose, String> {
+fn parse_pose([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<Pose, String> {
     let quaternion = DQuat::from_xyzw(x, y, z, w);
     if !(quaternion.length() > 1e-6 && quaternion.is_finite()) {
-        return Err("has a quaternion that is no rotation".into());
+        return Err("has a quaternion that is not a rotation".into());
     }
     Pose::from_camera_from_world(
         DMat3::from_quat(quaternion.normalize()),
@@ -207,13 +202,13 @@ fn pose_of([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<Pose, String
     )
 }
 
-/// Little-endian numbers of a file, none taken for granted.
-pub(super) struct Bytes<'a> {
+/// Bounds-checked reader of little-endian numbers.
+pub(super) struct ByteReader<'a> {
     pub(super) file: &'a Path,
     pub(super) rest: &'a [u8],
 }
 
-impl<'a> Bytes<'a> {
+impl<'a> ByteReader<'a> {
     pub(super) fn take(&mut self, count: usize) -> Result<&'a [u8], ImagesError> {
         let (taken, rest) = self
             .rest
@@ -227,7 +222,7 @@ impl<'a> Bytes<'a> {
         ImagesError::field(
             self.file,
             "the file",
-            "ends before what it says it holds: it is truncated, or no COLMAP model",
+            "ends too early: it is truncated or not a COLMAP model",
         )
     }
 
@@ -257,12 +252,13 @@ impl<'a> Bytes<'a> {
     }
 }
 
-fn binary_cameras(file: &Path) -> Result<BTreeMap<u32, Camera>, ImagesError> {
+fn binary_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError> {
     let bytes = std::fs::read(file).map_err(|cause| ImagesError::io(file, cause))?;
-    let mut bytes = Bytes { file, rest: &bytes };
+    let mut bytes = ByteReader { file, rest: &bytes };
     let mut cameras = BTreeMap::new();
     for _ in 0..bytes.u64()? {
-        let (id, model) = (bytes.u32()?, bytes.u32()?);
+        let id = bytes.u32()?;
+                let model = bytes.u32()?;
         let size = [bytes.u64()?, bytes.u64()?];
         let known = MODELS.get(model as usize);
         let &(name, count) = known.ok_or_else(|| {
@@ -276,18 +272,19 @@ fn binary_cameras(file: &Path) -> Result<BTreeMap<u32, Camera>, ImagesError> {
         for _ in 0..count {
             parameters.push(bytes.f64()?);
         }
-        cameras.insert(id, camera_of(id, name, size, &parameters, file)?);
+        cameras.insert(id, parse_camera(id, name, size, &parameters, file)?);
     }
     Ok(cameras)
 }
 
-fn binary_images(file: &Path) -> Result<Vec<Image>, ImagesError> {
+fn binary_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
     let bytes = std::fs::read(file).map_err(|cause| ImagesError::io(file, cause))?;
-    let mut bytes = Bytes { file, rest: &bytes };
+    let mut bytes = ByteReader { file, rest: &bytes };
     let mut images = Vec::new();
     for _ in 0..bytes.u64()? {
         let _id = bytes.u32()?;
-        let (quaternion, translation) = (bytes.f64s()?, bytes.f64s()?);
+        let quaternion = bytes.f64s()?;
+                let translation = bytes.f64s()?;
         let camera = bytes.u32()?;
         let end = bytes
             .rest
@@ -300,22 +297,22 @@ fn binary_images(file: &Path) -> Result<Vec<Image>, ImagesError> {
             .ok()
             .and_then(|points| points.checked_mul(24));
         bytes.take(points.ok_or_else(|| bytes.truncated())?)?;
-        images.push(image_of(
+        images.push(check_image(
             file,
             name,
             camera,
-            pose_of(quaternion, translation),
+            parse_pose(quaternion, translation),
         )?);
     }
     Ok(images)
 }
 
-fn image_of(
+fn check_image(
     file: &Path,
     name: String,
     camera: u32,
     pose: Result<Pose, String>,
-) -> Result<Image, ImagesError> {
+) -> Result<ColmapImage, ImagesError> {
     let pose = pose.map_err(|cause| ImagesError::field(file, format!("image {name}"), cause))?;
     let path = Path::new(&name);
     if path.is_absolute()
@@ -329,10 +326,10 @@ fn image_of(
             leads_to: name,
         });
     }
-    Ok(Image { pose, camera, name })
+    Ok(ColmapImage { pose, camera, name })
 }
 
-/// Lines of a text model without comments, numbered from 1.
+/// Returns the lines of a text model that are not comments, numbered from 1.
 pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines()
         .zip(1..)
@@ -340,7 +337,7 @@ pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
         .filter(|(_, line)| !line.starts_with('#'))
 }
 
-fn text_cameras(file: &Path) -> Result<BTreeMap<u32, Camera>, ImagesError> {
+fn text_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError> {
     let text = std::fs::read_to_string(file).map_err(|cause| ImagesError::io(file, cause))?;
     let mut cameras = BTreeMap::new();
     for (number, line) in lines(&text).filter(|(_, line)| !line.is_empty()) {
@@ -369,7 +366,7 @@ fn text_cameras(file: &Path) -> Result<BTreeMap<u32, Camera>, ImagesError> {
         }
         cameras.insert(
             id,
-            camera_of(
+            parse_camera(
                 id,
                 model,
                 [numbers[0] as u64, numbers[1] as u64],
@@ -381,10 +378,10 @@ fn text_cameras(file: &Path) -> Result<BTreeMap<u32, Camera>, ImagesError> {
     Ok(cameras)
 }
 
-fn text_images(file: &Path) -> Result<Vec<Image>, ImagesError> {
+fn text_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
     let text = std::fs::read_to_string(file).map_err(|cause| ImagesError::io(file, cause))?;
     let mut images = Vec::new();
-    // Every second line holds the image's points, and may be empty.
+    // Every second line lists the image's points and may be empty.
     for (number, line) in lines(&text).step_by(2).filter(|(_, line)| !line.is_empty()) {
         let bad = || {
             ImagesError::field(
@@ -407,11 +404,11 @@ fn text_images(file: &Path) -> Result<Vec<Image>, ImagesError> {
         let [qw, qx, qy, qz, tx, ty, tz] = numbers[..] else {
             return Err(bad());
         };
-        images.push(image_of(
+        images.push(check_image(
             file,
             name.trim().into(),
             camera,
-            pose_of([qw, qx, qy, qz], [tx, ty, tz]),
+            parse_pose([qw, qx, qy, qz], [tx, ty, tz]),
         )?);
     }
     Ok(images)

@@ -1,50 +1,52 @@
-//! The sparse points of a COLMAP model: what its photographs were aligned by, seen in several of them each.
+//! Sparse points of a COLMAP model, triangulated from feature tracks.
 
-use super::colmap::{Bytes, lines, model_of};
+use super::colmap::{ByteReader, find_model, lines};
 use crate::ImagesError;
 use glam::DVec3;
 use std::path::Path;
 
-/// A point that several photographs show.
+/// A triangulated point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SparsePoint {
-    /// Where it is, world metres.
+    /// Position, world metres.
     pub position: DVec3,
-    /// 8-bit sRGB.
+    /// Colour, 8-bit sRGB.
     pub color: [u8; 3],
 }
 
-/// The sparse points of the model in a folder (or where [`ImageSet::open`](crate::ImageSet::open) looks for it below), in the file's
-/// order; none if there is no model or it has no points. Points that are not finite are left out.
+/// Reads the finite sparse points of the model in a folder (or where
+/// [`ImageSet::open`](crate::ImageSet::open) finds it below), in the file's order; empty if there
+/// is no model or it has no points.
 ///
 /// # Errors
-/// [`ImagesError::Io`] and [`ImagesError::Field`] if there is a file of points that cannot be read.
-pub fn sparse_points(folder: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
-    let Some((model, ending)) = model_of(folder) else {
+/// [`ImagesError::Io`] and [`ImagesError::Field`] if the file of points cannot be read.
+pub fn read_sparse_points(folder: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
+    let Some((model, extension)) = find_model(folder) else {
         return Ok(Vec::new());
     };
-    let file = model.join(format!("points3D.{ending}"));
+    let file = model.join(format!("points3D.{extension}"));
     if !file.is_file() {
         return Ok(Vec::new());
     }
-    let mut points = match ending {
-        "bin" => binary_points(&file)?,
-        _ => text_points(&file)?,
-    };
+    let mut points = if extension == "bin" {
+            binary_points(&file)?
+        } else {
+            text_points(&file)?
+        };
     points.retain(|point| point.position.is_finite());
     Ok(points)
 }
 
 fn binary_points(file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
     let bytes = std::fs::read(file).map_err(|cause| ImagesError::io(file, cause))?;
-    let mut bytes = Bytes { file, rest: &bytes };
+    let mut bytes = ByteReader { file, rest: &bytes };
     let mut points = Vec::new();
     for _ in 0..bytes.u64()? {
         let _id = bytes.u64()?;
         let position = DVec3::from_array(bytes.f64s()?);
         let color = bytes.array()?;
         let [_error] = bytes.f64s()?;
-        // Which pictures show it, and which of their features it is.
+        // The track: images and features of the point.
         let track = usize::try_from(bytes.u64()?)
             .ok()
             .and_then(|pictures| pictures.checked_mul(8));
@@ -72,12 +74,12 @@ fn text_points(file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
         })
     };
     let expected = "expected POINT3D_ID X Y Z R G B ERROR TRACK[]";
-    let of_line = |(number, line): (usize, &str)| {
+    let parse_line = |(number, line): (usize, &str)| {
         point(line).ok_or_else(|| ImagesError::field(file, format!("line {number}"), expected))
     };
     lines(&text)
         .filter(|(_, line)| !line.is_empty())
-        .map(of_line)
+        .map(parse_line)
         .collect()
 }
 
@@ -110,23 +112,23 @@ mod tests {
     }
 
     #[test]
-    fn binary_and_text_say_the_same() {
+    fn binary_and_text_agree() {
         let folder = tempfile::tempdir().expect("a folder");
         let model = folder.path().join("sparse/0");
         std::fs::create_dir_all(&model).expect("made");
         let write =
             |name: &str, bytes: &[u8]| std::fs::write(model.join(name), bytes).expect("written");
-        assert_eq!(sparse_points(folder.path()).expect("no model"), []);
+        assert_eq!(read_sparse_points(folder.path()).expect("no model"), []);
         write("cameras.txt", b"");
-        assert_eq!(sparse_points(folder.path()).expect("no points"), []);
+        assert_eq!(read_sparse_points(folder.path()).expect("no points"), []);
         let points = [point(1.0, [1, 2, 3]), point(-4.0, [255, 0, 9])];
         write(
             "points3D.txt",
             b"# a comment\n1 1 2 -3.5 1 2 3 0.5 1 1 2 2\n\n9 -4 2 -3.5 255 0 9 0.1\n",
         );
-        assert_eq!(sparse_points(folder.path()).expect("text"), points);
+        assert_eq!(read_sparse_points(folder.path()).expect("text"), points);
         write("points3D.txt", b"1 1 2 -3.5 1 2 3 0.5\n2 1 2 here 1 2 3\n");
-        let error = sparse_points(folder.path())
+        let error = read_sparse_points(folder.path())
             .expect_err("no number")
             .to_string();
         assert!(
@@ -138,14 +140,14 @@ mod tests {
         let whole = binary(&[points[0], point(f64::NAN, [0; 3]), points[1]], 3);
         write("points3D.bin", &whole);
         assert_eq!(
-            sparse_points(folder.path()).expect("binary"),
+            read_sparse_points(folder.path()).expect("binary"),
             points,
-            "what is not finite is nowhere"
+            "points that are not finite are dropped"
         );
         for end in [0, 4, 60, whole.len() - 1] {
             write("points3D.bin", &whole[..end]);
             assert!(
-                sparse_points(folder.path()).is_err(),
+                read_sparse_points(folder.path()).is_err(),
                 "cut off after {end} bytes"
             );
         }
@@ -153,8 +155,8 @@ mod tests {
         endless[..8].copy_from_slice(&u64::MAX.to_le_bytes());
         write("points3D.bin", &endless);
         assert!(
-            sparse_points(folder.path()).is_err(),
-            "nothing is allocated by what a file claims"
+            read_sparse_points(folder.path()).is_err(),
+            "the claimed count is not trusted"
         );
     }
 }

@@ -13,7 +13,7 @@ pub(crate) fn read(path: &Path) -> Result<Value, ImagesError> {
             path,
             "the file",
             format!(
-                "is no JSON (line {}, column {})",
+                "is not JSON (line {}, column {})",
                 error.line(),
                 error.column()
             ),
@@ -21,55 +21,56 @@ pub(crate) fn read(path: &Path) -> Result<Value, ImagesError> {
     })
 }
 
-/// An object of a manifest, and where it is.
+/// An object of a manifest with its file and path.
 #[derive(Clone)]
-pub(super) struct Object<'a> {
+pub(super) struct JsonObject<'a> {
     pub(super) file: &'a PathBuf,
-    pub(super) place: String,
+    pub(super) path: String,
     pub(super) value: &'a Value,
 }
 
-impl<'a> Object<'a> {
+impl<'a> JsonObject<'a> {
     pub(super) fn root(file: &'a PathBuf, value: &'a Value) -> Self {
         Self {
             file,
-            place: String::new(),
+            path: String::new(),
             value,
         }
     }
 
-    pub(super) fn place_of(&self, key: &str) -> String {
-        if self.place.is_empty() {
+    /// Returns the path of a field of this object in the file.
+        pub(super) fn field_path(&self, key: &str) -> String {
+        if self.path.is_empty() {
             key.into()
         } else {
-            format!("{}.{key}", self.place)
+            format!("{}.{key}", self.path)
         }
     }
 
     pub(super) fn error(&self, key: &str, cause: impl Into<String>) -> ImagesError {
-        ImagesError::field(self.file, self.place_of(key), cause)
+        ImagesError::field(self.file, self.field_path(key), cause)
     }
 
     pub(super) fn has(&self, key: &str) -> bool {
         self.value.get(key).is_some_and(|value| !value.is_null())
     }
 
-    pub(super) fn object(&self, key: &str) -> Result<Object<'a>, ImagesError> {
+    pub(super) fn object(&self, key: &str) -> Result<JsonObject<'a>, ImagesError> {
         let value = self.value.get(key).filter(|value| value.is_object());
-        let value = value.ok_or_else(|| self.error(key, "is missing, or no object"))?;
-        Ok(Object {
+        let value = value.ok_or_else(|| self.error(key, "is missing or not an object"))?;
+        Ok(JsonObject {
             file: self.file,
-            place: self.place_of(key),
+            path: self.field_path(key),
             value,
         })
     }
 
-    pub(super) fn list(&self, key: &str) -> Result<Vec<Object<'a>>, ImagesError> {
+    pub(super) fn list(&self, key: &str) -> Result<Vec<JsonObject<'a>>, ImagesError> {
         let list = self.value.get(key).and_then(Value::as_array);
-        let list = list.ok_or_else(|| self.error(key, "is missing, or no list"))?;
-        let item = |(i, value)| Object {
+        let list = list.ok_or_else(|| self.error(key, "is missing or not a list"))?;
+        let item = |(i, value)| JsonObject {
             file: self.file,
-            place: self.place_of(&format!("{key}[{i}]")),
+            path: self.field_path(&format!("{key}[{i}]")),
             value,
         };
         Ok(list.iter().enumerate().map(item).collect())
@@ -77,7 +78,7 @@ impl<'a> Object<'a> {
 
     pub(super) fn text(&self, key: &str) -> Result<&'a str, ImagesError> {
         let text = self.value.get(key).and_then(Value::as_str);
-        text.ok_or_else(|| self.error(key, "is missing, or no text"))
+        text.ok_or_else(|| self.error(key, "is missing or not a text"))
     }
 
     pub(super) fn number(&self, key: &str) -> Result<f64, ImagesError> {
@@ -86,7 +87,7 @@ impl<'a> Object<'a> {
             .get(key)
             .and_then(Value::as_f64)
             .filter(|number| number.is_finite());
-        number.ok_or_else(|| self.error(key, "is missing, or no finite number"))
+        number.ok_or_else(|| self.error(key, "is missing or not a finite number"))
     }
 
     pub(super) fn number_or(&self, key: &str, default: f64) -> Result<f64, ImagesError> {
@@ -97,7 +98,7 @@ impl<'a> Object<'a> {
         }
     }
 
-    /// A side of a picture.
+    /// Returns the width or height of an image, pixels.
     pub(super) fn side(&self, key: &str) -> Result<u32, ImagesError> {
         let side = self.number(key)?;
         let allowed = (1.0..=f64::from(headbox_core::camera::Camera::MAX_SIDE_PX)).contains(&side)
@@ -105,11 +106,11 @@ impl<'a> Object<'a> {
         if allowed {
             Ok(side as u32)
         } else {
-            Err(self.error(key, format!("is {side}, no width or height in pixels")))
+            Err(self.error(key, format!("is {side}, not a width or height in pixels")))
         }
     }
 
-    /// Sixteen numbers, row by row: in one list, or in four.
+    /// Returns a matrix of 16 numbers, row by row, in one list or in four.
     pub(super) fn matrix(&self, key: &str) -> Result<DMat4, ImagesError> {
         let wrong = || self.error(key, "must hold 16 numbers, row by row");
         let list = self

@@ -1,4 +1,5 @@
-//! Middlebury's multi-view sets: photographs and `NAME_par.txt`, a line each of name, K, R and t.
+//! Reader of Middlebury's multi-view sets: photographs and `NAME_par.txt`, one line per photograph
+//! with name, K, R and t.
 
 use crate::color_images::read_size;
 use crate::lens::{Distortion, Lens, Pinhole};
@@ -9,8 +10,9 @@ use glam::{DMat3, DVec3};
 use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
+/// Opens the set in a folder; `None` without a parameter file.
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let Some(file) = parameter_file(folder)? else {
+    let Some(file) = find_parameter_file(folder)? else {
         return Ok(None);
     };
     let text = std::fs::read_to_string(&file).map_err(|cause| ImagesError::io(&file, cause))?;
@@ -24,24 +26,23 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         views.push(read_line(&file, line, number)?);
     }
     if views.is_empty() {
-        return Err(ImagesError::field(&file, "the file", "names no picture"));
+        return Err(ImagesError::field(&file, "the file", "names no image"));
     }
-    let (frame, notes) = (FileFrame::default(), Vec::new());
     Ok(Some(ImageSet {
-        folder: folder.into(),
-        format: "Middlebury multi-view",
-        frame,
-        views,
-        headbox_centre: None,
-        notes,
+            folder: folder.into(),
+            format: "Middlebury multi-view",
+            frame: FileFrame::default(),
+            views,
+            headbox_centre: None,
+            notes: Vec::new(),
     }))
 }
 
 fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError> {
-    let place = format!("line {number}");
-    let bad = |cause: &str| ImagesError::field(file, place.clone(), cause);
+    let field = format!("line {number}");
+        let bad = |cause: &str| ImagesError::field(file, field.clone(), cause);
     let mut words = line.split_whitespace();
-    let name = words.next().ok_or_else(|| bad("names no picture"))?;
+    let name = words.next().ok_or_else(|| bad("names no image"))?;
     let numbers: Option<Vec<f64>> = words
         .map(|word| word.parse().ok().filter(|n: &f64| n.is_finite()))
         .collect();
@@ -50,9 +51,9 @@ fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError
     let rotation = DMat3::from_cols_array(&std::array::from_fn(|i| p[9 + i])).transpose();
     let pose = Pose::from_camera_from_world(rotation, DVec3::new(p[18], p[19], p[20]))
         .map_err(|cause| bad(&cause))?;
-    let color = resolve(file, &place, name, false)?;
+    let color = resolve(file, &field, name, false)?;
     let size_px = read_size(&color)?;
-    // Centres of pixels lie at whole numbers in these files.
+    // These files have pixel centres at integers.
     let principal_px = [p[2] + 0.5, p[5] + 0.5];
     let lens = Pinhole {
         focal_px: [p[0], p[4]],
@@ -60,30 +61,19 @@ fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError
         distortion: Distortion::default(),
     };
     let lens = lens.checked().map(Lens::Pinhole).map_err(bad)?;
-    Ok(View {
-        name: name.into(),
-        size_px,
-        lens,
-        pose,
-        color,
-        depth: None,
-        mask: None,
-        depth_scale: 1.0,
-        color_channels: None,
-        registration: None,
-    })
+    Ok(View::new(name.into(), size_px, lens, pose, color, None))
 }
 
-fn parameter_file(folder: &Path) -> Result<Option<PathBuf>, ImagesError> {
-    let mut found = Vec::new();
+fn find_parameter_file(folder: &Path) -> Result<Option<PathBuf>, ImagesError> {
+    let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
         let path = entry
             .map_err(|cause| ImagesError::io(folder, cause))?
             .path();
         if path.to_string_lossy().ends_with("_par.txt") {
-            found.push(path);
-        }
-    }
-    found.sort();
-    Ok(found.into_iter().next())
+            files.push(path);
+                    }
+                }
+                files.sort();
+                Ok(files.into_iter().next())
 }

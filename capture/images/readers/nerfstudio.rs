@@ -1,11 +1,11 @@
-//! nerfstudio's and NeRF's `transforms.json`.
+//! Reader and writer of `transforms.json` of nerfstudio and NeRF.
 
-use super::json::Object;
+use super::json::{self as fields, JsonObject};
 use crate::color_images::read_size;
 use crate::depth::{DepthPicture, DepthSource, write_depth_exr};
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
-use crate::readers::json as fields;
+
 use crate::view::{LoadedView, View};
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat4, DVec3};
@@ -19,13 +19,14 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Metres for a step of a depth picture of integers, unless the file says otherwise.
+/// Default metres per step of integer depth images.
 const DEPTH_UNIT_M: f64 = 0.001;
 
+/// Opens the set of a `transforms.json`.
 pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
     let file = file.to_path_buf();
     let value = fields::read(&file)?;
-    let root = Object::root(&file, &value);
+    let root = JsonObject::root(&file, &value);
     let frame = FileFrame {
         up: UpAxis::Z,
         unit_m: 1.0,
@@ -48,49 +49,49 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
 }
 
 fn read_view(
-    root: &Object,
-    view: &Object,
+    root: &JsonObject,
+    view: &JsonObject,
     frame: &FileFrame,
     allow_outside: bool,
 ) -> Result<View, ImagesError> {
-    // What a frame does not say of its camera, the whole file does.
-    let of = |key: &str| {
+    // Fields that a frame lacks are taken from the file's root.
+        let find_owner = |key: &str| {
         if view.has(key) || !root.has(key) {
             view.clone()
         } else {
             root.clone()
         }
     };
-    let color = with_extension(resolve(
+    let color = add_extension(resolve(
         view.file,
-        &view.place_of("file_path"),
+        &view.field_path("file_path"),
         view.text("file_path")?,
         allow_outside,
     )?);
-    let size_px = match of("w").has("w") && of("h").has("h") {
-        true => [of("w").side("w")?, of("h").side("h")?],
-        false => read_size(&color)?,
-    };
-    let lens = lens_of(&of, view, size_px)?;
+    let width_owner = find_owner("w");
+        let height_owner = find_owner("h");
+        let size_px = if width_owner.has("w") && height_owner.has("h") {
+            [width_owner.side("w")?, height_owner.side("h")?]
+        } else {
+            read_size(&color)?
+        };
+        let lens = read_lens(&find_owner, view, size_px)?;
     let pose = Pose::from_opengl(view.matrix("transform_matrix")?)
         .map_err(|cause| view.error("transform_matrix", cause))?;
-    let path_of = |key: &str| match view.has(key) {
-        true => resolve(
-            view.file,
-            &view.place_of(key),
-            view.text(key)?,
-            allow_outside,
-        )
-        .map(Some),
-        false => Ok(None),
-    };
-    let depth = path_of("depth_file_path")?;
-    let unit = of("depth_unit_scale_factor");
+    let resolve_field = |key: &str| {
+            if !view.has(key) {
+                return Ok(None);
+            }
+            let field = view.field_path(key);
+            resolve(view.file, &field, view.text(key)?, allow_outside).map(Some)
+        };
+        let depth = resolve_field("depth_file_path")?;
+        let unit = find_owner("depth_unit_scale_factor");
     let unit_m = unit.number_or("depth_unit_scale_factor", DEPTH_UNIT_M)?;
     if unit_m <= 0.0 {
         return Err(unit.error(
             "depth_unit_scale_factor",
-            "must be above 0: metres for a step of depth",
+            "must be above 0: metres per step of depth",
         ));
     }
     let depth = depth.map(|path| {
@@ -108,33 +109,25 @@ fn read_view(
     });
     let name = view.text("file_path")?.to_owned();
     Ok(View {
-        name,
-        size_px,
-        lens,
-        pose: pose.in_world(frame),
-        color,
-        depth,
-        mask: path_of("mask_path")?,
-        depth_scale: 1.0,
-        color_channels: None,
-        registration: None,
-    })
+            mask: resolve_field("mask_path")?,
+            ..View::new(name, size_px, lens, pose.in_world(frame), color, depth)
+        })
 }
 
-/// Writes perspective views as a set of their own: pictures with ideal lenses as `images/NNNNN.png`, and `transforms.json`. `look` is told of each
-/// view that was written. Others, such as panoramas, are left out.
+/// Writes perspective views as a set of their own: undistorted images as `images/NNNNN.png`, and
+/// `transforms.json`. `on_view` is called for each written view. Panoramas are skipped.
 ///
 /// # Errors
 /// [`ImagesError`] that names the file.
 pub fn write_set(
     views: &[View],
     folder: &Path,
-    look: &mut dyn FnMut(&str),
+    on_view: &mut dyn FnMut(&str),
 ) -> Result<(), ImagesError> {
     let mut set = SetWriter::new(folder);
     for (number, view) in views.iter().enumerate() {
         if view.pinhole().is_some() && set.add(number, &view.load()?, false)? {
-            look(&view.name);
+            on_view(&view.name);
         }
     }
     set.finish()
@@ -147,7 +140,7 @@ pub struct SetWriter {
 }
 
 impl SetWriter {
-    /// Into a folder.
+    /// Creates a writer into a folder.
     pub fn new(folder: &Path) -> Self {
         Self {
             folder: folder.into(),
@@ -155,7 +148,8 @@ impl SetWriter {
         }
     }
 
-    /// Writes the pictures of a view: `images/NNNNN.png`, and `depth/NNNNN.exr` if it is to be known; false if it is not a perspective view.
+    /// Writes the image of a view as `images/NNNNN.png`, and `depth/NNNNN.exr` if `with_depth`;
+    /// returns false if it is not a perspective view.
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
@@ -202,7 +196,7 @@ impl SetWriter {
         Ok(true)
     }
 
-    /// Writes `transforms.json`, which makes a set of them.
+    /// Writes `transforms.json`.
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
@@ -216,17 +210,18 @@ impl SetWriter {
     }
 }
 
+/// Writes the colours of a view as PNG, with alpha only if a pixel is transparent.
 fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {
     let [width, height] = view.size_px;
     let opaque = view.color.iter().all(|pixel| pixel[3] == 255);
-    let bytes: Vec<u8> = match opaque {
-        true => view
-            .color
-            .iter()
-            .flat_map(|&[r, g, b, _]| [r, g, b])
-            .collect(),
-        false => view.color.iter().flatten().copied().collect(),
-    };
+    let bytes: Vec<u8> = if opaque {
+            view.color
+                .iter()
+                .flat_map(|&[r, g, b, _]| [r, g, b])
+                .collect()
+        } else {
+            view.color.iter().flatten().copied().collect()
+        };
     let kind = if opaque {
         ExtendedColorType::Rgb8
     } else {
@@ -240,8 +235,8 @@ fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {
     files::write_whole(path, write).map_err(|cause| ImagesError::io(path, cause))
 }
 
-/// NeRF's synthetic scenes leave `.png` away.
-fn with_extension(path: PathBuf) -> PathBuf {
+/// Adds `.png`, which NeRF's synthetic scenes omit, to a path without extension.
+fn add_extension(path: PathBuf) -> PathBuf {
     if path.extension().is_some() || path.is_file() {
         path
     } else {
@@ -249,12 +244,12 @@ fn with_extension(path: PathBuf) -> PathBuf {
     }
 }
 
-fn lens_of<'a>(
-    of: &impl Fn(&str) -> Object<'a>,
-    view: &Object,
+fn read_lens<'a>(
+    find_owner: &impl Fn(&str) -> JsonObject<'a>,
+    view: &JsonObject,
     size_px: [u32; 2],
 ) -> Result<Lens, ImagesError> {
-    let model = of("camera_model");
+    let model = find_owner("camera_model");
     let model = if model.has("camera_model") {
         model.text("camera_model")?
     } else {
@@ -265,41 +260,42 @@ fn lens_of<'a>(
         "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" => {}
         other => {
             let cause = format!(
-                "is \"{other}\"; expected PINHOLE, OPENCV or EQUIRECTANGULAR: undistort the pictures first"
+                "is \"{other}\"; expected PINHOLE, OPENCV or EQUIRECTANGULAR: undistort the images first"
             );
             return Err(view.error("camera_model", cause));
         }
     }
-    let number = |key: &str, default: f64| of(key).number_or(key, default);
+    let number = |key: &str, default: f64| find_owner(key).number_or(key, default);
     let [width, height] = size_px.map(f64::from);
-    let of_angle = |key: &str, side: f64| -> Result<Option<f64>, ImagesError> {
-        let object = of(key);
+    let focal_from_angle = |key: &str, side: f64| -> Result<Option<f64>, ImagesError> {
+            let object = find_owner(key);
         if !object.has(key) {
             return Ok(None);
         }
         let angle = object.number(key)?;
-        match angle > 0.0 && angle < std::f64::consts::PI {
-            true => Ok(Some(0.5 * side / (angle / 2.0).tan())),
-            false => Err(object.error(key, format!("is {angle}, no angle between 0 and pi"))),
-        }
+        if angle > 0.0 && angle < std::f64::consts::PI {
+                    Ok(Some(0.5 * side / (angle / 2.0).tan()))
+                } else {
+                    Err(object.error(key, format!("is {angle}, not an angle between 0 and pi")))
+                }
     };
-    let across = if of("fl_x").has("fl_x") {
-        Some(of("fl_x").number("fl_x")?)
-    } else {
-        of_angle("camera_angle_x", width)?
-    };
-    let down = if of("fl_y").has("fl_y") {
-        Some(of("fl_y").number("fl_y")?)
-    } else {
-        of_angle("camera_angle_y", height)?
-    };
-    let Some(across) = across.or(down) else {
+    let focal = |key: &str, angle_key: &str, side: f64| {
+            let object = find_owner(key);
+            if object.has(key) {
+                object.number(key).map(Some)
+            } else {
+                focal_from_angle(angle_key, side)
+            }
+        };
+        let fl_x = focal("fl_x", "camera_angle_x", width)?;
+        let fl_y = focal("fl_y", "camera_angle_y", height)?;
+        let Some(focal_x) = fl_x.or(fl_y) else {
         return Err(view.error(
             "fl_x",
-            "is missing, and so is camera_angle_x: one of them must say how wide a view is",
+            "is missing, and so is camera_angle_x: one of them must specify the field of view",
         ));
     };
-    let focal_px = [across, down.unwrap_or(across)];
+    let focal_px = [focal_x, fl_y.unwrap_or(focal_x)];
     let radial = [
         number("k1", 0.0)?,
         number("k2", 0.0)?,

@@ -1,9 +1,11 @@
-//! Panoramas: an equirectangular picture, or six cube faces, with depth beside them. They say nothing of where they were
-//! taken, so that they lie at the origin, the middle of the picture (the front face) looking down -Z.
+//! Reader of panoramas: an equirectangular image, or six cube faces, with depth next to them. They
+//! have no poses, so all lie at the origin, the centre of the image (the front face) looking down
+//! -Z.
 //!
-//! `NAME.png` (or `.jpg`, `.exr`) twice as wide as high, and `NAME_depth.exr` (metres along the ray, as Blender writes for
-//! panoramas) or `NAME_depth.png` (16 bits, millimetres). Cube faces: `NAME_front`, `_back`, `_left`, `_right`, `_bottom`, `_top`
-//! (as Seurat's: front -Z, right +X, top +Y), with `NAME_front_depth` and so on, eye depth.
+//! A panorama is `NAME.png` (or `.jpg`, `.exr`), twice as wide as high, with `NAME_depth.exr`
+//! (metres along the ray, as Blender writes for panoramas) or `NAME_depth.png` (16 bits,
+//! millimetres). Cube faces are `NAME_front`, `_back`, `_left`, `_right`, `_bottom`, `_top` (as
+//! Seurat's: front -Z, right +X, top +Y) with `NAME_front_depth` and so on, eye depth.
 
 use crate::color_images::read_size;
 use crate::depth::{DepthSource, extension};
@@ -17,7 +19,7 @@ use headbox_core::depth_kind::DepthKind;
 use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
-/// Names of cube faces and the faces that they are.
+/// Names of cube faces.
 const FACES: [(&str, Face); 6] = [
     ("front", Face::NegZ),
     ("back", Face::PosZ),
@@ -27,14 +29,15 @@ const FACES: [(&str, Face); 6] = [
     ("top", Face::PosY),
 ];
 
+/// Opens the panoramas in a folder; `None` if no image has a depth file.
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     let mut views = Vec::new();
-    for color in pictures(folder)? {
+    for color in list_images(folder)? {
         let stem = color
             .file_stem()
             .map(|stem| stem.to_string_lossy().into_owned())
             .unwrap_or_default();
-        let Some(depth) = depth_beside(folder, &stem) else {
+        let Some(depth) = find_depth_file(folder, &stem) else {
             continue;
         };
         let size_px = read_size(&color)?;
@@ -55,7 +58,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             _ => {
                 let [width, height] = size_px;
                 let cause = format!(
-                    "is {width}x{height} pixels; a panorama is twice as wide as high, a cube face square"
+                    "is {width}x{height} pixels; a panorama must be twice as wide as high, a cube face square"
                 );
                 return Err(ImagesError::Picture { path: color, cause });
             }
@@ -70,33 +73,18 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             eye: DVec3::ZERO,
             world_from_eye,
         };
-        views.push(View {
-            name: stem,
-            size_px,
-            lens,
-            pose,
-            color,
-            depth,
-            mask: None,
-            depth_scale: 1.0,
-            color_channels: None,
-            registration: None,
-        });
+        views.push(View::new(stem, size_px, lens, pose, color, depth));
     }
     if views.is_empty() {
         return Ok(None);
     }
-    let (frame, notes) = (
-        FileFrame::default(),
-        vec!["no poses: every panorama lies at the origin".into()],
-    );
     Ok(Some(ImageSet {
-        folder: folder.into(),
-        format: "panoramas",
-        frame,
-        views,
-        headbox_centre: None,
-        notes,
+            folder: folder.into(),
+            format: "panoramas",
+            frame: FileFrame::default(),
+            views,
+            headbox_centre: None,
+            notes: vec!["no poses: every panorama lies at the origin".into()],
     }))
 }
 
@@ -109,8 +97,9 @@ fn face_lens(side_px: u32) -> Lens {
     })
 }
 
-fn pictures(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
-    let mut found = Vec::new();
+/// Lists the images of a folder that are not depth files, sorted by name.
+fn list_images(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
+    let mut images = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
         let path = entry
             .map_err(|cause| ImagesError::io(folder, cause))?
@@ -121,14 +110,14 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
             .file_stem()
             .is_some_and(|stem| stem.to_string_lossy().ends_with("_depth"));
         if is_picture && !is_depth {
-            found.push(path);
-        }
-    }
-    found.sort();
-    Ok(found)
+            images.push(path);
+                    }
+                }
+                images.sort();
+                Ok(images)
 }
 
-fn depth_beside(folder: &Path, stem: &str) -> Option<PathBuf> {
+fn find_depth_file(folder: &Path, stem: &str) -> Option<PathBuf> {
     ["exr", "png"]
         .into_iter()
         .map(|ending| folder.join(format!("{stem}_depth.{ending}")))

@@ -1,5 +1,6 @@
-//! RGB-D frames: `frame-NNNNNN.color.png`, `.depth.png` (16 bits, millimetres) and `.pose.txt` (camera to world), with
-//! 3x3 intrinsics beside them; the layout of the TSDF demo and of 7-Scenes.
+//! Reader of RGB-D frames: `frame-NNNNNN.color.png`, `.depth.png` (16 bits, millimetres) and
+//! `.pose.txt` (camera to world), with 3x3 intrinsics next to them; the layout of the TSDF demo and
+//! of 7-Scenes.
 
 use crate::color_images::read_size;
 use crate::depth::DepthSource;
@@ -13,42 +14,45 @@ use headbox_core::depth_kind::DepthKind;
 use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
-/// Metres for a step of depth.
+/// Metres per step of depth.
 const DEPTH_UNIT_M: f32 = 0.001;
 
-/// The camera of 7-Scenes, whose folders hold no intrinsics: focal length and principal point, centres of pixels at whole
-/// numbers.
+/// Camera of 7-Scenes, whose folders have no intrinsics: focal length and principal point, pixel
+/// centres at integers.
 const SEVEN_SCENES: [f64; 3] = [585.0, 320.0, 240.0];
 
+/// Opens the frames in a folder or below it; `None` without poses.
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let Some((place, poses)) = find_poses(folder, 3)? else {
+    let Some((frame_folder, poses)) = find_poses(folder, 3)? else {
         return Ok(None);
     };
     let mut notes = Vec::new();
-    let pinhole = match intrinsics_file(&place, folder) {
+    let pinhole = match find_intrinsics(&frame_folder, folder) {
         Some(file) => {
-            let k = text::numbers(&file, 9, "the 3x3 intrinsics")?;
-            let checked = pinhole_of([k[0], k[4]], [k[2], k[5]]).checked();
+            let k = text::read_numbers(&file, 9, "the 3x3 intrinsics")?;
+                        let checked = create_pinhole([k[0], k[4]], [k[2], k[5]]).checked();
             checked.map_err(|cause| ImagesError::field(&file, "the 3x3 intrinsics", cause))?
         }
         None => {
             let [focal, x, y] = SEVEN_SCENES;
             notes.push(format!(
-                "no camera-intrinsics.txt: taken as {focal} px at {x}, {y}, the camera of 7-Scenes"
+                "no camera-intrinsics.txt: assuming {focal} px at {x}, {y}, the camera of 7-Scenes"
             ));
-            pinhole_of([focal; 2], [x, y])
+            create_pinhole([focal; 2], [x, y])
         }
     };
     let lens = Lens::Pinhole(pinhole);
-    let (mut views, mut without_pose, mut without_depth) = (Vec::new(), Vec::new(), Vec::new());
+    let mut views = Vec::new();
+        let mut without_pose = Vec::new();
+        let mut without_depth = Vec::new();
     for pose_file in poses {
         let stem = pose_file
             .to_string_lossy()
             .trim_end_matches("pose.txt")
             .to_owned();
-        let matrix: [f64; 16] = match text::numbers(&pose_file, 16, "the 4x4 pose") {
+        let matrix: [f64; 16] = match text::read_numbers(&pose_file, 16, "the 4x4 pose") {
             Ok(numbers) => numbers.try_into().unwrap_or([0.0; 16]),
-            // Trackers write infinities where they were lost.
+            // Trackers write infinities where tracking was lost.
             Err(ImagesError::Field { .. }) if is_lost(&pose_file) => {
                 without_pose.push(text::file_name(&pose_file));
                 continue;
@@ -57,56 +61,44 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         };
         let pose = Pose::from_opencv(DMat4::from_cols_array(&matrix).transpose());
         let pose = pose.map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))?;
-        let ending = |ending: &str| PathBuf::from(format!("{stem}{ending}"));
-        let color = [ending("color.png"), ending("color.jpg")]
-            .into_iter()
-            .find(|path| path.is_file());
-        let color = color.unwrap_or_else(|| ending("color.png"));
+        let file = |extension: &str| PathBuf::from(format!("{stem}{extension}"));
+                let color = [file("color.png"), file("color.jpg")]
+                    .into_iter()
+                    .find(|path| path.is_file());
+                let color = color.unwrap_or_else(|| file("color.png"));
         let size_px = read_size(&color)?;
-        let depth = Some(ending("depth.png")).filter(|path| path.is_file());
+        let depth = Some(file("depth.png")).filter(|path| path.is_file());
         if depth.is_none() {
             without_depth.push(text::file_name(&color));
         }
         let depth = depth.map(|path| DepthSource::metres(path, DepthKind::EyeDepth, DEPTH_UNIT_M));
         let name = text::file_name(&color);
-        views.push(View {
-            name,
-            size_px,
-            lens,
-            pose,
-            color,
-            depth,
-            mask: None,
-            depth_scale: 1.0,
-            color_channels: None,
-            registration: None,
-        });
+        views.push(View::new(name, size_px, lens, pose, color, depth));
     }
     if views.is_empty() {
         return Err(ImagesError::field(
-            &place,
-            "frame-*.pose.txt",
+            &frame_folder,
+                        "frame-*.pose.txt",
             "no frame has a pose",
         ));
     }
     notes.extend(
-        text::first_of(&without_pose)
-            .map(|which| format!("left out, as the tracker was lost: {which}")),
+        text::abbreviate(&without_pose)
+                    .map(|names| format!("skipped, because tracking was lost: {names}")),
     );
-    notes.extend(text::first_of(&without_depth).map(|which| format!("without depth: {which}")));
-    let frame = FileFrame::default();
+    notes.extend(text::abbreviate(&without_depth).map(|names| format!("without depth: {names}")));
     Ok(Some(ImageSet {
-        folder: folder.into(),
-        format: "RGB-D frames",
-        frame,
+            folder: folder.into(),
+            format: "RGB-D frames",
+            frame: FileFrame::default(),
         views,
         headbox_centre: None,
         notes,
     }))
 }
 
-/// Centres of pixels lie at whole numbers in these files, and at halves here.
-fn pinhole_of(focal_px: [f64; 2], principal: [f64; 2]) -> Pinhole {
+/// Creates a pinhole from intrinsics with pixel centres at integers.
+fn create_pinhole(focal_px: [f64; 2], principal: [f64; 2]) -> Pinhole {
     Pinhole {
         focal_px,
         principal_px: principal.map(|c| c + 0.5),
@@ -114,24 +106,28 @@ fn pinhole_of(focal_px: [f64; 2], principal: [f64; 2]) -> Pinhole {
     }
 }
 
+/// Returns true if a pose file contains numbers that are not finite.
 fn is_lost(pose_file: &Path) -> bool {
     std::fs::read_to_string(pose_file)
         .is_ok_and(|text| text.to_lowercase().contains("inf") || text.contains("nan"))
 }
 
-fn intrinsics_file(place: &Path, folder: &Path) -> Option<PathBuf> {
+/// Finds the intrinsics next to the frames, in a folder above them up to `folder`, or next to
+/// `folder`.
+fn find_intrinsics(frame_folder: &Path, folder: &Path) -> Option<PathBuf> {
     let names = ["camera-intrinsics.txt", "intrinsics.txt", "intrinsic.txt"];
-    let parents = place
+    let parents = frame_folder
         .ancestors()
         .take_while(|parent| parent.starts_with(folder))
         .map(Path::to_path_buf);
-    let around = parents.chain(folder.parent().map(Path::to_path_buf));
-    around
-        .flat_map(|place| names.map(|name| place.join(name)))
+    let folders = parents.chain(folder.parent().map(Path::to_path_buf));
+        folders
+            .flat_map(|folder| names.map(|name| folder.join(name)))
         .find(|file| file.is_file())
 }
 
-/// The first folder, at most so many levels down, that holds poses, and these in the order of their names.
+/// Returns the first folder with poses, at most `levels` levels down, and its pose files sorted by
+/// name.
 fn find_poses(folder: &Path, levels: u32) -> Result<Option<(PathBuf, Vec<PathBuf>)>, ImagesError> {
     let mut entries = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
@@ -149,8 +145,8 @@ fn find_poses(folder: &Path, levels: u32) -> Result<Option<(PathBuf, Vec<PathBuf
     }
     if levels > 0 {
         for below in entries.iter().filter(|path| path.is_dir()) {
-            if let Some(found) = find_poses(below, levels - 1)? {
-                return Ok(Some(found));
+            if let Some(poses) = find_poses(below, levels - 1)? {
+                            return Ok(Some(poses));
             }
         }
     }

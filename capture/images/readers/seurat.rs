@@ -1,11 +1,11 @@
-//! Seurat's `manifest.json`: view groups of RGB-D views with projection matrices.
+//! Reader of Seurat's `manifest.json`: view groups of RGB-D views with projection matrices.
 
-use super::json::Object;
+use super::json::{self, JsonObject};
 use crate::color_images::ColorChannels;
 use crate::depth::DepthSource;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
-use crate::readers::json;
+
 use crate::view::View;
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat4, DVec3};
@@ -13,10 +13,11 @@ use headbox_core::depth_kind::DepthKind;
 use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
+/// Opens the set of a manifest.
 pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
     let file = file.to_path_buf();
     let value = json::read(&file)?;
-    let root = Object::root(&file, &value);
+    let root = JsonObject::root(&file, &value);
     let centre = if root.has("headbox_center") {
         Some(headbox_centre(&root)?)
     } else {
@@ -29,9 +30,10 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
         }
     }
     if views.is_empty() {
-        return Err(root.error("view_groups", "holds no view"));
+        return Err(root.error("view_groups", "contains no view"));
     }
-    // A centre that is given is subtracted from the poses: what is written is where the capture's own scene has it.
+    // Seurat has subtracted the centre from the poses: it is the position in the scene of the
+    // capture.
     Ok(ImageSet {
         folder: file.parent().unwrap_or(Path::new("")).into(),
         format: "Seurat manifest",
@@ -42,7 +44,7 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
     })
 }
 
-fn headbox_centre(root: &Object) -> Result<DVec3, ImagesError> {
+fn headbox_centre(root: &JsonObject) -> Result<DVec3, ImagesError> {
     let list = root.value["headbox_center"].as_array();
     let numbers: Option<Vec<f64>> =
         list.and_then(|list| list.iter().map(serde_json::Value::as_f64).collect());
@@ -52,11 +54,11 @@ fn headbox_centre(root: &Object) -> Result<DVec3, ImagesError> {
         .ok_or_else(|| root.error("headbox_center", "must hold three numbers"))
 }
 
-fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
+fn read_view(view: &JsonObject, allow_outside: bool) -> Result<View, ImagesError> {
     let camera = view.object("projective_camera")?;
     let size_px = [camera.side("image_width")?, camera.side("image_height")?];
     let clip_from_eye = camera.matrix("clip_from_eye_matrix")?;
-    let pinhole = pinhole_of(clip_from_eye, size_px)
+    let pinhole = parse_projection(clip_from_eye, size_px)
         .map_err(|cause| camera.error("clip_from_eye_matrix", cause))?;
     let pose = Pose::from_opengl(camera.matrix("world_from_eye_matrix")?)
         .map_err(|cause| camera.error("world_from_eye_matrix", cause))?;
@@ -72,11 +74,12 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
         }
     };
     let files = view.object("depth_image_file")?;
-    let (color, depth) = (files.object("color")?, files.object("depth")?);
-    let path = |object: &Object| -> Result<PathBuf, ImagesError> {
+    let color = files.object("color")?;
+        let depth = files.object("depth")?;
+    let path = |object: &JsonObject| -> Result<PathBuf, ImagesError> {
         resolve(
             object.file,
-            &object.place_of("path"),
+            &object.field_path("path"),
             object.text("path")?,
             allow_outside,
         )
@@ -88,13 +91,14 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
         channel: channel(&depth, "channel_0"),
         is_share: !is_exr,
         kind,
-        // Pictures of integers hold shares of 1.
+        // Integer images store fractions of 1.
         unit_m: if is_exr { 1.0 } else { 1.0 / 65_535.0 },
         window: Some([rows.z_axis.z, rows.z_axis.w]),
         path: depth_path,
-        // Window depth says it in its own way: where depth is reversed, infinitely far is zero there too.
+        // Window depth follows from the clip matrix instead; with reversed depth, infinitely far is
+        // zero.
         zero_is_far: kind != DepthKind::WindowDepth,
-        found: None,
+        estimated_deviation: None,
     };
     let color_path = path(&color)?;
     let name = color_path
@@ -102,29 +106,22 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
         .map(|name| name.to_string_lossy().into_owned())
         .unwrap_or_default();
     let lens = Lens::Pinhole(pinhole);
-    Ok(View {
-        name,
-        size_px,
-        lens,
-        pose,
-        color: color_path,
-        depth: Some(source),
-        mask: None,
-        depth_scale: 1.0,
-        color_channels: color_channels(&color),
-        registration: None,
-    })
+        Ok(View {
+            color_channels: color_channels(&color),
+            ..View::new(name, size_px, lens, pose, color_path, Some(source))
+        })
 }
 
-fn channel(file: &Object, key: &str) -> Option<String> {
+fn channel(file: &JsonObject, key: &str) -> Option<String> {
     file.value
         .get(key)
         .and_then(serde_json::Value::as_str)
         .map(str::to_owned)
 }
 
-/// Channels of a colour picture where they are not the usual ones. Captures of game engines keep depth in alpha.
-fn color_channels(color: &Object) -> Option<ColorChannels> {
+/// Returns the channels of a colour image if they are not R, G, B and A: captures of game engines
+/// store depth in alpha.
+fn color_channels(color: &JsonObject) -> Option<ColorChannels> {
     let keys = ["channel_0", "channel_1", "channel_2", "channel_alpha"];
     let usual = ColorChannels::default();
     let named =
@@ -132,10 +129,12 @@ fn color_channels(color: &Object) -> Option<ColorChannels> {
     Some(ColorChannels(named)).filter(|channels| *channels != usual)
 }
 
-/// The pinhole of a projection matrix in OpenGL's clip space.
-fn pinhole_of(clip_from_eye: DMat4, [width, height]: [u32; 2]) -> Result<Pinhole, String> {
+/// Converts a projection matrix of OpenGL's clip space to a pinhole.
+fn parse_projection(clip_from_eye: DMat4, [width, height]: [u32; 2]) -> Result<Pinhole, String> {
     let rows = clip_from_eye.transpose();
-    let (x, y, w) = (rows.x_axis, rows.y_axis, rows.w_axis);
+    let x = rows.x_axis;
+        let y = rows.y_axis;
+        let w = rows.w_axis;
     if !clip_from_eye.is_finite()
         || (w.z + 1.0).abs() > 1e-6
         || w.x != 0.0
@@ -147,7 +146,7 @@ fn pinhole_of(clip_from_eye: DMat4, [width, height]: [u32; 2]) -> Result<Pinhole
         );
     }
     if !(x.x > 0.0 && y.y > 0.0) {
-        return Err("mirrors, or has no width: its diagonal must be above 0".into());
+        return Err("mirrors or has no width: its diagonal must be above 0".into());
     }
     let half = [f64::from(width) / 2.0, f64::from(height) / 2.0];
     let lens = Pinhole {
@@ -163,14 +162,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_projection_off_centre_agrees_with_its_matrix() {
+    fn off_centre_projection_matches_matrix() {
         let clip = DMat4::from_cols_array(&[
             1.5, 0.0, 0.0, 0.0, //
             0.0, 2.0, 0.0, 0.0, //
             0.2, -0.1, -1.002, -1.0, //
             0.0, 0.0, -0.2, 0.0,
         ]);
-        let pinhole = pinhole_of(clip, [640, 480]).expect("a pinhole");
+        let pinhole = parse_projection(clip, [640, 480]).expect("a pinhole");
         let point = DVec3::new(0.7, -0.4, -3.0);
         let ndc = clip * point.extend(1.0) / (clip * point.extend(1.0)).w;
         let expected = [(ndc.x + 1.0) * 320.0, (1.0 - ndc.y) * 240.0];
@@ -179,8 +178,8 @@ mod tests {
             .expect("in front");
         assert!((x - expected[0]).abs() < 1e-9 && (y - expected[1]).abs() < 1e-9 && depth == 3.0);
         assert!(
-            pinhole_of(DMat4::IDENTITY, [4, 4]).is_err(),
-            "no perspective"
+            parse_projection(DMat4::IDENTITY, [4, 4]).is_err(),
+                        "not a perspective"
         );
     }
 }

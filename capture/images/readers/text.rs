@@ -1,10 +1,15 @@
-//! Numbers in plain text files, and names of files in sentences.
+//! Numbers in plain text files, and file names in messages.
 
 use crate::ImagesError;
 use std::path::Path;
 
-/// All numbers of a text file, in whatever lines; exactly `count` of them.
-pub(super) fn numbers(path: &Path, count: usize, what: &str) -> Result<Vec<f64>, ImagesError> {
+/// Reads a text file of exactly `count` numbers, regardless of line breaks. `field` names them in
+/// errors.
+pub(super) fn read_numbers(
+    path: &Path,
+    count: usize,
+    field: &str,
+) -> Result<Vec<f64>, ImagesError> {
     let text = std::fs::read_to_string(path).map_err(|cause| ImagesError::io(path, cause))?;
     let numbers: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
     match numbers {
@@ -13,21 +18,21 @@ pub(super) fn numbers(path: &Path, count: usize, what: &str) -> Result<Vec<f64>,
         }
         _ => Err(ImagesError::field(
             path,
-            what,
+                        field,
             format!("must hold {count} finite numbers"),
         )),
     }
 }
 
-/// The name of a file without its folder.
+/// Returns the name of a file without its folder.
 pub(super) fn file_name(path: &Path) -> String {
     path.file_name()
         .map(|name| name.to_string_lossy().into_owned())
         .unwrap_or_default()
 }
 
-/// The first of some names, and how many more there are; `None` of none.
-pub(crate) fn first_of(names: &[String]) -> Option<String> {
+/// Abbreviates a list of names to the first and the number of others; `None` if it is empty.
+pub(crate) fn abbreviate(names: &[String]) -> Option<String> {
     let (first, more) = names.split_first()?;
     Some(if more.is_empty() {
         first.clone()

@@ -1,4 +1,4 @@
-//! Points of one view and the planes of another: equations of how they come together.
+//! Point-to-plane matches between views and their normal equations.
 
 use super::Pose;
 use super::overlap::SAME_SURFACE;
@@ -7,79 +7,80 @@ use glam::DVec3;
 use headbox_core::statistics::median;
 use rayon::prelude::*;
 
-/// Unknowns of a view: a small turn about its eye (radians), and a small step (metres), in world axes.
-pub(super) const OF_VIEW: usize = 6;
+/// Number of unknowns of a view: a small turn about its eye (radians) and a small step (metres), in
+/// world axes.
+pub(super) const VIEW_UNKNOWNS: usize = 6;
 
-/// Unknowns of a pair of views.
-pub(super) const OF_PAIR: usize = 2 * OF_VIEW;
+/// Number of unknowns of a pair of views.
+pub(super) const PAIR_UNKNOWNS: usize = 2 * VIEW_UNKNOWNS;
 
-/// What a pair of views adds to the normal equations.
-pub(super) struct Block {
+/// Contribution of a pair of views to the normal equations.
+pub(super) struct PosePairBlock {
     pub(super) views: [usize; 2],
-    /// J^T W J, the upper triangle.
-    pub(super) matrix: [[f64; OF_PAIR]; OF_PAIR],
+    /// Upper triangle of J^T W J.
+    pub(super) matrix: [[f64; PAIR_UNKNOWNS]; PAIR_UNKNOWNS],
     /// J^T W r.
-    pub(super) gradient: [f64; OF_PAIR],
+    pub(super) gradient: [f64; PAIR_UNKNOWNS],
 }
 
-/// Depth pictures, and which of them are compared.
-pub(super) struct Neighbors<'a> {
+/// Depth images and the pairs of them that are aligned.
+pub(super) struct IcpProblem<'a> {
     pub(super) grids: &'a [RangeGrid],
     pub(super) pairs: &'a [[usize; 2]],
     /// Standard deviation of inverse depth, 1/m.
     pub(super) noise: f64,
 }
 
-/// Cells from one point to the next, both ways.
+/// Distance of the sampled cells, in columns and rows.
 const STEP: u32 = 2;
 
-/// One point in so many judges the poses that the others lead to.
-const UNSEEN: u32 = 4;
+/// One in this number of points is excluded from the equations, for validation.
+const VALIDATION_STRIDE: u32 = 4;
 
-/// The normals of a point and of its partner are at most 60 degrees apart.
-const LEAST_COSINE: f64 = 0.5;
+/// Minimum cosine between the normals of matching points: 60 degrees.
+const MIN_NORMAL_COSINE: f64 = 0.5;
 
-/// Tukey's constant: 95 % as efficient as least squares where errors are normal.
+/// Tukey's constant: 95 % as efficient as least squares for normal errors.
 const TUKEY: f64 = 4.685;
 
-/// From a median of absolute errors to the standard deviation of normal ones.
+/// Ratio of standard deviation to median absolute error for normal errors.
 const SIGMA_OF_MEDIAN: f64 = 1.4826;
 
-/// A pair's standard deviation is no less, pixels: below it partners, not places, differ.
-const LEAST_SIGMA_PX: f64 = 0.05;
+/// Minimum standard deviation of a pair, pixels: smaller ones come from the choice of partners.
+const MIN_SIGMA_PX: f64 = 0.05;
 
-/// A point, world metres, and the plane that another view sees there.
-struct Match {
+/// A point, world metres, matched to the plane of another view.
+struct PlaneMatch {
     point: DVec3,
     normal: DVec3,
-    /// How far the point lies before the plane, metres.
+    /// Signed distance of the point in front of the plane, metres.
     distance: f64,
-    /// What counts as an error of one, metres: a pixel, and the sensor's noise.
+    /// Scale of the error, metres: a pixel and the sensor's noise combined.
     unit: f64,
 }
 
-impl Neighbors<'_> {
-    /// The equations of all pairs, in their order.
-    pub(super) fn equations(&self, poses: &[Pose]) -> Vec<Block> {
+impl IcpProblem<'_> {
+    /// Returns the equations of all pairs, in their order.
+    pub(super) fn equations(&self, poses: &[Pose]) -> Vec<PosePairBlock> {
         self.pairs
             .par_iter()
             .map(|&pair| self.block(pair, poses))
             .collect()
     }
 
-    /// Cells of a view, and the surfaces in them: those that judge, or the others.
-    pub(super) fn each_facet(
-        &self,
-        view: usize,
-        unseen: bool,
+    /// Visits the surfaces of a view and their cells: the validation points, or the others.
+        pub(super) fn for_each_facet(
+            &self,
+            view: usize,
+            validation: bool,
         mut visit: impl FnMut([u32; 2], Facet),
     ) {
         let grid = &self.grids[view];
         for row in (0..grid.size[1]).step_by(STEP as usize) {
             for column in (0..grid.size[0]).step_by(STEP as usize) {
-                // Others from row to row.
-                let judges = (column / STEP + 2 * (row / STEP)).is_multiple_of(UNSEEN);
-                if judges == unseen
+                // Staggered from row to row.
+                                let is_validation = (column / STEP + 2 * (row / STEP)).is_multiple_of(VALIDATION_STRIDE);
+                if is_validation == validation
                     && let Some(facet) = grid.facet(column, row)
                 {
                     visit([column, row], facet);
@@ -88,24 +89,26 @@ impl Neighbors<'_> {
         }
     }
 
-    /// Points of `from` with partners in `to`.
-    fn matches(&self, [from, to]: [usize; 2], poses: &[Pose]) -> Vec<Match> {
-        let (grid, own, pose) = (&self.grids[to], &poses[from], &poses[to]);
+    /// Matches points of `from` with planes of `to`.
+    fn matches(&self, [from, to]: [usize; 2], poses: &[Pose]) -> Vec<PlaneMatch> {
+        let grid = &self.grids[to];
+                let own = &poses[from];
+                let pose = &poses[to];
         let mut matches = Vec::new();
-        self.each_facet(from, false, |_, Facet { point, normal, .. }| {
+        self.for_each_facet(from, false, |_, Facet { point, normal, .. }| {
             let world = own.to_world(point);
-            let Some((facet, depth)) = grid.seen_at(pose.to_eye(world)) else {
+            let Some((facet, depth)) = grid.project(pose.to_eye(world)) else {
                 return;
             };
-            let there = pose.world_from_eye * facet.normal;
+            let plane_normal = pose.world_from_eye * facet.normal;
             let is_same = (facet.depth / depth - 1.0).abs() < SAME_SURFACE
-                && there.dot(own.world_from_eye * normal) > LEAST_COSINE;
+                && plane_normal.dot(own.world_from_eye * normal) > MIN_NORMAL_COSINE;
             if is_same {
-                let distance = (world - pose.to_world(facet.point)).dot(there);
+                let distance = (world - pose.to_world(facet.point)).dot(plane_normal);
                 let unit = (depth * grid.pixel_rad).hypot(self.noise * depth * depth);
-                matches.push(Match {
+                matches.push(PlaneMatch {
                     point: world,
-                    normal: there,
+                    normal: plane_normal,
                     distance,
                     unit,
                 });
@@ -114,30 +117,30 @@ impl Neighbors<'_> {
         matches
     }
 
-    fn block(&self, [a, b]: [usize; 2], poses: &[Pose]) -> Block {
-        let mut block = Block {
+    fn block(&self, [a, b]: [usize; 2], poses: &[Pose]) -> PosePairBlock {
+        let mut block = PosePairBlock {
             views: [a, b],
-            matrix: [[0.0; OF_PAIR]; OF_PAIR],
-            gradient: [0.0; OF_PAIR],
+            matrix: [[0.0; PAIR_UNKNOWNS]; PAIR_UNKNOWNS],
+            gradient: [0.0; PAIR_UNKNOWNS],
         };
         let both = [[a, b], [b, a]].map(|direction| self.matches(direction, poses));
         let errors = both
             .iter()
             .flatten()
-            .map(|found| (found.distance / found.unit).abs());
+            .map(|matched| (matched.distance / matched.unit).abs());
         let sigma = median(errors).unwrap_or(0.0) * SIGMA_OF_MEDIAN;
-        let most = TUKEY * sigma.max(LEAST_SIGMA_PX);
-        // The view of the points comes first, that of the planes second.
+        let max_error = TUKEY * sigma.max(MIN_SIGMA_PX);
+        // `first` is the index of the view of the points; the other view has the planes.
         for (matches, first) in both.iter().zip([0, 1]) {
             let eyes = [a, b].map(|view| poses[view].eye);
-            for found in matches {
-                let error = found.distance / found.unit / most;
+            for matched in matches {
+                            let error = matched.distance / matched.unit / max_error;
                 if error.abs() < 1.0 {
                     block.add(
-                        found,
-                        eyes,
+                        matched,
+                                                eyes,
                         first,
-                        ((1.0 - error * error) / found.unit).powi(2),
+                        ((1.0 - error * error) / matched.unit).powi(2),
                     );
                 }
             }
@@ -146,20 +149,21 @@ impl Neighbors<'_> {
     }
 }
 
-impl Block {
-    /// Adds an equation: moving the view of the point along the plane's normal adds to its distance, moving that of the plane takes from it.
-    fn add(&mut self, found: &Match, eyes: [DVec3; 2], first: usize, weight: f64) {
-        let mut row = [0.0; OF_PAIR];
+impl PosePairBlock {
+    /// Adds an equation: moving the view of the point along the plane's normal increases the
+    /// distance, moving the view of the plane decreases it.
+        fn add(&mut self, matched: &PlaneMatch, eyes: [DVec3; 2], first: usize, weight: f64) {
+        let mut row = [0.0; PAIR_UNKNOWNS];
         for (view, eye) in eyes.into_iter().enumerate() {
             let sign = if view == first { 1.0 } else { -1.0 };
-            let turn = (found.point - eye).cross(found.normal) * sign;
-            row[view * OF_VIEW..][..3].copy_from_slice(&turn.to_array());
-            row[view * OF_VIEW + 3..][..3].copy_from_slice(&(found.normal * sign).to_array());
+            let turn = (matched.point - eye).cross(matched.normal) * sign;
+            row[view * VIEW_UNKNOWNS..][..3].copy_from_slice(&turn.to_array());
+            row[view * VIEW_UNKNOWNS + 3..][..3].copy_from_slice(&(matched.normal * sign).to_array());
         }
-        for i in 0..OF_PAIR {
+        for i in 0..PAIR_UNKNOWNS {
             let scaled = row[i] * weight;
-            self.gradient[i] += scaled * found.distance;
-            for j in i..OF_PAIR {
+            self.gradient[i] += scaled * matched.distance;
+            for j in i..PAIR_UNKNOWNS {
                 self.matrix[i][j] += scaled * row[j];
             }
         }

@@ -1,46 +1,47 @@
-//! Which views are compared: of those that see the same, near ones, which see most of it, and far ones, which tie the set together.
+//! Selection of pairs of overlapping views: near ones, which overlap most, and far ones, which tie
+//! the set together.
 
-use super::super::register::apart;
+use super::super::register::view_distance;
 use super::Pose;
 use super::range::RangeGrid;
 use rayon::prelude::*;
 
-/// So many of the views nearest to one are asked what they see of it.
-const ASKED: usize = 32;
+/// Number of nearest views that are tested for overlap.
+const MAX_TESTED: usize = 32;
 
-/// Partners of a view: so many of the nearest that overlap, and as many of the farthest.
-const OF_EACH_KIND: usize = 4;
+/// Number of nearest and of farthest overlapping views that become partners of a view.
+const PARTNERS_PER_KIND: usize = 4;
 
-/// Views overlap if one sees this share of some points of the other.
-const LEAST_OVERLAP: f64 = 0.3;
+/// Minimum fraction of one view's points that an overlapping view sees.
+const MIN_OVERLAP: f64 = 0.3;
 
-/// Cells from one point to the next that overlap is judged by.
+/// Distance of the cells sampled for overlap.
 const STEP: u32 = 6;
 
-/// Points are of one surface if their depths differ by less than this share.
+/// Maximum relative depth difference of points on one surface.
 pub(super) const SAME_SURFACE: f64 = 0.1;
 
-/// Pairs of views that overlap, in ascending order, none twice.
-pub(super) fn pairs(grids: &[RangeGrid], poses: &[Pose], depth_m: f64) -> Vec<[usize; 2]> {
+/// Returns the pairs of overlapping views, in ascending order without duplicates.
+pub(super) fn find_pairs(grids: &[RangeGrid], poses: &[Pose], depth_m: f64) -> Vec<[usize; 2]> {
     let partners = |i: usize| {
         let mut ranked: Vec<(f64, usize)> = (0..poses.len())
             .filter(|&j| j != i)
-            .map(|j| (apart(&poses[i], &poses[j], depth_m), j))
+            .map(|j| (view_distance(&poses[i], &poses[j], depth_m), j))
             .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        ranked.truncate(ASKED);
+        ranked.truncate(MAX_TESTED);
         let overlaps =
-            |j: usize| overlap((&grids[i], &poses[i]), (&grids[j], &poses[j])) >= LEAST_OVERLAP;
-        let seen: Vec<usize> = ranked
+            |j: usize| overlap((&grids[i], &poses[i]), (&grids[j], &poses[j])) >= MIN_OVERLAP;
+        let overlapping: Vec<usize> = ranked
             .into_iter()
             .map(|(_, j)| j)
             .filter(|&j| overlaps(j))
             .collect();
-        let near = seen.len().min(OF_EACH_KIND);
-        let far = seen.len().saturating_sub(OF_EACH_KIND).max(near);
-        seen[..near]
-            .iter()
-            .chain(&seen[far..])
+        let near = overlapping.len().min(PARTNERS_PER_KIND);
+                let far = overlapping.len().saturating_sub(PARTNERS_PER_KIND).max(near);
+                overlapping[..near]
+                    .iter()
+                    .chain(&overlapping[far..])
             .map(|&j| [i.min(j), i.max(j)])
             .collect::<Vec<_>>()
     };
@@ -53,21 +54,22 @@ pub(super) fn pairs(grids: &[RangeGrid], poses: &[Pose], depth_m: f64) -> Vec<[u
     pairs
 }
 
-/// The share of one view's points that another sees.
+/// Returns the fraction of one view's points that another sees.
 fn overlap((from, pose): (&RangeGrid, &Pose), (to, other): (&RangeGrid, &Pose)) -> f64 {
-    let (mut points, mut seen) = (0u32, 0u32);
+    let mut points = 0u32;
+        let mut visible = 0u32;
     for row in (STEP / 2..from.size[1]).step_by(STEP as usize) {
         for column in (STEP / 2..from.size[0]).step_by(STEP as usize) {
             let Some(facet) = from.facet(column, row) else {
                 continue;
             };
             points += 1;
-            let found = to.seen_at(other.to_eye(pose.to_world(facet.point)));
-            seen +=
-                u32::from(found.is_some_and(|(there, depth)| {
-                    (there.depth / depth - 1.0).abs() < SAME_SURFACE
+            let projected = to.project(other.to_eye(pose.to_world(facet.point)));
+            visible +=
+                            u32::from(projected.is_some_and(|(surface, depth)| {
+                                (surface.depth / depth - 1.0).abs() < SAME_SURFACE
                 }));
         }
     }
-    f64::from(seen) / f64::from(points.max(1))
+    f64::from(visible) / f64::from(points.max(1))
 }

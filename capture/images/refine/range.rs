@@ -1,64 +1,67 @@
-//! A view's depth, small: inverse depths of square cells of pixels, each the mean of one surface.
+//! Small depth image of a view: mean inverse depths of square cells of pixels, each of one surface.
 //!
-//! On a plane inverse depth is affine in a picture's pixels: its mean over a cell is that of the cell's middle to the last digit, with
-//! a fraction of a sensor's noise.
+//! On a plane inverse depth is affine in the image's pixels: the mean over a cell is the value at
+//! the cell's centre to the last digit, with a fraction of a sensor's noise.
 
 use super::super::view::FARTHEST_M;
 use super::super::{Lens, LoadedView};
 use glam::DVec3;
 use headbox_core::statistics::median;
 
-/// Cells from left to right at most.
-const COLUMNS: u32 = 128;
+/// Maximum number of columns of cells.
+const MAX_COLUMNS: u32 = 128;
 
-/// Inverse depths of one surface part by no more than this share within a cell, and from cell to cell.
+/// Maximum relative difference of inverse depth within a cell and between neighbouring cells of one
+/// surface.
 const ONE_SURFACE: f32 = 0.05;
 
-/// Inverse depths of a plane rise evenly: steps from cell to cell differ by no more than this share of them. Creases, where a plane through the
-/// neighbours would be neither surface's, part by more.
+/// Maximum relative deviation from equal steps of inverse depth between cells on a plane. Creases,
+/// where a plane through the neighbours would belong to neither surface, deviate more.
 const FLAT: f32 = 0.004;
 
-/// Surfaces seen at a cosine below this are left out: their depth errs most, and says least of where they are.
-const LEAST_COSINE: f64 = 0.2;
+/// Minimum cosine between normal and line of sight: depth is least accurate and least constraining
+/// at grazing angles.
+const MIN_COSINE: f64 = 0.2;
 
-/// A view's depth and its levels in cells.
+/// Depth and grey levels of a view in cells.
 pub(super) struct RangeGrid {
-    /// Cells from left to right and from top to bottom.
+    /// Numbers of columns and rows of cells.
     pub(super) size: [u32; 2],
-    /// Pixels a side of a cell.
+    /// Side of a cell, pixels.
     cell_px: u32,
     size_px: [u32; 2],
     lens: Lens,
-    /// Radians a pixel, near the middle.
+    /// Size of a pixel at the image's centre, radians.
     pub(super) pixel_rad: f64,
-    /// Multiples of the rays through the cells' middles, 1/m; NaN where no one surface is.
+    /// Inverse depths as multiples of the rays through the cells' centres, 1/m; NaN without a
+    /// single surface.
     inverse_depths: Vec<f32>,
-    /// Mean levels of the cells, of red, green and blue together.
+    /// Mean levels of the cells over all three channels.
     levels: Vec<u8>,
 }
 
-/// A piece of surface, in the axes of its camera.
+/// A surface element in the axes of its camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Facet {
     pub(super) point: DVec3,
-    /// Unit, toward the eye.
+    /// Unit normal toward the eye.
     pub(super) normal: DVec3,
-    /// Its depth as a multiple of its ray, metres.
+    /// Depth as a multiple of its ray, metres.
     pub(super) depth: f64,
 }
 
 impl RangeGrid {
-    /// Of a view.
-    pub(super) fn of(view: &LoadedView) -> Self {
+    /// Reduces a view to cells.
+        pub(super) fn new(view: &LoadedView) -> Self {
         let [width, height] = view.size_px;
-        let cell_px = width.div_ceil(COLUMNS).max(1);
+        let cell_px = width.div_ceil(MAX_COLUMNS).max(1);
         let size = [width / cell_px, height / cell_px];
         let cells = || (0..size[1]).flat_map(|row| (0..size[0]).map(move |column| [column, row]));
         let inverse_depths = cells()
-            .map(|cell| mean_of_cell(view, cell, cell_px))
+            .map(|cell| mean_inverse_depth(view, cell, cell_px))
             .collect();
         let levels = cells()
-            .map(|cell| level_of_cell(view, cell, cell_px))
+            .map(|cell| mean_level(view, cell, cell_px))
             .collect();
         let pixel_rad = 1.0 / view.lens.pixels_per_radian(view.size_px);
         Self {
@@ -76,15 +79,16 @@ impl RangeGrid {
         self.inverse_depths[(row * self.size[0] + column) as usize]
     }
 
-    /// The level of a cell.
+    /// Returns the grey level of a cell.
     pub(super) fn level(&self, [column, row]: [u32; 2]) -> f64 {
         f64::from(self.levels[(row * self.size[0] + column) as usize])
     }
 
-    /// The level where a point in the camera's axes is seen, bilinear between cells; `None` at the border.
+    /// Samples the grey level at the projection of a point in the camera's axes, bilinearly between
+    /// cells; `None` at the border.
     pub(super) fn level_at(&self, point: DVec3) -> Option<f64> {
         let [x, y, _] = self.lens.project(point, self.size_px)?;
-        let [x, y] = [x, y].map(|at| at / f64::from(self.cell_px) - 0.5);
+        let [x, y] = [x, y].map(|pixel| pixel / f64::from(self.cell_px) - 0.5);
         if !(x >= 0.0
             && y >= 0.0
             && x < f64::from(self.size[0]) - 1.0
@@ -92,8 +96,9 @@ impl RangeGrid {
         {
             return None;
         }
-        let (column, row) = (x as u32, y as u32);
-        let across = |row: u32| {
+        let column = x as u32;
+                let row = y as u32;
+                let across = |row: u32| {
             let [left, right] = [column, column + 1].map(|column| self.level([column, row]));
             left + (right - left) * x.fract()
         };
@@ -101,38 +106,40 @@ impl RangeGrid {
     }
 
     fn point(&self, column: u32, row: u32, inverse_depth: f32) -> DVec3 {
-        let middle = [column, row].map(|cell| (f64::from(cell) + 0.5) * f64::from(self.cell_px));
-        self.lens.ray(middle, self.size_px) / f64::from(inverse_depth)
+        let centre = [column, row].map(|cell| (f64::from(cell) + 0.5) * f64::from(self.cell_px));
+        self.lens.ray(centre, self.size_px) / f64::from(inverse_depth)
     }
 
-    /// The surface in a cell, if it and the four around it are of one that is not seen along itself.
+    /// Returns the surface in a cell, if the cell and its four neighbours are on one plane that is
+    /// not seen at a grazing angle.
     pub(super) fn facet(&self, column: u32, row: u32) -> Option<Facet> {
         if column == 0 || row == 0 || column + 1 >= self.size[0] || row + 1 >= self.size[1] {
             return None;
         }
         let own = self.inverse_depth(column, row);
         let pair = |[a, b]: [[u32; 2]; 2]| {
-            let [of_a, of_b] = [a, b].map(|[column, row]| self.inverse_depth(column, row));
-            // Not so of NaN.
-            let on_one = (of_a - own).abs() <= ONE_SURFACE * own
-                && (of_a + of_b - 2.0 * own).abs() <= FLAT * own;
-            on_one.then(|| [self.point(a[0], a[1], of_a), self.point(b[0], b[1], of_b)])
+            let [depth_a, depth_b] = [a, b].map(|[column, row]| self.inverse_depth(column, row));
+            // False for NaN.
+                        let is_flat = (depth_a - own).abs() <= ONE_SURFACE * own
+                && (depth_a + depth_b - 2.0 * own).abs() <= FLAT * own;
+            is_flat.then(|| [self.point(a[0], a[1], depth_a), self.point(b[0], b[1], depth_b)])
         };
         let [left, right] = pair([[column - 1, row], [column + 1, row]])?;
         let [above, below] = pair([[column, row - 1], [column, row + 1]])?;
-        // Right and down, so that their product looks at the eye.
+        // Down times right, so that the normal points to the eye.
         let normal = (below - above).cross(right - left).try_normalize()?;
         let point = self.point(column, row, own);
         let cosine = -normal.dot(point.normalize());
-        (cosine >= LEAST_COSINE).then_some(Facet {
+        (cosine >= MIN_COSINE).then_some(Facet {
             point,
             normal,
             depth: 1.0 / f64::from(own),
         })
     }
 
-    /// The surface where a point in the camera's axes would be seen, and the point's own depth.
-    pub(super) fn seen_at(&self, point: DVec3) -> Option<(Facet, f64)> {
+    /// Returns the surface at the projection of a point in the camera's axes, and the point's own
+    /// depth.
+        pub(super) fn project(&self, point: DVec3) -> Option<(Facet, f64)> {
         let [x, y, depth] = self.lens.project(point, self.size_px)?;
         if !(x >= 0.0
             && y >= 0.0
@@ -141,36 +148,40 @@ impl RangeGrid {
         {
             return None;
         }
-        let [column, row] = [x, y].map(|at| at as u32 / self.cell_px);
+        let [column, row] = [x, y].map(|pixel| pixel as u32 / self.cell_px);
         Some((self.facet(column, row)?, depth))
     }
 }
 
-/// The pixels of a cell.
+/// Returns the pixels of a cell.
 fn pixels([column, row]: [u32; 2], cell_px: u32) -> impl Iterator<Item = (u32, u32)> {
     (0..cell_px)
         .flat_map(move |y| (0..cell_px).map(move |x| (column * cell_px + x, row * cell_px + y)))
 }
 
-fn level_of_cell(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> u8 {
-    let of_pixel = |(x, y): (u32, u32)| {
+/// Returns the mean level of a cell over its pixels and channels, rounded.
+fn mean_level(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> u8 {
+    let sum_channels = |(x, y): (u32, u32)| {
         let [r, g, b, _] = view.color[(y * view.size_px[0] + x) as usize];
         u32::from(r) + u32::from(g) + u32::from(b)
     };
     let count = 3 * cell_px * cell_px;
-    ((pixels(cell, cell_px).map(of_pixel).sum::<u32>() + count / 2) / count) as u8
+    ((pixels(cell, cell_px).map(sum_channels).sum::<u32>() + count / 2) / count) as u8
 }
 
-/// The mean inverse depth of a cell; NaN unless all of its pixels are of one surface.
-fn mean_of_cell(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> f32 {
-    let (mut sum, mut low, mut high) = (0.0, f32::INFINITY, 0.0f32);
+/// Returns the mean inverse depth of a cell; NaN unless all of its pixels are on one surface.
+fn mean_inverse_depth(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> f32 {
+    let mut sum = 0.0;
+        let mut low = f32::INFINITY;
+        let mut high = 0.0f32;
     for (x, y) in pixels(cell, cell_px) {
         let Some(depth) = view.depth_at(x, y).filter(|depth| *depth < FARTHEST_M) else {
             return f32::NAN;
         };
         let inverse = 1.0 / depth;
         sum += f64::from(inverse);
-        (low, high) = (low.min(inverse), high.max(inverse));
+        low = low.min(inverse);
+                high = high.max(inverse);
     }
     let mean = (sum / f64::from(cell_px * cell_px)) as f32;
     if high - low <= ONE_SURFACE * mean {
@@ -180,9 +191,9 @@ fn mean_of_cell(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> f32 {
     }
 }
 
-/// How far views see, metres: the median of their medians; `None` if none sees a surface.
+/// Returns the median over views of their median depths, metres; `None` without any surface.
 pub(super) fn median_depth(grids: &[RangeGrid]) -> Option<f64> {
-    let known = |grid: &RangeGrid| {
+    let median_of_view = |grid: &RangeGrid| {
         median(
             grid.inverse_depths
                 .iter()
@@ -190,5 +201,5 @@ pub(super) fn median_depth(grids: &[RangeGrid]) -> Option<f64> {
                 .map(|inverse| 1.0 / f64::from(*inverse)),
         )
     };
-    median(grids.iter().filter_map(known))
+    median(grids.iter().filter_map(median_of_view))
 }

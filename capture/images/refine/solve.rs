@@ -1,26 +1,27 @@
-//! The equations of all views together: a sparse matrix of blocks, solved by Cholesky's decomposition.
+//! Normal equations of all views: a sparse block matrix, solved by Cholesky decomposition.
 
 use super::Pose;
-use super::equations::{Block, OF_PAIR, OF_VIEW};
+use super::equations::{PosePairBlock, PAIR_UNKNOWNS, VIEW_UNKNOWNS};
 use glam::{DMat3, DQuat, DVec3};
 use nalgebra::DMatrix;
 use nalgebra_sparse::factorization::CscCholesky;
 use nalgebra_sparse::{CooMatrix, CscMatrix};
 
-/// How far views may well be off, radians, and a share of the distance of what is seen: ten pixels of usual pictures. So where a view was
-/// given counts a hundredth of what a point does; it says where the whole stands, and what depth does not tell.
-const PRIOR: f64 = 0.03;
+/// Prior standard deviation of a view, radians and relative to the median depth: ten pixels of
+/// typical images. The given pose thus has a hundredth of the weight of a point; it fixes the
+/// position of the whole set and the degrees of freedom that depth leaves open.
+const PRIOR_SIGMA: f64 = 0.03;
 
-/// What holds a view where it was given: for each of its unknowns a weight, and what it is by now.
-pub(super) type Prior = Vec<[[f64; 2]; OF_VIEW]>;
+/// Prior toward the given poses: weight and current value of each unknown of each view.
+pub(super) type Prior = Vec<[[f64; 2]; VIEW_UNKNOWNS]>;
 
-/// A view's small turn and step, world axes.
-pub(super) type Step = [f64; OF_VIEW];
+/// Small turn and step of a view, world axes.
+pub(super) type PoseStep = [f64; VIEW_UNKNOWNS];
 
-/// The prior of views that were given elsewhere.
+/// Returns the prior of poses toward the given ones.
 pub(super) fn prior(poses: &[Pose], given: &[Pose], depth_m: f64) -> Prior {
-    let weights = [PRIOR, PRIOR * depth_m].map(|sigma| 1.0 / (sigma * sigma));
-    let of_view = |(pose, given): (&Pose, &Pose)| {
+    let weights = [PRIOR_SIGMA, PRIOR_SIGMA * depth_m].map(|sigma| 1.0 / (sigma * sigma));
+    let view_prior = |(pose, given): (&Pose, &Pose)| {
         let turned = DQuat::from_mat3(&(pose.world_from_eye * given.world_from_eye.transpose()))
             .to_scaled_axis();
         let [turned, stepped] = [turned, pose.eye - given.eye].map(|change| change.to_array());
@@ -32,18 +33,18 @@ pub(super) fn prior(poses: &[Pose], given: &[Pose], depth_m: f64) -> Prior {
             }
         })
     };
-    poses.iter().zip(given).map(of_view).collect()
+    poses.iter().zip(given).map(view_prior).collect()
 }
 
-/// A pose after a small turn and step.
-pub(super) fn moved(pose: &Pose, step: &Step) -> Pose {
+/// Applies a small turn and step to a pose.
+pub(super) fn apply_step(pose: &Pose, step: &PoseStep) -> Pose {
     let turn = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::from_slice(&step[..3])));
     let [x, y] = [
         turn * pose.world_from_eye.x_axis,
         turn * pose.world_from_eye.y_axis,
     ]
     .map(DVec3::normalize);
-    // Roundings of many turns do not add up.
+    // Orthonormalised, so that rounding errors do not accumulate.
     let y = (y - x * x.dot(y)).normalize();
     Pose {
         eye: pose.eye + DVec3::from_slice(&step[3..]),
@@ -51,73 +52,76 @@ pub(super) fn moved(pose: &Pose, step: &Step) -> Pose {
     }
 }
 
-/// In which order views stand in the equations: neighbours near each other, so that the decomposition fills little (Cuthill and McKee
-/// 1969, reversed).
-pub(super) struct Order {
-    /// The place of each view.
-    places: Vec<usize>,
+/// Elimination order of the views: neighbours near each other, so that the decomposition has little
+/// fill-in (reverse Cuthill-McKee, 1969).
+pub(super) struct EliminationOrder {
+    /// Position of each view.
+    positions: Vec<usize>,
 }
 
-impl Order {
-    /// Of so many views, of which some are compared.
-    pub(super) fn of(views: usize, pairs: &[[usize; 2]]) -> Self {
-        let mut beside = vec![Vec::new(); views];
+impl EliminationOrder {
+    /// Orders views by the pairs among them.
+    pub(super) fn new(views: usize, pairs: &[[usize; 2]]) -> Self {
+        let mut neighbors = vec![Vec::new(); views];
         for &[a, b] in pairs {
-            beside[a].push(b);
-            beside[b].push(a);
+            neighbors[a].push(b);
+            neighbors[b].push(a);
         }
-        let degree = |&view: &usize| (beside[view].len(), view);
+        let degree = |&view: &usize| (neighbors[view].len(), view);
         let mut starts: Vec<usize> = (0..views).collect();
         starts.sort_by_key(degree);
-        let (mut order, mut is_in) = (Vec::with_capacity(views), vec![false; views]);
+        let mut order = Vec::with_capacity(views);
+                let mut is_ordered = vec![false; views];
         for start in starts {
-            if std::mem::replace(&mut is_in[start], true) {
+            if std::mem::replace(&mut is_ordered[start], true) {
                 continue;
             }
             let mut next = order.len();
             order.push(start);
             while next < order.len() {
-                let mut fresh: Vec<usize> = beside[order[next]]
+                let mut added: Vec<usize> = neighbors[order[next]]
                     .iter()
                     .copied()
-                    .filter(|&view| !is_in[view])
+                    .filter(|&view| !is_ordered[view])
                     .collect();
-                fresh.sort_by_key(degree);
-                fresh.iter().for_each(|&view| is_in[view] = true);
-                order.append(&mut fresh);
+                added.sort_by_key(degree);
+                added.iter().for_each(|&view| is_ordered[view] = true);
+                order.append(&mut added);
                 next += 1;
             }
         }
-        let mut places = vec![0; views];
+        let mut positions = vec![0; views];
         order
             .iter()
             .rev()
             .enumerate()
-            .for_each(|(place, &view)| places[view] = place);
-        Self { places }
+            .for_each(|(position, &view)| positions[view] = position);
+                    Self { positions }
     }
 
-    /// The steps x that solve (A + prior) x = -b; none where rounding leaves nothing to solve.
-    pub(super) fn solve(&self, blocks: &[Block], prior: &Prior) -> Vec<Step> {
-        let count = self.places.len() * OF_VIEW;
-        let (mut matrix, mut right) = (CooMatrix::new(count, count), DMatrix::zeros(count, 1));
-        let at = |view: usize, unknown: usize| self.places[view] * OF_VIEW + unknown;
+    /// Solves (A + prior) x = -b for the steps x; they are zero if rounding makes the matrix
+    /// singular.
+    pub(super) fn solve(&self, blocks: &[PosePairBlock], prior: &Prior) -> Vec<PoseStep> {
+        let count = self.positions.len() * VIEW_UNKNOWNS;
+        let mut matrix = CooMatrix::new(count, count);
+                let mut right = DMatrix::zeros(count, 1);
+                let index = |view: usize, unknown: usize| self.positions[view] * VIEW_UNKNOWNS + unknown;
         for (view, unknowns) in prior.iter().enumerate() {
             for (unknown, [weight, value]) in unknowns.iter().enumerate() {
-                let i = at(view, unknown);
+                let i = index(view, unknown);
                 matrix.push(i, i, *weight);
                 right[(i, 0)] -= weight * value;
             }
         }
         for block in blocks {
-            let places: [usize; OF_PAIR] =
-                std::array::from_fn(|i| at(block.views[i / OF_VIEW], i % OF_VIEW));
+            let indices: [usize; PAIR_UNKNOWNS] =
+                            std::array::from_fn(|i| index(block.views[i / VIEW_UNKNOWNS], i % VIEW_UNKNOWNS));
             for (i, row) in block.matrix.iter().enumerate() {
-                right[(places[i], 0)] -= block.gradient[i];
-                matrix.push(places[i], places[i], row[i]);
+                right[(indices[i], 0)] -= block.gradient[i];
+                matrix.push(indices[i], indices[i], row[i]);
                 for (j, value) in row.iter().enumerate().skip(i + 1) {
-                    matrix.push(places[i], places[j], *value);
-                    matrix.push(places[j], places[i], *value);
+                    matrix.push(indices[i], indices[j], *value);
+                    matrix.push(indices[j], indices[i], *value);
                 }
             }
         }
@@ -128,9 +132,9 @@ impl Order {
             std::array::from_fn(|unknown| {
                 solved
                     .as_ref()
-                    .map_or(0.0, |solved| solved[(at(view, unknown), 0)])
+                    .map_or(0.0, |solved| solved[(index(view, unknown), 0)])
             })
         };
-        (0..self.places.len()).map(step).collect()
+        (0..self.positions.len()).map(step).collect()
     }
 }

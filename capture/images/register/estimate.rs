@@ -1,52 +1,54 @@
-//! From a set to what its views are registered by: judged by a part of a large set, applied to all of it.
+//! Registration of a set: the model is chosen on a subset of a large set and applied to all of it.
 //!
-//! One lens and one place beside the depth cameras, once found, hold for every view. Only a place for each view, or an exposure of each,
-//! asks all views; that they are called for, the part has shown by then. So a set that was rendered, or registered by others, is known as
-//! such from a few dozen of its views, whatever its size.
+//! One lens and one offset from the depth cameras, once estimated, hold for every view. Only a pose
+//! or an exposure for each view needs all views, and the subset shows whether they are needed. So a
+//! set that was rendered, or registered by other programs, is recognised from a few dozen of its
+//! views, whatever its size.
 
-use super::evidence::{COLUMNS, Evidence};
-use super::photometric::Problem;
-use super::state::State;
+use super::calibration::Calibration;
+use super::photometric::PhotometricProblem;
+use super::view_samples::{MAX_COLUMNS, ViewSamples};
 use super::{
-    ImageSet, ImagesError, Kept, Lens, Pinhole, Pose, Registration, RegistrationReport,
-    RegistrationStep,
+    ImageSet, ImagesError, Lens, Pinhole, Pose, Registration, RegistrationModel,
+    RegistrationReport, RegistrationStep, exposure, subset,
 };
-use crate::register::{exposure, part};
 use rayon::prelude::*;
 
-/// Groups of neighbours that speak for a set; smaller sets speak for themselves.
+/// Number of groups of neighbours in the subset; smaller sets are used completely.
 pub(super) const GROUPS: usize = 12;
 
-/// More views than this are not asked each: their evidence would not fit into a GB.
-const MOST_VIEWS: usize = 2500;
+/// Maximum number of views with individual estimates: the samples of more would not fit into a GB.
+const MAX_VIEWS: usize = 2500;
 
-/// Points of all views together that a place for each of them is found from, if they are many; of each, columns at least.
-const MOST_POINTS: f64 = 400_000.0;
-const LEAST_COLUMNS: u32 = 16;
+/// Approximate maximum number of points of all views for individual estimates, and minimum columns
+/// of points of each view.
+const MAX_POINTS: f64 = 400_000.0;
+const MIN_COLUMNS: u32 = 16;
 
-/// Pairs of views without so much common evidence prove nothing.
-const LEAST_PAIRS: usize = 4;
+/// Minimum number of overlapping pairs of views.
+const MIN_PAIRS: usize = 4;
 
-/// Whether an estimate is kept: if it lowers the mean difference of levels by a tenth, and by more than rounding to levels could.
+/// Returns true if an estimate lowers the mean difference of levels by a tenth, and by more than
+/// the rounding of levels.
 pub(super) fn is_better(levels: f64, before: f64) -> bool {
     levels < before * 0.9 && levels < before - 0.25
 }
 
-/// What was found, and the registration of each view of a set.
+/// Report, and the registration of each view of a set.
 pub(super) type Estimate = (RegistrationReport, Vec<Option<Registration>>);
 
-/// Loads what is needed of some of a set's views.
-type Load<'a> = dyn Fn(&[usize], u32) -> Result<Vec<Evidence>, ImagesError> + 'a;
+/// Loads samples of some views, by index, with a maximum number of columns of points.
+type LoadSamples<'a> = dyn Fn(&[usize], u32) -> Result<Vec<ViewSamples>, ImagesError> + 'a;
 
-/// Estimates where the colours of a set were taken from, and how exposed; `look` is told how far that is.
-/// Sets without overlapping pinhole views with depth, or whose views are registered already, give `None`.
+/// Estimates the colour cameras and exposures of a set; `on_step` reports progress. Returns `None`
+/// for sets without overlapping pinhole views with depth, or whose views are already registered.
 ///
 /// # Errors
 /// [`ImagesError`] of the first view that cannot be loaded.
 pub(super) fn estimate(
     set: &ImageSet,
     groups: usize,
-    look: &(dyn Fn(RegistrationStep) + Sync),
+    on_step: &(dyn Fn(RegistrationStep) + Sync),
 ) -> Result<Option<Estimate>, ImagesError> {
     let chosen: Vec<usize> = (0..set.views.len())
         .filter(|&i| {
@@ -56,29 +58,29 @@ pub(super) fn estimate(
                 && matches!(view.lens, Lens::Pinhole(_))
         })
         .collect();
-    // One lens for all: what a set of several cameras has in common is not theirs.
-    let same = chosen.windows(2).all(|pair| {
+    // The estimate assumes a single camera.
+        let is_one_camera = chosen.windows(2).all(|pair| {
         let [a, b] = [&set.views[pair[0]], &set.views[pair[1]]];
         a.lens == b.lens && a.size_px == b.size_px
     });
-    if chosen.len() < 3 || !same {
+    if chosen.len() < 3 || !is_one_camera {
         return Ok(None);
     }
     let Lens::Pinhole(given) = set.views[chosen[0]].lens.ideal() else {
         return Ok(None);
     };
-    let load = |numbers: &[usize], columns: u32| {
-        look(RegistrationStep::Begins(numbers.len()));
-        let evidence = |&number: &usize| {
-            let view = &set.views[chosen[number]];
-            let loaded = view.load()?;
-            look(RegistrationStep::Loaded);
-            Ok(Evidence::of(&loaded, columns))
-        };
-        numbers.par_iter().map(evidence).collect()
+    let load = |indices: &[usize], columns: u32| {
+            on_step(RegistrationStep::LoadingStarted(indices.len()));
+            let sample = |&index: &usize| {
+                let view = &set.views[chosen[index]];
+                let loaded = view.load()?;
+                on_step(RegistrationStep::ViewLoaded);
+                Ok(ViewSamples::new(&loaded, columns))
+            };
+            indices.par_iter().map(sample).collect()
     };
     let poses: Vec<Pose> = chosen.iter().map(|&i| set.views[i].pose).collect();
-    let Some((report, registrations)) = of_views(&poses, given, groups, &load)? else {
+    let Some((report, registrations)) = estimate_views(&poses, given, groups, &load)? else {
         return Ok(None);
     };
     let mut all = vec![None; set.views.len()];
@@ -88,52 +90,58 @@ pub(super) fn estimate(
     Ok(Some((report, all)))
 }
 
-/// Of views of one lens.
-pub(super) fn of_views(
+/// Estimates the colour cameras of views with one lens.
+pub(super) fn estimate_views(
     poses: &[Pose],
     given: Pinhole,
     groups: usize,
-    load: &Load,
+    load: &LoadSamples,
 ) -> Result<Option<(RegistrationReport, Vec<Registration>)>, ImagesError> {
-    let evidence = judges(poses, groups, load)?;
-    let judged = evidence.len();
-    let problem = Problem::new(evidence, given);
-    if problem.pairs().len() < LEAST_PAIRS {
+    let samples = load_subset(poses, groups, load)?;
+        let sampled_views = samples.len();
+        let problem = PhotometricProblem::new(samples, given);
+    if problem.pairs().len() < MIN_PAIRS {
         return Ok(None);
     }
-    let asked = problem.as_given();
-    let one = problem.one_for_all(&asked);
-    let each = problem.each_view(&one);
-    let levels = [&asked, &one, &each].map(|state| problem.unseen_levels(state));
-    let mut kept = (Kept::AsGiven, &asked, levels[0]);
-    for (name, state, level) in [
-        (Kept::OneForAll, &one, levels[1]),
-        (Kept::EachView, &each, levels[2]),
-    ] {
-        if is_better(level, kept.2) {
-            kept = (name, state, level);
+    let initial = problem.initial_calibration();
+    let shared = problem.estimate_shared_offset(&initial);
+        let per_view = problem.estimate_per_view(&shared);
+        let levels = [&initial, &shared, &per_view].map(|estimate| problem.validate(estimate));
+        let mut best = (RegistrationModel::AsGiven, &initial, levels[0]);
+        for (model, estimate, level) in [
+            (RegistrationModel::SharedOffset, &shared, levels[1]),
+            (RegistrationModel::PerView, &per_view, levels[2]),
+        ] {
+            if is_better(level, best.2) {
+                best = (model, estimate, level);
         }
     }
-    let (mut kept, state, _) = kept;
-    let gains = exposure::estimate(&problem, state);
-    let moved = state.moved_from(problem.poses());
-    let (state, gains) = if judged == poses.len() {
-        (state.clone(), gains)
+    let (mut applied, estimate, _) = best;
+        let gains = exposure::estimate(&problem, estimate);
+        let offset = estimate.mean_offset(problem.poses());
+        let (estimate, gains) = if sampled_views == poses.len() {
+            (estimate.clone(), gains)
     } else {
-        if poses.len() > MOST_VIEWS && kept == Kept::EachView {
-            kept = if is_better(levels[1], levels[0]) {
-                Kept::OneForAll
+        if poses.len() > MAX_VIEWS && applied == RegistrationModel::PerView {
+                    applied = if is_better(levels[1], levels[0]) {
+                RegistrationModel::SharedOffset
             } else {
-                Kept::AsGiven
+                RegistrationModel::AsGiven
             };
         }
-        let common = if kept == Kept::AsGiven { &asked } else { &one };
-        let all = common.of_others(&asked, poses.iter().copied());
-        let vary = gains.as_flattened().iter().any(|&gain| gain != 1.0);
-        match (kept == Kept::EachView || vary) && poses.len() <= MOST_VIEWS {
-            true => each_asked(all, kept, poses.len(), given, load)?,
-            false => (all, vec![[1.0; 3]; poses.len()]),
-        }
+        let common = if applied == RegistrationModel::AsGiven {
+                    &initial
+                } else {
+                    &shared
+                };
+                let all = common.transfer(&initial, poses.iter().copied());
+                let has_gains = gains.as_flattened().iter().any(|&gain| gain != 1.0);
+                let needs_all_views = applied == RegistrationModel::PerView || has_gains;
+                if needs_all_views && poses.len() <= MAX_VIEWS {
+                    estimate_all_views(all, applied, poses.len(), given, load)?
+                } else {
+                    (all, vec![[1.0; 3]; poses.len()])
+                }
     };
     let (low, high) = gains
         .iter()
@@ -141,9 +149,9 @@ pub(super) fn of_views(
         .fold((f32::MAX, 0.0f32), |(low, high), &g| {
             (low.min(g), high.max(g))
         });
-    let mut registrations = state.registrations(&gains);
-    if kept == Kept::AsGiven {
-        // To the last digit.
+    let mut registrations = estimate.to_registrations(&gains);
+        if applied == RegistrationModel::AsGiven {
+            // Restores the given cameras to the last digit.
         for (registration, pose) in registrations.iter_mut().zip(poses) {
             *registration = Registration {
                 lens: given,
@@ -160,51 +168,53 @@ pub(super) fn of_views(
     ];
     let report = RegistrationReport {
         levels,
-        kept,
-        focal_px,
-        moved,
-        gain: [low, high],
-        judged,
+        applied,
+                focal_px,
+                offset,
+                gain: [low, high],
+                sampled_views,
         views: poses.len(),
     };
     Ok(Some((report, registrations)))
 }
 
-/// Evidence of the views that speak for all.
-fn judges(poses: &[Pose], groups: usize, load: &Load) -> Result<Vec<Evidence>, ImagesError> {
-    // Of hardly more than that, all are as quickly asked, twice.
-    if poses.len() <= 2 * groups * part::GROUP {
-        return load(&(0..poses.len()).collect::<Vec<_>>(), COLUMNS);
+/// Loads samples of the representative subset.
+fn load_subset(poses: &[Pose], groups: usize, load: &LoadSamples) -> Result<Vec<ViewSamples>, ImagesError> {
+    // For hardly larger sets, loading all views once is as fast.
+        if poses.len() <= 2 * groups * subset::GROUP_SIZE {
+        return load(&(0..poses.len()).collect::<Vec<_>>(), MAX_COLUMNS);
     }
-    let firsts = part::firsts(poses.len(), groups);
-    let mut known = load(&firsts, COLUMNS)?;
-    let depth_m = known.iter().map(|view| view.depth_m).sum::<f64>() / known.len().max(1) as f64;
-    let mut others = part::groups(poses, &firsts, depth_m);
-    others.retain(|number| !firsts.contains(number));
-    known.extend(load(&others, COLUMNS)?);
-    Ok(known)
+    let firsts = subset::first_views(poses.len(), groups);
+    let mut samples = load(&firsts, MAX_COLUMNS)?;
+        let depth_m =
+            samples.iter().map(|view| view.depth_m).sum::<f64>() / samples.len().max(1) as f64;
+        let mut others = subset::complete_groups(poses, &firsts, depth_m);
+    others.retain(|index| !firsts.contains(index));
+        samples.extend(load(&others, MAX_COLUMNS)?);
+        Ok(samples)
 }
 
-/// Each view's own place, if that is `kept`, and exposure, beginning with what is common to all.
-fn each_asked(
-    common: State,
-    kept: Kept,
+/// Estimates the exposure of every view, and its pose if `applied` has one, starting from the
+/// shared offset.
+fn estimate_all_views(
+    common: Calibration,
+    applied: RegistrationModel,
     count: usize,
     given: Pinhole,
-    load: &Load,
-) -> Result<(State, Vec<[f32; 3]>), ImagesError> {
-    // Of pictures that are four by three.
-    let columns = (MOST_POINTS / count as f64 * 4.0 / 3.0).sqrt() as u32;
-    let evidence = load(
+    load: &LoadSamples,
+) -> Result<(Calibration, Vec<[f32; 3]>), ImagesError> {
+    // Assumes an aspect ratio of four to three.
+    let columns = (MAX_POINTS / count as f64 * 4.0 / 3.0).sqrt() as u32;
+    let samples = load(
         &(0..count).collect::<Vec<_>>(),
-        columns.clamp(LEAST_COLUMNS, COLUMNS),
+        columns.clamp(MIN_COLUMNS, MAX_COLUMNS),
     )?;
-    let problem = Problem::new(evidence, given);
-    let state = if kept == Kept::EachView {
-        problem.each_view(&common)
+    let problem = PhotometricProblem::new(samples, given);
+        let estimate = if applied == RegistrationModel::PerView {
+        problem.estimate_per_view(&common)
     } else {
         common
     };
-    let gains = exposure::estimate(&problem, &state);
-    Ok((state, gains))
+    let gains = exposure::estimate(&problem, &estimate);
+        Ok((estimate, gains))
 }

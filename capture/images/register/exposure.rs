@@ -1,36 +1,37 @@
-//! How much brighter a view is than the others, channel by channel: automatic exposure and white balance.
+//! Relative exposure of the views, channel by channel: automatic exposure and white balance.
 //!
-//! A power law turns a factor of light into a factor of levels, whatever its exponent. So the logarithms of the views' gains differ
-//! by the median logarithm of the ratio of the levels in which they see the same points; least squares over all pairs,
-//! gains of mean 0, with a weak prior that holds views without pairs.
+//! A power law turns a factor of light into a factor of levels, whatever its exponent. So the
+//! logarithms of the views' gains differ by the median logarithm of the ratio of the levels at
+//! common points. They are solved by least squares over all pairs, with a mean of 0 and a weak
+//! prior for views without pairs.
 
-use super::photometric::{Pair, Problem};
-use super::state::State;
+use super::calibration::Calibration;
+use super::photometric::{PhotometricProblem, ViewPair};
 use rayon::prelude::*;
 
-/// Levels outside tell little: dark ones are rounded, bright ones clipped.
+/// Usable levels: darker ones are coarsely rounded, brighter ones clipped.
 const USED: std::ops::RangeInclusive<u8> = 16..=240;
 
-/// Pairs with fewer points are left out.
-const LEAST_POINTS: usize = 60;
+/// Minimum number of points of a pair.
+const MIN_POINTS: usize = 60;
 
-/// The prior's weight, in pairs.
-const PRIOR: f64 = 0.01;
+/// Weight of the prior, in pairs.
+const PRIOR_WEIGHT: f64 = 0.01;
 
-/// Gains that are all nearer to one than this are none.
-const ALIKE: f64 = 0.01;
+/// Maximum logarithm of gains that are treated as 1.
+const NEGLIGIBLE: f64 = 0.01;
 
-/// Sweeps of Gauss-Seidel.
+/// Number of Gauss-Seidel sweeps.
 const SWEEPS: usize = 2000;
 
-/// Gains of all views: levels divided by them are those of one exposure.
-pub(super) fn estimate(problem: &Problem, state: &State) -> Vec<[f32; 3]> {
+/// Returns the gains of all views: levels divided by them have equal exposure.
+pub(super) fn estimate(problem: &PhotometricProblem, calibration: &Calibration) -> Vec<[f32; 3]> {
     let ratios: Vec<Option<[f64; 3]>> = problem
         .pairs()
         .par_iter()
-        .map(|pair| log_ratios(problem, state, pair))
+        .map(|pair| log_ratios(problem, calibration, pair))
         .collect();
-    let mut pairs_of = vec![Vec::new(); problem.evidence.len()];
+    let mut pairs_of = vec![Vec::new(); problem.views.len()];
     for (pair, ratio) in problem.pairs().iter().zip(&ratios) {
         let [i, j] = pair.views;
         if let Some(ratio) = ratio {
@@ -43,12 +44,12 @@ pub(super) fn estimate(problem: &Problem, state: &State) -> Vec<[f32; 3]> {
         for (i, pairs) in pairs_of.iter().enumerate() {
             for c in 0..3 {
                 let sum: f64 = pairs.iter().map(|(j, ratio)| logs[*j][c] + ratio[c]).sum();
-                logs[i][c] = sum / (pairs.len() as f64 + PRIOR);
+                logs[i][c] = sum / (pairs.len() as f64 + PRIOR_WEIGHT);
             }
         }
     }
-    // Of pictures that were exposed alike not a level changes.
-    if logs.iter().flatten().all(|log| log.abs() < ALIKE) {
+    // Equally exposed images stay unchanged to the last level.
+    if logs.iter().flatten().all(|log| log.abs() < NEGLIGIBLE) {
         logs.fill([0.0; 3]);
     }
     logs.into_iter()
@@ -56,14 +57,14 @@ pub(super) fn estimate(problem: &Problem, state: &State) -> Vec<[f32; 3]> {
         .collect()
 }
 
-fn log_ratios(problem: &Problem, state: &State, pair: &Pair) -> Option<[f64; 3]> {
+fn log_ratios(problem: &PhotometricProblem, calibration: &Calibration, pair: &ViewPair) -> Option<[f64; 3]> {
     let used = |colors: &[[u8; 3]; 2]| colors.iter().flatten().all(|level| USED.contains(level));
     let colors: Vec<[[u8; 3]; 2]> = problem
-        .colors(state, pair)
+        .colors(calibration, pair)
         .into_iter()
         .filter(used)
         .collect();
-    (colors.len() >= LEAST_POINTS).then(|| {
+    (colors.len() >= MIN_POINTS).then(|| {
         [0, 1, 2].map(|c| {
             let mut logs: Vec<f64> = colors
                 .iter()

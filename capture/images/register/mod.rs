@@ -1,88 +1,93 @@
-//! Colour registered with depth (S12): where a sensor's colour camera was, what lens it has, how it exposed.
+//! Registration of colour with depth (S12): pose, lens and exposure of a sensor's colour camera.
 //!
-//! Raw RGB-D frames hold two pictures of two cameras: colour has another focal length than depth, stands beside it, opens its
-//! shutter at another moment, and its exposure and white balance follow what it sees. Files say little of this. All of it follows from the
-//! pictures: a point of the depth image, seen by the colour cameras of two frames, has one colour. [`ImageSet::register`] minimises
-//! the difference over many pairs of frames ([`photometric`]), and keeps what it found only if points that it did not use
-//! agree better for it; of a large set a part is asked first ([`estimate`]). [`View::load`] then brings the depth into the colour picture ([`reproject`]).
+//! Raw RGB-D frames contain two images of two cameras: the colour camera has another focal length
+//! than the depth camera, stands next to it and opens its shutter at another moment, and its
+//! exposure and white balance adapt to the scene. Files contain little of this, but it follows from
+//! the images: a point of the depth image has the same colour in the colour images of two frames.
+//! [`ImageSet::register`] minimises the difference over many pairs of frames ([`photometric`]) and
+//! keeps the result only if points excluded from the estimate agree better; of a large set, a
+//! subset is estimated first ([`estimate`]). [`View::load`] then reprojects the depth into the
+//! colour image ([`reproject`]).
 
+mod calibration;
 mod estimate;
-mod evidence;
 mod exposure;
-mod part;
 mod photometric;
 mod reproject;
 mod solve;
-mod state;
+mod subset;
 #[cfg(test)]
 mod tests;
+mod view_samples;
 
-pub(super) use part::apart;
+pub(super) use subset::view_distance;
 
 use super::{ImageSet, ImagesError, Lens, LoadedView, Pinhole, Pose, View};
 
-/// The camera that took a view's colours, where that is not the camera of its depth.
+/// Colour camera of a view, if it is not the camera of its depth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Registration {
-    /// Its lens.
+    /// Lens.
     pub lens: Pinhole,
-    /// Where it was, world metres.
+    /// Pose, world metres.
     pub pose: Pose,
-    /// How much brighter its levels are than the set's, a channel.
+    /// Exposure of the view relative to the set, per channel.
     pub gain: [f32; 3],
 }
 
-/// What was found of a set's colour cameras.
+/// Result of registering a set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegistrationReport {
-    /// Mean difference of levels (of 255) between frames, at points that were not used to estimate: as the set says, with one lens and place
-    /// for all frames, and with a place for each.
+    /// Mean difference of levels (0..=255) between frames at validation points: as given, with one
+    /// shared offset for all frames, and with a pose for each frame.
     pub levels: [f64; 3],
-    /// What is applied.
-    pub kept: Kept,
-    /// The focal length that the set says, and the one found, pixels.
-    pub focal_px: [f64; 2],
-    /// How far colour cameras are from depth cameras: mean angle, degrees, and mean distance, metres.
-    pub moved: [f64; 2],
-    /// The least and the largest exposure of a view, over the mean.
+    /// The applied model.
+        pub applied: RegistrationModel,
+        /// Focal length of the set's file and the estimated one, pixels.
+        pub focal_px: [f64; 2],
+        /// Offset of colour cameras from depth cameras: mean angle, degrees, and mean distance,
+        /// metres.
+        pub offset: [f64; 2],
+        /// Smallest and largest exposure of a view, relative to the mean.
     pub gain: [f32; 2],
-    /// How many views were judged by.
-    pub judged: usize,
-    /// How many views these speak for.
+    /// Number of views from which the model was chosen.
+        pub sampled_views: usize,
+        /// Number of views to which the model applies.
     pub views: usize,
 }
 
-/// How far registration is.
+/// Progress of a registration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RegistrationStep {
-    /// So many views are to be loaded now.
-    Begins(usize),
-    /// Another one was.
-    Loaded,
+    /// Loading of this number of views starts.
+        LoadingStarted(usize),
+        /// A view was loaded.
+        ViewLoaded,
 }
 
-/// Which of the estimates is applied.
+/// Model of the colour cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kept {
-    /// Colour and depth are registered as the set says.
+pub enum RegistrationModel {
+    /// Lens and poses of the set's file.
     AsGiven,
-    /// One lens and one place beside the depth camera.
-    OneForAll,
-    /// One lens, and a place for each view.
-    EachView,
+    /// One lens and one offset from the depth camera for all views.
+    SharedOffset,
+    /// One lens, and a pose for each view.
+    PerView,
 }
 
 impl ImageSet {
-    /// Estimates registration and exposure, and applies them to the views; `look` is told how far that is. `None` for sets without
-    /// overlapping pinhole views with depth, or whose views are registered already.
+    /// Estimates registration and exposure and applies them to the views; `on_step` reports
+    /// progress. Returns `None` for sets without overlapping pinhole views with depth, or whose
+    /// views are already registered.
     ///
     /// # Errors
     /// [`ImagesError`] of the first view that cannot be loaded.
     pub fn register(
         &mut self,
-        look: &(dyn Fn(RegistrationStep) + Sync),
+        on_step: &(dyn Fn(RegistrationStep) + Sync),
     ) -> Result<Option<RegistrationReport>, ImagesError> {
-        let Some((report, registrations)) = estimate::estimate(self, estimate::GROUPS, look)?
+        let Some((report, registrations)) = estimate::estimate(self, estimate::GROUPS, on_step)?
         else {
             return Ok(None);
         };
@@ -94,7 +99,7 @@ impl ImageSet {
 }
 
 impl View {
-    /// Where its colours were taken from, world metres.
+    /// Returns the pose of the colour camera, world metres.
     pub fn color_pose(&self) -> Pose {
         self.registration
             .map_or(self.pose, |registration| registration.pose)
@@ -102,8 +107,8 @@ impl View {
 }
 
 impl Registration {
-    /// Brings the depth of a view, its lens ideal, into its colour picture, takes the distortion that was found from the colours, and
-    /// evens out their exposure.
+    /// Reprojects the depth of an undistorted view into its colour image, undistorts the colours
+    /// with the estimated lens, and equalises their exposure.
     pub(super) fn apply(&self, mut view: LoadedView) -> LoadedView {
         if self.gain != [1.0; 3] {
             for pixel in &mut view.color {
@@ -116,7 +121,7 @@ impl Registration {
         if lens == view.lens && self.pose == view.pose {
             return view;
         }
-        let depth = reproject::depth(&view, lens.ideal(), &self.pose);
+        let depth = reproject::reproject_depth(&view, lens.ideal(), &self.pose);
         let color = LoadedView {
             lens,
             pose: self.pose,

@@ -1,59 +1,64 @@
-//! Lens and places of colour cameras for which points of depth images have one colour in all pictures.
+//! Photometric estimation of the colour cameras: points of the depth images must have the same
+//! colour in all images.
 //!
-//! Unknown are four numbers of the lens (focal length, principal point, the first radial coefficient), one place beside the depth
-//! camera, and then a place for each view. A residual is the difference of the levels in which two views see a point, one
-//! of them times the ratio of their means. Points that one of them does not see by its depth image are left out; robust (Cauchy)
-//! weights leave out what else does not agree. Gauss-Newton
-//! steps, damped where they fail, from blurred pictures to sharp ones.
+//! The unknowns are four parameters of the lens (focal length, principal point, the first radial
+//! coefficient), one offset from the depth camera shared by all views, and then a pose for each
+//! view. A residual is the difference of the levels of a point in two views, one of them scaled by
+//! the ratio of their means. Points that are hidden from one view by its depth image are skipped;
+//! robust (Cauchy) weights suppress other outliers. Solved by damped Gauss-Newton steps, from
+//! blurred images to sharp ones.
 
-use super::evidence::{Evidence, Smooth, UNSEEN};
-use super::part::apart;
-use super::solve::{Block, OF_PAIR, OF_VIEW, SHARED, solve};
-use super::state::{Projected, State};
+use super::calibration::{Calibration, ProjectedPoint};
+use super::solve::{PAIR_UNKNOWNS, PairBlock, SHARED_UNKNOWNS, VIEW_UNKNOWNS, solve};
+use super::subset::view_distance;
+use super::view_samples::{BlurredImage, VALIDATION_STRIDE, ViewSamples};
 use super::{Pinhole, Pose};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Views, and which of them see the same.
-pub(super) struct Problem {
-    pub(super) evidence: Vec<Evidence>,
+/// Views and the pairs of them that overlap.
+pub(super) struct PhotometricProblem {
+    pub(super) views: Vec<ViewSamples>,
     given: Pinhole,
-    pairs: Vec<Pair>,
-    /// The pictures as they were blurred last, and by how many rounds.
-    blurred: Mutex<Option<(u32, Arc<Vec<Smooth>>)>>,
+    pairs: Vec<ViewPair>,
+    /// Cached blurred images and their number of blur rounds.
+    blurred: Mutex<Option<(u32, Arc<Vec<BlurredImage>>)>>,
 }
 
-/// Two views that see the same.
-pub(super) struct Pair {
+/// Two overlapping views.
+pub(super) struct ViewPair {
     pub(super) views: [usize; 2],
-    /// Numbers of the first's points that nothing hides from the second.
+    /// Indices of the first view's points that are visible in the second.
     points: Vec<usize>,
 }
 
-/// What is free.
+/// Free unknowns of a stage.
 #[derive(Clone, Copy, PartialEq)]
 enum Stage {
-    OneForAll,
-    EachView,
+    SharedOffset,
+    PerView,
 }
 
-/// A view is paired with those that are its so many-th nearest.
+/// Ranks by distance of the views that a view is paired with.
 const RANKS: [usize; 6] = [0, 1, 3, 7, 15, 27];
 
-/// A pair has at least so many points in common, or such a share of those of one.
-const LEAST_POINTS: usize = 100;
-const LEAST_SHARE: f64 = 0.1;
+/// Minimum common points of a pair, as a number and as a fraction of the first view's points; the
+/// smaller applies.
+const MIN_POINTS: usize = 100;
+const MIN_SHARE: f64 = 0.1;
 
-/// Rounds of blur, from coarse to fine: standard deviations of 3.5, 1.7 and 1 pixels of the small pictures.
+/// Rounds of blur, from coarse to fine: standard deviations of 3.5, 1.7 and 1 pixels of the small
+/// images.
 const BLURS: [u32; 3] = [24, 6, 2];
 
-/// Residuals beyond this, levels, count for less and less.
+/// Scale of the robust cost, levels.
 const ROBUST: f64 = 8.0;
 
-/// What is likely before the pictures speak, standard deviations: a lens's principal point (of the picture's width) and radial
-/// coefficient; a colour camera's turn (radians) and step (of the depth: sensors are a few centimetres wide); a view's own.
+/// Prior standard deviations: principal point (relative to the image's width) and radial
+/// coefficient of the lens; turn (radians) and step (relative to depth: sensors are a few
+/// centimetres wide) of the shared offset; and of a view's own pose.
 const PRINCIPAL: f64 = 0.02;
 const RADIAL: f64 = 0.05;
 const TURN: f64 = 0.02;
@@ -61,38 +66,38 @@ const STEP: f64 = 0.015;
 const OWN_TURN: f64 = 0.009;
 const OWN_STEP: f64 = 0.01;
 
-/// The weight of that: as much as this share of all equations, off by [`ROBUST`].
+/// Weight of the prior relative to all equations with a residual of [`ROBUST`].
 const PRIOR_SHARE: f64 = 0.002;
 
-/// Focal lengths that are tried first, over the given one.
+/// Focal lengths tried first, relative to the given one: steps and step size.
 const FOCAL_FACTORS: std::ops::RangeInclusive<i32> = -10..=10;
 const FOCAL_STEP: f64 = 0.025;
 
-/// A point that two views see: of each its projection, and level and slopes there.
-struct Seen {
-    views: [(Projected, [f64; 3]); 2],
+/// Projections of a point into two views, with level and slopes there.
+struct Observation {
+    samples: [(ProjectedPoint, [f64; 3]); 2],
 }
 
-impl Problem {
-    /// Of views through one ideal lens, paired where they see the same.
-    pub(super) fn new(evidence: Vec<Evidence>, given: Pinhole) -> Self {
+impl PhotometricProblem {
+    /// Pairs overlapping views that share one undistorted lens.
+    pub(super) fn new(views: Vec<ViewSamples>, given: Pinhole) -> Self {
         let mut problem = Self {
-            evidence,
+            views,
             given,
             pairs: Vec::new(),
             blurred: Mutex::default(),
         };
         let pair = |views: [usize; 2]| {
-            let [first, second] = views.map(|view| &problem.evidence[view]);
-            let sees = |number: &usize| second.sees(&given, first.points[*number]);
-            Pair {
+            let [first, second] = views.map(|view| &problem.views[view]);
+            let is_visible = |index: &usize| second.is_visible(&given, first.points[*index]);
+            ViewPair {
                 views,
-                points: (0..first.points.len()).filter(sees).collect(),
+                points: (0..first.points.len()).filter(is_visible).collect(),
             }
         };
-        let is_enough = |pair: &Pair| {
-            let all = problem.evidence[pair.views[0]].points.len() as f64;
-            pair.points.len() >= LEAST_POINTS.min((all * LEAST_SHARE).ceil() as usize).max(1)
+        let is_enough = |pair: &ViewPair| {
+            let all = problem.views[pair.views[0]].points.len() as f64;
+            pair.points.len() >= MIN_POINTS.min((all * MIN_SHARE).ceil() as usize).max(1)
         };
         problem.pairs = problem
             .candidates()
@@ -103,17 +108,18 @@ impl Problem {
         problem
     }
 
-    pub(super) fn pairs(&self) -> &[Pair] {
+    pub(super) fn pairs(&self) -> &[ViewPair] {
         &self.pairs
     }
 
-    fn candidates(&self) -> Vec<[usize; 2]> {
+    /// Returns the pairs of views to test for overlap.
+        fn candidates(&self) -> Vec<[usize; 2]> {
         let mut pairs = BTreeSet::new();
-        for (i, own) in self.evidence.iter().enumerate() {
-            let apart = |j: usize| (apart(&own.pose, &self.evidence[j].pose, own.depth_m), j);
-            let mut others: Vec<(f64, usize)> = (0..self.evidence.len())
+        for (i, own) in self.views.iter().enumerate() {
+            let rank = |j: usize| (view_distance(&own.pose, &self.views[j].pose, own.depth_m), j);
+            let mut others: Vec<(f64, usize)> = (0..self.views.len())
                 .filter(|&j| j != i)
-                .map(apart)
+                .map(rank)
                 .collect();
             others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             pairs.extend(
@@ -126,68 +132,70 @@ impl Problem {
         pairs.into_iter().collect()
     }
 
-    fn blurred(&self, rounds: u32) -> Arc<Vec<Smooth>> {
-        let mut held = self.blurred.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*held {
-            Some((of, pictures)) if *of == rounds => Arc::clone(pictures),
+    /// Returns the images blurred by a number of rounds.
+        fn blurred(&self, rounds: u32) -> Arc<Vec<BlurredImage>> {
+        let mut cache = self.blurred.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*cache {
+                    Some((cached, pictures)) if *cached == rounds => Arc::clone(pictures),
             _ => {
-                let blurred = |view: &Evidence| Smooth::new(&view.grey, view.size, rounds);
-                let pictures = Arc::new(self.evidence.par_iter().map(blurred).collect());
-                *held = Some((rounds, Arc::clone(&pictures)));
+                let blur = |view: &ViewSamples| BlurredImage::new(&view.grey, view.size, rounds);
+                let pictures = Arc::new(self.views.par_iter().map(blur).collect());
+                *cache = Some((rounds, Arc::clone(&pictures)));
                 pictures
             }
         }
     }
 
     pub(super) fn poses(&self) -> impl ExactSizeIterator<Item = Pose> {
-        self.evidence.iter().map(|view| view.pose)
+        self.views.iter().map(|view| view.pose)
     }
 
-    pub(super) fn as_given(&self) -> State {
-        State::as_given(&self.given, self.poses())
+    pub(super) fn initial_calibration(&self) -> Calibration {
+        Calibration::as_given(&self.given, self.poses())
     }
 
-    /// The best lens, and the best place beside the depth cameras, the same for all views.
-    pub(super) fn one_for_all(&self, given: &State) -> State {
+    /// Estimates the lens and the offset from the depth cameras that all views share.
+    pub(super) fn estimate_shared_offset(&self, given: &Calibration) -> Calibration {
         let pictures = self.blurred(BLURS[0]);
-        let scaled = |factor: i32| State {
+        let scaled = |factor: i32| Calibration {
             focal_px: given.focal_px * (1.0 + FOCAL_STEP * f64::from(factor)),
             ..given.clone()
         };
         let start = FOCAL_FACTORS
             .map(scaled)
-            .map(|state| (self.cost(&state, &pictures), state))
+            .map(|calibration| (self.cost(&calibration, &pictures), calibration))
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        let mut state = start.map_or_else(|| given.clone(), |(_, state)| state);
+        let mut calibration = start.map_or_else(|| given.clone(), |(_, calibration)| calibration);
         for (rounds, steps) in [(BLURS[0], 8), (BLURS[1], 6)] {
-            self.descend(&mut state, rounds, steps, Stage::OneForAll);
+            self.descend(&mut calibration, rounds, steps, Stage::SharedOffset);
         }
-        state
+        calibration
     }
 
-    /// A place for each view, beginning with that of all.
-    pub(super) fn each_view(&self, one: &State) -> State {
-        let mut state = one.clone();
+    /// Estimates a pose for each view, starting from the shared offset.
+    pub(super) fn estimate_per_view(&self, shared: &Calibration) -> Calibration {
+        let mut calibration = shared.clone();
         for (rounds, steps) in [(BLURS[0], 4), (BLURS[1], 6), (BLURS[2], 6)] {
-            self.descend(&mut state, rounds, steps, Stage::EachView);
+            self.descend(&mut calibration, rounds, steps, Stage::PerView);
         }
-        state
+        calibration
     }
 
-    fn descend(&self, state: &mut State, rounds: u32, steps: usize, stage: Stage) {
+    /// Takes Gauss-Newton steps with images blurred by `rounds`.
+        fn descend(&self, calibration: &mut Calibration, rounds: u32, steps: usize, stage: Stage) {
         let pictures = self.blurred(rounds);
-        let (mut cost, mut blocks) = self.equations(state, &pictures);
+        let (mut cost, mut blocks) = self.equations(calibration, &pictures);
         let mut damping = 1e-3;
         for _ in 0..steps {
-            let prior = self.prior(state, stage);
+            let prior = self.prior(calibration, stage);
             let free = |i: usize| match stage {
-                Stage::OneForAll => i < SHARED,
-                Stage::EachView => true,
+                Stage::SharedOffset => i < SHARED_UNKNOWNS,
+                Stage::PerView => true,
             };
-            let next = state.stepped(&solve(&blocks, &prior, damping, &free));
+            let next = calibration.apply_step(&solve(&blocks, &prior, damping, &free));
             let (next_cost, next_blocks) = self.equations(&next, &pictures);
             if next_cost < cost {
-                (*state, cost, blocks) = (next, next_cost, next_blocks);
+                (*calibration, cost, blocks) = (next, next_cost, next_blocks);
                 damping = (damping / 4.0).max(1e-6);
             } else {
                 damping *= 16.0;
@@ -195,13 +203,13 @@ impl Problem {
         }
     }
 
-    /// Weight and present value of each unknown's prior.
-    fn prior(&self, state: &State, stage: Stage) -> Vec<[f64; 2]> {
-        let count = self.evidence.len() as f64;
-        let depth_m = self.evidence.iter().map(|view| view.depth_m).sum::<f64>() / count;
+    /// Returns the weight and the current value of each unknown's prior.
+    fn prior(&self, calibration: &Calibration, stage: Stage) -> Vec<[f64; 2]> {
+        let count = self.views.len() as f64;
+        let depth_m = self.views.iter().map(|view| view.depth_m).sum::<f64>() / count;
         let width = 2.0 * self.given.principal_px[0];
-        let of_pairs: f64 = self.pairs.iter().map(|pair| pair.points.len() as f64).sum();
-        let weight = of_pairs * PRIOR_SHARE * ROBUST * ROBUST;
+        let points: f64 = self.pairs.iter().map(|pair| pair.points.len() as f64).sum();
+        let weight = points * PRIOR_SHARE * ROBUST * ROBUST;
         let [principal, step, own] = [PRINCIPAL * width, STEP * depth_m, OWN_STEP * depth_m];
         let deviations = [
             f64::INFINITY,
@@ -217,131 +225,129 @@ impl Problem {
         ];
         let mut prior: Vec<[f64; 2]> = deviations
             .iter()
-            .zip(state.shared)
+            .zip(calibration.shared)
             .map(|(deviation, value)| [weight / deviation.powi(2), value])
             .collect();
-        for moved in &state.moved {
-            for (i, &value) in moved.iter().enumerate() {
+        for view in &calibration.own {
+                    for (i, &value) in view.iter().enumerate() {
                 let deviation = if i < 3 { OWN_TURN } else { own };
                 prior.push(match stage {
-                    Stage::OneForAll => [0.0; 2],
-                    Stage::EachView => [weight / count / deviation.powi(2), value],
+                    Stage::SharedOffset => [0.0; 2],
+                    Stage::PerView => [weight / count / deviation.powi(2), value],
                 });
             }
         }
         prior
     }
 
-    /// The points of the first view that both see, of those whose numbers are `wanted`.
-    fn seen(
+    /// Observes the common points of a pair whose index passes `filter`.
+        fn observe(
         &self,
-        state: &State,
-        pictures: &[Smooth],
-        pair: &Pair,
-        wanted: &dyn Fn(usize) -> bool,
-    ) -> Vec<Seen> {
+        calibration: &Calibration,
+        pictures: &[BlurredImage],
+        pair: &ViewPair,
+        filter: &dyn Fn(usize) -> bool,
+    ) -> Vec<Observation> {
         let [first, second] = pair.views;
-        let look = |view: usize, point: DVec3| {
-            let projected = state.project(view, point)?;
-            let small = projected.at / f64::from(self.evidence[view].reduced);
-            let level = pictures[view].at(small.x, small.y)?;
+        let sample = |view: usize, point: DVec3| {
+                    let projected = calibration.project(view, point)?;
+                    let small = projected.pixel / f64::from(self.views[view].reduction);
+            let level = pictures[view].sample(small.x, small.y)?;
             Some((projected, level))
         };
         let points = pair
             .points
             .iter()
-            .filter(|number| wanted(**number))
-            .map(|&number| self.evidence[first].points[number]);
-        points
-            .filter_map(|point| {
-                Some(Seen {
-                    views: [look(first, point)?, look(second, point)?],
+            .filter(|index| filter(**index))
+            .map(|&index| self.views[first].points[index]);
+                    points
+                        .filter_map(|point| {
+                            Some(Observation {
+                                samples: [sample(first, point)?, sample(second, point)?],
                 })
             })
             .collect()
     }
 
-    /// The mean robust cost of the points that are used.
-    fn cost(&self, state: &State, pictures: &[Smooth]) -> f64 {
-        self.mean(state, pictures, &is_used, &robust)
+    /// Returns the mean robust cost of the estimation points.
+        fn cost(&self, calibration: &Calibration, pictures: &[BlurredImage]) -> f64 {
+            self.mean(calibration, pictures, &is_estimation_point, &robust)
     }
 
-    /// Mean difference of levels at the points that are not used, no more than 40 each.
-    pub(super) fn unseen_levels(&self, state: &State) -> f64 {
+    /// Returns the mean difference of levels at the validation points, clamped to 40 each.
+        pub(super) fn validate(&self, calibration: &Calibration) -> f64 {
         self.mean(
-            state,
+            calibration,
             &self.blurred(BLURS[2]),
-            &|number| !is_used(number),
+            &|index| !is_estimation_point(index),
             &|residual| residual.abs().min(40.0),
         )
     }
 
     fn mean(
         &self,
-        state: &State,
-        pictures: &[Smooth],
-        wanted: &(dyn Fn(usize) -> bool + Sync),
+        calibration: &Calibration,
+        pictures: &[BlurredImage],
+        filter: &(dyn Fn(usize) -> bool + Sync),
         value: &(dyn Fn(f64) -> f64 + Sync),
     ) -> f64 {
-        let of_pair = |pair: &Pair| {
-            let seen = self.seen(state, pictures, pair, wanted);
-            let ratio = ratio(&seen);
-            (
-                seen.iter()
-                    .map(|seen| value(residual(seen, ratio)))
-                    .sum::<f64>(),
-                seen.len(),
-            )
-        };
-        mean_of(self.pairs.par_iter().map(of_pair).collect())
+        let sum_pair = |pair: &ViewPair| {
+                    let observations = self.observe(calibration, pictures, pair, filter);
+                    let ratio = level_ratio(&observations);
+                    let values = observations
+                        .iter()
+                        .map(|observation| value(residual(observation, ratio)));
+                    (values.sum::<f64>(), observations.len())
+                };
+                mean_of_sums(self.pairs.par_iter().map(sum_pair).collect())
     }
 
-    /// The mean robust cost of the points that are used, and each pair's normal equations.
-    fn equations(&self, state: &State, pictures: &[Smooth]) -> (f64, Vec<Block>) {
-        let of_pair = |pair: &Pair| {
-            let seen = self.seen(state, pictures, pair, &is_used);
-            let ratio = ratio(&seen);
-            let mut block = Block::new(pair.views);
+    /// Returns the mean robust cost of the estimation points and each pair's normal equations.
+    fn equations(&self, calibration: &Calibration, pictures: &[BlurredImage]) -> (f64, Vec<PairBlock>) {
+        let pair_equations = |pair: &ViewPair| {
+                    let observations = self.observe(calibration, pictures, pair, &is_estimation_point);
+                    let ratio = level_ratio(&observations);
+            let mut block = PairBlock::new(pair.views);
             let mut cost = 0.0;
-            for point in &seen {
-                let mut row = [0.0; OF_PAIR];
+            for observation in &observations {
+                let mut row = [0.0; PAIR_UNKNOWNS];
                 for (k, sign) in [(0, 1.0), (1, -ratio)] {
-                    let (projected, [_, slope_x, slope_y]) = &point.views[k];
+                    let (projected, [_, slope_x, slope_y]) = &observation.samples[k];
                     let slope = DVec2::new(*slope_x, *slope_y)
-                        * (sign / f64::from(self.evidence[pair.views[k]].reduced));
-                    self.derivatives(state, projected, slope, k, &mut row);
+                        * (sign / f64::from(self.views[pair.views[k]].reduction));
+                    self.add_derivatives(calibration, projected, slope, k, &mut row);
                 }
-                let residual = residual(point, ratio);
+                let residual = residual(observation, ratio);
                 cost += robust(residual);
                 block.add(&row, residual, 1.0 / (1.0 + (residual / ROBUST).powi(2)));
             }
-            ((cost, seen.len()), block)
+            ((cost, observations.len()), block)
         };
-        let (costs, blocks) = self.pairs.par_iter().map(of_pair).unzip();
-        (mean_of(costs), blocks)
+        let (costs, blocks) = self.pairs.par_iter().map(pair_equations).unzip();
+                (mean_of_sums(costs), blocks)
     }
 
-    /// Adds what the level of one view changes by with each unknown, given its slopes in the picture.
-    fn derivatives(
+    /// Adds the derivatives of one view's level by each unknown, given its slopes in the image.
+        fn add_derivatives(
         &self,
-        state: &State,
-        projected: &Projected,
+        calibration: &Calibration,
+        projected: &ProjectedPoint,
         slope: DVec2,
         k: usize,
-        row: &mut [f64; OF_PAIR],
+        row: &mut [f64; PAIR_UNKNOWNS],
     ) {
-        let Projected { n, point, .. } = projected;
+        let ProjectedPoint { n, point, .. } = projected;
         let square = n.length_squared();
-        let radial = 1.0 + state.radial * square;
+        let radial = 1.0 + calibration.radial * square;
         row[0] += slope.dot(*n) * radial;
         row[1] += slope.x;
         row[2] += slope.y;
-        row[3] += slope.dot(*n) * square * state.focal_px;
-        // Of n (1 + k |n|^2), and of n = (x, y) / z.
-        let of_n = (slope * radial + *n * (2.0 * state.radial * n.dot(slope))) * state.focal_px;
-        let step = DVec3::new(of_n.x, of_n.y, -of_n.dot(*n)) / point.z;
+        row[3] += slope.dot(*n) * square * calibration.focal_px;
+        // Derivatives of n (1 + k |n|^2), and of n = (x, y) / z.
+                let by_n = (slope * radial + *n * (2.0 * calibration.radial * n.dot(slope))) * calibration.focal_px;
+        let step = DVec3::new(by_n.x, by_n.y, -by_n.dot(*n)) / point.z;
         let turn = point.cross(step);
-        let own = SHARED + k * OF_VIEW;
+        let own = SHARED_UNKNOWNS + k * VIEW_UNKNOWNS;
         for (i, value) in turn
             .to_array()
             .into_iter()
@@ -353,39 +359,41 @@ impl Problem {
         }
     }
 
-    /// Levels of three channels in which the two views of a pair see points, from their small pictures.
-    pub(super) fn colors(&self, state: &State, pair: &Pair) -> Vec<[[u8; 3]; 2]> {
-        let look = |view: usize, point: DVec3| {
-            let evidence = &self.evidence[view];
-            let at = state.project(view, point)?.at / f64::from(evidence.reduced);
-            let [width, height] = evidence.size;
-            let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < width as f64 && at.y < height as f64;
-            inside.then(|| {
-                [0, 1, 2].map(|c| evidence.planes[c][at.y as usize * width + at.x as usize])
-            })
-        };
+    /// Samples the colours of a pair's common points in both small images.
+    pub(super) fn colors(&self, calibration: &Calibration, pair: &ViewPair) -> Vec<[[u8; 3]; 2]> {
+        let sample = |view: usize, point: DVec3| {
+                    let samples = &self.views[view];
+                    let pixel = calibration.project(view, point)?.pixel / f64::from(samples.reduction);
+                    let [width, height] = samples.size;
+                    let is_inside = pixel.x >= 0.0
+                        && pixel.y >= 0.0
+                        && pixel.x < width as f64
+                        && pixel.y < height as f64;
+                    let index = pixel.y as usize * width + pixel.x as usize;
+                    is_inside.then(|| [0, 1, 2].map(|c| samples.planes[c][index]))
+                };
         let [first, second] = pair.views;
         let points = pair
             .points
             .iter()
-            .map(|&number| self.evidence[first].points[number]);
-        points
-            .filter_map(|point| Some([look(first, point)?, look(second, point)?]))
+            .map(|&index| self.views[first].points[index]);
+                    points
+                        .filter_map(|point| Some([sample(first, point)?, sample(second, point)?]))
             .collect()
     }
 }
 
-/// Whether the point of a number is estimated from, not judged by.
-fn is_used(number: usize) -> bool {
-    !number.is_multiple_of(UNSEEN)
+/// Returns true if the point of an index is used for estimation instead of validation.
+fn is_estimation_point(index: usize) -> bool {
+    !index.is_multiple_of(VALIDATION_STRIDE)
 }
 
 fn robust(residual: f64) -> f64 {
     (residual / ROBUST).powi(2).ln_1p()
 }
 
-/// The mean of pairs' sums and counts; infinite of nothing.
-fn mean_of(sums: Vec<(f64, usize)>) -> f64 {
+/// Returns the mean of sums and counts of pairs; infinite if all counts are 0.
+fn mean_of_sums(sums: Vec<(f64, usize)>) -> f64 {
     let (sum, count) = sums
         .into_iter()
         .fold((0.0, 0), |total, pair| (total.0 + pair.0, total.1 + pair.1));
@@ -396,12 +404,18 @@ fn mean_of(sums: Vec<(f64, usize)>) -> f64 {
     }
 }
 
-/// How much brighter the first view sees the points than the second, as their sums say.
-fn ratio(seen: &[Seen]) -> f64 {
-    let [a, b] = [0, 1].map(|k| seen.iter().map(|seen| seen.views[k].1[0]).sum::<f64>());
+/// Returns the ratio of the summed levels of the first view to those of the second.
+fn level_ratio(observations: &[Observation]) -> f64 {
+    let sum = |k: usize| {
+        observations
+            .iter()
+            .map(|observation| observation.samples[k].1[0])
+            .sum::<f64>()
+    };
+    let [a, b] = [0, 1].map(sum);
     if a > 0.0 && b > 0.0 { a / b } else { 1.0 }
 }
 
-fn residual(seen: &Seen, ratio: f64) -> f64 {
-    seen.views[0].1[0] - ratio * seen.views[1].1[0]
+fn residual(observation: &Observation, ratio: f64) -> f64 {
+    observation.samples[0].1[0] - ratio * observation.samples[1].1[0]
 }

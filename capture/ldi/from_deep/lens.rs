@@ -220,7 +220,7 @@ mod tests {
     #[test]
     fn a_header_says_what_a_camera_sees() {
         let camera = camera();
-        let standard = DeepView::of_camera(&camera);
+        let standard = DeepView::from_camera(&camera);
         holds(
             &Lens::of(&picture(standard), &DeepPlace::default())
                 .expect("read")
@@ -288,7 +288,7 @@ mod tests {
 
     #[test]
     fn who_says_what_a_header_says_is_told() {
-        let standard = DeepView::of_camera(&camera());
+        let standard = DeepView::from_camera(&camera());
         let cube = DeepView {
             cube: true,
             ..DeepView::default()

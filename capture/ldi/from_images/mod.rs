@@ -71,7 +71,7 @@ impl ImagesJob {
     /// an object: about the one that has the most others near it, reaching half-way to the nearest.
     pub fn suggest(set: &ImageSet) -> Self {
         let suggested = Self::for_most_eyes(set);
-        match set.densest_view().filter(|_| set.depth_is_found()) {
+        match set.densest_view().filter(|_| set.has_estimated_depth()) {
             Some((view, nearest)) => Self {
                 centre: set.headbox_centre.unwrap_or(view.pose.eye),
                 half_size_m: nearest / 2.0,
@@ -97,7 +97,7 @@ impl ImagesJob {
             .copied()
             .unwrap_or(0.0);
         let mut focal: Vec<f64> = set
-            .with_depth()
+            .views_with_depth()
             .map(|view| view.lens.pixels_per_radian(view.size_px))
             .collect();
         focal.sort_by(f64::total_cmp);
@@ -189,7 +189,7 @@ impl ImagesJob {
         let nearest = views
             .iter()
             .min_by(|a, b| apart(a).total_cmp(&apart(b)))
-            .filter(|_| set.depth_is_found());
+            .filter(|_| set.has_estimated_depth());
         let nearest = nearest.map(|view| view.color_pose().world_from_eye);
         let info = CaptureInfo {
             ahead: nearest.map(|held| -held.z_axis).or_else(|| ahead(views)),

@@ -122,7 +122,7 @@ impl TruthCommand {
             let eye = camera.eye() + turn.x_axis * off(column, columns) - turn.y_axis * off(row, rows);
             let moved = Camera::from_parts(eye, turn, camera.focal_px(), camera.width(), camera.height())
                 .map_err(|error| UsageError(error.to_string()))?;
-            let view = traced_view::view(tracer, lighting, !self.unlit, &moved, self.samples, &rows_done);
+            let view = traced_view::trace(tracer, lighting, !self.unlit, &moved, self.samples, &rows_done);
             set.add(number as usize, &view, true)?;
         }
         bar.finish();

@@ -9,7 +9,7 @@ use crate::output::{Outputs, WINDOW, name_of, print_json};
 use crate::progress::Bar;
 use crate::words::UsageError;
 use headbox_core::camera::Camera;
-use headbox_images::{ImageSet, View, sparse_points};
+use headbox_images::{ImageSet, View, read_sparse_points};
 use headbox_ldi::from_images::{ImagesJob, NearImages};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_window::{Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs};
@@ -218,7 +218,7 @@ impl ToShow {
         }
         let folder = Path::new(&source.name);
         let set = set.open_registered(folder)?;
-        let marks = Marks::new(&set.views, sparse_points(folder)?);
+        let marks = Marks::new(&set.views, read_sparse_points(folder)?);
         let shown = if live {
             let (near, start) = near(folder, set)?;
             show_live(near, folder, &start)?
@@ -227,7 +227,7 @@ impl ToShow {
             let (geometry, start) = geometry_of(&set, &geometry)?;
             let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
             show_geometry(geometry, folder, &start.with_context(no_start)?, settings)
-        } else if set.with_depth().next().is_none() {
+        } else if set.views_with_depth().next().is_none() {
             show_photographs(set, folder)?
         } else {
             let bar = Bar::new();
@@ -294,7 +294,7 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
 /// The images of a set that cubes are made of as one moves, and the camera of its middle view that has depth.
 fn near(folder: &Path, set: ImageSet) -> anyhow::Result<(NearImages, Camera)> {
     images::with_depth(&set)?;
-    let start = set.central_view().and_then(View::camera).or_else(|| set.with_depth().find_map(View::camera));
+    let start = set.central_view().and_then(View::camera).or_else(|| set.views_with_depth().find_map(View::camera));
     let no_start = || format!("{}: it has no perspective picture to start at", folder.display());
     let start = start.with_context(no_start)?;
     let job = ImagesJob::suggest(&set);

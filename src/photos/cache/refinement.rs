@@ -24,10 +24,13 @@ struct Header {
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "RefinementReport")]
 struct OfReport {
-    apart: [f64; 2],
+    #[serde(rename = "apart")]
+    surface_distance: [f64; 2],
     levels: [f64; 2],
-    is_kept: bool,
-    moved: [f64; 2],
+    #[serde(rename = "is_kept")]
+    is_applied: bool,
+    #[serde(rename = "moved")]
+    movement: [f64; 2],
     pairs: usize,
     views: usize,
 }
@@ -132,7 +135,7 @@ mod tests {
         };
         let (report, first, refined) = refine(&views);
         assert!(
-            report.as_ref().is_some_and(|report| report.is_kept) && first == Was::default(),
+            report.as_ref().is_some_and(|report| report.is_applied) && first == Was::default(),
             "{report:?} {first:?}"
         );
         assert!(

@@ -4,8 +4,8 @@ use super::{Was, kept_or_made, of_views};
 use glam::{DMat3, DVec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_images::{
-    Distortion, ImageSet, ImagesError, Kept, Pinhole, Pose, Registration, RegistrationReport,
-    RegistrationStep,
+    Distortion, ImageSet, ImagesError, Pinhole, Pose, Registration, RegistrationModel,
+    RegistrationReport, RegistrationStep,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -30,7 +30,8 @@ struct Header {
 /// What was found of a set, or `None`, and the registration of each of its views.
 type Found = (Option<RegistrationReport>, Vec<Option<Registration>>);
 
-/// Registers a set's views, as [`ImageSet::register`] does, or as was found when it was last done, which is kept in `folder`.
+/// Registers a set's views, as [`ImageSet::register`] does, or as was found when it was last done,
+/// which is kept in `folder`.
 ///
 /// # Errors
 /// [`ImagesError`] of the first view that cannot be loaded.
@@ -168,33 +169,32 @@ fn registration(numbers: &[f64; NUMBERS]) -> Option<Registration> {
 
 fn report_numbers(report: &RegistrationReport) -> [f64; REPORT] {
     let RegistrationReport {
-        levels: [given, one, each],
-        kept,
-        focal_px: [said, found],
-        moved,
-        gain,
-        judged,
-        views,
-    } = *report;
-    let kept = match kept {
-        Kept::AsGiven => 0.0,
-        Kept::OneForAll => 1.0,
-        Kept::EachView => 2.0,
+        levels: [given, shared, per_view],
+                applied,
+                focal_px: [given_focal, estimated_focal],
+                offset: [angle, distance],
+                gain,
+                sampled_views,
+                views,
+            } = *report;
+            let applied = match applied {
+        RegistrationModel::AsGiven => 0.0,
+        RegistrationModel::SharedOffset => 1.0,
+        RegistrationModel::PerView => 2.0,
     };
-    let [turned, stepped] = moved;
     let [low, high] = gain.map(f64::from);
-    [
-        given,
-        one,
-        each,
-        kept,
-        said,
-        found,
-        turned,
-        stepped,
-        low,
-        high,
-        judged as f64,
+        [
+            given,
+            shared,
+            per_view,
+            applied,
+            given_focal,
+            estimated_focal,
+            angle,
+            distance,
+            low,
+            high,
+            sampled_views as f64,
         views as f64,
     ]
 }
@@ -202,31 +202,31 @@ fn report_numbers(report: &RegistrationReport) -> [f64; REPORT] {
 fn report_of(numbers: [f64; REPORT]) -> Option<RegistrationReport> {
     let [
         given,
-        one,
-        each,
-        kept,
-        said,
-        found,
-        turned,
-        stepped,
-        low,
-        high,
-        judged,
+                shared,
+                per_view,
+                applied,
+                given_focal,
+                estimated_focal,
+                angle,
+                distance,
+                low,
+                high,
+                sampled_views,
         views,
     ] = numbers;
-    let kept = match kept {
-        0.0 => Kept::AsGiven,
-        1.0 => Kept::OneForAll,
-        2.0 => Kept::EachView,
+    let applied = match applied {
+        0.0 => RegistrationModel::AsGiven,
+        1.0 => RegistrationModel::SharedOffset,
+        2.0 => RegistrationModel::PerView,
         _ => return None,
     };
     Some(RegistrationReport {
-        levels: [given, one, each],
-        kept,
-        focal_px: [said, found],
-        moved: [turned, stepped],
-        gain: [low, high].map(|gain| gain as f32),
-        judged: judged as usize,
+        levels: [given, shared, per_view],
+                applied,
+                focal_px: [given_focal, estimated_focal],
+                offset: [angle, distance],
+                gain: [low, high].map(|gain| gain as f32),
+                sampled_views: sampled_views as usize,
         views: views as usize,
     })
 }
@@ -262,11 +262,11 @@ mod tests {
         let path = folder.path().join("file");
         let report = RegistrationReport {
             levels: [1.0, 0.1, f64::INFINITY],
-            kept: Kept::EachView,
+            applied: RegistrationModel::PerView,
             focal_px: [585.0, 511.1],
-            moved: [0.1, 0.2],
+            offset: [0.1, 0.2],
             gain: [0.8, 1.3],
-            judged: 48,
+            sampled_views: 48,
             views: 50,
         };
         let found: Found = (Some(report), vec![Some(some(0)), None, Some(some(2))]);

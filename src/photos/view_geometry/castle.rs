@@ -27,7 +27,7 @@ fn traced<const N: usize>(places: [f64; N]) -> [LoadedView; N] {
     let lighting = Lighting::measure(&tracer, 0);
     places.map(|x| {
         let camera = frame_at(centre + DVec3::X * x, SIZE);
-        traced_view::view(&tracer, &lighting, false, &camera, 16, &Silent)
+        traced_view::trace(&tracer, &lighting, false, &camera, 16, &Silent)
     })
 }
 

@@ -136,7 +136,7 @@ impl PhotographsJob {
         progress: &dyn Progress,
     ) -> Result<CubeLdi, ImagesError> {
         let nearest = self.nearest(views);
-        let load = |view: &&View| view.load().map(|loaded| loaded.smaller(times));
+        let load = |view: &&View| view.load().map(|loaded| loaded.downscaled(times));
         let loaded: Result<Vec<LoadedView>, ImagesError> = nearest.par_iter().map(load).collect();
         let (photographs, depths) = self.prepare(loaded?);
         let face_size_px = (self.face_size_px / times.max(1)).max(16);
@@ -211,7 +211,7 @@ impl PhotographsJob {
         match self.backdrop {
             Backdrop::None => None,
             Backdrop::Dark(level) => Some(level),
-            Backdrop::Auto => backdrop::find(views),
+            Backdrop::Auto => backdrop::find_threshold(views),
         }
     }
 

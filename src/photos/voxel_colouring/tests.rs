@@ -81,7 +81,8 @@ fn colored(job: &PhotographsJob, views: &[LoadedView]) -> Vec<LayeredDepthImage>
     job.sweep(photographs, &depths, &headbox_core::progress::Silent)
 }
 
-/// The pixels of a face's ray, by the definition alone: `f64`, one candidate after the other, claims as lists of flags.
+/// The pixels of a face's ray, by the definition alone: `f64`, one candidate after the other,
+/// claims as lists of flags.
 struct Oracle<'a> {
     job: &'a PhotographsJob,
     views: &'a [LoadedView],
@@ -246,7 +247,8 @@ impl<'a> Oracle<'a> {
     }
 }
 
-/// Candidates for which rounding to `f32` may decide otherwise: those on a threshold, and what follows from them.
+/// Candidates for which rounding to `f32` may decide otherwise: those on a threshold, and what
+/// follows from them.
 const ROUNDED: f64 = 0.02;
 
 #[test]
@@ -383,21 +385,14 @@ fn what_shows_nothing_gives_an_empty_cube() {
 
 #[test]
 fn photographs_for_which_there_is_no_room_are_told() {
-    let view = |i: u32, size_px| View {
-        name: i.to_string(),
-        size_px,
-        lens: photograph(0.0).lens,
-        pose: Pose {
-            eye: DVec3::X * f64::from(i),
-            world_from_eye: DMat3::IDENTITY,
-        },
-        color: "none.png".into(),
-        depth: None,
-        mask: None,
-        depth_scale: 1.0,
-        color_channels: None,
-        registration: None,
-    };
+    let view = |i: u32, size_px| {
+            let pose = Pose {
+                eye: DVec3::X * f64::from(i),
+                world_from_eye: DMat3::IDENTITY,
+            };
+            let lens = photograph(0.0).lens;
+            View::new(i.to_string(), size_px, lens, pose, "none.png".into(), None)
+        };
     let told = |count: u32, size_px: [u32; 2]| {
         let views: Vec<View> = (0..count).map(|i| view(i, size_px)).collect();
         job(16).left_out(&views.iter().collect::<Vec<_>>())

@@ -8,7 +8,7 @@ use crate::image_set::SetArgs;
 use crate::commands::images::depth::{DepthArgs, Outcome};
 use crate::output::print_json;
 use crate::progress::Bar;
-use headbox_images::{AlignStep, Aligned, CheckReport, ImageSet, ImagesError, Lens, Residual, TRANSFORMS, View, align, check};
+use headbox_images::{AlignStep, Alignment, CheckReport, ImageSet, ImagesError, Lens, Residual, TRANSFORMS, View, align, check};
 use headbox_cube::model::samples::CubeLdi;
 use headbox_ldi::from_images::ImagesJob;
 use headbox_photos::voxel_colouring::PhotographsJob;
@@ -52,7 +52,7 @@ pub(super) enum SetJob {
 
 impl SetJob {
     pub(super) fn suggest(set: &ImageSet) -> Self {
-        match set.with_depth().next() {
+        match set.views_with_depth().next() {
             Some(_) => Self::Depth(ImagesJob::suggest(set)),
             None => Self::Photographs(PhotographsJob::suggest(set)),
         }
@@ -76,7 +76,7 @@ impl SetJob {
     /// The views that it takes.
     pub(super) fn views<'a>(&self, set: &'a ImageSet) -> Vec<&'a View> {
         match self {
-            Self::Depth(_) => set.with_depth().collect(),
+            Self::Depth(_) => set.views_with_depth().collect(),
             Self::Photographs(_) => set.views.iter().collect(),
         }
     }
@@ -108,7 +108,7 @@ pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<PackedCube> {
 
 /// The views that a cube can be made from.
 pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
-    let views: Vec<&View> = set.with_depth().collect();
+    let views: Vec<&View> = set.views_with_depth().collect();
     if views.is_empty() {
         bail!("{}: none of its {} views has depth", set.folder.display(), set.views.len());
     }
@@ -145,7 +145,7 @@ impl ImagesCommand {
         }
         let found = self.depth.run(&self.folder, &self.set)?;
         let set = self.set.open(found.as_ref().map_or(&self.folder, |found| &found.folder))?;
-        let pairs = self.pairs.min(set.with_depth().count().saturating_sub(1));
+        let pairs = self.pairs.min(set.views_with_depth().count().saturating_sub(1));
         let bar = Bar::new();
         bar.begin("comparing neighbours", "views", pairs as u64 + 1);
         let report = match self.pairs {
@@ -187,8 +187,8 @@ impl ImagesCommand {
             at = Some(((step, all), done.max(before)));
         })?;
         bar.finish();
-        let Aligned { found, pictures, model } = aligned;
-        eprintln!("note: it is known of {found} of {pictures} photographs where they were taken: {}", model.display());
+        let Alignment { posed, pictures, model } = aligned;
+        eprintln!("note: it is known of {posed} of {pictures} photographs where they were taken: {}", model.display());
         Ok(())
     }
 
@@ -215,7 +215,7 @@ impl ImagesCommand {
             })
             .collect();
         print_json(&json!({
-            "kind": "images", "format": set.format, "views": views, "with_depth": set.with_depth().count(),
+            "kind": "images", "format": set.format, "views": views, "with_depth": set.views_with_depth().count(),
             "median_depth_m": report.median_depth_m, "depth_share": report.depth_share, "residuals": residuals,
             "warnings": report.warnings, "notes": set.notes,
             "found_depth": found.map(Outcome::json),
@@ -224,7 +224,7 @@ impl ImagesCommand {
 
     fn print(&self, set: &ImageSet, report: &CheckReport) {
         println!("{}: {}, {} views", set.folder.display(), set.format, set.views.len());
-        let with_depth = set.with_depth().count();
+        let with_depth = set.views_with_depth().count();
         let panoramas = set.views.iter().filter(|view| view.lens == Lens::Equirectangular).count();
         let sizes: std::collections::BTreeSet<[u32; 2]> = set.views.iter().map(|view| view.size_px).collect();
         let sizes: Vec<String> = sizes.iter().take(4).map(|[w, h]| format!("{w}x{h}")).collect();

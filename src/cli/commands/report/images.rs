@@ -42,7 +42,7 @@ impl Sheets<'_> {
 pub(super) fn write(set: &ImageSet, hold_out: usize, geometry: &GeometryArgs, folder: &Path) -> anyhow::Result<()> {
     let bar = Bar::new();
     let mut sheets = Sheets { folder, failed: None };
-    let has_own_depth = set.with_depth().next().is_some() && !set.depth_is_found();
+    let has_own_depth = set.views_with_depth().next().is_some() && !set.has_estimated_depth();
     let (json, summary) = if has_own_depth {
         let geometry = Geometry { settings: geometry.settings(), resources: geometry.resources(None) };
         let mut save = |shown: SideBySide| {

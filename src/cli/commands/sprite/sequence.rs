@@ -76,7 +76,7 @@ impl SequenceArgs {
         job.layers = self.layers.map_or(job.layers, usize::from);
         job.others = self.frames.map_or(job.others, usize::from);
         job.own_depth = self.own_depth;
-        if self.own_depth && set.with_depth().next().is_none() {
+        if self.own_depth && set.views_with_depth().next().is_none() {
             bail!("{}: no view has depth; leave --own-depth out", set.folder.display());
         }
         if let Some(folder) = &self.masks {

@@ -1,38 +1,41 @@
-//! Which views of a large set speak for all of it: small groups of neighbours, evenly spread.
+//! Representative subset of a large set: small groups of neighbouring views, evenly spread.
 //!
-//! Views prove something where they see the same from elsewhere. Single views picked here and there would not; neighbours do, and groups
-//! from all over the set do not speak for one of its corners.
+//! Estimation needs views that see the same points from different poses: single views picked here
+//! and there rarely do, neighbours do, and groups from all over the set do not favour one of its
+//! corners.
 
 use super::Pose;
 
-/// Views of a group beside its first, by how near they are to it: near ones see the same, farther ones see it from elsewhere.
+/// Members of a group besides its first view, as ranks by distance from it: near ones overlap most,
+/// farther ones have more parallax.
 const RANKS: [usize; 3] = [1, 7, 23];
 
-/// Views of a group.
-pub(super) const GROUP: usize = 1 + RANKS.len();
+/// Number of views of a group.
+pub(super) const GROUP_SIZE: usize = 1 + RANKS.len();
 
-/// How far apart two views are: steps over the depth of what is seen, and turns, radians.
-pub(crate) fn apart(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
+/// Returns the distance of two views: distance of the eyes over the scene's depth, plus the angle
+/// between the axes, radians.
+pub(crate) fn view_distance(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
     a.eye.distance(b.eye) / depth_m
         + a.world_from_eye
             .z_axis
             .angle_between(b.world_from_eye.z_axis)
 }
 
-/// The first of each of so many groups of `count` views, evenly spread over their order.
-pub(super) fn firsts(count: usize, groups: usize) -> Vec<usize> {
+/// Returns the first view of each group, evenly spread over the order of `count` views.
+pub(super) fn first_views(count: usize, groups: usize) -> Vec<usize> {
     (0..groups)
         .map(|group| (2 * group + 1) * count / (2 * groups))
         .collect()
 }
 
-/// The groups of first views, in ascending order, none twice.
-pub(super) fn groups(poses: &[Pose], firsts: &[usize], depth_m: f64) -> Vec<usize> {
+/// Completes the groups of first views; the result is in ascending order without duplicates.
+pub(super) fn complete_groups(poses: &[Pose], firsts: &[usize], depth_m: f64) -> Vec<usize> {
     let mut chosen: std::collections::BTreeSet<usize> = firsts.iter().copied().collect();
     for &first in firsts {
         let mut others: Vec<(f64, usize)> = (0..poses.len())
             .filter(|i| !chosen.contains(i))
-            .map(|i| (apart(&poses[first], &poses[i], depth_m), i))
+            .map(|i| (view_distance(&poses[first], &poses[i], depth_m), i))
             .collect();
         others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         chosen.extend(
@@ -51,15 +54,15 @@ mod tests {
     use glam::{DMat3, DVec3};
 
     #[test]
-    fn groups_are_of_neighbours_from_all_over_the_set() {
+    fn groups_near_and_spread() {
         let pose = |i: usize| Pose {
             eye: DVec3::X * (i % 40) as f64 + DVec3::Y * (i / 40) as f64,
             world_from_eye: DMat3::IDENTITY,
         };
         let poses: Vec<Pose> = (0..1000).map(pose).collect();
-        let firsts = firsts(poses.len(), 12);
-        let chosen = groups(&poses, &firsts, 3.0);
-        assert_eq!(chosen.len(), 12 * GROUP);
+        let firsts = first_views(poses.len(), 12);
+        let chosen = complete_groups(&poses, &firsts, 3.0);
+        assert_eq!(chosen.len(), 12 * GROUP_SIZE);
         assert!(chosen.windows(2).all(|pair| pair[0] < pair[1]));
         let nearest = |i: &usize| {
             let others = firsts
@@ -69,7 +72,7 @@ mod tests {
         };
         assert!(
             chosen.iter().all(|i| nearest(i) < 4.0),
-            "the 23rd nearest is three steps away, or four at a rim"
+            "the 23rd nearest is three steps away, or four at a border"
         );
         for part in 0..4 {
             assert!(
@@ -78,7 +81,7 @@ mod tests {
                     .any(|i| (part * 250..(part + 1) * 250).contains(i))
             );
         }
-        // Where there are hardly more than are asked for.
-        assert!(groups(&poses[..5], &[0, 2], 3.0).len() <= 5);
+        // Hardly more views than requested.
+                assert!(complete_groups(&poses[..5], &[0, 2], 3.0).len() <= 5);
     }
 }
