@@ -9,7 +9,7 @@ use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, CameraError};
-use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use crate::drawing::contact_sheet::{SheetRow, contact_sheet};
 use crate::frame::Coverage;
 use crate::gaps;
 use crate::ldi::job::CaptureJob;
@@ -145,39 +145,35 @@ impl DemoCommand {
     }
 
     fn save(&self, rows: &[Row]) -> anyhow::Result<()> {
+        let mut sheet = Vec::new();
         for (i, row) in rows.iter().enumerate() {
-            save_picture(&self.out.join(format!("frame_{i}.png")), &row.frame)?;
-            save_picture(&self.out.join(format!("truth_{i}.png")), &row.truth.rgb())?;
+            let Row { label, frame, truth, map, ms, comparison, .. } = row;
+            let [flip, psnr, truth_psnr] = [comparison.flip, comparison.psnr_db, truth.standard_error_psnr_db];
+            let mut pictures = Vec::new();
+            for (name, image, caption) in [
+                ("frame", frame, format!("headbox: {ms:.2} ms")),
+                ("truth", &truth.rgb(), format!("ray-traced truth: standard error {truth_psnr:.1} dB")),
+                ("error", map, format!("FLIP error: mean {flip:.3}, PSNR {psnr:.1} dB")),
+            ] {
+                let file = format!("{name}_{i}.png");
+                save_picture(&self.out.join(&file), image)?;
+                pictures.push((file, caption));
+            }
+            sheet.push(SheetRow { label: (*label).into(), pictures });
         }
-        let sheet = Sheet {
-            title: format!("headbox demo: {}", self.scene),
-            columns: ["headbox", "ray-traced truth", "FLIP error"].map(str::to_owned).to_vec(),
-            rows: rows.iter().map(sheet_row).collect(),
-        };
-        save_picture(&self.out.join("sheet.png"), &sheet.compose()?)?;
+        let title = format!("headbox demo: {}", self.scene);
+        write_text(&self.out.join("sheet.html"), &contact_sheet(&title, &sheet))?;
         write_text(&self.out.join("table.csv"), &csv(rows))
     }
 
     fn say_what_next(&self) {
         let out = self.out.display();
-        println!("\nframes, truth and a contact sheet are in {out}: open {out}/sheet.png first");
+        println!("\nframes, truth and a contact sheet are in {out}: open {out}/sheet.html first");
         println!(
             "next, look from elsewhere:  headbox render {out}/demo.ldi -o frame.png --eye 1.2,1.8,9 --look-at 0,4,0"
         );
         println!("or capture your own scene:  headbox capture scene.obj -o scene.ldi");
     }
-}
-
-fn sheet_row(row: &Row) -> SheetRow {
-    let c = &row.comparison;
-    let captions = [
-        format!("{:.2} ms", row.ms),
-        format!("standard error {:.1} dB", row.truth.standard_error_psnr_db),
-        format!("FLIP {:.3}  PSNR {:.1} dB", c.flip, c.psnr_db),
-    ];
-    let images = [&row.frame, &row.truth.rgb(), &row.map];
-    let cells = images.into_iter().zip(captions).map(|(image, caption)| SheetCell { image: image.clone(), caption });
-    SheetRow { label: row.label.to_owned(), cells: cells.collect() }
 }
 
 fn job(sizes: &Sizes, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {

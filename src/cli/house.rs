@@ -1,7 +1,7 @@
 //! `headbox house`.
 
 use super::house_file::HouseFileArgs;
-use super::output::{Outputs, PLAN, print_json, save_picture, write_text};
+use super::output::{Outputs, PLAN, print_json, write_text};
 use super::words::UsageError;
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel, Severity};
@@ -18,8 +18,8 @@ use std::sync::Arc;
 pub(super) struct HouseCommand {
     /// A Sweet Home 3D .sh3d, or Home.xml with its OBJ export beside it, a .toml model, or builtin:house
     model: String,
-    /// Draw the plan, as PNG or SVG by its ending; storeys above the first get names of their own, as plan_2.png
-    #[arg(long, value_name = "PLAN.png|.svg")]
+    /// Draw the plan of each storey; those above the first are numbered: plan.svg, plan_2.svg
+    #[arg(long, value_name = "PLAN.svg")]
     plan: Option<PathBuf>,
     /// Height above the floor at which the plan is cut, metres
     #[arg(long, value_name = "M", default_value_t = 1.1)]
@@ -104,20 +104,15 @@ impl HouseCommand {
     fn draw(&self, model: &PortalModel, path: &Path) -> anyhow::Result<Vec<PathBuf>> {
         let mut written = Vec::new();
         for (storey, floor) in (1..).zip(storeys(model)) {
-            let plan = FloorPlan::new(model, floor + self.cut);
             let path = of_storey(path, storey);
-            if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
-                write_text(&path, &plan.to_svg())?;
-            } else {
-                save_picture(&path, &plan.to_image())?;
-            }
+            write_text(&path, &FloorPlan::new(model, floor + self.cut).to_svg())?;
             written.push(path);
         }
         Ok(written)
     }
 }
 
-/// `plan.png` for the first storey, `plan_2.png` for the second.
+/// Returns `plan.svg` for the first storey, `plan_2.svg` for the second.
 fn of_storey(path: &Path, storey: usize) -> PathBuf {
     match (storey, path.file_stem(), path.extension()) {
         (2.., Some(stem), Some(ending)) => {

@@ -82,7 +82,7 @@ pub(super) const LUMIGRAPH: Endings = Endings { what: "a lumigraph", allowed: &[
 /// Houses.
 pub(super) const HOUSE: Endings = Endings { what: "a house", allowed: &["house"] };
 /// Plans of houses.
-pub(super) const PLAN: Endings = Endings { what: "a plan", allowed: &["png", "svg"] };
+pub(super) const PLAN: Endings = Endings { what: "a plan", allowed: &["svg"] };
 /// Camera paths.
 pub(super) const PATH: Endings = Endings { what: "a camera path", allowed: &["json"] };
 /// What captures are exported to.

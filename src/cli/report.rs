@@ -5,7 +5,7 @@ use super::geometry::GeometryArgs;
 use super::image_set::SetArgs;
 use super::images::is_image_set;
 use super::images_report;
-use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
+use super::output::{NO_INPUTS, Outputs, PAGE, write_text};
 use super::place::place_headbox;
 use super::progress::{Bar, Planned};
 use super::words::UsageError;
@@ -206,7 +206,7 @@ impl ReportCommand {
         write_text(&output.join("report.csv"), &report.to_csv())?;
         let summary = summary::summary(&report);
         write_text(&output.join("summary.md"), &summary)?;
-        save_charts(&report, output, true)?;
+        save_charts(&report, output)?;
         print!("{summary}");
         eprintln!("truth is kept in {}", cache.display());
         if self.promises {
@@ -238,9 +238,9 @@ impl ReportCommand {
         write_text(output, &results::page(&report, walk.as_ref()))?;
         let folder = output.with_file_name("results");
         if let Some(walk) = &walk {
-            write_text(&folder.join("along-path.svg"), &walk.chart().draw().to_svg())?;
+            write_text(&folder.join("along-path.svg"), &walk.chart().to_svg())?;
         }
-        save_charts(&report, &folder, false)
+        save_charts(&report, &folder)
     }
 
     /// A scene or a file, ready to be measured, and the plan for it.
@@ -323,14 +323,10 @@ fn read_report(json: &Path) -> anyhow::Result<Report> {
     Ok(report)
 }
 
-/// Writes every chart as SVG, and as PNG too if asked.
-fn save_charts(report: &Report, folder: &Path, as_png: bool) -> anyhow::Result<()> {
+/// Writes every chart of a report as SVG.
+fn save_charts(report: &Report, folder: &Path) -> anyhow::Result<()> {
     for figure in figures(report) {
-        let drawing = figure.chart.draw();
-        write_text(&folder.join(format!("{}.svg", figure.name)), &drawing.to_svg())?;
-        if as_png && let Some(image) = drawing.to_image() {
-            save_picture(&folder.join(format!("{}.png", figure.name)), &image)?;
-        }
+        write_text(&folder.join(format!("{}.svg", figure.name)), &figure.chart.to_svg())?;
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use super::args::{CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length};
 use super::images::is_image_set;
 use super::info::sprite_json;
-use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
+use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, write_text};
 use super::progress::Bar;
 use super::sprite_sequence::SequenceArgs;
 use super::words::UsageError;
@@ -52,7 +52,7 @@ pub(super) struct SpriteCommand {
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
     /// Judge every variant against truth as the eye moves away from where a scene's sprites were taken: range.csv and
-    /// range.png in this folder. Of a folder of images: leave every third out and judge sprites by them: report.json, summary.md, pictures
+    /// range.svg in this folder. Of a folder of images: leave every third out and judge sprites by them: report.json, summary.md, pictures
     #[arg(long, value_name = "DIR", requires = "scene")]
     pub(super) range: Option<PathBuf>,
     /// Print one JSON object on standard output
@@ -300,13 +300,12 @@ impl ImportArgs {
     }
 }
 
-/// Writes `range.csv` and `range.png`, and prints what they say.
+/// Writes `range.csv` and `range.svg`, and prints what they say.
 fn write_range(folder: &Path, name: &str, range: &SpriteRange) -> anyhow::Result<()> {
     write_text(&folder.join("range.csv"), &range.to_csv())?;
-    let image = range.chart(name).draw().to_image().context("a chart without pixels")?;
-    save_picture(&folder.join("range.png"), &image)?;
+    write_text(&folder.join("range.svg"), &range.chart(name).to_svg())?;
     range.sentences().iter().for_each(|sentence| println!("{sentence}"));
-    println!("{}: range.csv and range.png", folder.display());
+    println!("{}: range.csv and range.svg", folder.display());
     Ok(())
 }
 

@@ -5,7 +5,7 @@ use super::house_file::{say_unvisited, variant_by_name};
 use super::output::{Outputs, print_json, save_picture, write_text};
 use super::progress::Bar;
 use super::words::UsageError;
-use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use crate::drawing::contact_sheet::{SheetRow, contact_sheet};
 use crate::measure::walk::{MeasureSettings, PosePictures, measure};
 use crate::portal::file;
 use crate::portal::variant::HouseVariant;
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct WalkCommand {
     /// A .house file
     file: PathBuf,
-    /// Folder for walk.md, walk.json, a chart of frame times along the path, and frames beside truth
+    /// Folder for walk.md, walk.json, a chart of frame times (along_path.svg), and frames beside truth (frames.html)
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Poses of the walk
@@ -69,22 +69,22 @@ impl WalkCommand {
             ..MeasureSettings::default()
         };
         let bar = Bar::new();
-        let mut saved = Ok(());
+        let mut sheet = Ok(Vec::new());
         let mut save = |pictures: PosePictures| {
-            if saved.is_ok() {
-                saved = save_sheet(&self.output, pictures);
+            if let Ok(rows) = &mut sheet {
+                match save_frames(&self.output, pictures) {
+                    Ok(row) => rows.push(row),
+                    Err(error) => sheet = Err(error),
+                }
             }
         };
         let report = measure(&house, &store, &settings, &bar, &mut save)?;
         bar.finish();
-        saved?;
+        let title = format!("Frames of {} and truth", report.scene);
+        write_text(&self.output.join("frames.html"), &contact_sheet(&title, &sheet?))?;
         let page = report.to_markdown();
         write_text(&self.output.join("walk.md"), &page)?;
-        let drawing = report.chart().draw();
-        write_text(&self.output.join("along_path.svg"), &drawing.to_svg())?;
-        if let Some(image) = drawing.to_image() {
-            save_picture(&self.output.join("along_path.png"), &image)?;
-        }
+        write_text(&self.output.join("along_path.svg"), &report.chart().to_svg())?;
         let value = serde_json::to_value(&report)?;
         write_text(&self.output.join("walk.json"), &format!("{value:#}\n"))?;
         if self.json {
@@ -103,15 +103,14 @@ impl WalkCommand {
     }
 }
 
-/// Truth and all variants, four to a row.
-fn save_sheet(folder: &Path, pictures: PosePictures) -> anyhow::Result<()> {
-    let cells = pictures.frames.into_iter().map(|(name, image)| SheetCell { image, caption: name.into() });
-    let cells: Vec<SheetCell> = cells.collect();
-    let row = |cells: &[SheetCell]| SheetRow { label: String::new(), cells: cells.to_vec() };
-    let sheet = Sheet {
-        title: format!("pose {}", pictures.pose),
-        columns: Vec::new(),
-        rows: cells.chunks(4).map(row).collect(),
-    };
-    save_picture(&folder.join(format!("pose_{:03}.png", pictures.pose)), &sheet.compose()?)
+/// Saves truth and the frame of each variant; returns their row of the contact sheet.
+fn save_frames(folder: &Path, pictures: PosePictures) -> anyhow::Result<SheetRow> {
+    let PosePictures { pose, frames } = pictures;
+    let mut row = SheetRow { label: format!("pose {pose}"), pictures: Vec::new() };
+    for (name, image) in frames {
+        let file = format!("frames/pose_{pose:03}_{name}.png");
+        save_picture(&folder.join(&file), &image)?;
+        row.pictures.push((file, name.into()));
+    }
+    Ok(row)
 }

@@ -1,6 +1,6 @@
 //! How far each variant of sprite rendering carries: FLIP against truth over the eye's displacement.
 
-use super::chart::{Axis, Chart, ChartPoint, Series, Spacing};
+use super::chart::{Axis, Chart, ChartPoint, Series};
 use super::report::subject::ReportError;
 use crate::capture::Camera;
 use crate::compose::{ComposeSettings, Composer, Composition};
@@ -109,10 +109,10 @@ impl SpriteRange {
         });
         Chart {
             title: format!("{name}: range of sprites with depth"),
-            note: "the eye goes to the right and a little up from where they were taken, and looks at the same point"
+            note: "The eye moves to the right and a little up from where the sprites were taken, and looks at the same point."
                 .into(),
-            x: Axis { name: "eye displacement, m".into(), spacing: Spacing::Linear },
-            y: Axis { name: "FLIP error (0 = equal)".into(), spacing: Spacing::Linear },
+            x: Axis { name: "eye displacement, m".into(), is_logarithmic: false },
+            y: Axis { name: "FLIP error (0 = equal)".into(), is_logarithmic: false },
             series: series.collect(),
             front: Vec::new(),
         }

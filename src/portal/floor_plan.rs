@@ -1,9 +1,8 @@
-//! The plan of a portal model, seen from above: rooms, walls, and numbered portals, as PNG or SVG.
+//! Floor plan of a portal model as SVG: rooms, walls and numbered portals.
 
 use crate::capture::portal_model::{Cell, Portal, PortalModel, Prism};
-use crate::drawing::{Anchor, Drawing, Mark, letters};
+use crate::drawing::svg::{Svg, TextStyle, text_width};
 use glam::{DVec2, DVec3};
-use image::RgbImage;
 
 /// Width of a drawing, pixels; its height follows from the plan.
 const WIDTH_PX: f64 = 1600.0;
@@ -37,8 +36,7 @@ const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
 /// What is drawn of a portal model; positions are pixels from the upper left corner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FloorPlan {
-    width: u32,
-    height: u32,
+    size: DVec2,
     rooms: Vec<Room>,
     /// What a cut at the wished height meets, and before it one lower down, which shows low furniture.
     cuts: [Vec<[DVec2; 2]>; 2],
@@ -104,7 +102,7 @@ impl FloorPlan {
         let size = (high - low).max(DVec2::splat(0.1));
         let scale = ((WIDTH_PX - 2.0 * MARGIN_PX) / size.x).min((HIGHEST_PX - 2.0 * MARGIN_PX) / size.y);
         let to_px = |p: DVec2| (p - low) * scale + MARGIN_PX;
-        let whole = |extent: f64| (extent * scale + 2.0 * MARGIN_PX).ceil().clamp(1.0, WIDTH_PX.max(HIGHEST_PX)) as u32;
+        let whole = |extent: f64| (extent * scale + 2.0 * MARGIN_PX).ceil().clamp(1.0, WIDTH_PX.max(HIGHEST_PX));
         let [least, most] = [low - 0.5, high + 0.5];
         let cut = |y: f64| {
             (0..model.scene.triangles.len() as u32)
@@ -114,8 +112,7 @@ impl FloorPlan {
                 .collect()
         };
         Self {
-            width: whole(size.x),
-            height: whole(size.y),
+            size: DVec2::new(whole(size.x), whole(size.y)),
             rooms: model
                 .cells
                 .iter()
@@ -134,53 +131,35 @@ impl FloorPlan {
         }
     }
 
-    /// The plan as an SVG file.
+    /// Draws the plan as an SVG file: rooms, cuts, portals, and on top of them names and numbers.
     pub fn to_svg(&self) -> String {
-        self.drawing().to_svg()
-    }
-
-    /// The plan as an image.
-    pub fn to_image(&self) -> RgbImage {
-        // `Plan::new` keeps both sides between 1 and a few thousand, which is all that a picture asks for.
-        self.drawing().to_image().unwrap_or_default()
-    }
-
-    /// Rooms, what is cut, portals, and on top of them names and numbers.
-    fn drawing(&self) -> Drawing {
-        let mut marks = Vec::new();
-        for Room { outlines, color, .. } in &self.rooms {
-            let outlines = outlines.iter().map(|outline| outline.iter().map(DVec2::to_array).collect()).collect();
-            marks.push(Mark::Area { outlines, color: *color });
+        let mut svg = Svg::new(self.size, "floor plan");
+        for room in &self.rooms {
+            room.outlines.iter().for_each(|outline| svg.polygon(outline, room.color));
         }
         for (cut, color) in self.cuts.iter().zip(CUT_COLORS) {
-            marks.push(Mark::Strokes {
-                ends: cut.iter().map(|ends| ends.map(DVec2::into)).collect(),
-                color,
-                width: 0.8,
-            });
+            svg.lines(cut, color, 0.8);
         }
         for opening in &self.openings {
-            let ends = vec![opening.ends.map(DVec2::into)];
-            marks.push(Mark::Strokes { ends, color: opening.color(), width: 5.0 });
+            svg.lines([opening.ends], opening.color(), 5.0);
         }
         for (name, at) in self.rooms.iter().flat_map(Room::lines) {
-            marks.push(text(name, at, NAME_PX, [20; 3], true));
+            text(&mut svg, name, at, NAME_PX, [20; 3], true);
         }
         for opening in &self.openings {
-            let half = DVec2::new((letters::width_px(&opening.number, NUMBER_PX) / 2.0 + 4.0).max(LABEL_PX), LABEL_PX);
-            let (at, size) = ((opening.label - half).into(), (2.0 * half).into());
-            marks.push(Mark::Box { at, size, color: opening.color() });
-            marks.push(text(&opening.number, opening.label, NUMBER_PX, opening.color(), false));
+            let half = DVec2::new((text_width(&opening.number, NUMBER_PX) / 2.0 + 4.0).max(LABEL_PX), LABEL_PX);
+            svg.white_box(opening.label - half, 2.0 * half, opening.color());
+            text(&mut svg, &opening.number, opening.label, NUMBER_PX, opening.color(), false);
         }
-        Drawing { width: self.width, height: self.height, fineness: 1.0, marks }
+        svg.finish()
     }
 }
 
-/// A line of text about a point.
-fn text(text: &str, at: DVec2, size: f64, color: [u8; 3], halo: bool) -> Mark {
-    // Capitals and figures reach 0.69 of a font's size above its baseline.
-    let at = [at.x, at.y + 0.345 * size];
-    Mark::Text { at, size, color, anchor: Anchor::Middle, upright: true, halo, text: text.into() }
+/// Writes a line of text centred at a point.
+fn text(svg: &mut Svg, text: &str, center: DVec2, size: f64, color: [u8; 3], halo: bool) {
+    // Capitals and digits are 0.69 em high.
+    let baseline = center + DVec2::Y * 0.345 * size;
+    svg.text(baseline, text, TextStyle { size, color, anchor: "middle", upwards: false, halo });
 }
 
 impl Room {
@@ -221,7 +200,7 @@ fn room(index: usize, name: &str, space: &[Prism], to_px: impl Fn(DVec2) -> DVec
 
 /// A name in as few lines as fit into a width, pixels, broken at spaces.
 fn in_lines(name: &str, width: f64) -> Vec<String> {
-    let fits = |line: &str| letters::width_px(line, NAME_PX) <= width - NAME_PX / 2.0;
+    let fits = |line: &str| text_width(line, NAME_PX) <= width - NAME_PX / 2.0;
     let mut lines: Vec<String> = Vec::new();
     for word in name.split_whitespace() {
         match lines.last_mut() {

@@ -22,10 +22,10 @@ fn the_page_and_its_charts_come_from_the_report_beside_them() {
         "remake it: headbox report --results docs/results/report.json --walk docs/results/walk.json -o docs/results.md";
     assert!(docs("results.md") == results::page(&report, walk.as_ref()), "{remake}");
     if let Some(walk) = walk {
-        assert!(docs("results/along-path.svg") == walk.chart().draw().to_svg(), "{remake}");
+        assert!(docs("results/along-path.svg") == walk.chart().to_svg(), "{remake}");
     }
     for figure in figures(&report) {
-        assert!(docs(&format!("results/{}.svg", figure.name)) == figure.chart.draw().to_svg(), "{remake}");
+        assert!(docs(&format!("results/{}.svg", figure.name)) == figure.chart.to_svg(), "{remake}");
     }
 }
 

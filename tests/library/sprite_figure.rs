@@ -1,13 +1,13 @@
 //! Figure 3 of Shade et al. rebuilt as a contact sheet, and how far each variant carries: FLIP against truth over the
 //! displacement of the eye, on `builtin:bump` and on a real house. They are written to the test folder of the target
-//! directory (`sprite_figure3.png`, `sprite_range_*.csv` and `.png`); the order of the variants is asserted.
+//! directory (`sprite_figure3.html`, `sprite_range_*.csv` and `.svg`); the order of the variants is asserted.
 
 use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::light::Lighting;
 use headbox::capture::scene::{Scene, Triangle};
 use headbox::capture::trace::Tracer;
 use headbox::capture::{Camera, Material};
-use headbox::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use headbox::drawing::contact_sheet::{SheetRow, contact_sheet};
 use headbox::measure::sprite_range::SpriteRange;
 use headbox::metrics::compare;
 use headbox::progress::Silent;
@@ -120,6 +120,24 @@ fn opaque(picture: &RgbaImage) -> RgbImage {
     })
 }
 
+/// Writes a contact sheet and its pictures to the test folder of the target directory.
+fn save_sheet(name: &str, title: &str, rows: &[(&str, Vec<(RgbImage, String)>)]) {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let mut sheet = Vec::new();
+    for (row, (label, cells)) in rows.iter().enumerate() {
+        let mut pictures = Vec::new();
+        for (column, (image, caption)) in cells.iter().enumerate() {
+            let file = format!("{name}_{row}_{column}.png");
+            image.save(folder.join(&file)).expect("written");
+            pictures.push((file, caption.clone()));
+        }
+        sheet.push(SheetRow { label: (*label).into(), pictures });
+    }
+    let page = folder.join(format!("{name}.html"));
+    std::fs::write(&page, contact_sheet(title, &sheet)).expect("written");
+    println!("{}", page.display());
+}
+
 #[test]
 fn figure_3() {
     let tracer = on_plane(hemisphere);
@@ -129,7 +147,7 @@ fn figure_3() {
     let target = camera(dvec3(1.1, 0.35, 2.6));
     let truth = truth_at(&tracer, &target);
     let shown = |variant, steps| draw(&prepared, &target, variant, steps);
-    let cell = |image: RgbImage, caption: &str| SheetCell { image, caption: caption.into() };
+    let cell = |image: RgbImage, caption: &str| (image, caption.to_owned());
     let rendered = |variant, steps, caption: &str| {
         let image = shown(variant, steps);
         let flip = compare(&truth, &image).expect("sizes agree").flip;
@@ -144,30 +162,17 @@ fn figure_3() {
     let (shift, _) = rendered(SpriteVariant::ShiftField, 3, "2-D displacement field");
     let (affine, _) = rendered(SpriteVariant::AffineParallax, 3, "affine parallax");
     let pyramid_sprite = PreparedSprite::new(capture(&on_plane(pyramid)));
-    let rows = vec![
-        SheetRow {
-            label: "colour".into(),
-            cells: vec![cell(opaque(prepared.sprite().sprite().color()), "(a) input colour"), b, c, d, e],
-        },
-        SheetRow {
-            label: "displacement".into(),
-            cells: vec![
-                cell(opaque(depth.sprite().sprite().color()), "(f) input displacement d1"),
-                cell(pure_parallax(&depth, &target), "(g) moved by pure parallax, d3"),
-                cell(draw(&depth, &target, SpriteVariant::TwoPass, 3), "(h) parallax and homography, d2"),
-                cell(draw(&depth, &target, SpriteVariant::Homography, 3), "(i) homography only"),
-                cell(draw(&pyramid_sprite, &target, SpriteVariant::TwoPass, 1), "(j) a pyramid, gap filling 1"),
-            ],
-        },
-        SheetRow {
-            label: "beside it".into(),
-            cells: vec![cell(truth.clone(), "truth"), baseline, printed, shift, affine],
-        },
+    let color = vec![cell(opaque(prepared.sprite().sprite().color()), "(a) input colour"), b, c, d, e];
+    let displacement = vec![
+        cell(opaque(depth.sprite().sprite().color()), "(f) input displacement d1"),
+        cell(pure_parallax(&depth, &target), "(g) moved by pure parallax, d3"),
+        cell(draw(&depth, &target, SpriteVariant::TwoPass, 3), "(h) parallax and homography, d2"),
+        cell(draw(&depth, &target, SpriteVariant::Homography, 3), "(i) homography only"),
+        cell(draw(&pyramid_sprite, &target, SpriteVariant::TwoPass, 1), "(j) a pyramid, gap filling 1"),
     ];
-    let sheet = Sheet { title: "Shade et al. 1998, figure 3: plane with bump".into(), columns: vec![], rows };
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sprite_figure3.png");
-    sheet.compose().expect("small").save(&path).expect("written");
-    println!("{}", path.display());
+    let others = vec![cell(truth.clone(), "truth"), baseline, printed, shift, affine];
+    let rows = [("colour", color), ("displacement", displacement), ("others", others)];
+    save_sheet("sprite_figure3", "Shade et al. 1998, figure 3: plane with bump", &rows);
     assert!(flip_e <= flip_d && flip_d < flip_c && flip_c < flip_b, "{flip_e} {flip_d} {flip_c} {flip_b}");
     assert!(flip_e < flip_forward, "{flip_e} {flip_forward}");
 }
@@ -183,8 +188,7 @@ fn range_chart(name: &str, tracer: &Tracer, reference: &Camera) -> Vec<[f64; Spr
     let range = range.expect("something is ahead");
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
     std::fs::write(folder.join(format!("sprite_range_{name}.csv")), range.to_csv()).expect("written");
-    let image = range.chart(name).draw().to_image().expect("has pixels");
-    image.save(folder.join(format!("sprite_range_{name}.png"))).expect("written");
+    std::fs::write(folder.join(format!("sprite_range_{name}.svg")), range.chart(name).to_svg()).expect("written");
     println!("{name}\n{}{}", range.to_csv(), range.sentences().join("\n"));
     range.places.iter().map(|place| place.flips).collect()
 }
@@ -249,20 +253,17 @@ fn four_layers_stand_in_for_a_scene() {
     assert_eq!(set.back_to_front(DVec3::ZERO), [0, 1, 2, 3], "slabs come from far to near");
     let target = reference.with_eye(dvec3(0.25, 0.1, -0.2));
     let truth = truth::render(&tracer, &lighting, false, &target, 16, &Silent).rgb();
-    let mut cells = vec![SheetCell { image: truth.clone(), caption: "truth".into() }];
+    let mut cells = vec![(truth.clone(), "truth".to_owned())];
     let mut frame = SpriteLayer::default();
     let mut flip = |variant: SpriteVariant| {
         let options = RenderOptions { variant, ..RenderOptions::default() };
         set.render(&mut SpriteRenderer::new(), &target, &options, &mut frame);
         let image = frame.to_rgb([0; 3]);
         let flip = compare(&truth, &image).expect("sizes agree").flip;
-        cells.push(SheetCell { image, caption: format!("{}; FLIP {flip:.3}", variant.name()) });
+        cells.push((image, format!("{}; FLIP {flip:.3}", variant.name())));
         flip
     };
     let [homography, two_pass] = [SpriteVariant::Homography, SpriteVariant::TwoPass].map(&mut flip);
-    let rows = vec![SheetRow { label: String::new(), cells }];
-    let sheet = Sheet { title: "four sprites with depth".into(), columns: vec![], rows };
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sprite_layers.png");
-    sheet.compose().expect("small").save(path).expect("written");
+    save_sheet("sprite_layers", "four sprites with depth", &[("", cells)]);
     assert!(two_pass < 0.7 * homography, "{two_pass} {homography}");
 }

@@ -84,10 +84,14 @@ fn a_house_is_written_described_and_walked() {
     assert!(rows.iter().all(|row| row["frame_ms"]["median"].as_f64() > Some(0.0)), "{report}");
     assert!(report["exposure"].as_array().map(Vec::len) == Some(1) && report["poses"] == 2, "{report}");
     let page = std::fs::read_to_string(at.join("measured/walk.md")).expect("a page");
-    assert!(page.contains("| image |") && at.join("measured/pose_000.png").exists(), "{page}");
+    assert!(page.contains("| image |"), "{page}");
     let chart = std::fs::read_to_string(at.join("measured/along_path.svg")).expect("a chart");
     assert!(chart.contains(">geometry</text>") && chart.contains(">primary rays</text>"), "{chart}");
-    assert!(at.join("measured/along_path.png").exists());
+    let sheet = std::fs::read_to_string(at.join("measured/frames.html")).expect("a contact sheet");
+    for name in ["truth", "geometry", "texture", "image"] {
+        let file = format!("frames/pose_000_{name}.png");
+        assert!(sheet.contains(&file) && at.join("measured").join(&file).exists(), "{file}: {sheet}");
+    }
     refused(at, "walk a.house -o measured --variants mirrors", 2, "there are: geometry");
 
     let mut bytes = std::fs::read(at.join("a.house")).expect("bytes");

@@ -1,7 +1,7 @@
 //! The charts of a report, made from its rows.
 
 use super::row::{Report, Row};
-use crate::measure::chart::{Axis, Chart, ChartPoint, Series, Spacing};
+use crate::measure::chart::{Axis, Chart, ChartPoint, Series};
 use crate::measure::plan::EyeSet;
 use crate::measure::stats::pareto_front;
 
@@ -92,19 +92,19 @@ fn cost_chart(report: &Report, scene: &str, cost: Cost) -> Option<Chart> {
     let (title, note, name) = match cost {
         Cost::Time => (
             "time against error",
-            "lower left is better; nothing beats the filled dots on the grey front; thin lines: quartiles over eyes and rounds",
+            "Lower left is better. Filled dots: the Pareto front (grey). Thin lines: quartiles over eyes and rounds.",
             format!("time per frame of {width}x{height} px, ms, {} threads", report.machine.threads),
         ),
         Cost::Bytes => (
             "bytes against error",
-            "what drawing needs in memory; nothing beats the filled dots on the grey front",
-            "megabytes".into(),
+            "Memory that drawing needs. Lower left is better. Filled dots: the Pareto front (grey).",
+            "memory, MB".into(),
         ),
     };
     (!rows.is_empty()).then(|| Chart {
         title: format!("{}: {title}", short(scene)),
         note: note.into(),
-        x: Axis { name, spacing: Spacing::Logarithmic },
+        x: Axis { name, is_logarithmic: true },
         y: flip_axis(),
         series,
         front: front.iter().map(|&i| at[i]).collect(),
@@ -112,7 +112,7 @@ fn cost_chart(report: &Report, scene: &str, cost: Cost) -> Option<Chart> {
 }
 
 fn flip_axis() -> Axis {
-    Axis { name: "FLIP error (0 = equal)".into(), spacing: Spacing::Linear }
+    Axis { name: "FLIP error (0 = equal)".into(), is_logarithmic: false }
 }
 
 /// The lines of a displacement chart: group, variant, name.
@@ -144,8 +144,8 @@ fn displacement_chart(report: &Report, scene: &str) -> Option<Chart> {
     let series: Vec<Series> = lines.collect();
     (!series.is_empty()).then(|| Chart {
         title: format!("{}: error against eye displacement", short(scene)),
-        note: "the eye goes from the centre of the headbox to a corner and looks ahead".into(),
-        x: Axis { name: "displacement (0 = centre, 1 = corner)".into(), spacing: Spacing::Linear },
+        note: "The eye moves from the centre of the headbox to a corner and looks ahead.".into(),
+        x: Axis { name: "displacement (0 = centre, 1 = corner)".into(), is_logarithmic: false },
         y: flip_axis(),
         series,
         front: Vec::new(),
@@ -168,9 +168,10 @@ fn rays_chart(report: &Report, scene: &str) -> Option<Chart> {
     }
     (rows.len() > 1).then(|| Chart {
         title: format!("{}: capture time against error", short(scene)),
-        note: "stratified captures of more and more rays (strata x rays in each), and others of the default's strata"
-            .into(),
-        x: Axis { name: "seconds to capture".into(), spacing: Spacing::Logarithmic },
+        note:
+            "Stratified captures of more and more rays (strata x rays in each), and others with the default's strata."
+                .into(),
+        x: Axis { name: "seconds to capture".into(), is_logarithmic: true },
         y: flip_axis(),
         series,
         front: Vec::new(),

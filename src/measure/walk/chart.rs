@@ -2,7 +2,7 @@
 
 use super::WalkReport;
 use crate::capture::statistics::median;
-use crate::measure::chart::{Axis, Chart, ChartPoint, Series, Spacing};
+use crate::measure::chart::{Axis, Chart, ChartPoint, Series};
 
 /// Lines of the chart, where the ways are among those measured: geometry, then the figure's others, then the default.
 const LINES: [&str; 4] = ["geometry", "texture", "ldi", "window-ldi"];
@@ -29,9 +29,9 @@ impl WalkReport {
         let [width, height] = self.size;
         Chart {
             title: format!("{}: frame time along the path", self.scene),
-            note: format!("running median of {SMOOTHED} poses; {width}x{height}, {} threads", self.threads),
-            x: Axis { name: "pose".into(), spacing: Spacing::Linear },
-            y: Axis { name: "frame, ms".into(), spacing: Spacing::Logarithmic },
+            note: format!("Running median of {SMOOTHED} poses; {width}x{height}, {} threads", self.threads),
+            x: Axis { name: "pose".into(), is_logarithmic: false },
+            y: Axis { name: "time per frame, ms".into(), is_logarithmic: true },
             series: series.collect(),
             front: Vec::new(),
         }
