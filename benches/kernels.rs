@@ -6,27 +6,32 @@
 //! scenes of the files must still be where they were. `HEADBOX_BENCH_SAMPLES=0` leaves errors out, `HEADBOX_BENCH_BAND_ROWS=128`
 //! chooses the height of bands.
 
-use headbox_photos::cache;
 use headbox_core::camera::Camera;
-use headbox_trace::light::Lighting;
+use headbox_core::metrics;
+use headbox_core::progress::Silent;
 use headbox_core::statistics::median;
-use headbox_trace::bvh::Tracer;
+use headbox_cube::pack::PackedCube;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 use headbox_lab::embree::{Embree, PROGRAM};
 use headbox_lab::plan::{Plan, Quality, most_to_see};
 use headbox_lab::stats::{mean, pooled_psnr_db};
 use headbox_lab::truths::Truths;
 use headbox_lab::turns::{in_turns, least};
-use headbox_core::metrics;
-use headbox_cube::pack::PackedCube;
-use headbox_core::progress::Silent;
-use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 use headbox_ldi::scene_source::SceneSource;
+use headbox_photos::cache;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use image::RgbImage;
 use std::path::Path;
 use std::sync::Arc;
 
-const QUALITY: Quality = Quality { uniform_eyes: 3, line_eyes: 3, path_eyes: 0, ..Quality::REAL };
+const QUALITY: Quality = Quality {
+    uniform_eyes: 3,
+    line_eyes: 3,
+    path_eyes: 0,
+    ..Quality::REAL
+};
 const ROUNDS: u32 = 7;
 
 /// The frames of a headset: distance of its eyes, metres, pixels a side, and focal length of 90 degrees.
@@ -44,26 +49,53 @@ fn kernels() -> Vec<SplatKernel> {
     let known = SplatKernel::ALL;
     names
         .split(',')
-        .filter_map(|name| known.iter().find(|(known, _)| *known == name).map(|(_, kernel)| *kernel))
+        .filter_map(|name| {
+            known
+                .iter()
+                .find(|(known, _)| *known == name)
+                .map(|(_, kernel)| *kernel)
+        })
         .collect()
 }
 
 /// The middle quarter of a frame, in which errors are measured: truth is dear.
 fn middle(camera: &Camera) -> Camera {
     let [width, height] = [camera.width() / 2, camera.height() / 2];
-    Camera::from_parts(camera.eye(), camera.world_from_eye(), camera.focal_px(), width, height).expect("valid")
+    Camera::from_parts(
+        camera.eye(),
+        camera.world_from_eye(),
+        camera.focal_px(),
+        width,
+        height,
+    )
+    .expect("valid")
 }
 
 fn pool(threads: usize) -> rayon::ThreadPool {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("threads")
 }
 
 /// Milliseconds of the fastest of some pairs of frames for a headset whose wearer looks as a camera does.
-fn pair(pool: &rayon::ThreadPool, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> f64 {
+fn pair(
+    pool: &rayon::ThreadPool,
+    cube: &PackedCube,
+    camera: &Camera,
+    settings: &RenderSettings,
+) -> f64 {
     let eyes = [-0.5, 0.5].map(|side| {
         let aside = camera.world_from_eye() * glam::DVec3::X * (EYES_APART_M * side);
         let at = camera.eye() + aside;
-        Camera::from_parts(at, camera.world_from_eye(), HEADSET_FOCAL_PX, HEADSET_PX, HEADSET_PX).expect("valid")
+        Camera::from_parts(
+            at,
+            camera.world_from_eye(),
+            HEADSET_FOCAL_PX,
+            HEADSET_PX,
+            HEADSET_PX,
+        )
+        .expect("valid")
     });
     let mut renderer = Renderer::new();
     let mut both = || -> f64 {
@@ -80,23 +112,44 @@ fn fastest(
     frame: impl Fn(&mut Renderer) -> FrameStats + Sync,
 ) -> FrameStats {
     let mut next = || pool.install(|| frame(&mut *renderer));
-    (0..ROUNDS).map(|_| next()).min_by(|a, b| a.frame_ms.total_cmp(&b.frame_ms)).expect("rounds")
+    (0..ROUNDS)
+        .map(|_| next())
+        .min_by(|a, b| a.frame_ms.total_cmp(&b.frame_ms))
+        .expect("rounds")
 }
 
 fn main() {
-    let samples: u32 = variable("HEADBOX_BENCH_SAMPLES", "64").parse().expect("a number");
-    for path in variable("HEADBOX_BENCH_LDI", "").split(':').filter(|path| !path.is_empty()) {
+    let samples: u32 = variable("HEADBOX_BENCH_SAMPLES", "64")
+        .parse()
+        .expect("a number");
+    for path in variable("HEADBOX_BENCH_LDI", "")
+        .split(':')
+        .filter(|path| !path.is_empty())
+    {
         let cube = PackedCube::read(Path::new(path)).expect("an .ldi file");
-        let scene = SceneSource::in_frame(&cube.info.scene, cube.info.frame).open().expect("its scene");
+        let scene = SceneSource::in_frame(&cube.info.scene, cube.info.frame)
+            .open()
+            .expect("its scene");
         let tracer = Arc::new(Tracer::new(Arc::new(scene), cube.info.centre));
         let lighting = Lighting::measure(&tracer, cube.info.parameters.bounces);
         let ahead = most_to_see(&tracer, cube.info.centre);
-        let plan = Plan::new(QUALITY, cube.info.centre, cube.info.half_size_m, ahead, 0).expect("a plan");
-        let folder = cache::folder("truth").inspect(|folder| std::fs::create_dir_all(folder).expect("a folder"));
-        let truths = Truths::new(&tracer, &lighting, cube.info.parameters.light_samples > 0, folder);
+        let plan =
+            Plan::new(QUALITY, cube.info.centre, cube.info.half_size_m, ahead, 0).expect("a plan");
+        let folder = cache::folder("truth")
+            .inspect(|folder| std::fs::create_dir_all(folder).expect("a folder"));
+        let truths = Truths::new(
+            &tracer,
+            &lighting,
+            cube.info.parameters.light_samples > 0,
+            folder,
+        );
         let truth: Vec<RgbImage> = match samples {
             0 => Vec::new(),
-            _ => plan.eyes.iter().map(|eye| truths.frame(&middle(&eye.camera), samples, &Silent).rgb()).collect(),
+            _ => plan
+                .eyes
+                .iter()
+                .map(|eye| truths.frame(&middle(&eye.camera), samples, &Silent).rgb())
+                .collect(),
         };
         let rays = rays(&tracer, &plan);
         println!(
@@ -119,7 +172,9 @@ fn rays(tracer: &Tracer, plan: &Plan) -> Option<f64> {
     let program = std::env::var_os(PROGRAM)?;
     let mut ways = [Embree::start(&program, tracer, 2).expect("the rival")];
     let of_eye = |eye: &headbox_lab::plan::Eye| {
-        let times = in_turns(&mut ways, ROUNDS, |_, embree| embree.trace(&eye.camera).ok().map(|frame| frame.ms));
+        let times = in_turns(&mut ways, ROUNDS, |_, embree| {
+            embree.trace(&eye.camera).ok().map(|frame| frame.ms)
+        });
         least(&times[0])
     };
     median(plan.eyes.iter().filter_map(of_eye).collect::<Vec<_>>())
@@ -133,20 +188,34 @@ fn row(
     rays: Option<f64>,
     [one, two]: &[rayon::ThreadPool; 2],
 ) {
-    let band_rows = variable("HEADBOX_BENCH_BAND_ROWS", "0").parse().expect("a number");
-    let settings = RenderSettings { kernel, band_rows, ..RenderSettings::default() };
+    let band_rows = variable("HEADBOX_BENCH_BAND_ROWS", "0")
+        .parse()
+        .expect("a number");
+    let settings = RenderSettings {
+        kernel,
+        band_rows,
+        ..RenderSettings::default()
+    };
     let mut renderer = Renderer::new();
     let (mut of_one, mut of_two, mut errors) = (Vec::new(), Vec::new(), Vec::new());
     for (i, eye) in plan.eyes.iter().enumerate() {
-        let frame = |renderer: &mut Renderer| *renderer.render_with_stats(cube, &eye.camera, &settings).1;
+        let frame =
+            |renderer: &mut Renderer| *renderer.render_with_stats(cube, &eye.camera, &settings).1;
         of_one.push(fastest(one, &mut renderer, frame));
         of_two.push(fastest(two, &mut renderer, frame));
         if let Some(truth) = truth.get(i) {
-            let shown = renderer.render(cube, &middle(&eye.camera), &settings).to_rgb().expect("a picture");
+            let shown = renderer
+                .render(cube, &middle(&eye.camera), &settings)
+                .to_rgb()
+                .expect("a picture");
             if let Some(folder) = std::env::var_os("HEADBOX_BENCH_PICTURES") {
                 let folder = Path::new(&folder);
-                shown.save(folder.join(format!("{}-{i}.png", kernel.name()))).expect("written");
-                truth.save(folder.join(format!("truth-{i}.png"))).expect("written");
+                shown
+                    .save(folder.join(format!("{}-{i}.png", kernel.name())))
+                    .expect("written");
+                truth
+                    .save(folder.join(format!("truth-{i}.png")))
+                    .expect("written");
             }
             errors.push(metrics::compare(truth, &shown).expect("of one size"));
         }
@@ -155,9 +224,18 @@ fn row(
         median(all.iter().map(value).collect::<Vec<_>>()).unwrap_or(0.0)
     };
     let (ms, ms_of_one) = (of(&of_two, |s| s.frame_ms), of(&of_one, |s| s.frame_ms));
-    let gain = median(of_one.iter().zip(&of_two).map(|(one, two)| one.frame_ms / two.frame_ms).collect::<Vec<_>>())
-        .unwrap_or(0.0);
-    let pairs = plan.eyes.iter().map(|eye| pair(two, cube, &eye.camera, &settings));
+    let gain = median(
+        of_one
+            .iter()
+            .zip(&of_two)
+            .map(|(one, two)| one.frame_ms / two.frame_ms)
+            .collect::<Vec<_>>(),
+    )
+    .unwrap_or(0.0);
+    let pairs = plan
+        .eyes
+        .iter()
+        .map(|eye| pair(two, cube, &eye.camera, &settings));
     let pair_ms = median(pairs.collect::<Vec<_>>()).unwrap_or(0.0);
     let each: Vec<String> = errors.iter().map(|e| format!("{:.2}", e.psnr_db)).collect();
     println!(

@@ -5,12 +5,15 @@
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_trace::light::Lighting;
 use headbox_core::headbox::Headbox;
-use headbox_core::statistics::median;
-use headbox_trace::bvh::Tracer;
-use headbox_lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, LumigraphSettings, Placement, RawLumigraph, middle_disparity};
 use headbox_core::progress::Silent;
+use headbox_core::statistics::median;
+use headbox_lumigraph::{
+    CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, LumigraphSettings,
+    Placement, RawLumigraph, middle_disparity,
+};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use std::sync::Arc;
 
 const FRAME_PX: [u32; 2] = [400, 400];
@@ -23,7 +26,11 @@ const ROUNDS: usize = 25;
 const DISTANCES: [f64; 5] = [0.0, 1.0, 2.0, 4.0, 8.0];
 
 /// Scenes, their focal length over the edge of the cameras' square, and their field of view, degrees (table 4).
-const SCENES: [(&str, f64, f64); 3] = [("net", 1.6, 64.0), ("statue", 1.5, 67.4), ("blocks", 1.5, 67.4)];
+const SCENES: [(&str, f64, f64); 3] = [
+    ("net", 1.6, 64.0),
+    ("statue", 1.5, 67.4),
+    ("blocks", 1.5, 67.4),
+];
 
 struct Wall {
     focal_m: f64,
@@ -39,7 +46,13 @@ impl Wall {
         let headbox = scene.headbox.expect("it has one");
         let tracer = Tracer::new(scene, headbox.centre);
         let lighting = Lighting::measure(&tracer, 0);
-        Self { focal_m: focal * 2.0 * headbox.half_size_m, fov_deg, tracer, lighting, headbox }
+        Self {
+            focal_m: focal * 2.0 * headbox.half_size_m,
+            fov_deg,
+            tracer,
+            lighting,
+            headbox,
+        }
     }
 
     /// So many cameras a side across the headbox.
@@ -57,38 +70,75 @@ impl Wall {
         };
         parts.convergence = middle_disparity(&self.tracer, &parts);
         let grid = CameraGrid::new(parts).expect("valid");
-        let capture = LumigraphCapture { tracer: &self.tracer, lighting: &self.lighting, lit: false, samples: 1 };
+        let capture = LumigraphCapture {
+            tracer: &self.tracer,
+            lighting: &self.lighting,
+            lit: false,
+            samples: 1,
+        };
         capture.run(&grid, &Silent).expect("not given up")
     }
 
     /// A frame straight ahead from a place on the plane, in half-sizes of the headbox, so many metres back.
     fn frame(&self, [x, y]: [f64; 2], back_m: f64) -> Camera {
-        let eye = self.headbox.centre + DVec3::new(x, y, 0.0) * self.headbox.half_size_m + DVec3::Z * back_m;
+        let eye = self.headbox.centre
+            + DVec3::new(x, y, 0.0) * self.headbox.half_size_m
+            + DVec3::Z * back_m;
         Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, self.fov_deg, FRAME_PX).expect("valid")
     }
 }
 
 /// Median times of each lumigraph with its settings, ms, in turns.
 fn medians(drawn: &[(&Lumigraph, LumigraphSettings)], frames: &[Camera]) -> Vec<f64> {
-    let mut renderers: Vec<LumigraphRenderer> = drawn.iter().map(|_| LumigraphRenderer::new()).collect();
+    let mut renderers: Vec<LumigraphRenderer> =
+        drawn.iter().map(|_| LumigraphRenderer::new()).collect();
     let mut times = vec![Vec::new(); drawn.len()];
     for _ in 0..ROUNDS {
-        for ((renderer, (lumigraph, settings)), times) in renderers.iter_mut().zip(drawn).zip(&mut times) {
-            times.extend(frames.iter().map(|camera| renderer.render(lumigraph, camera, settings).1.frame_ms));
+        for ((renderer, (lumigraph, settings)), times) in
+            renderers.iter_mut().zip(drawn).zip(&mut times)
+        {
+            times.extend(
+                frames
+                    .iter()
+                    .map(|camera| renderer.render(lumigraph, camera, settings).1.frame_ms),
+            );
         }
     }
-    times.into_iter().map(|times| median(times).expect("frames")).collect()
+    times
+        .into_iter()
+        .map(|times| median(times).expect("frames"))
+        .collect()
 }
 
 /// Layers and times of merged frames over unmerged ones, by distance.
 fn merging(wall: &Wall) {
-    let lumigraph = wall.raw(4).layered(255, Placement::Uniform).expect("something is seen");
-    let unmerged = LumigraphSettings { merge: false, ..LumigraphSettings::default() };
+    let lumigraph = wall
+        .raw(4)
+        .layered(255, Placement::Uniform)
+        .expect("something is seen");
+    let unmerged = LumigraphSettings {
+        merge: false,
+        ..LumigraphSettings::default()
+    };
     for distance in DISTANCES {
         let frames = [[0.0, 0.0], [-0.3, 0.2]].map(|at| wall.frame(at, distance * wall.focal_m));
-        let ms = medians(&[(&lumigraph, LumigraphSettings::default()), (&lumigraph, unmerged)], &frames);
-        let layers = LumigraphRenderer::new().render(&lumigraph, &frames[0], &LumigraphSettings::default()).1.layers;
-        println!("  {distance} f behind: {layers} layers, {:.2} over {:.2} ms, {:.2}", ms[0], ms[1], ms[0] / ms[1]);
+        let ms = medians(
+            &[
+                (&lumigraph, LumigraphSettings::default()),
+                (&lumigraph, unmerged),
+            ],
+            &frames,
+        );
+        let layers = LumigraphRenderer::new()
+            .render(&lumigraph, &frames[0], &LumigraphSettings::default())
+            .1
+            .layers;
+        println!(
+            "  {distance} f behind: {layers} layers, {:.2} over {:.2} ms, {:.2}",
+            ms[0],
+            ms[1],
+            ms[0] / ms[1]
+        );
     }
 }
 

@@ -15,22 +15,49 @@ fn frames(criterion: &mut Criterion) {
         let scene = Arc::new(headbox_scenes::build(name, 0).expect("a built-in scene"));
         let [low, high] = scene.bounds();
         let (eye, at) = match scene.headbox {
-            Some(box_) if name != "tree" => (box_.centre, box_.centre + DVec3::new(1.0, -0.1, -0.6)),
+            Some(box_) if name != "tree" => {
+                (box_.centre, box_.centre + DVec3::new(1.0, -0.1, -0.6))
+            }
             Some(box_) => (box_.centre, DVec3::new(0.0, 4.0, 0.0)),
             None => (high, (low + high) / 2.0),
         };
-        let mesh = RasterMesh::new(Arc::clone(&scene), std::slice::from_ref(&(0..scene.triangles.len() as u32)), eye);
-        let groups = [GroupWindow { group: 0, window: None }];
-        let view = RasterView { groups: &groups, markers: &[], exposure: 1.0, hole_color_srgb: [0; 3] };
+        let mesh = RasterMesh::new(
+            Arc::clone(&scene),
+            std::slice::from_ref(&(0..scene.triangles.len() as u32)),
+            eye,
+        );
+        let groups = [GroupWindow {
+            group: 0,
+            window: None,
+        }];
+        let view = RasterView {
+            groups: &groups,
+            markers: &[],
+            exposure: 1.0,
+            hole_color_srgb: [0; 3],
+        };
         for (width, height) in [(640, 512), (1280, 720)] {
             let camera = Camera::look_at(eye, at, DVec3::Y, 60.0, [width, height]).expect("valid");
             for threads in [1, 2] {
-                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+                let pool = rayon::ThreadPoolBuilder::new()
+                    .num_threads(threads)
+                    .build()
+                    .expect("threads");
                 let mut rasterizer = Rasterizer::new();
-                let mut frame = || *pool.install(|| rasterizer.draw(&mesh, &camera, &view, &Environment::default()).1);
+                let mut frame = || {
+                    *pool.install(|| {
+                        rasterizer
+                            .draw(&mesh, &camera, &view, &Environment::default())
+                            .1
+                    })
+                };
                 let best = (1..20).fold(frame(), |best: RasterStats, _| {
                     let next = frame();
-                    if next.frame_ms < best.frame_ms { next } else { best }
+                    if next.frame_ms < best.frame_ms {
+                        next
+                    } else {
+                        best
+                    }
                 });
                 let title = format!("raster/{name}/{width}x{height}/{threads}");
                 println!(

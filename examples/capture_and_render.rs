@@ -6,24 +6,37 @@
 //!
 //! SCENE is an .obj, .gltf or .glb file or builtin:NAME; FOLDER takes the pictures.
 
-use headbox_core::camera::Camera;
 use headbox::{Capture, DVec3, Scene};
+use headbox_core::camera::Camera;
 use headbox_cube::pack::layout::PackedCube as CubeLdi;
 use headbox_cube::render::{RenderSettings, Renderer};
 use std::path::PathBuf;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
-    let name = arguments.next().unwrap_or_else(|| "builtin:interior".into());
+    let name = arguments
+        .next()
+        .unwrap_or_else(|| "builtin:interior".into());
     let folder = PathBuf::from(arguments.next().unwrap_or_else(|| ".".into()));
     std::fs::create_dir_all(&folder)?;
 
     // Rays are traced once, from a headbox that the library places in free space. Small faces and few rays are for looking
     // at the result within seconds; leave both out for the papers' quality.
     let scene = Scene::open(name)?;
-    scene.notes().iter().for_each(|note| eprintln!("note: {note}"));
-    let ldi = Capture::new(&scene).face_size(256).strata(12).rays(8).run()?;
-    println!("{} depth pixels about {}", ldi.depth_pixel_count(), ldi.center());
+    scene
+        .notes()
+        .iter()
+        .for_each(|note| eprintln!("note: {note}"));
+    let ldi = Capture::new(&scene)
+        .face_size(256)
+        .strata(12)
+        .rays(8)
+        .run()?;
+    println!(
+        "{} depth pixels about {}",
+        ldi.depth_pixel_count(),
+        ldi.center()
+    );
 
     // The file is the capture: whoever has it needs neither the scene nor a ray tracer.
     let file = folder.join("scene.ldi");

@@ -5,10 +5,10 @@
 //! cargo run --release --example tilt_sprite -- [SCENE] [FOLDER]
 //! ```
 
-use headbox_core::camera::Camera;
-use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use headbox::{DVec3, Scene, SpriteCapture};
+use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use std::path::PathBuf;
 
 /// Frame size, px.
@@ -29,7 +29,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let [low, high] = scene.bounds();
     let pivot = (low + high) / 2.0;
     let camera = Camera::look_at(eye, pivot, DVec3::Y, 60.0, SIZE)?;
-    let sprites = SpriteCapture::new(&scene, &camera).slabs(2).samples(4).run()?;
+    let sprites = SpriteCapture::new(&scene, &camera)
+        .slabs(2)
+        .samples(4)
+        .run()?;
     println!("{} sprites with depth", sprites.sprites().len());
     sprites.write(&folder.join("scene.sprite"))?;
 
@@ -39,10 +42,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (mut composer, mut frame) = (Composer::default(), Frame::default());
     for (number, tilt) in [-TILT, 0.0, TILT].into_iter().enumerate() {
         let tilted = Camera::look_at(eye + right * tilt, pivot, DVec3::Y, 60.0, SIZE)?;
-        let stats = layers.render(&mut composer, &tilted, &ComposeSettings::default(), &mut frame);
+        let stats = layers.render(
+            &mut composer,
+            &tilted,
+            &ComposeSettings::default(),
+            &mut frame,
+        );
         let file = folder.join(format!("tilt_{number}.png"));
         frame.save(&file)?;
-        println!("{}: {:.2} ms", file.display(), stats.sprites_ms + stats.compose_ms);
+        println!(
+            "{}: {:.2} ms",
+            file.display(),
+            stats.sprites_ms + stats.compose_ms
+        );
     }
     Ok(())
 }

@@ -8,11 +8,11 @@
 //! MODEL is a portal model (.toml), a Sweet Home 3D home (.sh3d, Home.xml), or builtin:house.
 
 use headbox_house::backdrop::{BackdropKind, BackdropQuality};
-use headbox_house::store::Store as Backdrops;
 use headbox_house::house::House;
-use headbox_house::walk_path::WalkPath;
 use headbox_house::settings::WalkSettings;
+use headbox_house::store::Store as Backdrops;
 use headbox_house::walk::Walker;
+use headbox_house::walk_path::WalkPath;
 use std::path::PathBuf;
 
 /// Memory for what is captured behind portals, bytes.
@@ -25,15 +25,31 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::create_dir_all(&folder)?;
 
     let house = House::open(&name)?;
-    println!("{} cells, {} portals", house.plan().cells.len(), house.plan().portals.len());
+    println!(
+        "{} cells, {} portals",
+        house.plan().cells.len(),
+        house.plan().portals.len()
+    );
 
     // Coarse backdrops: leave the numbers out for those that the papers' frame needs.
-    let quality = BackdropQuality { window_face_px: 128, strata: 8, rays: 8, ..BackdropQuality::default() };
-    let settings = WalkSettings { backdrops: Some(BackdropKind::WindowLdi), ..WalkSettings::default() };
+    let quality = BackdropQuality {
+        window_face_px: 128,
+        strata: 8,
+        rays: 8,
+        ..BackdropQuality::default()
+    };
+    let settings = WalkSettings {
+        backdrops: Some(BackdropKind::WindowLdi),
+        ..WalkSettings::default()
+    };
     let (backdrops, mut walker) = (Backdrops::new(BUDGET), Walker::new());
 
     // A seeded walk through every room.
-    let path = WalkPath { poses: 6, size: [320, 256], ..WalkPath::default() };
+    let path = WalkPath {
+        poses: 6,
+        size: [320, 256],
+        ..WalkPath::default()
+    };
     for (number, camera) in path.cameras(&house)?.iter().enumerate() {
         let captured = Walker::prepare(&house, &backdrops, camera, &settings, &quality)?;
         let (frame, stats) = walker.frame(&house, &backdrops, camera, &settings);

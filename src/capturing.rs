@@ -1,24 +1,26 @@
 //! Captures in one call: of a cube LDI, and of sprites.
 
-use headbox_trace::light::Lighting;
-use headbox_trace::sampler::Strata;
-use headbox_trace::bvh::Tracer;
-use headbox_trace::viewpoint::place_headbox;
+use crate::{Error, Scene};
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::headbox::Headbox;
-use headbox_ldi::refine;
-use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
-use headbox_ldi::job::CaptureJob;
+use headbox_core::progress::{Progress, Silent};
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_ldi::settings::Resources;
+use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_cube::planes::{DEFAULT_ERROR_PX, MAX_ERROR_PX};
 use headbox_ldi::face_size as fineness;
-use headbox_core::progress::{Progress, Silent};
-use headbox_sprite::{DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, capture_slabs, slabs_at_gaps};
-use crate::{Error, Scene};
-use glam::DVec3;
+use headbox_ldi::job::CaptureJob;
+use headbox_ldi::refine;
+use headbox_ldi::settings::Resources;
+use headbox_sprite::{
+    DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, capture_slabs, slabs_at_gaps,
+};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_trace::sampler::Strata;
+use headbox_trace::viewpoint::place_headbox;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -159,7 +161,10 @@ impl<'a> Capture<'a> {
     /// [`Error::Parameter`], [`Error::Headbox`]; [`Error::Capture`] if it was given up or memory could not be spilled.
     pub fn run(self) -> Result<PackedCube, Error> {
         self.check()?;
-        let Headbox { centre, half_size_m } = place_headbox(self.scene.loaded(), self.centre, self.half_size_m)?;
+        let Headbox {
+            centre,
+            half_size_m,
+        } = place_headbox(self.scene.loaded(), self.centre, self.half_size_m)?;
         let mut job = CaptureJob {
             scene: self.scene.source().clone(),
             centre,
@@ -171,21 +176,58 @@ impl<'a> Capture<'a> {
         if let Some(focal_px) = self.frames_focal_px {
             fineness::settle(&mut job, &tracer, focal_px, self.error_px);
         }
-        let lighting = Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0);
+        let lighting = Lighting::prepare(
+            &tracer,
+            job.parameters.bounces,
+            job.parameters.light_samples > 0,
+        );
         let (ldi, _) = refine::capture(&job, &tracer, &lighting, &self.resources, self.progress)?;
-        Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, self.error_px)?)
+        Ok(primitives::pack(
+            ldi,
+            SplatIndexLayout::Normal,
+            Split::Auto,
+            self.error_px,
+        )?)
     }
 
     fn check(&self) -> Result<(), Error> {
-        let CaptureParameters { strata, rays_per_stratum, novelty, holes, .. } = self.parameters;
-        let within = |name, value: f64, allowed: [f64; 2]| match (allowed[0]..=allowed[1]).contains(&value) {
+        let CaptureParameters {
+            strata,
+            rays_per_stratum,
+            novelty,
+            holes,
+            ..
+        } = self.parameters;
+        let within = |name, value: f64, allowed: [f64; 2]| match (allowed[0]..=allowed[1])
+            .contains(&value)
+        {
             true => Ok(()),
-            false => Err(Error::Parameter { name, value, allowed }),
+            false => Err(Error::Parameter {
+                name,
+                value,
+                allowed,
+            }),
         };
-        within("the face size", self.face_size_px.into(), [1.0, MAX_FACE_SIZE_PX.into()])?;
-        within("the number of strata", strata.into(), [1.0, Strata::MAX_PER_DIMENSION.into()])?;
-        within("the number of rays in a stratum", rays_per_stratum.into(), [1.0, Strata::MAX_RAYS.into()])?;
-        within("the error of primitives", self.error_px, [0.0, MAX_ERROR_PX])?;
+        within(
+            "the face size",
+            self.face_size_px.into(),
+            [1.0, MAX_FACE_SIZE_PX.into()],
+        )?;
+        within(
+            "the number of strata",
+            strata.into(),
+            [1.0, Strata::MAX_PER_DIMENSION.into()],
+        )?;
+        within(
+            "the number of rays in a stratum",
+            rays_per_stratum.into(),
+            [1.0, Strata::MAX_RAYS.into()],
+        )?;
+        within(
+            "the error of primitives",
+            self.error_px,
+            [0.0, MAX_ERROR_PX],
+        )?;
         within("novelty", novelty, [0.0, 1.0])?;
         within("the share of holes", holes, [0.0, 1.0])
     }
@@ -205,7 +247,13 @@ pub struct SpriteCapture<'a> {
 impl<'a> SpriteCapture<'a> {
     /// Three slabs at most, 16 rays a pixel.
     pub fn new(scene: &'a Scene, camera: &Camera) -> Self {
-        Self { scene, camera: *camera, slabs: 3, samples: 16, progress: &Silent }
+        Self {
+            scene,
+            camera: *camera,
+            slabs: 3,
+            samples: 16,
+            progress: &Silent,
+        }
     }
 
     /// At most so many sprites.
@@ -234,9 +282,20 @@ impl<'a> SpriteCapture<'a> {
         let tracer = Tracer::new(Arc::clone(self.scene.loaded()), self.camera.eye());
         let lighting = Lighting::prepare(&tracer, CaptureParameters::DEFAULT.bounces, true);
         let (lit, samples, format) = (true, self.samples, DisplacementFormat::default());
-        let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit, samples, format };
+        let capture = SlabCapture {
+            tracer: &tracer,
+            lighting: &lighting,
+            lit,
+            samples,
+            format,
+        };
         let slabs = slabs_at_gaps(&tracer, &self.camera, self.slabs);
-        let mut set = SpriteSet::new(capture_slabs(&capture, &self.camera, &slabs, self.progress)?);
+        let mut set = SpriteSet::new(capture_slabs(
+            &capture,
+            &self.camera,
+            &slabs,
+            self.progress,
+        )?);
         set.info = SpriteInfo {
             source: self.scene.name().to_owned(),
             frame: self.scene.frame(),

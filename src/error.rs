@@ -1,7 +1,6 @@
 //! One error for all that the library does.
 
 use headbox_core::camera::CameraError;
-use headbox_trace::viewpoint::HeadboxError;
 use headbox_core::container::FileError;
 use headbox_core::frame::FrameError;
 use headbox_core::metrics::MetricError;
@@ -11,6 +10,7 @@ use headbox_house::file::HouseFileError;
 use headbox_house::house::HouseError;
 use headbox_ldi::scene_source::SceneSourceError;
 use headbox_sprite::SpriteError;
+use headbox_trace::viewpoint::HeadboxError;
 
 /// Why something could not be done. The sentence says which file, which value and what was expected; nothing panics on input.
 #[derive(Debug, thiserror::Error)]

@@ -2,12 +2,12 @@
 
 use crate::Error;
 
-use headbox_scene::load::LoadOptions;
+use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::headbox::Headbox;
-use headbox_trace::viewpoint::place_headbox;
 use headbox_ldi::scene_source::SceneSource;
-use glam::DVec3;
+use headbox_scene::load::LoadOptions;
+use headbox_trace::viewpoint::place_headbox;
 use std::sync::Arc;
 
 /// Triangles, materials and lights in memory, and the name they came from. Cheap to clone.
@@ -40,8 +40,15 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Scene`].
-    pub fn open_with(name: impl Into<String>, up: Option<UpAxis>, unit_m: Option<f64>) -> Result<Self, Error> {
-        let source = SceneSource { options: LoadOptions { up, unit_m }, ..SceneSource::new(name) };
+    pub fn open_with(
+        name: impl Into<String>,
+        up: Option<UpAxis>,
+        unit_m: Option<f64>,
+    ) -> Result<Self, Error> {
+        let source = SceneSource {
+            options: LoadOptions { up, unit_m },
+            ..SceneSource::new(name)
+        };
         let loaded = Arc::new(source.open()?);
         Ok(Self { source, loaded })
     }

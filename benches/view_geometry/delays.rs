@@ -25,15 +25,31 @@ impl Delays {
     pub(crate) fn now() -> Self {
         // What follows the name of the program, which may hold blanks.
         let stat = read_to_string("/proc/self/stat").unwrap_or_default();
-        let of_program: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-        let number = |i: usize| of_program.get(i).and_then(|text| text.parse::<u64>().ok()).unwrap_or(0);
+        let of_program: Vec<&str> = stat
+            .rsplit(')')
+            .next()
+            .unwrap_or_default()
+            .split_whitespace()
+            .collect();
+        let number = |i: usize| {
+            of_program
+                .get(i)
+                .and_then(|text| text.parse::<u64>().ok())
+                .unwrap_or(0)
+        };
         let waited = ["cpu", "io", "memory"].map(|what| {
             let text = read_to_string(format!("/proc/pressure/{what}")).unwrap_or_default();
-            let total = text.lines().next().and_then(|line| line.rsplit('=').next()?.parse::<f64>().ok());
+            let total = text
+                .lines()
+                .next()
+                .and_then(|line| line.rsplit('=').next()?.parse::<f64>().ok());
             total.unwrap_or(0.0) / 1e3
         });
         let of_machine = read_to_string("/proc/stat").unwrap_or_default();
-        let stolen = of_machine.split_whitespace().nth(8).and_then(|text| text.parse::<f64>().ok());
+        let stolen = of_machine
+            .split_whitespace()
+            .nth(8)
+            .and_then(|text| text.parse::<f64>().ok());
         Self {
             processor_ms: (number(11) + number(12)) as f64 * TICK_MS,
             faults: number(7) + number(9),
@@ -57,7 +73,13 @@ impl Delays {
 
 impl fmt::Display for Delays {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Self { processor_ms, faults, read, waited_ms: [processor, disk, memory], stolen_ms } = self;
+        let Self {
+            processor_ms,
+            faults,
+            read,
+            waited_ms: [processor, disk, memory],
+            stolen_ms,
+        } = self;
         write!(
             f,
             "{processor_ms:.0} ms of processor, {faults} page faults ({read} read from disk); ms waited for a processor {processor:.1}, a disk \

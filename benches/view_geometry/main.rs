@@ -9,12 +9,15 @@ mod delays;
 use delays::{Delays, resident_bytes};
 use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_images::{ImageSet, ImageSetOptions, SetWriter, View};
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
 use headbox_core::progress::Silent;
 use headbox_images::traced_view;
-use headbox_photos::view_geometry::{GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, TimeBudget, ViewGeometry};
+use headbox_images::{ImageSet, ImageSetOptions, SetWriter, View};
+use headbox_photos::view_geometry::{
+    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, TimeBudget,
+    ViewGeometry,
+};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -33,7 +36,10 @@ const LATEST: usize = 8;
 const FRAME: Duration = Duration::from_micros(16_667);
 
 fn number(name: &str, or: f64) -> f64 {
-    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(or)
+    std::env::var(name)
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(or)
 }
 
 fn trace(folder: &Path) {
@@ -43,9 +49,13 @@ fn trace(folder: &Path) {
     let lighting = Lighting::measure(&tracer, 0);
     let mut set = SetWriter::new(folder);
     for i in 0..WALL[0] * WALL[1] {
-        let off = |at: u32, of: u32| (2.0 * f64::from(at) / f64::from(of - 1) - 1.0) * 0.9 * headbox.half_size_m;
-        let eye = headbox.centre + DVec3::new(off(i % WALL[0], WALL[0]), off(i / WALL[0], WALL[1]), 0.0);
-        let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, TRACED).expect("a camera");
+        let off = |at: u32, of: u32| {
+            (2.0 * f64::from(at) / f64::from(of - 1) - 1.0) * 0.9 * headbox.half_size_m
+        };
+        let eye =
+            headbox.centre + DVec3::new(off(i % WALL[0], WALL[0]), off(i / WALL[0], WALL[1]), 0.0);
+        let camera =
+            Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, TRACED).expect("a camera");
         let view = traced_view::trace(&tracer, &lighting, false, &camera, 2, &Silent);
         set.add(i as usize, &view, true).expect("written");
     }
@@ -70,15 +80,25 @@ fn on_the_way(geometry: &ViewGeometry, at: f64, [width, height]: [u32; 2]) -> Ca
     let place = at.rem_euclid(1.0) * (cameras.len() - 1) as f64;
     let [before, after] = [place.floor(), place.ceil()].map(|i| &cameras[i as usize]);
     let eye = before.pose.eye.lerp(after.pose.eye, place.fract());
-    let focal_px = before.lens.focal_px[1] * f64::from(height) / (2.0 * before.lens.principal_px[1]);
+    let focal_px =
+        before.lens.focal_px[1] * f64::from(height) / (2.0 * before.lens.principal_px[1]);
     Camera::from_parts(eye, before.pose.world_from_eye, focal_px, width, height).expect("a camera")
 }
 
 /// The least time of each step over some frames.
-fn best(renderer: &mut GeometryRenderer, geometry: &ViewGeometry, camera: &Camera) -> GeometryStats {
+fn best(
+    renderer: &mut GeometryRenderer,
+    geometry: &ViewGeometry,
+    camera: &Camera,
+) -> GeometryStats {
     let mut best: Option<GeometryStats> = None;
     for _ in 0..30 {
-        let (_, now) = renderer.render(geometry, camera, &GeometrySettings::default(), Patience::Wait);
+        let (_, now) = renderer.render(
+            geometry,
+            camera,
+            &GeometrySettings::default(),
+            Patience::Wait,
+        );
         best = Some(best.map_or(now, |best| GeometryStats {
             rank_ms: best.rank_ms.min(now.rank_ms),
             fuse_ms: best.fuse_ms.min(now.fuse_ms),
@@ -109,16 +129,26 @@ fn walk(geometry: &ViewGeometry) {
         let frame = Instant::now();
         // Past all cameras in a minute, back and forth.
         let camera = on_the_way(geometry, at_s / 60.0, [1024, 768]);
-        let (_, stats) = renderer.render(geometry, &camera, &budget.settings(&full), Patience::Never);
+        let (_, stats) =
+            renderer.render(geometry, &camera, &budget.settings(&full), Patience::Never);
         budget.took(stats.frame_ms);
         let ms = frame.elapsed().as_secs_f64() * 1e3;
-        frames.push(Walked { ms, at_s, stats, delays: Delays::now().since(&before) });
+        frames.push(Walked {
+            ms,
+            at_s,
+            stats,
+            delays: Delays::now().since(&before),
+        });
         (most, resident) = (most.max(geometry.bytes()), resident.max(resident_bytes()));
         used += u64::from(stats.cameras_used > 0);
         std::thread::sleep(FRAME.saturating_sub(frame.elapsed()));
     }
     frames.sort_by(|a, b| a.ms.total_cmp(&b.ms));
-    let of = |share: f64| frames.get(((frames.len() - 1) as f64 * share) as usize).map_or(f64::NAN, |frame| frame.ms);
+    let of = |share: f64| {
+        frames
+            .get(((frames.len() - 1) as f64 * share) as usize)
+            .map_or(f64::NAN, |frame| frame.ms)
+    };
     println!(
         "walk: {} frames in {seconds:.0} s, {used} with a camera; ms: median {:.1}, 99 % {:.1}, latest {:.1}, {} over 100; {:.0} MB of pictures \
          and samples at most, {:.0} of the program",
@@ -130,10 +160,21 @@ fn walk(geometry: &ViewGeometry) {
         most as f64 / 1e6,
         resident as f64 / 1e6
     );
-    for Walked { ms, at_s, stats, delays } in frames.iter().rev().take(LATEST) {
+    for Walked {
+        ms,
+        at_s,
+        stats,
+        delays,
+    } in frames.iter().rev().take(LATEST)
+    {
         println!(
             "{ms:.1} ms after {at_s:.1} s: rank {:.1}, fetch {:.1}, fuse {:.1}, mesh {:.1}, texture {:.1}; {} pictures to come; {delays}",
-            stats.rank_ms, stats.fetch_ms, stats.fuse_ms, stats.mesh_ms, stats.texture_ms, stats.pictures_missing
+            stats.rank_ms,
+            stats.fetch_ms,
+            stats.fuse_ms,
+            stats.mesh_ms,
+            stats.texture_ms,
+            stats.pictures_missing
         );
     }
 }
@@ -152,8 +193,16 @@ fn main() {
     let kept = tempfile::tempdir().expect("a folder");
     let cache = std::env::var_os("HEADBOX_CACHE").map_or(kept.path().into(), PathBuf::from);
     let budget = (number("HEADBOX_MEMORY", 200.0) * 1e6) as usize;
-    let resources = GeometryResources { budget, cache: Some(cache), ..GeometryResources::default() };
-    opened(&set, &resources, &format!("{} images opened", set.views.len()));
+    let resources = GeometryResources {
+        budget,
+        cache: Some(cache),
+        ..GeometryResources::default()
+    };
+    opened(
+        &set,
+        &resources,
+        &format!("{} images opened", set.views.len()),
+    );
     let geometry = opened(&set, &resources, "opened again");
     let mut renderer = GeometryRenderer::new();
     for size in [[800, 600], [1024, 768]] {

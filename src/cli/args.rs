@@ -1,20 +1,20 @@
 //! Arguments that several subcommands share. Positions and lengths are in the scene file's own axes and unit.
 
 use super::words::UsageError;
-use headbox_scene::load::LoadOptions;
-use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_trace::bvh::Tracer;
-use headbox_trace::viewpoint;
-use headbox_core::camera::Camera;
-use headbox_scene::scene::Scene;
-use headbox_cube::model::info::CaptureInfo;
-use headbox_core::light_parameters::{LightParameters, SunPlace};
-use headbox_ldi::scene_source::SceneSource;
-use headbox_core::exposure::Exposure;
-use std::path::PathBuf;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_core::exposure::Exposure;
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::light_parameters::{LightParameters, SunPlace};
+use headbox_cube::model::info::CaptureInfo;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_scene::load::LoadOptions;
+use headbox_scene::scene::Scene;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::viewpoint;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Three finite numbers, `X,Y,Z`.
@@ -36,11 +36,16 @@ pub(super) fn parse_length(text: &str) -> Result<f64, String> {
 
 /// An image size, `WIDTHxHEIGHT`.
 pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
-    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    let sides = text
+        .split_once(['x', 'X'])
+        .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     let allowed = 1..=Camera::MAX_SIDE_PX;
     match sides {
         Some((w, h)) if allowed.contains(&w) && allowed.contains(&h) => Ok((w, h)),
-        _ => Err(format!("give WIDTHxHEIGHT in pixels, each from 1 to {}, such as 1024x768", Camera::MAX_SIDE_PX)),
+        _ => Err(format!(
+            "give WIDTHxHEIGHT in pixels, each from 1 to {}, such as 1024x768",
+            Camera::MAX_SIDE_PX
+        )),
     }
 }
 
@@ -57,37 +62,78 @@ pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
 pub(super) type Pair<'t> = (&'t str, &'t str);
 
 /// `NAME@KEY=VALUE@KEY=VALUE`: the name, which may hold an `@` that no key follows, and the rest as it stands.
-pub(super) fn named_parts<'t>(text: &'t str, keys: &[&str]) -> Result<(&'t str, Vec<Pair<'t>>), String> {
-    let first = keys.iter().filter_map(|key| text.find(&format!("@{key}="))).min();
+pub(super) fn named_parts<'t>(
+    text: &'t str,
+    keys: &[&str],
+) -> Result<(&'t str, Vec<Pair<'t>>), String> {
+    let first = keys
+        .iter()
+        .filter_map(|key| text.find(&format!("@{key}=")))
+        .min();
     let (name, rest) = text.split_at(first.unwrap_or(text.len()));
-    let pair = |part: &'t str| part.split_once('=').ok_or_else(|| format!("{part}: give one of {}=", keys.join("=, ")));
-    Ok((name, rest.split('@').skip(1).map(pair).collect::<Result<_, _>>()?))
+    let pair = |part: &'t str| {
+        part.split_once('=')
+            .ok_or_else(|| format!("{part}: give one of {}=", keys.join("=, ")))
+    };
+    Ok((
+        name,
+        rest.split('@')
+            .skip(1)
+            .map(pair)
+            .collect::<Result<_, _>>()?,
+    ))
 }
 
 /// A unit of lengths by its name, metres.
 pub(super) fn parse_unit(text: &str) -> Result<f64, String> {
-    let unit = UNITS.iter().find(|(name, ..)| *name == text).map(|(.., metres)| *metres);
-    unit.ok_or_else(|| format!("give one of {}", UNITS.iter().map(|(name, ..)| *name).collect::<Vec<_>>().join(", ")))
+    let unit = UNITS
+        .iter()
+        .find(|(name, ..)| *name == text)
+        .map(|(.., metres)| *metres);
+    unit.ok_or_else(|| {
+        format!(
+            "give one of {}",
+            UNITS
+                .iter()
+                .map(|(name, ..)| *name)
+                .collect::<Vec<_>>()
+                .join(", ")
+        )
+    })
 }
 
 /// Values with the names by which they are given, and what help says of them.
 pub(super) type Names<T> = &'static [(&'static str, &'static str, T)];
 
 /// One of some values, by its name.
-pub(super) fn by_name<T: Copy + Send + Sync + 'static>(names: Names<T>) -> impl TypedValueParser<Value = T> {
-    let possible =
-        names.iter().map(
-            |(name, help, _)| {
-                if help.is_empty() { PossibleValue::new(name) } else { PossibleValue::new(name).help(help) }
-            },
-        );
-    let value_of = |name: String| names.iter().find(|(known, ..)| *known == name).map(|(.., value)| *value);
+pub(super) fn by_name<T: Copy + Send + Sync + 'static>(
+    names: Names<T>,
+) -> impl TypedValueParser<Value = T> {
+    let possible = names.iter().map(|(name, help, _)| {
+        if help.is_empty() {
+            PossibleValue::new(name)
+        } else {
+            PossibleValue::new(name).help(help)
+        }
+    });
+    let value_of = |name: String| {
+        names
+            .iter()
+            .find(|(known, ..)| *known == name)
+            .map(|(.., value)| *value)
+    };
     PossibleValuesParser::new(possible).try_map(move |name| value_of(name).ok_or("not one of them"))
 }
 
 /// Units of a file's lengths, metres.
-pub(super) const UNITS: Names<f64> =
-    &[("m", "", 1.0), ("dm", "", 0.1), ("cm", "", 0.01), ("mm", "", 0.001), ("in", "", 0.0254), ("ft", "", 0.3048)];
+pub(super) const UNITS: Names<f64> = &[
+    ("m", "", 1.0),
+    ("dm", "", 0.1),
+    ("cm", "", 0.01),
+    ("mm", "", 0.001),
+    ("in", "", 0.0254),
+    ("ft", "", 0.3048),
+];
 
 /// Light of a scene where it is not the scene's own.
 #[derive(Args, Clone)]
@@ -134,7 +180,10 @@ fn parse_angle(text: &str) -> Result<f64, String> {
 }
 
 fn parse_strength(text: &str) -> Result<f32, String> {
-    let strength = text.parse().ok().filter(|strength: &f32| *strength > 0.0 && *strength <= 1e9);
+    let strength = text
+        .parse()
+        .ok()
+        .filter(|strength: &f32| *strength > 0.0 && *strength <= 1e9);
     strength.ok_or("give a strength above 0 and up to 1e9; --sun off for none".into())
 }
 
@@ -180,17 +229,31 @@ impl SceneArgs {
 impl SourceArgs {
     /// The axes and the unit; Y up and metres where nothing is said.
     pub(super) fn file_frame(&self) -> FileFrame {
-        FileFrame { up: self.up.unwrap_or_default(), unit_m: self.unit.unwrap_or(1.0) }
+        FileFrame {
+            up: self.up.unwrap_or_default(),
+            unit_m: self.unit.unwrap_or(1.0),
+        }
     }
 
     /// The same, but for what is given.
     pub(super) fn with(&self, up: Option<UpAxis>, unit: Option<f64>) -> Self {
-        Self { up: up.or(self.up), unit: unit.or(self.unit), light: self.light.clone() }
+        Self {
+            up: up.or(self.up),
+            unit: unit.or(self.unit),
+            light: self.light.clone(),
+        }
     }
 
     /// What is said, by its flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 7] {
-        let LightArgs { sky, sky_turn, sun, sun_strength, exposure, hdr: _ } = &self.light;
+        let LightArgs {
+            sky,
+            sky_turn,
+            sun,
+            sun_strength,
+            exposure,
+            hdr: _,
+        } = &self.light;
         let said = LightParameters::default();
         [
             ("--up", self.up.is_some()),
@@ -205,8 +268,15 @@ impl SourceArgs {
 
     /// A scene that is read so.
     pub(super) fn source(&self, scene: &str) -> SceneSource {
-        let options = LoadOptions { up: self.up, unit_m: self.unit };
-        SceneSource { name: scene.to_owned(), options, light: self.light.parameters() }
+        let options = LoadOptions {
+            up: self.up,
+            unit_m: self.unit,
+        };
+        SceneSource {
+            name: scene.to_owned(),
+            options,
+            light: self.light.parameters(),
+        }
     }
 }
 
@@ -246,17 +316,30 @@ impl DefaultCamera {
     /// From the centre of a cube LDI to where there is most to see.
     pub(super) fn of_cube(info: &CaptureInfo) -> Self {
         let default = Self::at(info.centre);
-        Self { forward: info.ahead.unwrap_or(default.forward), up: info.up.unwrap_or(default.up), ..default }
+        Self {
+            forward: info.ahead.unwrap_or(default.forward),
+            up: info.up.unwrap_or(default.up),
+            ..default
+        }
     }
 
     /// From an eye in a scene to where there is most to see from it.
     pub(super) fn of_scene(tracer: &Tracer, eye: DVec3) -> Self {
-        Self { forward: viewpoint::suggest_view(tracer, eye), ..Self::at(eye) }
+        Self {
+            forward: viewpoint::suggest_view(tracer, eye),
+            ..Self::at(eye)
+        }
     }
 
     /// Straight ahead from an eye.
     pub(super) fn at(eye: DVec3) -> Self {
-        Self { eye, forward: DVec3::NEG_Z, up: DVec3::Y, fov_y_deg: 60.0, size: (1024, 768) }
+        Self {
+            eye,
+            forward: DVec3::NEG_Z,
+            up: DVec3::Y,
+            fov_y_deg: 60.0,
+            size: (1024, 768),
+        }
     }
 
     /// Like another camera, upright.
@@ -273,7 +356,9 @@ impl DefaultCamera {
 
 /// Vertical field of view, degrees.
 pub(super) fn vertical_fov_deg(camera: &Camera) -> f64 {
-    2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px()).atan().to_degrees()
+    2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px())
+        .atan()
+        .to_degrees()
 }
 
 impl CameraArgs {
@@ -290,13 +375,28 @@ impl CameraArgs {
 
     /// The cameras of a path, whose frames have the size that is said; what else is said of cameras is refused.
     pub(super) fn of_path(&self, cameras: Vec<Camera>) -> anyhow::Result<Vec<Camera>> {
-        if let Some((flag, _)) = self.given().into_iter().find(|(flag, is_given)| *is_given && *flag != "--size") {
-            return Err(UsageError(format!("{flag} has no meaning with --path, which says it; leave it out")).into());
+        if let Some((flag, _)) = self
+            .given()
+            .into_iter()
+            .find(|(flag, is_given)| *is_given && *flag != "--size")
+        {
+            return Err(UsageError(format!(
+                "{flag} has no meaning with --path, which says it; leave it out"
+            ))
+            .into());
         }
-        let Some((width, height)) = self.size else { return Ok(cameras) };
+        let Some((width, height)) = self.size else {
+            return Ok(cameras);
+        };
         let resized = |camera: Camera| {
             let focal_px = camera.focal_px() * f64::from(height) / f64::from(camera.height());
-            Camera::from_parts(camera.eye(), camera.world_from_eye(), focal_px, width, height)
+            Camera::from_parts(
+                camera.eye(),
+                camera.world_from_eye(),
+                focal_px,
+                width,
+                height,
+            )
         };
         Ok(cameras.into_iter().map(resized).collect::<Result<_, _>>()?)
     }
@@ -314,13 +414,26 @@ impl CameraArgs {
     }
 
     /// The camera in the world.
-    pub(super) fn camera(&self, frame: &FileFrame, default: &DefaultCamera) -> anyhow::Result<Camera> {
-        let eye = self.eye.map_or(default.eye, |eye| frame.world_from_file(eye));
-        let look_at = self.look_at.map_or(eye + default.forward, |point| frame.world_from_file(point));
+    pub(super) fn camera(
+        &self,
+        frame: &FileFrame,
+        default: &DefaultCamera,
+    ) -> anyhow::Result<Camera> {
+        let eye = self
+            .eye
+            .map_or(default.eye, |eye| frame.world_from_file(eye));
+        let look_at = self
+            .look_at
+            .map_or(eye + default.forward, |point| frame.world_from_file(point));
         if self.up_vector == Some(DVec3::ZERO) {
-            return Err(UsageError("--up-vector has no direction; give three numbers that are not all 0".into()).into());
+            return Err(UsageError(
+                "--up-vector has no direction; give three numbers that are not all 0".into(),
+            )
+            .into());
         }
-        let up = self.up_vector.map_or(default.up, |up| frame.world_direction_from_file(up));
+        let up = self
+            .up_vector
+            .map_or(default.up, |up| frame.world_direction_from_file(up));
         warn_if_parallel(look_at - eye, up, frame);
         let (width, height) = self.size.unwrap_or(default.size);
         let fov_y_deg = self.fov.unwrap_or(default.fov_y_deg);
@@ -331,8 +444,13 @@ impl CameraArgs {
 
 /// Warns if the up vector does not say how to hold the camera.
 fn warn_if_parallel(forward: DVec3, up: DVec3, frame: &FileFrame) {
-    if forward.length() > 0.0 && forward.normalize().cross(up.normalize_or_zero()).length() <= 1e-6 {
-        let stand_in = if forward.normalize().y.abs() < 0.9 { DVec3::Y } else { DVec3::Z };
+    if forward.length() > 0.0 && forward.normalize().cross(up.normalize_or_zero()).length() <= 1e-6
+    {
+        let stand_in = if forward.normalize().y.abs() < 0.9 {
+            DVec3::Y
+        } else {
+            DVec3::Z
+        };
         // Without the sign of a zero.
         let [x, y, z] = (frame.file_from_world(stand_in).normalize() + 0.0).to_array();
         eprintln!(
@@ -348,11 +466,18 @@ mod tests {
 
     #[test]
     fn only_sane_values_parse() {
-        assert_eq!(parse_vector("-1, 2.5,3e2"), Ok(DVec3::new(-1.0, 2.5, 300.0)));
+        assert_eq!(
+            parse_vector("-1, 2.5,3e2"),
+            Ok(DVec3::new(-1.0, 2.5, 300.0))
+        );
         for bad in ["", "1,2", "1,2,3,4", "nan,0,0", "inf,0,0", "a,b,c"] {
             assert!(parse_vector(bad).is_err(), "{bad}");
         }
-        assert!(parse_length("0").is_err() && parse_length("-1").is_err() && parse_length("nan").is_err());
+        assert!(
+            parse_length("0").is_err()
+                && parse_length("-1").is_err()
+                && parse_length("nan").is_err()
+        );
         assert_eq!(parse_size("640x480"), Ok((640, 480)));
         for bad in ["0x4", "640", "x", "99999x9", "-1x5"] {
             assert!(parse_size(bad).is_err(), "{bad}");

@@ -1,11 +1,11 @@
 //! What `--help` shows beside the arguments: examples and the names that an argument takes; completions and the manual.
 
-use headbox_lumigraph::Blend;
-use headbox_house::variant::HouseVariant;
-use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_sprite::SpriteVariant;
 use clap::{Args, Command};
 use clap_complete::Shell;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_house::variant::HouseVariant;
+use headbox_lumigraph::Blend;
+use headbox_sprite::SpriteVariant;
 use std::io::Write;
 
 /// Each subcommand's examples.
@@ -62,10 +62,19 @@ const EXAMPLES: [(&str, &str); 18] = [
          headbox export room.ldi -o room.glb --triangles 100000   for Unity, Unreal, Godot, three.js, Blender\n  \
          headbox export room.ldi -o room.ply                      for viewers and editors of Gaussian splats",
     ),
-    ("walk", "headbox walk home.house -o walk-report --poses 20 --variants texture,window-ldi"),
+    (
+        "walk",
+        "headbox walk home.house -o walk-report --poses 20 --variants texture,window-ldi",
+    ),
     ("truth", "headbox truth room.obj -o truth.png --samples 64"),
-    ("compare", "headbox compare truth.png frame.png --map error.png"),
-    ("report", "headbox report room.obj@up=z@half=0.4 -o report --quick"),
+    (
+        "compare",
+        "headbox compare truth.png frame.png --map error.png",
+    ),
+    (
+        "report",
+        "headbox report room.obj@up=z@half=0.4 -o report --quick",
+    ),
     (
         "view",
         "headbox view                                             the start page\n  \
@@ -73,25 +82,42 @@ const EXAMPLES: [(&str, &str); 18] = [
          headbox view room.ldi --screenshot window.png            a picture of the window, for scripts",
     ),
     ("man", "headbox man | man -l -"),
-    ("completions", "headbox completions bash > ~/.local/share/bash-completion/completions/headbox"),
+    (
+        "completions",
+        "headbox completions bash > ~/.local/share/bash-completion/completions/headbox",
+    ),
 ];
 
 /// The command line with examples, and with what `--quality` sets.
 pub(super) fn with_examples(cli: Command) -> Command {
-    let names: Vec<String> = cli.get_subcommands().map(|command| command.get_name().to_owned()).collect();
+    let names: Vec<String> = cli
+        .get_subcommands()
+        .map(|command| command.get_name().to_owned())
+        .collect();
     let known = |name: &str| names.iter().any(|known| known == name);
     let cli = cli.mut_subcommand("capture", |capture| {
-        crate::commands::capture::Preset::NUMBERS.iter().fold(capture, |capture, (argument, [draft, good])| {
-            let presets = [("quality", "draft", Some(*draft)), ("quality", "good", Some(*good))];
-            capture.mut_arg(*argument, |argument| argument.default_value_ifs(presets))
-        })
+        crate::commands::capture::Preset::NUMBERS.iter().fold(
+            capture,
+            |capture, (argument, [draft, good])| {
+                let presets = [
+                    ("quality", "draft", Some(*draft)),
+                    ("quality", "good", Some(*good)),
+                ];
+                capture.mut_arg(*argument, |argument| argument.default_value_ifs(presets))
+            },
+        )
     });
-    EXAMPLES.iter().filter(|(name, _)| known(name)).fold(cli, |cli, (name, examples)| {
-        cli.mut_subcommand(*name, |command| {
-            // Where a word follows that begins with a dash and a digit, it is a number.
-            command.after_help(format!("Examples:\n  {examples}{}", names_for(name))).allow_negative_numbers(true)
+    EXAMPLES
+        .iter()
+        .filter(|(name, _)| known(name))
+        .fold(cli, |cli, (name, examples)| {
+            cli.mut_subcommand(*name, |command| {
+                // Where a word follows that begins with a dash and a digit, it is a number.
+                command
+                    .after_help(format!("Examples:\n  {examples}{}", names_for(name)))
+                    .allow_negative_numbers(true)
+            })
         })
-    })
 }
 
 /// The names that a subcommand's arguments take and that depend on the file.
@@ -100,7 +126,10 @@ fn names_for(command: &str) -> String {
     match command {
         "render" => {
             let cubes: Vec<&str> = SplatKernel::ALL.iter().map(|(name, _)| *name).collect();
-            let sprites: Vec<&str> = SpriteVariant::ALL.iter().map(|variant| variant.name()).collect();
+            let sprites: Vec<&str> = SpriteVariant::ALL
+                .iter()
+                .map(|variant| variant.name())
+                .collect();
             format!(
                 "\n\nVariants:\n  of a .ldi: {}\n  of a .sprite: {}\n  of a .lumi: {}\n  of a .house: {houses}",
                 cubes.join(", "),
@@ -110,7 +139,10 @@ fn names_for(command: &str) -> String {
         }
         "walk" => format!("\n\nVariants:\n  {houses}"),
         "house" => {
-            let kinds: Vec<&str> = headbox_house::backdrop::BackdropKind::ALL.iter().map(|(name, _)| *name).collect();
+            let kinds: Vec<&str> = headbox_house::backdrop::BackdropKind::ALL
+                .iter()
+                .map(|(name, _)| *name)
+                .collect();
             format!("\n\nBackdrops:\n  {}, none", kinds.join(", "))
         }
         _ => String::new(),
@@ -121,7 +153,9 @@ fn names_for(command: &str) -> String {
 pub(super) fn arguments() -> Vec<std::ffi::OsString> {
     let all: Vec<_> = std::env::args_os().collect();
     let is_help = all.get(1).is_some_and(|first| first == "help");
-    all.into_iter().filter(|word| !is_help || (word != "--help" && word != "-h")).collect()
+    all.into_iter()
+        .filter(|word| !is_help || (word != "--help" && word != "-h"))
+        .collect()
 }
 
 /// `headbox completions`.
@@ -143,7 +177,10 @@ impl Completions {
 pub(super) fn print_manual(whole: &Command) -> anyhow::Result<()> {
     let mut page = Vec::new();
     clap_mangen::Man::new(whole.clone()).render(&mut page)?;
-    for sub in whole.get_subcommands().filter(|sub| sub.get_name() != "help") {
+    for sub in whole
+        .get_subcommands()
+        .filter(|sub| sub.get_name() != "help")
+    {
         let name = format!("headbox-{}", sub.get_name());
         clap_mangen::Man::new(sub.clone().display_name(name)).render(&mut page)?;
     }

@@ -2,11 +2,14 @@
 
 use super::progress::Bar;
 use super::words::UsageError;
-use headbox_photos::cache;
-use headbox_core::files::protect_input;
-use headbox_images::{ImageSet, ImageSetOptions, RefinementReport, RefinementStep, RegistrationModel, RegistrationReport, RegistrationStep};
-use headbox_core::progress::Progress;
 use clap::Args;
+use headbox_core::files::protect_input;
+use headbox_core::progress::Progress;
+use headbox_images::{
+    ImageSet, ImageSetOptions, RefinementReport, RefinementStep, RegistrationModel,
+    RegistrationReport, RegistrationStep,
+};
+use headbox_photos::cache;
 use std::path::Path;
 
 /// How image sets are opened.
@@ -41,10 +44,18 @@ impl SetArgs {
 
     /// Opens a set, refines its poses if that is asked for, and says on standard error what was met.
     pub(super) fn open(&self, folder: &Path) -> anyhow::Result<ImageSet> {
-        let mut set = ImageSet::open(folder, &ImageSetOptions { allow_outside: self.allow_outside })?;
+        let mut set = ImageSet::open(
+            folder,
+            &ImageSetOptions {
+                allow_outside: self.allow_outside,
+            },
+        )?;
         for view in &set.views {
             let depth = view.depth.as_ref().map(|depth| &depth.path);
-            [Some(&view.color), depth, view.mask.as_ref()].into_iter().flatten().for_each(|file| protect_input(file));
+            [Some(&view.color), depth, view.mask.as_ref()]
+                .into_iter()
+                .flatten()
+                .for_each(|file| protect_input(file));
         }
         for note in &set.notes {
             eprintln!("note: {note}");
@@ -67,10 +78,13 @@ impl SetArgs {
         if !self.no_registration {
             let bar = Bar::new();
             let look = |step| match step {
-                RegistrationStep::LoadingStarted(views) => bar.begin("registering colour with depth", "views", views as u64),
+                RegistrationStep::LoadingStarted(views) => {
+                    bar.begin("registering colour with depth", "views", views as u64)
+                }
                 RegistrationStep::ViewLoaded => bar.advance(1),
             };
-            let (report, was) = cache::register(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
+            let (report, was) =
+                cache::register(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
             bar.finish();
             was.note.iter().for_each(|note| eprintln!("note: {note}"));
             if let Some(report) = &report {
@@ -86,18 +100,26 @@ fn refine(set: &mut ImageSet) -> anyhow::Result<()> {
     let bar = Bar::new();
     let look = |step| match step {
         RefinementStep::LoadingStarted(views) => bar.begin("loading depth", "views", views as u64),
-        RefinementStep::SolvingStarted(rounds) => bar.begin("refining poses", "rounds", rounds as u64),
+        RefinementStep::SolvingStarted(rounds) => {
+            bar.begin("refining poses", "rounds", rounds as u64)
+        }
         RefinementStep::ViewLoaded | RefinementStep::RoundSolved => bar.advance(1),
     };
     let (report, was) = cache::refine_poses(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
     bar.finish();
     was.note.iter().for_each(|note| eprintln!("note: {note}"));
-    eprintln!("{}", report.as_ref().map_or_else(|| NOT_REFINED.into(), refinement_words));
+    eprintln!(
+        "{}",
+        report
+            .as_ref()
+            .map_or_else(|| NOT_REFINED.into(), refinement_words)
+    );
     Ok(())
 }
 
 /// Of sets whose poses cannot be refined.
-const NOT_REFINED: &str = "poses: kept as given, for no two views with depth of their own see the same";
+const NOT_REFINED: &str =
+    "poses: kept as given, for no two views with depth of their own see the same";
 
 /// What refining a set's poses brought, in a sentence.
 fn refinement_words(report: &RefinementReport) -> String {
@@ -112,7 +134,10 @@ fn refinement_words(report: &RefinementReport) -> String {
         false => format!("poses: kept as given: {found}"),
         true => {
             let [turned, moved] = report.movement;
-            format!("poses: refined by {turned:.3} degrees and {:.1} mm on average: {found}", moved * 1000.0)
+            format!(
+                "poses: refined by {turned:.3} degrees and {:.1} mm on average: {found}",
+                moved * 1000.0
+            )
         }
     }
 }
@@ -120,16 +145,24 @@ fn refinement_words(report: &RefinementReport) -> String {
 /// What was found of a set's colour cameras, in a sentence or two.
 fn registration_words(report: &RegistrationReport) -> String {
     let [given, one, each] = report.levels;
-    let exposure = format!("exposures are evened out, from {:.2} to {:.2} of the mean", report.gain[0], report.gain[1]);
+    let exposure = format!(
+        "exposures are evened out, from {:.2} to {:.2} of the mean",
+        report.gain[0], report.gain[1]
+    );
     let part = match report.sampled_views < report.views {
-        true => format!("{} of {} views, which speak for all,", report.sampled_views, report.views),
+        true => format!(
+            "{} of {} views, which speak for all,",
+            report.sampled_views, report.views
+        ),
         false => "views".into(),
     };
     let tried = format!(
         "{part} differ by {given:.2} levels as given, {one:.2} with one colour camera, {each:.2} with one for each view"
     );
     match report.applied {
-        RegistrationModel::AsGiven => format!("registration: colour and depth are kept as given ({tried}); {exposure}"),
+        RegistrationModel::AsGiven => {
+            format!("registration: colour and depth are kept as given ({tried}); {exposure}")
+        }
         RegistrationModel::SharedOffset | RegistrationModel::PerView => format!(
             "registration: colours were taken by another camera than depth: {tried}. Its focal length is {:.1} px, not {:.1}, \
              and it is turned by {:.2} degrees and moved by {:.1} cm on average; {exposure}. --no-registration leaves all as given",

@@ -21,8 +21,8 @@ mod packing;
 mod progress;
 mod words;
 
-use headbox_core::simd;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use headbox_core::simd;
 use std::process::ExitCode;
 use words::UsageError;
 
@@ -81,7 +81,9 @@ enum Command {
 /// Runs the command line and returns its exit code: 0 done, 1 failed, 2 wrong usage.
 pub fn main() -> ExitCode {
     let parsed = whole().try_get_matches_from(help::arguments());
-    let cli = parsed.and_then(|matches| Cli::from_arg_matches(&matches)).unwrap_or_else(|error| error.exit());
+    let cli = parsed
+        .and_then(|matches| Cli::from_arg_matches(&matches))
+        .unwrap_or_else(|error| error.exit());
     match run(cli) {
         Ok(()) if interrupt::asked() => ExitCode::from(interrupt::EXIT_CODE),
         Ok(()) => ExitCode::SUCCESS,
@@ -101,7 +103,9 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     interrupt::handle()?;
     simd::requested().map_err(|error| UsageError(error.to_string()))?;
     if let Some(threads) = cli.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global()?;
     }
     match cli.command {
         Command::Demo(command) => command.run(),

@@ -1,9 +1,9 @@
 //! What goes to standard output, and what the process has used.
 
 use super::words::UsageError;
-use headbox_scene::scene::Scene;
 use headbox_core::{files, image_file as picture};
 use headbox_export::film;
+use headbox_scene::scene::Scene;
 use image::codecs::jpeg::JpegEncoder;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -62,48 +62,103 @@ pub(super) struct Endings {
 }
 
 /// What frames are written to: levels first, of which all but JPEG keeps every bit, then linear radiance.
-const OF_FRAMES: [&str; 9] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr"];
+const OF_FRAMES: [&str; 9] = [
+    "png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr",
+];
 /// Pictures.
-pub(super) const PICTURE: Endings = Endings { what: "a picture", allowed: OF_FRAMES.split_at(8).0 };
+pub(super) const PICTURE: Endings = Endings {
+    what: "a picture",
+    allowed: OF_FRAMES.split_at(8).0,
+};
 /// Frames: pictures, or linear radiance.
-pub(super) const FRAME: Endings = Endings { what: "a frame", allowed: &OF_FRAMES };
+pub(super) const FRAME: Endings = Endings {
+    what: "a frame",
+    allowed: &OF_FRAMES,
+};
 /// Pictures of the window.
 #[cfg(feature = "viewer")]
-pub(super) const WINDOW: Endings = Endings { what: "a picture of the window", allowed: &["png"] };
+pub(super) const WINDOW: Endings = Endings {
+    what: "a picture of the window",
+    allowed: &["png"],
+};
 /// Depth.
-pub(super) const DEPTH: Endings = Endings { what: "a picture of depth", allowed: &["exr"] };
+pub(super) const DEPTH: Endings = Endings {
+    what: "a picture of depth",
+    allowed: &["exr"],
+};
 /// Cube LDIs.
-pub(super) const CUBE: Endings = Endings { what: "a cube LDI", allowed: &["ldi"] };
+pub(super) const CUBE: Endings = Endings {
+    what: "a cube LDI",
+    allowed: &["ldi"],
+};
 /// Parts of cube LDIs.
-pub(super) const SHARD: Endings = Endings { what: "a shard of a capture", allowed: &["shard"] };
+pub(super) const SHARD: Endings = Endings {
+    what: "a shard of a capture",
+    allowed: &["shard"],
+};
 /// Sprites with depth.
-pub(super) const SPRITES: Endings = Endings { what: "sprites with depth", allowed: &["sprite"] };
+pub(super) const SPRITES: Endings = Endings {
+    what: "sprites with depth",
+    allowed: &["sprite"],
+};
 /// Lumigraphs.
-pub(super) const LUMIGRAPH: Endings = Endings { what: "a lumigraph", allowed: &["lumi"] };
+pub(super) const LUMIGRAPH: Endings = Endings {
+    what: "a lumigraph",
+    allowed: &["lumi"],
+};
 /// Houses.
-pub(super) const HOUSE: Endings = Endings { what: "a house", allowed: &["house"] };
+pub(super) const HOUSE: Endings = Endings {
+    what: "a house",
+    allowed: &["house"],
+};
 /// Plans of houses.
-pub(super) const PLAN: Endings = Endings { what: "a plan", allowed: &["png", "svg"] };
+pub(super) const PLAN: Endings = Endings {
+    what: "a plan",
+    allowed: &["svg"],
+};
 /// Camera paths.
-pub(super) const PATH: Endings = Endings { what: "a camera path", allowed: &["json"] };
+pub(super) const PATH: Endings = Endings {
+    what: "a camera path",
+    allowed: &["json"],
+};
 /// What captures are exported to.
-pub(super) const EXPORT: Endings = Endings { what: "an export", allowed: &["html", "glb", "ply", "exr"] };
+pub(super) const EXPORT: Endings = Endings {
+    what: "an export",
+    allowed: &["html", "glb", "ply", "exr"],
+};
 /// Films of a path.
-pub(super) const FILM: Endings = Endings { what: "a film", allowed: &film::ENDINGS };
+pub(super) const FILM: Endings = Endings {
+    what: "a film",
+    allowed: &film::ENDINGS,
+};
 /// Pages of text.
-pub(super) const PAGE: Endings = Endings { what: "a page", allowed: &["md"] };
+pub(super) const PAGE: Endings = Endings {
+    what: "a page",
+    allowed: &["md"],
+};
 
 impl Endings {
     fn allow(&self, path: &Path) -> Result<(), UsageError> {
         let ending = path.extension().unwrap_or_default();
-        if self.allowed.iter().any(|allowed| ending.eq_ignore_ascii_case(allowed)) {
+        if self
+            .allowed
+            .iter()
+            .any(|allowed| ending.eq_ignore_ascii_case(allowed))
+        {
             return Ok(());
         }
-        let allowed: Vec<String> = self.allowed.iter().map(|allowed| format!(".{allowed}")).collect();
+        let allowed: Vec<String> = self
+            .allowed
+            .iter()
+            .map(|allowed| format!(".{allowed}"))
+            .collect();
         let (path, what) = (path.display(), self.what);
         Err(UsageError(match allowed.as_slice() {
             [only] => format!("{path}: the ending of {what} is {only}"),
-            _ => format!("{path}: the ending of {what} is one of {}, and decides the format", allowed.join(", ")),
+            _ => format!(
+                "{path}: the ending of {what} is one of {}, and decides the format",
+                allowed.join(", ")
+            ),
         }))
     }
 }
@@ -117,9 +172,15 @@ pub(super) struct Outputs {
 
 /// A file's name without detours, whether there is such a file or not.
 fn place_of(path: &Path) -> PathBuf {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     let in_folder = || Some(folder.canonicalize().ok()?.join(path.file_name()?));
-    path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.into())
+    path.canonicalize()
+        .ok()
+        .or_else(in_folder)
+        .unwrap_or_else(|| path.into())
 }
 
 /// For a command that reads no files.
@@ -132,7 +193,10 @@ impl Outputs {
             files::protect_input(input.as_ref());
             tell_if_waiting(input.as_ref());
         }
-        Self { json, files: Vec::new() }
+        Self {
+            json,
+            files: Vec::new(),
+        }
     }
 
     /// A file to write, with its format by its ending unless it is streamed.
@@ -140,7 +204,10 @@ impl Outputs {
         self.check(path)?;
         if path.as_os_str() == files::STANDARD_OUTPUT {
             if self.json {
-                return Err(UsageError("-o - and --json both write to standard output; leave one out".into()).into());
+                return Err(UsageError(
+                    "-o - and --json both write to standard output; leave one out".into(),
+                )
+                .into());
             }
             STDOUT_IS_OUTPUT.store(true, Ordering::Relaxed);
         } else if !files::is_stream(path)? {
@@ -148,14 +215,22 @@ impl Outputs {
         }
         let place = place_of(path);
         if self.files.contains(&place) {
-            return Err(UsageError(format!("{}: two outputs would be written to it", path.display())).into());
+            return Err(UsageError(format!(
+                "{}: two outputs would be written to it",
+                path.display()
+            ))
+            .into());
         }
         self.files.push(place);
         Ok(self)
     }
 
     /// As [`Self::file`], if there is one.
-    pub(super) fn maybe_file(self, path: Option<&PathBuf>, endings: &Endings) -> anyhow::Result<Self> {
+    pub(super) fn maybe_file(
+        self,
+        path: Option<&PathBuf>,
+        endings: &Endings,
+    ) -> anyhow::Result<Self> {
         match path {
             Some(path) => self.file(path, endings),
             None => Ok(self),
@@ -170,15 +245,22 @@ impl Outputs {
 
     /// A folder for the frames of a path. What is named as a picture or a film is, is meant to be one.
     pub(super) fn folder_of_frames(self, path: &Path) -> anyhow::Result<Self> {
-        const ELSEWHERE: [&str; 14] =
-            ["avi", "mov", "mkv", "m4v", "wmv", "flv", "mpg", "mpeg", "ogv", "avif", "exr", "hdr", "svg", "jxl"];
+        const ELSEWHERE: [&str; 14] = [
+            "avi", "mov", "mkv", "m4v", "wmv", "flv", "mpg", "mpeg", "ogv", "avif", "exr", "hdr",
+            "svg", "jxl",
+        ];
         let ending = path.extension().unwrap_or_default();
         let mut known = PICTURE.allowed.iter().chain(&ELSEWHERE);
         if !path.is_dir() && known.any(|known| ending.eq_ignore_ascii_case(known)) {
-            let films: Vec<String> = FILM.allowed.iter().map(|ending| format!(".{ending}")).collect();
+            let films: Vec<String> = FILM
+                .allowed
+                .iter()
+                .map(|ending| format!(".{ending}"))
+                .collect();
             let (path, films) = (path.display(), films.join(", "));
-            let message =
-                format!("{path}: the ending of a film is one of {films}; for a picture of each pose, name a folder");
+            let message = format!(
+                "{path}: the ending of a film is one of {films}; for a picture of each pose, name a folder"
+            );
             return Err(UsageError(message).into());
         }
         self.folder(path)
@@ -187,7 +269,11 @@ impl Outputs {
     /// Tells what the loader met, and checks again now that all files of the scene are known: its materials, its textures.
     pub(super) fn scene_is_open(&self, scene: &Scene) -> anyhow::Result<()> {
         print_notes(scene);
-        scene.summary.files.iter().for_each(|file| files::protect_input(file));
+        scene
+            .summary
+            .files
+            .iter()
+            .for_each(|file| files::protect_input(file));
         self.files.iter().try_for_each(|path| self.check(path))
     }
 
@@ -199,8 +285,13 @@ impl Outputs {
 /// Says what will be read from a pipe: nothing happens until something is written to it.
 fn tell_if_waiting(input: &Path) {
     #[cfg(unix)]
-    if std::fs::metadata(input).is_ok_and(|found| std::os::unix::fs::FileTypeExt::is_fifo(&found.file_type())) {
-        eprintln!("note: {} is a pipe; waiting for what is written to it", input.display());
+    if std::fs::metadata(input)
+        .is_ok_and(|found| std::os::unix::fs::FileTypeExt::is_fifo(&found.file_type()))
+    {
+        eprintln!(
+            "note: {} is a pipe; waiting for what is written to it",
+            input.display()
+        );
     }
     #[cfg(not(unix))]
     let _ = input;
@@ -214,7 +305,11 @@ pub(super) fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error 
         _ => path.display().to_string(),
     };
     let message = format!("{name} cannot be written: {error}");
-    if error.kind() == std::io::ErrorKind::InvalidInput { UsageError(message).into() } else { anyhow::anyhow!(message) }
+    if error.kind() == std::io::ErrorKind::InvalidInput {
+        UsageError(message).into()
+    } else {
+        anyhow::anyhow!(message)
+    }
 }
 
 /// Saves an image, whole or not at all, in the format of its ending; PNG where it has none.
@@ -226,10 +321,17 @@ pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Resu
     let written = files::write_whole(path, |w| {
         let encoded = match format {
             image::ImageFormat::Png => {
-                let png = picture::png(image.as_raw(), width, height, image::ExtendedColorType::Rgb8);
+                let png = picture::png(
+                    image.as_raw(),
+                    width,
+                    height,
+                    image::ExtendedColorType::Rgb8,
+                );
                 return w.write_all(&png.map_err(std::io::Error::other)?);
             }
-            image::ImageFormat::Jpeg => JpegEncoder::new_with_quality(w, JPEG_QUALITY).encode_image(image),
+            image::ImageFormat::Jpeg => {
+                JpegEncoder::new_with_quality(w, JPEG_QUALITY).encode_image(image)
+            }
             format => image.write_to(w, format),
         };
         encoded.map_err(std::io::Error::other)
@@ -240,7 +342,11 @@ pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Resu
 /// How what was written is called.
 pub(super) fn name_of(output: &Path) -> String {
     let is_standard = output.as_os_str() == files::STANDARD_OUTPUT;
-    if is_standard { "standard output".into() } else { output.display().to_string() }
+    if is_standard {
+        "standard output".into()
+    } else {
+        output.display().to_string()
+    }
 }
 
 /// Writes a text file, whole or not at all.

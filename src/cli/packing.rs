@@ -1,10 +1,10 @@
 //! How cube LDIs are packed, and what is said of one that is.
 
 use super::args::{Names, by_name, parse_length};
+use clap::Args;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_cube::planes::MAX_ERROR_PX;
-use clap::Args;
 
 /// How a cube LDI is packed.
 #[derive(Args)]
@@ -22,14 +22,24 @@ pub(super) struct PackingArgs {
 }
 
 const LAYOUTS: Names<SplatIndexLayout> = &[
-    ("paper", "3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20)", SplatIndexLayout::Paper),
-    ("normal", "All eleven bits for the normal (C10)", SplatIndexLayout::Normal),
+    (
+        "paper",
+        "3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20)",
+        SplatIndexLayout::Paper,
+    ),
+    (
+        "normal",
+        "All eleven bits for the normal (C10)",
+        SplatIndexLayout::Normal,
+    ),
 ];
 
 fn parse_error_px(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(error) if (0.0..=MAX_ERROR_PX).contains(&error) => Ok(error),
-        _ => Err(format!("give a number of frame pixels from 0 to {MAX_ERROR_PX}")),
+        _ => Err(format!(
+            "give a number of frame pixels from 0 to {MAX_ERROR_PX}"
+        )),
     }
 }
 
@@ -38,7 +48,9 @@ fn parse_split(text: &str) -> Result<Split, String> {
     match text {
         "auto" => Ok(Split::Auto),
         "none" => Ok(Split::None),
-        depth => parse_length(depth).map(Split::AtDepth).map_err(|_| "give auto, none, or an eye depth above 0".into()),
+        depth => parse_length(depth)
+            .map(Split::AtDepth)
+            .map_err(|_| "give auto, none, or an eye depth above 0".into()),
     }
 }
 
@@ -48,7 +60,10 @@ impl PackingArgs {
         self.error_px
     }
 
-    pub(super) fn pack(&self, ldi: headbox_cube::model::samples::CubeLdi) -> anyhow::Result<PackedCube> {
+    pub(super) fn pack(
+        &self,
+        ldi: headbox_cube::model::samples::CubeLdi,
+    ) -> anyhow::Result<PackedCube> {
         let split = match self.split {
             Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
             split => split,
@@ -63,7 +78,11 @@ pub(super) fn what_is_kept(cube: &PackedCube) -> String {
     match planes.tiles.is_empty() {
         true => format!("{count} depth pixels"),
         false => {
-            format!("{count} depth pixels and, for {} more, pictures on {} planes", planes.samples, planes.planes.len())
+            format!(
+                "{count} depth pixels and, for {} more, pictures on {} planes",
+                planes.samples,
+                planes.planes.len()
+            )
         }
     }
 }

@@ -65,7 +65,8 @@ impl Bar {
     /// A bar over stages that come in this order.
     pub(super) fn planned(plan: Vec<Planned>, in_seconds: bool) -> Self {
         let bar = ProgressBar::new(LENGTH);
-        if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:30}] {percent:>3} %  {msg}") {
+        if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:30}] {percent:>3} %  {msg}")
+        {
             bar.set_style(style.progress_chars("=> "));
         }
         let now = Instant::now();
@@ -107,7 +108,9 @@ impl Bar {
     pub(super) fn times(&self) -> String {
         let stage = self.stage();
         let long = stage.ended.iter().filter(|(_, seconds)| *seconds >= 0.1);
-        let parts: Vec<String> = long.map(|(name, seconds)| format!("{name} {}", duration(*seconds))).collect();
+        let parts: Vec<String> = long
+            .map(|(name, seconds)| format!("{name} {}", duration(*seconds)))
+            .collect();
         parts.join(", ")
     }
 
@@ -117,7 +120,8 @@ impl Bar {
 
     /// Share of all that is planned that is done; of the stage where it was not planned.
     fn share_done(&self, stage: &Stage) -> f64 {
-        let of_stage = (self.done.load(Ordering::Relaxed) as f64 / stage.total.max(1) as f64).min(1.0);
+        let of_stage =
+            (self.done.load(Ordering::Relaxed) as f64 / stage.total.max(1) as f64).min(1.0);
         if self.plan.is_empty() {
             return of_stage;
         }
@@ -133,12 +137,17 @@ impl Bar {
 
     /// Seconds left of what [`Self::share_done`] speaks of.
     fn left(&self, stage: &Stage, share: f64) -> Option<f64> {
-        let since = if self.plan.is_empty() { stage.began } else { self.started };
+        let since = if self.plan.is_empty() {
+            stage.began
+        } else {
+            self.started
+        };
         if share >= TOO_EARLY {
             return Some(since.elapsed().as_secs_f64() * (1.0 - share) / share);
         }
         let planned = || self.plan.iter().map(|planned| planned.weight).sum::<f64>();
-        self.in_seconds.then(|| (planned() - since.elapsed().as_secs_f64()).max(0.0))
+        self.in_seconds
+            .then(|| (planned() - since.elapsed().as_secs_f64()).max(0.0))
     }
 
     /// Seconds left of the stage that is under way, by its own rate.
@@ -156,9 +165,19 @@ impl Bar {
         /// While anything is left.
         const MOST: f64 = 0.99;
         let share = self.share_done(stage).min(MOST);
-        let (so_far, of_stage) = (self.started.elapsed().as_secs_f64(), self.left_of_stage(stage));
-        let share = if self.plan.is_empty() { share } else { share.min(so_far / (so_far + of_stage)) };
-        (share, self.left(stage, share).map(|left| left.max(of_stage)))
+        let (so_far, of_stage) = (
+            self.started.elapsed().as_secs_f64(),
+            self.left_of_stage(stage),
+        );
+        let share = if self.plan.is_empty() {
+            share
+        } else {
+            share.min(so_far / (so_far + of_stage))
+        };
+        (
+            share,
+            self.left(stage, share).map(|left| left.max(of_stage)),
+        )
     }
 
     /// Shows where the work stands.
@@ -169,10 +188,16 @@ impl Bar {
         if !self.in_lines {
             self.bar.set_prefix(so_far);
             self.bar.set_position((share * LENGTH as f64) as u64);
-            self.bar.set_message(format!("{}{}{left}", stage.part, stage.name));
+            self.bar
+                .set_message(format!("{}{}{left}", stage.part, stage.name));
         } else if stage.told.elapsed() >= BETWEEN_LINES {
             stage.told = Instant::now();
-            eprintln!("{so_far}: {:.0} %, {}{}{left}", share * 100.0, stage.part, stage.name);
+            eprintln!(
+                "{so_far}: {:.0} %, {}{}{left}",
+                share * 100.0,
+                stage.part,
+                stage.name
+            );
         }
     }
 }
@@ -198,7 +223,11 @@ impl Progress for Bar {
         current.end();
         (current.name, current.total, current.began) = (stage.to_owned(), total, Instant::now());
         self.done.store(0, Ordering::Relaxed);
-        if let Some(i) = self.plan.iter().position(|planned| planned.stages.contains(&stage)) {
+        if let Some(i) = self
+            .plan
+            .iter()
+            .position(|planned| planned.stages.contains(&stage))
+        {
             current.planned = match current.planned {
                 Some((before, ended)) if before == i => Some((i, ended + 1)),
                 _ => Some((i, 0)),
@@ -214,7 +243,10 @@ impl Progress for Bar {
         let next_ms = now_ms + BETWEEN_LOOKS.as_millis() as u64;
         // One of the threads for which it is due shows it.
         let mine = now_ms >= due_ms
-            && self.next_look_ms.compare_exchange(due_ms, next_ms, Ordering::Relaxed, Ordering::Relaxed).is_ok();
+            && self
+                .next_look_ms
+                .compare_exchange(due_ms, next_ms, Ordering::Relaxed, Ordering::Relaxed)
+                .is_ok();
         if mine {
             self.show(&mut self.stage());
         }
@@ -253,7 +285,11 @@ mod tests {
 
     #[test]
     fn a_stage_that_was_not_planned_so_long_is_never_done_before_its_end() {
-        let plan = vec![Planned { stages: &["truth"], times: 1, weight: 1.0 }];
+        let plan = vec![Planned {
+            stages: &["truth"],
+            times: 1,
+            weight: 1.0,
+        }];
         let bar = Bar::planned(plan, false);
         for _ in 0..3 {
             bar.begin("truth", "rows", 10);
@@ -261,7 +297,10 @@ mod tests {
             bar.advance(1);
             let (share, left) = bar.told(&bar.stage());
             // Nine tenths of a stage of which one took 20 ms or more.
-            assert!(share < 1.0 && left.is_some_and(|left| left >= 0.18), "{share} {left:?}");
+            assert!(
+                share < 1.0 && left.is_some_and(|left| left >= 0.18),
+                "{share} {left:?}"
+            );
             bar.advance(9);
             assert!(bar.told(&bar.stage()).0 < 1.0);
         }
@@ -277,15 +316,30 @@ mod tests {
         }
         bar.finish();
         let times = bar.times();
-        assert!(times.starts_with("rays 0.") && !times.contains(','), "{times}");
+        assert!(
+            times.starts_with("rays 0.") && !times.contains(','),
+            "{times}"
+        );
     }
 
     #[test]
     fn a_planned_bar_goes_from_beginning_to_end() {
         let plan = vec![
-            Planned { stages: &["pilot", "trace"], times: 2, weight: 1.0 },
-            Planned { stages: &["look"], times: 4, weight: 2.0 },
-            Planned { stages: &["light"], times: 1, weight: 1.0 },
+            Planned {
+                stages: &["pilot", "trace"],
+                times: 2,
+                weight: 1.0,
+            },
+            Planned {
+                stages: &["look"],
+                times: 4,
+                weight: 2.0,
+            },
+            Planned {
+                stages: &["light"],
+                times: 1,
+                weight: 1.0,
+            },
         ];
         let bar = Bar::planned(plan, true);
         let share = || bar.share_done(&bar.stage());

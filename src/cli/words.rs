@@ -1,7 +1,5 @@
 //! Error messages: an error and its causes on one line.
 
-use clap::error::{ContextKind, ContextValue};
-use std::error::Error;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -23,7 +21,11 @@ pub(super) fn sentence(error: &anyhow::Error) -> String {
         }
     }
     // A file without a name is said to be one.
-    if said.starts_with(": ") { format!("''{said}") } else { said }
+    if said.starts_with(": ") {
+        format!("''{said}")
+    } else {
+        said
+    }
 }
 
 /// So many of something: `1 file`, `2 files`.
@@ -36,7 +38,11 @@ pub(super) fn counted(count: impl Into<u64>, thing: &str) -> String {
 pub(super) fn quoted(path: &Path) -> String {
     let name = path.display().to_string();
     let is_plain = |c: char| c.is_alphanumeric() || "/._-+=:@%,".contains(c);
-    if !name.is_empty() && name.chars().all(is_plain) { name } else { format!("'{}'", name.replace('\'', "'\\''")) }
+    if !name.is_empty() && name.chars().all(is_plain) {
+        name
+    } else {
+        format!("'{}'", name.replace('\'', "'\\''"))
+    }
 }
 
 #[cfg(test)]
@@ -52,17 +58,31 @@ mod tests {
 
     #[test]
     fn names_are_quoted_and_things_counted() {
-        for (name, said) in [("a/b-1.ldi", "a/b-1.ldi"), ("a b.ldi", "'a b.ldi'"), ("it's", "'it'\\''s'"), ("", "''")] {
+        for (name, said) in [
+            ("a/b-1.ldi", "a/b-1.ldi"),
+            ("a b.ldi", "'a b.ldi'"),
+            ("it's", "'it'\\''s'"),
+            ("", "''"),
+        ] {
             assert_eq!(quoted(Path::new(name)), said);
         }
-        assert_eq!([counted(0_u32, "file"), counted(1_u32, "file")], ["0 files", "1 file"]);
+        assert_eq!(
+            [counted(0_u32, "file"), counted(1_u32, "file")],
+            ["0 files", "1 file"]
+        );
     }
 
     #[test]
     fn causes_are_not_repeated() {
         let cause = || std::io::Error::other("disk on fire");
-        assert_eq!(sentence(&Outer { source: cause() }.into()), "a.ldi: disk on fire");
+        assert_eq!(
+            sentence(&Outer { source: cause() }.into()),
+            "a.ldi: disk on fire"
+        );
         let wrapped: anyhow::Result<()> = Err(cause()).context("b.png could not be read");
-        assert_eq!(sentence(&wrapped.unwrap_err()), "b.png could not be read: disk on fire");
+        assert_eq!(
+            sentence(&wrapped.unwrap_err()),
+            "b.png could not be read: disk on fire"
+        );
     }
 }

@@ -100,9 +100,7 @@ impl<K: Ord + Copy, V: Clone> LruCache<K, V> {
 
     /// Iterates over all values in the order of their keys.
     pub fn iter(&self) -> impl Iterator<Item = (K, &V)> {
-        self.entries
-            .iter()
-            .map(|(key, entry)| (*key, &entry.value))
+        self.entries.iter().map(|(key, entry)| (*key, &entry.value))
     }
 }
 
@@ -122,10 +120,7 @@ mod tests {
         }
         assert!(cache.evict_to(0).is_empty(), "all values are in use");
         cache.next_tick();
-        assert_eq!(
-            (cache.get(1), cache.get(9)),
-            (Some('b'), None)
-        );
+        assert_eq!((cache.get(1), cache.get(9)), (Some('b'), None));
         assert_eq!(
             (cache.evict_to(50).len(), cache.evict_to(30)),
             (0, vec!['a', 'c'])

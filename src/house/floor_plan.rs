@@ -1,9 +1,8 @@
-//! The plan of a portal model, seen from above: rooms, walls, and numbered portals, as PNG or SVG.
+//! Floor plan of a portal model as SVG: rooms, walls and numbered portals.
 
-use headbox_model::{Cell, Portal, PortalModel, Prism};
-use headbox_core::drawing::{Anchor, Drawing, Mark, letters};
 use glam::{DVec2, DVec3};
-use image::RgbImage;
+use headbox_core::drawing::svg::{Svg, TextStyle, text_width};
+use headbox_model::{Cell, Portal, PortalModel, Prism};
 
 /// Width of a drawing, pixels; its height follows from the plan.
 const WIDTH_PX: f64 = 1600.0;
@@ -37,8 +36,7 @@ const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
 /// What is drawn of a portal model; positions are pixels from the upper left corner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FloorPlan {
-    width: u32,
-    height: u32,
+    size: DVec2,
     rooms: Vec<Room>,
     /// What a cut at the wished height meets, and before it one lower down, which shows low furniture.
     cuts: [Vec<[DVec2; 2]>; 2],
@@ -68,7 +66,13 @@ const STOREY_M: f64 = 1.5;
 /// Heights of the floors of a model's storeys, world metres, from below; 0 if it has no rooms.
 pub fn storeys(model: &PortalModel) -> Vec<f64> {
     // Of each room the lowest part: others are niches of windows.
-    let floor = |cell: &Cell| cell.space.iter().map(|prism| prism.floor_y).filter(|y| y.is_finite()).reduce(f64::min);
+    let floor = |cell: &Cell| {
+        cell.space
+            .iter()
+            .map(|prism| prism.floor_y)
+            .filter(|y| y.is_finite())
+            .reduce(f64::min)
+    };
     let mut floors: Vec<f64> = model.cells.iter().filter_map(floor).collect();
     floors.sort_by(f64::total_cmp);
     let mut storeys: Vec<f64> = Vec::new();
@@ -77,7 +81,11 @@ pub fn storeys(model: &PortalModel) -> Vec<f64> {
             storeys.push(floor);
         }
     }
-    if storeys.is_empty() { vec![0.0] } else { storeys }
+    if storeys.is_empty() {
+        vec![0.0]
+    } else {
+        storeys
+    }
 }
 
 impl FloorPlan {
@@ -85,42 +93,75 @@ impl FloorPlan {
     /// shows walls, windows and high furniture; low furniture is shown paler): rooms and portals that it passes through.
     /// Portals carry their index as a number. All plans of a model have one scale and place.
     pub fn new(model: &PortalModel, cut_y: f64) -> Self {
-        let spaces = || model.cells.iter().flat_map(|cell| cell.space.iter().flat_map(|prism| &prism.outline));
-        let openings = || model.portals.iter().flat_map(|portal| portal.polygon.iter().map(in_plan));
+        let spaces = || {
+            model
+                .cells
+                .iter()
+                .flat_map(|cell| cell.space.iter().flat_map(|prism| &prism.outline))
+        };
+        let openings = || {
+            model
+                .portals
+                .iter()
+                .flat_map(|portal| portal.polygon.iter().map(in_plan))
+        };
         let on_storey = |portal: &Portal| {
             let heights = || portal.polygon.iter().map(|p| p.y);
-            let [low, high] = [heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max)];
-            let [above, below] = if high - low < LEVEL_M { HATCH_M } else { [HIGH_M, LOWER_M] };
+            let [low, high] = [
+                heights().fold(f64::INFINITY, f64::min),
+                heights().fold(f64::NEG_INFINITY, f64::max),
+            ];
+            let [above, below] = if high - low < LEVEL_M {
+                HATCH_M
+            } else {
+                [HIGH_M, LOWER_M]
+            };
             low <= cut_y + above && high >= cut_y - below
         };
         let bounds = |points: &mut dyn Iterator<Item = DVec2>| {
-            points.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+            points.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| {
+                [low.min(p), high.max(p)]
+            })
         };
-        let mut corners = spaces().copied().chain(openings()).filter(|p| p.is_finite());
+        let mut corners = spaces()
+            .copied()
+            .chain(openings())
+            .filter(|p| p.is_finite());
         let [mut low, mut high] = bounds(&mut corners);
         if !(low.is_finite() && high.is_finite()) {
             [low, high] = model.scene.bounds().map(|p| in_plan(&p));
         }
         let size = (high - low).max(DVec2::splat(0.1));
-        let scale = ((WIDTH_PX - 2.0 * MARGIN_PX) / size.x).min((HIGHEST_PX - 2.0 * MARGIN_PX) / size.y);
+        let scale =
+            ((WIDTH_PX - 2.0 * MARGIN_PX) / size.x).min((HIGHEST_PX - 2.0 * MARGIN_PX) / size.y);
         let to_px = |p: DVec2| (p - low) * scale + MARGIN_PX;
-        let whole = |extent: f64| (extent * scale + 2.0 * MARGIN_PX).ceil().clamp(1.0, WIDTH_PX.max(HIGHEST_PX)) as u32;
+        let whole = |extent: f64| {
+            (extent * scale + 2.0 * MARGIN_PX)
+                .ceil()
+                .clamp(1.0, WIDTH_PX.max(HIGHEST_PX))
+        };
         let [least, most] = [low - 0.5, high + 0.5];
         let cut = |y: f64| {
             (0..model.scene.triangles.len() as u32)
                 .filter_map(|triangle| cut_triangle(model.scene.corners(triangle), y))
-                .filter(|ends| ends.iter().all(|p| p.cmpge(least).all() && p.cmple(most).all()))
+                .filter(|ends| {
+                    ends.iter()
+                        .all(|p| p.cmpge(least).all() && p.cmple(most).all())
+                })
                 .map(|ends| ends.map(to_px))
                 .collect()
         };
         Self {
-            width: whole(size.x),
-            height: whole(size.y),
+            size: DVec2::new(whole(size.x), whole(size.y)),
             rooms: model
                 .cells
                 .iter()
                 .enumerate()
-                .filter(|(_, cell)| cell.space.iter().any(|p| p.floor_y <= cut_y && cut_y < p.ceiling_y))
+                .filter(|(_, cell)| {
+                    cell.space
+                        .iter()
+                        .any(|p| p.floor_y <= cut_y && cut_y < p.ceiling_y)
+                })
                 .filter_map(|(i, cell)| room(i, &cell.name, &cell.space, to_px))
                 .collect(),
             cuts: [cut(cut_y - LOWER_M), cut(cut_y)],
@@ -134,53 +175,57 @@ impl FloorPlan {
         }
     }
 
-    /// The plan as an SVG file.
+    /// Draws the plan as an SVG file: rooms, cuts, portals, and on top of them names and numbers.
     pub fn to_svg(&self) -> String {
-        self.drawing().to_svg()
-    }
-
-    /// The plan as an image.
-    pub fn to_image(&self) -> RgbImage {
-        // `Plan::new` keeps both sides between 1 and a few thousand, which is all that a picture asks for.
-        self.drawing().to_image().unwrap_or_default()
-    }
-
-    /// Rooms, what is cut, portals, and on top of them names and numbers.
-    fn drawing(&self) -> Drawing {
-        let mut marks = Vec::new();
-        for Room { outlines, color, .. } in &self.rooms {
-            let outlines = outlines.iter().map(|outline| outline.iter().map(DVec2::to_array).collect()).collect();
-            marks.push(Mark::Area { outlines, color: *color });
+        let mut svg = Svg::new(self.size, "floor plan");
+        for room in &self.rooms {
+            room.outlines
+                .iter()
+                .for_each(|outline| svg.polygon(outline, room.color));
         }
         for (cut, color) in self.cuts.iter().zip(CUT_COLORS) {
-            marks.push(Mark::Strokes {
-                ends: cut.iter().map(|ends| ends.map(DVec2::into)).collect(),
-                color,
-                width: 0.8,
-            });
+            svg.lines(cut, color, 0.8);
         }
         for opening in &self.openings {
-            let ends = vec![opening.ends.map(DVec2::into)];
-            marks.push(Mark::Strokes { ends, color: opening.color(), width: 5.0 });
+            svg.lines([opening.ends], opening.color(), 5.0);
         }
         for (name, at) in self.rooms.iter().flat_map(Room::lines) {
-            marks.push(text(name, at, NAME_PX, [20; 3], true));
+            text(&mut svg, name, at, NAME_PX, [20; 3], true);
         }
         for opening in &self.openings {
-            let half = DVec2::new((letters::width_px(&opening.number, NUMBER_PX) / 2.0 + 4.0).max(LABEL_PX), LABEL_PX);
-            let (at, size) = ((opening.label - half).into(), (2.0 * half).into());
-            marks.push(Mark::Box { at, size, color: opening.color() });
-            marks.push(text(&opening.number, opening.label, NUMBER_PX, opening.color(), false));
+            let half = DVec2::new(
+                (text_width(&opening.number, NUMBER_PX) / 2.0 + 4.0).max(LABEL_PX),
+                LABEL_PX,
+            );
+            svg.white_box(opening.label - half, 2.0 * half, opening.color());
+            text(
+                &mut svg,
+                &opening.number,
+                opening.label,
+                NUMBER_PX,
+                opening.color(),
+                false,
+            );
         }
-        Drawing { width: self.width, height: self.height, fineness: 1.0, marks }
+        svg.finish()
     }
 }
 
-/// A line of text about a point.
-fn text(text: &str, at: DVec2, size: f64, color: [u8; 3], halo: bool) -> Mark {
-    // Capitals and figures reach 0.69 of a font's size above its baseline.
-    let at = [at.x, at.y + 0.345 * size];
-    Mark::Text { at, size, color, anchor: Anchor::Middle, upright: true, halo, text: text.into() }
+/// Writes a line of text centred at a point.
+fn text(svg: &mut Svg, text: &str, center: DVec2, size: f64, color: [u8; 3], halo: bool) {
+    // Capitals and digits are 0.69 em high.
+    let baseline = center + DVec2::Y * 0.345 * size;
+    svg.text(
+        baseline,
+        text,
+        TextStyle {
+            size,
+            color,
+            anchor: "middle",
+            upwards: false,
+            halo,
+        },
+    );
 }
 
 impl Room {
@@ -188,13 +233,20 @@ impl Room {
     fn lines(&self) -> impl Iterator<Item = (&str, DVec2)> {
         let middle = (self.name.len() as f64 - 1.0) / 2.0;
         let place = move |line: usize| self.label + DVec2::Y * (line as f64 - middle) * LINE_PX;
-        self.name.iter().enumerate().map(move |(line, name)| (name.as_str(), place(line)))
+        self.name
+            .iter()
+            .enumerate()
+            .map(move |(line, name)| (name.as_str(), place(line)))
     }
 }
 
 impl Opening {
     fn color(&self) -> [u8; 3] {
-        if self.to_outside { [20, 90, 200] } else { [200, 40, 30] }
+        if self.to_outside {
+            [20, 90, 200]
+        } else {
+            [200, 40, 30]
+        }
     }
 }
 
@@ -204,10 +256,13 @@ fn in_plan(p: &DVec3) -> DVec2 {
 }
 
 fn room(index: usize, name: &str, space: &[Prism], to_px: impl Fn(DVec2) -> DVec2) -> Option<Room> {
-    let outlines: Vec<Vec<DVec2>> =
-        space.iter().map(|prism| prism.outline.iter().map(|&p| to_px(p)).collect()).collect();
+    let outlines: Vec<Vec<DVec2>> = space
+        .iter()
+        .map(|prism| prism.outline.iter().map(|&p| to_px(p)).collect())
+        .collect();
     let label = label_place(outlines.first()?);
-    let [left, right] = [f64::min, f64::max].map(|pick| outlines[0].iter().map(|p| p.x).reduce(pick).unwrap_or(0.0));
+    let [left, right] = [f64::min, f64::max]
+        .map(|pick| outlines[0].iter().map(|p| p.x).reduce(pick).unwrap_or(0.0));
     // Pale colours that differ between neighbours in the list: hues by the golden angle.
     let hue = index as f64 * 2.399_963;
     let channel = |shift: f64| (228.0 + 24.0 * (hue + shift).cos()) as u8;
@@ -221,7 +276,7 @@ fn room(index: usize, name: &str, space: &[Prism], to_px: impl Fn(DVec2) -> DVec
 
 /// A name in as few lines as fit into a width, pixels, broken at spaces.
 fn in_lines(name: &str, width: f64) -> Vec<String> {
-    let fits = |line: &str| letters::width_px(line, NAME_PX) <= width - NAME_PX / 2.0;
+    let fits = |line: &str| text_width(line, NAME_PX) <= width - NAME_PX / 2.0;
     let mut lines: Vec<String> = Vec::new();
     for word in name.split_whitespace() {
         match lines.last_mut() {
@@ -239,8 +294,15 @@ fn in_lines(name: &str, width: f64) -> Vec<String> {
 fn label_place(outline: &[DVec2]) -> DVec2 {
     const LATTICE: usize = 24;
     let low = outline.iter().copied().fold(DVec2::INFINITY, DVec2::min);
-    let high = outline.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
-    let prism = Prism { outline: outline.to_vec(), floor_y: 0.0, ceiling_y: 1.0 };
+    let high = outline
+        .iter()
+        .copied()
+        .fold(DVec2::NEG_INFINITY, DVec2::max);
+    let prism = Prism {
+        outline: outline.to_vec(),
+        floor_y: 0.0,
+        ceiling_y: 1.0,
+    };
     let points = (0..LATTICE * LATTICE).map(|i| {
         let share = (DVec2::new((i % LATTICE) as f64, (i / LATTICE) as f64) + 0.5) / LATTICE as f64;
         low + (high - low) * share
@@ -250,25 +312,46 @@ fn label_place(outline: &[DVec2]) -> DVec2 {
     let middle = (low + high) / 2.0;
     let room = |p: &DVec2| {
         let edges = outline.iter().zip(outline.iter().cycle().skip(1));
-        edges.map(|(&a, &b)| distance_to_edge(*p, a, b)).fold(f64::INFINITY, f64::min) - 0.05 * p.distance(middle)
+        edges
+            .map(|(&a, &b)| distance_to_edge(*p, a, b))
+            .fold(f64::INFINITY, f64::min)
+            - 0.05 * p.distance(middle)
     };
-    inside.max_by(|a, b| room(a).total_cmp(&room(b))).unwrap_or((low + high) / 2.0)
+    inside
+        .max_by(|a, b| room(a).total_cmp(&room(b)))
+        .unwrap_or((low + high) / 2.0)
 }
 
 fn distance_to_edge(p: DVec2, a: DVec2, b: DVec2) -> f64 {
     const X_COUNTS: DVec2 = DVec2::new(0.4, 1.0);
     let [p, a, b] = [p, a, b].map(|p| p * X_COUNTS);
-    let along = ((p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    let along =
+        ((p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
     p.distance(a.lerp(b, along))
 }
 
-fn opening(model: &PortalModel, index: usize, portal: &Portal, to_px: impl Fn(DVec2) -> DVec2) -> Opening {
+fn opening(
+    model: &PortalModel,
+    index: usize,
+    portal: &Portal,
+    to_px: impl Fn(DVec2) -> DVec2,
+) -> Opening {
     let corners: Vec<DVec2> = portal.polygon.iter().map(in_plan).collect();
     // The two corners that are farthest apart: a level portal is drawn as its diagonal.
-    let pairs = corners.iter().flat_map(|a| corners.iter().map(move |b| [*a, *b]));
-    let ends = pairs.max_by(|a, b| a[0].distance(a[1]).total_cmp(&b[0].distance(b[1]))).unwrap_or_default().map(to_px);
+    let pairs = corners
+        .iter()
+        .flat_map(|a| corners.iter().map(move |b| [*a, *b]));
+    let ends = pairs
+        .max_by(|a, b| a[0].distance(a[1]).total_cmp(&b[0].distance(b[1])))
+        .unwrap_or_default()
+        .map(to_px);
     let to_outside = portal.cells.iter().any(|&cell| model.outside == Some(cell));
-    Opening { number: index.to_string(), ends, label: (ends[0] + ends[1]) / 2.0, to_outside }
+    Opening {
+        number: index.to_string(),
+        ends,
+        label: (ends[0] + ends[1]) / 2.0,
+        to_outside,
+    }
 }
 
 /// Where a steep triangle meets the plane at height `y`.

@@ -1,13 +1,13 @@
 //! The baseline without depth: a ray-traced cube map of the LDI's own resolution, looked up bilinearly.
 
-use headbox_trace::light::Lighting;
-use headbox_core::cube_face::Face;
-use headbox_trace::bvh::Tracer;
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
+use headbox_core::cube_face::Face;
 use headbox_core::progress::Progress;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use headbox_trace::truth;
-use glam::DVec3;
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -30,16 +30,25 @@ impl CubeMap {
     ) -> Self {
         let mut needed = [false; 6];
         for camera in cameras {
-            for (x, y) in (0..=camera.height()).flat_map(|y| (0..=camera.width()).map(move |x| (x, y))) {
-                needed[Face::containing(camera.direction(f64::from(x), f64::from(y))).index()] = true;
+            for (x, y) in
+                (0..=camera.height()).flat_map(|y| (0..=camera.width()).map(move |x| (x, y)))
+            {
+                needed[Face::containing(camera.direction(f64::from(x), f64::from(y))).index()] =
+                    true;
             }
         }
         let face = |face: Face| {
             let focal_px = f64::from(size_px) / 2.0;
-            let camera = Camera::from_parts(centre, face.world_from_eye(), focal_px, size_px, size_px).ok()?;
-            needed[face.index()].then(|| truth::render(tracer, lighting, true, &camera, samples, progress).rgb())
+            let camera =
+                Camera::from_parts(centre, face.world_from_eye(), focal_px, size_px, size_px)
+                    .ok()?;
+            needed[face.index()]
+                .then(|| truth::render(tracer, lighting, true, &camera, samples, progress).rgb())
         };
-        Self { size_px, faces: Face::ALL.map(face) }
+        Self {
+            size_px,
+            faces: Face::ALL.map(face),
+        }
     }
 
     /// Bytes of six faces.
@@ -52,15 +61,20 @@ impl CubeMap {
     pub fn resample(&self, camera: &Camera) -> RgbImage {
         let (width, height) = (camera.width(), camera.height());
         let mut pixels = vec![0u8; 3 * width as usize * height as usize];
-        pixels.par_chunks_mut(3 * width as usize).enumerate().for_each(|(y, row)| {
-            for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
-                let direction = camera.direction(x as f64 + 0.5, y as f64 + 0.5);
-                let face = Face::containing(direction);
-                let [u, v, _] = face.project(direction, self.size_px);
-                let texels = self.faces[face.index()].as_ref();
-                pixel.copy_from_slice(&texels.map_or([0; 3], |texels| bilinear(texels, u - 0.5, v - 0.5)));
-            }
-        });
+        pixels
+            .par_chunks_mut(3 * width as usize)
+            .enumerate()
+            .for_each(|(y, row)| {
+                for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
+                    let direction = camera.direction(x as f64 + 0.5, y as f64 + 0.5);
+                    let face = Face::containing(direction);
+                    let [u, v, _] = face.project(direction, self.size_px);
+                    let texels = self.faces[face.index()].as_ref();
+                    pixel.copy_from_slice(
+                        &texels.map_or([0; 3], |texels| bilinear(texels, u - 0.5, v - 0.5)),
+                    );
+                }
+            });
         RgbImage::from_raw(width, height, pixels).unwrap_or_default()
     }
 }
@@ -70,8 +84,12 @@ fn bilinear(texels: &RgbImage, x: f64, y: f64) -> [u8; 3] {
     let (width, height) = texels.dimensions();
     let (x0, y0) = (x.floor(), y.floor());
     let [fx, fy] = [x - x0, y - y0].map(|f| f as f32);
-    let at =
-        |dx: f64, dy: f64| texels.get_pixel(clamp(x0 + dx, width), clamp(y0 + dy, height)).0.map(linear_from_srgb8);
+    let at = |dx: f64, dy: f64| {
+        texels
+            .get_pixel(clamp(x0 + dx, width), clamp(y0 + dy, height))
+            .0
+            .map(linear_from_srgb8)
+    };
     let (a, b, c, d) = (at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0));
     let mix = |p: f32, q: f32, t: f32| p + (q - p) * t;
     [0, 1, 2].map(|i| srgb8_from_linear(mix(mix(a[i], b[i], fx), mix(c[i], d[i], fx), fy)))

@@ -42,13 +42,22 @@ impl Embree {
         let path = folder.path().join("triangles");
         std::fs::write(&path, triangles(tracer))?;
         let mut command = Command::new(program);
-        command.arg(&path).arg(threads.to_string()).stdin(Stdio::piped()).stdout(Stdio::piped());
+        command
+            .arg(&path)
+            .arg(threads.to_string())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped());
         let mut child = command.spawn()?;
         let (Some(cameras), Some(answers)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(Error::other("it has no standard input or output"));
         };
-        let mut started =
-            Self { child, cameras, answers: BufReader::new(answers), origin: tracer.origin(), version: String::new() };
+        let mut started = Self {
+            child,
+            cameras,
+            answers: BufReader::new(answers),
+            origin: tracer.origin(),
+            version: String::new(),
+        };
         started.version = started.answer()?;
         Ok(started)
     }
@@ -59,10 +68,23 @@ impl Embree {
     /// The system's, if the program has ended, and one that says what it answered, if that is not what it should.
     pub fn trace(&mut self, camera: &Camera) -> Result<RayFrame, Error> {
         let axes = camera.world_from_eye();
-        let vectors = [camera.eye() - self.origin, axes.col(0), axes.col(1), -axes.col(2)];
-        let numbers: Vec<String> = vectors.iter().flat_map(|v| v.to_array()).map(|v| v.to_string()).collect();
+        let vectors = [
+            camera.eye() - self.origin,
+            axes.col(0),
+            axes.col(1),
+            -axes.col(2),
+        ];
+        let numbers: Vec<String> = vectors
+            .iter()
+            .flat_map(|v| v.to_array())
+            .map(|v| v.to_string())
+            .collect();
         let (focal_px, width, height) = (camera.focal_px(), camera.width(), camera.height());
-        writeln!(self.cameras, "{} {focal_px} {width} {height}", numbers.join(" "))?;
+        writeln!(
+            self.cameras,
+            "{} {focal_px} {width} {height}",
+            numbers.join(" ")
+        )?;
         self.cameras.flush()?;
         let answer = self.answer()?;
         let mut words = answer.split(' ');
@@ -94,12 +116,19 @@ impl Drop for Embree {
 /// The scene as the program reads it; positions are those of the tracer.
 fn triangles(tracer: &Tracer) -> Vec<u8> {
     let scene = tracer.scene();
-    let local = scene.positions.iter().flat_map(|p| (*p - tracer.origin()).as_vec3().to_array());
+    let local = scene
+        .positions
+        .iter()
+        .flat_map(|p| (*p - tracer.origin()).as_vec3().to_array());
     let mut bytes = Vec::with_capacity(8 + 12 * (scene.positions.len() + scene.triangles.len()));
     bytes.extend((scene.positions.len() as u32).to_le_bytes());
     bytes.extend((scene.triangles.len() as u32).to_le_bytes());
     local.for_each(|v| bytes.extend(v.to_le_bytes()));
-    scene.triangles.iter().flat_map(|t| t.vertices).for_each(|v| bytes.extend(v.to_le_bytes()));
+    scene
+        .triangles
+        .iter()
+        .flat_map(|t| t.vertices)
+        .for_each(|v| bytes.extend(v.to_le_bytes()));
     bytes
 }
 
@@ -126,17 +155,24 @@ mod tests {
         let program = folder.path().join("stand-in");
         let text = "#!/bin/sh\nwc -c < \"$1\"\nwhile read -r line; do\nset -- $line\necho \"2.5 $#\"\ndone\n";
         std::fs::write(&program, text).expect("written");
-        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).expect("made executable");
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755))
+            .expect("made executable");
         let (tracer, camera) = bump();
         let mut embree = Embree::start(program.as_os_str(), &tracer, 2).expect("it starts");
         let scene = tracer.scene();
         let bytes = 8 + 12 * (scene.positions.len() + scene.triangles.len());
         assert_eq!(embree.version.trim(), bytes.to_string());
         for _ in 0..2 {
-            assert_eq!(embree.trace(&camera).expect("an answer"), RayFrame { ms: 2.5, hits: 15 });
+            assert_eq!(
+                embree.trace(&camera).expect("an answer"),
+                RayFrame { ms: 2.5, hits: 15 }
+            );
         }
         assert!(Embree::start(OsStr::new("/nowhere/at/all"), &tracer, 1).is_err());
-        assert!(Embree::start(OsStr::new("true"), &tracer, 1).is_err(), "a program that says nothing");
+        assert!(
+            Embree::start(OsStr::new("true"), &tracer, 1).is_err(),
+            "a program that says nothing"
+        );
     }
 
     #[test]
@@ -146,15 +182,27 @@ mod tests {
             return;
         };
         let (tracer, camera) = bump();
-        let found = Embree::start(&program, &tracer, 1).expect("it starts").trace(&camera).expect("an answer");
+        let found = Embree::start(&program, &tracer, 1)
+            .expect("it starts")
+            .trace(&camera)
+            .expect("an answer");
         let origin = (camera.eye() - tracer.origin()).as_vec3();
-        let pixels = (0..48).flat_map(|y| (0..64).map(move |x| (f64::from(x) + 0.5, f64::from(y) + 0.5)));
+        let pixels =
+            (0..48).flat_map(|y| (0..64).map(move |x| (f64::from(x) + 0.5, f64::from(y) + 0.5)));
         let meets = |(x, y): &(f64, f64)| {
             let direction = camera.direction(*x, *y).as_vec3();
-            let ray = headbox_trace::bvh::Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let ray = headbox_trace::bvh::Ray {
+                origin,
+                direction,
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             tracer.closest(&ray).is_some()
         };
         let expected = pixels.filter(meets).count() as i64;
-        assert!((found.hits as i64 - expected).abs() <= 3 && found.ms > 0.0, "{found:?} for {expected} hits");
+        assert!(
+            (found.hits as i64 - expected).abs() <= 3 && found.ms > 0.0,
+            "{found:?} for {expected} hits"
+        );
     }
 }

@@ -1,13 +1,13 @@
 //! What measuring views left out of a set shares: a row of the report, a frame that is judged, and errors.
 
-use headbox_core::camera::Camera;
-use headbox_images::dense_depth::DenseDepthError;
-use headbox_images::{ImagesError, Lens, LoadedView};
-use headbox_core::frame::Frame;
 use crate::stats::{Spread, pooled_psnr_db};
 use crate::table::percent;
+use headbox_core::camera::Camera;
+use headbox_core::frame::Frame;
 use headbox_core::metrics;
 use headbox_cube::pack::PackError;
+use headbox_images::dense_depth::DenseDepthError;
+use headbox_images::{ImagesError, Lens, LoadedView};
 use headbox_photos::view_geometry::GeometryError;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
@@ -101,7 +101,8 @@ impl<'a> Rows<'a> {
 
     /// NaN where no row has the value.
     pub(super) fn mean(&self, value: fn(&HeldOut) -> f64) -> f64 {
-        Spread::of(&self.0.iter().map(|row| value(row)).collect::<Vec<_>>()).map_or(f64::NAN, |spread| spread.mean)
+        Spread::of(&self.0.iter().map(|row| value(row)).collect::<Vec<_>>())
+            .map_or(f64::NAN, |spread| spread.mean)
     }
 }
 
@@ -127,8 +128,11 @@ impl Drawn {
         let covers = |i: usize| frame.coverage[i].splat_share() >= COVERED;
         let pixel = |x: u32, y: u32| {
             let i = (y * frame.width + x) as usize;
-            let exposed = |c: usize| (f32::from(frame.color[i][c]) * gain[c] + 0.5).min(255.0) as u8;
-            Rgb(hole.filter(|_| !covers(i)).unwrap_or([0, 1, 2].map(exposed)))
+            let exposed =
+                |c: usize| (f32::from(frame.color[i][c]) * gain[c] + 0.5).min(255.0) as u8;
+            Rgb(hole
+                .filter(|_| !covers(i))
+                .unwrap_or([0, 1, 2].map(exposed)))
         };
         Self {
             picture: RgbImage::from_fn(frame.width, frame.height, pixel),
@@ -142,7 +146,12 @@ impl Drawn {
 
     /// With what it took.
     pub(super) fn took(self, frame_ms: f64, build_ms: f64, bytes: usize) -> Self {
-        Self { frame_ms, build_ms, bytes: bytes as u64, ..self }
+        Self {
+            frame_ms,
+            build_ms,
+            bytes: bytes as u64,
+            ..self
+        }
     }
 }
 
@@ -168,18 +177,34 @@ impl<'a> Judge<'a> {
         (visible, edges): (&[bool], &[bool]),
         drawn: &[Drawn],
     ) -> Self {
-        let judged: Vec<bool> =
-            (0..visible.len()).map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p])).collect();
-        let at_edges = judged.iter().zip(edges).map(|(judged, edge)| *judged && *edge).collect();
-        Self { scene: scene.into(), view, photograph, judged, at_edges, visible: visible.to_vec() }
+        let judged: Vec<bool> = (0..visible.len())
+            .map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p]))
+            .collect();
+        let at_edges = judged
+            .iter()
+            .zip(edges)
+            .map(|(judged, edge)| *judged && *edge)
+            .collect();
+        Self {
+            scene: scene.into(),
+            view,
+            photograph,
+            judged,
+            at_edges,
+            visible: visible.to_vec(),
+        }
     }
 
     /// The row of a frame.
     pub(super) fn row(&self, variant: &'static str, drawn: &Drawn) -> HeldOut {
         let (psnr_db, flip) = errors(self.photograph, &drawn.picture, &self.judged);
         let mad = |pixels: &[bool]| mean_difference(self.photograph, &drawn.picture, pixels);
-        let covered =
-            drawn.covered.iter().zip(&self.visible).filter(|(covered, visible)| **covered && **visible).count();
+        let covered = drawn
+            .covered
+            .iter()
+            .zip(&self.visible)
+            .filter(|(covered, visible)| **covered && **visible)
+            .count();
         HeldOut {
             scene: self.scene.clone(),
             variant,
@@ -188,7 +213,13 @@ impl<'a> Judge<'a> {
             flip,
             mad: mad(&self.judged),
             mad_at_edges: mad(&self.at_edges),
-            covered: covered as f64 / self.visible.iter().filter(|visible| **visible).count().max(1) as f64,
+            covered: covered as f64
+                / self
+                    .visible
+                    .iter()
+                    .filter(|visible| **visible)
+                    .count()
+                    .max(1) as f64,
             frame_ms: drawn.frame_ms,
             build_ms: drawn.build_ms,
             rebuild_ms: drawn.rebuild_ms,
@@ -199,10 +230,18 @@ impl<'a> Judge<'a> {
 
 /// The camera of a view with square pixels.
 pub(super) fn camera_of(view: &LoadedView) -> Option<Camera> {
-    let Lens::Pinhole(pinhole) = view.lens else { return None };
+    let Lens::Pinhole(pinhole) = view.lens else {
+        return None;
+    };
     let [width, height] = view.size_px;
-    let camera =
-        Camera::from_parts(view.pose.eye, view.pose.world_from_eye, pinhole.focal_px[1], width, height).ok()?;
+    let camera = Camera::from_parts(
+        view.pose.eye,
+        view.pose.world_from_eye,
+        pinhole.focal_px[1],
+        width,
+        height,
+    )
+    .ok()?;
     Some(camera.with_principal_px(pinhole.principal_px))
 }
 
@@ -211,10 +250,17 @@ pub(super) fn photograph(view: &LoadedView, camera: &Camera) -> (RgbImage, Vec<b
     let (mut picture, mut visible) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
         let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        let there = view.lens.project(view.pose.world_from_eye.transpose() * direction, view.size_px);
+        let there = view.lens.project(
+            view.pose.world_from_eye.transpose() * direction,
+            view.size_px,
+        );
         let color = there.and_then(|[px, py, _]| {
-            let inside = px >= 0.0 && py >= 0.0 && px < f64::from(view.size_px[0]) && py < f64::from(view.size_px[1]);
-            let opaque = inside && view.color[py as usize * view.size_px[0] as usize + px as usize][3] > 0;
+            let inside = px >= 0.0
+                && py >= 0.0
+                && px < f64::from(view.size_px[0])
+                && py < f64::from(view.size_px[1]);
+            let opaque =
+                inside && view.color[py as usize * view.size_px[0] as usize + px as usize][3] > 0;
             opaque.then(|| view.color_at([px, py])).flatten()
         });
         visible.push(color.is_some());
@@ -230,23 +276,32 @@ fn errors(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> (f64, f64
     for ((truth, test), judged) in photograph.pixels().zip(test.pixels_mut()).zip(judged) {
         if *judged {
             count += 1;
-            squares += (0..3).map(|c| f64::from(truth[c].abs_diff(test[c])).powi(2)).sum::<f64>();
+            squares += (0..3)
+                .map(|c| f64::from(truth[c].abs_diff(test[c])).powi(2))
+                .sum::<f64>();
         } else {
             *test = *truth; // no error
         }
     }
     let mean_square = squares / (3.0 * count.max(1) as f64);
     let share = count as f64 / judged.len().max(1) as f64;
-    let flip = metrics::compare(photograph, &test).map_or(f64::NAN, |comparison| comparison.flip / share);
+    let flip =
+        metrics::compare(photograph, &test).map_or(f64::NAN, |comparison| comparison.flip / share);
     (10.0 * (255.0f64.powi(2) / mean_square).log10(), flip)
 }
 
 /// Mean absolute difference over the pixels that are judged, levels of 255; NaN if there are none.
 fn mean_difference(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> f64 {
-    let pixels = photograph.pixels().zip(frame.pixels()).zip(judged).filter(|(_, judged)| **judged);
+    let pixels = photograph
+        .pixels()
+        .zip(frame.pixels())
+        .zip(judged)
+        .filter(|(_, judged)| **judged);
     let (mut sum, mut count) = (0u64, 0u64);
     for ((truth, test), _) in pixels {
-        sum += (0..3).map(|c| u64::from(truth[c].abs_diff(test[c]))).sum::<u64>();
+        sum += (0..3)
+            .map(|c| u64::from(truth[c].abs_diff(test[c])))
+            .sum::<u64>();
         count += 3;
     }
     sum as f64 / count as f64

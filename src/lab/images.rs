@@ -7,17 +7,20 @@
 //! photograph was. Where its camera stood is estimated with that of the others, as is usual for sets without surveyed cameras.
 
 use super::held_out::{Drawn, HOLE, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
-use headbox_core::camera::Camera;
-use headbox_images::{ImageSet, LoadedView, Registration, View};
-use headbox_cube::model::samples::CubeLdi;
-use headbox_ldi::from_images::{ImagesJob, NearImages};
 use crate::machine::{Machine, commit};
 use crate::table::{Table, figure, percent};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_core::progress::Progress;
-use headbox_cube::render::{RenderSettings, Renderer};
-use headbox_photos::view_geometry::{GeometryRenderer, GeometryResources, GeometrySettings, Patience, RankWeights, Texturing, ViewGeometry};
 use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_core::progress::Progress;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_images::{ImageSet, LoadedView, Registration, View};
+use headbox_ldi::from_images::{ImagesJob, NearImages};
+use headbox_photos::view_geometry::{
+    GeometryRenderer, GeometryResources, GeometrySettings, Patience, RankWeights, Texturing,
+    ViewGeometry,
+};
 use image::RgbImage;
 use serde::Serialize;
 use std::time::Instant;
@@ -59,15 +62,21 @@ const WEIGHTS: [(&str, [f64; 3]); 7] = [
 ];
 
 /// What the paper's ways of texturing err at its castle's gate, levels of 255 (E-N3).
-const IN_PAPER: [(Texturing, f64); 4] =
-    [(Texturing::Nearest, 26.5), (Texturing::Single, 12.8), (Texturing::Multi, 12.4), (Texturing::Blended, 11.8)];
+const IN_PAPER: [(Texturing, f64); 4] = [
+    (Texturing::Nearest, 26.5),
+    (Texturing::Single, 12.8),
+    (Texturing::Multi, 12.4),
+    (Texturing::Blended, 11.8),
+];
 
 /// Cubes that show a view: of the nearest other one alone, of the [`NearImages::COUNT`] nearest, of all.
 const CUBES: [&str; 3] = ["nearest", "live-3", "ldi"];
 
 /// Ways to show a view: by cubes, and by view-dependent geometry.
 pub fn variants() -> impl Iterator<Item = &'static str> + Clone {
-    CUBES.into_iter().chain(Texturing::ALL.into_iter().map(|(name, _)| name))
+    CUBES
+        .into_iter()
+        .chain(Texturing::ALL.into_iter().map(|(name, _)| name))
 }
 
 /// How view-dependent geometry is made and drawn.
@@ -93,7 +102,11 @@ pub fn measure(
 ) -> Result<ImagesReport, HoldOutError> {
     let views: Vec<&View> = set.views_with_depth().collect();
     if views.len() < 2 {
-        return Err(HoldOutError::TooFew { found: views.len(), what: "views with depth", least: 2 });
+        return Err(HoldOutError::TooFew {
+            found: views.len(),
+            what: "views with depth",
+            least: 2,
+        });
     }
     let hold_out = hold_out.clamp(1, views.len());
     let rounds: Vec<Vec<usize>> = match hold_out {
@@ -111,22 +124,37 @@ pub fn measure(
         renderer: Renderer::new(),
         geometry: opened,
         geometry_ms,
-        settings: GeometrySettings { hole_color_srgb: HOLE, ..geometry.settings },
+        settings: GeometrySettings {
+            hole_color_srgb: HOLE,
+            ..geometry.settings
+        },
         geometry_renderer: GeometryRenderer::new(),
         rows: Vec::new(),
         weights: Vec::new(),
     };
     for left_out in &rounds {
         bench.geometry.leave_out(left_out);
-        let kept: Vec<&View> = (0..views.len()).filter(|i| !left_out.contains(i)).map(|i| views[i]).collect();
+        let kept: Vec<&View> = (0..views.len())
+            .filter(|i| !left_out.contains(i))
+            .map(|i| views[i])
+            .collect();
         let all = bench.cube(job.centre, &kept)?;
-        let others = ImageSet { views: kept.iter().map(|&view| view.clone()).collect(), ..set.clone() };
+        let others = ImageSet {
+            views: kept.iter().map(|&view| view.clone()).collect(),
+            ..set.clone()
+        };
         let mut near = NearImages::new(others, job.clone(), NearImages::DEFAULT_BUDGET)?;
         for &i in left_out {
             bench.judge(i, &mut near, &all, show)?;
         }
     }
-    Ok(ImagesReport { machine: Machine::here(), commit: commit(), hold_out, rows: bench.rows, weights: bench.weights })
+    Ok(ImagesReport {
+        machine: Machine::here(),
+        commit: commit(),
+        hold_out,
+        rows: bench.rows,
+        weights: bench.weights,
+    })
 }
 
 struct Bench<'a> {
@@ -155,21 +183,34 @@ struct Built {
 impl Bench<'_> {
     fn cube(&self, centre: DVec3, views: &[&View]) -> Result<Built, HoldOutError> {
         let started = Instant::now();
-        let job = ImagesJob { centre, ..self.job.clone() };
+        let job = ImagesJob {
+            centre,
+            ..self.job.clone()
+        };
         let cube: CubeLdi = job.run(self.set, views, self.progress)?;
         let cube = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?;
-        Ok(Built { cube, build_ms: started.elapsed().as_secs_f64() * 1e3, rebuild_ms: f64::NAN })
+        Ok(Built {
+            cube,
+            build_ms: started.elapsed().as_secs_f64() * 1e3,
+            rebuild_ms: f64::NAN,
+        })
     }
 
     /// The cube of images near a view: from files, and once more from memory.
     fn near(&self, near: &mut NearImages, chosen: &[usize]) -> Result<Built, HoldOutError> {
         let views: Vec<&View> = chosen.iter().map(|&i| &near.views()[i]).collect();
-        let centre = views.first().map_or(self.job.centre, |view| view.color_pose().eye);
+        let centre = views
+            .first()
+            .map_or(self.job.centre, |view| view.color_pose().eye);
         let from_files = self.cube(centre, &views)?;
         near.cube(chosen)?;
         let started = Instant::now();
         let cube = PackedCube::pack(&near.cube(chosen)?, SplatIndexLayout::Normal, Split::Auto)?;
-        Ok(Built { cube, rebuild_ms: started.elapsed().as_secs_f64() * 1e3, ..from_files })
+        Ok(Built {
+            cube,
+            rebuild_ms: started.elapsed().as_secs_f64() * 1e3,
+            ..from_files
+        })
     }
 
     fn judge(
@@ -180,53 +221,118 @@ impl Bench<'_> {
         show: &mut dyn FnMut(SideBySide),
     ) -> Result<(), HoldOutError> {
         let view = self.views[i];
-        let gain = view.registration.map_or([1.0; 3], |registration| registration.gain);
+        let gain = view
+            .registration
+            .map_or([1.0; 3], |registration| registration.gain);
         // As it was exposed: frames are then exposed alike.
-        let registration = view.registration.map(|registration| Registration { gain: [1.0; 3], ..registration });
-        let held = View { registration, ..view.clone() }.load()?;
-        let Some(camera) = camera_of(&held) else { return Ok(()) };
+        let registration = view.registration.map(|registration| Registration {
+            gain: [1.0; 3],
+            ..registration
+        });
+        let held = View {
+            registration,
+            ..view.clone()
+        }
+        .load()?;
+        let Some(camera) = camera_of(&held) else {
+            return Ok(());
+        };
         let (photograph, visible) = photograph(&held, &camera);
         let chosen = near.nearest(&camera, NearImages::COUNT);
         let [alone, few] = [self.near(near, &chosen[..1])?, self.near(near, &chosen)?];
-        let mut drawn: Vec<Drawn> =
-            [&alone, &few, all].into_iter().map(|cube| self.draw(cube, &camera, gain)).collect();
-        let by_texturing = |(_, texturing)| GeometrySettings { texturing, ..self.settings };
+        let mut drawn: Vec<Drawn> = [&alone, &few, all]
+            .into_iter()
+            .map(|cube| self.draw(cube, &camera, gain))
+            .collect();
+        let by_texturing = |(_, texturing)| GeometrySettings {
+            texturing,
+            ..self.settings
+        };
         let ways = Texturing::ALL.map(by_texturing);
         drawn.extend(ways.map(|settings| self.draw_geometry(settings, &camera, gain)));
         let weighed = WEIGHTS.map(|(_, [distance, angle, visibility])| {
-            let weights = RankWeights { distance, angle, visibility };
-            self.draw_geometry(GeometrySettings { weights, ..self.settings }, &camera, gain)
+            let weights = RankWeights {
+                distance,
+                angle,
+                visibility,
+            };
+            self.draw_geometry(
+                GeometrySettings {
+                    weights,
+                    ..self.settings
+                },
+                &camera,
+                gain,
+            )
         });
         let edges = near_edges(&held, &camera);
         let scene = self.set.folder.display().to_string();
         for (names, drawn, to) in [
-            (&variants().collect::<Vec<_>>(), drawn.as_slice(), &mut self.rows),
-            (&WEIGHTS.map(|(name, _)| name).to_vec(), weighed.as_slice(), &mut self.weights),
+            (
+                &variants().collect::<Vec<_>>(),
+                drawn.as_slice(),
+                &mut self.rows,
+            ),
+            (
+                &WEIGHTS.map(|(name, _)| name).to_vec(),
+                weighed.as_slice(),
+                &mut self.weights,
+            ),
         ] {
-            let judge = Judge::where_all_show(&scene, &view.name, &photograph, (&visible, &edges), drawn);
-            to.extend(names.iter().zip(drawn).map(|(name, drawn)| judge.row(name, drawn)));
+            let judge =
+                Judge::where_all_show(&scene, &view.name, &photograph, (&visible, &edges), drawn);
+            to.extend(
+                names
+                    .iter()
+                    .zip(drawn)
+                    .map(|(name, drawn)| judge.row(name, drawn)),
+            );
         }
         let frames = drawn.into_iter().map(|drawn| drawn.picture).collect();
-        show(SideBySide { view: view.name.clone(), photograph, frames });
+        show(SideBySide {
+            view: view.name.clone(),
+            photograph,
+            frames,
+        });
         Ok(())
     }
 
     /// Draws a cube.
     fn draw(&mut self, built: &Built, camera: &Camera, gain: [f32; 3]) -> Drawn {
         let cube = &built.cube;
-        let settings = RenderSettings { hole_color_srgb: HOLE, keep_holes: true, ..RenderSettings::default() };
+        let settings = RenderSettings {
+            hole_color_srgb: HOLE,
+            keep_holes: true,
+            ..RenderSettings::default()
+        };
         self.renderer.render(cube, camera, &settings);
         self.renderer.render(cube, camera, &settings);
         let (frame, stats) = self.renderer.render_with_stats(cube, camera, &settings);
-        let drawn = Drawn::new(frame, gain, Some(HOLE)).took(stats.frame_ms, built.build_ms, cube.bytes());
-        Drawn { rebuild_ms: built.rebuild_ms, ..drawn }
+        let drawn =
+            Drawn::new(frame, gain, Some(HOLE)).took(stats.frame_ms, built.build_ms, cube.bytes());
+        Drawn {
+            rebuild_ms: built.rebuild_ms,
+            ..drawn
+        }
     }
 
     /// Draws view-dependent geometry in a way.
-    fn draw_geometry(&mut self, settings: GeometrySettings, camera: &Camera, gain: [f32; 3]) -> Drawn {
-        self.geometry_renderer.render(&self.geometry, camera, &settings, Patience::Wait);
-        let (frame, stats) = self.geometry_renderer.render(&self.geometry, camera, &settings, Patience::Wait);
-        Drawn::new(frame, gain, Some(HOLE)).took(stats.frame_ms, self.geometry_ms, self.geometry.bytes())
+    fn draw_geometry(
+        &mut self,
+        settings: GeometrySettings,
+        camera: &Camera,
+        gain: [f32; 3],
+    ) -> Drawn {
+        self.geometry_renderer
+            .render(&self.geometry, camera, &settings, Patience::Wait);
+        let (frame, stats) =
+            self.geometry_renderer
+                .render(&self.geometry, camera, &settings, Patience::Wait);
+        Drawn::new(frame, gain, Some(HOLE)).took(
+            stats.frame_ms,
+            self.geometry_ms,
+            self.geometry.bytes(),
+        )
     }
 }
 
@@ -240,7 +346,9 @@ fn near_edges(view: &LoadedView, camera: &Camera) -> Vec<bool> {
     let depth = |x: usize, y: usize| view.depth.get(y * width + x).copied().unwrap_or(f32::NAN);
     let parts = |a: f32, b: f32| (a - b).abs() > EDGE * a.min(b);
     let mut near = vec![false; camera.width() as usize * camera.height() as usize];
-    for (x, y) in (0..height.saturating_sub(1)).flat_map(|y| (0..width.saturating_sub(1)).map(move |x| (x, y))) {
+    for (x, y) in (0..height.saturating_sub(1))
+        .flat_map(|y| (0..width.saturating_sub(1)).map(move |x| (x, y)))
+    {
         let here = depth(x, y);
         if !(parts(here, depth(x + 1, y)) || parts(here, depth(x, y + 1))) {
             continue;
@@ -314,10 +422,17 @@ impl ImagesReport {
 
     /// The ways of texturing beside the paper's.
     fn beside_the_paper(&self) -> Table {
-        let mut table = Table::new(["variant", "in the picture", "at edges", "in the paper, at its gate"]);
+        let mut table = Table::new([
+            "variant",
+            "in the picture",
+            "at edges",
+            "in the paper, at its gate",
+        ]);
         let of = |texturing: Texturing| Rows::of(&self.rows, texturing.name());
         let [(nearest, paper), ..] = IN_PAPER;
-        let over = |texturing: Texturing, mad: fn(&HeldOut) -> f64| of(texturing).mean(mad) / of(nearest).mean(mad);
+        let over = |texturing: Texturing, mad: fn(&HeldOut) -> f64| {
+            of(texturing).mean(mad) / of(nearest).mean(mad)
+        };
         for (texturing, mad) in IN_PAPER {
             table.row([
                 texturing.name().into(),

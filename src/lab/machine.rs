@@ -28,7 +28,11 @@ impl Machine {
         let load = std::fs::read_to_string("/proc/loadavg").ok();
         let load = load.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
         Self {
-            processor: if processor.is_empty() { "unknown".into() } else { processor },
+            processor: if processor.is_empty() {
+                "unknown".into()
+            } else {
+                processor
+            },
             threads: rayon::current_num_threads(),
             simd: simd::name(simd::level()).to_owned(),
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
@@ -53,14 +57,33 @@ pub fn commit() -> String {
         let commit = git(folder, &["rev-parse", "--short=12", "HEAD"])?;
         // A dirty work tree is one in which this program's own sources may differ.
         let changed = git(folder, &["status", "--porcelain", "--untracked-files=no"])?;
-        let built = program.metadata().ok()?.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_secs();
+        let built = program
+            .metadata()
+            .ok()?
+            .modified()
+            .ok()?
+            .duration_since(UNIX_EPOCH)
+            .ok()?
+            .as_secs();
         let committed: u64 = git(folder, &["log", "-1", "--format=%ct"])?.parse().ok()?;
-        Some(if changed.is_empty() && built >= committed { commit } else { commit + "+" })
+        Some(if changed.is_empty() && built >= committed {
+            commit
+        } else {
+            commit + "+"
+        })
     };
     found().unwrap_or_else(|| "unknown".into())
 }
 
 fn git(folder: &Path, arguments: &[&str]) -> Option<String> {
-    let output = Command::new("git").arg("-C").arg(folder).args(arguments).output().ok()?;
-    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    let output = Command::new("git")
+        .arg("-C")
+        .arg(folder)
+        .args(arguments)
+        .output()
+        .ok()?;
+    output
+        .status
+        .success()
+        .then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }

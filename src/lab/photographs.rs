@@ -9,17 +9,19 @@
 use super::held_out::{Drawn, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
 use super::machine::{Machine, commit};
 use super::table::{Table, figure};
+use glam::DVec3;
 use headbox_core::camera::Camera;
+use headbox_core::progress::Progress;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_images::dense_depth::DenseDepth;
 use headbox_images::{ImageSet, ImagesError, LoadedView, View};
-use headbox_cube::model::samples::CubeLdi;
 use headbox_ldi::from_images::ImagesJob;
+use headbox_photos::view_geometry::{
+    GeometryRenderer, GeometryResources, GeometrySettings, Patience, Texturing, ViewGeometry,
+};
 use headbox_photos::voxel_colouring::PhotographsJob;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_core::progress::Progress;
-use headbox_cube::render::{RenderSettings, Renderer};
-use headbox_photos::view_geometry::{GeometryRenderer, GeometryResources, GeometrySettings, Patience, Texturing, ViewGeometry};
-use glam::DVec3;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 use std::time::Instant;
@@ -28,12 +30,21 @@ use std::time::Instant;
 const LEAST: usize = 4;
 
 /// View-dependent geometry on depth that was found.
-const GEOMETRY: [(&str, Texturing); 2] =
-    [("depth-blended", Texturing::Blended), ("depth-averaged", Texturing::Averaged)];
+const GEOMETRY: [(&str, Texturing); 2] = [
+    ("depth-blended", Texturing::Blended),
+    ("depth-averaged", Texturing::Averaged),
+];
 
 /// Ways to show a photograph that was left out.
-const VARIANTS: [&str; 7] =
-    ["photograph", "ldi", "ldi-beside", "depth-ldi", "depth-ldi-beside", GEOMETRY[0].0, GEOMETRY[1].0];
+const VARIANTS: [&str; 7] = [
+    "photograph",
+    "ldi",
+    "ldi-beside",
+    "depth-ldi",
+    "depth-ldi-beside",
+    GEOMETRY[0].0,
+    GEOMETRY[1].0,
+];
 
 /// All rows, and where they were measured.
 #[derive(Clone, Debug, Serialize)]
@@ -61,36 +72,58 @@ pub fn measure(
     show: &mut dyn FnMut(&str, &[&RgbImage]),
 ) -> Result<PhotographsReport, HoldOutError> {
     if set.views.len() < LEAST {
-        return Err(HoldOutError::TooFew { found: set.views.len(), what: "photographs", least: LEAST });
+        return Err(HoldOutError::TooFew {
+            found: set.views.len(),
+            what: "photographs",
+            least: LEAST,
+        });
     }
     let focus = set.focus();
     let mut rows = Vec::new();
     let hold_out = hold_out.clamp(1, set.views.len());
     for view in set.views.iter().skip(hold_out / 2).step_by(hold_out) {
         let held = view.load()?;
-        let Some(camera) = camera_of(&held) else { continue };
-        let others: Vec<&View> = set.views.iter().filter(|other| other.name != view.name).collect();
+        let Some(camera) = camera_of(&held) else {
+            continue;
+        };
+        let others: Vec<&View> = set
+            .views
+            .iter()
+            .filter(|other| other.name != view.name)
+            .collect();
         let angle = |other: &&&View| (other.pose.eye - focus).angle_between(view.pose.eye - focus);
-        let Some(nearest) = others.iter().min_by(|a, b| angle(a).total_cmp(&angle(b))) else { continue };
+        let Some(nearest) = others.iter().min_by(|a, b| angle(a).total_cmp(&angle(b))) else {
+            continue;
+        };
         let (truth, visible) = photograph(&held, &camera);
         let centres = [view.pose.eye, nearest.pose.eye];
         let mut drawn = vec![on_plane(&nearest.load()?, &camera, focus)];
         for centre in centres {
-            let coloured = PhotographsJob { centre, ..job.clone() };
+            let coloured = PhotographsJob {
+                centre,
+                ..job.clone()
+            };
             drawn.push(ldi(|| coloured.run(set, &others, progress), 0.0, &camera)?);
         }
         drawn.extend(by_found_depth(set, &others, centres, &camera, progress)?);
         let dark = job.dark(std::slice::from_ref(&held));
-        let shows = |pixel: &Rgb<u8>| dark.is_none_or(|dark| pixel.0.iter().any(|level| *level > dark));
+        let shows =
+            |pixel: &Rgb<u8>| dark.is_none_or(|dark| pixel.0.iter().any(|level| *level > dark));
         let judged: Vec<bool> = truth
             .pixels()
             .enumerate()
             .map(|(p, pixel)| match dark {
-                Some(_) => visible[p] && (shows(pixel) || drawn.iter().any(|drawn| drawn.covered[p])),
+                Some(_) => {
+                    visible[p] && (shows(pixel) || drawn.iter().any(|drawn| drawn.covered[p]))
+                }
                 None => visible[p] && drawn.iter().all(|drawn| drawn.covered[p]),
             })
             .collect();
-        let object: Vec<bool> = truth.pixels().zip(&visible).map(|(pixel, visible)| *visible && shows(pixel)).collect();
+        let object: Vec<bool> = truth
+            .pixels()
+            .zip(&visible)
+            .map(|(pixel, visible)| *visible && shows(pixel))
+            .collect();
         let judge = Judge {
             scene: set.folder.display().to_string(),
             view: &view.name,
@@ -99,12 +132,23 @@ pub fn measure(
             at_edges: Vec::new(), // nothing is known of its depth
             visible: object,
         };
-        rows.extend(VARIANTS.into_iter().zip(&drawn).map(|(variant, drawn)| judge.row(variant, drawn)));
-        let pictures: Vec<&RgbImage> =
-            std::iter::once(&truth).chain(drawn.iter().map(|drawn| &drawn.picture)).collect();
+        rows.extend(
+            VARIANTS
+                .into_iter()
+                .zip(&drawn)
+                .map(|(variant, drawn)| judge.row(variant, drawn)),
+        );
+        let pictures: Vec<&RgbImage> = std::iter::once(&truth)
+            .chain(drawn.iter().map(|drawn| &drawn.picture))
+            .collect();
         show(&view.name, &pictures);
     }
-    Ok(PhotographsReport { machine: Machine::here(), commit: commit(), hold_out, rows })
+    Ok(PhotographsReport {
+        machine: Machine::here(),
+        commit: commit(),
+        hold_out,
+        rows,
+    })
 }
 
 /// A photograph on the plane through `focus` that faces it.
@@ -118,7 +162,14 @@ pub(super) fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Draw
         *pixel = Rgb(color.unwrap_or_default().map(|level| (level + 0.5) as u8));
     }
     let frame_ms = started.elapsed().as_secs_f64() * 1e3;
-    Drawn { picture, covered, frame_ms, build_ms: 0.0, rebuild_ms: f64::NAN, bytes: view.color.len() as u64 * 4 }
+    Drawn {
+        picture,
+        covered,
+        frame_ms,
+        build_ms: 0.0,
+        rebuild_ms: f64::NAN,
+        bytes: view.color.len() as u64 * 4,
+    }
 }
 
 /// By depth that is found from `others` alone: cubes about two centres, and view-dependent geometry.
@@ -130,17 +181,34 @@ fn by_found_depth(
     progress: &dyn Progress,
 ) -> Result<Vec<Drawn>, HoldOutError> {
     let folder = tempfile::tempdir().map_err(HoldOutError::Folder)?;
-    let views = others.iter().map(|&view| View { depth: None, ..view.clone() }).collect();
-    let mut found = ImageSet { folder: folder.path().into(), views, ..set.clone() };
+    let views = others
+        .iter()
+        .map(|&view| View {
+            depth: None,
+            ..view.clone()
+        })
+        .collect();
+    let mut found = ImageSet {
+        folder: folder.path().into(),
+        views,
+        ..set.clone()
+    };
     let started = Instant::now();
     progress.begin("finding depth", "steps", found.find_depth_steps());
-    found.find_depth(&DenseDepth::default(), &|| progress.advance(1), &mut |_, _| {})?;
+    found.find_depth(
+        &DenseDepth::default(),
+        &|| progress.advance(1),
+        &mut |_, _| {},
+    )?;
     let depth_ms = started.elapsed().as_secs_f64() * 1e3;
     let views: Vec<&View> = found.views_with_depth().collect();
     let job = ImagesJob::suggest(&found);
     let mut drawn = Vec::new();
     for centre in centres {
-        let job = ImagesJob { centre, ..job.clone() };
+        let job = ImagesJob {
+            centre,
+            ..job.clone()
+        };
         drawn.push(ldi(|| job.run(&found, &views, progress), depth_ms, camera)?);
     }
     let started = Instant::now();
@@ -148,10 +216,17 @@ fn by_found_depth(
     let build_ms = depth_ms + started.elapsed().as_secs_f64() * 1e3;
     let mut renderer = GeometryRenderer::new();
     for (_, texturing) in GEOMETRY {
-        let settings = GeometrySettings { texturing, ..GeometrySettings::default() };
+        let settings = GeometrySettings {
+            texturing,
+            ..GeometrySettings::default()
+        };
         renderer.render(&geometry, camera, &settings, Patience::Wait);
         let (frame, stats) = renderer.render(&geometry, camera, &settings, Patience::Wait);
-        drawn.push(Drawn::new(frame, [1.0; 3], None).took(stats.frame_ms, build_ms, geometry.bytes()));
+        drawn.push(Drawn::new(frame, [1.0; 3], None).took(
+            stats.frame_ms,
+            build_ms,
+            geometry.bytes(),
+        ));
     }
     Ok(drawn)
 }
@@ -165,7 +240,10 @@ fn ldi(
     let started = Instant::now();
     let cube = PackedCube::pack(&build()?, SplatIndexLayout::Normal, Split::Auto)?;
     let build_ms = before_ms + started.elapsed().as_secs_f64() * 1e3;
-    let settings = RenderSettings { hole_color_srgb: [0; 3], ..RenderSettings::default() };
+    let settings = RenderSettings {
+        hole_color_srgb: [0; 3],
+        ..RenderSettings::default()
+    };
     let mut renderer = Renderer::new();
     renderer.render(&cube, camera, &settings);
     let (frame, stats) = renderer.render_with_stats(&cube, camera, &settings);
@@ -175,7 +253,9 @@ fn ldi(
 impl PhotographsReport {
     /// Some lines and a table.
     pub fn summary(&self) -> String {
-        let mut table = Table::new(["variant", "PSNR dB", "FLIP", "MAD", "covered", "frame ms", "build ms", "MB"]);
+        let mut table = Table::new([
+            "variant", "PSNR dB", "FLIP", "MAD", "covered", "frame ms", "build ms", "MB",
+        ]);
         for variant in VARIANTS {
             let rows = Rows::of(&self.rows, variant);
             let costs = [

@@ -1,9 +1,9 @@
 //! What is measured, decided before anything is measured: sizes, and where the eyes are.
 
-use headbox_trace::sampler::{random4, unit_float};
-use headbox_trace::bvh::{Ray, Tracer};
-use headbox_core::camera::{Camera, CameraError};
 use glam::{DVec3, dvec3};
+use headbox_core::camera::{Camera, CameraError};
+use headbox_trace::bvh::{Ray, Tracer};
+use headbox_trace::sampler::{random4, unit_float};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -101,7 +101,9 @@ impl Quality {
 }
 
 /// Which eyes a row's error is a mean over.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum EyeSet {
     /// Seeded eyes all over the headbox that look anywhere, and those from the centre to a corner.
@@ -216,11 +218,23 @@ impl Plan {
         let eye = |place, offset: DVec3, forward: DVec3| {
             let at = centre + offset * half_size_m;
             // The look-at point lies as far as the headbox is large: far coordinates keep their digits.
-            let camera = Camera::look_at(at, at + forward * half_size_m, DVec3::Y, FOV_Y_DEG, [width, height])?;
-            Ok(Eye { place, offset, camera })
+            let camera = Camera::look_at(
+                at,
+                at + forward * half_size_m,
+                DVec3::Y,
+                FOV_Y_DEG,
+                [width, height],
+            )?;
+            Ok(Eye {
+                place,
+                offset,
+                camera,
+            })
         };
         let key = [seed as u32, (seed >> 32) as u32];
-        let random = |i: u32, stream: u32| random4([i, stream, key[0], key[1]]).map(|r| f64::from(unit_float(r)));
+        let random = |i: u32, stream: u32| {
+            random4([i, stream, key[0], key[1]]).map(|r| f64::from(unit_float(r)))
+        };
         let mut eyes = Vec::new();
         let [turn, ..] = random(0, 1);
         for i in 0..quality.uniform_eyes {
@@ -242,15 +256,26 @@ impl Plan {
             let offset = corner * 0.4 + along * (PATH_STEP * f64::from(i));
             eyes.push(eye(Place::Path, offset, ahead)?);
         }
-        Ok(Self { quality, centre, half_size_m, ahead, seed, eyes })
+        Ok(Self {
+            quality,
+            centre,
+            half_size_m,
+            ahead,
+            seed,
+            eyes,
+        })
     }
 
     /// The same with more eyes, before those of the path.
     pub fn with_eyes(&self, more: Vec<Eye>) -> Self {
-        let (path, mut eyes): (Vec<Eye>, Vec<Eye>) = self.eyes.iter().partition(|eye| eye.place == Place::Path);
+        let (path, mut eyes): (Vec<Eye>, Vec<Eye>) =
+            self.eyes.iter().partition(|eye| eye.place == Place::Path);
         eyes.extend(more);
         eyes.extend(path);
-        Self { eyes, ..self.clone() }
+        Self {
+            eyes,
+            ..self.clone()
+        }
     }
 }
 
@@ -262,16 +287,28 @@ pub fn most_to_see(tracer: &Tracer, centre: DVec3) -> DVec3 {
     let nearness = |ahead: DVec3| -> f64 {
         let right = ahead.cross(DVec3::Y);
         let cell = |i: i32| f64::from(2 * i + 1 - SIDE) / f64::from(SIDE) * 0.6;
-        let rays = (0..SIDE * SIDE).map(|i| ahead + right * cell(i % SIDE) + DVec3::Y * cell(i / SIDE));
+        let rays =
+            (0..SIDE * SIDE).map(|i| ahead + right * cell(i % SIDE) + DVec3::Y * cell(i / SIDE));
         let seen = rays.map(|direction| {
-            let ray = Ray { origin, direction: direction.as_vec3(), t_min: 0.0, t_max: f32::INFINITY };
-            tracer.closest(&ray).map_or(0.0, |hit| 1.0 / f64::from(hit.t).max(1e-12))
+            let ray = Ray {
+                origin,
+                direction: direction.as_vec3(),
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
+            tracer
+                .closest(&ray)
+                .map_or(0.0, |hit| 1.0 / f64::from(hit.t).max(1e-12))
         });
         seen.sum()
     };
     let sides = [DVec3::NEG_Z, DVec3::X, DVec3::Z, DVec3::NEG_X].map(|side| (side, nearness(side)));
     // The first of equals.
-    sides.into_iter().rev().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(DVec3::NEG_Z, |(side, _)| side)
+    sides
+        .into_iter()
+        .rev()
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map_or(DVec3::NEG_Z, |(side, _)| side)
 }
 
 #[cfg(test)]
@@ -292,21 +329,38 @@ mod tests {
                 let from_centre = (eye.camera.eye() - centre) / 0.25;
                 assert!((from_centre - eye.offset).length() < 1e-9);
             }
-            let line: Vec<&Eye> = plan.eyes.iter().filter(|eye| eye.belongs_to(EyeSet::Ahead)).collect();
+            let line: Vec<&Eye> = plan
+                .eyes
+                .iter()
+                .filter(|eye| eye.belongs_to(EyeSet::Ahead))
+                .collect();
             assert_eq!(line[0].offset, DVec3::ZERO);
             assert_eq!(line[5].offset.abs(), DVec3::ONE, "it ends in a corner");
-            assert!(line.iter().all(|eye| eye.camera.forward().distance(DVec3::X) < 1e-9));
+            assert!(
+                line.iter()
+                    .all(|eye| eye.camera.forward().distance(DVec3::X) < 1e-9)
+            );
         }
     }
 
     #[test]
     fn uniform_eyes_fill_the_headbox() {
-        let many = Quality { uniform_eyes: 2000, ..Quality::QUICK };
+        let many = Quality {
+            uniform_eyes: 2000,
+            ..Quality::QUICK
+        };
         let plan = Plan::new(many, DVec3::ZERO, 1.0, DVec3::NEG_Z, 1).expect("valid");
-        let offsets: Vec<DVec3> = plan.eyes.iter().filter(|e| e.place == Place::Uniform).map(|e| e.offset).collect();
+        let offsets: Vec<DVec3> = plan
+            .eyes
+            .iter()
+            .filter(|e| e.place == Place::Uniform)
+            .map(|e| e.offset)
+            .collect();
         let mean = offsets.iter().sum::<DVec3>() / 2000.0;
         let variance = offsets.iter().map(|o| (*o - mean).powf(2.0)).sum::<DVec3>() / 2000.0;
         // A uniform variable on -1..1 has variance 1/3; standard errors of 2,000 draws are 0.013 and 0.007.
-        assert!(mean.abs().max_element() < 0.06 && (variance - 1.0 / 3.0).abs().max_element() < 0.03);
+        assert!(
+            mean.abs().max_element() < 0.06 && (variance - 1.0 / 3.0).abs().max_element() < 0.03
+        );
     }
 }

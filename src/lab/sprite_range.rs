@@ -1,13 +1,15 @@
 //! How far each variant of sprite rendering carries: FLIP against truth over the eye's displacement.
 
-use super::chart::{Axis, Chart, ChartPoint, Series, Spacing};
+use super::chart::{Axis, Chart, ChartPoint, Series};
 use super::report::subject::ReportError;
 use headbox_core::camera::Camera;
-use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use headbox_core::frame::Frame;
 use headbox_core::metrics;
 use headbox_core::progress::Silent;
-use headbox_sprite::{PreparedSprite, RenderOptions, SlabCapture, SpriteSet, SpriteTransfer, SpriteVariant};
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
+use headbox_sprite::{
+    PreparedSprite, RenderOptions, SlabCapture, SpriteSet, SpriteTransfer, SpriteVariant,
+};
 use headbox_trace::truth;
 use std::fmt::Write;
 
@@ -42,12 +44,21 @@ impl SpriteRange {
     ///
     /// # Errors
     /// [`ReportError::Camera`] and [`ReportError::Metric`], for numbers out of range.
-    pub fn measure(capture: &SlabCapture, reference: &Camera, set: SpriteSet) -> Result<Option<Self>, ReportError> {
-        let Some(distance) = distance_ahead(&set, reference) else { return Ok(None) };
+    pub fn measure(
+        capture: &SlabCapture,
+        reference: &Camera,
+        set: SpriteSet,
+    ) -> Result<Option<Self>, ReportError> {
+        let Some(distance) = distance_ahead(&set, reference) else {
+            return Ok(None);
+        };
         let look_at = reference.eye() + reference.forward() * distance;
         let [right, up] = [0, 1].map(|axis| reference.world_from_eye().col(axis));
         let (width, height) = (reference.width(), reference.height());
-        let fov_deg = 2.0 * (f64::from(height) / 2.0 / reference.focal_px()).atan().to_degrees();
+        let fov_deg = 2.0
+            * (f64::from(height) / 2.0 / reference.focal_px())
+                .atan()
+                .to_degrees();
         let layers = Composition::new(set, Vec::new());
         let (mut composer, mut frame) = (Composer::default(), Frame::default());
         let mut places = Vec::new();
@@ -55,12 +66,24 @@ impl SpriteRange {
             let displacement_m = share * distance;
             let eye = reference.eye() + (right + up * 0.3) * displacement_m;
             let target = Camera::look_at(eye, look_at, up, fov_deg, [width, height])?;
-            let SlabCapture { tracer, lighting, lit, samples, .. } = *capture;
+            let SlabCapture {
+                tracer,
+                lighting,
+                lit,
+                samples,
+                ..
+            } = *capture;
             let truth = truth::render(tracer, lighting, lit, &target, samples, &Silent).rgb();
             let mut flips = [0.0; SpriteVariant::ALL.len()];
             for (flip, variant) in flips.iter_mut().zip(SpriteVariant::ALL) {
-                let sprites = RenderOptions { variant, ..RenderOptions::default() };
-                let settings = ComposeSettings { sprites, ..ComposeSettings::default() };
+                let sprites = RenderOptions {
+                    variant,
+                    ..RenderOptions::default()
+                };
+                let settings = ComposeSettings {
+                    sprites,
+                    ..ComposeSettings::default()
+                };
                 layers.render(&mut composer, &target, &settings, &mut frame);
                 *flip = metrics::compare(&truth, &frame.to_rgb()?)?.flip;
             }
@@ -82,7 +105,11 @@ impl SpriteRange {
         }
         for place in &self.places {
             // Writing into a string does not fail.
-            let _ = write!(csv, "\n{:.4},{:.2}", place.displacement_m, place.parallax_px);
+            let _ = write!(
+                csv,
+                "\n{:.4},{:.2}",
+                place.displacement_m, place.parallax_px
+            );
             for flip in place.flips {
                 let _ = write!(csv, ",{flip:.4}");
             }
@@ -100,19 +127,22 @@ impl SpriteRange {
             };
             self.places.iter().map(point).collect()
         };
-        let series = SpriteVariant::ALL.iter().enumerate().map(|(index, variant)| Series {
-            name: variant.name().into(),
-            points: points(index),
-            joined: true,
-            hollow: false,
-            color: index,
-        });
+        let series = SpriteVariant::ALL
+            .iter()
+            .enumerate()
+            .map(|(index, variant)| Series {
+                name: variant.name().into(),
+                points: points(index),
+                joined: true,
+                hollow: false,
+                color: index,
+            });
         Chart {
             title: format!("{name}: range of sprites with depth"),
-            note: "the eye goes to the right and a little up from where they were taken, and looks at the same point"
+            note: "The eye moves to the right and a little up from where the sprites were taken, and looks at the same point."
                 .into(),
-            x: Axis { name: "eye displacement, m".into(), spacing: Spacing::Linear },
-            y: Axis { name: "FLIP error (0 = equal)".into(), spacing: Spacing::Linear },
+            x: Axis { name: "eye displacement, m".into(), is_logarithmic: false },
+            y: Axis { name: "FLIP error (0 = equal)".into(), is_logarithmic: false },
             series: series.collect(),
             front: Vec::new(),
         }
@@ -122,12 +152,24 @@ impl SpriteRange {
     pub fn sentences(&self) -> Vec<String> {
         let sentence = |(index, variant): (usize, &SpriteVariant)| {
             let start = self.places.first().map_or(0.0, |place| place.flips[index]);
-            let last = self.places.iter().take_while(|place| place.flips[index] < start + VISIBLE).last();
-            let (parallax, moved) = last.map_or((0.0, 0.0), |place| (place.parallax_px, place.displacement_m));
+            let last = self
+                .places
+                .iter()
+                .take_while(|place| place.flips[index] < start + VISIBLE)
+                .last();
+            let (parallax, moved) = last.map_or((0.0, 0.0), |place| {
+                (place.parallax_px, place.displacement_m)
+            });
             let name = variant.name();
-            format!("{name:<16} FLIP rises by less than {VISIBLE} up to {parallax:.1} px of parallax ({moved:.3} m)")
+            format!(
+                "{name:<16} FLIP rises by less than {VISIBLE} up to {parallax:.1} px of parallax ({moved:.3} m)"
+            )
         };
-        SpriteVariant::ALL.iter().enumerate().map(sentence).collect()
+        SpriteVariant::ALL
+            .iter()
+            .enumerate()
+            .map(sentence)
+            .collect()
     }
 }
 
@@ -139,15 +181,24 @@ fn distance_ahead(set: &SpriteSet, camera: &Camera) -> Option<f64> {
         let shown = color.get_pixel(camera.width() / 2, camera.height() / 2).0[3] > 0;
         sprite.eye_depth(columns / 2, rows / 2).filter(|_| shown)
     };
-    set.sprites().iter().filter_map(distance).min_by(f64::total_cmp)
+    set.sprites()
+        .iter()
+        .filter_map(distance)
+        .min_by(f64::total_cmp)
 }
 
 /// Largest way that a point moves against its plane, pixels of the sprites.
 fn largest_parallax_px(set: &SpriteSet, target: &Camera) -> f64 {
     let parallax = |sprite: &PreparedSprite| {
         let sprite = sprite.sprite();
-        let Ok(transfer) = SpriteTransfer::new(sprite.sprite(), target) else { return 0.0 };
-        let largest = sprite.displacement().to_f32().iter().fold(0.0f32, |max, d| max.max(d.abs()));
+        let Ok(transfer) = SpriteTransfer::new(sprite.sprite(), target) else {
+            return 0.0;
+        };
+        let largest = sprite
+            .displacement()
+            .to_f32()
+            .iter()
+            .fold(0.0f32, |max, d| max.max(d.abs()));
         transfer.epipole_in_sprite.truncate().length() * f64::from(largest)
     };
     set.sprites().iter().map(parallax).fold(0.0, f64::max)

@@ -25,7 +25,13 @@ impl Spread {
         sorted.sort_unstable_by(f64::total_cmp);
         let at = |share| quantile(&sorted, share);
         let quartiles = [at(0.25)?, at(0.75)?];
-        Some(Self { median: at(0.5)?, mean: mean(values.iter().copied()), quartiles, p95: at(0.95)?, worst: at(1.0)? })
+        Some(Self {
+            median: at(0.5)?,
+            mean: mean(values.iter().copied()),
+            quartiles,
+            p95: at(0.95)?,
+            worst: at(1.0)?,
+        })
     }
 }
 
@@ -46,15 +52,23 @@ pub fn pooled_psnr_db(psnr_db: impl IntoIterator<Item = f64>) -> f64 {
 
 /// Arithmetic mean; NaN of nothing.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
-    let (sum, count) = values.into_iter().fold((0.0, 0u32), |(sum, count), v| (sum + v, count + 1));
+    let (sum, count) = values
+        .into_iter()
+        .fold((0.0, 0u32), |(sum, count), v| (sum + v, count + 1));
     sum / f64::from(count)
 }
 
 /// Which of some (cost, error) pairs nothing beats: those for which no other costs at most as much and errs at most as
 /// much, one of the two by less. In order of cost; pairs that are not finite never belong.
 pub fn pareto_front(points: &[[f64; 2]]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..points.len()).filter(|&i| points[i].iter().all(|c| c.is_finite())).collect();
-    order.sort_by(|&a, &b| points[a][0].total_cmp(&points[b][0]).then(points[a][1].total_cmp(&points[b][1])));
+    let mut order: Vec<usize> = (0..points.len())
+        .filter(|&i| points[i].iter().all(|c| c.is_finite()))
+        .collect();
+    order.sort_by(|&a, &b| {
+        points[a][0]
+            .total_cmp(&points[b][0])
+            .then(points[a][1].total_cmp(&points[b][1]))
+    });
     let mut least_error = f64::INFINITY;
     let mut last = [f64::NAN; 2];
     order.retain(|&i| {
@@ -85,17 +99,38 @@ mod tests {
     fn decibels_are_pooled_as_errors() {
         assert!((pooled_psnr_db([20.0, 20.0]) - 20.0).abs() < 1e-12);
         // Half of the squared error of one of two.
-        assert!((pooled_psnr_db([20.0, f64::INFINITY]) - (20.0 + 10.0 * 2f64.log10())).abs() < 1e-12);
-        assert!(pooled_psnr_db([30.0, 10.0]) < 13.1, "the worse frame decides");
+        assert!(
+            (pooled_psnr_db([20.0, f64::INFINITY]) - (20.0 + 10.0 * 2f64.log10())).abs() < 1e-12
+        );
+        assert!(
+            pooled_psnr_db([30.0, 10.0]) < 13.1,
+            "the worse frame decides"
+        );
     }
 
     #[test]
     fn the_front_is_what_nothing_beats() {
-        let points = [[1.0, 0.5], [2.0, 0.3], [3.0, 0.4], [2.0, 0.9], [9.0, 0.1], [0.5, f64::NAN], [1.0, 0.5]];
-        assert_eq!(pareto_front(&points), [0, 6, 1, 4], "equals belong together");
+        let points = [
+            [1.0, 0.5],
+            [2.0, 0.3],
+            [3.0, 0.4],
+            [2.0, 0.9],
+            [9.0, 0.1],
+            [0.5, f64::NAN],
+            [1.0, 0.5],
+        ];
+        assert_eq!(
+            pareto_front(&points),
+            [0, 6, 1, 4],
+            "equals belong together"
+        );
         for (i, p) in points.iter().enumerate().filter(|(_, p)| p[1].is_finite()) {
             let beats = |q: &[f64; 2]| q[0] <= p[0] && q[1] <= p[1] && q != p;
-            assert_eq!(pareto_front(&points).contains(&i), !points.iter().any(beats), "{p:?}");
+            assert_eq!(
+                pareto_front(&points).contains(&i),
+                !points.iter().any(beats),
+                "{p:?}"
+            );
         }
         assert!(pareto_front(&[]).is_empty());
     }

@@ -11,7 +11,9 @@ pub struct Table {
 impl Table {
     /// A table without rows.
     pub fn new<S: AsRef<str>>(header: impl IntoIterator<Item = S>) -> Self {
-        let mut table = Self { text: String::new() };
+        let mut table = Self {
+            text: String::new(),
+        };
         let columns = table.line(header);
         table.line(std::iter::repeat_n("---", columns));
         table
@@ -58,7 +60,11 @@ pub fn figure(value: f64) -> String {
 /// A share in percent.
 pub fn percent(share: f64) -> String {
     let percent = 100.0 * share;
-    if percent < 1.0 { format!("{percent:.3} %") } else { format!("{percent:.1} %") }
+    if percent < 1.0 {
+        format!("{percent:.3} %")
+    } else {
+        format!("{percent:.1} %")
+    }
 }
 
 #[cfg(test)]
@@ -69,15 +75,41 @@ mod tests {
     fn a_table_has_a_line_a_row() {
         let mut table = Table::new(["a", "b"]);
         table.row(["1", "2|3"]);
-        assert_eq!(table.to_string(), "| a | b |\n| --- | --- |\n| 1 | 2\\|3 |\n");
+        assert_eq!(
+            table.to_string(),
+            "| a | b |\n| --- | --- |\n| 1 | 2\\|3 |\n"
+        );
     }
 
     #[test]
     fn figures_have_three_digits() {
-        let written = [0.0, 123.4, 12.34, 1.234, 0.1234, 0.001234, 1.5e-7, 2e8, f64::NAN, -3.0].map(figure);
+        let written = [
+            0.0,
+            123.4,
+            12.34,
+            1.234,
+            0.1234,
+            0.001234,
+            1.5e-7,
+            2e8,
+            f64::NAN,
+            -3.0,
+        ]
+        .map(figure);
         assert_eq!(
             written,
-            ["0", "123", "12.3", "1.23", "0.12", "0.001", "1.5e-7", "2.0e8", "not measurable", "-3.00"]
+            [
+                "0",
+                "123",
+                "12.3",
+                "1.23",
+                "0.12",
+                "0.001",
+                "1.5e-7",
+                "2.0e8",
+                "not measurable",
+                "-3.00"
+            ]
         );
         assert_eq!([percent(0.001234), percent(0.5)], ["0.123 %", "50.0 %"]);
     }

@@ -1,18 +1,18 @@
 //! Truth for a report: ray-traced frames, kept in a cache by what they are made of.
 
-use headbox_photos::cache;
-use headbox_photos::cache::InUse;
-use headbox_trace::light::Lighting;
-use headbox_core::file_frame::UpAxis;
-use headbox_trace::bvh::Tracer;
+use glam::Vec3;
 use headbox_core::camera::Camera;
-use headbox_scene::scene::Scene;
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
+use headbox_core::file_frame::UpAxis;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::progress::Progress;
+use headbox_photos::cache;
+use headbox_photos::cache::InUse;
+use headbox_scene::scene::Scene;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use headbox_trace::truth;
 use headbox_trace::truth::Truth;
-use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
@@ -43,13 +43,27 @@ pub struct Truths<'a> {
 
 impl<'a> Truths<'a> {
     /// Truth of a scene; `lit` as in [`truth::render`]. Frames are kept in `folder`, if there is one; it must exist.
-    pub fn new(tracer: &'a Tracer, lighting: &'a Lighting, lit: bool, folder: Option<PathBuf>) -> Self {
-        Self { tracer, lighting, lit, folder, scene: cache::digest(|hash| hash_scene(tracer.scene(), hash)) }
+    pub fn new(
+        tracer: &'a Tracer,
+        lighting: &'a Lighting,
+        lit: bool,
+        folder: Option<PathBuf>,
+    ) -> Self {
+        Self {
+            tracer,
+            lighting,
+            lit,
+            folder,
+            scene: cache::digest(|hash| hash_scene(tracer.scene(), hash)),
+        }
     }
 
     /// The frame of a camera with `samples` rays per pixel.
     pub fn frame(&self, camera: &Camera, samples: u32, progress: &dyn Progress) -> Truth {
-        let path = self.folder.as_ref().map(|folder| folder.join(self.name(camera, samples)));
+        let path = self
+            .folder
+            .as_ref()
+            .map(|folder| folder.join(self.name(camera, samples)));
         let size = (camera.width(), camera.height());
         // Of another size it is not this camera's, whatever its name says.
         let kept = path
@@ -61,7 +75,14 @@ impl<'a> Truths<'a> {
             let _ = path.as_deref().map(InUse::of);
             return truth;
         }
-        let truth = truth::render(self.tracer, self.lighting, self.lit, camera, samples, progress);
+        let truth = truth::render(
+            self.tracer,
+            self.lighting,
+            self.lit,
+            camera,
+            samples,
+            progress,
+        );
         if let (Some(path), Some(folder)) = (path, &self.folder) {
             // A cache that cannot be written costs time, and no more.
             if write(&path, &truth).is_ok() {
@@ -74,15 +95,39 @@ impl<'a> Truths<'a> {
     /// The name of a frame's file: a digest of all that decides its pixels. A small frame of two rays per pixel is part of
     /// it, so that a program that traces or lights otherwise finds nothing of this one's.
     fn name(&self, camera: &Camera, samples: u32) -> String {
-        let small = Camera::from_parts(camera.eye(), camera.world_from_eye(), camera.focal_px() / 8.0, 16, 12);
+        let small = Camera::from_parts(
+            camera.eye(),
+            camera.world_from_eye(),
+            camera.focal_px() / 8.0,
+            16,
+            12,
+        );
         let witness = small.map(|small| {
-            truth::render(self.tracer, self.lighting, self.lit, &small, 2, &headbox_core::progress::Silent).rgb()
+            truth::render(
+                self.tracer,
+                self.lighting,
+                self.lit,
+                &small,
+                2,
+                &headbox_core::progress::Silent,
+            )
+            .rgb()
         });
         cache::file_name("truth", |hash| {
             self.scene.iter().for_each(|part| hash.write_u64(*part));
             let numbers = [camera.eye().to_array(), [camera.focal_px(), 0.0, 0.0]].concat();
-            numbers.iter().chain(&camera.world_from_eye().to_cols_array()).for_each(|v| hash.write_u64(v.to_bits()));
-            [camera.width(), camera.height(), samples, self.lighting.bounces].iter().for_each(|v| hash.write_u32(*v));
+            numbers
+                .iter()
+                .chain(&camera.world_from_eye().to_cols_array())
+                .for_each(|v| hash.write_u64(v.to_bits()));
+            [
+                camera.width(),
+                camera.height(),
+                samples,
+                self.lighting.bounces,
+            ]
+            .iter()
+            .for_each(|v| hash.write_u32(*v));
             hash.write_u32(self.lighting.exposure.to_bits());
             hash.write_u8(u8::from(self.lit));
             witness.iter().for_each(|image| hash.write(image.as_raw()));
@@ -91,9 +136,21 @@ impl<'a> Truths<'a> {
 }
 
 fn write(path: &Path, truth: &Truth) -> Result<(), FileError> {
-    let Frame { width, height, coverage, .. } = &truth.frame;
-    let header = Header { width: *width, height: *height, standard_error_psnr_db: truth.standard_error_psnr_db };
-    let shares: Vec<f32> = coverage.iter().map(|pixel| f32::from(pixel.splat_share()) / 255.0).collect();
+    let Frame {
+        width,
+        height,
+        coverage,
+        ..
+    } = &truth.frame;
+    let header = Header {
+        width: *width,
+        height: *height,
+        standard_error_psnr_db: truth.standard_error_psnr_db,
+    };
+    let shares: Vec<f32> = coverage
+        .iter()
+        .map(|pixel| f32::from(pixel.splat_share()) / 255.0)
+        .collect();
     let mut writer = ContainerWriter::new(TRUTH_FILE);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("color", || Ok(truth.rgb().into_raw()));
@@ -107,7 +164,11 @@ fn write(path: &Path, truth: &Truth) -> Result<(), FileError> {
 fn read(path: &Path) -> Result<Truth, FileError> {
     let file = Container::open(path, TRUTH_FILE)?;
     let info = file.section("info")?;
-    let Header { width, height, standard_error_psnr_db } = info.json()?;
+    let Header {
+        width,
+        height,
+        standard_error_psnr_db,
+    } = info.json()?;
     let pixels = (width as usize).saturating_mul(height as usize);
     let color: Vec<[u8; 3]> = file.section("color")?.array(pixels)?;
     let half = |name| -> Result<Vec<[u8; 3]>, FileError> { file.section(name)?.array(pixels) };
@@ -115,14 +176,29 @@ fn read(path: &Path) -> Result<Truth, FileError> {
     let shares: Vec<f32> = file.section("surface")?.array(pixels)?;
     let color = color.into_iter().map(|[r, g, b]| [r, g, b, 255]).collect();
     let coverage = shares.into_iter().map(coverage_of).collect();
-    let frame = Frame { width, height, color, coverage, depth_m: Vec::new() };
-    Ok(Truth { frame, radiance: Vec::new(), halves, standard_error_psnr_db })
+    let frame = Frame {
+        width,
+        height,
+        color,
+        coverage,
+        depth_m: Vec::new(),
+    };
+    Ok(Truth {
+        frame,
+        radiance: Vec::new(),
+        halves,
+        standard_error_psnr_db,
+    })
 }
 
 /// The coverage whose share of 255 was written; less than all is never full.
 fn coverage_of(share: f32) -> Coverage {
     const ROUNDING: f32 = 0.01;
-    if share > 0.0 { Coverage::from_splat_share((share * 255.0 + ROUNDING) as u8) } else { Coverage::ENVIRONMENT }
+    if share > 0.0 {
+        Coverage::from_splat_share((share * 255.0 + ROUNDING) as u8)
+    } else {
+        Coverage::ENVIRONMENT
+    }
 }
 
 fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
@@ -142,10 +218,21 @@ fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
         hash.write(format!("{material:?}").as_bytes());
     }
     for texture in &scene.textures {
-        [texture.width(), texture.height()].iter().for_each(|side| hash.write_u32(*side));
+        [texture.width(), texture.height()]
+            .iter()
+            .for_each(|side| hash.write_u32(*side));
         hash.write(bytemuck::cast_slice(texture.texels()));
     }
-    hash.write(format!("{:?}{:?}{:?}{}", scene.sun, scene.sky, scene.lamps, scene.frame.up == UpAxis::Z).as_bytes());
+    hash.write(
+        format!(
+            "{:?}{:?}{:?}{}",
+            scene.sun,
+            scene.sky,
+            scene.lamps,
+            scene.frame.up == UpAxis::Z
+        )
+        .as_bytes(),
+    );
 }
 
 /// Rays per pixel after which a frame's standard error should be `wanted_db`, if it is `reached_db` after `samples`: the
@@ -161,9 +248,9 @@ pub fn samples_for(wanted_db: f64, reached_db: f64, samples: u32, most: u32) -> 
 mod tests {
     use super::*;
     use crate::stats::psnr_of_mse;
+    use glam::DVec3;
     use headbox_core::metrics;
     use headbox_core::progress::Silent;
-    use glam::DVec3;
     use std::sync::Arc;
 
     #[test]
@@ -181,21 +268,32 @@ mod tests {
         let truths = Truths::new(&tracer, &lighting, true, Some(folder.path().into()));
         let first = truths.frame(&camera(0.0), 4, &Silent);
         // What is kept are the levels, without the radiance that they came from.
-        let kept = Truth { radiance: Vec::new(), ..first.clone() };
+        let kept = Truth {
+            radiance: Vec::new(),
+            ..first.clone()
+        };
         assert_eq!((kept, files()), (truths.frame(&camera(0.0), 4, &Silent), 1));
-        assert_eq!(first, Truths::new(&tracer, &lighting, true, None).frame(&camera(0.0), 4, &Silent));
+        assert_eq!(
+            first,
+            Truths::new(&tracer, &lighting, true, None).frame(&camera(0.0), 4, &Silent)
+        );
         truths.frame(&camera(0.01), 4, &Silent);
         truths.frame(&camera(0.0), 6, &Silent);
         let mut brighter = lighting.clone();
         brighter.exposure *= 2.0;
-        let other = Truths::new(&tracer, &brighter, true, Some(folder.path().into())).frame(&camera(0.0), 4, &Silent);
+        let other = Truths::new(&tracer, &brighter, true, Some(folder.path().into())).frame(
+            &camera(0.0),
+            4,
+            &Silent,
+        );
         assert_eq!(files(), 4);
         assert_ne!(first.frame.color, other.frame.color);
         // Frames used longest ago make room for another.
         let large = folder.path().join(cache::file_name("truth", |_| {}));
         let file = std::fs::File::create(&large).expect("made");
         file.set_len(cache::MOST_BYTES).expect("nothing is written");
-        file.set_modified(std::time::SystemTime::UNIX_EPOCH).expect("a time");
+        file.set_modified(std::time::SystemTime::UNIX_EPOCH)
+            .expect("a time");
         truths.frame(&camera(0.0), 4, &Silent);
         assert!(large.exists(), "nothing was written");
         truths.frame(&camera(0.02), 4, &Silent);
@@ -212,19 +310,31 @@ mod tests {
         let centre = scene.headbox.expect("it has one").centre;
         let tracer = Tracer::new(scene, centre);
         let lighting = Lighting::measure(&tracer, 1);
-        let camera = Camera::look_at(centre, centre - DVec3::Z, DVec3::Y, 60.0, [48, 36]).expect("valid");
+        let camera =
+            Camera::look_at(centre, centre - DVec3::Z, DVec3::Y, 60.0, [48, 36]).expect("valid");
         let frame = |samples| truth::render(&tracer, &lighting, true, &camera, samples, &Silent);
         // A picture that is off by a known error from what truth converges to.
         let mut off = frame(2048).rgb();
         for (i, level) in off.iter_mut().enumerate() {
-            *level = if i % 2 == 0 { level.saturating_add(8) } else { level.saturating_sub(8) };
+            *level = if i % 2 == 0 {
+                level.saturating_add(8)
+            } else {
+                level.saturating_sub(8)
+            };
         }
         let exact = metrics::psnr_db(&frame(4096).rgb(), &off).expect("sizes fit");
         let noisy = frame(64);
         let seen = metrics::psnr_db(&noisy.rgb(), &off).expect("sizes fit");
         let [first, second] = &noisy.halves();
-        let own = psnr_of_mse(metrics::own_error([first, second], &off).expect("sizes fit").mse);
-        assert!(seen < exact - 2.0, "the noise of truth shows: {seen} and {exact} dB");
+        let own = psnr_of_mse(
+            metrics::own_error([first, second], &off)
+                .expect("sizes fit")
+                .mse,
+        );
+        assert!(
+            seen < exact - 2.0,
+            "the noise of truth shows: {seen} and {exact} dB"
+        );
         // Levels are no linear measure of light, so that noise moves their mean a little.
         assert!((own - exact).abs() < 0.5, "{own} and {exact} dB");
     }
@@ -232,8 +342,16 @@ mod tests {
     #[test]
     fn samples_grow_as_the_error_asks() {
         assert_eq!(samples_for(30.0, 40.0, 64, 4096), 64, "enough already");
-        assert_eq!(samples_for(30.0, 24.0, 64, 4096), 320, "four times and a fifth");
+        assert_eq!(
+            samples_for(30.0, 24.0, 64, 4096),
+            320,
+            "four times and a fifth"
+        );
         assert_eq!(samples_for(60.0, 20.0, 64, 4096), 1024, "not all at once");
-        assert_eq!(samples_for(60.0, 20.0, 512, 1024), 1024, "not beyond the limit");
+        assert_eq!(
+            samples_for(60.0, 20.0, 512, 1024),
+            1024,
+            "not beyond the limit"
+        );
     }
 }

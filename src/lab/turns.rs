@@ -3,11 +3,22 @@
 
 /// Does every way once a round, one after another, every other round backwards (A B C, C B A, ...). Returns what `run` made of
 /// each way, by way and round; where it makes nothing, the way sits out.
-pub fn in_turns<W, T>(ways: &mut [W], rounds: u32, mut run: impl FnMut(usize, &mut W) -> Option<T>) -> Vec<Vec<T>> {
-    let mut made: Vec<Vec<T>> = ways.iter().map(|_| Vec::with_capacity(rounds as usize)).collect();
+pub fn in_turns<W, T>(
+    ways: &mut [W],
+    rounds: u32,
+    mut run: impl FnMut(usize, &mut W) -> Option<T>,
+) -> Vec<Vec<T>> {
+    let mut made: Vec<Vec<T>> = ways
+        .iter()
+        .map(|_| Vec::with_capacity(rounds as usize))
+        .collect();
     for round in 0..rounds {
         for turn in 0..ways.len() {
-            let number = if round % 2 == 0 { turn } else { ways.len() - 1 - turn };
+            let number = if round % 2 == 0 {
+                turn
+            } else {
+                ways.len() - 1 - turn
+            };
             made[number].extend(run(number, &mut ways[number]));
         }
     }

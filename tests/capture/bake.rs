@@ -1,13 +1,13 @@
 //! Light in vertices: triangles are cut without cracks, and colours are what the light estimator says.
 
 use glam::{DVec2, DVec3, Vec2, Vec3, dvec3};
-use headbox_scene::material::Material;
-use headbox_model::bake::{BakeOptions, Baked, bake, bake_model};
-use headbox_trace::light::{LightSample, Lighting, LitPoint};
-use headbox_model::{Cell, PortalModel, Prism};
 use headbox_core::headbox::Headbox;
+use headbox_model::bake::{BakeOptions, Baked, bake, bake_model};
+use headbox_model::{Cell, PortalModel, Prism};
+use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
 use headbox_trace::bvh::Tracer;
+use headbox_trace::light::{LightSample, Lighting, LitPoint};
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -16,30 +16,52 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// A grid of vertices shared by triangles of very different sizes, so that long and short edges meet.
 fn uneven_grid() -> Scene {
     let lines = [0.0, 0.03, 0.1, 0.5, 2.0];
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
-    for (z, x) in lines.iter().flat_map(|z| lines.iter().map(move |x| (*z, *x))) {
-        scene.positions.push(dvec3(x, 0.2 * (x * 3.0_f64).sin() * z, z));
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    for (z, x) in lines
+        .iter()
+        .flat_map(|z| lines.iter().map(move |x| (*z, *x)))
+    {
+        scene
+            .positions
+            .push(dvec3(x, 0.2 * (x * 3.0_f64).sin() * z, z));
         scene.texcoords.push(Vec2::new(x as f32, z as f32));
     }
     for (row, column) in (0..4_u32).flat_map(|row| (0..4_u32).map(move |column| (row, column))) {
         let a = row * 5 + column;
-        scene
-            .triangles
-            .extend([[a, a + 5, a + 6], [a, a + 6, a + 1]].map(|vertices| Triangle { vertices, material: 0 }));
+        scene.triangles.extend(
+            [[a, a + 5, a + 6], [a, a + 6, a + 1]].map(|vertices| Triangle {
+                vertices,
+                material: 0,
+            }),
+        );
     }
     scene
 }
 
 fn options(edge_m: f64) -> BakeOptions {
-    BakeOptions { edge_m, samples: 1, smoothing: 0, bounces: 0, ..BakeOptions::default() }
+    BakeOptions {
+        edge_m,
+        samples: 1,
+        smoothing: 0,
+        bounces: 0,
+        ..BakeOptions::default()
+    }
 }
 
 fn baked(scene: &Scene, options: &BakeOptions) -> Baked {
-    bake(&Arc::new(scene.clone()), options, &|_, _| ControlFlow::Continue(()))
+    bake(&Arc::new(scene.clone()), options, &|_, _| {
+        ControlFlow::Continue(())
+    })
 }
 
 fn area(scene: &Scene, triangles: std::ops::Range<u32>) -> f64 {
-    triangles.map(|t| scene.corners(t)).map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
+    triangles
+        .map(|t| scene.corners(t))
+        .map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0)
+        .sum()
 }
 
 #[test]
@@ -50,7 +72,12 @@ fn no_edge_stays_long_and_no_crack_opens() {
     let bits = |v: u32| scene.positions[v as usize].to_array().map(f64::to_bits);
     let edges = |t: &Triangle| [0, 1, 2].map(|i| [t.vertices[i], t.vertices[(i + 1) % 3]]);
     // By position, as a crease gives a vertex to each of its sides.
-    let all: HashSet<[[u64; 3]; 2]> = scene.triangles.iter().flat_map(edges).map(|e| e.map(bits)).collect();
+    let all: HashSet<[[u64; 3]; 2]> = scene
+        .triangles
+        .iter()
+        .flat_map(edges)
+        .map(|e| e.map(bits))
+        .collect();
     let mut border = 0;
     for edge in scene.triangles.iter().flat_map(edges) {
         let [a, b] = edge.map(|v| scene.positions[v as usize]);
@@ -58,8 +85,12 @@ fn no_edge_stays_long_and_no_crack_opens() {
         let [p, q] = edge.map(bits);
         if !all.contains(&[q, p]) {
             border += 1;
-            let at_rim = |f: fn(DVec3) -> f64| [0.0, 2.0].iter().any(|rim| f(a) == *rim && f(b) == *rim);
-            assert!(at_rim(|p| p.x) || at_rim(|p| p.z), "a crack between {a} and {b}");
+            let at_rim =
+                |f: fn(DVec3) -> f64| [0.0, 2.0].iter().any(|rim| f(a) == *rim && f(b) == *rim);
+            assert!(
+                at_rim(|p| p.x) || at_rim(|p| p.z),
+                "a crack between {a} and {b}"
+            );
         }
     }
     assert!(border > 4 * 13, "{border} edges around a square of 2 m");
@@ -68,20 +99,37 @@ fn no_edge_stays_long_and_no_crack_opens() {
 #[test]
 fn pieces_cover_their_triangles() {
     let source = uneven_grid();
-    let Baked { scene, pieces, edge_m, .. } = baked(&source, &options(0.3));
+    let Baked {
+        scene,
+        pieces,
+        edge_m,
+        ..
+    } = baked(&source, &options(0.3));
     assert_eq!(edge_m, 0.3);
     assert_eq!(pieces.len(), source.triangles.len() + 1);
-    assert_eq!(*pieces.last().expect("not empty") as usize, scene.triangles.len());
+    assert_eq!(
+        *pieces.last().expect("not empty") as usize,
+        scene.triangles.len()
+    );
     for (triangle, run) in (0_u32..).zip(pieces.windows(2)) {
-        let (whole, parts) = (area(&source, triangle..triangle + 1), area(&scene, run[0]..run[1]));
-        assert!((whole - parts).abs() <= 1e-12 * whole.max(1.0), "{whole} {parts}");
+        let (whole, parts) = (
+            area(&source, triangle..triangle + 1),
+            area(&scene, run[0]..run[1]),
+        );
+        assert!(
+            (whole - parts).abs() <= 1e-12 * whole.max(1.0),
+            "{whole} {parts}"
+        );
     }
 }
 
 #[test]
 fn a_limit_on_triangles_makes_edges_longer() {
     let source = uneven_grid();
-    let limit = BakeOptions { max_triangles: 200, ..options(0.05) };
+    let limit = BakeOptions {
+        max_triangles: 200,
+        ..options(0.05)
+    };
     let Baked { scene, edge_m, .. } = baked(&source, &limit);
     assert!(
         scene.triangles.len() <= 200 && scene.triangles.len() > 32 && edge_m > 0.05,
@@ -89,7 +137,11 @@ fn a_limit_on_triangles_makes_edges_longer() {
         scene.triangles.len()
     );
     for nonsense in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(baked(&source, &options(nonsense)).scene.triangles.len(), source.triangles.len(), "{nonsense}");
+        assert_eq!(
+            baked(&source, &options(nonsense)).scene.triangles.len(),
+            source.triangles.len(),
+            "{nonsense}"
+        );
     }
 }
 
@@ -102,36 +154,80 @@ fn under_an_even_sky_light_is_the_skys() {
     source.sky = Some(Sky::Gradient(SkyGradient::uniform(grey)));
     source.colors = vec![Vec3::new(0.5, 1.0, 1.0); source.positions.len()];
     source.materials[0].emission = [0.1, 0.0, 0.0];
-    let Baked { scene, exposure, .. } = baked(&source, &BakeOptions { samples: 5, smoothing: 1, ..options(0.5) });
+    let Baked {
+        scene, exposure, ..
+    } = baked(
+        &source,
+        &BakeOptions {
+            samples: 5,
+            smoothing: 1,
+            ..options(0.5)
+        },
+    );
     let expected = Vec3::from(grey) * Vec3::new(0.5, 1.0, 1.0) * exposure;
     /// Sums of five equal numbers over five, twice: a few units in the last place.
     const ROUNDING: f32 = 1e-6;
     assert!(
-        scene.colors.iter().all(|c| (*c - expected).abs().max_element() <= ROUNDING * exposure),
+        scene
+            .colors
+            .iter()
+            .all(|c| (*c - expected).abs().max_element() <= ROUNDING * exposure),
         "{:?}",
         scene.colors[0]
     );
     assert_eq!(scene.materials[0].emission, [0.1 * exposure, 0.0, 0.0]);
-    assert_eq!(scene.sky, Some(Sky::Gradient(SkyGradient::uniform(grey.map(|c| c * exposure)))));
+    assert_eq!(
+        scene.sky,
+        Some(Sky::Gradient(SkyGradient::uniform(
+            grey.map(|c| c * exposure)
+        )))
+    );
     assert!(scene.sun.is_none());
 }
 
 /// A floor and a post that shades it.
 fn floor_and_post(flipped: bool) -> Scene {
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     let mut quad = |corners: [DVec3; 4]| {
         let first = scene.positions.len() as u32;
         scene.positions.extend(corners);
         for corners in [[0, 1, 2], [0, 2, 3]] {
             let [a, b, c] = corners.map(|c: u32| first + c);
-            scene.triangles.push(Triangle { vertices: if flipped { [a, c, b] } else { [a, b, c] }, material: 0 });
+            scene.triangles.push(Triangle {
+                vertices: if flipped { [a, c, b] } else { [a, b, c] },
+                material: 0,
+            });
         }
     };
-    quad([dvec3(-2.0, 0.0, 2.0), dvec3(2.0, 0.0, 2.0), dvec3(2.0, 0.0, -2.0), dvec3(-2.0, 0.0, -2.0)]);
-    quad([dvec3(-0.5, 0.0, 0.0), dvec3(0.5, 0.0, 0.0), dvec3(0.5, 1.5, 0.0), dvec3(-0.5, 1.5, 0.0)]);
-    let sun = Sun { direction: Vec3::new(0.3, 0.8, 0.5).normalize(), ..Sun::default() };
-    let headbox = Headbox { centre: dvec3(0.0, 1.0, 1.5), half_size_m: 0.2 };
-    Scene { sun: Some(sun), sky: Some(Sky::default()), headbox: Some(headbox), ..scene }
+    quad([
+        dvec3(-2.0, 0.0, 2.0),
+        dvec3(2.0, 0.0, 2.0),
+        dvec3(2.0, 0.0, -2.0),
+        dvec3(-2.0, 0.0, -2.0),
+    ]);
+    quad([
+        dvec3(-0.5, 0.0, 0.0),
+        dvec3(0.5, 0.0, 0.0),
+        dvec3(0.5, 1.5, 0.0),
+        dvec3(-0.5, 1.5, 0.0),
+    ]);
+    let sun = Sun {
+        direction: Vec3::new(0.3, 0.8, 0.5).normalize(),
+        ..Sun::default()
+    };
+    let headbox = Headbox {
+        centre: dvec3(0.0, 1.0, 1.5),
+        half_size_m: 0.2,
+    };
+    Scene {
+        sun: Some(sun),
+        sky: Some(Sky::default()),
+        headbox: Some(headbox),
+        ..scene
+    }
 }
 
 /// Baked colours against the estimator at the same points with many more samples: the mean over the floor.
@@ -139,17 +235,39 @@ fn floor_and_post(flipped: bool) -> Scene {
 fn colours_are_what_the_estimator_says() {
     for flipped in [false, true] {
         let source = Arc::new(floor_and_post(flipped));
-        let options = BakeOptions { edge_m: 0.3, samples: 32, smoothing: 1, bounces: 1, ..BakeOptions::default() };
-        let Baked { scene, pieces, exposure, .. } = bake(&source, &options, &|_, _| ControlFlow::Continue(()));
+        let options = BakeOptions {
+            edge_m: 0.3,
+            samples: 32,
+            smoothing: 1,
+            bounces: 1,
+            ..BakeOptions::default()
+        };
+        let Baked {
+            scene,
+            pieces,
+            exposure,
+            ..
+        } = bake(&source, &options, &|_, _| ControlFlow::Continue(()));
         let tracer = Tracer::new(Arc::clone(&source), DVec3::ZERO);
         let lighting = Lighting::measure(&tracer, 1);
-        let floor: Vec<u32> = scene.triangles[..pieces[2] as usize].iter().flat_map(|t| t.vertices).collect();
+        let floor: Vec<u32> = scene.triangles[..pieces[2] as usize]
+            .iter()
+            .flat_map(|t| t.vertices)
+            .collect();
         let (mut got, mut expected) = (Vec3::ZERO, Vec3::ZERO);
         for &vertex in &floor {
             let position = scene.positions[vertex as usize].as_vec3();
-            let point = LitPoint { position, normal: Vec3::Y, shading_normal: Vec3::Y, extent: 2.0 };
+            let point = LitPoint {
+                position,
+                normal: Vec3::Y,
+                shading_normal: Vec3::Y,
+                extent: 2.0,
+            };
             for index in 0..256 {
-                let sample = LightSample { stream: vertex, index };
+                let sample = LightSample {
+                    stream: vertex,
+                    index,
+                };
                 let light = lighting.radiosity_per_albedo(&tracer, &point, &sample);
                 expected += Vec3::from(light) * lighting.exposure / 256.0;
             }
@@ -161,30 +279,59 @@ fn colours_are_what_the_estimator_says() {
         assert!(error < 0.03, "flipped {flipped}: {got} {expected}");
         assert!((exposure / lighting.exposure - 1.0).abs() < 0.01);
         let level = |v: &u32| scene.colors[*v as usize].y;
-        let [dark, bright] = [f32::min, f32::max].map(|pick| floor.iter().map(level).reduce(pick).expect("vertices"));
-        assert!(dark < 0.4 * bright, "the post casts a shadow: {dark} {bright}");
+        let [dark, bright] = [f32::min, f32::max]
+            .map(|pick| floor.iter().map(level).reduce(pick).expect("vertices"));
+        assert!(
+            dark < 0.4 * bright,
+            "the post casts a shadow: {dark} {bright}"
+        );
     }
 }
 
 /// A closed white room with a lamp under its ceiling: much of what lights it has been reflected once.
 fn room_with_a_lamp() -> Scene {
-    let lamp = Material { emission: [4.0; 3], ..Material::default() };
-    let mut scene = Scene { materials: vec![Material::default(), lamp], ..Scene::default() };
+    let lamp = Material {
+        emission: [4.0; 3],
+        ..Material::default()
+    };
+    let mut scene = Scene {
+        materials: vec![Material::default(), lamp],
+        ..Scene::default()
+    };
     let mut quad = |middle: DVec3, across: DVec3, along: DVec3, material: u32| {
         let first = scene.positions.len() as u32;
-        scene.positions.extend([-across - along, across - along, across + along, along - across].map(|at| middle + at));
+        scene.positions.extend(
+            [
+                -across - along,
+                across - along,
+                across + along,
+                along - across,
+            ]
+            .map(|at| middle + at),
+        );
         let triangles = [[first, first + 1, first + 2], [first, first + 2, first + 3]];
-        scene.triangles.extend(triangles.map(|vertices| Triangle { vertices, material }));
+        scene
+            .triangles
+            .extend(triangles.map(|vertices| Triangle { vertices, material }));
     };
     for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
-        let (across, along) = (axis.any_orthonormal_vector(), axis.cross(axis.any_orthonormal_vector()));
+        let (across, along) = (
+            axis.any_orthonormal_vector(),
+            axis.cross(axis.any_orthonormal_vector()),
+        );
         // The fronts face inward.
         quad(-2.0 * axis, 2.0 * across, 2.0 * along, 0);
         quad(2.0 * axis, 2.0 * along, 2.0 * across, 0);
     }
     quad(dvec3(0.0, 1.2, 0.0), 0.5 * DVec3::Z, 0.5 * DVec3::X, 1);
-    let headbox = Headbox { centre: DVec3::ZERO, half_size_m: 0.2 };
-    Scene { headbox: Some(headbox), ..scene }
+    let headbox = Headbox {
+        centre: DVec3::ZERO,
+        half_size_m: 0.2,
+    };
+    Scene {
+        headbox: Some(headbox),
+        ..scene
+    }
 }
 
 /// What was reflected reaches each surface as the estimator says, though paths share it: without, or from another surface, the floor
@@ -195,8 +342,14 @@ fn reflected_light_is_what_the_estimator_says() {
     const TOLERANCE: f32 = 0.03;
     let source = Arc::new(room_with_a_lamp());
     // Not averaged with neighbours: that carries light from above the lamp to the ceiling's rim.
-    let options = BakeOptions { edge_m: 0.4, smoothing: 0, ..BakeOptions::default() };
-    let Baked { scene, exposure, .. } = baked(&source, &options);
+    let options = BakeOptions {
+        edge_m: 0.4,
+        smoothing: 0,
+        ..BakeOptions::default()
+    };
+    let Baked {
+        scene, exposure, ..
+    } = baked(&source, &options);
     let tracer = Tracer::new(Arc::clone(&source), DVec3::ZERO);
     let lighting = Lighting::measure(&tracer, 1);
     for (y, normal) in [(-2.0, Vec3::Y), (2.0, Vec3::NEG_Y)] {
@@ -204,14 +357,25 @@ fn reflected_light_is_what_the_estimator_says() {
         let of_surface = |(_, p): &(usize, &DVec3)| p.y == y && p.x.abs().max(p.z.abs()) < 1.5;
         let (mut got, mut expected) = (0.0, 0.0);
         for (vertex, place) in scene.positions.iter().enumerate().filter(of_surface) {
-            let point = LitPoint { position: place.as_vec3(), normal, shading_normal: normal, extent: 2.0 };
+            let point = LitPoint {
+                position: place.as_vec3(),
+                normal,
+                shading_normal: normal,
+                extent: 2.0,
+            };
             for index in 0..512 {
-                let sample = LightSample { stream: vertex as u32, index };
+                let sample = LightSample {
+                    stream: vertex as u32,
+                    index,
+                };
                 expected += lighting.radiosity_per_albedo(&tracer, &point, &sample)[1] / 512.0;
             }
             got += scene.colors[vertex].y / exposure;
         }
-        assert!((got / expected - 1.0).abs() < TOLERANCE, "{normal}: {got} for {expected}");
+        assert!(
+            (got / expected - 1.0).abs() < TOLERANCE,
+            "{normal}: {got} for {expected}"
+        );
     }
 }
 
@@ -220,40 +384,77 @@ fn reflected_light_is_what_the_estimator_says() {
 fn edges_of_shadows_take_all_samples() {
     let mut source = floor_and_post(false);
     source.sky = None;
-    let options = BakeOptions { samples: 64, ..options(0.3) };
+    let options = BakeOptions {
+        samples: 64,
+        ..options(0.3)
+    };
     let Baked { scene, pieces, .. } = baked(&source, &options);
-    let floor: Vec<u32> = scene.triangles[..pieces[2] as usize].iter().flat_map(|t| t.vertices).collect();
+    let floor: Vec<u32> = scene.triangles[..pieces[2] as usize]
+        .iter()
+        .flat_map(|t| t.vertices)
+        .collect();
     let level = |v: &u32| scene.colors[*v as usize].y;
     let full = floor.iter().map(level).fold(0.0, f32::max);
-    let shares: Vec<f32> = floor.iter().map(|v| level(v) / full).filter(|share| (0.02..0.98).contains(share)).collect();
+    let shares: Vec<f32> = floor
+        .iter()
+        .map(|v| level(v) / full)
+        .filter(|share| (0.02..0.98).contains(share))
+        .collect();
     assert!(shares.len() > 8, "{shares:?}");
     let of_twelve = |share: &&f32| ((*share * 12.0).round() / 12.0 - *share).abs() < 1e-3;
     let coarse = shares.iter().filter(of_twelve).count();
-    assert!(coarse * 2 < shares.len(), "{coarse} of {} are whole twelfths: {shares:?}", shares.len());
+    assert!(
+        coarse * 2 < shares.len(),
+        "{coarse} of {} are whole twelfths: {shares:?}",
+        shares.len()
+    );
 }
 
 #[test]
 fn threads_do_not_change_a_bit() {
     let source = floor_and_post(false);
-    let options = BakeOptions { edge_m: 0.4, samples: 4, ..BakeOptions::default() };
+    let options = BakeOptions {
+        edge_m: 0.4,
+        samples: 4,
+        ..BakeOptions::default()
+    };
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("threads");
         pool.install(|| baked(&source, &options).scene)
     };
     let (one, three) = (on(1), on(3));
-    assert!(one.colors == three.colors && one.positions == three.positions && one.triangles == three.triangles);
+    assert!(
+        one.colors == three.colors
+            && one.positions == three.positions
+            && one.triangles == three.triangles
+    );
 }
 
 #[test]
 fn cells_keep_their_surfaces() {
     let scene = floor_and_post(false);
-    let cell = |triangles| Cell { name: String::new(), space: Vec::new(), triangles };
+    let cell = |triangles| Cell {
+        name: String::new(),
+        space: Vec::new(),
+        triangles,
+    };
     let areas = [area(&scene, 0..2), area(&scene, 2..4)];
-    let model = PortalModel { scene, cells: vec![cell(0..2), cell(2..4)], portals: Vec::new(), outside: None };
+    let model = PortalModel {
+        scene,
+        cells: vec![cell(0..2), cell(2..4)],
+        portals: Vec::new(),
+        outside: None,
+    };
     let (model, samples) = bake_model(model, &options(0.5), &|_, _| ControlFlow::Continue(()));
     assert_eq!(samples, 1);
     assert_eq!(model.cells[0].triangles.end, model.cells[1].triangles.start);
-    assert_eq!(model.cells[1].triangles.end as usize, model.scene.triangles.len());
+    assert_eq!(
+        model.cells[1].triangles.end as usize,
+        model.scene.triangles.len()
+    );
     for (cell, expected) in model.cells.iter().zip(areas) {
         assert!((area(&model.scene, cell.triangles.clone()) - expected).abs() < 1e-9);
     }
@@ -262,40 +463,107 @@ fn cells_keep_their_surfaces() {
 #[test]
 fn a_jamb_that_lies_in_the_wall_is_lit_where_it_stands_out_of_it() {
     // A room of 2 m; its wall at z = 0 reaches to z = 0.1 behind it; a jamb's side, at x = 1, stands 1 cm out of the wall.
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     let mut quad = |corners: [[f64; 3]; 4]| {
         let first = scene.positions.len() as u32;
-        scene.positions.extend(corners.map(|[x, y, z]| dvec3(x, y, z)));
-        let triangle = |vertices| Triangle { vertices, material: 0 };
-        scene.triangles.extend([[0, 1, 2], [0, 2, 3]].map(|v: [u32; 3]| triangle(v.map(|i| first + i))));
+        scene
+            .positions
+            .extend(corners.map(|[x, y, z]| dvec3(x, y, z)));
+        let triangle = |vertices| Triangle {
+            vertices,
+            material: 0,
+        };
+        scene
+            .triangles
+            .extend([[0, 1, 2], [0, 2, 3]].map(|v: [u32; 3]| triangle(v.map(|i| first + i))));
     };
     let jamb = [[1.0, -0.01], [1.0, 0.1], [1.05, 0.1], [1.05, -0.01]];
     for (i, [x, z]) in jamb.into_iter().enumerate() {
         let [next_x, next_z] = jamb[(i + 1) % 4];
-        quad([[x, 0.0, z], [next_x, 0.0, next_z], [next_x, 2.0, next_z], [x, 2.0, z]]);
+        quad([
+            [x, 0.0, z],
+            [next_x, 0.0, next_z],
+            [next_x, 2.0, next_z],
+            [x, 2.0, z],
+        ]);
     }
     // The wall, on the jamb's left; its end lies in the jamb's plane. Then its back.
-    quad([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [-1.0, 2.0, 0.0]]);
-    quad([[-1.0, 0.0, 0.1], [1.0, 0.0, 0.1], [1.0, 2.0, 0.1], [-1.0, 2.0, 0.1]]);
-    scene.sky = Some(Sky::Gradient(SkyGradient { zenith: [1.0; 3], horizon: [1.0; 3], ground: [1.0; 3] }));
-    scene.headbox = Some(Headbox { centre: dvec3(0.0, 1.0, -1.0), half_size_m: 0.4 });
+    quad([
+        [-1.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [1.0, 2.0, 0.0],
+        [-1.0, 2.0, 0.0],
+    ]);
+    quad([
+        [-1.0, 0.0, 0.1],
+        [1.0, 0.0, 0.1],
+        [1.0, 2.0, 0.1],
+        [-1.0, 2.0, 0.1],
+    ]);
+    scene.sky = Some(Sky::Gradient(SkyGradient {
+        zenith: [1.0; 3],
+        horizon: [1.0; 3],
+        ground: [1.0; 3],
+    }));
+    scene.headbox = Some(Headbox {
+        centre: dvec3(0.0, 1.0, -1.0),
+        half_size_m: 0.4,
+    });
     // The room goes on in the doorway, in which the jamb stands.
     let prism = |[x0, x1]: [f64; 2], [z0, z1]: [f64; 2]| {
-        let outline = [[x0, z0], [x1, z0], [x1, z1], [x0, z1]].map(|[x, z]| DVec2::new(x, z)).to_vec();
-        Prism { outline, floor_y: 0.0, ceiling_y: 2.0 }
+        let outline = [[x0, z0], [x1, z0], [x1, z1], [x0, z1]]
+            .map(|[x, z]| DVec2::new(x, z))
+            .to_vec();
+        Prism {
+            outline,
+            floor_y: 0.0,
+            ceiling_y: 2.0,
+        }
     };
-    let space = vec![prism([-1.0, 3.0], [-2.0, 0.0]), prism([1.0, 2.0], [0.0, 0.1])];
-    let cell = Cell { name: String::new(), space, triangles: 0..12 };
-    let model = PortalModel { scene, cells: vec![cell], portals: Vec::new(), outside: None };
-    let options = BakeOptions { samples: 64, ..options(10.0) };
+    let space = vec![
+        prism([-1.0, 3.0], [-2.0, 0.0]),
+        prism([1.0, 2.0], [0.0, 0.1]),
+    ];
+    let cell = Cell {
+        name: String::new(),
+        space,
+        triangles: 0..12,
+    };
+    let model = PortalModel {
+        scene,
+        cells: vec![cell],
+        portals: Vec::new(),
+        outside: None,
+    };
+    let options = BakeOptions {
+        samples: 64,
+        ..options(10.0)
+    };
     let (baked, _) = bake_model(model, &options, &|_, _| ControlFlow::Continue(()));
     let brightest = |x: f64, z: f64| {
-        let at = |(place, color): (&DVec3, &Vec3)| (place.x == x && place.z == z).then_some(color.x);
-        baked.scene.positions.iter().zip(&baked.scene.colors).filter_map(at).fold(0.0, f32::max)
+        let at =
+            |(place, color): (&DVec3, &Vec3)| (place.x == x && place.z == z).then_some(color.x);
+        baked
+            .scene
+            .positions
+            .iter()
+            .zip(&baked.scene.colors)
+            .filter_map(at)
+            .fold(0.0, f32::max)
     };
     let dimmest = |x: f64, z: f64| {
-        let at = |(place, color): (&DVec3, &Vec3)| (place.x == x && place.z == z).then_some(color.x);
-        baked.scene.positions.iter().zip(&baked.scene.colors).filter_map(at).fold(f32::INFINITY, f32::min)
+        let at =
+            |(place, color): (&DVec3, &Vec3)| (place.x == x && place.z == z).then_some(color.x);
+        baked
+            .scene
+            .positions
+            .iter()
+            .zip(&baked.scene.colors)
+            .filter_map(at)
+            .fold(f32::INFINITY, f32::min)
     };
     // The wall sees half of the sky, and the jamb, beside it, half of that: its dimmer vertices there are those of its side.
     let (wall, out) = (brightest(-1.0, 0.0), dimmest(1.0, -0.01));
@@ -305,18 +573,34 @@ fn a_jamb_that_lies_in_the_wall_is_lit_where_it_stands_out_of_it() {
 #[test]
 fn a_bake_that_is_broken_off_keeps_its_first_round() {
     let source = Arc::new(uneven_grid());
-    let options = BakeOptions { samples: 32, ..options(0.01) };
+    let options = BakeOptions {
+        samples: 32,
+        ..options(0.01)
+    };
     let whole = baked(&source, &options);
     assert_eq!(whole.samples, 32);
     for (when, expected) in [(0.0, 0), (0.3, 8)] {
         let ended = AtomicBool::new(false);
         let baked = bake(&source, &options, &|done, all| {
             ended.fetch_or(done == all, Ordering::Relaxed);
-            if done as f64 >= when * all as f64 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            if done as f64 >= when * all as f64 {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
         });
-        assert!(!ended.into_inner(), "{} vertices are enough for reports on the way", baked.scene.positions.len());
+        assert!(
+            !ended.into_inner(),
+            "{} vertices are enough for reports on the way",
+            baked.scene.positions.len()
+        );
         assert_eq!(baked.samples, expected);
-        let dark = baked.scene.colors.iter().filter(|color| **color == Vec3::ZERO).count();
+        let dark = baked
+            .scene
+            .colors
+            .iter()
+            .filter(|color| **color == Vec3::ZERO)
+            .count();
         assert_eq!(dark > 0, expected == 0);
         assert!(baked.scene.colors != whole.scene.colors);
     }
@@ -326,13 +610,27 @@ fn a_bake_that_is_broken_off_keeps_its_first_round() {
 fn a_bake_tells_how_far_it_is_all_along() {
     let source = Arc::new(uneven_grid());
     let shares = std::sync::Mutex::new(Vec::new());
-    let whole = bake(&source, &BakeOptions { samples: 32, ..options(0.01) }, &|done, all| {
-        shares.lock().unwrap().push(done as f64 / all as f64);
-        ControlFlow::Continue(())
-    });
+    let whole = bake(
+        &source,
+        &BakeOptions {
+            samples: 32,
+            ..options(0.01)
+        },
+        &|done, all| {
+            shares.lock().unwrap().push(done as f64 / all as f64);
+            ControlFlow::Continue(())
+        },
+    );
     let mut shares = shares.into_inner().unwrap();
     assert_eq!(shares.last(), Some(&1.0));
     shares.sort_by(f64::total_cmp);
-    let widest = shares.windows(2).map(|pair| pair[1] - pair[0]).fold(shares[0], f64::max);
-    assert!(widest < 0.06, "{widest} at once, {} vertices", whole.scene.positions.len());
+    let widest = shares
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .fold(shares[0], f64::max);
+    assert!(
+        widest < 0.06,
+        "{widest} at once, {} vertices",
+        whole.scene.positions.len()
+    );
 }

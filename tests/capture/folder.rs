@@ -1,8 +1,8 @@
 //! A temporary folder with scene files in it.
 
-use headbox_scene::scene::Scene;
 use headbox_model::load::load_scene as load;
 use headbox_scene::load::LoadOptions;
+use headbox_scene::scene::Scene;
 
 /// One clean triangle, four lines.
 pub(crate) const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
@@ -31,7 +31,8 @@ impl Folder {
 
     /// Writes an image one texel high, in the format that its name says.
     pub(crate) fn write_image(&self, name: &str, texels: &[[u8; 4]]) {
-        let rgba = image::RgbaImage::from_raw(texels.len() as u32, 1, texels.concat()).expect("one row");
+        let rgba =
+            image::RgbaImage::from_raw(texels.len() as u32, 1, texels.concat()).expect("one row");
         let image = image::DynamicImage::from(rgba);
         let path = self.0.path().join(name);
         let image = match path.extension().and_then(|e| e.to_str()) {
@@ -61,7 +62,13 @@ pub(crate) fn png_header(width: u32, height: u32) -> Vec<u8> {
     chunk.extend(height.to_be_bytes());
     chunk.extend([8, 6, 0, 0, 0]);
     let crc = chunk.iter().fold(!0_u32, |crc, &byte| {
-        (0..8).fold(crc ^ u32::from(byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 })
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| {
+            if crc & 1 == 1 {
+                crc >> 1 ^ 0xedb8_8320
+            } else {
+                crc >> 1
+            }
+        })
     });
     let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\x0d".to_vec();
     png.extend(chunk);

@@ -13,13 +13,24 @@ pub(crate) struct Asset {
 
 impl Asset {
     pub(crate) fn view(&mut self, bytes: &[u8]) -> usize {
-        self.views.push(format!(r#"{{"buffer":0,"byteOffset":{},"byteLength":{}}}"#, self.bytes.len(), bytes.len()));
+        self.views.push(format!(
+            r#"{{"buffer":0,"byteOffset":{},"byteLength":{}}}"#,
+            self.bytes.len(),
+            bytes.len()
+        ));
         self.bytes.extend(bytes);
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         self.views.len() - 1
     }
 
-    pub(crate) fn accessor(&mut self, bytes: &[u8], component: u32, kind: &str, count: usize, more: &str) -> usize {
+    pub(crate) fn accessor(
+        &mut self,
+        bytes: &[u8],
+        component: u32,
+        kind: &str,
+        count: usize,
+        more: &str,
+    ) -> usize {
         let view = self.view(bytes);
         self.accessors.push(format!(
             r#"{{"bufferView":{view},"componentType":{component},"type":"{kind}","count":{count}{more}}}"#
@@ -28,8 +39,18 @@ impl Asset {
     }
 
     pub(crate) fn floats<const N: usize>(&mut self, values: &[[f32; N]]) -> usize {
-        let bytes: Vec<u8> = values.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
-        self.accessor(&bytes, 5126, ["", "SCALAR", "VEC2", "VEC3", "VEC4"][N], values.len(), "")
+        let bytes: Vec<u8> = values
+            .iter()
+            .flatten()
+            .flat_map(|x| x.to_le_bytes())
+            .collect();
+        self.accessor(
+            &bytes,
+            5126,
+            ["", "SCALAR", "VEC2", "VEC3", "VEC4"][N],
+            values.len(),
+            "",
+        )
     }
 
     pub(crate) fn indices(&mut self, values: &[u16]) -> usize {
@@ -48,7 +69,13 @@ impl Asset {
     }
 
     pub(crate) fn gltf(&self, rest: &str) -> String {
-        self.json(&format!(r#","uri":"data:application/octet-stream;base64,{}""#, base64(&self.bytes)), rest)
+        self.json(
+            &format!(
+                r#","uri":"data:application/octet-stream;base64,{}""#,
+                base64(&self.bytes)
+            ),
+            rest,
+        )
     }
 
     pub(crate) fn glb(&self, rest: &str) -> Vec<u8> {
@@ -68,7 +95,10 @@ impl Asset {
 pub(crate) fn base64(bytes: &[u8]) -> String {
     const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let group = |chunk: &[u8]| -> [char; 4] {
-        let bits = chunk.iter().fold(0_u32, |bits, &b| bits << 8 | u32::from(b)) << (8 * (3 - chunk.len()));
+        let bits = chunk
+            .iter()
+            .fold(0_u32, |bits, &b| bits << 8 | u32::from(b))
+            << (8 * (3 - chunk.len()));
         std::array::from_fn(|i| match ALPHABET[(bits >> (18 - 6 * i) & 63) as usize] {
             letter if i <= chunk.len() => char::from(letter),
             _ => '=',
@@ -83,7 +113,12 @@ pub(crate) fn load_text(text: impl AsRef<[u8]>) -> Result<Scene, String> {
     folder.load("a.gltf")
 }
 
-pub(crate) const CORNERS: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+pub(crate) const CORNERS: [[f32; 3]; 4] = [
+    [0.0, 0.0, 0.0],
+    [1.0, 0.0, 0.0],
+    [1.0, 1.0, 0.0],
+    [0.0, 1.0, 0.0],
+];
 pub(crate) const TEXCOORDS: [[f32; 2]; 4] = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
 
 /// A square with texture coordinates and indices; accessors 0, 1, 2.
@@ -95,6 +130,5 @@ pub(crate) fn square() -> Asset {
     asset
 }
 
-pub(crate) const SQUARE: &str =
-    r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"TEXCOORD_0":1},"indices":2,"material":0}]}]"#;
+pub(crate) const SQUARE: &str = r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"TEXCOORD_0":1},"indices":2,"material":0}]}]"#;
 pub(crate) const NODE: &str = r#""nodes":[{"mesh":0}]"#;

@@ -3,8 +3,8 @@
 
 use crate::homes::{home, home_xml, load};
 use glam::DVec3;
-use headbox_model::load::LoadedModel;
 use headbox_model::PortalModel;
+use headbox_model::load::LoadedModel;
 use headbox_trace::bvh::{Ray, Tracer};
 use std::fs;
 use std::io::Write;
@@ -12,19 +12,29 @@ use std::sync::Arc;
 
 /// A home of a plan alone.
 fn plan(attributes: &str, content: &str) -> LoadedModel {
-    load(&crate::homes::folder(&[("Home.xml", &format!("<home {attributes}>{content}</home>"))]), "Home.xml")
+    load(
+        &crate::homes::folder(&[("Home.xml", &format!("<home {attributes}>{content}</home>"))]),
+        "Home.xml",
+    )
 }
 
 /// A room of 4 m by 3 m; `attributes` are its own, and of its level.
 fn room(attributes: &str) -> String {
     let corners = [[5, 5], [395, 5], [395, 295], [5, 295]];
-    let points = corners.map(|[x, y]| format!("<point x='{x}' y='{y}'/>")).concat();
+    let points = corners
+        .map(|[x, y]| format!("<point x='{x}' y='{y}'/>"))
+        .concat();
     format!("<room {attributes}>{points}</room>")
 }
 
 /// The four walls about it, 10 cm thick; `attributes` are those of all.
 fn walls(attributes: &str) -> String {
-    let ends = [[0, 0, 400, 0], [400, 0, 400, 300], [400, 300, 0, 300], [0, 300, 0, 0]];
+    let ends = [
+        [0, 0, 400, 0],
+        [400, 0, 400, 300],
+        [400, 300, 0, 300],
+        [0, 300, 0, 0],
+    ];
     let wall = |(i, [x0, y0, x1, y1]): (usize, [i32; 4])| {
         let [before, after] = [(i + 3) % 4, (i + 1) % 4];
         format!(
@@ -39,7 +49,12 @@ fn walls(attributes: &str) -> String {
 fn distance(model: &PortalModel, from: [f64; 3], direction: [f32; 3]) -> Option<f32> {
     let tracer = Tracer::new(Arc::new(model.scene.clone()), DVec3::ZERO);
     let direction = glam::Vec3::from(direction).normalize();
-    let ray = Ray { origin: DVec3::from(from).as_vec3(), direction, t_min: 0.0, t_max: f32::INFINITY };
+    let ray = Ray {
+        origin: DVec3::from(from).as_vec3(),
+        direction,
+        t_min: 0.0,
+        t_max: f32::INFINITY,
+    };
     tracer.closest(&ray).map(|hit| hit.t)
 }
 
@@ -47,16 +62,32 @@ fn distance(model: &PortalModel, from: [f64; 3], direction: [f32; 3]) -> Option<
 /// whole, by their middles, a room had holes in the shape of triangles.
 #[test]
 fn walls_are_cut_at_ceilings() {
-    let levels = "<level id='a' elevation='0' height='200'/><level id='b' elevation='200' height='300'/>";
+    let levels =
+        "<level id='a' elevation='0' height='200'/><level id='b' elevation='200' height='300'/>";
     let content = [levels, &room("level='a'"), &walls("level='a' height='300'")].concat();
     let model = plan("wallHeight='250'", &content).model;
     let area = |is_it: &dyn Fn(&[DVec3; 3]) -> bool| -> f64 {
-        let triangles = model.cells[0].triangles.clone().map(|triangle| model.scene.corners(triangle));
-        triangles.filter(|corners| is_it(corners)).map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
+        let triangles = model.cells[0]
+            .triangles
+            .clone()
+            .map(|triangle| model.scene.corners(triangle));
+        triangles
+            .filter(|corners| is_it(corners))
+            .map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0)
+            .sum()
     };
-    for (axis, at, length) in [(0, 0.05, 2.9), (0, 3.95, 2.9), (2, 0.05, 3.9), (2, 2.95, 3.9)] {
+    for (axis, at, length) in [
+        (0, 0.05, 2.9),
+        (0, 3.95, 2.9),
+        (2, 0.05, 3.9),
+        (2, 2.95, 3.9),
+    ] {
         let wall = area(&|corners| corners.iter().all(|p| (p[axis] - at).abs() < 1e-9));
-        assert!((wall - length * 2.0).abs() < 1e-6, "{wall} m2 of {}", length * 2.0);
+        assert!(
+            (wall - length * 2.0).abs() < 1e-6,
+            "{wall} m2 of {}",
+            length * 2.0
+        );
     }
     assert!(area(&|corners| corners.iter().any(|p| p.y > 2.0 + 1e-9)) == 0.0);
 }
@@ -64,13 +95,21 @@ fn walls_are_cut_at_ceilings() {
 #[test]
 fn ceilings_of_the_topmost_storey_hang_from_its_walls() {
     // Higher than the home says; counters and parapets do not count.
-    let counter = "<wall id='c' xStart='200' yStart='5' xEnd='200' yEnd='200' height='100' thickness='10'/>";
+    let counter =
+        "<wall id='c' xStart='200' yStart='5' xEnd='200' yEnd='200' height='100' thickness='10'/>";
     let parapet = walls("height='300'")
         .replace("id='w0' wall", "id='w0' height='80' wall")
         .replace("height='300'/><wall id='w1'", "/><wall id='w1'");
-    let model = plan("wallHeight='250'", &[&room(""), &*parapet, counter].concat()).model;
+    let model = plan(
+        "wallHeight='250'",
+        &[&room(""), &*parapet, counter].concat(),
+    )
+    .model;
     for x in [0.5, 2.5, 3.5] {
-        assert!(distance(&model, [x, 1.0, 1.5], [0.0, 1.0, 0.0]).is_some_and(|t| (t - 2.0).abs() < 1e-5));
+        assert!(
+            distance(&model, [x, 1.0, 1.5], [0.0, 1.0, 0.0])
+                .is_some_and(|t| (t - 2.0).abs() < 1e-5)
+        );
     }
     assert!((model.cells[0].space[0].ceiling_y - 3.0).abs() < 1e-12);
     // A roof that rises from the wall at x = 0 to the one at x = 4 m.
@@ -84,7 +123,10 @@ fn ceilings_of_the_topmost_storey_hang_from_its_walls() {
         // From 2 m at the face of one wall to 4 m at that of the other.
         let expected = 1.0 + 2.0 * (x - 0.05) / 3.9;
         let found = distance(&model, [x, 1.0, 1.5], [0.0, 1.0, 0.0]);
-        assert!(found.is_some_and(|t| (f64::from(t) - expected).abs() < 1e-4), "{found:?} for {expected}");
+        assert!(
+            found.is_some_and(|t| (f64::from(t) - expected).abs() < 1e-4),
+            "{found:?} for {expected}"
+        );
     }
 }
 
@@ -93,20 +135,36 @@ fn ceilings_that_are_all_switched_off_come_back() {
     let off = "ceilingVisible='false'";
     let terrace = "<room ceilingVisible='false'><point x='405' y='5'/><point x='900' y='5'/><point x='900' y='295'/>\
                    <point x='405' y='295'/></room>";
-    let LoadedModel { model, .. } = plan("wallHeight='250'", &[&room(off), &walls(""), terrace].concat());
+    let LoadedModel { model, .. } = plan(
+        "wallHeight='250'",
+        &[&room(off), &walls(""), terrace].concat(),
+    );
     assert_eq!(model.cells.len(), 2, "the terrace is outside");
     let notes = model.scene.summary.notes.join("\n");
-    assert!(notes.contains("no room has a ceiling: the 1 with walls around are given one"), "{notes}");
-    assert!(distance(&model, [2.0, 1.0, 1.5], [0.0, 1.0, 0.0]).is_some_and(|t| (t - 1.5).abs() < 1e-5));
+    assert!(
+        notes.contains("no room has a ceiling: the 1 with walls around are given one"),
+        "{notes}"
+    );
+    assert!(
+        distance(&model, [2.0, 1.0, 1.5], [0.0, 1.0, 0.0]).is_some_and(|t| (t - 1.5).abs() < 1e-5)
+    );
     // One that has a ceiling says that the others are meant to be open.
     let other = room("").replace("'5'", "'1005'").replace("'395'", "'1395'");
-    let LoadedModel { model, .. } = plan("wallHeight='250'", &[room(off), walls(""), other].concat());
+    let LoadedModel { model, .. } =
+        plan("wallHeight='250'", &[room(off), walls(""), other].concat());
     let notes = model.scene.summary.notes.join("\n");
-    assert!(notes.contains("Room 1 has no ceiling and is taken as part of the outside"), "{notes}");
+    assert!(
+        notes.contains("Room 1 has no ceiling and is taken as part of the outside"),
+        "{notes}"
+    );
     // With an export, which has none either, it is added to that.
     let rooms = crate::homes::ROOMS.replace("<room", "<room ceilingVisible='false'");
     let folder = home(&rooms, "");
-    fs::write(folder.path().join("Home.xml"), home_xml(&rooms, &walls("").replace("'400'", "'800'"))).expect("written");
+    fs::write(
+        folder.path().join("Home.xml"),
+        home_xml(&rooms, &walls("").replace("'400'", "'800'")),
+    )
+    .expect("written");
     let obj = fs::read_to_string(folder.path().join("home.obj")).expect("read");
     let without = |text: &str| {
         let mut shown = true;
@@ -122,7 +180,10 @@ fn ceilings_that_are_all_switched_off_come_back() {
     let LoadedModel { model, .. } = load(&folder, "Home.xml");
     assert_eq!(model.cells.len(), 3);
     for x in [2.0, 6.0] {
-        assert!(distance(&model, [x, 1.0, 1.5], [0.0, 1.0, 0.0]).is_some_and(|t| (t - 1.5).abs() < 1e-5));
+        assert!(
+            distance(&model, [x, 1.0, 1.5], [0.0, 1.0, 0.0])
+                .is_some_and(|t| (t - 1.5).abs() < 1e-5)
+        );
     }
 }
 
@@ -138,11 +199,20 @@ fn bent_walls_are_bent() {
             let (sin, cos) = f32::to_radians(degrees as f32).sin_cos();
             let found = distance(&model, [2.0, 1.0, 0.0], [cos, 0.0, sin * side]);
             // The inner face, at most 1 - cos 5 degrees of the radius nearer.
-            assert!(found.is_some_and(|t| (1.94..1.951).contains(&t)), "{found:?} at {degrees} degrees");
-            assert_eq!(distance(&model, [2.0, 1.0, 0.0], [cos, 0.0, -sin * side]), None);
+            assert!(
+                found.is_some_and(|t| (1.94..1.951).contains(&t)),
+                "{found:?} at {degrees} degrees"
+            );
+            assert_eq!(
+                distance(&model, [2.0, 1.0, 0.0], [cos, 0.0, -sin * side]),
+                None
+            );
             let outside = [2.0 + 3.0 * f64::from(cos), 1.0, 3.0 * f64::from(sin * side)];
             let found = distance(&model, outside, [-cos, 0.0, -sin * side]);
-            assert!(found.is_some_and(|t| (0.949..0.96).contains(&t)), "{found:?} at {degrees} degrees");
+            assert!(
+                found.is_some_and(|t| (0.949..0.96).contains(&t)),
+                "{found:?} at {degrees} degrees"
+            );
         }
     }
 }
@@ -151,19 +221,33 @@ fn bent_walls_are_bent() {
 fn hidden_storeys_are_left_out() {
     let levels = "<level id='a' elevation='0' height='250' visible='false'/>\
                   <level id='b' elevation='262' height='250' viewable='false'/>";
-    let content =
-        [levels, &room("level='a' name='below'"), &room("level='b'"), &walls("level='a'"), &walls("level='b'")];
+    let content = [
+        levels,
+        &room("level='a' name='below'"),
+        &room("level='b'"),
+        &walls("level='a'"),
+        &walls("level='b'"),
+    ];
     let model = plan("wallHeight='250'", &content.concat()).model;
-    assert!(model.cells.iter().map(|cell| cell.name.as_str()).eq(["below", "Outside"]));
+    assert!(
+        model
+            .cells
+            .iter()
+            .map(|cell| cell.name.as_str())
+            .eq(["below", "Outside"])
+    );
     assert!(model.scene.bounds()[1].y < 2.6);
 }
 
 /// An archive with these files.
 fn archive(files: &[(&str, &[u8])]) -> LoadedModel {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut archive = zip::ZipWriter::new(fs::File::create(folder.path().join("home.sh3d")).expect("created"));
+    let mut archive =
+        zip::ZipWriter::new(fs::File::create(folder.path().join("home.sh3d")).expect("created"));
     for (name, bytes) in files {
-        archive.start_file(*name, zip::write::SimpleFileOptions::default()).expect("started");
+        archive
+            .start_file(*name, zip::write::SimpleFileOptions::default())
+            .expect("started");
         archive.write_all(bytes).expect("written");
     }
     archive.finish().expect("finished");
@@ -202,20 +286,32 @@ fn pictures_and_materials_in_an_archive_are_used() {
     ]);
     let scene = &model.scene;
     assert_eq!(scene.validate(), Ok(()));
-    let texels: Vec<[u8; 4]> = scene.textures.iter().map(|texture| texture.texels()[0]).collect();
-    let index_of =
-        |[r, g, b]: [u8; 3]| texels.iter().position(|texel| *texel == [r, g, b, 255]).expect("the picture") as u32;
+    let texels: Vec<[u8; 4]> = scene
+        .textures
+        .iter()
+        .map(|texture| texture.texels()[0])
+        .collect();
+    let index_of = |[r, g, b]: [u8; 3]| {
+        texels
+            .iter()
+            .position(|texel| *texel == [r, g, b, 255])
+            .expect("the picture") as u32
+    };
     assert_eq!(texels.len(), 2, "each picture once");
     let faces = |texture: u32| {
         let is_it = move |t: &u32| {
-            scene.materials[scene.triangles[*t as usize].material as usize].albedo_texture == Some(texture)
+            scene.materials[scene.triangles[*t as usize].material as usize].albedo_texture
+                == Some(texture)
         };
         (0..scene.triangles.len() as u32).filter(is_it)
     };
     // Floor and rug, seen from above: a picture of 80 by 40 cm, moved by half; one of 90 by 60 cm about the rug's middle.
     for triangle in faces(index_of([10, 20, 30])) {
         for vertex in scene.triangles[triangle as usize].vertices {
-            let (p, t) = (scene.positions[vertex as usize], scene.texcoords[vertex as usize].as_dvec2());
+            let (p, t) = (
+                scene.positions[vertex as usize],
+                scene.texcoords[vertex as usize].as_dvec2(),
+            );
             let expected = if p.y == 0.0 {
                 glam::dvec2((p.x - 0.4) / 0.8, -p.z / 0.4)
             } else {
@@ -225,5 +321,10 @@ fn pictures_and_materials_in_an_archive_are_used() {
         }
     }
     assert_eq!(faces(index_of([200, 100, 50])).count(), 1);
-    assert!(scene.materials.iter().any(|material| material.albedo == [0.25, 0.5, 0.75]));
+    assert!(
+        scene
+            .materials
+            .iter()
+            .any(|material| material.albedo == [0.25, 0.5, 0.75])
+    );
 }

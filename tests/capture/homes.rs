@@ -1,7 +1,7 @@
 //! Small homes and models, written to folders of their own.
 
-use headbox_model::load::{LoadedModel, ModelOptions, load_model};
 use headbox_model::PortalModel;
+use headbox_model::load::{LoadedModel, ModelOptions, load_model};
 use std::fmt::Write as _;
 use std::fs;
 use tempfile::TempDir;
@@ -16,7 +16,8 @@ pub(crate) fn folder(files: &[(&str, &str)]) -> TempDir {
 }
 
 pub(crate) fn load(folder: &TempDir, name: &str) -> LoadedModel {
-    load_model(&folder.path().join(name), &ModelOptions::default()).unwrap_or_else(|error| panic!("{error}"))
+    load_model(&folder.path().join(name), &ModelOptions::default())
+        .unwrap_or_else(|error| panic!("{error}"))
 }
 
 pub(crate) fn error_of(folder: &TempDir, name: &str) -> String {
@@ -44,19 +45,39 @@ impl Obj {
             writeln!(self.text, "v {x} {y} {z}").expect("a string");
         }
         let first = self.corners + 1;
-        writeln!(self.text, "f {} {} {} {}", first, first + 1, first + 2, first + 3).expect("a string");
+        writeln!(
+            self.text,
+            "f {} {} {} {}",
+            first,
+            first + 1,
+            first + 2,
+            first + 3
+        )
+        .expect("a string");
         self.corners += 4;
         self
     }
 
     /// A wall with both faces, `thick` apart, along x from `x0` to `x1` at z.
-    pub(crate) fn wall_along_x(&mut self, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2], z: f64, thick: f64) -> &mut Self {
+    pub(crate) fn wall_along_x(
+        &mut self,
+        [x0, x1]: [f64; 2],
+        [y0, y1]: [f64; 2],
+        z: f64,
+        thick: f64,
+    ) -> &mut Self {
         let (a, b) = (z - thick / 2.0, z + thick / 2.0);
         self.quad([[x1, y0, a], [x0, y0, a], [x0, y1, a], [x1, y1, a]]);
         self.quad([[x0, y0, b], [x1, y0, b], [x1, y1, b], [x0, y1, b]])
     }
 
-    pub(crate) fn wall_along_z(&mut self, x: f64, [z0, z1]: [f64; 2], [y0, y1]: [f64; 2], thick: f64) -> &mut Self {
+    pub(crate) fn wall_along_z(
+        &mut self,
+        x: f64,
+        [z0, z1]: [f64; 2],
+        [y0, y1]: [f64; 2],
+        thick: f64,
+    ) -> &mut Self {
         let (a, b) = (x - thick / 2.0, x + thick / 2.0);
         self.quad([[a, y0, z0], [a, y0, z1], [a, y1, z1], [a, y1, z0]]);
         self.quad([[b, y0, z1], [b, y0, z0], [b, y1, z0], [b, y1, z1]])
@@ -69,24 +90,59 @@ pub(crate) fn home_obj() -> Obj {
     let mut obj = Obj::default();
     for (room, x) in [(1, 5.0), (2, 405.0)] {
         obj.group(&format!("room_{room}_1"));
-        obj.quad([[x, 0.0, 5.0], [x, 0.0, 295.0], [x + 390.0, 0.0, 295.0], [x + 390.0, 0.0, 5.0]]);
+        obj.quad([
+            [x, 0.0, 5.0],
+            [x, 0.0, 295.0],
+            [x + 390.0, 0.0, 295.0],
+            [x + 390.0, 0.0, 5.0],
+        ]);
         obj.group(&format!("room_{room}_2"));
-        obj.quad([[x, 250.0, 5.0], [x + 390.0, 250.0, 5.0], [x + 390.0, 250.0, 295.0], [x, 250.0, 295.0]]);
+        obj.quad([
+            [x, 250.0, 5.0],
+            [x + 390.0, 250.0, 5.0],
+            [x + 390.0, 250.0, 295.0],
+            [x, 250.0, 295.0],
+        ]);
     }
-    obj.group("wall_1_1").wall_along_x([-5.0, 805.0], [0.0, 250.0], 0.0, 10.0);
-    obj.group("wall_2_1").wall_along_x([-5.0, 805.0], [0.0, 250.0], 300.0, 10.0);
-    obj.group("wall_3_1").wall_along_z(0.0, [5.0, 295.0], [0.0, 250.0], 10.0);
-    obj.group("wall_4_1").wall_along_z(800.0, [5.0, 295.0], [0.0, 250.0], 10.0);
-    obj.group("wall_5_1").wall_along_z(400.0, [5.0, 100.0], [0.0, 250.0], 10.0);
+    obj.group("wall_1_1")
+        .wall_along_x([-5.0, 805.0], [0.0, 250.0], 0.0, 10.0);
+    obj.group("wall_2_1")
+        .wall_along_x([-5.0, 805.0], [0.0, 250.0], 300.0, 10.0);
+    obj.group("wall_3_1")
+        .wall_along_z(0.0, [5.0, 295.0], [0.0, 250.0], 10.0);
+    obj.group("wall_4_1")
+        .wall_along_z(800.0, [5.0, 295.0], [0.0, 250.0], 10.0);
+    obj.group("wall_5_1")
+        .wall_along_z(400.0, [5.0, 100.0], [0.0, 250.0], 10.0);
     obj.wall_along_z(400.0, [200.0, 295.0], [0.0, 250.0], 10.0);
     obj.wall_along_z(400.0, [100.0, 200.0], [200.0, 250.0], 10.0);
     // The reveals of the opening, cut in the middle of the wall.
     for x in [395.0, 400.0] {
         let y = [0.0, 200.0];
-        obj.quad([[x, y[0], 100.0], [x + 5.0, y[0], 100.0], [x + 5.0, y[1], 100.0], [x, y[1], 100.0]]);
-        obj.quad([[x + 5.0, y[0], 200.0], [x, y[0], 200.0], [x, y[1], 200.0], [x + 5.0, y[1], 200.0]]);
-        obj.quad([[x, y[1], 100.0], [x + 5.0, y[1], 100.0], [x + 5.0, y[1], 200.0], [x, y[1], 200.0]]);
-        obj.quad([[x, 0.0, 100.0], [x, 0.0, 200.0], [x + 5.0, 0.0, 200.0], [x + 5.0, 0.0, 100.0]]);
+        obj.quad([
+            [x, y[0], 100.0],
+            [x + 5.0, y[0], 100.0],
+            [x + 5.0, y[1], 100.0],
+            [x, y[1], 100.0],
+        ]);
+        obj.quad([
+            [x + 5.0, y[0], 200.0],
+            [x, y[0], 200.0],
+            [x, y[1], 200.0],
+            [x + 5.0, y[1], 200.0],
+        ]);
+        obj.quad([
+            [x, y[1], 100.0],
+            [x + 5.0, y[1], 100.0],
+            [x + 5.0, y[1], 200.0],
+            [x, y[1], 200.0],
+        ]);
+        obj.quad([
+            [x, 0.0, 100.0],
+            [x, 0.0, 200.0],
+            [x + 5.0, 0.0, 200.0],
+            [x + 5.0, 0.0, 100.0],
+        ]);
     }
     obj.group("door_9_Door_leaf_1").quad([
         [399.0, 1.0, 102.0],
@@ -134,10 +190,17 @@ pub(crate) fn home_xml(rooms: &str, doors: &str) -> String {
 }
 
 pub(crate) fn home(rooms: &str, doors: &str) -> TempDir {
-    folder(&[("Home.xml", &home_xml(rooms, doors)), ("home.obj", &home_obj().text)])
+    folder(&[
+        ("Home.xml", &home_xml(rooms, doors)),
+        ("home.obj", &home_obj().text),
+    ])
 }
 
 /// Names of a model's cells with their numbers of triangles.
 pub(crate) fn cells(model: &PortalModel) -> Vec<(&str, usize)> {
-    model.cells.iter().map(|cell| (cell.name.as_str(), cell.triangles.len())).collect()
+    model
+        .cells
+        .iter()
+        .map(|cell| (cell.name.as_str(), cell.triangles.len()))
+        .collect()
 }

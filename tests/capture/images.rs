@@ -2,8 +2,10 @@
 //! points. What is wrong with a set is said in a sentence that names file and field.
 
 use glam::{DMat3, DMat4, DVec3, dvec3};
-use headbox_images::{DepthPicture, ImageSet, ImageSetOptions, ImagesError, Lens, check, write_depth_exr};
 use headbox_core::file_frame::FileFrame;
+use headbox_images::{
+    DepthPicture, ImageSet, ImageSetOptions, ImagesError, Lens, check, write_depth_exr,
+};
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use serde_json::{Value, json};
 use std::fs;
@@ -16,14 +18,24 @@ const PRINCIPAL: [f64; 2] = [16.3, 11.7];
 /// Two eyes before a wall at z = -2: rotation (columns right, up, back) and position.
 fn poses() -> [(DMat3, DVec3); 2] {
     [
-        (DMat3::from_rotation_y(0.1) * DMat3::from_rotation_x(-0.05), dvec3(0.1, 0.2, 0.3)),
-        (DMat3::from_rotation_y(-0.15) * DMat3::from_rotation_z(0.02), dvec3(-0.2, 0.1, 0.25)),
+        (
+            DMat3::from_rotation_y(0.1) * DMat3::from_rotation_x(-0.05),
+            dvec3(0.1, 0.2, 0.3),
+        ),
+        (
+            DMat3::from_rotation_y(-0.15) * DMat3::from_rotation_z(0.02),
+            dvec3(-0.2, 0.1, 0.25),
+        ),
     ]
 }
 
 fn ray(x: u32, y: u32) -> DVec3 {
     let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
-    dvec3((x - PRINCIPAL[0]) / FOCAL[0], (PRINCIPAL[1] - y) / FOCAL[1], -1.0)
+    dvec3(
+        (x - PRINCIPAL[0]) / FOCAL[0],
+        (PRINCIPAL[1] - y) / FOCAL[1],
+        -1.0,
+    )
 }
 
 /// Eye depth of the wall.
@@ -31,7 +43,13 @@ fn depth(pose: (DMat3, DVec3), x: u32, y: u32) -> f64 {
     (-2.0 - pose.1.z) / (pose.0 * ray(x, y)).z
 }
 
-fn write_pictures(folder: &Path, i: usize, color: &str, depth_name: Option<&str>, steps_per_metre: f64) {
+fn write_pictures(
+    folder: &Path,
+    i: usize,
+    color: &str,
+    depth_name: Option<&str>,
+    steps_per_metre: f64,
+) {
     let pose = poses()[i];
     // The wall's own texture, so that both cameras see the same colour at a point.
     let texture = |x: u32, y: u32| {
@@ -39,10 +57,14 @@ fn write_pictures(folder: &Path, i: usize, color: &str, depth_name: Option<&str>
         let level = |v: f64| (127.0 + 100.0 * v.sin()) as u8;
         Rgb([level(3.0 * p.x), level(4.0 * p.y), 90])
     };
-    RgbImage::from_fn(SIZE[0], SIZE[1], texture).save(folder.join(color)).expect("written");
+    RgbImage::from_fn(SIZE[0], SIZE[1], texture)
+        .save(folder.join(color))
+        .expect("written");
     if let Some(name) = depth_name {
         let steps = |x: u32, y: u32| Luma([(depth(pose, x, y) * steps_per_metre).round() as u16]);
-        ImageBuffer::<Luma<u16>, _>::from_fn(SIZE[0], SIZE[1], steps).save(folder.join(name)).expect("written");
+        ImageBuffer::<Luma<u16>, _>::from_fn(SIZE[0], SIZE[1], steps)
+            .save(folder.join(name))
+            .expect("written");
     }
 }
 
@@ -56,7 +78,10 @@ fn matrix((rotation, eye): (DMat3, DVec3)) -> DMat4 {
 /// World to camera for X right, Y down, Z forward: rotation and translation.
 fn extrinsics((rotation, eye): (DMat3, DVec3)) -> (DMat3, DVec3) {
     let world_from_camera = rotation * DMat3::from_diagonal(dvec3(1.0, -1.0, -1.0));
-    (world_from_camera.transpose(), -(world_from_camera.transpose() * eye))
+    (
+        world_from_camera.transpose(),
+        -(world_from_camera.transpose() * eye),
+    )
 }
 
 fn rows4(matrix: DMat4) -> Vec<f64> {
@@ -64,23 +89,57 @@ fn rows4(matrix: DMat4) -> Vec<f64> {
 }
 
 fn words(numbers: impl IntoIterator<Item = f64>) -> String {
-    numbers.into_iter().map(|number| format!("{number:.12e}")).collect::<Vec<_>>().join(" ")
+    numbers
+        .into_iter()
+        .map(|number| format!("{number:.12e}"))
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 fn rgbd(folder: &Path) {
     for (i, pose) in poses().into_iter().enumerate() {
-        write_pictures(folder, i, &format!("frame-{i:06}.color.png"), Some(&format!("frame-{i:06}.depth.png")), 1000.0);
+        write_pictures(
+            folder,
+            i,
+            &format!("frame-{i:06}.color.png"),
+            Some(&format!("frame-{i:06}.depth.png")),
+            1000.0,
+        );
         let opencv = matrix(pose) * DMat4::from_diagonal(glam::dvec4(1.0, -1.0, -1.0, 1.0));
-        fs::write(folder.join(format!("frame-{i:06}.pose.txt")), words(rows4(opencv))).expect("written");
+        fs::write(
+            folder.join(format!("frame-{i:06}.pose.txt")),
+            words(rows4(opencv)),
+        )
+        .expect("written");
     }
-    let k = [FOCAL[0], 0.0, PRINCIPAL[0] - 0.5, 0.0, FOCAL[1], PRINCIPAL[1] - 0.5, 0.0, 0.0, 1.0];
+    let k = [
+        FOCAL[0],
+        0.0,
+        PRINCIPAL[0] - 0.5,
+        0.0,
+        FOCAL[1],
+        PRINCIPAL[1] - 0.5,
+        0.0,
+        0.0,
+        1.0,
+    ];
     fs::write(folder.join("camera-intrinsics.txt"), words(k)).expect("written");
 }
 
 /// The world of nerfstudio's files has Z up: (x, y, z) there is (x, z, -y) here.
 fn z_up(pose: (DMat3, DVec3)) -> (DMat3, DVec3) {
-    let file = |p: DVec3| FileFrame { up: headbox_core::file_frame::UpAxis::Z, unit_m: 1.0 }.file_from_world(p);
-    let rotation = DMat3::from_cols(file(pose.0.x_axis), file(pose.0.y_axis), file(pose.0.z_axis));
+    let file = |p: DVec3| {
+        FileFrame {
+            up: headbox_core::file_frame::UpAxis::Z,
+            unit_m: 1.0,
+        }
+        .file_from_world(p)
+    };
+    let rotation = DMat3::from_cols(
+        file(pose.0.x_axis),
+        file(pose.0.y_axis),
+        file(pose.0.z_axis),
+    );
     (rotation, file(pose.1))
 }
 
@@ -107,14 +166,21 @@ fn colmap_text(folder: &Path) {
     fs::create_dir_all(folder.join("images")).expect("made");
     let [fx, fy] = FOCAL;
     let [cx, cy] = PRINCIPAL;
-    let camera = format!("# comment\n7 PINHOLE {} {} {fx} {fy} {cx} {cy}\n", SIZE[0], SIZE[1]);
+    let camera = format!(
+        "# comment\n7 PINHOLE {} {} {fx} {fy} {cx} {cy}\n",
+        SIZE[0], SIZE[1]
+    );
     fs::write(folder.join("sparse/cameras.txt"), camera).expect("written");
     let mut images = String::from("# comment\n");
     for (i, pose) in poses().into_iter().enumerate() {
         write_pictures(&folder.join("images"), i, &format!("{i}.png"), None, 0.0);
         let (rotation, t) = extrinsics(pose);
         let q = glam::DQuat::from_mat3(&rotation);
-        images += &format!("{} {} 7 {i}.png\n\n", i + 1, words([q.w, q.x, q.y, q.z, t.x, t.y, t.z]));
+        images += &format!(
+            "{} {} 7 {i}.png\n\n",
+            i + 1,
+            words([q.w, q.x, q.y, q.z, t.x, t.y, t.z])
+        );
     }
     fs::write(folder.join("sparse/images.txt"), images).expect("written");
 }
@@ -124,15 +190,21 @@ fn colmap_binary(folder: &Path) {
     fs::remove_file(folder.join("sparse/cameras.txt")).expect("removed");
     let mut cameras = 1u64.to_le_bytes().to_vec();
     cameras.extend(7u32.to_le_bytes().into_iter().chain(1u32.to_le_bytes()));
-    SIZE.iter().for_each(|&side| cameras.extend(u64::from(side).to_le_bytes()));
-    FOCAL.iter().chain(&PRINCIPAL).for_each(|number| cameras.extend(number.to_le_bytes()));
+    SIZE.iter()
+        .for_each(|&side| cameras.extend(u64::from(side).to_le_bytes()));
+    FOCAL
+        .iter()
+        .chain(&PRINCIPAL)
+        .for_each(|number| cameras.extend(number.to_le_bytes()));
     fs::write(folder.join("sparse/cameras.bin"), cameras).expect("written");
     let mut images = 2u64.to_le_bytes().to_vec();
     for (i, pose) in poses().into_iter().enumerate() {
         let (rotation, t) = extrinsics(pose);
         let q = glam::DQuat::from_mat3(&rotation);
         images.extend((i as u32).to_le_bytes());
-        [q.w, q.x, q.y, q.z, t.x, t.y, t.z].iter().for_each(|number| images.extend(number.to_le_bytes()));
+        [q.w, q.x, q.y, q.z, t.x, t.y, t.z]
+            .iter()
+            .for_each(|number| images.extend(number.to_le_bytes()));
         images.extend(7u32.to_le_bytes());
         images.extend(format!("{i}.png\0").bytes());
         images.extend(1u64.to_le_bytes().into_iter().chain([0; 24])); // one point
@@ -145,9 +217,22 @@ fn middlebury(folder: &Path) {
     for (i, pose) in poses().into_iter().enumerate() {
         write_pictures(folder, i, &format!("v{i}.png"), None, 0.0);
         let (rotation, t) = extrinsics(pose);
-        let k = [FOCAL[0], 0.0, PRINCIPAL[0] - 0.5, 0.0, FOCAL[1], PRINCIPAL[1] - 0.5, 0.0, 0.0, 1.0];
+        let k = [
+            FOCAL[0],
+            0.0,
+            PRINCIPAL[0] - 0.5,
+            0.0,
+            FOCAL[1],
+            PRINCIPAL[1] - 0.5,
+            0.0,
+            0.0,
+            1.0,
+        ];
         let r = rotation.transpose().to_cols_array();
-        lines += &format!("v{i}.png {}\n", words(k.into_iter().chain(r).chain([t.x, t.y, t.z])));
+        lines += &format!(
+            "v{i}.png {}\n",
+            words(k.into_iter().chain(r).chain([t.x, t.y, t.z]))
+        );
     }
     fs::write(folder.join("wall_par.txt"), lines).expect("written");
 }
@@ -192,16 +277,21 @@ fn seurat(folder: &Path) -> Value {
 fn seurat_of_an_engine(folder: &Path) -> Value {
     let mut value = seurat(folder);
     for i in 0..2 {
-        let colors = image::open(folder.join(format!("c{i}.png"))).expect("a picture").into_rgb8();
+        let colors = image::open(folder.join(format!("c{i}.png")))
+            .expect("a picture")
+            .into_rgb8();
         let linear = |level: u8| headbox_core::color::linear_from_srgb8(level);
         let channels = exr::prelude::SpecificChannels::rgba(|at: exr::math::Vec2<usize>| {
             let (x, y) = (at.x() as u32, at.y() as u32);
             let [r, g, b] = colors.get_pixel(x, y).0.map(linear);
             (r, g, b, depth(poses()[i], x, y) as f32)
         });
-        let image = exr::prelude::Image::from_channels((SIZE[0] as usize, SIZE[1] as usize), channels);
+        let image =
+            exr::prelude::Image::from_channels((SIZE[0] as usize, SIZE[1] as usize), channels);
         let name = format!("{i}_ColorDepth.exr");
-        exr::prelude::WritableImage::write(&image).to_file(folder.join(&name)).expect("written");
+        exr::prelude::WritableImage::write(&image)
+            .to_file(folder.join(&name))
+            .expect("written");
         let view = &mut value["view_groups"][0]["views"][i];
         view["projective_camera"]["depth_type"] = json!("EYE_Z");
         view["depth_image_file"]["color"]["path"] = json!(name);
@@ -219,13 +309,21 @@ fn every_format_gives_the_same_cameras_and_points() {
     type Write = fn(&Path);
     let formats: [(&str, Write); 8] = [
         ("RGB-D frames", rgbd),
-        ("nerfstudio transforms", |folder| write_json(folder, "transforms.json", &transforms(folder))),
-        ("nerfstudio transforms", |folder| write_json(folder, "transforms_train.json", &transforms(folder))),
+        ("nerfstudio transforms", |folder| {
+            write_json(folder, "transforms.json", &transforms(folder))
+        }),
+        ("nerfstudio transforms", |folder| {
+            write_json(folder, "transforms_train.json", &transforms(folder))
+        }),
         ("COLMAP model (text)", colmap_text),
         ("COLMAP model (binary)", colmap_binary),
         ("Middlebury multi-view", middlebury),
-        ("Seurat manifest", |folder| write_json(folder, "manifest.json", &seurat(folder))),
-        ("Seurat manifest", |folder| write_json(folder, "manifest.json", &seurat_of_an_engine(folder))),
+        ("Seurat manifest", |folder| {
+            write_json(folder, "manifest.json", &seurat(folder))
+        }),
+        ("Seurat manifest", |folder| {
+            write_json(folder, "manifest.json", &seurat_of_an_engine(folder))
+        }),
     ];
     for (name, write) in formats {
         let folder = tempfile::tempdir().expect("a folder");
@@ -234,16 +332,35 @@ fn every_format_gives_the_same_cameras_and_points() {
         assert_eq!((set.format, set.views.len()), (name, 2));
         for (view, pose) in set.views.iter().zip(poses()) {
             assert_eq!(view.size_px, SIZE, "{name}");
-            let Lens::Pinhole(pinhole) = view.lens else { panic!("{name}: a pinhole") };
-            let close = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs().max((a[1] - b[1]).abs()) < 1e-9;
-            assert!(close(pinhole.focal_px, FOCAL) && close(pinhole.principal_px, PRINCIPAL), "{name}: {pinhole:?}");
-            assert!((view.pose.eye - pose.1).length() < 1e-9, "{name}: {}", view.pose.eye);
-            assert!((view.pose.world_from_eye.x_axis - pose.0.x_axis).length() < 1e-9, "{name}");
-            assert!((view.pose.world_from_eye.z_axis - pose.0.z_axis).length() < 1e-9, "{name}");
+            let Lens::Pinhole(pinhole) = view.lens else {
+                panic!("{name}: a pinhole")
+            };
+            let close =
+                |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs().max((a[1] - b[1]).abs()) < 1e-9;
+            assert!(
+                close(pinhole.focal_px, FOCAL) && close(pinhole.principal_px, PRINCIPAL),
+                "{name}: {pinhole:?}"
+            );
+            assert!(
+                (view.pose.eye - pose.1).length() < 1e-9,
+                "{name}: {}",
+                view.pose.eye
+            );
+            assert!(
+                (view.pose.world_from_eye.x_axis - pose.0.x_axis).length() < 1e-9,
+                "{name}"
+            );
+            assert!(
+                (view.pose.world_from_eye.z_axis - pose.0.z_axis).length() < 1e-9,
+                "{name}"
+            );
             let loaded = view.load().expect(name);
             if let Some(point) = loaded.point_at(20, 5) {
                 // Half a millimetre of rounding; of window depth half a step times Z^2 / near (C1): 0.4 mm.
-                assert!((point.z + 2.0).abs() < 1e-3, "{name}: the wall is at -2, found {point}");
+                assert!(
+                    (point.z + 2.0).abs() < 1e-3,
+                    "{name}: the wall is at -2, found {point}"
+                );
             } else {
                 assert!(view.depth.is_none(), "{name}");
             }
@@ -252,7 +369,10 @@ fn every_format_gives_the_same_cameras_and_points() {
         assert_eq!(report.warnings, Vec::<String>::new(), "{name}");
         if set.views_with_depth().count() == 2 {
             let residual = &report.residuals[0];
-            assert!(residual.overlap > 0.5 && residual.relative_depth < 1e-3, "{name}: {residual:?}");
+            assert!(
+                residual.overlap > 0.5 && residual.relative_depth < 1e-3,
+                "{name}: {residual:?}"
+            );
             // Bilinear lookups in a texture of a twentieth of a period a pixel.
             assert!(residual.color_levels < 6.0, "{name}: {residual:?}");
         }
@@ -268,16 +388,30 @@ fn what_is_wrong_is_said_with_file_and_field() {
         write_json(folder.path(), "manifest.json", &value);
         (open(folder.path()), folder)
     };
-    let camera =
-        |value: &mut Value, key: &str, to: Value| value["view_groups"][0]["views"][1]["projective_camera"][key] = to;
-    let file =
-        |value: &mut Value, key: &str, to: Value| value["view_groups"][0]["views"][1]["depth_image_file"][key] = to;
+    let camera = |value: &mut Value, key: &str, to: Value| {
+        value["view_groups"][0]["views"][1]["projective_camera"][key] = to
+    };
+    let file = |value: &mut Value, key: &str, to: Value| {
+        value["view_groups"][0]["views"][1]["depth_image_file"][key] = to
+    };
     type Change = Box<dyn Fn(&mut Value)>;
     let cases: [(&str, Change); 10] = [
-        ("views[1].projective_camera.depth_type", Box::new(move |v| camera(v, "depth_type", json!("Z")))),
-        ("views[1].projective_camera.image_width", Box::new(move |v| camera(v, "image_width", json!(0)))),
-        ("image_width", Box::new(move |v| camera(v, "image_width", json!(1e9)))),
-        ("world_from_eye_matrix", Box::new(move |v| camera(v, "world_from_eye_matrix", json!([1, 2, 3])))),
+        (
+            "views[1].projective_camera.depth_type",
+            Box::new(move |v| camera(v, "depth_type", json!("Z"))),
+        ),
+        (
+            "views[1].projective_camera.image_width",
+            Box::new(move |v| camera(v, "image_width", json!(0))),
+        ),
+        (
+            "image_width",
+            Box::new(move |v| camera(v, "image_width", json!(1e9))),
+        ),
+        (
+            "world_from_eye_matrix",
+            Box::new(move |v| camera(v, "world_from_eye_matrix", json!([1, 2, 3]))),
+        ),
         (
             "mirrors",
             Box::new(move |v| {
@@ -288,17 +422,33 @@ fn what_is_wrong_is_said_with_file_and_field() {
         (
             "scale of 1000",
             Box::new(move |v| {
-                camera(v, "world_from_eye_matrix", json!(rows4(DMat4::from_scale(DVec3::splat(1000.0)))));
+                camera(
+                    v,
+                    "world_from_eye_matrix",
+                    json!(rows4(DMat4::from_scale(DVec3::splat(1000.0)))),
+                );
             }),
         ),
-        ("looks down -Z", Box::new(move |v| camera(v, "clip_from_eye_matrix", json!(rows4(DMat4::IDENTITY))))),
-        ("leads out of the folder", Box::new(move |v| file(v, "depth", json!({"path": "../../etc/passwd"})))),
-        ("leads out of the folder", Box::new(move |v| file(v, "color", json!({"path": "/etc/passwd"})))),
+        (
+            "looks down -Z",
+            Box::new(move |v| camera(v, "clip_from_eye_matrix", json!(rows4(DMat4::IDENTITY)))),
+        ),
+        (
+            "leads out of the folder",
+            Box::new(move |v| file(v, "depth", json!({"path": "../../etc/passwd"}))),
+        ),
+        (
+            "leads out of the folder",
+            Box::new(move |v| file(v, "color", json!({"path": "/etc/passwd"}))),
+        ),
         ("view_groups", Box::new(|v| *v = json!({}))),
     ];
     for (expected, change) in &cases {
         let error = manifest(change).0.expect_err(expected).to_string();
-        assert!(error.contains("manifest.json") && error.contains(expected), "{expected}: {error}");
+        assert!(
+            error.contains("manifest.json") && error.contains(expected),
+            "{expected}: {error}"
+        );
         assert_eq!(error.lines().count(), 1, "{error}");
     }
     let load = |change: &dyn Fn(&Path)| {
@@ -306,7 +456,11 @@ fn what_is_wrong_is_said_with_file_and_field() {
         rgbd(folder.path());
         change(folder.path());
         open(folder.path())
-            .and_then(|set| set.views.iter().try_for_each(|view| view.load().map(|_| ())))
+            .and_then(|set| {
+                set.views
+                    .iter()
+                    .try_for_each(|view| view.load().map(|_| ()))
+            })
             .expect_err("refused")
             .to_string()
     };
@@ -320,15 +474,33 @@ fn what_is_wrong_is_said_with_file_and_field() {
     let missing = load(&|folder| fs::remove_file(folder.join(color)).expect("removed"));
     assert!(missing.contains(color), "{missing}");
     let other_size = load(&|folder| {
-        ImageBuffer::<Luma<u16>, _>::new(8, 8).save(folder.join(depth)).expect("written");
+        ImageBuffer::<Luma<u16>, _>::new(8, 8)
+            .save(folder.join(depth))
+            .expect("written");
     });
-    assert!(other_size.contains("8x8") && other_size.contains("32x24"), "{other_size}");
-    let eight_bits = load(&|folder| image::GrayImage::new(32, 24).save(folder.join(depth)).expect("written"));
+    assert!(
+        other_size.contains("8x8") && other_size.contains("32x24"),
+        "{other_size}"
+    );
+    let eight_bits = load(&|folder| {
+        image::GrayImage::new(32, 24)
+            .save(folder.join(depth))
+            .expect("written")
+    });
     assert!(eight_bits.contains("8 bits"), "{eight_bits}");
-    let pose = load(&|folder| fs::write(folder.join("frame-000001.pose.txt"), "1 2 3").expect("written"));
-    assert!(pose.contains("frame-000001.pose.txt") && pose.contains("16 finite numbers"), "{pose}");
-    let nothing = open(tempfile::tempdir().expect("a folder").path()).expect_err("nothing there").to_string();
-    assert!(nothing.contains("manifest.json") && nothing.contains("COLMAP"), "{nothing}");
+    let pose =
+        load(&|folder| fs::write(folder.join("frame-000001.pose.txt"), "1 2 3").expect("written"));
+    assert!(
+        pose.contains("frame-000001.pose.txt") && pose.contains("16 finite numbers"),
+        "{pose}"
+    );
+    let nothing = open(tempfile::tempdir().expect("a folder").path())
+        .expect_err("nothing there")
+        .to_string();
+    assert!(
+        nothing.contains("manifest.json") && nothing.contains("COLMAP"),
+        "{nothing}"
+    );
 }
 
 #[test]
@@ -337,12 +509,25 @@ fn photographs_that_are_not_there_are_left_out_and_named() {
     colmap_text(folder.path());
     fs::remove_file(folder.path().join("images/0.png")).expect("removed");
     let set = open(folder.path()).expect("a set");
-    assert!(set.views.iter().map(|view| view.name.as_str()).eq(["1.png"]));
-    let [note] = &set.notes[..] else { panic!("{:?}", set.notes) };
-    assert!(note.starts_with("1 of 2 pictures are not there, such as ") && note.contains("0.png;"), "{note}");
+    assert!(
+        set.views
+            .iter()
+            .map(|view| view.name.as_str())
+            .eq(["1.png"])
+    );
+    let [note] = &set.notes[..] else {
+        panic!("{:?}", set.notes)
+    };
+    assert!(
+        note.starts_with("1 of 2 pictures are not there, such as ") && note.contains("0.png;"),
+        "{note}"
+    );
     fs::remove_file(folder.path().join("images/1.png")).expect("removed");
     let error = open(folder.path()).expect_err("no picture").to_string();
-    assert!(error.contains("0.png: there is no such file, nor any other of the 2 pictures"), "{error}");
+    assert!(
+        error.contains("0.png: there is no such file, nor any other of the 2 pictures"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -370,10 +555,22 @@ fn disagreeing_depths_and_equal_poses_are_warned_of() {
     fs::write(&pose, words(rows4(opencv))).expect("written");
     let set = open(folder.path()).expect("opens");
     let report = check(&set, 4, &mut |_| {}).expect("loads");
-    assert!(report.warnings.iter().any(|warning| warning.contains("disagree")), "{report:?}");
+    assert!(
+        report
+            .warnings
+            .iter()
+            .any(|warning| warning.contains("disagree")),
+        "{report:?}"
+    );
     fs::copy(folder.path().join("frame-000000.pose.txt"), &pose).expect("copied");
     let report = check(&open(folder.path()).expect("opens"), 4, &mut |_| {}).expect("loads");
-    assert!(report.warnings.iter().any(|warning| warning.contains("same pose")), "{report:?}");
+    assert!(
+        report
+            .warnings
+            .iter()
+            .any(|warning| warning.contains("same pose")),
+        "{report:?}"
+    );
 }
 
 /// Red and green exchanged by name, and nothing masked out though the file's alpha is zero.
@@ -382,12 +579,22 @@ fn channels_are_those_that_a_manifest_names() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut value = seurat(folder.path());
     let pixel = |x, y| image::Rgba([x as u8, y as u8, 7, 0]);
-    image::RgbaImage::from_fn(SIZE[0], SIZE[1], pixel).save(folder.path().join("c0.png")).expect("written");
+    image::RgbaImage::from_fn(SIZE[0], SIZE[1], pixel)
+        .save(folder.path().join("c0.png"))
+        .expect("written");
     // In one corner the largest share.
-    let step = |x, y| if [x, y] == [0, 0] { u16::MAX } else { (depth(poses()[0], x, y) * 16_000.0) as u16 };
+    let step = |x, y| {
+        if [x, y] == [0, 0] {
+            u16::MAX
+        } else {
+            (depth(poses()[0], x, y) * 16_000.0) as u16
+        }
+    };
     let rgba = |x, y| image::Rgba([9, 8, 7, step(x, y)]);
     let with_depth = ImageBuffer::<image::Rgba<u16>, Vec<u16>>::from_fn(SIZE[0], SIZE[1], rgba);
-    with_depth.save(folder.path().join("d0.png")).expect("written");
+    with_depth
+        .save(folder.path().join("d0.png"))
+        .expect("written");
     let view = &mut value["view_groups"][0]["views"][0];
     view["projective_camera"]["depth_type"] = json!("EYE_Z");
     view["depth_image_file"]["color"]["channel_0"] = json!("G");
@@ -402,7 +609,11 @@ fn channels_are_those_that_a_manifest_names() {
     assert_eq!(loaded.color[(5 * SIZE[0] + 20) as usize], [5, 20, 0, 255]);
     let expected = depth(poses()[0], 20, 5) * 16_000.0 / 65_535.0;
     assert!((f64::from(loaded.depth_at(20, 5).expect("known")) - expected).abs() < 1e-4);
-    assert_eq!(loaded.depth_at(0, 0), Some(1.0), "a sensor's \"none\" is a share like any other");
+    assert_eq!(
+        loaded.depth_at(0, 0),
+        Some(1.0),
+        "a sensor's \"none\" is a share like any other"
+    );
     for (of, key) in [("color", "channel_alpha"), ("depth", "channel_0")] {
         let mut wrong = value.clone();
         wrong["view_groups"][0]["views"][0]["depth_image_file"][of][key] = json!("W");
@@ -421,16 +632,31 @@ fn units_that_differ_are_warned_of_and_the_sky_is_not() {
         let report = check(&open(folder.path()).expect("opens"), 4, &mut |_| {}).expect("loads");
         (report.warnings, report.median_depth_m)
     };
-    let values = |x: usize, y: usize| if y < 14 { f32::INFINITY } else { depth(poses()[0], x as u32, y as u32) as f32 };
+    let values = |x: usize, y: usize| {
+        if y < 14 {
+            f32::INFINITY
+        } else {
+            depth(poses()[0], x as u32, y as u32) as f32
+        }
+    };
     let [width, height] = SIZE.map(|side| side as usize);
-    let values = (0..width * height).map(|i| values(i % width, i / width)).collect();
-    let sky = DepthPicture { width: SIZE[0], height: SIZE[1], values };
+    let values = (0..width * height)
+        .map(|i| values(i % width, i / width))
+        .collect();
+    let sky = DepthPicture {
+        width: SIZE[0],
+        height: SIZE[1],
+        values,
+    };
     write_depth_exr(&sky, &folder.path().join("sky.exr")).expect("written");
     let mut outside = value.clone();
     outside["frames"] = json!([outside["frames"][0]]);
     outside["frames"][0]["depth_file_path"] = json!("sky.exr");
     let (said, median) = warnings(&outside);
-    assert!(said.is_empty() && median > 1.5 && median < 3.0, "{said:?} {median}");
+    assert!(
+        said.is_empty() && median > 1.5 && median < 3.0,
+        "{said:?} {median}"
+    );
     for frame in value["frames"].as_array_mut().expect("a list") {
         for row in 0..3 {
             let of = &mut frame["transform_matrix"][row][3];
@@ -438,12 +664,17 @@ fn units_that_differ_are_warned_of_and_the_sky_is_not() {
         }
     }
     let (said, _) = warnings(&value);
-    let [warning] = &said[..] else { panic!("one: {said:?}") };
+    let [warning] = &said[..] else {
+        panic!("one: {said:?}")
+    };
     assert!(warning.contains("millimetres and metres"), "{warning}");
     value["depth_unit_scale_factor"] = json!(0);
     write_json(folder.path(), "transforms.json", &value);
     let error = open(folder.path()).expect_err("no unit").to_string();
-    assert!(error.contains("transforms.json: depth_unit_scale_factor: must be above 0"), "{error}");
+    assert!(
+        error.contains("transforms.json: depth_unit_scale_factor: must be above 0"),
+        "{error}"
+    );
 }
 
 /// What pairs do not happen to look at is looked for, too.
@@ -465,9 +696,14 @@ fn every_file_of_a_set_is_checked() {
     write_json(folder.path(), "transforms.json", &value);
     let checked = || check(&open(folder.path()).expect("opens"), 1, &mut |_| {});
     checked().expect("all is there");
-    RgbImage::new(8, 8).save(folder.path().join("8.png")).expect("written");
+    RgbImage::new(8, 8)
+        .save(folder.path().join("8.png"))
+        .expect("written");
     let error = checked().expect_err("another size").to_string();
-    assert!(error.contains("8.png: is 8x8 pixels, but the set says 32x24"), "{error}");
+    assert!(
+        error.contains("8.png: is 8x8 pixels, but the set says 32x24"),
+        "{error}"
+    );
     fs::remove_file(folder.path().join("7_depth16.png")).expect("removed");
     let error = checked().expect_err("not there").to_string();
     assert!(error.contains("7_depth16.png"), "{error}");

@@ -2,13 +2,13 @@
 
 use crate::folder::Folder;
 use glam::{DVec3, Vec3, dvec3};
-use headbox_scene::material::Material;
-use headbox_trace::light::{LightSample, Lighting, LitPoint};
 use headbox_core::color::luminance;
-use headbox_scene::load::LoadOptions;
 use headbox_core::exposure::Exposure;
+use headbox_scene::load::LoadOptions;
+use headbox_scene::material::Material;
 use headbox_scene::scene::{Lamp, Reach, Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};
 use headbox_trace::bvh::Tracer;
+use headbox_trace::light::{LightSample, Lighting, LitPoint};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
@@ -17,11 +17,22 @@ const SAMPLES: u32 = 4096;
 /// A floor about the origin, its upper side up, of albedo 1, under nothing.
 fn floor() -> Scene {
     let corner = |x: f64, z: f64| dvec3(x * 100.0, 0.0, z * 100.0);
-    let triangle = |vertices| Triangle { vertices, material: 0 };
+    let triangle = |vertices| Triangle {
+        vertices,
+        material: 0,
+    };
     Scene {
-        positions: vec![corner(-1.0, -1.0), corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0)],
+        positions: vec![
+            corner(-1.0, -1.0),
+            corner(-1.0, 1.0),
+            corner(1.0, 1.0),
+            corner(1.0, -1.0),
+        ],
         triangles: vec![triangle([0, 1, 2]), triangle([0, 2, 3])],
-        materials: vec![Material { albedo: [1.0; 3], ..Material::default() }],
+        materials: vec![Material {
+            albedo: [1.0; 3],
+            ..Material::default()
+        }],
         ..Scene::default()
     }
 }
@@ -30,10 +41,19 @@ fn floor() -> Scene {
 fn light_on(scene: Scene, at: Vec3) -> (Vec3, f32) {
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let lighting = Lighting::of_scene(&tracer, 1);
-    let point = LitPoint { position: at, normal: Vec3::Y, shading_normal: Vec3::Y, extent: 100.0 };
+    let point = LitPoint {
+        position: at,
+        normal: Vec3::Y,
+        shading_normal: Vec3::Y,
+        extent: 100.0,
+    };
     let (mut sum, mut squares) = (Vec3::ZERO, 0.0);
     for index in 0..SAMPLES {
-        let light = Vec3::from(lighting.radiosity_per_albedo(&tracer, &point, &LightSample { stream: 3, index }));
+        let light = Vec3::from(lighting.radiosity_per_albedo(
+            &tracer,
+            &point,
+            &LightSample { stream: 3, index },
+        ));
         sum += light;
         squares += luminance(light.to_array()).powi(2);
     }
@@ -43,12 +63,17 @@ fn light_on(scene: Scene, at: Vec3) -> (Vec3, f32) {
 }
 
 fn picture(width: u32, radiance: impl Fn(u32, u32) -> [f32; 3]) -> SkyPicture {
-    let texels = (0..width / 2).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| radiance(x, y));
+    let texels = (0..width / 2)
+        .flat_map(|y| (0..width).map(move |x| (x, y)))
+        .map(|(x, y)| radiance(x, y));
     SkyPicture::new([width, width / 2], texels.collect(), 0.0).expect("a sky")
 }
 
 fn under(picture: SkyPicture) -> Scene {
-    Scene { sky: Some(Sky::Picture(Arc::new(picture))), ..floor() }
+    Scene {
+        sky: Some(Sky::Picture(Arc::new(picture))),
+        ..floor()
+    }
 }
 
 /// Irradiance over pi on level ground from texel (x, y) of a picture with a radiance of 1 there: the integral of the cosine over its
@@ -64,9 +89,20 @@ fn a_white_floor_in_a_white_furnace_is_as_bright_as_the_sky() {
         let (light, error) = light_on(under(picture(width, |_, _| [2.0, 1.0, 0.5])), Vec3::ZERO);
         // Directions that the sky suggests lie below the floor half of the time: a sample varies by less than its mean.
         let tolerance = 4.0 / (SAMPLES as f32).sqrt();
-        assert!((light - Vec3::new(2.0, 1.0, 0.5)).abs().max_element() < tolerance, "{width}: {light}, {error}");
-        let gradient = Scene { sky: Some(Sky::Gradient(SkyGradient::uniform([2.0, 1.0, 0.5]))), ..floor() };
-        assert!((light - light_on(gradient, Vec3::ZERO).0).abs().max_element() < tolerance);
+        assert!(
+            (light - Vec3::new(2.0, 1.0, 0.5)).abs().max_element() < tolerance,
+            "{width}: {light}, {error}"
+        );
+        let gradient = Scene {
+            sky: Some(Sky::Gradient(SkyGradient::uniform([2.0, 1.0, 0.5]))),
+            ..floor()
+        };
+        assert!(
+            (light - light_on(gradient, Vec3::ZERO).0)
+                .abs()
+                .max_element()
+                < tolerance
+        );
     }
 }
 
@@ -75,13 +111,25 @@ fn a_single_bright_texel_lights_by_its_solid_angle_and_cosine() {
     const WIDTH: u32 = 512;
     for y in [2, 60, 120] {
         let bright = 1e5;
-        let sky = picture(WIDTH, |x, at| if (x, at) == (77, y) { [bright; 3] } else { [0.01; 3] });
+        let sky = picture(WIDTH, |x, at| {
+            if (x, at) == (77, y) {
+                [bright; 3]
+            } else {
+                [0.01; 3]
+            }
+        });
         let expected = f64::from(bright) * from_texel(WIDTH, y) + 0.01;
         let (light, error) = light_on(under(sky), Vec3::ZERO);
         let off = (f64::from(light.x) - expected).abs();
-        assert!(off < 4.0 * f64::from(error) + 1e-4 * expected, "row {y}: {light} for {expected}, +- {error}");
+        assert!(
+            off < 4.0 * f64::from(error) + 1e-4 * expected,
+            "row {y}: {light} for {expected}, +- {error}"
+        );
         // Cosine-weighted rays alone would meet it once in 100,000: half of its light, and no more noise than that.
-        assert!(f64::from(error) < 0.02 * expected, "row {y}: +- {error} of {expected}");
+        assert!(
+            f64::from(error) < 0.02 * expected,
+            "row {y}: +- {error} of {expected}"
+        );
     }
 }
 
@@ -93,7 +141,12 @@ fn a_picture_lights_from_where_it_is_seen() {
         texels[10 * 64 + 48] = [100.0; 3];
         SkyPicture::new([64, 32], texels, turn).expect("a sky")
     };
-    for (turn, toward) in [(0.0, Vec3::X), (90.0, Vec3::Z), (-90.0, Vec3::NEG_Z), (450.0, Vec3::Z)] {
+    for (turn, toward) in [
+        (0.0, Vec3::X),
+        (90.0, Vec3::Z),
+        (-90.0, Vec3::NEG_Z),
+        (450.0, Vec3::Z),
+    ] {
         let sky = sky(turn);
         let (direction, radiance) = sky.sample([0.4, 0.6]).expect("not black");
         assert_eq!(radiance, [100.0; 3]);
@@ -105,16 +158,24 @@ fn a_picture_lights_from_where_it_is_seen() {
         let [seen, ..] = sky.seen(direction);
         assert!(seen > 20.0, "{seen}");
     }
-    assert!(picture(2, |_, _| [0.0; 3]).sample([0.5; 2]).is_none(), "a black sky");
+    assert!(
+        picture(2, |_, _| [0.0; 3]).sample([0.5; 2]).is_none(),
+        "a black sky"
+    );
 }
 
 #[test]
 fn draws_are_as_dense_as_they_say() {
-    let sky = picture(32, |x, y| [((x * 7 + y * 3) % 11) as f32, 1.0, (y % 4) as f32]);
+    let sky = picture(32, |x, y| {
+        [((x * 7 + y * 3) % 11) as f32, 1.0, (y % 4) as f32]
+    });
     // The mean of one over the density over all draws is the solid angle of all directions.
     let mut sum = 0.0;
     for i in 0..SAMPLES {
-        let square = [(i as f32 + 0.5) / SAMPLES as f32, (i as f32 * 0.618_034).fract()];
+        let square = [
+            (i as f32 + 0.5) / SAMPLES as f32,
+            (i as f32 * 0.618_034).fract(),
+        ];
         let (direction, radiance) = sky.sample(square).expect("not black");
         assert!((direction.length() - 1.0).abs() < 1e-5);
         sum += 1.0 / f64::from(sky.density(radiance));
@@ -129,9 +190,17 @@ fn a_sun_in_the_picture_lights_as_a_sun() {
     const WIDTH: u32 = 1024;
     let (sun_y, size) = (100, 3);
     let is_sun = |x: u32, y: u32| x.abs_diff(300) < size && y.abs_diff(sun_y) < size;
-    let whole = picture(WIDTH, |x, y| if is_sun(x, y) { [3e4, 2e4, 1e4] } else { [0.5; 3] });
-    let expected: f64 =
-        0.5 + (sun_y + 1 - size..sun_y + size).map(|y| 5.0 * (3e4 - 0.5) * from_texel(WIDTH, y)).sum::<f64>();
+    let whole = picture(WIDTH, |x, y| {
+        if is_sun(x, y) {
+            [3e4, 2e4, 1e4]
+        } else {
+            [0.5; 3]
+        }
+    });
+    let expected: f64 = 0.5
+        + (sun_y + 1 - size..sun_y + size)
+            .map(|y| 5.0 * (3e4 - 0.5) * from_texel(WIDTH, y))
+            .sum::<f64>();
     let before = light_on(under(whole.clone()), Vec3::ZERO);
     let (rest, sun) = whole.without_sun();
     let sun = sun.expect("a sun");
@@ -139,22 +208,48 @@ fn a_sun_in_the_picture_lights_as_a_sun() {
     assert!(toward[0] < 1.0, "its light is taken out: {toward:?}");
     assert!(rest.seen(sun.direction)[0] > 1e4, "an eye still sees it");
     let radius_deg = sun.angular_radius_rad.to_degrees();
-    assert!((0.6..1.4).contains(&radius_deg), "five texels of a third of a degree: {radius_deg}");
-    let after = light_on(Scene { sun: Some(sun), ..under(rest) }, Vec3::ZERO);
+    assert!(
+        (0.6..1.4).contains(&radius_deg),
+        "five texels of a third of a degree: {radius_deg}"
+    );
+    let after = light_on(
+        Scene {
+            sun: Some(sun),
+            ..under(rest)
+        },
+        Vec3::ZERO,
+    );
     for (name, (light, error)) in [("in the picture", before), ("taken out", after)] {
         let off = (f64::from(light.x) - expected).abs() / expected;
-        assert!(off < 0.01 + 4.0 * f64::from(error) / expected, "{name}: {light} for {expected}");
+        assert!(
+            off < 0.01 + 4.0 * f64::from(error) / expected,
+            "{name}: {light} for {expected}"
+        );
     }
-    assert!(after.1 < before.1, "and with less noise: {} and {}", after.1, before.1);
+    assert!(
+        after.1 < before.1,
+        "and with less noise: {} and {}",
+        after.1,
+        before.1
+    );
     // A wide bright window is no sun.
-    let (_, none) = picture(256, |x, y| if x < 64 && y < 40 { [50.0; 3] } else { [0.5; 3] }).without_sun();
+    let (_, none) = picture(256, |x, y| {
+        if x < 64 && y < 40 {
+            [50.0; 3]
+        } else {
+            [0.5; 3]
+        }
+    })
+    .without_sun();
     assert_eq!(none, None);
 }
 
 #[test]
 fn a_sky_is_made_smaller_and_brighter_without_losing_light() {
     let sky = picture(90, |x, y| [(x + y) as f32, 1.0, 3.0]);
-    let mean = |sky: &SkyPicture| sky.texels().iter().map(|t| f64::from(t[0])).sum::<f64>() / sky.texels().len() as f64;
+    let mean = |sky: &SkyPicture| {
+        sky.texels().iter().map(|t| f64::from(t[0])).sum::<f64>() / sky.texels().len() as f64
+    };
     let small = sky.times(2.0).reduced(30);
     assert_eq!(small.size(), [30, 15]);
     assert!((mean(&small) - 2.0 * mean(&sky)).abs() < 1e-3);
@@ -164,7 +259,8 @@ fn a_sky_is_made_smaller_and_brighter_without_losing_light() {
 
 /// A Radiance file of one colour, without compression.
 fn hdr(width: u32, height: u32, rgbe: [u8; 4]) -> Vec<u8> {
-    let mut file = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n").into_bytes();
+    let mut file =
+        format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n").into_bytes();
     (0..width * height).for_each(|_| file.extend(rgbe));
     file
 }
@@ -172,12 +268,19 @@ fn hdr(width: u32, height: u32, rgbe: [u8; 4]) -> Vec<u8> {
 fn exr(width: usize, height: usize, value: f32) -> Vec<u8> {
     use exr::prelude::{SpecificChannels, WritableImage};
     let channels = SpecificChannels::rgb(|at: exr::math::Vec2<usize>| {
-        let v = if at == exr::math::Vec2(1, 0) { value } else { 0.25 };
+        let v = if at == exr::math::Vec2(1, 0) {
+            value
+        } else {
+            0.25
+        };
         (v, 0.5f32, 0.5f32)
     });
     let mut bytes = std::io::Cursor::new(Vec::new());
     let image = exr::prelude::Image::from_channels((width, height), channels);
-    image.write().to_buffered(&mut bytes).expect("written to memory");
+    image
+        .write()
+        .to_buffered(&mut bytes)
+        .expect("written to memory");
     bytes.into_inner()
 }
 
@@ -192,15 +295,27 @@ fn skies_are_read_and_what_is_none_is_refused_in_one_sentence() {
     let sky = read("good.hdr", hdr(4, 2, [128, 64, 0, 129])).expect("a sky");
     assert_eq!((sky.size(), sky.texels()[3]), ([4, 2], [1.0, 0.5, 0.0]));
     let sky = read("good.EXR", exr(4, 2, 7.0)).expect("a sky");
-    assert_eq!((sky.texels()[1], sky.texels()[7]), ([7.0, 0.5, 0.5], [0.25, 0.5, 0.5]));
+    assert_eq!(
+        (sky.texels()[1], sky.texels()[7]),
+        ([7.0, 0.5, 0.5], [0.25, 0.5, 0.5])
+    );
     let sun = read("inf.exr", exr(4, 2, f32::INFINITY)).expect("a sun in half floats");
     assert_eq!(sun.texels()[1], [65_504.0, 0.5, 0.5]);
-    assert_eq!(read("negative.exr", exr(4, 2, -1e-3)).expect("resampled").texels()[1], [0.0, 0.5, 0.5]);
+    assert_eq!(
+        read("negative.exr", exr(4, 2, -1e-3))
+            .expect("resampled")
+            .texels()[1],
+        [0.0, 0.5, 0.5]
+    );
     let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 60000 +X 120000\n".to_vec();
     let wrong = [
         ("square.hdr", hdr(3, 3, [128, 1, 1, 128]), "3x3"),
         ("one.hdr", hdr(1, 1, [128, 1, 1, 128]), "1x1"),
-        ("cut.hdr", hdr(4, 2, [128, 1, 1, 128])[..60].to_vec(), "cut.hdr"),
+        (
+            "cut.hdr",
+            hdr(4, 2, [128, 1, 1, 128])[..60].to_vec(),
+            "cut.hdr",
+        ),
         ("huge.hdr", huge, "120000x60000"),
         ("nan.exr", exr(4, 2, f32::NAN), "column 1 of row 0"),
         ("text.exr", b"no picture".to_vec(), "text.exr"),
@@ -208,9 +323,14 @@ fn skies_are_read_and_what_is_none_is_refused_in_one_sentence() {
     ];
     for (name, bytes, says) in wrong {
         let error = read(name, bytes).expect_err(name).to_string();
-        assert!(error.contains(name) && error.contains(says) && !error.contains('\n'), "{name}: {error}");
+        assert!(
+            error.contains(name) && error.contains(says) && !error.contains('\n'),
+            "{name}: {error}"
+        );
     }
-    let missing = SkyPicture::read(&folder.path("none.hdr"), 0.0).expect_err("missing").to_string();
+    let missing = SkyPicture::read(&folder.path("none.hdr"), 0.0)
+        .expect_err("missing")
+        .to_string();
     assert!(missing.contains("none.hdr"), "{missing}");
 }
 
@@ -221,27 +341,71 @@ fn lamps_light_by_the_formula() {
     let offset = position - at.as_dvec3();
     let (distance2, cos) = (offset.length_squared(), offset.y / offset.length());
     let lit = |reach: Reach| {
-        let scene = Scene { lamps: vec![Lamp { intensity: [10.0, 5.0, 1.0], reach }], ..floor() };
+        let scene = Scene {
+            lamps: vec![Lamp {
+                intensity: [10.0, 5.0, 1.0],
+                reach,
+            }],
+            ..floor()
+        };
         let (light, error) = light_on(scene, at);
-        assert!(error < 1e-3 * light.x.max(1.0), "a lamp makes no noise where nothing bounces: {error}");
+        assert!(
+            error < 1e-3 * light.x.max(1.0),
+            "a lamp makes no noise where nothing bounces: {error}"
+        );
         f64::from(light.x)
     };
     // Rays start 0.4 mm above a floor of 100 m, of the 2 m to the lamp, which the ramp of a cone multiplies by ten.
-    let close =
-        |found: f64, expected: f64| assert!((found - expected).abs() < 2e-3 * expected, "{found} for {expected}");
-    close(lit(Reach::Point { position, range_m: f32::INFINITY }), 10.0 * cos / distance2 / PI);
+    let close = |found: f64, expected: f64| {
+        assert!(
+            (found - expected).abs() < 2e-3 * expected,
+            "{found} for {expected}"
+        )
+    };
+    close(
+        lit(Reach::Point {
+            position,
+            range_m: f32::INFINITY,
+        }),
+        10.0 * cos / distance2 / PI,
+    );
     let range_m = 3.0;
     let window = 1.0 - (distance2 / 9.0).powi(2);
-    close(lit(Reach::Point { position, range_m }), 10.0 * cos / distance2 / PI * window);
-    assert_eq!(lit(Reach::Point { position, range_m: 2.0 }), 0.0, "out of its range");
+    close(
+        lit(Reach::Point { position, range_m }),
+        10.0 * cos / distance2 / PI * window,
+    );
+    assert_eq!(
+        lit(Reach::Point {
+            position,
+            range_m: 2.0
+        }),
+        0.0,
+        "out of its range"
+    );
     let direction = offset.normalize().as_vec3();
     close(lit(Reach::Distant { direction }), 10.0 * cos / PI);
     // The axis points straight down; the point lies 22 degrees off it, half way between cosines in the ramp.
     let [inner, outer] = [(cos + 0.05) as f32, (cos - 0.05) as f32];
-    let spot = |cosines| Reach::Spot { position, range_m: f32::INFINITY, axis: Vec3::NEG_Y, cosines };
-    close(lit(spot([inner, outer])), 10.0 * cos / distance2 / PI * 0.25);
-    close(lit(spot([cos as f32 - 0.01, outer])), 10.0 * cos / distance2 / PI);
-    assert_eq!(lit(spot([0.999, cos as f32 + 0.01])), 0.0, "outside of its cone");
+    let spot = |cosines| Reach::Spot {
+        position,
+        range_m: f32::INFINITY,
+        axis: Vec3::NEG_Y,
+        cosines,
+    };
+    close(
+        lit(spot([inner, outer])),
+        10.0 * cos / distance2 / PI * 0.25,
+    );
+    close(
+        lit(spot([cos as f32 - 0.01, outer])),
+        10.0 * cos / distance2 / PI,
+    );
+    assert_eq!(
+        lit(spot([0.999, cos as f32 + 0.01])),
+        0.0,
+        "outside of its cone"
+    );
 }
 
 #[test]
@@ -249,20 +413,40 @@ fn many_lamps_bounce_as_much_as_they_shine() {
     // The floor lit by two lamps; a point that faces down, 1 m above it, sees nothing but the lit floor.
     let lamp = |x: f64, power: f32| Lamp {
         intensity: [power; 3],
-        reach: Reach::Point { position: dvec3(x, 3.0, 0.0), range_m: f32::INFINITY },
+        reach: Reach::Point {
+            position: dvec3(x, 3.0, 0.0),
+            range_m: f32::INFINITY,
+        },
     };
     let bounced = |lamps: Vec<Lamp>| {
         let tracer = Tracer::new(Arc::new(Scene { lamps, ..floor() }), DVec3::ZERO);
         let mut lighting = Lighting::of_scene(&tracer, 1);
         lighting.exposure = 1e-3; // no bounce is cut as too bright
-        let point = LitPoint { position: Vec3::Y, normal: Vec3::NEG_Y, shading_normal: Vec3::NEG_Y, extent: 100.0 };
-        let one = |index| Vec3::from(lighting.radiosity_per_albedo(&tracer, &point, &LightSample { stream: 1, index }));
+        let point = LitPoint {
+            position: Vec3::Y,
+            normal: Vec3::NEG_Y,
+            shading_normal: Vec3::NEG_Y,
+            extent: 100.0,
+        };
+        let one = |index| {
+            Vec3::from(lighting.radiosity_per_albedo(
+                &tracer,
+                &point,
+                &LightSample { stream: 1, index },
+            ))
+        };
         (0..SAMPLES).map(one).sum::<Vec3>().x / SAMPLES as f32
     };
-    let (one, other) = (bounced(vec![lamp(1.0, 8.0)]), bounced(vec![lamp(-2.0, 3.0)]));
+    let (one, other) = (
+        bounced(vec![lamp(1.0, 8.0)]),
+        bounced(vec![lamp(-2.0, 3.0)]),
+    );
     let both = bounced(vec![lamp(1.0, 8.0), lamp(-2.0, 3.0)]);
     // One lamp is drawn by what it brings there, so that what both bring is what either draw finds: no noise from the draw.
-    assert!((both - one - other).abs() < 1e-3 * both, "{both} for {one} + {other}");
+    assert!(
+        (both - one - other).abs() < 1e-3 * both,
+        "{both} for {one} + {other}"
+    );
 }
 
 const LAMPS: &str = r#"{"asset":{"version":"2.0"},"extensionsUsed":["KHR_lights_punctual"],"extensionsRequired":["KHR_lights_punctual"],
@@ -285,34 +469,73 @@ const LAMPS: &str = r#"{"asset":{"version":"2.0"},"extensionsUsed":["KHR_lights_
 fn lamps_of_a_gltf_take_the_place_of_the_default_sun() {
     let folder = Folder::new();
     folder.write("lamps.gltf", LAMPS);
-    let options = LoadOptions { unit_m: Some(0.5), ..LoadOptions::default() };
+    let options = LoadOptions {
+        unit_m: Some(0.5),
+        ..LoadOptions::default()
+    };
     let scene = folder.load_with("lamps.gltf", &options).expect("read");
     let close = |a: Vec3, b: Vec3| assert!((a - b).length() < 1e-6, "{a} for {b}");
-    let [point, spot, distant] = scene.lamps[..] else { panic!("{:?}", scene.lamps) };
+    let [point, spot, distant] = scene.lamps[..] else {
+        panic!("{:?}", scene.lamps)
+    };
     assert_eq!(point.intensity, [10.0, 5.0, 2.5]);
-    assert_eq!(point.reach, Reach::Point { position: dvec3(0.5, 1.0, 1.5), range_m: 4.0 });
+    assert_eq!(
+        point.reach,
+        Reach::Point {
+            position: dvec3(0.5, 1.0, 1.5),
+            range_m: 4.0
+        }
+    );
     // Turned by -90 degrees about X: -Z points down, and what lies at +Z hangs above.
-    let Reach::Spot { position, range_m, axis, cosines } = spot.reach else { panic!("{spot:?}") };
+    let Reach::Spot {
+        position,
+        range_m,
+        axis,
+        cosines,
+    } = spot.reach
+    else {
+        panic!("{spot:?}")
+    };
     close(axis, Vec3::NEG_Y);
     close(position.as_vec3(), Vec3::new(0.0, 2.5, 0.0));
-    assert_eq!((range_m, cosines), (f32::INFINITY, [0.2f32.cos(), 0.5f32.cos()]));
-    let Reach::Distant { direction } = distant.reach else { panic!("{distant:?}") };
+    assert_eq!(
+        (range_m, cosines),
+        (f32::INFINITY, [0.2f32.cos(), 0.5f32.cos()])
+    );
+    let Reach::Distant { direction } = distant.reach else {
+        panic!("{distant:?}")
+    };
     close(direction, Vec3::Z);
     let sun = scene.sun.expect("the strongest light from afar");
     close(sun.direction, Vec3::Y);
     assert_eq!(sun.irradiance, [60.0; 3]);
     let brighter = 60.0 / luminance(Sun::default().irradiance);
-    assert_eq!(scene.sky, Some(Sky::default().times(brighter)), "the sky goes with its sun");
+    assert_eq!(
+        scene.sky,
+        Some(Sky::default().times(brighter)),
+        "the sky goes with its sun"
+    );
     let notes = scene.summary.notes.join("; ");
-    assert!(notes.contains("4 lights of the file light") && notes.contains("3 lights damaged"), "{notes}");
+    assert!(
+        notes.contains("4 lights of the file light") && notes.contains("3 lights damaged"),
+        "{notes}"
+    );
 }
 
 #[test]
 fn exposure_is_metered_or_as_asked() {
     let exposed = |factor: f32, exposure: Exposure| {
         let (sun, sky) = (Sun::default(), Sky::default());
-        let sun = Sun { irradiance: sun.irradiance.map(|c| c * factor), ..sun };
-        let scene = Scene { sun: Some(sun), sky: Some(sky.times(factor)), exposure, ..floor() };
+        let sun = Sun {
+            irradiance: sun.irradiance.map(|c| c * factor),
+            ..sun
+        };
+        let scene = Scene {
+            sun: Some(sun),
+            sky: Some(sky.times(factor)),
+            exposure,
+            ..floor()
+        };
         Lighting::measure(&Tracer::new(Arc::new(scene), DVec3::Y), 1).exposure
     };
     let usual = exposed(1.0, Exposure::default());

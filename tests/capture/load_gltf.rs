@@ -3,13 +3,18 @@
 use crate::folder::Folder;
 use crate::gltf_asset::{Asset, CORNERS, NODE, SQUARE, base64, load_text, square};
 use glam::{Vec2, Vec3, dvec3};
-use headbox_scene::scene::Scene;
 use headbox_core::file_frame::FileFrame;
+use headbox_scene::scene::Scene;
 
 /// [`square`] under a material, with images beside it.
 fn with_material(material: &str, rest: &str, images: &[(&str, &[[u8; 4]])]) -> Scene {
     let folder = Folder::new();
-    folder.write("a.gltf", square().gltf(&format!(r#"{NODE},{SQUARE},"materials":[{material}]{rest}"#)));
+    folder.write(
+        "a.gltf",
+        square().gltf(&format!(
+            r#"{NODE},{SQUARE},"materials":[{material}]{rest}"#
+        )),
+    );
     for (name, texels) in images {
         folder.write_image(name, texels);
     }
@@ -50,14 +55,26 @@ fn node_transforms_are_composed_in_double_precision() {
     // Turned by 90 degrees about y: the file's +z is the world's +x, its +x the world's -z. The tolerance is that of
     // the file's rotation, which has eight digits.
     let near = |a: glam::DVec3, b: glam::DVec3| (a - b).length() < 1e-7;
-    assert!(near(scene.positions[0], dvec3(100_000.002, 0.0, 0.0)), "{}", scene.positions[0]);
-    assert!(near(scene.positions[1], dvec3(100_000.002, 0.0, -2.0)), "{}", scene.positions[1]);
+    assert!(
+        near(scene.positions[0], dvec3(100_000.002, 0.0, 0.0)),
+        "{}",
+        scene.positions[0]
+    );
+    assert!(
+        near(scene.positions[1], dvec3(100_000.002, 0.0, -2.0)),
+        "{}",
+        scene.positions[1]
+    );
     assert_eq!(scene.triangles.len(), 4);
     // The second one is mirrored; its front must still be where its normals point.
     for triangle in 0..4 {
         let surface = scene.surface(triangle, 0.3, 0.3);
         let vertex = scene.triangles[triangle as usize].vertices[0];
-        assert!((surface.normal - Vec3::X).length() < 1e-6, "{triangle}: {}", surface.normal);
+        assert!(
+            (surface.normal - Vec3::X).length() < 1e-6,
+            "{triangle}: {}",
+            surface.normal
+        );
         assert!((scene.normals[vertex as usize] - Vec3::X).length() < 1e-6);
     }
 }
@@ -72,16 +89,28 @@ fn strips_and_fans_keep_their_winding() {
         );
         let scene = load_text(asset.gltf(&format!("{NODE},{mesh}"))).expect("clean");
         assert_eq!(scene.triangles.len(), 2);
-        assert!((0..2).all(|t| scene.surface(t, 0.3, 0.3).normal == Vec3::Z), "mode {mode}");
+        assert!(
+            (0..2).all(|t| scene.surface(t, 0.3, 0.3).normal == Vec3::Z),
+            "mode {mode}"
+        );
     }
 }
 
 #[test]
 fn all_number_formats_and_sparse_accessors_are_read() {
     let mut asset = Asset::default();
-    let quantized: Vec<u8> = CORNERS.iter().flatten().flat_map(|&x| (x as i16 * 16_383).to_le_bytes()).collect();
+    let quantized: Vec<u8> = CORNERS
+        .iter()
+        .flatten()
+        .flat_map(|&x| (x as i16 * 16_383).to_le_bytes())
+        .collect();
     let places = asset.view(&[2, 0, 0, 0]);
-    let values = asset.view(&[0.5_f32, 7.0, 0.25].iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
+    let values = asset.view(
+        &[0.5_f32, 7.0, 0.25]
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect::<Vec<_>>(),
+    );
     let sparse = format!(
         r#","normalized":true,"sparse":{{"count":1,"indices":{{"bufferView":{places},"componentType":5121}},"values":{{"bufferView":{values}}}}}"#
     );
@@ -94,15 +123,22 @@ fn all_number_formats_and_sparse_accessors_are_read() {
         r#","normalized":true"#,
     );
     asset.accessor(&[0, 1, 2, 0, 2, 3], 5121, "SCALAR", 6, "");
-    let floats: Vec<u8> = CORNERS.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    let floats: Vec<u8> = CORNERS
+        .iter()
+        .flatten()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
     asset.accessor(&floats, 5126, "VEC3", 4, &sparse);
     let mesh = |position: u32| {
         format!(
             r#"{NODE},"meshes":[{{"primitives":[{{"attributes":{{"POSITION":{position},"COLOR_0":1}},"indices":2}}]}}]"#
         )
     };
-    let scene = load_text(asset.gltf(&format!("{},\"extensionsRequired\":[\"KHR_mesh_quantization\"]", mesh(0))))
-        .expect("clean");
+    let scene = load_text(asset.gltf(&format!(
+        "{},\"extensionsRequired\":[\"KHR_mesh_quantization\"]",
+        mesh(0)
+    )))
+    .expect("clean");
     assert!((scene.positions[2] - dvec3(1.0, 1.0, 0.0) * (16_383.0 / 32_767.0)).length() < 1e-12);
     assert_eq!(scene.colors[0], Vec3::new(1.0, 0.0, 0.2));
     let scene = load_text(asset.gltf(&mesh(3))).expect("clean");
@@ -120,7 +156,10 @@ fn factors_textures_and_emission() {
         "emissiveFactor":[1,0.5,0],"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":8}}}"#;
     let scene = with_material(material, TEXTURE, &[("my wood.png", &[RED])]);
     let surface = scene.surface(0, 0.3, 0.3);
-    assert_eq!((surface.albedo, surface.emission), ([0.5, 0.0, 0.0], [8.0, 4.0, 0.0]));
+    assert_eq!(
+        (surface.albedo, surface.emission),
+        ([0.5, 0.0, 0.0], [8.0, 4.0, 0.0])
+    );
     assert_eq!(scene.materials[0].name, "m");
     assert!(scene.materials[0].cutout.is_none());
 }
@@ -128,30 +167,47 @@ fn factors_textures_and_emission() {
 #[test]
 fn alpha_modes() {
     let cutout = |material: &str| {
-        let material = format!(r#"{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}}}},{material}}}"#);
-        with_material(&material, TEXTURE, &[("my wood.png", &[RED, HOLE])]).materials[0].cutout.map(|c| c.threshold)
+        let material = format!(
+            r#"{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}}}},{material}}}"#
+        );
+        with_material(&material, TEXTURE, &[("my wood.png", &[RED, HOLE])]).materials[0]
+            .cutout
+            .map(|c| c.threshold)
     };
     assert_eq!(cutout(r#""alphaMode":"OPAQUE""#), None);
     assert_eq!(cutout(r#""alphaMode":"MASK""#), Some(0.5));
-    assert_eq!(cutout(r#""alphaMode":"MASK","alphaCutoff":0.3"#), None, "no texel is below");
+    assert_eq!(
+        cutout(r#""alphaMode":"MASK","alphaCutoff":0.3"#),
+        None,
+        "no texel is below"
+    );
     assert_eq!(cutout(r#""alphaMode":"BLEND""#), Some(0.5));
 
     let dropped = |material: &str| {
         let mesh = SQUARE.replace("}]}]", r#"},{"attributes":{"POSITION":0},"indices":2}]}]"#);
         let text = square().gltf(&format!(r#"{NODE},{mesh},"materials":[{material}]"#));
-        load_text(text).expect("the other square is left").summary.notes.join("")
+        load_text(text)
+            .expect("the other square is left")
+            .summary
+            .notes
+            .join("")
     };
-    let factor = |alpha: f32| format!(r#""pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,{alpha}]}}"#);
+    let factor =
+        |alpha: f32| format!(r#""pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,{alpha}]}}"#);
     assert!(
-        dropped(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.4))).starts_with("2 triangles of see-through glass")
+        dropped(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.4)))
+            .starts_with("2 triangles of see-through glass")
     );
     assert!(!dropped(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.5))).contains("glass"));
-    assert!(!dropped(&format!(r#"{{{}}}"#, factor(0.1))).contains("glass"), "alpha of an opaque material is ignored");
-    let transmission = r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":0.9}}}"#;
+    assert!(
+        !dropped(&format!(r#"{{{}}}"#, factor(0.1))).contains("glass"),
+        "alpha of an opaque material is ignored"
+    );
+    let transmission =
+        r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":0.9}}}"#;
     assert!(dropped(transmission).contains("glass"));
     // Of some of its surface, as the texture says.
-    let panes =
-        r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":1,"transmissionTexture":{"index":0}}}}"#;
+    let panes = r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":1,"transmissionTexture":{"index":0}}}}"#;
     assert!(!dropped(panes).contains("glass"));
 }
 
@@ -162,8 +218,16 @@ fn texture_transforms_scale_turn_and_move() {
     let scene = with_material(material, TEXTURE, &[("my wood.png", &[RED])]);
     // Corner 2 has (1, 0) in the file: scaled (2, 0); a quarter turn that looks counter-clockwise where v goes down takes
     // +u to -v: (0, -2); moved (0.25, -1.5); with v up: (0.25, 2.5).
-    let corner = scene.positions.iter().position(|p| *p == dvec3(1.0, 1.0, 0.0)).expect("there");
-    assert!((scene.texcoords[corner] - Vec2::new(0.25, 2.5)).length() < 1e-6, "{}", scene.texcoords[corner]);
+    let corner = scene
+        .positions
+        .iter()
+        .position(|p| *p == dvec3(1.0, 1.0, 0.0))
+        .expect("there");
+    assert!(
+        (scene.texcoords[corner] - Vec2::new(0.25, 2.5)).length() < 1e-6,
+        "{}",
+        scene.texcoords[corner]
+    );
 }
 
 #[test]
@@ -173,28 +237,45 @@ fn embedded_images_are_decoded_and_missing_ones_are_notes() {
     let png = folder.read("x.png");
     let mut asset = square();
     let view = asset.view(&png);
-    let material =
-        r#""materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}]"#;
+    let material = r#""materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}]"#;
     let in_view = format!(r#"{{"bufferView":{view},"mimeType":"image/png"}}"#);
     let in_uri = format!(r#"{{"uri":"data:image/png;base64,{}"}}"#, base64(&png));
-    for image in [in_view.as_str(), &in_view.replace(r#","mimeType":"image/png""#, ""), &in_uri] {
+    for image in [
+        in_view.as_str(),
+        &in_view.replace(r#","mimeType":"image/png""#, ""),
+        &in_uri,
+    ] {
         let rest = format!(r#"{NODE},{SQUARE},{material},"images":[{image}]"#);
         folder.write("a.glb", asset.glb(&rest));
         let scene = folder.load("a.glb").expect("survives");
-        assert_eq!(scene.surface(0, 0.3, 0.3).albedo, [1.0, 0.0, 0.0], "{image}");
+        assert_eq!(
+            scene.surface(0, 0.3, 0.3).albedo,
+            [1.0, 0.0, 0.0],
+            "{image}"
+        );
         assert_eq!(scene.summary.notes, Vec::<String>::new());
     }
     for (image, cause) in [
         (r#"{"uri":"gone.png"}"#, "gone.png (no such file)"),
         (r#"{"uri":"%FF.png"}"#, "no such file"),
-        (r#"{"name":"n"}"#, "image 0 n (it has neither bytes nor a name)"),
+        (
+            r#"{"name":"n"}"#,
+            "image 0 n (it has neither bytes nor a name)",
+        ),
         (r#"{"bufferView":99}"#, "image 0 (its bytes are missing)"),
-        (r#"{"uri":"data:image/png;base64,?"}"#, "image 0 (character 0 of its base64 text is not base64)"),
+        (
+            r#"{"uri":"data:image/png;base64,?"}"#,
+            "image 0 (character 0 of its base64 text is not base64)",
+        ),
     ] {
         let scene =
-            load_text(asset.gltf(&format!(r#"{NODE},{SQUARE},{material},"images":[{image}]"#))).expect("survives");
+            load_text(asset.gltf(&format!(r#"{NODE},{SQUARE},{material},"images":[{image}]"#)))
+                .expect("survives");
         let note = &scene.summary.notes[0];
-        assert!(note.starts_with("1 texture could not be read: ") && note.contains(cause), "{note}");
+        assert!(
+            note.starts_with("1 texture could not be read: ") && note.contains(cause),
+            "{note}"
+        );
     }
 }
 
@@ -206,17 +287,39 @@ fn errors_name_file_and_cause() {
     let error = |name: &str, bytes: &[u8], causes: &[&str]| {
         folder.write(name, bytes);
         let error = folder.load(name).expect_err(name);
-        assert!(error.contains(name) && causes.iter().all(|cause| error.contains(cause)), "{error}");
+        assert!(
+            error.contains(name) && causes.iter().all(|cause| error.contains(cause)),
+            "{error}"
+        );
     };
-    error("a.gltf", b"{\"asset\":{\"version\":\"2.0\"},\n\"nodes\":[}", &["line 2"]);
+    error(
+        "a.gltf",
+        b"{\"asset\":{\"version\":\"2.0\"},\n\"nodes\":[}",
+        &["line 2"],
+    );
     error("b.gltf", b"", &["neither a GLB", "nor a glTF"]);
-    error("c.gltf", b"{\"asset\":{\"version\":\"2.0\"}}", &["there is no triangle"]);
-    error("d.glb", b"glTF", &["the GLB header says 0 bytes and the file has 4"]);
+    error(
+        "c.gltf",
+        b"{\"asset\":{\"version\":\"2.0\"}}",
+        &["there is no triangle"],
+    );
+    error(
+        "d.glb",
+        b"glTF",
+        &["the GLB header says 0 bytes and the file has 4"],
+    );
     let glb = asset.glb(&rest);
-    error("e.glb", &glb[..glb.len() - 5], &["the GLB header says", "bytes and the file has"]);
+    error(
+        "e.glb",
+        &glb[..glb.len() - 5],
+        &["the GLB header says", "bytes and the file has"],
+    );
     folder.write("long.glb", [&glb[..], b"junk"].concat());
     let long = folder.load("long.glb").expect("survives");
-    assert_eq!(long.summary.notes, ["4 bytes after the end that the GLB header tells, skipped"]);
+    assert_eq!(
+        long.summary.notes,
+        ["4 bytes after the end that the GLB header tells, skipped"]
+    );
     let mut wrong_version = glb.clone();
     wrong_version[4] = 1;
     error("f.glb", &wrong_version, &["version"]);
@@ -228,10 +331,22 @@ fn errors_name_file_and_cause() {
             "KHR_draco_mesh_compression",
             "its meshes are compressed by the glTF extension KHR_draco_mesh_compression, which is not supported; export it without Draco compression",
         ),
-        ("EXT_meshopt_compression", "export it without meshopt compression"),
-        ("KHR_texture_basisu", "export it with PNG, JPEG or WebP textures"),
-        ("EXT_texture_avif", "its textures have another format by the glTF extension EXT_texture_avif"),
-        ("X_y", "it cannot be read without the glTF extension X_y, which is not supported; export it without it"),
+        (
+            "EXT_meshopt_compression",
+            "export it without meshopt compression",
+        ),
+        (
+            "KHR_texture_basisu",
+            "export it with PNG, JPEG or WebP textures",
+        ),
+        (
+            "EXT_texture_avif",
+            "its textures have another format by the glTF extension EXT_texture_avif",
+        ),
+        (
+            "X_y",
+            "it cannot be read without the glTF extension X_y, which is not supported; export it without it",
+        ),
     ] {
         let required = asset.gltf(&format!(r#"{rest},"extensionsRequired":["{extension}"]"#));
         error("h.gltf", required.as_bytes(), &[advice]);
@@ -240,10 +355,17 @@ fn errors_name_file_and_cause() {
     error(
         "i.gltf",
         no_buffer.as_bytes(),
-        &["there is no triangle", "1 buffer could not be read: gone.bin (no such file)"],
+        &[
+            "there is no triangle",
+            "1 buffer could not be read: gone.bin (no such file)",
+        ],
     );
     let no_blob = asset.json("", &rest);
-    error("j.gltf", no_blob.as_bytes(), &["buffer 0 (no binary chunk)"]);
+    error(
+        "j.gltf",
+        no_blob.as_bytes(),
+        &["buffer 0 (no binary chunk)"],
+    );
 }
 
 #[test]
@@ -264,7 +386,11 @@ fn damaged_parts_are_left_out_and_counted() {
            "scenes":[{{"nodes":[0,2,3]}}],"meshes":[{{"primitives":[{primitives}]}}]"#
     );
     let scene = load_text(asset.gltf(&rest)).expect("survives");
-    assert_eq!(scene.triangles.len(), 2, "one of the wild indices, one without indices");
+    assert_eq!(
+        scene.triangles.len(),
+        2,
+        "one of the wild indices, one without indices"
+    );
     let expected = [
         "8 mesh parts or attributes damaged and left out",
         "1 skinned mesh shown unbent, as joints or weights are damaged",
@@ -279,7 +405,8 @@ fn damaged_parts_are_left_out_and_counted() {
 #[test]
 fn claims_beyond_the_data_are_refused_before_memory_is_taken() {
     let claim = |accessor: &str| {
-        let rest = format!(r#"{NODE},"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}]"#);
+        let rest =
+            format!(r#"{NODE},"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}]"#);
         let text = format!(
             r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":4,"uri":"data:;base64,AAAA"}}],
                "bufferViews":[{{"buffer":0,"byteOffset":18446744073709551615,"byteLength":18446744073709551615}},
@@ -297,7 +424,10 @@ fn claims_beyond_the_data_are_refused_before_memory_is_taken() {
         r#"{"bufferView":1,"componentType":5121,"type":"MAT4","count":1}"#,
     ] {
         let error = claim(accessor);
-        assert!(error.contains("1 mesh part or attribute damaged and left out"), "{error}");
+        assert!(
+            error.contains("1 mesh part or attribute damaged and left out"),
+            "{error}"
+        );
     }
 }
 
@@ -305,12 +435,30 @@ fn claims_beyond_the_data_are_refused_before_memory_is_taken() {
 fn room_with_z_up(scale: f32) -> Asset {
     let mut asset = Asset::default();
     let (mut positions, mut indices) = (Vec::new(), Vec::new());
-    for [low, high] in [[[0.0, 0.0, 0.0], [5.0, 4.0, 2.7]], [[1.0, 1.0, 0.0], [2.5, 2.0, 0.75]]] {
+    for [low, high] in [
+        [[0.0, 0.0, 0.0], [5.0, 4.0, 2.7]],
+        [[1.0, 1.0, 0.0], [2.5, 2.0, 0.75]],
+    ] {
         let first = positions.len() as u16;
-        let corner =
-            |bits: usize| [0, 1, 2].map(|axis| scale * if bits >> axis & 1 == 0 { low[axis] } else { high[axis] });
+        let corner = |bits: usize| {
+            [0, 1, 2].map(|axis| {
+                scale
+                    * if bits >> axis & 1 == 0 {
+                        low[axis]
+                    } else {
+                        high[axis]
+                    }
+            })
+        };
         positions.extend((0..8).map(corner));
-        for [a, b, c, d] in [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]] {
+        for [a, b, c, d] in [
+            [0, 1, 3, 2],
+            [4, 5, 7, 6],
+            [0, 1, 5, 4],
+            [2, 3, 7, 6],
+            [0, 2, 6, 4],
+            [1, 3, 7, 5],
+        ] {
             indices.extend([a, b, d, b, c, d].map(|corner: u16| first + corner));
         }
     }
@@ -332,9 +480,15 @@ fn what_speaks_against_y_up_and_metres_is_told_and_not_taken() {
         scene.summary.notes.join("; ")
     };
     let doubts = told(text(100.0, ""));
-    assert!(doubts.contains("--up z if so") && doubts.contains("--unit cm"), "{doubts}");
+    assert!(
+        doubts.contains("--up z if so") && doubts.contains("--unit cm"),
+        "{doubts}"
+    );
     let doubts = told(text(1.0, ""));
-    assert!(doubts.contains("--up z if so") && !doubts.contains("--unit"), "{doubts}");
+    assert!(
+        doubts.contains("--up z if so") && !doubts.contains("--unit"),
+        "{doubts}"
+    );
     // Turned upright by its node, as exporters do.
     let upright = r#","rotation":[-0.7071067811865476,0,0,0.7071067811865476]"#;
     assert_eq!(told(text(1.0, upright)), "");
@@ -343,9 +497,16 @@ fn what_speaks_against_y_up_and_metres_is_told_and_not_taken() {
     let scene = load_text(text(100.0, headbox)).expect("survives");
     assert!(scene.summary.notes.is_empty(), "{:?}", scene.summary.notes);
     let found = scene.headbox.expect("said");
-    assert_eq!((found.centre, found.half_size_m), (dvec3(1.0, 2.0, 3.0), 0.25));
+    assert_eq!(
+        (found.centre, found.half_size_m),
+        (dvec3(1.0, 2.0, 3.0), 0.25)
+    );
     for nonsense in ["-1", "0", "\"large\"", "null"] {
         let extras = format!(r#","extras":{{"headbox_half_size":{nonsense}}}"#);
-        assert_eq!(load_text(text(1.0, &extras)).expect("survives").headbox, None, "{nonsense}");
+        assert_eq!(
+            load_text(text(1.0, &extras)).expect("survives").headbox,
+            None,
+            "{nonsense}"
+        );
     }
 }

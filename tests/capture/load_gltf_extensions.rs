@@ -7,24 +7,45 @@ use headbox_scene::scene::Scene;
 
 /// Whether the scene has a vertex there.
 fn has(scene: &Scene, place: DVec3) -> bool {
-    scene.positions.iter().any(|position| (*position - place).length() < 1e-6)
+    scene
+        .positions
+        .iter()
+        .any(|position| (*position - place).length() < 1e-6)
 }
 
 /// A square whose lower corners hang on the first joint, the left one with this weight, and whose upper ones on both: accessors 0 to 5.
 fn skinned_square(weight: f32) -> Asset {
     let mut asset = square();
-    asset.accessor(&[0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0], 5121, "VEC4", 4, "");
+    asset.accessor(
+        &[0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0],
+        5121,
+        "VEC4",
+        4,
+        "",
+    );
     // The upper corners' weights add up to 2: what counts is their share.
-    asset.floats(&[[weight, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.5, 1.5, 0.0, 0.0], [0.5, 1.5, 0.0, 0.0]]);
+    asset.floats(&[
+        [weight, 0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 0.0],
+        [0.5, 1.5, 0.0, 0.0],
+        [0.5, 1.5, 0.0, 0.0],
+    ]);
     // Both joints are where the mesh was made, one metre to the left of where the nodes put them.
-    let column = |x: f32| [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, 0.0, 0.0, 1.0_f32];
-    let matrices: Vec<u8> = [column(1.0), column(1.0)].iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    let column = |x: f32| {
+        [
+            1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, 0.0, 0.0, 1.0_f32,
+        ]
+    };
+    let matrices: Vec<u8> = [column(1.0), column(1.0)]
+        .iter()
+        .flatten()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
     asset.accessor(&matrices, 5126, "MAT4", 2, "");
     asset
 }
 
-const SKINNED: &str =
-    r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":3,"WEIGHTS_0":4},"indices":2}]}]"#;
+const SKINNED: &str = r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":3,"WEIGHTS_0":4},"indices":2}]}]"#;
 /// The mesh's own node is far away, which does not matter; the second joint stands 4 m above the first.
 const JOINTS: &str = r#""scenes":[{"nodes":[0,1]}],"nodes":[{"mesh":0,"skin":0,"translation":[50,0,0]},
     {"translation":[0,0,2],"children":[2]},{"translation":[0,4,0]}]"#;
@@ -32,24 +53,42 @@ const JOINTS: &str = r#""scenes":[{"nodes":[0,1]}],"nodes":[{"mesh":0,"skin":0,"
 #[test]
 fn skins_are_bent_to_where_the_nodes_put_their_joints() {
     let asset = skinned_square(1.0);
-    let load =
-        |skin: &str| load_text(asset.gltf(&format!(r#"{JOINTS},{SKINNED},"skins":[{skin}]"#))).expect("survives");
+    let load = |skin: &str| {
+        load_text(asset.gltf(&format!(r#"{JOINTS},{SKINNED},"skins":[{skin}]"#))).expect("survives")
+    };
     let scene = load(r#"{"joints":[1,2],"inverseBindMatrices":5}"#);
     assert_eq!(scene.summary.notes, Vec::<String>::new());
     assert!(has(&scene, dvec3(1.0, 0.0, 2.0)), "{:?}", scene.positions);
-    assert!(has(&scene, dvec3(2.0, 1.0 + 0.75 * 4.0, 2.0)), "{:?}", scene.positions);
-    let unbound = skinned_square(0.0)
-        .gltf(&format!(r#"{JOINTS},{SKINNED},"skins":[{{"joints":[1,2],"inverseBindMatrices":5}}]"#));
+    assert!(
+        has(&scene, dvec3(2.0, 1.0 + 0.75 * 4.0, 2.0)),
+        "{:?}",
+        scene.positions
+    );
+    let unbound = skinned_square(0.0).gltf(&format!(
+        r#"{JOINTS},{SKINNED},"skins":[{{"joints":[1,2],"inverseBindMatrices":5}}]"#
+    ));
     assert_eq!(
         load_text(unbound).expect("survives").positions,
         scene.positions,
         "a vertex of no joint goes with the first"
     );
     let without = load(r#"{"joints":[1,2]}"#);
-    assert!(has(&without, dvec3(0.0, 0.0, 2.0)), "{:?}", without.positions);
-    for damaged in [r#"{"joints":[1]}"#, r#"{"joints":[1,99]}"#, r#"{"joints":[1,2],"inverseBindMatrices":1}"#] {
+    assert!(
+        has(&without, dvec3(0.0, 0.0, 2.0)),
+        "{:?}",
+        without.positions
+    );
+    for damaged in [
+        r#"{"joints":[1]}"#,
+        r#"{"joints":[1,99]}"#,
+        r#"{"joints":[1,2],"inverseBindMatrices":1}"#,
+    ] {
         let scene = load(damaged);
-        assert_eq!(scene.summary.notes, ["1 skinned mesh shown unbent, as joints or weights are damaged"], "{damaged}");
+        assert_eq!(
+            scene.summary.notes,
+            ["1 skinned mesh shown unbent, as joints or weights are damaged"],
+            "{damaged}"
+        );
         assert!(has(&scene, dvec3(51.0, 0.0, 0.0)), "{:?}", scene.positions);
     }
 }
@@ -57,20 +96,34 @@ fn skins_are_bent_to_where_the_nodes_put_their_joints() {
 #[test]
 fn morph_targets_have_the_weights_of_the_file() {
     let mut asset = square();
-    let up = asset.floats(&[[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 8.0, 0.0], [0.0, 8.0, 0.0]]);
+    let up = asset.floats(&[
+        [0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0],
+        [0.0, 8.0, 0.0],
+        [0.0, 8.0, 0.0],
+    ]);
     let mesh = |weights: &str, target: usize| {
         format!(
             r#""meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":2,"targets":[{{"POSITION":{target}}}]}}]{weights}}}]"#
         )
     };
-    let load = |nodes: &str, mesh: &str| load_text(asset.gltf(&format!("{nodes},{mesh}"))).expect("survives");
+    let load = |nodes: &str, mesh: &str| {
+        load_text(asset.gltf(&format!("{nodes},{mesh}"))).expect("survives")
+    };
     let top = |scene: &Scene| scene.positions.iter().map(|p| p.y).fold(0.0, f64::max);
     assert_eq!(top(&load(NODE, &mesh("", up))), 1.0, "no weights: at rest");
     assert_eq!(top(&load(NODE, &mesh(r#","weights":[0.5]"#, up))), 5.0);
     let of_node = r#""nodes":[{"mesh":0,"weights":[0.25]}]"#;
-    assert_eq!(top(&load(of_node, &mesh(r#","weights":[0.5]"#, up))), 3.0, "the node's weights come first");
+    assert_eq!(
+        top(&load(of_node, &mesh(r#","weights":[0.5]"#, up))),
+        3.0,
+        "the node's weights come first"
+    );
     let damaged = load(of_node, &mesh("", 99));
-    assert_eq!(damaged.summary.notes, ["1 mesh part or attribute damaged and left out"]);
+    assert_eq!(
+        damaged.summary.notes,
+        ["1 mesh part or attribute damaged and left out"]
+    );
     assert_eq!(top(&damaged), 1.0);
 }
 
@@ -87,19 +140,30 @@ fn instances_stand_where_their_attributes_say() {
         let rest = format!(r#"{node},{SQUARE},"extensionsRequired":["EXT_mesh_gpu_instancing"]"#);
         load_text(asset.gltf(&rest)).expect("survives")
     };
-    let scene = load(&format!(r#""TRANSLATION":{places},"SCALE":{scales},"_COLOR":7"#));
+    let scene = load(&format!(
+        r#""TRANSLATION":{places},"SCALE":{scales},"_COLOR":7"#
+    ));
     assert_eq!(scene.triangles.len(), 6);
-    assert!(has(&scene, dvec3(11.0, 4.0, 0.0)) && has(&scene, dvec3(1.0, 2.0, 30.0)), "{:?}", scene.positions);
+    assert!(
+        has(&scene, dvec3(11.0, 4.0, 0.0)) && has(&scene, dvec3(1.0, 2.0, 30.0)),
+        "{:?}",
+        scene.positions
+    );
     assert_eq!(scene.summary.notes, Vec::<String>::new());
     let damaged = load(&format!(r#""TRANSLATION":{places},"SCALE":{short}"#));
-    assert_eq!(damaged.summary.notes, ["1 mesh part or attribute damaged and left out"]);
+    assert_eq!(
+        damaged.summary.notes,
+        ["1 mesh part or attribute damaged and left out"]
+    );
     assert_eq!(damaged.triangles.len(), 2);
 }
 
 #[test]
 fn instances_without_bytes_are_refused_before_memory_is_taken() {
     let mut asset = square();
-    asset.accessors.push(r#"{"componentType":5126,"type":"VEC3","count":16000000}"#.into());
+    asset
+        .accessors
+        .push(r#"{"componentType":5126,"type":"VEC3","count":16000000}"#.into());
     let node = r#""nodes":[{"mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":3}}}}]"#;
     let scene = load_text(asset.gltf(&format!("{node},{SQUARE}"))).expect("survives");
     assert_eq!(scene.triangles.len(), 2);
@@ -114,41 +178,71 @@ fn albedo(material: &str, textures: &str) -> [f32; 3] {
         r#"{NODE},{SQUARE},"materials":[{material}],"textures":[{textures}],"images":[{{"uri":"red.png"}},{{"uri":"blue.png"}}]"#
     );
     folder.write("a.gltf", square().gltf(&rest));
-    folder.load("a.gltf").expect("survives").surface(0, 0.3, 0.3).albedo
+    folder
+        .load("a.gltf")
+        .expect("survives")
+        .surface(0, 0.3, 0.3)
+        .albedo
 }
 
 #[test]
 fn materials_of_specular_colour_and_gloss_keep_their_diffuse_colour() {
     let with = |usual: &str, older: &str| {
-        let material = format!(r#"{{{usual}"extensions":{{"KHR_materials_pbrSpecularGlossiness":{{{older}}}}}}}"#);
+        let material = format!(
+            r#"{{{usual}"extensions":{{"KHR_materials_pbrSpecularGlossiness":{{{older}}}}}}}"#
+        );
         albedo(&material, r#"{"source":0},{"source":1}"#)
     };
-    assert_eq!(with("", r#""diffuseTexture":{"index":1},"diffuseFactor":[1,1,0.5,1]"#), [0.0, 0.0, 0.5]);
-    assert_eq!(with("", r#""diffuseFactor":[0,0,0,1],"specularFactor":[1,0.5,0.25]"#), [1.0, 0.5, 0.25], "a metal");
+    assert_eq!(
+        with(
+            "",
+            r#""diffuseTexture":{"index":1},"diffuseFactor":[1,1,0.5,1]"#
+        ),
+        [0.0, 0.0, 0.5]
+    );
+    assert_eq!(
+        with(
+            "",
+            r#""diffuseFactor":[0,0,0,1],"specularFactor":[1,0.5,0.25]"#
+        ),
+        [1.0, 0.5, 0.25],
+        "a metal"
+    );
     let usual = r#""pbrMetallicRoughness":{"baseColorTexture":{"index":0}},"#;
-    assert_eq!(with(usual, r#""diffuseTexture":{"index":1}"#), [1.0, 0.0, 0.0], "the usual words come first");
+    assert_eq!(
+        with(usual, r#""diffuseTexture":{"index":1}"#),
+        [1.0, 0.0, 0.0],
+        "the usual words come first"
+    );
 }
 
 #[test]
 fn textures_may_have_their_image_by_an_extension() {
     let material = r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}"#;
     let webp = |source: usize, rest: &str| {
-        albedo(material, &format!(r#"{{"extensions":{{"EXT_texture_webp":{{"source":{source}}}}}{rest}}}"#))
+        albedo(
+            material,
+            &format!(r#"{{"extensions":{{"EXT_texture_webp":{{"source":{source}}}}}{rest}}}"#),
+        )
     };
     assert_eq!(webp(1, ""), [0.0, 0.0, 1.0]);
     assert_eq!(webp(1, r#","source":0"#), [0.0, 0.0, 1.0]);
-    assert_eq!(webp(99, r#","source":0"#), [1.0, 0.0, 0.0], "an index out of range");
+    assert_eq!(
+        webp(99, r#","source":0"#),
+        [1.0, 0.0, 0.0],
+        "an index out of range"
+    );
 }
 
 #[test]
 fn textures_for_a_gpu_alone_are_told_with_what_to_do() {
     let material = r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}"#;
     let texture = r#"{"extensions":{"KHR_texture_basisu":{"source":0}}}"#;
-    let rest =
-        format!(r#"{NODE},{SQUARE},"materials":[{material}],"textures":[{texture}],"images":[{{"uri":"a.ktx2"}}]"#);
+    let rest = format!(
+        r#"{NODE},{SQUARE},"materials":[{material}],"textures":[{texture}],"images":[{{"uri":"a.ktx2"}}]"#
+    );
     let scene = load_text(square().gltf(&rest)).expect("survives");
-    let expected =
-        "1 texture could not be read: texture 0 (it is KTX2, which is not read; export it as PNG, JPEG or WebP)";
+    let expected = "1 texture could not be read: texture 0 (it is KTX2, which is not read; export it as PNG, JPEG or WebP)";
     assert_eq!(scene.summary.notes, [expected]);
 }
 
@@ -156,10 +250,17 @@ fn textures_for_a_gpu_alone_are_told_with_what_to_do() {
 fn normals_are_bent_with_their_skin() {
     let mut asset = skinned_square(1.0);
     let normals = asset.floats(&[[0.0, 0.0, 1.0]; 4]);
-    let mesh = SKINNED.replace("\"JOINTS_0\"", &format!("\"NORMAL\":{normals},\"JOINTS_0\""));
+    let mesh = SKINNED.replace(
+        "\"JOINTS_0\"",
+        &format!("\"NORMAL\":{normals},\"JOINTS_0\""),
+    );
     // A quarter turn about Y takes +Z to +X.
     let nodes = r#""scenes":[{"nodes":[0,1]}],"nodes":[{"mesh":0,"skin":0},{"rotation":[0,0.7071068,0,0.7071068],"children":[2]},{}]"#;
     let rest = format!(r#"{nodes},{mesh},"skins":[{{"joints":[1,2],"inverseBindMatrices":5}}]"#);
     let scene = load_text(asset.gltf(&rest)).expect("survives");
-    assert!((scene.surface(0, 0.3, 0.3).normal - Vec3::X).length() < 1e-5, "{:?}", scene.surface(0, 0.3, 0.3));
+    assert!(
+        (scene.surface(0, 0.3, 0.3).normal - Vec3::X).length() < 1e-5,
+        "{:?}",
+        scene.surface(0, 0.3, 0.3)
+    );
 }

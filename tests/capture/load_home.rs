@@ -1,10 +1,10 @@
 //! Portal models from Sweet Home 3D: small homes written here, with their exports and without.
 
 use crate::homes::{DOOR, ROOMS, cells, error_of, folder, home, home_obj, home_xml, load};
-use headbox_scene::load::{LoadError, LoadOptions};
-use headbox_model::load::{LoadedModel, ModelOptions, load_model};
-use headbox_model::Finding;
 use headbox_core::file_frame::UpAxis;
+use headbox_model::Finding;
+use headbox_model::load::{LoadedModel, ModelOptions, load_model};
+use headbox_scene::load::{LoadError, LoadOptions};
 use headbox_trace::bvh::{Ray, Tracer};
 use std::fs;
 use std::sync::Arc;
@@ -14,27 +14,48 @@ fn a_home_becomes_cells_and_portals() {
     let folder = home(ROOMS, DOOR);
     let LoadedModel { model, findings } = load(&folder, "Home.xml");
     assert_eq!(model.scene.validate(), Ok(()));
-    assert!(model.cells.iter().map(|cell| cell.name.as_str()).eq(["Left", "Room 2", "Outside"]));
+    assert!(
+        model
+            .cells
+            .iter()
+            .map(|cell| cell.name.as_str())
+            .eq(["Left", "Room 2", "Outside"])
+    );
     assert_eq!(model.portals.len(), 1);
     let mut sides = model.portals[0].cells;
     sides.sort_unstable();
     assert_eq!(sides, [0, 1]);
     for corner in &model.portals[0].polygon {
         // The angle in the file has eight digits: 5e-8 of half a metre.
-        assert!((corner.x - 4.0).abs() < 1e-7 && [0.0, 2.0].iter().any(|y| (corner.y - y).abs() < 1e-9), "{corner}");
+        assert!(
+            (corner.x - 4.0).abs() < 1e-7 && [0.0, 2.0].iter().any(|y| (corner.y - y).abs() < 1e-9),
+            "{corner}"
+        );
     }
     assert!(
-        findings.iter().all(|f| matches!(f, Finding::Unreachable { name, .. } if name == "Outside")),
+        findings
+            .iter()
+            .all(|f| matches!(f, Finding::Unreachable { name, .. } if name == "Outside")),
         "{findings:?}"
     );
     // Floor, ceiling, two walls, a wall in three pieces, two reveals, lintel and threshold: 22 triangles; the two
     // long walls face both rooms, and are cut: three triangles of each end in each room. The table is the right one's.
-    assert_eq!(model.scene.triangles.len() as u32, model.cells.last().expect("cells").triangles.end);
+    assert_eq!(
+        model.scene.triangles.len() as u32,
+        model.cells.last().expect("cells").triangles.end
+    );
     let notes = model.scene.summary.notes.join("\n");
     assert!(notes.contains("2 groups that close 1 door"), "{notes}");
     let at = |x: f64, y: f64, z: f64| model.cell_at(glam::DVec3::new(x, y, z));
-    assert_eq!([at(1.0, 1.0, 1.0), at(7.0, 1.0, 1.0), at(1.0, 1.0, 9.0)], [Some(0), Some(1), Some(2)]);
-    assert_eq!([at(3.98, 1.0, 1.5), at(4.02, 1.0, 1.5)], [Some(0), Some(1)], "the space in the wall");
+    assert_eq!(
+        [at(1.0, 1.0, 1.0), at(7.0, 1.0, 1.0), at(1.0, 1.0, 9.0)],
+        [Some(0), Some(1), Some(2)]
+    );
+    assert_eq!(
+        [at(3.98, 1.0, 1.5), at(4.02, 1.0, 1.5)],
+        [Some(0), Some(1)],
+        "the space in the wall"
+    );
 
     let tracer = Tracer::new(Arc::new(model.scene.clone()), glam::DVec3::ZERO);
     assert_eq!(model.leaks(&tracer, 1000, 1), []);
@@ -47,13 +68,21 @@ fn walls_along_several_rooms_are_cut() {
     let folder = home(ROOMS, DOOR);
     let model = load(&folder, "Home.xml").model;
     let area = |triangles: std::ops::Range<u32>| -> f64 {
-        triangles.map(|t| model.scene.corners(t)).map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
+        triangles
+            .map(|t| model.scene.corners(t))
+            .map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0)
+            .sum()
     };
     let inner_faces = |cell: usize| -> f64 {
-        let faces = model.cells[cell]
-            .triangles
-            .clone()
-            .filter(|&t| [0.05, 2.95].iter().any(|z| model.scene.corners(t).iter().all(|p| (p.z - z).abs() < 1e-9)));
+        let faces = model.cells[cell].triangles.clone().filter(|&t| {
+            [0.05, 2.95].iter().any(|z| {
+                model
+                    .scene
+                    .corners(t)
+                    .iter()
+                    .all(|p| (p.z - z).abs() < 1e-9)
+            })
+        });
         faces.map(|t| area(t..t + 1)).sum()
     };
     for cell in [0, 1] {
@@ -61,9 +90,14 @@ fn walls_along_several_rooms_are_cut() {
         let seen = inner_faces(cell);
         assert!((19.5..20.1).contains(&seen), "{seen} m2");
     }
-    let table = model.scene.triangles[model.cells[1].triangles.start as usize..model.cells[1].triangles.end as usize]
+    let table = model.scene.triangles
+        [model.cells[1].triangles.start as usize..model.cells[1].triangles.end as usize]
         .iter()
-        .filter(|t| t.vertices.iter().all(|&v| (0.69..0.72).contains(&model.scene.positions[v as usize].y)))
+        .filter(|t| {
+            t.vertices
+                .iter()
+                .all(|&v| (0.69..0.72).contains(&model.scene.positions[v as usize].y))
+        })
         .count();
     assert_eq!(table, 4, "the whole table stands in the right room");
 }
@@ -73,7 +107,9 @@ fn leaves_are_kept_where_asked_for() {
     let folder = home(ROOMS, DOOR);
     let without = load(&folder, "Home.xml").model.scene.triangles.len();
     let options = ModelOptions { keep_doors: true };
-    let with = load_model(&folder.path().join("Home.xml"), &options).expect("loads").model;
+    let with = load_model(&folder.path().join("Home.xml"), &options)
+        .expect("loads")
+        .model;
     assert_eq!(with.scene.triangles.len(), without + 4);
 }
 
@@ -82,10 +118,15 @@ fn an_archive_is_read_like_its_plan() {
     let folder = home(ROOMS, DOOR);
     let path = folder.path().join("flat.sh3d");
     let mut archive = zip::ZipWriter::new(fs::File::create(&path).expect("created"));
-    archive.start_file("Home.xml", zip::write::SimpleFileOptions::default()).expect("started");
+    archive
+        .start_file("Home.xml", zip::write::SimpleFileOptions::default())
+        .expect("started");
     std::io::Write::write_all(&mut archive, home_xml(ROOMS, DOOR).as_bytes()).expect("written");
     archive.finish().expect("finished");
-    let (a, b) = (load(&folder, "Home.xml").model, load(&folder, "flat.sh3d").model);
+    let (a, b) = (
+        load(&folder, "Home.xml").model,
+        load(&folder, "flat.sh3d").model,
+    );
     assert_eq!(cells(&a), cells(&b));
     assert_eq!(a.portals, b.portals);
 
@@ -93,7 +134,9 @@ fn an_archive_is_read_like_its_plan() {
     fs::write(&path, &bytes[..bytes.len() / 2]).expect("written");
     assert!(error_of(&folder, "flat.sh3d").contains("a damaged archive"));
     let mut empty = zip::ZipWriter::new(fs::File::create(&path).expect("created"));
-    empty.start_file("Home", zip::write::SimpleFileOptions::default()).expect("started");
+    empty
+        .start_file("Home", zip::write::SimpleFileOptions::default())
+        .expect("started");
     empty.finish().expect("finished");
     assert!(error_of(&folder, "flat.sh3d").contains("it has no Home.xml; save the home with"));
 }
@@ -114,9 +157,15 @@ const TABLE: &str = "v 0 0 0\nv 2 1 0\nv 2 0 4\nusemtl top\nf 1 2 3\n";
 #[test]
 fn an_archive_alone_is_built_from_its_plan() {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut archive = zip::ZipWriter::new(fs::File::create(folder.path().join("flat.sh3d")).expect("created"));
-    for (name, text) in [("Home.xml", home_xml(ROOMS, &[WALLS, DOOR].concat())), ("3", TABLE.into())] {
-        archive.start_file(name, zip::write::SimpleFileOptions::default()).expect("started");
+    let mut archive =
+        zip::ZipWriter::new(fs::File::create(folder.path().join("flat.sh3d")).expect("created"));
+    for (name, text) in [
+        ("Home.xml", home_xml(ROOMS, &[WALLS, DOOR].concat())),
+        ("3", TABLE.into()),
+    ] {
+        archive
+            .start_file(name, zip::write::SimpleFileOptions::default())
+            .expect("started");
         std::io::Write::write_all(&mut archive, text.as_bytes()).expect("written");
     }
     archive.finish().expect("finished");
@@ -127,24 +176,51 @@ fn an_archive_alone_is_built_from_its_plan() {
         other => matches!(other, Finding::Unreachable { .. }),
     };
     assert!(findings.iter().all(expected), "{findings:?}");
-    assert_eq!(model.portals, load(&home(ROOMS, DOOR), "Home.xml").model.portals);
+    assert_eq!(
+        model.portals,
+        load(&home(ROOMS, DOOR), "Home.xml").model.portals
+    );
     let notes = &model.scene.summary.notes;
-    assert!(notes.iter().any(|n| n.starts_with("there is no OBJ beside it")), "{notes:?}");
-    assert!(notes.iter().any(|n| n.starts_with("1 pieces of furniture are boxes")), "{notes:?}");
+    assert!(
+        notes
+            .iter()
+            .any(|n| n.starts_with("there is no OBJ beside it")),
+        "{notes:?}"
+    );
+    assert!(
+        notes
+            .iter()
+            .any(|n| n.starts_with("1 pieces of furniture are boxes")),
+        "{notes:?}"
+    );
 
     let tracer = Tracer::new(Arc::new(model.scene.clone()), glam::DVec3::ZERO);
-    assert_eq!(model.leaks(&tracer, 2000, 1), [], "walls are closed but for the door");
+    assert_eq!(
+        model.leaks(&tracer, 2000, 1),
+        [],
+        "walls are closed but for the door"
+    );
     let distance = |from: [f64; 3], direction: [f32; 3]| {
         let origin = glam::DVec3::from(from).as_vec3();
-        let ray = Ray { origin, direction: direction.into(), t_min: 0.0, t_max: f32::INFINITY };
+        let ray = Ray {
+            origin,
+            direction: direction.into(),
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         tracer.closest(&ray).map(|hit| hit.t)
     };
-    let near = |found: Option<f32>, expected: f32| found.is_some_and(|found| (found - expected).abs() < 1e-4);
+    let near = |found: Option<f32>, expected: f32| {
+        found.is_some_and(|found| (found - expected).abs() < 1e-4)
+    };
     // Through the door from wall to wall, beside it to the wall between, and above it.
     assert!(near(distance([2.0, 1.0, 1.5], [1.0, 0.0, 0.0]), 5.95));
     assert!(near(distance([2.0, 1.0, 0.8], [1.0, 0.0, 0.0]), 1.95));
     assert!(near(distance([2.0, 2.2, 1.5], [1.0, 0.0, 0.0]), 1.95));
-    assert!(near(distance([4.0, 1.0, 1.5], [0.0, 1.0, 0.0]), 1.0), "the lintel");
+    assert!(
+        near(distance([4.0, 1.0, 1.5], [0.0, 1.0, 0.0]), 1.0),
+        "the lintel"
+    );
     assert!(
         near(distance([2.0, 1.0, 1.5], [0.0, 0.0, -1.0]), 1.45)
             && near(distance([2.0, 1.0, 1.5], [0.0, 1.0, 0.0]), 1.5)
@@ -152,18 +228,31 @@ fn an_archive_alone_is_built_from_its_plan() {
     // The table: 40 cm along x and 100 cm along z after its turn, 70 cm high from 10 cm on.
     let table: Vec<u32> = (0..model.scene.triangles.len() as u32)
         .filter(|&t| {
-            model.scene.materials[model.scene.triangles[t as usize].material as usize].albedo == [0.2, 0.4, 0.6]
+            model.scene.materials[model.scene.triangles[t as usize].material as usize].albedo
+                == [0.2, 0.4, 0.6]
         })
         .collect();
-    let [triangle] = table[..] else { panic!("{table:?}") };
+    let [triangle] = table[..] else {
+        panic!("{table:?}")
+    };
     let corners = model.scene.corners(triangle);
-    let low = corners.into_iter().reduce(|a, b| a.min(b)).expect("corners");
-    let high = corners.into_iter().reduce(|a, b| a.max(b)).expect("corners");
+    let low = corners
+        .into_iter()
+        .reduce(|a, b| a.min(b))
+        .expect("corners");
+    let high = corners
+        .into_iter()
+        .reduce(|a, b| a.max(b))
+        .expect("corners");
     assert!(
-        (low - glam::dvec3(5.8, 0.1, 0.5)).length() < 1e-6 && (high - glam::dvec3(6.2, 0.8, 1.5)).length() < 1e-6,
+        (low - glam::dvec3(5.8, 0.1, 0.5)).length() < 1e-6
+            && (high - glam::dvec3(6.2, 0.8, 1.5)).length() < 1e-6,
         "{low} {high}"
     );
-    assert!(model.cells[1].triangles.contains(&triangle), "in the right room");
+    assert!(
+        model.cells[1].triangles.contains(&triangle),
+        "in the right room"
+    );
 }
 
 #[test]
@@ -175,17 +264,34 @@ fn homes_that_lack_something_say_so() {
     let LoadedModel { model, findings } = load(&home("", DOOR), "Home.xml");
     assert_eq!(model.cells.len(), 1);
     assert!(findings.contains(&Finding::NoCells), "{findings:?}");
-    assert!(findings.iter().any(|f| f.to_string().contains("has Outside on both of its sides; it is left out")));
+    assert!(findings.iter().any(|f| {
+        f.to_string()
+            .contains("has Outside on both of its sides; it is left out")
+    }));
     assert!(model.portals.is_empty());
 
     let terrace = ROOMS.replace("<room>", "<room ceilingVisible='false'>");
     let model = load(&home(&terrace, DOOR), "Home.xml").model;
     assert_eq!(model.cells.len(), 2);
-    assert!(model.scene.summary.notes.iter().any(|n| n == "Room 2 has no ceiling and is taken as part of the outside"));
+    assert!(
+        model
+            .scene
+            .summary
+            .notes
+            .iter()
+            .any(|n| n == "Room 2 has no ceiling and is taken as part of the outside")
+    );
 
     let no_number = load(&home(&ROOMS.replace("x='795'", "x='?'"), DOOR), "Home.xml").model;
     assert_eq!(no_number.cells.len(), 2);
-    assert!(no_number.scene.summary.notes.iter().any(|n| n.starts_with("1 rooms, walls, doors")));
+    assert!(
+        no_number
+            .scene
+            .summary
+            .notes
+            .iter()
+            .any(|n| n.starts_with("1 rooms, walls, doors"))
+    );
 }
 
 #[test]
@@ -196,8 +302,19 @@ fn files_that_are_no_homes_say_so() {
     let other = folder(&[("Home.xml", "<html/>"), ("home.obj", &obj)]);
     assert!(error_of(&other, "Home.xml").contains("its root is <html>, not <home>"));
     let alone = load(&folder(&[("Home.xml", &home_xml(ROOMS, DOOR))]), "Home.xml").model;
-    assert!(alone.scene.summary.notes.iter().any(|note| note.starts_with("there is no OBJ beside it")));
-    let two = folder(&[("Home.xml", &home_xml(ROOMS, DOOR)), ("a.obj", &obj), ("b.obj", &obj)]);
+    assert!(
+        alone
+            .scene
+            .summary
+            .notes
+            .iter()
+            .any(|note| note.starts_with("there is no OBJ beside it"))
+    );
+    let two = folder(&[
+        ("Home.xml", &home_xml(ROOMS, DOOR)),
+        ("a.obj", &obj),
+        ("b.obj", &obj),
+    ]);
     assert!(error_of(&two, "Home.xml").contains("2 OBJ files lie beside it"));
     assert!(error_of(&two, "a.obj").contains("not a kind of home that is read"));
     assert!(error_of(&two, "none.xml").contains("No such file"));
@@ -219,7 +336,9 @@ fn a_home_is_a_scene() {
         let error = other.expect_err("another frame");
         assert!(matches!(error, LoadError::Frame { .. }), "{error}");
         assert!(
-            error.to_string().ends_with("Home.xml: a home knows its up axis and its unit: leave them out"),
+            error
+                .to_string()
+                .ends_with("Home.xml: a home knows its up axis and its unit: leave them out"),
             "{error}"
         );
     }

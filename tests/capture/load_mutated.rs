@@ -38,7 +38,10 @@ enum Change {
 
 fn change() -> impl Strategy<Value = Change> {
     // Bytes that mean something to a parser come up more often than others.
-    let byte = prop_oneof![any::<u8>(), proptest::sample::select(b"0123456789-./\\ \n\r\t\"{}[],:eE#nfv".to_vec())];
+    let byte = prop_oneof![
+        any::<u8>(),
+        proptest::sample::select(b"0123456789-./\\ \n\r\t\"{}[],:eE#nfv".to_vec())
+    ];
     let place = any::<usize>();
     prop_oneof![
         4 => (place, byte.clone()).prop_map(|(at, byte)| Change::Set(at, byte)),

@@ -2,10 +2,10 @@
 
 use crate::folder::{Folder, TRIANGLE};
 use glam::{DVec3, Vec2, Vec3, dvec3};
-use headbox_scene::load::LoadOptions;
-use headbox_core::file_frame::UpAxis;
-use headbox_scene::scene::Scene;
 use headbox_core::color::linear_from_srgb8;
+use headbox_core::file_frame::UpAxis;
+use headbox_scene::load::LoadOptions;
+use headbox_scene::scene::Scene;
 
 /// Loads an OBJ with the given text (and nothing beside it).
 fn obj(text: &str) -> Result<Scene, String> {
@@ -34,7 +34,14 @@ fn with_material(mtl: &str, images: &[(&str, &[[u8; 4]])]) -> Scene {
 fn a_clean_file_has_no_notes_and_the_default_light() {
     let scene = obj(TRIANGLE).expect("clean");
     assert_eq!(scene.summary.notes, Vec::<String>::new());
-    assert_eq!((scene.triangles.len(), scene.materials.len(), scene.name.as_str()), (1, 1, "a"));
+    assert_eq!(
+        (
+            scene.triangles.len(),
+            scene.materials.len(),
+            scene.name.as_str()
+        ),
+        (1, 1, "a")
+    );
     assert!(scene.sun.is_some() && scene.sky.is_some() && scene.headbox.is_none());
     assert!(scene.normals.is_empty() && scene.texcoords.is_empty() && scene.colors.is_empty());
 }
@@ -42,20 +49,41 @@ fn a_clean_file_has_no_notes_and_the_default_light() {
 #[test]
 fn axes_and_unit_are_applied_and_remembered() {
     let folder = Folder::new();
-    folder.write("A.OBJ", "v 100 200 300\nv 101 200 300\nv 100 201 300\nvn 0 0 1\nf 1//1 2//1 3//1\n");
-    let options = LoadOptions { up: Some(UpAxis::Z), unit_m: Some(0.01) };
+    folder.write(
+        "A.OBJ",
+        "v 100 200 300\nv 101 200 300\nv 100 201 300\nvn 0 0 1\nf 1//1 2//1 3//1\n",
+    );
+    let options = LoadOptions {
+        up: Some(UpAxis::Z),
+        unit_m: Some(0.01),
+    };
     let scene = folder.load_with("A.OBJ", &options).expect("clean");
     assert_eq!(scene.positions[0], DVec3::new(100.0, 300.0, -200.0) * 0.01);
     assert_eq!(scene.normals[0], Vec3::Y);
     assert_eq!(scene.surface(0, 0.2, 0.2).normal, Vec3::Y);
-    assert!((scene.frame.file_from_world(scene.positions[0]) - dvec3(100.0, 200.0, 300.0)).length() < 1e-12);
-    let error = folder.load_with("A.OBJ", &LoadOptions { up: None, unit_m: Some(0.0) }).expect_err("no length");
-    assert!(error.contains("A.OBJ: a unit of 0 m; it must be positive and finite"), "{error}");
+    assert!(
+        (scene.frame.file_from_world(scene.positions[0]) - dvec3(100.0, 200.0, 300.0)).length()
+            < 1e-12
+    );
+    let error = folder
+        .load_with(
+            "A.OBJ",
+            &LoadOptions {
+                up: None,
+                unit_m: Some(0.0),
+            },
+        )
+        .expect_err("no length");
+    assert!(
+        error.contains("A.OBJ: a unit of 0 m; it must be positive and finite"),
+        "{error}"
+    );
 }
 
 #[test]
 fn coordinates_of_1e7_stay_exact() {
-    let scene = obj("v 10000000.001 0 0\nv 10000000.002 0 0\nv 10000000.001 0.001 0\nf 1 2 3\n").expect("clean");
+    let scene = obj("v 10000000.001 0 0\nv 10000000.002 0 0\nv 10000000.001 0.001 0\nf 1 2 3\n")
+        .expect("clean");
     assert_eq!(scene.positions[0].x, 10_000_000.001);
     assert_eq!(scene.positions[1].x, 10_000_000.002);
     assert_eq!(scene.triangles.len(), 1);
@@ -65,7 +93,10 @@ fn coordinates_of_1e7_stay_exact() {
 fn errors_name_file_cause_and_line() {
     let line_error = |text: &str, line: &str, cause: &str| {
         let error = obj(text).expect_err("malformed");
-        assert!(error.contains("a.obj") && error.contains(line) && error.contains(cause), "{error}");
+        assert!(
+            error.contains("a.obj") && error.contains(line) && error.contains(cause),
+            "{error}"
+        );
     };
     line_error(
         "v 0 0 0\n\nv 1 oops 2\nv 0 1 0\nf 1 2 3\n",
@@ -75,11 +106,19 @@ fn errors_name_file_cause_and_line() {
     line_error("v 0 0 0\nv 1 0\n", "line 2", "position");
     line_error("v 0 0 0\r\nvt\r\n", "line 2", "texture coordinate");
     line_error("v 0 0 0\nvn 1 0\n", "line 2", "normal");
-    line_error(&format!("{TRIANGLE}\n\nf 1 2 x\n"), "line 7", "`f 1 2 x` does not parse");
+    line_error(
+        &format!("{TRIANGLE}\n\nf 1 2 x\n"),
+        "line 7",
+        "`f 1 2 x` does not parse",
+    );
     line_error(&format!("{TRIANGLE}f 1/1/1/1 2 3\n"), "line 5", "face");
     line_error("", "a.obj: there is no triangle", "");
     line_error("not an obj at all \u{1}\u{2}\n", "there is no triangle", "");
-    line_error("v 0 0 0\nf 1 1 1\n", "there is no triangle after this: 1 triangle left out for want of area", "");
+    line_error(
+        "v 0 0 0\nf 1 1 1\n",
+        "there is no triangle after this: 1 triangle left out for want of area",
+        "",
+    );
 
     let folder = Folder::new();
     let error = folder.load("missing.obj").expect_err("absent");
@@ -87,42 +126,64 @@ fn errors_name_file_cause_and_line() {
     folder.write("a.ply", "ply");
     let error = folder.load("a.ply").expect_err("unknown");
     assert!(
-        error.contains("a.ply: not a kind of scene that is read; give an .obj, .gltf or .glb file, a home"),
+        error.contains(
+            "a.ply: not a kind of scene that is read; give an .obj, .gltf or .glb file, a home"
+        ),
         "{error}"
     );
 }
 
 #[test]
 fn what_is_no_obj_is_told() {
-    assert_eq!(notes(&format!("{TRIANGLE}# end\n\ns off\ncstype bezier\n")), [""; 0]);
-    assert_eq!(notes(&format!("{TRIANGLE}junk after the end\nmore\n")), ["2 lines that no OBJ file has, skipped"]);
+    assert_eq!(
+        notes(&format!("{TRIANGLE}# end\n\ns off\ncstype bezier\n")),
+        [""; 0]
+    );
+    assert_eq!(
+        notes(&format!("{TRIANGLE}junk after the end\nmore\n")),
+        ["2 lines that no OBJ file has, skipped"]
+    );
 }
 
 #[test]
 fn indices_that_lead_nowhere_drop_their_face() {
     let text = format!("{TRIANGLE}f 1 2 9\nf 0 1 2\nf -1 -2 -4\nf 1 2 99999999999999\nf /1 2 3\n");
-    assert_eq!(notes(&text), ["5 faces left out because a vertex index is out of range"]);
-    let scene = obj("vt 0 0\nvn 0 0 1\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/7/1 2/1/8 3\n").expect("survives");
+    assert_eq!(
+        notes(&text),
+        ["5 faces left out because a vertex index is out of range"]
+    );
+    let scene =
+        obj("vt 0 0\nvn 0 0 1\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/7/1 2/1/8 3\n").expect("survives");
     assert_eq!(scene.triangles.len(), 1);
-    let expected = ["1 face with a texture coordinate or normal index out of range, taken as not given"];
+    let expected =
+        ["1 face with a texture coordinate or normal index out of range, taken as not given"];
     assert_eq!(scene.summary.notes, expected);
 }
 
 #[test]
 fn relative_and_forward_indices_work() {
-    let scene = obj("f 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf -3 -2 -1\n");
+    let scene = obj(
+        "f 1 2 3\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf -3 -2 -1\n",
+    );
     let scene = scene.expect("survives");
     assert_eq!(scene.triangles.len(), 3);
     assert_eq!(scene.corners(2)[0], dvec3(5.0, 0.0, 0.0));
-    assert_eq!(scene.summary.notes, ["1 triangle in exactly the place of another one, kept"]);
+    assert_eq!(
+        scene.summary.notes,
+        ["1 triangle in exactly the place of another one, kept"]
+    );
 }
 
 #[test]
 fn attributes_that_only_some_faces_have_stay_with_them() {
     let scene =
-        obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.5 0.25\nvn 1 0 1\nf 1 2 3\nf 1/1/1 3/1/1 2/1/1\n").expect("survives");
+        obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.5 0.25\nvn 1 0 1\nf 1 2 3\nf 1/1/1 3/1/1 2/1/1\n")
+            .expect("survives");
     let corners = |t: usize| scene.triangles[t].vertices.map(|v| v as usize);
-    assert_eq!(corners(0).map(|v| (scene.texcoords[v], scene.normals[v])), [(Vec2::ZERO, Vec3::ZERO); 3]);
+    assert_eq!(
+        corners(0).map(|v| (scene.texcoords[v], scene.normals[v])),
+        [(Vec2::ZERO, Vec3::ZERO); 3]
+    );
     for vertex in corners(1) {
         assert_eq!(scene.texcoords[vertex], Vec2::new(0.5, 0.25));
         assert!((scene.normals[vertex] - Vec3::new(1.0, 0.0, 1.0).normalize()).length() < 1e-6);
@@ -131,16 +192,29 @@ fn attributes_that_only_some_faces_have_stay_with_them() {
 
 #[test]
 fn vertices_that_are_not_finite_drop_their_triangles() {
-    for word in ["nan", "-nan(ind)", "1.#QNAN", "-1.#IND00", "inf", "-Infinity", "1e999"] {
+    for word in [
+        "nan",
+        "-nan(ind)",
+        "1.#QNAN",
+        "-1.#IND00",
+        "inf",
+        "-Infinity",
+        "1e999",
+    ] {
         let text = format!("{TRIANGLE}v {word} 0 0\nf 1 2 4\nf 4 2 3\n");
-        let line = text.lines().position(|line| line.contains(word)).expect("written") + 1;
+        let line = text
+            .lines()
+            .position(|line| line.contains(word))
+            .expect("written")
+            + 1;
         let told = [
             format!("1 vertex with a number that is none or too large: line {line}"),
             "2 triangles left out because a vertex is not finite".to_owned(),
         ];
         assert_eq!(notes(&text), told, "{word}");
     }
-    let scene = obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt nan 0\nvn nan nan nan\nf 1/1/1 2/1/1 3/1/1\n").expect("survives");
+    let scene = obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt nan 0\nvn nan nan nan\nf 1/1/1 2/1/1 3/1/1\n")
+        .expect("survives");
     assert!(scene.texcoords.is_empty() && scene.normals.is_empty());
 }
 
@@ -157,7 +231,10 @@ fn duplicates_are_kept_and_counted_in_any_rotation_and_winding() {
     let text = format!("{TRIANGLE}v 0 0 0\nv -0.0 1 0\nf 2 3 1\nf 3 2 1\nf 4 2 5\n");
     let scene = obj(&text).expect("survives");
     assert_eq!(scene.triangles.len(), 4);
-    assert_eq!(scene.summary.notes, ["3 triangles in exactly the place of another one, kept"]);
+    assert_eq!(
+        scene.summary.notes,
+        ["3 triangles in exactly the place of another one, kept"]
+    );
 }
 
 #[test]
@@ -173,21 +250,32 @@ fn empty_groups_short_faces_and_other_elements_are_counted() {
 
 #[test]
 fn polygons_are_cut_without_leaving_their_outline() {
-    let scene = obj("v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\nf 3 4 5 6 1 2\nf 1 2 3 4\n").expect("clean");
+    let scene =
+        obj("v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\nf 3 4 5 6 1 2\nf 1 2 3 4\n")
+            .expect("clean");
     let area = |t: u32| {
         let [a, b, c] = scene.corners(t);
         (b - a).cross(c - a).length() / 2.0
     };
-    assert_eq!((0..4).map(area).sum::<f64>(), 3.0, "an L of area 3; a fan would cover 1 of it twice, and 1 beside it");
+    assert_eq!(
+        (0..4).map(area).sum::<f64>(),
+        3.0,
+        "an L of area 3; a fan would cover 1 of it twice, and 1 beside it"
+    );
     assert_eq!(scene.triangles.len(), 6);
 }
 
 #[test]
 fn old_line_ends_tabs_comments_and_continuations_are_read() {
-    let scene = obj("\u{feff}v\t0 0 0 # here\r  v 1 0 \\\r 0\rv 0 1 0 1.0\rusemtl\tm # 1\rf 1/ 2// 3 # there\r")
-        .expect("survives");
+    let scene = obj(
+        "\u{feff}v\t0 0 0 # here\r  v 1 0 \\\r 0\rv 0 1 0 1.0\rusemtl\tm # 1\rf 1/ 2// 3 # there\r",
+    )
+    .expect("survives");
     assert_eq!(scene.triangles.len(), 1);
-    assert_eq!(scene.summary.notes, ["1 material used but not defined anywhere, so plain grey: m # 1"]);
+    assert_eq!(
+        scene.summary.notes,
+        ["1 material used but not defined anywhere, so plain grey: m # 1"]
+    );
 }
 
 #[test]
@@ -213,16 +301,31 @@ fn missing_material_files_and_materials_are_grey() {
 #[test]
 fn several_material_files_and_names_with_spaces_are_found() {
     let folder = Folder::new();
-    folder
-        .write("a.obj", format!("usemtl one\n{TRIANGLE}mtllib my file.mtl\nmtllib x.mtl Y.MTL\nusemtl two\nf 1 3 2\n"));
+    folder.write(
+        "a.obj",
+        format!(
+            "usemtl one\n{TRIANGLE}mtllib my file.mtl\nmtllib x.mtl Y.MTL\nusemtl two\nf 1 3 2\n"
+        ),
+    );
     folder.write("my file.mtl", "newmtl one\nKd 1 0 0\n");
     folder.write("x.mtl", "newmtl unused\nmap_Kd nowhere.png\n");
     folder.write("y.mtl", "newmtl two\nKd 0 1 0\n");
     let scene = folder.load("a.obj").expect("survives");
-    assert_eq!(scene.surface(0, 0.2, 0.2).albedo, [1.0, 0.0, 0.0], "a library may come after its use");
+    assert_eq!(
+        scene.surface(0, 0.2, 0.2).albedo,
+        [1.0, 0.0, 0.0],
+        "a library may come after its use"
+    );
     assert_eq!(scene.surface(1, 0.2, 0.2).albedo, [0.0, 1.0, 0.0]);
-    assert_eq!(scene.materials.len(), 2, "what nothing uses is left out, and its textures are not looked for");
-    assert_eq!(scene.summary.notes, ["1 triangle in exactly the place of another one, kept"]);
+    assert_eq!(
+        scene.materials.len(),
+        2,
+        "what nothing uses is left out, and its textures are not looked for"
+    );
+    assert_eq!(
+        scene.summary.notes,
+        ["1 triangle in exactly the place of another one, kept"]
+    );
 }
 
 const RED: [u8; 4] = [255, 0, 0, 255];
@@ -231,7 +334,10 @@ const HOLE: [u8; 4] = [0, 255, 0, 0];
 #[test]
 fn unreadable_textures_leave_the_plain_colour() {
     let folder = Folder::new();
-    folder.write("a.obj", format!("mtllib m.mtl\nusemtl m\n{TRIANGLE}usemtl n\nf 1 3 2\nusemtl o\nf 2 1 3\n"));
+    folder.write(
+        "a.obj",
+        format!("mtllib m.mtl\nusemtl m\n{TRIANGLE}usemtl n\nf 1 3 2\nusemtl o\nf 2 1 3\n"),
+    );
     folder.write(
         "m.mtl",
         "newmtl m\nKd 0 1 0\nmap_Kd gone.png\nnewmtl n\nmap_Kd broken.png\nnewmtl o\nmap_Kd bomb.png\n",
@@ -243,16 +349,23 @@ fn unreadable_textures_leave_the_plain_colour() {
     let note = &scene.summary.notes[0];
     assert!(note.starts_with("3 textures could not be read: "), "{note}");
     assert!(
-        note.contains("gone.png (no such file)") && note.contains("broken.png (") && note.contains("bomb.png ("),
+        note.contains("gone.png (no such file)")
+            && note.contains("broken.png (")
+            && note.contains("bomb.png ("),
         "{note}"
     );
 }
 
 #[test]
 fn maps_that_cannot_be_read_leave_surfaces_grey_and_dark() {
-    let material = |mtl: &str| with_material(&format!("newmtl m\n{mtl}\n"), &[]).materials[0].clone();
+    let material =
+        |mtl: &str| with_material(&format!("newmtl m\n{mtl}\n"), &[]).materials[0].clone();
     let grey = material("").albedo;
-    assert_eq!(material("Kd 0 0 0\nmap_Kd gone.png").albedo, grey, "0 beside a map is not meant");
+    assert_eq!(
+        material("Kd 0 0 0\nmap_Kd gone.png").albedo,
+        grey,
+        "0 beside a map is not meant"
+    );
     assert_eq!(material("Kd 0 0 0").albedo, [0.0; 3]);
     assert_eq!(material("Ke 1 1 1\nmap_Ke gone.png").emission, [0.0; 3]);
 }
@@ -260,7 +373,10 @@ fn maps_that_cannot_be_read_leave_surfaces_grey_and_dark() {
 #[test]
 fn colours_of_vertices_are_what_they_say() {
     let folder = Folder::new();
-    folder.write("a.obj", "v 0 0 0 1 1 1\nv 1 0 0 1 1 1\nv 0 1 0 0 1 1\nf 1 2 3\n");
+    folder.write(
+        "a.obj",
+        "v 0 0 0 1 1 1\nv 1 0 0 1 1 1\nv 0 1 0 0 1 1\nf 1 2 3\n",
+    );
     let scene = folder.load("a.obj").expect("survives");
     assert_eq!(scene.surface(0, 0.0, 0.0).albedo, [1.0; 3], "white");
     assert_eq!(scene.surface(0, 0.0, 1.0).albedo, [0.0, 1.0, 1.0]);
@@ -284,9 +400,17 @@ fn textures_are_found_under_other_spellings() {
         folder.write("m.mtl", format!("newmtl m\nmap_Kd {written}\n"));
         folder.write_image("wood.png", &[RED]);
         let scene = folder.load("a.obj").expect("survives");
-        assert_eq!(scene.surface(0, 0.2, 0.2).albedo, [1.0, 0.0, 0.0], "{written}");
+        assert_eq!(
+            scene.surface(0, 0.2, 0.2).albedo,
+            [1.0, 0.0, 0.0],
+            "{written}"
+        );
         let note = "1 texture found in another folder or spelling than the file says";
-        assert_eq!(scene.summary.notes.iter().any(|n| n.starts_with(note)), renamed, "{written}");
+        assert_eq!(
+            scene.summary.notes.iter().any(|n| n.starts_with(note)),
+            renamed,
+            "{written}"
+        );
     }
     // Maps are relative to the material file.
     let folder = Folder::new();
@@ -303,25 +427,41 @@ fn textures_are_shared_by_path() {
     let mtl = "newmtl m\nmap_Kd a.png\nmap_Ke a.png\n";
     let scene = with_material(mtl, &[("a.png", &[RED])]);
     assert_eq!(scene.textures.len(), 1);
-    assert_eq!(scene.surface(0, 0.1, 0.1).emission, [1.0, 0.0, 0.0], "a map without Ke shines as it is");
+    assert_eq!(
+        scene.surface(0, 0.1, 0.1).emission,
+        [1.0, 0.0, 0.0],
+        "a map without Ke shines as it is"
+    );
 }
 
 #[test]
 fn map_options_place_the_texture() {
     let folder = Folder::new();
-    folder.write("a.obj", "mtllib m.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.5 0.5\nf 1/1 2/1 3/1\n");
-    folder.write("m.mtl", "newmtl m\nmap_Kd -o 0.25 0 -s 2 3 a.png\nmap_Ke a.png\n");
+    folder.write(
+        "a.obj",
+        "mtllib m.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.5 0.5\nf 1/1 2/1 3/1\n",
+    );
+    folder.write(
+        "m.mtl",
+        "newmtl m\nmap_Kd -o 0.25 0 -s 2 3 a.png\nmap_Ke a.png\n",
+    );
     folder.write_image("a.png", &[RED]);
     let scene = folder.load("a.obj").expect("survives");
     assert_eq!(scene.texcoords[0], Vec2::new(1.25, 1.5));
-    assert_eq!(scene.summary.notes, ["1 texture placed like the albedo texture of the same material: a.png"]);
+    assert_eq!(
+        scene.summary.notes,
+        ["1 texture placed like the albedo texture of the same material: a.png"]
+    );
 }
 
 #[test]
 fn dissolve_below_one_half_is_see_through() {
     let text = |mtl: &str| {
         let folder = Folder::new();
-        folder.write("a.obj", format!("mtllib m.mtl\nusemtl m\n{TRIANGLE}v 1 1 0\nf 1 2 4 3\nusemtl n\nf 1 2 3\n"));
+        folder.write(
+            "a.obj",
+            format!("mtllib m.mtl\nusemtl m\n{TRIANGLE}v 1 1 0\nf 1 2 4 3\nusemtl n\nf 1 2 3\n"),
+        );
         folder.write("m.mtl", format!("newmtl n\nnewmtl m\n{mtl}\n"));
         let scene = folder.load("a.obj").expect("survives");
         (scene.triangles.len(), scene.summary.notes.join(" "))
@@ -329,13 +469,19 @@ fn dissolve_below_one_half_is_see_through() {
     for glass in ["d 0.49", "Tr 0.6", "d 0\nmap_Kd missing.png"] {
         let (count, notes) = text(glass);
         assert_eq!(count, 1, "{glass}");
-        assert!(notes.contains("3 triangles of see-through glass (opacity below one half) left out"), "{notes}");
+        assert!(
+            notes.contains("3 triangles of see-through glass (opacity below one half) left out"),
+            "{notes}"
+        );
     }
     for solid in ["d 0.5", "Tr 0.5", "d 1\nTr 1", "illum 4"] {
         assert_eq!(text(solid).0, 4, "{solid}");
     }
     let (count, notes) = text("Tr 1");
-    assert!(count == 4 && notes.contains("1 material with Tr 1 and no d, taken as opaque"), "{notes}");
+    assert!(
+        count == 4 && notes.contains("1 material with Tr 1 and no d, taken as opaque"),
+        "{notes}"
+    );
 }
 
 #[test]
@@ -343,15 +489,36 @@ fn cut_outs_come_from_map_d_and_from_alpha_that_is_meant() {
     let two: &[[u8; 4]] = &[RED, HOLE];
     let cut = |mtl: &str, images: &[(&str, &[[u8; 4]])]| {
         let scene = with_material(&format!("newmtl m\n{mtl}\n"), images);
-        scene.materials[0].cutout.map(|cutout| scene.textures[cutout.texture as usize].sample(0.75, 0.5)[3])
+        scene.materials[0]
+            .cutout
+            .map(|cutout| scene.textures[cutout.texture as usize].sample(0.75, 0.5)[3])
     };
-    assert_eq!(cut("map_Kd a.png\nmap_d a.png", &[("a.png", two)]), Some(0.0));
-    assert_eq!(cut("map_Kd a.png\nd 0.3", &[("a.png", two)]), Some(0.0), "claims transparency");
+    assert_eq!(
+        cut("map_Kd a.png\nmap_d a.png", &[("a.png", two)]),
+        Some(0.0)
+    );
+    assert_eq!(
+        cut("map_Kd a.png\nd 0.3", &[("a.png", two)]),
+        Some(0.0),
+        "claims transparency"
+    );
     assert_eq!(cut("map_Kd a.png\nillum 4", &[("a.png", two)]), Some(0.0));
-    assert_eq!(cut("map_Kd a.png", &[("a.png", two)]), None, "nothing says that the alpha is meant");
-    assert_eq!(cut("map_Kd a.png\nmap_d a.png", &[("a.png", &[RED, RED])]), None, "alpha that never varies");
+    assert_eq!(
+        cut("map_Kd a.png", &[("a.png", two)]),
+        None,
+        "nothing says that the alpha is meant"
+    );
+    assert_eq!(
+        cut("map_Kd a.png\nmap_d a.png", &[("a.png", &[RED, RED])]),
+        None,
+        "alpha that never varies"
+    );
     let grey: &[[u8; 4]] = &[[255; 4], [10, 10, 10, 255]];
-    assert_eq!(cut("map_d g.png", &[("g.png", grey)]), Some(10.0 / 255.0), "luminance of a separate image");
+    assert_eq!(
+        cut("map_d g.png", &[("g.png", grey)]),
+        Some(10.0 / 255.0),
+        "luminance of a separate image"
+    );
     assert_eq!(cut("map_d missing.png", &[]), None);
 }
 
@@ -361,19 +528,36 @@ fn light_comes_from_ke_or_from_an_ambient_above_one() {
     assert_eq!(scene.materials[0].emission, [2.0, 3.0, 4.0]);
     let scene = with_material("newmtl m\nKe 0 0 0\nKa 20 20 20\nKd 1 1 1\n", &[]);
     assert_eq!(scene.materials[0].emission, [20.0; 3]);
-    assert_eq!(scene.summary.notes, ["1 material with an ambient colour above 1, taken as emitted light: m"]);
+    assert_eq!(
+        scene.summary.notes,
+        ["1 material with an ambient colour above 1, taken as emitted light: m"]
+    );
     let scene = with_material("newmtl m\nKa 1 1 1\nKd 7 0.5 -1\n", &[]);
-    assert_eq!((scene.materials[0].emission, scene.materials[0].albedo), ([0.0; 3], [1.0, 0.5, 0.0]));
+    assert_eq!(
+        (scene.materials[0].emission, scene.materials[0].albedo),
+        ([0.0; 3], [1.0, 0.5, 0.0])
+    );
     let scene = with_material("newmtl m\nKd 0 0 0\nmap_Kd a.png\n", &[("a.png", &[RED])]);
-    assert_eq!(scene.materials[0].albedo, [1.0; 3], "black under a texture means that nobody set it");
+    assert_eq!(
+        scene.materials[0].albedo, [1.0; 3],
+        "black under a texture means that nobody set it"
+    );
 }
 
 #[test]
 fn every_image_format_is_read() {
-    for name in ["a.png", "a.jpg", "a.bmp", "a.tga", "a.tif", "a.webp", "a.gif", "a.hdr"] {
-        let scene = with_material(&format!("newmtl m\nmap_Kd {name}\n"), &[(name, &[[255, 255, 255, 255]; 4])]);
+    for name in [
+        "a.png", "a.jpg", "a.bmp", "a.tga", "a.tif", "a.webp", "a.gif", "a.hdr",
+    ] {
+        let scene = with_material(
+            &format!("newmtl m\nmap_Kd {name}\n"),
+            &[(name, &[[255, 255, 255, 255]; 4])],
+        );
         assert_eq!(scene.summary.notes, Vec::<String>::new(), "{name}");
-        assert!(scene.surface(0, 0.2, 0.2).albedo.iter().all(|&c| c > 0.99), "{name}");
+        assert!(
+            scene.surface(0, 0.2, 0.2).albedo.iter().all(|&c| c > 0.99),
+            "{name}"
+        );
     }
 }
 
@@ -381,18 +565,32 @@ fn every_image_format_is_read() {
 fn the_result_does_not_depend_on_the_number_of_threads() {
     let folder = Folder::new();
     let faces: String = (0..20).map(|i| format!("usemtl m{i}\nf 1 2 3\n")).collect();
-    folder.write("a.obj", format!("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n{faces}"));
-    let materials: String = (0..20).map(|i| format!("newmtl m{i}\nmap_Kd {}.png\n", i % 7)).collect();
+    folder.write(
+        "a.obj",
+        format!("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n{faces}"),
+    );
+    let materials: String = (0..20)
+        .map(|i| format!("newmtl m{i}\nmap_Kd {}.png\n", i % 7))
+        .collect();
     folder.write("m.mtl", materials);
     for i in 0..6_u8 {
         folder.write_image(&format!("{i}.png"), &[[i * 40, 0, 0, 255]; 3]);
     }
     let with_threads = |count: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build().expect("a pool");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(count)
+            .build()
+            .expect("a pool");
         pool.install(|| folder.load("a.obj").expect("survives"))
     };
     let (one, four) = (with_threads(1), with_threads(4));
-    assert_eq!((one.textures, one.materials, one.triangles), (four.textures, four.materials, four.triangles));
+    assert_eq!(
+        (one.textures, one.materials, one.triangles),
+        (four.textures, four.materials, four.triangles)
+    );
     assert_eq!(one.summary, four.summary);
-    assert_eq!(one.summary.notes[0], "1 texture could not be read: 6.png (no such file)");
+    assert_eq!(
+        one.summary.notes[0],
+        "1 texture could not be read: 6.png (no such file)"
+    );
 }

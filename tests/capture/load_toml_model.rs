@@ -44,8 +44,18 @@ fn toml_folder(text: &str) -> TempDir {
             [x, 300.0, 0.0],
         ]);
     }
-    obj.group("right wall").quad([[800.0, 0.0, 0.0], [800.0, 300.0, 0.0], [800.0, 300.0, 250.0], [800.0, 0.0, 250.0]]);
-    obj.group("tree").quad([[2000.0, 0.0, 0.0], [2000.0, 30.0, 0.0], [2000.0, 30.0, 300.0], [2000.0, 0.0, 300.0]]);
+    obj.group("right wall").quad([
+        [800.0, 0.0, 0.0],
+        [800.0, 300.0, 0.0],
+        [800.0, 300.0, 250.0],
+        [800.0, 0.0, 250.0],
+    ]);
+    obj.group("tree").quad([
+        [2000.0, 0.0, 0.0],
+        [2000.0, 30.0, 0.0],
+        [2000.0, 30.0, 300.0],
+        [2000.0, 0.0, 300.0],
+    ]);
     folder(&[("flat.toml", text), ("flat.obj", &obj.text)])
 }
 
@@ -54,12 +64,26 @@ fn a_toml_model_points_at_groups() {
     let LoadedModel { model, findings } = load(&toml_folder(TOML), "flat.toml");
     assert_eq!(model.scene.name, "flat");
     assert_eq!(cells(&model), [("left", 2), ("right", 4), ("Outside", 2)]);
-    assert_eq!(model.cell_at(glam::DVec3::new(1.0, 1.0, -1.0)), Some(0), "Z up: y of the file is -z of the world");
+    assert_eq!(
+        model.cell_at(glam::DVec3::new(1.0, 1.0, -1.0)),
+        Some(0),
+        "Z up: y of the file is -z of the world"
+    );
     // It has a floor and a single wall.
-    assert!(findings.iter().all(|f| matches!(f, Finding::NoWall { .. })), "{findings:?}");
+    assert!(
+        findings.iter().all(|f| matches!(f, Finding::NoWall { .. })),
+        "{findings:?}"
+    );
     assert_eq!(findings.len(), 5);
-    let said: Vec<String> = findings.into_iter().map(|f| f.in_file(&model.scene.frame).to_string()).collect();
-    assert!(said.iter().any(|said| said.contains("about 0.00, 150.00, 125.00 (in the file's axes")), "{said:?}");
+    let said: Vec<String> = findings
+        .into_iter()
+        .map(|f| f.in_file(&model.scene.frame).to_string())
+        .collect();
+    assert!(
+        said.iter()
+            .any(|said| said.contains("about 0.00, 150.00, 125.00 (in the file's axes")),
+        "{said:?}"
+    );
     assert!((model.portals[0].polygon[1] - glam::DVec3::new(4.0, 2.0, -2.0)).length() < 1e-12);
 }
 
@@ -77,12 +101,21 @@ fn a_toml_model_points_at_nodes_of_a_gltf() {
         scene = "flat.gltf"
         cell = [{ name = "left", groups = ["left*"] }, { name = "right", groups = ["right floor"] }]
     "#;
-    let LoadedModel { model, findings } = load(&folder(&[("flat.toml", text), ("flat.gltf", GLTF)]), "flat.toml");
+    let LoadedModel { model, findings } = load(
+        &folder(&[("flat.toml", text), ("flat.gltf", GLTF)]),
+        "flat.toml",
+    );
     assert_eq!(cells(&model), [("left", 1), ("right", 1), ("Outside", 0)]);
     let right = model.scene.corners(model.cells[1].triangles.start);
     assert!(right.iter().all(|p| p.x >= 4.0), "{right:?}");
     assert!(findings.contains(&Finding::NoPortals), "{findings:?}");
-    assert!(findings.contains(&Finding::NoSpace { cell: 0, name: "left".into() }), "{findings:?}");
+    assert!(
+        findings.contains(&Finding::NoSpace {
+            cell: 0,
+            name: "left".into()
+        }),
+        "{findings:?}"
+    );
 }
 
 #[test]
@@ -94,13 +127,41 @@ fn mistakes_in_a_toml_model_are_named() {
     assert!(error("[[cell]]", "[[cell").contains("flat.toml"));
     assert!(error("name = \"right\"", "name = \"left\"").contains("two cells are called \"left\""));
     let model = load(
-        &toml_folder(&TOML.replace("cells = [\"left\", \"right\"]", "cells = [\"left\", \"attic\"]")),
+        &toml_folder(&TOML.replace(
+            "cells = [\"left\", \"right\"]",
+            "cells = [\"left\", \"attic\"]",
+        )),
         "flat.toml",
     );
-    assert!(model.findings.iter().any(|f| matches!(f, Finding::MissingCell { .. }) && f.severity() == Severity::Error));
-    assert!(model.model.portals.iter().all(|portal| portal.name != "door"));
+    assert!(
+        model
+            .findings
+            .iter()
+            .any(|f| matches!(f, Finding::MissingCell { .. }) && f.severity() == Severity::Error)
+    );
+    assert!(
+        model
+            .model
+            .portals
+            .iter()
+            .all(|portal| portal.name != "door")
+    );
     let notes = model.model.scene.summary.notes.join("\n");
-    assert!(notes.contains("portal \"door\" leads to a cell called \"attic\", which there is not"), "{notes}");
-    let unmatched = load(&toml_folder(&TOML.replace("right wall", "wrong wall")), "flat.toml");
-    assert!(unmatched.model.scene.summary.notes.iter().any(|n| n.contains("\"wrong wall\"")));
+    assert!(
+        notes.contains("portal \"door\" leads to a cell called \"attic\", which there is not"),
+        "{notes}"
+    );
+    let unmatched = load(
+        &toml_folder(&TOML.replace("right wall", "wrong wall")),
+        "flat.toml",
+    );
+    assert!(
+        unmatched
+            .model
+            .scene
+            .summary
+            .notes
+            .iter()
+            .any(|n| n.contains("\"wrong wall\""))
+    );
 }

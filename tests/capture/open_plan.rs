@@ -16,12 +16,18 @@ struct Plan {
 
 impl Plan {
     fn new() -> Self {
-        Self { xml: "<home wallHeight='250'>".into(), walls: 0 }
+        Self {
+            xml: "<home wallHeight='250'>".into(),
+            walls: 0,
+        }
     }
 
     fn room(mut self, name: &str, [x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Self {
         let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
-        let points: String = corners.iter().map(|[x, y]| format!("<point x='{x}' y='{y}'/>")).collect();
+        let points: String = corners
+            .iter()
+            .map(|[x, y]| format!("<point x='{x}' y='{y}'/>"))
+            .collect();
         write!(self.xml, "<room name='{name}'>{points}</room>").expect("a string");
         self
     }
@@ -39,7 +45,9 @@ impl Plan {
     }
 
     fn walls(self, ends: &[[[f64; 2]; 2]]) -> Self {
-        ends.iter().fold(self, |plan, [from, to]| plan.wall(*from, *to, 250.0, "FFE0E0E0"))
+        ends.iter().fold(self, |plan, [from, to]| {
+            plan.wall(*from, *to, 250.0, "FFE0E0E0")
+        })
     }
 
     fn door(mut self, name: &str, [x, y]: [f64; 2], angle: f64) -> Self {
@@ -53,7 +61,11 @@ impl Plan {
 
     fn load(&self) -> LoadedModel {
         let folder = tempfile::tempdir().expect("a folder");
-        std::fs::write(folder.path().join("Home.xml"), format!("{}</home>", self.xml)).expect("written");
+        std::fs::write(
+            folder.path().join("Home.xml"),
+            format!("{}</home>", self.xml),
+        )
+        .expect("written");
         load_model(&folder.path().join("Home.xml"), &ModelOptions::default()).expect("loads")
     }
 }
@@ -92,16 +104,32 @@ fn closed() -> Plan {
 }
 
 fn cell(model: &PortalModel, name: &str) -> u32 {
-    model.cells.iter().position(|cell| cell.name == name).unwrap_or_else(|| panic!("no {name}")) as u32
+    model
+        .cells
+        .iter()
+        .position(|cell| cell.name == name)
+        .unwrap_or_else(|| panic!("no {name}")) as u32
 }
 
 /// Width and height of the portals between two cells, centimetres.
 fn between(model: &PortalModel, a: &str, b: &str) -> Vec<[i32; 2]> {
     let (a, b) = (cell(model, a), cell(model, b));
-    let of_both = model.portals.iter().filter(|p| p.cells == [a, b] || p.cells == [b, a]);
+    let of_both = model
+        .portals
+        .iter()
+        .filter(|p| p.cells == [a, b] || p.cells == [b, a]);
     let size = |polygon: &[glam::DVec3]| {
-        let low = polygon.iter().copied().reduce(|p, q| p.min(q)).expect("corners");
-        let size = polygon.iter().copied().reduce(|p, q| p.max(q)).expect("corners") - low;
+        let low = polygon
+            .iter()
+            .copied()
+            .reduce(|p, q| p.min(q))
+            .expect("corners");
+        let size = polygon
+            .iter()
+            .copied()
+            .reduce(|p, q| p.max(q))
+            .expect("corners")
+            - low;
         [DVec2::new(size.x, size.z).length(), size.y].map(|m| (m * 100.0).round() as i32)
     };
     of_both.map(|portal| size(&portal.polygon)).collect()
@@ -110,46 +138,102 @@ fn between(model: &PortalModel, a: &str, b: &str) -> Vec<[i32; 2]> {
 #[test]
 fn a_wide_passage_and_an_open_kitchen_are_portals() {
     let LoadedModel { model, findings } = closed().load();
-    assert_eq!(between(&model, "Corridor", "Living room"), [[110, 250]], "{findings:?}");
+    assert_eq!(
+        between(&model, "Corridor", "Living room"),
+        [[110, 250]],
+        "{findings:?}"
+    );
     // Over the counter too: one portal of the whole border.
     assert_eq!(between(&model, "Living room", "Kitchen"), [[390, 250]]);
     assert_eq!(between(&model, "Bedroom 1", "Corridor"), [[90, 208]]);
-    assert!(between(&model, "Bedroom 1", "Bedroom 2").is_empty() && between(&model, "Kitchen", "Outside").is_empty());
+    assert!(
+        between(&model, "Bedroom 1", "Bedroom 2").is_empty()
+            && between(&model, "Kitchen", "Outside").is_empty()
+    );
     let reached = model.reachable(cell(&model, "Bedroom 3"));
-    let unreached: Vec<&str> =
-        model.cells.iter().zip(&reached).filter(|(_, r)| !**r).map(|(cell, _)| cell.name.as_str()).collect();
+    let unreached: Vec<&str> = model
+        .cells
+        .iter()
+        .zip(&reached)
+        .filter(|(_, r)| !**r)
+        .map(|(cell, _)| cell.name.as_str())
+        .collect();
     assert_eq!(unreached, ["Outside"]);
-    let tracer = Tracer::new(Arc::new(model.scene.clone()), glam::DVec3::new(6.0, 1.0, 4.5));
+    let tracer = Tracer::new(
+        Arc::new(model.scene.clone()),
+        glam::DVec3::new(6.0, 1.0, 4.5),
+    );
     let leaks = model.leaks(&tracer, 2000, 3);
-    let rays: usize = leaks.iter().map(|leak| if let Finding::Leak { rays, .. } = leak { *rays } else { 0 }).sum();
+    let rays: usize = leaks
+        .iter()
+        .map(|leak| {
+            if let Finding::Leak { rays, .. } = leak {
+                *rays
+            } else {
+                0
+            }
+        })
+        .sum();
     assert!(rays <= 7, "{leaks:?}"); // of 14,000
-    assert!(model.check().iter().all(|f| matches!(f, Finding::Unreachable { .. })), "{:?}", model.check());
-    assert!(!findings.iter().any(|f| matches!(f, Finding::NoWall { .. } | Finding::Joined { .. })), "{findings:?}");
+    assert!(
+        model
+            .check()
+            .iter()
+            .all(|f| matches!(f, Finding::Unreachable { .. })),
+        "{:?}",
+        model.check()
+    );
+    assert!(
+        !findings
+            .iter()
+            .any(|f| matches!(f, Finding::NoWall { .. } | Finding::Joined { .. })),
+        "{findings:?}"
+    );
 }
 
 #[test]
 fn a_missing_wall_is_named_and_seen_through() {
     let LoadedModel { model, findings } = four_bedrooms().load();
-    let named: Vec<_> =
-        findings.iter().filter(|f| matches!(f, Finding::NoWall { .. })).map(ToString::to_string).collect();
-    let [text] = &named[..] else { panic!("{findings:?}") };
-    assert!(text.starts_with("Kitchen has no wall to the outside over 3.90 x 2.50 m"), "{text}");
+    let named: Vec<_> = findings
+        .iter()
+        .filter(|f| matches!(f, Finding::NoWall { .. }))
+        .map(ToString::to_string)
+        .collect();
+    let [text] = &named[..] else {
+        panic!("{findings:?}")
+    };
+    assert!(
+        text.starts_with("Kitchen has no wall to the outside over 3.90 x 2.50 m"),
+        "{text}"
+    );
     assert_eq!(between(&model, "Kitchen", "Outside"), [[390, 250]]);
 }
 
 #[test]
 fn walls_in_one_plane_are_named() {
-    let LoadedModel { findings, .. } = closed().wall([400.0, 900.0], [700.0, 900.0], 200.0, "FFB04040").load();
-    let named: Vec<_> =
-        findings.iter().filter(|f| matches!(f, Finding::Coplanar { .. })).map(ToString::to_string).collect();
-    assert!(named.iter().any(|text| text.starts_with("Bedroom 4: surfaces of different materials")), "{findings:?}");
+    let LoadedModel { findings, .. } = closed()
+        .wall([400.0, 900.0], [700.0, 900.0], 200.0, "FFB04040")
+        .load();
+    let named: Vec<_> = findings
+        .iter()
+        .filter(|f| matches!(f, Finding::Coplanar { .. }))
+        .map(ToString::to_string)
+        .collect();
+    assert!(
+        named
+            .iter()
+            .any(|text| text.starts_with("Bedroom 4: surfaces of different materials")),
+        "{findings:?}"
+    );
 }
 
 #[test]
 fn rooms_that_see_each_other_aslant_are_joined() {
     // Two walls, each along half of the border between rooms that are drawn to their middle, so that no ray passes it squarely.
-    let plan =
-        Plan::new().room("Left", [5.0, 5.0], [319.0, 295.0]).room("Right", [319.0, 5.0], [695.0, 295.0]).walls(&[
+    let plan = Plan::new()
+        .room("Left", [5.0, 5.0], [319.0, 295.0])
+        .room("Right", [319.0, 5.0], [695.0, 295.0])
+        .walls(&[
             [[0.0, 0.0], [700.0, 0.0]],
             [[0.0, 300.0], [700.0, 300.0]],
             [[0.0, 0.0], [0.0, 300.0]],
@@ -163,6 +247,14 @@ fn rooms_that_see_each_other_aslant_are_joined() {
     let names: Vec<&str> = model.cells.iter().map(|cell| cell.name.as_str()).collect();
     assert_eq!(names, ["Left + Right", "Outside"]);
     assert_eq!(model.cells[0].triangles.end, model.cells[1].triangles.start);
-    assert_eq!(model.cells[1].triangles.end as usize, model.scene.triangles.len());
-    assert!(model.portals.iter().all(|portal| portal.cells[0] != portal.cells[1]));
+    assert_eq!(
+        model.cells[1].triangles.end as usize,
+        model.scene.triangles.len()
+    );
+    assert!(
+        model
+            .portals
+            .iter()
+            .all(|portal| portal.cells[0] != portal.cells[1])
+    );
 }

@@ -2,10 +2,10 @@
 
 use glam::{DVec3, dvec3};
 use headbox_core::random::Rng;
-use headbox_scene::scene::Triangle;
-use headbox_trace::bvh::{Hit, Ray};
 use headbox_scene::material::Material;
 use headbox_scene::scene::Scene;
+use headbox_scene::scene::Triangle;
+use headbox_trace::bvh::{Hit, Ray};
 
 pub(crate) use headbox_core::simd::levels;
 
@@ -14,7 +14,10 @@ pub(crate) fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
     Scene {
         positions: triangles.as_flattened().to_vec(),
         triangles: (0..triangles.len() as u32)
-            .map(|i| Triangle { vertices: [3 * i, 3 * i + 1, 3 * i + 2], material: 0 })
+            .map(|i| Triangle {
+                vertices: [3 * i, 3 * i + 1, 3 * i + 2],
+                material: 0,
+            })
             .collect(),
         materials: vec![Material::default()],
         ..Scene::default()
@@ -33,8 +36,19 @@ pub(crate) fn soup(random: &mut Rng, count: usize, size: f64, scale: f64) -> Vec
 
 /// A flat square grid of `n` by `n` quads in the plane z = 0, [-0.5, 0.5]^2.
 pub(crate) fn grid(n: u32) -> Vec<[DVec3; 3]> {
-    let at = |i: u32, j: u32| dvec3(f64::from(i) / f64::from(n) - 0.5, f64::from(j) / f64::from(n) - 0.5, 0.0);
-    let quad = |i, j| [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]];
+    let at = |i: u32, j: u32| {
+        dvec3(
+            f64::from(i) / f64::from(n) - 0.5,
+            f64::from(j) / f64::from(n) - 0.5,
+            0.0,
+        )
+    };
+    let quad = |i, j| {
+        [
+            [at(i, j), at(i + 1, j), at(i + 1, j + 1)],
+            [at(i, j), at(i + 1, j + 1), at(i, j + 1)],
+        ]
+    };
     (0..n * n).flat_map(|k| quad(k % n, k / n)).collect()
 }
 
@@ -64,7 +78,10 @@ pub(crate) fn rays_for(random: &mut Rng, count: usize, scale: f64) -> Vec<Ray> {
         let coherent = random.below(3) > 0;
         for _ in 0..16 {
             let (from, toward) = if coherent {
-                (from + random.in_cube(0.5) * 0.05, toward + random.in_cube(0.5) * 0.1)
+                (
+                    from + random.in_cube(0.5) * 0.05,
+                    toward + random.in_cube(0.5) * 0.1,
+                )
             } else {
                 (random.in_cube(0.5) * 2.0, random.in_cube(0.5))
             };
@@ -107,14 +124,23 @@ pub(crate) fn oracle_hits(triangles: &[[DVec3; 3]], ray: &Ray) -> Vec<OracleHit>
         let determinant = e1.dot(p);
         let s = o - a;
         let q = s.cross(e1);
-        let (u, v, t) = (s.dot(p) / determinant, d.dot(q) / determinant, e2.dot(q) / determinant);
+        let (u, v, t) = (
+            s.dot(p) / determinant,
+            d.dot(q) / determinant,
+            e2.dot(q) / determinant,
+        );
         let facing = determinant.abs() / (d.length() * e1.length() * e2.length());
         let inside = u.min(v).min(1.0 - u - v) * facing;
         // Near the origin the sign of t is as uncertain as the border, so a little before it counts as a near miss.
         let away = (t - f64::from(ray.t_min)) * d.length() / (e1.length() + e2.length());
         let margin = inside.min(away);
         if margin > -1e-3 && t <= f64::from(ray.t_max) {
-            hits.push(OracleHit { t, primitive: i as u32, margin, facing });
+            hits.push(OracleHit {
+                t,
+                primitive: i as u32,
+                margin,
+                facing,
+            });
         }
     }
     hits

@@ -1,8 +1,8 @@
 //! Analytic scenes: boxes, spheres and disks with procedural textures, and a gradient for a sky.
 
 use glam::{DVec2, DVec3, dvec3};
-use headbox_core::random::Rng;
 use headbox_core::color::srgb8_from_linear;
+use headbox_core::random::Rng;
 
 /// What a ray meets: `origin + t * direction`.
 pub struct Hit {
@@ -47,7 +47,9 @@ impl Shape {
                 let (enter, leave) = (low.max_element(), high.min_element());
                 if enter <= leave {
                     for (t, by_axis) in [(enter, low), (leave, high)] {
-                        let axis = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().find(|a| by_axis.dot(*a) == t);
+                        let axis = [DVec3::X, DVec3::Y, DVec3::Z]
+                            .into_iter()
+                            .find(|a| by_axis.dot(*a) == t);
                         offer(t, axis.unwrap_or(DVec3::X));
                     }
                 }
@@ -62,7 +64,11 @@ impl Shape {
                     }
                 }
             }
-            Self::Disk { centre, normal, radius } => {
+            Self::Disk {
+                centre,
+                normal,
+                radius,
+            } => {
                 let t = (centre - o).dot(normal) / d.dot(normal);
                 if t.is_finite() && (o + d * t - centre).length_squared() < radius * radius {
                     offer(t, normal);
@@ -108,7 +114,8 @@ pub fn srgb(linear: [f64; 3]) -> [u8; 4] {
 }
 
 fn hash(x: i64, y: i64, seed: i64) -> f64 {
-    let mix = x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ seed.wrapping_mul(83_492_791);
+    let mix =
+        x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ seed.wrapping_mul(83_492_791);
     Rng::keyed(mix as u64).unit()
 }
 
@@ -128,8 +135,10 @@ fn texture(p: DVec3, normal: DVec3, detail: f64, seed: i64) -> [f64; 3] {
         (_, true) => DVec2::new(p.x, p.z),
         _ => DVec2::new(p.x, p.y),
     };
-    let octave =
-        |o: i32| 0.5 * 0.6f64.powi(o) * value_noise(uv * detail / 16.0 * 2f64.powi(o), seed * 10 + i64::from(o));
+    let octave = |o: i32| {
+        0.5 * 0.6f64.powi(o)
+            * value_noise(uv * detail / 16.0 * 2f64.powi(o), seed * 10 + i64::from(o))
+    };
     let noise: f64 = (0..5).map(octave).sum();
     let tile = (uv * detail / 12.0).floor();
     let tint = hash(tile.x as i64, tile.y as i64, seed + 5);
@@ -139,9 +148,19 @@ fn texture(p: DVec3, normal: DVec3, detail: f64, seed: i64) -> [f64; 3] {
 
 /// A closed, furnished room, the headbox's centre at the origin.
 pub fn room(detail: f64) -> Scene {
-    let cuboid = |a: [f64; 3], c: [f64; 3]| Shape::Box { min: a.into(), max: c.into() };
-    let sphere = |c: [f64; 3], radius| Shape::Sphere { centre: c.into(), radius };
-    let disk = |c: [f64; 3], n: DVec3, radius| Shape::Disk { centre: c.into(), normal: n.normalize(), radius };
+    let cuboid = |a: [f64; 3], c: [f64; 3]| Shape::Box {
+        min: a.into(),
+        max: c.into(),
+    };
+    let sphere = |c: [f64; 3], radius| Shape::Sphere {
+        centre: c.into(),
+        radius,
+    };
+    let disk = |c: [f64; 3], n: DVec3, radius| Shape::Disk {
+        centre: c.into(),
+        normal: n.normalize(),
+        radius,
+    };
     Scene {
         shapes: vec![
             cuboid([-3.0, -1.5, -4.0], [3.5, 1.6, 3.0]),
@@ -160,12 +179,20 @@ pub fn room(detail: f64) -> Scene {
 /// Foliage: many disks at random over ground, under a sky; none nearer than 1 m to the origin.
 pub fn leaves(detail: f64) -> Scene {
     let mut r = Rng::keyed(7);
-    let mut shapes = vec![Shape::Disk { centre: dvec3(0.0, -1.5, 0.0), normal: DVec3::Y, radius: 30.0 }];
+    let mut shapes = vec![Shape::Disk {
+        centre: dvec3(0.0, -1.5, 0.0),
+        normal: DVec3::Y,
+        radius: 30.0,
+    }];
     while shapes.len() < 120 {
         let centre = r.in_cube(3.0);
         let normal = r.in_cube(1.0).normalize_or(DVec3::X);
         if centre.abs().max_element() > 1.2 && centre.y > -1.2 {
-            shapes.push(Shape::Disk { centre, normal, radius: r.between(0.1, 0.3) });
+            shapes.push(Shape::Disk {
+                centre,
+                normal,
+                radius: r.between(0.1, 0.3),
+            });
         }
     }
     Scene { shapes, detail }

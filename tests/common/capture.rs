@@ -3,9 +3,9 @@
 
 use super::bed::{Scene, sky, srgb};
 use glam::{DVec3, dvec3};
-use headbox_core::random::Rng;
 use headbox_core::cube_face::Face;
 use headbox_core::environment::Environment;
+use headbox_core::random::Rng;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 
@@ -21,7 +21,13 @@ pub struct CaptureSettings {
 
 /// A headbox of half size 0.5 about the origin.
 pub fn quick(scene: &Scene, face_px: u32) -> CubeLdi {
-    let settings = CaptureSettings { centre: DVec3::ZERO, half: 0.5, face_px, rays_per_pixel: 16, epsilon: 0.01 };
+    let settings = CaptureSettings {
+        centre: DVec3::ZERO,
+        half: 0.5,
+        face_px,
+        rays_per_pixel: 16,
+        epsilon: 0.01,
+    };
     capture(scene, &settings)
 }
 
@@ -67,14 +73,22 @@ impl Accumulator {
         let (index, eye_depth) = Self::index(p, self.size);
         let q = 1.0 / eye_depth;
         let pixel = &mut self.pixels[index];
-        match pixel.iter_mut().find(|g| (g.mean_inverse_depth() - q).abs() < epsilon * q) {
+        match pixel
+            .iter_mut()
+            .find(|g| (g.mean_inverse_depth() - q).abs() < epsilon * q)
+        {
             Some(g) => {
                 g.inverse_depth += q;
                 g.normal += normal;
                 g.color = std::array::from_fn(|c| g.color[c] + color[c]);
                 g.count += 1.0;
             }
-            None => pixel.push(Gathered { inverse_depth: q, normal, color, count: 1.0 }),
+            None => pixel.push(Gathered {
+                inverse_depth: q,
+                normal,
+                color,
+                count: 1.0,
+            }),
         }
     }
 
@@ -82,17 +96,35 @@ impl Accumulator {
     /// a sample which end at it; where few reach it, the share that meets anything at its depth.
     fn alphas(&self, index: usize, scene: &Scene, settings: &CaptureSettings) -> Vec<u8> {
         const SIDE: usize = 4;
-        let (face, x, y) = (Face::ALL[index / self.size / self.size], index % self.size, index / self.size % self.size);
-        let depths: Vec<f64> = self.pixels[index].iter().map(|g| 1.0 / g.mean_inverse_depth()).collect();
+        let (face, x, y) = (
+            Face::ALL[index / self.size / self.size],
+            index % self.size,
+            index / self.size % self.size,
+        );
+        let depths: Vec<f64> = self.pixels[index]
+            .iter()
+            .map(|g| 1.0 / g.mean_inverse_depth())
+            .collect();
         let directions: Vec<DVec3> = (0..SIDE * SIDE)
             .map(|k| {
                 let within = |k: usize| (k as f64 + 0.5) / SIDE as f64;
-                face.direction(x as f64 + within(k % SIDE), y as f64 + within(k / SIDE), self.size as u32)
+                face.direction(
+                    x as f64 + within(k % SIDE),
+                    y as f64 + within(k / SIDE),
+                    self.size as u32,
+                )
             })
             .collect();
-        let depth_beyond = |start: f64, d: DVec3| scene.hit(settings.centre + d * start, d).map(|hit| start + hit.t);
+        let depth_beyond = |start: f64, d: DVec3| {
+            scene
+                .hit(settings.centre + d * start, d)
+                .map(|hit| start + hit.t)
+        };
         let mut ends = vec![0.0; depths.len()];
-        for depth in directions.iter().filter_map(|d| depth_beyond(settings.half, *d)) {
+        for depth in directions
+            .iter()
+            .filter_map(|d| depth_beyond(settings.half, *d))
+        {
             let apart = |i: &usize| (1.0 / depths[*i] - 1.0 / depth).abs();
             let nearest = (0..depths.len()).min_by(|a, b| apart(a).total_cmp(&apart(b)));
             nearest.into_iter().for_each(|i| ends[i] += 1.0);
@@ -103,7 +135,8 @@ impl Accumulator {
             let share = if reaching >= 4.0 {
                 (ends[i] + 0.5) / reaching
             } else {
-                let [near, far] = [1.0 - 2.0 * settings.epsilon, 1.0 + 2.0 * settings.epsilon].map(|f| depths[i] * f);
+                let [near, far] = [1.0 - 2.0 * settings.epsilon, 1.0 + 2.0 * settings.epsilon]
+                    .map(|f| depths[i] * f);
                 let fills = |d: &&DVec3| depth_beyond(near, **d).is_some_and(|depth| depth < far);
                 (directions.iter().filter(fills).count() as f64 + 0.5) / count
             };
@@ -113,7 +146,11 @@ impl Accumulator {
         alphas
     }
 
-    fn finish(mut self, scene: &Scene, settings: &CaptureSettings) -> (Vec<LayeredDepthImage>, Environment) {
+    fn finish(
+        mut self,
+        scene: &Scene,
+        settings: &CaptureSettings,
+    ) -> (Vec<LayeredDepthImage>, Environment) {
         for pixel in &mut self.pixels {
             pixel.sort_by(|a, b| a.mean_inverse_depth().total_cmp(&b.mean_inverse_depth()));
         }
@@ -122,7 +159,10 @@ impl Accumulator {
             let mut ldi = LayeredDepthImage::empty(face, self.size as u32);
             for p in 0..per_face {
                 let index = face.index() * per_face + p;
-                for (g, alpha) in self.pixels[index].iter().zip(self.alphas(index, scene, settings)) {
+                for (g, alpha) in self.pixels[index]
+                    .iter()
+                    .zip(self.alphas(index, scene, settings))
+                {
                     let mut color_srgb = srgb(g.color.map(|c| c / g.count));
                     color_srgb[3] = alpha;
                     ldi.samples.push(DepthPixel {
@@ -136,11 +176,23 @@ impl Accumulator {
             ldi
         };
         let faces = Face::ALL.map(face).into();
-        let texel = |(sum, n): &([f64; 3], f64)| if *n > 0.0 { srgb(sum.map(|c| c / n)) } else { [0; 4] };
+        let texel = |(sum, n): &([f64; 3], f64)| {
+            if *n > 0.0 {
+                srgb(sum.map(|c| c / n))
+            } else {
+                [0; 4]
+            }
+        };
         let texels: Vec<_> = self.environment.iter().map(texel).collect();
         let environment = match texels.iter().any(|t| t[3] > 0) {
-            true => Environment { size_px: ENVIRONMENT_PX as u32, texels },
-            false => Environment { size_px: 0, texels: vec![] },
+            true => Environment {
+                size_px: ENVIRONMENT_PX as u32,
+                texels,
+            },
+            false => Environment {
+                size_px: 0,
+                texels: vec![],
+            },
         };
         (faces, environment)
     }
@@ -157,7 +209,11 @@ pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeLdi {
     for face in Face::ALL {
         for _ in 0..settings.rays_per_pixel as usize * size * size {
             let in_face = |v: DVec3| face.right() * v.x + face.up() * v.y + face.normal() * v.z;
-            let o = in_face(dvec3(random.between(-1.0, 1.0), random.between(-1.0, 1.0), 1.0)) * settings.half;
+            let o = in_face(dvec3(
+                random.between(-1.0, 1.0),
+                random.between(-1.0, 1.0),
+                1.0,
+            )) * settings.half;
             let (r, a) = (random.unit().sqrt(), random.unit() * std::f64::consts::TAU);
             let d = in_face(dvec3(r * a.cos(), r * a.sin(), (1.0 - r * r).sqrt()));
             match scene.hit(settings.centre + o, d) {
@@ -167,12 +223,22 @@ pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeLdi {
         }
     }
     let (faces, environment) = sums.finish(scene, settings);
-    CubeLdi { info: info(settings.centre, settings.half), faces, environment }
+    CubeLdi {
+        info: info(settings.centre, settings.half),
+        faces,
+        environment,
+    }
 }
 
 /// Capture information of no capture.
 pub fn info(centre: DVec3, half_size_m: f64) -> CaptureInfo {
-    CaptureInfo { scene: "test".into(), centre, half_size_m, exposure: 1.0, ..CaptureInfo::default() }
+    CaptureInfo {
+        scene: "test".into(),
+        centre,
+        half_size_m,
+        exposure: 1.0,
+        ..CaptureInfo::default()
+    }
 }
 
 /// A cube LDI of one sample at the centre of each pixel of some faces, as `sample` gives it for a position on the face
@@ -187,14 +253,25 @@ pub fn one_layer(
         let mut ldi = LayeredDepthImage::empty(face, face_px);
         for p in 0..face_px * face_px {
             if faces.contains(&face) {
-                ldi.samples.extend(sample(face, f64::from(p % face_px) + 0.5, f64::from(p / face_px) + 0.5));
+                ldi.samples.extend(sample(
+                    face,
+                    f64::from(p % face_px) + 0.5,
+                    f64::from(p / face_px) + 0.5,
+                ));
             }
             ldi.offsets[p as usize + 1] = ldi.samples.len() as u32;
         }
         ldi
     };
-    let environment = Environment { size_px: 0, texels: vec![] };
-    CubeLdi { info: info(centre, 0.5), faces: Face::ALL.map(face).into(), environment }
+    let environment = Environment {
+        size_px: 0,
+        texels: vec![],
+    };
+    CubeLdi {
+        info: info(centre, 0.5),
+        faces: Face::ALL.map(face).into(),
+        environment,
+    }
 }
 
 /// One ray from the centre through the middle of every pixel: a headbox of half size 0.5 about the origin.
@@ -202,6 +279,10 @@ pub fn centre_rays(scene: &Scene, face_px: u32) -> CubeLdi {
     one_layer(DVec3::ZERO, face_px, &Face::ALL, |face, x, y| {
         let hit = scene.hit(DVec3::ZERO, face.direction(x, y, face_px))?;
         let normal = EncodedNormal::new(hit.normal.as_vec3());
-        Some(DepthPixel { inverse_depth: (1.0 / hit.t) as f32, normal, color_srgb: srgb(hit.color) })
+        Some(DepthPixel {
+            inverse_depth: (1.0 / hit.t) as f32,
+            normal,
+            color_srgb: srgb(hit.color),
+        })
     })
 }

@@ -8,7 +8,14 @@ use headbox_core::environment::Environment;
 use headbox_core::frame::Frame;
 
 /// Mean radiance of `n * n` rays over the pixel (x, y).
-fn mean_radiance(scene: &Scene, o: DVec3, n: u32, x: u32, y: u32, direction: impl Fn(f64, f64) -> DVec3) -> [u8; 4] {
+fn mean_radiance(
+    scene: &Scene,
+    o: DVec3,
+    n: u32,
+    x: u32,
+    y: u32,
+    direction: impl Fn(f64, f64) -> DVec3,
+) -> [u8; 4] {
     let mut sum = [0.0; 3];
     for s in 0..n * n {
         let at = |pixel: u32, k: u32| f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(n);
@@ -20,13 +27,22 @@ fn mean_radiance(scene: &Scene, o: DVec3, n: u32, x: u32, y: u32, direction: imp
 
 fn frame(camera: &Camera, color: impl Fn(u32, u32) -> [u8; 4]) -> Frame {
     let (width, height) = (camera.width(), camera.height());
-    let color = (0..width * height).map(|i| color(i % width, i / width)).collect();
-    Frame { width, height, color, ..Frame::default() }
+    let color = (0..width * height)
+        .map(|i| color(i % width, i / width))
+        .collect();
+    Frame {
+        width,
+        height,
+        color,
+        ..Frame::default()
+    }
 }
 
 /// Truth: `n * n` rays a pixel.
 pub fn truth(scene: &Scene, camera: &Camera, n: u32) -> Frame {
-    frame(camera, |x, y| mean_radiance(scene, camera.eye(), n, x, y, |x, y| camera.direction(x, y)))
+    frame(camera, |x, y| {
+        mean_radiance(scene, camera.eye(), n, x, y, |x, y| camera.direction(x, y))
+    })
 }
 
 /// A ray-traced cube map (4 * 4 rays a texel) about a centre, to be looked up bilinearly: what an LDI is measured
@@ -39,13 +55,18 @@ pub fn cube_map(scene: &Scene, centre: DVec3, face_px: u32) -> Environment {
         };
         (0..face_px * face_px).map(texel)
     });
-    Environment { size_px: face_px, texels: texels.collect() }
+    Environment {
+        size_px: face_px,
+        texels: texels.collect(),
+    }
 }
 
 /// What a camera sees of a cube map.
 pub fn resample(map: &Environment, camera: &Camera) -> Frame {
     frame(camera, |x, y| {
-        let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).as_vec3();
+        let direction = camera
+            .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
+            .as_vec3();
         let [r, g, b] = map.sample(direction).expect("whole");
         [r, g, b, 255]
     })
@@ -54,8 +75,11 @@ pub fn resample(map: &Environment, camera: &Camera) -> Frame {
 /// Peak signal-to-noise ratio of two frames, dB.
 pub fn psnr_db(a: &Frame, b: &Frame) -> f64 {
     assert_eq!((a.width, a.height), (b.width, b.height));
-    let squares =
-        |(p, q): (&[u8; 4], &[u8; 4])| -> f64 { (0..3).map(|c| (f64::from(p[c]) - f64::from(q[c])).powi(2)).sum() };
+    let squares = |(p, q): (&[u8; 4], &[u8; 4])| -> f64 {
+        (0..3)
+            .map(|c| (f64::from(p[c]) - f64::from(q[c])).powi(2))
+            .sum()
+    };
     let sum: f64 = a.color.iter().zip(&b.color).map(squares).sum();
     10.0 * (255.0 * 255.0 * a.color.len() as f64 * 3.0 / sum).log10()
 }
@@ -69,7 +93,11 @@ pub fn share_differing(a: &Frame, b: &Frame, levels: u8) -> f64 {
 /// Fails if more than `share` of the pixels differ by more than `levels`, and then leaves a picture: expected |
 /// difference (times 4) | actual.
 pub fn assert_close(name: &str, expected: &Frame, actual: &Frame, levels: u8, share: f64) {
-    assert_eq!((expected.width, expected.height), (actual.width, actual.height), "{name}");
+    assert_eq!(
+        (expected.width, expected.height),
+        (actual.width, actual.height),
+        "{name}"
+    );
     let found = share_differing(expected, actual, levels);
     if found <= share {
         return;
@@ -86,5 +114,8 @@ pub fn assert_close(name: &str, expected: &Frame, actual: &Frame, levels: u8, sh
     });
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}.png"));
     picture.save(&path).expect("target folder");
-    panic!("{name}: {found} of the pixels differ by more than {levels} levels, {share} may; see {}", path.display());
+    panic!(
+        "{name}: {found} of the pixels differ by more than {levels} levels, {share} may; see {}",
+        path.display()
+    );
 }

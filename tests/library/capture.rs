@@ -1,33 +1,36 @@
 //! Promises of a capture: the same bytes however it is run, bounded memory, light that obeys known answers, and an
 //! honest estimate of what is still missing.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
 
 use glam::{DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
-use headbox_trace::light::{LightSample, Lighting, LitPoint};
-use headbox_core::random::Rng;
+use headbox_core::color::srgb8_from_linear;
 use headbox_core::cube_face::Face;
 use headbox_core::headbox::Headbox;
-use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
-use headbox_trace::bvh::Tracer;
-use headbox_scene::material::Material;
-use headbox_core::color::srgb8_from_linear;
-use headbox_ldi::refine;
-use headbox_ldi::rays::trace;
-use headbox_ldi::rays::trace::Tracing;
-use headbox_ldi::job::CaptureJob;
+use headbox_core::progress::Silent;
+use headbox_core::random::Rng;
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::parameters::{CaptureParameters, Sampler};
-use headbox_ldi::settings::Resources;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_ldi::accumulate::shard;
 use headbox_ldi::accumulate::shard::ShardInfo;
-use headbox_cube::model::samples::CubeLdi;
 use headbox_ldi::accumulate::tiles::TileStore;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_core::progress::Silent;
-use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_ldi::job::CaptureJob;
+use headbox_ldi::rays::trace;
+use headbox_ldi::rays::trace::Tracing;
+use headbox_ldi::refine;
 use headbox_ldi::scene_source::{SceneSource, fingerprint};
+use headbox_ldi::settings::Resources;
+use headbox_scene::material::Material;
+use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::{LightSample, Lighting, LitPoint};
 use std::sync::Arc;
 
 /// A scene put together from boxes.
@@ -36,7 +39,11 @@ struct Boxes(Scene);
 
 impl Boxes {
     fn material(&mut self, albedo: [f32; 3], emission: [f32; 3]) -> u32 {
-        self.0.materials.push(Material { albedo, emission, ..Material::default() });
+        self.0.materials.push(Material {
+            albedo,
+            emission,
+            ..Material::default()
+        });
         self.0.materials.len() as u32 - 1
     }
 
@@ -49,7 +56,10 @@ impl Boxes {
                 scene.positions.push(centre + corner * half);
             }
             for [a, b] in [[1, 2], [2, 3]] {
-                scene.triangles.push(Triangle { vertices: [first, first + a, first + b], material });
+                scene.triangles.push(Triangle {
+                    vertices: [first, first + a, first + b],
+                    material,
+                });
             }
         }
         self
@@ -65,7 +75,11 @@ fn room() -> Arc<Scene> {
     let boxes = boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), wall);
     let boxes = boxes.add(dvec3(0.9, -1.0, -1.2), dvec3(0.3, 0.5, 0.3), red);
     let boxes = boxes.add(dvec3(-1.0, -1.1, 0.9), dvec3(0.4, 0.4, 0.2), red);
-    Arc::new(boxes.add(dvec3(0.0, 1.45, 0.0), dvec3(0.3, 0.04, 0.3), lamp).0)
+    Arc::new(
+        boxes
+            .add(dvec3(0.0, 1.45, 0.0), dvec3(0.3, 0.04, 0.3), lamp)
+            .0,
+    )
 }
 
 fn job() -> CaptureJob {
@@ -98,7 +112,10 @@ fn capture(job: &CaptureJob, scene: &Arc<Scene>, resources: &Resources) -> CubeL
 fn file_bytes(ldi: &CubeLdi) -> Vec<u8> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.ldi");
-    PackedCube::pack(ldi, SplatIndexLayout::Normal, Split::Auto).unwrap().write(&path).unwrap();
+    PackedCube::pack(ldi, SplatIndexLayout::Normal, Split::Auto)
+        .unwrap()
+        .write(&path)
+        .unwrap();
     std::fs::read(path).unwrap()
 }
 
@@ -106,7 +123,10 @@ fn file_bytes(ldi: &CubeLdi) -> Vec<u8> {
 fn one_thread_two_threads_a_small_budget_and_four_shards_give_the_same_bytes() {
     let (scene, job) = (room(), job());
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
         pool.install(|| file_bytes(&capture(&job, &scene, &Resources::default())))
     };
     let expected = on(1);
@@ -114,16 +134,38 @@ fn one_thread_two_threads_a_small_budget_and_four_shards_give_the_same_bytes() {
     assert!(expected == on(5), "five threads");
     let dir = tempfile::tempdir().unwrap();
     let budget = Some((1 << 20, dir.path().to_path_buf()));
-    assert!(expected == file_bytes(&capture(&job, &scene, &Resources { budget: budget.clone() })), "spilled to disk");
-    assert!(expected == file_bytes(&merged_from_shards(&job, &scene, budget)), "four shards");
+    assert!(
+        expected
+            == file_bytes(&capture(
+                &job,
+                &scene,
+                &Resources {
+                    budget: budget.clone()
+                }
+            )),
+        "spilled to disk"
+    );
+    assert!(
+        expected == file_bytes(&merged_from_shards(&job, &scene, budget)),
+        "four shards"
+    );
 }
 
-fn merged_from_shards(job: &CaptureJob, scene: &Arc<Scene>, budget: Option<(u64, std::path::PathBuf)>) -> CubeLdi {
+fn merged_from_shards(
+    job: &CaptureJob,
+    scene: &Arc<Scene>,
+    budget: Option<(u64, std::path::PathBuf)>,
+) -> CubeLdi {
     let dir = tempfile::tempdir().unwrap();
     let tracer = Tracer::new(Arc::clone(scene), job.centre);
     let mut infos = Vec::new();
     for part in [2, 0, 3, 1] {
-        let tracing = trace::trace(&tracer, &job.settings(&Resources::default(), (part, 4)), &Silent).unwrap();
+        let tracing = trace::trace(
+            &tracer,
+            &job.settings(&Resources::default(), (part, 4)),
+            &Silent,
+        )
+        .unwrap();
         let info = ShardInfo {
             job: job.clone(),
             scene_fingerprint: fingerprint(scene),
@@ -139,7 +181,9 @@ fn merged_from_shards(job: &CaptureJob, scene: &Arc<Scene>, budget: Option<(u64,
     shard::check_complete(&infos).unwrap();
     let missing = shard::check_complete(&infos[1..]).unwrap_err().to_string();
     assert!(missing.contains("missing: 2/4"), "{missing}");
-    let twice = shard::check_complete(&[infos.as_slice(), &infos[..1]].concat()).unwrap_err().to_string();
+    let twice = shard::check_complete(&[infos.as_slice(), &infos[..1]].concat())
+        .unwrap_err()
+        .to_string();
     assert!(twice.contains("given twice: 2/4"), "{twice}");
     let mut merged: Tracing = infos[0].1.empty_tracing(budget).unwrap();
     for (path, info) in &infos {
@@ -148,7 +192,8 @@ fn merged_from_shards(job: &CaptureJob, scene: &Arc<Scene>, budget: Option<(u64,
     }
     let lighting = Lighting::measure(&tracer, job.parameters.bounces);
     refine::close(job, &mut merged, &tracer, &lighting, &Silent).unwrap();
-    job.finish(&merged, &tracer, &lighting, &Resources::default(), &Silent).unwrap()
+    job.finish(&merged, &tracer, &lighting, &Resources::default(), &Silent)
+        .unwrap()
 }
 
 /// Share of the pixels of frames from all over the headbox that nothing or little covers; the room is closed, so that all of them
@@ -159,9 +204,14 @@ fn open_share(ldi: &CubeLdi) -> f64 {
     let (mut open, mut all) = (0, 0);
     for _ in 0..60 {
         let eye = random.in_cube(0.3);
-        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 80.0, [64, 48]).unwrap();
+        let camera =
+            Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 80.0, [64, 48]).unwrap();
         let frame = renderer.render(&cube, &camera, &RenderSettings::default());
-        open += frame.coverage.iter().filter(|coverage| coverage.splat_share() < 128).count();
+        open += frame
+            .coverage
+            .iter()
+            .filter(|coverage| coverage.splat_share() < 128)
+            .count();
         all += frame.coverage.len();
     }
     open as f64 / all as f64
@@ -176,18 +226,37 @@ fn a_capture_that_looks_at_itself_closes_its_holes_whoever_traced_it() {
     let tracer = Tracer::new(Arc::clone(&scene), DVec3::ZERO);
     let lighting = Lighting::measure(&tracer, 1);
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| refine::capture(&looking, &tracer, &lighting, &Resources::default(), &Silent).unwrap().0)
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            refine::capture(&looking, &tracer, &lighting, &Resources::default(), &Silent)
+                .unwrap()
+                .0
+        })
     };
     let ldi = on(1);
     let holes = ldi.info.holes.unwrap();
     assert!(holes.share + holes.standard_error <= LIMIT, "{holes:?}");
-    assert!(holes.share_before > 5.0 * LIMIT && holes.aimed_rays > 0 && holes.rounds > 1, "{holes:?}");
-    let [before, after] = [open_share(&capture(&blind, &scene, &Resources::default())), open_share(&ldi)];
-    assert!(before > 5.0 * LIMIT && after < 2.0 * LIMIT, "{before} {after}: other eyes see the same");
+    assert!(
+        holes.share_before > 5.0 * LIMIT && holes.aimed_rays > 0 && holes.rounds > 1,
+        "{holes:?}"
+    );
+    let [before, after] = [
+        open_share(&capture(&blind, &scene, &Resources::default())),
+        open_share(&ldi),
+    ];
+    assert!(
+        before > 5.0 * LIMIT && after < 2.0 * LIMIT,
+        "{before} {after}: other eyes see the same"
+    );
     let bytes = file_bytes(&ldi);
     assert!(bytes == file_bytes(&on(3)), "three threads");
-    assert!(bytes == file_bytes(&merged_from_shards(&looking, &scene, None)), "four shards");
+    assert!(
+        bytes == file_bytes(&merged_from_shards(&looking, &scene, None)),
+        "four shards"
+    );
 }
 
 /// A floor that the centre sees nearly edge-on, from above its centre: the rows of its samples lie up to twice as far apart there.
@@ -197,7 +266,11 @@ fn a_floor_seen_edge_on_has_few_gaps_from_higher_up() {
     const BELOW_M: f64 = 0.3;
     let mut boxes = Boxes::default();
     let grey = boxes.material([0.5; 3], [0.0; 3]);
-    let ground = boxes.add(dvec3(0.0, -BELOW_M - 1.0, 0.0), dvec3(300.0, 1.0, 300.0), grey);
+    let ground = boxes.add(
+        dvec3(0.0, -BELOW_M - 1.0, 0.0),
+        dvec3(300.0, 1.0, 300.0),
+        grey,
+    );
     let mut job = asked(|p| (p.strata, p.rays_per_stratum, p.light_samples) = (12, 8, 0));
     (job.face_size_px, job.half_size_m) = (128, HALF_SIZE_M);
     let cube = capture(&job, &Arc::new(ground.0), &Resources::default());
@@ -206,14 +279,22 @@ fn a_floor_seen_edge_on_has_few_gaps_from_higher_up() {
     for turn in 0..8 {
         let eye = DVec3::Y * HALF_SIZE_M;
         let (sin, cos) = (f64::from(turn) * 0.7).sin_cos();
-        let camera = Camera::look_at(eye, eye + dvec3(sin, -0.2, cos), DVec3::Y, 60.0, [96, 72]).unwrap();
+        let camera =
+            Camera::look_at(eye, eye + dvec3(sin, -0.2, cos), DVec3::Y, 60.0, [96, 72]).unwrap();
         let frame = renderer.render(&cube, &camera, &RenderSettings::default());
         let is_open = |y: u32, x: u32| {
-            let down = -camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).normalize().y;
+            let down = -camera
+                .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
+                .normalize()
+                .y;
             // Nearer than 30 m; farther off, a pixel of the face holds metres of it.
-            down > (HALF_SIZE_M + BELOW_M) / 30.0 && frame.coverage[(y * 96 + x) as usize].splat_share() < 128
+            down > (HALF_SIZE_M + BELOW_M) / 30.0
+                && frame.coverage[(y * 96 + x) as usize].splat_share() < 128
         };
-        let open = (0..72).flat_map(|y| (0..96).map(move |x| (y, x))).filter(|&(y, x)| is_open(y, x)).count();
+        let open = (0..72)
+            .flat_map(|y| (0..96).map(move |x| (y, x)))
+            .filter(|&(y, x)| is_open(y, x))
+            .count();
         // Silhouettes of the far ground apart; 149 and more with slopes of up to 4 and codes that may turn over.
         assert!(open < 100, "{open} pixels, turned by {turn}");
     }
@@ -226,29 +307,58 @@ fn normals_for_shading_that_lean_leave_no_gaps_in_walls() {
     let leaning = {
         let mut scene = Scene::clone(&flat);
         // The first box is the room, seen from within: each corner's normal points to its middle.
-        scene.normals = scene.positions.iter().map(|p| -p.as_vec3().normalize()).collect();
+        scene.normals = scene
+            .positions
+            .iter()
+            .map(|p| -p.as_vec3().normalize())
+            .collect();
         Arc::new(scene)
     };
     let unlit = asked(|p| p.light_samples = 0);
-    let [flat, leaning] = [flat, leaning].map(|scene| capture(&unlit, &scene, &Resources::default()));
+    let [flat, leaning] =
+        [flat, leaning].map(|scene| capture(&unlit, &scene, &Resources::default()));
     let [of_flat, of_leaning] = [&flat, &leaning].map(open_share);
-    assert!(of_leaning == of_flat, "{of_leaning} of the frames is open, {of_flat} without such normals");
+    assert!(
+        of_leaning == of_flat,
+        "{of_leaning} of the frames is open, {of_flat} without such normals"
+    );
     let surfaces = |ldi: &CubeLdi| -> Vec<_> {
-        ldi.faces.iter().flat_map(|face| &face.samples).map(|sample| (sample.inverse_depth, sample.normal)).collect()
+        ldi.faces
+            .iter()
+            .flat_map(|face| &face.samples)
+            .map(|sample| (sample.inverse_depth, sample.normal))
+            .collect()
     };
-    assert!(surfaces(&leaning) == surfaces(&flat), "the walls are the same");
+    assert!(
+        surfaces(&leaning) == surfaces(&flat),
+        "the walls are the same"
+    );
 }
 
 #[test]
 fn every_sampler_and_merge_rule_gives_a_valid_ldi() {
     let scene = room();
-    for sampler in [Sampler::Stratified, Sampler::WhiteNoise, Sampler::CentreRays] {
-        for merge_rule in [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart] {
-            let ldi =
-                capture(&asked(|p| (p.sampler, p.merge_rule) = (sampler, merge_rule)), &scene, &Resources::default());
+    for sampler in [
+        Sampler::Stratified,
+        Sampler::WhiteNoise,
+        Sampler::CentreRays,
+    ] {
+        for merge_rule in [
+            MergeRule::Average,
+            MergeRule::SmallerArea,
+            MergeRule::ColorsApart,
+        ] {
+            let ldi = capture(
+                &asked(|p| (p.sampler, p.merge_rule) = (sampler, merge_rule)),
+                &scene,
+                &Resources::default(),
+            );
             assert_eq!(ldi.validate(), Ok(()), "{sampler:?} {merge_rule:?}");
             let samples: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
-            assert!(samples > 6 * 48 * 48 / 2, "{sampler:?} {merge_rule:?}: {samples}");
+            assert!(
+                samples > 6 * 48 * 48 / 2,
+                "{sampler:?} {merge_rule:?}: {samples}"
+            );
             assert_eq!(ldi.environment.size_px, 0, "no ray leaves a closed room");
         }
     }
@@ -259,22 +369,50 @@ fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
     let mut boxes = Boxes::default();
     let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
     let shells = [0.2, 1.0, 2.0, 4.0];
-    let boxes = shells.into_iter().fold(boxes, |boxes, half| boxes.add(DVec3::ZERO, DVec3::splat(half), wall));
-    let ldi = capture(&asked(|p| p.sampler = Sampler::CentreRays), &Arc::new(boxes.0), &Resources::default());
+    let boxes = shells.into_iter().fold(boxes, |boxes, half| {
+        boxes.add(DVec3::ZERO, DVec3::splat(half), wall)
+    });
+    let ldi = capture(
+        &asked(|p| p.sampler = Sampler::CentreRays),
+        &Arc::new(boxes.0),
+        &Resources::default(),
+    );
     // Half a bin of parallax 1 px over sqrt(3) * 24 px and half-size 0.3 m.
     let tolerance = 1.0 / (3f32.sqrt() * 24.0 * 0.3);
-    for (face, x, y) in (0..6 * 48 * 48).map(|i| (&ldi.faces[i / 48 / 48], i as u32 % 48, i as u32 / 48 % 48)) {
-        let found: Vec<f32> = face.pixel(x, y).iter().map(|sample| sample.inverse_depth).collect();
+    for (face, x, y) in
+        (0..6 * 48 * 48).map(|i| (&ldi.faces[i / 48 / 48], i as u32 % 48, i as u32 / 48 % 48))
+    {
+        let found: Vec<f32> = face
+            .pixel(x, y)
+            .iter()
+            .map(|sample| sample.inverse_depth)
+            .collect();
         let off = |(q, depth): (&f32, f32)| (q - 1.0 / depth).abs();
-        let right = found.len() == 3 && found.iter().zip([4.0, 2.0, 1.0]).all(|pair| off(pair) < tolerance);
-        assert!(right, "S13: {:?} ({x}, {y}): {found:?}; the box inside the headbox is not seen", face.face);
+        let right = found.len() == 3
+            && found
+                .iter()
+                .zip([4.0, 2.0, 1.0])
+                .all(|pair| off(pair) < tolerance);
+        assert!(
+            right,
+            "S13: {:?} ({x}, {y}): {found:?}; the box inside the headbox is not seen",
+            face.face
+        );
     }
 }
 
 #[test]
 fn a_pixel_of_a_closed_room_without_samples_is_one_that_no_ray_met() {
-    let ldi = capture(&asked(|p| (p.rays_per_stratum, p.novelty) = (32, 0.0)), &room(), &Resources::default());
-    let empty: usize = ldi.faces.iter().map(|f| f.offsets.windows(2).filter(|w| w[0] == w[1]).count()).sum();
+    let ldi = capture(
+        &asked(|p| (p.rays_per_stratum, p.novelty) = (32, 0.0)),
+        &room(),
+        &Resources::default(),
+    );
+    let empty: usize = ldi
+        .faces
+        .iter()
+        .map(|f| f.offsets.windows(2).filter(|w| w[0] == w[1]).count())
+        .sum();
     // 786,432 rays over 13,824 pixels: a mean of 57 a pixel, and Poisson's chance of none is 2e-25.
     assert_eq!(empty, 0);
 }
@@ -290,7 +428,10 @@ fn depths_are_those_of_the_walls() {
     assert!(row.len() > 40);
     for nearest in row {
         let wall_or_ceiling = [1.0 / 1.5, 1.0 / 2.0];
-        let error = wall_or_ceiling.iter().map(|q| (nearest.inverse_depth - q).abs()).fold(f32::INFINITY, f32::min);
+        let error = wall_or_ceiling
+            .iter()
+            .map(|q| (nearest.inverse_depth - q).abs())
+            .fold(f32::INFINITY, f32::min);
         assert!(error < tolerance, "{}", nearest.inverse_depth);
     }
 }
@@ -301,13 +442,26 @@ fn the_missing_estimate_is_within_a_factor_of_two_of_what_fresh_rays_find() {
     for novelty in [0.0, 0.3] {
         let job = asked(|p| p.novelty = novelty);
         let tracer = Tracer::new(Arc::clone(&scene), job.centre);
-        let known = trace::trace(&tracer, &job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
+        let known = trace::trace(
+            &tracer,
+            &job.settings(&Resources::default(), (0, 1)),
+            &Silent,
+        )
+        .unwrap();
         let estimates = known.plan.missing_estimate(&known.store).unwrap();
         let estimate = estimates.iter().sum::<f64>() / 6.0;
         let fresh_job = asked(|p| (p.seed, p.rays_per_stratum, p.novelty) = (99, 4, 0.0));
-        let fresh = trace::trace(&tracer, &fresh_job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
+        let fresh = trace::trace(
+            &tracer,
+            &fresh_job.settings(&Resources::default(), (0, 1)),
+            &Silent,
+        )
+        .unwrap();
         let new = unknown_rays(&fresh.store, &known.store) as f64 / fresh.rays as f64;
-        assert!(estimate < 2.0 * new && new < 2.0 * estimate, "estimated {estimate}, found {new} (novelty {novelty})");
+        assert!(
+            estimate < 2.0 * new && new < 2.0 * estimate,
+            "estimated {estimate}, found {new} (novelty {novelty})"
+        );
     }
 }
 
@@ -315,10 +469,18 @@ fn the_missing_estimate_is_within_a_factor_of_two_of_what_fresh_rays_find() {
 fn unknown_rays(fresh: &TileStore, known: &TileStore) -> u64 {
     let mut count = 0;
     for tile in 0..fresh.tile_count() {
-        let have: std::collections::HashSet<_> =
-            known.tile_run(tile).unwrap().iter().map(|a| (a.link, a.bin)).collect();
+        let have: std::collections::HashSet<_> = known
+            .tile_run(tile)
+            .unwrap()
+            .iter()
+            .map(|a| (a.link, a.bin))
+            .collect();
         let run = fresh.tile_run(tile).unwrap();
-        count += run.iter().filter(|a| !have.contains(&(a.link, a.bin))).map(|a| u64::from(a.count)).sum::<u64>();
+        count += run
+            .iter()
+            .filter(|a| !have.contains(&(a.link, a.bin)))
+            .map(|a| u64::from(a.count))
+            .sum::<u64>();
     }
     count
 }
@@ -326,7 +488,12 @@ fn unknown_rays(fresh: &TileStore, known: &TileStore) -> u64 {
 /// Mean of many light samples at a point.
 fn light_at(lighting: &Lighting, tracer: &Tracer, position: Vec3, normal: Vec3) -> [f32; 3] {
     const SAMPLES: u32 = 65_536;
-    let point = LitPoint { position, normal, shading_normal: normal, extent: 100.0 };
+    let point = LitPoint {
+        position,
+        normal,
+        shading_normal: normal,
+        extent: 100.0,
+    };
     let mut sum = Vec3::ZERO;
     for index in 0..SAMPLES {
         let sample = LightSample { stream: 5, index };
@@ -340,10 +507,16 @@ fn light_agrees_with_closed_forms() {
     // A floor of 200 x 200 m under a uniform sky of radiance 0.5 and a sun at 60 degrees from the zenith.
     let mut boxes = Boxes::default();
     let grey = boxes.material([0.5; 3], [0.0; 3]);
-    let mut scene = boxes.add(dvec3(0.0, -1.0, 0.0), dvec3(100.0, 1.0, 100.0), grey).0;
+    let mut scene = boxes
+        .add(dvec3(0.0, -1.0, 0.0), dvec3(100.0, 1.0, 100.0), grey)
+        .0;
     scene.sky = Some(Sky::Gradient(SkyGradient::uniform([0.5; 3])));
     let direction = Vec3::new(3f32.sqrt() / 2.0, 0.5, 0.0);
-    scene.sun = Some(Sun { direction, irradiance: [2.0; 3], angular_radius_rad: 0.005 });
+    scene.sun = Some(Sun {
+        direction,
+        irradiance: [2.0; 3],
+        angular_radius_rad: 0.005,
+    });
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let lighting = Lighting::of_scene(&tracer, 3);
     let [up, ..] = light_at(&lighting, &tracer, Vec3::ZERO, Vec3::Y);
@@ -351,7 +524,10 @@ fn light_agrees_with_closed_forms() {
     let expected = 0.5 + 2.0 * 0.5 / std::f32::consts::PI;
     assert!((up - expected).abs() < 2e-3, "{up} for {expected}");
     let [down, ..] = light_at(&lighting, &tracer, Vec3::new(0.0, -2.0, 0.0), Vec3::NEG_Y);
-    assert!((down - 0.5).abs() < 1e-6, "below the floor there is no sun: {down}");
+    assert!(
+        (down - 0.5).abs() < 1e-6,
+        "below the floor there is no sun: {down}"
+    );
 }
 
 #[test]
@@ -367,7 +543,10 @@ fn a_closed_furnace_is_everywhere_equally_bright() {
         lighting.exposure = 1e-6; // so dark that no bounce is cut as too bright
         let [light, ..] = light_at(&lighting, &tracer, Vec3::new(0.3, -2.0, 0.1), Vec3::Y);
         // 65,536 samples; paths that end near a corner are rare and bright, with a standard deviation of about 3.
-        assert!((light - expected).abs() < 4.0 * 3.0 / 256.0, "{bounces} bounces: {light} for {expected}");
+        assert!(
+            (light - expected).abs() < 4.0 * 3.0 / 256.0,
+            "{bounces} bounces: {light} for {expected}"
+        );
     }
 }
 
@@ -376,14 +555,23 @@ fn what_bounces_lights_its_own_place() {
     // A red wall and a green one, and a lamp under a plate on the floor: the ceiling has all of its light from walls and floor.
     let mut boxes = Boxes::default();
     let grey = boxes.material([0.7; 3], [0.0; 3]);
-    let [red, green] = [[0.8, 0.05, 0.05], [0.05, 0.8, 0.05]].map(|albedo| boxes.material(albedo, [0.0; 3]));
+    let [red, green] =
+        [[0.8, 0.05, 0.05], [0.05, 0.8, 0.05]].map(|albedo| boxes.material(albedo, [0.0; 3]));
     let lamp = boxes.material([0.5; 3], [6.0; 3]);
     let boxes = boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), grey);
     let boxes = boxes.add(dvec3(1.95, 0.0, 0.0), dvec3(0.04, 1.4, 1.9), red);
     let boxes = boxes.add(dvec3(-1.95, 0.0, 0.0), dvec3(0.04, 1.4, 1.9), green);
     let boxes = boxes.add(dvec3(0.0, -0.9, 0.0), dvec3(0.4, 0.02, 0.4), grey);
-    let scene = Arc::new(boxes.add(dvec3(0.0, -1.4, 0.0), dvec3(0.3, 0.04, 0.3), lamp).0);
-    let ldi = capture(&asked(|p| p.light_samples = 16), &scene, &Resources::default());
+    let scene = Arc::new(
+        boxes
+            .add(dvec3(0.0, -1.4, 0.0), dvec3(0.3, 0.04, 0.3), lamp)
+            .0,
+    );
+    let ldi = capture(
+        &asked(|p| p.light_samples = 16),
+        &scene,
+        &Resources::default(),
+    );
     let tracer = Tracer::new(scene, DVec3::ZERO);
     let lighting = Lighting::measure(&tracer, 1);
     let face = &ldi.faces[Face::PosY.index()];
@@ -391,15 +579,27 @@ fn what_bounces_lights_its_own_place() {
     let [left, right] = [-1.3, 1.3].map(|x| {
         let place = dvec3(x, 1.5, 0.3);
         let [column, row, _] = Face::PosY.project(place, face.size_px);
-        let [r, g, b, _] = face.pixel(column as u32, row as u32).last().unwrap().color_srgb;
+        let [r, g, b, _] = face
+            .pixel(column as u32, row as u32)
+            .last()
+            .unwrap()
+            .color_srgb;
         let light = light_at(&lighting, &tracer, place.as_vec3(), Vec3::NEG_Y);
         let [found, expected] = [[r, g, b], lighting.stored(Vec3::from_array(light) * 0.7)];
-        let apart = found.iter().zip(expected).map(|(a, b)| a.abs_diff(b)).max().unwrap();
+        let apart = found
+            .iter()
+            .zip(expected)
+            .map(|(a, b)| a.abs_diff(b))
+            .max()
+            .unwrap();
         // The light of one cell for all errs by 60 levels here.
         assert!(apart < 10, "{found:?} for {expected:?} at {x}");
         more_red(found)
     });
-    assert!(right > 5 && left < -5, "{left} on the left, {right} on the right");
+    assert!(
+        right > 5 && left < -5,
+        "{left} on the left, {right} on the right"
+    );
 }
 
 #[test]
@@ -409,8 +609,17 @@ fn a_dark_room_gets_fill_light_and_an_open_scene_does_not() {
     let closed = Arc::new(boxes.add(DVec3::ZERO, DVec3::splat(2.0), grey).0);
     let lighting = Lighting::measure(&Tracer::new(Arc::clone(&closed), DVec3::ZERO), 1);
     assert!(lighting.fill.radiance > 0.0 && lighting.exposure.is_finite());
-    let ldi = capture(&asked(|p| p.light_samples = 16), &closed, &Resources::default());
-    let bright = ldi.faces.iter().flat_map(|f| &f.samples).filter(|s| s.color_srgb[0] > 60).count();
+    let ldi = capture(
+        &asked(|p| p.light_samples = 16),
+        &closed,
+        &Resources::default(),
+    );
+    let bright = ldi
+        .faces
+        .iter()
+        .flat_map(|f| &f.samples)
+        .filter(|s| s.color_srgb[0] > 60)
+        .count();
     let all: usize = ldi.faces.iter().map(|f| f.samples.len()).sum();
     assert!(bright * 10 > all * 9, "{bright} of {all} can be seen");
     let lighting = Lighting::measure(&Tracer::new(room(), DVec3::ZERO), 1);
@@ -423,17 +632,32 @@ fn geometry_inside_the_headbox_is_noticed() {
     assert_eq!(trace::blocked_share(&tracer, 0.3), 0.0);
     let inside = trace::blocked_share(&tracer, 1.9);
     assert!(inside > 0.02 && inside < 0.6, "{inside}");
-    let ldi = capture(&CaptureJob { half_size_m: 1.9, ..job() }, &room(), &Resources::default());
+    let ldi = capture(
+        &CaptureJob {
+            half_size_m: 1.9,
+            ..job()
+        },
+        &room(),
+        &Resources::default(),
+    );
     assert_eq!(ldi.validate(), Ok(()));
     assert!(ldi.info.blocked_share > 0.02);
 }
 
 #[test]
 fn an_unlit_capture_shows_albedo() {
-    let ldi = capture(&asked(|p| p.light_samples = 0), &room(), &Resources::default());
+    let ldi = capture(
+        &asked(|p| p.light_samples = 0),
+        &room(),
+        &Resources::default(),
+    );
     let exposure = ldi.info.exposure;
     let wall = [0.7, 0.6, 0.5].map(|c| srgb8_from_linear(c * exposure));
-    let corner = ldi.faces[Face::NegX.index()].pixel(24, 24).last().unwrap().color_srgb;
+    let corner = ldi.faces[Face::NegX.index()]
+        .pixel(24, 24)
+        .last()
+        .unwrap()
+        .color_srgb;
     for c in 0..3 {
         assert!(corner[c].abs_diff(wall[c]) <= 1, "{corner:?} for {wall:?}");
     }
@@ -445,22 +669,37 @@ fn no_wall_has_a_gap_of_one_pixel() {
     let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
     let scene = Arc::new(boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), wall).0);
     // So few rays that one pixel in two hundred stays empty.
-    let parameters = CaptureParameters { bounces: 1, light_samples: 1, seed: 7, ..CaptureParameters::unlit(4, 192) };
-    let job = CaptureJob { face_size_px: 96, parameters, ..job() };
+    let parameters = CaptureParameters {
+        bounces: 1,
+        light_samples: 1,
+        seed: 7,
+        ..CaptureParameters::unlit(4, 192)
+    };
+    let job = CaptureJob {
+        face_size_px: 96,
+        parameters,
+        ..job()
+    };
     let ldi = capture(&job, &scene, &Resources::default());
     let (mut gaps, mut covered) = (0, 0);
     for face in &ldi.faces {
         let normal = |x: u32, y: u32| face.pixel(x, y).first().map(|sample| sample.normal);
         for (x, y) in (1..95).flat_map(|y| (1..95).map(move |x| (x, y))) {
             let between_same = |[a, b]: [Option<_>; 2]| a.is_some() && a == b;
-            let pairs = [[normal(x - 1, y), normal(x + 1, y)], [normal(x, y - 1), normal(x, y + 1)]];
+            let pairs = [
+                [normal(x - 1, y), normal(x + 1, y)],
+                [normal(x, y - 1), normal(x, y + 1)],
+            ];
             gaps += u32::from(normal(x, y).is_none() && pairs.into_iter().all(between_same));
             covered += u32::from(normal(x, y).is_some());
         }
     }
     let share = f64::from(covered) / (6.0 * 94.0 * 94.0);
     // A neighbour that was mended itself is no reason to mend the next, so that a few stay. Without mending: 566.
-    assert!(share > 0.999 && gaps < 20, "{gaps} gaps; {share} of all pixels covered");
+    assert!(
+        share > 0.999 && gaps < 20,
+        "{gaps} gaps; {share} of all pixels covered"
+    );
 }
 
 #[test]
@@ -469,22 +708,61 @@ fn the_edge_of_a_shadow_of_the_sun_is_one_pixel_wide() {
     let mut boxes = Boxes::default();
     let white = boxes.material([0.8; 3], [0.0; 3]);
     let boxes = boxes.add(dvec3(0.0, -2.0, 0.0), dvec3(8.0, 1.0, 8.0), white);
-    let mut scene = boxes.add(dvec3(3.0, 4.0, 0.0), dvec3(3.0, 0.1, 40.0), white).0;
+    let mut scene = boxes
+        .add(dvec3(3.0, 4.0, 0.0), dvec3(3.0, 0.1, 40.0), white)
+        .0;
     let direction = Vec3::new(0.0, 0.8, 0.6);
-    scene.sun = Some(Sun { direction, irradiance: [2.0; 3], angular_radius_rad: 1e-4 });
-    scene.headbox = Some(Headbox { centre: DVec3::ZERO, half_size_m: 0.2 }); // exposed for what is seen from there
-    let parameters = CaptureParameters { light_samples: 1, seed: 7, ..CaptureParameters::unlit(8, 24) };
-    let ldi = capture(&CaptureJob { face_size_px: 128, parameters, ..job() }, &Arc::new(scene), &Resources::default());
+    scene.sun = Some(Sun {
+        direction,
+        irradiance: [2.0; 3],
+        angular_radius_rad: 1e-4,
+    });
+    scene.headbox = Some(Headbox {
+        centre: DVec3::ZERO,
+        half_size_m: 0.2,
+    }); // exposed for what is seen from there
+    let parameters = CaptureParameters {
+        light_samples: 1,
+        seed: 7,
+        ..CaptureParameters::unlit(8, 24)
+    };
+    let ldi = capture(
+        &CaptureJob {
+            face_size_px: 128,
+            parameters,
+            ..job()
+        },
+        &Arc::new(scene),
+        &Resources::default(),
+    );
     let face = &ldi.faces[Face::NegY.index()];
-    let level = |x: u32, y: u32| face.pixel(x, y).first().map(|sample| i32::from(sample.color_srgb[0]));
+    let level = |x: u32, y: u32| {
+        face.pixel(x, y)
+            .first()
+            .map(|sample| i32::from(sample.color_srgb[0]))
+    };
     let (mut lit, mut dark) = (Vec::new(), Vec::new());
     // The edge runs through the middle of the face: the slab begins at x = 0.
-    for (x, y) in (8..120).flat_map(|y| (8..120).map(move |x| (x, y))).filter(|(x, _)| !(63..65).contains(x)) {
+    for (x, y) in (8..120)
+        .flat_map(|y| (8..120).map(move |x| (x, y)))
+        .filter(|(x, _)| !(63..65).contains(x))
+    {
         let side = if x < 64 { &mut lit } else { &mut dark };
         side.extend(level(x, y));
     }
-    let ends = |levels: &[i32]| [levels.iter().min().copied().unwrap(), levels.iter().max().copied().unwrap()];
+    let ends = |levels: &[i32]| {
+        [
+            levels.iter().min().copied().unwrap(),
+            levels.iter().max().copied().unwrap(),
+        ]
+    };
     let ([lit_low, lit_high], [dark_low, dark_high]) = (ends(&lit), ends(&dark));
-    assert!(lit_low > dark_high + 80 || dark_low > lit_high + 80, "{lit_low}..{lit_high} and {dark_low}..{dark_high}");
-    assert!(lit_high - lit_low < 3 && dark_high - dark_low < 3, "{lit_low}..{lit_high} and {dark_low}..{dark_high}");
+    assert!(
+        lit_low > dark_high + 80 || dark_low > lit_high + 80,
+        "{lit_low}..{lit_high} and {dark_low}..{dark_high}"
+    );
+    assert!(
+        lit_high - lit_low < 3 && dark_high - dark_low < 3,
+        "{lit_low}..{lit_high} and {dark_low}..{dark_high}"
+    );
 }

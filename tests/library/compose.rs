@@ -3,25 +3,25 @@
 use crate::sprite_files::card;
 use crate::sprite_oracle::look;
 use glam::{DVec3, Vec2, Vec3, dvec3};
-use headbox_trace::light::Lighting;
-use headbox_core::tone::ToneMap;
-use headbox_scene::scene::{Scene, Triangle};
-use headbox_trace::bvh::Tracer;
+use headbox::Capture;
 use headbox_core::camera::Camera;
-use headbox_scene::material::Material;
-use headbox_sprite::compose::{ComposeSettings, Composer, Composition, Layer, Polygons};
 use headbox_core::frame::Frame;
-use headbox_ldi::job::CaptureJob;
-use headbox_cube::model::parameters::CaptureParameters;
-use headbox_ldi::settings::Resources;
 use headbox_core::metrics::psnr_db;
+use headbox_core::progress::Silent;
+use headbox_core::tone::ToneMap;
+use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes;
-use headbox_core::progress::Silent;
-use headbox_ldi::scene_source::SceneSource;
-use headbox_sprite::SpriteSet;
-use headbox::Capture;
 use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_ldi::job::CaptureJob;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_ldi::settings::Resources;
+use headbox_scene::material::Material;
+use headbox_scene::scene::{Scene, Triangle};
+use headbox_sprite::SpriteSet;
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition, Layer, Polygons};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use std::sync::Arc;
 
 #[test]
@@ -36,7 +36,14 @@ fn sprites_and_a_cube_are_composed_back_to_front() {
         parameters: CaptureParameters::unlit(6, 4),
         ..CaptureJob::new(source, centre, 0.5)
     };
-    let (ldi, _) = job.run(&tracer, &Lighting::of_scene(&tracer, 0), &Resources::default(), &Silent).expect("captured");
+    let (ldi, _) = job
+        .run(
+            &tracer,
+            &Lighting::of_scene(&tracer, 0),
+            &Resources::default(),
+            &Silent,
+        )
+        .expect("captured");
     let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packed");
 
     let (before, behind) = (dvec3(1.2, 0.0, 1.8), dvec3(0.0, 0.0, -2.0));
@@ -47,68 +54,138 @@ fn sprites_and_a_cube_are_composed_back_to_front() {
     ]);
     let composition = Composition::new(set, vec![cube]);
     let order = composition.back_to_front(centre);
-    let place = |layer| order.iter().position(|&l| l == layer).expect("every layer is drawn");
+    let place = |layer| {
+        order
+            .iter()
+            .position(|&l| l == layer)
+            .expect("every layer is drawn")
+    };
     assert_eq!(order.len(), 4);
     assert!(place(Layer::Sprite(1)) < place(Layer::Cube(0)), "{order:?}");
     assert!(place(Layer::Cube(0)) < place(Layer::Sprite(0)), "{order:?}");
 
     let (mut composer, mut frame) = (Composer::default(), Frame::default());
     let mut seen = |eye: DVec3, at: DVec3| {
-        let stats = composition.render(&mut composer, &look(eye, at, 32), &ComposeSettings::default(), &mut frame);
+        let stats = composition.render(
+            &mut composer,
+            &look(eye, at, 32),
+            &ComposeSettings::default(),
+            &mut frame,
+        );
         assert_eq!(stats.outcomes.len(), 3);
         frame.color[16 * 32 + 16]
     };
-    assert_eq!(seen(centre, before), [0, 0, 255, 255], "the blue card hides the wall");
+    assert_eq!(
+        seen(centre, before),
+        [0, 0, 255, 255],
+        "the blue card hides the wall"
+    );
     let [red, green, blue, alpha] = seen(centre, DVec3::ZERO);
-    assert!(alpha == 255 && red < 255 && green > 0 && blue > 0, "beside it the wall hides the red card");
+    assert!(
+        alpha == 255 && red < 255 && green > 0 && blue > 0,
+        "beside it the wall hides the red card"
+    );
 }
 
 #[test]
 fn a_cube_that_is_composed_with_nothing_is_its_own_frame() {
     let scene = headbox::Scene::open("builtin:poles").expect("built in");
-    let cube = Capture::new(&scene).face_size(64).strata(6).error_px(0.0).run().expect("captured");
-    let (eye, settings) = (cube.center() + dvec3(0.1, 0.05, 0.0), ComposeSettings::default());
-    let camera = Camera::look_at(eye, eye + dvec3(0.3, 0.2, -1.0), DVec3::Y, 90.0, [120, 90]).expect("valid");
+    let cube = Capture::new(&scene)
+        .face_size(64)
+        .strata(6)
+        .error_px(0.0)
+        .run()
+        .expect("captured");
+    let (eye, settings) = (
+        cube.center() + dvec3(0.1, 0.05, 0.0),
+        ComposeSettings::default(),
+    );
+    let camera = Camera::look_at(eye, eye + dvec3(0.3, 0.2, -1.0), DVec3::Y, 90.0, [120, 90])
+        .expect("valid");
     // Holes of a cube among other layers stay open: another may show there.
-    let open = RenderSettings { keep_holes: true, ..settings.cubes };
+    let open = RenderSettings {
+        keep_holes: true,
+        ..settings.cubes
+    };
     let alone = Renderer::new().render(&cube, &camera, &open).clone();
-    let partial = alone.coverage.iter().filter(|pixel| (2..255).contains(&pixel.splat_share())).count();
+    let partial = alone
+        .coverage
+        .iter()
+        .filter(|pixel| (2..255).contains(&pixel.splat_share()))
+        .count();
     let mut composed = Frame::default();
     let composition = Composition::new(SpriteSet::new(vec![]), vec![cube]);
     let stats = composition.render(&mut Composer::default(), &camera, &settings, &mut composed);
     assert_eq!(stats.hole_pixels, alone.hole_count());
     assert_eq!(composed.coverage, alone.coverage);
     // Shares of 1 and 2 of 255 count as 3 in a frame.
-    for ((composed, alone), coverage) in composed.color.iter().zip(&alone.color).zip(&alone.coverage) {
-        assert!(composed == alone || coverage.splat_share() == 3, "{composed:?}, not {alone:?}, at {coverage:?}");
+    for ((composed, alone), coverage) in
+        composed.color.iter().zip(&alone.color).zip(&alone.coverage)
+    {
+        assert!(
+            composed == alone || coverage.splat_share() == 3,
+            "{composed:?}, not {alone:?}, at {coverage:?}"
+        );
     }
-    assert!(partial > 20, "only {partial} pixels show the environment behind splats");
+    assert!(
+        partial > 20,
+        "only {partial} pixels show the environment behind splats"
+    );
 }
 
 /// Adds a parallelogram with a material of its own.
 fn add_board(scene: &mut Scene, corner: DVec3, along: DVec3, up: DVec3, albedo: [f32; 3]) {
     let (first, material) = (scene.positions.len() as u32, scene.materials.len() as u32);
-    scene.positions.extend([corner, corner + along, corner + along + up, corner + up]);
+    scene
+        .positions
+        .extend([corner, corner + along, corner + along + up, corner + up]);
     let count = scene.positions.len();
-    scene.materials.push(Material { albedo, ..Material::default() });
+    scene.materials.push(Material {
+        albedo,
+        ..Material::default()
+    });
     for vertices in [[0, 1, 2], [0, 2, 3]] {
-        scene.triangles.push(Triangle { vertices: vertices.map(|v: u32| first + v), material });
+        scene.triangles.push(Triangle {
+            vertices: vertices.map(|v: u32| first + v),
+            material,
+        });
     }
     // Lists that are kept at all have an entry for each position.
     let fill = |is_kept: bool| if is_kept { count } else { 0 };
-    scene.normals.resize(fill(!scene.normals.is_empty()), Vec3::ZERO);
-    scene.texcoords.resize(fill(!scene.texcoords.is_empty()), Vec2::ZERO);
-    scene.colors.resize(fill(!scene.colors.is_empty()), Vec3::ONE);
+    scene
+        .normals
+        .resize(fill(!scene.normals.is_empty()), Vec3::ZERO);
+    scene
+        .texcoords
+        .resize(fill(!scene.texcoords.is_empty()), Vec2::ZERO);
+    scene
+        .colors
+        .resize(fill(!scene.colors.is_empty()), Vec3::ONE);
 }
 
 /// A slanted board that stands in the ground among the poles, and a second one behind most of them.
 fn boards(scene: &mut Scene) {
-    add_board(scene, dvec3(-2.0, -0.5, -5.0), dvec3(3.0, 0.0, -2.0), dvec3(0.2, 1.8, 0.6), [0.8, 0.2, 0.1]);
-    add_board(scene, dvec3(-9.0, 0.0, -20.0), dvec3(18.0, 0.0, 3.0), dvec3(0.0, 4.0, 0.0), [0.1, 0.3, 0.8]);
+    add_board(
+        scene,
+        dvec3(-2.0, -0.5, -5.0),
+        dvec3(3.0, 0.0, -2.0),
+        dvec3(0.2, 1.8, 0.6),
+        [0.8, 0.2, 0.1],
+    );
+    add_board(
+        scene,
+        dvec3(-9.0, 0.0, -20.0),
+        dvec3(18.0, 0.0, 3.0),
+        dvec3(0.0, 4.0, 0.0),
+        [0.1, 0.3, 0.8],
+    );
 }
 
 fn model_of_boards() -> Polygons {
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     boards(&mut scene);
     Polygons::new(scene).expect("a valid scene")
 }
@@ -116,7 +193,15 @@ fn model_of_boards() -> Polygons {
 /// What a scene of unlit surfaces shows, by rays.
 fn traced(scene: &Arc<Scene>, camera: &Camera) -> image::RgbImage {
     let tracer = Tracer::new(Arc::clone(scene), camera.eye());
-    headbox_trace::truth::render(&tracer, &Lighting::of_scene(&tracer, 0), false, camera, 32, &Silent).rgb()
+    headbox_trace::truth::render(
+        &tracer,
+        &Lighting::of_scene(&tracer, 0),
+        false,
+        camera,
+        32,
+        &Silent,
+    )
+    .rgb()
 }
 
 /// What boards among samples may cost.
@@ -141,28 +226,63 @@ fn polygons_stand_among_samples_as_if_they_had_been_captured() {
     };
     let lighting = Lighting::of_scene(&tracer, 0);
     for error_px in [0.0, 0.5] {
-        let (ldi, _) = job.run(&tracer, &lighting, &Resources::default(), &Silent).expect("captured");
-        let cube = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, error_px).expect("packed");
+        let (ldi, _) = job
+            .run(&tracer, &lighting, &Resources::default(), &Silent)
+            .expect("captured");
+        let cube =
+            planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, error_px).expect("packed");
         let eye = centre + dvec3(0.2, -0.1, 0.15);
-        let camera = Camera::look_at(eye, eye + dvec3(-0.1, -0.15, -1.0), DVec3::Y, 70.0, [160, 120]).expect("valid");
-        let drawn = Renderer::new().render(&cube, &camera, &RenderSettings::default()).to_rgb().expect("a picture");
+        let camera = Camera::look_at(
+            eye,
+            eye + dvec3(-0.1, -0.15, -1.0),
+            DVec3::Y,
+            70.0,
+            [160, 120],
+        )
+        .expect("valid");
+        let drawn = Renderer::new()
+            .render(&cube, &camera, &RenderSettings::default())
+            .to_rgb()
+            .expect("a picture");
         let alone = psnr_db(&traced(&scene, &camera), &drawn).expect("of one size");
-        let composition = Composition::new(SpriteSet::new(vec![]), vec![cube]).with_polygons(vec![model_of_boards()]);
+        let composition = Composition::new(SpriteSet::new(vec![]), vec![cube])
+            .with_polygons(vec![model_of_boards()]);
         let mut frame = Frame::default();
-        let stats = composition.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
+        let stats = composition.render(
+            &mut Composer::default(),
+            &camera,
+            &ComposeSettings::default(),
+            &mut frame,
+        );
         assert_eq!(stats.order, [Layer::Cube(0)], "one picture shows both");
         let truth = traced(&both, &camera);
         let composed = psnr_db(&truth, &frame.to_rgb().expect("a picture")).expect("of one size");
-        assert!(composed > alone - BOARDS_DB, "{composed:.2} dB with boards, {alone:.2} without (error_px {error_px})");
+        assert!(
+            composed > alone - BOARDS_DB,
+            "{composed:.2} dB with boards, {alone:.2} without (error_px {error_px})"
+        );
 
-        let boards = Composition::new(SpriteSet::new(vec![]), vec![]).with_polygons(vec![model_of_boards()]);
-        boards.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
+        let boards =
+            Composition::new(SpriteSet::new(vec![]), vec![]).with_polygons(vec![model_of_boards()]);
+        boards.render(
+            &mut Composer::default(),
+            &camera,
+            &ComposeSettings::default(),
+            &mut frame,
+        );
         let mut pasted = drawn;
-        for (i, pixel) in pasted.pixels_mut().enumerate().filter(|(i, _)| frame.coverage[*i].splat_share() > 0) {
+        for (i, pixel) in pasted
+            .pixels_mut()
+            .enumerate()
+            .filter(|(i, _)| frame.coverage[*i].splat_share() > 0)
+        {
             pixel.0.copy_from_slice(&frame.color[i][..3]);
         }
         let pasted = psnr_db(&truth, &pasted).expect("of one size");
-        assert!(pasted < composed - PASTED_DB, "{composed:.2} dB among the samples, {pasted:.2} before them");
+        assert!(
+            pasted < composed - PASTED_DB,
+            "{composed:.2} dB among the samples, {pasted:.2} before them"
+        );
     }
 }
 
@@ -172,16 +292,35 @@ const SILHOUETTES_DB: f64 = 36.0;
 
 #[test]
 fn silhouettes_of_polygons_are_smooth() {
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     boards(&mut scene);
-    add_board(&mut scene, dvec3(-60.0, -60.0, -40.0), dvec3(120.0, 0.0, 0.0), dvec3(0.0, 120.0, 0.0), [0.9; 3]);
+    add_board(
+        &mut scene,
+        dvec3(-60.0, -60.0, -40.0),
+        dvec3(120.0, 0.0, 0.0),
+        dvec3(0.0, 120.0, 0.0),
+        [0.9; 3],
+    );
     let eye = dvec3(0.3, 0.4, 0.2);
-    let camera = Camera::look_at(eye, dvec3(-0.5, 0.5, -5.0), DVec3::Y, 40.0, [160, 120]).expect("valid");
+    let camera =
+        Camera::look_at(eye, dvec3(-0.5, 0.5, -5.0), DVec3::Y, 40.0, [160, 120]).expect("valid");
     let model = Polygons::new(scene.clone()).expect("a valid scene");
     let composition = Composition::new(SpriteSet::new(vec![]), vec![]).with_polygons(vec![model]);
     let mut frame = Frame::default();
-    composition.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
-    let found = psnr_db(&traced(&Arc::new(scene), &camera), &frame.to_rgb().expect("a picture")).expect("of one size");
+    composition.render(
+        &mut Composer::default(),
+        &camera,
+        &ComposeSettings::default(),
+        &mut frame,
+    );
+    let found = psnr_db(
+        &traced(&Arc::new(scene), &camera),
+        &frame.to_rgb().expect("a picture"),
+    )
+    .expect("of one size");
     assert!(found > SILHOUETTES_DB, "{found:.2} dB");
 }
 
@@ -191,15 +330,24 @@ fn a_cube_and_sprites_and_polygons_share_a_frame_by_depth() {
     let (left_near, right_near) = (dvec3(1.0, 0.0, 1.0), dvec3(-1.0, 0.0, 1.0));
     let cards = || {
         SpriteSet::new(
-            [(left_near, [255, 0, 0, 255]), (right_near, [0, 0, 255, 255])]
-                .map(|(normal, color)| card(color, DVec3::ZERO, normal))
-                .into(),
+            [
+                (left_near, [255, 0, 0, 255]),
+                (right_near, [0, 0, 255, 255]),
+            ]
+            .map(|(normal, color)| card(color, DVec3::ZERO, normal))
+            .into(),
         )
     };
     let eye = dvec3(0.0, 0.0, 4.0);
     let camera = look(eye, DVec3::ZERO, 64);
     let shown = |composition: &Composition, by_depth: bool| {
-        let (mut frame, settings) = (Frame::default(), ComposeSettings { by_depth, ..ComposeSettings::default() });
+        let (mut frame, settings) = (
+            Frame::default(),
+            ComposeSettings {
+                by_depth,
+                ..ComposeSettings::default()
+            },
+        );
         composition.render(&mut Composer::default(), &camera, &settings, &mut frame);
         [26, 38].map(|x| frame.color[32 * 64 + x])
     };
@@ -210,11 +358,27 @@ fn a_cube_and_sprites_and_polygons_share_a_frame_by_depth() {
     // A card whose normal leans to the right (+X, +Z) is nearer on its left.
     assert_eq!(shown(&crossing, true), [red, blue]);
 
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
-    add_board(&mut scene, dvec3(-2.0, -2.0, 0.0), dvec3(1.9, 0.0, 0.0), dvec3(0.0, 4.0, 0.0), [0.0, 1.0, 0.0]);
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    add_board(
+        &mut scene,
+        dvec3(-2.0, -2.0, 0.0),
+        dvec3(1.9, 0.0, 0.0),
+        dvec3(0.0, 4.0, 0.0),
+        [0.0, 1.0, 0.0],
+    );
     let board = Polygons::new(scene).expect("a valid scene");
-    let [left, right] = shown(&Composition::new(cards(), vec![]).with_polygons(vec![board]), false);
-    assert_eq!([left, right], [red, blue], "the board is behind the near card on the left, and not on the right");
+    let [left, right] = shown(
+        &Composition::new(cards(), vec![]).with_polygons(vec![board]),
+        false,
+    );
+    assert_eq!(
+        [left, right],
+        [red, blue],
+        "the board is behind the near card on the left, and not on the right"
+    );
 }
 
 /// 64 samples a vertex of what is about it, a picture of 64 rows of that, and vertices' own mean: an eighth.
@@ -223,9 +387,17 @@ const LIT_SHARE: f64 = 0.125;
 #[test]
 fn polygons_are_lit_by_what_the_cube_shows_about_them() {
     let opened = headbox::Scene::open("builtin:interior").expect("built in");
-    let mut cube = Capture::new(&opened).face_size(96).strata(8).light_samples(2).run().expect("captured");
+    let mut cube = Capture::new(&opened)
+        .face_size(96)
+        .strata(8)
+        .light_samples(2)
+        .run()
+        .expect("captured");
     // Frames mix compressed light, which takes some of it where bright and dark meet.
-    for (tone, share) in [(ToneMap::SrgbClipped, LIT_SHARE), (ToneMap::SrgbCompressed, 1.2 * LIT_SHARE)] {
+    for (tone, share) in [
+        (ToneMap::SrgbClipped, LIT_SHARE),
+        (ToneMap::SrgbCompressed, 1.2 * LIT_SHARE),
+    ] {
         cube.info.tone = tone;
         assert_box_is_lit(&cube, share);
     }
@@ -236,31 +408,63 @@ fn assert_box_is_lit(cube: &PackedCube, share: f64) {
     let centre = cube.info.centre;
     // A closed box: of a surface that is open on both sides the brighter one would count.
     let side = 0.02;
-    let normals = [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z, DVec3::Y, DVec3::NEG_Y];
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let normals = [
+        DVec3::X,
+        DVec3::NEG_X,
+        DVec3::Z,
+        DVec3::NEG_Z,
+        DVec3::Y,
+        DVec3::NEG_Y,
+    ];
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     for normal in normals {
         let along = normal.any_orthonormal_vector() * side;
         let up = normal.cross(along);
-        add_board(&mut scene, centre + (normal * side - along - up) / 2.0, along, up, [0.5; 3]);
+        add_board(
+            &mut scene,
+            centre + (normal * side - along - up) / 2.0,
+            along,
+            up,
+            [0.5; 3],
+        );
     }
     let model = Polygons::lit_by(scene, cube, &Silent).expect("lit");
     let composition = Composition::new(SpriteSet::new(vec![]), vec![]).with_polygons(vec![model]);
     for normal in normals {
         // So near before it that it fills the frame.
         let eye = centre + normal * side;
-        let camera = Camera::look_at(eye, centre, normal.any_orthonormal_vector(), 40.0, [16, 16]).expect("valid");
+        let camera = Camera::look_at(eye, centre, normal.any_orthonormal_vector(), 40.0, [16, 16])
+            .expect("valid");
         let mut frame = Frame::default();
-        composition.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
+        composition.render(
+            &mut Composer::default(),
+            &camera,
+            &ComposeSettings::default(),
+            &mut frame,
+        );
         let found = cube.info.tone.exposed(frame.color[8 * 16 + 8][1]);
         let expected = (0.5 * irradiance_over_pi(cube, centre, normal)).min(1.0);
-        assert!((f64::from(found) / expected - 1.0).abs() < share, "toward {normal}: {found}, not {expected}");
+        assert!(
+            (f64::from(found) / expected - 1.0).abs() < share,
+            "toward {normal}: {found}, not {expected}"
+        );
     }
 }
 
 /// Irradiance over pi, green, of what a cube shows from a place: the sum over a frame that looks along the normal as far as 80 degrees,
 /// beyond which cosines leave 3 %.
 fn irradiance_over_pi(cube: &PackedCube, eye: DVec3, normal: DVec3) -> f64 {
-    let camera = Camera::look_at(eye, eye + normal, normal.any_orthonormal_vector(), 160.0, [400, 400]).expect("valid");
+    let camera = Camera::look_at(
+        eye,
+        eye + normal,
+        normal.any_orthonormal_vector(),
+        160.0,
+        [400, 400],
+    )
+    .expect("valid");
     let mut renderer = Renderer::new();
     let frame = renderer.render(cube, &camera, &RenderSettings::default());
     let (mut sum, mut all) = (0.0, 0.0);

@@ -4,16 +4,16 @@ use crate::common::bed::{Scene, room, srgb};
 use crate::common::capture::centre_rays;
 use glam::{DMat3, DVec3, Vec3};
 use headbox_core::camera::Camera;
-use headbox_images::{DepthPicture, FARTHEST_M, ImageSet, ImageSetOptions, Lens, SetWriter, View};
-use headbox_trace::light::Lighting;
 use headbox_core::cube_face::Face;
-use headbox_trace::bvh::{Ray, Tracer};
-use headbox_cube::model::samples::CubeLdi;
-use headbox_ldi::from_images::ImagesJob;
-use headbox_cube::model::parameters::MergeRule;
 use headbox_core::progress::Silent;
-use headbox_sprite::write_depth_exr;
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::model::samples::CubeLdi;
 use headbox_images::traced_view;
+use headbox_images::{DepthPicture, FARTHEST_M, ImageSet, ImageSetOptions, Lens, SetWriter, View};
+use headbox_ldi::from_images::ImagesJob;
+use headbox_sprite::write_depth_exr;
+use headbox_trace::bvh::{Ray, Tracer};
+use headbox_trace::light::Lighting;
 use image::{Rgb, RgbImage};
 use std::path::Path;
 use std::sync::Arc;
@@ -34,11 +34,22 @@ fn as_pictures(cube: &CubeLdi, folder: &Path) -> ImageSet {
         let image = &cube.faces[face.index()];
         let side = image.size_px;
         let nearest = |x: u32, y: u32| image.pixel(x, y).last();
-        let color =
-            |x, y| nearest(x, y).map_or(Rgb([0; 3]), |s| Rgb([s.color_srgb[0], s.color_srgb[1], s.color_srgb[2]]));
-        RgbImage::from_fn(side, side, color).save(folder.join(format!("cube_{name}.png"))).expect("written");
-        let depth = |i: u32| nearest(i % side, i / side).map_or(f32::NAN, |sample| 1.0 / sample.inverse_depth);
-        let picture = DepthPicture { width: side, height: side, values: (0..side * side).map(depth).collect() };
+        let color = |x, y| {
+            nearest(x, y).map_or(Rgb([0; 3]), |s| {
+                Rgb([s.color_srgb[0], s.color_srgb[1], s.color_srgb[2]])
+            })
+        };
+        RgbImage::from_fn(side, side, color)
+            .save(folder.join(format!("cube_{name}.png")))
+            .expect("written");
+        let depth = |i: u32| {
+            nearest(i % side, i / side).map_or(f32::NAN, |sample| 1.0 / sample.inverse_depth)
+        };
+        let picture = DepthPicture {
+            width: side,
+            height: side,
+            values: (0..side * side).map(depth).collect(),
+        };
         write_depth_exr(&picture, &folder.join(format!("cube_{name}_depth.exr"))).expect("written");
     }
     ImageSet::open(folder, &ImageSetOptions::default()).expect("opens")
@@ -46,7 +57,13 @@ fn as_pictures(cube: &CubeLdi, folder: &Path) -> ImageSet {
 
 fn job(cube: &CubeLdi, face_size_px: u32, centre: DVec3) -> ImagesJob {
     let half_size_m = cube.info.half_size_m;
-    ImagesJob { centre, half_size_m, face_size_px, merge_rule: MergeRule::Average, depth_noise: 0.0 }
+    ImagesJob {
+        centre,
+        half_size_m,
+        face_size_px,
+        merge_rule: MergeRule::Average,
+        depth_noise: 0.0,
+    }
 }
 
 fn views(set: &ImageSet) -> Vec<&View> {
@@ -62,12 +79,21 @@ fn six_faces_of_the_tracer_give_its_own_ldi_back() {
     let folder = tempfile::tempdir().expect("a folder");
     let set = as_pictures(&cube, folder.path());
     assert_eq!(set.views.len(), 6);
-    let found = job(&cube, 64, DVec3::ZERO).run(&set, &views(&set), &Silent).expect("warps");
+    let found = job(&cube, 64, DVec3::ZERO)
+        .run(&set, &views(&set), &Silent)
+        .expect("warps");
     for (face, expected) in found.faces.iter().zip(&cube.faces) {
         for (x, y) in (0..64).flat_map(|y| (0..64).map(move |x| (x, y))) {
             let (found, expected) = (face.pixel(x, y), expected.pixel(x, y).last());
-            assert_eq!(found.len(), usize::from(expected.is_some()), "{:?} {x} {y}", face.face);
-            let (Some(found), Some(expected)) = (found.first(), expected) else { continue };
+            assert_eq!(
+                found.len(),
+                usize::from(expected.is_some()),
+                "{:?} {x} {y}",
+                face.face
+            );
+            let (Some(found), Some(expected)) = (found.first(), expected) else {
+                continue;
+            };
             let error = (found.inverse_depth / expected.inverse_depth - 1.0).abs();
             assert!(error < RELATIVE_DEPTH, "{:?} {x} {y}: {error}", face.face);
             assert_eq!(found.color_srgb[..3], expected.color_srgb[..3]);
@@ -87,26 +113,45 @@ fn six_pinholes_of_the_tracer_give_its_centre_ray_ldi() {
     let mut writer = SetWriter::new(folder.path());
     let taken = Face::ALL.map(|face| {
         let world_from_eye = DMat3::from_cols(face.right(), face.up(), -face.normal());
-        let camera = Camera::from_parts(centre, world_from_eye, f64::from(SIDE) / 2.0, SIDE, SIDE).expect("a camera");
+        let camera = Camera::from_parts(centre, world_from_eye, f64::from(SIDE) / 2.0, SIDE, SIDE)
+            .expect("a camera");
         let view = traced_view::trace(&tracer, &lighting, false, &camera, 1, &Silent);
         writer.add(face.index(), &view, true).expect("written");
         view
     });
     writer.finish().expect("written");
     let set = ImageSet::open(folder.path(), &ImageSetOptions::default()).expect("opens");
-    let job = ImagesJob { centre, face_size_px: SIDE, ..ImagesJob::suggest(&set) };
+    let job = ImagesJob {
+        centre,
+        face_size_px: SIDE,
+        ..ImagesJob::suggest(&set)
+    };
     let found = job.run(&set, &views(&set), &Silent).expect("warps");
     for ((face, found), taken) in Face::ALL.into_iter().zip(&found.faces).zip(&taken) {
         for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
             let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, SIDE);
-            let ray = Ray { origin: Vec3::ZERO, direction: direction.as_vec3(), t_min: 0.0, t_max: f32::INFINITY };
+            let ray = Ray {
+                origin: Vec3::ZERO,
+                direction: direction.as_vec3(),
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
             let hit = tracer.closest(&ray);
             // The sky is a surface that is as good as infinitely far.
-            let expected = 1.0 / hit.map_or(FARTHEST_M, |hit| hit.t * direction.dot(face.normal()) as f32);
-            let [found] = found.pixel(x, y) else { panic!("{face:?} {x} {y}: one sample a pixel") };
+            let expected = 1.0
+                / hit.map_or(FARTHEST_M, |hit| {
+                    hit.t * direction.dot(face.normal()) as f32
+                });
+            let [found] = found.pixel(x, y) else {
+                panic!("{face:?} {x} {y}: one sample a pixel")
+            };
             let error = (found.inverse_depth / expected - 1.0).abs();
             assert!(error < RELATIVE_DEPTH, "{face:?} {x} {y}: {error}");
-            assert_eq!(found.color_srgb, taken.color[(y * SIDE + x) as usize], "{face:?} {x} {y}");
+            assert_eq!(
+                found.color_srgb,
+                taken.color[(y * SIDE + x) as usize],
+                "{face:?} {x} {y}"
+            );
         }
     }
 }
@@ -114,16 +159,30 @@ fn six_pinholes_of_the_tracer_give_its_centre_ray_ldi() {
 /// Writes an equirectangular panorama of a scene from the origin, and opens it.
 fn as_panorama(scene: &Scene, width: u32, folder: &Path) -> ImageSet {
     let height = width / 2;
-    let ray =
-        |i: u32| Lens::Equirectangular.ray([f64::from(i % width) + 0.5, f64::from(i / width) + 0.5], [width, height]);
+    let ray = |i: u32| {
+        Lens::Equirectangular.ray(
+            [f64::from(i % width) + 0.5, f64::from(i / width) + 0.5],
+            [width, height],
+        )
+    };
     let hit = |i: u32| scene.hit(DVec3::ZERO, ray(i)).expect("a closed room");
     let color = |x, y| {
         let [r, g, b, _] = srgb(hit(y * width + x).color);
         Rgb([r, g, b])
     };
-    RgbImage::from_fn(width, height, color).save(folder.join("all.png")).expect("written");
+    RgbImage::from_fn(width, height, color)
+        .save(folder.join("all.png"))
+        .expect("written");
     let values = (0..width * height).map(|i| hit(i).t as f32).collect();
-    write_depth_exr(&DepthPicture { width, height, values }, &folder.join("all_depth.exr")).expect("written");
+    write_depth_exr(
+        &DepthPicture {
+            width,
+            height,
+            values,
+        },
+        &folder.join("all_depth.exr"),
+    )
+    .expect("written");
     ImageSet::open(folder, &ImageSetOptions::default()).expect("opens")
 }
 
@@ -137,7 +196,9 @@ fn a_panorama_of_the_tracer_gives_its_centre_ray_ldi() {
     let folder = tempfile::tempdir().expect("a folder");
     let set = as_panorama(&scene, 768, folder.path());
     let cube = centre_rays(&scene, 64);
-    let found = job(&cube, 64, DVec3::ZERO).run(&set, &views(&set), &Silent).expect("warps");
+    let found = job(&cube, 64, DVec3::ZERO)
+        .run(&set, &views(&set), &Silent)
+        .expect("warps");
     let mut apart = 0;
     for (face, expected) in found.faces.iter().zip(&cube.faces) {
         for (x, y) in (0..64).flat_map(|y| (0..64).map(move |x| (x, y))) {
@@ -157,9 +218,19 @@ fn magnified_images_leave_no_gap_and_minified_ones_are_averaged() {
     let folder = tempfile::tempdir().expect("a folder");
     let set = as_pictures(&cube, folder.path());
     for face_px in [17, 24, 96, 151] {
-        let found = job(&cube, face_px, DVec3::ZERO).run(&set, &views(&set), &Silent).expect("warps");
-        let empty: usize =
-            found.faces.iter().map(|face| face.offsets.windows(2).filter(|pair| pair[0] == pair[1]).count()).sum();
+        let found = job(&cube, face_px, DVec3::ZERO)
+            .run(&set, &views(&set), &Silent)
+            .expect("warps");
+        let empty: usize = found
+            .faces
+            .iter()
+            .map(|face| {
+                face.offsets
+                    .windows(2)
+                    .filter(|pair| pair[0] == pair[1])
+                    .count()
+            })
+            .sum();
         assert_eq!(empty, 0, "faces of {face_px}: a closed room has no gap");
     }
 }
@@ -171,7 +242,10 @@ fn the_order_of_threads_and_batches_does_not_matter() {
     let set = as_pictures(&cube, folder.path());
     let job = job(&cube, 56, DVec3::new(0.05, -0.03, 0.04));
     let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a pool");
         pool.install(|| job.run(&set, &views(&set), &Silent).expect("warps"))
     };
     assert_eq!(run(1).faces, run(3).faces);

@@ -3,7 +3,9 @@
 use std::f64::consts::PI;
 
 use crate::metrics_images::{constant, pairs, pattern};
-use headbox_core::metrics::{DEFAULT_PIXELS_PER_DEGREE, FlipMap, MAX_PIXELS_PER_DEGREE, MetricError, flip_map};
+use headbox_core::metrics::{
+    DEFAULT_PIXELS_PER_DEGREE, FlipMap, MAX_PIXELS_PER_DEGREE, MetricError, flip_map,
+};
 use image::Rgb;
 
 /// Largest error of a pixel against the f64 oracle. f32 rounds a lightness of 100 to about 1e-5, so that a difference
@@ -19,7 +21,12 @@ const EVALUATOR_MEAN_TOLERANCE: f64 = 1.5e-5;
 
 #[test]
 fn maps_equal_the_definition_in_f64() {
-    for (width, height, ppd) in [(40, 29, DEFAULT_PIXELS_PER_DEGREE), (13, 70, 31.0), (7, 5, 90.0), (1, 1, 67.0)] {
+    for (width, height, ppd) in [
+        (40, 29, DEFAULT_PIXELS_PER_DEGREE),
+        (13, 70, 31.0),
+        (7, 5, 90.0),
+        (1, 1, 67.0),
+    ] {
         for (name, reference, test) in pairs(width, height) {
             let map = flip_map(&reference, &test, ppd).unwrap();
             let truth = oracle::flip(&reference, &test, f64::from(ppd));
@@ -29,8 +36,15 @@ fn maps_equal_the_definition_in_f64() {
                 "{width}x{height} {name}: mean {mean:.6} (ours {:+.1e}), worst pixel {worst:.1e}",
                 map.mean - mean
             );
-            assert!(worst < PIXEL_TOLERANCE, "{name}, {width}x{height}: a pixel is off by {worst}");
-            assert!((map.mean - mean).abs() < MEAN_TOLERANCE, "{name}: {} for {mean}", map.mean);
+            assert!(
+                worst < PIXEL_TOLERANCE,
+                "{name}, {width}x{height}: a pixel is off by {worst}"
+            );
+            assert!(
+                (map.mean - mean).abs() < MEAN_TOLERANCE,
+                "{name}: {} for {mean}",
+                map.mean
+            );
         }
     }
 }
@@ -39,15 +53,25 @@ fn maps_equal_the_definition_in_f64() {
 fn maps_equal_the_authors_evaluator() {
     for (name, reference, test) in pairs(203, 131) {
         let map = flip_map(&reference, &test, DEFAULT_PIXELS_PER_DEGREE).unwrap();
-        let [a, b] =
-            [&reference, &test].map(|image| nv_flip::FlipImageRgb8::with_data(image.width(), image.height(), image));
-        let truth: Vec<f64> =
-            nv_flip::flip(a, b, DEFAULT_PIXELS_PER_DEGREE).to_vec().into_iter().map(f64::from).collect();
+        let [a, b] = [&reference, &test]
+            .map(|image| nv_flip::FlipImageRgb8::with_data(image.width(), image.height(), image));
+        let truth: Vec<f64> = nv_flip::flip(a, b, DEFAULT_PIXELS_PER_DEGREE)
+            .to_vec()
+            .into_iter()
+            .map(f64::from)
+            .collect();
         let worst = worst_difference(&map.errors, &truth);
         let mean = truth.iter().sum::<f64>() / truth.len() as f64;
-        println!("{name}: mean {mean:.6} (ours {:+.1e}), worst pixel {worst:.1e}", map.mean - mean);
+        println!(
+            "{name}: mean {mean:.6} (ours {:+.1e}), worst pixel {worst:.1e}",
+            map.mean - mean
+        );
         assert!(worst < PIXEL_TOLERANCE, "{name}: a pixel is off by {worst}");
-        assert!((map.mean - mean).abs() < EVALUATOR_MEAN_TOLERANCE, "{name}: {} for {mean}", map.mean);
+        assert!(
+            (map.mean - mean).abs() < EVALUATOR_MEAN_TOLERANCE,
+            "{name}: {} for {mean}",
+            map.mean
+        );
     }
 }
 
@@ -59,15 +83,33 @@ fn default_viewing_condition_is_the_authors() {
 
 #[test]
 fn equal_images_have_no_error_and_opposite_ones_the_largest() {
-    let map = |a: [u8; 3], b: [u8; 3]| flip_map(&constant(9, 21, a), &constant(9, 21, b), 67.0).unwrap();
+    let map =
+        |a: [u8; 3], b: [u8; 3]| flip_map(&constant(9, 21, a), &constant(9, 21, b), 67.0).unwrap();
     let image = pattern(33, 18);
-    assert!(flip_map(&image, &image, 67.0).unwrap().errors.iter().all(|&error| error == 0.0));
+    assert!(
+        flip_map(&image, &image, 67.0)
+            .unwrap()
+            .errors
+            .iter()
+            .all(|&error| error == 0.0)
+    );
     assert_eq!(map([7, 80, 9], [7, 80, 9]).mean, 0.0);
     // Constant images have no features: the color error alone counts, and green to blue is its largest.
     let farthest = map([0, 255, 0], [0, 0, 255]);
-    assert!(farthest.errors.iter().all(|&error| (error - 1.0).abs() < 1e-5), "{:?}", farthest.errors);
+    assert!(
+        farthest
+            .errors
+            .iter()
+            .all(|&error| (error - 1.0).abs() < 1e-5),
+        "{:?}",
+        farthest.errors
+    );
     let grey = map([128, 128, 128], [129, 129, 129]);
-    assert!(grey.mean > 0.0 && grey.mean < 0.05, "one step of grey is hardly seen: {}", grey.mean);
+    assert!(
+        grey.mean > 0.0 && grey.mean < 0.05,
+        "one step of grey is hardly seen: {}",
+        grey.mean
+    );
 }
 
 #[test]
@@ -88,7 +130,10 @@ fn one_pixel_is_seen_where_it_is() {
 fn no_thread_count_changes_a_bit() {
     let (_, reference, test) = pairs(150, 333).swap_remove(2);
     let run = |threads| -> FlipMap {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
         pool.install(|| flip_map(&reference, &test, DEFAULT_PIXELS_PER_DEGREE).unwrap())
     };
     let once = run(1);
@@ -100,21 +145,45 @@ fn wrong_viewing_conditions_are_refused() {
     let image = pattern(4, 4);
     for wrong in [f32::NAN, f32::INFINITY, -67.0, 0.0, 0.5, 1e9] {
         let refusal = flip_map(&image, &image, wrong).unwrap_err();
-        assert!(matches!(refusal, MetricError::PixelsPerDegree(ppd) if ppd.to_bits() == wrong.to_bits()));
+        assert!(
+            matches!(refusal, MetricError::PixelsPerDegree(ppd) if ppd.to_bits() == wrong.to_bits())
+        );
     }
-    assert_eq!(flip_map(&image, &image, MAX_PIXELS_PER_DEGREE).unwrap().mean, 0.0);
-    assert!(flip_map(&pattern(4, 4), &constant(4, 4, [0; 3]), 1.0).unwrap().errors.iter().all(|e| e.is_finite()));
+    assert_eq!(
+        flip_map(&image, &image, MAX_PIXELS_PER_DEGREE)
+            .unwrap()
+            .mean,
+        0.0
+    );
+    assert!(
+        flip_map(&pattern(4, 4), &constant(4, 4, [0; 3]), 1.0)
+            .unwrap()
+            .errors
+            .iter()
+            .all(|e| e.is_finite())
+    );
 }
 
 #[test]
 fn maps_are_shown_in_magma() {
-    let map = FlipMap { width: 3, height: 1, errors: vec![0.0, 0.5, 1.0], mean: 0.5 };
-    assert_eq!(map.to_magma().as_raw().as_slice(), [0, 0, 4, 183, 55, 121, 252, 253, 191]);
+    let map = FlipMap {
+        width: 3,
+        height: 1,
+        errors: vec![0.0, 0.5, 1.0],
+        mean: 0.5,
+    };
+    assert_eq!(
+        map.to_magma().as_raw().as_slice(),
+        [0, 0, 4, 183, 55, 121, 252, 253, 191]
+    );
 }
 
 fn worst_difference(ours: &[f32], truth: &[f64]) -> f64 {
     assert_eq!(ours.len(), truth.len());
-    ours.iter().zip(truth).map(|(&a, &b)| (f64::from(a) - b).abs()).fold(0.0, f64::max)
+    ours.iter()
+        .zip(truth)
+        .map(|(&a, &b)| (f64::from(a) - b).abs())
+        .fold(0.0, f64::max)
 }
 
 /// The paper's definition, term by term: two-dimensional filters, f64, no separation.
@@ -126,9 +195,21 @@ mod oracle {
     type Plane = Vec<Vec<f64>>;
 
     const XYZ_FROM_RGB: [[f64; 3]; 3] = [
-        [10135552.0 / 24577794.0, 8788810.0 / 24577794.0, 4435075.0 / 24577794.0],
-        [2613072.0 / 12288897.0, 8788810.0 / 12288897.0, 887015.0 / 12288897.0],
-        [1425312.0 / 73733382.0, 8788810.0 / 73733382.0, 70074185.0 / 73733382.0],
+        [
+            10135552.0 / 24577794.0,
+            8788810.0 / 24577794.0,
+            4435075.0 / 24577794.0,
+        ],
+        [
+            2613072.0 / 12288897.0,
+            8788810.0 / 12288897.0,
+            887015.0 / 12288897.0,
+        ],
+        [
+            1425312.0 / 73733382.0,
+            8788810.0 / 73733382.0,
+            70074185.0 / 73733382.0,
+        ],
     ];
     /// The inverse, in the digits of the authors' evaluator.
     const RGB_FROM_XYZ: [[f64; 3]; 3] = [
@@ -145,14 +226,22 @@ mod oracle {
             [
                 convolve(&y, &contrast_sensitivity(ppd, &[(1.0, 0.0047)])),
                 convolve(&cx, &contrast_sensitivity(ppd, &[(1.0, 0.0053)])),
-                convolve(&cz, &contrast_sensitivity(ppd, &[(34.1, 0.04), (13.5, 0.025)])),
+                convolve(
+                    &cz,
+                    &contrast_sensitivity(ppd, &[(34.1, 0.04), (13.5, 0.025)]),
+                ),
             ]
         });
         let features = [false, true].map(|point| {
             let kernel = feature_detector(ppd, point);
-            let transposed: Plane = (0..kernel.len()).map(|i| kernel.iter().map(|row| row[i]).collect()).collect();
+            let transposed: Plane = (0..kernel.len())
+                .map(|i| kernel.iter().map(|row| row[i]).collect())
+                .collect();
             planes.clone().map(|[y, ..]| {
-                let y: Plane = y.iter().map(|row| row.iter().map(|v| (v + 16.0) / 116.0).collect()).collect();
+                let y: Plane = y
+                    .iter()
+                    .map(|row| row.iter().map(|v| (v + 16.0) / 116.0).collect())
+                    .collect();
                 let (across, down) = (convolve(&y, &kernel), convolve(&y, &transposed));
                 move |i: usize, j: usize| across[j][i].hypot(down[j][i])
             })
@@ -175,7 +264,10 @@ mod oracle {
             let [edge, point] = features.each_ref().map(|[a, b]| (a(i, j) - b(i, j)).abs());
             color.powf(1.0 - (edge.max(point) / 2.0_f64.sqrt()).sqrt())
         };
-        (0..height).flat_map(|j| (0..width).map(move |i| (i, j))).map(|(i, j)| error(i, j)).collect()
+        (0..height)
+            .flat_map(|j| (0..width).map(move |i| (i, j)))
+            .map(|(i, j)| error(i, j))
+            .collect()
     }
 
     /// One channel of YCxCz.
@@ -183,20 +275,29 @@ mod oracle {
         let ycxcz = |x, y| {
             let linear = image[(x, y)].0.map(|v| {
                 let v = f64::from(v) / 255.0;
-                if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+                if v <= 0.04045 {
+                    v / 12.92
+                } else {
+                    ((v + 0.055) / 1.055).powf(2.4)
+                }
             });
             let xyz = transform(XYZ_FROM_RGB, linear);
             let [x, y, z] = [0, 1, 2].map(|c| xyz[c] / WHITE[c]);
             [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)][channel]
         };
-        (0..image.height()).map(|y| (0..image.width()).map(|x| ycxcz(x, y)).collect()).collect()
+        (0..image.height())
+            .map(|y| (0..image.width()).map(|x| ycxcz(x, y)).collect())
+            .collect()
     }
 
     fn contrast_sensitivity(ppd: f64, gaussians: &[(f64, f64)]) -> Plane {
         let radius = (3.0 * (0.04 / (2.0 * PI * PI)).sqrt() * ppd).ceil() as i32;
         let mut kernel = square(radius, |x, y| {
             let squared = (x * x + y * y) / (ppd * ppd);
-            gaussians.iter().map(|(a, b)| a * (PI / b).sqrt() * (-PI * PI * squared / b).exp()).sum()
+            gaussians
+                .iter()
+                .map(|(a, b)| a * (PI / b).sqrt() * (-PI * PI * squared / b).exp())
+                .sum()
         });
         let sum: f64 = kernel.iter().flatten().sum();
         kernel.iter_mut().flatten().for_each(|tap| *tap /= sum);
@@ -208,41 +309,73 @@ mod oracle {
         let sigma = 0.5 * 0.082 * ppd;
         let mut kernel = square((3.0 * sigma).ceil() as i32, |x, y| {
             let g = (-(x * x + y * y) / (2.0 * sigma * sigma)).exp();
-            if point { (x * x / (sigma * sigma) - 1.0) * g } else { -x * g }
+            if point {
+                (x * x / (sigma * sigma) - 1.0) * g
+            } else {
+                -x * g
+            }
         });
-        let sum = |keep: fn(f64) -> bool| kernel.iter().flatten().filter(|&&tap| keep(tap)).sum::<f64>().abs();
+        let sum = |keep: fn(f64) -> bool| {
+            kernel
+                .iter()
+                .flatten()
+                .filter(|&&tap| keep(tap))
+                .sum::<f64>()
+                .abs()
+        };
         let (positive, negative) = (sum(|tap| tap > 0.0), sum(|tap| tap < 0.0));
-        kernel.iter_mut().flatten().for_each(|tap| *tap /= if *tap > 0.0 { positive } else { negative });
+        kernel
+            .iter_mut()
+            .flatten()
+            .for_each(|tap| *tap /= if *tap > 0.0 { positive } else { negative });
         kernel
     }
 
     fn square(radius: i32, tap: impl Fn(f64, f64) -> f64) -> Plane {
-        let taps = |y: i32| (-radius..=radius).map(|x| tap(f64::from(x), f64::from(y))).collect();
+        let taps = |y: i32| {
+            (-radius..=radius)
+                .map(|x| tap(f64::from(x), f64::from(y)))
+                .collect()
+        };
         (-radius..=radius).map(taps).collect()
     }
 
     fn convolve(plane: &Plane, kernel: &Plane) -> Plane {
         let radius = kernel.len() as isize / 2;
-        let clamped =
-            |i: usize, k: usize, len: usize| (i as isize + k as isize - radius).clamp(0, len as isize - 1) as usize;
+        let clamped = |i: usize, k: usize, len: usize| {
+            (i as isize + k as isize - radius).clamp(0, len as isize - 1) as usize
+        };
         let at = |i: usize, j: usize| -> f64 {
             let row = |l: usize| &plane[clamped(j, l, plane.len())];
             let sum = |(l, taps): (usize, &Vec<f64>)| -> f64 {
-                taps.iter().enumerate().map(|(k, tap)| tap * row(l)[clamped(i, k, plane[0].len())]).sum()
+                taps.iter()
+                    .enumerate()
+                    .map(|(k, tap)| tap * row(l)[clamped(i, k, plane[0].len())])
+                    .sum()
             };
             kernel.iter().enumerate().map(sum).sum()
         };
-        (0..plane.len()).map(|j| (0..plane[0].len()).map(|i| at(i, j)).collect()).collect()
+        (0..plane.len())
+            .map(|j| (0..plane[0].len()).map(|i| at(i, j)).collect())
+            .collect()
     }
 
     fn hunt_lab(rgb: [f64; 3]) -> [f64; 3] {
         let xyz = transform(XYZ_FROM_RGB, rgb);
         let delta: f64 = 6.0 / 29.0;
-        let [x, y, z] = [0, 1, 2]
-            .map(|c| xyz[c] / WHITE[c])
-            .map(|v: f64| if v > delta.powi(3) { v.cbrt() } else { v / (3.0 * delta * delta) + 4.0 / 29.0 });
+        let [x, y, z] = [0, 1, 2].map(|c| xyz[c] / WHITE[c]).map(|v: f64| {
+            if v > delta.powi(3) {
+                v.cbrt()
+            } else {
+                v / (3.0 * delta * delta) + 4.0 / 29.0
+            }
+        });
         let lightness = 116.0 * y - 16.0;
-        [lightness, 0.01 * lightness * 500.0 * (x - y), 0.01 * lightness * 200.0 * (y - z)]
+        [
+            lightness,
+            0.01 * lightness * 500.0 * (x - y),
+            0.01 * lightness * 200.0 * (y - z),
+        ]
     }
 
     fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {

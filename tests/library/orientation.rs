@@ -1,12 +1,15 @@
 //! Which way is up in an OBJ, and what its unit is, are guessed: right for scenes that others wrote, and for the built-in
 //! ones written in any axes and unit.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
 
 use glam::DVec3;
-use headbox_scene::scene::Scene;
-use headbox_scene::load::{LoadOptions, load};
 use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_scene::load::{LoadOptions, load};
+use headbox_scene::scene::Scene;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -17,14 +20,23 @@ const MOST_TRIANGLES: usize = 40_000;
 fn obj_text(scene: &Scene, frame: &FileFrame, names: bool) -> String {
     let mut text = String::new();
     let mut material = u32::MAX;
-    for triangle in scene.triangles.iter().step_by(scene.triangles.len().div_ceil(MOST_TRIANGLES)) {
+    for triangle in scene
+        .triangles
+        .iter()
+        .step_by(scene.triangles.len().div_ceil(MOST_TRIANGLES))
+    {
         for vertex in triangle.vertices {
             let DVec3 { x, y, z } = frame.file_from_world(scene.positions[vertex as usize]);
             writeln!(text, "v {x} {y} {z}").unwrap();
         }
         if names && material != triangle.material {
             material = triangle.material;
-            writeln!(text, "usemtl {}", scene.materials[material as usize].name.replace(' ', "_")).unwrap();
+            writeln!(
+                text,
+                "usemtl {}",
+                scene.materials[material as usize].name.replace(' ', "_")
+            )
+            .unwrap();
         }
         writeln!(text, "f -3 -2 -1").unwrap();
     }
@@ -47,19 +59,33 @@ fn a_room_stands_upright_however_it_is_written() {
             let frame = FileFrame { up, unit_m };
             let (found, notes) = guess(&obj_text(&scene, &frame, true));
             assert_eq!(found, frame, "{notes:?}");
-            let told = notes.iter().any(|note| note.contains("--up y") || note.contains("--unit m"));
+            let told = notes
+                .iter()
+                .any(|note| note.contains("--up y") || note.contains("--unit m"));
             assert_eq!(told, frame != FileFrame::default(), "{frame:?}: {notes:?}");
         }
     }
-    let frame = FileFrame { up: UpAxis::Z, unit_m: 0.01 };
-    assert_eq!(guess(&obj_text(&scene, &frame, false)).0, frame, "also without names");
+    let frame = FileFrame {
+        up: UpAxis::Z,
+        unit_m: 0.01,
+    };
+    assert_eq!(
+        guess(&obj_text(&scene, &frame, false)).0,
+        frame,
+        "also without names"
+    );
 }
 
 #[test]
 fn houses_and_trees_stand_upright_with_names_and_without() {
     for name in ["house", "tree"] {
         let scene = headbox_scenes::build(name, 0).unwrap();
-        for (up, unit_m) in [(UpAxis::Y, 1.0), (UpAxis::Z, 1.0), (UpAxis::Y, 0.01), (UpAxis::Z, 0.001)] {
+        for (up, unit_m) in [
+            (UpAxis::Y, 1.0),
+            (UpAxis::Z, 1.0),
+            (UpAxis::Y, 0.01),
+            (UpAxis::Z, 0.001),
+        ] {
             let frame = FileFrame { up, unit_m };
             for names in [true, false] {
                 let (found, notes) = guess(&obj_text(&scene, &frame, names));
@@ -71,7 +97,15 @@ fn houses_and_trees_stand_upright_with_names_and_without() {
 
 #[test]
 fn a_relief_that_says_how_it_stands_is_not_laid_down() {
-    for name in ["bump", "sprites", "poles", "edge-on", "contact", "far-offset", "miniature"] {
+    for name in [
+        "bump",
+        "sprites",
+        "poles",
+        "edge-on",
+        "contact",
+        "far-offset",
+        "miniature",
+    ] {
         let scene = headbox_scenes::build(name, 0).unwrap();
         let text = obj_text(&scene, &FileFrame::default(), true);
         let (found, notes) = guess(&format!("# {name}, metres, Y up\n{text}"));
@@ -83,8 +117,17 @@ fn a_relief_that_says_how_it_stands_is_not_laid_down() {
 fn what_a_file_says_of_itself_counts() {
     let scene = headbox_scenes::build("interior", 0).unwrap();
     let text = obj_text(&scene, &FileFrame::default(), false);
-    assert_eq!(guess(&format!("# File units = inches\n{text}")).0.unit_m, 0.0254);
-    assert_eq!(guess(&format!("# Up axis: Z\n# units: mm\n{text}")).0, FileFrame { up: UpAxis::Z, unit_m: 0.001 });
+    assert_eq!(
+        guess(&format!("# File units = inches\n{text}")).0.unit_m,
+        0.0254
+    );
+    assert_eq!(
+        guess(&format!("# Up axis: Z\n# units: mm\n{text}")).0,
+        FileFrame {
+            up: UpAxis::Z,
+            unit_m: 0.001
+        }
+    );
 }
 
 #[test]
@@ -92,11 +135,42 @@ fn what_the_user_says_is_not_guessed() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("scene.obj");
     let scene = headbox_scenes::build("interior", 0).unwrap();
-    std::fs::write(&path, obj_text(&scene, &FileFrame { up: UpAxis::Z, unit_m: 0.01 }, true)).unwrap();
-    let said = load(&path, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(1.0) }).unwrap();
+    std::fs::write(
+        &path,
+        obj_text(
+            &scene,
+            &FileFrame {
+                up: UpAxis::Z,
+                unit_m: 0.01,
+            },
+            true,
+        ),
+    )
+    .unwrap();
+    let said = load(
+        &path,
+        &LoadOptions {
+            up: Some(UpAxis::Y),
+            unit_m: Some(1.0),
+        },
+    )
+    .unwrap();
     assert_eq!(said.frame, FileFrame::default());
-    let half = load(&path, &LoadOptions { up: None, unit_m: Some(0.5) }).unwrap();
-    assert_eq!(half.frame, FileFrame { up: UpAxis::Z, unit_m: 0.5 });
+    let half = load(
+        &path,
+        &LoadOptions {
+            up: None,
+            unit_m: Some(0.5),
+        },
+    )
+    .unwrap();
+    assert_eq!(
+        half.frame,
+        FileFrame {
+            up: UpAxis::Z,
+            unit_m: 0.5
+        }
+    );
 }
 
 #[test]
@@ -120,13 +194,26 @@ fn real_scenes_stand_upright_however_they_are_written() {
             continue;
         }
         let scene = load(&path, &LoadOptions::default()).unwrap();
-        assert_eq!(scene.frame, FileFrame { up, unit_m }, "{name}: {:?}", scene.summary.notes);
-        for (up, unit_m) in [(UpAxis::Y, 0.001), (UpAxis::Z, 1.0), (UpAxis::Z, 0.01), (UpAxis::Z, 0.001)] {
+        assert_eq!(
+            scene.frame,
+            FileFrame { up, unit_m },
+            "{name}: {:?}",
+            scene.summary.notes
+        );
+        for (up, unit_m) in [
+            (UpAxis::Y, 0.001),
+            (UpAxis::Z, 1.0),
+            (UpAxis::Z, 0.01),
+            (UpAxis::Z, 0.001),
+        ] {
             let frame = FileFrame { up, unit_m };
             let (found, notes) = guess(&obj_text(&scene, &frame, true));
             // What evidence is too thin for is told: a box as high as wide, whose lamp's material got lost.
             let is_told = notes.iter().any(|note| note.contains("too little for"));
-            assert!(found == frame || is_told, "{name}: {found:?}, not {frame:?}; {notes:?}");
+            assert!(
+                found == frame || is_told,
+                "{name}: {found:?}, not {frame:?}; {notes:?}"
+            );
         }
     }
 }
@@ -138,7 +225,9 @@ fn coarse_box([x, y, z]: [f64; 3]) -> String {
         let at = |bit: u32, length: f64| if corner >> bit & 1 == 1 { length } else { 0.0 };
         writeln!(text, "v {} {} {}", at(0, x), at(1, y), at(2, z)).unwrap();
     }
-    for side in ["1 2 6 5", "1 5 7 3", "2 4 8 6", "1 3 4 2", "5 6 8 7", "3 7 8 4"] {
+    for side in [
+        "1 2 6 5", "1 5 7 3", "2 4 8 6", "1 3 4 2", "5 6 8 7", "3 7 8 4",
+    ] {
         writeln!(text, "f {side}").unwrap();
     }
     text
@@ -147,21 +236,40 @@ fn coarse_box([x, y, z]: [f64; 3]) -> String {
 #[test]
 fn a_coarse_room_is_as_high_as_its_walls() {
     let (frame, notes) = guess(&coarse_box([400.0, 270.0, 500.0]));
-    assert_eq!(frame, FileFrame { up: UpAxis::Y, unit_m: 0.01 }, "{notes:?}");
-    let note = notes.iter().find(|note| note.contains("centimetres")).unwrap();
+    assert_eq!(
+        frame,
+        FileFrame {
+            up: UpAxis::Y,
+            unit_m: 0.01
+        },
+        "{notes:?}"
+    );
+    let note = notes
+        .iter()
+        .find(|note| note.contains("centimetres"))
+        .unwrap();
     // A fiftieth of the walls at the top and at the bottom does not count.
     assert!(note.contains("2.6 m high and 5.0 m wide"), "{note}");
 }
 
 /// A box of which the groups say what its sides are, floor and ceiling across Z, as modellers write rooms.
 fn named_room(lengths: [f64; 3], kind: &str) -> String {
-    let names = ["Floor", "WallEast", "Ceiling", "WallWest", "WallNorth", "WallSouth"];
+    let names = [
+        "Floor",
+        "WallEast",
+        "Ceiling",
+        "WallWest",
+        "WallNorth",
+        "WallSouth",
+    ];
     let [x, y, z] = lengths;
     let mut text: String = coarse_box([x, y, z])
         .lines()
         .filter(|line| line.starts_with('v'))
         .fold(String::new(), |text, line| text + line + "\n");
-    for (name, side) in names.iter().zip(["1 2 4 3", "2 4 8 6", "5 6 8 7", "1 3 7 5", "3 4 8 7", "1 2 6 5"]) {
+    for (name, side) in names.iter().zip([
+        "1 2 4 3", "2 4 8 6", "5 6 8 7", "1 3 7 5", "3 4 8 7", "1 2 6 5",
+    ]) {
         writeln!(text, "{kind} {name}\nf {side}").unwrap();
     }
     text
@@ -171,11 +279,24 @@ fn named_room(lengths: [f64; 3], kind: &str) -> String {
 fn groups_named_after_floors_and_walls_say_which_way_is_up_and_how_large_a_room_is() {
     for kind in ["g", "o"] {
         let (frame, notes) = guess(&named_room([260.0, 260.0, 260.0], kind));
-        assert_eq!(frame, FileFrame { up: UpAxis::Z, unit_m: 0.01 }, "{notes:?}");
+        assert_eq!(
+            frame,
+            FileFrame {
+                up: UpAxis::Z,
+                unit_m: 0.01
+            },
+            "{notes:?}"
+        );
     }
     // Without the names nothing tells.
     let nameless = named_room([260.0, 260.0, 260.0], "#");
-    assert_ne!(guess(&nameless).0, FileFrame { up: UpAxis::Z, unit_m: 0.01 });
+    assert_ne!(
+        guess(&nameless).0,
+        FileFrame {
+            up: UpAxis::Z,
+            unit_m: 0.01
+        }
+    );
 }
 
 /// As somebody writes a room by a script: closed, boxes with corners of their own, no names, millimetres.
@@ -202,9 +323,22 @@ fn things_that_stand_on_one_floor_tell_up_in_a_closed_room() {
         let mut text = String::new();
         for (low, high) in boxes {
             // Seen from outside: sides that face any way would say that a ground does.
-            for face in [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]] {
+            for face in [
+                [0, 2, 3, 1],
+                [4, 5, 7, 6],
+                [0, 1, 5, 4],
+                [2, 6, 7, 3],
+                [0, 4, 6, 2],
+                [1, 3, 7, 5],
+            ] {
                 for corner in face {
-                    let [x, y, z] = [0, 1, 2].map(|axis| if corner >> axis & 1 == 1 { high[axis] } else { low[axis] });
+                    let [x, y, z] = [0, 1, 2].map(|axis| {
+                        if corner >> axis & 1 == 1 {
+                            high[axis]
+                        } else {
+                            low[axis]
+                        }
+                    });
                     match up {
                         UpAxis::Z => writeln!(text, "v {x} {y} {z}").unwrap(),
                         UpAxis::Y => writeln!(text, "v {x} {z} {}", -y).unwrap(),
@@ -222,9 +356,19 @@ fn things_that_stand_on_one_floor_tell_up_in_a_closed_room() {
 fn where_nothing_tells_it_is_told_that_y_was_taken() {
     let (frame, notes) = guess(&coarse_box([3.0, 3.0, 3.0]));
     assert_eq!(frame, FileFrame::default());
-    assert!(notes.iter().any(|note| note.contains("Y is taken as up") && note.contains("--up z")), "{notes:?}");
+    assert!(
+        notes
+            .iter()
+            .any(|note| note.contains("Y is taken as up") && note.contains("--up z")),
+        "{notes:?}"
+    );
     let said = format!("# Y up, metres\n{}", coarse_box([3.0, 3.0, 3.0]));
-    assert!(!guess(&said).1.iter().any(|note| note.contains("taken as up")));
+    assert!(
+        !guess(&said)
+            .1
+            .iter()
+            .any(|note| note.contains("taken as up"))
+    );
 }
 
 /// A quadrilateral in `rows` by `rows` parts: corner, two edges.
@@ -245,22 +389,47 @@ fn a_room_without_a_ceiling_far_from_the_origin_stands_on_its_floor() {
     let corner = DVec3::new(82.0, 119.0, -0.5);
     let mut text = String::new();
     for (side, back) in [(0.0, 1.0), (1.0, 0.0)] {
-        patch(&mut text, corner + y * side, [[x, z], [z, x]][side as usize], 4);
-        patch(&mut text, corner + x * side, [[y, z], [z, y]][back as usize], 4);
+        patch(
+            &mut text,
+            corner + y * side,
+            [[x, z], [z, x]][side as usize],
+            4,
+        );
+        patch(
+            &mut text,
+            corner + x * side,
+            [[y, z], [z, y]][back as usize],
+            4,
+        );
     }
     patch(&mut text, corner, [x, y], 4);
     // A worktop along the wall.
     patch(&mut text, corner + z * 0.33, [x, y * 0.15], 4);
     let (frame, notes) = guess(&text);
-    assert_eq!(frame, FileFrame { up: UpAxis::Z, unit_m: 1.0 }, "{notes:?}");
-    assert!(notes[0].contains("m high") && notes[0].contains("--unit dm"), "a kitchen of 27 m is told: {notes:?}");
+    assert_eq!(
+        frame,
+        FileFrame {
+            up: UpAxis::Z,
+            unit_m: 1.0
+        },
+        "{notes:?}"
+    );
+    assert!(
+        notes[0].contains("m high") && notes[0].contains("--unit dm"),
+        "a kitchen of 27 m is told: {notes:?}"
+    );
 }
 
 #[test]
 fn flat_ground_lies_where_its_name_says_so_and_a_picture_stands() {
     let flat = |name: &str| {
         let mut text = format!("g {name}\n");
-        patch(&mut text, DVec3::new(-40.0, -25.0, 0.0), [DVec3::X * 80.0, DVec3::Y * 50.0], 4);
+        patch(
+            &mut text,
+            DVec3::new(-40.0, -25.0, 0.0),
+            [DVec3::X * 80.0, DVec3::Y * 50.0],
+            4,
+        );
         guess(&text)
     };
     let (field, notes) = flat("stadium_grass");

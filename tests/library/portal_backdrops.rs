@@ -9,6 +9,7 @@ use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal};
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::RenderSettings;
 use headbox_house::backdrop::{Backdrop, BackdropKind, Drawer, PortalSide};
 use headbox_house::house::House;
 use headbox_house::opening::Opening;
@@ -16,7 +17,6 @@ use headbox_house::settings::{Near, WalkSettings};
 use headbox_house::store::Store;
 use headbox_house::walk::Walker;
 use headbox_raster::Seen;
-use headbox_cube::render::RenderSettings;
 use std::sync::Arc;
 
 /// The door from the first room to the second, as seen from the first.
@@ -31,7 +31,11 @@ fn is_behind(walker: &Walker, pixel: usize) -> bool {
 }
 
 fn with(kind: BackdropKind, near: Near) -> WalkSettings {
-    WalkSettings { backdrops: Some(kind), near, ..WalkSettings::default() }
+    WalkSettings {
+        backdrops: Some(kind),
+        near,
+        ..WalkSettings::default()
+    }
 }
 
 /// Pixels from the border of a wall's square within which a backdrop may show the next one: its samples are two pixels apart
@@ -60,9 +64,13 @@ fn backdrops_show_what_is_behind_and_only_there() {
         let (mut wrong, mut holes, mut pixels, mut judged) = (0.0, 0, 0, 0);
         for camera in poses().map(|camera| enlarged(&camera, 3)) {
             let truth = truth(&house, &camera);
-            let (frame, stats) = walker.frame(&house, &store, &camera, &with(kind, Near::Distance(0.5)));
+            let (frame, stats) =
+                walker.frame(&house, &store, &camera, &with(kind, Near::Distance(0.5)));
             let (frame, stats) = (frame.clone(), stats.clone());
-            assert!(stats.portals >= 1 && stats.missing.is_empty() && stats.backdrop_pixels > 900, "{stats:?}");
+            assert!(
+                stats.portals >= 1 && stats.missing.is_empty() && stats.backdrop_pixels > 900,
+                "{stats:?}"
+            );
             assert!(
                 wrong_share(&frame, &truth, |i| !is_behind(&walker, i)) < 0.002,
                 "{kind:?}: geometry is not touched"
@@ -73,14 +81,22 @@ fn backdrops_show_what_is_behind_and_only_there() {
             holes += stats.hole_pixels;
             pixels += stats.backdrop_pixels;
         }
-        println!("{kind:?}: {:.4} of {judged} pixels wrong, {holes} holes of {pixels}", wrong / judged as f64);
+        println!(
+            "{kind:?}: {:.4} of {judged} pixels wrong, {holes} holes of {pixels}",
+            wrong / judged as f64
+        );
         assert!(judged > 2000, "{judged} pixels are judged");
         shares.push((kind, wrong / judged as f64));
         if kind == BackdropKind::WindowLdi || kind == BackdropKind::CellLdi {
             assert!(holes * 100 < pixels, "{kind:?}: {holes} holes of {pixels}");
         }
     }
-    let wrong = |kind: BackdropKind| shares.iter().find(|share| share.0 == kind).map_or(1.0, |share| share.1);
+    let wrong = |kind: BackdropKind| {
+        shares
+            .iter()
+            .find(|share| share.0 == kind)
+            .map_or(1.0, |share| share.1)
+    };
     for kind in WITHOUT_ERRORS {
         assert!(wrong(kind) < WRONG_AT_MOST, "{kind:?}: {shares:?}");
     }
@@ -97,7 +113,10 @@ fn at_the_same_places(house: &House, [first, second]: [(&[[u8; 3]], &Camera); 2]
         let flat = DVec2::new(f64::from(i % 20), f64::from(i / 20)) * 0.09 - 0.855;
         let of = |(colors, camera): (&[[u8; 3]], &Camera)| {
             let [x, y, _] = camera.project(door.point(flat))?;
-            let inside = x >= 0.0 && y >= 0.0 && x < f64::from(camera.width()) && y < f64::from(camera.height());
+            let inside = x >= 0.0
+                && y >= 0.0
+                && x < f64::from(camera.width())
+                && y < f64::from(camera.height());
             inside.then(|| colors[y as usize * camera.width() as usize + x as usize][1])
         };
         seen.extend(of(first).zip(of(second)).map(|(a, b)| [a, b]));
@@ -107,7 +126,11 @@ fn at_the_same_places(house: &House, [first, second]: [(&[[u8; 3]], &Camera); 2]
 }
 
 fn mean_difference(pairs: &[[u8; 2]]) -> f64 {
-    pairs.iter().map(|[a, b]| f64::from(a.abs_diff(*b))).sum::<f64>() / pairs.len() as f64
+    pairs
+        .iter()
+        .map(|[a, b]| f64::from(a.abs_diff(*b)))
+        .sum::<f64>()
+        / pairs.len() as f64
 }
 
 #[test]
@@ -118,38 +141,65 @@ fn one_texture_is_a_painting_on_the_wall() {
     let eyes = [dvec3(1.5, 1.3, 1.2), dvec3(1.2, 1.6, 3.1)];
     let cameras = eyes.map(|eye| enlarged(&camera(eye, door.centre), 4));
     let painted = cameras.each_ref().map(|camera| {
-        let (frame, stats) = walker.frame(&house, &store, camera, &with(BackdropKind::Texture, Near::Distance(0.5)));
+        let (frame, stats) = walker.frame(
+            &house,
+            &store,
+            camera,
+            &with(BackdropKind::Texture, Near::Distance(0.5)),
+        );
         assert_eq!(stats.portals, 1);
-        frame.color.iter().map(|c| [c[0], c[1], c[2]]).collect::<Vec<_>>()
+        frame
+            .color
+            .iter()
+            .map(|c| [c[0], c[1], c[2]])
+            .collect::<Vec<_>>()
     });
     let truths = cameras.each_ref().map(|camera| truth(&house, camera));
     let between = |seen: &[Vec<[u8; 3]>; 2]| {
-        mean_difference(&at_the_same_places(&house, [(&seen[0], &cameras[0]), (&seen[1], &cameras[1])]))
+        mean_difference(&at_the_same_places(
+            &house,
+            [(&seen[0], &cameras[0]), (&seen[1], &cameras[1])],
+        ))
     };
     let (painted, true_parallax) = (between(&painted), between(&truths));
     println!("between two eyes: {painted:.2} levels on the texture, {true_parallax:.2} in truth");
-    assert!(painted * 4.0 < true_parallax, "R2: one texture has no parallax: {painted} {true_parallax}");
+    assert!(
+        painted * 4.0 < true_parallax,
+        "R2: one texture has no parallax: {painted} {true_parallax}"
+    );
 }
 
 #[test]
 fn of_many_textures_each_eye_gets_the_one_taken_nearest_to_it() {
     let (house, mut walker) = (house(), Walker::new());
     let door = first_door(&house);
-    let [one, many] = [BackdropKind::Texture, BackdropKind::Textures].map(|kind| stocked(&house, kind));
+    let [one, many] =
+        [BackdropKind::Texture, BackdropKind::Textures].map(|kind| stocked(&house, kind));
     let mut error = |kind: BackdropKind, store: &Store, eye: DVec3| {
         let camera = enlarged(&camera(eye, door.centre), 2);
-        let frame = walker.frame(&house, store, &camera, &with(kind, Near::Distance(0.5))).0.clone();
+        let frame = walker
+            .frame(&house, store, &camera, &with(kind, Near::Distance(0.5)))
+            .0
+            .clone();
         mean_error(&frame, &truth(&house, &camera), |i| is_behind(&walker, i))
     };
     let places = door.semicircle(QUALITY.images, QUALITY.radius_m, QUALITY.eye_height_m);
     assert_eq!(places.len(), 7);
     let from_where_it_was_taken = error(BackdropKind::Texture, &one, places[0]);
     for (i, place) in places.iter().enumerate() {
-        let (single, nearest) =
-            (error(BackdropKind::Texture, &one, *place), error(BackdropKind::Textures, &many, *place));
+        let (single, nearest) = (
+            error(BackdropKind::Texture, &one, *place),
+            error(BackdropKind::Textures, &many, *place),
+        );
         println!("place {i}: {single:.2} levels off with one texture, {nearest:.2} with seven");
-        assert!(nearest < 1.5 * from_where_it_was_taken, "R2: place {i}: {nearest} {from_where_it_was_taken}");
-        assert!(i == 0 || single > 2.0 * nearest, "place {i}: {single} {nearest}");
+        assert!(
+            nearest < 1.5 * from_where_it_was_taken,
+            "R2: place {i}: {nearest} {from_where_it_was_taken}"
+        );
+        assert!(
+            i == 0 || single > 2.0 * nearest,
+            "place {i}: {single} {nearest}"
+        );
     }
 }
 
@@ -157,23 +207,39 @@ fn of_many_textures_each_eye_gets_the_one_taken_nearest_to_it() {
 fn a_near_door_is_open_and_a_far_one_shows_its_image() {
     let (house, mut walker, store) = (house(), Walker::new(), Store::new(1 << 30));
     // The second door has no image: when the first is open, all that shows is geometry.
-    let image = Backdrop::capture(&house, FIRST_DOOR, BackdropKind::Texture, &QUALITY).expect("a capture");
+    let image =
+        Backdrop::capture(&house, FIRST_DOOR, BackdropKind::Texture, &QUALITY).expect("a capture");
     assert!(store.insert((FIRST_DOOR, BackdropKind::Texture), Arc::new(image)));
     let door = first_door(&house);
-    let by_samples = Near::ProjectedError { spacing_px: 1.0, face_px: 64, back_m: 0.0 };
+    let by_samples = Near::ProjectedError {
+        spacing_px: 1.0,
+        face_px: 64,
+        back_m: 0.0,
+    };
     for near in [Near::Distance(1.0), by_samples] {
         for step in 1..30 {
             // Off the door's axis, so that its distance is not that from its plane.
-            let camera = camera(door.centre + dvec3(-0.1 * f64::from(step), 0.3, 0.7), dvec3(9.0, 1.4, 2.1));
+            let camera = camera(
+                door.centre + dvec3(-0.1 * f64::from(step), 0.3, 0.7),
+                dvec3(9.0, 1.4, 2.1),
+            );
             let (distance, within) = (door.distance(camera.eye()), near.distance_m(&camera));
             assert!((0.5..2.5).contains(&within), "{within}");
-            let (frame, stats) = walker.frame(&house, &store, &camera, &with(BackdropKind::Texture, near));
-            let expected = if distance < within { (0, 0) } else { (1, frame.color.len() as u64 / 200) };
+            let (frame, stats) =
+                walker.frame(&house, &store, &camera, &with(BackdropKind::Texture, near));
+            let expected = if distance < within {
+                (0, 0)
+            } else {
+                (1, frame.color.len() as u64 / 200)
+            };
             assert_eq!(stats.portals, expected.0, "R3: {distance} m, {within} m");
             assert!(stats.backdrop_pixels >= expected.1);
             // Behind an open door everything is right.
             let wrong = wrong_share(frame, &truth(&house, &camera), |_| true);
-            assert!(stats.portals == 1 || wrong < 0.001, "{wrong} at {distance} m");
+            assert!(
+                stats.portals == 1 || wrong < 0.001,
+                "{wrong} at {distance} m"
+            );
         }
     }
 }
@@ -184,7 +250,10 @@ fn holes_keep_what_was_there_and_nothing_else_does() {
     let store = stocked(&house, BackdropKind::Image);
     let door = first_door(&house);
     let settings = with(BackdropKind::Image, Near::Distance(0.2));
-    let keeping = WalkSettings { persistence: true, ..settings };
+    let keeping = WalkSettings {
+        persistence: true,
+        ..settings
+    };
     let (mut plain, mut persistent) = (Walker::new(), Walker::new());
     let place = door.semicircle(QUALITY.images, QUALITY.radius_m, QUALITY.eye_height_m)[0];
     let (mut last, mut kept) = (None, 0);
@@ -192,7 +261,10 @@ fn holes_keep_what_was_there_and_nothing_else_does() {
         let camera = enlarged(&camera(place + door.right * aside, door.centre), 2);
         let expected = plain.frame(&house, &store, &camera, &settings).0;
         let found = persistent.frame(&house, &store, &camera, &keeping).0;
-        assert_eq!(found.coverage, expected.coverage, "a hole that is hidden is a hole still");
+        assert_eq!(
+            found.coverage, expected.coverage,
+            "a hole that is hidden is a hole still"
+        );
         for i in 0..found.color.len() {
             match (&last, found.coverage[i].is_hole()) {
                 (Some(last), true) => {
@@ -209,7 +281,11 @@ fn holes_keep_what_was_there_and_nothing_else_does() {
     let smaller = camera(place + door.right, door.centre);
     let expected = plain.frame(&house, &store, &smaller, &settings).0;
     assert!(expected.hole_count() > 0);
-    assert_eq!(persistent.frame(&house, &store, &smaller, &keeping).0, expected, "nothing is there in another size");
+    assert_eq!(
+        persistent.frame(&house, &store, &smaller, &keeping).0,
+        expected,
+        "nothing is there in another size"
+    );
 }
 
 /// A wall of one colour three metres before the origin, captured from `centre`, as far as `covers` says of the wall's x.
@@ -219,7 +295,11 @@ fn wall_from(centre: DVec3, color: [u8; 3], covers: impl Fn(f64) -> bool) -> Pac
         let depth = 3.0 + centre.z;
         let at = centre + face.direction(x, y, 64) * depth;
         let normal = EncodedNormal::new(glam::Vec3::Z);
-        covers(at.x).then(|| DepthPixel { inverse_depth: (1.0 / depth) as f32, normal, color_srgb: [r, g, b, 255] })
+        covers(at.x).then(|| DepthPixel {
+            inverse_depth: (1.0 / depth) as f32,
+            normal,
+            color_srgb: [r, g, b, 255],
+        })
     });
     PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("valid")
 }
@@ -230,8 +310,12 @@ fn of_two_images_the_nearer_goes_over_the_other_and_no_third_is_drawn() {
     let nearest = wall_from(dvec3(0.1, 0.0, 0.0), red, |x| x < -0.3);
     let second = wall_from(dvec3(0.0, 0.0, 0.6), green, |x| x < 0.6);
     let third = wall_from(dvec3(-0.9, 0.0, 0.0), blue, |_| true);
-    let settings = RenderSettings { hole_color_srgb: [9, 9, 9], ..RenderSettings::default() };
-    let look = |eye: DVec3| Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 50.0, [80, 60]).expect("valid");
+    let settings = RenderSettings {
+        hole_color_srgb: [9, 9, 9],
+        ..RenderSettings::default()
+    };
+    let look =
+        |eye: DVec3| Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 50.0, [80, 60]).expect("valid");
     // Where an eye meets the wall left of, between and right of the borders of what was captured.
     let colors = |cubes: &Backdrop, eye: DVec3| {
         let (mut drawer, camera) = (Drawer::default(), look(eye));
@@ -243,14 +327,30 @@ fn of_two_images_the_nearer_goes_over_the_other_and_no_third_is_drawn() {
         };
         ([-0.8, 0.2, 1.0].map(at), stats.samples)
     };
-    let samples = |cubes: &[&PackedCube]| cubes.iter().map(|cube| cube.depth_pixel_count() as u64).sum::<u64>();
+    let samples = |cubes: &[&PackedCube]| {
+        cubes
+            .iter()
+            .map(|cube| cube.depth_pixel_count() as u64)
+            .sum::<u64>()
+    };
     let cubes = Backdrop::Cubes(vec![third.clone(), nearest.clone(), second.clone()]);
     let expected = ([red, green, [9; 3]], samples(&[&nearest, &second]));
     assert_eq!(colors(&cubes, dvec3(0.2, 0.0, 0.1)), expected, "R9");
     let expected = ([green, green, [9; 3]], samples(&[&nearest, &second]));
-    assert_eq!(colors(&cubes, dvec3(0.1, 0.0, 0.5)), expected, "R9: the other is nearer");
+    assert_eq!(
+        colors(&cubes, dvec3(0.1, 0.0, 0.5)),
+        expected,
+        "R9: the other is nearer"
+    );
     let expected = ([blue; 3], samples(&[&nearest, &third]));
-    assert_eq!(colors(&cubes, dvec3(-0.8, 0.0, 0.0)), expected, "R9: the third is nearest");
+    assert_eq!(
+        colors(&cubes, dvec3(-0.8, 0.0, 0.0)),
+        expected,
+        "R9: the third is nearest"
+    );
     let alone = Backdrop::Cubes(vec![nearest.clone()]);
-    assert_eq!(colors(&alone, DVec3::ZERO), ([red, [9; 3], [9; 3]], samples(&[&nearest])));
+    assert_eq!(
+        colors(&alone, DVec3::ZERO),
+        ([red, [9; 3], [9; 3]], samples(&[&nearest]))
+    );
 }

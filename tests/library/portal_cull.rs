@@ -1,11 +1,11 @@
 //! Portal culling never drops what shows: lines of sight through models of boxes with random openings, followed one by one.
 
 use glam::{DVec2, DVec3, dvec3};
-use headbox_model::{Cell, Portal, PortalModel, Prism};
-use headbox_core::random::Rng;
 use headbox_core::camera::Camera;
-use headbox_scene::scene::Scene;
+use headbox_core::random::Rng;
 use headbox_house::cull::{CellView, Limits, Window, visible_cells};
+use headbox_model::{Cell, Portal, PortalModel, Prism};
+use headbox_scene::scene::Scene;
 
 const SIDE: u32 = 4;
 
@@ -15,13 +15,25 @@ fn rooms(random: &mut Rng) -> PortalModel {
     let cell = |i: u32| {
         let (x, z) = (f64::from(i % SIDE), f64::from(i / SIDE));
         let corners = [[x, z], [x + 1.0, z], [x + 1.0, z + 1.0], [x, z + 1.0]];
-        let space = vec![Prism { outline: corners.map(DVec2::from).to_vec(), floor_y: 0.0, ceiling_y: 1.0 }];
-        Cell { name: format!("room {i}"), space, triangles: 0..0 }
+        let space = vec![Prism {
+            outline: corners.map(DVec2::from).to_vec(),
+            floor_y: 0.0,
+            ceiling_y: 1.0,
+        }];
+        Cell {
+            name: format!("room {i}"),
+            space,
+            triangles: 0..0,
+        }
     };
     let mut portals = Vec::new();
     for i in 0..SIDE * SIDE {
         for (step, along_x) in [(1, true), (SIDE, false)] {
-            let border = if along_x { i % SIDE == SIDE - 1 } else { i / SIDE == SIDE - 1 };
+            let border = if along_x {
+                i % SIDE == SIDE - 1
+            } else {
+                i / SIDE == SIDE - 1
+            };
             if border || random.unit() < 0.2 {
                 continue;
             }
@@ -41,23 +53,35 @@ fn rooms(random: &mut Rng) -> PortalModel {
             if normal.x + normal.z > 0.0 {
                 polygon.reverse();
             }
-            let cells = if random.unit() < 0.5 { [i, i + step] } else { [i + step, i] };
+            let cells = if random.unit() < 0.5 {
+                [i, i + step]
+            } else {
+                [i + step, i]
+            };
             if cells[0] != i {
                 polygon.reverse();
             }
-            portals.push(Portal { name: format!("portal {}", portals.len()), cells, polygon });
+            portals.push(Portal {
+                name: format!("portal {}", portals.len()),
+                cells,
+                polygon,
+            });
         }
     }
-    PortalModel { scene: Scene::default(), cells: (0..SIDE * SIDE).map(cell).collect(), portals, outside: None }
+    PortalModel {
+        scene: Scene::default(),
+        cells: (0..SIDE * SIDE).map(cell).collect(),
+        portals,
+        outside: None,
+    }
 }
 
 /// The portals through which a line of sight passes until it meets a wall.
 fn line_of_sight(model: &PortalModel, eye: DVec3, direction: DVec3, mut cell: u32) -> Vec<u32> {
     let mut passed = Vec::new();
-    while let Some((portal, behind)) = model
-        .portals_of(cell)
-        .find(|&(portal, _)| !passed.contains(&(portal as u32)) && passes(&model.portals[portal], cell, eye, direction))
-    {
+    while let Some((portal, behind)) = model.portals_of(cell).find(|&(portal, _)| {
+        !passed.contains(&(portal as u32)) && passes(&model.portals[portal], cell, eye, direction)
+    }) {
         passed.push(portal as u32);
         cell = behind;
     }
@@ -70,12 +94,18 @@ fn passes(portal: &Portal, cell: u32, eye: DVec3, direction: DVec3) -> bool {
     (0..n).all(|k| {
         let (a, b) = (portal.polygon[k] - eye, portal.polygon[(k + 1) % n] - eye);
         let volume = a.cross(b).dot(direction);
-        if portal.cells[0] == cell { volume < 0.0 } else { volume > 0.0 }
+        if portal.cells[0] == cell {
+            volume < 0.0
+        } else {
+            volume > 0.0
+        }
     })
 }
 
 fn contains(views: &[CellView], portals: &[u32], direction: DVec3) -> bool {
-    views.iter().any(|view| view.portals == portals && view.window.contains(direction, 1e-9))
+    views
+        .iter()
+        .any(|view| view.portals == portals && view.window.contains(direction, 1e-9))
 }
 
 #[test]
@@ -85,32 +115,50 @@ fn never_culls_what_shows() {
     for model_number in 0..12 {
         let model = rooms(&mut random);
         for view_number in 0..25 {
-            let mut eye = dvec3(random.between(0.0, 4.0), random.between(0.05, 0.95), random.between(0.0, 4.0));
+            let mut eye = dvec3(
+                random.between(0.0, 4.0),
+                random.between(0.05, 0.95),
+                random.between(0.0, 4.0),
+            );
             if view_number % 3 == 0 {
                 // On a portal's plane, or a hair in front of it or behind.
                 let portal = &model.portals[view_number % model.portals.len()];
                 let middle = portal.polygon.iter().sum::<DVec3>() / portal.polygon.len() as f64;
                 eye = middle + random.in_cube([1e-12, 1e-6, 1e-4, 0.02][view_number % 4]);
             }
-            let Some(cell) = model.cell_at(eye) else { continue };
-            let camera =
-                Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, random.between(20.0, 120.0), [64, 48]);
+            let Some(cell) = model.cell_at(eye) else {
+                continue;
+            };
+            let camera = Camera::look_at(
+                eye,
+                eye + random.in_cube(1.0),
+                DVec3::Y,
+                random.between(20.0, 120.0),
+                [64, 48],
+            );
             let Ok(camera) = camera else { continue };
             let views = visible_cells(&model, &camera, cell, &Limits::default(), |_, _| true);
             assert_eq!((views[0].cell, views[0].portals.len()), (cell, 0));
             for _ in 0..400 {
-                let direction = camera.direction(random.between(0.0, 64.0), random.between(0.0, 48.0));
+                let direction =
+                    camera.direction(random.between(0.0, 64.0), random.between(0.0, 48.0));
                 let portals = line_of_sight(&model, eye, direction, cell);
                 for depth in 0..=portals.len() {
                     let seen = contains(&views, &portals[..depth], direction);
-                    assert!(seen, "model {model_number}, view {view_number}: {portals:?} to depth {depth} from {eye}");
+                    assert!(
+                        seen,
+                        "model {model_number}, view {view_number}: {portals:?} to depth {depth} from {eye}"
+                    );
                 }
                 through += u32::from(!portals.is_empty());
                 deepest = deepest.max(portals.len());
             }
         }
     }
-    assert!(through > 10_000 && deepest >= 5, "{through} lines through portals, at most {deepest}");
+    assert!(
+        through > 10_000 && deepest >= 5,
+        "{through} lines through portals, at most {deepest}"
+    );
 }
 
 #[test]
@@ -120,22 +168,34 @@ fn windows_shrink_and_bound_their_pixels() {
     for _ in 0..10 {
         let model = rooms(&mut random);
         let eye = dvec3(1.4, 0.5, 2.3);
-        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 70.0, [80, 60]).expect("valid");
-        for view in visible_cells(&model, &camera, model.cell_at(eye).expect("inside"), &Limits::default(), |_, _| true)
-        {
+        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 70.0, [80, 60])
+            .expect("valid");
+        for view in visible_cells(
+            &model,
+            &camera,
+            model.cell_at(eye).expect("inside"),
+            &Limits::default(),
+            |_, _| true,
+        ) {
             let [columns, rows] = view.window.rectangle(&camera);
             for y in 0..60 {
                 for x in 0..80 {
                     let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
                     let inside = view.window.contains(direction, 0.0);
-                    assert!(!inside || (columns.contains(&x) && rows.contains(&y)), "{x} {y} {columns:?} {rows:?}");
+                    assert!(
+                        !inside || (columns.contains(&x) && rows.contains(&y)),
+                        "{x} {y} {columns:?} {rows:?}"
+                    );
                 }
             }
             windows += 1;
             smaller += u32::from(columns.len() * rows.len() < 80 * 60 / 4);
         }
     }
-    assert!(smaller * 2 > windows, "{smaller} of {windows} windows are less than a quarter of the frame");
+    assert!(
+        smaller * 2 > windows,
+        "{smaller} of {windows} windows are less than a quarter of the frame"
+    );
 }
 
 #[test]
@@ -143,13 +203,32 @@ fn cycles_end_and_limits_hold() {
     let mut random = Rng::keyed(1);
     let model = rooms(&mut random);
     let eye = dvec3(1.5, 0.5, 1.5);
-    let camera = Camera::look_at(eye, dvec3(2.5, 0.5, 1.6), DVec3::Y, 120.0, [64, 48]).expect("valid");
+    let camera =
+        Camera::look_at(eye, dvec3(2.5, 0.5, 1.6), DVec3::Y, 120.0, [64, 48]).expect("valid");
     let cell = model.cell_at(eye).expect("inside");
     let all = visible_cells(&model, &camera, cell, &Limits::default(), |_, _| true);
     assert!(all.len() > 4);
-    let shallow = visible_cells(&model, &camera, cell, &Limits { depth: 1, ..Limits::default() }, |_, _| true);
+    let shallow = visible_cells(
+        &model,
+        &camera,
+        cell,
+        &Limits {
+            depth: 1,
+            ..Limits::default()
+        },
+        |_, _| true,
+    );
     assert!(shallow.iter().all(|view| view.portals.len() <= 1) && shallow.len() < all.len());
-    let few = visible_cells(&model, &camera, cell, &Limits { views: 2, ..Limits::default() }, |_, _| true);
+    let few = visible_cells(
+        &model,
+        &camera,
+        cell,
+        &Limits {
+            views: 2,
+            ..Limits::default()
+        },
+        |_, _| true,
+    );
     assert_eq!(few.len(), 2);
     let mut refused = 0;
     let none = visible_cells(&model, &camera, cell, &Limits::default(), |_, _| {
@@ -157,5 +236,8 @@ fn cycles_end_and_limits_hold() {
         false
     });
     assert_eq!((none.len(), none[0].cell, refused > 0), (1, cell, true));
-    assert_eq!(Window::of_camera(&camera).rectangle(&camera), [0..64, 0..48]);
+    assert_eq!(
+        Window::of_camera(&camera).rectangle(&camera),
+        [0..64, 0..48]
+    );
 }

@@ -18,9 +18,17 @@ fn an_eye_where_walls_meet_is_in_a_wall() {
     for eye in in_walls {
         assert_eq!(house.cell_of_eye(eye), None, "{eye}");
     }
-    let path = WalkPath { poses: 200, size: [64, 48], ..WalkPath::default() };
+    let path = WalkPath {
+        poses: 200,
+        size: [64, 48],
+        ..WalkPath::default()
+    };
     for camera in path.cameras(&house).expect("valid cameras") {
-        assert!(house.cell_of_eye(camera.eye()).is_some(), "{}", camera.eye());
+        assert!(
+            house.cell_of_eye(camera.eye()).is_some(),
+            "{}",
+            camera.eye()
+        );
     }
 }
 
@@ -29,10 +37,26 @@ fn an_eye_where_walls_meet_is_in_a_wall() {
 fn rooms_whose_surfaces_are_turned_round_are_rooms() {
     let model = headbox_scenes::house(0, 5_000);
     let mut turned = model.clone();
-    turned.scene.triangles.iter_mut().for_each(|triangle| triangle.vertices.swap(1, 2));
-    let (house, turned) = (House::new(model).expect("a valid model"), House::new(turned).expect("a valid model"));
-    let path = WalkPath { poses: 200, size: [64, 48], ..WalkPath::default() };
+    turned
+        .scene
+        .triangles
+        .iter_mut()
+        .for_each(|triangle| triangle.vertices.swap(1, 2));
+    let (house, turned) = (
+        House::new(model).expect("a valid model"),
+        House::new(turned).expect("a valid model"),
+    );
+    let path = WalkPath {
+        poses: 200,
+        size: [64, 48],
+        ..WalkPath::default()
+    };
     for camera in path.cameras(&house).expect("valid cameras") {
-        assert_eq!(turned.cell_of_eye(camera.eye()), house.cell_of_eye(camera.eye()), "{}", camera.eye());
+        assert_eq!(
+            turned.cell_of_eye(camera.eye()),
+            house.cell_of_eye(camera.eye()),
+            "{}",
+            camera.eye()
+        );
     }
 }

@@ -4,13 +4,13 @@ use crate::common::bed::{Scene, Shape, leaves, room};
 use crate::common::capture::quick;
 use crate::common::compare::{psnr_db, truth};
 use glam::{DVec3, dvec3};
-use headbox_core::random::Rng;
-use headbox_core::cube_face::Face;
 use headbox_core::camera::Camera;
-use headbox_core::simd;
+use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
-use headbox_cube::model::samples::{CubeLdi, DepthPixel};
 use headbox_core::metrics::compare;
+use headbox_core::random::Rng;
+use headbox_core::simd;
+use headbox_cube::model::samples::{CubeLdi, DepthPixel};
 use headbox_cube::pack::{PackedCube, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use headbox_cube::planes::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_in_parts};
 use headbox_cube::render::footprint::splat::SplatKernel;
@@ -28,7 +28,9 @@ fn mixed(ldi: &CubeLdi, error_px: f64) -> PackedCube {
 }
 
 fn draw(cube: &PackedCube, camera: &Camera) -> Frame {
-    Renderer::new().render(cube, camera, &RenderSettings::default()).clone()
+    Renderer::new()
+        .render(cube, camera, &RenderSettings::default())
+        .clone()
 }
 
 /// The samples that a choice has taken out of a face, with their pixels.
@@ -49,28 +51,49 @@ fn taken(all: &CubeLdi, rest: &CubeLdi, face: Face) -> Vec<(u32, u32, DepthPixel
 
 /// Where a picture shows a sample, and where the sample says that its surface is: two points of one ray through the sample's
 /// pixel. Of the pixel, the place where the picture is nearest to the sample's depth: a sample does not say where in it rays met.
-fn shown_and_said(set: &PlaneSet, tile: &PlaneTile, face: Face, (x, y, sample): &(u32, u32, DepthPixel)) -> [DVec3; 2] {
+fn shown_and_said(
+    set: &PlaneSet,
+    tile: &PlaneTile,
+    face: Face,
+    (x, y, sample): &(u32, u32, DepthPixel),
+) -> [DVec3; 2] {
     let [q, along_x, along_y] = set.planes[tile.plane as usize].inverse_depth(face, FACE_PX);
     let middle = [f64::from(*x) + 0.5, f64::from(*y) + 0.5];
     let said = f64::from(sample.inverse_depth);
     let off = said - (q + along_x * middle[0] + along_y * middle[1]);
     let part = (off / (along_x.abs() + along_y.abs()).max(1e-300) * 2.0).clamp(-1.0, 1.0) * 0.5;
-    let at = [middle[0] + part * along_x.signum(), middle[1] + part * along_y.signum()];
+    let at = [
+        middle[0] + part * along_x.signum(),
+        middle[1] + part * along_y.signum(),
+    ];
     let d = face.direction(at[0], at[1], FACE_PX);
     // A plane at infinity shows it very far away.
-    [d / (q + along_x * at[0] + along_y * at[1]).max(1e-12), d / said]
+    [
+        d / (q + along_x * at[0] + along_y * at[1]).max(1e-12),
+        d / said,
+    ]
 }
 
 /// Leaves before mountains so far away that a picture at infinity shows them.
 fn mountains() -> Scene {
     let mut scene = leaves(6.0);
-    scene.shapes.push(Shape::Disk { centre: dvec3(0.0, 0.0, -9000.0), normal: DVec3::Z, radius: 7000.0 });
+    scene.shapes.push(Shape::Disk {
+        centre: dvec3(0.0, 0.0, -9000.0),
+        normal: DVec3::Z,
+        radius: 7000.0,
+    });
     scene
 }
 
 /// A wall that is curved a little, so that planes are cut where the bound ends them.
 fn dome() -> Scene {
-    Scene { shapes: vec![Shape::Sphere { centre: dvec3(0.0, 0.0, -2.0), radius: 30.0 }], detail: 6.0 }
+    Scene {
+        shapes: vec![Shape::Sphere {
+            centre: dvec3(0.0, 0.0, -2.0),
+            radius: 30.0,
+        }],
+        detail: 6.0,
+    }
 }
 
 /// Samples: what is left is drawn from where it is. Planes: in the room, among leaves, and where the bound decides, in the dome. A
@@ -79,38 +102,66 @@ fn dome() -> Scene {
 fn no_eye_sees_anything_elsewhere_by_more_than_the_bound() {
     const ERROR_PX: f64 = 0.5;
     const PAIRS: usize = 10_000;
-    for (name, scene) in [("room", room(6.0)), ("leaves", leaves(6.0)), ("mountains", mountains()), ("dome", dome())] {
+    for (name, scene) in [
+        ("room", room(6.0)),
+        ("leaves", leaves(6.0)),
+        ("mountains", mountains()),
+        ("dome", dome()),
+    ] {
         let all = quick(&scene, FACE_PX);
         let mut rest = all.clone();
         let set = choose(&mut rest, ERROR_PX);
         let samples: Vec<_> = Face::ALL.map(|face| taken(&all, &rest, face)).into();
-        assert_eq!(samples.iter().map(|of_face| of_face.len() as u64).sum::<u64>(), set.samples);
+        assert_eq!(
+            samples
+                .iter()
+                .map(|of_face| of_face.len() as u64)
+                .sum::<u64>(),
+            set.samples
+        );
         let (mut random, mut worst, mut pairs, mut at_infinity) = (Rng::new(5), 0.0f64, 0, 0);
         let focal_px = Bound::focal_px(FACE_PX);
         let (width, height) = (FACE_PX, FACE_PX * 3 / 4);
         while pairs < PAIRS {
             let face = Face::ALL[(random.unit() * 6.0) as usize % 6];
             let of_face = &samples[face.index()];
-            let Some(sample) = of_face.get((random.unit() * of_face.len() as f64) as usize) else { continue };
+            let Some(sample) = of_face.get((random.unit() * of_face.len() as f64) as usize) else {
+                continue;
+            };
             let (x, y) = (sample.0 as i32, sample.1 as i32);
             let covers = |tile: &&PlaneTile| {
-                let inside = |v: i32, start: i16, length: u16| (0..i32::from(length)).contains(&(v - i32::from(start)));
+                let inside = |v: i32, start: i16, length: u16| {
+                    (0..i32::from(length)).contains(&(v - i32::from(start)))
+                };
                 Face::ALL[usize::from(tile.face)] == face
                     && inside(x, tile.x0, tile.width)
                     && inside(y, tile.y0, tile.height)
             };
             let eye = random.in_cube(all.info.half_size_m);
-            let d = face.direction(f64::from(sample.0) + 0.5, f64::from(sample.1) + 0.5, FACE_PX);
+            let d = face.direction(
+                f64::from(sample.0) + 0.5,
+                f64::from(sample.1) + 0.5,
+                FACE_PX,
+            );
             let near = d / f64::from(sample.2.inverse_depth);
             let aside = random.in_cube(0.6) * (near - eye).length();
-            let Ok(camera) = Camera::look_at(eye, near + aside, DVec3::Y, 60.0, [width, height]) else { continue };
-            assert!((camera.focal_px() - focal_px).abs() < 1e-6 * focal_px, "the frame that the bound names");
-            let in_frame =
-                |p: &[f64; 3]| (0.0..f64::from(width)).contains(&p[0]) && (0.0..f64::from(height)).contains(&p[1]);
+            let Ok(camera) = Camera::look_at(eye, near + aside, DVec3::Y, 60.0, [width, height])
+            else {
+                continue;
+            };
+            assert!(
+                (camera.focal_px() - focal_px).abs() < 1e-6 * focal_px,
+                "the frame that the bound names"
+            );
+            let in_frame = |p: &[f64; 3]| {
+                (0.0..f64::from(width)).contains(&p[0]) && (0.0..f64::from(height)).contains(&p[1])
+            };
             // The bound is one for points that are both in the frame.
             let away = focal_px / 10.0;
-            let inner =
-                |p: [f64; 3]| in_frame(&[p[0] - away, p[1] - away, 0.0]) && in_frame(&[p[0] + away, p[1] + away, 0.0]);
+            let inner = |p: [f64; 3]| {
+                in_frame(&[p[0] - away, p[1] - away, 0.0])
+                    && in_frame(&[p[0] + away, p[1] + away, 0.0])
+            };
             if !camera.project(near).is_some_and(inner) {
                 continue;
             }
@@ -128,12 +179,23 @@ fn no_eye_sees_anything_elsewhere_by_more_than_the_bound() {
         println!(
             "{name}: {} of {} samples on planes, worst {worst:.3} px",
             set.samples,
-            set.samples + rest.faces.iter().map(|f| f.samples.len() as u64).sum::<u64>()
+            set.samples
+                + rest
+                    .faces
+                    .iter()
+                    .map(|f| f.samples.len() as u64)
+                    .sum::<u64>()
         );
         // Planes are kept in f32.
         assert!(worst <= ERROR_PX * 1.001, "{name}: {worst} px");
-        assert!(name != "dome" || worst > 0.2 * ERROR_PX, "the bound is what ends planes: {worst} px");
-        assert!((1..pairs).contains(&at_infinity) == (name == "mountains"), "{name}: {at_infinity} of {pairs}");
+        assert!(
+            name != "dome" || worst > 0.2 * ERROR_PX,
+            "the bound is what ends planes: {worst} px"
+        );
+        assert!(
+            (1..pairs).contains(&at_infinity) == (name == "mountains"),
+            "{name}: {at_infinity} of {pairs}"
+        );
     }
 }
 
@@ -149,23 +211,45 @@ fn pictures_are_as_large_as_pays() {
         let sides = || set.tiles.iter().flat_map(|tile| [tile.width, tile.height]);
         // A line of texels more on each side where nothing else draws it.
         assert!(sides().all(|side| side <= 128 + 2), "{:?}", sides().max());
-        assert!(sides().any(|side| side > 64 + 2) || !has_large, "{:?}", sides().max());
+        assert!(
+            sides().any(|side| side > 64 + 2) || !has_large,
+            "{:?}",
+            sides().max()
+        );
     }
 }
 
 /// A frame that shows next to no picture pays for a canvas all the same; a portal that shows the disk shows little else.
 #[test]
 fn few_pictures_are_left_out_where_frames_look_all_around() {
-    let disk = Shape::Disk { centre: dvec3(0.0, 0.0, -3.0), normal: DVec3::Z, radius: 1.0 };
-    for (scene, has_few) in [(Scene { shapes: vec![disk], detail: 6.0 }, true), (room(6.0), false)] {
+    let disk = Shape::Disk {
+        centre: dvec3(0.0, 0.0, -3.0),
+        normal: DVec3::Z,
+        radius: 1.0,
+    };
+    for (scene, has_few) in [
+        (
+            Scene {
+                shapes: vec![disk],
+                detail: 6.0,
+            },
+            true,
+        ),
+        (room(6.0), false),
+    ] {
         let ldi = quick(&scene, FACE_PX);
-        let [around, in_parts] = [pack, pack_in_parts]
-            .map(|pack| pack(ldi.clone(), SplatIndexLayout::Normal, Split::Auto, 0.5).expect("packs"));
+        let [around, in_parts] = [pack, pack_in_parts].map(|pack| {
+            pack(ldi.clone(), SplatIndexLayout::Normal, Split::Auto, 0.5).expect("packs")
+        });
         assert!(!in_parts.planes.tiles.is_empty());
         assert_eq!(around.planes.tiles.is_empty(), has_few);
         assert!(has_few || around == in_parts);
         let samples = |cube: &PackedCube| cube.depth_pixel_count() as u64 + cube.planes.samples;
-        assert_eq!(samples(&around), samples(&in_parts), "what is no picture stays samples");
+        assert_eq!(
+            samples(&around),
+            samples(&in_parts),
+            "what is no picture stays samples"
+        );
     }
 }
 
@@ -179,7 +263,10 @@ fn frames_are_no_worse_and_have_no_cracks() {
         let all = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
         let some = mixed(&ldi, DEFAULT_ERROR_PX);
         let share = some.planes.samples as f64 / all.depth_pixel_count() as f64;
-        assert!(share > least_share, "{name}: {share} of the samples are on planes");
+        assert!(
+            share > least_share,
+            "{name}: {share} of the samples are on planes"
+        );
         let mut random = Rng::new(3);
         let (mut sums, mut flips, mut holes) = ([0.0; 2], [0.0; 2], [0; 2]);
         for _ in 0..6 {
@@ -190,13 +277,19 @@ fn frames_are_no_worse_and_have_no_cracks() {
                 let frame = draw(cube, &camera);
                 sums[k] += psnr_db(&frame, &truth) / 6.0;
                 let pictures = [&truth, &frame].map(|frame| frame.to_rgb().expect("a picture"));
-                flips[k] += compare(&pictures[0], &pictures[1]).expect("equal sizes").flip / 6.0;
+                flips[k] += compare(&pictures[0], &pictures[1])
+                    .expect("equal sizes")
+                    .flip
+                    / 6.0;
                 holes[k] += frame.hole_count();
             }
         }
         println!("{name}: {share:.3} on planes, {sums:.2?} dB, FLIP {flips:.4?}, holes {holes:?}");
         assert!(sums[1] >= sums[0], "{name}: {sums:?} dB");
-        assert!(flips[1] < flips[0] * (1.0 + LOSS_OF_FLIP), "{name}: FLIP {flips:?}");
+        assert!(
+            flips[1] < flips[0] * (1.0 + LOSS_OF_FLIP),
+            "{name}: FLIP {flips:?}"
+        );
         assert!(holes[1] <= holes[0] + 6, "{name}: {holes:?}");
     }
 }
@@ -206,8 +299,19 @@ fn any_number_of_threads_chooses_the_same() {
     for (name, scene) in [("room", room(6.0)), ("leaves", leaves(6.0))] {
         let ldi = quick(&scene, 96);
         let chosen = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-            pool.install(|| pack(ldi.clone(), SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).expect("packs"))
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("threads");
+            pool.install(|| {
+                pack(
+                    ldi.clone(),
+                    SplatIndexLayout::Normal,
+                    Split::Auto,
+                    DEFAULT_ERROR_PX,
+                )
+                .expect("packs")
+            })
         };
         let one = chosen(1);
         assert!(!one.planes.tiles.is_empty(), "{name}");
@@ -220,48 +324,133 @@ fn any_number_of_threads_chooses_the_same() {
 #[test]
 fn threads_bands_and_levels_change_no_bit() {
     let cube = mixed(&quick(&room(6.0), FACE_PX), 0.5);
-    assert_eq!(cube, mixed(&quick(&room(6.0), FACE_PX), 0.5), "the same choice again");
-    let camera =
-        Camera::look_at(dvec3(0.2, 0.1, -0.3), dvec3(1.0, -0.4, -3.0), DVec3::Y, 60.0, [203, 151]).expect("valid");
-    let settings = RenderSettings { depth: true, ..RenderSettings::default() };
+    assert_eq!(
+        cube,
+        mixed(&quick(&room(6.0), FACE_PX), 0.5),
+        "the same choice again"
+    );
+    let camera = Camera::look_at(
+        dvec3(0.2, 0.1, -0.3),
+        dvec3(1.0, -0.4, -3.0),
+        DVec3::Y,
+        60.0,
+        [203, 151],
+    )
+    .expect("valid");
+    let settings = RenderSettings {
+        depth: true,
+        ..RenderSettings::default()
+    };
     let reference = Renderer::new().render(&cube, &camera, &settings).clone();
     for band_rows in [1, 7, 64, 1000] {
-        let settings = RenderSettings { band_rows, ..settings };
-        assert_eq!(*Renderer::new().render(&cube, &camera, &settings), reference, "bands of {band_rows}");
+        let settings = RenderSettings {
+            band_rows,
+            ..settings
+        };
+        assert_eq!(
+            *Renderer::new().render(&cube, &camera, &settings),
+            reference,
+            "bands of {band_rows}"
+        );
     }
     for level in simd::levels() {
-        assert_eq!(*Renderer::with_level(level).render(&cube, &camera, &settings), reference, "{level:?}");
+        assert_eq!(
+            *Renderer::with_level(level).render(&cube, &camera, &settings),
+            reference,
+            "{level:?}"
+        );
     }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
-    assert_eq!(*pool.install(|| Renderer::new().render(&cube, &camera, &settings).clone()).color, *reference.color);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .expect("a thread");
+    assert_eq!(
+        *pool
+            .install(|| Renderer::new().render(&cube, &camera, &settings).clone())
+            .color,
+        *reference.color
+    );
 }
 
 #[test]
 fn what_a_picture_hides_shows_in_no_band_of_any_kernel() {
     // A green picture 1.1 m ahead, before all that is there.
     const SIDE: u16 = 150;
-    let mut cube = PackedCube::pack(&quick(&room(6.0), FACE_PX), SplatIndexLayout::Normal, Split::Auto).expect("packs");
-    let plane = Plane { normal_per_distance: (Face::NegZ.normal() / 1.1).as_vec3() };
-    let (x0, index) = ((FACE_PX as i16 - SIDE as i16) / 2, Face::NegZ.index() as u16);
-    let tile = PlaneTile { plane: 0, first_texel: 0, x0, y0: x0, width: SIDE, height: SIDE, face: index, opaque: 1 };
+    let mut cube = PackedCube::pack(
+        &quick(&room(6.0), FACE_PX),
+        SplatIndexLayout::Normal,
+        Split::Auto,
+    )
+    .expect("packs");
+    let plane = Plane {
+        normal_per_distance: (Face::NegZ.normal() / 1.1).as_vec3(),
+    };
+    let (x0, index) = (
+        (FACE_PX as i16 - SIDE as i16) / 2,
+        Face::NegZ.index() as u16,
+    );
+    let tile = PlaneTile {
+        plane: 0,
+        first_texel: 0,
+        x0,
+        y0: x0,
+        width: SIDE,
+        height: SIDE,
+        face: index,
+        opaque: 1,
+    };
     let texels = vec![[0, 255, 0, 255]; usize::from(SIDE) * usize::from(SIDE)];
-    cube.planes = PlaneSet { error_px: 1.0, planes: vec![plane], tiles: vec![tile], texels, ..PlaneSet::default() };
+    cube.planes = PlaneSet {
+        error_px: 1.0,
+        planes: vec![plane],
+        tiles: vec![tile],
+        texels,
+        ..PlaneSet::default()
+    };
     assert_eq!(cube.validate(), Ok(()));
     // Samples are a few pixels wide, and more than the rows that a band looks at beside its own; and all about the picture.
     for (fov_deg, all_green) in [(20.0, true), (4.0, true), (90.0, false)] {
-        let camera = Camera::look_at(dvec3(0.1, 0.05, 0.1), dvec3(0.1, 0.05, -3.0), DVec3::Y, fov_deg, [101, 75]);
+        let camera = Camera::look_at(
+            dvec3(0.1, 0.05, 0.1),
+            dvec3(0.1, 0.05, -3.0),
+            DVec3::Y,
+            fov_deg,
+            [101, 75],
+        );
         let camera = camera.expect("valid");
         for (name, kernel) in SplatKernel::ALL {
-            let settings = RenderSettings { kernel, depth: true, ..RenderSettings::default() };
+            let settings = RenderSettings {
+                kernel,
+                depth: true,
+                ..RenderSettings::default()
+            };
             let reference = Renderer::new().render(&cube, &camera, &settings).clone();
             for band_rows in [1, 7, 40] {
-                let settings = RenderSettings { band_rows, ..settings };
+                let settings = RenderSettings {
+                    band_rows,
+                    ..settings
+                };
                 let frame = Renderer::new().render(&cube, &camera, &settings).clone();
-                assert!(frame == reference, "{name}, {fov_deg} degrees, bands of {band_rows}");
+                assert!(
+                    frame == reference,
+                    "{name}, {fov_deg} degrees, bands of {band_rows}"
+                );
             }
             if all_green {
-                assert!(reference.color.iter().all(|pixel| *pixel == [0, 255, 0, 255]), "{name}, {fov_deg} degrees");
-                assert!(reference.depth_m.iter().all(|depth| (depth - 1.2).abs() < 1e-4), "{name}, {fov_deg} degrees");
+                assert!(
+                    reference
+                        .color
+                        .iter()
+                        .all(|pixel| *pixel == [0, 255, 0, 255]),
+                    "{name}, {fov_deg} degrees"
+                );
+                assert!(
+                    reference
+                        .depth_m
+                        .iter()
+                        .all(|depth| (depth - 1.2).abs() < 1e-4),
+                    "{name}, {fov_deg} degrees"
+                );
             }
         }
     }
@@ -274,13 +463,32 @@ const FRESH_SECONDS: u64 = 240;
 #[test]
 fn tasks_that_need_the_same_smaller_pictures_do_not_wait_for_each_other() {
     let cube = mixed(&quick(&room(6.0), FACE_PX), 0.5);
-    let camera = |size| Camera::look_at(dvec3(0.2, 0.1, -0.3), dvec3(1.0, -0.4, -3.0), DVec3::Y, 75.0, size);
+    let camera = |size| {
+        Camera::look_at(
+            dvec3(0.2, 0.1, -0.3),
+            dvec3(1.0, -0.4, -3.0),
+            DVec3::Y,
+            75.0,
+            size,
+        )
+    };
     let camera = camera([48, 36]).expect("valid");
-    let settings = RenderSettings { band_rows: 1, ..RenderSettings::default() };
+    let settings = RenderSettings {
+        band_rows: 1,
+        ..RenderSettings::default()
+    };
     let (done, all_done) = std::sync::mpsc::channel();
     std::thread::spawn(move || {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().expect("threads");
-        let frames = || Renderer::new().render(&cube.clone(), &camera, &settings).color.clone();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(8)
+            .build()
+            .expect("threads");
+        let frames = || {
+            Renderer::new()
+                .render(&cube.clone(), &camera, &settings)
+                .color
+                .clone()
+        };
         let reference = pool.install(frames);
         done.send((0..FRESH_FRAMES).all(|_| pool.install(frames) == reference))
     });
@@ -292,13 +500,24 @@ fn tasks_that_need_the_same_smaller_pictures_do_not_wait_for_each_other() {
 fn depths_are_those_of_the_scene() {
     let scene = room(6.0);
     let cube = mixed(&quick(&scene, FACE_PX), 0.5);
-    let camera =
-        Camera::look_at(dvec3(0.1, 0.2, -0.2), dvec3(0.5, -0.6, -3.0), DVec3::Y, 60.0, [192, 144]).expect("valid");
-    let settings = RenderSettings { depth: true, ..RenderSettings::default() };
+    let camera = Camera::look_at(
+        dvec3(0.1, 0.2, -0.2),
+        dvec3(0.5, -0.6, -3.0),
+        DVec3::Y,
+        60.0,
+        [192, 144],
+    )
+    .expect("valid");
+    let settings = RenderSettings {
+        depth: true,
+        ..RenderSettings::default()
+    };
     let frame = Renderer::new().render(&cube, &camera, &settings).clone();
     let close = frame.depth_m.iter().enumerate().filter(|(i, depth)| {
         let d = camera.direction((i % 192) as f64 + 0.5, (i / 192) as f64 + 0.5);
-        scene.hit(camera.eye(), d).is_some_and(|hit| (hit.t / f64::from(**depth) - 1.0).abs() < 0.02)
+        scene
+            .hit(camera.eye(), d)
+            .is_some_and(|hit| (hit.t / f64::from(**depth) - 1.0).abs() < 0.02)
     });
     // The rest are rims: a pixel's depth is that of one of the surfaces in it.
     let share = close.count() as f64 / frame.depth_m.len() as f64;
@@ -321,7 +540,12 @@ fn files_keep_pictures_and_files_without_them_are_as_before() {
     let larger = std::fs::read(&path).expect("read");
     assert_eq!(larger[12..16], 1u32.to_le_bytes());
     assert_eq!(PackedCube::read(&path).expect("read"), all);
-    assert!(bytes.len() < larger.len(), "{} against {}", bytes.len(), larger.len());
+    assert!(
+        bytes.len() < larger.len(),
+        "{} against {}",
+        bytes.len(),
+        larger.len()
+    );
 }
 
 #[test]
@@ -332,24 +556,39 @@ fn no_bound_means_no_pictures_and_a_wide_one_harms_nobody() {
         assert_eq!(choose(&mut rest, error_px), PlaneSet::default());
         assert_eq!(rest, ldi);
     }
-    let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 48]).expect("valid");
+    let camera =
+        Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 48]).expect("valid");
     for error_px in [1e-6, 1e6] {
         assert_eq!(draw(&mixed(&ldi, error_px), &camera).color.len(), 64 * 48);
     }
     let nothing = CubeLdi {
-        faces: ldi.faces.iter().map(|f| headbox_cube::model::samples::LayeredDepthImage::empty(f.face, 96)).collect(),
+        faces: ldi
+            .faces
+            .iter()
+            .map(|f| headbox_cube::model::samples::LayeredDepthImage::empty(f.face, 96))
+            .collect(),
         ..ldi
     };
-    assert_eq!(mixed(&nothing, 0.5).planes, PlaneSet::default(), "an empty headbox");
+    assert_eq!(
+        mixed(&nothing, 0.5).planes,
+        PlaneSet::default(),
+        "an empty headbox"
+    );
 }
 
 #[test]
 fn planes_seen_edge_on_and_from_behind_are_drawn_or_left_out() {
     let cube = mixed(&quick(&room(6.0), 96), 0.5);
     // In the plane of the floor, below it, and beyond a wall.
-    for eye in [dvec3(0.0, -1.5, 0.0), dvec3(0.0, -1.5 - 1e-12, 0.3), dvec3(0.2, -4.0, 0.1), dvec3(9.0, 0.0, -9.0)] {
+    for eye in [
+        dvec3(0.0, -1.5, 0.0),
+        dvec3(0.0, -1.5 - 1e-12, 0.3),
+        dvec3(0.2, -4.0, 0.1),
+        dvec3(9.0, 0.0, -9.0),
+    ] {
         for forward in [DVec3::X, DVec3::NEG_Y, dvec3(-1.0, 0.3, 0.2)] {
-            let camera = Camera::look_at(eye, eye + forward, DVec3::Y, 75.0, [61, 47]).expect("valid");
+            let camera =
+                Camera::look_at(eye, eye + forward, DVec3::Y, 75.0, [61, 47]).expect("valid");
             let frame = draw(&cube, &camera);
             assert_eq!(frame.color.len(), 61 * 47);
         }

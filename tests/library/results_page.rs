@@ -8,25 +8,37 @@ use headbox_lab::walk::WalkReport;
 use std::path::Path;
 
 fn docs(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("docs")
+        .join(name);
     std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
 #[test]
 fn the_page_and_its_charts_come_from_the_report_beside_them() {
     let report: Report = serde_json::from_str(&docs("results/report.json")).expect("a report");
-    let has_walk = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/results/walk.json").exists();
-    let walk: Option<WalkReport> =
-        has_walk.then(|| serde_json::from_str(&docs("results/walk.json")).expect("a report of a walk"));
-    let remake =
-        "remake it: headbox report --results docs/results/report.json --walk docs/results/walk.json -o docs/results.md";
-    assert!(docs("results.md") == results::page(&report, walk.as_ref()), "{remake}");
+    let has_walk = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("docs/results/walk.json")
+        .exists();
+    let walk: Option<WalkReport> = has_walk
+        .then(|| serde_json::from_str(&docs("results/walk.json")).expect("a report of a walk"));
+    let remake = "remake it: headbox report --results docs/results/report.json --walk docs/results/walk.json -o docs/results.md";
+    assert!(
+        docs("results.md") == results::page(&report, walk.as_ref()),
+        "{remake}"
+    );
     assert!(docs("results/report.csv") == report.to_csv(), "{remake}");
     if let Some(walk) = walk {
-        assert!(docs("results/along-path.svg") == walk.chart().draw().to_svg(), "{remake}");
+        assert!(
+            docs("results/along-path.svg") == walk.chart().to_svg(),
+            "{remake}"
+        );
     }
     for figure in figures(&report) {
-        assert!(docs(&format!("results/{}.svg", figure.name)) == figure.chart.draw().to_svg(), "{remake}");
+        assert!(
+            docs(&format!("results/{}.svg", figure.name)) == figure.chart.to_svg(),
+            "{remake}"
+        );
     }
 }
 
@@ -40,7 +52,11 @@ fn words(text: &str) -> String {
 fn the_readme_says_what_a_report_can_hold_it_to() {
     let readme = words(&docs("../README.md"));
     for promise in PROMISES {
-        assert!(readme.contains(promise.says), "the README no longer says \"{}\"", promise.says);
+        assert!(
+            readme.contains(promise.says),
+            "the README no longer says \"{}\"",
+            promise.says
+        );
     }
     // A number with a unit of measurement beside it would be a figure that nothing stands behind; one is promised above.
     let words: Vec<&str> = readme.split(' ').collect();

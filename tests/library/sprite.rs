@@ -5,15 +5,26 @@ use crate::sprite_oracle::{Waves, bilinear, camera, exact_source, look, picture,
 use glam::{DMat3, DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::simd::levels;
-use headbox_sprite::{Displacement, DisplacementFormat, Outcome, PreparedSprite, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth};
+use headbox_sprite::{
+    Displacement, DisplacementFormat, Outcome, PreparedSprite, RenderOptions, Sprite, SpriteLayer,
+    SpritePlane, SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth,
+};
 use image::{Rgba, RgbaImage};
 use proptest::prelude::*;
 
 fn options(variant: SpriteVariant, sampling: SpriteSampling) -> RenderOptions {
-    RenderOptions { variant, sampling, ..RenderOptions::default() }
+    RenderOptions {
+        variant,
+        sampling,
+        ..RenderOptions::default()
+    }
 }
 
-fn render(sprite: &PreparedSprite, target: &Camera, options: &RenderOptions) -> (Outcome, SpriteLayer) {
+fn render(
+    sprite: &PreparedSprite,
+    target: &Camera,
+    options: &RenderOptions,
+) -> (Outcome, SpriteLayer) {
     let mut frame = SpriteLayer::default();
     let outcome = SpriteRenderer::new().render(sprite, target, options, &mut frame);
     (outcome, frame)
@@ -44,7 +55,11 @@ fn the_homography_samples_as_exactly_as_bilinear_weights_allow() {
         for (x, y, pixel) in picture.enumerate_pixels_mut() {
             pixel.0[3] = if (x * 7 + y * 3) % 11 == 0 { 90 } else { 255 };
         }
-        let transfer = SpriteTransfer::from_parts(benchmark_homography(f64::from(n)).inverse(), DVec3::ZERO, 1.0);
+        let transfer = SpriteTransfer::from_parts(
+            benchmark_homography(f64::from(n)).inverse(),
+            DVec3::ZERO,
+            1.0,
+        );
         let transfer = transfer.expect("regular");
         let prepared = PreparedSprite::new(sprite(n, picture.clone(), Displacement::zero(n, n)));
         let mut frame = SpriteLayer::new(n, n);
@@ -90,8 +105,15 @@ fn no_displacement_is_the_homography_bit_for_bit() {
         let prepared = PreparedSprite::new(sprite(130, picture, Displacement::zero(grid, grid)));
         for target in views(150) {
             for sampling in [SpriteSampling::Nearest, SpriteSampling::Bilinear] {
-                let (_, want) = render(&prepared, &target, &options(SpriteVariant::Homography, sampling));
-                assert!(want.pixels().iter().any(|p| p[3] > 0), "the sprite is in view");
+                let (_, want) = render(
+                    &prepared,
+                    &target,
+                    &options(SpriteVariant::Homography, sampling),
+                );
+                assert!(
+                    want.pixels().iter().any(|p| p[3] > 0),
+                    "the sprite is in view"
+                );
                 for variant in [
                     SpriteVariant::OnePass,
                     SpriteVariant::TwoPass,
@@ -100,9 +122,27 @@ fn no_displacement_is_the_homography_bit_for_bit() {
                     SpriteVariant::AsPrinted,
                 ] {
                     for fill_steps in [0, 3] {
-                        let (_, got) = render(&prepared, &target, &RenderOptions { variant, sampling, fill_steps });
-                        let differing = got.pixels().iter().zip(want.pixels()).filter(|(a, b)| a != b).count();
-                        assert_eq!(differing, 0, "{} {sampling:?}, {grid} cells", variant.name());
+                        let (_, got) = render(
+                            &prepared,
+                            &target,
+                            &RenderOptions {
+                                variant,
+                                sampling,
+                                fill_steps,
+                            },
+                        );
+                        let differing = got
+                            .pixels()
+                            .iter()
+                            .zip(want.pixels())
+                            .filter(|(a, b)| a != b)
+                            .count();
+                        assert_eq!(
+                            differing,
+                            0,
+                            "{} {sampling:?}, {grid} cells",
+                            variant.name()
+                        );
                     }
                 }
             }
@@ -112,8 +152,15 @@ fn no_displacement_is_the_homography_bit_for_bit() {
 
 #[test]
 fn levels_and_threads_do_not_change_a_bit() {
-    let waves = Waves { amplitude: 0.06, waves: 1.5 };
-    let prepared = PreparedSprite::new(sprite(130, matted(130), waves.displacement(130, DisplacementFormat::I8)));
+    let waves = Waves {
+        amplitude: 0.06,
+        waves: 1.5,
+    };
+    let prepared = PreparedSprite::new(sprite(
+        130,
+        matted(130),
+        waves.displacement(130, DisplacementFormat::I8),
+    ));
     for target in views(150) {
         for variant in SpriteVariant::ALL {
             for sampling in [SpriteSampling::Nearest, SpriteSampling::Bilinear] {
@@ -121,11 +168,19 @@ fn levels_and_threads_do_not_change_a_bit() {
                 let (_, want) = render(&prepared, &target, &options);
                 for level in levels() {
                     for threads in [1, 3] {
-                        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+                        let pool = rayon::ThreadPoolBuilder::new()
+                            .num_threads(threads)
+                            .build()
+                            .expect("threads");
                         let mut got = SpriteLayer::default();
                         let mut renderer = SpriteRenderer::with_level(level);
                         pool.install(|| renderer.render(&prepared, &target, &options, &mut got));
-                        assert_eq!(got, want, "{} {level:?} on {threads} threads", variant.name());
+                        assert_eq!(
+                            got,
+                            want,
+                            "{} {level:?} on {threads} threads",
+                            variant.name()
+                        );
                     }
                 }
             }
@@ -138,7 +193,9 @@ const SLOPE: f64 = 250.0;
 
 /// Red rises and falls from column to column, green from row to row, as steeply as 8 bits allow: so a level is 1/250 px.
 fn ramps(size: u32) -> RgbaImage {
-    RgbaImage::from_fn(size, size, |x, y| Rgba([(x % 2 * 250) as u8, (y % 2 * 250) as u8, 0, 255]))
+    RgbaImage::from_fn(size, size, |x, y| {
+        Rgba([(x % 2 * 250) as u8, (y % 2 * 250) as u8, 0, 255])
+    })
 }
 
 /// How a variant's source addresses differ from the exact ones, pixels; those of affine parallax from what it promises: the
@@ -160,30 +217,51 @@ fn address_error(
     variant: SpriteVariant,
 ) -> AddressError {
     let picture = ramps(size);
-    let prepared = PreparedSprite::new(sprite(size, picture.clone(), waves.displacement(size, format)));
+    let prepared = PreparedSprite::new(sprite(
+        size,
+        picture.clone(),
+        waves.displacement(size, format),
+    ));
     let mut transfer = SpriteTransfer::new(prepared.sprite().sprite(), target).expect("in front");
     if variant == SpriteVariant::AffineParallax {
         transfer.epipole_in_sprite.z = 0.0;
     }
-    let (_, frame) = render(&prepared, target, &options(variant, SpriteSampling::Bilinear));
+    let (_, frame) = render(
+        &prepared,
+        target,
+        &options(variant, SpriteSampling::Bilinear),
+    );
     let surface = |x: f64, y: f64| waves.at(x / f64::from(size), y / f64::from(size));
     let range = [-1.5 * waves.amplitude, 1.5 * waves.amplitude];
     let (mut errors, mut parallax) = (Vec::new(), 0.0f64);
     let inside = |v: f64| v > 4.0 && v < f64::from(size) - 4.0;
     for (i, pixel) in frame.pixels().iter().enumerate().step_by(61) {
-        let (x2, y2) = (f64::from(i as u32 % target.width()) + 0.5, f64::from(i as u32 / target.width()) + 0.5);
+        let (x2, y2) = (
+            f64::from(i as u32 % target.width()) + 0.5,
+            f64::from(i as u32 / target.width()) + 0.5,
+        );
         let plane = transfer.sprite_from_target * dvec3(x2, y2, 1.0);
-        let Some([x, y]) = exact_source(&transfer, &surface, range, [x2, y2]) else { continue };
+        let Some([x, y]) = exact_source(&transfer, &surface, range, [x2, y2]) else {
+            continue;
+        };
         if inside(x) && inside(y) && inside(plane.x / plane.z) && inside(plane.y / plane.z) {
             parallax = parallax.max((x - plane.x / plane.z).hypot(y - plane.y / plane.z));
             let want = bilinear(&picture, x, y);
             let off = [0, 1].map(|c| (f64::from(pixel[c]) - want[c]).abs() / SLOPE);
-            errors.push(if pixel[3] == 255 { off[0].hypot(off[1]) } else { 1.0 });
+            errors.push(if pixel[3] == 255 {
+                off[0].hypot(off[1])
+            } else {
+                1.0
+            });
         }
     }
     errors.sort_by(f64::total_cmp);
     assert!(errors.len() > 1000, "the sprite fills the view");
-    AddressError { median: errors[errors.len() / 2], max: errors[errors.len() - 1], parallax }
+    AddressError {
+        median: errors[errors.len() / 2],
+        max: errors[errors.len() - 1],
+        parallax,
+    }
 }
 
 /// The goal of issue 4: where parallax changes by at most 0.1 px per px.
@@ -195,13 +273,30 @@ const EIGHT_BIT_TOLERANCE_PX: f64 = 0.25;
 fn two_passes_find_the_exact_source() {
     let target = look(dvec3(0.55, 0.25, 1.8), dvec3(0.02, 0.0, 0.0), 384);
     // 3.7 px of parallax in waves of 256 px change by 2 pi 3.7 / 256 = 0.09 px per px.
-    for format in [DisplacementFormat::F32, DisplacementFormat::I16, DisplacementFormat::I8] {
-        let error = address_error(256, Waves { amplitude: 0.039, waves: 1.0 }, format, &target, SpriteVariant::TwoPass);
+    for format in [
+        DisplacementFormat::F32,
+        DisplacementFormat::I16,
+        DisplacementFormat::I8,
+    ] {
+        let error = address_error(
+            256,
+            Waves {
+                amplitude: 0.039,
+                waves: 1.0,
+            },
+            format,
+            &target,
+            SpriteVariant::TwoPass,
+        );
         println!(
             "two-pass {format:?}: parallax {:.1} px, median {:.4}, max {:.4} px",
             error.parallax, error.median, error.max
         );
-        assert!(error.max <= SMOOTH_TOLERANCE_PX, "{format:?}: {} px", error.max);
+        assert!(
+            error.max <= SMOOTH_TOLERANCE_PX,
+            "{format:?}: {} px",
+            error.max
+        );
     }
 }
 
@@ -209,16 +304,24 @@ fn two_passes_find_the_exact_source() {
 fn eight_bits_are_enough_for_fifty_pixels_of_parallax() {
     let target = look(dvec3(0.7, 0.3, 1.8), dvec3(0.02, 0.0, 0.0), 1536);
     // A quarter wave over 1024 px.
-    let waves = Waves { amplitude: 0.122, waves: 0.25 };
-    for (format, tolerance) in
-        [(DisplacementFormat::I8, EIGHT_BIT_TOLERANCE_PX), (DisplacementFormat::I16, SMOOTH_TOLERANCE_PX)]
-    {
+    let waves = Waves {
+        amplitude: 0.122,
+        waves: 0.25,
+    };
+    for (format, tolerance) in [
+        (DisplacementFormat::I8, EIGHT_BIT_TOLERANCE_PX),
+        (DisplacementFormat::I16, SMOOTH_TOLERANCE_PX),
+    ] {
         let error = address_error(1024, waves, format, &target, SpriteVariant::TwoPass);
         println!(
             "two-pass {format:?}: parallax {:.1} px, median {:.4}, max {:.4} px",
             error.parallax, error.median, error.max
         );
-        assert!(error.parallax > 45.0 && error.parallax < 55.0, "{} px of parallax", error.parallax);
+        assert!(
+            error.parallax > 45.0 && error.parallax < 55.0,
+            "{} px of parallax",
+            error.parallax
+        );
         assert!(error.max <= tolerance, "{format:?}: {} px", error.max);
     }
 }
@@ -226,7 +329,10 @@ fn eight_bits_are_enough_for_fifty_pixels_of_parallax() {
 #[test]
 fn the_printed_equations_are_off_where_the_plane_leans() {
     let target = look(dvec3(0.9, 0.4, 1.3), dvec3(0.02, 0.0, 0.0), 512);
-    let waves = Waves { amplitude: 0.02, waves: 1.0 };
+    let waves = Waves {
+        amplitude: 0.02,
+        waves: 1.0,
+    };
     let error = |variant| address_error(256, waves, DisplacementFormat::F32, &target, variant);
     let rows = [
         SpriteVariant::TwoPass,
@@ -237,19 +343,40 @@ fn the_printed_equations_are_off_where_the_plane_leans() {
     ]
     .map(|variant| (variant, error(variant)));
     for (variant, e) in &rows {
-        println!("{}: parallax {:.1} px, median {:.4}, max {:.4} px", variant.name(), e.parallax, e.median, e.max);
+        println!(
+            "{}: parallax {:.1} px, median {:.4}, max {:.4} px",
+            variant.name(),
+            e.parallax,
+            e.median,
+            e.max
+        );
     }
     let [(_, two_pass), (_, as_printed), ..] = &rows;
-    assert!(as_printed.max > 4.0 * two_pass.max && as_printed.median > 4.0 * two_pass.median, "C5");
+    assert!(
+        as_printed.max > 4.0 * two_pass.max && as_printed.median > 4.0 * two_pass.median,
+        "C5"
+    );
 }
 
 #[test]
 fn affine_parallax_moves_every_pixel_in_one_direction_by_its_displacement() {
     // Toward the plane, so that the epipole lies in the sprite and its third component counts.
     let target = look(dvec3(0.3, 0.2, 1.1), dvec3(0.02, 0.0, 0.0), 512);
-    let waves = Waves { amplitude: 0.05, waves: 1.0 };
-    let affine = address_error(256, waves, DisplacementFormat::F32, &target, SpriteVariant::AffineParallax);
-    println!("affine: parallax {:.1} px, median {:.4}, max {:.4} px", affine.parallax, affine.median, affine.max);
+    let waves = Waves {
+        amplitude: 0.05,
+        waves: 1.0,
+    };
+    let affine = address_error(
+        256,
+        waves,
+        DisplacementFormat::F32,
+        &target,
+        SpriteVariant::AffineParallax,
+    );
+    println!(
+        "affine: parallax {:.1} px, median {:.4}, max {:.4} px",
+        affine.parallax, affine.median, affine.max
+    );
     assert!(affine.max <= SMOOTH_TOLERANCE_PX, "S8: {} px", affine.max);
     // With the epipole where it is the pixels go elsewhere, or the test would see no difference.
     let displacement = waves.displacement(256, DisplacementFormat::F32);
@@ -264,18 +391,32 @@ fn affine_parallax_moves_every_pixel_in_one_direction_by_its_displacement() {
 
 #[test]
 fn degenerate_views_are_transparent_and_named() {
-    let waves = Waves { amplitude: 0.1, waves: 1.0 };
-    let prepared = PreparedSprite::new(sprite(64, picture(64), waves.displacement(64, DisplacementFormat::I8)));
+    let waves = Waves {
+        amplitude: 0.1,
+        waves: 1.0,
+    };
+    let prepared = PreparedSprite::new(sprite(
+        64,
+        picture(64),
+        waves.displacement(64, DisplacementFormat::I8),
+    ));
     let plane = *prepared.sprite().sprite().plane();
     let in_plane = plane.normal.any_orthonormal_vector();
     let cases = [
         (look(in_plane * 2.0, DVec3::ZERO, 64), Outcome::EdgeOn),
         (look(DVec3::ZERO, plane.normal, 64), Outcome::EdgeOn),
-        (look(dvec3(0.0, 0.0, 3.0), dvec3(0.0, 0.0, 9.0), 64), Outcome::Behind),
+        (
+            look(dvec3(0.0, 0.0, 3.0), dvec3(0.0, 0.0, 9.0), 64),
+            Outcome::Behind,
+        ),
     ];
     for (target, outcome) in cases {
         for variant in SpriteVariant::ALL {
-            let (found, frame) = render(&prepared, &target, &options(variant, SpriteSampling::Bilinear));
+            let (found, frame) = render(
+                &prepared,
+                &target,
+                &options(variant, SpriteSampling::Bilinear),
+            );
             assert_eq!(found, outcome, "{}", variant.name());
             assert!(frame.pixels().iter().all(|p| *p == [0; 4]));
         }
@@ -297,15 +438,30 @@ fn the_nearer_surface_wins_where_the_sprite_folds() {
     let mut color = RgbaImage::from_pixel(size, size, Rgba([255, 0, 0, 255]));
     let step = |x: u32| x >= size / 2;
     for (x, _, pixel) in color.enumerate_pixels_mut() {
-        *pixel = if step(x) { Rgba([0, 255, 0, 255]) } else { *pixel };
+        *pixel = if step(x) {
+            Rgba([0, 255, 0, 255])
+        } else {
+            *pixel
+        };
     }
-    let values: Vec<f32> = (0..size * size).map(|i| if step(i % size) { 0.5 } else { 0.0 }).collect();
-    let displacement = Displacement::new(size, size, &values, DisplacementFormat::F32).expect("finite");
+    let values: Vec<f32> = (0..size * size)
+        .map(|i| if step(i % size) { 0.5 } else { 0.0 })
+        .collect();
+    let displacement =
+        Displacement::new(size, size, &values, DisplacementFormat::F32).expect("finite");
     let prepared = PreparedSprite::new(sprite(size, color, displacement));
     let target = look(camera(size).eye() + DVec3::X * 0.3, DVec3::X * 0.25, size);
     let transfer = SpriteTransfer::new(prepared.sprite().sprite(), &target).expect("in front");
-    for variant in [SpriteVariant::TwoPass, SpriteVariant::ShiftField, SpriteVariant::ForwardColor] {
-        let (_, frame) = render(&prepared, &target, &options(variant, SpriteSampling::Nearest));
+    for variant in [
+        SpriteVariant::TwoPass,
+        SpriteVariant::ShiftField,
+        SpriteVariant::ForwardColor,
+    ] {
+        let (_, frame) = render(
+            &prepared,
+            &target,
+            &options(variant, SpriteSampling::Nearest),
+        );
         let (x, y) = (f64::from(size) * 0.6, f64::from(size) / 2.0);
         let [tx, ty] = transfer.forward(x, y, 0.5).expect("in front");
         let pixel = frame.pixels()[ty as usize * size as usize + tx as usize];
@@ -319,15 +475,30 @@ fn the_nearer_surface_wins_where_the_sprite_folds() {
 fn first_crack(height: impl Fn(f32) -> f32, format: DisplacementFormat) -> Option<usize> {
     const SIDE: u32 = 96;
     let rises = |x: u32| (20..60).contains(&x);
-    let color =
-        RgbaImage::from_fn(SIDE, SIDE, |x, _| if rises(x) { Rgba([0, 255, 0, 255]) } else { Rgba([255, 0, 0, 255]) });
-    let at = |x: u32| if rises(x) { height((x as f32 - 19.5) / 40.0) } else { 0.0 };
+    let color = RgbaImage::from_fn(SIDE, SIDE, |x, _| {
+        if rises(x) {
+            Rgba([0, 255, 0, 255])
+        } else {
+            Rgba([255, 0, 0, 255])
+        }
+    });
+    let at = |x: u32| {
+        if rises(x) {
+            height((x as f32 - 19.5) / 40.0)
+        } else {
+            0.0
+        }
+    };
     let values: Vec<f32> = (0..SIDE * SIDE).map(|i| at(i % SIDE)).collect();
     let displacement = Displacement::new(SIDE, SIDE, &values, format).expect("finite");
     let prepared = PreparedSprite::new(sprite(SIDE, color, displacement));
-    let transfer = SpriteTransfer::from_parts(DMat3::IDENTITY, dvec3(90.0, 0.0, 0.0), 1.0).expect("regular");
+    let transfer =
+        SpriteTransfer::from_parts(DMat3::IDENTITY, dvec3(90.0, 0.0, 0.0), 1.0).expect("regular");
     let mut frame = SpriteLayer::new(192, SIDE);
-    let options = RenderOptions { fill_steps: 0, ..options(SpriteVariant::TwoPass, SpriteSampling::Nearest) };
+    let options = RenderOptions {
+        fill_steps: 0,
+        ..options(SpriteVariant::TwoPass, SpriteSampling::Nearest)
+    };
     SpriteRenderer::new().render_transfer(&prepared, &transfer, &options, &mut frame);
     let row = &frame.pixels()[192 * 48..192 * 49];
     // A pixel at either end is left to rounding.
@@ -339,28 +510,48 @@ fn first_crack(height: impl Fn(f32) -> f32, format: DisplacementFormat) -> Optio
 fn a_near_surface_that_is_stretched_has_no_cracks() {
     // Stretched by 2.8 to 4.6; both rise steeply, one straight, one bent so much that its cells move one by one.
     for format in [DisplacementFormat::I8, DisplacementFormat::F32] {
-        assert_eq!(first_crack(|t| 0.8 * t, format), None, "straight, {format:?}");
-        assert_eq!(first_crack(|t| 0.4 * t + 0.4 * t * t, format), None, "bent, {format:?}");
+        assert_eq!(
+            first_crack(|t| 0.8 * t, format),
+            None,
+            "straight, {format:?}"
+        );
+        assert_eq!(
+            first_crack(|t| 0.4 * t + 0.4 * t * t, format),
+            None,
+            "bent, {format:?}"
+        );
     }
 }
 
 #[test]
 fn a_narrow_frame_is_as_sharp_as_a_wide_one() {
     // Stripes of two pixels on a plane that recedes to the right: the footprint grows from column to column.
-    let stripes =
-        RgbaImage::from_fn(256, 256, |x, _| if x / 2 % 2 == 0 { Rgba([255; 4]) } else { Rgba([0, 0, 0, 255]) });
+    let stripes = RgbaImage::from_fn(256, 256, |x, _| {
+        if x / 2 % 2 == 0 {
+            Rgba([255; 4])
+        } else {
+            Rgba([0, 0, 0, 255])
+        }
+    });
     let prepared = PreparedSprite::new(sprite(256, stripes, Displacement::zero(256, 256)));
     let wide = look(dvec3(-1.1, 0.0, 0.45), dvec3(-0.2, 0.0, 0.0), 256);
     let (_, whole) = render(&prepared, &wide, &RenderOptions::default());
     let contrast = |frame: &SpriteLayer, first: usize, width: usize| {
         let rows = frame.pixels().chunks_exact(width).skip(110).take(36);
-        let steps = rows.flat_map(|row| row[first..first + 15].windows(2).map(|p| p[0][0].abs_diff(p[1][0])));
+        let steps = rows.flat_map(|row| {
+            row[first..first + 15]
+                .windows(2)
+                .map(|p| p[0][0].abs_diff(p[1][0]))
+        });
         steps.map(f64::from).sum::<f64>() / (36.0 * 14.0)
     };
     for first in [40u32, 90, 140] {
         let narrow = wide.cropped(first..first + 15, 0..256).expect("inside");
         let (_, part) = render(&prepared, &narrow, &RenderOptions::default());
-        let (part, whole) = (contrast(&part, 0, 15), contrast(&whole, first as usize, 256));
+        let (part, whole) = (
+            contrast(&part, 0, 15),
+            contrast(&whole, first as usize, 256),
+        );
         println!("columns from {first}: contrast {part:.1} narrow, {whole:.1} wide");
         assert!(part > 0.9 * whole && part > 5.0, "{part} {whole}");
     }
@@ -368,13 +559,21 @@ fn a_narrow_frame_is_as_sharp_as_a_wide_one() {
 
 #[test]
 fn a_flat_picture_shrinks_to_its_mean() {
-    let fine =
-        RgbaImage::from_fn(256, 256, |x, y| if (x + y) % 2 == 0 { Rgba([255; 4]) } else { Rgba([0, 0, 0, 255]) });
+    let fine = RgbaImage::from_fn(256, 256, |x, y| {
+        if (x + y) % 2 == 0 {
+            Rgba([255; 4])
+        } else {
+            Rgba([0, 0, 0, 255])
+        }
+    });
     let prepared = PreparedSprite::new(sprite(256, fine, Displacement::zero(256, 256)));
     let far = look(dvec3(0.1, 0.1, 16.0), DVec3::ZERO, 256);
     let (_, frame) = render(&prepared, &far, &RenderOptions::default());
     let opaque: Vec<_> = frame.pixels().iter().filter(|p| p[3] == 255).collect();
-    assert!(opaque.len() > 200 && opaque.iter().all(|p| p[0].abs_diff(128) <= 2), "no aliasing of a 1-px checker");
+    assert!(
+        opaque.len() > 200 && opaque.iter().all(|p| p[0].abs_diff(128) <= 2),
+        "no aliasing of a 1-px checker"
+    );
 }
 
 proptest! {

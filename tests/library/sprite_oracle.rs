@@ -1,7 +1,9 @@
 //! What the sprite tests share: sprites with known surfaces, and the slow f64 oracle.
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
-use headbox_sprite::{Displacement, DisplacementFormat, Sprite, SpritePlane, SpriteTransfer, SpriteWithDepth};
+use headbox_sprite::{
+    Displacement, DisplacementFormat, Sprite, SpritePlane, SpriteTransfer, SpriteWithDepth,
+};
 use image::{Rgba, RgbaImage};
 
 /// A camera two metres before the origin, off axis a little, `size` pixels a side.
@@ -37,7 +39,9 @@ impl Waves {
 
     pub(crate) fn displacement(&self, size: u32, format: DisplacementFormat) -> Displacement {
         let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size);
-        let values: Vec<f32> = (0..size * size).map(|i| self.at(at(i % size), at(i / size)) as f32).collect();
+        let values: Vec<f32> = (0..size * size)
+            .map(|i| self.at(at(i % size), at(i / size)) as f32)
+            .collect();
         Displacement::new(size, size, &values, format).expect("finite")
     }
 }
@@ -75,16 +79,27 @@ pub(crate) fn exact_source(
     };
     let at = |i: usize| {
         let t = i as f64 / STEPS as f64;
-        if transfer.side > 0.0 { high + (low - high) * t } else { low + (high - low) * t }
-    };
-    (0..STEPS).map(|i| [at(i), at(i + 1)]).find(|[a, b]| excess(*a) * excess(*b) <= 0.0).map(|[mut a, mut b]| {
-        for _ in 0..60 {
-            let middle = 0.5 * (a + b);
-            if excess(a) * excess(middle) <= 0.0 { b = middle } else { a = middle }
+        if transfer.side > 0.0 {
+            high + (low - high) * t
+        } else {
+            low + (high - low) * t
         }
-        let [x, y, _] = source(0.5 * (a + b));
-        [x, y]
-    })
+    };
+    (0..STEPS)
+        .map(|i| [at(i), at(i + 1)])
+        .find(|[a, b]| excess(*a) * excess(*b) <= 0.0)
+        .map(|[mut a, mut b]| {
+            for _ in 0..60 {
+                let middle = 0.5 * (a + b);
+                if excess(a) * excess(middle) <= 0.0 {
+                    b = middle
+                } else {
+                    a = middle
+                }
+            }
+            let [x, y, _] = source(0.5 * (a + b));
+            [x, y]
+        })
 }
 
 /// Premultiplied bilinear lookup in f64, transparent outside.
@@ -93,7 +108,8 @@ pub(crate) fn bilinear(picture: &RgbaImage, x: f64, y: f64) -> [f64; 4] {
     let (fx, fy) = (x - x.floor(), y - y.floor());
     let at = |dx: i64, dy: i64| {
         let (x, y) = (x.floor() as i64 + dx, y.floor() as i64 + dy);
-        let inside = x >= 0 && y >= 0 && x < i64::from(picture.width()) && y < i64::from(picture.height());
+        let inside =
+            x >= 0 && y >= 0 && x < i64::from(picture.width()) && y < i64::from(picture.height());
         if !inside {
             return [0.0; 4];
         }

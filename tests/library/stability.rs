@@ -15,9 +15,16 @@ fn all_hold(topic: usize) {
 
 fn broken(case: &Case) -> Option<String> {
     let worst = case.worst(SEEDS);
-    println!("{}: {} {} (bound {}, seed {})", case.name, worst.value, case.unit, case.bound, worst.seed);
-    (!case.holds(worst.value))
-        .then(|| format!("{}: {} of {} with seed {}", case.name, worst.value, case.bound, worst.seed))
+    println!(
+        "{}: {} {} (bound {}, seed {})",
+        case.name, worst.value, case.unit, case.bound, worst.seed
+    );
+    (!case.holds(worst.value)).then(|| {
+        format!(
+            "{}: {} of {} with seed {}",
+            case.name, worst.value, case.bound, worst.seed
+        )
+    })
 }
 
 #[test]
@@ -57,17 +64,36 @@ fn portals() {
 
 #[test]
 fn names_are_unique_and_a_broken_bound_is_found() {
-    let cases: Vec<Case> = stability::topics().into_iter().flat_map(|(_, cases)| cases).collect();
+    let cases: Vec<Case> = stability::topics()
+        .into_iter()
+        .flat_map(|(_, cases)| cases)
+        .collect();
     let mut names: Vec<&str> = cases.iter().map(|case| case.name).collect();
     names.sort_unstable();
     names.dedup();
     assert_eq!(names.len(), cases.len());
     assert_eq!(stability::topics().len(), 7, "every topic has a test above");
-    let case = |measure| Case { name: "", what: "", unit: "", bound: 1.0, reason: "", measure };
+    let case = |measure| Case {
+        name: "",
+        what: "",
+        unit: "",
+        bound: 1.0,
+        reason: "",
+        measure,
+    };
     let of = |case: Case| case.worst(0..3);
-    assert_eq!((of(case(|seed| Some(seed as f64))).value, of(case(|seed| Some(seed as f64))).seed), (2.0, 2));
+    assert_eq!(
+        (
+            of(case(|seed| Some(seed as f64))).value,
+            of(case(|seed| Some(seed as f64))).seed
+        ),
+        (2.0, 2)
+    );
     assert!(broken(&case(|seed| Some(seed as f64))).is_some());
     assert!(broken(&case(|_| Some(1.0))).is_none());
-    assert!(broken(&case(|_| None)).is_some(), "what cannot be measured does not hold");
+    assert!(
+        broken(&case(|_| None)).is_some(),
+        "what cannot be measured does not hold"
+    );
     assert!(broken(&case(|seed| Some(if seed == 1 { f64::NAN } else { 0.0 }))).is_some());
 }

@@ -1,18 +1,18 @@
 //! Three rooms in a row for the tests of houses, what is behind their doors, and truth.
 
 use glam::{DVec2, DVec3, Vec3, dvec3};
-use headbox_model::{Cell, Portal, PortalModel, Prism};
-use headbox_core::random::Rng;
-use headbox_scene::scene::{Sky, Triangle};
-use headbox_trace::bvh::Ray;
 use headbox_core::camera::Camera;
-use headbox_scene::material::Material;
-use headbox_scene::scene::Scene;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::frame::Frame;
+use headbox_core::random::Rng;
 use headbox_house::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use headbox_house::house::House;
 use headbox_house::store::Store;
+use headbox_model::{Cell, Portal, PortalModel, Prism};
+use headbox_scene::material::Material;
+use headbox_scene::scene::Scene;
+use headbox_scene::scene::{Sky, Triangle};
+use headbox_trace::bvh::Ray;
 use std::sync::Arc;
 
 /// Quads under construction, cell by cell.
@@ -27,17 +27,24 @@ impl Build {
     fn quad(&mut self, [a, b, c, d]: [DVec3; 4], color: Vec3) {
         let cells = |p: DVec3, q: DVec3| (((q - p).length() / 0.5).ceil() as usize).max(1);
         let (columns, rows) = (cells(a, b), cells(a, d));
-        let at = |u: f64, v: f64| a * (1.0 - u) * (1.0 - v) + b * u * (1.0 - v) + c * u * v + d * (1.0 - u) * v;
+        let at = |u: f64, v: f64| {
+            a * (1.0 - u) * (1.0 - v) + b * u * (1.0 - v) + c * u * v + d * (1.0 - u) * v
+        };
         for i in 0..columns * rows {
             let (x, y) = ((i % columns) as f64, (i / columns) as f64);
             let first = self.scene.positions.len() as u32;
             let shade = self.random.get_or_insert(Rng::keyed(2)).between(0.6, 1.0) as f32;
             for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
-                self.scene.positions.push(at((x + dx) / columns as f64, (y + dy) / rows as f64));
+                self.scene
+                    .positions
+                    .push(at((x + dx) / columns as f64, (y + dy) / rows as f64));
                 self.scene.colors.push(color * shade);
             }
             for vertices in [[first, first + 1, first + 2], [first, first + 2, first + 3]] {
-                self.scene.triangles.push(Triangle { vertices, material: 0 });
+                self.scene.triangles.push(Triangle {
+                    vertices,
+                    material: 0,
+                });
             }
         }
     }
@@ -73,24 +80,84 @@ pub(crate) fn three_rooms() -> PortalModel {
 pub(crate) fn rooms(cuboid: Option<[DVec3; 2]>) -> PortalModel {
     let mut build = Build::default();
     let mut cells = Vec::new();
-    let colors = [Vec3::new(0.8, 0.5, 0.4), Vec3::new(0.4, 0.7, 0.5), Vec3::new(0.4, 0.5, 0.9)];
+    let colors = [
+        Vec3::new(0.8, 0.5, 0.4),
+        Vec3::new(0.4, 0.7, 0.5),
+        Vec3::new(0.4, 0.5, 0.9),
+    ];
     for (i, color) in colors.into_iter().enumerate() {
         let first = build.scene.triangles.len() as u32;
         let (x0, x1) = (4.0 * i as f64, 4.0 * i as f64 + 4.0);
         let at = |x: f64, y: f64, z: f64| dvec3(x, y, z);
-        build.quad([at(x0, 0.0, 0.0), at(x1, 0.0, 0.0), at(x1, 0.0, 4.0), at(x0, 0.0, 4.0)], color * 0.5);
-        build.quad([at(x0, 2.5, 0.0), at(x1, 2.5, 0.0), at(x1, 2.5, 4.0), at(x0, 2.5, 4.0)], Vec3::ONE);
-        build.quad([at(x0, 0.0, 0.0), at(x1, 0.0, 0.0), at(x1, 2.5, 0.0), at(x0, 2.5, 0.0)], color);
-        build.quad([at(x0, 0.0, 4.0), at(x1, 0.0, 4.0), at(x1, 2.5, 4.0), at(x0, 2.5, 4.0)], color);
+        build.quad(
+            [
+                at(x0, 0.0, 0.0),
+                at(x1, 0.0, 0.0),
+                at(x1, 0.0, 4.0),
+                at(x0, 0.0, 4.0),
+            ],
+            color * 0.5,
+        );
+        build.quad(
+            [
+                at(x0, 2.5, 0.0),
+                at(x1, 2.5, 0.0),
+                at(x1, 2.5, 4.0),
+                at(x0, 2.5, 4.0),
+            ],
+            Vec3::ONE,
+        );
+        build.quad(
+            [
+                at(x0, 0.0, 0.0),
+                at(x1, 0.0, 0.0),
+                at(x1, 2.5, 0.0),
+                at(x0, 2.5, 0.0),
+            ],
+            color,
+        );
+        build.quad(
+            [
+                at(x0, 0.0, 4.0),
+                at(x1, 0.0, 4.0),
+                at(x1, 2.5, 4.0),
+                at(x0, 2.5, 4.0),
+            ],
+            color,
+        );
         if i == 0 {
-            build.quad([at(x0, 0.0, 0.0), at(x0, 0.0, 4.0), at(x0, 2.5, 4.0), at(x0, 2.5, 0.0)], color);
+            build.quad(
+                [
+                    at(x0, 0.0, 0.0),
+                    at(x0, 0.0, 4.0),
+                    at(x0, 2.5, 4.0),
+                    at(x0, 2.5, 0.0),
+                ],
+                color,
+            );
         }
         // The half of each wall that faces this room; two sheets a hair apart.
         for (wall, inside) in [(x0, 0.0002), (x1, -0.0002)] {
             if wall > 0.0 && wall < 12.0 {
                 let x = wall + inside;
-                build.quad([at(x, 0.0, 0.0), at(x, 0.0, DOOR[0]), at(x, 2.5, DOOR[0]), at(x, 2.5, 0.0)], color);
-                build.quad([at(x, 0.0, DOOR[1]), at(x, 0.0, 4.0), at(x, 2.5, 4.0), at(x, 2.5, DOOR[1])], color);
+                build.quad(
+                    [
+                        at(x, 0.0, 0.0),
+                        at(x, 0.0, DOOR[0]),
+                        at(x, 2.5, DOOR[0]),
+                        at(x, 2.5, 0.0),
+                    ],
+                    color,
+                );
+                build.quad(
+                    [
+                        at(x, 0.0, DOOR[1]),
+                        at(x, 0.0, 4.0),
+                        at(x, 2.5, 4.0),
+                        at(x, 2.5, DOOR[1]),
+                    ],
+                    color,
+                );
                 let top = [
                     at(x, DOOR_HEIGHT, DOOR[0]),
                     at(x, DOOR_HEIGHT, DOOR[1]),
@@ -101,13 +168,28 @@ pub(crate) fn rooms(cuboid: Option<[DVec3; 2]>) -> PortalModel {
             }
         }
         if let Some([low, high]) = cuboid {
-            build.cuboid(low + DVec3::X * x0, high + DVec3::X * x0, Vec3::new(0.7, 0.6, 0.2));
+            build.cuboid(
+                low + DVec3::X * x0,
+                high + DVec3::X * x0,
+                Vec3::new(0.7, 0.6, 0.2),
+            );
         }
         let corners = [[x0, 0.0], [x1, 0.0], [x1, 4.0], [x0, 4.0]];
-        let space = vec![Prism { outline: corners.map(DVec2::from).to_vec(), floor_y: 0.0, ceiling_y: 2.5 }];
-        cells.push(Cell { name: format!("room {i}"), space, triangles: first..build.scene.triangles.len() as u32 });
+        let space = vec![Prism {
+            outline: corners.map(DVec2::from).to_vec(),
+            floor_y: 0.0,
+            ceiling_y: 2.5,
+        }];
+        cells.push(Cell {
+            name: format!("room {i}"),
+            space,
+            triangles: first..build.scene.triangles.len() as u32,
+        });
     }
-    build.scene.materials = vec![Material { albedo: [1.0; 3], ..Material::default() }];
+    build.scene.materials = vec![Material {
+        albedo: [1.0; 3],
+        ..Material::default()
+    }];
     build.scene.sky = Some(Sky::default());
     let door = |i: u32| {
         let x = 4.0 * f64::from(i) + 4.0;
@@ -119,9 +201,18 @@ pub(crate) fn rooms(cuboid: Option<[DVec3; 2]>) -> PortalModel {
             corner(DOOR_HEIGHT, DOOR[1]),
             corner(DOOR_HEIGHT, DOOR[0]),
         ];
-        Portal { name: format!("door {i}"), cells: [i, i + 1], polygon }
+        Portal {
+            name: format!("door {i}"),
+            cells: [i, i + 1],
+            polygon,
+        }
     };
-    PortalModel { scene: build.scene, cells, portals: vec![door(0), door(1)], outside: None }
+    PortalModel {
+        scene: build.scene,
+        cells,
+        portals: vec![door(0), door(1)],
+        outside: None,
+    }
 }
 
 pub(crate) fn house() -> House {
@@ -161,16 +252,30 @@ pub(crate) fn camera(eye: DVec3, at: DVec3) -> Camera {
 /// A camera at the same place with `scale` times the pixels.
 pub(crate) fn enlarged(camera: &Camera, scale: u32) -> Camera {
     let (width, height) = (camera.width() * scale, camera.height() * scale);
-    Camera::from_parts(camera.eye(), camera.world_from_eye(), camera.focal_px() * f64::from(scale), width, height)
-        .expect("valid")
+    Camera::from_parts(
+        camera.eye(),
+        camera.world_from_eye(),
+        camera.focal_px() * f64::from(scale),
+        width,
+        height,
+    )
+    .expect("valid")
 }
 
 /// One ray through the centre of each pixel.
 pub(crate) fn truth(house: &House, camera: &Camera) -> Vec<[u8; 3]> {
     let pixel = |i: u32| {
-        let (x, y) = (f64::from(i % camera.width()) + 0.5, f64::from(i / camera.width()) + 0.5);
+        let (x, y) = (
+            f64::from(i % camera.width()) + 0.5,
+            f64::from(i / camera.width()) + 0.5,
+        );
         let origin = (camera.eye() - house.tracer().origin()).as_vec3();
-        let ray = Ray { origin, direction: camera.direction(x, y).as_vec3(), t_min: 0.0, t_max: f32::INFINITY };
+        let ray = Ray {
+            origin,
+            direction: camera.direction(x, y).as_vec3(),
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         let linear = match house.tracer().closest(&ray) {
             Some(hit) => house.scene().surface(hit.primitive, hit.u, hit.v).albedo,
             None => house.lighting().miss_radiance(ray.direction.normalize()),
@@ -190,10 +295,12 @@ pub(crate) fn wrong_share(frame: &Frame, truth: &[[u8; 3]], counts: impl Fn(usiz
     for i in (0..frame.color.len()).filter(|&i| counts(i)) {
         let (x, y) = (i as i64 % width, i as i64 / width);
         let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
-        let same = near.filter(|(x, y)| (0..width).contains(x) && (0..height).contains(y)).any(|(x, y)| {
-            let expected = truth[(y * width + x) as usize];
-            (0..3).all(|c| expected[c].abs_diff(frame.color[i][c]) <= SAME_SQUARE_LEVELS)
-        });
+        let same = near
+            .filter(|(x, y)| (0..width).contains(x) && (0..height).contains(y))
+            .any(|(x, y)| {
+                let expected = truth[(y * width + x) as usize];
+                (0..3).all(|c| expected[c].abs_diff(frame.color[i][c]) <= SAME_SQUARE_LEVELS)
+            });
         all += 1;
         wrong += u32::from(!same);
     }
@@ -210,13 +317,28 @@ pub(crate) fn poses() -> [Camera; 4] {
 }
 
 /// Whether all truth pixels within `reach` of a pixel show one square of a wall.
-fn is_within_a_square(truth: &[[u8; 3]], [width, height]: [u32; 2], pixel: usize, reach: i64) -> bool {
-    let (x, y) = (i64::from(pixel as u32 % width), i64::from(pixel as u32 / width));
+fn is_within_a_square(
+    truth: &[[u8; 3]],
+    [width, height]: [u32; 2],
+    pixel: usize,
+    reach: i64,
+) -> bool {
+    let (x, y) = (
+        i64::from(pixel as u32 % width),
+        i64::from(pixel as u32 / width),
+    );
     let (columns, rows) = (x - reach..=x + reach, y - reach..=y + reach);
-    let inside =
-        *columns.start() >= 0 && *columns.end() < width.into() && *rows.start() >= 0 && *rows.end() < height.into();
+    let inside = *columns.start() >= 0
+        && *columns.end() < width.into()
+        && *rows.start() >= 0
+        && *rows.end() < height.into();
     let of = |x: i64, y: i64| truth[y as usize * width as usize + x as usize];
-    inside && rows.into_iter().all(|y| columns.clone().all(|x| is_same_square(of(x, y), truth[pixel])))
+    inside
+        && rows.into_iter().all(|y| {
+            columns
+                .clone()
+                .all(|x| is_same_square(of(x, y), truth[pixel]))
+        })
 }
 
 fn is_same_square(a: [u8; 3], b: [u8; 3]) -> bool {
@@ -232,15 +354,23 @@ pub(crate) fn wrong_squares(
     counts: impl Fn(usize) -> bool,
 ) -> (f64, usize) {
     let size = [frame.width, frame.height];
-    let judged = (0..frame.color.len()).filter(|&i| counts(i) && is_within_a_square(truth, size, i, reach));
+    let judged =
+        (0..frame.color.len()).filter(|&i| counts(i) && is_within_a_square(truth, size, i, reach));
     let wrong = |i: &usize| !is_same_square([0, 1, 2].map(|c| frame.color[*i][c]), truth[*i]);
     let judged: Vec<usize> = judged.collect();
-    (judged.iter().filter(|i| wrong(i)).count() as f64 / judged.len().max(1) as f64, judged.len())
+    (
+        judged.iter().filter(|i| wrong(i)).count() as f64 / judged.len().max(1) as f64,
+        judged.len(),
+    )
 }
 
 /// Mean difference of the pixels that `counts` from truth, levels.
 pub(crate) fn mean_error(frame: &Frame, truth: &[[u8; 3]], counts: impl Fn(usize) -> bool) -> f64 {
     let counted: Vec<usize> = (0..frame.color.len()).filter(|&i| counts(i)).collect();
-    let off = |i: &usize| (0..3).map(|c| u32::from(frame.color[*i][c].abs_diff(truth[*i][c]))).sum::<u32>();
+    let off = |i: &usize| {
+        (0..3)
+            .map(|c| u32::from(frame.color[*i][c].abs_diff(truth[*i][c])))
+            .sum::<u32>()
+    };
     f64::from(counted.iter().map(off).sum::<u32>()) / 3.0 / counted.len().max(1) as f64
 }

@@ -1,16 +1,18 @@
 //! Files of version 1, written before what a capture is asked for and the axes of its scene became types of their own, stay
 //! readable: `tests/version_1` holds one of each kind, `tests/corpus` a house.
 
-use headbox_cube::pack::layout::PackedCube as CubeLdi;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::parameters::{CaptureParameters, Sampler};
+use headbox_cube::pack::layout::PackedCube as CubeLdi;
 use headbox_ldi::accumulate::shard;
 use headbox_sprite::SpriteSet;
 use std::path::{Path, PathBuf};
 
 fn old(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/version_1").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/version_1")
+        .join(name)
 }
 
 /// What `--strata 3 --rays 3 --light-samples 1` asked for.
@@ -30,22 +32,45 @@ const ASKED: CaptureParameters = CaptureParameters {
 fn cubes() {
     let cube = CubeLdi::read(&old("cube.ldi")).expect("readable");
     assert_eq!(cube.info.scene, "builtin:miniature");
-    assert_eq!((cube.info.parameters, cube.info.frame), (ASKED, FileFrame::default()));
-    assert_eq!((cube.half_size(), cube.depth_pixel_count(), cube.info.rays_traced), (0.000125, 106, 1125));
+    assert_eq!(
+        (cube.info.parameters, cube.info.frame),
+        (ASKED, FileFrame::default())
+    );
+    assert_eq!(
+        (
+            cube.half_size(),
+            cube.depth_pixel_count(),
+            cube.info.rays_traced
+        ),
+        (0.000125, 106, 1125)
+    );
 }
 
 #[test]
 fn shards() {
     let info = shard::read_info(&old("part.shard")).expect("readable");
     assert_eq!(info.job.parameters, ASKED);
-    assert_eq!((info.job.scene.name.as_str(), info.job.face_size_px, info.rays), ("builtin:miniature", 16, 1125));
+    assert_eq!(
+        (
+            info.job.scene.name.as_str(),
+            info.job.face_size_px,
+            info.rays
+        ),
+        ("builtin:miniature", 16, 1125)
+    );
     assert_eq!(info.job.scene.options, Default::default());
 }
 
 #[test]
 fn sprites() {
     let set = SpriteSet::read(&old("picture.sprite")).expect("readable");
-    assert_eq!(set.info.frame, FileFrame { up: UpAxis::Z, unit_m: 0.01 });
+    assert_eq!(
+        set.info.frame,
+        FileFrame {
+            up: UpAxis::Z,
+            unit_m: 0.01
+        }
+    );
     assert_eq!(set.sprites().len(), 1);
 }
 
@@ -53,16 +78,32 @@ fn sprites() {
 fn houses() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus/a.house");
     let (house, _, _) = headbox_house::file::read(&file, u64::MAX).expect("readable");
-    assert_eq!(house.scene().frame, FileFrame { up: UpAxis::Y, unit_m: 0.01 });
+    assert_eq!(
+        house.scene().frame,
+        FileFrame {
+            up: UpAxis::Y,
+            unit_m: 0.01
+        }
+    );
 }
 
 #[test]
 fn what_is_written_now_has_the_same_names() {
     let cube = CubeLdi::read(&old("cube.ldi")).expect("readable");
     let written = serde_json::to_value(&cube.info).expect("JSON");
-    for name in ["unit_m", "z_up", "strata", "rays_per_stratum", "novelty", "merge_rule", "bounces", "light_samples"] {
+    for name in [
+        "unit_m",
+        "z_up",
+        "strata",
+        "rays_per_stratum",
+        "novelty",
+        "merge_rule",
+        "bounces",
+        "light_samples",
+    ] {
         assert!(written.get(name).is_some(), "{name}: {written}");
     }
-    let back: headbox_cube::model::info::CaptureInfo = serde_json::from_value(written).expect("readable");
+    let back: headbox_cube::model::info::CaptureInfo =
+        serde_json::from_value(written).expect("readable");
     assert_eq!(back, cube.info);
 }

@@ -4,12 +4,12 @@
 use crate::common::capture::one_layer;
 use glam::{DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
-use headbox_core::random::Rng;
 use headbox_core::cube_face::Face;
+use headbox_core::random::Rng;
 use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal};
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 
 const KERNELS: [SplatKernel; 3] = [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent];
@@ -22,7 +22,11 @@ fn pack(ldi: &CubeLdi) -> PackedCube {
 fn wall(normal: impl Fn(f64, f64) -> Vec3) -> CubeLdi {
     one_layer(DVec3::ZERO, 40, &[Face::NegZ], |_, x, y| {
         let normal = EncodedNormal::new(normal(x, y));
-        Some(DepthPixel { inverse_depth: 1.0, normal, color_srgb: [200, 100, 50, 255] })
+        Some(DepthPixel {
+            inverse_depth: 1.0,
+            normal,
+            color_srgb: [200, 100, 50, 255],
+        })
     })
 }
 
@@ -36,14 +40,33 @@ const BLENDED_LEVELS: f64 = 2.0;
 
 fn stats(cube: &PackedCube, camera: &Camera, kernel: SplatKernel) -> FrameStats {
     let mut renderer = Renderer::new();
-    let (frame, stats) =
-        renderer.render_with_stats(cube, camera, &RenderSettings { kernel, ..RenderSettings::default() });
+    let (frame, stats) = renderer.render_with_stats(
+        cube,
+        camera,
+        &RenderSettings {
+            kernel,
+            ..RenderSettings::default()
+        },
+    );
     for (color, coverage) in frame.color.iter().zip(&frame.coverage) {
-        let expected = if coverage.is_hole() { [0, 0, 0, 255] } else { [200, 100, 50, 255] };
+        let expected = if coverage.is_hole() {
+            [0, 0, 0, 255]
+        } else {
+            [200, 100, 50, 255]
+        };
         let share = f64::from(coverage.splat_share()) / 255.0;
-        let most = if kernel == SplatKernel::Tent || share == 1.0 { 0.0 } else { BLENDED_LEVELS };
-        let off = (0..4).map(|c| f64::from(color[c].abs_diff(expected[c])) * share).fold(0.0, f64::max);
-        assert!(off <= most, "{kernel:?}: {color:?}, not {expected:?}, in a pixel covered to {share}");
+        let most = if kernel == SplatKernel::Tent || share == 1.0 {
+            0.0
+        } else {
+            BLENDED_LEVELS
+        };
+        let off = (0..4)
+            .map(|c| f64::from(color[c].abs_diff(expected[c])) * share)
+            .fold(0.0, f64::max);
+        assert!(
+            off <= most,
+            "{kernel:?}: {color:?}, not {expected:?}, in a pixel covered to {share}"
+        );
     }
     *stats
 }
@@ -56,13 +79,24 @@ fn samples_behind_on_and_before_the_plane_of_the_eye() {
         for depth in [1.0, 1.0 + 1e-9, 1.001, 2.0, 1e6] {
             let camera = camera(dvec3(0.01, 0.02, -depth), dvec3(0.01, 0.02, -depth - 1.0));
             let stats = stats(&cube, &camera, kernel);
-            assert_eq!((stats.splatted, stats.hole_pixels), (0, 2000), "{kernel:?} at {depth}");
+            assert_eq!(
+                (stats.splatted, stats.hole_pixels),
+                (0, 2000),
+                "{kernel:?} at {depth}"
+            );
             assert_eq!(render_oracle(&ldi, &camera).hole_count(), 2000);
         }
         // 1 cm and 2 mm before a sample: the largest footprints, and all of one colour.
         for gap in [0.01, 0.002] {
-            let stats = stats(&cube, &camera(dvec3(0.025, -0.025, gap - 1.0), dvec3(0.025, -0.025, -2.0)), kernel);
-            assert!(stats.splatted > 0 && stats.by_footprint[..3] == [0; 3], "{kernel:?}: {stats:?}");
+            let stats = stats(
+                &cube,
+                &camera(dvec3(0.025, -0.025, gap - 1.0), dvec3(0.025, -0.025, -2.0)),
+                kernel,
+            );
+            assert!(
+                stats.splatted > 0 && stats.by_footprint[..3] == [0; 3],
+                "{kernel:?}: {stats:?}"
+            );
         }
     }
 }
@@ -72,7 +106,11 @@ fn a_magnified_wall_has_no_cracks() {
     let cube = pack(&wall(|_, _| Vec3::Z));
     // f2 is 55 px and f1 20 px; 0.1 m before the wall a sample is 27 px wide.
     for gap in [1.0, 0.5, 0.2, 0.1] {
-        let stats = stats(&cube, &camera(dvec3(0.01, 0.02, gap - 1.0), dvec3(0.01, 0.02, -2.0)), SplatKernel::Tent);
+        let stats = stats(
+            &cube,
+            &camera(dvec3(0.01, 0.02, gap - 1.0), dvec3(0.01, 0.02, -2.0)),
+            SplatKernel::Tent,
+        );
         assert_eq!(stats.hole_pixels, 0, "{gap} m");
     }
 }
@@ -84,9 +122,18 @@ const HOLES_WITH_RANDOM_NORMALS: f64 = 0.01;
 #[test]
 fn grazing_back_facing_and_random_normals_are_survived() {
     let random = std::cell::RefCell::new(Rng::keyed(8));
-    let along_the_ray = |x: f64, y: f64| Face::NegZ.direction(x, y, 40).any_orthonormal_vector().as_vec3();
+    let along_the_ray = |x: f64, y: f64| {
+        Face::NegZ
+            .direction(x, y, 40)
+            .any_orthonormal_vector()
+            .as_vec3()
+    };
     let anything = |_: f64, _: f64| random.borrow_mut().in_cube(1.0).as_vec3().normalize();
-    for ldi in [wall(along_the_ray), wall(|_, _| Vec3::NEG_Z), wall(anything)] {
+    for ldi in [
+        wall(along_the_ray),
+        wall(|_, _| Vec3::NEG_Z),
+        wall(anything),
+    ] {
         let cube = pack(&ldi);
         for eye in [DVec3::ZERO, dvec3(0.2, -0.1, 0.1), dvec3(-0.4, 0.3, -0.4)] {
             let camera = camera(eye, dvec3(eye.x * 0.5, eye.y * 0.5, -1.0));
@@ -111,16 +158,33 @@ fn near_surfaces_hide_far_ones_unless_a_capture_could_not_tell_them_apart() {
     for (gap, apart) in [(0.5, true), (0.6, true), (0.01, false), (0.0, false)] {
         let mut ldi = wall(|_, _| Vec3::Z);
         let face = &mut ldi.faces[Face::NegZ.index()];
-        let far =
-            DepthPixel { inverse_depth: (1.0 / (1.0 + gap)) as f32, color_srgb: [0, 0, 250, 255], ..face.samples[0] };
+        let far = DepthPixel {
+            inverse_depth: (1.0 / (1.0 + gap)) as f32,
+            color_srgb: [0, 0, 250, 255],
+            ..face.samples[0]
+        };
         face.samples = face.samples.iter().flat_map(|near| [far, *near]).collect();
         face.offsets.iter_mut().for_each(|o| *o *= 2);
         let mut renderer = Renderer::new();
         for eye in [DVec3::ZERO, dvec3(0.1, 0.05, -0.2), dvec3(0.1, 0.1, 0.4)] {
-            let frame = renderer.render(&pack(&ldi), &camera(eye, dvec3(0.0, 0.0, -1.0)), &RenderSettings::default());
+            let frame = renderer.render(
+                &pack(&ldi),
+                &camera(eye, dvec3(0.0, 0.0, -1.0)),
+                &RenderSettings::default(),
+            );
             for color in &frame.color {
-                let mixed = [100, 50, 150].iter().zip(color).all(|(a, b)| b.abs_diff(*a) <= MIXED_LEVELS);
-                assert!(if apart { *color == [200, 100, 50, 255] } else { mixed }, "{gap} m apart: {color:?}");
+                let mixed = [100, 50, 150]
+                    .iter()
+                    .zip(color)
+                    .all(|(a, b)| b.abs_diff(*a) <= MIXED_LEVELS);
+                assert!(
+                    if apart {
+                        *color == [200, 100, 50, 255]
+                    } else {
+                        mixed
+                    },
+                    "{gap} m apart: {color:?}"
+                );
             }
         }
     }

@@ -5,11 +5,11 @@ use crate::common::capture::quick;
 use crate::common::compare::assert_close;
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
-use headbox_core::random::Rng;
 use headbox_core::frame::Frame;
+use headbox_core::random::Rng;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{RenderSettings, Renderer};
 
 /// A pixel shows another surface if it differs by more than this; the scenes' textures stay well inside it.
@@ -22,8 +22,11 @@ const SILHOUETTE_SHARE: [f64; 2] = [0.02, 0.065];
 
 fn eyes() -> Vec<(&'static str, DVec3)> {
     let mut r = Rng::keyed(2);
-    let mut eyes =
-        vec![("centre", DVec3::ZERO), ("on_a_face", dvec3(0.5, 0.1, -0.2)), ("at_a_corner", DVec3::splat(-0.5))];
+    let mut eyes = vec![
+        ("centre", DVec3::ZERO),
+        ("on_a_face", dvec3(0.5, 0.1, -0.2)),
+        ("at_a_corner", DVec3::splat(-0.5)),
+    ];
     eyes.extend((0..4).map(|_| ("inside", r.in_cube(0.5))));
     eyes.extend((0..4).map(|_| ("outside", r.in_cube(0.95))));
     eyes.push(("sideways", dvec3(0.4, 0.0, 0.0)));
@@ -41,7 +44,9 @@ const OF_A_SPLAT: f64 = 12.0 / 64.0;
 
 fn assert_depths(title: &str, expected: &[f32], frame: &Frame, silhouettes: f64) {
     let (mut far_off, mut covered) = (0, 0);
-    for ((&expected_m, &depth_m), coverage) in expected.iter().zip(&frame.depth_m).zip(&frame.coverage) {
+    for ((&expected_m, &depth_m), coverage) in
+        expected.iter().zip(&frame.depth_m).zip(&frame.coverage)
+    {
         assert_eq!(
             depth_m.is_finite(),
             coverage.splat_share() > 0,
@@ -50,29 +55,43 @@ fn assert_depths(title: &str, expected: &[f32], frame: &Frame, silhouettes: f64)
         assert!(depth_m > 0.0, "{title}: {depth_m}");
         if expected_m.is_finite() && depth_m.is_finite() {
             covered += 1;
-            far_off += u32::from((f64::from(depth_m) / f64::from(expected_m) - 1.0).abs() > OF_A_SPLAT);
+            far_off +=
+                u32::from((f64::from(depth_m) / f64::from(expected_m) - 1.0).abs() > OF_A_SPLAT);
         }
     }
     let share = f64::from(far_off) / f64::from(covered.max(1));
-    assert!(share <= silhouettes, "{title}: {share} of {covered} pixels have another depth");
+    assert!(
+        share <= silhouettes,
+        "{title}: {share} of {covered} pixels have another depth"
+    );
 }
 
 #[test]
 fn the_ordered_renderer_shows_what_a_depth_buffer_shows() {
     let shares = SILHOUETTE_SHARE.into_iter().zip(OTHER_DEPTH_SHARE);
-    for ((name, scene), (share, other_depth)) in [("room", room(6.0)), ("leaves", leaves(6.0))].into_iter().zip(shares)
+    for ((name, scene), (share, other_depth)) in [("room", room(6.0)), ("leaves", leaves(6.0))]
+        .into_iter()
+        .zip(shares)
     {
         let mut ldi = quick(&scene, 64);
         // The oracle's depth buffer keeps one surface a pixel: rims that let the background through have no place in it.
-        ldi.faces.iter_mut().flat_map(|face| &mut face.samples).for_each(|sample| sample.color_srgb[3] = 255);
+        ldi.faces
+            .iter_mut()
+            .flat_map(|face| &mut face.samples)
+            .for_each(|sample| sample.color_srgb[3] = 255);
         let mut random = Rng::keyed(3);
         for (i, (place, eye)) in eyes().into_iter().enumerate() {
-            let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 80.0, [90, 70]).expect("valid");
+            let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 80.0, [90, 70])
+                .expect("valid");
             let expected = render_oracle(&ldi, &camera);
             assert!(expected.depth_m.iter().all(|depth_m| *depth_m > 0.0));
             for layout in [SplatIndexLayout::Paper, SplatIndexLayout::Normal] {
                 let cube = PackedCube::pack(&ldi, layout, Split::Auto).expect("packs");
-                let settings = RenderSettings { kernel: SplatKernel::Opaque, depth: true, ..RenderSettings::default() };
+                let settings = RenderSettings {
+                    kernel: SplatKernel::Opaque,
+                    depth: true,
+                    ..RenderSettings::default()
+                };
                 let mut renderer = Renderer::new();
                 let (frame, _) = renderer.render_with_stats(&cube, &camera, &settings);
                 let title = format!("oracle_{name}_{place}_{i}_{layout:?}");

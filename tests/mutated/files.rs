@@ -7,29 +7,34 @@
 use crate::mutations::{Dice, Rounds, alone, bytes_of, corpus, corpus_folder, try_mutations};
 use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_trace::light::Lighting;
-use headbox_model::load::load_scene as load;
-use headbox_scene::load::LoadOptions;
 use headbox_core::file_frame::FileFrame;
-use headbox_trace::bvh::Tracer;
-use headbox_ldi::rays::trace as build;
-use headbox_ldi::job::CaptureJob;
+use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_ldi::settings::Resources;
-use headbox_ldi::accumulate::shard;
-use headbox_ldi::accumulate::shard::ShardInfo;
-use headbox_lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement, Slabs, SlabsRenderer};
+use headbox_cube::pack::{
+    BlockIndex, PackedCube, PackedSegment, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split,
+};
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_images::depth::DepthPicture;
 use headbox_lab::report::figures::figures;
 use headbox_lab::report::row::Report;
 use headbox_lab::report::{results, summary};
-use headbox_cube::pack::{BlockIndex, PackedCube, PackedSegment, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
-use headbox_scene::camera_path as path;
-use headbox_core::progress::Silent;
-use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_ldi::accumulate::shard;
+use headbox_ldi::accumulate::shard::ShardInfo;
+use headbox_ldi::job::CaptureJob;
+use headbox_ldi::rays::trace as build;
 use headbox_ldi::scene_source::{SceneSource, fingerprint};
-use headbox_images::depth::DepthPicture;
-use headbox_sprite::{DisplacementFormat, SlabCapture, SpriteLayer, SpriteRenderer, SpriteSet, capture_slabs, write_depth_exr};
+use headbox_ldi::settings::Resources;
+use headbox_lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement, Slabs, SlabsRenderer};
+use headbox_model::load::load_scene as load;
+use headbox_scene::camera_path as path;
+use headbox_scene::load::LoadOptions;
+use headbox_sprite::{
+    DisplacementFormat, SlabCapture, SpriteLayer, SpriteRenderer, SpriteSet, capture_slabs,
+    write_depth_exr,
+};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
@@ -42,30 +47,63 @@ fn job() -> CaptureJob {
     let headbox = scene.headbox.expect("it has one");
     CaptureJob {
         face_size_px: 7,
-        parameters: CaptureParameters { novelty: 0.25, light_samples: 1, ..CaptureParameters::unlit(3, 3) },
-        ..CaptureJob::new(SceneSource::new("builtin:bump"), headbox.centre, headbox.half_size_m)
+        parameters: CaptureParameters {
+            novelty: 0.25,
+            light_samples: 1,
+            ..CaptureParameters::unlit(3, 3)
+        },
+        ..CaptureJob::new(
+            SceneSource::new("builtin:bump"),
+            headbox.centre,
+            headbox.half_size_m,
+        )
     }
 }
 
 fn tracer() -> Tracer {
-    Tracer::new(Arc::new(headbox_scenes::build("bump", 0).expect("built in")), job().centre)
+    Tracer::new(
+        Arc::new(headbox_scenes::build("bump", 0).expect("built in")),
+        job().centre,
+    )
 }
 
 fn cube() -> PackedCube {
     let tracer = tracer();
     let lighting = Lighting::of_scene(&tracer, 0);
-    let (ldi, _) = job().run(&tracer, &lighting, &Resources::default(), &Silent).expect("captured");
+    let (ldi, _) = job()
+        .run(&tracer, &lighting, &Resources::default(), &Silent)
+        .expect("captured");
     PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
 }
 
 /// The same with two pictures on a plane, which its few samples would not make: one that hides all behind it, and one with a rim.
 fn cube_with_planes() -> PackedCube {
-    let whole = PlaneTile { plane: 0, first_texel: 0, x0: -1, y0: 2, width: 4, height: 3, face: 5, opaque: 1 };
-    let rim = PlaneTile { first_texel: 12, x0: 2, y0: 0, width: 2, height: 8, opaque: 0, ..whole };
-    let texel = |i: u8| PlaneSet::covered([9 * i, 200, 7, if i < 12 { 255 } else { 13 * (i - 12) }]);
+    let whole = PlaneTile {
+        plane: 0,
+        first_texel: 0,
+        x0: -1,
+        y0: 2,
+        width: 4,
+        height: 3,
+        face: 5,
+        opaque: 1,
+    };
+    let rim = PlaneTile {
+        first_texel: 12,
+        x0: 2,
+        y0: 0,
+        width: 2,
+        height: 8,
+        opaque: 0,
+        ..whole
+    };
+    let texel =
+        |i: u8| PlaneSet::covered([9 * i, 200, 7, if i < 12 { 255 } else { 13 * (i - 12) }]);
     let planes = PlaneSet {
         error_px: 0.5,
-        planes: vec![Plane { normal_per_distance: glam::Vec3::new(0.1, 0.05, -0.4) }],
+        planes: vec![Plane {
+            normal_per_distance: glam::Vec3::new(0.1, 0.05, -0.4),
+        }],
         tiles: vec![whole, rim],
         texels: (0..28).map(texel).collect(),
         samples: 20,
@@ -78,31 +116,46 @@ fn cube_with_planes() -> PackedCube {
 
 fn camera(eye: DVec3, forward: DVec3) -> Camera {
     // Not `eye + forward`, which is `eye` where a mutation has put it far away.
-    Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 70.0, [13, 9]).expect("valid").with_eye(eye)
+    Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 70.0, [13, 9])
+        .expect("valid")
+        .with_eye(eye)
 }
 
 /// Draws a cube from two eyes by all kernels; whatever is in it, this must come to an end.
 fn draw(cube: &PackedCube) {
     let mut renderer = Renderer::new();
-    for (offset, forward) in [(DVec3::ZERO, DVec3::NEG_Z), (DVec3::new(0.4, -0.3, 0.6), DVec3::new(-1.0, 0.5, 0.3))] {
+    for (offset, forward) in [
+        (DVec3::ZERO, DVec3::NEG_Z),
+        (DVec3::new(0.4, -0.3, 0.6), DVec3::new(-1.0, 0.5, 0.3)),
+    ] {
         let eye = cube.info.centre + offset * cube.info.half_size_m;
         if !eye.is_finite() {
             continue;
         }
         for kernel in [SplatKernel::Tent, SplatKernel::Opaque, SplatKernel::Paper] {
-            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            let settings = RenderSettings {
+                kernel,
+                ..RenderSettings::default()
+            };
             renderer.render(cube, &camera(eye, forward), &settings);
         }
     }
 }
 
 fn read_ldi(path: &Path) -> bool {
-    let Ok(cube) = PackedCube::read(path) else { return false };
+    let Ok(cube) = PackedCube::read(path) else {
+        return false;
+    };
     assert_eq!(cube.validate(), Ok(()), "what is read is sound");
     for segment in &cube.segments {
         for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y))) {
             let layout = cube.layout;
-            assert!(segment.pixel(x, y).iter().all(|pixel| segment.decode(layout, *pixel).inverse_depth > 0.0));
+            assert!(
+                segment
+                    .pixel(x, y)
+                    .iter()
+                    .all(|pixel| segment.decode(layout, *pixel).inverse_depth > 0.0)
+            );
         }
     }
     draw(&cube);
@@ -114,16 +167,25 @@ fn read_shard(path: &Path) -> bool {
 }
 
 fn read_sprite(path: &Path) -> bool {
-    let Ok(set) = SpriteSet::read(path) else { return false };
+    let Ok(set) = SpriteSet::read(path) else {
+        return false;
+    };
     let (mut renderer, mut frame) = (SpriteRenderer::new(), SpriteLayer::default());
     for eye in [DVec3::ZERO, DVec3::new(0.3, 0.1, 3.2)] {
-        set.render(&mut renderer, &camera(eye, DVec3::NEG_Z), &Default::default(), &mut frame);
+        set.render(
+            &mut renderer,
+            &camera(eye, DVec3::NEG_Z),
+            &Default::default(),
+            &mut frame,
+        );
     }
     true
 }
 
 fn read_lumigraph(path: &Path) -> bool {
-    let Ok(slabs) = Slabs::read(path) else { return false };
+    let Ok(slabs) = Slabs::read(path) else {
+        return false;
+    };
     let mut renderer = SlabsRenderer::new();
     for eye in [DVec3::ZERO, DVec3::new(0.3, 0.1, 3.2)] {
         renderer.render(&slabs, &camera(eye, DVec3::NEG_Z), &Default::default());
@@ -144,24 +206,52 @@ fn read_scene(path: &Path) -> bool {
 
 fn shard_bytes() -> Vec<u8> {
     let (tracer, job) = (tracer(), job());
-    let tracing = build::trace(&tracer, &job.settings(&Resources::default(), (0, 2)), &Silent).expect("traced");
+    let tracing = build::trace(
+        &tracer,
+        &job.settings(&Resources::default(), (0, 2)),
+        &Silent,
+    )
+    .expect("traced");
     let scene = tracer.scene();
     let (scene_fingerprint, triangles) = (fingerprint(scene), scene.triangles.len() as u32);
-    let info = ShardInfo { job, scene_fingerprint, triangles, part: 0, parts: 2, rays: tracing.rays };
+    let info = ShardInfo {
+        job,
+        scene_fingerprint,
+        triangles,
+        part: 0,
+        parts: 2,
+        rays: tracing.rays,
+    };
     bytes_of(|path| shard::write(path, &info, &tracing).expect("written"))
 }
 
 fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
     let tracer = tracer();
     let lighting = Lighting::of_scene(&tracer, 0);
-    let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 1, format };
-    let sprites = capture_slabs(&capture, &camera(job().centre, DVec3::NEG_Z), &[[0.1, 100.0]], &Silent);
-    bytes_of(|path| SpriteSet::new(sprites.expect("captured")).write(path).expect("written"))
+    let capture = SlabCapture {
+        tracer: &tracer,
+        lighting: &lighting,
+        lit: false,
+        samples: 1,
+        format,
+    };
+    let sprites = capture_slabs(
+        &capture,
+        &camera(job().centre, DVec3::NEG_Z),
+        &[[0.1, 100.0]],
+        &Silent,
+    );
+    bytes_of(|path| {
+        SpriteSet::new(sprites.expect("captured"))
+            .write(path)
+            .expect("written")
+    })
 }
 
 #[test]
 fn cube_ldi_files() {
-    let originals = [cube(), cube_with_planes()].map(|cube| bytes_of(|path| cube.write(path).expect("written")));
+    let originals = [cube(), cube_with_planes()]
+        .map(|cube| bytes_of(|path| cube.write(path).expect("written")));
     try_mutations("a.ldi", &originals, true, read_ldi);
 }
 
@@ -189,7 +279,12 @@ fn lumigraph_bytes(slabs: usize, layers: usize) -> Vec<u8> {
         convergence: 0.3,
     };
     let grid = CameraGrid::new(parts).expect("a grid");
-    let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 1 };
+    let capture = LumigraphCapture {
+        tracer: &tracer,
+        lighting: &lighting,
+        lit: false,
+        samples: 1,
+    };
     let raw = capture.run(&grid, &Silent).expect("captured");
     let lumigraph = raw.layered(layers, Placement::Histogram).expect("layered");
     let slabs = Slabs::new(vec![lumigraph; slabs]).expect("slabs");
@@ -208,7 +303,12 @@ fn lumigraph_files() {
 
 #[test]
 fn camera_paths() {
-    try_mutations("a.json", &["list.json", "camera.json", "path.json"].map(corpus), false, read_path);
+    try_mutations(
+        "a.json",
+        &["list.json", "camera.json", "path.json"].map(corpus),
+        false,
+        read_path,
+    );
 }
 
 #[test]
@@ -227,7 +327,12 @@ fn mtl_files() {
 
 #[test]
 fn gltf_files() {
-    try_mutations("a.gltf", &["a.gltf", "nodes.gltf"].map(corpus), false, read_scene);
+    try_mutations(
+        "a.gltf",
+        &["a.gltf", "nodes.gltf"].map(corpus),
+        false,
+        read_scene,
+    );
 }
 
 #[test]
@@ -237,29 +342,50 @@ fn glb_files() {
 
 fn read_depth(path: &Path) -> bool {
     DepthPicture::read(path, 0.001).is_ok_and(|depth| {
-        assert_eq!(depth.values.len(), depth.width as usize * depth.height as usize);
+        assert_eq!(
+            depth.values.len(),
+            depth.width as usize * depth.height as usize
+        );
         true
     })
 }
 
 #[test]
 fn depth_pictures() {
-    let depth = DepthPicture { width: 9, height: 7, values: (0..63).map(|i| 1.0 + i as f32).collect() };
+    let depth = DepthPicture {
+        width: 9,
+        height: 7,
+        values: (0..63).map(|i| 1.0 + i as f32).collect(),
+    };
     let exr = bytes_of(|path| write_depth_exr(&depth, path).expect("written"));
     try_mutations("a.exr", &[exr], false, read_depth);
-    let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(9, 7, |x, y| image::Luma([(x * 300 + y) as u16]));
-    let png = bytes_of(|path| grey.save_with_format(path, image::ImageFormat::Png).expect("written"));
+    let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(9, 7, |x, y| {
+        image::Luma([(x * 300 + y) as u16])
+    });
+    let png = bytes_of(|path| {
+        grey.save_with_format(path, image::ImageFormat::Png)
+            .expect("written")
+    });
     try_mutations("a.png", &[png], false, read_depth);
 }
 
 #[test]
 fn textures() {
-    let picture =
-        image::RgbaImage::from_fn(6, 5, |x, y| image::Rgba([x as u8 * 40, y as u8 * 40, 9, 255 - x as u8 * 50]));
-    let originals =
-        [image::ImageFormat::Png, image::ImageFormat::Bmp, image::ImageFormat::Tga, image::ImageFormat::Tiff];
-    let originals = originals.map(|format| bytes_of(|path| picture.save_with_format(path, format).expect("written")));
-    for (name, original) in ["a.png", "a.bmp", "a.tga", "a.tiff"].into_iter().zip(originals) {
+    let picture = image::RgbaImage::from_fn(6, 5, |x, y| {
+        image::Rgba([x as u8 * 40, y as u8 * 40, 9, 255 - x as u8 * 50])
+    });
+    let originals = [
+        image::ImageFormat::Png,
+        image::ImageFormat::Bmp,
+        image::ImageFormat::Tga,
+        image::ImageFormat::Tiff,
+    ];
+    let originals = originals
+        .map(|format| bytes_of(|path| picture.save_with_format(path, format).expect("written")));
+    for (name, original) in ["a.png", "a.bmp", "a.tga", "a.tiff"]
+        .into_iter()
+        .zip(originals)
+    {
         let obj = "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";
         let mtl = format!("newmtl m\nmap_Kd {name}\n");
         try_mutations(name, &[original], false, |path| {
@@ -273,10 +399,15 @@ fn textures() {
 
 /// Reads a report and makes all that is made of one.
 fn read_report(path: &Path) -> bool {
-    let Ok(report) = serde_json::from_slice::<Report>(&std::fs::read(path).expect("written")) else { return false };
+    let Ok(report) = serde_json::from_slice::<Report>(&std::fs::read(path).expect("written"))
+    else {
+        return false;
+    };
     results::page(&report, None);
     summary::summary(&report);
-    figures(&report).iter().for_each(|figure| drop(figure.chart.draw().to_svg()));
+    figures(&report)
+        .iter()
+        .for_each(|figure| drop(figure.chart.to_svg()));
     true
 }
 
@@ -331,7 +462,10 @@ fn packed_cubes_that_break_their_promises() {
         let drawn = catch_unwind(AssertUnwindSafe(|| draw(&broken)));
         assert!(drawn.is_ok(), "seed {seed}: {:?}", broken.validate());
     }
-    println!("packed cubes: {} broken promises, of which {invalid} were found out", rounds.done());
+    println!(
+        "packed cubes: {} broken promises, of which {invalid} were found out",
+        rounds.done()
+    );
     assert!(invalid * 2 > rounds.done(), "most are broken: {invalid}");
 }
 
@@ -342,7 +476,11 @@ fn break_promise(segment: &mut PackedSegment, dice: &mut Dice) {
         match dice.below(3) {
             0 => list.truncate(at),
             1 => list.push(wild(dice)),
-            _ => list.iter_mut().skip(at).take(1).for_each(|v| *v = wild(dice)),
+            _ => list
+                .iter_mut()
+                .skip(at)
+                .take(1)
+                .for_each(|v| *v = wild(dice)),
         }
     };
     match dice.below(9) {
@@ -356,7 +494,11 @@ fn break_promise(segment: &mut PackedSegment, dice: &mut Dice) {
         7 => change(&mut segment.row_counts, dice),
         _ => {
             let at = dice.below(segment.depth_pixels.len());
-            segment.depth_pixels.iter_mut().skip(at).for_each(|pixel| pixel.geometry = dice.bits() as u32);
+            segment
+                .depth_pixels
+                .iter_mut()
+                .skip(at)
+                .for_each(|pixel| pixel.geometry = dice.bits() as u32);
         }
     }
     if dice.below(2) == 0 {
@@ -368,7 +510,10 @@ fn break_promise(segment: &mut PackedSegment, dice: &mut Dice) {
 #[test]
 fn the_corpus_is_replayed() {
     let mut replayed = 0;
-    for entry in std::fs::read_dir(corpus_folder()).expect("the corpus").flatten() {
+    for entry in std::fs::read_dir(corpus_folder())
+        .expect("the corpus")
+        .flatten()
+    {
         let path = entry.path();
         match path.extension().and_then(|e| e.to_str()) {
             Some("ldi") => drop(read_ldi(&path)),

@@ -3,17 +3,17 @@
 use crate::mutations::{bytes_of, corpus, corpus_folder, try_mutations};
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
-use headbox_trace::light::Lighting;
-use headbox_model::load::{ModelOptions, load_model};
-use headbox_trace::bvh::Tracer;
-use headbox_lab::truths::Truths;
+use headbox_core::progress::Silent;
 use headbox_house::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use headbox_house::file;
 use headbox_house::house::House;
 use headbox_house::settings::{Near, WalkSettings};
 use headbox_house::store::Store;
 use headbox_house::walk::Walker;
-use headbox_core::progress::Silent;
+use headbox_lab::truths::Truths;
+use headbox_model::load::{ModelOptions, load_model};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::TempDir;
@@ -36,8 +36,14 @@ const BUDGET_BYTES: u64 = 64 << 20;
 
 /// Reads a portal model whose geometry is the corpus's home, and prepares it to be walked if it is sound enough.
 fn read_model(path: &Path) -> bool {
-    let Ok(loaded) = load_model(path, &ModelOptions::default()) else { return false };
-    assert_eq!(loaded.model.scene.validate(), Ok(()), "what is loaded is sound");
+    let Ok(loaded) = load_model(path, &ModelOptions::default()) else {
+        return false;
+    };
+    assert_eq!(
+        loaded.model.scene.validate(),
+        Ok(()),
+        "what is loaded is sound"
+    );
     House::new(loaded.model).is_ok()
 }
 
@@ -67,10 +73,16 @@ fn portal_models() {
 
 /// The corpus's flat with a backdrop of each kind of content: cubes, textures, a sprite.
 fn house_bytes() -> Vec<u8> {
-    let loaded = load_model(&corpus_folder().join("flat.toml"), &ModelOptions::default()).expect("loads");
+    let loaded =
+        load_model(&corpus_folder().join("flat.toml"), &ModelOptions::default()).expect("loads");
     let house = House::new(loaded.model).expect("walkable");
     let store = Store::new(BUDGET_BYTES);
-    for kind in [BackdropKind::WindowLdi, BackdropKind::Textures, BackdropKind::Sprite, BackdropKind::TwoImages] {
+    for kind in [
+        BackdropKind::WindowLdi,
+        BackdropKind::Textures,
+        BackdropKind::Sprite,
+        BackdropKind::TwoImages,
+    ] {
         for side in [0, 1] {
             let at = PortalSide { portal: 0, side };
             let backdrop = Backdrop::capture(&house, at, kind, &TINY).expect("captured");
@@ -82,7 +94,9 @@ fn house_bytes() -> Vec<u8> {
 
 /// Reads a house and takes three looks at it with whatever it holds.
 fn read_house(path: &Path) -> bool {
-    let Ok((house, store, _)) = file::read(path, BUDGET_BYTES) else { return false };
+    let Ok((house, store, _)) = file::read(path, BUDGET_BYTES) else {
+        return false;
+    };
     let mut walker = Walker::new();
     for (eye, to) in [
         (dvec3(1.5, 1.5, 1.5), DVec3::X),
@@ -97,8 +111,12 @@ fn read_house(path: &Path) -> bool {
             Some(BackdropKind::Sprite),
             Some(BackdropKind::TwoImages),
         ] {
-            let settings =
-                WalkSettings { backdrops: kind, near: Near::Distance(0.5), persistence: true, ..Default::default() };
+            let settings = WalkSettings {
+                backdrops: kind,
+                near: Near::Distance(0.5),
+                persistence: true,
+                ..Default::default()
+            };
             walker.frame(&house, &store, &camera, &settings);
         }
     }
@@ -124,23 +142,40 @@ impl Cached {
         let centre = scene.headbox.expect("it has one").centre;
         let tracer = Tracer::new(scene, centre);
         let lighting = Lighting::measure(&tracer, 0);
-        let camera = Camera::look_at(centre, centre - DVec3::Z, DVec3::Y, 60.0, [5, 3]).expect("valid");
-        let cached = Self { tracer, lighting, camera, folder: tempfile::tempdir().expect("a folder") };
+        let camera =
+            Camera::look_at(centre, centre - DVec3::Z, DVec3::Y, 60.0, [5, 3]).expect("valid");
+        let cached = Self {
+            tracer,
+            lighting,
+            camera,
+            folder: tempfile::tempdir().expect("a folder"),
+        };
         cached.check();
         cached
     }
 
     /// The file of the frame.
     fn file(&self) -> PathBuf {
-        let mut files = std::fs::read_dir(self.folder.path()).expect("there").flatten();
+        let mut files = std::fs::read_dir(self.folder.path())
+            .expect("there")
+            .flatten();
         files.next().expect("one frame").path()
     }
 
     /// Asks for the frame, with whatever the file holds now.
     fn check(&self) {
-        let truths = Truths::new(&self.tracer, &self.lighting, false, Some(self.folder.path().into()));
+        let truths = Truths::new(
+            &self.tracer,
+            &self.lighting,
+            false,
+            Some(self.folder.path().into()),
+        );
         let frame = truths.frame(&self.camera, 1, &Silent).frame;
-        assert_eq!((frame.width, frame.height), (5, 3), "whatever the file says");
+        assert_eq!(
+            (frame.width, frame.height),
+            (5, 3),
+            "whatever the file says"
+        );
         assert_eq!((frame.color.len(), frame.coverage.len()), (15, 15));
     }
 
@@ -164,7 +199,10 @@ fn kept_truth() {
 fn the_corpus_is_replayed() {
     let cached = Cached::new();
     let mut replayed = 0;
-    for entry in std::fs::read_dir(corpus_folder()).expect("the corpus").flatten() {
+    for entry in std::fs::read_dir(corpus_folder())
+        .expect("the corpus")
+        .flatten()
+    {
         let path = entry.path();
         match path.extension().and_then(|e| e.to_str()) {
             Some("xml" | "sh3d" | "toml") => drop(read_model(&path)),

@@ -78,16 +78,27 @@ pub struct Rounds {
 
 impl Rounds {
     pub fn of(cases: u64) -> Self {
-        let seconds = std::env::var("HEADBOX_FUZZ_SECONDS").ok().and_then(|s| s.parse().ok());
+        let seconds = std::env::var("HEADBOX_FUZZ_SECONDS")
+            .ok()
+            .and_then(|s| s.parse().ok());
         let most = seconds.map(Duration::from_secs);
-        Self { cases, most, done: 0, spent: Duration::ZERO, last: Instant::now() }
+        Self {
+            cases,
+            most,
+            done: 0,
+            spent: Duration::ZERO,
+            last: Instant::now(),
+        }
     }
 
     /// The next seed, until it is enough.
     pub fn next(&mut self) -> Option<u64> {
         self.spent += self.last.elapsed().min(LONGEST);
         self.last = Instant::now();
-        if self.most.map_or(self.done >= self.cases, |most| self.spent >= most) {
+        if self
+            .most
+            .map_or(self.done >= self.cases, |most| self.spent >= most)
+        {
             return None;
         }
         self.done += 1;
@@ -100,7 +111,12 @@ impl Rounds {
 }
 
 /// Tries mutations of the originals, for as many cases as asked for or as long.
-pub fn try_mutations(name: &str, originals: &[Vec<u8>], in_sections: bool, read: impl Fn(&Path) -> bool) {
+pub fn try_mutations(
+    name: &str,
+    originals: &[Vec<u8>],
+    in_sections: bool,
+    read: impl Fn(&Path) -> bool,
+) {
     let _alone = alone();
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join(name);
@@ -128,12 +144,18 @@ pub fn try_mutations(name: &str, originals: &[Vec<u8>], in_sections: bool, read:
         if outcome.is_err() || largest > MOST_BYTES {
             let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("seed-{seed}-{name}"));
             std::fs::write(&kept, &bytes).expect("written");
-            panic!("{name}, seed {seed}: panic or an allocation of {largest} bytes; kept as {}", kept.display());
+            panic!(
+                "{name}, seed {seed}: panic or an allocation of {largest} bytes; kept as {}",
+                kept.display()
+            );
         }
         sound += u64::from(outcome.unwrap_or(false));
     }
     let seconds = rounds.spent.as_secs_f64();
-    println!("{name}: {} mutations in {seconds:.1} s, of which {sound} were sound files", rounds.done());
+    println!(
+        "{name}: {} mutations in {seconds:.1} s, of which {sound} were sound files",
+        rounds.done()
+    );
 }
 
 /// The bytes that `write` leaves in a file.
@@ -228,9 +250,24 @@ pub fn mutate(bytes: &mut Vec<u8>, dice: &mut Dice) {
             6 | 7 => replace_number(bytes, at, dice),
             _ => {
                 let width = *dice.pick(&[2, 4, 8]);
-                let value = *dice.pick(&[0u64, 1, 0x7f, 0x8000, 0xffff, 0x7fff_ffff, 0xffff_ffff, 1 << 40, u64::MAX]);
+                let value = *dice.pick(&[
+                    0u64,
+                    1,
+                    0x7f,
+                    0x8000,
+                    0xffff,
+                    0x7fff_ffff,
+                    0xffff_ffff,
+                    1 << 40,
+                    u64::MAX,
+                ]);
                 let value = value.to_le_bytes();
-                bytes.iter_mut().skip(at).take(width).zip(value).for_each(|(byte, new)| *byte = new);
+                bytes
+                    .iter_mut()
+                    .skip(at)
+                    .take(width)
+                    .zip(value)
+                    .for_each(|(byte, new)| *byte = new);
             }
         }
     }
@@ -238,9 +275,13 @@ pub fn mutate(bytes: &mut Vec<u8>, dice: &mut Dice) {
 
 /// Replaces the digits at or after a place by another number.
 fn replace_number(bytes: &mut Vec<u8>, from: usize, dice: &mut Dice) {
-    let Some(start) = (from..bytes.len()).find(|&i| bytes[i].is_ascii_digit()) else { return };
+    let Some(start) = (from..bytes.len()).find(|&i| bytes[i].is_ascii_digit()) else {
+        return;
+    };
     let in_number = |b: &u8| b.is_ascii_digit() || b".eE+-".contains(b);
-    let end = (start..bytes.len()).find(|&i| !in_number(&bytes[i])).unwrap_or(bytes.len());
+    let end = (start..bytes.len())
+        .find(|&i| !in_number(&bytes[i]))
+        .unwrap_or(bytes.len());
     let number = dice.pick(&NUMBERS).bytes();
     bytes.splice(start..end, number);
 }
@@ -254,20 +295,32 @@ pub struct Parts {
 impl Parts {
     /// Of an undamaged file.
     pub fn of(file: &[u8]) -> Self {
-        let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().expect("four bytes")) as usize;
+        let word = |at: usize| {
+            u32::from_le_bytes(file[at..at + 4].try_into().expect("four bytes")) as usize
+        };
         let sections = (0..word(16)).map(|i| {
             let entry = 24 + 32 * i;
             let name = file[entry..entry + 12].try_into().expect("twelve bytes");
-            (name, file[word(entry + 16)..word(entry + 16) + word(entry + 24)].to_vec())
+            (
+                name,
+                file[word(entry + 16)..word(entry + 16) + word(entry + 24)].to_vec(),
+            )
         });
-        Self { head: file[..16].to_vec(), sections: sections.collect() }
+        Self {
+            head: file[..16].to_vec(),
+            sections: sections.collect(),
+        }
     }
 
     /// Changes what is in a section; every checksum will fit.
     pub fn mutate(&mut self, dice: &mut Dice) {
         let count = self.sections.len();
         // The first section says what the others hold.
-        let which = if dice.below(3) > 0 { 0 } else { dice.below(count) };
+        let which = if dice.below(3) > 0 {
+            0
+        } else {
+            dice.below(count)
+        };
         mutate(&mut self.sections[which].1, dice);
         if dice.below(20) == 0 {
             let from = dice.below(count);
@@ -290,6 +343,13 @@ impl Parts {
             table.extend((bytes.len() as u64).to_le_bytes());
         }
         let count = (self.sections.len() as u32).to_le_bytes();
-        [self.head.as_slice(), &count, &crc32fast::hash(&table).to_le_bytes(), &table, &body].concat()
+        [
+            self.head.as_slice(),
+            &count,
+            &crc32fast::hash(&table).to_le_bytes(),
+            &table,
+            &body,
+        ]
+        .concat()
     }
 }

@@ -1,7 +1,10 @@
 //! `headbox images --align`, with a program in COLMAP's place that finds three cameras, or none, or fails.
 
 #![cfg(unix)]
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
 
 use image::{Rgb, RgbImage};
 use std::fs;
@@ -46,9 +49,15 @@ fn photographs(folder: &Path) {
     let mut images = 3_u64.to_le_bytes().to_vec();
     for id in 0..3_u32 {
         let name = format!("{id}.png");
-        RgbImage::from_pixel(16, 12, Rgb([200, 90, id as u8])).save(folder.join("photos").join(&name)).unwrap();
+        RgbImage::from_pixel(16, 12, Rgb([200, 90, id as u8]))
+            .save(folder.join("photos").join(&name))
+            .unwrap();
         images.extend(id.to_le_bytes());
-        images.extend([1.0_f64, 0.0, 0.0, 0.0, f64::from(id), 0.0, 0.0].map(f64::to_le_bytes).as_flattened());
+        images.extend(
+            [1.0_f64, 0.0, 0.0, 0.0, f64::from(id), 0.0, 0.0]
+                .map(f64::to_le_bytes)
+                .as_flattened(),
+        );
         images.extend(1_u32.to_le_bytes());
         images.extend(name.as_bytes());
         images.extend([0_u8; 9]); // the name's end, and no points
@@ -58,18 +67,29 @@ fn photographs(folder: &Path) {
 
 fn align(folder: &Path, path: &str) -> (Output, String) {
     let mut program = Command::new(env!("CARGO_BIN_EXE_headbox"));
-    let output = program.args(["images", "photos", "--align"]).current_dir(folder).env("PATH", path).output().unwrap();
+    let output = program
+        .args(["images", "photos", "--align"])
+        .current_dir(folder)
+        .env("PATH", path)
+        .output()
+        .unwrap();
     let words = String::from_utf8(output.stderr.clone()).unwrap();
     (output, words)
 }
 
 fn with_bin(folder: &Path) -> String {
-    format!("{}:{}", folder.join("bin").display(), std::env::var("PATH").unwrap_or_default())
+    format!(
+        "{}:{}",
+        folder.join("bin").display(),
+        std::env::var("PATH").unwrap_or_default()
+    )
 }
 
 /// What lies among the photographs besides them.
 fn left(folder: &Path) -> Vec<String> {
-    let names = fs::read_dir(folder.join("photos")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+    let names = fs::read_dir(folder.join("photos"))
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap());
     names.filter(|name| !name.ends_with(".png")).collect()
 }
 
@@ -77,13 +97,22 @@ fn left(folder: &Path) -> Vec<String> {
 fn a_model_is_put_beside_its_photographs_and_read() {
     let dir = tempfile::tempdir().unwrap();
     photographs(dir.path());
-    with_colmap(dir.path(), &format!("cp -r {} \"$out/0\"", dir.path().join("found/0").display()));
+    with_colmap(
+        dir.path(),
+        &format!("cp -r {} \"$out/0\"", dir.path().join("found/0").display()),
+    );
     let (output, words) = align(dir.path(), &with_bin(dir.path()));
     assert!(output.status.success(), "{words}");
     assert!(words.contains("3 of 3 photographs"), "{words}");
     let told = String::from_utf8(output.stdout).unwrap();
-    assert!(told.contains("COLMAP model (binary), 3 views") && told.contains("16x12"), "{told}");
-    assert!(!words.contains("pictures are not there"), "the photographs themselves are its pictures: {words}");
+    assert!(
+        told.contains("COLMAP model (binary), 3 views") && told.contains("16x12"),
+        "{told}"
+    );
+    assert!(
+        !words.contains("pictures are not there"),
+        "the photographs themselves are its pictures: {words}"
+    );
     assert_eq!(left(dir.path()), ["sparse"]);
     let (again, words) = align(dir.path(), &with_bin(dir.path()));
     assert_eq!(again.status.code(), Some(1));
@@ -93,9 +122,18 @@ fn a_model_is_put_beside_its_photographs_and_read() {
 #[test]
 fn what_fails_is_told_and_leaves_the_folder_as_it_was() {
     for (last_step, expected) in [
-        ("echo 'No good initial image pair found.'", "could not say of any two photographs"),
-        ("echo 'ERROR: failed to create sparse model'; exit 1", "could not say of any two photographs"),
-        ("echo 'out of memory'; exit 1", "colmap mapper failed: out of memory"),
+        (
+            "echo 'No good initial image pair found.'",
+            "could not say of any two photographs",
+        ),
+        (
+            "echo 'ERROR: failed to create sparse model'; exit 1",
+            "could not say of any two photographs",
+        ),
+        (
+            "echo 'out of memory'; exit 1",
+            "colmap mapper failed: out of memory",
+        ),
     ] {
         let dir = tempfile::tempdir().unwrap();
         photographs(dir.path());
@@ -108,7 +146,10 @@ fn what_fails_is_told_and_leaves_the_folder_as_it_was() {
     let dir = tempfile::tempdir().unwrap();
     photographs(dir.path());
     let (_, words) = align(dir.path(), "/nonexistent");
-    assert!(words.contains("COLMAP is not installed") && words.contains("apt install colmap"), "{words}");
+    assert!(
+        words.contains("COLMAP is not installed") && words.contains("apt install colmap"),
+        "{words}"
+    );
     assert!(left(dir.path()).is_empty());
 }
 
@@ -118,9 +159,15 @@ fn photographs_of_several_sizes_have_cameras_of_their_own() {
     for (size, expected) in [([16, 12], "single_camera 1"), ([12, 16], "single_camera 0")] {
         let dir = tempfile::tempdir().unwrap();
         photographs(dir.path());
-        RgbImage::new(size[0], size[1]).save(dir.path().join("photos/3.png")).unwrap();
+        RgbImage::new(size[0], size[1])
+            .save(dir.path().join("photos/3.png"))
+            .unwrap();
         with_colmap(dir.path(), "exit 0");
         align(dir.path(), &with_bin(dir.path()));
-        assert!(asked(dir.path()).contains(expected), "{size:?}: {}", asked(dir.path()));
+        assert!(
+            asked(dir.path()).contains(expected),
+            "{size:?}: {}",
+            asked(dir.path())
+        );
     }
 }

@@ -5,8 +5,18 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// A small capture of the bump scene.
-const CAPTURE: [&str; 10] =
-    ["capture", "builtin:bump", "--face-size", "48", "--strata", "6", "--rays", "4", "--light-samples", "1"];
+const CAPTURE: [&str; 10] = [
+    "capture",
+    "builtin:bump",
+    "--face-size",
+    "48",
+    "--strata",
+    "6",
+    "--rays",
+    "4",
+    "--light-samples",
+    "1",
+];
 
 fn capture(folder: &Path, more: &[&str]) -> String {
     succeeds(folder, &[CAPTURE.as_slice(), more].concat())
@@ -16,7 +26,11 @@ fn capture(folder: &Path, more: &[&str]) -> String {
 fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
     let dir = tempfile::tempdir().unwrap();
     let usage = |more: &[&str], expected: &str| {
-        let message = refused(dir.path(), 2, &[CAPTURE.as_slice(), &["-o", "x.ldi"], more].concat());
+        let message = refused(
+            dir.path(),
+            2,
+            &[CAPTURE.as_slice(), &["-o", "x.ldi"], more].concat(),
+        );
         assert!(message.contains(expected), "{more:?}: {message}");
     };
     usage(&["--center", "nan,0,0"], "three finite numbers");
@@ -27,10 +41,17 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
     usage(&["--shard", "5/4"], "I/N");
     usage(&["--split", "-3"], "auto, none");
     for error in ["-1", "nan", "inf", "1e9"] {
-        usage(&["--error-px", error], "a number of frame pixels from 0 to 1000000");
+        usage(
+            &["--error-px", error],
+            "a number of frame pixels from 0 to 1000000",
+        );
     }
     let range = |name: &str, value: &str, expected: &str| {
-        let message = refused(dir.path(), 2, &["capture", "builtin:bump", "-o", "x.ldi", name, value]);
+        let message = refused(
+            dir.path(),
+            2,
+            &["capture", "builtin:bump", "-o", "x.ldi", name, value],
+        );
         assert!(message.contains(expected), "{name} {value}: {message}");
     };
     range("--face-size", "0", "from 1 to 8192");
@@ -38,8 +59,16 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
     range("--strata", "0", "from 1 to 128");
     range("--rays", "0", "from 1 to 1048576");
     range("--memory", "1", "from 64 to");
-    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "nothing was written");
-    let message = refused(dir.path(), 2, &["truth", "builtin:bump", "-o", "t.png", "--fov", "180"]);
+    assert_eq!(
+        std::fs::read_dir(dir.path()).unwrap().count(),
+        0,
+        "nothing was written"
+    );
+    let message = refused(
+        dir.path(),
+        2,
+        &["truth", "builtin:bump", "-o", "t.png", "--fov", "180"],
+    );
     assert!(message.contains("between 0.1 and 179"), "{message}");
     refused(dir.path(), 2, &["no-such-command"]);
 }
@@ -49,7 +78,10 @@ fn outputs_are_refused_before_any_work_and_harm_nothing() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path(), &["-o", "a.ldi"]);
     let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
-    write("one.obj", "mtllib one.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n");
+    write(
+        "one.obj",
+        "mtllib one.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n",
+    );
     write("one.mtl", "newmtl a\nmap_Kd one.png\n");
     let picture = image::RgbImage::from_pixel(2, 2, image::Rgb([9, 8, 7]));
     picture.save(dir.path().join("one.png")).unwrap();
@@ -61,25 +93,75 @@ fn outputs_are_refused_before_any_work_and_harm_nothing() {
         assert!(message.contains(expected), "{arguments:?}: {message}");
         assert!(all() == untouched, "{arguments:?} harmed a file");
     };
-    refused(2, &["render", "a.ldi", "-o", "a.ldi"], "input of this command");
+    refused(
+        2,
+        &["render", "a.ldi", "-o", "a.ldi"],
+        "input of this command",
+    );
     refused(2, &["render", "a.ldi", "-o", "x.gif"], ".png, .jpg");
-    refused(2, &["render", "a.ldi", "-o", "-", "--json"], "leave one out");
-    refused(2, &["render", "a.ldi", "-o", "x.png", "--coverage", "x.png"], "two outputs");
-    refused(2, &["capture", "one.obj", "-o", "one.obj"], "input of this command");
+    refused(
+        2,
+        &["render", "a.ldi", "-o", "-", "--json"],
+        "leave one out",
+    );
+    refused(
+        2,
+        &["render", "a.ldi", "-o", "x.png", "--coverage", "x.png"],
+        "two outputs",
+    );
+    refused(
+        2,
+        &["capture", "one.obj", "-o", "one.obj"],
+        "input of this command",
+    );
     refused(2, &["capture", "one.obj", "-o", "x.shard"], "--shard");
-    refused(2, &["truth", "one.obj", "-o", "one.png", "--samples", "1"], "input of this command");
-    refused(2, &["compare", "one.png", "one.png", "--map", "one.png"], "input of this command");
-    refused(2, &["sprite", "one.obj", "-o", "one.obj"], "input of this command");
-    refused(1, &["render", "a.ldi", "-o", "one.obj/x.png"], "one.obj/x.png");
+    refused(
+        2,
+        &["truth", "one.obj", "-o", "one.png", "--samples", "1"],
+        "input of this command",
+    );
+    refused(
+        2,
+        &["compare", "one.png", "one.png", "--map", "one.png"],
+        "input of this command",
+    );
+    refused(
+        2,
+        &["sprite", "one.obj", "-o", "one.obj"],
+        "input of this command",
+    );
+    refused(
+        1,
+        &["render", "a.ldi", "-o", "one.obj/x.png"],
+        "one.obj/x.png",
+    );
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 4);
     for name in ["new/x.jpg", "x.webp", "x.TIF"] {
-        succeeds(dir.path(), &["render", "a.ldi", "-o", name, "--size", "16x12"]);
-        let found = image::ImageReader::open(dir.path().join(name)).unwrap().with_guessed_format().unwrap();
-        assert_eq!(found.format(), image::ImageFormat::from_path(name).ok(), "{name}");
+        succeeds(
+            dir.path(),
+            &["render", "a.ldi", "-o", name, "--size", "16x12"],
+        );
+        let found = image::ImageReader::open(dir.path().join(name))
+            .unwrap()
+            .with_guessed_format()
+            .unwrap();
+        assert_eq!(
+            found.format(),
+            image::ImageFormat::from_path(name).ok(),
+            "{name}"
+        );
     }
-    let output = headbox(dir.path(), &["render", "a.ldi", "-o", "-", "--size", "16x12"]);
-    assert!(output.stdout.starts_with(b"\x89PNG") && image::load_from_memory(&output.stdout).is_ok());
-    assert!(String::from_utf8(output.stderr).unwrap().contains(" ms"), "the words go to standard error");
+    let output = headbox(
+        dir.path(),
+        &["render", "a.ldi", "-o", "-", "--size", "16x12"],
+    );
+    assert!(
+        output.stdout.starts_with(b"\x89PNG") && image::load_from_memory(&output.stdout).is_ok()
+    );
+    assert!(
+        String::from_utf8(output.stderr).unwrap().contains(" ms"),
+        "the words go to standard error"
+    );
 }
 
 #[test]
@@ -87,15 +169,34 @@ fn nonsense_is_an_error_or_a_warning_that_says_what_will_be_seen() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path(), &["-o", "a.ldi"]);
     let warns = |more: &[&str], expected: &str| {
-        let output =
-            headbox(dir.path(), &[["render", "a.ldi", "-o", "x.png", "--size", "16x12"].as_slice(), more].concat());
+        let output = headbox(
+            dir.path(),
+            &[
+                ["render", "a.ldi", "-o", "x.png", "--size", "16x12"].as_slice(),
+                more,
+            ]
+            .concat(),
+        );
         let said = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.success() && said.contains(expected), "{more:?}: {said}");
+        assert!(
+            output.status.success() && said.contains(expected),
+            "{more:?}: {said}"
+        );
     };
     warns(&["--eye", "0,0,90"], "outside the headbox");
-    warns(&["--eye", "0,0,0", "--look-at", "0,-1,0"], "along the up vector");
-    warns(&["--eye", "0,0,0", "--up-vector", "0,0,1"], "along the up vector");
-    let message = refused(dir.path(), 2, &[CAPTURE.as_slice(), &["-o", "x.ldi", "--center", "1e30,0,0"]].concat());
+    warns(
+        &["--eye", "0,0,0", "--look-at", "0,-1,0"],
+        "along the up vector",
+    );
+    warns(
+        &["--eye", "0,0,0", "--up-vector", "0,0,1"],
+        "along the up vector",
+    );
+    let message = refused(
+        dir.path(),
+        2,
+        &[CAPTURE.as_slice(), &["-o", "x.ldi", "--center", "1e30,0,0"]].concat(),
+    );
     assert!(message.contains("so far from the scene"), "{message}");
     let mut longer = std::fs::read(dir.path().join("a.ldi")).unwrap();
     longer.extend(b"junk");
@@ -110,15 +211,28 @@ fn missing_and_wrong_files_are_exit_1_and_named() {
     let write = |name: &str, bytes: &[u8]| std::fs::write(dir.path().join(name), bytes).unwrap();
     let message = refused(dir.path(), 1, &["capture", "nowhere.obj", "-o", "x.ldi"]);
     assert!(message.contains("nowhere.obj"), "{message}");
-    let message = refused(dir.path(), 1, &["capture", "builtin:nothing", "-o", "x.ldi"]);
-    assert!(message.contains("nothing") && message.contains("tree"), "{message}");
+    let message = refused(
+        dir.path(),
+        1,
+        &["capture", "builtin:nothing", "-o", "x.ldi"],
+    );
+    assert!(
+        message.contains("nothing") && message.contains("tree"),
+        "{message}"
+    );
     write("empty.obj", b"# no faces\n");
     let message = refused(dir.path(), 1, &["capture", "empty.obj", "-o", "x.ldi"]);
     assert!(message.contains("empty.obj"), "{message}");
     write("text.ldi", b"this is not an LDI");
-    for command in [["info", "text.ldi"].as_slice(), &["render", "text.ldi", "-o", "x.png"]] {
+    for command in [
+        ["info", "text.ldi"].as_slice(),
+        &["render", "text.ldi", "-o", "x.png"],
+    ] {
         let message = refused(dir.path(), 1, command);
-        assert!(message.contains("text.ldi") && message.contains("not a headbox file"), "{message}");
+        assert!(
+            message.contains("text.ldi") && message.contains("not a headbox file"),
+            "{message}"
+        );
     }
     let message = refused(dir.path(), 1, &["compare", "a.png", "b.png"]);
     assert!(message.contains("a.png"), "{message}");
@@ -131,14 +245,27 @@ fn missing_and_wrong_files_are_exit_1_and_named() {
 fn truth_says_what_its_noise_means() {
     let dir = tempfile::tempdir().unwrap();
     let truth = |more: &[&str]| {
-        let usual = ["truth", "builtin:miniature", "-o", "t.png", "--size", "32x24"];
+        let usual = [
+            "truth",
+            "builtin:miniature",
+            "-o",
+            "t.png",
+            "--size",
+            "32x24",
+        ];
         succeeds(dir.path(), &[usual.as_slice(), more].concat())
     };
     let noisy = truth(&["--samples", "1"]);
-    assert!(noisy.contains("dB (PSNR): what is compared with it is at most so good"), "{noisy}");
+    assert!(
+        noisy.contains("dB (PSNR): what is compared with it is at most so good"),
+        "{noisy}"
+    );
     // A picture of nothing but the sky has no noise.
     let clean = truth(&["--samples", "4", "--eye", "0,50,0", "--look-at", "0,100,1"]);
-    assert!(clean.contains("(PSNR)") && !clean.contains("compared"), "{clean}");
+    assert!(
+        clean.contains("(PSNR)") && !clean.contains("compared"),
+        "{clean}"
+    );
 }
 
 #[cfg(unix)]
@@ -146,10 +273,19 @@ fn truth_says_what_its_noise_means() {
 fn a_pipe_that_is_waited_for_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let pipe = dir.path().join("pipe.obj");
-    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    assert!(
+        Command::new("mkfifo")
+            .arg(&pipe)
+            .status()
+            .unwrap()
+            .success()
+    );
     let writer = std::thread::spawn(move || std::fs::write(pipe, "v 0 0 0\n"));
     let message = refused(dir.path(), 1, &["capture", "pipe.obj", "-o", "x.ldi"]);
-    assert!(message.starts_with("note: pipe.obj is a pipe; waiting for what is written to it"), "{message}");
+    assert!(
+        message.starts_with("note: pipe.obj is a pipe; waiting for what is written to it"),
+        "{message}"
+    );
     writer.join().unwrap().unwrap();
 }
 
@@ -161,7 +297,10 @@ fn a_damaged_capture_is_refused_and_named() {
     let refused = |bytes: &[u8], expected: &str| {
         std::fs::write(dir.path().join("b.ldi"), bytes).unwrap();
         let message = refused(dir.path(), 1, &["info", "b.ldi", "--check"]);
-        assert!(message.contains("b.ldi") && message.contains(expected), "{message}");
+        assert!(
+            message.contains("b.ldi") && message.contains(expected),
+            "{message}"
+        );
     };
     refused(&good[..good.len() / 2], "truncated");
     refused(&good[..20], "header");
@@ -179,31 +318,74 @@ fn a_damaged_capture_is_refused_and_named() {
 #[test]
 fn the_whole_chain_speaks_json() {
     let dir = tempfile::tempdir().unwrap();
-    let captured: serde_json::Value = serde_json::from_str(&capture(dir.path(), &["-o", "a.ldi", "--json"])).unwrap();
-    for key in ["rays", "rays_per_s", "trace_s", "total_s", "peak_rss_mb", "depth_pixels", "missing_estimate"] {
+    let captured: serde_json::Value =
+        serde_json::from_str(&capture(dir.path(), &["-o", "a.ldi", "--json"])).unwrap();
+    for key in [
+        "rays",
+        "rays_per_s",
+        "trace_s",
+        "total_s",
+        "peak_rss_mb",
+        "depth_pixels",
+        "missing_estimate",
+    ] {
         assert!(captured[key].is_number(), "capture: {key}");
     }
     let info = json(dir.path(), &["info", "a.ldi", "--json"]);
     assert_eq!(info["ok"], true);
     assert_eq!(info["depth_pixels"], captured["depth_pixels"]);
-    assert_eq!(info["bytes"], std::fs::metadata(dir.path().join("a.ldi")).unwrap().len());
+    assert_eq!(
+        info["bytes"],
+        std::fs::metadata(dir.path().join("a.ldi")).unwrap().len()
+    );
     assert!(info["faces"].is_array() && info["kind"] == "cube LDI");
     let size = ["--size", "64x48"];
-    let rendered =
-        json(dir.path(), &[["render", "a.ldi", "-o", "r.png", "--repeat", "3", "--json"].as_slice(), &size].concat());
-    for key in ["ms_median", "depth_pixels_in", "splatted", "hole_fraction", "threads"] {
+    let rendered = json(
+        dir.path(),
+        &[
+            ["render", "a.ldi", "-o", "r.png", "--repeat", "3", "--json"].as_slice(),
+            &size,
+        ]
+        .concat(),
+    );
+    for key in [
+        "ms_median",
+        "depth_pixels_in",
+        "splatted",
+        "hole_fraction",
+        "threads",
+    ] {
         assert!(rendered[key].is_number(), "render: {key}");
     }
     assert!(rendered["ms"].as_array().unwrap().len() == 3 && rendered["stages"].is_object());
     json(
         dir.path(),
-        &[["truth", "builtin:bump", "-o", "t.png", "--samples", "8", "--json"].as_slice(), &size].concat(),
+        &[
+            [
+                "truth",
+                "builtin:bump",
+                "-o",
+                "t.png",
+                "--samples",
+                "8",
+                "--json",
+            ]
+            .as_slice(),
+            &size,
+        ]
+        .concat(),
     );
-    let compared = json(dir.path(), &["compare", "t.png", "r.png", "--map", "m.png", "--json"]);
+    let compared = json(
+        dir.path(),
+        &["compare", "t.png", "r.png", "--map", "m.png", "--json"],
+    );
     for key in ["flip", "psnr_db", "ssim", "differing_fraction"] {
         assert!(compared[key].is_number(), "compare: {key}");
     }
-    assert!(compared["psnr_db"].as_f64().unwrap() > 18.0, "a coarse capture still looks like its scene: {compared}");
+    assert!(
+        compared["psnr_db"].as_f64().unwrap() > 18.0,
+        "a coarse capture still looks like its scene: {compared}"
+    );
     let same = json(dir.path(), &["compare", "t.png", "t.png", "--json"]);
     assert!(same["psnr_db"].is_null() && same["flip"] == 0.0 && same["differing_fraction"] == 0.0);
 }
@@ -215,9 +397,15 @@ fn a_path_gives_a_frame_per_pose_and_their_times() {
     let poses = r#"[{"eye": [0, 0, 0], "look_at": [0, 0, -1], "size": [20, 10]},
                     {"eye": [0.01, 0, 0], "look_at": [0, 0, -1], "size": [20, 10]}]"#;
     std::fs::write(dir.path().join("path.json"), poses).unwrap();
-    succeeds(dir.path(), &["render", "a.ldi", "--path", "path.json", "-o", "frames"]);
+    succeeds(
+        dir.path(),
+        &["render", "a.ldi", "--path", "path.json", "-o", "frames"],
+    );
     for name in ["frame_0000.png", "frame_0001.png"] {
-        assert_eq!(image::image_dimensions(dir.path().join("frames").join(name)).unwrap(), (20, 10));
+        assert_eq!(
+            image::image_dimensions(dir.path().join("frames").join(name)).unwrap(),
+            (20, 10)
+        );
     }
     let csv = std::fs::read_to_string(dir.path().join("frames/times.csv")).unwrap();
     assert_eq!(csv.lines().count(), 3);
@@ -248,7 +436,10 @@ fn truth_looks_where_there_is_most_to_see_from_its_eye() {
         succeeds(dir.path(), &arguments);
         let picture = image::open(dir.path().join("a.png")).unwrap().to_rgb8();
         let [r, g, b] = picture.get_pixel(4, 4).0;
-        assert!(r == g && g == b, "grey as the wall, not blue as the sky: {r} {g} {b}");
+        assert!(
+            r == g && g == b,
+            "grey as the wall, not blue as the sky: {r} {g} {b}"
+        );
     }
 }
 
@@ -257,21 +448,55 @@ fn shards_merge_to_the_same_file() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path(), &["-o", "whole.ldi"]);
     for part in ["1/3", "2/3", "3/3"] {
-        capture(dir.path(), &["--shard", part, "-o", &format!("{}.shard", &part[..1])]);
+        capture(
+            dir.path(),
+            &["--shard", part, "-o", &format!("{}.shard", &part[..1])],
+        );
     }
-    let message = refused(dir.path(), 1, &["merge", "1.shard", "3.shard", "-o", "merged.ldi"]);
+    let message = refused(
+        dir.path(),
+        1,
+        &["merge", "1.shard", "3.shard", "-o", "merged.ldi"],
+    );
     assert!(message.contains("missing: 2/3"), "{message}");
-    succeeds(dir.path(), &["merge", "3.shard", "1.shard", "2.shard", "-o", "merged.ldi"]);
+    succeeds(
+        dir.path(),
+        &["merge", "3.shard", "1.shard", "2.shard", "-o", "merged.ldi"],
+    );
     let read = |name| std::fs::read(dir.path().join(name)).unwrap();
     assert!(read("whole.ldi") == read("merged.ldi"));
-    assert_eq!(json(dir.path(), &["info", "1.shard", "--check", "--json"])["ok"], true);
+    assert_eq!(
+        json(dir.path(), &["info", "1.shard", "--check", "--json"])["ok"],
+        true
+    );
 }
 
 #[test]
 fn a_headbox_full_of_geometry_is_captured_with_a_warning() {
     let dir = tempfile::tempdir().unwrap();
-    let size = ["--face-size", "32", "--strata", "4", "--rays", "4", "--light-samples", "1"];
-    let arguments = [["capture", "builtin:interior", "--half-size", "2.5", "-o", "a.ldi"].as_slice(), &size].concat();
+    let size = [
+        "--face-size",
+        "32",
+        "--strata",
+        "4",
+        "--rays",
+        "4",
+        "--light-samples",
+        "1",
+    ];
+    let arguments = [
+        [
+            "capture",
+            "builtin:interior",
+            "--half-size",
+            "2.5",
+            "-o",
+            "a.ldi",
+        ]
+        .as_slice(),
+        &size,
+    ]
+    .concat();
     let output = headbox(dir.path(), &arguments);
     assert!(output.status.success());
     let warning = String::from_utf8(output.stderr).unwrap();
@@ -285,23 +510,54 @@ fn a_window_without_a_display_is_one_sentence_and_exit_1() {
     let dir = tempfile::tempdir().unwrap();
     let view = |arguments: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
-        command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
-        let output = command.arg("view").args(arguments).current_dir(dir.path()).output().unwrap();
-        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+        command
+            .env_remove("DISPLAY")
+            .env_remove("WAYLAND_DISPLAY")
+            .env_remove("WAYLAND_SOCKET");
+        let output = command
+            .arg("view")
+            .args(arguments)
+            .current_dir(dir.path())
+            .output()
+            .unwrap();
+        (
+            output.status.code(),
+            String::from_utf8(output.stderr).unwrap(),
+        )
     };
     let (code, message) = view(&[]);
-    assert!(code == Some(1) && message.lines().count() == 1 && message.contains("no display"), "{code:?}: {message}");
+    assert!(
+        code == Some(1) && message.lines().count() == 1 && message.contains("no display"),
+        "{code:?}: {message}"
+    );
     let (code, message) = view(&["nothing.ldi"]);
-    assert!(code == Some(1) && message.contains("nothing.ldi"), "{code:?}: {message}");
-    assert_eq!(view(&["--frames", "3"]).0, Some(2), "a script needs something to show");
+    assert!(
+        code == Some(1) && message.contains("nothing.ldi"),
+        "{code:?}: {message}"
+    );
+    assert_eq!(
+        view(&["--frames", "3"]).0,
+        Some(2),
+        "a script needs something to show"
+    );
 }
 
 #[test]
 fn output_that_nobody_reads_ends_the_program_quietly() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
-    let mut child =
-        command.arg("scenes").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
+    let mut child = command
+        .arg("scenes")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
     drop(child.stdout.take());
     let output = child.wait_with_output().expect("the program ends");
-    assert_eq!((output.status.code(), String::from_utf8_lossy(&output.stderr).as_ref()), (Some(0), ""));
+    assert_eq!(
+        (
+            output.status.code(),
+            String::from_utf8_lossy(&output.stderr).as_ref()
+        ),
+        (Some(0), "")
+    );
 }

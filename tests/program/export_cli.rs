@@ -1,10 +1,13 @@
 //! Promises of the command line about exports: every format is read back by a reader that did not write it.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
 
 use crate::run::{fails, json, succeeds};
-use headbox_images::deep_exr::{DeepCompression, DeepImage, DeepView};
 use headbox_core::color::linear_from_srgb8;
+use headbox_images::deep_exr::{DeepCompression, DeepImage, DeepView};
 use std::path::Path;
 
 const FACE_PX: u32 = 48;
@@ -12,28 +15,73 @@ const FACE_PX: u32 = 48;
 /// A small capture, `a.ldi`.
 fn capture(folder: &Path) {
     let face = FACE_PX.to_string();
-    let size = ["--face-size", &face, "--strata", "8", "--rays", "4", "--light-samples", "1", "--holes", "1"];
-    succeeds(folder, &[["capture", "builtin:interior", "-o", "a.ldi"].as_slice(), &size].concat());
+    let size = [
+        "--face-size",
+        &face,
+        "--strata",
+        "8",
+        "--rays",
+        "4",
+        "--light-samples",
+        "1",
+        "--holes",
+        "1",
+    ];
+    succeeds(
+        folder,
+        &[
+            ["capture", "builtin:interior", "-o", "a.ldi"].as_slice(),
+            &size,
+        ]
+        .concat(),
+    );
 }
 
 /// The frame of the face -Z: linear red, green, blue of each pixel.
 fn frame_of_face(folder: &Path) -> Vec<[f32; 3]> {
     let info = json(folder, &["info", "a.ldi", "--json"]);
-    let centre: Vec<f64> = info["capture"]["centre"].as_array().unwrap().iter().map(|c| c.as_f64().unwrap()).collect();
+    let centre: Vec<f64> = info["capture"]["centre"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|c| c.as_f64().unwrap())
+        .collect();
     let text = |p: [f64; 3]| p.map(|c| c.to_string()).join(",");
-    let (eye, at) = (text([centre[0], centre[1], centre[2]]), text([centre[0], centre[1], centre[2] - 1.0]));
+    let (eye, at) = (
+        text([centre[0], centre[1], centre[2]]),
+        text([centre[0], centre[1], centre[2] - 1.0]),
+    );
     let size = format!("{FACE_PX}x{FACE_PX}");
     succeeds(
         folder,
-        &["render", "a.ldi", "-o", "z.png", "--eye", &eye, "--look-at", &at, "--fov", "90", "--size", &size],
+        &[
+            "render",
+            "a.ldi",
+            "-o",
+            "z.png",
+            "--eye",
+            &eye,
+            "--look-at",
+            &at,
+            "--fov",
+            "90",
+            "--size",
+            &size,
+        ],
     );
     let frame = image::open(folder.join("z.png")).unwrap().to_rgb8();
-    frame.pixels().map(|pixel| pixel.0.map(linear_from_srgb8)).collect()
+    frame
+        .pixels()
+        .map(|pixel| pixel.0.map(linear_from_srgb8))
+        .collect()
 }
 
 /// Share of pixels that are farther than 0.08 from the frame: rims, where the renderer spreads samples over neighbours.
 fn share_off(found: impl Iterator<Item = [f32; 4]>, frame: &[[f32; 3]]) -> f64 {
-    let off = found.zip(frame).filter(|(found, frame)| (0..3).any(|i| (found[i] - frame[i]).abs() > 0.08)).count();
+    let off = found
+        .zip(frame)
+        .filter(|(found, frame)| (0..3).any(|i| (found[i] - frame[i]).abs() > 0.08))
+        .count();
     off as f64 / frame.len() as f64
 }
 
@@ -45,31 +93,62 @@ fn deep_pixels_and_flat_layers_make_the_frame() {
     let told = json(dir.path(), &["export", "a.ldi", "-o", "deep.exr", "--json"]);
     assert_eq!(told["size"], serde_json::json!([FACE_PX, 6 * FACE_PX]));
     let all = DeepImage::read(&dir.path().join("deep.exr")).unwrap();
-    assert!(all.view.cube && told["samples"].as_u64() == Some(u64::from(*all.offsets.last().unwrap())));
+    assert!(
+        all.view.cube && told["samples"].as_u64() == Some(u64::from(*all.offsets.last().unwrap()))
+    );
     let depths = all.channel("Z").unwrap();
-    for pixel in all.offsets.windows(2).map(|ends| &depths[ends[0] as usize..ends[1] as usize]) {
-        assert!(pixel.windows(2).all(|pair| pair[0] < pair[1]), "tidy: {pixel:?}");
+    for pixel in all
+        .offsets
+        .windows(2)
+        .map(|ends| &depths[ends[0] as usize..ends[1] as usize])
+    {
+        assert!(
+            pixel.windows(2).all(|pair| pair[0] < pair[1]),
+            "tidy: {pixel:?}"
+        );
     }
     let pixels = || (0..FACE_PX).flat_map(|y| (0..FACE_PX).map(move |x| (x, y)));
     let below = pixels().map(|(x, y)| DeepImage::composite(&[&all], x, y + 5 * FACE_PX));
     let off = share_off(below, &frame);
     assert!(off < 0.05, "{off}");
-    for (flag, value) in
-        [("--agreement", "9"), ("--quality", "good"), ("--memory", "100"), ("--rays", "3"), ("--exposure", "1")]
-    {
+    for (flag, value) in [
+        ("--agreement", "9"),
+        ("--quality", "good"),
+        ("--memory", "100"),
+        ("--rays", "3"),
+        ("--exposure", "1"),
+    ] {
         let said = format!("{flag} has no meaning for a deep picture; leave it out");
-        fails(dir.path(), 2, &["capture", "deep.exr", "-o", "x.ldi", flag, value], &said);
+        fails(
+            dir.path(),
+            2,
+            &["capture", "deep.exr", "-o", "x.ldi", flag, value],
+            &said,
+        );
     }
 
-    succeeds(dir.path(), &["export", "a.ldi", "-o", "face.exr", "--face", "-Z"]);
+    succeeds(
+        dir.path(),
+        &["export", "a.ldi", "-o", "face.exr", "--face", "-Z"],
+    );
     let face = DeepImage::read(&dir.path().join("face.exr")).unwrap();
     assert_eq!(face.size_px, [FACE_PX, FACE_PX]);
-    assert!(!face.view.cube && face.view.world_to_camera.is_some() && face.view.world_to_ndc.is_some());
+    assert!(
+        !face.view.cube && face.view.world_to_camera.is_some() && face.view.world_to_ndc.is_some()
+    );
     for (x, y) in pixels() {
-        assert_eq!(DeepImage::composite(&[&face], x, y), DeepImage::composite(&[&all], x, y + 5 * FACE_PX));
+        assert_eq!(
+            DeepImage::composite(&[&face], x, y),
+            DeepImage::composite(&[&all], x, y + 5 * FACE_PX)
+        );
     }
 
-    succeeds(dir.path(), &["export", "a.ldi", "-o", "flat.exr", "--face", "-z", "--layers", "3"]);
+    succeeds(
+        dir.path(),
+        &[
+            "export", "a.ldi", "-o", "flat.exr", "--face", "-z", "--layers", "3",
+        ],
+    );
     let flat = exr::prelude::read_all_flat_layers_from_file(dir.path().join("flat.exr")).unwrap();
     assert_eq!(flat.layer_data.len(), 3);
     let channel = |layer: usize, name: &str| {
@@ -77,15 +156,19 @@ fn deep_pixels_and_flat_layers_make_the_frame() {
         let found = list.iter().find(|channel| channel.name.eq(name)).unwrap();
         found.sample_data.values_as_f32().collect::<Vec<f32>>()
     };
-    let layers: Vec<[Vec<f32>; 4]> =
-        (0..3).map(|layer| ["R", "G", "B", "A"].map(|name| channel(layer, name))).collect();
+    let layers: Vec<[Vec<f32>; 4]> = (0..3)
+        .map(|layer| ["R", "G", "B", "A"].map(|name| channel(layer, name)))
+        .collect();
     for (at, (x, y)) in pixels().enumerate() {
-        let over = layers
-            .iter()
-            .fold([0.0f32; 4], |over, layer| std::array::from_fn(|i| over[i] + (1.0 - over[3]) * layer[i][at]));
+        let over = layers.iter().fold([0.0f32; 4], |over, layer| {
+            std::array::from_fn(|i| over[i] + (1.0 - over[3]) * layer[i][at])
+        });
         let expected = DeepImage::composite(&[&face], x, y);
         // Halves, and at most five of them over each other.
-        assert!((0..4).all(|i| (over[i] - expected[i]).abs() < 5e-3), "{x} {y}: {over:?} {expected:?}");
+        assert!(
+            (0..4).all(|i| (over[i] - expected[i]).abs() < 5e-3),
+            "{x} {y}: {over:?} {expected:?}"
+        );
     }
 }
 
@@ -96,16 +179,30 @@ fn exports_are_whole_and_repeatable() {
     for name in ["a.ply", "a.glb", "a.html"] {
         succeeds(dir.path(), &["export", "a.ldi", "-o", name]);
     }
-    succeeds(dir.path(), &["export", "a.ldi", "-o", "points.ply", "--points"]);
+    succeeds(
+        dir.path(),
+        &["export", "a.ldi", "-o", "points.ply", "--points"],
+    );
     let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
     // The vertices of a PLY file, each `bytes` long.
     let vertices = |name: &str, bytes: usize| {
         let file = read(name);
         let end = b"end_header\n";
-        let start = file.windows(end.len()).position(|window| window == end).unwrap() + end.len();
+        let start = file
+            .windows(end.len())
+            .position(|window| window == end)
+            .unwrap()
+            + end.len();
         let head = String::from_utf8_lossy(&file[..start]).into_owned();
-        let count = head.lines().find_map(|line| line.strip_prefix("element vertex ")).unwrap();
-        assert_eq!(file.len(), start + count.parse::<usize>().unwrap() * bytes, "{name}");
+        let count = head
+            .lines()
+            .find_map(|line| line.strip_prefix("element vertex "))
+            .unwrap();
+        assert_eq!(
+            file.len(),
+            start + count.parse::<usize>().unwrap() * bytes,
+            "{name}"
+        );
         file[start..].to_vec()
     };
     let (points, splats) = (vertices("points.ply", 40), vertices("a.ply", 68));
@@ -125,7 +222,18 @@ fn exports_are_whole_and_repeatable() {
     // Captured again, its headbox is where it was, though a box with the sky is all around.
     succeeds(
         dir.path(),
-        &["capture", "a.glb", "-o", "again.ldi", "--face-size", "32", "--strata", "4", "--holes", "1"],
+        &[
+            "capture",
+            "a.glb",
+            "-o",
+            "again.ldi",
+            "--face-size",
+            "32",
+            "--strata",
+            "4",
+            "--holes",
+            "1",
+        ],
     );
     let again = json(dir.path(), &["info", "again.ldi", "--json"]);
     for field in ["centre", "half_size_m"] {
@@ -136,12 +244,33 @@ fn exports_are_whole_and_repeatable() {
 #[test]
 fn sprites_are_exported() {
     let dir = tempfile::tempdir().unwrap();
-    let camera =
-        ["--eye", "0,0,3", "--look-at", "0,0,0", "--fov", "50", "--size", "96x72", "--samples", "4", "--unlit"];
-    succeeds(dir.path(), &[["sprite", "builtin:bump", "-o", "s.sprite"].as_slice(), &camera].concat());
+    let camera = [
+        "--eye",
+        "0,0,3",
+        "--look-at",
+        "0,0,0",
+        "--fov",
+        "50",
+        "--size",
+        "96x72",
+        "--samples",
+        "4",
+        "--unlit",
+    ];
+    succeeds(
+        dir.path(),
+        &[
+            ["sprite", "builtin:bump", "-o", "s.sprite"].as_slice(),
+            &camera,
+        ]
+        .concat(),
+    );
     for name in ["s.html", "s.glb", "s.exr"] {
         let told = json(dir.path(), &["export", "s.sprite", "-o", name, "--json"]);
-        assert!(told["bytes"].as_u64().unwrap() > 1000 && told["sprites"] == 1, "{told}");
+        assert!(
+            told["bytes"].as_u64().unwrap() > 1000 && told["sprites"] == 1,
+            "{told}"
+        );
     }
     // The page draws sprites, not the cube that others get.
     let page = std::fs::read_to_string(dir.path().join("s.html")).unwrap();
@@ -157,18 +286,48 @@ fn what_cannot_be_exported_is_told() {
     std::fs::write(dir.path().join("empty.ldi"), []).unwrap();
     for name in ["html", "glb", "ply", "exr"] {
         let output = format!("x.{name}");
-        fails(dir.path(), 1, &["export", "broken.ldi", "-o", &output], "broken.ldi");
-        fails(dir.path(), 1, &["export", "empty.ldi", "-o", &output], "empty.ldi");
+        fails(
+            dir.path(),
+            1,
+            &["export", "broken.ldi", "-o", &output],
+            "broken.ldi",
+        );
+        fails(
+            dir.path(),
+            1,
+            &["export", "empty.ldi", "-o", &output],
+            "empty.ldi",
+        );
         assert!(!dir.path().join(&output).exists());
     }
-    fails(dir.path(), 2, &["export", "a.ldi", "-o", "x.glb", "--layers", "2"], "--layers is for .exr files");
-    fails(dir.path(), 2, &["export", "a.ldi", "-o", "x.html", "--face", "+X"], "--face is for .exr files");
-    fails(dir.path(), 2, &["export", "a.ldi", "-o", "x.exr", "--face", "up"], "+X, -X, +Y, -Y, +Z or -Z");
+    fails(
+        dir.path(),
+        2,
+        &["export", "a.ldi", "-o", "x.glb", "--layers", "2"],
+        "--layers is for .exr files",
+    );
+    fails(
+        dir.path(),
+        2,
+        &["export", "a.ldi", "-o", "x.html", "--face", "+X"],
+        "--face is for .exr files",
+    );
+    fails(
+        dir.path(),
+        2,
+        &["export", "a.ldi", "-o", "x.exr", "--face", "up"],
+        "+X, -X, +Y, -Y, +Z or -Z",
+    );
     fails(dir.path(), 2, &["export", "a.ldi", "-o", "x.spz"], ".ply");
     #[cfg(target_os = "linux")]
     for name in ["x.html", "x.glb", "x.exr", "x.ply"] {
         std::os::unix::fs::symlink("/dev/full", dir.path().join(name)).unwrap();
-        fails(dir.path(), 1, &["export", "a.ldi", "-o", name], "No space left on device");
+        fails(
+            dir.path(),
+            1,
+            &["export", "a.ldi", "-o", name],
+            "No space left on device",
+        );
     }
 }
 
@@ -177,33 +336,112 @@ fn both_eyes_see_all_directions_or_half_of_them() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path());
     let size = |flags: &[&str]| {
-        succeeds(dir.path(), &[["render", "a.ldi", "-o", "p.png", "--size", "40x20"].as_slice(), flags].concat());
+        succeeds(
+            dir.path(),
+            &[
+                ["render", "a.ldi", "-o", "p.png", "--size", "40x20"].as_slice(),
+                flags,
+            ]
+            .concat(),
+        );
         image::image_dimensions(dir.path().join("p.png")).unwrap()
     };
     assert_eq!(size(&["--panorama"]), (40, 20));
     assert_eq!(size(&["--panorama", "--stereo", "0.064"]), (40, 40));
     assert_eq!(size(&["--vr180"]), (40, 20));
     assert_eq!(size(&["--stereo", "0.064"]), (80, 20));
-    fails(dir.path(), 2, &["render", "a.ldi", "-o", "p.png", "--vr180", "--panorama"], "cannot be used with");
+    fails(
+        dir.path(),
+        2,
+        &["render", "a.ldi", "-o", "p.png", "--vr180", "--panorama"],
+        "cannot be used with",
+    );
     let pose = r#"{"camera_to_world": [1,0,0,0.2, 0,1,0,1.45, 0,0,1,0.9, 0,0,0,1], "fov": 50}"#;
-    let path = format!(r#"{{"camera_path": [{pose}, {pose}], "render_height": 20, "render_width": 30, "fps": 24}}"#);
+    let path = format!(
+        r#"{{"camera_path": [{pose}, {pose}], "render_height": 20, "render_width": 30, "fps": 24}}"#
+    );
     std::fs::write(dir.path().join("nerfstudio.json"), path).unwrap();
-    succeeds(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "frames"]);
-    assert_eq!(image::image_dimensions(dir.path().join("frames/frame_0000.png")).unwrap(), (30, 20));
+    succeeds(
+        dir.path(),
+        &[
+            "render",
+            "a.ldi",
+            "--path",
+            "nerfstudio.json",
+            "-o",
+            "frames",
+        ],
+    );
+    assert_eq!(
+        image::image_dimensions(dir.path().join("frames/frame_0000.png")).unwrap(),
+        (30, 20)
+    );
     // The same view, smaller.
-    succeeds(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "small", "--size", "15x10"]);
+    succeeds(
+        dir.path(),
+        &[
+            "render",
+            "a.ldi",
+            "--path",
+            "nerfstudio.json",
+            "-o",
+            "small",
+            "--size",
+            "15x10",
+        ],
+    );
     let mean = |name: &str| {
         let frame = image::open(dir.path().join(name)).unwrap().to_rgb8();
-        let (size, sum) = (frame.dimensions(), frame.iter().map(|c| f64::from(*c)).sum::<f64>());
+        let (size, sum) = (
+            frame.dimensions(),
+            frame.iter().map(|c| f64::from(*c)).sum::<f64>(),
+        );
         (size, sum / f64::from(3 * size.0 * size.1))
     };
     let [(_, large), (size, small)] = ["frames/frame_0000.png", "small/frame_0000.png"].map(mean);
-    assert!(size == (15, 10) && (large - small).abs() < 6.0, "{size:?} {large} {small}");
+    assert!(
+        size == (15, 10) && (large - small).abs() < 6.0,
+        "{size:?} {large} {small}"
+    );
     let refused = "--fov has no meaning with --path, which says it; leave it out";
-    fails(dir.path(), 2, &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "x", "--fov", "50"], refused);
-    let film = json(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "f.gif", "--vr180", "--json"]);
-    assert_eq!((&film["size"], film["fps"].as_u64()), (&serde_json::json!([40, 20]), Some(24)));
-    fails(dir.path(), 1, &["render", "a.ldi", "--path", "a.glb", "-o", "none"], "a.glb");
+    fails(
+        dir.path(),
+        2,
+        &[
+            "render",
+            "a.ldi",
+            "--path",
+            "nerfstudio.json",
+            "-o",
+            "x",
+            "--fov",
+            "50",
+        ],
+        refused,
+    );
+    let film = json(
+        dir.path(),
+        &[
+            "render",
+            "a.ldi",
+            "--path",
+            "nerfstudio.json",
+            "-o",
+            "f.gif",
+            "--vr180",
+            "--json",
+        ],
+    );
+    assert_eq!(
+        (&film["size"], film["fps"].as_u64()),
+        (&serde_json::json!([40, 20]), Some(24))
+    );
+    fails(
+        dir.path(),
+        1,
+        &["render", "a.ldi", "--path", "a.glb", "-o", "none"],
+        "a.glb",
+    );
 }
 
 /// What is written for compositing comes back as a capture that shows the same.
@@ -212,32 +450,97 @@ fn deep_pictures_come_back() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path());
     let info = json(dir.path(), &["info", "a.ldi", "--json"]);
-    let centre: Vec<f64> = info["capture"]["centre"].as_array().unwrap().iter().map(|c| c.as_f64().unwrap()).collect();
+    let centre: Vec<f64> = info["capture"]["centre"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|c| c.as_f64().unwrap())
+        .collect();
     let text = |p: [f64; 3]| p.map(|c| c.to_string()).join(",");
     let [x, y, z] = [centre[0], centre[1], centre[2]];
     succeeds(dir.path(), &["export", "a.ldi", "-o", "all.exr"]);
-    succeeds(dir.path(), &["export", "a.ldi", "-o", "face.exr", "--face", "-Z"]);
+    succeeds(
+        dir.path(),
+        &["export", "a.ldi", "-o", "face.exr", "--face", "-Z"],
+    );
     let half = info["capture"]["half_size_m"].as_f64().unwrap().to_string();
     // Of an environment map nobody knows where it was taken.
     let place = ["--center", &text([x, y, z]), "--half-size", &half];
-    succeeds(dir.path(), &[["capture", "all.exr", "-o", "all.ldi"].as_slice(), &place].concat());
-    succeeds(dir.path(), &["capture", "face.exr", "-o", "face.ldi", "--half-size", &half]);
+    succeeds(
+        dir.path(),
+        &[["capture", "all.exr", "-o", "all.ldi"].as_slice(), &place].concat(),
+    );
+    succeeds(
+        dir.path(),
+        &[
+            "capture",
+            "face.exr",
+            "-o",
+            "face.ldi",
+            "--half-size",
+            &half,
+        ],
+    );
     // The same without a word of its camera, as many renderers write it.
-    let bare = DeepImage { view: DeepView::default(), ..DeepImage::read(&dir.path().join("face.exr")).unwrap() };
-    bare.write(&dir.path().join("bare.exr"), DeepCompression::Rle).unwrap();
-    fails(dir.path(), 1, &["capture", "bare.exr", "-o", "x.ldi"], "give --fov, and --center and --look-at");
+    let bare = DeepImage {
+        view: DeepView::default(),
+        ..DeepImage::read(&dir.path().join("face.exr")).unwrap()
+    };
+    bare.write(&dir.path().join("bare.exr"), DeepCompression::Rle)
+        .unwrap();
+    fails(
+        dir.path(),
+        1,
+        &["capture", "bare.exr", "-o", "x.ldi"],
+        "give --fov, and --center and --look-at",
+    );
     for (file, knows_camera) in [("all.exr", true), ("face.exr", true), ("bare.exr", false)] {
         let told = json(dir.path(), &["images", file, "--json"]);
         assert_eq!(told, json(dir.path(), &["info", file, "--json"]));
-        assert_eq!((&told["kind"], &told["knows_camera"]), (&"deep EXR".into(), &knows_camera.into()), "{told}");
-        assert!(told["depth"][0].as_f64() > Some(0.0) && told["samples"].as_u64() > Some(0), "{told}");
+        assert_eq!(
+            (&told["kind"], &told["knows_camera"]),
+            (&"deep EXR".into(), &knows_camera.into()),
+            "{told}"
+        );
+        assert!(
+            told["depth"][0].as_f64() > Some(0.0) && told["samples"].as_u64() > Some(0),
+            "{told}"
+        );
     }
-    succeeds(dir.path(), &["export", "a.ldi", "-o", "flat.exr", "--face", "-Z", "--layers", "1"]);
-    fails(dir.path(), 1, &["images", "flat.exr"], "flat.exr: the version: is that of a flat picture");
-    succeeds(dir.path(), &[["capture", "bare.exr", "-o", "bare.ldi", "--fov", "90"].as_slice(), &place].concat());
-    let twice = "--fov has no meaning for it, as its header says what its camera sees; leave it out";
-    fails(dir.path(), 1, &["capture", "face.exr", "-o", "x.ldi", "--fov", "90"], twice);
-    fails(dir.path(), 1, &["capture", "bare.exr", "-o", "x.ldi", "--fov", "180"], "a vertical field of view of 180");
+    succeeds(
+        dir.path(),
+        &[
+            "export", "a.ldi", "-o", "flat.exr", "--face", "-Z", "--layers", "1",
+        ],
+    );
+    fails(
+        dir.path(),
+        1,
+        &["images", "flat.exr"],
+        "flat.exr: the version: is that of a flat picture",
+    );
+    succeeds(
+        dir.path(),
+        &[
+            ["capture", "bare.exr", "-o", "bare.ldi", "--fov", "90"].as_slice(),
+            &place,
+        ]
+        .concat(),
+    );
+    let twice =
+        "--fov has no meaning for it, as its header says what its camera sees; leave it out";
+    fails(
+        dir.path(),
+        1,
+        &["capture", "face.exr", "-o", "x.ldi", "--fov", "90"],
+        twice,
+    );
+    fails(
+        dir.path(),
+        1,
+        &["capture", "bare.exr", "-o", "x.ldi", "--fov", "180"],
+        "a vertical field of view of 180",
+    );
     fails(
         dir.path(),
         2,
@@ -246,29 +549,62 @@ fn deep_pictures_come_back() {
     );
     let frame = |file: &str, eye: [f64; 3]| {
         let at = text([eye[0], eye[1], eye[2] - 1.0]);
-        let camera = ["--eye", &text(eye), "--look-at", &at, "--fov", "60", "--size", "64x48"];
-        succeeds(dir.path(), &[["render", file, "-o", "frame.png"].as_slice(), &camera].concat());
-        std::fs::rename(dir.path().join("frame.png"), dir.path().join(format!("{file}.png"))).unwrap();
+        let camera = [
+            "--eye",
+            &text(eye),
+            "--look-at",
+            &at,
+            "--fov",
+            "60",
+            "--size",
+            "64x48",
+        ];
+        succeeds(
+            dir.path(),
+            &[["render", file, "-o", "frame.png"].as_slice(), &camera].concat(),
+        );
+        std::fs::rename(
+            dir.path().join("frame.png"),
+            dir.path().join(format!("{file}.png")),
+        )
+        .unwrap();
         format!("{file}.png")
     };
     for eye in [[x, y, z], [x + 0.05, y, z - 0.05]] {
         let expected = frame("a.ldi", eye);
         for file in ["all.ldi", "face.ldi", "bare.ldi"] {
-            let found = json(dir.path(), &["compare", &expected, &frame(file, eye), "--json"]);
+            let found = json(
+                dir.path(),
+                &["compare", &expected, &frame(file, eye), "--json"],
+            );
             let flip = found["flip"].as_f64().unwrap();
             assert!(flip < 0.05, "{file} from {eye:?}: FLIP {flip}");
         }
     }
     let told = json(dir.path(), &["info", "face.ldi", "--json"]);
-    let found: Vec<f64> = told["capture"]["centre"].as_array().unwrap().iter().map(|c| c.as_f64().unwrap()).collect();
-    assert!(found.iter().zip(&centre).all(|(a, b)| (a - b).abs() < 1e-5), "{found:?} {centre:?}");
-    fails(dir.path(), 1, &["capture", "face.ldi.exr", "-o", "b.ldi"], "face.ldi.exr");
+    let found: Vec<f64> = told["capture"]["centre"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|c| c.as_f64().unwrap())
+        .collect();
+    assert!(
+        found.iter().zip(&centre).all(|(a, b)| (a - b).abs() < 1e-5),
+        "{found:?} {centre:?}"
+    );
+    fails(
+        dir.path(),
+        1,
+        &["capture", "face.ldi.exr", "-o", "b.ldi"],
+        "face.ldi.exr",
+    );
 }
 
 /// Deep pictures that nobody here wrote, of a camera that their headers do not tell, show from its place what they are.
 #[test]
 fn deep_pictures_of_a_film_studio_are_captured() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/openexr_deep/LowResLeftView");
+    let folder =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/openexr_deep/LowResLeftView");
     if !folder.exists() {
         return println!("skipped: there is no {}", folder.display());
     }
@@ -277,10 +613,34 @@ fn deep_pictures_of_a_film_studio_are_captured() {
         let deep = DeepImage::read(&folder.join(name)).unwrap();
         let [width, height] = deep.size_px;
         let file = folder.join(name).display().to_string();
-        succeeds(dir.path(), &["capture", &file, "-o", "a.ldi", "--fov", "40", "--error-px", "0"]);
+        succeeds(
+            dir.path(),
+            &[
+                "capture",
+                &file,
+                "-o",
+                "a.ldi",
+                "--fov",
+                "40",
+                "--error-px",
+                "0",
+            ],
+        );
         let size = format!("{width}x{height}");
-        let camera = ["--eye", "0,0,0", "--look-at", "0,0,-1", "--fov", "40", "--size", &size];
-        succeeds(dir.path(), &[["render", "a.ldi", "-o", "a.png"].as_slice(), &camera].concat());
+        let camera = [
+            "--eye",
+            "0,0,0",
+            "--look-at",
+            "0,0,-1",
+            "--fov",
+            "40",
+            "--size",
+            &size,
+        ];
+        succeeds(
+            dir.path(),
+            &[["render", "a.ldi", "-o", "a.png"].as_slice(), &camera].concat(),
+        );
         let frame = image::open(dir.path().join("a.png")).unwrap().to_rgb8();
         // Only where nothing shows through: the renderer takes what is behind a rim for what fills it.
         let (mut count, mut sum) = (0, 0.0);
@@ -288,11 +648,17 @@ fn deep_pictures_of_a_film_studio_are_captured() {
             let expected = DeepImage::composite(&[&deep], x, y);
             if expected[3] > 0.98 {
                 count += 1;
-                sum += (0..3).map(|i| (linear_from_srgb8(found[i]) - expected[i].min(1.0)).abs()).sum::<f32>() / 3.0;
+                sum += (0..3)
+                    .map(|i| (linear_from_srgb8(found[i]) - expected[i].min(1.0)).abs())
+                    .sum::<f32>()
+                    / 3.0;
             }
         }
         let mean = sum / count as f32;
-        assert!(count > 1000 && mean < 0.02, "{name}: {mean} over {count} pixels");
+        assert!(
+            count > 1000 && mean < 0.02,
+            "{name}: {mean} over {count} pixels"
+        );
     }
 }
 
@@ -300,19 +666,60 @@ fn deep_pictures_of_a_film_studio_are_captured() {
 #[test]
 fn homes_and_lumigraphs_are_pages_alone() {
     let dir = tempfile::tempdir().unwrap();
-    let house = ["house", "builtin:house", "--triangles", "2000", "--rays", "0", "--unlit", "--backdrops", "none"];
+    let house = [
+        "house",
+        "builtin:house",
+        "--triangles",
+        "2000",
+        "--rays",
+        "0",
+        "--unlit",
+        "--backdrops",
+        "none",
+    ];
     succeeds(dir.path(), &[house.as_slice(), &["-o", "a.house"]].concat());
-    let lumi =
-        ["lumigraph", "builtin:bump", "--plane", "0,0,3", "--normal", "0,0,-1", "--extent", "1", "--size", "32x32"];
-    succeeds(dir.path(), &[lumi.as_slice(), &["--samples", "1", "--unlit", "-o", "a.lumi"]].concat());
+    let lumi = [
+        "lumigraph",
+        "builtin:bump",
+        "--plane",
+        "0,0,3",
+        "--normal",
+        "0,0,-1",
+        "--extent",
+        "1",
+        "--size",
+        "32x32",
+    ];
+    succeeds(
+        dir.path(),
+        &[
+            lumi.as_slice(),
+            &["--samples", "1", "--unlit", "-o", "a.lumi"],
+        ]
+        .concat(),
+    );
     for (file, amount) in [("a.house", "triangles"), ("a.lumi", "images")] {
-        let told = json(dir.path(), &["export", file, "-o", "a.html", "--title", "A < B", "--json"]);
+        let told = json(
+            dir.path(),
+            &["export", file, "-o", "a.html", "--title", "A < B", "--json"],
+        );
         assert!(told[amount].as_u64().unwrap() > 0, "{told}");
         let page = std::fs::read_to_string(dir.path().join("a.html")).unwrap();
         assert!(page.starts_with("<!doctype html>") && page.contains("<title>A &lt; B</title>"));
-        succeeds(dir.path(), &["export", file, "-o", "b.html", "--title", "A < B"]);
-        assert!(page == std::fs::read_to_string(dir.path().join("b.html")).unwrap(), "{file}");
-        fails(dir.path(), 1, &["export", file, "-o", "x.glb"], "is exported as a page (.html) alone");
+        succeeds(
+            dir.path(),
+            &["export", file, "-o", "b.html", "--title", "A < B"],
+        );
+        assert!(
+            page == std::fs::read_to_string(dir.path().join("b.html")).unwrap(),
+            "{file}"
+        );
+        fails(
+            dir.path(),
+            1,
+            &["export", file, "-o", "x.glb"],
+            "is exported as a page (.html) alone",
+        );
         assert!(!dir.path().join("x.glb").exists());
     }
 }

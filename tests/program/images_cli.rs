@@ -1,6 +1,9 @@
 //! Promises of the command line about image sets: every command that takes a scene's capture takes a folder of images.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
 
 use super::run::{fails, headbox};
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
@@ -32,11 +35,15 @@ fn room(folder: &Path, color_focal: f64) {
         let (sin, cos) = (f64::from(i) * 0.07).sin_cos();
         // X right, Y down, Z forward, turned about the vertical.
         let ray = |x: u32, y: u32, focal: f64| {
-            let [u, v] =
-                [(x, SIZE[0]), (y, SIZE[1])].map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
+            let [u, v] = [(x, SIZE[0]), (y, SIZE[1])]
+                .map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
             [cos * u + sin, v, cos - sin * u]
         };
-        let wall = |ray: [f64; 3]| (0..3).map(|k| HALF[k] / ray[k].abs()).fold(f64::INFINITY, f64::min);
+        let wall = |ray: [f64; 3]| {
+            (0..3)
+                .map(|k| HALF[k] / ray[k].abs())
+                .fold(f64::INFINITY, f64::min)
+        };
         let depth = |x, y| Luma([(wall(ray(x, y, DEPTH_FOCAL)) * 1000.0 + 0.5) as u16]);
         let color = |x, y| {
             let ray = ray(x, y, color_focal);
@@ -49,13 +56,25 @@ fn room(folder: &Path, color_focal: f64) {
             Rgb([0.0, 1.0, 2.0].map(|c| level(c) as u8))
         };
         let name = |ending: &str| folder.join(format!("room/frame-{i:06}.{ending}"));
-        RgbImage::from_fn(SIZE[0], SIZE[1], color).save(name("color.png")).unwrap();
-        ImageBuffer::<Luma<u16>, Vec<u16>>::from_fn(SIZE[0], SIZE[1], depth).save(name("depth.png")).unwrap();
-        std::fs::write(name("pose.txt"), format!("{cos} 0 {sin} 0\n0 1 0 0\n{} 0 {cos} 0\n0 0 0 1\n", -sin)).unwrap();
+        RgbImage::from_fn(SIZE[0], SIZE[1], color)
+            .save(name("color.png"))
+            .unwrap();
+        ImageBuffer::<Luma<u16>, Vec<u16>>::from_fn(SIZE[0], SIZE[1], depth)
+            .save(name("depth.png"))
+            .unwrap();
+        std::fs::write(
+            name("pose.txt"),
+            format!("{cos} 0 {sin} 0\n0 1 0 0\n{} 0 {cos} 0\n0 0 0 1\n", -sin),
+        )
+        .unwrap();
     }
     let mut intrinsics = String::new();
     let [cx, cy] = SIZE.map(|side| f64::from(side) / 2.0 - 0.5);
-    writeln!(intrinsics, "{DEPTH_FOCAL} 0 {cx}\n0 {DEPTH_FOCAL} {cy}\n0 0 1").unwrap();
+    writeln!(
+        intrinsics,
+        "{DEPTH_FOCAL} 0 {cx}\n0 {DEPTH_FOCAL} {cy}\n0 0 1"
+    )
+    .unwrap();
     std::fs::write(folder.join("room/camera-intrinsics.txt"), intrinsics).unwrap();
 }
 
@@ -65,36 +84,93 @@ fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
     room(dir.path(), DEPTH_FOCAL);
     let of_sets = |flag: &str| format!("{flag} is for folders of images");
     for flag in ["--no-registration", "--refine-poses"] {
-        fails(dir.path(), 2, &["render", "x.ldi", "-o", "x.png", flag], &of_sets(flag));
+        fails(
+            dir.path(),
+            2,
+            &["render", "x.ldi", "-o", "x.png", flag],
+            &of_sets(flag),
+        );
     }
-    fails(dir.path(), 2, &["view", "x.ldi", "--allow-outside"], &of_sets("--allow-outside"));
-    let (_, quick) = succeeds(dir.path(), &["render", "room", "-o", "as-given.png", "--no-registration"]);
+    fails(
+        dir.path(),
+        2,
+        &["view", "x.ldi", "--allow-outside"],
+        &of_sets("--allow-outside"),
+    );
+    let (_, quick) = succeeds(
+        dir.path(),
+        &["render", "room", "-o", "as-given.png", "--no-registration"],
+    );
     assert!(!quick.contains("registration"), "{quick}");
     let picture = std::fs::read(dir.path().join("room/frame-000003.color.png")).unwrap();
-    let onto_itself = ["render", "room", "-o", "room/frame-000003.color.png", "--no-registration"];
-    fails(dir.path(), 2, &onto_itself, "room/frame-000003.color.png cannot be written");
-    assert_eq!(std::fs::read(dir.path().join("room/frame-000003.color.png")).unwrap(), picture);
-    for (flag, value) in [("--shard", "1/2"), ("--face-size", "256"), ("--light-samples", "9"), ("--sun", "off")] {
+    let onto_itself = [
+        "render",
+        "room",
+        "-o",
+        "room/frame-000003.color.png",
+        "--no-registration",
+    ];
+    fails(
+        dir.path(),
+        2,
+        &onto_itself,
+        "room/frame-000003.color.png cannot be written",
+    );
+    assert_eq!(
+        std::fs::read(dir.path().join("room/frame-000003.color.png")).unwrap(),
+        picture
+    );
+    for (flag, value) in [
+        ("--shard", "1/2"),
+        ("--face-size", "256"),
+        ("--light-samples", "9"),
+        ("--sun", "off"),
+    ] {
         let said = format!("{flag} has no meaning for images; leave it out");
-        fails(dir.path(), 2, &["capture", "room", "-o", "x.ldi", flag, value], &said);
+        fails(
+            dir.path(),
+            2,
+            &["capture", "room", "-o", "x.ldi", flag, value],
+            &said,
+        );
     }
     let (info, _) = succeeds(dir.path(), &["info", "room", "--json"]);
     let info: serde_json::Value = serde_json::from_str(&info).unwrap();
-    assert_eq!((info["kind"].as_str(), info["with_depth"].as_u64()), (Some("images"), Some(8)));
+    assert_eq!(
+        (info["kind"].as_str(), info["with_depth"].as_u64()),
+        (Some("images"), Some(8))
+    );
     let (_, said) = succeeds(dir.path(), &["capture", "room", "-o", "room.ldi"]);
     assert!(said.contains("kept as given"), "{said}");
     let camera = ["--size", "96x72", "--fov", "40", "--json"];
     let render = |file: &str, output: &str| {
-        let (stats, _) = succeeds(dir.path(), &[["render", file, "-o", output].as_slice(), &camera].concat());
-        serde_json::from_str::<serde_json::Value>(&stats).unwrap()["hole_fraction"].as_f64().unwrap()
+        let (stats, _) = succeeds(
+            dir.path(),
+            &[["render", file, "-o", output].as_slice(), &camera].concat(),
+        );
+        serde_json::from_str::<serde_json::Value>(&stats).unwrap()["hole_fraction"]
+            .as_f64()
+            .unwrap()
     };
     // Both look where the images look, and show the same.
     assert!(render("room", "a.png") < 0.3 && render("room.ldi", "b.png") < 0.3);
     let pictures = ["a.png", "b.png"].map(|name| std::fs::read(dir.path().join(name)).unwrap());
-    assert!(pictures[0] == pictures[1], "a folder and its capture look the same");
-    let (summary, _) = succeeds(dir.path(), &["report", "room", "--hold-out", "4", "-o", "out"]);
-    assert!(["| nearest |", "| live-3 |", "| ldi |"].iter().all(|row| summary.contains(row)), "{summary}");
-    let rows = ["nearest", "single", "multi", "blended", "averaged"].map(|name| format!("| geometry-{name} |"));
+    assert!(
+        pictures[0] == pictures[1],
+        "a folder and its capture look the same"
+    );
+    let (summary, _) = succeeds(
+        dir.path(),
+        &["report", "room", "--hold-out", "4", "-o", "out"],
+    );
+    assert!(
+        ["| nearest |", "| live-3 |", "| ldi |"]
+            .iter()
+            .all(|row| summary.contains(row)),
+        "{summary}"
+    );
+    let rows = ["nearest", "single", "multi", "blended", "averaged"]
+        .map(|name| format!("| geometry-{name} |"));
     assert!(rows.iter().all(|row| summary.contains(row)), "{summary}");
     assert!(dir.path().join("out/report.json").is_file());
 }
@@ -104,27 +180,68 @@ fn a_folder_of_images_is_drawn_by_view_dependent_geometry() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), DEPTH_FOCAL);
     let render = |output: &str, more: &[&str]| {
-        let base = ["render", "room", "-o", output, "--size", "96x72", "--fov", "40"];
+        let base = [
+            "render", "room", "-o", output, "--size", "96x72", "--fov", "40",
+        ];
         headbox(dir.path(), &[base.as_slice(), more].concat())
     };
-    for variant in ["geometry-nearest", "geometry-single", "geometry-multi", "geometry-blended", "geometry-averaged"] {
-        let drawn = render("g.png", &["--variant", variant, "--grid", "3", "--cameras", "4", "--json"]);
+    for variant in [
+        "geometry-nearest",
+        "geometry-single",
+        "geometry-multi",
+        "geometry-blended",
+        "geometry-averaged",
+    ] {
+        let drawn = render(
+            "g.png",
+            &[
+                "--variant",
+                variant,
+                "--grid",
+                "3",
+                "--cameras",
+                "4",
+                "--json",
+            ],
+        );
         let stats: serde_json::Value = serde_json::from_slice(&drawn.stdout).unwrap();
         assert_eq!(stats["variant"], variant);
-        assert!(stats["hole_fraction"].as_f64().unwrap() < 0.3, "{variant}: {stats}");
+        assert!(
+            stats["hole_fraction"].as_f64().unwrap() < 0.3,
+            "{variant}: {stats}"
+        );
     }
     // The views look along +Z in their file's axes.
-    let away = render("away.png", &["--variant", "geometry-blended", "--eye", "0,0,0", "--look-at", "0,0,-1"]);
+    let away = render(
+        "away.png",
+        &[
+            "--variant",
+            "geometry-blended",
+            "--eye",
+            "0,0,0",
+            "--look-at",
+            "0,0,-1",
+        ],
+    );
     let said = String::from_utf8(away.stderr).unwrap();
-    assert!(away.status.success() && said.contains("none of the 8 cameras") && said.contains("empty"), "{said}");
+    assert!(
+        away.status.success() && said.contains("none of the 8 cameras") && said.contains("empty"),
+        "{said}"
+    );
     for (wrong, expected) in [
         (vec!["--cameras", "3"], "--variant geometry-blended"),
-        (vec!["--variant", "geometry-blended", "--keep-holes"], "--keep-holes"),
+        (
+            vec!["--variant", "geometry-blended", "--keep-holes"],
+            "--keep-holes",
+        ),
         (vec!["--variant", "geometry-other"], "geometry-averaged"),
     ] {
         let refused = render("no.png", &wrong);
         let said = String::from_utf8(refused.stderr).unwrap();
-        assert!(refused.status.code() == Some(2) && said.contains(expected), "{wrong:?}: {said}");
+        assert!(
+            refused.status.code() == Some(2) && said.contains(expected),
+            "{wrong:?}: {said}"
+        );
         assert!(!dir.path().join("no.png").exists());
     }
 }
@@ -135,7 +252,9 @@ fn overlays_are_painted_without_a_window() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), DEPTH_FOCAL);
     let render = |more: &[&str]| {
-        let base = ["render", "room", "-o", "o.png", "--size", "96x72", "--fov", "40"];
+        let base = [
+            "render", "room", "-o", "o.png", "--size", "96x72", "--fov", "40",
+        ];
         headbox(dir.path(), &[base.as_slice(), more].concat())
     };
     let picture = || std::fs::read(dir.path().join("o.png")).unwrap();
@@ -143,23 +262,47 @@ fn overlays_are_painted_without_a_window() {
     let plain = picture();
     let mut legends = Vec::new();
     for overlay in ["camera", "owners", "mesh", "age", "coverage", "holes"] {
-        let said = render(&["--variant", "geometry-blended", "--overlay", overlay, "--json"]);
+        let said = render(&[
+            "--variant",
+            "geometry-blended",
+            "--overlay",
+            overlay,
+            "--json",
+        ]);
         let said: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
         let legend = said["legend"].as_array().unwrap().clone();
-        assert!(said["overlay"] == overlay && !legend.is_empty() && !legends.contains(&legend), "{said}");
+        assert!(
+            said["overlay"] == overlay && !legend.is_empty() && !legends.contains(&legend),
+            "{said}"
+        );
         assert!(picture() != plain, "{overlay}");
         legends.push(legend);
     }
     let depth = render(&["--overlay", "depth"]);
-    assert!(depth.status.success() && String::from_utf8(depth.stdout).unwrap().contains("overlay depth"), "of a cube");
+    assert!(
+        depth.status.success()
+            && String::from_utf8(depth.stdout)
+                .unwrap()
+                .contains("overlay depth"),
+        "of a cube"
+    );
     assert!(picture() != plain);
     for (wrong, expected) in [
-        (vec!["--variant", "geometry-blended", "--overlay", "depth"], "none, holes, coverage, camera"),
-        (vec!["--overlay", "holes", "--variant", "paper"], "--overlay takes --variant geometry-blended"),
+        (
+            vec!["--variant", "geometry-blended", "--overlay", "depth"],
+            "none, holes, coverage, camera",
+        ),
+        (
+            vec!["--overlay", "holes", "--variant", "paper"],
+            "--overlay takes --variant geometry-blended",
+        ),
     ] {
         let refused = render(&wrong);
         let said = String::from_utf8(refused.stderr).unwrap();
-        assert!(refused.status.code() == Some(2) && said.contains(expected), "{wrong:?}: {said}");
+        assert!(
+            refused.status.code() == Some(2) && said.contains(expected),
+            "{wrong:?}: {said}"
+        );
     }
 }
 
@@ -168,25 +311,45 @@ fn colours_of_another_lens_are_registered_unless_that_is_forbidden() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), 80.0);
     let psnr = |more: &[&str]| {
-        let (_, said) =
-            succeeds(dir.path(), &[["report", "room", "--hold-out", "4", "-o", "out"].as_slice(), more].concat());
+        let (_, said) = succeeds(
+            dir.path(),
+            &[
+                ["report", "room", "--hold-out", "4", "-o", "out"].as_slice(),
+                more,
+            ]
+            .concat(),
+        );
         let report: serde_json::Value =
-            serde_json::from_slice(&std::fs::read(dir.path().join("out/report.json")).unwrap()).unwrap();
+            serde_json::from_slice(&std::fs::read(dir.path().join("out/report.json")).unwrap())
+                .unwrap();
         let rows = report["rows"].as_array().unwrap();
-        let of_all: Vec<f64> =
-            rows.iter().filter(|row| row["variant"] == "ldi").map(|row| row["psnr_db"].as_f64().unwrap()).collect();
+        let of_all: Vec<f64> = rows
+            .iter()
+            .filter(|row| row["variant"] == "ldi")
+            .map(|row| row["psnr_db"].as_f64().unwrap())
+            .collect();
         (of_all.iter().sum::<f64>() / of_all.len() as f64, said)
     };
     let (registered, said) = psnr(&[]);
-    assert!(said.contains("another camera") && said.contains("not 90.0"), "{said}");
+    assert!(
+        said.contains("another camera") && said.contains("not 90.0"),
+        "{said}"
+    );
     let (given, said) = psnr(&["--no-registration"]);
     assert!(!said.contains("registration"), "{said}");
-    assert!(registered > given + 3.0, "{registered} dB registered, {given} dB as given");
+    assert!(
+        registered > given + 3.0,
+        "{registered} dB registered, {given} dB as given"
+    );
 }
 
 /// Photographs of a patterned ball before black, by Middlebury's conventions, taken by cameras on an arc that lie on their side.
 fn ball(folder: &Path) {
-    let (size, focal, turns) = ([64u32, 48u32], 90.0, [-36.0f64, -24.0, -12.0, 0.0, 12.0, 24.0, 36.0]);
+    let (size, focal, turns) = (
+        [64u32, 48u32],
+        90.0,
+        [-36.0f64, -24.0, -12.0, 0.0, 12.0, 24.0, 36.0],
+    );
     std::fs::create_dir(folder.join("ball")).unwrap();
     let mut parameters = format!("{}\n", turns.len());
     for (i, degrees) in turns.iter().enumerate() {
@@ -198,7 +361,8 @@ fn ball(folder: &Path) {
         let color = |x: u32, y: u32| {
             let at = |v: u32, side: u32| (f64::from(v) + 0.5 - f64::from(side) / 2.0) / focal;
             let (u, v) = (at(x, size[0]), at(y, size[1]));
-            let ray: [f64; 3] = std::array::from_fn(|k| u * rows[0][k] + v * rows[1][k] + rows[2][k]);
+            let ray: [f64; 3] =
+                std::array::from_fn(|k| u * rows[0][k] + v * rows[1][k] + rows[2][k]);
             let (a, b, c) = (dot(ray, ray), dot(ray, eye), dot(eye, eye) - 0.4 * 0.4);
             let root = b * b - a * c;
             if root < 0.0 {
@@ -207,14 +371,24 @@ fn ball(folder: &Path) {
             let t = (-b - root.sqrt()) / a;
             let p: [f64; 3] = std::array::from_fn(|k| eye[k] + ray[k] * t);
             let level = |c: f64| {
-                150.0 + 45.0 * (9.0 * p[0] + 5.0 * p[1] + c).sin() + 40.0 * (8.0 * p[1] - 7.0 * p[2] - c).sin()
+                150.0
+                    + 45.0 * (9.0 * p[0] + 5.0 * p[1] + c).sin()
+                    + 40.0 * (8.0 * p[1] - 7.0 * p[2] - c).sin()
             };
             Rgb([0.0, 1.0, 2.0].map(|c| level(c) as u8))
         };
-        RgbImage::from_fn(size[0], size[1], color).save(folder.join(format!("ball/ball{i}.png"))).unwrap();
+        RgbImage::from_fn(size[0], size[1], color)
+            .save(folder.join(format!("ball/ball{i}.png")))
+            .unwrap();
         let [cx, cy] = size.map(|side| f64::from(side) / 2.0 - 0.5);
-        write!(parameters, "ball{i}.png {focal} 0 {cx} 0 {focal} {cy} 0 0 1").unwrap();
-        rows.iter().flatten().for_each(|r| write!(parameters, " {r}").unwrap());
+        write!(
+            parameters,
+            "ball{i}.png {focal} 0 {cx} 0 {focal} {cy} 0 0 1"
+        )
+        .unwrap();
+        rows.iter()
+            .flatten()
+            .for_each(|r| write!(parameters, " {r}").unwrap());
         writeln!(parameters, " 0 0 2").unwrap();
     }
     std::fs::write(folder.join("ball/ball_par.txt"), parameters).unwrap();
@@ -224,35 +398,86 @@ fn ball(folder: &Path) {
 fn photographs_without_depth_are_captured_and_measured() {
     let dir = tempfile::tempdir().unwrap();
     ball(dir.path());
-    let (said, _) = succeeds(dir.path(), &["capture", "ball", "-o", "ball.ldi", "--center", "0,0,-2", "--json"]);
+    let (said, _) = succeeds(
+        dir.path(),
+        &[
+            "capture", "ball", "-o", "ball.ldi", "--center", "0,0,-2", "--json",
+        ],
+    );
     let said: serde_json::Value = serde_json::from_str(&said).unwrap();
-    assert!(said["images"] == 7 && said["depth_pixels"].as_u64().unwrap() > 800, "{said}");
+    assert!(
+        said["images"] == 7 && said["depth_pixels"].as_u64().unwrap() > 800,
+        "{said}"
+    );
     succeeds(dir.path(), &["info", "ball.ldi", "--check"]);
-    succeeds(dir.path(), &["render", "ball.ldi", "-o", "ball.png", "--size", "64x48", "--fov", "30"]);
+    succeeds(
+        dir.path(),
+        &[
+            "render", "ball.ldi", "-o", "ball.png", "--size", "64x48", "--fov", "30",
+        ],
+    );
     // As in the photographs, which lie on their side: along the arc the pattern is up and down in them.
     let drawn = image::open(dir.path().join("ball.png")).unwrap().to_rgb8();
-    let taken = image::open(dir.path().join("ball/ball3.png")).unwrap().to_rgb8();
+    let taken = image::open(dir.path().join("ball/ball3.png"))
+        .unwrap()
+        .to_rgb8();
     let apart = |a: &RgbImage, b: &RgbImage| {
-        let differences =
-            a.pixels().zip(b.pixels()).map(|(a, b)| (0..3).map(|c| u32::from(a[c].abs_diff(b[c]))).sum::<u32>());
+        let differences = a
+            .pixels()
+            .zip(b.pixels())
+            .map(|(a, b)| (0..3).map(|c| u32::from(a[c].abs_diff(b[c]))).sum::<u32>());
         f64::from(differences.sum::<u32>()) / f64::from(3 * a.width() * a.height())
     };
     // What dark rims leave open widens a ball of 36 pixels by one to each side.
-    assert!(apart(&drawn, &taken) < 18.0, "{} levels", apart(&drawn, &taken));
+    assert!(
+        apart(&drawn, &taken) < 18.0,
+        "{} levels",
+        apart(&drawn, &taken)
+    );
     let turned = image::imageops::rotate180(&taken);
-    assert!(apart(&drawn, &turned) > 1.5 * apart(&drawn, &taken), "the frame stands as the photographs do");
-    let (summary, _) = succeeds(dir.path(), &["report", "ball", "--hold-out", "4", "-o", "out"]);
+    assert!(
+        apart(&drawn, &turned) > 1.5 * apart(&drawn, &taken),
+        "the frame stands as the photographs do"
+    );
+    let (summary, _) = succeeds(
+        dir.path(),
+        &["report", "ball", "--hold-out", "4", "-o", "out"],
+    );
     let covered = |row: &str| -> f64 {
-        let line = summary.lines().find(|line| line.starts_with(&format!("| {row} |"))).unwrap();
-        line.split('|').nth(5).unwrap().trim().trim_end_matches(" %").parse().unwrap()
+        let line = summary
+            .lines()
+            .find(|line| line.starts_with(&format!("| {row} |")))
+            .unwrap();
+        line.split('|')
+            .nth(5)
+            .unwrap()
+            .trim()
+            .trim_end_matches(" %")
+            .parse()
+            .unwrap()
     };
-    assert!(covered("photograph") == 100.0 && covered("ldi") > 85.0 && covered("ldi-beside") > 85.0, "{summary}");
-    assert!(std::fs::read_dir(dir.path().join("out")).unwrap().count() == 4, "two sheets, a table, a summary");
-    let refused = headbox(dir.path(), &["capture", "ball", "-o", "no.ldi", "--backdrop", "255"]);
+    assert!(
+        covered("photograph") == 100.0 && covered("ldi") > 85.0 && covered("ldi-beside") > 85.0,
+        "{summary}"
+    );
+    assert!(
+        std::fs::read_dir(dir.path().join("out")).unwrap().count() == 4,
+        "two sheets, a table, a summary"
+    );
+    let refused = headbox(
+        dir.path(),
+        &["capture", "ball", "-o", "no.ldi", "--backdrop", "255"],
+    );
     let why = String::from_utf8(refused.stderr).unwrap();
-    assert!(refused.status.code() == Some(1) && why.contains("agree on nothing"), "{why}");
+    assert!(
+        refused.status.code() == Some(1) && why.contains("agree on nothing"),
+        "{why}"
+    );
     for wrong in [["--agreement", "0"], ["--backdrop", "dim"]] {
-        let refused = headbox(dir.path(), &[["capture", "ball", "-o", "no.ldi"].as_slice(), &wrong].concat());
+        let refused = headbox(
+            dir.path(),
+            &[["capture", "ball", "-o", "no.ldi"].as_slice(), &wrong].concat(),
+        );
         assert_eq!(refused.status.code(), Some(2), "{wrong:?}");
     }
     assert!(!dir.path().join("no.ldi").exists());
@@ -269,17 +494,37 @@ fn depth_of_photographs_is_found_kept_and_compared() {
     // The ball covers a quarter of each picture; its rim and what the outermost two show alone stay open.
     let share = found["found_depth"]["share"].as_f64().unwrap();
     assert!(
-        share > 0.12 && share < 0.3 && found["with_depth"] == 7 && found["found_depth"]["known"].is_null(),
+        share > 0.12
+            && share < 0.3
+            && found["with_depth"] == 7
+            && found["found_depth"]["known"].is_null(),
         "{found}"
     );
     let (said, notes) = succeeds(dir.path(), &["images", "ball"]);
-    assert!(said.contains("7 with depth") && notes.contains("found from the pictures"), "{said}{notes}");
+    assert!(
+        said.contains("7 with depth") && notes.contains("found from the pictures"),
+        "{said}{notes}"
+    );
     // Two metres from the eyes, a radius of 0.4.
     let depth = found["median_depth_m"].as_f64().unwrap();
     assert!(depth > 1.6 && depth < 1.8, "{found}");
-    let (_, said) =
-        succeeds(dir.path(), &["render", "ball", "-o", "g.png", "--size", "64x48", "--variant", "geometry-averaged"]);
-    assert!(!said.contains("registration"), "colours and depth are of one camera: {said}");
+    let (_, said) = succeeds(
+        dir.path(),
+        &[
+            "render",
+            "ball",
+            "-o",
+            "g.png",
+            "--size",
+            "64x48",
+            "--variant",
+            "geometry-averaged",
+        ],
+    );
+    assert!(
+        !said.contains("registration"),
+        "colours and depth are of one camera: {said}"
+    );
     let captured = json(&["capture", "ball", "-o", "ball.ldi"]);
     assert!(captured["images"] == 7, "{captured}");
 
@@ -287,7 +532,10 @@ fn depth_of_photographs_is_found_kept_and_compared() {
     let refused = |arguments: &[&str], status: i32, expected: &str| {
         let output = headbox(dir.path(), arguments);
         let said = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.code() == Some(status) && said.contains(expected), "{arguments:?}: {said}");
+        assert!(
+            output.status.code() == Some(status) && said.contains(expected),
+            "{arguments:?}: {said}"
+        );
     };
     refused(&["images", "room", "--depth"], 1, "-o FOLDER");
     refused(&["images", "room", "--depth", "-o", "ball"], 1, "not empty");
@@ -296,31 +544,66 @@ fn depth_of_photographs_is_found_kept_and_compared() {
     let compared = json(&["images", "room", "--depth", "-o", "new"]);
     let known = &compared["found_depth"]["known"];
     assert!(
-        known["covered"].as_f64().unwrap() < 0.01 && compared["views"].as_array().unwrap().len() == 8,
+        known["covered"].as_f64().unwrap() < 0.01
+            && compared["views"].as_array().unwrap().len() == 8,
         "{compared}"
     );
-    assert!(dir.path().join("new/transforms.json").is_file() && dir.path().join("new/images/00007.png").is_file());
+    assert!(
+        dir.path().join("new/transforms.json").is_file()
+            && dir.path().join("new/images/00007.png").is_file()
+    );
 }
 
 /// A view without depth takes no part in a capture, whatever its picture is like; `images` looks at every file.
 #[test]
 fn pictures_that_a_capture_does_not_use_are_not_looked_at() {
     let dir = tempfile::tempdir().unwrap();
-    let images =
-        ["truth", "builtin:castle", "--images", "2x2", "-o", "castle", "--size", "80x60", "--samples", "1", "--unlit"];
+    let images = [
+        "truth",
+        "builtin:castle",
+        "--images",
+        "2x2",
+        "-o",
+        "castle",
+        "--size",
+        "80x60",
+        "--samples",
+        "1",
+        "--unlit",
+    ];
     succeeds(dir.path(), &images);
     let file = dir.path().join("castle/transforms.json");
-    let mut set: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    let mut set: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
     let frame = set["frames"][3].as_object_mut().unwrap();
     frame.remove("depth_file_path");
-    let picture = dir.path().join("castle").join(frame["file_path"].as_str().unwrap());
+    let picture = dir
+        .path()
+        .join("castle")
+        .join(frame["file_path"].as_str().unwrap());
     std::fs::write(&file, set.to_string()).unwrap();
     RgbImage::new(40, 30).save(&picture).unwrap();
-    let (captured, _) = succeeds(dir.path(), &["capture", "castle", "-o", "castle.ldi", "--no-registration", "--json"]);
-    assert!(captured.contains("\"images\":3") || captured.contains("\"images\": 3"), "{captured}");
+    let (captured, _) = succeeds(
+        dir.path(),
+        &[
+            "capture",
+            "castle",
+            "-o",
+            "castle.ldi",
+            "--no-registration",
+            "--json",
+        ],
+    );
+    assert!(
+        captured.contains("\"images\":3") || captured.contains("\"images\": 3"),
+        "{captured}"
+    );
     let refused = headbox(dir.path(), &["images", "castle", "--no-registration"]);
     let why = String::from_utf8(refused.stderr).unwrap();
-    assert!(refused.status.code() == Some(1) && why.contains("00003.png: is 40x30 pixels"), "{why}");
+    assert!(
+        refused.status.code() == Some(1) && why.contains("00003.png: is 40x30 pixels"),
+        "{why}"
+    );
 }
 
 /// Exact images whose cameras are said to be elsewhere come back to where they were, beside each other; those that are said to be where they are stay.
@@ -342,7 +625,10 @@ fn poses_that_are_slightly_wrong_are_refined() {
     ];
     succeeds(dir.path(), &truth);
     let eyes = |more: &[&str]| -> (Vec<[f64; 3]>, String) {
-        let (out, said) = succeeds(dir.path(), &[&["images", "castle", "--json"], more].concat());
+        let (out, said) = succeeds(
+            dir.path(),
+            &[&["images", "castle", "--json"], more].concat(),
+        );
         let told: serde_json::Value = serde_json::from_str(&out).unwrap();
         (
             told["views"]
@@ -356,9 +642,13 @@ fn poses_that_are_slightly_wrong_are_refined() {
     };
     let (exact, _) = eyes(&[]);
     let (stayed, said) = eyes(&["--refine-poses"]);
-    assert!(stayed == exact && said.contains("poses: kept as given"), "{said}");
+    assert!(
+        stayed == exact && said.contains("poses: kept as given"),
+        "{said}"
+    );
     let file = dir.path().join("castle/transforms.json");
-    let mut set: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    let mut set: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
     for (i, frame) in (0..).zip(set["frames"].as_array_mut().unwrap()) {
         let matrix = &mut frame["transform_matrix"];
         // Turned about the vertical by up to 0.6 degrees, and moved by up to 3 % of what the cameras are apart.
@@ -370,8 +660,9 @@ fn poses_that_are_slightly_wrong_are_refined() {
             matrix[2][column] = (cos * z - sin * x).into();
         }
         for row in 0..3 {
-            matrix[row][3] =
-                (matrix[row][3].as_f64().unwrap() + STEP_M * f64::from((i * 3 + row as i32 * 5) % 8 - 3) / 4.0).into();
+            matrix[row][3] = (matrix[row][3].as_f64().unwrap()
+                + STEP_M * f64::from((i * 3 + row as i32 * 5) % 8 - 3) / 4.0)
+                .into();
         }
     }
     std::fs::write(&file, set.to_string()).unwrap();
@@ -380,12 +671,19 @@ fn poses_that_are_slightly_wrong_are_refined() {
     assert!(said.contains("poses: refined by"), "{said}");
     // Where the whole stands nobody knows.
     let from_mean = |eyes: &[[f64; 3]]| -> Vec<[f64; 3]> {
-        let mean = [0, 1, 2].map(|k| eyes.iter().map(|eye| eye[k]).sum::<f64>() / eyes.len() as f64);
-        eyes.iter().map(|eye| [0, 1, 2].map(|k| eye[k] - mean[k])).collect()
+        let mean =
+            [0, 1, 2].map(|k| eyes.iter().map(|eye| eye[k]).sum::<f64>() / eyes.len() as f64);
+        eyes.iter()
+            .map(|eye| [0, 1, 2].map(|k| eye[k] - mean[k]))
+            .collect()
     };
     let off = |eyes: &[[f64; 3]]| -> f64 {
         let pairs = from_mean(eyes).into_iter().zip(from_mean(&exact));
-        (pairs.map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>()).sum::<f64>() / eyes.len() as f64).sqrt()
+        (pairs
+            .map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>())
+            .sum::<f64>()
+            / eyes.len() as f64)
+            .sqrt()
     };
     let [before, after] = [&given, &found].map(|eyes| off(eyes));
     assert!(after < before * LEFT, "{before} m, {after} m: {said}");
@@ -396,22 +694,36 @@ fn poses_that_are_slightly_wrong_are_refined() {
 /// What is wrong with a set's pictures is said in a sentence that names the file, and nothing is written.
 #[test]
 fn what_is_wrong_with_pictures_is_said() {
-    let depths =
-        |folder: &Path| -> Vec<_> { (0..8).map(|i| folder.join(format!("room/frame-{i:06}.depth.png"))).collect() };
+    let depths = |folder: &Path| -> Vec<_> {
+        (0..8)
+            .map(|i| folder.join(format!("room/frame-{i:06}.depth.png")))
+            .collect()
+    };
     let black = |size: u32| ImageBuffer::<Luma<u16>, Vec<u16>>::new(size, SIZE[1] * size / SIZE[0]);
     type Case<'a> = (&'a str, &'a dyn Fn(&Path));
     let cases: [Case; 5] = [
-        ("frame-000001.depth.png: is 48x36 pixels, its picture 96x72", &|dir| {
-            black(SIZE[0] / 2).save(&depths(dir)[1]).unwrap();
-        }),
+        (
+            "frame-000001.depth.png: is 48x36 pixels, its picture 96x72",
+            &|dir| {
+                black(SIZE[0] / 2).save(&depths(dir)[1]).unwrap();
+            },
+        ),
         ("frame-000001.depth.png: depth in 8 bits", &|dir| {
-            image::GrayImage::new(SIZE[0], SIZE[1]).save(&depths(dir)[1]).unwrap();
+            image::GrayImage::new(SIZE[0], SIZE[1])
+                .save(&depths(dir)[1])
+                .unwrap();
         }),
         ("frame-000001.depth.png: ", &|dir| {
-            std::fs::write(&depths(dir)[1], &std::fs::read(&depths(dir)[1]).unwrap()[..200]).unwrap();
+            std::fs::write(
+                &depths(dir)[1],
+                &std::fs::read(&depths(dir)[1]).unwrap()[..200],
+            )
+            .unwrap();
         }),
         ("room: its pictures know no depth", &|dir| {
-            depths(dir).iter().for_each(|file| black(SIZE[0]).save(file).unwrap());
+            depths(dir)
+                .iter()
+                .for_each(|file| black(SIZE[0]).save(file).unwrap());
         }),
         ("frame-000001.color.png: cannot be read", &|dir| {
             std::fs::remove_file(dir.join("room/frame-000001.color.png")).unwrap();
@@ -421,7 +733,12 @@ fn what_is_wrong_with_pictures_is_said() {
         let dir = tempfile::tempdir().unwrap();
         room(dir.path(), DEPTH_FOCAL);
         damage(dir.path());
-        fails(dir.path(), 1, &["capture", "room", "-o", "room.ldi", "--no-registration"], expected);
+        fails(
+            dir.path(),
+            1,
+            &["capture", "room", "-o", "room.ldi", "--no-registration"],
+            expected,
+        );
         assert!(!dir.path().join("room.ldi").exists(), "{expected}");
     }
     let dir = tempfile::tempdir().unwrap();
@@ -432,8 +749,14 @@ fn what_is_wrong_with_pictures_is_said() {
         let [from, to] = [0, 9].map(|i| dir.path().join(format!("room/frame-{i:06}.{ending}")));
         std::fs::copy(from, to).unwrap();
     }
-    let (_, said) = succeeds(dir.path(), &["capture", "room", "-o", "room.ldi", "--no-registration"]);
-    assert!(said.contains("warning: views with the same pose: frame-000000.color.png"), "{said}");
+    let (_, said) = succeeds(
+        dir.path(),
+        &["capture", "room", "-o", "room.ldi", "--no-registration"],
+    );
+    assert!(
+        said.contains("warning: views with the same pose: frame-000000.color.png"),
+        "{said}"
+    );
     let (_, said) = succeeds(dir.path(), &["images", "room"]);
     for expected in [
         "depth of no pixel is known (all are zero, or no numbers): frame-000001.color.png",

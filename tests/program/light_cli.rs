@@ -1,13 +1,26 @@
 //! Light that people bring, on the command line: `--sky`, `--sun`, `--exposure`.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
 
 use crate::run::{json, refused, succeeds};
 use std::path::Path;
 
 /// Small and lit.
-const CAPTURE: [&str; 10] =
-    ["capture", "builtin:miniature", "--face-size", "32", "--strata", "4", "--rays", "4", "--light-samples", "2"];
+const CAPTURE: [&str; 10] = [
+    "capture",
+    "builtin:miniature",
+    "--face-size",
+    "32",
+    "--strata",
+    "4",
+    "--rays",
+    "4",
+    "--light-samples",
+    "2",
+];
 
 /// A sky of 8 x 4 texels: red in the east half, blue in the west, with a green texel in the zenith's row.
 fn write_sky(folder: &Path) {
@@ -30,38 +43,91 @@ fn capture(folder: &Path, more: &[&str]) -> String {
 fn parts_of_a_capture_agree_on_its_light_and_the_file_tells_it() {
     let dir = tempfile::tempdir().unwrap();
     write_sky(dir.path());
-    let light =
-        ["--sky", "sky.hdr", "--sky-turn", "30", "--sun", "100,40", "--sun-strength", "2", "--exposure", "-1.5"];
-    capture(dir.path(), &[light.as_slice(), &["-o", "whole.ldi"]].concat());
+    let light = [
+        "--sky",
+        "sky.hdr",
+        "--sky-turn",
+        "30",
+        "--sun",
+        "100,40",
+        "--sun-strength",
+        "2",
+        "--exposure",
+        "-1.5",
+    ];
+    capture(
+        dir.path(),
+        &[light.as_slice(), &["-o", "whole.ldi"]].concat(),
+    );
     for part in ["1/2", "2/2"] {
-        capture(dir.path(), &[light.as_slice(), &["--shard", part, "-o", &format!("{}.shard", &part[..1])]].concat());
+        capture(
+            dir.path(),
+            &[
+                light.as_slice(),
+                &["--shard", part, "-o", &format!("{}.shard", &part[..1])],
+            ]
+            .concat(),
+        );
     }
-    succeeds(dir.path(), &["merge", "1.shard", "2.shard", "-o", "merged.ldi"]);
+    succeeds(
+        dir.path(),
+        &["merge", "1.shard", "2.shard", "-o", "merged.ldi"],
+    );
     let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
     assert!(read("whole.ldi") == read("merged.ldi"));
     let info = &json(dir.path(), &["info", "whole.ldi", "--json"])["capture"];
-    assert_eq!((info["light"]["sky"].as_str(), info["light"]["sun"].as_str()), (Some("sky.hdr"), Some("100,40")));
+    assert_eq!(
+        (info["light"]["sky"].as_str(), info["light"]["sun"].as_str()),
+        (Some("sky.hdr"), Some("100,40"))
+    );
     assert_eq!(
         (info["tone"].as_str(), info["exposure"].as_f64()),
         (Some("srgb-clipped"), Some(f64::from(0.5f32.powf(1.5))))
     );
     let told = succeeds(dir.path(), &["info", "whole.ldi"]);
-    assert!(told.contains("sky sky.hdr, turned by 30 degrees, sun 100,40, sun's strength 2"), "{told}");
-    assert!(told.contains("-1.50 stops (-1.5); sRGB, cut off at white"), "{told}");
+    assert!(
+        told.contains("sky sky.hdr, turned by 30 degrees, sun 100,40, sun's strength 2"),
+        "{told}"
+    );
+    assert!(
+        told.contains("-1.50 stops (-1.5); sRGB, cut off at white"),
+        "{told}"
+    );
     // A shard in another light is a part of another capture.
     capture(dir.path(), &["--shard", "2/2", "-o", "other.shard"]);
-    let message = refused(dir.path(), 1, &["merge", "1.shard", "other.shard", "-o", "merged.ldi"]);
+    let message = refused(
+        dir.path(),
+        1,
+        &["merge", "1.shard", "other.shard", "-o", "merged.ldi"],
+    );
     assert!(message.contains("parts of different captures"), "{message}");
     // The sky is needed again to light what was merged, and is named where it is gone.
     std::fs::rename(dir.path().join("sky.hdr"), dir.path().join("moved.hdr")).unwrap();
     let merge = ["merge", "1.shard", "2.shard", "-o", "merged.ldi"];
     let message = refused(dir.path(), 1, &merge);
-    assert!(message.contains("sky.hdr") && message.contains("--sky"), "{message}");
-    succeeds(dir.path(), &[merge.as_slice(), &["--sky", "moved.hdr"]].concat());
+    assert!(
+        message.contains("sky.hdr") && message.contains("--sky"),
+        "{message}"
+    );
+    succeeds(
+        dir.path(),
+        &[merge.as_slice(), &["--sky", "moved.hdr"]].concat(),
+    );
     let info = &json(dir.path(), &["info", "merged.ldi", "--json"])["capture"];
     assert_eq!(info["light"]["sky"].as_str(), Some("moved.hdr"));
     capture(dir.path(), &["--shard", "1/1", "-o", "only.shard"]);
-    let message = refused(dir.path(), 2, &["merge", "only.shard", "-o", "merged.ldi", "--sky", "moved.hdr"]);
+    let message = refused(
+        dir.path(),
+        2,
+        &[
+            "merge",
+            "only.shard",
+            "-o",
+            "merged.ldi",
+            "--sky",
+            "moved.hdr",
+        ],
+    );
     assert!(message.contains("without one"), "{message}");
 }
 
@@ -71,19 +137,58 @@ fn light_above_white_is_kept_where_it_is_asked_for() {
     write_sky(dir.path());
     // The sky's east is as bright as white: at three stops eight times.
     let light = ["--sky", "sky.hdr", "--exposure", "3"];
-    capture(dir.path(), &[light.as_slice(), &["-o", "clipped.ldi"]].concat());
-    capture(dir.path(), &[light.as_slice(), &["-o", "kept.ldi", "--hdr"]].concat());
-    let eastward = ["--look-at", "100,50,0", "--eye", "0,30,0", "--size", "32x24"];
+    capture(
+        dir.path(),
+        &[light.as_slice(), &["-o", "clipped.ldi"]].concat(),
+    );
+    capture(
+        dir.path(),
+        &[light.as_slice(), &["-o", "kept.ldi", "--hdr"]].concat(),
+    );
+    let eastward = [
+        "--look-at",
+        "100,50,0",
+        "--eye",
+        "0,30,0",
+        "--size",
+        "32x24",
+    ];
     let run = |arguments: &[&[&str]]| succeeds(dir.path(), &arguments.concat());
-    run(&[&["truth", "builtin:miniature", "-o", "truth.exr", "--samples", "4"], &light, &eastward]);
+    run(&[
+        &[
+            "truth",
+            "builtin:miniature",
+            "-o",
+            "truth.exr",
+            "--samples",
+            "4",
+        ],
+        &light,
+        &eastward,
+    ]);
     for name in ["kept", "clipped"] {
-        run(&[&["render", &format!("{name}.ldi"), "-o", &format!("{name}.exr")], &eastward]);
+        run(&[
+            &[
+                "render",
+                &format!("{name}.ldi"),
+                "-o",
+                &format!("{name}.exr"),
+            ],
+            &eastward,
+        ]);
     }
     let radiance = |name: &str| {
         let picture = exr::prelude::read_first_rgba_layer_from_file(
             dir.path().join(name),
-            |size, _| (size.width(), vec![[0.0f32; 3]; size.width() * size.height()]),
-            |(width, pixels): &mut (usize, Vec<[f32; 3]>), at, (r, g, b, _): (f32, f32, f32, f32)| {
+            |size, _| {
+                (
+                    size.width(),
+                    vec![[0.0f32; 3]; size.width() * size.height()],
+                )
+            },
+            |(width, pixels): &mut (usize, Vec<[f32; 3]>),
+             at,
+             (r, g, b, _): (f32, f32, f32, f32)| {
                 pixels[at.y() * *width + at.x()] = [r, g, b];
             },
         );
@@ -93,17 +198,42 @@ fn light_above_white_is_kept_where_it_is_asked_for() {
     let truth = red("truth.exr");
     assert!((truth - 1.0).abs() < 0.05, "{truth}");
     // A step is 6.2 % at eight times white, and half of it the most that rounding takes.
-    assert!((red("kept.exr") / truth - 1.0).abs() < 0.032, "{} for {truth}", red("kept.exr"));
-    assert!((red("clipped.exr") - 0.125).abs() < 1e-3, "white is 1 at three stops: {}", red("clipped.exr"));
+    assert!(
+        (red("kept.exr") / truth - 1.0).abs() < 0.032,
+        "{} for {truth}",
+        red("kept.exr")
+    );
+    assert!(
+        (red("clipped.exr") - 0.125).abs() < 1e-3,
+        "white is 1 at three stops: {}",
+        red("clipped.exr")
+    );
     // Three stops darker the sky is as it would have been without them.
-    run(&[&["render", "kept.ldi", "-o", "darker.png", "--exposure", "-3"], &eastward]);
-    let shown = image::open(dir.path().join("darker.png")).unwrap().to_rgb8().get_pixel(16, 12).0[0];
+    run(&[
+        &["render", "kept.ldi", "-o", "darker.png", "--exposure", "-3"],
+        &eastward,
+    ]);
+    let shown = image::open(dir.path().join("darker.png"))
+        .unwrap()
+        .to_rgb8()
+        .get_pixel(16, 12)
+        .0[0];
     assert!((248..=255).contains(&shown), "{shown}");
     let told = succeeds(dir.path(), &["info", "kept.ldi"]);
     assert!(told.contains("cut off 4 stops above white"), "{told}");
     // Surfaces, without the noise of light: their paint, eight times as bright as white asks for.
-    let unlit =
-        ["capture", "builtin:miniature", "--face-size", "256", "--strata", "8", "--rays", "4", "--light-samples", "0"];
+    let unlit = [
+        "capture",
+        "builtin:miniature",
+        "--face-size",
+        "256",
+        "--strata",
+        "8",
+        "--rays",
+        "4",
+        "--light-samples",
+        "0",
+    ];
     run(&[&unlit, &["--exposure", "3", "--hdr", "-o", "paint.ldi"]]);
     run(&[&["render", "paint.ldi", "-o", "paint.exr", "--size", "128x96"]]);
     run(&[&[
@@ -121,9 +251,18 @@ fn light_above_white_is_kept_where_it_is_asked_for() {
     ]]);
     let (paint, white) = (radiance("paint.exr"), radiance("white.exr"));
     let near = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).all(|c| (a[c] / b[c] - 1.0).abs() < 0.1);
-    let bright = || paint.iter().zip(&white).filter(|(_, truth)| truth.iter().all(|c| (0.15..1.9).contains(c)));
+    let bright = || {
+        paint
+            .iter()
+            .zip(&white)
+            .filter(|(_, truth)| truth.iter().all(|c| (0.15..1.9).contains(c)))
+    };
     let right = bright().filter(|&pair| near(pair)).count();
-    assert!(bright().count() > 5000 && right * 2 > bright().count(), "{right} of {}", bright().count());
+    assert!(
+        bright().count() > 5000 && right * 2 > bright().count(),
+        "{right} of {}",
+        bright().count()
+    );
     for wrong in [
         &["render", "kept.ldi", "clipped.ldi", "-o", "a.exr"][..],
         &["render", "kept.ldi", "-o", "a.exr", "--exposure", "1"],
@@ -138,15 +277,55 @@ fn frames_truth_and_sprites_show_the_same_sky() {
     write_sky(dir.path());
     let light = ["--sky", "sky.hdr", "--sky-turn", "0", "--exposure", "0"];
     capture(dir.path(), &[light.as_slice(), &["-o", "a.ldi"]].concat());
-    let eastward = ["--look-at", "100,50,0", "--eye", "0,30,0", "--size", "32x24"];
+    let eastward = [
+        "--look-at",
+        "100,50,0",
+        "--eye",
+        "0,30,0",
+        "--size",
+        "32x24",
+    ];
     let run = |arguments: &[&[&str]]| succeeds(dir.path(), &arguments.concat());
     run(&[&["render", "a.ldi", "-o", "frame.png"], &eastward]);
-    run(&[&["truth", "builtin:miniature", "-o", "truth.png", "--samples", "4"], &light, &eastward]);
-    let middle = |name: &str| image::open(dir.path().join(name)).unwrap().to_rgb8().get_pixel(16, 12).0;
+    run(&[
+        &[
+            "truth",
+            "builtin:miniature",
+            "-o",
+            "truth.png",
+            "--samples",
+            "4",
+        ],
+        &light,
+        &eastward,
+    ]);
+    let middle = |name: &str| {
+        image::open(dir.path().join(name))
+            .unwrap()
+            .to_rgb8()
+            .get_pixel(16, 12)
+            .0
+    };
     let (frame, truth) = (middle("frame.png"), middle("truth.png"));
-    assert!(truth[0] > 200 && truth[2] < 120, "the east is red: {truth:?}");
-    assert!((0..3).all(|c| frame[c].abs_diff(truth[c]) <= 2), "{frame:?} for {truth:?}");
-    run(&[&["sprite", "builtin:miniature", "-o", "a.sprite", "--samples", "1"], &light]);
+    assert!(
+        truth[0] > 200 && truth[2] < 120,
+        "the east is red: {truth:?}"
+    );
+    assert!(
+        (0..3).all(|c| frame[c].abs_diff(truth[c]) <= 2),
+        "{frame:?} for {truth:?}"
+    );
+    run(&[
+        &[
+            "sprite",
+            "builtin:miniature",
+            "-o",
+            "a.sprite",
+            "--samples",
+            "1",
+        ],
+        &light,
+    ]);
     let info = json(dir.path(), &["info", "a.sprite", "--json"]);
     assert_eq!(info["capture"]["light"]["sky"].as_str(), Some("sky.hdr"));
 }
@@ -155,17 +334,56 @@ fn frames_truth_and_sprites_show_the_same_sky() {
 fn a_house_keeps_the_sky_that_lights_it() {
     let dir = tempfile::tempdir().unwrap();
     write_sky(dir.path());
-    let small = ["--triangles", "300", "--rays", "0", "--backdrops", "none", "--edge", "5", "--light-samples", "1"];
-    for (name, sky) in [("a.house", ["--sky", "sky.hdr"].as_slice()), ("b.house", &[])] {
-        succeeds(dir.path(), &[["house", "builtin:house", "-o", name].as_slice(), &small, sky].concat());
+    let small = [
+        "--triangles",
+        "300",
+        "--rays",
+        "0",
+        "--backdrops",
+        "none",
+        "--edge",
+        "5",
+        "--light-samples",
+        "1",
+    ];
+    for (name, sky) in [
+        ("a.house", ["--sky", "sky.hdr"].as_slice()),
+        ("b.house", &[]),
+    ] {
+        succeeds(
+            dir.path(),
+            &[
+                ["house", "builtin:house", "-o", name].as_slice(),
+                &small,
+                sky,
+            ]
+            .concat(),
+        );
         assert_eq!(json(dir.path(), &["info", name, "--json"])["ok"], true);
     }
     let bytes = |name: &str| std::fs::metadata(dir.path().join(name)).unwrap().len();
-    assert!(bytes("a.house") >= bytes("b.house") + 8 * 4 * 12, "the picture of the sky is in it");
+    assert!(
+        bytes("a.house") >= bytes("b.house") + 8 * 4 * 12,
+        "the picture of the sky is in it"
+    );
     let render = |house: &str, to: &str| {
-        let eye = ["--eye", "0,40,0", "--look-at", "100,60,0", "--size", "32x24"];
-        succeeds(dir.path(), &[["render", house, "-o", to].as_slice(), &eye].concat());
-        image::open(dir.path().join(to)).unwrap().to_rgb8().get_pixel(16, 4).0
+        let eye = [
+            "--eye",
+            "0,40,0",
+            "--look-at",
+            "100,60,0",
+            "--size",
+            "32x24",
+        ];
+        succeeds(
+            dir.path(),
+            &[["render", house, "-o", to].as_slice(), &eye].concat(),
+        );
+        image::open(dir.path().join(to))
+            .unwrap()
+            .to_rgb8()
+            .get_pixel(16, 4)
+            .0
     };
     let [red, _, blue] = render("a.house", "a.png");
     assert!(red > 2 * blue, "the east is red: {red}, {blue}");

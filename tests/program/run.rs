@@ -1,13 +1,20 @@
 //! The built program, run as users run it.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
 
 use std::path::Path;
 use std::process::{Command, Output};
 
 /// Runs a command in a folder.
 pub(crate) fn headbox(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_headbox"))
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
 }
 
 /// Runs a command that must fail with `code`, write nothing to standard output and not panic; returns what it says.
@@ -15,7 +22,10 @@ pub(crate) fn refused(folder: &Path, code: i32, arguments: &[&str]) -> String {
     let output = headbox(folder, arguments);
     let message = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
-    assert!(output.stdout.is_empty(), "{arguments:?} wrote to standard output");
+    assert!(
+        output.stdout.is_empty(),
+        "{arguments:?} wrote to standard output"
+    );
     assert!(!message.contains("panicked"), "{arguments:?}: {message}");
     message
 }
@@ -29,7 +39,11 @@ pub(crate) fn fails(folder: &Path, code: i32, arguments: &[&str], expected: &str
 /// Runs a command that must succeed, and returns its standard output.
 pub(crate) fn succeeds(folder: &Path, arguments: &[&str]) -> String {
     let output = headbox(folder, arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{arguments:?}: {}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     String::from_utf8(output.stdout).unwrap()
 }
 
@@ -44,8 +58,14 @@ pub(crate) fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
 pub(crate) fn overlays_are_painted(folder: &Path, file: &str, overlays: &[&str], more: &[&str]) {
     let base = ["render", file, "-o", "overlay.png", "--size", "96x72"];
     let painted = |overlay: &str| {
-        let said = json(folder, &[base.as_slice(), more, &["--overlay", overlay, "--json"]].concat());
-        assert_eq!((said["overlay"].as_str(), &said["size"]), (Some(overlay), &serde_json::json!([96, 72])));
+        let said = json(
+            folder,
+            &[base.as_slice(), more, &["--overlay", overlay, "--json"]].concat(),
+        );
+        assert_eq!(
+            (said["overlay"].as_str(), &said["size"]),
+            (Some(overlay), &serde_json::json!([96, 72]))
+        );
         std::fs::read(folder.join("overlay.png")).unwrap()
     };
     let mut pictures = vec![painted("none")];
@@ -54,6 +74,16 @@ pub(crate) fn overlays_are_painted(folder: &Path, file: &str, overlays: &[&str],
         assert!(!pictures.contains(&picture), "{file}: {overlay}");
         pictures.push(picture);
     }
-    let known = ["none"].iter().chain(overlays).copied().collect::<Vec<_>>().join(", ");
-    fails(folder, 2, &[base.as_slice(), more, &["--overlay", "rainbow"]].concat(), &known);
+    let known = ["none"]
+        .iter()
+        .chain(overlays)
+        .copied()
+        .collect::<Vec<_>>()
+        .join(", ");
+    fails(
+        folder,
+        2,
+        &[base.as_slice(), more, &["--overlay", "rainbow"]].concat(),
+        &known,
+    );
 }

@@ -10,27 +10,64 @@ fn a_folder_of_photographs_becomes_sprites() {
     let truth = ["truth", "builtin:castle", "--images", "4x1", "-o", "set"];
     succeeds(dir.path(), &[truth.as_slice(), &size].concat());
     let sprite = |more: &[&str]| {
-        let arguments = ["sprite", "set", "-o", "a.sprite", "--own-depth", "--no-registration"];
-        [arguments.as_slice(), more].concat().into_iter().map(str::to_owned).collect::<Vec<_>>()
+        let arguments = [
+            "sprite",
+            "set",
+            "-o",
+            "a.sprite",
+            "--own-depth",
+            "--no-registration",
+        ];
+        [arguments.as_slice(), more]
+            .concat()
+            .into_iter()
+            .map(str::to_owned)
+            .collect::<Vec<_>>()
     };
     let run = |more: &[&str]| {
         let arguments = sprite(more);
-        succeeds(dir.path(), &arguments.iter().map(String::as_str).collect::<Vec<_>>())
+        succeeds(
+            dir.path(),
+            &arguments.iter().map(String::as_str).collect::<Vec<_>>(),
+        )
     };
     let refused = |code: i32, more: &[&str], expected: &str| {
         let arguments = sprite(more);
-        fails(dir.path(), code, &arguments.iter().map(String::as_str).collect::<Vec<_>>(), expected);
+        fails(
+            dir.path(),
+            code,
+            &arguments.iter().map(String::as_str).collect::<Vec<_>>(),
+            expected,
+        );
     };
     assert!(run(&["--layers", "4"]).contains("sprites with depth"));
     let info = json(dir.path(), &["info", "a.sprite", "--json"]);
-    assert_eq!((info["kind"].as_str(), info["ok"].as_bool()), (Some("sprite"), Some(true)));
+    assert_eq!(
+        (info["kind"].as_str(), info["ok"].as_bool()),
+        (Some("sprite"), Some(true))
+    );
     let count = info["sprites"].as_array().unwrap().len();
     assert!((2..=4).contains(&count), "{count}");
     let first = std::fs::read(dir.path().join("a.sprite")).unwrap();
     run(&["--layers", "4", "--view", "3"]);
-    assert_eq!(first, std::fs::read(dir.path().join("a.sprite")).unwrap(), "the third of four is in the middle");
+    assert_eq!(
+        first,
+        std::fs::read(dir.path().join("a.sprite")).unwrap(),
+        "the third of four is in the middle"
+    );
     for variant in ["homography", "two-pass"] {
-        let frame = json(dir.path(), &["render", "a.sprite", "-o", "r.png", "--variant", variant, "--json"]);
+        let frame = json(
+            dir.path(),
+            &[
+                "render",
+                "a.sprite",
+                "-o",
+                "r.png",
+                "--variant",
+                variant,
+                "--json",
+            ],
+        );
         assert!(frame["hole_fraction"].as_f64().unwrap() < 0.2, "{frame}");
     }
 
@@ -39,20 +76,40 @@ fn a_folder_of_photographs_becomes_sprites() {
     let half = GrayImage::from_fn(120, 90, |x, _| Luma([if x < 60 { 255 } else { 0 }]));
     half.save(dir.path().join("masks/left.png")).unwrap();
     assert!(run(&["--masks", "masks"]).contains("1 sprites"));
-    GrayImage::new(9, 9).save(dir.path().join("masks/small.png")).unwrap();
+    GrayImage::new(9, 9)
+        .save(dir.path().join("masks/small.png"))
+        .unwrap();
     refused(1, &["--masks", "masks"], "is 9x9 pixels");
     refused(1, &["--masks", "nowhere"], "nowhere");
     refused(1, &["--view", "5"], "there are 4 views");
     refused(2, &["--eye", "0,0,0"], "--eye has no meaning for images");
-    fails(dir.path(), 2, &["sprite", "builtin:bump", "-o", "b.sprite", "--layers", "2"], "--layers is for folders");
+    fails(
+        dir.path(),
+        2,
+        &["sprite", "builtin:bump", "-o", "b.sprite", "--layers", "2"],
+        "--layers is for folders",
+    );
 
     let judged = run(&["--range", "range"]);
-    assert!(judged.contains("layers-with-depth") && judged.contains("median error"), "{judged}");
+    assert!(
+        judged.contains("layers-with-depth") && judged.contains("median error"),
+        "{judged}"
+    );
     let report = std::fs::read(dir.path().join("range/report.json")).unwrap();
     let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
     let psnr = |variant: &str| {
-        let rows = report["rows"].as_array().unwrap().iter().filter(|row| row["variant"] == variant);
-        rows.map(|row| row["psnr_db"].as_f64().unwrap()).fold(f64::INFINITY, f64::min)
+        let rows = report["rows"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|row| row["variant"] == variant);
+        rows.map(|row| row["psnr_db"].as_f64().unwrap())
+            .fold(f64::INFINITY, f64::min)
     };
-    assert!(psnr("layers-with-depth") > psnr("plane") + 2.0, "{} {}", psnr("layers-with-depth"), psnr("plane"));
+    assert!(
+        psnr("layers-with-depth") > psnr("plane") + 2.0,
+        "{} {}",
+        psnr("layers-with-depth"),
+        psnr("plane")
+    );
 }

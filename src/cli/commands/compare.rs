@@ -1,10 +1,10 @@
 //! `headbox compare`.
 
 use crate::output::{Outputs, PICTURE, print_json, save_picture};
-use headbox_core::image_file;
-use headbox_core::metrics;
 use anyhow::Context;
 use clap::Args;
+use headbox_core::image_file;
+use headbox_core::metrics;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
@@ -29,7 +29,8 @@ fn open(path: &Path) -> anyhow::Result<image::RgbImage> {
 
 impl CompareCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        Outputs::new(self.json, [&self.reference, &self.test]).maybe_file(self.map.as_ref(), &PICTURE)?;
+        Outputs::new(self.json, [&self.reference, &self.test])
+            .maybe_file(self.map.as_ref(), &PICTURE)?;
         let (reference, test) = (open(&self.reference)?, open(&self.test)?);
         let (comparison, map) = metrics::compare_with_map(&reference, &test)?;
         if let Some(path) = &self.map {

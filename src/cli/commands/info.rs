@@ -1,25 +1,25 @@
 //! `headbox info`.
 
-use crate::args::vertical_fov_deg;
 use super::capture::aimed;
+use super::images::{ImagesCommand, is_image_set};
+use crate::args::vertical_fov_deg;
 use crate::commands::capture::deep as capture_deep;
 use crate::commands::capture::deep::is_deep_picture;
+use crate::commands::capture::place::{figure, triple};
 use crate::commands::house::file as house_file;
-use super::images::{ImagesCommand, is_image_set};
 use crate::commands::lumigraph;
 use crate::output::print_json;
-use crate::commands::capture::place::{figure, triple};
 use crate::words::counted;
+use anyhow::Context;
+use clap::Args;
 use headbox_core::container::Container;
-use headbox_ldi::accumulate::shard;
-use headbox_ldi::accumulate::shard::SHARD;
-use headbox_lumigraph::LUMI_FILE;
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_cube::pack::{PackedCube, SegmentSide};
 use headbox_house::file::HOUSE_FILE;
+use headbox_ldi::accumulate::shard;
+use headbox_ldi::accumulate::shard::SHARD;
+use headbox_lumigraph::LUMI_FILE;
 use headbox_sprite::{SPRITE_FILE, SpriteSet, SpriteWithDepth};
-use anyhow::Context;
-use clap::Args;
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -43,13 +43,18 @@ impl InfoCommand {
         if is_deep_picture(&self.file.to_string_lossy()) {
             return capture_deep::describe(&self.file, self.json);
         }
-        let kind = Container::peek_kind(&self.file).with_context(|| format!("{}", self.file.display()))?;
+        let kind =
+            Container::peek_kind(&self.file).with_context(|| format!("{}", self.file.display()))?;
         match kind {
             Some(tag) if tag == CUBE_LDI.tag => self.cube(),
             Some(tag) if tag == SHARD.tag => self.shard(),
             Some(tag) if tag == SPRITE_FILE.tag => self.sprites(),
-            Some(tag) if tag == LUMI_FILE.tag => Ok(lumigraph::info(&self.file, self.check, self.json)?),
-            Some(tag) if tag == HOUSE_FILE.tag => house_file::info(&self.file, self.check, self.json),
+            Some(tag) if tag == LUMI_FILE.tag => {
+                Ok(lumigraph::info(&self.file, self.check, self.json)?)
+            }
+            Some(tag) if tag == HOUSE_FILE.tag => {
+                house_file::info(&self.file, self.check, self.json)
+            }
             // What it is instead the reader of cubes says best.
             _ => self.cube(),
         }
@@ -79,41 +84,84 @@ impl InfoCommand {
         let frame = info.frame;
         println!("{}: {}, {bytes} bytes", self.file.display(), CUBE_LDI.name);
         println!("  scene       {}", info.scene);
-        println!("  centre      {} (in the file's axes and unit)", triple(frame.file_from_world(info.centre)));
-        println!("  half-size   {} (file units)", figure(info.half_size_m / frame.unit_m));
-        println!("  world       1 file unit = {} m, {} up in the file", info.frame.unit_m, info.frame.up);
+        println!(
+            "  centre      {} (in the file's axes and unit)",
+            triple(frame.file_from_world(info.centre))
+        );
+        println!(
+            "  half-size   {} (file units)",
+            figure(info.half_size_m / frame.unit_m)
+        );
+        println!(
+            "  world       1 file unit = {} m, {} up in the file",
+            info.frame.unit_m, info.frame.up
+        );
         println!("  faces       6 x {0}x{0} pixels", cube.face_size_px);
-        println!("  samples     {} depth pixels from {} rays", cube.depth_pixel_count(), info.rays_traced);
+        println!(
+            "  samples     {} depth pixels from {} rays",
+            cube.depth_pixel_count(),
+            info.rays_traced
+        );
         println!(
             "  light       {}, {}{}",
             counted(info.parameters.bounces, "bounce"),
             counted(info.parameters.light_samples, "sample"),
-            info.light.in_words().map_or(String::new(), |words| format!(", {words}"))
+            info.light
+                .in_words()
+                .map_or(String::new(), |words| format!(", {words}"))
         );
         let stops = info.exposure.log2();
-        println!("  exposure    {stops:.2} stops ({}); {}", info.light.exposure, info.tone);
-        for (face, missing) in headbox_core::cube_face::Face::ALL.iter().zip(info.missing_estimate) {
+        println!(
+            "  exposure    {stops:.2} stops ({}); {}",
+            info.light.exposure, info.tone
+        );
+        for (face, missing) in headbox_core::cube_face::Face::ALL
+            .iter()
+            .zip(info.missing_estimate)
+        {
             if let Some(missing) = missing {
-                println!("  {}          next ray new with probability {missing:.4}", face.name());
+                println!(
+                    "  {}          next ray new with probability {missing:.4}",
+                    face.name()
+                );
             }
         }
         if let Some(holes) = info.holes {
             let [share, error] = [holes.share, holes.standard_error].map(|v| v * 100.0);
-            println!("  holes       {share:.4} % of frames' pixels, +- {error:.4} % (standard error)");
-            println!("              {}, in {}", aimed(&holes), counted(holes.rounds, "round"));
+            println!(
+                "  holes       {share:.4} % of frames' pixels, +- {error:.4} % (standard error)"
+            );
+            println!(
+                "              {}, in {}",
+                aimed(&holes),
+                counted(holes.rounds, "round")
+            );
         }
         for s in &cube.segments {
-            let side = if s.side == SegmentSide::Near { "near" } else { "far " };
+            let side = if s.side == SegmentSide::Near {
+                "near"
+            } else {
+                "far "
+            };
             let (from, to) = (1.0 / s.inverse_depth_max, 1.0 / s.inverse_depth_min);
             let count = s.depth_pixels.len();
             let (name, w, h, x, y) = (s.face.name(), s.width, s.height, s.x0, s.y0);
-            println!("  {name} {side}     {count} depth pixels, {w}x{h} at {x},{y}, depth {from:.3} to {to:.3} m");
+            println!(
+                "  {name} {side}     {count} depth pixels, {w}x{h} at {x},{y}, depth {from:.3} to {to:.3} m"
+            );
         }
         let set = &cube.planes;
         if !set.tiles.is_empty() {
             let (planes, tiles, texels) = (set.planes.len(), set.tiles.len(), set.texels.len());
-            println!("  planes      {planes} planes, {tiles} pictures of {texels} texels, for {} samples", set.samples);
-            println!("              within {} frame pixels, {} bytes in memory", set.error_px, set.bytes());
+            println!(
+                "  planes      {planes} planes, {tiles} pictures of {texels} texels, for {} samples",
+                set.samples
+            );
+            println!(
+                "              within {} frame pixels, {} bytes in memory",
+                set.error_px,
+                set.bytes()
+            );
         }
         if self.check {
             println!("ok: every promise of the layout holds");
@@ -125,9 +173,16 @@ impl InfoCommand {
         // As for cubes: what reading accepts a renderer can rely on.
         let set = SpriteSet::read(&self.file)?;
         let bytes = std::fs::metadata(&self.file)?.len();
-        let sprites: Vec<_> = set.sprites().iter().map(|prepared| prepared.sprite()).collect();
+        let sprites: Vec<_> = set
+            .sprites()
+            .iter()
+            .map(|prepared| prepared.sprite())
+            .collect();
         if self.json {
-            let described: Vec<_> = sprites.iter().map(|sprite| sprite_json(sprite, &set)).collect();
+            let described: Vec<_> = sprites
+                .iter()
+                .map(|sprite| sprite_json(sprite, &set))
+                .collect();
             print_json(&json!({
                 "kind": SPRITE_FILE.name, "bytes": bytes, "depth_pixels": null, "faces": [], "sprites": described,
                 "environment_size": set.environment.size_px, "capture": set.info, "ok": true,
@@ -138,7 +193,10 @@ impl InfoCommand {
         let count = counted(sprites.len() as u64, "sprite");
         println!("{}: {count} with depth, {bytes} bytes", self.file.display());
         println!("  source      {}", info.source);
-        println!("  world       1 file unit = {} m, {} up in the file", info.frame.unit_m, info.frame.up);
+        println!(
+            "  world       1 file unit = {} m, {} up in the file",
+            info.frame.unit_m, info.frame.up
+        );
         for (number, sprite) in sprites.iter().enumerate() {
             let camera = sprite.sprite().camera();
             let (columns, rows) = sprite.displacement().size();
@@ -148,7 +206,9 @@ impl InfoCommand {
                 camera.height(),
                 sprite.displacement().format(),
                 sprite.sprite().plane().signed_distance(camera.eye()),
-                depth_range(sprite).map_or("unknown".into(), |[near, far]| format!("{near:.3} to {far:.3} m"))
+                depth_range(sprite).map_or("unknown".into(), |[near, far]| format!(
+                    "{near:.3} to {far:.3} m"
+                ))
             );
         }
         if self.check {
@@ -170,8 +230,16 @@ impl InfoCommand {
                 "depth_pixels": samples, "faces": [], "job": info.job, "ok": true,
             }));
         } else {
-            let (scene, rays, part) = (&info.job.scene.name, info.rays, shard::numbered(info.part, info.parts));
-            println!("{}: {} {part} of {scene}, {rays} rays, {bytes} bytes", self.file.display(), SHARD.name);
+            let (scene, rays, part) = (
+                &info.job.scene.name,
+                info.rays,
+                shard::numbered(info.part, info.parts),
+            );
+            println!(
+                "{}: {} {part} of {scene}, {rays} rays, {bytes} bytes",
+                self.file.display(),
+                SHARD.name
+            );
             if let Some(samples) = samples {
                 println!("ok: {samples} accumulators");
             }
@@ -214,10 +282,15 @@ fn depth_range(sprite: &SpriteWithDepth) -> Option<[f64; 2]> {
         let at = |i: u32, count: u32, pixels: u32| {
             ((2 * u64::from(i) + 1) * u64::from(pixels) / (2 * u64::from(count))) as u32
         };
-        color.get_pixel(at(x, columns, color.width()), at(y, rows, color.height())).0[3] > 0
+        color
+            .get_pixel(at(x, columns, color.width()), at(y, rows, color.height()))
+            .0[3]
+            > 0
     };
     let cells = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
-    let depths = cells.filter(|&(x, y)| visible(x, y)).filter_map(|(x, y)| sprite.eye_depth(x, y));
+    let depths = cells
+        .filter(|&(x, y)| visible(x, y))
+        .filter_map(|(x, y)| sprite.eye_depth(x, y));
     depths.fold(None, |range, depth| {
         let [near, far] = range.unwrap_or([depth, depth]);
         Some([depth.min(near), depth.max(far)])

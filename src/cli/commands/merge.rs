@@ -5,14 +5,14 @@ use crate::output::{CUBE, Outputs, name_of, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, what_is_kept};
 use crate::progress::Bar;
 use crate::words::{UsageError, counted};
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
-use headbox_ldi::refine;
-use headbox_ldi::settings::Resources;
-use headbox_ldi::accumulate::shard;
-use headbox_ldi::scene_source::fingerprint;
 use anyhow::{Context, ensure};
 use clap::Args;
+use headbox_ldi::accumulate::shard;
+use headbox_ldi::refine;
+use headbox_ldi::scene_source::fingerprint;
+use headbox_ldi::settings::Resources;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use serde_json::json;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -57,22 +57,28 @@ impl MergeCommand {
             source.name.clone_from(name);
         }
         match (&self.sky, &mut source.light.sky) {
-            (Some(_), None) => return Err(UsageError("--sky: the shards were captured without one".into()).into()),
+            (Some(_), None) => {
+                return Err(UsageError("--sky: the shards were captured without one".into()).into());
+            }
             (Some(moved), Some(sky)) => sky.clone_from(moved),
             (None, _) => {}
         }
-        let scene =
-            source.open().context("light is sampled after merging, which needs the scene (see --scene and --sky)")?;
+        let scene = source.open().context(
+            "light is sampled after merging, which needs the scene (see --scene and --sky)",
+        )?;
         outputs.scene_is_open(&scene)?;
         ensure!(
-            fingerprint(&scene) == first.scene_fingerprint && scene.triangles.len() as u32 == first.triangles,
+            fingerprint(&scene) == first.scene_fingerprint
+                && scene.triangles.len() as u32 == first.triangles,
             "{} has changed since the shards were captured; capture them again",
             job.scene.name
         );
         let tracer = Tracer::new(Arc::new(scene), job.centre);
         let parameters = &job.parameters;
         let lighting = Lighting::prepare(&tracer, parameters.bounces, parameters.light_samples > 0);
-        let resources = Resources { budget: budget(self.memory, &self.output) };
+        let resources = Resources {
+            budget: budget(self.memory, &self.output),
+        };
         let mut tracing = first.empty_tracing(resources.budget.clone())?;
         for (path, info) in &infos {
             shard::absorb(path, info, &mut tracing)?;
@@ -94,7 +100,10 @@ impl MergeCommand {
             }));
         } else {
             let (output, kept) = (name_of(&self.output), what_is_kept(&packed));
-            println!("{output}: {kept} from {rays} rays in {}", counted(infos.len() as u64, "shard"));
+            println!(
+                "{output}: {kept} from {rays} rays in {}",
+                counted(infos.len() as u64, "shard")
+            );
         }
         Ok(())
     }

@@ -1,11 +1,11 @@
 //! `headbox scenes`.
 
 use crate::words::counted;
-use headbox_core::files::write_whole;
-use headbox_scene::save::scene_files;
-use headbox_ldi::scene_source::SceneSource;
 use anyhow::Context;
 use clap::Args;
+use headbox_core::files::write_whole;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_scene::save::scene_files;
 use std::path::Path;
 
 #[derive(Args)]
@@ -45,7 +45,11 @@ fn export(name: &str, path: &Path) -> anyhow::Result<()> {
             .with_context(|| format!("{} could not be written", file.path.display()))?;
     }
     let files = counted(files.len() as u64, "file");
-    println!("{}: {} triangles, {files}", path.display(), scene.triangles.len());
+    println!(
+        "{}: {} triangles, {files}",
+        path.display(),
+        scene.triangles.len()
+    );
     Ok(())
 }
 
@@ -74,16 +78,28 @@ mod tests {
     fn exported_scenes_show_the_same() {
         let folder = tempfile::tempdir().expect("a folder");
         for name in ["bump", "interior", "poles"] {
-            let built = SceneSource::new(format!("builtin:{name}")).open().expect("built in");
+            let built = SceneSource::new(format!("builtin:{name}"))
+                .open()
+                .expect("built in");
             let expected = shown(&built);
             for (ending, off) in [("obj", 2e-5), ("glb", 2e-5)] {
                 let path = folder.path().join(format!("{name}.{ending}"));
                 export(name, &path).expect("exported");
-                let read = SceneSource::new(path.to_string_lossy()).open().expect("read back");
+                let read = SceneSource::new(path.to_string_lossy())
+                    .open()
+                    .expect("read back");
                 let found = shown(&read);
-                assert_eq!(found.len(), expected.len(), "{name}.{ending}: {:?}", read.summary.notes);
+                assert_eq!(
+                    found.len(),
+                    expected.len(),
+                    "{name}.{ending}: {:?}",
+                    read.summary.notes
+                );
                 let off_by = |(a, b): (&[f64; 15], &[f64; 15])| {
-                    a.iter().zip(b).map(|(a, b)| (a - b).abs() / b.abs().max(1.0)).fold(0.0, f64::max)
+                    a.iter()
+                        .zip(b)
+                        .map(|(a, b)| (a - b).abs() / b.abs().max(1.0))
+                        .fold(0.0, f64::max)
                 };
                 let worst = found.iter().zip(&expected).map(off_by).fold(0.0, f64::max);
                 assert!(worst < off, "{name}.{ending}: {worst}");

@@ -1,19 +1,19 @@
 //! `headbox truth`.
 
 use crate::args::{CameraArgs, SceneArgs};
+use crate::commands::render::radiance::{is_radiance, save_radiance};
 use crate::output::{FRAME, Outputs, name_of, peak_rss_mb, print_json, save_picture};
 use crate::progress::Bar;
-use crate::commands::render::radiance::{is_radiance, save_radiance};
 use crate::words::UsageError;
-use headbox_images::SetWriter;
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
-use headbox_core::camera::Camera;
-use headbox_trace::viewpoint;
-use headbox_core::progress::Progress;
-use headbox_images::traced_view;
-use headbox_trace::truth;
 use clap::Args;
+use headbox_core::camera::Camera;
+use headbox_core::progress::Progress;
+use headbox_images::SetWriter;
+use headbox_images::traced_view;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_trace::truth;
+use headbox_trace::viewpoint;
 use serde_json::json;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -66,20 +66,38 @@ impl TruthCommand {
         let lighting = Lighting::prepare(&tracer, self.bounces, !self.unlit);
         let bar = Bar::new();
         if let Some(wall) = self.images {
-            let half_size_m = viewpoint::place_headbox(&scene, None, None).map_or(0.0, |headbox| headbox.half_size_m);
-            let views = self.write_images(wall, half_size_m, &camera, (&tracer, &lighting), &bar)?;
-            self.say(start, &format!("{views} images with depth"), json!({ "images": views }));
+            let half_size_m = viewpoint::place_headbox(&scene, None, None)
+                .map_or(0.0, |headbox| headbox.half_size_m);
+            let views =
+                self.write_images(wall, half_size_m, &camera, (&tracer, &lighting), &bar)?;
+            self.say(
+                start,
+                &format!("{views} images with depth"),
+                json!({ "images": views }),
+            );
             return Ok(());
         }
         let truth = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
         bar.finish();
         match is_radiance(&self.output) {
-            true => save_radiance(&self.output, (truth.frame.width, truth.frame.height), &truth.radiance)?,
+            true => save_radiance(
+                &self.output,
+                (truth.frame.width, truth.frame.height),
+                &truth.radiance,
+            )?,
             false => save_picture(&self.output, &truth.rgb())?,
         }
         let error_db = truth.standard_error_psnr_db;
-        let known = if error_db.is_finite() { Some(error_db) } else { None };
-        self.say(start, &noise(error_db), json!({ "standard_error_psnr_db": known }));
+        let known = if error_db.is_finite() {
+            Some(error_db)
+        } else {
+            None
+        };
+        self.say(
+            start,
+            &noise(error_db),
+            json!({ "standard_error_psnr_db": known }),
+        );
         Ok(())
     }
 
@@ -115,14 +133,32 @@ impl TruthCommand {
             _ => (2.0 * f64::from(number) / f64::from(of - 1) - 1.0) * REACH * half_size_m,
         };
         let images = columns * rows;
-        bar.begin("tracing", "rows", u64::from(images) * u64::from(camera.height()));
+        bar.begin(
+            "tracing",
+            "rows",
+            u64::from(images) * u64::from(camera.height()),
+        );
         let rows_done = RowsOfMany(bar);
         for number in 0..images {
             let (column, row) = (number % columns, number / columns);
-            let eye = camera.eye() + turn.x_axis * off(column, columns) - turn.y_axis * off(row, rows);
-            let moved = Camera::from_parts(eye, turn, camera.focal_px(), camera.width(), camera.height())
-                .map_err(|error| UsageError(error.to_string()))?;
-            let view = traced_view::trace(tracer, lighting, !self.unlit, &moved, self.samples, &rows_done);
+            let eye =
+                camera.eye() + turn.x_axis * off(column, columns) - turn.y_axis * off(row, rows);
+            let moved = Camera::from_parts(
+                eye,
+                turn,
+                camera.focal_px(),
+                camera.width(),
+                camera.height(),
+            )
+            .map_err(|error| UsageError(error.to_string()))?;
+            let view = traced_view::trace(
+                tracer,
+                lighting,
+                !self.unlit,
+                &moved,
+                self.samples,
+                &rows_done,
+            );
             set.add(number as usize, &view, true)?;
         }
         bar.finish();
@@ -161,11 +197,14 @@ fn noise(error_db: f64) -> String {
 }
 
 fn parse_wall(text: &str) -> Result<(u32, u32), String> {
-    let sides =
-        text.split_once(['x', 'X']).and_then(|(columns, rows)| Some((columns.parse().ok()?, rows.parse().ok()?)));
+    let sides = text
+        .split_once(['x', 'X'])
+        .and_then(|(columns, rows)| Some((columns.parse().ok()?, rows.parse().ok()?)));
     sides
         .filter(|(columns, rows): &(u32, u32)| {
-            (1..=10_000).contains(columns) && (1..=10_000).contains(rows) && columns * rows <= 10_000
+            (1..=10_000).contains(columns)
+                && (1..=10_000).contains(rows)
+                && columns * rows <= 10_000
         })
         .ok_or_else(|| "give COLUMNSxROWS, 10000 images at most, such as 9x1".into())
 }
@@ -177,7 +216,16 @@ mod tests {
     #[test]
     fn walls_are_read_and_others_refused() {
         assert_eq!(parse_wall("9x1"), Ok((9, 1)));
-        for bad in ["", "9", "0x3", "3x0", "-1x2", "101x100", "99999x99999", "axb"] {
+        for bad in [
+            "",
+            "9",
+            "0x3",
+            "3x0",
+            "-1x2",
+            "101x100",
+            "99999x99999",
+            "axb",
+        ] {
             assert!(parse_wall(bad).is_err(), "{bad}");
         }
     }

@@ -1,22 +1,25 @@
 //! `headbox view`.
 
+use super::images::is_image_set;
 use crate::args::{Names, SourceArgs, by_name, parse_size};
+use crate::commands::images;
 use crate::commands::render::geometry::{GEOMETRY_ALONE, GeometryArgs, geometry_of, texturing_of};
 use crate::image_set::SetArgs;
-use crate::commands::images;
-use super::images::is_image_set;
 use crate::output::{Outputs, WINDOW, name_of, print_json};
 use crate::progress::Bar;
 use crate::words::UsageError;
+use anyhow::Context;
+use clap::Args;
 use headbox_core::camera::Camera;
 use headbox_images::{ImageSet, View, read_sparse_points};
 use headbox_ldi::from_images::{ImagesJob, NearImages};
 use headbox_ldi::scene_source::SceneSource;
-use headbox_window::{Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs};
 use headbox_photos::view_geometry::{GeometrySettings, Texturing};
-use anyhow::Context;
-use clap::Args;
 use headbox_viewer::{Coming, Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
+use headbox_window::{
+    Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks,
+    show_photographs,
+};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
@@ -85,8 +88,16 @@ pub(crate) struct ViewCommand {
 
 /// How two eyes stand beside each other.
 const STEREO: Names<Stereo> = &[
-    ("cross", "The right eye's view on the left", Stereo::CrossEyed),
-    ("parallel", "The left eye's view on the left", Stereo::Parallel),
+    (
+        "cross",
+        "The right eye's view on the left",
+        Stereo::CrossEyed,
+    ),
+    (
+        "parallel",
+        "The left eye's view on the left",
+        Stereo::Parallel,
+    ),
 ];
 
 fn parse_pair(text: &str) -> Result<(String, String), String> {
@@ -132,7 +143,8 @@ impl ViewCommand {
     fn opener(
         &self,
         file: &str,
-    ) -> anyhow::Result<impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static> {
+    ) -> anyhow::Result<impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static>
+    {
         let is_set = is_image_set(file);
         if self.live && !is_set {
             return Err(UsageError("--live is for a folder of images with depth".into()).into());
@@ -162,8 +174,12 @@ impl ViewCommand {
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {
-        if self.file.is_none() && (self.path.is_some() || self.frames.is_some() || self.when_refined) {
-            return Err(UsageError("--path, --frames and --when-refined need a file to show".into()));
+        if self.file.is_none()
+            && (self.path.is_some() || self.frames.is_some() || self.when_refined)
+        {
+            return Err(UsageError(
+                "--path, --frames and --when-refined need a file to show".into(),
+            ));
         }
         let (width, height) = self.window_size;
         let with_path = self.path.is_some();
@@ -178,8 +194,14 @@ impl ViewCommand {
         };
         Ok(ViewerOptions {
             started: Instant::now(),
-            library: Some(Box::new(SceneLibrary { output_dir: self.out.clone() })),
-            file: self.file.as_ref().map(PathBuf::from).filter(|file| file.is_file()),
+            library: Some(Box::new(SceneLibrary {
+                output_dir: self.out.clone(),
+            })),
+            file: self
+                .file
+                .as_ref()
+                .map(PathBuf::from)
+                .filter(|file| file.is_file()),
             recent_file: recent_file(),
             window_size_points: [width as f32, height as f32],
             panels: !self.no_panels,
@@ -188,7 +210,11 @@ impl ViewCommand {
             stereo: self.stereo.unwrap_or_default(),
             moving_limit_ms: (self.moving_limit > 0.0).then_some(self.moving_limit),
             path: self.path.clone(),
-            replay: if self.every_pose { ReplayMode::EveryPose } else { ReplayMode::InTime },
+            replay: if self.every_pose {
+                ReplayMode::EveryPose
+            } else {
+                ReplayMode::InTime
+            },
             output_dir: self.out.clone(),
             screenshot: self.screenshot.clone(),
             exit,
@@ -212,7 +238,14 @@ pub(super) struct ToShow {
 impl ToShow {
     /// Opens it; what is captured while it is looked at is saved in `out`.
     pub(super) fn open(self, out: &Path) -> anyhow::Result<Box<dyn FrameSource>> {
-        let Self { source, is_set, live, set, texturing, geometry } = self;
+        let Self {
+            source,
+            is_set,
+            live,
+            set,
+            texturing,
+            geometry,
+        } = self;
         if !is_set {
             return Ok(open_source(source, out)?);
         }
@@ -223,9 +256,17 @@ impl ToShow {
             let (near, start) = near(folder, set)?;
             show_live(near, folder, &start)?
         } else if let Some(texturing) = texturing {
-            let settings = GeometrySettings { texturing, ..geometry.settings() };
+            let settings = GeometrySettings {
+                texturing,
+                ..geometry.settings()
+            };
             let (geometry, start) = geometry_of(&set, &geometry)?;
-            let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
+            let no_start = || {
+                format!(
+                    "{}: its middle view is no perspective picture to start at",
+                    source.name
+                )
+            };
             show_geometry(geometry, folder, &start.with_context(no_start)?, settings)
         } else if set.views_with_depth().next().is_none() {
             show_photographs(set, folder)?
@@ -261,16 +302,26 @@ fn open_soon(
             let _ = later_sender.send(opened.map_err(|error| format!("{error:#}")));
         }
     };
-    std::thread::Builder::new().name("open".into()).spawn(work).context("cannot start a thread")?;
+    std::thread::Builder::new()
+        .name("open".into())
+        .spawn(work)
+        .context("cannot start a thread")?;
     match soon.recv_timeout(PATIENCE) {
         Ok(opened) => Ok(Opened::Already(opened?)),
-        Err(_) => Ok(Opened::Later(Coming { name: name.to_owned(), source: later })),
+        Err(_) => Ok(Opened::Later(Coming {
+            name: name.to_owned(),
+            source: later,
+        })),
     }
 }
 
 /// Where the names of the files opened last are kept, by the system's custom; none if it has none.
 fn recent_file() -> Option<PathBuf> {
-    let folder = |key: &str| std::env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
+    let folder = |key: &str| {
+        std::env::var_os(key)
+            .map(PathBuf::from)
+            .filter(|path| path.is_absolute())
+    };
     let state = if cfg!(windows) {
         folder("LOCALAPPDATA")
     } else {
@@ -281,12 +332,21 @@ fn recent_file() -> Option<PathBuf> {
 
 /// Opens the window on a file, and returns when it is closed.
 pub(super) fn show(file: &Path) -> anyhow::Result<()> {
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = file
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     let source = open(&file.to_string_lossy(), folder)?;
-    let library = Some(Box::new(SceneLibrary { output_dir: folder.into() }) as Box<dyn headbox_viewer::Library>);
+    let library = Some(Box::new(SceneLibrary {
+        output_dir: folder.into(),
+    }) as Box<dyn headbox_viewer::Library>);
     headbox_viewer::run(
         Some(source),
-        ViewerOptions { library, output_dir: folder.into(), ..ViewerOptions::default() },
+        ViewerOptions {
+            library,
+            output_dir: folder.into(),
+            ..ViewerOptions::default()
+        },
     )?;
     Ok(())
 }
@@ -294,9 +354,20 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
 /// The images of a set that cubes are made of as one moves, and the camera of its middle view that has depth.
 fn near(folder: &Path, set: ImageSet) -> anyhow::Result<(NearImages, Camera)> {
     images::with_depth(&set)?;
-    let start = set.central_view().and_then(View::camera).or_else(|| set.views_with_depth().find_map(View::camera));
-    let no_start = || format!("{}: it has no perspective picture to start at", folder.display());
+    let start = set
+        .central_view()
+        .and_then(View::camera)
+        .or_else(|| set.views_with_depth().find_map(View::camera));
+    let no_start = || {
+        format!(
+            "{}: it has no perspective picture to start at",
+            folder.display()
+        )
+    };
     let start = start.with_context(no_start)?;
     let job = ImagesJob::suggest(&set);
-    Ok((NearImages::new(set, job, NearImages::DEFAULT_BUDGET)?, start))
+    Ok((
+        NearImages::new(set, job, NearImages::DEFAULT_BUDGET)?,
+        start,
+    ))
 }

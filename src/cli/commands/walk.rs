@@ -5,19 +5,19 @@ use crate::commands::house::file::{say_unvisited, variant_by_name};
 use crate::output::{Outputs, print_json, save_picture, write_text};
 use crate::progress::Bar;
 use crate::words::UsageError;
-use headbox_core::drawing::sheet::{Sheet, SheetCell, SheetRow};
-use headbox_lab::walk::{MeasureSettings, PosePictures, measure};
+use clap::Args;
+use headbox_core::drawing::contact_sheet::{SheetRow, contact_sheet};
 use headbox_house::file;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk_path::{PAPER_POSES, WalkPath};
-use clap::Args;
+use headbox_lab::walk::{MeasureSettings, PosePictures, measure};
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(crate) struct WalkCommand {
     /// A .house file
     file: PathBuf,
-    /// Folder for walk.md, walk.json, a chart of frame times along the path, and frames beside truth
+    /// Folder for walk.md, walk.json, a chart of frame times (along_path.svg), and frames beside truth (frames.html)
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Poses of the walk
@@ -69,22 +69,28 @@ impl WalkCommand {
             ..MeasureSettings::default()
         };
         let bar = Bar::new();
-        let mut saved = Ok(());
+        let mut sheet = Ok(Vec::new());
         let mut save = |pictures: PosePictures| {
-            if saved.is_ok() {
-                saved = save_sheet(&self.output, pictures);
+            if let Ok(rows) = &mut sheet {
+                match save_frames(&self.output, pictures) {
+                    Ok(row) => rows.push(row),
+                    Err(error) => sheet = Err(error),
+                }
             }
         };
         let report = measure(&house, &store, &settings, &bar, &mut save)?;
         bar.finish();
-        saved?;
+        let title = format!("Frames of {} and truth", report.scene);
+        write_text(
+            &self.output.join("frames.html"),
+            &contact_sheet(&title, &sheet?),
+        )?;
         let page = report.to_markdown();
         write_text(&self.output.join("walk.md"), &page)?;
-        let drawing = report.chart().draw();
-        write_text(&self.output.join("along_path.svg"), &drawing.to_svg())?;
-        if let Some(image) = drawing.to_image() {
-            save_picture(&self.output.join("along_path.png"), &image)?;
-        }
+        write_text(
+            &self.output.join("along_path.svg"),
+            &report.chart().to_svg(),
+        )?;
         let value = serde_json::to_value(&report)?;
         write_text(&self.output.join("walk.json"), &format!("{value:#}\n"))?;
         if self.json {
@@ -99,19 +105,24 @@ impl WalkCommand {
         if self.variants.is_empty() {
             return Ok(HouseVariant::ALL.to_vec());
         }
-        self.variants.iter().map(|name| variant_by_name(name)).collect()
+        self.variants
+            .iter()
+            .map(|name| variant_by_name(name))
+            .collect()
     }
 }
 
-/// Truth and all variants, four to a row.
-fn save_sheet(folder: &Path, pictures: PosePictures) -> anyhow::Result<()> {
-    let cells = pictures.frames.into_iter().map(|(name, image)| SheetCell { image, caption: name.into() });
-    let cells: Vec<SheetCell> = cells.collect();
-    let row = |cells: &[SheetCell]| SheetRow { label: String::new(), cells: cells.to_vec() };
-    let sheet = Sheet {
-        title: format!("pose {}", pictures.pose),
-        columns: Vec::new(),
-        rows: cells.chunks(4).map(row).collect(),
+/// Saves truth and the frame of each variant; returns their row of the contact sheet.
+fn save_frames(folder: &Path, pictures: PosePictures) -> anyhow::Result<SheetRow> {
+    let PosePictures { pose, frames } = pictures;
+    let mut row = SheetRow {
+        label: format!("pose {pose}"),
+        pictures: Vec::new(),
     };
-    save_picture(&folder.join(format!("pose_{:03}.png", pictures.pose)), &sheet.compose()?)
+    for (name, image) in frames {
+        let file = format!("frames/pose_{pose:03}_{name}.png");
+        save_picture(&folder.join(&file), &image)?;
+        row.pictures.push((file, name.into()));
+    }
+    Ok(row)
 }

@@ -1,11 +1,13 @@
-//! Drawings for people: marks on white (lines, areas, dots, boxes and texts) as SVG and as PNG, both from one list; and sheets
-//! of pictures side by side.
-//!
-//! Letters are outlines of a font that travels in the program, so that a drawing looks the same on every machine.
+//! Files for readers: SVG drawings and HTML pages of pictures. Neither needs fonts or a rasteriser.
 
-pub mod letters;
-mod marks;
-mod png;
-pub mod sheet;
+pub mod contact_sheet;
+pub mod svg;
 
-pub use marks::{Anchor, Color, Drawing, Mark};
+/// Escapes text for HTML and SVG. Control characters, which XML forbids, are dropped.
+fn escape(text: &str) -> String {
+    let text = text.replace(char::is_control, "");
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}

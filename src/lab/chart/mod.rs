@@ -1,194 +1,291 @@
-//! Charts: points with names, lines, a front.
+//! Charts as SVG: labelled points, lines and a Pareto front over linear or logarithmic axes.
 //!
-//! Why no crate: those that draw charts leave the hardest part, names that cover nothing, to their callers, and bring readers of
-//! fonts of their own.
+//! Labels stand beside what they name: no legend has to be matched by colour.
 
+mod axis;
 mod labels;
-mod scale;
 
-pub use scale::Spacing;
+pub use axis::Axis;
 
-use headbox_core::drawing::{Anchor, Color, Drawing, Mark};
-use labels::Labels;
-use scale::Scale;
+use axis::{Scale, tick_label};
+use glam::{DVec2, dvec2};
+use headbox_core::drawing::svg::{Color, Svg, TextStyle, text_width};
+use labels::{place_labels, push_apart};
 
-/// An axis.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Axis {
-    /// What it shows, with its unit.
-    pub name: String,
-    /// How.
-    pub spacing: Spacing,
-}
-
-/// A point with a name of its own, or none.
+/// A point of a series.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChartPoint {
-    /// Along the two axes.
+    /// Values along both axes. A point that an axis cannot show is left out.
     pub at: [f64; 2],
-    /// Written beside it.
+    /// Label beside the point; may be empty.
     pub name: String,
-    /// How far it scatters along x: drawn as a thin line.
+    /// Interval along x, drawn as a thin line.
     pub spread: Option<[f64; 2]>,
 }
 
-/// Points that belong together.
+/// Points of one colour.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// Written at its last point; may be empty.
+    /// Label in the right margin, joined to the last point; may be empty.
     pub name: String,
-    /// In order.
+    /// Points in order.
     pub points: Vec<ChartPoint>,
-    /// Whether a line joins them.
+    /// Joins the points by a line.
     pub joined: bool,
-    /// Whether its dots are hollow.
+    /// Draws hollow dots.
     pub hollow: bool,
-    /// Which of [`Chart::PALETTE`]; any number will do.
+    /// Index into [`PALETTE`], modulo its length.
     pub color: usize,
 }
 
 /// A chart.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chart {
-    /// Above all.
+    /// Heading.
     pub title: String,
-    /// Below the title: what to look for.
+    /// Reading aid below the heading.
     pub note: String,
-    /// Horizontal.
+    /// Horizontal axis.
     pub x: Axis,
-    /// Vertical.
+    /// Vertical axis.
     pub y: Axis,
-    /// What is shown.
+    /// Series from back to front.
     pub series: Vec<Series>,
-    /// Points, in order of x, joined by steps: the front that nothing beats.
+    /// Pareto front in order of x, joined by steps.
     pub front: Vec<[f64; 2]>,
 }
 
-const WIDTH: f64 = 760.0;
-const HEIGHT: f64 = 460.0;
+/// Colours told apart with any colour vision, after Okabe and Ito (2008): at least 17 CIELAB units lie between any two, also
+/// as people without one kind of cone see them.
+pub const PALETTE: [Color; 7] = [
+    [0, 96, 170],
+    [200, 75, 0],
+    [0, 145, 100],
+    [195, 100, 155],
+    [80, 170, 225],
+    [220, 155, 0],
+    [60, 60, 70],
+];
+
+const SIZE: DVec2 = dvec2(800.0, 480.0);
 const LEFT: f64 = 68.0;
 const RIGHT: f64 = 28.0;
 const TOP: f64 = 66.0;
-const BOTTOM: f64 = 56.0;
+const BOTTOM: f64 = SIZE.y - 56.0;
 const INK: Color = [32, 36, 44];
-const FAINT: Color = [104, 110, 122];
+const FAINT_INK: Color = [90, 96, 108];
 const GRID: Color = [228, 230, 235];
 const FRONT: Color = [150, 156, 168];
-const NAME_PX: f64 = 12.0;
+const LABEL_PX: f64 = 12.5;
 const DOT_PX: f64 = 4.5;
-/// A line of more points than this is drawn thin and without dots.
-const MOST_DOTS: usize = 80;
+/// Number of points above which a line is drawn thin and without dots.
+const MAX_DOTS: usize = 80;
 
 impl Chart {
-    /// Colours that people with any sight can tell apart (Okabe and Ito 2008), without yellow, which is faint on white.
-    pub const PALETTE: [[u8; 3]; 7] =
-        [[0, 114, 178], [213, 94, 0], [0, 138, 100], [190, 90, 150], [70, 160, 215], [200, 140, 0], [80, 80, 90]];
-
-    /// The chart, drawn.
-    pub fn draw(&self) -> Drawing {
-        let points = || self.series.iter().flat_map(|series| &series.points);
-        let spreads = points().filter_map(|point| point.spread).flatten();
-        let x = Scale::around(points().map(|point| point.at[0]).chain(spreads), self.x.spacing);
-        let y = Scale::around(points().map(|point| point.at[1]), self.y.spacing);
-        let frame = PlotArea { x, y };
-        let mut marks = Vec::new();
-        self.draw_axes(&frame, &mut marks);
-        let steps = self.front.windows(2).flat_map(|pair| [pair[0], [pair[1][0], pair[0][1]]]);
-        let front: Vec<[f64; 2]> = steps.chain(self.front.last().copied()).map(|p| frame.place(p)).collect();
-        if front.len() > 1 {
-            marks.push(Mark::Line { points: front.clone(), color: FRONT, width: 1.5, dashed: false });
-        }
-        let mut labels = Labels::new([LEFT, TOP - 8.0, WIDTH - 6.0, HEIGHT - BOTTOM]);
-        labels.avoid_line(&front);
-        let visible = |series: &Series| -> Vec<(ChartPoint, [f64; 2])> {
-            let placed = series.points.iter().map(|point| (point.clone(), frame.place(point.at)));
-            placed.filter(|(_, at)| at.iter().all(|c| c.is_finite())).collect()
-        };
+    /// Draws the chart as an SVG file.
+    pub fn to_svg(&self) -> String {
+        let mut svg = Svg::new(SIZE, &self.title);
+        let plot = Plot::new(self);
+        self.draw_axes(&plot, &mut svg);
+        let steps = self
+            .front
+            .windows(2)
+            .flat_map(|pair| [pair[0], [pair[1][0], pair[0][1]]]);
+        let front: Vec<DVec2> = steps
+            .chain(self.front.last().copied())
+            .filter_map(|at| plot.position(at))
+            .collect();
+        svg.lines([&front], FRONT, 1.5);
+        let mut lines = vec![front];
         for series in &self.series {
-            let color = Self::PALETTE[series.color % Self::PALETTE.len()];
-            let placed = visible(series);
-            let line: Vec<[f64; 2]> = placed.iter().map(|(_, at)| *at).collect();
-            if series.joined && line.len() > 1 {
-                labels.avoid_line(&line);
-                let width = if line.len() > MOST_DOTS { 1.0 } else { 2.0 };
-                marks.push(Mark::Line { points: line.clone(), color, width, dashed: false });
-            }
-            let dotted = !series.joined || line.len() <= MOST_DOTS;
-            for (point, at) in placed.iter().filter(|_| dotted) {
-                let ends = point.spread.map(|ends| ends.map(|x| frame.place([x, point.at[1]])));
-                if let Some(ends) = ends.filter(|ends| ends.as_flattened().iter().all(|c| c.is_finite())) {
-                    labels.avoid_line(&ends);
-                    marks.push(Mark::Line { points: ends.into(), color, width: 1.5, dashed: false });
-                }
-                let at = *at;
-                labels.avoid_dot(at, DOT_PX);
-                marks.push(Mark::Dot { at, radius: DOT_PX, color, filled: !series.hollow });
-            }
+            lines.extend(series.draw(&plot, &mut svg));
         }
-        for series in &self.series {
-            let color = Self::PALETTE[series.color % Self::PALETTE.len()];
-            let placed = visible(series);
-            for (i, (point, at)) in placed.iter().enumerate() {
-                let name = if i + 1 == placed.len() && !series.name.is_empty() { &series.name } else { &point.name };
-                if !name.is_empty() {
-                    let (at, anchor) = labels.place(*at, name, NAME_PX, DOT_PX);
-                    let text = name.clone();
-                    marks.push(Mark::Text { at, size: NAME_PX, color, anchor, upright: true, halo: false, text });
-                }
-            }
-        }
-        Drawing { width: WIDTH as u32, height: HEIGHT as u32, fineness: 2.0, marks }
+        self.draw_labels(&plot, &lines, &mut svg);
+        self.draw_series_names(&plot, &mut svg);
+        svg.finish()
     }
 
-    fn draw_axes(&self, frame: &PlotArea, marks: &mut Vec<Mark>) {
-        let text = |at, size, color, anchor, text: &str| Mark::Text {
-            at,
-            size,
-            color,
-            anchor,
-            upright: true,
-            halo: false,
-            text: text.into(),
+    fn draw_axes(&self, plot: &Plot, svg: &mut Svg) {
+        let right = plot.x.pixels[1];
+        for tick in plot.x.ticks() {
+            let x = plot.x.position(tick);
+            svg.lines([[dvec2(x, TOP), dvec2(x, BOTTOM)]], GRID, 1.0);
+            svg.text(
+                dvec2(x, BOTTOM + 18.0),
+                &tick_label(tick),
+                text_style(12.0, FAINT_INK, "middle"),
+            );
+        }
+        for tick in plot.y.ticks() {
+            let y = plot.y.position(tick);
+            svg.lines([[dvec2(LEFT, y), dvec2(right, y)]], GRID, 1.0);
+            svg.text(
+                dvec2(LEFT - 8.0, y + 4.0),
+                &tick_label(tick),
+                text_style(12.0, FAINT_INK, "end"),
+            );
+        }
+        svg.lines([[dvec2(LEFT, BOTTOM), dvec2(right, BOTTOM)]], FRONT, 1.0);
+        svg.text(
+            dvec2(24.0, 28.0),
+            &self.title,
+            text_style(18.0, INK, "start"),
+        );
+        svg.text(
+            dvec2(24.0, 48.0),
+            &self.note,
+            text_style(12.5, FAINT_INK, "start"),
+        );
+        let style = text_style(13.0, INK, "middle");
+        svg.text(
+            dvec2(0.5 * (LEFT + right), SIZE.y - 14.0),
+            &self.x.name,
+            style,
+        );
+        svg.text(
+            dvec2(20.0, 0.5 * (TOP + BOTTOM)),
+            &self.y.name,
+            TextStyle {
+                upwards: true,
+                ..style
+            },
+        );
+    }
+
+    /// Writes the names of points near them.
+    fn draw_labels(&self, plot: &Plot, lines: &[Vec<DVec2>], svg: &mut Svg) {
+        let points = || {
+            self.series
+                .iter()
+                .flat_map(|series| plot.visible(series).map(move |point| (series, point)))
         };
-        marks.push(text([LEFT - 44.0, 28.0], 18.0, INK, Anchor::Start, &self.title));
-        marks.push(text([LEFT - 44.0, 48.0], 12.5, FAINT, Anchor::Start, &self.note));
-        let line =
-            |points: [[f64; 2]; 2], color| Mark::Line { points: points.into(), color, width: 1.0, dashed: false };
-        for tick in frame.x.ticks() {
-            let x = LEFT + frame.x.place(tick.value) * (WIDTH - LEFT - RIGHT);
-            marks.push(line([[x, TOP], [x, HEIGHT - BOTTOM]], GRID));
-            marks.push(text([x, HEIGHT - BOTTOM + 18.0], 12.0, FAINT, Anchor::Middle, &tick.label));
+        let named = || points().filter(|(_, (point, _))| !point.name.is_empty());
+        let dots: Vec<(DVec2, &str)> = named()
+            .map(|(_, (point, at))| (at, point.name.as_str()))
+            .collect();
+        let area = [dvec2(LEFT, TOP - 8.0), dvec2(SIZE.x - 6.0, BOTTOM)];
+        let placements = place_labels(&dots, LABEL_PX, area, lines);
+        for ((series, (point, _)), placement) in named().zip(placements) {
+            svg.lines(placement.leader(), series.color(), 0.8);
+            let (position, anchor) = placement.baseline();
+            svg.text(position, &point.name, series.text_style(anchor));
         }
-        for tick in frame.y.ticks() {
-            let y = HEIGHT - BOTTOM - frame.y.place(tick.value) * (HEIGHT - TOP - BOTTOM);
-            marks.push(line([[LEFT, y], [WIDTH - RIGHT, y]], GRID));
-            marks.push(text([LEFT - 8.0, y + 4.0], 12.0, FAINT, Anchor::End, &tick.label));
+    }
+
+    /// Writes the names of series in the right margin, joined to their last points.
+    fn draw_series_names(&self, plot: &Plot, svg: &mut Svg) {
+        let named = self.series.iter().filter(|series| !series.name.is_empty());
+        let mut ends: Vec<_> = named
+            .filter_map(|series| Some((series, plot.visible(series).last()?.1)))
+            .collect();
+        ends.sort_by(|a, b| a.1.y.total_cmp(&b.1.y));
+        let mut heights: Vec<f64> = ends.iter().map(|(_, end)| end.y).collect();
+        push_apart(&mut heights, 1.3 * LABEL_PX, BOTTOM);
+        for ((series, end), y) in ends.into_iter().zip(heights) {
+            let right = plot.x.pixels[1];
+            svg.lines(
+                [[end, dvec2(right, end.y), dvec2(right + 9.0, y)]],
+                series.color(),
+                0.8,
+            );
+            svg.text(
+                dvec2(right + 12.0, y + 0.35 * LABEL_PX),
+                &series.name,
+                series.text_style("start"),
+            );
         }
-        marks.push(line([[LEFT, HEIGHT - BOTTOM], [WIDTH - RIGHT, HEIGHT - BOTTOM]], FRONT));
-        let middle = [(LEFT + WIDTH - RIGHT) / 2.0, (TOP + HEIGHT - BOTTOM) / 2.0];
-        marks.push(text([middle[0], HEIGHT - 14.0], 13.0, INK, Anchor::Middle, &self.x.name));
-        marks.push(Mark::Text {
-            at: [20.0, middle[1]],
-            size: 13.0,
-            color: INK,
-            anchor: Anchor::Middle,
-            upright: false,
-            halo: false,
-            text: self.y.name.clone(),
-        });
     }
 }
 
-/// Where values lie on the paper.
-struct PlotArea {
+impl Series {
+    fn color(&self) -> Color {
+        PALETTE[self.color % PALETTE.len()]
+    }
+
+    /// Labels are darker than dots: thin letters need more contrast.
+    fn text_style(&self, anchor: &'static str) -> TextStyle {
+        text_style(
+            LABEL_PX,
+            self.color().map(|channel| (f64::from(channel) * 0.7) as u8),
+            anchor,
+        )
+    }
+
+    /// Draws lines and dots; returns the lines.
+    fn draw(&self, plot: &Plot, svg: &mut Svg) -> Vec<Vec<DVec2>> {
+        let line: Vec<DVec2> = plot.visible(self).map(|(_, at)| at).collect();
+        let has_dots = !self.joined || line.len() <= MAX_DOTS;
+        let spread = |(point, _): (&ChartPoint, DVec2)| {
+            let [low, high] = point.spread?.map(|x| plot.position([x, point.at[1]]));
+            Some(vec![low?, high?])
+        };
+        let spreads: Vec<Vec<DVec2>> = plot.visible(self).filter_map(spread).collect();
+        svg.lines(&spreads, self.color(), 1.5);
+        if self.joined {
+            svg.lines([&line], self.color(), if has_dots { 2.0 } else { 1.2 });
+        }
+        for at in line.iter().filter(|_| has_dots) {
+            svg.circle(
+                *at,
+                DOT_PX,
+                self.color(),
+                if self.hollow { [255; 3] } else { self.color() },
+            );
+        }
+        spreads
+            .into_iter()
+            .chain(self.joined.then_some(line))
+            .collect()
+    }
+}
+
+fn text_style(size: f64, color: Color, anchor: &'static str) -> TextStyle {
+    TextStyle {
+        size,
+        color,
+        anchor,
+        upwards: false,
+        halo: false,
+    }
+}
+
+/// Scales of both axes.
+struct Plot {
     x: Scale,
     y: Scale,
 }
 
-impl PlotArea {
-    fn place(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let at = |place: f64, low: f64, high: f64| low + place * (high - low);
-        [at(self.x.place(x), LEFT, WIDTH - RIGHT), at(self.y.place(y), HEIGHT - BOTTOM, TOP)]
+impl Plot {
+    fn new(chart: &Chart) -> Self {
+        let points = || chart.series.iter().flat_map(|series| &series.points);
+        let xs = points().flat_map(|point| point.spread.into_iter().flatten().chain([point.at[0]]));
+        let names = chart
+            .series
+            .iter()
+            .map(|series| text_width(&series.name, LABEL_PX))
+            .fold(0.0, f64::max);
+        Self {
+            x: Scale::new(&chart.x, [LEFT, SIZE.x - RIGHT - names], xs),
+            y: Scale::new(&chart.y, [BOTTOM, TOP], points().map(|point| point.at[1])),
+        }
+    }
+
+    /// Returns the position of a pair of values, `None` if an axis cannot show it.
+    fn position(&self, [x, y]: [f64; 2]) -> Option<DVec2> {
+        let position = dvec2(self.x.position(x), self.y.position(y));
+        (position.cmpge(DVec2::ZERO) & position.cmple(SIZE))
+            .all()
+            .then_some(position)
+    }
+
+    fn visible<'a>(
+        &self,
+        series: &'a Series,
+    ) -> impl DoubleEndedIterator<Item = (&'a ChartPoint, DVec2)> {
+        series
+            .points
+            .iter()
+            .filter_map(|point| Some((point, self.position(point.at)?)))
     }
 }
 
@@ -196,45 +293,55 @@ impl PlotArea {
 mod tests {
     use super::*;
 
-    fn chart() -> Chart {
-        let axis = |name: &str, spacing| Axis { name: name.into(), spacing };
-        let point = |x: f64, y: f64, name: &str| ChartPoint { at: [x, y], name: name.into(), spread: None };
-        let points = vec![point(1.0, 0.1, "left"), point(100.0, 0.05, "right & <low>"), point(0.0, 0.2, "nowhere")];
-        Chart {
+    #[test]
+    fn point_without_position_is_left_out() {
+        let point = |x: f64, name: &str| ChartPoint {
+            at: [x, 0.1],
+            name: name.into(),
+            spread: None,
+        };
+        let points = vec![
+            point(1.0, "left"),
+            point(100.0, "<right>"),
+            point(0.0, "nowhere"),
+        ];
+        let chart = Chart {
             title: "title".into(),
             note: "note".into(),
-            x: axis("time, ms", Spacing::Logarithmic),
-            y: axis("error", Spacing::Linear),
-            series: vec![Series { name: String::new(), points, joined: false, hollow: false, color: 0 }],
+            x: Axis {
+                name: "time, ms".into(),
+                is_logarithmic: true,
+            },
+            y: Axis {
+                name: "error".into(),
+                is_logarithmic: false,
+            },
+            series: vec![Series {
+                name: "all".into(),
+                points,
+                joined: true,
+                hollow: false,
+                color: 0,
+            }],
             front: vec![[1.0, 0.1], [100.0, 0.05]],
+        };
+        let svg = chart.to_svg();
+        assert_eq!(svg.matches("<circle").count(), 2);
+        assert!(
+            svg.contains(">&lt;right&gt;</text>")
+                && svg.contains(">all</text>")
+                && !svg.contains("nowhere"),
+            "{svg}"
+        );
+        let empty = Chart {
+            series: Vec::new(),
+            front: Vec::new(),
+            ..chart
         }
-    }
-
-    #[test]
-    fn a_chart_shows_its_points_and_escapes_its_texts() {
-        let svg = chart().draw().to_svg();
-        assert_eq!(svg.matches("<circle").count(), 2, "0 has no place on a logarithmic axis");
-        assert!(svg.contains(">right &amp; &lt;low></text>") && !svg.contains("nowhere") && svg.contains(">note<"));
-        assert_eq!(svg, chart().draw().to_svg());
-    }
-
-    #[test]
-    fn the_picture_has_ink_where_the_dots_are() {
-        let drawing = chart().draw();
-        let image = drawing.to_image().expect("it has a size");
-        assert_eq!(image.dimensions(), (2 * WIDTH as u32, 2 * HEIGHT as u32));
-        for mark in &drawing.marks {
-            if let Mark::Dot { at: [x, y], color, .. } = mark {
-                assert_eq!(image.get_pixel((2.0 * x) as u32, (2.0 * y) as u32).0, *color);
-            }
-        }
-        let inked = image.pixels().filter(|pixel| pixel.0 == INK).count();
-        assert!(inked > 100, "letters are drawn: {inked}");
-    }
-
-    #[test]
-    fn an_empty_chart_is_drawn() {
-        let empty = Chart { series: vec![], front: vec![], ..chart() };
-        assert!(empty.draw().to_image().is_some());
+        .to_svg();
+        assert!(
+            !empty.contains("NaN") && empty.contains(">time, ms</text>"),
+            "{empty}"
+        );
     }
 }

@@ -2,19 +2,19 @@
 
 use super::contender::Role;
 use super::subject::{ReportError, Subject};
+use crate::plan::Plan;
 use headbox_core::cube_face::Face;
-use headbox_ldi::refine;
+use headbox_core::progress::Progress;
 use headbox_cube::model::depth_bins::DepthBins;
-use headbox_ldi::job::CaptureJob;
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::parameters::{CaptureParameters, Sampler};
-use headbox_ldi::settings::Resources;
 use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
-use crate::plan::Plan;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
-use headbox_core::progress::Progress;
+use headbox_ldi::job::CaptureJob;
+use headbox_ldi::refine;
 use headbox_ldi::scene_source::SceneSource;
+use headbox_ldi::settings::Resources;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -69,10 +69,18 @@ impl Captures<'_> {
                 rays_per_stratum: quality.rays,
                 seed: self.plan.seed,
                 bounces: self.subject.lighting.bounces,
-                light_samples: if self.subject.lit { quality.light_samples } else { 0 },
+                light_samples: if self.subject.lit {
+                    quality.light_samples
+                } else {
+                    0
+                },
                 ..CaptureParameters::DEFAULT
             },
-            ..CaptureJob::new(SceneSource::new(&self.subject.name), self.plan.centre, self.plan.half_size_m)
+            ..CaptureJob::new(
+                SceneSource::new(&self.subject.name),
+                self.plan.centre,
+                self.plan.half_size_m,
+            )
         }
     }
 
@@ -80,18 +88,30 @@ impl Captures<'_> {
     ///
     /// # Errors
     /// [`ReportError::Capture`].
-    pub fn make(&self, change: impl FnOnce(&mut CaptureJob), progress: &dyn Progress) -> Result<Made, ReportError> {
+    pub fn make(
+        &self,
+        change: impl FnOnce(&mut CaptureJob),
+        progress: &dyn Progress,
+    ) -> Result<Made, ReportError> {
         let mut job = self.job();
         change(&mut job);
         let run = || {
             let start = Instant::now();
             let (tracer, lighting) = (&self.subject.tracer, &self.subject.lighting);
-            let (ldi, _) = refine::capture(&job, tracer, lighting, &Resources::default(), progress)?;
-            Ok::<_, ReportError>(Made { ldi, seconds: start.elapsed().as_secs_f64() })
+            let (ldi, _) =
+                refine::capture(&job, tracer, lighting, &Resources::default(), progress)?;
+            Ok::<_, ReportError>(Made {
+                ldi,
+                seconds: start.elapsed().as_secs_f64(),
+            })
         };
         let mut made = run()?;
         // The least of several says what a capture takes where one alone says what else the machine did.
-        for _ in 1..if made.seconds < SHORT_S { SHORT_REPEATS } else { 1 } {
+        for _ in 1..if made.seconds < SHORT_S {
+            SHORT_REPEATS
+        } else {
+            1
+        } {
             made.seconds = made.seconds.min(run()?.seconds);
         }
         Ok(made)
@@ -102,7 +122,11 @@ impl Captures<'_> {
     /// # Errors
     /// [`ReportError::Pack`].
     pub fn pack(&self, made: &Made, split: Split) -> Result<PackedCube, ReportError> {
-        Ok(PackedCube::pack(&made.ldi, SplatIndexLayout::Normal, split)?)
+        Ok(PackedCube::pack(
+            &made.ldi,
+            SplatIndexLayout::Normal,
+            split,
+        )?)
     }
 
     /// Packs a capture in the default layout, what is flat as pictures on planes.
@@ -111,62 +135,101 @@ impl Captures<'_> {
     /// [`ReportError::Pack`].
     pub fn pack_planes(&self, made: &Made, error_px: f64) -> Result<Arc<PackedCube>, ReportError> {
         let (layout, split) = (SplatIndexLayout::Normal, Split::Auto);
-        Ok(Arc::new(primitives::pack(made.ldi.clone(), layout, split, error_px)?))
+        Ok(Arc::new(primitives::pack(
+            made.ldi.clone(),
+            layout,
+            split,
+            error_px,
+        )?))
     }
 
     /// Captures that differ from the default, `made`, in one thing each.
     ///
     /// # Errors
     /// [`ReportError::Capture`].
-    pub fn variations(&self, default: &Made, progress: &dyn Progress) -> Result<Vec<(Vec<Role>, Made)>, ReportError> {
+    pub fn variations(
+        &self,
+        default: &Made,
+        progress: &dyn Progress,
+    ) -> Result<Vec<(Vec<Role>, Made)>, ReportError> {
         let (strata, rays) = (self.plan.quality.strata, self.plan.quality.rays);
         let mut made = Vec::new();
         let mut add = |roles, change: &dyn Fn(&mut CaptureJob)| -> Result<(), ReportError> {
             made.push((roles, self.make(change, progress)?));
             Ok(())
         };
-        add(vec![Role::other("aimed rays", "none")], &|job| job.parameters.holes = 1.0)?;
-        add(vec![Role::other("novelty stopping", "off")], &|job| job.parameters.novelty = 0.0)?;
+        add(vec![Role::other("aimed rays", "none")], &|job| {
+            job.parameters.holes = 1.0
+        })?;
+        add(vec![Role::other("novelty stopping", "off")], &|job| {
+            job.parameters.novelty = 0.0
+        })?;
         // What random rays find is compared alone.
-        let all_rays = |job: &mut CaptureJob| (job.parameters.novelty, job.parameters.holes) = (0.0, 1.0);
+        let all_rays =
+            |job: &mut CaptureJob| (job.parameters.novelty, job.parameters.holes) = (0.0, 1.0);
         add(
-            vec![Role::baseline("sampler", "stratified"), Role::baseline("rays", format!("{strata}^4 x {rays}"))],
+            vec![
+                Role::baseline("sampler", "stratified"),
+                Role::baseline("rays", format!("{strata}^4 x {rays}")),
+            ],
             &all_rays,
         )?;
-        for (name, sampler) in [("white noise", Sampler::WhiteNoise), ("centre rays", Sampler::CentreRays)] {
+        for (name, sampler) in [
+            ("white noise", Sampler::WhiteNoise),
+            ("centre rays", Sampler::CentreRays),
+        ] {
             add(vec![Role::other("sampler", name)], &|job| {
                 all_rays(job);
                 job.parameters.sampler = sampler;
             })?;
         }
-        for (n, m) in [(strata / 2, rays / 4), (strata / 2, rays), (strata, rays / 4), (strata, rays * 4)] {
+        for (n, m) in [
+            (strata / 2, rays / 4),
+            (strata / 2, rays),
+            (strata, rays / 4),
+            (strata, rays * 4),
+        ] {
             let m = m.max(1);
             add(vec![Role::other("rays", format!("{n}^4 x {m}"))], &|job| {
                 all_rays(job);
                 (job.parameters.strata, job.parameters.rays_per_stratum) = (n, m);
             })?;
         }
-        for (name, rule) in
-            [("keep the smaller area", MergeRule::SmallerArea), ("keep both if colours differ", MergeRule::ColorsApart)]
-        {
-            add(vec![Role::other("merging", name)], &|job| job.parameters.merge_rule = rule)?;
+        for (name, rule) in [
+            ("keep the smaller area", MergeRule::SmallerArea),
+            ("keep both if colours differ", MergeRule::ColorsApart),
+        ] {
+            add(vec![Role::other("merging", name)], &|job| {
+                job.parameters.merge_rule = rule
+            })?;
         }
         if self.subject.lit {
             for samples in [1, 16] {
                 let name = format!("{samples} per depth pixel");
-                add(vec![Role::other("light samples", name)], &|job| job.parameters.light_samples = samples)?;
+                add(vec![Role::other("light samples", name)], &|job| {
+                    job.parameters.light_samples = samples
+                })?;
             }
         }
         let mut edit = |role, change: &dyn Fn(&mut CubeLdi)| {
             let mut ldi = default.ldi.clone();
             change(&mut ldi);
-            made.push((vec![role], Made { ldi, seconds: default.seconds }));
+            made.push((
+                vec![role],
+                Made {
+                    ldi,
+                    seconds: default.seconds,
+                },
+            ));
         };
         for parallax in [2.0, 4.0, 8.0] {
             let role = Role::other("depth bins", format!("{parallax} px of parallax"));
             edit(role, &|ldi| coarsen(ldi, parallax));
         }
-        edit(Role::other("layers", "the nearest of each pixel (a depth image a face)"), &keep_nearest);
+        edit(
+            Role::other("layers", "the nearest of each pixel (a depth image a face)"),
+            &keep_nearest,
+        );
         Ok(made)
     }
 }
@@ -176,7 +239,9 @@ fn keep_nearest(ldi: &mut CubeLdi) {
     for face in &mut ldi.faces {
         let mut nearest = LayeredDepthImage::empty(face.face, face.size_px);
         for (pixel, ends) in face.offsets.windows(2).enumerate() {
-            nearest.samples.extend(face.samples[ends[0] as usize..ends[1] as usize].last());
+            nearest
+                .samples
+                .extend(face.samples[ends[0] as usize..ends[1] as usize].last());
             nearest.offsets[pixel + 1] = nearest.samples.len() as u32;
         }
         *face = nearest;
@@ -192,11 +257,14 @@ fn coarsen(ldi: &mut CubeLdi, parallax_px: f64) {
         let width = (bins.inverse_depth(1.0) * parallax_px / DepthBins::PARALLAX_PX) as f32;
         let mut joined = LayeredDepthImage::empty(face.face, face.size_px);
         for pixel in 0..face.offsets.len() - 1 {
-            let samples = &face.samples[face.offsets[pixel] as usize..face.offsets[pixel + 1] as usize];
+            let samples =
+                &face.samples[face.offsets[pixel] as usize..face.offsets[pixel + 1] as usize];
             // Farthest first: a cluster begins with its farthest and reaches as far as it may.
             let mut rest = samples;
             while let Some(first) = rest.first() {
-                let end = rest.partition_point(|s| s.inverse_depth < first.inverse_depth + width).max(1);
+                let end = rest
+                    .partition_point(|s| s.inverse_depth < first.inverse_depth + width)
+                    .max(1);
                 joined.samples.push(mean_of(&rest[..end]));
                 rest = &rest[end..];
             }
@@ -224,15 +292,22 @@ pub(super) fn quantised(ldi: &CubeLdi, cube: &PackedCube) -> Vec<(&'static str, 
     let normal = |layout: SplatIndexLayout, face: Face, sample: &DepthPixel| {
         let in_face = face.world_from_eye().transpose() * sample.normal.decode().as_dvec3();
         let eye_depth = 1.0 / f64::from(sample.inverse_depth);
-        let range = headbox_cube::pack::splat_index::DepthCodeRange { nearest_m: eye_depth, farthest_m: eye_depth };
-        let coded = layout.normal(layout.encode(in_face, eye_depth, range)).as_dvec3();
+        let range = headbox_cube::pack::splat_index::DepthCodeRange {
+            nearest_m: eye_depth,
+            farthest_m: eye_depth,
+        };
+        let coded = layout
+            .normal(layout.encode(in_face, eye_depth, range))
+            .as_dvec3();
         EncodedNormal::new((face.world_from_eye() * coded).as_vec3())
     };
     let edited = |edit: &dyn Fn(Face, &mut DepthPixel)| {
         let mut copy = ldi.clone();
         for face in &mut copy.faces {
             let which = face.face;
-            face.samples.iter_mut().for_each(|sample| edit(which, sample));
+            face.samples
+                .iter_mut()
+                .for_each(|sample| edit(which, sample));
         }
         copy
     };
@@ -241,13 +316,21 @@ pub(super) fn quantised(ldi: &CubeLdi, cube: &PackedCube) -> Vec<(&'static str, 
             // The segment of the face that holds the sample gives the range.
             let q = f64::from(sample.inverse_depth);
             let holds = |s: &&headbox_cube::pack::PackedSegment| {
-                s.face == face && (s.inverse_depth_min..=s.inverse_depth_max).contains(&sample.inverse_depth)
+                s.face == face
+                    && (s.inverse_depth_min..=s.inverse_depth_max).contains(&sample.inverse_depth)
             };
             if let Some(segment) = cube.segments.iter().find(holds) {
-                let (least, most) = (f64::from(segment.inverse_depth_min), f64::from(segment.inverse_depth_max));
+                let (least, most) = (
+                    f64::from(segment.inverse_depth_min),
+                    f64::from(segment.inverse_depth_max),
+                );
                 let steps = f64::from((1u32 << bits) - 1);
                 let step = (most - least) / steps;
-                let code = if step > 0.0 { ((q - least) / step).round() } else { 0.0 };
+                let code = if step > 0.0 {
+                    ((q - least) / step).round()
+                } else {
+                    0.0
+                };
                 sample.inverse_depth = (least + code * step) as f32;
             }
         })
@@ -256,7 +339,15 @@ pub(super) fn quantised(ldi: &CubeLdi, cube: &PackedCube) -> Vec<(&'static str, 
         ("nothing quantised", true, ldi.clone()),
         ("depth in 20 bits", false, with_depth(20)),
         ("depth in 10 bits", false, with_depth(10)),
-        ("normals in 11 bits", false, edited(&|f, s| s.normal = normal(SplatIndexLayout::Normal, f, s))),
-        ("normals in 6 bits (paper)", false, edited(&|f, s| s.normal = normal(SplatIndexLayout::Paper, f, s))),
+        (
+            "normals in 11 bits",
+            false,
+            edited(&|f, s| s.normal = normal(SplatIndexLayout::Normal, f, s)),
+        ),
+        (
+            "normals in 6 bits (paper)",
+            false,
+            edited(&|f, s| s.normal = normal(SplatIndexLayout::Paper, f, s)),
+        ),
     ]
 }

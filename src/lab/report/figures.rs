@@ -1,7 +1,7 @@
 //! The charts of a report, made from its rows.
 
 use super::row::{Report, Row};
-use crate::chart::{Axis, Chart, ChartPoint, Series, Spacing};
+use crate::chart::{Axis, Chart, ChartPoint, Series};
 use crate::plan::EyeSet;
 use crate::stats::pareto_front;
 
@@ -24,7 +24,10 @@ pub fn figures(report: &Report) -> Vec<Figure> {
             ("rays", rays_chart(report, &scene.scene)),
         ];
         for (kind, chart) in charts {
-            figures.extend(chart.map(|chart| Figure { name: format!("{slug}-{kind}"), chart }));
+            figures.extend(chart.map(|chart| Figure {
+                name: format!("{slug}-{kind}"),
+                chart,
+            }));
         }
     }
     figures
@@ -36,9 +39,19 @@ pub fn slugs(report: &Report) -> Vec<String> {
     let mut slugs: Vec<String> = Vec::new();
     for facts in &report.scenes {
         let name = short(&facts.scene);
-        let clean: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
-        let count = slugs.iter().filter(|s| **s == clean || s.starts_with(&format!("{clean}-"))).count();
-        slugs.push(if count == 0 { clean } else { format!("{clean}-{}", count + 1) });
+        let clean: String = name
+            .chars()
+            .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
+            .collect();
+        let count = slugs
+            .iter()
+            .filter(|s| **s == clean || s.starts_with(&format!("{clean}-")))
+            .count();
+        slugs.push(if count == 0 {
+            clean
+        } else {
+            format!("{clean}-{}", count + 1)
+        });
     }
     slugs
 }
@@ -71,7 +84,13 @@ fn cost_chart(report: &Report, scene: &str, cost: Cost) -> Option<Chart> {
     let rows: Vec<&Row> = report.group(scene, "representation").collect();
     let facts = report.scenes.iter().find(|facts| facts.scene == scene)?;
     let [width, height] = facts.frame_px;
-    let x = |row: &Row| if cost == Cost::Time { row.ms_median } else { row.bytes as f64 / 1e6 };
+    let x = |row: &Row| {
+        if cost == Cost::Time {
+            row.ms_median
+        } else {
+            row.bytes as f64 / 1e6
+        }
+    };
     let at: Vec<[f64; 2]> = rows.iter().map(|row| [x(row), row.flip]).collect();
     let front: Vec<usize> = pareto_front(&at);
     let series: Vec<Series> = rows
@@ -92,19 +111,25 @@ fn cost_chart(report: &Report, scene: &str, cost: Cost) -> Option<Chart> {
     let (title, note, name) = match cost {
         Cost::Time => (
             "time against error",
-            "lower left is better; nothing beats the filled dots on the grey front; thin lines: quartiles over eyes and rounds",
-            format!("time per frame of {width}x{height} px, ms, {} threads", report.machine.threads),
+            "Lower left is better. Filled dots: the Pareto front (grey). Thin lines: quartiles over eyes and rounds.",
+            format!(
+                "time per frame of {width}x{height} px, ms, {} threads",
+                report.machine.threads
+            ),
         ),
         Cost::Bytes => (
             "bytes against error",
-            "what drawing needs in memory; nothing beats the filled dots on the grey front",
-            "megabytes".into(),
+            "Memory that drawing needs. Lower left is better. Filled dots: the Pareto front (grey).",
+            "memory, MB".into(),
         ),
     };
     (!rows.is_empty()).then(|| Chart {
         title: format!("{}: {title}", short(scene)),
         note: note.into(),
-        x: Axis { name, spacing: Spacing::Logarithmic },
+        x: Axis {
+            name,
+            is_logarithmic: true,
+        },
         y: flip_axis(),
         series,
         front: front.iter().map(|&i| at[i]).collect(),
@@ -112,7 +137,10 @@ fn cost_chart(report: &Report, scene: &str, cost: Cost) -> Option<Chart> {
 }
 
 fn flip_axis() -> Axis {
-    Axis { name: "FLIP error (0 = equal)".into(), spacing: Spacing::Linear }
+    Axis {
+        name: "FLIP error (0 = equal)".into(),
+        is_logarithmic: false,
+    }
 }
 
 /// The lines of a displacement chart: group, variant, name.
@@ -120,7 +148,11 @@ const LINES: [(&str, &str, &str); 6] = [
     ("representation", "LDI", "LDI"),
     ("representation", "points, 3x3 px", "points, 3x3 px"),
     ("representation", "cube map", "cube map"),
-    ("representation", "1 ray/px, baked light", "1 ray/px, baked light"),
+    (
+        "representation",
+        "1 ray/px, baked light",
+        "1 ray/px, baked light",
+    ),
     ("sprites", "two-pass", "sprites, two-pass"),
     ("sprites", "homography", "sprites, flat"),
 ];
@@ -128,7 +160,11 @@ const LINES: [(&str, &str, &str); 6] = [
 fn displacement_chart(report: &Report, scene: &str) -> Option<Chart> {
     let lines = LINES.iter().filter_map(|(group, variant, name)| {
         let row = report.find(scene, group, variant)?;
-        let point = |d: &super::row::Displaced| ChartPoint { at: [d.share, d.flip], name: String::new(), spread: None };
+        let point = |d: &super::row::Displaced| ChartPoint {
+            at: [d.share, d.flip],
+            name: String::new(),
+            spread: None,
+        };
         let color = match *group {
             "sprites" => 3 + usize::from(*variant == "homography"),
             _ => family(row),
@@ -144,8 +180,11 @@ fn displacement_chart(report: &Report, scene: &str) -> Option<Chart> {
     let series: Vec<Series> = lines.collect();
     (!series.is_empty()).then(|| Chart {
         title: format!("{}: error against eye displacement", short(scene)),
-        note: "the eye goes from the centre of the headbox to a corner and looks ahead".into(),
-        x: Axis { name: "displacement (0 = centre, 1 = corner)".into(), spacing: Spacing::Linear },
+        note: "The eye moves from the centre of the headbox to a corner and looks ahead.".into(),
+        x: Axis {
+            name: "displacement (0 = centre, 1 = corner)".into(),
+            is_logarithmic: false,
+        },
         y: flip_axis(),
         series,
         front: Vec::new(),
@@ -153,24 +192,56 @@ fn displacement_chart(report: &Report, scene: &str) -> Option<Chart> {
 }
 
 fn rays_chart(report: &Report, scene: &str) -> Option<Chart> {
-    let mut rows: Vec<&Row> = report.group(scene, "rays").filter(|row| row.capture_s.is_some()).collect();
+    let mut rows: Vec<&Row> = report
+        .group(scene, "rays")
+        .filter(|row| row.capture_s.is_some())
+        .collect();
     rows.sort_by_key(|row| row.rays);
-    let point =
-        |row: &Row, name: String| ChartPoint { at: [row.capture_s.unwrap_or(f64::NAN), row.flip], name, spread: None };
+    let point = |row: &Row, name: String| ChartPoint {
+        at: [row.capture_s.unwrap_or(f64::NAN), row.flip],
+        name,
+        spread: None,
+    };
     let millions = |row: &Row| format!("{} ({} rays)", row.variant, count(row.rays.unwrap_or(0)));
     let more = rows.iter().map(|row| point(row, millions(row))).collect();
-    let mut series = vec![Series { name: String::new(), points: more, joined: true, hollow: false, color: 0 }];
-    let others = [("sampler", "white noise", 1), ("sampler", "centre rays", 2), ("novelty stopping", "on", 3)];
+    let mut series = vec![Series {
+        name: String::new(),
+        points: more,
+        joined: true,
+        hollow: false,
+        color: 0,
+    }];
+    let others = [
+        ("sampler", "white noise", 1),
+        ("sampler", "centre rays", 2),
+        ("novelty stopping", "on", 3),
+    ];
     for (group, variant, color) in others {
-        let Some(row) = report.find(scene, group, variant).filter(|row| row.eyes == EyeSet::All) else { continue };
-        let name = if group == "sampler" { variant.into() } else { "novelty stopping (default)".to_owned() };
-        series.push(Series { name: String::new(), points: vec![point(row, name)], joined: false, hollow: true, color });
+        let Some(row) = report
+            .find(scene, group, variant)
+            .filter(|row| row.eyes == EyeSet::All)
+        else {
+            continue;
+        };
+        let name = if group == "sampler" {
+            variant.into()
+        } else {
+            "novelty stopping (default)".to_owned()
+        };
+        series.push(Series {
+            name: String::new(),
+            points: vec![point(row, name)],
+            joined: false,
+            hollow: true,
+            color,
+        });
     }
     (rows.len() > 1).then(|| Chart {
         title: format!("{}: capture time against error", short(scene)),
-        note: "stratified captures of more and more rays (strata x rays in each), and others of the default's strata"
-            .into(),
-        x: Axis { name: "seconds to capture".into(), spacing: Spacing::Logarithmic },
+        note:
+            "Stratified captures of more and more rays (strata x rays in each), and others with the default's strata."
+                .into(),
+        x: Axis { name: "seconds to capture".into(), is_logarithmic: true },
         y: flip_axis(),
         series,
         front: Vec::new(),
@@ -179,5 +250,9 @@ fn rays_chart(report: &Report, scene: &str) -> Option<Chart> {
 
 /// A number of rays.
 fn count(rays: u64) -> String {
-    if rays < 1_000_000 { format!("{} k", rays / 1000) } else { format!("{:.1} M", rays as f64 / 1e6) }
+    if rays < 1_000_000 {
+        format!("{} k", rays / 1000)
+    } else {
+        format!("{:.1} M", rays as f64 / 1e6)
+    }
 }

@@ -28,29 +28,46 @@ pub(super) fn grow(
     let most = plan.quality.most_samples;
     let judged = plan.eyes.iter().filter(|eye| eye.place != Place::Path);
     let mut grown: Vec<(Truth, u32)> = judged
-        .map(|eye| (truths.frame(&eye.camera, plan.quality.first_samples, progress), plan.quality.first_samples))
+        .map(|eye| {
+            (
+                truths.frame(&eye.camera, plan.quality.first_samples, progress),
+                plan.quality.first_samples,
+            )
+        })
         .collect();
     for _ in 0..TRUTH_ROUNDS {
         let mut wanted: Vec<u32> = grown.iter().map(|(_, samples)| *samples).collect();
         for set in [EyeSet::All, EyeSet::Ahead, EyeSet::Wall] {
-            let numbers: Vec<usize> = (0..grown.len()).filter(|&i| plan.eyes[i].belongs_to(set)).collect();
-            let reached = mean(numbers.iter().map(|&i| mse_of_psnr(grown[i].0.standard_error_psnr_db)));
+            let numbers: Vec<usize> = (0..grown.len())
+                .filter(|&i| plan.eyes[i].belongs_to(set))
+                .collect();
+            let reached = mean(
+                numbers
+                    .iter()
+                    .map(|&i| mse_of_psnr(grown[i].0.standard_error_psnr_db)),
+            );
             let seen = least_error(contenders, measured, &grown, &numbers, set)?;
             // What is seen is the sum of both errors; at least a tenth of it is the contender's own.
             let own_db = psnr_of_mse((seen - reached).max(0.1 * seen));
             if psnr_of_mse(reached) < psnr_of_mse(seen) + MARGIN_DB {
                 for &i in &numbers {
-                    let more = samples_for(own_db + MARGIN_DB, psnr_of_mse(reached), grown[i].1, most);
+                    let more =
+                        samples_for(own_db + MARGIN_DB, psnr_of_mse(reached), grown[i].1, most);
                     wanted[i] = wanted[i].max(more);
                 }
             }
         }
-        let missing: Vec<usize> = (0..grown.len()).filter(|&i| wanted[i] > grown[i].1).collect();
+        let missing: Vec<usize> = (0..grown.len())
+            .filter(|&i| wanted[i] > grown[i].1)
+            .collect();
         if missing.is_empty() {
             break;
         }
         for i in missing {
-            grown[i] = (truths.frame(&plan.eyes[i].camera, wanted[i], progress), wanted[i]);
+            grown[i] = (
+                truths.frame(&plan.eyes[i].camera, wanted[i], progress),
+                wanted[i],
+            );
         }
     }
     // Eyes of the path get half as many rays as the dearest other: nothing is judged by them but how the error changes.
@@ -70,11 +87,18 @@ fn least_error(
     set: EyeSet,
 ) -> Result<f64, ReportError> {
     let mut least = f64::INFINITY;
-    for (_, found) in contenders.iter().zip(measured).filter(|(c, _)| !c.traces && c.eyes.holds(set)) {
+    for (_, found) in contenders
+        .iter()
+        .zip(measured)
+        .filter(|(c, _)| !c.traces && c.eyes.holds(set))
+    {
         let mut errors = Vec::with_capacity(numbers.len());
         for &i in numbers {
             if let Some(picture) = &found.pictures[i] {
-                errors.push(mse_of_psnr(metrics::psnr_db(&truths[i].0.rgb(), &picture.color)?));
+                errors.push(mse_of_psnr(metrics::psnr_db(
+                    &truths[i].0.rgb(),
+                    &picture.color,
+                )?));
             }
         }
         least = least.min(mean(errors));

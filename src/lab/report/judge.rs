@@ -2,7 +2,6 @@
 
 use super::contender::{Contender, JudgedFrame};
 use super::row::{Displaced, Row, WorstFrame};
-use headbox_core::statistics::median;
 use crate::plan::EyeSet;
 use crate::plan::{Eye, Place};
 use crate::stats::{Spread, mean, pooled_psnr_db, psnr_of_mse};
@@ -10,6 +9,7 @@ use crate::turns::{in_turns, least};
 use headbox_core::metrics;
 use headbox_core::metrics::{Comparison, MetricError, OwnError};
 use headbox_core::progress::Progress;
+use headbox_core::statistics::median;
 use headbox_trace::truth::Truth;
 use image::RgbImage;
 use rayon::prelude::*;
@@ -41,12 +41,20 @@ pub fn draw_in_turns(
     rounds: u32,
     progress: &dyn Progress,
 ) -> Vec<Measurement> {
-    let empty = Measurement { ms: vec![Vec::new(); eyes.len()], ..Measurement::default() };
+    let empty = Measurement {
+        ms: vec![Vec::new(); eyes.len()],
+        ..Measurement::default()
+    };
     let mut measured = vec![empty; contenders.len()];
     let mut slow = vec![false; contenders.len()];
-    progress.begin("frames", "frames", eyes.len() as u64 * contenders.len() as u64 * u64::from(rounds + 1));
+    progress.begin(
+        "frames",
+        "frames",
+        eyes.len() as u64 * contenders.len() as u64 * u64::from(rounds + 1),
+    );
     for (number, eye) in eyes.iter().enumerate() {
-        let takes_part = |contender: &Contender| eye.belongs_to(contender.eyes) || eye.place == Place::Path;
+        let takes_part =
+            |contender: &Contender| eye.belongs_to(contender.eyes) || eye.place == Place::Path;
         let mut timed = vec![0; contenders.len()];
         for (contender, found) in contenders.iter_mut().zip(&mut measured) {
             found.pictures.push(takes_part(contender).then(|| {
@@ -81,7 +89,10 @@ pub fn draw_in_turns(
             }
             Some(ms)
         });
-        measured.iter_mut().zip(of_eye).for_each(|(found, ms)| found.ms[number] = ms);
+        measured
+            .iter_mut()
+            .zip(of_eye)
+            .for_each(|(found, ms)| found.ms[number] = ms);
     }
     for found in &mut measured {
         found.depth_pixels_in /= found.pictures.iter().flatten().count().max(1) as f64;
@@ -106,7 +117,13 @@ pub fn rows(
 ) -> Result<Vec<Row>, MetricError> {
     let judge = |found: &Measurement| -> Result<Judged, MetricError> {
         let pairs = found.pictures.iter().zip(truths);
-        pairs.map(|(p, t)| p.as_ref().map(|p| metrics::compare(&t.rgb(), &p.color)).transpose()).collect()
+        pairs
+            .map(|(p, t)| {
+                p.as_ref()
+                    .map(|p| metrics::compare(&t.rgb(), &p.color))
+                    .transpose()
+            })
+            .collect()
     };
     let judged: Vec<Judged> = measured.par_iter().map(judge).collect::<Result<_, _>>()?;
     let mut rows = Vec::new();
@@ -117,17 +134,40 @@ pub fn rows(
         }
     }
     for group in groups {
-        let in_group = || contenders.iter().enumerate().filter(|(_, c)| c.roles.iter().any(|r| r.group == group));
-        let is_baseline = |c: &Contender| c.roles.iter().any(|role| role.group == group && role.baseline);
-        let baseline = in_group().find(|(_, c)| is_baseline(c)).or_else(|| in_group().next());
-        let Some((baseline, _)) = baseline else { continue };
+        let in_group = || {
+            contenders
+                .iter()
+                .enumerate()
+                .filter(|(_, c)| c.roles.iter().any(|r| r.group == group))
+        };
+        let is_baseline = |c: &Contender| {
+            c.roles
+                .iter()
+                .any(|role| role.group == group && role.baseline)
+        };
+        let baseline = in_group()
+            .find(|(_, c)| is_baseline(c))
+            .or_else(|| in_group().next());
+        let Some((baseline, _)) = baseline else {
+            continue;
+        };
         // One set of eyes for all of a group, so that its rows can be compared.
-        let set = in_group().map(|(_, c)| c.eyes).reduce(|a, b| if a.holds(b) { b } else { a }).unwrap_or_default();
+        let set = in_group()
+            .map(|(_, c)| c.eyes)
+            .reduce(|a, b| if a.holds(b) { b } else { a })
+            .unwrap_or_default();
         for (index, contender) in in_group() {
             for role in contender.roles.iter().filter(|role| role.group == group) {
-                let view = View { eyes, set, truths, judged: &judged[index], found: &measured[index] };
+                let view = View {
+                    eyes,
+                    set,
+                    truths,
+                    judged: &judged[index],
+                    found: &measured[index],
+                };
                 let mut row = view.row(contender, &measured[baseline])?;
-                (row.scene, row.group, row.variant) = (scene.into(), group.into(), role.variant.clone());
+                (row.scene, row.group, row.variant) =
+                    (scene.into(), group.into(), role.variant.clone());
                 row.baseline = index == baseline;
                 rows.push(row);
             }
@@ -149,29 +189,55 @@ impl View<'_> {
     /// Numbers of the row's eyes, with what was found there.
     fn counted(&self) -> impl Iterator<Item = (usize, &Comparison)> {
         let belongs = |(i, eye): (usize, &Eye)| eye.belongs_to(self.set).then_some(i);
-        self.eyes.iter().enumerate().filter_map(belongs).filter_map(|i| Some((i, self.judged[i].as_ref()?)))
+        self.eyes
+            .iter()
+            .enumerate()
+            .filter_map(belongs)
+            .filter_map(|i| Some((i, self.judged[i].as_ref()?)))
     }
 
     fn row(&self, contender: &Contender, baseline: &Measurement) -> Result<Row, MetricError> {
-        let ms = self.counted().flat_map(|(i, _)| self.found.ms[i].iter().copied());
+        let ms = self
+            .counted()
+            .flat_map(|(i, _)| self.found.ms[i].iter().copied());
         let spread = Spread::of(&ms.collect::<Vec<f64>>()).unwrap_or_default();
-        let ratios = self.counted().filter_map(|(i, _)| Some(least(&self.found.ms[i])? / least(&baseline.ms[i])?));
+        let ratios = self
+            .counted()
+            .filter_map(|(i, _)| Some(least(&self.found.ms[i])? / least(&baseline.ms[i])?));
         let worst = self.counted().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
-        let worst = worst.map_or(WorstFrame { eye: 0, flip: 0.0, psnr_db: 0.0 }, |(eye, c)| WorstFrame {
-            eye,
-            flip: c.flip,
-            psnr_db: c.psnr_db,
-        });
-        let displacement = self.counted().filter_map(|(i, c)| match self.eyes[i].place {
-            Place::Line(share) => Some(Displaced { share, flip: c.flip, psnr_db: c.psnr_db }),
-            _ => None,
-        });
+        let worst = worst.map_or(
+            WorstFrame {
+                eye: 0,
+                flip: 0.0,
+                psnr_db: 0.0,
+            },
+            |(eye, c)| WorstFrame {
+                eye,
+                flip: c.flip,
+                psnr_db: c.psnr_db,
+            },
+        );
+        let displacement = self
+            .counted()
+            .filter_map(|(i, c)| match self.eyes[i].place {
+                Place::Line(share) => Some(Displaced {
+                    share,
+                    flip: c.flip,
+                    psnr_db: c.psnr_db,
+                }),
+                _ => None,
+            });
         let holes: Option<Vec<f64>> = self
             .counted()
-            .map(|(i, _)| self.found.pictures[i].as_ref()?.hole_fraction(&self.truths[i].frame.coverage))
+            .map(|(i, _)| {
+                self.found.pictures[i]
+                    .as_ref()?
+                    .hole_fraction(&self.truths[i].frame.coverage)
+            })
             .collect();
         let to_baseline = self.counted().filter_map(|(i, _)| {
-            let [mine, theirs] = [self.found, baseline].map(|m| m.pictures[i].as_ref().map(|p| &p.color));
+            let [mine, theirs] =
+                [self.found, baseline].map(|m| m.pictures[i].as_ref().map(|p| &p.color));
             Some(metrics::psnr_db(theirs?, mine?))
         });
         let to_baseline: Vec<f64> = to_baseline.collect::<Result<_, _>>()?;
@@ -208,29 +274,41 @@ impl View<'_> {
     fn own_psnr_db(&self) -> Result<Option<f64>, MetricError> {
         /// So many standard errors at least.
         const SURE: f64 = 5.0;
-        let pictures = self.counted().filter_map(|(i, _)| Some((i, &self.found.pictures[i].as_ref()?.color)));
+        let pictures = self
+            .counted()
+            .filter_map(|(i, _)| Some((i, &self.found.pictures[i].as_ref()?.color)));
         let own = |(i, picture): (usize, &RgbImage)| {
             let [first, second] = &self.truths[i].halves();
             metrics::own_error([first, second], picture)
         };
         let errors: Vec<OwnError> = pictures.map(own).collect::<Result<_, _>>()?;
         let mse = mean(errors.iter().map(|error| error.mse));
-        let variance: f64 = errors.iter().map(|error| error.standard_error.powi(2)).sum();
+        let variance: f64 = errors
+            .iter()
+            .map(|error| error.standard_error.powi(2))
+            .sum();
         let standard_error = variance.sqrt() / errors.len() as f64;
         Ok((mse > 0.0 && mse >= SURE * standard_error).then(|| psnr_of_mse(mse)))
     }
 
     /// Root mean square change of the error (0..=1, with sign, per channel) from one eye of the path to the next.
     fn flicker(&self) -> Option<f64> {
-        let path: Vec<usize> = (0..self.eyes.len()).filter(|&i| self.eyes[i].place == Place::Path).collect();
+        let path: Vec<usize> = (0..self.eyes.len())
+            .filter(|&i| self.eyes[i].place == Place::Path)
+            .collect();
         let error = |i: usize| -> Option<Vec<f64>> {
             let picture = self.found.pictures[i].as_ref()?;
             let truth = self.truths[i].rgb();
             let pairs = picture.color.as_raw().iter().zip(truth.as_raw());
-            Some(pairs.map(|(a, b)| (f64::from(*a) - f64::from(*b)) / 255.0).collect())
+            Some(
+                pairs
+                    .map(|(a, b)| (f64::from(*a) - f64::from(*b)) / 255.0)
+                    .collect(),
+            )
         };
         let errors: Vec<Vec<f64>> = path.into_iter().map(error).collect::<Option<_>>()?;
-        let change = |pair: &[Vec<f64>]| mean(pair[0].iter().zip(&pair[1]).map(|(a, b)| (a - b).powi(2)));
+        let change =
+            |pair: &[Vec<f64>]| mean(pair[0].iter().zip(&pair[1]).map(|(a, b)| (a - b).powi(2)));
         (errors.len() > 1).then(|| mean(errors.windows(2).map(change)).sqrt())
     }
 }
@@ -238,11 +316,11 @@ impl View<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_core::camera::Camera;
-    use headbox_core::frame::{Coverage, Frame};
     use crate::plan::{Plan, Quality};
     use crate::report::contender::{Draw, Role};
     use glam::DVec3;
+    use headbox_core::camera::Camera;
+    use headbox_core::frame::{Coverage, Frame};
     use image::Rgb;
     use std::sync::Arc;
 
@@ -258,19 +336,40 @@ mod tests {
 
         fn picture(&mut self, camera: &Camera) -> JudgedFrame {
             let color = RgbImage::from_pixel(camera.width(), camera.height(), Rgb([self.0; 3]));
-            JudgedFrame { color, shown: Vec::new() }
+            JudgedFrame {
+                color,
+                shown: Vec::new(),
+            }
         }
     }
 
     fn grey(level: u8, eyes: EyeSet, roles: Vec<Role>) -> Contender {
-        let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread"));
+        let pool = Arc::new(
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(1)
+                .build()
+                .expect("a thread"),
+        );
         let draw = Box::new(Grey(level));
-        Contender { roles, eyes, traces: false, pool, bytes: 1, depth_pixels: 10, capture_s: None, rays: None, draw }
+        Contender {
+            roles,
+            eyes,
+            traces: false,
+            pool,
+            bytes: 1,
+            depth_pixels: 10,
+            capture_s: None,
+            rays: None,
+            draw,
+        }
     }
 
     #[test]
     fn rows_say_what_the_pictures_say() {
-        let quality = Quality { frame_px: [12, 9], ..Quality::QUICK };
+        let quality = Quality {
+            frame_px: [12, 9],
+            ..Quality::QUICK
+        };
         let plan = Plan::new(quality, DVec3::ZERO, 1.0, DVec3::NEG_Z, 5).expect("valid");
         let truth = |(i, _): (usize, &Eye)| Truth {
             radiance: Vec::new(),
@@ -286,26 +385,66 @@ mod tests {
         };
         let truths: Vec<Truth> = plan.eyes.iter().enumerate().map(truth).collect();
         let mut contenders = [
-            grey(110, EyeSet::All, vec![Role::baseline("a", "ten off"), Role::baseline("b", "the same")]),
+            grey(
+                110,
+                EyeSet::All,
+                vec![
+                    Role::baseline("a", "ten off"),
+                    Role::baseline("b", "the same"),
+                ],
+            ),
             grey(102, EyeSet::All, vec![Role::other("a", "two off")]),
             grey(100, EyeSet::Ahead, vec![Role::other("b", "right")]),
         ];
-        let measured = draw_in_turns(&mut contenders, &plan.eyes, 3, &headbox_core::progress::Silent);
-        assert!(measured[2].pictures[0].is_none() && measured[2].ms[0].is_empty(), "not judged by uniform eyes");
+        let measured = draw_in_turns(
+            &mut contenders,
+            &plan.eyes,
+            3,
+            &headbox_core::progress::Silent,
+        );
+        assert!(
+            measured[2].pictures[0].is_none() && measured[2].ms[0].is_empty(),
+            "not judged by uniform eyes"
+        );
         let rows = rows("s", &contenders, &measured, &plan.eyes, &truths).expect("sizes fit");
-        let names: Vec<_> = rows.iter().map(|r| (r.group.as_str(), r.variant.as_str(), r.eyes)).collect();
+        let names: Vec<_> = rows
+            .iter()
+            .map(|r| (r.group.as_str(), r.variant.as_str(), r.eyes))
+            .collect();
         let (all, ahead) = (EyeSet::All, EyeSet::Ahead);
-        let expected = [("a", "ten off", all), ("a", "two off", all), ("b", "the same", ahead), ("b", "right", ahead)];
+        let expected = [
+            ("a", "ten off", all),
+            ("a", "two off", all),
+            ("b", "the same", ahead),
+            ("b", "right", ahead),
+        ];
         assert_eq!(names, expected);
         let psnr = |off: f64| 20.0 * (255.0 / off).log10();
-        assert!((rows[0].psnr_db - psnr(10.0)).abs() < 1e-9 && (rows[1].psnr_db - psnr(2.0)).abs() < 1e-9);
+        assert!(
+            (rows[0].psnr_db - psnr(10.0)).abs() < 1e-9
+                && (rows[1].psnr_db - psnr(2.0)).abs() < 1e-9
+        );
         assert!((rows[1].psnr_to_baseline_db - psnr(8.0)).abs() < 1e-9);
         // The halves are three levels to either side, of every second eye four.
-        let judged = plan.eyes.iter().enumerate().filter(|(_, eye)| eye.belongs_to(all));
+        let judged = plan
+            .eyes
+            .iter()
+            .enumerate()
+            .filter(|(_, eye)| eye.belongs_to(all));
         let products = judged.map(|(i, _)| if i % 2 == 0 { 7.0 * 13.0 } else { 6.0 * 14.0 });
         let own = psnr_of_mse(mean(products) / 255f64.powi(2));
-        assert!(rows[0].own_psnr_db.is_some_and(|db| (db - own).abs() < 1e-9), "{:?}", rows[0].own_psnr_db);
-        assert_eq!((rows[1].own_psnr_db, rows[3].own_psnr_db), (None, None), "less than noise is not told");
+        assert!(
+            rows[0]
+                .own_psnr_db
+                .is_some_and(|db| (db - own).abs() < 1e-9),
+            "{:?}",
+            rows[0].own_psnr_db
+        );
+        assert_eq!(
+            (rows[1].own_psnr_db, rows[3].own_psnr_db),
+            (None, None),
+            "less than noise is not told"
+        );
         assert!(rows[3].psnr_db.is_infinite() && rows[2].psnr_to_baseline_db.is_infinite());
         assert_eq!(rows[0].displacement.len(), 4);
         assert_eq!((rows[0].flicker, rows[0].hole_fraction), (Some(0.0), None));

@@ -31,7 +31,9 @@ impl Keeps {
     /// Whether the figures of all scenes keep the promise; none do not.
     pub fn hold(self, figures: &[f64]) -> bool {
         match self {
-            Self::Within([least, most]) => !figures.is_empty() && figures.iter().all(|v| (least..=most).contains(v)),
+            Self::Within([least, most]) => {
+                !figures.is_empty() && figures.iter().all(|v| (least..=most).contains(v))
+            }
             Self::Alike(times) => {
                 let least = figures.iter().copied().fold(f64::INFINITY, f64::min);
                 let most = figures.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -68,7 +70,10 @@ pub const PROMISES: [Promise; 6] = [
         what: "FLIP in a corner of the headbox, the LDI's over a cube map's",
         of: |report, facts| {
             let corner = |row: &Row| Some(row.displacement.last()?.flip);
-            Some(corner(ldi(report, facts)?)? / corner(report.find(&facts.scene, "representation", "cube map")?)?)
+            Some(
+                corner(ldi(report, facts)?)?
+                    / corner(report.find(&facts.scene, "representation", "cube map")?)?,
+            )
         },
         keeps: Keeps::Within([0.0, 1.0]),
         is_time: false,
@@ -86,7 +91,13 @@ pub const PROMISES: [Promise; 6] = [
     Promise {
         says: "or how dear its light was",
         what: "time of a frame whose depth pixels were lit with four times the samples, over the default's",
-        of: |report, facts| Some(report.find(&facts.scene, "light samples", "16 per depth pixel")?.time_ratio),
+        of: |report, facts| {
+            Some(
+                report
+                    .find(&facts.scene, "light samples", "16 per depth pixel")?
+                    .time_ratio,
+            )
+        },
         keeps: Keeps::Within([0.9, 1.1]),
         is_time: true,
     },
@@ -109,23 +120,39 @@ pub const PROMISES: [Promise; 6] = [
 impl Promise {
     /// The figures of the scenes that have one.
     pub fn figures(&self, report: &Report) -> Vec<f64> {
-        report.scenes.iter().filter_map(|facts| (self.of)(report, facts)).collect()
+        report
+            .scenes
+            .iter()
+            .filter_map(|facts| (self.of)(report, facts))
+            .collect()
     }
 }
 
 /// A table of all promises that a report can tell of.
 pub fn table(report: &Report) -> Table {
     let names = report.scenes.iter().map(|facts| short(&facts.scene));
-    let mut table = Table::new(["README", "measured"].into_iter().chain(names).chain(["kept if", ""]));
+    let mut table = Table::new(
+        ["README", "measured"]
+            .into_iter()
+            .chain(names)
+            .chain(["kept if", ""]),
+    );
     for promise in PROMISES {
-        let figures = report.scenes.iter().map(|facts| (promise.of)(report, facts).map_or("-".into(), figure));
+        let figures = report
+            .scenes
+            .iter()
+            .map(|facts| (promise.of)(report, facts).map_or("-".into(), figure));
         let kept = match promise.figures(report).as_slice() {
             [] => "not measured",
             found if promise.keeps.hold(found) => "kept",
             _ => "**not kept**",
         };
         let ends = [format!("*{}*", promise.says), promise.what.into()];
-        table.row(ends.into_iter().chain(figures).chain([promise.keeps.words(), kept.into()]));
+        table.row(
+            ends.into_iter()
+                .chain(figures)
+                .chain([promise.keeps.words(), kept.into()]),
+        );
     }
     table
 }
@@ -135,7 +162,13 @@ pub fn table(report: &Report) -> Table {
 pub fn broken(report: &Report) -> Vec<&'static str> {
     let told = |promise: &&Promise| !promise.figures(report).is_empty();
     let broken = |promise: &&Promise| !promise.keeps.hold(&promise.figures(report));
-    PROMISES.iter().filter(|promise| !promise.is_time).filter(told).filter(broken).map(|promise| promise.says).collect()
+    PROMISES
+        .iter()
+        .filter(|promise| !promise.is_time)
+        .filter(told)
+        .filter(broken)
+        .map(|promise| promise.says)
+        .collect()
 }
 
 #[cfg(test)]

@@ -36,19 +36,33 @@ const CLAIMS: [Claim; 19] = [
         theirs: 1.24,
         ours: |_, facts| Some(facts.depth_complexity()),
     },
-    Claim { id: "P-N1", what: "the same (P: one-storey house)", theirs: 1.26, ours: |_, f| Some(f.depth_complexity()) },
-    Claim { id: "R-N2", what: "the same (R: 13 images)", theirs: 1.39, ours: |_, f| Some(f.depth_complexity()) },
+    Claim {
+        id: "P-N1",
+        what: "the same (P: one-storey house)",
+        theirs: 1.26,
+        ours: |_, f| Some(f.depth_complexity()),
+    },
+    Claim {
+        id: "R-N2",
+        what: "the same (R: 13 images)",
+        theirs: 1.39,
+        ours: |_, f| Some(f.depth_complexity()),
+    },
     Claim {
         id: "P-N1",
         what: "share of samples in layer 1 (P)",
         theirs: 0.791,
-        ours: |_, facts| Some(facts.layers[0] as f64 / facts.layers.iter().sum::<u64>().max(1) as f64),
+        ours: |_, facts| {
+            Some(facts.layers[0] as f64 / facts.layers.iter().sum::<u64>().max(1) as f64)
+        },
     },
     Claim {
         id: "R-N2",
         what: "share of samples in layers 4 and beyond (R)",
         theirs: 0.027,
-        ours: |_, facts| Some(facts.layers[3] as f64 / facts.layers.iter().sum::<u64>().max(1) as f64),
+        ours: |_, facts| {
+            Some(facts.layers[3] as f64 / facts.layers.iter().sum::<u64>().max(1) as f64)
+        },
     },
     Claim {
         id: "S-N5",
@@ -82,8 +96,12 @@ const CLAIMS: [Claim; 19] = [
         what: "efficiency of parallel warping (P: 3.45 times faster on 4 processors)",
         theirs: 0.86,
         ours: |report, facts| {
-            let one = report.group(&facts.scene, "threads").find(|row| row.baseline)?;
-            let all = report.group(&facts.scene, "threads").find(|row| !row.baseline)?;
+            let one = report
+                .group(&facts.scene, "threads")
+                .find(|row| row.baseline)?;
+            let all = report
+                .group(&facts.scene, "threads")
+                .find(|row| !row.baseline)?;
             Some(one.time_ratio / all.time_ratio / all.threads as f64)
         },
     },
@@ -112,13 +130,29 @@ const CLAIMS: [Claim; 19] = [
         id: "S-N2",
         what: "sprites, nearest sampling: two-pass over no parallax, time (S: 47 Hz to 20 Hz)",
         theirs: 2.35,
-        ours: |report, facts| ratio(report, facts, "sprites, nearest sampling", "two-pass", "homography"),
+        ours: |report, facts| {
+            ratio(
+                report,
+                facts,
+                "sprites, nearest sampling",
+                "two-pass",
+                "homography",
+            )
+        },
     },
     Claim {
         id: "S-N2",
         what: "sprites, nearest sampling: crude one-pass over no parallax, time (S: 47 Hz to 24 Hz)",
         theirs: 1.96,
-        ours: |report, facts| ratio(report, facts, "sprites, nearest sampling", "one-pass", "homography"),
+        ours: |report, facts| {
+            ratio(
+                report,
+                facts,
+                "sprites, nearest sampling",
+                "one-pass",
+                "homography",
+            )
+        },
     },
     Claim {
         id: "S-N2",
@@ -131,7 +165,9 @@ const CLAIMS: [Claim; 19] = [
         what: "all layers over one depth image, time (P, serial)",
         theirs: 1.8,
         ours: |report, facts| {
-            let one = report.group(&facts.scene, "layers").find(|row| !row.baseline)?;
+            let one = report
+                .group(&facts.scene, "layers")
+                .find(|row| !row.baseline)?;
             Some(1.0 / one.time_ratio)
         },
     },
@@ -140,8 +176,12 @@ const CLAIMS: [Claim; 19] = [
         what: "all layers over one depth image, samples (P: 189,688 to 256x256)",
         theirs: 2.89,
         ours: |report, facts| {
-            let one = report.group(&facts.scene, "layers").find(|row| !row.baseline)?;
-            let all = report.group(&facts.scene, "layers").find(|row| row.baseline)?;
+            let one = report
+                .group(&facts.scene, "layers")
+                .find(|row| !row.baseline)?;
+            let all = report
+                .group(&facts.scene, "layers")
+                .find(|row| row.baseline)?;
             Some(all.depth_pixels as f64 / one.depth_pixels.max(1) as f64)
         },
     },
@@ -151,7 +191,11 @@ const CLAIMS: [Claim; 19] = [
         theirs: 1.25,
         ours: |report, facts| {
             let group = "depth pixel, opaque rectangles";
-            Some(report.find(&facts.scene, group, "24 bytes, nothing quantised")?.time_ratio)
+            Some(
+                report
+                    .find(&facts.scene, group, "24 bytes, nothing quantised")?
+                    .time_ratio,
+            )
         },
     },
 ];
@@ -173,7 +217,10 @@ pub fn page(report: &Report, walk: Option<&WalkReport>) -> String {
     let _ = write!(text, "\n{COLUMNS}\n");
     for (facts, slug) in report.scenes.iter().zip(slugs(report)) {
         let name = short(&facts.scene);
-        let _ = write!(text, "\n## {name}\n\n![{name}: time against error](results/{slug}-time.svg)\n\n");
+        let _ = write!(
+            text,
+            "\n## {name}\n\n![{name}: time against error](results/{slug}-time.svg)\n\n"
+        );
         let rows: Vec<&Row> = report.group(&facts.scene, "representation").collect();
         let _ = writeln!(text, "{}", table(&rows));
         text += &sentences(report, facts, &rows);
@@ -181,7 +228,11 @@ pub fn page(report: &Report, walk: Option<&WalkReport>) -> String {
     if let Some(walk) = walk {
         let _ = write!(text, "\n{}", walk.to_chapter());
     }
-    let _ = write!(text, "\n## Claims of the README\n\n{}", promises::table(report));
+    let _ = write!(
+        text,
+        "\n## Claims of the README\n\n{}",
+        promises::table(report)
+    );
     text += "\n## Numbers of the papers\n\nRatios only: the papers' times are those of machines of 1998.\n\n";
     let _ = write!(text, "{}", claims(report));
     text
@@ -190,7 +241,9 @@ pub fn page(report: &Report, walk: Option<&WalkReport>) -> String {
 /// Returns one line about the run: commit, seed, machine.
 fn machine(report: &Report) -> String {
     let machine = &report.machine;
-    let load = machine.load_hundredths.map(|load| format!(", load {:.2} at the start", f64::from(load) / 100.0));
+    let load = machine
+        .load_hundredths
+        .map(|load| format!(", load {:.2} at the start", f64::from(load) / 100.0));
     let sizes = match (report.quick, report.real) {
         (true, _) => " --quick",
         (_, true) => " --real",
@@ -211,8 +264,15 @@ fn machine(report: &Report) -> String {
 /// Returns three sentences: what was measured, what to use, and how errors and times compare with a cube map and with rays.
 fn sentences(report: &Report, facts: &SceneFacts, rows: &[&Row]) -> String {
     let samples = facts.judged_eyes().map(|eye| eye.truth_samples);
-    let (least, most) = (samples.clone().min().unwrap_or(0), samples.max().unwrap_or(0));
-    let samples = if least == most { most.to_string() } else { format!("{least} to {most}") };
+    let (least, most) = (
+        samples.clone().min().unwrap_or(0),
+        samples.max().unwrap_or(0),
+    );
+    let samples = if least == most {
+        most.to_string()
+    } else {
+        format!("{least} to {most}")
+    };
     let [width, height] = facts.frame_px;
     let mut text = format!(
         "{} triangles, faces of {} px, {} eyes, frames of {width}x{height} px; the standard error of truth ({samples} rays a \
@@ -223,18 +283,34 @@ fn sentences(report: &Report, facts: &SceneFacts, rows: &[&Row]) -> String {
         facts.margin_db,
     );
     if let (Some(fast), Some(small)) = (chosen(rows), smallest(rows)) {
-        let figures = format!("{}, FLIP {:.3}, PSNR {:.1} dB", ms(fast.ms_median), fast.flip, fast.psnr_db);
+        let figures = format!(
+            "{}, FLIP {:.3}, PSNR {:.1} dB",
+            ms(fast.ms_median),
+            fast.flip,
+            fast.psnr_db
+        );
         let choice = if fast.variant == small.variant {
-            format!("**{}** is the fastest and the smallest ({figures}, {})", fast.variant, bytes(small.bytes))
+            format!(
+                "**{}** is the fastest and the smallest ({figures}, {})",
+                fast.variant,
+                bytes(small.bytes)
+            )
         } else {
             let size = bytes(small.bytes);
-            format!("**{}** is the fastest ({figures}) and **{}** the smallest ({size})", fast.variant, small.variant)
+            format!(
+                "**{}** is the fastest ({figures}) and **{}** the smallest ({size})",
+                fast.variant, small.variant
+            )
         };
-        let _ =
-            writeln!(text, "Of what does not trace rays for each frame, and within 10 % of the least error, {choice}.");
+        let _ = writeln!(
+            text,
+            "Of what does not trace rays for each frame, and within 10 % of the least error, {choice}."
+        );
     }
     let ends = |variant: &str| {
-        let displacement = &report.find(&facts.scene, "representation", variant)?.displacement;
+        let displacement = &report
+            .find(&facts.scene, "representation", variant)?
+            .displacement;
         Some((displacement.first()?.flip, displacement.last()?.flip))
     };
     let mut comparisons = Vec::new();
@@ -264,11 +340,28 @@ fn sentences(report: &Report, facts: &SceneFacts, rows: &[&Row]) -> String {
 
 /// Returns the table of a scene's representations.
 fn table(rows: &[&Row]) -> Table {
-    let names =
-        ["representation", "ms", "time", "FLIP", "PSNR dB", "own dB", "SSIM", "holes %", "MB", "capture s", "flicker"];
+    let names = [
+        "representation",
+        "ms",
+        "time",
+        "FLIP",
+        "PSNR dB",
+        "own dB",
+        "SSIM",
+        "holes %",
+        "MB",
+        "capture s",
+        "flicker",
+    ];
     let mut table = Table::new(names);
-    let front = pareto_front(&rows.iter().map(|row| [row.ms_median, row.flip]).collect::<Vec<_>>());
-    let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
+    let front = pareto_front(
+        &rows
+            .iter()
+            .map(|row| [row.ms_median, row.flip])
+            .collect::<Vec<_>>(),
+    );
+    let optional =
+        |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
     for (i, row) in rows.iter().enumerate() {
         let baseline = if row.baseline { " (1)" } else { "" };
         let on_front = if front.contains(&i) { " *" } else { "" };
@@ -277,7 +370,11 @@ fn table(rows: &[&Row]) -> Table {
             format!("{:.2}", row.ms_median),
             format!("{:.2}", row.time_ratio),
             format!("{:.4}", row.flip),
-            if row.psnr_db.is_finite() { format!("{:.2}", row.psnr_db) } else { "equal".into() },
+            if row.psnr_db.is_finite() {
+                format!("{:.2}", row.psnr_db)
+            } else {
+                "equal".into()
+            },
             optional(row.own_psnr_db, 2),
             format!("{:.4}", row.ssim),
             optional(row.hole_fraction.map(|h| h * 100.0), 3),
@@ -294,12 +391,22 @@ fn claims(report: &Report) -> Table {
     let names = report.scenes.iter().map(|facts| short(&facts.scene));
     let mut table = Table::new(["id", "quantity", "paper"].into_iter().chain(names));
     for claim in &CLAIMS {
-        let ours: Vec<Option<f64>> = report.scenes.iter().map(|facts| (claim.ours)(report, facts)).collect();
+        let ours: Vec<Option<f64>> = report
+            .scenes
+            .iter()
+            .map(|facts| (claim.ours)(report, facts))
+            .collect();
         if ours.iter().all(Option::is_none) {
             continue;
         }
-        let cells = ours.into_iter().map(|value| value.map_or("-".into(), figure));
-        table.row([claim.id.to_owned(), claim.what.into(), figure(claim.theirs)].into_iter().chain(cells));
+        let cells = ours
+            .into_iter()
+            .map(|value| value.map_or("-".into(), figure));
+        table.row(
+            [claim.id.to_owned(), claim.what.into(), figure(claim.theirs)]
+                .into_iter()
+                .chain(cells),
+        );
     }
     table
 }

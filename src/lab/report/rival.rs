@@ -2,10 +2,10 @@
 
 use super::field::DefaultCapture;
 use super::subject::{ReportError, Subject};
-use headbox_core::statistics::median;
 use crate::embree::{Embree, PROGRAM};
 use crate::plan::{EyeSet, Plan};
 use crate::turns::{in_turns, least};
+use headbox_core::statistics::median;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
@@ -65,14 +65,24 @@ pub(super) fn measure(
     let embree = Embree::start(&program, &subject.tracer, threads).map_err(ReportError::Rival)?;
     let version = embree.version.clone();
     let default = RenderSettings::default().kernel;
-    let others = SplatKernel::ALL.map(|(_, kernel)| kernel).into_iter().filter(|kernel| *kernel != default);
-    let samples =
-        std::iter::once(default).chain(others).map(|kernel| (kernel.name().to_owned(), kernel, &capture.cube));
-    let planes = capture.with_planes.iter().map(|cube| (format!("{} and planes", default.name()), default, cube));
+    let others = SplatKernel::ALL
+        .map(|(_, kernel)| kernel)
+        .into_iter()
+        .filter(|kernel| *kernel != default);
+    let samples = std::iter::once(default)
+        .chain(others)
+        .map(|kernel| (kernel.name().to_owned(), kernel, &capture.cube));
+    let planes = capture
+        .with_planes
+        .iter()
+        .map(|cube| (format!("{} and planes", default.name()), default, cube));
     let (names, ours): (Vec<String>, Vec<Way>) = planes
         .chain(samples)
         .map(|(name, kernel, cube)| {
-            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            let settings = RenderSettings {
+                kernel,
+                ..RenderSettings::default()
+            };
             (name, Way::Ours(Box::new(Renderer::new()), settings, cube))
         })
         .unzip();
@@ -86,16 +96,27 @@ pub(super) fn measure(
                 renderer.render_with_stats(cube, &eye.camera, settings);
                 started.elapsed().as_secs_f64() * 1e3
             })),
-            Way::Rays(embree) => embree.trace(&eye.camera).map(|frame| frame.ms).map_err(|e| failed = Some(e)).ok(),
+            Way::Rays(embree) => embree
+                .trace(&eye.camera)
+                .map(|frame| frame.ms)
+                .map_err(|e| failed = Some(e))
+                .ok(),
         });
         if let Some(error) = failed {
             return Err(ReportError::Rival(error));
         }
-        by_way.iter_mut().zip(&times).for_each(|(all, times)| all.extend(least(times)));
+        by_way
+            .iter_mut()
+            .zip(&times)
+            .for_each(|(all, times)| all.extend(least(times)));
     }
     let rays = by_way.pop().unwrap_or_default();
     let of_kernel = |(kernel, ms): (String, &Vec<f64>)| {
-        let ratios: Vec<f64> = ms.iter().zip(&rays).map(|(ours, theirs)| ours / theirs).collect();
+        let ratios: Vec<f64> = ms
+            .iter()
+            .zip(&rays)
+            .map(|(ours, theirs)| ours / theirs)
+            .collect();
         KernelAgainstRival {
             kernel,
             ms_median: median(ms.iter().copied()).unwrap_or(0.0),
@@ -103,5 +124,10 @@ pub(super) fn measure(
         }
     };
     let kernels = names.into_iter().zip(&by_way).map(of_kernel).collect();
-    Ok(Some(RivalRows { version, threads, ms_median: median(rays.iter().copied()).unwrap_or(0.0), kernels }))
+    Ok(Some(RivalRows {
+        version,
+        threads,
+        ms_median: median(rays.iter().copied()).unwrap_or(0.0),
+        kernels,
+    }))
 }

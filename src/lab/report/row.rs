@@ -184,9 +184,19 @@ impl Report {
     /// Takes over the scenes of an earlier report, if that was made alike.
     pub fn resume(&mut self, earlier: Option<Self>) {
         let same = |earlier: &Self| {
-            let about =
-                |r: &Self| (r.commit.clone(), r.seed, r.quick, r.real, r.machine.threads, r.machine.simd.clone());
-            about(earlier) == about(self) && !earlier.commit.ends_with('+') && earlier.commit != "unknown"
+            let about = |r: &Self| {
+                (
+                    r.commit.clone(),
+                    r.seed,
+                    r.quick,
+                    r.real,
+                    r.machine.threads,
+                    r.machine.simd.clone(),
+                )
+            };
+            about(earlier) == about(self)
+                && !earlier.commit.ends_with('+')
+                && earlier.commit != "unknown"
         };
         if let Some(earlier) = earlier.filter(same) {
             (self.scenes, self.rows) = (earlier.scenes, earlier.rows);
@@ -195,12 +205,16 @@ impl Report {
 
     /// The rows of a scene's group.
     pub fn group<'a>(&'a self, scene: &'a str, group: &'a str) -> impl Iterator<Item = &'a Row> {
-        self.rows.iter().filter(move |row| row.scene == scene && row.group == group)
+        self.rows
+            .iter()
+            .filter(move |row| row.scene == scene && row.group == group)
     }
 
     /// A row.
     pub fn find(&self, scene: &str, group: &str, variant: &str) -> Option<&Row> {
-        self.rows.iter().find(|row| row.scene == scene && row.group == group && row.variant == variant)
+        self.rows
+            .iter()
+            .find(|row| row.scene == scene && row.group == group && row.variant == variant)
     }
 
     /// The groups of a scene, in order.
@@ -257,7 +271,11 @@ impl Report {
 
 /// A cell that may hold commas.
 fn quoted(cell: &str) -> String {
-    if cell.contains([',', '"', '\n']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
+    if cell.contains([',', '"', '\n']) {
+        format!("\"{}\"", cell.replace('"', "\"\""))
+    } else {
+        cell.to_owned()
+    }
 }
 
 /// The rows that do not trace and are within 10 % of the least error of such.
@@ -274,5 +292,9 @@ pub(super) fn chosen<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
 
 /// What to use where memory is short: the smallest of the exact rows, of equals the fastest.
 pub(super) fn smallest<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
-    exact(rows).min_by(|a, b| a.bytes.cmp(&b.bytes).then(a.ms_median.total_cmp(&b.ms_median)))
+    exact(rows).min_by(|a, b| {
+        a.bytes
+            .cmp(&b.bytes)
+            .then(a.ms_median.total_cmp(&b.ms_median))
+    })
 }

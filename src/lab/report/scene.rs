@@ -3,16 +3,16 @@
 use super::field::ContenderField;
 use super::field::DefaultCapture;
 use super::growth::grow;
-use crate::report::judge;
-use crate::report::rival;
 use super::row::{EyeRecord, Row, SceneFacts};
 use super::subject::{ReportError, Subject, scene_bytes};
 use super::wall::Wall;
 use crate::plan::{Eye, Plan};
+use crate::report::judge;
+use crate::report::rival;
 use crate::stats::{mean, mse_of_psnr, pooled_psnr_db};
 use crate::truths::Truths;
-use headbox_cube::pack::SegmentSide;
 use headbox_core::progress::Progress;
+use headbox_cube::pack::SegmentSide;
 use headbox_trace::truth::Truth;
 use std::path::PathBuf;
 
@@ -38,11 +38,23 @@ pub fn run(
     let measured = judge::draw_in_turns(&mut contenders, &plan.eyes, plan.quality.rounds, progress);
     let truths = Truths::new(&subject.tracer, &subject.lighting, subject.lit, cache);
     let grown = grow(&truths, &contenders, &measured, plan, progress)?;
-    let records: Vec<EyeRecord> = plan.eyes.iter().zip(&grown).map(|(eye, truth)| eye_record(eye, truth)).collect();
+    let records: Vec<EyeRecord> = plan
+        .eyes
+        .iter()
+        .zip(&grown)
+        .map(|(eye, truth)| eye_record(eye, truth))
+        .collect();
     let (frames, _): (Vec<Truth>, Vec<u32>) = grown.into_iter().unzip();
     let rows = judge::rows(&subject.name, &contenders, &measured, &plan.eyes, &frames)?;
     let margin_db = margin_db(&rows, &plan.eyes, &records);
-    Ok((SceneFacts { margin_db, rival, ..facts(subject, plan, &default, records) }, rows))
+    Ok((
+        SceneFacts {
+            margin_db,
+            rival,
+            ..facts(subject, plan, &default, records)
+        },
+        rows,
+    ))
 }
 
 fn eye_record(eye: &Eye, (truth, truth_samples): &(Truth, u32)) -> EyeRecord {
@@ -58,31 +70,55 @@ fn eye_record(eye: &Eye, (truth, truth_samples): &(Truth, u32)) -> EyeRecord {
 /// The least margin of truth over any row that does not trace, dB.
 fn margin_db(rows: &[Row], eyes: &[Eye], records: &[EyeRecord]) -> f64 {
     let of_row = |row: &Row| {
-        let belong = eyes.iter().zip(records).filter(|(eye, _)| eye.belongs_to(row.eyes));
+        let belong = eyes
+            .iter()
+            .zip(records)
+            .filter(|(eye, _)| eye.belongs_to(row.eyes));
         pooled_psnr_db(belong.map(|(_, record)| record.truth_psnr_db)) - row.psnr_db
     };
-    rows.iter().filter(|row| !row.traces).map(of_row).fold(f64::INFINITY, f64::min)
+    rows.iter()
+        .filter(|row| !row.traces)
+        .map(of_row)
+        .fold(f64::INFINITY, f64::min)
 }
 
-fn facts(subject: &Subject, plan: &Plan, default: &DefaultCapture, eyes: Vec<EyeRecord>) -> SceneFacts {
+fn facts(
+    subject: &Subject,
+    plan: &Plan,
+    default: &DefaultCapture,
+    eyes: Vec<EyeRecord>,
+) -> SceneFacts {
     let cube = &default.cube;
     let mut layers = [0u64; 4];
     let mut counts = vec![0u32; 6 * (cube.face_size_px as usize).pow(2)];
     for segment in &cube.segments {
         for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y))) {
             let row = segment.face.index() * cube.face_size_px as usize + (segment.y0 + y) as usize;
-            counts[row * cube.face_size_px as usize + (segment.x0 + x) as usize] += segment.pixel(x, y).len() as u32;
+            counts[row * cube.face_size_px as usize + (segment.x0 + x) as usize] +=
+                segment.pixel(x, y).len() as u32;
         }
     }
     for count in counts {
         (0..count).for_each(|layer| layers[(layer as usize).min(3)] += 1);
     }
-    let near =
-        cube.segments.iter().filter(|s| s.side == SegmentSide::Near).map(|s| s.depth_pixels.len()).sum::<usize>();
+    let near = cube
+        .segments
+        .iter()
+        .filter(|s| s.side == SegmentSide::Near)
+        .map(|s| s.depth_pixels.len())
+        .sum::<usize>();
     let scene = subject.tracer.scene();
-    let path: Vec<f64> = eyes.iter().filter(|e| e.place == "path").map(|e| mse_of_psnr(e.truth_psnr_db)).collect();
+    let path: Vec<f64> = eyes
+        .iter()
+        .filter(|e| e.place == "path")
+        .map(|e| mse_of_psnr(e.truth_psnr_db))
+        .collect();
     let changes = path.windows(2).map(|pair| pair[0] + pair[1]);
-    let truth_flicker = if path.len() > 1 { mean(changes).sqrt() } else { 0.0 };
+    let truth_flicker = if path.len() > 1 {
+        mean(changes).sqrt()
+    } else {
+        0.0
+    };
     SceneFacts {
         scene: subject.name.clone(),
         triangles: scene.triangles.len(),

@@ -1,9 +1,9 @@
 //! What is compared in a scene: the scene itself, and what is given instead of made.
 
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
 use headbox_cube::pack::PackedCube;
 use headbox_sprite::SpriteSet;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use std::sync::Arc;
 
 /// Why a report could not be made.
@@ -63,6 +63,10 @@ pub(super) fn scene_bytes(scene: &headbox_scene::scene::Scene) -> u64 {
         size_of_val(&scene.colors[..]),
         size_of_val(&scene.triangles[..]),
     ];
-    let texels: usize = scene.textures.iter().map(|texture| size_of_val(texture.texels())).sum();
+    let texels: usize = scene
+        .textures
+        .iter()
+        .map(|texture| size_of_val(texture.texels()))
+        .sum();
     (arrays.iter().sum::<usize>() + texels) as u64
 }

@@ -65,7 +65,11 @@ fn scene(report: &Report, facts: &SceneFacts) -> String {
     text += &steadiness(&rows, facts);
     text += &curve(report, &facts.scene);
     text += "\nEach approximation against the same without it:\n\n";
-    for group in report.groups(&facts.scene).into_iter().filter(|group| *group != "representation") {
+    for group in report
+        .groups(&facts.scene)
+        .into_iter()
+        .filter(|group| *group != "representation")
+    {
         let rows: Vec<&Row> = report.group(&facts.scene, group).collect();
         text += &group_sentence(group, &rows);
     }
@@ -74,9 +78,16 @@ fn scene(report: &Report, facts: &SceneFacts) -> String {
 
 fn truth_sentence(facts: &SceneFacts) -> String {
     let samples = facts.judged_eyes().map(|eye| eye.truth_samples);
-    let (least, most) = (samples.clone().min().unwrap_or(0), samples.max().unwrap_or(0));
+    let (least, most) = (
+        samples.clone().min().unwrap_or(0),
+        samples.max().unwrap_or(0),
+    );
     let [width, height] = facts.frame_px;
-    let samples = if least == most { most.to_string() } else { format!("{least} to {most}") };
+    let samples = if least == most {
+        most.to_string()
+    } else {
+        format!("{least} to {most}")
+    };
     format!(
         "{} triangles; faces of {} px; {} eyes, frames of {width}x{height} px. Truth has {samples} rays per pixel; its \
          standard error lies {:.1} dB or more below every error that is measured with it.\n",
@@ -91,8 +102,18 @@ fn truth_sentence(facts: &SceneFacts) -> String {
 fn choice(rows: &[&Row]) -> String {
     let at: Vec<[f64; 2]> = rows.iter().map(|row| [row.ms_median, row.flip]).collect();
     let front: Vec<&Row> = pareto_front(&at).into_iter().map(|i| rows[i]).collect();
-    let names = front.iter().map(|row| format!("**{}** ({}, FLIP {:.3})", row.variant, ms(row.ms_median), row.flip));
-    let mut text = format!("Nothing is both faster and more exact than {}.\n", list(names.collect()));
+    let names = front.iter().map(|row| {
+        format!(
+            "**{}** ({}, FLIP {:.3})",
+            row.variant,
+            ms(row.ms_median),
+            row.flip
+        )
+    });
+    let mut text = format!(
+        "Nothing is both faster and more exact than {}.\n",
+        list(names.collect())
+    );
     if let Some(fast) = chosen(rows) {
         let _ = writeln!(
             text,
@@ -102,7 +123,9 @@ fn choice(rows: &[&Row]) -> String {
             ms(fast.ms_median),
             fast.flip,
             fast.psnr_db,
-            fast.own_psnr_db.map(|db| format!(", {db:.1} without the noise of truth")).unwrap_or_default(),
+            fast.own_psnr_db
+                .map(|db| format!(", {db:.1} without the noise of truth"))
+                .unwrap_or_default(),
             bytes(fast.bytes),
         );
         let drawn: Vec<&&Row> = rows.iter().filter(|row| !row.traces).collect();
@@ -113,9 +136,13 @@ fn choice(rows: &[&Row]) -> String {
 
 /// What the steadiest of those that draw adds to the choice, if it is another.
 fn steadier(chosen: &Row, drawn: &[&&Row]) -> String {
-    let Some(flicker) = chosen.flicker else { return String::new() };
+    let Some(flicker) = chosen.flicker else {
+        return String::new();
+    };
     let close = drawn.iter().filter(|row| row.flip <= chosen.flip * 1.1);
-    let steadiest = close.filter_map(|row| Some((row, row.flicker?))).min_by(|a, b| a.1.total_cmp(&b.1));
+    let steadiest = close
+        .filter_map(|row| Some((row, row.flicker?)))
+        .min_by(|a, b| a.1.total_cmp(&b.1));
     match steadiest {
         Some((row, least)) if least < 0.9 * flicker => format!(
             "If it has to be steady, use **{}**: its error changes by {:.1} levels from frame to frame, that one's by {:.1}.\n",
@@ -129,7 +156,9 @@ fn steadier(chosen: &Row, drawn: &[&&Row]) -> String {
 
 /// The LDI against what one would do without.
 fn against_the_rest(rows: &[&Row]) -> String {
-    let Some(ldi) = rows.iter().find(|row| row.baseline) else { return String::new() };
+    let Some(ldi) = rows.iter().find(|row| row.baseline) else {
+        return String::new();
+    };
     let mut text = String::new();
     for row in rows.iter().filter(|row| !row.variant.starts_with("LDI")) {
         let ratio = row.flip / ldi.flip;
@@ -154,8 +183,11 @@ fn against_the_rest(rows: &[&Row]) -> String {
 
 /// The LDI against Embree, if it was there.
 fn against_rays(facts: &SceneFacts) -> String {
-    let Some(rival) = &facts.rival else { return String::new() };
-    let kernel = |k: &KernelAgainstRival| format!("{} {:.2} ({})", k.kernel, k.over_rays, ms(k.ms_median));
+    let Some(rival) = &facts.rival else {
+        return String::new();
+    };
+    let kernel =
+        |k: &KernelAgainstRival| format!("{} {:.2} ({})", k.kernel, k.over_rays, ms(k.ms_median));
     format!(
         "A frame over embree primary rays of the same eyes ({} by Embree {} on {} threads, hits alone): {}.\n",
         ms(rival.ms_median),
@@ -166,7 +198,12 @@ fn against_rays(facts: &SceneFacts) -> String {
 }
 
 fn displacement(report: &Report, scene: &str) -> String {
-    let ends = |row: &Row| Some((row.displacement.first()?.flip, row.displacement.last()?.flip));
+    let ends = |row: &Row| {
+        Some((
+            row.displacement.first()?.flip,
+            row.displacement.last()?.flip,
+        ))
+    };
     let of = |variant: &str| ends(report.find(scene, "representation", variant)?);
     match (of("LDI"), of("cube map")) {
         (Some(ldi), Some(map)) => format!(
@@ -190,8 +227,14 @@ fn displacement(report: &Report, scene: &str) -> String {
 fn crossing(report: &Report, scene: &str) -> Option<f64> {
     let line = |variant: &str| Some(&report.find(scene, "representation", variant)?.displacement);
     let (ldi, map) = (line("LDI")?, line("cube map")?);
-    let lead: Vec<(f64, f64)> = map.iter().zip(ldi).map(|(m, l)| (m.share, m.flip - l.flip)).collect();
-    let cross = lead.windows(2).find(|pair| pair[0].1 < 0.0 && pair[1].1 >= 0.0)?;
+    let lead: Vec<(f64, f64)> = map
+        .iter()
+        .zip(ldi)
+        .map(|(m, l)| (m.share, m.flip - l.flip))
+        .collect();
+    let cross = lead
+        .windows(2)
+        .find(|pair| pair[0].1 < 0.0 && pair[1].1 >= 0.0)?;
     let ((near, before), (far, after)) = (cross[0], cross[1]);
     Some(near + (far - near) * before / (before - after))
 }
@@ -201,7 +244,11 @@ fn short_of(report: &Report, scene: &str) -> String {
     let mut text = String::new();
     let rows: Vec<&Row> = report.group(scene, "representation").collect();
     if let Some(small) = smallest(&rows) {
-        let smallest_scene = rows.iter().filter(|row| row.traces).map(|row| row.bytes).min();
+        let smallest_scene = rows
+            .iter()
+            .filter(|row| row.traces)
+            .map(|row| row.bytes)
+            .min();
         let traced = smallest_scene.filter(|scene| *scene < small.bytes);
         let _ = writeln!(
             text,
@@ -210,15 +257,30 @@ fn short_of(report: &Report, scene: &str) -> String {
             small.variant,
             bytes(small.bytes),
             small.flip,
-            traced.map_or(String::new(), |scene| format!(" To trace rays takes the scene itself, {}.", bytes(scene))),
+            traced.map_or(String::new(), |scene| format!(
+                " To trace rays takes the scene itself, {}.",
+                bytes(scene)
+            )),
         );
     }
-    let rays: Vec<&Row> = report.group(scene, "rays").chain(report.find(scene, "novelty stopping", "on")).collect();
-    let least = rays.iter().map(|row| row.flip).fold(f64::INFINITY, f64::min);
+    let rays: Vec<&Row> = report
+        .group(scene, "rays")
+        .chain(report.find(scene, "novelty stopping", "on"))
+        .collect();
+    let least = rays
+        .iter()
+        .map(|row| row.flip)
+        .fold(f64::INFINITY, f64::min);
     let close = rays.iter().filter(|row| row.flip <= least * 1.1);
-    let quickest = close.filter_map(|row| Some((row, row.capture_s?))).min_by(|a, b| a.1.total_cmp(&b.1));
+    let quickest = close
+        .filter_map(|row| Some((row, row.capture_s?)))
+        .min_by(|a, b| a.1.total_cmp(&b.1));
     if let Some((row, seconds)) = quickest {
-        let name = if row.group == "rays" { format!("**{}** rays", row.variant) } else { "the **default**".into() };
+        let name = if row.group == "rays" {
+            format!("**{}** rays", row.variant)
+        } else {
+            "the **default**".into()
+        };
         let _ = writeln!(
             text,
             "Where capture time is short, capture with {name}: {seconds:.1} s, and within 10 % of the least error that more \
@@ -230,13 +292,19 @@ fn short_of(report: &Report, scene: &str) -> String {
 }
 
 fn steadiness(rows: &[&Row], facts: &SceneFacts) -> String {
-    let Some(ldi) = rows.iter().find(|row| row.baseline) else { return String::new() };
+    let Some(ldi) = rows.iter().find(|row| row.baseline) else {
+        return String::new();
+    };
     let mut text = format!(
         "The LDI's worst frame is that of eye {} (FLIP {:.3}, PSNR {:.1} dB)",
         ldi.worst.eye, ldi.worst.flip, ldi.worst.psnr_db
     );
     if let Some(holes) = ldi.hole_fraction {
-        let _ = write!(text, "; {:.3} % of the pixels of all its frames are holes", holes * 100.0);
+        let _ = write!(
+            text,
+            "; {:.3} % of the pixels of all its frames are holes",
+            holes * 100.0
+        );
     }
     text += ".\n";
     if let Some(flicker) = ldi.flicker {
@@ -254,14 +322,24 @@ fn steadiness(rows: &[&Row], facts: &SceneFacts) -> String {
 /// Which point of a lumigraph's sampling curve is the fastest, and whether all err alike, as they should.
 fn curve(report: &Report, scene: &str) -> String {
     let rows: Vec<&Row> = report.group(scene, CURVE).collect();
-    let Some(fastest) = rows.iter().min_by(|a, b| a.time_ratio.total_cmp(&b.time_ratio)).filter(|_| rows.len() > 1)
+    let Some(fastest) = rows
+        .iter()
+        .min_by(|a, b| a.time_ratio.total_cmp(&b.time_ratio))
+        .filter(|_| rows.len() > 1)
     else {
         return String::new();
     };
-    let psnr = |pick: fn(f64, f64) -> f64, from| rows.iter().map(|row| row.psnr_db).fold(from, pick);
-    let (least, most) = (psnr(f64::min, f64::INFINITY), psnr(f64::max, f64::NEG_INFINITY));
-    let holds =
-        if most - least <= EQUAL_DB { "as the curve promises" } else { "though the curve promises equal errors" };
+    let psnr =
+        |pick: fn(f64, f64) -> f64, from| rows.iter().map(|row| row.psnr_db).fold(from, pick);
+    let (least, most) = (
+        psnr(f64::min, f64::INFINITY),
+        psnr(f64::max, f64::NEG_INFINITY),
+    );
+    let holds = if most - least <= EQUAL_DB {
+        "as the curve promises"
+    } else {
+        "though the curve promises equal errors"
+    };
     format!(
         "\nOf the points of a lumigraph's sampling curve **{}** is drawn fastest ({}); their errors lie within {:.1} dB \
          ({least:.1} to {most:.1}), {holds}.\n",
@@ -273,7 +351,9 @@ fn curve(report: &Report, scene: &str) -> String {
 
 /// One line: a group's rows against its baseline.
 fn group_sentence(group: &str, rows: &[&Row]) -> String {
-    let Some(base) = rows.iter().find(|row| row.baseline) else { return String::new() };
+    let Some(base) = rows.iter().find(|row| row.baseline) else {
+        return String::new();
+    };
     let others: Vec<String> = rows
         .iter()
         .filter(|row| !row.baseline)
@@ -282,11 +362,20 @@ fn group_sentence(group: &str, rows: &[&Row]) -> String {
     if others.is_empty() {
         return String::new();
     }
-    let mut first = format!("{}, FLIP {:.4}, PSNR {:.2} dB", ms(base.ms_median), base.flip, base.psnr_db);
+    let mut first = format!(
+        "{}, FLIP {:.4}, PSNR {:.2} dB",
+        ms(base.ms_median),
+        base.flip,
+        base.psnr_db
+    );
     if let (Some(seconds), true) = (base.capture_s, differs(rows, |row| row.rays)) {
         let _ = write!(first, ", captured in {seconds:.1} s");
     }
-    format!("- **{group}**, *{}* ({first}). {}.\n", base.variant, others.join("; "))
+    format!(
+        "- **{group}**, *{}* ({first}). {}.\n",
+        base.variant,
+        others.join("; ")
+    )
 }
 
 fn differs<T: PartialEq>(rows: &[&Row], key: impl Fn(&Row) -> T) -> bool {
@@ -302,7 +391,10 @@ fn difference(row: &Row, base: &Row) -> String {
         let change = row.psnr_db - base.psnr_db;
         parts.push(format!("FLIP {:.4}, PSNR {change:+.2} dB", row.flip));
         if row.psnr_to_baseline_db > 35.0 {
-            parts.push(format!("{:.0} dB from the other's frames", row.psnr_to_baseline_db));
+            parts.push(format!(
+                "{:.0} dB from the other's frames",
+                row.psnr_to_baseline_db
+            ));
         }
     }
     let size = row.bytes as f64 / base.bytes.max(1) as f64;
@@ -317,7 +409,11 @@ fn difference(row: &Row, base: &Row) -> String {
     if let (Some(mine), Some(theirs)) = (row.hole_fraction, base.hole_fraction)
         && (mine - theirs).abs() >= 5e-5
     {
-        parts.push(format!("{:.2} % holes for {:.2} %", mine * 100.0, theirs * 100.0));
+        parts.push(format!(
+            "{:.2} % holes for {:.2} %",
+            mine * 100.0,
+            theirs * 100.0
+        ));
     }
     parts.join(", ")
 }

@@ -13,13 +13,21 @@ pub(super) fn times(ratio: f64) -> String {
 
 /// A number of milliseconds.
 pub(super) fn ms(ms: f64) -> String {
-    if ms < 10.0 { format!("{ms:.2} ms") } else { format!("{ms:.0} ms") }
+    if ms < 10.0 {
+        format!("{ms:.2} ms")
+    } else {
+        format!("{ms:.0} ms")
+    }
 }
 
 /// A number of bytes.
 pub(super) fn bytes(bytes: u64) -> String {
     let kilobytes = bytes as f64 / 1e3;
-    if kilobytes < 999.5 { format!("{kilobytes:.0} kB") } else { format!("{:.1} MB", kilobytes / 1e3) }
+    if kilobytes < 999.5 {
+        format!("{kilobytes:.0} kB")
+    } else {
+        format!("{:.1} MB", kilobytes / 1e3)
+    }
 }
 
 /// `a`, `a and b`, `a, b and c`.
@@ -35,6 +43,9 @@ pub(super) fn list(mut items: Vec<String>) -> String {
 mod tests {
     #[test]
     fn little_memory_is_not_none() {
-        assert_eq!([9_400, 999_499, 999_500, 50_600_000].map(super::bytes), ["9 kB", "999 kB", "1.0 MB", "50.6 MB"]);
+        assert_eq!(
+            [9_400, 999_499, 999_500, 50_600_000].map(super::bytes),
+            ["9 kB", "999 kB", "1.0 MB", "50.6 MB"]
+        );
     }
 }

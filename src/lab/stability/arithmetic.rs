@@ -2,16 +2,16 @@
 
 use super::Case;
 use super::bed::{Dice, ROOM, largest, ldi_of, look, pack, sample};
-use headbox_core::cube_face::Face;
-use headbox_scene::scene::{Scene, Triangle};
-use headbox_trace::bvh::{Ray, Tracer};
+use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
+use headbox_core::cube_face::Face;
 use headbox_core::depth_kind::DepthKind;
-use headbox_scene::material::Material;
 use headbox_cube::pack::INVERSE_DEPTH_CODE_MAX;
 use headbox_cube::render::setup::transfer::Transfer;
+use headbox_scene::material::Material;
+use headbox_scene::scene::{Scene, Triangle};
 use headbox_sprite::{DepthImport, Displacement, DisplacementFormat, SpritePlane};
-use glam::{DVec3, Vec3};
+use headbox_trace::bvh::{Ray, Tracer};
 use image::{Rgba, RgbaImage};
 use std::sync::Arc;
 
@@ -34,16 +34,24 @@ pub(super) fn cases() -> Vec<Case> {
             measure: |seed| {
                 let mut dice = Dice::new(seed, 42);
                 const SIZE: u32 = 24;
-                let ldi = ldi_of(SIZE, &Face::ALL, |face, _, _| vec![sample(face, dice.between(0.001, 2.0), [9; 3])]);
+                let ldi = ldi_of(SIZE, &Face::ALL, |face, _, _| {
+                    vec![sample(face, dice.between(0.001, 2.0), [9; 3])]
+                });
                 let cube = pack(&ldi)?;
                 largest(cube.segments.iter().flat_map(|segment| {
                     let (ldi, layout) = (&ldi, cube.layout);
-                    (0..segment.height).flat_map(move |y| (0..segment.width).map(move |x| (x, y))).map(move |(x, y)| {
-                        let Some(pixel) = segment.pixel(x, y).first() else { return Some(0.0) };
-                        let packed = segment.decode(layout, *pixel).inverse_depth;
-                        let exact = ldi.faces[segment.face.index()].pixel(segment.x0 + x, segment.y0 + y).first()?;
-                        Some((packed - f64::from(exact.inverse_depth)).abs() * 1000.0 * 0.5)
-                    })
+                    (0..segment.height)
+                        .flat_map(move |y| (0..segment.width).map(move |x| (x, y)))
+                        .map(move |(x, y)| {
+                            let Some(pixel) = segment.pixel(x, y).first() else {
+                                return Some(0.0);
+                            };
+                            let packed = segment.decode(layout, *pixel).inverse_depth;
+                            let exact = ldi.faces[segment.face.index()]
+                                .pixel(segment.x0 + x, segment.y0 + y)
+                                .first()?;
+                            Some((packed - f64::from(exact.inverse_depth)).abs() * 1000.0 * 0.5)
+                        })
                 }))
             },
         },
@@ -63,8 +71,10 @@ pub(super) fn cases() -> Vec<Case> {
                     {
                         return Some(f64::INFINITY);
                     }
-                    let off = segment.inverse_depth(most) / f64::from(segment.inverse_depth_max) - 1.0;
-                    let off_far = segment.inverse_depth(least) / f64::from(segment.inverse_depth_min) - 1.0;
+                    let off =
+                        segment.inverse_depth(most) / f64::from(segment.inverse_depth_max) - 1.0;
+                    let off_far =
+                        segment.inverse_depth(least) / f64::from(segment.inverse_depth_min) - 1.0;
                     Some(off.abs().max(off_far.abs()))
                 }))
             },
@@ -82,7 +92,11 @@ pub(super) fn cases() -> Vec<Case> {
                 let stored = Displacement::new(20, 20, &values, DisplacementFormat::I8).ok()?;
                 let largest_value = values.iter().fold(0.0f32, |m, v| m.max(v.abs()));
                 largest(values.iter().enumerate().map(|(i, v)| {
-                    Some(f64::from((stored.at(i as u32 % 20, i as u32 / 20) - v).abs() / largest_value) * 254.0)
+                    Some(
+                        f64::from(
+                            (stored.at(i as u32 % 20, i as u32 / 20) - v).abs() / largest_value,
+                        ) * 254.0,
+                    )
                 }))
             },
         },
@@ -141,8 +155,9 @@ pub(super) fn cases() -> Vec<Case> {
                 ];
                 let plane = Some(SpritePlane::parallel_to_image(&camera, near * 2.0));
                 let accepted = |kind| {
-                    let is_taken =
-                        |range: &&(f64, f64)| window_import_on(camera, &[0.5; 64], kind, **range, plane).is_some();
+                    let is_taken = |range: &&(f64, f64)| {
+                        window_import_on(camera, &[0.5; 64], kind, **range, plane).is_some()
+                    };
                     ranges.iter().filter(is_taken).count()
                 };
                 let kinds = [DepthKind::WindowDepth, DepthKind::ReversedWindowDepth];
@@ -158,20 +173,33 @@ pub(super) fn cases() -> Vec<Case> {
             measure: |seed| {
                 let mut dice = Dice::new(seed, 45);
                 let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
-                largest([(DepthKind::WindowDepth, 1.0), (DepthKind::ReversedWindowDepth, 0.0)].map(
-                    |(kind, far_plane)| {
+                largest(
+                    [
+                        (DepthKind::WindowDepth, 1.0),
+                        (DepthKind::ReversedWindowDepth, 0.0),
+                    ]
+                    .map(|(kind, far_plane)| {
                         let background = [far_plane, 1.5, -0.25, f32::NAN, f32::INFINITY];
                         let depth: Vec<f32> = (0..64)
-                            .map(|i| if i % 2 == 0 { 0.5 } else { background[dice.below(5) as usize] })
+                            .map(|i| {
+                                if i % 2 == 0 {
+                                    0.5
+                                } else {
+                                    background[dice.below(5) as usize]
+                                }
+                            })
                             .collect();
                         let sprite = window_import(camera, &depth, kind, (0.5, 20.0))?;
                         // Unknown depths take those of their neighbours: all are those of 0.5.
                         let known = sprite.eye_depth(0, 0)?;
-                        let off =
-                            |i: u32| sprite.eye_depth(i % 8, i / 8).is_none_or(|z| (z / known - 1.0).abs() > 1e-3);
+                        let off = |i: u32| {
+                            sprite
+                                .eye_depth(i % 8, i / 8)
+                                .is_none_or(|z| (z / known - 1.0).abs() > 1e-3)
+                        };
                         Some((0..64).filter(|i| off(*i)).count() as f64)
-                    },
-                ))
+                    }),
+                )
             },
         },
         Case {
@@ -235,7 +263,10 @@ fn f32_along_rows(seed: u64) -> Option<f64> {
                 let half = f64::from(SIZE) / 2.0;
                 // w = Z2 / Z1: below a quarter a sample is four times nearer to the eye than to the centre.
                 if exact.z > 0.25 && x.abs() < half && y.abs() < half {
-                    let off = [f64::from(found.x / found.z) - x, f64::from(found.y / found.z) - y];
+                    let off = [
+                        f64::from(found.x / found.z) - x,
+                        f64::from(found.y / found.z) - y,
+                    ];
                     worst = worst.max(off[0].abs()).max(off[1].abs());
                 }
             }
@@ -251,7 +282,10 @@ fn window_import(
     window_range_m: (f64, f64),
 ) -> Option<headbox_sprite::SpriteWithDepth> {
     // In the middle of the range of inverse depths, where displacements are smallest.
-    let plane = Some(SpritePlane::parallel_to_image(&camera, 2.0 / (1.0 / window_range_m.0 + 1.0 / window_range_m.1)));
+    let plane = Some(SpritePlane::parallel_to_image(
+        &camera,
+        2.0 / (1.0 / window_range_m.0 + 1.0 / window_range_m.1),
+    ));
     window_import_on(camera, depth, kind, window_range_m, plane)
 }
 
@@ -264,7 +298,17 @@ fn window_import_on(
 ) -> Option<headbox_sprite::SpriteWithDepth> {
     let color = RgbaImage::from_pixel(camera.width(), camera.height(), Rgba([200, 100, 50, 255]));
     let format = DisplacementFormat::F32;
-    DepthImport { color, camera, depth, depth_kind, window_range_m, plane, format }.build().ok()
+    DepthImport {
+        color,
+        camera,
+        depth,
+        depth_kind,
+        window_range_m,
+        plane,
+        format,
+    }
+    .build()
+    .ok()
 }
 
 /// Error of eye depths over a step of a buffer of so many bits, 24 if it is not said; in that case nothing is rounded but to
@@ -273,27 +317,52 @@ fn window_depths(seed: u64, kind: DepthKind, bits: Option<u32>) -> Option<f64> {
     let steps = f64::from((1u32 << bits.unwrap_or(24)) - 1);
     let mut dice = Dice::new(seed, 44);
     let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
-    largest([(0.5, 0.500_1), (0.001, 1e5), (0.1, f64::INFINITY), (1.0, 20.0)].map(|(near, far)| {
-        let reversed = kind == DepthKind::ReversedWindowDepth;
-        let share = |z: f64| {
-            if reversed { (near / z - near / far) / (1.0 - near / far) } else { (1.0 - near / z) / (1.0 - near / far) }
-        };
-        let depths: Vec<f64> = (0..64).map(|_| near / dice.between(near / far.min(1e6), 1.0).max(1e-6)).collect();
-        // The far plane's own code is background.
-        let least = if reversed { 1.0 } else { 0.0 };
-        let stored = |z: f64| {
-            if bits.is_some() { (share(z) * steps).round().clamp(least, steps - 1.0 + least) / steps } else { share(z) }
-        };
-        let [low, high] = if reversed { [f32::MIN_POSITIVE, 1.0] } else { [0.0, 0.999_999_94] };
-        let window: Vec<f32> = depths.iter().map(|&z| (stored(z) as f32).clamp(low, high)).collect();
-        let sprite = window_import(camera, &window, kind, (near, far))?;
-        largest(depths.iter().enumerate().map(|(i, &z)| {
-            // In inverse depth, where a step is the same everywhere: (1 - near / far) / near / 2^bits.
-            let step = (1.0 - near / far) / near / steps;
-            let found = sprite.eye_depth(i as u32 % 8, i as u32 / 8)?;
-            Some((1.0 / found - 1.0 / z).abs() / step)
-        }))
-    }))
+    largest(
+        [
+            (0.5, 0.500_1),
+            (0.001, 1e5),
+            (0.1, f64::INFINITY),
+            (1.0, 20.0),
+        ]
+        .map(|(near, far)| {
+            let reversed = kind == DepthKind::ReversedWindowDepth;
+            let share = |z: f64| {
+                if reversed {
+                    (near / z - near / far) / (1.0 - near / far)
+                } else {
+                    (1.0 - near / z) / (1.0 - near / far)
+                }
+            };
+            let depths: Vec<f64> = (0..64)
+                .map(|_| near / dice.between(near / far.min(1e6), 1.0).max(1e-6))
+                .collect();
+            // The far plane's own code is background.
+            let least = if reversed { 1.0 } else { 0.0 };
+            let stored = |z: f64| {
+                if bits.is_some() {
+                    (share(z) * steps).round().clamp(least, steps - 1.0 + least) / steps
+                } else {
+                    share(z)
+                }
+            };
+            let [low, high] = if reversed {
+                [f32::MIN_POSITIVE, 1.0]
+            } else {
+                [0.0, 0.999_999_94]
+            };
+            let window: Vec<f32> = depths
+                .iter()
+                .map(|&z| (stored(z) as f32).clamp(low, high))
+                .collect();
+            let sprite = window_import(camera, &window, kind, (near, far))?;
+            largest(depths.iter().enumerate().map(|(i, &z)| {
+                // In inverse depth, where a step is the same everywhere: (1 - near / far) / near / 2^bits.
+                let step = (1.0 - near / far) / near / steps;
+                let found = sprite.eye_depth(i as u32 % 8, i as u32 / 8)?;
+                Some((1.0 / found - 1.0 / z).abs() / step)
+            }))
+        }),
+    )
 }
 
 /// Cells along an edge of [`finely_cut_cube`].
@@ -301,18 +370,26 @@ const CELLS: u32 = 12;
 
 /// A closed cube of `2 * 6 * CELLS^2` triangles.
 fn finely_cut_cube(half: f64) -> Scene {
-    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
     for face in Face::ALL {
         let first = scene.positions.len() as u32;
         for i in 0..(CELLS + 1) * (CELLS + 1) {
             let at = |k: u32| f64::from(k) / f64::from(CELLS) * 2.0;
-            scene.positions.push(face.direction(at(i % (CELLS + 1)), at(i / (CELLS + 1)), 2) * half);
+            scene
+                .positions
+                .push(face.direction(at(i % (CELLS + 1)), at(i / (CELLS + 1)), 2) * half);
         }
         for (x, y) in (0..CELLS).flat_map(|y| (0..CELLS).map(move |x| (x, y))) {
             let corner = |dx: u32, dy: u32| first + (y + dy) * (CELLS + 1) + x + dx;
             let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
             for vertices in [[a, b, c], [a, c, d]] {
-                scene.triangles.push(Triangle { vertices, material: 0 });
+                scene.triangles.push(Triangle {
+                    vertices,
+                    material: 0,
+                });
             }
         }
     }
@@ -333,7 +410,12 @@ fn leaking_rays(seed: u64) -> Option<f64> {
         let target = a + (b - a) * t;
         let origin = dice.in_cube(half * 0.9);
         let direction = (target - origin).as_vec3();
-        let ray = Ray { origin: origin.as_vec3(), direction, t_min: 0.0, t_max: f32::INFINITY };
+        let ray = Ray {
+            origin: origin.as_vec3(),
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         leaks += u32::from(tracer.closest(&ray).is_none());
     }
     Some(f64::from(leaks))
@@ -347,13 +429,19 @@ fn parallel_rays(seed: u64) -> Option<f64> {
     let mut leaks = 0;
     for _ in 0..2_000 {
         // As vertices are computed, but for those on the cube's own faces.
-        let plane =
-            |dice: &mut Dice| ((f64::from(1 + dice.below(CELLS - 1)) / f64::from(CELLS) * 2.0 - 1.0) * half) as f32;
+        let plane = |dice: &mut Dice| {
+            ((f64::from(1 + dice.below(CELLS - 1)) / f64::from(CELLS) * 2.0 - 1.0) * half) as f32
+        };
         let origin = Vec3::new(plane(&mut dice), plane(&mut dice), plane(&mut dice));
         let zero = |dice: &mut Dice| if dice.below(2) == 0 { 0.0 } else { -0.0f32 };
         let mut direction = Vec3::new(zero(&mut dice), zero(&mut dice), zero(&mut dice));
         direction[dice.below(3) as usize] = if dice.below(2) == 0 { 1.0 } else { -1.0 };
-        let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+        let ray = Ray {
+            origin,
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         leaks += u32::from(tracer.closest(&ray).is_none());
     }
     Some(f64::from(leaks))
@@ -367,10 +455,12 @@ mod tests {
     fn a_known_window_depth_is_a_known_depth() {
         let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [1, 1]).expect("valid");
         // near 1, far 3: Z = 1.5 has z = (1 - 2/3) / (2/3) = 0.5.
-        let sprite = window_import(camera, &[0.5], DepthKind::WindowDepth, (1.0, 3.0)).expect("valid");
+        let sprite =
+            window_import(camera, &[0.5], DepthKind::WindowDepth, (1.0, 3.0)).expect("valid");
         assert!((sprite.eye_depth(0, 0).expect("in front") - 1.5).abs() < 1e-6);
         // Reversed, 0.25 is as far as 0.75 is: Z = 2 has z = (1 - 1/2) / (2/3).
-        let sprite = window_import(camera, &[0.25], DepthKind::ReversedWindowDepth, (1.0, 3.0)).expect("valid");
+        let sprite = window_import(camera, &[0.25], DepthKind::ReversedWindowDepth, (1.0, 3.0))
+            .expect("valid");
         assert!((sprite.eye_depth(0, 0).expect("in front") - 2.0).abs() < 1e-6);
     }
 }

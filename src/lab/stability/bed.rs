@@ -1,24 +1,24 @@
 //! What the cases share: chance, small captures, small LDIs, comparisons.
 
-use headbox_trace::light::Lighting;
-use headbox_core::random::Rng;
-use headbox_core::cube_face::Face;
-use headbox_scene::scene::Scene;
-use headbox_trace::bvh::Tracer;
+use glam::{DVec3, Vec3};
 use headbox_core::camera::{Camera, CameraError};
+use headbox_core::cube_face::Face;
 use headbox_core::environment::Environment;
 use headbox_core::frame::Frame;
-use headbox_ldi::job::CaptureJob;
-use headbox_cube::model::parameters::CaptureParameters;
-use headbox_ldi::settings::Resources;
+use headbox_core::progress::Silent;
+use headbox_core::random::Rng;
 use headbox_cube::model::info::CaptureInfo;
+use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_core::progress::Silent;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_ldi::job::CaptureJob;
 use headbox_ldi::scene_source::SceneSource;
-use glam::{DVec3, Vec3};
+use headbox_ldi::settings::Resources;
+use headbox_scene::scene::Scene;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use image::RgbImage;
 use std::sync::{Arc, LazyLock};
 
@@ -27,7 +27,9 @@ pub(super) struct Dice(Rng);
 
 impl Dice {
     pub(super) fn new(seed: u64, stream: u64) -> Self {
-        Self(Rng::keyed(seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+        Self(Rng::keyed(
+            seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15),
+        ))
     }
 
     pub(super) fn bits(&mut self) -> u64 {
@@ -57,7 +59,12 @@ impl Dice {
 }
 
 /// Captures a scene without light about a centre: small and quick.
-pub(super) fn capture(scene: Arc<Scene>, centre: DVec3, half_size_m: f64, face_size_px: u32) -> Option<CubeLdi> {
+pub(super) fn capture(
+    scene: Arc<Scene>,
+    centre: DVec3,
+    half_size_m: f64,
+    face_size_px: u32,
+) -> Option<CubeLdi> {
     capture_with(scene, centre, half_size_m, face_size_px, (8, 12))
 }
 
@@ -70,12 +77,19 @@ fn capture_with(
 ) -> Option<CubeLdi> {
     let job = CaptureJob {
         face_size_px,
-        parameters: CaptureParameters { seed: 1, ..CaptureParameters::unlit(strata, rays) },
+        parameters: CaptureParameters {
+            seed: 1,
+            ..CaptureParameters::unlit(strata, rays)
+        },
         ..CaptureJob::new(SceneSource::new("stability"), centre, half_size_m)
     };
     let tracer = Tracer::new(scene, centre);
     let lighting = Lighting::of_scene(&tracer, 0);
-    Some(job.run(&tracer, &lighting, &Resources::default(), &Silent).ok()?.0)
+    Some(
+        job.run(&tracer, &lighting, &Resources::default(), &Silent)
+            .ok()?
+            .0,
+    )
 }
 
 /// Packs in the default layout.
@@ -87,10 +101,22 @@ pub(super) fn pack(ldi: &CubeLdi) -> Option<PackedCube> {
 pub(super) static ROOM: LazyLock<Option<TestBed>> = LazyLock::new(|| {
     let scene = Arc::new(headbox_scenes::build("interior", 0)?);
     let headbox = scene.headbox?;
-    let ldi = capture_with(Arc::clone(&scene), headbox.centre, headbox.half_size_m, 128, (12, 8))?;
+    let ldi = capture_with(
+        Arc::clone(&scene),
+        headbox.centre,
+        headbox.half_size_m,
+        128,
+        (12, 8),
+    )?;
     let cube = pack(&ldi)?;
     let tracer = Tracer::new(scene, headbox.centre);
-    Some(TestBed { centre: headbox.centre, half: headbox.half_size_m, ldi, cube, tracer })
+    Some(TestBed {
+        centre: headbox.centre,
+        half: headbox.half_size_m,
+        ldi,
+        cube,
+        tracer,
+    })
 });
 
 /// A captured room.
@@ -116,7 +142,12 @@ impl TestBed {
 }
 
 /// A camera that looks along a direction.
-pub(super) fn look(eye: DVec3, forward: DVec3, fov_deg: f64, [width, height]: [u32; 2]) -> Result<Camera, CameraError> {
+pub(super) fn look(
+    eye: DVec3,
+    forward: DVec3,
+    fov_deg: f64,
+    [width, height]: [u32; 2],
+) -> Result<Camera, CameraError> {
     Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, [width, height])
 }
 
@@ -139,8 +170,17 @@ pub(super) fn ldi_of(
         }
         all.push(ldi);
     }
-    let info = CaptureInfo { scene: "stability".into(), half_size_m: 0.5, exposure: 1.0, ..CaptureInfo::default() };
-    CubeLdi { info, faces: all, environment: Environment::default() }
+    let info = CaptureInfo {
+        scene: "stability".into(),
+        half_size_m: 0.5,
+        exposure: 1.0,
+        ..CaptureInfo::default()
+    };
+    CubeLdi {
+        info,
+        faces: all,
+        environment: Environment::default(),
+    }
 }
 
 /// An opaque sample that faces the centre of its cube face.
@@ -149,8 +189,16 @@ pub(super) fn sample(face: Face, inverse_depth: f64, [r, g, b]: [u8; 3]) -> Dept
 }
 
 /// An opaque sample.
-pub(super) fn sample_with_normal(normal: Vec3, inverse_depth: f64, [r, g, b]: [u8; 3]) -> DepthPixel {
-    DepthPixel { inverse_depth: inverse_depth as f32, normal: EncodedNormal::new(normal), color_srgb: [r, g, b, 255] }
+pub(super) fn sample_with_normal(
+    normal: Vec3,
+    inverse_depth: f64,
+    [r, g, b]: [u8; 3],
+) -> DepthPixel {
+    DepthPixel {
+        inverse_depth: inverse_depth as f32,
+        normal: EncodedNormal::new(normal),
+        color_srgb: [r, g, b, 255],
+    }
 }
 
 /// Draws a frame.
@@ -160,19 +208,29 @@ pub(super) fn draw(cube: &PackedCube, camera: &Camera, settings: &RenderSettings
 
 /// The settings of a kernel.
 pub(super) fn kernel(kernel: SplatKernel) -> RenderSettings {
-    RenderSettings { kernel, ..RenderSettings::default() }
+    RenderSettings {
+        kernel,
+        ..RenderSettings::default()
+    }
 }
 
 /// Root mean square difference of two frames' channels, levels.
 pub(super) fn rms_levels(a: &Frame, b: &Frame) -> f64 {
-    let squares =
-        a.color.iter().zip(&b.color).flat_map(|(p, q)| (0..3).map(|c| (f64::from(p[c]) - f64::from(q[c])).powi(2)));
+    let squares = a
+        .color
+        .iter()
+        .zip(&b.color)
+        .flat_map(|(p, q)| (0..3).map(|c| (f64::from(p[c]) - f64::from(q[c])).powi(2)));
     (squares.sum::<f64>() / (3 * a.color.len().max(1)) as f64).sqrt()
 }
 
 /// Mean difference of a frame's channels from those of a picture, levels.
 pub(super) fn mean_levels(frame: &Frame, picture: &RgbImage) -> f64 {
-    let of_pixel = |(a, b): (&[u8; 4], &image::Rgb<u8>)| (0..3).map(|c| f64::from(a[c].abs_diff(b.0[c]))).sum::<f64>();
+    let of_pixel = |(a, b): (&[u8; 4], &image::Rgb<u8>)| {
+        (0..3)
+            .map(|c| f64::from(a[c].abs_diff(b.0[c])))
+            .sum::<f64>()
+    };
     let sum: f64 = frame.color.iter().zip(picture.pixels()).map(of_pixel).sum();
     sum / (3 * frame.color.len().max(1)) as f64
 }
@@ -185,5 +243,7 @@ pub(super) fn differing(a: &Frame, b: &Frame, levels: u8) -> usize {
 
 /// The largest of some values; `None` if there are none, or one is missing.
 pub(super) fn largest(values: impl IntoIterator<Item = Option<f64>>) -> Option<f64> {
-    values.into_iter().try_fold(f64::NEG_INFINITY, |a, b| b.map(|b| if b.is_nan() { b } else { a.max(b) }))
+    values.into_iter().try_fold(f64::NEG_INFINITY, |a, b| {
+        b.map(|b| if b.is_nan() { b } else { a.max(b) })
+    })
 }

@@ -2,13 +2,13 @@
 
 use super::Case;
 use super::bed::{Dice, ROOM, draw, largest, ldi_of, look, mean_levels, pack, sample};
+use glam::{DMat3, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
 use headbox_cube::model::samples::CubeLdi;
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::setup::transfer::Transfer;
-use glam::{DMat3, DVec3};
 
 /// What faces of 128 px leave of a furnished room.
 const ROOM_LEVELS: f64 = 16.0;
@@ -67,15 +67,31 @@ pub(super) fn cases() -> Vec<Case> {
                 let mut dice = Dice::new(seed, 31);
                 let cube = pack(&walls(33))?;
                 let (eye, forward) = (dice.in_cube(0.1), dice.direction());
-                largest([[1, 1], [1, 97], [97, 1], [31, 37], [64, 47], [63, 48], [65, 49], [511, 2]].map(|size| {
-                    // The longer side spans 60 degrees.
-                    let focal_px = f64::from(size[0].max(size[1])) * 0.866;
-                    let axes = look(eye, forward, 60.0, size).ok()?.world_from_eye();
-                    let camera = Camera::from_parts(eye, axes, focal_px, size[0], size[1]).ok()?;
-                    let frame = draw(&cube, &camera, &RenderSettings::default());
-                    let expected = size[0] as usize * size[1] as usize;
-                    Some((frame.hole_count() as usize + frame.color.len().abs_diff(expected)) as f64)
-                }))
+                largest(
+                    [
+                        [1, 1],
+                        [1, 97],
+                        [97, 1],
+                        [31, 37],
+                        [64, 47],
+                        [63, 48],
+                        [65, 49],
+                        [511, 2],
+                    ]
+                    .map(|size| {
+                        // The longer side spans 60 degrees.
+                        let focal_px = f64::from(size[0].max(size[1])) * 0.866;
+                        let axes = look(eye, forward, 60.0, size).ok()?.world_from_eye();
+                        let camera =
+                            Camera::from_parts(eye, axes, focal_px, size[0], size[1]).ok()?;
+                        let frame = draw(&cube, &camera, &RenderSettings::default());
+                        let expected = size[0] as usize * size[1] as usize;
+                        Some(
+                            (frame.hole_count() as usize + frame.color.len().abs_diff(expected))
+                                as f64,
+                        )
+                    }),
+                )
             },
         },
         Case {
@@ -89,7 +105,10 @@ pub(super) fn cases() -> Vec<Case> {
                 let forward = dice.direction();
                 largest([1, 2, 3, 15, 16, 17, 63, 64, 65].map(|face_px| {
                     let camera = look(DVec3::ZERO, forward, 70.0, [20, 16]).ok()?;
-                    Some(draw(&pack(&walls(face_px))?, &camera, &RenderSettings::default()).hole_count() as f64)
+                    Some(
+                        draw(&pack(&walls(face_px))?, &camera, &RenderSettings::default())
+                            .hole_count() as f64,
+                    )
                 }))
             },
         },
@@ -104,10 +123,15 @@ pub(super) fn cases() -> Vec<Case> {
                 largest((0..20).map(|_| {
                     let (eye, forward) = (dice.direction() * 1e7, dice.direction());
                     let up = forward + dice.direction() * 10f64.powf(dice.between(-9.0, 0.0));
-                    let camera = Camera::look_at(eye, eye + forward * 1e-3, up, 60.0, [64, 48]).ok()?;
+                    let camera =
+                        Camera::look_at(eye, eye + forward * 1e-3, up, 60.0, [64, 48]).ok()?;
                     let axes = camera.world_from_eye();
                     let off = axes.transpose() * axes - DMat3::IDENTITY;
-                    Some(off.to_cols_array().into_iter().fold(0.0, |m: f64, v| m.max(v.abs())))
+                    Some(
+                        off.to_cols_array()
+                            .into_iter()
+                            .fold(0.0, |m: f64, v| m.max(v.abs())),
+                    )
                 }))
             },
         },
@@ -120,14 +144,20 @@ pub(super) fn cases() -> Vec<Case> {
             measure: |seed| {
                 let mut dice = Dice::new(seed, 34);
                 largest((0..200).map(|_| {
-                    let tie = dice.in_cube(1.0).map(|c| if c.abs() > 0.3 { c.signum() } else { c });
+                    let tie = dice
+                        .in_cube(1.0)
+                        .map(|c| if c.abs() > 0.3 { c.signum() } else { c });
                     let direction = tie + dice.in_cube(1e-15);
                     if direction.length() < 0.1 {
                         return Some(0.0);
                     }
                     let [x, y, depth] = Face::containing(direction).project(direction, 8192);
                     let outside = |c: f64| (-c).max(c - 8192.0).max(0.0);
-                    Some(if depth > 0.0 { outside(x).max(outside(y)) } else { f64::INFINITY })
+                    Some(if depth > 0.0 {
+                        outside(x).max(outside(y))
+                    } else {
+                        f64::INFINITY
+                    })
                 }))
             },
         },
@@ -140,16 +170,29 @@ pub(super) fn cases() -> Vec<Case> {
             measure: |seed| {
                 let mut dice = Dice::new(seed, 35);
                 largest((0..200).map(|_| {
-                    let Random { camera, eye, face, size, transfer } = random_transfer(&mut dice)?;
+                    let Random {
+                        camera,
+                        eye,
+                        face,
+                        size,
+                        transfer,
+                    } = random_transfer(&mut dice)?;
                     let [x, y] = [0, 1].map(|_| dice.between(0.0, f64::from(size)));
                     let q = dice.between(0.01, 2.0);
                     let there = transfer.at(x, y) + transfer.inverse_depth * q;
                     let principal = camera.principal_px();
-                    let by_matrix = [there.x / there.z + principal[0], there.y / there.z + principal[1]];
+                    let by_matrix = [
+                        there.x / there.z + principal[0],
+                        there.y / there.z + principal[1],
+                    ];
                     // Behind the eye, or so near to it that nothing is drawn, there is no pixel to compare.
                     match camera.project(face.direction(x, y, size) / q) {
                         Some([px, py, depth]) if depth * q > 1e-3 && in_frame(&camera, px, py) => {
-                            Some((by_matrix[0] - px).hypot(by_matrix[1] - py).max((there.z - depth * q).abs()))
+                            Some(
+                                (by_matrix[0] - px)
+                                    .hypot(by_matrix[1] - py)
+                                    .max((there.z - depth * q).abs()),
+                            )
                         }
                         _ => Some(if eye.is_finite() { 0.0 } else { f64::INFINITY }),
                     }
@@ -166,7 +209,8 @@ pub(super) fn cases() -> Vec<Case> {
                 let mut dice = Dice::new(seed, 36);
                 largest((0..50).map(|_| {
                     let Random { transfer, .. } = random_transfer(&mut dice)?;
-                    let columns = [transfer.x_step, transfer.y_step, transfer.one].map(DVec3::normalize);
+                    let columns =
+                        [transfer.x_step, transfer.y_step, transfer.one].map(DVec3::normalize);
                     Some(condition(DMat3::from_cols(columns[0], columns[1], columns[2])).log10())
                 }))
             },
@@ -198,7 +242,11 @@ fn color_at(p: DVec3) -> [f64; 3] {
 /// Walls 1 m away on all sides.
 fn walls(face_px: u32) -> CubeLdi {
     ldi_of(face_px, &Face::ALL, |face, x, y| {
-        vec![sample(face, 1.0, color_at(face.direction(x, y, face_px)).map(|c| c.round() as u8))]
+        vec![sample(
+            face,
+            1.0,
+            color_at(face.direction(x, y, face_px)).map(|c| c.round() as u8),
+        )]
     })
 }
 
@@ -214,9 +262,14 @@ fn smooth_wall(seed: u64, fov_deg: f64, face_px: u32) -> Option<f64> {
         let (x, y) = (i as u32 % camera.width(), i as u32 / camera.width());
         let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
         // Where the ray leaves the cube of half-size 1.
-        let t = (0..3).map(|a| (direction[a].signum() - eye[a]) / direction[a]).fold(f64::INFINITY, f64::min);
+        let t = (0..3)
+            .map(|a| (direction[a].signum() - eye[a]) / direction[a])
+            .fold(f64::INFINITY, f64::min);
         let truth = color_at(eye + direction * t);
-        sum += (0..3).map(|c| (f64::from(color[c]) - truth[c]).abs()).sum::<f64>() / 3.0;
+        sum += (0..3)
+            .map(|c| (f64::from(color[c]) - truth[c]).abs())
+            .sum::<f64>()
+            / 3.0;
     }
     Some(sum / frame.color.len() as f64)
 }
@@ -238,7 +291,13 @@ fn random_transfer(dice: &mut Dice) -> Option<Random> {
     // The face is in view: its middle is within 45 degrees of the camera's axis.
     let forward = (face.normal() + dice.in_cube(0.5)).normalize();
     let camera = look(eye, forward, fov, [128, 96]).ok()?;
-    Some(Random { camera, eye, face, size, transfer: Transfer::new(&camera, eye, face, size) })
+    Some(Random {
+        camera,
+        eye,
+        face,
+        size,
+        transfer: Transfer::new(&camera, eye, face, size),
+    })
 }
 
 fn in_frame(camera: &Camera, x: f64, y: f64) -> bool {
@@ -255,10 +314,14 @@ fn condition(matrix: DMat3) -> f64 {
     if p == 0.0 {
         return 1.0;
     }
-    let angle = ((b * (1.0 / p)).determinant() / 2.0).clamp(-1.0, 1.0).acos() / 3.0;
+    let angle = ((b * (1.0 / p)).determinant() / 2.0)
+        .clamp(-1.0, 1.0)
+        .acos()
+        / 3.0;
     let largest = mean + 2.0 * p * angle.cos();
     // The smallest by the determinant, which does not cancel: it is the product of all three.
-    let middle = 3.0 * mean - largest - (mean + 2.0 * p * (angle + 2.0 * std::f64::consts::FRAC_PI_3).cos());
+    let middle =
+        3.0 * mean - largest - (mean + 2.0 * p * (angle + 2.0 * std::f64::consts::FRAC_PI_3).cos());
     let smallest = matrix.determinant().powi(2) / (largest * middle);
     (largest / smallest).sqrt()
 }

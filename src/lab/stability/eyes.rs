@@ -2,13 +2,13 @@
 
 use super::Case;
 use super::bed::{Dice, ROOM, differing, draw, kernel, largest, ldi_of, pack, rms_levels, sample};
+use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::samples::CubeLdi;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{Parallel, RenderSettings, Renderer};
-use glam::{DVec3, dvec3};
 
 pub(super) fn cases() -> Vec<Case> {
     vec![
@@ -23,7 +23,10 @@ pub(super) fn cases() -> Vec<Case> {
                 let room = ROOM.as_ref()?;
                 let (forward, aside) = (dice.direction(), dice.direction() * 1e-12);
                 let [a, b] = [DVec3::ZERO, aside].map(|offset| room.camera(offset, forward, 60.0));
-                Some(rms_levels(&draw(&room.cube, &a?, &default()), &draw(&room.cube, &b?, &default())))
+                Some(rms_levels(
+                    &draw(&room.cube, &a?, &default()),
+                    &draw(&room.cube, &b?, &default()),
+                ))
             },
         },
         Case {
@@ -60,9 +63,18 @@ pub(super) fn cases() -> Vec<Case> {
                 let mut dice = Dice::new(seed, 8);
                 let room = ROOM.as_ref()?;
                 largest((0..4).map(|_| {
-                    let (offset, aside, forward) = (dice.in_cube(0.99), dice.direction() * 1e-6, dice.direction());
-                    let frames = [offset, offset + aside]
-                        .map(|offset| Some(draw(&room.cube, &room.camera(offset, forward, 60.0)?, &default())));
+                    let (offset, aside, forward) = (
+                        dice.in_cube(0.99),
+                        dice.direction() * 1e-6,
+                        dice.direction(),
+                    );
+                    let frames = [offset, offset + aside].map(|offset| {
+                        Some(draw(
+                            &room.cube,
+                            &room.camera(offset, forward, 60.0)?,
+                            &default(),
+                        ))
+                    });
                     let [a, b] = frames;
                     Some(rms_levels(&a?, &b?))
                 }))
@@ -84,8 +96,13 @@ pub(super) fn cases() -> Vec<Case> {
                 let corner = edge.with_z(side(&mut dice));
                 largest([face, edge, corner].map(|offset| {
                     let forward = dice.direction();
-                    let frames = [offset, offset * (1.0 - 1e-9)]
-                        .map(|offset| Some(draw(&room.cube, &room.camera(offset, forward, 70.0)?, &default())));
+                    let frames = [offset, offset * (1.0 - 1e-9)].map(|offset| {
+                        Some(draw(
+                            &room.cube,
+                            &room.camera(offset, forward, 70.0)?,
+                            &default(),
+                        ))
+                    });
                     let [on, within] = frames;
                     Some(rms_levels(&on?, &within?))
                 }))
@@ -102,7 +119,11 @@ pub(super) fn cases() -> Vec<Case> {
                 let room = ROOM.as_ref()?;
                 largest((0..4).map(|_| {
                     let corner = dice.in_cube(1.0).map(|c| if c < 0.0 { -1.0 } else { 1.0 });
-                    let frame = draw(&room.cube, &room.camera(corner, dice.direction(), 60.0)?, &default());
+                    let frame = draw(
+                        &room.cube,
+                        &room.camera(corner, dice.direction(), 60.0)?,
+                        &default(),
+                    );
                     let open = frame.coverage.iter().filter(|c| c.is_hole()).count();
                     Some(100.0 * open as f64 / frame.coverage.len() as f64)
                 }))
@@ -136,7 +157,9 @@ pub(super) fn cases() -> Vec<Case> {
             reason: "The order holds for any eye (C3, C3b, C9).",
             measure: |seed| {
                 order_without_depth_buffer(seed, |dice| {
-                    (0..6).map(|i| dice.direction() * 0.6 * [1.0, 1.5, 2.5, 4.0, 7.0, 10.0][i]).collect()
+                    (0..6)
+                        .map(|i| dice.direction() * 0.6 * [1.0, 1.5, 2.5, 4.0, 7.0, 10.0][i])
+                        .collect()
                 })
             },
         },
@@ -153,10 +176,18 @@ pub(super) fn cases() -> Vec<Case> {
                     let offset = dice.in_cube([1.0, 4.0][i % 2]);
                     let fov = [1.0, 60.0, 120.0, 170.0][dice.below(4) as usize];
                     let camera = room.camera(offset, dice.direction(), fov)?;
-                    let split = [Split::Auto, Split::None, Split::AtDepth(2.0)][dice.below(3) as usize];
+                    let split =
+                        [Split::Auto, Split::None, Split::AtDepth(2.0)][dice.below(3) as usize];
                     let cube = PackedCube::pack(&room.ldi, SplatIndexLayout::Normal, split).ok()?;
-                    let unclipped = RenderSettings { unclipped: true, ..default() };
-                    Some(differing(&draw(&cube, &camera, &default()), &draw(&cube, &camera, &unclipped), 0) as f64)
+                    let unclipped = RenderSettings {
+                        unclipped: true,
+                        ..default()
+                    };
+                    Some(differing(
+                        &draw(&cube, &camera, &default()),
+                        &draw(&cube, &camera, &unclipped),
+                        0,
+                    ) as f64)
                 }))
             },
         },
@@ -187,12 +218,20 @@ pub(super) fn cases() -> Vec<Case> {
                 let room = ROOM.as_ref()?;
                 let camera = room.camera(dice.in_cube(1.0), dice.direction(), 75.0)?;
                 let expected = draw(&room.cube, &camera, &default());
-                largest([(1, 1), (7, 2), (48, 5), (3, 5)].map(|(band_rows, threads)| {
-                    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
-                    let settings = RenderSettings { band_rows, ..default() };
-                    let found = pool.install(|| draw(&room.cube, &camera, &settings));
-                    Some(differing(&expected, &found, 0) as f64)
-                }))
+                largest(
+                    [(1, 1), (7, 2), (48, 5), (3, 5)].map(|(band_rows, threads)| {
+                        let pool = rayon::ThreadPoolBuilder::new()
+                            .num_threads(threads)
+                            .build()
+                            .ok()?;
+                        let settings = RenderSettings {
+                            band_rows,
+                            ..default()
+                        };
+                        let found = pool.install(|| draw(&room.cube, &camera, &settings));
+                        Some(differing(&expected, &found, 0) as f64)
+                    }),
+                )
             },
         },
         Case {
@@ -210,20 +249,35 @@ pub(super) fn cases() -> Vec<Case> {
 fn fragments_against_bands(seed: u64) -> Option<f64> {
     let mut dice = Dice::new(seed, 9);
     let room = ROOM.as_ref()?;
-    let tiny = pack(&ldi_of(3, &Face::ALL, |face, x, y| vec![sample(face, 0.5, [75 * x as u8, 75 * y as u8, 90])]))?;
+    let tiny = pack(&ldi_of(3, &Face::ALL, |face, x, y| {
+        vec![sample(face, 0.5, [75 * x as u8, 75 * y as u8, 90])]
+    }))?;
     let toward = dice.direction();
     let corner_of_pixels = dvec3(8.0 / 64.0, -16.0 / 64.0, 1.0) * 0.5;
-    let eyes =
-        [DVec3::ZERO, dvec3(0.3, 0.0, 0.0), corner_of_pixels, dice.in_cube(0.9), dice.in_cube(0.9), toward * 3.0];
-    largest(eyes.into_iter().flat_map(|offset| [(&room.cube, offset), (&tiny, offset)]).map(|(cube, offset)| {
-        let eye = cube.info.centre + offset * cube.info.half_size_m;
-        let camera = super::bed::look(eye, dice.direction(), 75.0, [64, 48]).ok()?;
-        let expected = draw(cube, &camera, &default());
-        largest([1, 2, 3, 7, 16].map(|count| {
-            let settings = RenderSettings { parallel: Parallel::Fragments(count), ..default() };
-            Some(differing(&expected, &draw(cube, &camera, &settings), 0) as f64)
-        }))
-    }))
+    let eyes = [
+        DVec3::ZERO,
+        dvec3(0.3, 0.0, 0.0),
+        corner_of_pixels,
+        dice.in_cube(0.9),
+        dice.in_cube(0.9),
+        toward * 3.0,
+    ];
+    largest(
+        eyes.into_iter()
+            .flat_map(|offset| [(&room.cube, offset), (&tiny, offset)])
+            .map(|(cube, offset)| {
+                let eye = cube.info.centre + offset * cube.info.half_size_m;
+                let camera = super::bed::look(eye, dice.direction(), 75.0, [64, 48]).ok()?;
+                let expected = draw(cube, &camera, &default());
+                largest([1, 2, 3, 7, 16].map(|count| {
+                    let settings = RenderSettings {
+                        parallel: Parallel::Fragments(count),
+                        ..default()
+                    };
+                    Some(differing(&expected, &draw(cube, &camera, &settings), 0) as f64)
+                }))
+            }),
+    )
 }
 
 /// Pixels that clipping changes in views of an opening from aside, and the largest share of samples in percent that it leaves.
@@ -237,27 +291,54 @@ fn at_a_slant(seed: u64) -> Option<[f64; 2]> {
             return Vec::new();
         }
         let t = (3.0 / -ray.z).min(2.0 / ray.x.abs()).min(2.0 / ray.y.abs());
-        vec![sample(face, 1.0 / t, [(37 * x as u32) as u8, (53 * y as u32) as u8, 60])]
+        vec![sample(
+            face,
+            1.0 / t,
+            [(37 * x as u32) as u8, (53 * y as u32) as u8, 60],
+        )]
     });
     let cube = pack(&ldi)?;
     let [mut changed, mut left] = [0.0f64; 2];
     for _ in 0..6 {
-        let (aside, around) = (dice.between(0.0, 80.0).to_radians(), dice.between(0.0, 360.0).to_radians());
-        let toward = dvec3(aside.sin() * around.cos(), aside.sin() * around.sin(), aside.cos());
+        let (aside, around) = (
+            dice.between(0.0, 80.0).to_radians(),
+            dice.between(0.0, 360.0).to_radians(),
+        );
+        let toward = dvec3(
+            aside.sin() * around.cos(),
+            aside.sin() * around.sin(),
+            aside.cos(),
+        );
         let eye = toward * dice.between(0.3, 1.0);
         let camera = super::bed::look(eye, -toward, 70.0, [96, 72]).ok()?;
-        let corners =
-            [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]].map(|[x, y]| camera.project(dvec3(x, y, 0.0)));
+        let corners = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]
+            .map(|[x, y]| camera.project(dvec3(x, y, 0.0)));
         let span = |axis: usize, size: u32| {
             // A corner behind the eye may show anywhere.
             let ends = corners.map(|corner| corner.map(|c| c[axis]));
-            let least = ends.iter().map(|end| end.unwrap_or(f64::NEG_INFINITY)).fold(f64::INFINITY, f64::min);
-            let most = ends.iter().map(|end| end.unwrap_or(f64::INFINITY)).fold(f64::NEG_INFINITY, f64::max);
-            least.floor().clamp(0.0, f64::from(size)) as u32..most.ceil().clamp(0.0, f64::from(size)) as u32
+            let least = ends
+                .iter()
+                .map(|end| end.unwrap_or(f64::NEG_INFINITY))
+                .fold(f64::INFINITY, f64::min);
+            let most = ends
+                .iter()
+                .map(|end| end.unwrap_or(f64::INFINITY))
+                .fold(f64::NEG_INFINITY, f64::max);
+            least.floor().clamp(0.0, f64::from(size)) as u32
+                ..most.ceil().clamp(0.0, f64::from(size)) as u32
         };
-        let Ok(part) = camera.cropped(span(0, 96), span(1, 72)) else { continue };
-        let unclipped = RenderSettings { unclipped: true, ..default() };
-        changed = changed.max(differing(&draw(&cube, &part, &default()), &draw(&cube, &part, &unclipped), 0) as f64);
+        let Ok(part) = camera.cropped(span(0, 96), span(1, 72)) else {
+            continue;
+        };
+        let unclipped = RenderSettings {
+            unclipped: true,
+            ..default()
+        };
+        changed = changed.max(differing(
+            &draw(&cube, &part, &default()),
+            &draw(&cube, &part, &unclipped),
+            0,
+        ) as f64);
         let counts = Renderer::new().clip_counts(&cube, &part, &default());
         left = left.max(100.0 * counts.kept as f64 / cube.depth_pixel_count() as f64);
     }
@@ -282,7 +363,11 @@ fn through_centre(seed: u64, axis: DVec3, splats: SplatKernel) -> Option<f64> {
             Some(draw(&room.cube, &camera, &kernel(splats)))
         })
         .collect();
-    largest(frames?.windows(2).map(|pair| Some(rms_levels(&pair[0], &pair[1]))))
+    largest(
+        frames?
+            .windows(2)
+            .map(|pair| Some(rms_levels(&pair[0], &pair[1]))),
+    )
 }
 
 /// Pixels a side of the faces of the slabs.
@@ -297,7 +382,9 @@ fn slab_color(face: Face, inverse_depth: f64) -> [u8; 3] {
 
 /// The slab of a colour: its normal, and its distance from the centre, half-sizes; `None` of other colours.
 fn slab_of_color(color: [u8; 4]) -> Option<(DVec3, f64)> {
-    let face = Face::ALL.into_iter().find(|face| 77 + face.index() as u8 == color[2])?;
+    let face = Face::ALL
+        .into_iter()
+        .find(|face| 77 + face.index() as u8 == color[2])?;
     let code = u16::from_le_bytes([color[1], color[0]]);
     Some((face.normal(), 65_535.0 / 4.0 / f64::from(code.max(1))))
 }
@@ -315,19 +402,37 @@ fn order_without_depth_buffer(seed: u64, eyes: impl Fn(&mut Dice) -> Vec<DVec3>)
         // Blocks of 4x4 pixels have a slab or not, so that neighbours are of one surface.
         let block = (x as u64 / 4) + 8 * (y as u64 / 4) + 64 * face.index() as u64;
         let here = |layer: u64| {
-            (pattern ^ (block * 4 + layer).wrapping_mul(0x9e37_79b9_7f4a_7c15)).count_ones().is_multiple_of(3)
+            (pattern ^ (block * 4 + layer).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+                .count_ones()
+                .is_multiple_of(3)
         };
-        let layers = slab.iter().enumerate().filter(|(layer, _)| *layer == 0 || here(*layer as u64));
-        layers.map(|(_, &q)| sample(face, q, slab_color(face, q))).collect()
+        let layers = slab
+            .iter()
+            .enumerate()
+            .filter(|(layer, _)| *layer == 0 || here(*layer as u64));
+        layers
+            .map(|(_, &q)| sample(face, q, slab_color(face, q)))
+            .collect()
     });
     let cube = pack(&ldi)?;
     let (mut wrong, mut all) = (0usize, 0usize);
     for (number, eye) in eyes(&mut dice).into_iter().enumerate() {
-        let forward = if number % 2 == 0 { dice.direction() } else { (dice.in_cube(0.3) - eye).normalize() };
+        let forward = if number % 2 == 0 {
+            dice.direction()
+        } else {
+            (dice.in_cube(0.3) - eye).normalize()
+        };
         let camera = super::bed::look(eye, forward, 80.0, [48, 40]).ok()?;
         let found = draw(&cube, &camera, &kernel(SplatKernel::Opaque));
-        for (pixel, (nearest, shown)) in nearest_centres(&ldi, &camera).into_iter().zip(&found.color).enumerate() {
-            let (Some(nearest_depth), Some((normal, distance))) = (nearest, slab_of_color(*shown)) else { continue };
+        for (pixel, (nearest, shown)) in nearest_centres(&ldi, &camera)
+            .into_iter()
+            .zip(&found.color)
+            .enumerate()
+        {
+            let (Some(nearest_depth), Some((normal, distance))) = (nearest, slab_of_color(*shown))
+            else {
+                continue;
+            };
             all += 1;
             let (x, y) = (pixel as u32 % camera.width(), pixel as u32 / camera.width());
             let ray = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
@@ -345,11 +450,17 @@ fn nearest_centres(ldi: &CubeLdi, camera: &Camera) -> Vec<Option<f64>> {
     let mut nearest: Vec<Option<f64>> = vec![None; width as usize * height as usize];
     for face in &ldi.faces {
         for (x, y) in (0..face.size_px).flat_map(|y| (0..face.size_px).map(move |x| (x, y))) {
-            let ray = face.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px);
+            let ray = face
+                .face
+                .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px);
             for sample in face.pixel(x, y) {
-                let Some([px, py, depth]) = camera.project(ray / f64::from(sample.inverse_depth)) else { continue };
+                let Some([px, py, depth]) = camera.project(ray / f64::from(sample.inverse_depth))
+                else {
+                    continue;
+                };
                 let in_the_middle = |c: f64| (c - c.floor() - 0.5).abs() < 0.3;
-                let inside = px >= 0.0 && py >= 0.0 && px < f64::from(width) && py < f64::from(height);
+                let inside =
+                    px >= 0.0 && py >= 0.0 && px < f64::from(width) && py < f64::from(height);
                 if inside && in_the_middle(px) && in_the_middle(py) {
                     let cell = &mut nearest[py as usize * width as usize + px as usize];
                     *cell = Some(cell.map_or(depth, |nearer| nearer.min(depth)));

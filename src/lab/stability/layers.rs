@@ -2,23 +2,23 @@
 
 use super::Case;
 use super::bed::{Dice, draw, kernel, largest, ldi_of, look, pack, sample, sample_with_normal};
-use headbox_trace::light::Lighting;
-use headbox_core::cube_face::Face;
-use headbox_scene::scene::{Scene, Triangle};
-use headbox_trace::bvh::Tracer;
+use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
-use headbox_scene::material::Material;
-use headbox_ldi::job::CaptureJob;
-use headbox_cube::model::parameters::MergeRule;
+use headbox_core::cube_face::Face;
+use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_ldi::settings::Resources;
+use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::samples::{CubeLdi, DepthPixel};
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_core::progress::Silent;
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_ldi::job::CaptureJob;
 use headbox_ldi::scene_source::SceneSource;
-use glam::{DVec3, dvec3};
+use headbox_ldi::settings::Resources;
+use headbox_scene::material::Material;
+use headbox_scene::scene::{Scene, Triangle};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use std::sync::Arc;
 
 const WALL: [u8; 3] = [200, 100, 50];
@@ -38,7 +38,9 @@ pub(super) fn cases() -> Vec<Case> {
                 let mut dice = Dice::new(seed, 51);
                 let cube = pack(&wall(|dice| -Face::NegZ.normal() + dice.in_cube(0.0), seed))?;
                 largest((0..12).map(|i| {
-                    let gap = [1e-9, 1e-6, 1e-3, 2e-3, 0.01, 0.1, 1.0, 0.0, -1e-9, -1e-3, -0.1, -1.0][i];
+                    let gap = [
+                        1e-9, 1e-6, 1e-3, 2e-3, 0.01, 0.1, 1.0, 0.0, -1e-9, -1e-3, -0.1, -1.0,
+                    ][i];
                     let eye = dvec3(dice.between(-0.2, 0.2), dice.between(-0.2, 0.2), gap - 1.0);
                     foreign_levels(&cube, &look(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?)
                 }))
@@ -61,7 +63,10 @@ pub(super) fn cases() -> Vec<Case> {
                         },
                         seed,
                     ))?;
-                    foreign_levels(&cube, &look(dice.in_cube(0.4), DVec3::NEG_Z, 50.0, [50, 40]).ok()?)
+                    foreign_levels(
+                        &cube,
+                        &look(dice.in_cube(0.4), DVec3::NEG_Z, 50.0, [50, 40]).ok()?,
+                    )
                 }))
             },
         },
@@ -75,7 +80,13 @@ pub(super) fn cases() -> Vec<Case> {
                 let mut dice = Dice::new(seed, 53);
                 let cube = pack(&wall(Dice::direction, seed))?;
                 let eye = dice.in_cube(0.4);
-                let camera = look(eye, dvec3(-eye.x * 0.5, -eye.y * 0.5, -1.0).normalize(), 40.0, [50, 40]).ok()?;
+                let camera = look(
+                    eye,
+                    dvec3(-eye.x * 0.5, -eye.y * 0.5, -1.0).normalize(),
+                    40.0,
+                    [50, 40],
+                )
+                .ok()?;
                 let frame = draw(&cube, &camera, &RenderSettings::default());
                 Some(100.0 * frame.hole_count() as f64 / frame.color.len() as f64)
             },
@@ -90,12 +101,22 @@ pub(super) fn cases() -> Vec<Case> {
                 let mut dice = Dice::new(seed, 54);
                 let ldi = ldi_of(40, &[Face::NegZ], |face, _, _| {
                     (0..20)
-                        .map(|i| sample(face, 7e-4 * 1.5f64.powi(i), if i == 19 { WALL } else { [0, 0, 250] }))
+                        .map(|i| {
+                            sample(
+                                face,
+                                7e-4 * 1.5f64.powi(i),
+                                if i == 19 { WALL } else { [0, 0, 250] },
+                            )
+                        })
                         .collect()
                 });
                 let cube = pack(&ldi)?;
                 let eye = dice.in_cube(0.2);
-                let frame = draw(&cube, &look(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?, &RenderSettings::default());
+                let frame = draw(
+                    &cube,
+                    &look(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?,
+                    &RenderSettings::default(),
+                );
                 Some(frame.color.iter().filter(|c| c[..3] != WALL).count() as f64)
             },
         },
@@ -115,7 +136,8 @@ pub(super) fn cases() -> Vec<Case> {
             reason: "Nothing is drawn, and nothing fails.",
             measure: |seed| {
                 let cube = pack(&ldi_of(16, &[], |_, _, _| vec![]))?;
-                let camera = look(DVec3::ZERO, Dice::new(seed, 56).direction(), 60.0, [20, 10]).ok()?;
+                let camera =
+                    look(DVec3::ZERO, Dice::new(seed, 56).direction(), 60.0, [20, 10]).ok()?;
                 Some((200 - draw(&cube, &camera, &RenderSettings::default()).hole_count()) as f64)
             },
         },
@@ -128,13 +150,30 @@ pub(super) fn cases() -> Vec<Case> {
             measure: |seed| {
                 largest(RULES.map(|rule| {
                     let [once, again] = [1, 3].map(|threads| {
-                        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
-                        pool.install(|| planes(seed, &[(2.0, [0.8, 0.1, 0.1]), (2.000_2, [0.1, 0.1, 0.8])], rule))
+                        let pool = rayon::ThreadPoolBuilder::new()
+                            .num_threads(threads)
+                            .build()
+                            .ok()?;
+                        pool.install(|| {
+                            planes(
+                                seed,
+                                &[(2.0, [0.8, 0.1, 0.1]), (2.000_2, [0.1, 0.1, 0.8])],
+                                rule,
+                            )
+                        })
                     });
                     let (a, b) = (once?, again?);
                     let differ = |(x, y): &(&DepthPixel, &DepthPixel)| x != y;
-                    let pairs = a.faces.iter().zip(&b.faces).flat_map(|(f, g)| f.samples.iter().zip(&g.samples));
-                    let counts = a.faces.iter().zip(&b.faces).map(|(f, g)| f.samples.len().abs_diff(g.samples.len()));
+                    let pairs = a
+                        .faces
+                        .iter()
+                        .zip(&b.faces)
+                        .flat_map(|(f, g)| f.samples.iter().zip(&g.samples));
+                    let counts = a
+                        .faces
+                        .iter()
+                        .zip(&b.faces)
+                        .map(|(f, g)| f.samples.len().abs_diff(g.samples.len()));
                     Some((pairs.filter(differ).count() + counts.sum::<usize>()) as f64)
                 }))
             },
@@ -158,7 +197,11 @@ pub(super) fn cases() -> Vec<Case> {
                 let noise = |_| (2.0 + dice.between(-0.038, 0.038), [0.5; 3]);
                 let ldi = captured(seed, stripes(noise), MergeRule::Average)?;
                 let face = &ldi.faces[Face::NegZ.index()];
-                let occupied = face.offsets.windows(2).filter(|ends| ends[1] > ends[0]).count();
+                let occupied = face
+                    .offsets
+                    .windows(2)
+                    .filter(|ends| ends[1] > ends[0])
+                    .count();
                 Some(face.samples.len() as f64 / occupied.max(1) as f64 - 1.0)
             },
         },
@@ -168,21 +211,36 @@ pub(super) fn cases() -> Vec<Case> {
 /// A wall of one colour, 1 m before the centre.
 fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeLdi {
     let mut dice = Dice::new(seed, 50);
-    ldi_of(40, &[Face::NegZ], |_, _, _| vec![sample_with_normal(normal(&mut dice).as_vec3(), 1.0, WALL)])
+    ldi_of(40, &[Face::NegZ], |_, _, _| {
+        vec![sample_with_normal(normal(&mut dice).as_vec3(), 1.0, WALL)]
+    })
 }
 
 /// How far pixels are from the wall's colour, times their coverage, of all kernels; holes, kept open, must be black.
 fn foreign_levels(cube: &PackedCube, camera: &Camera) -> Option<f64> {
     largest(SplatKernel::ALL.map(|(_, splats)| {
-        let frame = draw(cube, camera, &RenderSettings { keep_holes: true, ..kernel(splats) });
-        largest(frame.color.iter().zip(&frame.coverage).map(|(color, coverage)| {
-            let (expected, share) = match coverage.is_hole() {
-                true => ([0; 3], 1.0),
-                false => (WALL, f64::from(coverage.splat_share()) / 255.0),
-            };
-            let off = (0..3).map(|c| f64::from(color[c].abs_diff(expected[c])));
-            Some(off.fold(0.0, f64::max) * share)
-        }))
+        let frame = draw(
+            cube,
+            camera,
+            &RenderSettings {
+                keep_holes: true,
+                ..kernel(splats)
+            },
+        );
+        largest(
+            frame
+                .color
+                .iter()
+                .zip(&frame.coverage)
+                .map(|(color, coverage)| {
+                    let (expected, share) = match coverage.is_hole() {
+                        true => ([0; 3], 1.0),
+                        false => (WALL, f64::from(coverage.splat_share()) / 255.0),
+                    };
+                    let off = (0..3).map(|c| f64::from(color[c].abs_diff(expected[c])));
+                    Some(off.fold(0.0, f64::max) * share)
+                }),
+        )
     }))
 }
 
@@ -190,10 +248,17 @@ fn sparse_round_trip(seed: u64) -> Option<f64> {
     let mut dice = Dice::new(seed, 55);
     let density = [2, 20, 400][dice.below(3) as usize];
     let ldi = ldi_of(23, &[Face::PosX, Face::NegY, Face::NegZ], |face, _, _| {
-        let layers = if dice.below(density) == 0 { dice.below(4) } else { 0 };
+        let layers = if dice.below(density) == 0 {
+            dice.below(4)
+        } else {
+            0
+        };
         let mut depths: Vec<f64> = (0..layers).map(|_| dice.between(0.05, 1.9)).collect();
         depths.sort_by(f64::total_cmp);
-        depths.into_iter().map(|q| sample(face, q, [dice.bits() as u8, 1, 2])).collect()
+        depths
+            .into_iter()
+            .map(|q| sample(face, q, [dice.bits() as u8, 1, 2]))
+            .collect()
     });
     let mut wrong = 0;
     for layout in [SplatIndexLayout::Normal, SplatIndexLayout::Paper] {
@@ -220,7 +285,11 @@ fn sparse_round_trip(seed: u64) -> Option<f64> {
 }
 
 /// The rules of D1.
-const RULES: [MergeRule; 3] = [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart];
+const RULES: [MergeRule; 3] = [
+    MergeRule::Average,
+    MergeRule::SmallerArea,
+    MergeRule::ColorsApart,
+];
 
 /// Pixels of a captured face.
 const FACE_PX: u32 = 24;
@@ -232,7 +301,8 @@ fn planes(seed: u64, planes: &[(f64, [f32; 3])], merge_rule: MergeRule) -> Optio
     for &(depth, albedo) in planes {
         // A bin is 1 / (half * sqrt(3) * 12) of inverse depth wide: at 2 m, 0.38 m.
         let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-        let corners = corners.map(|(x, y)| dvec3(x * depth, y * depth, -depth + dice.between(-0.02, 0.02)));
+        let corners =
+            corners.map(|(x, y)| dvec3(x * depth, y * depth, -depth + dice.between(-0.02, 0.02)));
         push_square(&mut scene, corners, albedo);
     }
     captured(seed, scene, merge_rule)
@@ -245,7 +315,8 @@ fn stripes(mut look: impl FnMut(u32) -> (f64, [f32; 3])) -> Scene {
     for i in 0..STRIPES {
         let (depth, albedo) = look(i);
         let [left, right] = [i, i + 1].map(|i| (f64::from(2 * i) / f64::from(STRIPES) - 1.0) * 2.0);
-        let corners = [(left, -2.0), (right, -2.0), (right, 2.0), (left, 2.0)].map(|(x, y)| dvec3(x, y, -depth));
+        let corners = [(left, -2.0), (right, -2.0), (right, 2.0), (left, 2.0)]
+            .map(|(x, y)| dvec3(x, y, -depth));
         push_square(&mut scene, corners, albedo);
     }
     scene
@@ -253,16 +324,28 @@ fn stripes(mut look: impl FnMut(u32) -> (f64, [f32; 3])) -> Scene {
 
 fn push_square(scene: &mut Scene, corners: [DVec3; 4], albedo: [f32; 3]) {
     let (first, material) = (scene.positions.len() as u32, scene.materials.len() as u32);
-    scene.materials.push(Material { albedo, ..Material::default() });
+    scene.materials.push(Material {
+        albedo,
+        ..Material::default()
+    });
     scene.positions.extend(corners);
     for vertices in [[0, 1, 2], [0, 2, 3]] {
-        scene.triangles.push(Triangle { vertices: vertices.map(|v: u32| first + v), material });
+        scene.triangles.push(Triangle {
+            vertices: vertices.map(|v: u32| first + v),
+            material,
+        });
     }
 }
 
 /// Share of the pixels within the -Z face, in percent, that do not hold what a rule says of two colours in one bin.
 fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
-    let red_and_blue = |i: u32| if i.is_multiple_of(2) { (2.0, [0.8, 0.1, 0.1]) } else { (2.000_2, [0.1, 0.1, 0.8]) };
+    let red_and_blue = |i: u32| {
+        if i.is_multiple_of(2) {
+            (2.0, [0.8, 0.1, 0.1])
+        } else {
+            (2.000_2, [0.1, 0.1, 0.8])
+        }
+    };
     let ldi = captured(seed, stripes(red_and_blue), rule)?;
     let face = &ldi.faces[Face::NegZ.index()];
     // 0.8 and 0.1 are 230 and 89 in sRGB; their mean 181.
@@ -288,12 +371,20 @@ fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
 fn captured(seed: u64, scene: Scene, merge_rule: MergeRule) -> Option<CubeLdi> {
     let job = CaptureJob {
         face_size_px: FACE_PX,
-        parameters: CaptureParameters { seed, merge_rule, ..CaptureParameters::unlit(6, 8) },
+        parameters: CaptureParameters {
+            seed,
+            merge_rule,
+            ..CaptureParameters::unlit(6, 8)
+        },
         ..CaptureJob::new(SceneSource::new("stability"), DVec3::ZERO, 0.5)
     };
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let lighting = Lighting::of_scene(&tracer, 0);
-    Some(job.run(&tracer, &lighting, &Resources::default(), &Silent).ok()?.0)
+    Some(
+        job.run(&tracer, &lighting, &Resources::default(), &Silent)
+            .ok()?
+            .0,
+    )
 }
 
 #[cfg(test)]

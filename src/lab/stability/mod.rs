@@ -45,9 +45,21 @@ pub struct Worst {
 impl Case {
     /// The largest value over some seeds, at least one.
     pub fn worst(&self, seeds: Range<u64>) -> Worst {
-        let measured = seeds.map(|seed| Worst { value: (self.measure)(seed).unwrap_or(f64::INFINITY), seed });
-        let larger = |a: Worst, b: Worst| if b.value > a.value || b.value.is_nan() { b } else { a };
-        measured.reduce(larger).unwrap_or(Worst { value: f64::INFINITY, seed: 0 })
+        let measured = seeds.map(|seed| Worst {
+            value: (self.measure)(seed).unwrap_or(f64::INFINITY),
+            seed,
+        });
+        let larger = |a: Worst, b: Worst| {
+            if b.value > a.value || b.value.is_nan() {
+                b
+            } else {
+                a
+            }
+        };
+        measured.reduce(larger).unwrap_or(Worst {
+            value: f64::INFINITY,
+            seed: 0,
+        })
     }
 
     /// Whether a value is within the bound; NaN and infinity never are.
@@ -80,7 +92,8 @@ pub fn verdicts(page: &str) -> Option<Vec<(String, bool)>> {
     let rows = page.lines().filter_map(|line| {
         let mut cells = line.strip_prefix("| ")?.split(" | ");
         let (name, measured) = (cells.next()?, cells.next()?);
-        (name != "case" && name != "---").then(|| (name.to_owned(), !measured.ends_with("**exceeded**")))
+        (name != "case" && name != "---")
+            .then(|| (name.to_owned(), !measured.ends_with("**exceeded**")))
     });
     let found: Vec<(String, bool)> = rows.collect();
     (!found.is_empty()).then_some(found)
@@ -96,9 +109,15 @@ pub fn differences(before: &[(String, bool)], now: &[(String, bool)]) -> Vec<Str
     let mut names: Vec<&String> = before.iter().chain(now).map(|(name, _)| name).collect();
     names.sort_unstable();
     names.dedup();
-    let of = |verdicts: &'_ [(String, bool)], name: &String| word(verdicts.iter().find(|(other, _)| other == name));
-    let differs = names.into_iter().filter(|name| of(before, name) != of(now, name));
-    differs.map(|name| format!("{name}: {} before, {} now", of(before, name), of(now, name))).collect()
+    let of = |verdicts: &'_ [(String, bool)], name: &String| {
+        word(verdicts.iter().find(|(other, _)| other == name))
+    };
+    let differs = names
+        .into_iter()
+        .filter(|name| of(before, name) != of(now, name));
+    differs
+        .map(|name| format!("{name}: {} before, {} now", of(before, name), of(now, name)))
+        .collect()
 }
 
 /// What has no case, and why.
@@ -119,7 +138,13 @@ pub fn page(seeds: Range<u64>, mut progress: impl FnMut(&str)) -> (String, bool)
     );
     let mut all_hold = true;
     for (topic, cases) in topics() {
-        let mut table = Table::new(["case", "measured", "bound", "seed", "what, and why this bound"]);
+        let mut table = Table::new([
+            "case",
+            "measured",
+            "bound",
+            "seed",
+            "what, and why this bound",
+        ]);
         for case in cases {
             progress(case.name);
             let worst = case.worst(seeds.clone());
@@ -127,9 +152,19 @@ pub fn page(seeds: Range<u64>, mut progress: impl FnMut(&str)) -> (String, bool)
             all_hold &= holds;
             let measured = format!("{} {}", figure(worst.value), case.unit);
             let verdict = if holds { "" } else { " **exceeded**" };
-            let bound = if case.bound.is_finite() { figure(case.bound) } else { "none: a known limit".into() };
+            let bound = if case.bound.is_finite() {
+                figure(case.bound)
+            } else {
+                "none: a known limit".into()
+            };
             let why = format!("{} *{}*", case.what, case.reason);
-            table.row([case.name, &(measured.trim_end().to_owned() + verdict), &bound, &worst.seed.to_string(), &why]);
+            table.row([
+                case.name,
+                &(measured.trim_end().to_owned() + verdict),
+                &bound,
+                &worst.seed.to_string(),
+                &why,
+            ]);
         }
         // Writing to a string cannot fail.
         let _ = write!(text, "\n## {topic}\n\n{table}");
@@ -149,7 +184,11 @@ mod tests {
         assert_eq!(found, [("a".into(), true), ("b".into(), false)]);
         assert_eq!(verdicts("nothing"), None);
         let now = [("b".to_owned(), true), ("c".to_owned(), true)];
-        let expected = ["a: held before, absent now", "b: exceeded before, held now", "c: absent before, held now"];
+        let expected = [
+            "a: held before, absent now",
+            "b: exceeded before, held now",
+            "c: absent before, held now",
+        ];
         assert_eq!(differences(&found, &now), expected);
         assert!(differences(&found, &found).is_empty());
     }

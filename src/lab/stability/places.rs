@@ -2,14 +2,14 @@
 
 use super::Case;
 use super::bed::{Dice, capture, draw, largest, look, pack, rms_levels};
-use headbox_scene::load::{LoadOptions, load};
-use headbox_scene::scene::Scene;
+use glam::{DVec3, dvec3};
 use headbox_core::file_frame::UpAxis;
-use headbox_trace::bvh::{Ray, Tracer};
+use headbox_cube::render::RenderSettings;
 use headbox_ldi::rays::trace::blocked_share;
 use headbox_scene::camera_path::CameraRecord;
-use headbox_cube::render::RenderSettings;
-use glam::{DVec3, dvec3};
+use headbox_scene::load::{LoadOptions, load};
+use headbox_scene::scene::Scene;
+use headbox_trace::bvh::{Ray, Tracer};
 use std::fmt::Write as _;
 use std::sync::Arc;
 
@@ -152,7 +152,8 @@ pub(super) fn cases() -> Vec<Case> {
                 let camera = look(eye, dice.direction(), 60.0, [640, 480]).ok()?;
                 let frame = headbox_core::file_frame::FileFrame::default();
                 let up = camera.world_from_eye().y_axis;
-                let mut record = CameraRecord::new(camera.eye(), camera.forward(), up, 60.0, &frame);
+                let mut record =
+                    CameraRecord::new(camera.eye(), camera.forward(), up, 60.0, &frame);
                 record.size = Some([640, 480]);
                 let text = serde_json::to_string(&record).ok()?;
                 let read: CameraRecord = serde_json::from_str(&text).ok()?;
@@ -171,8 +172,14 @@ fn steps(seed: u64) -> (DVec3, Vec<(f64, f64)>) {
     let mut dice = Dice::new(seed, 20);
     // Thousandths, so that a decimal in the file is exactly what is meant.
     let mut thousandth = |low: f64, high: f64| (dice.between(low, high) * 1e3).round() / 1e3;
-    let direction = dvec3(thousandth(-1.0, 1.0), thousandth(-1.0, 1.0), thousandth(-1.0, 1.0));
-    let stairs = (0..12).map(|i| (f64::from(i) * 0.1 - 0.6, thousandth(-2.0, -1.0))).collect();
+    let direction = dvec3(
+        thousandth(-1.0, 1.0),
+        thousandth(-1.0, 1.0),
+        thousandth(-1.0, 1.0),
+    );
+    let stairs = (0..12)
+        .map(|i| (f64::from(i) * 0.1 - 0.6, thousandth(-2.0, -1.0)))
+        .collect();
     (direction, stairs)
 }
 
@@ -182,7 +189,12 @@ fn distance_error(scene: Scene, at: DVec3, stairs: &[(f64, f64)]) -> Option<f64>
     let tracer = Tracer::new(Arc::new(scene), centre);
     largest(stairs.iter().map(|&(left, height)| {
         let origin = dvec3(left + 0.05, 0.0, 0.03).as_vec3();
-        let ray = Ray { origin, direction: glam::Vec3::NEG_Y, t_min: 0.0, t_max: f32::INFINITY };
+        let ray = Ray {
+            origin,
+            direction: glam::Vec3::NEG_Y,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         Some((f64::from(tracer.closest(&ray)?.t) - (1.0 - height)).abs())
     }))
 }
@@ -193,7 +205,14 @@ fn offset_in_obj(seed: u64, distance: f64) -> Option<f64> {
     let mut text = String::new();
     for (left, height) in &stairs {
         for (x, z) in [(0.0, -0.2), (0.0, 0.2), (0.1, 0.2), (0.1, -0.2)] {
-            writeln!(text, "v {:.6} {:.6} {:.6}", at.x + left + x, at.y + height, at.z + z).ok()?;
+            writeln!(
+                text,
+                "v {:.6} {:.6} {:.6}",
+                at.x + left + x,
+                at.y + height,
+                at.z + z
+            )
+            .ok()?;
         }
         text += "f -4 -3 -2 -1\n";
     }
@@ -214,9 +233,18 @@ fn offset_in_nodes(seed: u64, distance: f64) -> Option<f64> {
     let nodes: Vec<String> = stairs.iter().enumerate().map(node).collect();
     let all: Vec<String> = (0..nodes.len()).map(|i| i.to_string()).collect();
     // Positions of the corners (0, 0, -0.2), (0, 0, 0.2), (0.1, 0, 0.2), (0.1, 0, -0.2), and six indices.
-    let corners: [[f32; 3]; 4] = [[0.0, 0.0, -0.2], [0.0, 0.0, 0.2], [0.1, 0.0, 0.2], [0.1, 0.0, -0.2]];
+    let corners: [[f32; 3]; 4] = [
+        [0.0, 0.0, -0.2],
+        [0.0, 0.0, 0.2],
+        [0.1, 0.0, 0.2],
+        [0.1, 0.0, -0.2],
+    ];
     let mut bytes: Vec<u8> = bytemuck::cast_slice(&corners).to_vec();
-    bytes.extend([0u16, 1, 2, 0, 2, 3].iter().flat_map(|index| index.to_le_bytes()));
+    bytes.extend(
+        [0u16, 1, 2, 0, 2, 3]
+            .iter()
+            .flat_map(|index| index.to_le_bytes()),
+    );
     let text = format!(
         "{{\"asset\":{{\"version\":\"2.0\"}},\"scene\":0,\"scenes\":[{{\"nodes\":[{}]}}],\"nodes\":[{}],\
          \"meshes\":[{{\"primitives\":[{{\"attributes\":{{\"POSITION\":0}},\"indices\":1}}]}}],\
@@ -239,7 +267,11 @@ fn base64(bytes: &[u8]) -> String {
         let group = at(0) << 16 | at(1) << 8 | at(2);
         for digit in 0..4 {
             let known = digit <= chunk.len();
-            text.push(if known { char::from(DIGITS[(group >> (18 - 6 * digit)) as usize & 63]) } else { '=' });
+            text.push(if known {
+                char::from(DIGITS[(group >> (18 - 6 * digit)) as usize & 63])
+            } else {
+                '='
+            });
         }
     }
     text
@@ -249,7 +281,14 @@ fn load_text(name: &str, text: &str) -> Option<Scene> {
     let folder = tempfile::tempdir().ok()?;
     let path = folder.path().join(name);
     std::fs::write(&path, text).ok()?;
-    load(&path, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(1.0) }).ok()
+    load(
+        &path,
+        &LoadOptions {
+            up: Some(UpAxis::Y),
+            unit_m: Some(1.0),
+        },
+    )
+    .ok()
 }
 
 /// `bump` as it is against the same scaled and moved: root mean square difference of frames, levels.
@@ -260,17 +299,34 @@ fn changed_by(seed: u64, scale: f64, offset: DVec3) -> Option<f64> {
     let place = |p: DVec3| p * scale + offset;
     let mut changed = original.clone();
     changed.positions.iter_mut().for_each(|p| *p = place(*p));
-    let pairs = [(original, 1.0, headbox.centre), (changed, scale, place(headbox.centre))];
-    let (eye, forward) = (dice.in_cube(0.9), (dvec3(0.0, 0.0, -1.0) + dice.in_cube(0.3)).normalize());
+    let pairs = [
+        (original, 1.0, headbox.centre),
+        (changed, scale, place(headbox.centre)),
+    ];
+    let (eye, forward) = (
+        dice.in_cube(0.9),
+        (dvec3(0.0, 0.0, -1.0) + dice.in_cube(0.3)).normalize(),
+    );
     let frames = pairs.map(|(scene, scale, centre)| {
         let half = headbox.half_size_m * scale;
         let cube = pack(&capture(Arc::new(scene), centre, half, 40)?)?;
         // The look-at point is as far as the scene is large.
         let at = centre + eye * half;
-        let camera = headbox_core::camera::Camera::look_at(at, at + forward * half * 8.0, DVec3::Y, 60.0, [64, 48]).ok()?;
+        let camera = headbox_core::camera::Camera::look_at(
+            at,
+            at + forward * half * 8.0,
+            DVec3::Y,
+            60.0,
+            [64, 48],
+        )
+        .ok()?;
         let frame = draw(&cube, &camera, &RenderSettings::default());
         // A frame that shows nothing would agree with any other that does not.
-        let shown = frame.coverage.iter().filter(|c| c.splat_share() > 0).count();
+        let shown = frame
+            .coverage
+            .iter()
+            .filter(|c| c.splat_share() > 0)
+            .count();
         (2 * shown > frame.coverage.len()).then_some(frame)
     });
     let [a, b] = frames;

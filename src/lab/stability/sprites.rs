@@ -2,9 +2,12 @@
 
 use super::Case;
 use super::bed::{Dice, largest, look};
-use headbox_core::camera::Camera;
-use headbox_sprite::{Displacement, DisplacementFormat, Outcome, PreparedSprite, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth};
 use glam::{DVec3, dvec3};
+use headbox_core::camera::Camera;
+use headbox_sprite::{
+    Displacement, DisplacementFormat, Outcome, PreparedSprite, RenderOptions, Sprite, SpriteLayer,
+    SpritePlane, SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth,
+};
 use image::{Rgba, RgbaImage};
 
 const SIZE: u32 = 48;
@@ -26,7 +29,11 @@ pub(super) fn cases() -> Vec<Case> {
                     largest(SpriteVariant::ALL.map(|variant| {
                         let (outcome, frame) = rendered(&sprite, &target, variant);
                         let drawn = frame.pixels().iter().filter(|p| p[3] > 0).count();
-                        Some(if outcome == Outcome::Drawn { 1.0 } else { drawn as f64 })
+                        Some(if outcome == Outcome::Drawn {
+                            1.0
+                        } else {
+                            drawn as f64
+                        })
                     }))
                 }))
             },
@@ -42,13 +49,20 @@ pub(super) fn cases() -> Vec<Case> {
                 largest((0..40).map(|_| {
                     let sprite = sprite(&mut dice, 0.0)?;
                     let height = 10f64.powf(dice.between(-2.7, 0.0));
-                    let target = camera(dvec3(dice.between(-0.5, 0.5), 1.0, -2.0 + height), dvec3(0.0, -1.0, 0.0))?;
-                    let Ok(transfer) = SpriteTransfer::new(sprite.sprite(), &target) else { return Some(0.0) };
+                    let target = camera(
+                        dvec3(dice.between(-0.5, 0.5), 1.0, -2.0 + height),
+                        dvec3(0.0, -1.0, 0.0),
+                    )?;
+                    let Ok(transfer) = SpriteTransfer::new(sprite.sprite(), &target) else {
+                        return Some(0.0);
+                    };
                     let [x, y] = [0, 1].map(|_| dice.between(0.0, f64::from(SIZE)));
                     // The plane is 2 m before the origin, where the sprite was taken.
                     let source = sprite.sprite().camera();
                     let point = source.eye() + source.direction(x, y) * 2.0;
-                    let Some([tx, ty, depth]) = target.project(point) else { return Some(0.0) };
+                    let Some([tx, ty, depth]) = target.project(point) else {
+                        return Some(0.0);
+                    };
                     let frame = 0.0..f64::from(SIZE);
                     if depth < 1e-3 || !frame.contains(&tx) || !frame.contains(&ty) {
                         return Some(0.0);
@@ -56,7 +70,11 @@ pub(super) fn cases() -> Vec<Case> {
                     let there = transfer.target_from_sprite * dvec3(x, y, 1.0);
                     let back = transfer.sprite_from_target * dvec3(tx, ty, 1.0);
                     let [there, back] = [there, back].map(|h| (h.x / h.z, h.y / h.z));
-                    Some((there.0 - tx).hypot(there.1 - ty).max((back.0 - x).hypot(back.1 - y)))
+                    Some(
+                        (there.0 - tx)
+                            .hypot(there.1 - ty)
+                            .max((back.0 - x).hypot(back.1 - y)),
+                    )
                 }))
             },
         },
@@ -71,10 +89,19 @@ pub(super) fn cases() -> Vec<Case> {
                 let sprite = prepared(&mut dice, 0.0)?;
                 let target = camera(dice.in_cube(0.4), DVec3::NEG_Z)?;
                 let (_, flat) = rendered(&sprite, &target, SpriteVariant::Homography);
-                largest([SpriteVariant::OnePass, SpriteVariant::TwoPass].map(|variant| {
-                    let (_, frame) = rendered(&sprite, &target, variant);
-                    Some(frame.pixels().iter().zip(flat.pixels()).filter(|(a, b)| a != b).count() as f64)
-                }))
+                largest(
+                    [SpriteVariant::OnePass, SpriteVariant::TwoPass].map(|variant| {
+                        let (_, frame) = rendered(&sprite, &target, variant);
+                        Some(
+                            frame
+                                .pixels()
+                                .iter()
+                                .zip(flat.pixels())
+                                .filter(|(a, b)| a != b)
+                                .count() as f64,
+                        )
+                    }),
+                )
             },
         },
         Case {
@@ -95,7 +122,10 @@ pub(super) fn cases() -> Vec<Case> {
                 let mut dice = Dice::new(seed, 65);
                 let sprite = prepared(&mut dice, 0.8)?;
                 largest(SpriteVariant::ALL.map(|variant| {
-                    let target = camera(dice.in_cube(1.5), (DVec3::NEG_Z + dice.in_cube(0.5)).normalize())?;
+                    let target = camera(
+                        dice.in_cube(1.5),
+                        (DVec3::NEG_Z + dice.in_cube(0.5)).normalize(),
+                    )?;
                     let (_, frame) = rendered(&sprite, &target, variant);
                     let excess = |p: &&[u8; 4]| p[..3].iter().any(|c| *c > p[3]);
                     Some(frame.pixels().iter().filter(excess).count() as f64)
@@ -111,12 +141,20 @@ pub(super) fn cases() -> Vec<Case> {
             measure: |seed| {
                 let mut dice = Dice::new(seed, 66);
                 let sprite = sprite(&mut dice, 0.0)?;
-                let target = camera(dice.in_cube(0.4), (DVec3::NEG_Z + dice.in_cube(0.2)).normalize())?;
+                let target = camera(
+                    dice.in_cube(0.4),
+                    (DVec3::NEG_Z + dice.in_cube(0.2)).normalize(),
+                )?;
                 let t = SpriteTransfer::new(sprite.sprite(), &target).ok()?;
                 largest((0..200).map(|_| {
-                    let (x, y) = (dice.between(0.0, f64::from(SIZE)), dice.between(0.0, f64::from(SIZE)));
+                    let (x, y) = (
+                        dice.between(0.0, f64::from(SIZE)),
+                        dice.between(0.0, f64::from(SIZE)),
+                    );
                     let d = dice.between(-0.05, 0.05);
-                    let Some([x2, y2]) = t.forward(x, y, d) else { return Some(0.0) };
+                    let Some([x2, y2]) = t.forward(x, y, d) else {
+                        return Some(0.0);
+                    };
                     // w3 and the de-homogenised first term: (x1, y1) = (x3, y3, 1) - (d / w3) e*.
                     let w3 = 1.0 + d * t.epipole_in_sprite.z;
                     let h = t.sprite_from_target * dvec3(x2, y2, 1.0);
@@ -134,20 +172,36 @@ fn camera(eye: DVec3, forward: DVec3) -> Option<Camera> {
 
 /// A sprite on the plane z = -2, seen from the origin, its displacements at random up to `steepness` of the way to the eye.
 fn sprite(dice: &mut Dice, steepness: f64) -> Option<SpriteWithDepth> {
-    let color = RgbaImage::from_fn(SIZE, SIZE, |x, y| Rgba([(x * 5) as u8, (y * 5) as u8, 128, 255]));
+    let color = RgbaImage::from_fn(SIZE, SIZE, |x, y| {
+        Rgba([(x * 5) as u8, (y * 5) as u8, 128, 255])
+    });
     let plane = SpritePlane::through(dvec3(0.0, 0.0, -2.0), DVec3::Z);
     let sprite = Sprite::new(color, camera(DVec3::ZERO, DVec3::NEG_Z)?, plane).ok()?;
-    let values: Vec<f32> = (0..SIZE * SIZE).map(|_| dice.between(-steepness, steepness) as f32).collect();
-    SpriteWithDepth::new(sprite, Displacement::new(SIZE, SIZE, &values, DisplacementFormat::I8).ok()?).ok()
+    let values: Vec<f32> = (0..SIZE * SIZE)
+        .map(|_| dice.between(-steepness, steepness) as f32)
+        .collect();
+    SpriteWithDepth::new(
+        sprite,
+        Displacement::new(SIZE, SIZE, &values, DisplacementFormat::I8).ok()?,
+    )
+    .ok()
 }
 
 fn prepared(dice: &mut Dice, steepness: f64) -> Option<PreparedSprite> {
     Some(PreparedSprite::new(sprite(dice, steepness)?))
 }
 
-fn rendered(sprite: &PreparedSprite, target: &Camera, variant: SpriteVariant) -> (Outcome, SpriteLayer) {
+fn rendered(
+    sprite: &PreparedSprite,
+    target: &Camera,
+    variant: SpriteVariant,
+) -> (Outcome, SpriteLayer) {
     let mut frame = SpriteLayer::default();
-    let options = RenderOptions { variant, sampling: SpriteSampling::Nearest, ..RenderOptions::default() };
+    let options = RenderOptions {
+        variant,
+        sampling: SpriteSampling::Nearest,
+        ..RenderOptions::default()
+    };
     let outcome = SpriteRenderer::new().render(sprite, target, &options, &mut frame);
     (outcome, frame)
 }
@@ -156,21 +210,36 @@ fn folding(seed: u64) -> Option<f64> {
     let mut dice = Dice::new(seed, 64);
     const STRIP: std::ops::Range<u32> = 20..28;
     let color = RgbaImage::from_fn(SIZE, SIZE, |x, _| {
-        if STRIP.contains(&x) { Rgba([250, 0, 0, 255]) } else { Rgba([0, 0, 250, 255]) }
+        if STRIP.contains(&x) {
+            Rgba([250, 0, 0, 255])
+        } else {
+            Rgba([0, 0, 250, 255])
+        }
     });
     let plane = SpritePlane::through(dvec3(0.0, 0.0, -2.0), DVec3::Z);
     let sprite = Sprite::new(color, camera(DVec3::ZERO, DVec3::NEG_Z)?, plane).ok()?;
     // d = (Z_plane - Z) / Z of the strip.
     let near = dice.between(0.3, 0.8);
-    let values: Vec<f32> =
-        (0..SIZE * SIZE).map(|i| if STRIP.contains(&(i % SIZE)) { near as f32 } else { 0.0 }).collect();
+    let values: Vec<f32> = (0..SIZE * SIZE)
+        .map(|i| {
+            if STRIP.contains(&(i % SIZE)) {
+                near as f32
+            } else {
+                0.0
+            }
+        })
+        .collect();
     let displacement = Displacement::new(SIZE, SIZE, &values, DisplacementFormat::F32).ok()?;
     let sprite = SpriteWithDepth::new(sprite, displacement).ok()?;
     let target = camera(dvec3(dice.between(-0.4, 0.4), 0.0, 0.0), DVec3::NEG_Z)?;
     let transfer = SpriteTransfer::new(sprite.sprite(), &target).ok()?;
     let [left, _] = transfer.forward(f64::from(STRIP.start) + 2.0, 24.0, near)?;
     let [right, _] = transfer.forward(f64::from(STRIP.end) - 2.0, 24.0, near)?;
-    let (_, frame) = rendered(&PreparedSprite::new(sprite), &target, SpriteVariant::TwoPass);
+    let (_, frame) = rendered(
+        &PreparedSprite::new(sprite),
+        &target,
+        SpriteVariant::TwoPass,
+    );
     let inside = |x: u32| (left..right).contains(&(f64::from(x) + 0.5));
     let wrong = |i: u32| inside(i % SIZE) && frame.pixels()[i as usize][0] < 200;
     Some((0..SIZE * SIZE).filter(|i| wrong(*i)).count() as f64)

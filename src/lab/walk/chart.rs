@@ -1,8 +1,8 @@
 //! Frame time along the path: figure 6 of R (R-N4), with primary rays beside it.
 
 use super::WalkReport;
+use crate::chart::{Axis, Chart, ChartPoint, Series};
 use headbox_core::statistics::median;
-use crate::chart::{Axis, Chart, ChartPoint, Series, Spacing};
 
 /// Lines of the chart, where the ways are among those measured: geometry, then the figure's others, then the default.
 const LINES: [&str; 4] = ["geometry", "texture", "ldi", "window-ldi"];
@@ -21,7 +21,11 @@ impl WalkReport {
         let lines = of_ways.chain([rays]).enumerate();
         let series = lines.map(|(color, (name, ms))| Series {
             name: name.into(),
-            points: ms.iter().enumerate().map(|(pose, _)| point(ms, pose)).collect(),
+            points: ms
+                .iter()
+                .enumerate()
+                .map(|(pose, _)| point(ms, pose))
+                .collect(),
             joined: true,
             hollow: false,
             color,
@@ -29,9 +33,18 @@ impl WalkReport {
         let [width, height] = self.size;
         Chart {
             title: format!("{}: frame time along the path", self.scene),
-            note: format!("running median of {SMOOTHED} poses; {width}x{height}, {} threads", self.threads),
-            x: Axis { name: "pose".into(), spacing: Spacing::Linear },
-            y: Axis { name: "frame, ms".into(), spacing: Spacing::Logarithmic },
+            note: format!(
+                "Running median of {SMOOTHED} poses; {width}x{height}, {} threads",
+                self.threads
+            ),
+            x: Axis {
+                name: "pose".into(),
+                is_logarithmic: false,
+            },
+            y: Axis {
+                name: "time per frame, ms".into(),
+                is_logarithmic: true,
+            },
             series: series.collect(),
             front: Vec::new(),
         }
@@ -42,5 +55,9 @@ impl WalkReport {
 fn point(ms: &[f64], pose: usize) -> ChartPoint {
     let around = &ms[pose.saturating_sub(SMOOTHED / 2)..ms.len().min(pose + SMOOTHED / 2 + 1)];
     let median = median(around.iter().copied()).unwrap_or(f64::NAN);
-    ChartPoint { at: [pose as f64, median], name: String::new(), spread: None }
+    ChartPoint {
+        at: [pose as f64, median],
+        name: String::new(),
+        spread: None,
+    }
 }

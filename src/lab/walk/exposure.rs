@@ -10,21 +10,21 @@
 //! frame, each pixel the mean of those of the large truth, is wrong too; both are reported beside the other.
 
 use super::{MeasureError, MeasureSettings, has_depth, share};
-use headbox_model::PortalModel;
-use headbox_trace::sampler::random4;
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::color::linear_from_srgb8;
 use headbox_core::frame::{Coverage, Frame};
+use headbox_core::progress::Progress;
+use headbox_cube::render::RenderSettings;
+use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_house::backdrop::BackdropKind;
 use headbox_house::house::{House, HouseError};
 use headbox_house::settings::{Near, WalkSettings};
 use headbox_house::store::Store;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk::Walker;
-use headbox_core::progress::Progress;
+use headbox_model::PortalModel;
 use headbox_raster::Seen;
-use headbox_cube::render::RenderSettings;
-use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_trace::sampler::random4;
 use serde::{Deserialize, Serialize};
 
 /// A pixel whose colour differs by more than this (sRGB levels) in a channel shows another surface: materials are 60 apart.
@@ -63,8 +63,12 @@ pub(super) fn errors(
     progress: &dyn Progress,
 ) -> Result<Vec<ExposureRow>, MeasureError> {
     let house = false_colors(house)?;
-    let kinds: Vec<BackdropKind> =
-        settings.variants.iter().filter_map(|v| v.kind).filter(|kind| has_depth(*kind)).collect();
+    let kinds: Vec<BackdropKind> = settings
+        .variants
+        .iter()
+        .filter_map(|v| v.kind)
+        .filter(|kind| has_depth(*kind))
+        .collect();
     progress.begin("exposure errors", "kinds", kinds.len() as u64);
     let mut rows: Vec<ExposureRow> = Vec::new();
     for kind in kinds {
@@ -83,18 +87,33 @@ fn row(
     kind: BackdropKind,
 ) -> Result<ExposureRow, MeasureError> {
     let store = Store::new(u64::MAX);
-    let warp = RenderSettings { kernel: SplatKernel::Opaque, ..RenderSettings::default() };
-    let drawn = WalkSettings { backdrops: Some(kind), warp, ..HouseVariant::ALL[0].settings() };
+    let warp = RenderSettings {
+        kernel: SplatKernel::Opaque,
+        ..RenderSettings::default()
+    };
+    let drawn = WalkSettings {
+        backdrops: Some(kind),
+        warp,
+        ..HouseVariant::ALL[0].settings()
+    };
     let (mut geometry, mut walker) = (Walker::new(), Walker::new());
     let (mut wrong, mut holes, mut pixels, mut worst) = (0, 0, 0, 0.0f64);
     let (mut by_points, mut perfect_by_points) = (0, 0);
     for of_walk in cameras {
         // The same portals show backdrops as in the walk.
-        let drawn = WalkSettings { near: Near::Distance(drawn.near.distance_m(of_walk)), ..drawn };
+        let drawn = WalkSettings {
+            near: Near::Distance(drawn.near.distance_m(of_walk)),
+            ..drawn
+        };
         let camera = &smaller(of_walk)?;
         Walker::prepare(house, &store, camera, &drawn, &settings.quality)?;
-        let points = geometry.frame(house, &store, camera, &WalkSettings::default()).0.clone();
-        let truth = geometry.frame(house, &store, &larger(camera)?, &WalkSettings::default()).0;
+        let points = geometry
+            .frame(house, &store, camera, &WalkSettings::default())
+            .0
+            .clone();
+        let truth = geometry
+            .frame(house, &store, &larger(camera)?, &WalkSettings::default())
+            .0;
         let stats = walker.frame(house, &store, camera, &drawn).1.clone();
         let shown = walker.last();
         let behind = |pixel: usize| matches!(shown.seen(pixel), Seen::Marker(_));
@@ -105,10 +124,17 @@ fn row(
         if stats.backdrop_pixels * 100 > stats.pixels {
             worst = worst.max(share(of_pose as f64, stats.backdrop_pixels as f64));
         }
-        (wrong, holes, pixels) = (wrong + of_pose, holes + stats.hole_pixels, pixels + stats.backdrop_pixels);
+        (wrong, holes, pixels) = (
+            wrong + of_pose,
+            holes + stats.hole_pixels,
+            pixels + stats.backdrop_pixels,
+        );
     }
     let all = store.all();
-    let samples: u64 = all.iter().map(|(_, backdrop)| backdrop.sample_count()).sum();
+    let samples: u64 = all
+        .iter()
+        .map(|(_, backdrop)| backdrop.sample_count())
+        .sum();
     Ok(ExposureRow {
         name: kind.name().into(),
         wrong_share: share(wrong as f64, pixels as f64),
@@ -124,14 +150,26 @@ fn row(
 fn smaller(camera: &Camera) -> Result<Camera, CameraError> {
     let [width, height] = [camera.width(), camera.height()].map(|pixels| (pixels / SMALLER).max(1));
     let focal_px = camera.focal_px() / f64::from(SMALLER);
-    Camera::from_parts(camera.eye(), camera.world_from_eye(), focal_px, width, height)
+    Camera::from_parts(
+        camera.eye(),
+        camera.world_from_eye(),
+        focal_px,
+        width,
+        height,
+    )
 }
 
 /// The same view in a frame [`SMALLER`] times larger.
 fn larger(camera: &Camera) -> Result<Camera, CameraError> {
     let [width, height] = [camera.width(), camera.height()].map(|pixels| pixels * SMALLER);
     let focal_px = camera.focal_px() * f64::from(SMALLER);
-    Camera::from_parts(camera.eye(), camera.world_from_eye(), focal_px, width, height)
+    Camera::from_parts(
+        camera.eye(),
+        camera.world_from_eye(),
+        focal_px,
+        width,
+        height,
+    )
 }
 
 /// A frame [`SMALLER`] times smaller whose pixels are means of the large one's.
@@ -144,7 +182,11 @@ fn averaged(large: &Frame) -> Frame {
     for (i, mean) in small.color.iter_mut().enumerate() {
         let first = i / width * side * large.width as usize + i % width * side;
         let pixel = |k: usize| large.color[first + k / side * large.width as usize + k % side];
-        let sum = |c: usize| (0..side * side).map(|k| u32::from(pixel(k)[c])).sum::<u32>();
+        let sum = |c: usize| {
+            (0..side * side)
+                .map(|k| u32::from(pixel(k)[c]))
+                .sum::<u32>()
+        };
         *mean = [0, 1, 2, 3].map(|c| (sum(c) / (SMALLER * SMALLER)) as u8);
     }
     small
@@ -152,12 +194,19 @@ fn averaged(large: &Frame) -> Frame {
 
 /// The same house with a colour for each material, and no light.
 fn false_colors(house: &House) -> Result<House, HouseError> {
-    let mut model = PortalModel { scene: (**house.scene()).clone(), ..house.plan().clone() };
+    let mut model = PortalModel {
+        scene: (**house.scene()).clone(),
+        ..house.plan().clone()
+    };
     for (i, material) in (0u32..).zip(&mut model.scene.materials) {
         let hash = random4([i, 1, 2, 3]);
         // Four levels for each channel.
         material.albedo = [0, 1, 2].map(|c| linear_from_srgb8(60 * (hash[c] >> 30) as u8 + 20));
-        (material.albedo_texture, material.emission, material.emission_texture) = (None, [0.0; 3], None);
+        (
+            material.albedo_texture,
+            material.emission,
+            material.emission_texture,
+        ) = (None, [0.0; 3], None);
     }
     model.scene.colors.clear();
     House::new(model)
@@ -168,14 +217,18 @@ fn false_colors(house: &House) -> Result<House, HouseError> {
 fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) -> u64 {
     let width = i64::from(frame.width);
     let times = (i64::from(truth.width) / width.max(1)).max(1);
-    let around = |at: i64, end: u32| ((at - OFF_PX) * times).max(0)..((at + OFF_PX + 1) * times).min(i64::from(end));
+    let around = |at: i64, end: u32| {
+        ((at - OFF_PX) * times).max(0)..((at + OFF_PX + 1) * times).min(i64::from(end))
+    };
     let is_wrong = |pixel: usize| {
         let color = frame.color[pixel];
         let (mut least, mut most) = ([255; 3], [0; 3]);
         for y in around(pixel as i64 / width, truth.height) {
             for x in around(pixel as i64 % width, truth.width) {
                 let other = truth.color[(y * i64::from(truth.width) + x) as usize];
-                (0..3).for_each(|c| (least[c], most[c]) = (other[c].min(least[c]), other[c].max(most[c])));
+                (0..3).for_each(|c| {
+                    (least[c], most[c]) = (other[c].min(least[c]), other[c].max(most[c]))
+                });
             }
         }
         let beyond = |c: usize| {
@@ -184,7 +237,9 @@ fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) ->
         };
         frame.coverage[pixel].is_hole() || (0..3).any(beyond)
     };
-    (0..frame.color.len()).filter(|&pixel| counts(pixel) && is_wrong(pixel)).count() as u64
+    (0..frame.color.len())
+        .filter(|&pixel| counts(pixel) && is_wrong(pixel))
+        .count() as u64
 }
 
 #[cfg(test)]
@@ -195,12 +250,21 @@ mod tests {
     fn mixtures_of_neighbours_are_right_and_other_colours_and_holes_are_wrong() {
         let mut truth = Frame::default();
         truth.reset(8, 3, [20, 20, 20]);
-        truth.color.iter_mut().skip(4).step_by(8).for_each(|color| *color = [200, 20, 20, 255]);
+        truth
+            .color
+            .iter_mut()
+            .skip(4)
+            .step_by(8)
+            .for_each(|color| *color = [200, 20, 20, 255]);
         let mut frame = truth.clone();
         frame.coverage.fill(Coverage::FULL);
         assert_eq!(wrong_pixels(&frame, &truth, |_| true), 0);
         frame.color[8 + 3] = [110, 30, 20, 255];
-        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 0, "between its neighbours");
+        assert_eq!(
+            wrong_pixels(&frame, &truth, |_| true),
+            0,
+            "between its neighbours"
+        );
         frame.color[8 + 1] = [110, 30, 20, 255];
         frame.color[8 + 4] = [200, 80, 20, 255];
         frame.coverage[0] = Coverage::HOLE;
@@ -214,17 +278,41 @@ mod tests {
         truth.reset(8 * SMALLER, 4 * SMALLER, [20, 20, 20]);
         let width = truth.width as usize;
         // A line between the points of a truth of one point a pixel, in column 4.
-        truth.color.iter_mut().skip(4 * SMALLER as usize).step_by(width).for_each(|color| *color = [200, 20, 20, 255]);
+        truth
+            .color
+            .iter_mut()
+            .skip(4 * SMALLER as usize)
+            .step_by(width)
+            .for_each(|color| *color = [200, 20, 20, 255]);
         let mut points = Frame::default();
         points.reset(8, 4, [20, 20, 20]);
         let mut frame = points.clone();
         frame.coverage.fill(Coverage::FULL);
         frame.color[8 + 4] = [200, 20, 20, 255];
-        assert_eq!([wrong_pixels(&frame, &truth, |_| true), wrong_pixels(&frame, &points, |_| true)], [0, 1]);
+        assert_eq!(
+            [
+                wrong_pixels(&frame, &truth, |_| true),
+                wrong_pixels(&frame, &points, |_| true)
+            ],
+            [0, 1]
+        );
         frame.color[8 + 6] = [200, 20, 20, 255];
-        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 1, "two pixels from its place");
+        assert_eq!(
+            wrong_pixels(&frame, &truth, |_| true),
+            1,
+            "two pixels from its place"
+        );
         let perfect = averaged(&truth);
-        assert_eq!(perfect.color[8 + 4], [20 + 180 / SMALLER as u8, 20, 20, 255]);
-        assert_eq!([wrong_pixels(&perfect, &truth, |_| true), wrong_pixels(&perfect, &points, |_| true)], [0, 4]);
+        assert_eq!(
+            perfect.color[8 + 4],
+            [20 + 180 / SMALLER as u8, 20, 20, 255]
+        );
+        assert_eq!(
+            [
+                wrong_pixels(&perfect, &truth, |_| true),
+                wrong_pixels(&perfect, &points, |_| true)
+            ],
+            [0, 4]
+        );
     }
 }

@@ -29,7 +29,10 @@ pub(super) fn layers(store: &Store) -> Vec<LayerRow> {
         BackdropKind::WindowLdi,
         BackdropKind::CellLdi,
     ];
-    kinds.into_iter().filter_map(|kind| row(store, kind)).collect()
+    kinds
+        .into_iter()
+        .filter_map(|kind| row(store, kind))
+        .collect()
 }
 
 fn row(store: &Store, kind: BackdropKind) -> Option<LayerRow> {
@@ -43,7 +46,10 @@ fn row(store: &Store, kind: BackdropKind) -> Option<LayerRow> {
         .flatten()
         .collect();
     let mut layers = [0u64; 4];
-    cubes.iter().flat_map(|cube| &cube.segments).for_each(|segment| count(segment, &mut layers));
+    cubes
+        .iter()
+        .flat_map(|cube| &cube.segments)
+        .for_each(|segment| count(segment, &mut layers));
     let total: u64 = layers.iter().sum();
     (total > 0).then(|| LayerRow {
         name: kind.name().into(),

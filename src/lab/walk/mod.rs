@@ -21,11 +21,13 @@ pub use exposure::ExposureRow;
 pub use layers::LayerRow;
 pub use threads::ThreadRow;
 
-use headbox_core::camera::{Camera, CameraError};
-use headbox_core::frame::Frame;
 use crate::machine::{Machine, commit};
 use crate::stats::{Spread, psnr_of_mse};
 use crate::turns::in_turns;
+use headbox_core::camera::{Camera, CameraError};
+use headbox_core::frame::Frame;
+use headbox_core::progress::{Progress, Silent};
+use headbox_cube::render::RenderSettings;
 use headbox_house::backdrop::{Backdrop, BackdropError, BackdropKind, BackdropQuality};
 use headbox_house::house::{House, HouseError};
 use headbox_house::settings::{WalkSettings, WalkStats};
@@ -33,9 +35,7 @@ use headbox_house::store::Store;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk::Walker;
 use headbox_house::walk_path::WalkPath;
-use headbox_core::progress::{Progress, Silent};
 use headbox_raster::Seen;
-use headbox_cube::render::RenderSettings;
 use headbox_trace::truth;
 use image::{Rgb, RgbImage};
 use serde::{Deserialize, Serialize};
@@ -287,8 +287,13 @@ impl Course {
         camera: &Camera,
         quality: &BackdropQuality,
     ) -> Result<(), BackdropError> {
-        let Some(kind) = self.settings.backdrops else { return Ok(()) };
-        while let Some(at) = Walker::missing(house, store, camera, &self.settings).first().copied() {
+        let Some(kind) = self.settings.backdrops else {
+            return Ok(());
+        };
+        while let Some(at) = Walker::missing(house, store, camera, &self.settings)
+            .first()
+            .copied()
+        {
             let started = Instant::now();
             let backdrop = Backdrop::capture(house, at, kind, quality)?;
             self.capture_s.push(started.elapsed().as_secs_f64());
@@ -303,10 +308,20 @@ impl Course {
 /// The fastest of some frames of every variant.
 fn time_pose(courses: &mut [Course], house: &House, store: &Store, camera: &Camera, repeats: u32) {
     let times = in_turns(courses, repeats.max(1), |_, course| {
-        Some(course.walker.frame(house, store, camera, &course.settings).1.clone())
+        Some(
+            course
+                .walker
+                .frame(house, store, camera, &course.settings)
+                .1
+                .clone(),
+        )
     });
     for (course, times) in courses.iter_mut().zip(times) {
-        course.stats.extend(times.into_iter().min_by(|a, b| a.frame_ms.total_cmp(&b.frame_ms)));
+        course.stats.extend(
+            times
+                .into_iter()
+                .min_by(|a, b| a.frame_ms.total_cmp(&b.frame_ms)),
+        );
     }
 }
 
@@ -318,14 +333,28 @@ fn errors_of_pose(
     camera: &Camera,
     truth_rays: u32,
 ) -> Vec<(&'static str, RgbImage)> {
-    let truth = truth::render(house.tracer(), house.lighting(), false, camera, truth_rays, &Silent).rgb();
+    let truth = truth::render(
+        house.tracer(),
+        house.lighting(),
+        false,
+        camera,
+        truth_rays,
+        &Silent,
+    )
+    .rgb();
     // Which pixels are behind portals is the same for all variants with backdrops; geometry is judged by these too.
     let mut behind: Vec<bool> = Vec::new();
     let mut frames = vec![("truth", truth.clone())];
     for course in courses.iter_mut().rev() {
         // The same frame in one band: what clipping lets through is then counted once.
-        let warp = RenderSettings { band_rows: camera.height(), ..course.settings.warp };
-        let settings = WalkSettings { warp, ..course.settings };
+        let warp = RenderSettings {
+            band_rows: camera.height(),
+            ..course.settings.warp
+        };
+        let settings = WalkSettings {
+            warp,
+            ..course.settings
+        };
         let (frame, stats) = course.walker.frame(house, store, camera, &settings);
         let frame = frame.clone();
         course.samples += stats.backdrop.samples;
@@ -336,10 +365,14 @@ fn errors_of_pose(
         }
         let mut sums = [0.0; 2];
         for ((found, expected), &behind) in frame.color.iter().zip(truth.pixels()).zip(&behind) {
-            let squares = (0..3).map(|c| (f64::from(found[c]) - f64::from(expected.0[c])).powi(2)).sum::<f64>();
+            let squares = (0..3)
+                .map(|c| (f64::from(found[c]) - f64::from(expected.0[c])).powi(2))
+                .sum::<f64>();
             sums[usize::from(behind)] += squares / 3.0;
         }
-        course.squared_error.push((sums[0] + sums[1]) / frame.color.len().max(1) as f64);
+        course
+            .squared_error
+            .push((sums[0] + sums[1]) / frame.color.len().max(1) as f64);
         course.behind_error += sums[1];
         course.behind_pixels += behind.iter().filter(|behind| **behind).count() as u64;
         frames.insert(1, (course.variant.name, image_of(&frame)));
@@ -364,23 +397,52 @@ fn share(part: f64, whole: f64) -> f64 {
 }
 
 fn rows(courses: &[Course], store: &Store, rays_ms: &[f64]) -> Vec<VariantRow> {
-    let geometry_ms: Vec<f64> = courses.iter().take(1).flat_map(|c| c.stats.iter().map(|s| s.frame_ms)).collect();
-    courses.iter().map(|course| course.row(store, rays_ms, &geometry_ms)).collect()
+    let geometry_ms: Vec<f64> = courses
+        .iter()
+        .take(1)
+        .flat_map(|c| c.stats.iter().map(|s| s.frame_ms))
+        .collect();
+    courses
+        .iter()
+        .map(|course| course.row(store, rays_ms, &geometry_ms))
+        .collect()
 }
 
 impl Course {
     fn row(&self, store: &Store, rays_ms: &[f64], geometry_ms: &[f64]) -> VariantRow {
-        let of = |number: &dyn Fn(&WalkStats) -> f64| self.stats.iter().map(number).collect::<Vec<f64>>();
-        let spread = |number: &dyn Fn(&WalkStats) -> f64| Spread::of(&of(number)).unwrap_or_default();
+        let of = |number: &dyn Fn(&WalkStats) -> f64| {
+            self.stats.iter().map(number).collect::<Vec<f64>>()
+        };
+        let spread =
+            |number: &dyn Fn(&WalkStats) -> f64| Spread::of(&of(number)).unwrap_or_default();
         let sum = |number: &dyn Fn(&WalkStats) -> f64| of(number).iter().sum::<f64>();
-        let lost = self.stats.iter().zip(rays_ms).filter(|(stats, rays)| stats.frame_ms > **rays).count();
-        let with_backdrops = || self.stats.iter().zip(geometry_ms).filter(|(stats, _)| stats.portals > 0);
-        let behind_ms: f64 = with_backdrops().map(|(stats, all)| (all - stats.geometry_ms).max(0.0)).sum();
+        let lost = self
+            .stats
+            .iter()
+            .zip(rays_ms)
+            .filter(|(stats, rays)| stats.frame_ms > **rays)
+            .count();
+        let with_backdrops = || {
+            self.stats
+                .iter()
+                .zip(geometry_ms)
+                .filter(|(stats, _)| stats.portals > 0)
+        };
+        let behind_ms: f64 = with_backdrops()
+            .map(|(stats, all)| (all - stats.geometry_ms).max(0.0))
+            .sum();
         let backdrops_ms: f64 = with_backdrops().map(|(stats, _)| stats.backdrop_ms).sum();
-        let captured: Vec<_> =
-            store.all().into_iter().filter(|((_, kind), _)| Some(*kind) == self.variant.kind).collect();
+        let captured: Vec<_> = store
+            .all()
+            .into_iter()
+            .filter(|((_, kind), _)| Some(*kind) == self.variant.kind)
+            .collect();
         let of_captures = |number: &dyn Fn(&Backdrop) -> u64| {
-            captured.iter().map(|(_, backdrop)| number(backdrop) as f64).sum::<f64>() / captured.len().max(1) as f64
+            captured
+                .iter()
+                .map(|(_, backdrop)| number(backdrop) as f64)
+                .sum::<f64>()
+                / captured.len().max(1) as f64
         };
         let pixels = sum(&|s| s.backdrop_pixels as f64);
         let squared_error = Spread::of(&self.squared_error).unwrap_or_default();

@@ -36,12 +36,24 @@ impl WalkReport {
                 format!("{:.2}", row.frame_ms.median),
                 format!("{:.2}", row.frame_ms.p95),
                 format!("{:.2}", row.frame_ms.worst),
-                if has_backdrops { format!("{:.1}x", row.behind_speedup) } else { String::new() },
+                if has_backdrops {
+                    format!("{:.1}x", row.behind_speedup)
+                } else {
+                    String::new()
+                },
                 format!("{:.2}", row.psnr_db),
                 format!("{:.2}", row.least_psnr_db),
                 format!("{:.2}", row.behind_psnr_db),
-                if has_backdrops { percent(row.hole_share) } else { String::new() },
-                if row.captures > 0 { format!("{:.0}", row.bytes / 1024.0) } else { String::new() },
+                if has_backdrops {
+                    percent(row.hole_share)
+                } else {
+                    String::new()
+                },
+                if row.captures > 0 {
+                    format!("{:.0}", row.bytes / 1024.0)
+                } else {
+                    String::new()
+                },
             ]);
         }
         let mut chapter = format!(
@@ -85,8 +97,16 @@ impl WalkReport {
             "{} cells, {} portals, {} triangles; {} poses at {width}x{height}, {} of them compared with truth; {} threads.\n",
             self.cells, self.portals, self.triangles, self.poses, self.truth_poses, self.threads
         )?;
-        writeln!(page, "Commit {}, {} ({}).\n", self.commit, self.machine.processor, self.machine.simd)?;
-        writeln!(page, "Times in ms: median (95 %, worst). Primary rays: {}.\n", spread(self.primary_rays_ms))?;
+        writeln!(
+            page,
+            "Commit {}, {} ({}).\n",
+            self.commit, self.machine.processor, self.machine.simd
+        )?;
+        writeln!(
+            page,
+            "Times in ms: median (95 %, worst). Primary rays: {}.\n",
+            spread(self.primary_rays_ms)
+        )?;
         self.times(page)?;
         self.errors(page)?;
         self.captures(page)?;
@@ -102,17 +122,46 @@ impl WalkReport {
             "`behind`: time of culled geometry for what the backdrops show, over theirs. `lost`: poses at which primary rays \
              are faster. `clipped`: samples that clipping removes.\n"
         )?;
-        let mut table =
-            Table::new(["drawn as", "frame", "geometry", "backdrops", "behind", "lost", "portals", "clipped"]);
+        let mut table = Table::new([
+            "drawn as",
+            "frame",
+            "geometry",
+            "backdrops",
+            "behind",
+            "lost",
+            "portals",
+            "clipped",
+        ]);
         for row in &self.rows {
             let (behind, clipped) = match row.portals > 0.0 {
-                true => (format!("{:.1}x", row.behind_speedup), percent(row.clipped_share)),
+                true => (
+                    format!("{:.1}x", row.behind_speedup),
+                    percent(row.clipped_share),
+                ),
                 false => Default::default(),
             };
-            let VariantRow { name, frame_ms, geometry_ms, backdrop_ms, lost_to_rays, portals, .. } = row;
-            let [frame, geometry, backdrops] = [frame_ms, geometry_ms, backdrop_ms].map(|ms| spread(*ms));
+            let VariantRow {
+                name,
+                frame_ms,
+                geometry_ms,
+                backdrop_ms,
+                lost_to_rays,
+                portals,
+                ..
+            } = row;
+            let [frame, geometry, backdrops] =
+                [frame_ms, geometry_ms, backdrop_ms].map(|ms| spread(*ms));
             let (lost, portals) = (percent(*lost_to_rays), format!("{portals:.2}"));
-            table.row([name.as_str(), &frame, &geometry, &backdrops, &behind, &lost, &portals, &clipped]);
+            table.row([
+                name.as_str(),
+                &frame,
+                &geometry,
+                &backdrops,
+                &behind,
+                &lost,
+                &portals,
+                &clipped,
+            ]);
         }
         writeln!(page, "{table}")
     }
@@ -122,14 +171,30 @@ impl WalkReport {
         writeln!(
             page,
             "PSNR in dB. Backdrops fill {}.\n",
-            percent(self.rows.iter().map(|r| r.backdrop_share).fold(0.0, f64::max))
+            percent(
+                self.rows
+                    .iter()
+                    .map(|r| r.backdrop_share)
+                    .fold(0.0, f64::max)
+            )
         )?;
-        let mut table =
-            Table::new(["drawn as", "frame, median", "frame, worst", "behind portals", "holes behind portals"]);
+        let mut table = Table::new([
+            "drawn as",
+            "frame, median",
+            "frame, worst",
+            "behind portals",
+            "holes behind portals",
+        ]);
         for row in &self.rows {
             let [median, worst, behind] =
                 [row.psnr_db, row.least_psnr_db, row.behind_psnr_db].map(|db| format!("{db:.2}"));
-            table.row([row.name.as_str(), &median, &worst, &behind, &percent(row.hole_share)]);
+            table.row([
+                row.name.as_str(),
+                &median,
+                &worst,
+                &behind,
+                &percent(row.hole_share),
+            ]);
         }
         writeln!(page, "{table}")
     }
@@ -138,35 +203,84 @@ impl WalkReport {
         writeln!(page, "## Captures\n\nOne side of one portal.\n")?;
         let mut table = Table::new(["backdrop", "captured", "seconds", "samples", "KiB"]);
         for row in self.rows.iter().filter(|row| row.captures > 0) {
-            let (samples, kib) = (format!("{:.0}", row.samples), format!("{:.0}", row.bytes / 1024.0));
-            table.row([row.name.as_str(), &row.captures.to_string(), &spread(row.capture_s), &samples, &kib]);
+            let (samples, kib) = (
+                format!("{:.0}", row.samples),
+                format!("{:.0}", row.bytes / 1024.0),
+            );
+            table.row([
+                row.name.as_str(),
+                &row.captures.to_string(),
+                &spread(row.capture_s),
+                &samples,
+                &kib,
+            ]);
         }
         writeln!(page, "{table}")
     }
 
     fn exposure(&self, page: &mut String) -> std::fmt::Result {
-        writeln!(page, "## Exposure errors\n\nPixels behind portals that show nothing or a wrong surface.")?;
-        let perfect = self.exposure.iter().map(|row| row.perfect_by_points_share).fold(0.0, f64::max);
+        writeln!(
+            page,
+            "## Exposure errors\n\nPixels behind portals that show nothing or a wrong surface."
+        )?;
+        let perfect = self
+            .exposure
+            .iter()
+            .map(|row| row.perfect_by_points_share)
+            .fold(0.0, f64::max);
         writeln!(
             page,
             "`by points`: against a truth of one point a pixel, which lacks what is thinner; a perfect frame has {} by it.\n",
             percent(perfect)
         )?;
-        let mut table = Table::new(["backdrop", "wrong", "nothing at all", "worst pose", "wrong by points", "samples"]);
+        let mut table = Table::new([
+            "backdrop",
+            "wrong",
+            "nothing at all",
+            "worst pose",
+            "wrong by points",
+            "samples",
+        ]);
         for row in &self.exposure {
-            let [wrong, holes, worst, by_points] =
-                [row.wrong_share, row.hole_share, row.worst_share, row.wrong_by_points_share].map(percent);
-            table.row([row.name.as_str(), &wrong, &holes, &worst, &by_points, &format!("{:.0}", row.samples)]);
+            let [wrong, holes, worst, by_points] = [
+                row.wrong_share,
+                row.hole_share,
+                row.worst_share,
+                row.wrong_by_points_share,
+            ]
+            .map(percent);
+            table.row([
+                row.name.as_str(),
+                &wrong,
+                &holes,
+                &worst,
+                &by_points,
+                &format!("{:.0}", row.samples),
+            ]);
         }
         writeln!(page, "{table}")
     }
 
     fn layers(&self, page: &mut String) -> std::fmt::Result {
-        writeln!(page, "## Layers\n\nThe papers': 72 / 19 / 6 / 3 % and 79 / 20 (layers 2 and 3) / 1 %.\n")?;
-        let mut table = Table::new(["backdrop", "samples", "1", "2", "3", "4+", "samples a pixel"]);
+        writeln!(
+            page,
+            "## Layers\n\nThe papers': 72 / 19 / 6 / 3 % and 79 / 20 (layers 2 and 3) / 1 %.\n"
+        )?;
+        let mut table = Table::new([
+            "backdrop",
+            "samples",
+            "1",
+            "2",
+            "3",
+            "4+",
+            "samples a pixel",
+        ]);
         for row in &self.layers {
             let [a, b, c, d] = row.shares.map(percent);
-            let (samples, complexity) = (format!("{:.0}", row.samples), format!("{:.2}", row.depth_complexity));
+            let (samples, complexity) = (
+                format!("{:.0}", row.samples),
+                format!("{:.2}", row.depth_complexity),
+            );
             table.row([row.name.as_str(), &samples, &a, &b, &c, &d, &complexity]);
         }
         writeln!(page, "{table}")
@@ -176,8 +290,17 @@ impl WalkReport {
         writeln!(page, "## Threads\n")?;
         let mut table = Table::new(["divided into", "processors", "times faster", ""]);
         for row in &self.parallel {
-            let how = if row.by_the_clock { "by the clock" } else { "by samples, bound" };
-            table.row([row.division.as_str(), &row.processors.to_string(), &format!("{:.2}", row.speedup), how]);
+            let how = if row.by_the_clock {
+                "by the clock"
+            } else {
+                "by samples, bound"
+            };
+            table.row([
+                row.division.as_str(),
+                &row.processors.to_string(),
+                &format!("{:.2}", row.speedup),
+                how,
+            ]);
         }
         write!(page, "{table}")
     }

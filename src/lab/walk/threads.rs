@@ -3,8 +3,9 @@
 //! imbalance there).
 
 use super::{MeasureError, share};
-use headbox_core::camera::Camera;
 use crate::turns::in_turns;
+use glam::DVec3;
+use headbox_core::camera::Camera;
 use headbox_cube::pack::{PackedCube, PackedSegment};
 use headbox_house::backdrop::{Backdrop, BackdropKind};
 use headbox_house::house::House;
@@ -12,7 +13,6 @@ use headbox_house::settings::{Division, WalkSettings};
 use headbox_house::store::Store;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk::Walker;
-use glam::DVec3;
 use rayon::ThreadPool;
 use serde::{Deserialize, Serialize};
 
@@ -24,9 +24,17 @@ const REPEATS: u32 = 3;
 
 /// What is measured by the clock: names of the gain behind portals, and of that of the whole frame.
 const DIVISIONS: [(Division, &str, Option<&str>); 3] = [
-    (Division::Portals, "portals: each portal's backdrop on a thread", None),
+    (
+        Division::Portals,
+        "portals: each portal's backdrop on a thread",
+        None,
+    ),
     (Division::Fragments, "fragments of each backdrop", None),
-    (Division::Bands, "tiles: bands of each backdrop", Some("whole frame, backdrops in bands")),
+    (
+        Division::Bands,
+        "tiles: bands of each backdrop",
+        Some("whole frame, backdrops in bands"),
+    ),
 ];
 
 /// A way to divide the work.
@@ -50,15 +58,41 @@ pub(super) fn gains(
     variants: &[HouseVariant],
 ) -> Result<Vec<ThreadRow>, MeasureError> {
     let has = |kind: &BackdropKind| variants.iter().any(|variant| variant.kind == Some(*kind));
-    let Some(kind) = [BackdropKind::WindowLdi, BackdropKind::Ldi, BackdropKind::CellLdi].into_iter().find(has) else {
+    let Some(kind) = [
+        BackdropKind::WindowLdi,
+        BackdropKind::Ldi,
+        BackdropKind::CellLdi,
+    ]
+    .into_iter()
+    .find(has) else {
         return Ok(Vec::new());
     };
-    let settings = WalkSettings { backdrops: Some(kind), ..WalkSettings::default() };
-    let cameras: Vec<Camera> = cameras.iter().step_by(cameras.len().div_ceil(POSES).max(1)).copied().collect();
+    let settings = WalkSettings {
+        backdrops: Some(kind),
+        ..WalkSettings::default()
+    };
+    let cameras: Vec<Camera> = cameras
+        .iter()
+        .step_by(cameras.len().div_ceil(POSES).max(1))
+        .copied()
+        .collect();
     let threads = rayon::current_num_threads();
     let [alone, together] = [pool(1)?, pool(threads)?];
-    let all = DIVISIONS.map(|(division, ..)| (&together, WalkSettings { division, ..settings }));
-    let times = times(house, store, &cameras, &[[(&alone, settings)].as_slice(), &all].concat());
+    let all = DIVISIONS.map(|(division, ..)| {
+        (
+            &together,
+            WalkSettings {
+                division,
+                ..settings
+            },
+        )
+    });
+    let times = times(
+        house,
+        store,
+        &cameras,
+        &[[(&alone, settings)].as_slice(), &all].concat(),
+    );
     let clock = |division: &str, speedup| ThreadRow {
         division: division.into(),
         by_the_clock: true,
@@ -77,15 +111,25 @@ pub(super) fn gains(
         let mut fragments = Balance::default();
         for camera in &cameras {
             for backdrop in Walker::shown(house, store, camera, &settings) {
-                let Backdrop::Cubes(cubes) = &*backdrop else { continue };
+                let Backdrop::Cubes(cubes) = &*backdrop else {
+                    continue;
+                };
                 for cube in cubes {
                     divide(cube, camera.eye(), processors, &mut sheets, &mut fragments);
                 }
             }
         }
-        for (division, balance) in [("sheets about the epipole", sheets), ("fragments", fragments)] {
+        for (division, balance) in [
+            ("sheets about the epipole", sheets),
+            ("fragments", fragments),
+        ] {
             let speedup = share(balance.all as f64, balance.slowest as f64);
-            rows.push(ThreadRow { division: division.into(), by_the_clock: false, processors, speedup });
+            rows.push(ThreadRow {
+                division: division.into(),
+                by_the_clock: false,
+                processors,
+                speedup,
+            });
         }
     }
     Ok(rows)
@@ -96,7 +140,12 @@ fn pool(threads: usize) -> Result<ThreadPool, rayon::ThreadPoolBuildError> {
 }
 
 /// Backdrops and whole frames of all poses in each of several ways, ms: the best of a pose's in turns, summed.
-fn times(house: &House, store: &Store, cameras: &[Camera], ways: &[(&ThreadPool, WalkSettings)]) -> Vec<[f64; 2]> {
+fn times(
+    house: &House,
+    store: &Store,
+    cameras: &[Camera],
+    ways: &[(&ThreadPool, WalkSettings)],
+) -> Vec<[f64; 2]> {
     let mut walker = Walker::new();
     let mut ways = ways.to_vec();
     let mut sums = vec![[0.0; 2]; ways.len()];
@@ -109,7 +158,10 @@ fn times(house: &House, store: &Store, cameras: &[Camera], ways: &[(&ThreadPool,
         });
         for (sum, times) in sums.iter_mut().zip(times) {
             for (i, sum) in sum.iter_mut().enumerate() {
-                *sum += times.iter().map(|time| time[i]).fold(f64::INFINITY, f64::min);
+                *sum += times
+                    .iter()
+                    .map(|time| time[i])
+                    .fold(f64::INFINITY, f64::min);
             }
         }
     }
@@ -140,7 +192,13 @@ impl Balance {
 
 /// Divides each segment of a cube at its epipole into sheets, and each of these into as many fragments of equal area as there
 /// are processors, along lines through the epipole.
-fn divide(cube: &PackedCube, eye: DVec3, processors: usize, sheets: &mut Balance, fragments: &mut Balance) {
+fn divide(
+    cube: &PackedCube,
+    eye: DVec3,
+    processors: usize,
+    sheets: &mut Balance,
+    fragments: &mut Balance,
+) {
     for segment in &cube.segments {
         let face = segment.face;
         let from_centre = eye - cube.info.centre;
@@ -148,21 +206,33 @@ fn divide(cube: &PackedCube, eye: DVec3, processors: usize, sheets: &mut Balance
         // At infinity or as good as that: so far that lines through it are parallel.
         let depth = if depth.abs() > 1e-9 { depth } else { 1e-9 };
         let half = f64::from(cube.face_size_px) / 2.0;
-        let epipole =
-            [half * (1.0 + face.right().dot(from_centre) / depth), half * (1.0 - face.up().dot(from_centre) / depth)];
+        let epipole = [
+            half * (1.0 + face.right().dot(from_centre) / depth),
+            half * (1.0 - face.up().dot(from_centre) / depth),
+        ];
         // Angle about the epipole and samples of each pixel, by sheet.
         let mut pixels: [Vec<(f64, u64)>; 4] = Default::default();
         for_each_pixel(segment, |x, y, samples| {
-            let (dx, dy) = (f64::from(x) + 0.5 - epipole[0], f64::from(y) + 0.5 - epipole[1]);
+            let (dx, dy) = (
+                f64::from(x) + 0.5 - epipole[0],
+                f64::from(y) + 0.5 - epipole[1],
+            );
             let sheet = usize::from(dx >= 0.0) + 2 * usize::from(dy >= 0.0);
             pixels[sheet].push((dy.abs().atan2(dx.abs()), samples));
         });
         let sum = |pixels: &[(f64, u64)]| pixels.iter().map(|pixel| pixel.1).sum::<u64>();
-        sheets.add(pixels.iter().map(|pixels| sum(pixels)).collect(), processors);
+        sheets.add(
+            pixels.iter().map(|pixels| sum(pixels)).collect(),
+            processors,
+        );
         let mut parts = Vec::new();
         for sheet in &mut pixels {
             sheet.sort_by(|a, b| a.0.total_cmp(&b.0));
-            parts.extend(sheet.chunks(sheet.len().div_ceil(processors).max(1)).map(sum));
+            parts.extend(
+                sheet
+                    .chunks(sheet.len().div_ceil(processors).max(1))
+                    .map(sum),
+            );
         }
         fragments.add(parts, processors);
     }

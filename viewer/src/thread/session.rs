@@ -6,7 +6,6 @@
 use crate::source::{Coming, FrameSource, Library};
 use crate::thread::exchange::{Event, Finished, Job, Order, Picture, Shared, Wake};
 use crate::thread::worker::Worker;
-use egui::TextureHandle;
 use std::{
     sync::{Arc, mpsc},
     thread::{Builder, JoinHandle},

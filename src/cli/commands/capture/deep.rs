@@ -2,9 +2,9 @@
 
 use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, what_is_kept};
+use anyhow::{Context, bail};
 use headbox_images::deep_exr::{DeepImage, DeepView};
 use headbox_ldi::from_deep::{DeepPlace, cube};
-use anyhow::{Context, bail};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -12,7 +12,9 @@ use std::time::Instant;
 /// Whether a scene's name is that of a deep picture.
 pub(crate) fn is_deep_picture(name: &str) -> bool {
     !name.starts_with("builtin:")
-        && Path::new(name).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
+        && Path::new(name)
+            .extension()
+            .is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
 }
 
 /// Reads a deep picture and writes its cube. Positions and lengths are metres, Y up.
@@ -29,7 +31,9 @@ pub(super) fn run(
     let samples = image.offsets.last().copied().unwrap_or_default();
     let packed = packing.pack(cube(&image, place).with_context(|| name.to_owned())?)?;
     if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
-        bail!("{name}: all of it is so far that nothing moves within the headbox; give a larger --half-size");
+        bail!(
+            "{name}: all of it is so far that nothing moves within the headbox; give a larger --half-size"
+        );
     }
     packed.write(output)?;
     let total_s = start.elapsed().as_secs_f64();
@@ -40,8 +44,15 @@ pub(super) fn run(
         }));
         return Ok(());
     }
-    println!("{}: {} from {samples} deep samples, {total_s:.2} s", output.display(), what_is_kept(&packed));
-    println!("look at it: headbox render {} -o frame.png", output.display());
+    println!(
+        "{}: {} from {samples} deep samples, {total_s:.2} s",
+        output.display(),
+        what_is_kept(&packed)
+    );
+    println!(
+        "look at it: headbox render {} -o frame.png",
+        output.display()
+    );
     Ok(())
 }
 
@@ -49,21 +60,43 @@ pub(super) fn run(
 pub(crate) fn describe(path: &Path, as_json: bool) -> anyhow::Result<()> {
     let image = DeepImage::read(path)?;
     let samples = image.offsets.last().copied().unwrap_or_default();
-    let most = image.offsets.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or_default();
-    let channels: Vec<&str> = image.channels.iter().map(|channel| channel.name.as_str()).collect();
-    let depths = image.channel("Z").unwrap_or_default().iter().copied().filter(|z| *z > 0.0 && z.is_finite());
+    let most = image
+        .offsets
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .max()
+        .unwrap_or_default();
+    let channels: Vec<&str> = image
+        .channels
+        .iter()
+        .map(|channel| channel.name.as_str())
+        .collect();
+    let depths = image
+        .channel("Z")
+        .unwrap_or_default()
+        .iter()
+        .copied()
+        .filter(|z| *z > 0.0 && z.is_finite());
     let range = depths.fold(None, |range, z| {
         let [near, far] = range.unwrap_or([z, z]);
         Some([z.min(near), z.max(far)])
     });
-    let DeepView { cube, world_to_camera, world_to_ndc } = image.view;
+    let DeepView {
+        cube,
+        world_to_camera,
+        world_to_ndc,
+    } = image.view;
     let (camera, needs) = match (cube, world_to_camera.is_some(), world_to_ndc.is_some()) {
         (true, ..) => ("all directions: six faces, one above another", ""),
         (false, true, true) => ("as the header says (worldToCamera, worldToNDC)", ""),
-        (false, true, false) => {
-            ("stands as the header says (worldToCamera), which says not how wide it sees", " --fov DEG")
-        }
-        (false, false, _) => ("not in the header: at the origin looking along -Z unless told", " --fov DEG"),
+        (false, true, false) => (
+            "stands as the header says (worldToCamera), which says not how wide it sees",
+            " --fov DEG",
+        ),
+        (false, false, _) => (
+            "not in the header: at the origin looking along -Z unless told",
+            " --fov DEG",
+        ),
     };
     let [width, height] = image.size_px;
     if as_json {
@@ -81,6 +114,9 @@ pub(crate) fn describe(path: &Path, as_json: bool) -> anyhow::Result<()> {
         None => println!("  depth       of no sample is known (channel Z)"),
     }
     println!("  camera      {camera}");
-    println!("capture it: headbox capture {}{needs} -o F.ldi", path.display());
+    println!(
+        "capture it: headbox capture {}{needs} -o F.ldi",
+        path.display()
+    );
     Ok(())
 }

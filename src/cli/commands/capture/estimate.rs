@@ -7,14 +7,14 @@
 use crate::output::memory_bytes;
 use crate::packing::PackingArgs;
 use crate::progress::Planned;
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
-use headbox_ldi::refine;
-use headbox_ldi::rays::trace as build;
-use headbox_ldi::job::CaptureJob;
-use headbox_ldi::settings::Resources;
-use headbox_cube::model::parameters::Sampler;
 use headbox_core::progress::Silent;
+use headbox_cube::model::parameters::Sampler;
+use headbox_ldi::job::CaptureJob;
+use headbox_ldi::rays::trace as build;
+use headbox_ldi::refine;
+use headbox_ldi::settings::Resources;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use std::fmt;
 use std::time::Instant;
 
@@ -64,7 +64,9 @@ impl Estimate {
         parts: u32,
         begun: Instant,
     ) -> anyhow::Result<Self> {
-        let used_before = memory_bytes().map_or([60e6; 2], |(most, now)| [most, now].map(|bytes| bytes as f64));
+        let used_before = memory_bytes().map_or([60e6; 2], |(most, now)| {
+            [most, now].map(|bytes| bytes as f64)
+        });
         let small = in_small(job, parts == 1);
         let wider = f64::from(job.face_size_px) / f64::from(small.face_size_px);
         let resources = Resources::default();
@@ -74,13 +76,22 @@ impl Estimate {
         let rays_wider = rays_of(job) / rays_of(&small) / f64::from(parts);
         let rays = tracing.rays as f64 * rays_wider;
         let trace_s = start.elapsed().as_secs_f64() * rays_wider * RAY_SHARE;
-        let is_planned = small.parameters.novelty > 0.0 && small.parameters.sampler != Sampler::CentreRays;
-        let pilot = if is_planned { (0.25 * rays_of(&small) / tracing.rays as f64).min(1.0) } else { 0.0 };
+        let is_planned =
+            small.parameters.novelty > 0.0 && small.parameters.sampler != Sampler::CentreRays;
+        let pilot = if is_planned {
+            (0.25 * rays_of(&small) / tracing.rays as f64).min(1.0)
+        } else {
+            0.0
+        };
 
         let start = Instant::now();
         refine::close(&small, &mut tracing, tracer, lighting, &Silent)?;
         let looked = f64::from(tracing.holes.map_or(0, |holes| holes.rounds));
-        let rounds = if looked > 0.0 { (looked * ROUNDS_SHARE).max(FEWEST_ROUNDS).round() } else { 0.0 };
+        let rounds = if looked > 0.0 {
+            (looked * ROUNDS_SHARE).max(FEWEST_ROUNDS).round()
+        } else {
+            0.0
+        };
         // Of a round, frames cost as much as they have pixels, which is little in small ones, and samples as there are: together about
         // as the width of the faces.
         let look_s = start.elapsed().as_secs_f64() / looked.max(1.0) * rounds * wider;
@@ -100,7 +111,8 @@ impl Estimate {
             look_s,
             rounds: rounds as u32,
             light_s: if is_whole { light_s } else { 0.0 },
-            file_bytes: is_whole.then(|| packed.bytes() as f64 * FILE_SHARE * wider.powf(FILE_POWER)),
+            file_bytes: is_whole
+                .then(|| packed.bytes() as f64 * FILE_SHARE * wider.powf(FILE_POWER)),
             memory_bytes: (used_before[1] + needed).max(used_before[0]),
         })
     }
@@ -119,7 +131,11 @@ impl Estimate {
 
     /// The stages to come.
     pub(super) fn plan(&self) -> Vec<Planned> {
-        let planned = |stages, times, weight| Planned { stages, times, weight };
+        let planned = |stages, times, weight| Planned {
+            stages,
+            times,
+            weight,
+        };
         vec![
             planned(&["pilot"], 1, self.trace_s * self.pilot),
             planned(&["trace"], 1, self.trace_s * (1.0 - self.pilot)),
@@ -134,7 +150,8 @@ fn in_small(job: &CaptureJob, is_whole: bool) -> CaptureJob {
     let mut small = job.clone();
     small.face_size_px = (job.face_size_px / SMALLER).clamp(1, FACE_PX);
     let share = f64::from(small.face_size_px) / f64::from(job.face_size_px);
-    small.parameters.strata = ((f64::from(job.parameters.strata) * share.sqrt()).round() as u32).max(1);
+    small.parameters.strata =
+        ((f64::from(job.parameters.strata) * share.sqrt()).round() as u32).max(1);
     if !is_whole {
         (small.parameters.light_samples, small.parameters.holes) = (0, 1.0);
     }
@@ -146,7 +163,8 @@ pub(super) fn rays_of(job: &CaptureJob) -> f64 {
     match job.parameters.sampler {
         Sampler::CentreRays => 6.0 * f64::from(job.face_size_px).powi(2),
         Sampler::Stratified | Sampler::WhiteNoise => {
-            6.0 * f64::from(job.parameters.strata).powi(4) * f64::from(job.parameters.rays_per_stratum)
+            6.0 * f64::from(job.parameters.strata).powi(4)
+                * f64::from(job.parameters.rays_per_stratum)
         }
     }
 }
@@ -168,7 +186,11 @@ fn rounded(number: f64) -> String {
 impl fmt::Display for Estimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [rays, memory] = [self.rays, self.memory_bytes].map(rounded);
-        write!(f, "about {} in all: {rays} rays, ", crate::progress::duration(self.seconds()))?;
+        write!(
+            f,
+            "about {} in all: {rays} rays, ",
+            crate::progress::duration(self.seconds())
+        )?;
         if let Some(bytes) = self.file_bytes {
             write!(f, "a file of {}B, ", rounded(bytes))?;
         }
@@ -199,10 +221,17 @@ mod tests {
     fn a_rehearsal_has_as_many_rays_for_a_pixel() {
         let per_pixel = |job: &CaptureJob| rays_of(job) / f64::from(job.face_size_px).powi(2);
         for (face_size_px, strata) in [(1024, 32), (512, 24), (256, 16), (512, 16)] {
-            let mut job = CaptureJob::new(headbox_ldi::scene_source::SceneSource::new("a"), glam::DVec3::ZERO, 1.0);
+            let mut job = CaptureJob::new(
+                headbox_ldi::scene_source::SceneSource::new("a"),
+                glam::DVec3::ZERO,
+                1.0,
+            );
             (job.face_size_px, job.parameters.strata) = (face_size_px, strata);
             let ratio = per_pixel(&in_small(&job, true)) / per_pixel(&job);
-            assert!((0.7..1.4).contains(&ratio), "{face_size_px} {strata}: {ratio}, strata are whole numbers");
+            assert!(
+                (0.7..1.4).contains(&ratio),
+                "{face_size_px} {strata}: {ratio}, strata are whole numbers"
+            );
         }
     }
 }

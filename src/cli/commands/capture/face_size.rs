@@ -1,10 +1,10 @@
 //! `--face-size`: a number of pixels, or as many as frames need.
 
 use crate::packing::PackingArgs;
-use headbox_trace::bvh::Tracer;
 use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
-use headbox_ldi::job::CaptureJob;
 use headbox_ldi::face_size;
+use headbox_ldi::job::CaptureJob;
+use headbox_trace::bvh::Tracer;
 use std::fmt;
 use std::str::FromStr;
 
@@ -27,7 +27,11 @@ pub(super) struct Frames {
 
 impl Frames {
     /// Those that reports draw, and for which the default size is meant.
-    const USUAL: Self = Self { width: 1024, height: 768, fov_y_deg: 60.0 };
+    const USUAL: Self = Self {
+        width: 1024,
+        height: 768,
+        fov_y_deg: 60.0,
+    };
 
     fn focal_px(self) -> f64 {
         f64::from(self.height) / 2.0 / (self.fov_y_deg.to_radians() / 2.0).tan()
@@ -54,7 +58,11 @@ impl FromStr for FaceSize {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let parsed = match text.strip_prefix("auto") {
-            None => text.parse().ok().filter(|size| (1..=MAX_FACE_SIZE_PX).contains(size)).map(Self::Px),
+            None => text
+                .parse()
+                .ok()
+                .filter(|size| (1..=MAX_FACE_SIZE_PX).contains(size))
+                .map(Self::Px),
             Some("") => Some(Self::Auto(Frames::USUAL)),
             Some(frames) => frames.strip_prefix(':').and_then(frames_of).map(Self::Auto),
         };
@@ -73,8 +81,13 @@ fn frames_of(text: &str) -> Option<Frames> {
     let (width, height) = size.split_once('x')?;
     let [width, height] = [width.parse().ok()?, height.parse().ok()?];
     let sides = 1..=headbox_core::camera::Camera::MAX_SIDE_PX;
-    let is_sound = sides.contains(&width) && sides.contains(&height) && (0.1..=179.0).contains(&fov_y_deg);
-    is_sound.then_some(Frames { width, height, fov_y_deg })
+    let is_sound =
+        sides.contains(&width) && sides.contains(&height) && (0.1..=179.0).contains(&fov_y_deg);
+    is_sound.then_some(Frames {
+        width,
+        height,
+        fov_y_deg,
+    })
 }
 
 impl FaceSize {
@@ -90,7 +103,15 @@ impl FaceSize {
     pub(super) fn settle(self, job: &mut CaptureJob, tracer: &Tracer, packing: &PackingArgs) {
         let Self::Auto(frames) = self else { return };
         face_size::settle(job, tracer, frames.focal_px(), packing.error_px());
-        let (size, strata, Frames { width, height, fov_y_deg }) = (job.face_size_px, job.parameters.strata, frames);
+        let (
+            size,
+            strata,
+            Frames {
+                width,
+                height,
+                fov_y_deg,
+            },
+        ) = (job.face_size_px, job.parameters.strata, frames);
         eprintln!(
             "faces of {size} px and {strata}^4 strata: as fine as frames of {width}x{height} at {fov_y_deg} degrees show"
         );
@@ -104,13 +125,27 @@ mod tests {
     #[test]
     fn sizes_are_read_and_written() {
         for text in ["1", "1024", "auto:1920x1080@75", "auto:640x480@60.5"] {
-            assert_eq!(text.parse::<FaceSize>().map(|size| size.to_string()).as_deref(), Ok(text));
+            assert_eq!(
+                text.parse::<FaceSize>()
+                    .map(|size| size.to_string())
+                    .as_deref(),
+                Ok(text)
+            );
         }
         assert_eq!("auto".parse(), Ok(FaceSize::Auto(Frames::USUAL)));
         assert_eq!("auto:1024x768".parse(), Ok(FaceSize::Auto(Frames::USUAL)));
-        for text in
-            ["0", "-3", "1e9", "automatic", "auto:", "auto:9", "auto:0x5", "auto:5x5@", "auto:5x5@nan", "auto:5x5@180"]
-        {
+        for text in [
+            "0",
+            "-3",
+            "1e9",
+            "automatic",
+            "auto:",
+            "auto:9",
+            "auto:0x5",
+            "auto:5x5@",
+            "auto:5x5@nan",
+            "auto:5x5@180",
+        ] {
             assert!(text.parse::<FaceSize>().is_err(), "{text}");
         }
     }

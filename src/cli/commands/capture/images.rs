@@ -5,8 +5,8 @@ use crate::commands::images::SetJob;
 use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use crate::packing::what_is_kept;
 use crate::progress::Bar;
-use headbox_images::check_neighbors;
 use anyhow::bail;
+use headbox_images::check_neighbors;
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -60,7 +60,10 @@ impl CaptureCommand {
         packed.write(&self.output)?;
         bar.finish();
         let total_s = start.elapsed().as_secs_f64();
-        let pixels: u64 = views.iter().map(|view| u64::from(view.size_px[0]) * u64::from(view.size_px[1])).sum();
+        let pixels: u64 = views
+            .iter()
+            .map(|view| u64::from(view.size_px[0]) * u64::from(view.size_px[1]))
+            .sum();
         if self.json {
             print_json(&json!({
                 "images": views.len(), "pixels": pixels, "total_s": total_s, "peak_rss_mb": peak_rss_mb(),
@@ -69,8 +72,14 @@ impl CaptureCommand {
             return Ok(());
         }
         let (output, kept) = (self.output.display(), what_is_kept(&packed));
-        println!("{output}: {kept} from {} images, {total_s:.2} s", views.len());
-        println!("look at it: headbox render {} -o frame.png", self.output.display());
+        println!(
+            "{output}: {kept} from {} images, {total_s:.2} s",
+            views.len()
+        );
+        println!(
+            "look at it: headbox render {} -o frame.png",
+            self.output.display()
+        );
         Ok(())
     }
 }

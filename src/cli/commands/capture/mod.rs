@@ -6,40 +6,40 @@ mod face_size;
 mod images;
 pub(crate) mod place;
 
+use super::images::is_image_set;
+use crate::args::{Names, by_name};
 use crate::args::{SceneArgs, parse_length, parse_vector};
 use crate::commands::capture::deep as capture_deep;
 use crate::commands::capture::deep::is_deep_picture;
 use crate::commands::capture::estimate::{Estimate, rays_of};
 use crate::commands::capture::face_size::FaceSize;
+use crate::commands::capture::place::{figure, place_headbox, triple};
 use crate::image_set::SetArgs;
-use super::images::is_image_set;
 use crate::output::{CUBE, Outputs, SHARD, memory_bytes, name_of, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, what_is_kept};
-use crate::commands::capture::place::{figure, place_headbox, triple};
 use crate::progress::{Bar, duration};
 use crate::words::{UsageError, counted, quoted};
-use headbox_trace::light::Lighting;
-use headbox_core::headbox::Headbox;
-use headbox_trace::bvh::Tracer;
-use headbox_core::files;
-use headbox_trace::viewpoint;
-use headbox_ldi::refine;
-use headbox_cube::model::info::Holes;
-use headbox_ldi::rays::trace;
-use headbox_ldi::from_deep::DeepPlace;
-use headbox_ldi::job::CaptureJob;
-use crate::args::{Names, by_name};
-use headbox_trace::sampler::Strata;
-use headbox_cube::model::parameters::{CaptureParameters, MergeRule, Sampler};
-use headbox_ldi::settings::Resources;
-use headbox_ldi::accumulate::shard;
-use headbox_ldi::accumulate::shard::ShardInfo;
-use headbox_photos::voxel_colouring::Backdrop;
-use headbox_cube::pack::PackedCube;
-use headbox_ldi::scene_source::{SceneSource, fingerprint};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
+use headbox_core::files;
+use headbox_core::headbox::Headbox;
+use headbox_cube::model::info::Holes;
+use headbox_cube::model::parameters::{CaptureParameters, MergeRule, Sampler};
+use headbox_cube::pack::PackedCube;
+use headbox_ldi::accumulate::shard;
+use headbox_ldi::accumulate::shard::ShardInfo;
+use headbox_ldi::from_deep::DeepPlace;
+use headbox_ldi::job::CaptureJob;
+use headbox_ldi::rays::trace;
+use headbox_ldi::refine;
+use headbox_ldi::scene_source::{SceneSource, fingerprint};
+use headbox_ldi::settings::Resources;
+use headbox_photos::voxel_colouring::Backdrop;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_trace::sampler::Strata;
+use headbox_trace::viewpoint;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -151,14 +151,34 @@ pub(super) struct ParameterArgs {
 
 const SAMPLERS: Names<Sampler> = &[
     ("stratified", "Jittered in 4-D strata", Sampler::Stratified),
-    ("white-noise", "Independent over the whole domain", Sampler::WhiteNoise),
-    ("centre-rays", "One ray through the centre of each pixel, from the centre of the cube", Sampler::CentreRays),
+    (
+        "white-noise",
+        "Independent over the whole domain",
+        Sampler::WhiteNoise,
+    ),
+    (
+        "centre-rays",
+        "One ray through the centre of each pixel, from the centre of the cube",
+        Sampler::CentreRays,
+    ),
 ];
 
 const MERGE_RULES: Names<MergeRule> = &[
-    ("average", "One depth pixel with their mean depth and colour", MergeRule::Average),
-    ("smaller-area", "The surface that was sampled with the smallest area", MergeRule::SmallerArea),
-    ("colors-apart", "Surfaces whose colours differ are kept apart", MergeRule::ColorsApart),
+    (
+        "average",
+        "One depth pixel with their mean depth and colour",
+        MergeRule::Average,
+    ),
+    (
+        "smaller-area",
+        "The surface that was sampled with the smallest area",
+        MergeRule::SmallerArea,
+    ),
+    (
+        "colors-apart",
+        "Surfaces whose colours differ are kept apart",
+        MergeRule::ColorsApart,
+    ),
 ];
 
 impl ParameterArgs {
@@ -186,7 +206,9 @@ fn parse_share(text: &str) -> Result<f64, String> {
 }
 
 fn parse_holes(text: &str) -> Result<f64, String> {
-    let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |number| (number, 0.01));
+    let (number, unit) = text
+        .strip_suffix('%')
+        .map_or((text, 1.0), |number| (number, 0.01));
     match number.parse::<f64>().map(|number| number * unit) {
         Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
         _ => Err("give a share from 0 to 1, or a percentage such as 0.01%".into()),
@@ -229,11 +251,22 @@ impl QualityArgs {
     /// What is said of how rays are traced and lit other than the defaults, by its flag.
     fn given(&self) -> [(&'static str, bool); 9] {
         let CaptureParameters {
-            strata, rays_per_stratum, bounces, light_samples, seed, novelty, holes, sampler, ..
+            strata,
+            rays_per_stratum,
+            bounces,
+            light_samples,
+            seed,
+            novelty,
+            holes,
+            sampler,
+            ..
         } = self.parameters.parameters();
         let usual = CaptureParameters::DEFAULT;
         [
-            ("--face-size", self.face_size != FaceSize::Px(CaptureJob::DEFAULT_FACE_SIZE_PX)),
+            (
+                "--face-size",
+                self.face_size != FaceSize::Px(CaptureJob::DEFAULT_FACE_SIZE_PX),
+            ),
             ("--strata", strata != usual.strata),
             ("--rays", rays_per_stratum != usual.rays_per_stratum),
             ("--bounces", bounces != usual.bounces),
@@ -247,7 +280,10 @@ impl QualityArgs {
 }
 
 fn parse_agreement(text: &str) -> Result<f32, String> {
-    let level = text.parse().ok().filter(|level| *level > 0.0 && *level <= 255.0);
+    let level = text
+        .parse()
+        .ok()
+        .filter(|level| *level > 0.0 && *level <= 255.0);
     level.ok_or_else(|| "give a number of levels above 0, up to 255".into())
 }
 
@@ -255,24 +291,41 @@ fn parse_backdrop(text: &str) -> Result<Backdrop, String> {
     match text {
         "auto" => Ok(Backdrop::Auto),
         "none" => Ok(Backdrop::None),
-        level => level.parse().map(Backdrop::Dark).map_err(|_| "give auto, none, or a level from 0 to 255".into()),
+        level => level
+            .parse()
+            .map(Backdrop::Dark)
+            .map_err(|_| "give auto, none, or a level from 0 to 255".into()),
     }
 }
 
 /// Parts are numbered from 0 or from 1: part N of N is part 0.
 fn parse_shard(text: &str) -> Result<(u32, u32), String> {
-    let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse::<u32>().ok()?, n.parse::<u32>().ok()?)));
+    let parts = text
+        .split_once('/')
+        .and_then(|(i, n)| Some((i.parse::<u32>().ok()?, n.parse::<u32>().ok()?)));
     match parts {
         Some((i, n)) if (1..=shard::MAX_PARTS).contains(&n) && i <= n => Ok((i % n, n)),
-        _ => Err(format!("give I/N with N from 1 to {} and I from 0 to N, such as 1/4", shard::MAX_PARTS)),
+        _ => Err(format!(
+            "give I/N with N from 1 to {} and I from 0 to N, such as 1/4",
+            shard::MAX_PARTS
+        )),
     }
 }
 
 impl QualityArgs {
     /// The capture of a headbox with this quality.
     fn job(&self, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {
-        let (face_size_px, parameters) = (self.face_size.or(Preset::face_size(self.quality)), self.parameters.parameters());
-        CaptureJob { scene, centre, half_size_m, face_size_px, parameters }
+        let (face_size_px, parameters) = (
+            self.face_size.or(Preset::face_size(self.quality)),
+            self.parameters.parameters(),
+        );
+        CaptureJob {
+            scene,
+            centre,
+            half_size_m,
+            face_size_px,
+            parameters,
+        }
     }
 }
 
@@ -285,9 +338,15 @@ pub(super) fn budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64, Path
     let limit = memory_mb? << 20;
     let used = memory_bytes().map_or(0, |(_, now)| now) + RESERVE;
     if used >= limit {
-        eprintln!("warning: the scene alone takes {} MiB; --memory cannot be honoured", used >> 20);
+        eprintln!(
+            "warning: the scene alone takes {} MiB; --memory cannot be honoured",
+            used >> 20
+        );
     }
-    Some(((limit.saturating_sub(used) / SHARE).max(16 << 20), spill_folder(output)))
+    Some((
+        (limit.saturating_sub(used) / SHARE).max(16 << 20),
+        spill_folder(output),
+    ))
 }
 
 /// Where there is as much room as the output will need: beside it, unless it is streamed or its folder is yet to be made.
@@ -297,7 +356,11 @@ fn spill_folder(output: &Path) -> PathBuf {
         _ => PathBuf::from("."),
     };
     let is_beside = beside.is_dir() && !files::is_stream(output).unwrap_or(true);
-    if is_beside { beside } else { std::env::temp_dir() }
+    if is_beside {
+        beside
+    } else {
+        std::env::temp_dir()
+    }
 }
 
 /// Rays for each pixel of the faces.
@@ -308,7 +371,9 @@ fn rays_per_pixel(job: &CaptureJob) -> f64 {
 /// Refuses the first of some flags that is given.
 fn refuse_given(kind: &str, flags: &[(&str, bool)]) -> Result<(), UsageError> {
     match flags.iter().find(|(_, is_given)| *is_given) {
-        Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for {kind}; leave it out"))),
+        Some((flag, _)) => Err(UsageError(format!(
+            "{flag} has no meaning for {kind}; leave it out"
+        ))),
         None => Ok(()),
     }
 }
@@ -338,76 +403,113 @@ impl CaptureCommand {
                 half_size_m: self.half_size,
                 name: self.scene.name().into(),
             };
-            return capture_deep::run(self.scene.name(), &self.output, place, &self.packing, self.json);
+            return capture_deep::run(
+                self.scene.name(),
+                &self.output,
+                place,
+                &self.packing,
+                self.json,
+            );
         }
         refuse_given("a scene", &self.flags_of_deep())?;
         let start = Instant::now();
         let mut source = self.scene.source();
         source.light.hdr = self.hdr;
-        if self.shard.is_none() && self.output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("shard")) {
+        if self.shard.is_none()
+            && self
+                .output
+                .extension()
+                .is_some_and(|ending| ending.eq_ignore_ascii_case("shard"))
+        {
             let path = self.output.display();
-            let message =
-                format!("{path}: a .shard is a part of a capture; say which by --shard I/N, such as --shard 1/2");
+            let message = format!(
+                "{path}: a .shard is a part of a capture; say which by --shard I/N, such as --shard 1/2"
+            );
             return Err(UsageError(message).into());
         }
         let endings = if self.shard.is_some() { &SHARD } else { &CUBE };
         let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, endings)?;
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
-        let Headbox { centre, half_size_m } = place_headbox(&scene, self.center, self.half_size)?;
+        let Headbox {
+            centre,
+            half_size_m,
+        } = place_headbox(&scene, self.center, self.half_size)?;
         let mut job = self.quality.job(source, centre, half_size_m);
         let is_free = self.half_size.is_none() && scene.headbox.is_none();
         if is_free {
             job.half_size_m = viewpoint::fitting_half_size(half_size_m, rays_per_pixel(&job));
         }
         let tracer = Tracer::new(Arc::clone(&scene), centre);
-        self.quality.face_size.settle(&mut job, &tracer, &self.packing);
+        self.quality
+            .face_size
+            .settle(&mut job, &tracer, &self.packing);
         eprintln!(
             "headbox: centre {}, half-size {} (in the file's axes and unit)",
             triple(scene.frame.file_from_world(centre)),
             figure(job.half_size_m / scene.frame.unit_m)
         );
         let lighting = match self.shard {
-            None => Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0),
+            None => Lighting::prepare(
+                &tracer,
+                job.parameters.bounces,
+                job.parameters.light_samples > 0,
+            ),
             Some(_) => Lighting::of_scene(&tracer, 0), // of a shard nothing is lit
         };
         let parts = self.shard.map_or(1, |(_, parts)| parts);
         let estimate = Estimate::of(&job, &tracer, &lighting, &self.packing, parts, start);
         let estimate = estimate.context("the capture failed")?.within(self.memory);
         eprintln!("will take: {estimate}");
-        let resources = Resources { budget: budget(self.memory, &self.output) };
+        let resources = Resources {
+            budget: budget(self.memory, &self.output),
+        };
         let bar = Bar::planned(estimate.plan(), true);
         if let Some(part) = self.shard {
             return self.run_shard(job, part, &tracer, &resources, &bar, start);
         }
-        let (ldi, trace_time) =
-            refine::capture(&job, &tracer, &lighting, &resources, &bar).context("the capture failed")?;
+        let (ldi, trace_time) = refine::capture(&job, &tracer, &lighting, &resources, &bar)
+            .context("the capture failed")?;
         let [low, high] = scene.bounds();
         let encloses = 2.0 * job.half_size_m > (high - low).max_element();
         drop((tracer, scene));
         let packed = self.packing.pack(ldi)?;
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
             match encloses {
-                true => bail!("no ray from the headbox met the scene, which is smaller; choose a smaller --half-size"),
-                false => bail!("no ray from the headbox met the scene; move --center, or choose a larger --half-size"),
+                true => bail!(
+                    "no ray from the headbox met the scene, which is smaller; choose a smaller --half-size"
+                ),
+                false => bail!(
+                    "no ray from the headbox met the scene; move --center, or choose a larger --half-size"
+                ),
             }
         }
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
-        let took_s = [trace_time.as_secs_f64(), start.elapsed().as_secs_f64(), estimate.seconds()];
+        let took_s = [
+            trace_time.as_secs_f64(),
+            start.elapsed().as_secs_f64(),
+            estimate.seconds(),
+        ];
         self.report(&packed, took_s, &bar.times());
         Ok(())
     }
 
     /// What is said about image sets alone.
     fn flags_of_images(&self) -> [(&'static str, bool); 2] {
-        [("--depth-noise", self.depth_noise.is_some()), ("--agreement", self.agreement.is_some())]
+        [
+            ("--depth-noise", self.depth_noise.is_some()),
+            ("--agreement", self.agreement.is_some()),
+        ]
     }
 
     /// What is said about deep pictures alone.
     pub(super) fn flags_of_deep(&self) -> [(&'static str, bool); 2] {
-        [("--fov", self.fov.is_some()), ("--look-at", self.look_at.is_some())]
+        [
+            ("--fov", self.fov.is_some()),
+            ("--look-at", self.look_at.is_some()),
+        ]
     }
 
     /// Refuses what has no meaning for what is no scene: how rays are traced, and `more`.
@@ -419,7 +521,11 @@ impl CaptureCommand {
             ("--hdr", self.hdr),
         ];
         let of_scenes = self.quality.given().into_iter().chain(self.scene.given());
-        let all: Vec<_> = of_rays.into_iter().chain(of_scenes).chain(more.iter().copied()).collect();
+        let all: Vec<_> = of_rays
+            .into_iter()
+            .chain(of_scenes)
+            .chain(more.iter().copied())
+            .collect();
         refuse_given(kind, &all)
     }
 
@@ -436,7 +542,14 @@ impl CaptureCommand {
         let tracing = trace::trace(tracer, &settings, bar).context("tracing failed")?;
         let scene = tracer.scene();
         let (scene_fingerprint, triangles) = (fingerprint(scene), scene.triangles.len() as u32);
-        let info = ShardInfo { job, scene_fingerprint, triangles, part, parts, rays: tracing.rays };
+        let info = ShardInfo {
+            job,
+            scene_fingerprint,
+            triangles,
+            part,
+            parts,
+            rays: tracing.rays,
+        };
         shard::write(&self.output, &info, &tracing)?;
         bar.finish();
         if self.json {
@@ -445,15 +558,27 @@ impl CaptureCommand {
                 "shard": format!("{part}/{parts}"),
             }));
         } else {
-            println!("{}: shard {}, {} rays", name_of(&self.output), shard::numbered(part, parts), info.rays);
+            println!(
+                "{}: shard {}, {} rays",
+                name_of(&self.output),
+                shard::numbered(part, parts),
+                info.rays
+            );
         }
         Ok(())
     }
 
     fn report(&self, cube: &PackedCube, [trace_s, total_s, estimated_s]: [f64; 3], times: &str) {
         let rays = cube.info.rays_traced;
-        let missing: Vec<f64> = cube.info.missing_estimate.iter().flatten().copied().collect();
-        let mean = (!missing.is_empty()).then(|| missing.iter().sum::<f64>() / missing.len() as f64);
+        let missing: Vec<f64> = cube
+            .info
+            .missing_estimate
+            .iter()
+            .flatten()
+            .copied()
+            .collect();
+        let mean =
+            (!missing.is_empty()).then(|| missing.iter().sum::<f64>() / missing.len() as f64);
         if self.json {
             print_json(&json!({
                 "rays": rays, "rays_per_s": rays as f64 / trace_s, "trace_s": trace_s, "total_s": total_s,
@@ -464,17 +589,38 @@ impl CaptureCommand {
             }));
             return;
         }
-        println!("{}: {} from {rays} rays", name_of(&self.output), what_is_kept(cube));
-        let times = if times.is_empty() { String::new() } else { format!(": {times}") };
-        println!("  {} in all{times}; {:.1} Mrays/s while tracing", duration(total_s), rays as f64 / trace_s / 1e6);
+        println!(
+            "{}: {} from {rays} rays",
+            name_of(&self.output),
+            what_is_kept(cube)
+        );
+        let times = if times.is_empty() {
+            String::new()
+        } else {
+            format!(": {times}")
+        };
+        println!(
+            "  {} in all{times}; {:.1} Mrays/s while tracing",
+            duration(total_s),
+            rays as f64 / trace_s / 1e6
+        );
         if let Some(mean) = mean {
-            println!("  the next ray would find something new with a probability of {:.1} %", mean * 100.0);
+            println!(
+                "  the next ray would find something new with a probability of {:.1} %",
+                mean * 100.0
+            );
         }
         if let Some(holes) = cube.info.holes {
-            println!("  holes: {}", words_of(&holes, self.quality.parameters.holes));
+            println!(
+                "  holes: {}",
+                words_of(&holes, self.quality.parameters.holes)
+            );
         }
         if self.output.as_os_str() != files::STANDARD_OUTPUT {
-            println!("look at it: headbox render {} -o frame.png", quoted(&self.output));
+            println!(
+                "look at it: headbox render {} -o frame.png",
+                quoted(&self.output)
+            );
         }
     }
 }
@@ -492,11 +638,18 @@ pub(super) fn aimed(holes: &Holes) -> String {
 /// What became of the search for holes.
 fn words_of(holes: &Holes, limit: f64) -> String {
     let [share, error] = [holes.share, holes.standard_error].map(|share| share * 100.0);
-    let found = format!("{share:.4} % of frames' pixels (+- {error:.4} %), {}", aimed(holes));
+    let found = format!(
+        "{share:.4} % of frames' pixels (+- {error:.4} %), {}",
+        aimed(holes)
+    );
     let is_met = holes.share + holes.standard_error <= limit;
     if is_met {
         found
     } else {
-        format!("{found}; that is all that {} reach of {} %", counted(holes.rounds, "round"), limit * 100.0)
+        format!(
+            "{found}; that is all that {} reach of {} %",
+            counted(holes.rounds, "round"),
+            limit * 100.0
+        )
     }
 }

@@ -1,12 +1,12 @@
 //! Where a headbox goes, in the axes and the unit of its scene's file.
 
 use crate::words::UsageError;
+use glam::DVec3;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::headbox::Headbox;
-use headbox_trace::viewpoint::HeadboxError;
 use headbox_scene::scene::Scene;
 use headbox_trace::viewpoint;
-use glam::DVec3;
+use headbox_trace::viewpoint::HeadboxError;
 use std::sync::Arc;
 
 /// Where the headbox goes: what the user said, in the file's own axes and unit, else what the scene suggests, else free space.
@@ -17,7 +17,8 @@ pub(crate) fn place_headbox(
 ) -> Result<Headbox, UsageError> {
     let centre = center.map(|center| scene.frame.world_from_file(center));
     let half_size_m = half_size.map(|half_size| half_size * scene.frame.unit_m);
-    viewpoint::place_headbox(scene, centre, half_size_m).map_err(|error| UsageError(misplaced(&error, &scene.frame)))
+    viewpoint::place_headbox(scene, centre, half_size_m)
+        .map_err(|error| UsageError(misplaced(&error, &scene.frame)))
 }
 
 /// What is wrong with a headbox, in the file's axes and unit.
@@ -34,8 +35,11 @@ fn misplaced(error: &HeadboxError, frame: &FileFrame) -> String {
             )
         }
         HeadboxError::HalfSize(metres) => {
-            let [half_size, least, most] = [metres, 1e-9, 1e9].map(|metres| figure(metres / frame.unit_m));
-            format!("a headbox of half-size {half_size}; choose one between {least} and {most} (in the file's unit)")
+            let [half_size, least, most] =
+                [metres, 1e-9, 1e9].map(|metres| figure(metres / frame.unit_m));
+            format!(
+                "a headbox of half-size {half_size}; choose one between {least} and {most} (in the file's unit)"
+            )
         }
         HeadboxError::Centre(_) => error.to_string(),
     }

@@ -2,33 +2,33 @@
 
 mod sprites;
 
+use crate::commands::capture::place::place_headbox;
 use crate::commands::demo::sprites::print_sprite_rows;
 use crate::output::{Outputs, peak_rss_mb, save_picture, write_text};
 use crate::packing::what_is_kept;
-use crate::commands::capture::place::place_headbox;
 use crate::progress::{Bar, Planned};
-use headbox_trace::light::Lighting;
-use headbox_core::headbox::Headbox;
-use headbox_trace::bvh::Tracer;
-use headbox_core::camera::{Camera, CameraError};
-use headbox_core::drawing::sheet::{Sheet, SheetCell, SheetRow};
-use headbox_core::frame::Coverage;
-use headbox_ldi::refine;
-use headbox_ldi::job::CaptureJob;
-use headbox_cube::model::parameters::CaptureParameters;
-use headbox_ldi::settings::Resources;
-use headbox_lab::cube_map::CubeMap;
-use headbox_core::metrics;
-use headbox_core::metrics::Comparison;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_cube::planes;
-use headbox_core::progress::Silent;
-use headbox_cube::render::{RenderSettings, Renderer};
-use headbox_ldi::scene_source::SceneSource;
-use headbox_trace::truth;
-use headbox_trace::truth::Truth;
 use clap::Args;
 use glam::{DVec3, dvec3};
+use headbox_core::camera::{Camera, CameraError};
+use headbox_core::drawing::contact_sheet::{SheetRow, contact_sheet};
+use headbox_core::frame::Coverage;
+use headbox_core::headbox::Headbox;
+use headbox_core::metrics;
+use headbox_core::metrics::Comparison;
+use headbox_core::progress::Silent;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::planes;
+use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_lab::cube_map::CubeMap;
+use headbox_ldi::job::CaptureJob;
+use headbox_ldi::refine;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_ldi::settings::Resources;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_trace::truth;
+use headbox_trace::truth::Truth;
 use image::RgbImage;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -60,10 +60,22 @@ struct Sizes {
     truth_samples: u32,
 }
 
-const FULL: Sizes =
-    Sizes { face_size_px: 1024, strata: 32, rays: 16, light_samples: 4, frame: (640, 480), truth_samples: 64 };
-const QUICK: Sizes =
-    Sizes { face_size_px: 384, strata: 16, rays: 16, light_samples: 4, frame: (320, 240), truth_samples: 36 };
+const FULL: Sizes = Sizes {
+    face_size_px: 1024,
+    strata: 32,
+    rays: 16,
+    light_samples: 4,
+    frame: (640, 480),
+    truth_samples: 64,
+};
+const QUICK: Sizes = Sizes {
+    face_size_px: 384,
+    strata: 16,
+    rays: 16,
+    light_samples: 4,
+    frame: (320, 240),
+    truth_samples: 36,
+};
 
 /// Where the eye stands in the headbox, in half-sizes: the centre, and five places off it.
 const EYES: [(&str, [f64; 3]); 6] = [
@@ -93,18 +105,32 @@ impl DemoCommand {
         let source = SceneSource::new(&self.scene);
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
-        let Headbox { centre, half_size_m } = place_headbox(&scene, None, None)?;
-        println!("{}: {} triangles, headbox {:.3} m a side", self.scene, scene.triangles.len(), 2.0 * half_size_m);
+        let Headbox {
+            centre,
+            half_size_m,
+        } = place_headbox(&scene, None, None)?;
+        println!(
+            "{}: {} triangles, headbox {:.3} m a side",
+            self.scene,
+            scene.triangles.len(),
+            2.0 * half_size_m
+        );
         let tracer = Tracer::new(scene, centre);
         let job = job(&sizes, source, centre, half_size_m);
-        let lighting = Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0);
+        let lighting = Lighting::prepare(
+            &tracer,
+            job.parameters.bounces,
+            job.parameters.light_samples > 0,
+        );
         let cube = self.capture(&job, &tracer, &lighting)?;
         let rows = render_rows(&cube, &tracer, &lighting, &sizes)?;
         self.save(&rows)?;
         print_table(&rows);
         print_cube_map_row(&tracer, &lighting, &cube, &sizes, &rows)?;
-        let cameras: Vec<Camera> =
-            EYES.iter().map(|(_, offset)| camera(&cube, *offset, &sizes)).collect::<Result<_, _>>()?;
+        let cameras: Vec<Camera> = EYES
+            .iter()
+            .map(|(_, offset)| camera(&cube, *offset, &sizes))
+            .collect::<Result<_, _>>()?;
         let truths: Vec<RgbImage> = rows.iter().map(|row| row.truth.rgb()).collect();
         print_sprite_rows(&self.out, &tracer, &lighting, &cameras, &truths)?;
         self.say_what_next();
@@ -129,12 +155,23 @@ impl DemoCommand {
         }
     }
 
-    fn capture(&self, job: &CaptureJob, tracer: &Tracer, lighting: &Lighting) -> anyhow::Result<PackedCube> {
+    fn capture(
+        &self,
+        job: &CaptureJob,
+        tracer: &Tracer,
+        lighting: &Lighting,
+    ) -> anyhow::Result<PackedCube> {
         let start = Instant::now();
         let bar = Bar::new();
-        let (ldi, trace_time) = refine::capture(job, tracer, lighting, &Resources::default(), &bar)?;
+        let (ldi, trace_time) =
+            refine::capture(job, tracer, lighting, &Resources::default(), &bar)?;
         bar.finish();
-        let cube = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, planes::DEFAULT_ERROR_PX)?;
+        let cube = planes::pack(
+            ldi,
+            SplatIndexLayout::Normal,
+            Split::Auto,
+            planes::DEFAULT_ERROR_PX,
+        )?;
         let path = self.out.join("demo.ldi");
         cube.write(&path)?;
         let (rays, kept) = (cube.info.rays_traced, what_is_kept(&cube));
@@ -145,44 +182,67 @@ impl DemoCommand {
             rays as f64 / trace_time.as_secs_f64() / 1e6,
             peak_rss_mb().map_or(String::new(), |mb| format!("; peak memory {mb:.0} MiB")),
         );
-        println!("wrote {} ({:.1} MB)\n", path.display(), std::fs::metadata(&path)?.len() as f64 / 1e6);
+        println!(
+            "wrote {} ({:.1} MB)\n",
+            path.display(),
+            std::fs::metadata(&path)?.len() as f64 / 1e6
+        );
         Ok(cube)
     }
 
     fn save(&self, rows: &[Row]) -> anyhow::Result<()> {
+        let mut sheet = Vec::new();
         for (i, row) in rows.iter().enumerate() {
-            save_picture(&self.out.join(format!("frame_{i}.png")), &row.frame)?;
-            save_picture(&self.out.join(format!("truth_{i}.png")), &row.truth.rgb())?;
+            let Row {
+                label,
+                frame,
+                truth,
+                map,
+                ms,
+                comparison,
+                ..
+            } = row;
+            let [flip, psnr, truth_psnr] = [
+                comparison.flip,
+                comparison.psnr_db,
+                truth.standard_error_psnr_db,
+            ];
+            let mut pictures = Vec::new();
+            for (name, image, caption) in [
+                ("frame", frame, format!("headbox: {ms:.2} ms")),
+                (
+                    "truth",
+                    &truth.rgb(),
+                    format!("ray-traced truth: standard error {truth_psnr:.1} dB"),
+                ),
+                (
+                    "error",
+                    map,
+                    format!("FLIP error: mean {flip:.3}, PSNR {psnr:.1} dB"),
+                ),
+            ] {
+                let file = format!("{name}_{i}.png");
+                save_picture(&self.out.join(&file), image)?;
+                pictures.push((file, caption));
+            }
+            sheet.push(SheetRow {
+                label: (*label).into(),
+                pictures,
+            });
         }
-        let sheet = Sheet {
-            title: format!("headbox demo: {}", self.scene),
-            columns: ["headbox", "ray-traced truth", "FLIP error"].map(str::to_owned).to_vec(),
-            rows: rows.iter().map(sheet_row).collect(),
-        };
-        save_picture(&self.out.join("sheet.png"), &sheet.compose()?)?;
+        let title = format!("headbox demo: {}", self.scene);
+        write_text(&self.out.join("sheet.html"), &contact_sheet(&title, &sheet))?;
         write_text(&self.out.join("table.csv"), &csv(rows))
     }
 
     fn say_what_next(&self) {
         let out = self.out.display();
-        println!("\nframes, truth and a contact sheet are in {out}: open {out}/sheet.png first");
+        println!("\nframes, truth and a contact sheet are in {out}: open {out}/sheet.html first");
         println!(
             "next, look from elsewhere:  headbox render {out}/demo.ldi -o frame.png --eye 1.2,1.8,9 --look-at 0,4,0"
         );
         println!("or capture your own scene:  headbox capture scene.obj -o scene.ldi");
     }
-}
-
-fn sheet_row(row: &Row) -> SheetRow {
-    let c = &row.comparison;
-    let captions = [
-        format!("{:.2} ms", row.ms),
-        format!("standard error {:.1} dB", row.truth.standard_error_psnr_db),
-        format!("FLIP {:.3}  PSNR {:.1} dB", c.flip, c.psnr_db),
-    ];
-    let images = [&row.frame, &row.truth.rgb(), &row.map];
-    let cells = images.into_iter().zip(captions).map(|(image, caption)| SheetCell { image: image.clone(), caption });
-    SheetRow { label: row.label.to_owned(), cells: cells.collect() }
 }
 
 fn job(sizes: &Sizes, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {
@@ -204,21 +264,44 @@ fn camera(cube: &PackedCube, offset: [f64; 3], sizes: &Sizes) -> Result<Camera, 
         let of_face = cube.segments.iter().filter(|s| s.face.normal() == normal);
         of_face.map(|s| s.depth_pixels.len()).sum()
     };
-    let sides = [dvec3(0.0, 0.0, -1.0), DVec3::X, DVec3::Z, dvec3(-1.0, 0.0, 0.0)];
-    let ahead = sides.into_iter().max_by_key(|&side| count(side)).unwrap_or(DVec3::NEG_Z);
+    let sides = [
+        dvec3(0.0, 0.0, -1.0),
+        DVec3::X,
+        DVec3::Z,
+        dvec3(-1.0, 0.0, 0.0),
+    ];
+    let ahead = sides
+        .into_iter()
+        .max_by_key(|&side| count(side))
+        .unwrap_or(DVec3::NEG_Z);
     // Offsets are given for a view along -Z: turn them with the view.
     let right = ahead.cross(DVec3::Y);
     let [x, y, z] = offset;
     let eye = cube.info.centre + (right * x + DVec3::Y * y - ahead * z) * cube.info.half_size_m;
     let (width, height) = sizes.frame;
-    Camera::look_at(eye, eye + ahead + DVec3::Y * 0.15, DVec3::Y, 60.0, [width, height])
+    Camera::look_at(
+        eye,
+        eye + ahead + DVec3::Y * 0.15,
+        DVec3::Y,
+        60.0,
+        [width, height],
+    )
 }
 
-fn render_rows(cube: &PackedCube, tracer: &Tracer, lighting: &Lighting, sizes: &Sizes) -> anyhow::Result<Vec<Row>> {
+fn render_rows(
+    cube: &PackedCube,
+    tracer: &Tracer,
+    lighting: &Lighting,
+    sizes: &Sizes,
+) -> anyhow::Result<Vec<Row>> {
     const REPEATS: usize = 9;
     let mut renderer = Renderer::new();
     let settings = RenderSettings::default();
-    let of_all = Planned { stages: &["truth"], times: EYES.len() as u32, weight: 1.0 };
+    let of_all = Planned {
+        stages: &["truth"],
+        times: EYES.len() as u32,
+        weight: 1.0,
+    };
     let bar = Bar::planned(vec![of_all], false);
     let mut rows = Vec::with_capacity(EYES.len());
     for (label, offset) in EYES {
@@ -236,11 +319,24 @@ fn render_rows(cube: &PackedCube, tracer: &Tracer, lighting: &Lighting, sizes: &
         let hole = |(pixel, truth): (&Coverage, &Coverage)| {
             pixel.splat_share() == 0 && (*truth == Coverage::FULL || pixel.is_hole())
         };
-        let holes = frame.coverage.iter().zip(&truth.frame.coverage).filter(|&pair| hole(pair)).count();
+        let holes = frame
+            .coverage
+            .iter()
+            .zip(&truth.frame.coverage)
+            .filter(|&pair| hole(pair))
+            .count();
         let hole_fraction = holes as f64 / frame.color.len() as f64;
         let frame = frame.to_rgb()?;
         let (comparison, map) = metrics::compare_with_map(&truth.rgb(), &frame)?;
-        rows.push(Row { label, frame, truth, map: map.to_magma(), ms: ms[REPEATS / 2], hole_fraction, comparison });
+        rows.push(Row {
+            label,
+            frame,
+            truth,
+            map: map.to_magma(),
+            ms: ms[REPEATS / 2],
+            hole_fraction,
+            comparison,
+        });
     }
     bar.finish();
     Ok(rows)
@@ -261,7 +357,11 @@ fn print_table(rows: &[Row]) {
             row.truth.standard_error_psnr_db
         );
     }
-    let off_centre = rows[1..].iter().map(|row| row.comparison.psnr_db).sum::<f64>() / (rows.len() - 1) as f64;
+    let off_centre = rows[1..]
+        .iter()
+        .map(|row| row.comparison.psnr_db)
+        .sum::<f64>()
+        / (rows.len() - 1) as f64;
     println!("mean PSNR off centre: {off_centre:.2} dB");
 }
 
@@ -275,9 +375,20 @@ fn print_cube_map_row(
 ) -> anyhow::Result<()> {
     let camera = camera(cube, EYES[0].1, sizes)?;
     let (centre, face_px) = (cube.info.centre, cube.face_size_px);
-    let map = CubeMap::trace_for(tracer, lighting, centre, &[camera], face_px, sizes.light_samples, &Silent);
+    let map = CubeMap::trace_for(
+        tracer,
+        lighting,
+        centre,
+        &[camera],
+        face_px,
+        sizes.light_samples,
+        &Silent,
+    );
     let c = metrics::compare(&rows[0].truth.rgb(), &map.resample(&camera))?;
-    println!("cube map of equal face size, bilinear, from the centre: FLIP {:.4}, PSNR {:.2} dB", c.flip, c.psnr_db);
+    println!(
+        "cube map of equal face size, bilinear, from the centre: FLIP {:.4}, PSNR {:.2} dB",
+        c.flip, c.psnr_db
+    );
     Ok(())
 }
 
@@ -286,7 +397,10 @@ fn csv(rows: &[Row]) -> String {
     for row in rows {
         let (c, label) = (&row.comparison, row.label.replace(',', ""));
         let (ms, holes, error) = (row.ms, row.hole_fraction, row.truth.standard_error_psnr_db);
-        text += &format!("{label},{ms:.3},{},{},{},{holes},{error}\n", c.flip, c.psnr_db, c.ssim);
+        text += &format!(
+            "{label},{ms:.3},{},{},{},{holes},{error}\n",
+            c.flip, c.psnr_db, c.ssim
+        );
     }
     text
 }

@@ -2,14 +2,17 @@
 
 use crate::output::write_text;
 use headbox_core::camera::Camera;
-use headbox_trace::light::Lighting;
-use headbox_core::statistics::median;
-use headbox_trace::bvh::Tracer;
-use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use headbox_core::frame::Frame;
 use headbox_core::metrics;
 use headbox_core::progress::Silent;
-use headbox_sprite::{DisplacementFormat, RenderOptions, SlabCapture, SpriteSet, SpriteVariant, capture_slabs, slabs_at_gaps};
+use headbox_core::statistics::median;
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
+use headbox_sprite::{
+    DisplacementFormat, RenderOptions, SlabCapture, SpriteSet, SpriteVariant, capture_slabs,
+    slabs_at_gaps,
+};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use image::RgbImage;
 use std::path::Path;
 use std::time::Instant;
@@ -35,8 +38,20 @@ pub(super) fn print_sprite_rows(
     let start = Instant::now();
     let wider = |side: u32| (f64::from(side) * MARGIN) as u32;
     let (width, height) = (wider(first.width()), wider(first.height()));
-    let taken = Camera::from_parts(first.eye(), first.world_from_eye(), first.focal_px(), width, height)?;
-    let capture = SlabCapture { tracer, lighting, lit: true, samples: SAMPLES, format: DisplacementFormat::default() };
+    let taken = Camera::from_parts(
+        first.eye(),
+        first.world_from_eye(),
+        first.focal_px(),
+        width,
+        height,
+    )?;
+    let capture = SlabCapture {
+        tracer,
+        lighting,
+        lit: true,
+        samples: SAMPLES,
+        format: DisplacementFormat::default(),
+    };
     let slabs = slabs_at_gaps(tracer, &taken, LAYERS);
     let mut set = SpriteSet::new(capture_slabs(&capture, &taken, &slabs, &Silent)?);
     set.environment = lighting.environment();
@@ -49,10 +64,18 @@ pub(super) fn print_sprite_rows(
     );
     println!("variant       ms/frame    FLIP at the centre    off centre");
     let mut csv = String::from("variant,ms,flip_centre,flip_off_centre\n");
-    for variant in [SpriteVariant::Homography, SpriteVariant::OnePass, SpriteVariant::TwoPass] {
+    for variant in [
+        SpriteVariant::Homography,
+        SpriteVariant::OnePass,
+        SpriteVariant::TwoPass,
+    ] {
         let (ms, flips) = draw(&layers, variant, cameras, truths)?;
         let off_centre = flips[1..].iter().sum::<f64>() / (flips.len() - 1).max(1) as f64;
-        println!("{:<12} {ms:>9.2} {:>21.4} {off_centre:>13.4}", variant.name(), flips[0]);
+        println!(
+            "{:<12} {ms:>9.2} {:>21.4} {off_centre:>13.4}",
+            variant.name(),
+            flips[0]
+        );
         csv += &format!("{},{ms:.3},{},{off_centre}\n", variant.name(), flips[0]);
     }
     write_text(&folder.join("sprites.csv"), &csv)
@@ -67,7 +90,10 @@ fn draw(
 ) -> anyhow::Result<(f64, Vec<f64>)> {
     const REPEATS: usize = 3;
     let settings = ComposeSettings {
-        sprites: RenderOptions { variant, ..RenderOptions::default() },
+        sprites: RenderOptions {
+            variant,
+            ..RenderOptions::default()
+        },
         ..ComposeSettings::default()
     };
     let (mut composer, mut frame) = (Composer::default(), Frame::default());

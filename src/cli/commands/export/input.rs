@@ -1,17 +1,17 @@
 //! Input files of `headbox export`, by kind.
 
 use crate::commands::house::file::first_view;
+use anyhow::{Context, bail};
 use headbox_core::camera::Camera;
 use headbox_core::container::{Container, FileKind};
-use headbox_export::page::Page;
-use headbox_export::{ExportError, of_sprites, poster};
-use headbox_lumigraph::{LUMI_FILE, Lumigraph, Slabs};
 use headbox_cube::pack::PackedCube;
+use headbox_export::page::Page;
+use headbox_export::{ExportError, of_sprites};
 use headbox_house::file;
 use headbox_house::file::HOUSE_FILE;
 use headbox_house::house::House;
+use headbox_lumigraph::{LUMI_FILE, Lumigraph, Slabs};
 use headbox_sprite::{SPRITE_FILE, SpriteSet};
-use anyhow::{Context, bail};
 use std::path::Path;
 
 /// What is to be exported.
@@ -32,7 +32,9 @@ impl Exported {
         let found = Container::peek_kind(path).ok().flatten();
         let kind = found.and_then(|tag| FileKind::ALL.iter().find(|kind| kind.tag == tag));
         match kind {
-            Some(kind) if kind.tag == SPRITE_FILE.tag => Ok(Self::Sprites(Box::new(SpriteSet::read(path)?))),
+            Some(kind) if kind.tag == SPRITE_FILE.tag => {
+                Ok(Self::Sprites(Box::new(SpriteSet::read(path)?)))
+            }
             Some(kind) if kind.tag == HOUSE_FILE.tag => {
                 // A page shows no backdrop.
                 let (house, _, _) = file::read(path, 0)?;
@@ -64,10 +66,18 @@ impl Exported {
     pub(super) fn cube(self, path: &Path) -> anyhow::Result<PackedCube> {
         match self {
             Self::Cube(cube) => Ok(*cube),
-            Self::Sprites(set) => of_sprites::cube(&set).with_context(|| path.display().to_string()),
-            Self::House(..) => bail!("{} is a house, which is exported as a page (.html) alone", path.display()),
+            Self::Sprites(set) => {
+                of_sprites::cube(&set).with_context(|| path.display().to_string())
+            }
+            Self::House(..) => bail!(
+                "{} is a house, which is exported as a page (.html) alone",
+                path.display()
+            ),
             Self::Lumigraph(..) => {
-                bail!("{} is a lumigraph, which is exported as a page (.html) alone", path.display())
+                bail!(
+                    "{} is a lumigraph, which is exported as a page (.html) alone",
+                    path.display()
+                )
             }
         }
     }

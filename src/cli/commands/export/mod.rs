@@ -5,14 +5,14 @@ pub(crate) mod input;
 use crate::commands::export::input::Exported;
 use crate::output::{EXPORT, Outputs, print_json};
 use crate::words::UsageError;
-use headbox_core::files;
+use anyhow::Context;
+use clap::Args;
 use headbox_core::cube_face::Face;
+use headbox_core::files;
+use headbox_cube::pack::PackedCube;
 use headbox_export::deep;
 use headbox_export::deep::{DeepSummary, Faces};
 use headbox_export::{ExportError, glb, ply, splats};
-use headbox_cube::pack::PackedCube;
-use anyhow::Context;
-use clap::Args;
 use serde_json::{Value, json};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -48,7 +48,9 @@ pub(crate) struct ExportCommand {
 }
 
 fn parse_face(text: &str) -> Result<Face, String> {
-    let found = Face::ALL.into_iter().find(|face| face.name().eq_ignore_ascii_case(text));
+    let found = Face::ALL
+        .into_iter()
+        .find(|face| face.name().eq_ignore_ascii_case(text));
     found.ok_or_else(|| "give +X, -X, +Y, -Y, +Z or -Z".into())
 }
 
@@ -58,7 +60,11 @@ const TRIANGLES: u64 = 200_000;
 impl ExportCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         Outputs::new(self.json, [&self.file]).file(&self.output, &EXPORT)?;
-        let ending = self.output.extension().unwrap_or_default().to_ascii_lowercase();
+        let ending = self
+            .output
+            .extension()
+            .unwrap_or_default()
+            .to_ascii_lowercase();
         for (given, name, wanted) in [
             (self.title.is_some(), "--title", "html"),
             (self.triangles.is_some(), "--triangles", "glb"),
@@ -79,12 +85,22 @@ impl ExportCommand {
         if self.json {
             print_json(&told);
         } else {
-            println!("{}: {:.1} MB{}", self.output.display(), bytes as f64 / 1e6, told["words"].as_str().unwrap_or(""));
+            println!(
+                "{}: {:.1} MB{}",
+                self.output.display(),
+                bytes as f64 / 1e6,
+                told["words"].as_str().unwrap_or("")
+            );
         }
         Ok(())
     }
 
-    fn write_as(&self, ending: Option<&str>, exported: Exported, told: &mut Value) -> anyhow::Result<()> {
+    fn write_as(
+        &self,
+        ending: Option<&str>,
+        exported: Exported,
+        told: &mut Value,
+    ) -> anyhow::Result<()> {
         let of_file = || self.file.display().to_string();
         if !matches!(ending, Some("glb" | "ply" | "exr")) {
             let name = self.title.clone().unwrap_or_else(|| name_of(&self.file));
@@ -108,11 +124,16 @@ impl ExportCommand {
             summary = Some(glb::write(cube, self.triangles.unwrap_or(TRIANGLES), to)?);
             Ok(())
         })?;
-        let Some(summary) = summary else { return Ok(()) };
-        let (triangles, error_px, dropped) = (summary.triangles, summary.error_px, summary.dropped_samples);
+        let Some(summary) = summary else {
+            return Ok(());
+        };
+        let (triangles, error_px, dropped) =
+            (summary.triangles, summary.error_px, summary.dropped_samples);
         (told["triangles"], told["error_px"], told["dropped_samples"]) =
             (triangles.into(), error_px.into(), dropped.into());
-        told["words"] = format!(", {triangles} triangles, samples off by up to {error_px:.1} face pixels").into();
+        told["words"] =
+            format!(", {triangles} triangles, samples off by up to {error_px:.1} face pixels")
+                .into();
         if dropped > 0 {
             eprintln!(
                 "warning: {dropped} samples, in the smallest pieces of surfaces, are left out to stay within the budget; give \
@@ -132,15 +153,26 @@ impl ExportCommand {
             });
             Ok(())
         })?;
-        let Some(DeepSummary { samples, size_px: [width, height] }) = summary else { return Ok(()) };
+        let Some(DeepSummary {
+            samples,
+            size_px: [width, height],
+        }) = summary
+        else {
+            return Ok(());
+        };
         (told["samples"], told["size"]) = (samples.into(), json!([width, height]));
-        let layers = self.layers.map_or_else(|| "deep".into(), |layers| format!("{layers} layers"));
+        let layers = self
+            .layers
+            .map_or_else(|| "deep".into(), |layers| format!("{layers} layers"));
         told["words"] = format!(", {width}x{height}, {layers}, of {samples} samples").into();
         Ok(())
     }
 
     /// Writes the output, whole or not at all.
-    fn write(&self, write: impl FnOnce(&mut dyn io::Write) -> Result<(), ExportError>) -> anyhow::Result<()> {
+    fn write(
+        &self,
+        write: impl FnOnce(&mut dyn io::Write) -> Result<(), ExportError>,
+    ) -> anyhow::Result<()> {
         let written = files::write_whole(&self.output, |mut to| match write(&mut to) {
             Err(ExportError::Io(error)) => Err(error),
             other => other.map_err(io::Error::other),
@@ -151,5 +183,8 @@ impl ExportCommand {
 
 /// The name of a file without folder and ending.
 fn name_of(path: &Path) -> String {
-    path.file_stem().map_or_else(|| "headbox".into(), |stem| stem.to_string_lossy().into_owned())
+    path.file_stem().map_or_else(
+        || "headbox".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    )
 }

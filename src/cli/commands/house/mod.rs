@@ -2,16 +2,16 @@
 
 pub(crate) mod file;
 
+use crate::args::LightArgs;
 use crate::commands::house::file::HouseFileArgs;
-use crate::output::{Outputs, PLAN, print_json, save_picture, write_text};
+use crate::output::{Outputs, PLAN, print_json, write_text};
 use crate::words::UsageError;
+use clap::Args;
+use glam::DVec2;
+use headbox_house::floor_plan::{FloorPlan, storeys};
 use headbox_model::load::{LoadedModel, ModelOptions, load_model};
 use headbox_model::{Finding, PortalModel, Severity};
 use headbox_trace::bvh::Tracer;
-use headbox_house::floor_plan::{FloorPlan, storeys};
-use crate::args::LightArgs;
-use clap::Args;
-use glam::DVec2;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,8 +20,8 @@ use std::sync::Arc;
 pub(crate) struct HouseCommand {
     /// A Sweet Home 3D .sh3d, or Home.xml with its OBJ export beside it, a .toml model, or builtin:house
     model: String,
-    /// Draw the plan, as PNG or SVG by its ending; storeys above the first get names of their own, as plan_2.png
-    #[arg(long, value_name = "PLAN.png|.svg")]
+    /// Draw the plan of each storey; those above the first are numbered: plan.svg, plan_2.svg
+    #[arg(long, value_name = "PLAN.svg")]
     plan: Option<PathBuf>,
     /// Height above the floor at which the plan is cut, metres
     #[arg(long, value_name = "M", default_value_t = 1.1)]
@@ -55,10 +55,14 @@ struct Survey {
 
 impl HouseCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let outputs = Outputs::new(self.json, [&self.model]).maybe_file(self.plan.as_ref(), &PLAN)?;
+        let outputs =
+            Outputs::new(self.json, [&self.model]).maybe_file(self.plan.as_ref(), &PLAN)?;
         let outputs = self.file.outputs(outputs)?;
         let writes = self.file.wanted()?;
-        let LoadedModel { mut model, mut findings } = self.open()?;
+        let LoadedModel {
+            mut model,
+            mut findings,
+        } = self.open()?;
         model.scene.set_light(&self.light.parameters())?;
         outputs.scene_is_open(&model.scene)?;
         if self.rays > 0 && !model.cells.is_empty() {
@@ -67,9 +71,17 @@ impl HouseCommand {
             findings.extend(model.leaks(&tracer, self.rays, self.seed));
         }
         let frame = model.scene.frame;
-        let findings = findings.into_iter().map(|finding| finding.in_file(&frame)).collect();
+        let findings = findings
+            .into_iter()
+            .map(|finding| finding.in_file(&frame))
+            .collect();
         let survey = Survey { model, findings };
-        let plans = self.plan.as_ref().map(|path| self.draw(&survey.model, path)).transpose()?.unwrap_or_default();
+        let plans = self
+            .plan
+            .as_ref()
+            .map(|path| self.draw(&survey.model, path))
+            .transpose()?
+            .unwrap_or_default();
         let mut found = survey.to_json();
         found["plans"] = json!(plans);
         if !self.json {
@@ -95,10 +107,16 @@ impl HouseCommand {
                 let findings = model.mend();
                 Ok(LoadedModel { model, findings })
             }
-            Some(other) => {
-                Err(UsageError(format!("there is no built-in portal model \"{other}\"; there is builtin:house")).into())
-            }
-            None => Ok(load_model(Path::new(&self.model), &ModelOptions { keep_doors: self.keep_doors })?),
+            Some(other) => Err(UsageError(format!(
+                "there is no built-in portal model \"{other}\"; there is builtin:house"
+            ))
+            .into()),
+            None => Ok(load_model(
+                Path::new(&self.model),
+                &ModelOptions {
+                    keep_doors: self.keep_doors,
+                },
+            )?),
         }
     }
 
@@ -106,32 +124,32 @@ impl HouseCommand {
     fn draw(&self, model: &PortalModel, path: &Path) -> anyhow::Result<Vec<PathBuf>> {
         let mut written = Vec::new();
         for (storey, floor) in (1..).zip(storeys(model)) {
-            let plan = FloorPlan::new(model, floor + self.cut);
             let path = of_storey(path, storey);
-            if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
-                write_text(&path, &plan.to_svg())?;
-            } else {
-                save_picture(&path, &plan.to_image())?;
-            }
+            write_text(&path, &FloorPlan::new(model, floor + self.cut).to_svg())?;
             written.push(path);
         }
         Ok(written)
     }
 }
 
-/// `plan.png` for the first storey, `plan_2.png` for the second.
+/// Returns `plan.svg` for the first storey, `plan_2.svg` for the second.
 fn of_storey(path: &Path, storey: usize) -> PathBuf {
     match (storey, path.file_stem(), path.extension()) {
-        (2.., Some(stem), Some(ending)) => {
-            path.with_file_name(format!("{}_{storey}.{}", stem.to_string_lossy(), ending.to_string_lossy()))
-        }
+        (2.., Some(stem), Some(ending)) => path.with_file_name(format!(
+            "{}_{storey}.{}",
+            stem.to_string_lossy(),
+            ending.to_string_lossy()
+        )),
         _ => path.to_path_buf(),
     }
 }
 
 impl Survey {
     fn name(&self, cell: u32) -> &str {
-        self.model.cells.get(cell as usize).map_or("?", |cell| &cell.name)
+        self.model
+            .cells
+            .get(cell as usize)
+            .map_or("?", |cell| &cell.name)
     }
 
     /// Names of the cells that no way leads to.
@@ -140,7 +158,11 @@ impl Survey {
             Finding::Unreachable { cell, .. } => Some(*cell),
             _ => None,
         };
-        self.findings.iter().filter_map(name).map(|cell| self.name(cell)).collect()
+        self.findings
+            .iter()
+            .filter_map(name)
+            .map(|cell| self.name(cell))
+            .collect()
     }
 
     /// Names of the portals that do not touch a cell that they name.
@@ -156,25 +178,57 @@ impl Survey {
 
     fn print(&self) {
         let (cells, portals) = (&self.model.cells, &self.model.portals);
-        println!("{} cells, {} portals, {} triangles", cells.len(), portals.len(), self.model.scene.triangles.len());
+        println!(
+            "{} cells, {} portals, {} triangles",
+            cells.len(),
+            portals.len(),
+            self.model.scene.triangles.len()
+        );
         println!("\n cell  triangles  floor m2  portals  name");
         for (index, cell) in (0_u32..).zip(cells) {
-            let (count, floor) = (self.model.portals_of(index).count(), floor_area(&self.model, index));
-            let floor = if floor > 0.0 { format!("{floor:.1}") } else { "-".into() };
-            println!("{index:5} {:10} {floor:>9} {count:8}  {}", cell.triangles.len(), cell.name);
+            let (count, floor) = (
+                self.model.portals_of(index).count(),
+                floor_area(&self.model, index),
+            );
+            let floor = if floor > 0.0 {
+                format!("{floor:.1}")
+            } else {
+                "-".into()
+            };
+            println!(
+                "{index:5} {:10} {floor:>9} {count:8}  {}",
+                cell.triangles.len(),
+                cell.name
+            );
         }
         println!("\nportal  width x height  cells");
         for (index, portal) in portals.iter().enumerate() {
             let [width, height] = extent(portal);
             let [a, b] = portal.cells.map(|cell| self.name(cell));
-            println!("{index:6}   {width:4.2} x {height:4.2} m  {a} | {b}  ({})", portal.name);
+            println!(
+                "{index:6}   {width:4.2} x {height:4.2} m  {a} | {b}  ({})",
+                portal.name
+            );
         }
-        let list = |names: &[&str]| if names.is_empty() { "none".into() } else { names.join(", ") };
+        let list = |names: &[&str]| {
+            if names.is_empty() {
+                "none".into()
+            } else {
+                names.join(", ")
+            }
+        };
         println!("\nunreachable cells: {}", list(&self.unreachable()));
-        println!("portals that touch no cell: {}", list(&self.touching_no_cell()));
+        println!(
+            "portals that touch no cell: {}",
+            list(&self.touching_no_cell())
+        );
         for finding in &self.findings {
             // What cannot be used is left out, as from any other scene, and the rest is shown.
-            let kind = if finding.severity() == Severity::Error { "warning" } else { "note" };
+            let kind = if finding.severity() == Severity::Error {
+                "warning"
+            } else {
+                "note"
+            };
             println!("{kind}: {finding}");
         }
     }
@@ -195,8 +249,7 @@ impl Survey {
             json!({"name": portal.name, "cells": portal.cells, "width_m": width, "height_m": height,
                    "polygon": portal.polygon.iter().map(|p| p.to_array()).collect::<Vec<_>>()})
         };
-        let finding =
-            |finding: &Finding| json!({"severity": finding.severity().to_string(), "text": finding.to_string()});
+        let finding = |finding: &Finding| json!({"severity": finding.severity().to_string(), "text": finding.to_string()});
         json!({
             "cells": cells,
             "portals": self.model.portals.iter().map(portal).collect::<Vec<_>>(),
@@ -211,15 +264,32 @@ impl Survey {
 
 /// Area of a cell's first prism in plan, square metres: its floor without the niches of its doors.
 fn floor_area(model: &PortalModel, cell: u32) -> f64 {
-    let outline: &[DVec2] = model.cells[cell as usize].space.first().map_or(&[], |prism| &prism.outline);
-    let doubled: f64 = outline.iter().zip(outline.iter().cycle().skip(1)).map(|(a, b)| a.perp_dot(*b)).sum();
+    let outline: &[DVec2] = model.cells[cell as usize]
+        .space
+        .first()
+        .map_or(&[], |prism| &prism.outline);
+    let doubled: f64 = outline
+        .iter()
+        .zip(outline.iter().cycle().skip(1))
+        .map(|(a, b)| a.perp_dot(*b))
+        .sum();
     doubled.abs() / 2.0
 }
 
 /// Width in plan and height of an opening, metres.
 fn extent(portal: &headbox_model::Portal) -> [f64; 2] {
-    let low = portal.polygon.iter().copied().reduce(|a, b| a.min(b)).unwrap_or_default();
-    let high = portal.polygon.iter().copied().reduce(|a, b| a.max(b)).unwrap_or_default();
+    let low = portal
+        .polygon
+        .iter()
+        .copied()
+        .reduce(|a, b| a.min(b))
+        .unwrap_or_default();
+    let high = portal
+        .polygon
+        .iter()
+        .copied()
+        .reduce(|a, b| a.max(b))
+        .unwrap_or_default();
     let size = high - low;
     [size.x.hypot(size.z), size.y]
 }

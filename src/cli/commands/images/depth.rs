@@ -2,12 +2,12 @@
 
 use crate::image_set::SetArgs;
 use crate::progress::Bar;
-use headbox_core::files;
-use headbox_images::dense_depth::{Agreement, DenseDepth};
-use headbox_images::{ImageSet, ImageSetOptions, View, write_set};
-use headbox_core::progress::Progress;
 use anyhow::{Context, bail};
 use clap::Args;
+use headbox_core::files;
+use headbox_core::progress::Progress;
+use headbox_images::dense_depth::{Agreement, DenseDepth};
+use headbox_images::{ImageSet, ImageSetOptions, View, write_set};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -49,7 +49,11 @@ impl DepthArgs {
             Some(output) => rewritten(folder, output, args, &bar)?,
             None => (args.open(folder)?, Vec::new()),
         };
-        let lacking = set.views.iter().filter(|view| !view.has_own_depth()).count();
+        let lacking = set
+            .views
+            .iter()
+            .filter(|view| !view.has_own_depth())
+            .count();
         if lacking == 0 {
             bail!(
                 "{}: all {} views have depth; with -o FOLDER it is found anew, from the colours alone, and compared",
@@ -60,9 +64,15 @@ impl DepthArgs {
         let names: Vec<String> = set.views.iter().map(|view| view.name.clone()).collect();
         let (mut agreement, mut views, mut failed) = (Agreement::default(), 0, None);
         bar.begin("finding depth", "steps", set.find_depth_steps());
-        let how = DenseDepth { longest_px: self.depth_size, ..DenseDepth::default() };
+        let how = DenseDepth {
+            longest_px: self.depth_size,
+            ..DenseDepth::default()
+        };
         set.find_depth(&how, &|| bar.advance(1), &mut |view, found| {
-            let original = names.iter().position(|name| *name == view.name).and_then(|i| known.get(i));
+            let original = names
+                .iter()
+                .position(|name| *name == view.name)
+                .and_then(|i| known.get(i));
             let known = match original.map(View::load).transpose() {
                 Ok(original) => original.map(|original| original.depth).unwrap_or_default(),
                 Err(error) => {
@@ -77,18 +87,36 @@ impl DepthArgs {
         if let Some(error) = failed {
             return Err(error.into());
         }
-        Ok(Some(Outcome { views, agreement, seconds: started.elapsed().as_secs_f64(), folder: set.folder }))
+        Ok(Some(Outcome {
+            views,
+            agreement,
+            seconds: started.elapsed().as_secs_f64(),
+            folder: set.folder,
+        }))
     }
 }
 
 /// A set written anew, its lenses ideal and without depth, and the views that it was written from.
-fn rewritten(folder: &Path, output: &Path, args: &SetArgs, bar: &Bar) -> anyhow::Result<(ImageSet, Vec<View>)> {
+fn rewritten(
+    folder: &Path,
+    output: &Path,
+    args: &SetArgs,
+    bar: &Bar,
+) -> anyhow::Result<(ImageSet, Vec<View>)> {
     if std::fs::read_dir(output).is_ok_and(|mut entries| entries.next().is_some()) {
-        bail!("{}: is not empty; give a new folder for the set", output.display());
+        bail!(
+            "{}: is not empty; give a new folder for the set",
+            output.display()
+        );
     }
-    files::check_folder(output).with_context(|| format!("{} cannot be written to", output.display()))?;
+    files::check_folder(output)
+        .with_context(|| format!("{} cannot be written to", output.display()))?;
     let set = args.open_registered(folder)?;
-    let views: Vec<View> = set.views.into_iter().filter(|view| view.pinhole().is_some()).collect();
+    let views: Vec<View> = set
+        .views
+        .into_iter()
+        .filter(|view| view.pinhole().is_some())
+        .collect();
     bar.begin("writing pictures", "views", views.len() as u64);
     write_set(&views, output, &mut |_| bar.advance(1))?;
     bar.finish();
@@ -97,7 +125,12 @@ fn rewritten(folder: &Path, output: &Path, args: &SetArgs, bar: &Bar) -> anyhow:
 
 impl Outcome {
     pub(super) fn print(&self) {
-        let Self { views, agreement, seconds, folder } = self;
+        let Self {
+            views,
+            agreement,
+            seconds,
+            folder,
+        } = self;
         println!(
             "{}: depth found for {:.1} % of the pixels of {views} views in {seconds:.1} s",
             folder.display(),
@@ -115,7 +148,12 @@ impl Outcome {
     }
 
     pub(super) fn json(&self) -> Value {
-        let Self { views, agreement, seconds, folder } = self;
+        let Self {
+            views,
+            agreement,
+            seconds,
+            folder,
+        } = self;
         let known = (agreement.known > 0).then(|| {
             let [one, two, five] = agreement.shares_within();
             json!({

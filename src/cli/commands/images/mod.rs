@@ -4,20 +4,23 @@ mod depth;
 
 use crate::commands::capture::deep as capture_deep;
 use crate::commands::capture::deep::is_deep_picture;
-use crate::image_set::SetArgs;
 use crate::commands::images::depth::{DepthArgs, Outcome};
+use crate::image_set::SetArgs;
 use crate::output::print_json;
 use crate::progress::Bar;
-use headbox_images::{AlignStep, Alignment, CheckReport, ImageSet, ImagesError, Lens, Residual, TRANSFORMS, View, align, check};
-use headbox_cube::model::samples::CubeLdi;
-use headbox_ldi::from_images::ImagesJob;
-use headbox_photos::voxel_colouring::PhotographsJob;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_cube::planes;
-use headbox_core::progress::Progress;
 use anyhow::bail;
 use clap::Args;
 use glam::DVec3;
+use headbox_core::progress::Progress;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::planes;
+use headbox_images::{
+    AlignStep, Alignment, CheckReport, ImageSet, ImagesError, Lens, Residual, TRANSFORMS, View,
+    align, check,
+};
+use headbox_ldi::from_images::ImagesJob;
+use headbox_photos::voxel_colouring::PhotographsJob;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -103,14 +106,23 @@ pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<Pa
 /// As [`cube`], of a set that was opened.
 pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<PackedCube> {
     let ldi = SetJob::suggest(set).run(set, bar)?;
-    Ok(planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, planes::DEFAULT_ERROR_PX)?)
+    Ok(planes::pack(
+        ldi,
+        SplatIndexLayout::Normal,
+        Split::Auto,
+        planes::DEFAULT_ERROR_PX,
+    )?)
 }
 
 /// The views that a cube can be made from.
 pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
     let views: Vec<&View> = set.views_with_depth().collect();
     if views.is_empty() {
-        bail!("{}: none of its {} views has depth", set.folder.display(), set.views.len());
+        bail!(
+            "{}: none of its {} views has depth",
+            set.folder.display(),
+            set.views.len()
+        );
     }
     Ok(views)
 }
@@ -119,7 +131,9 @@ pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
 pub(super) fn is_image_set(name: &str) -> bool {
     let path = Path::new(name);
     let manifests = TRANSFORMS.into_iter().chain(["manifest.json"]);
-    let manifest = path.file_name().is_some_and(|file| manifests.into_iter().any(|known| file == known));
+    let manifest = path
+        .file_name()
+        .is_some_and(|file| manifests.into_iter().any(|known| file == known));
     !name.starts_with("builtin:") && (path.is_dir() || (manifest && path.is_file()))
 }
 
@@ -144,8 +158,12 @@ impl ImagesCommand {
             self.align()?;
         }
         let found = self.depth.run(&self.folder, &self.set)?;
-        let set = self.set.open(found.as_ref().map_or(&self.folder, |found| &found.folder))?;
-        let pairs = self.pairs.min(set.views_with_depth().count().saturating_sub(1));
+        let set = self
+            .set
+            .open(found.as_ref().map_or(&self.folder, |found| &found.folder))?;
+        let pairs = self
+            .pairs
+            .min(set.views_with_depth().count().saturating_sub(1));
         let bar = Bar::new();
         bar.begin("comparing neighbours", "views", pairs as u64 + 1);
         let report = match self.pairs {
@@ -187,8 +205,15 @@ impl ImagesCommand {
             at = Some(((step, all), done.max(before)));
         })?;
         bar.finish();
-        let Alignment { posed, pictures, model } = aligned;
-        eprintln!("note: it is known of {posed} of {pictures} photographs where they were taken: {}", model.display());
+        let Alignment {
+            posed,
+            pictures,
+            model,
+        } = aligned;
+        eprintln!(
+            "note: it is known of {posed} of {pictures} photographs where they were taken: {}",
+            model.display()
+        );
         Ok(())
     }
 
@@ -223,31 +248,61 @@ impl ImagesCommand {
     }
 
     fn print(&self, set: &ImageSet, report: &CheckReport) {
-        println!("{}: {}, {} views", set.folder.display(), set.format, set.views.len());
+        println!(
+            "{}: {}, {} views",
+            set.folder.display(),
+            set.format,
+            set.views.len()
+        );
         let with_depth = set.views_with_depth().count();
-        let panoramas = set.views.iter().filter(|view| view.lens == Lens::Equirectangular).count();
-        let sizes: std::collections::BTreeSet<[u32; 2]> = set.views.iter().map(|view| view.size_px).collect();
-        let sizes: Vec<String> = sizes.iter().take(4).map(|[w, h]| format!("{w}x{h}")).collect();
-        println!("  pictures    {} px, {panoramas} panoramas, {with_depth} with depth", sizes.join(", "));
+        let panoramas = set
+            .views
+            .iter()
+            .filter(|view| view.lens == Lens::Equirectangular)
+            .count();
+        let sizes: std::collections::BTreeSet<[u32; 2]> =
+            set.views.iter().map(|view| view.size_px).collect();
+        let sizes: Vec<String> = sizes
+            .iter()
+            .take(4)
+            .map(|[w, h]| format!("{w}x{h}"))
+            .collect();
+        println!(
+            "  pictures    {} px, {panoramas} panoramas, {with_depth} with depth",
+            sizes.join(", ")
+        );
         let (low, high) = extent(set);
-        println!("  eyes        from {} to {} (the file's axes and unit)", words(low), words(high));
+        println!(
+            "  eyes        from {} to {} (the file's axes and unit)",
+            words(low),
+            words(high)
+        );
         if with_depth > 0 && self.pairs > 0 {
             let half = match report.median_depth_m.is_nan() {
                 true => String::new(),
                 false => format!(", half of it within {:.2} m", report.median_depth_m),
             };
-            println!("  depth       known for {:.1} % of the pixels{half}", report.depth_share * 100.0);
+            println!(
+                "  depth       known for {:.1} % of the pixels{half}",
+                report.depth_share * 100.0
+            );
         }
         print_neighbors(&report.residuals);
         if !set.views.is_empty() {
-            println!("capture it: headbox capture {} -o F.ldi", set.folder.display());
+            println!(
+                "capture it: headbox capture {} -o F.ldi",
+                set.folder.display()
+            );
         }
     }
 }
 
 /// How well neighbours agree, of those that see the same.
 fn print_neighbors(compared: &[Residual]) {
-    let mut seen: Vec<&Residual> = compared.iter().filter(|residual| !residual.relative_depth.is_nan()).collect();
+    let mut seen: Vec<&Residual> = compared
+        .iter()
+        .filter(|residual| !residual.relative_depth.is_nan())
+        .collect();
     seen.sort_by(|a, b| a.relative_depth.total_cmp(&b.relative_depth));
     match seen.last() {
         Some(worst) => println!(
@@ -259,13 +314,19 @@ fn print_neighbors(compared: &[Residual]) {
             worst.to
         ),
         None if compared.is_empty() => {}
-        None => println!("  neighbours  none of {} pairs see the same", compared.len()),
+        None => println!(
+            "  neighbours  none of {} pairs see the same",
+            compared.len()
+        ),
     }
 }
 
 /// The corners of the eyes' bounding box, the file's axes and unit.
 fn extent(set: &ImageSet) -> (DVec3, DVec3) {
-    let eyes = set.views.iter().map(|view| set.frame.file_from_world(view.pose.eye));
+    let eyes = set
+        .views
+        .iter()
+        .map(|view| set.frame.file_from_world(view.pose.eye));
     let empty = (DVec3::splat(f64::INFINITY), DVec3::splat(f64::NEG_INFINITY));
     eyes.fold(empty, |(low, high), eye| (low.min(eye), high.max(eye)))
 }

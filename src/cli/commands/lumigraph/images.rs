@@ -32,9 +32,16 @@ impl LumigraphCommand {
 
     /// The cameras of a set are where they are, and see what they see.
     fn refuse_flags_of_scenes(&self) -> Result<(), UsageError> {
-        let flags = self.grid.given().into_iter().chain(self.quality.given()).chain(self.source.given());
+        let flags = self
+            .grid
+            .given()
+            .into_iter()
+            .chain(self.quality.given())
+            .chain(self.source.given());
         match flags.into_iter().find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for images; leave it out"))),
+            Some((flag, _)) => Err(UsageError(format!(
+                "{flag} has no meaning for images; leave it out"
+            ))),
             None => Ok(()),
         }
     }

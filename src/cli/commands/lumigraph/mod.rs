@@ -2,25 +2,27 @@
 
 mod images;
 
-use crate::args::{Names, SourceArgs, by_name, parse_length, parse_size, parse_vector};
-use crate::image_set::SetArgs;
 use super::images::is_image_set;
-use crate::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
+use crate::args::{Names, SourceArgs, by_name, parse_length, parse_size, parse_vector};
 use crate::commands::capture::place::place_headbox;
+use crate::image_set::SetArgs;
+use crate::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
 use crate::progress::Bar;
 use crate::words::UsageError;
-use headbox_trace::light::Lighting;
-use headbox_core::file_frame::FileFrame;
-use headbox_core::headbox::Headbox;
-use headbox_trace::bvh::Tracer;
-use headbox_core::camera::Camera;
-use headbox_scene::scene::Scene;
-use headbox_trace::viewpoint;
-use headbox_core::container::FileError;
-use headbox_lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphError, MAX_LAYERS, MAX_SLABS, Placement, RawLumigraph, Slabs, middle_disparity};
 use anyhow::Context;
 use clap::Args;
 use glam::DVec3;
+use headbox_core::container::FileError;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::headbox::Headbox;
+use headbox_lumigraph::{
+    CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphError, MAX_LAYERS, MAX_SLABS,
+    Placement, RawLumigraph, Slabs, middle_disparity,
+};
+use headbox_scene::scene::Scene;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_trace::viewpoint;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -108,28 +110,48 @@ pub(super) struct LumigraphQualityArgs {
 
 /// Where layers can be put.
 const PLACEMENTS: Names<Placement> = &[
-    ("histogram", "Where surfaces are: the widest layer is as narrow as can be", Placement::Histogram),
-    ("uniform", "Equal shares of the range of disparity, as the paper has it", Placement::Uniform),
+    (
+        "histogram",
+        "Where surfaces are: the widest layer is as narrow as can be",
+        Placement::Histogram,
+    ),
+    (
+        "uniform",
+        "Equal shares of the range of disparity, as the paper has it",
+        Placement::Uniform,
+    ),
 ];
 
 fn placement_name(placement: Placement) -> &'static str {
-    PLACEMENTS.iter().find(|(.., known)| *known == placement).map_or("", |(name, ..)| name)
+    PLACEMENTS
+        .iter()
+        .find(|(.., known)| *known == placement)
+        .map_or("", |(name, ..)| name)
 }
 
 /// Cameras of a row or column, at most.
 const MAX_CAMERAS: u32 = 256;
 
 fn parse_cameras(text: &str) -> Result<(u32, u32), String> {
-    let counts = text.split_once(['x', 'X']).and_then(|(c, r)| Some((c.parse().ok()?, r.parse().ok()?)));
+    let counts = text
+        .split_once(['x', 'X'])
+        .and_then(|(c, r)| Some((c.parse().ok()?, r.parse().ok()?)));
     let allowed = 1..=MAX_CAMERAS;
     match counts {
-        Some((columns, rows)) if allowed.contains(&columns) && allowed.contains(&rows) => Ok((columns, rows)),
-        _ => Err(format!("give COLUMNSxROWS, each from 1 to {MAX_CAMERAS}, such as 4x4")),
+        Some((columns, rows)) if allowed.contains(&columns) && allowed.contains(&rows) => {
+            Ok((columns, rows))
+        }
+        _ => Err(format!(
+            "give COLUMNSxROWS, each from 1 to {MAX_CAMERAS}, such as 4x4"
+        )),
     }
 }
 
 fn parse_fov(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|fov| (0.1..=170.0).contains(fov)).ok_or("give degrees from 0.1 to 170".into())
+    text.parse()
+        .ok()
+        .filter(|fov| (0.1..=170.0).contains(fov))
+        .ok_or("give degrees from 0.1 to 170".into())
 }
 
 impl LumigraphCommand {
@@ -138,7 +160,8 @@ impl LumigraphCommand {
             return self.run_images();
         }
         let start = Instant::now();
-        let outputs = Outputs::new(self.json, [Path::new(&self.scene)]).file(&self.output, &LUMIGRAPH)?;
+        let outputs =
+            Outputs::new(self.json, [Path::new(&self.scene)]).file(&self.output, &LUMIGRAPH)?;
         let source = self.source.source(&self.scene);
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
@@ -148,7 +171,12 @@ impl LumigraphCommand {
         let bar = Bar::new();
         let LumigraphQualityArgs { samples, unlit, .. } = self.quality;
         let samples = samples.unwrap_or(8);
-        let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: !unlit, samples };
+        let capture = LumigraphCapture {
+            tracer: &tracer,
+            lighting: &lighting,
+            lit: !unlit,
+            samples,
+        };
         let mut slabs = Vec::new();
         for grid in &grids {
             let raw = capture.run(grid, &bar)?;
@@ -182,7 +210,11 @@ impl LumigraphCommand {
         let (first, count) = (slabs.first(), slabs.all().len());
         let (columns, rows) = (first.grid().columns().len(), first.grid().rows().len());
         let (file, layers) = (self.output.display(), first.layers().len());
-        let of_slabs = if count > 1 { format!("{count} light slabs of ") } else { String::new() };
+        let of_slabs = if count > 1 {
+            format!("{count} light slabs of ")
+        } else {
+            String::new()
+        };
         println!("{file}: {of_slabs}{columns}x{rows} images, {layers} layers, {seconds:.2} s");
         println!("look at it: headbox render {file} -o frame.png");
     }
@@ -191,7 +223,11 @@ impl LumigraphCommand {
 impl LumigraphQualityArgs {
     /// What is said of how a scene is traced, by its flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 3] {
-        [("--samples", self.samples.is_some()), ("--bounces", self.bounces.is_some()), ("--unlit", self.unlit)]
+        [
+            ("--samples", self.samples.is_some()),
+            ("--bounces", self.bounces.is_some()),
+            ("--unlit", self.unlit),
+        ]
     }
 }
 
@@ -217,23 +253,38 @@ impl GridArgs {
     fn place(&self, scene: &Arc<Scene>) -> anyhow::Result<(Vec<CameraGrid>, Tracer)> {
         let several = self.plane.len() > 1;
         if several && self.slabs.is_some() {
-            return Err(usage("--slabs turns one --plane; give one, or leave --slabs out"));
+            return Err(usage(
+                "--slabs turns one --plane; give one, or leave --slabs out",
+            ));
         }
         if self.plane.len() > MAX_SLABS {
-            return Err(usage(format!("{} planes; a file has {MAX_SLABS} at most", self.plane.len())));
+            return Err(usage(format!(
+                "{} planes; a file has {MAX_SLABS} at most",
+                self.plane.len()
+            )));
         }
         let planes = self.plane.len().max(1);
         if self.normal.len() > 1 && self.normal.len() != planes {
             let normals = self.normal.len();
-            return Err(usage(format!("{normals} --normal for {planes} --plane; give one, or one for each")));
+            return Err(usage(format!(
+                "{normals} --normal for {planes} --plane; give one, or one for each"
+            )));
         }
         let headbox = place_headbox(scene, self.plane.first().copied(), None)?;
         let tracer = Tracer::new(Arc::clone(scene), headbox.centre);
         let mut grids = Vec::with_capacity(planes);
         for i in 0..planes {
-            let centre = if i == 0 { headbox.centre } else { place_headbox(scene, Some(self.plane[i]), None)?.centre };
+            let centre = if i == 0 {
+                headbox.centre
+            } else {
+                place_headbox(scene, Some(self.plane[i]), None)?.centre
+            };
             let place = Headbox { centre, ..headbox };
-            grids.push(self.grid(&tracer, place, self.normal.get(i).or(self.normal.first()).copied())?);
+            grids.push(self.grid(
+                &tracer,
+                place,
+                self.normal.get(i).or(self.normal.first()).copied(),
+            )?);
         }
         match <[CameraGrid; 1]>::try_from(grids) {
             Ok([first]) => {
@@ -247,18 +298,29 @@ impl GridArgs {
     }
 
     fn up(&self, frame: &FileFrame) -> DVec3 {
-        self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up))
+        self.up_vector
+            .map_or(DVec3::Y, |up| frame.world_direction_from_file(up))
     }
 
     /// Cameras on one plane about the middle of a headbox.
-    fn grid(&self, tracer: &Tracer, headbox: Headbox, normal: Option<DVec3>) -> anyhow::Result<CameraGrid> {
+    fn grid(
+        &self,
+        tracer: &Tracer,
+        headbox: Headbox,
+        normal: Option<DVec3>,
+    ) -> anyhow::Result<CameraGrid> {
         let frame = &tracer.scene().frame;
-        let edge_m = self.extent.map_or(2.0 * headbox.half_size_m, |edge| edge * frame.unit_m);
+        let edge_m = self
+            .extent
+            .map_or(2.0 * headbox.half_size_m, |edge| edge * frame.unit_m);
         let normal = normal.map(|normal| frame.world_direction_from_file(normal));
         let normal = normal.unwrap_or_else(|| viewpoint::suggest_view(tracer, headbox.centre));
-        let world_from_eye = CameraGrid::facing(normal, self.up(frame))
-            .ok_or_else(|| usage("--normal has no direction; give three numbers that are not all 0"))?;
-        let (columns, rows) = self.cameras.map_or((4, 4), |(columns, rows)| (columns as usize, rows as usize));
+        let world_from_eye = CameraGrid::facing(normal, self.up(frame)).ok_or_else(|| {
+            usage("--normal has no direction; give three numbers that are not all 0")
+        })?;
+        let (columns, rows) = self
+            .cameras
+            .map_or((4, 4), |(columns, rows)| (columns as usize, rows as usize));
         // Of a single column, the rows' own extent.
         let spacing = edge_m / (columns.max(2) - 1) as f64;
         let (width, height) = self.size.unwrap_or((512, 512));
@@ -267,14 +329,22 @@ impl GridArgs {
             origin: headbox.centre,
             world_from_eye,
             columns: CameraGrid::evenly(columns, edge_m),
-            rows: CameraGrid::evenly(rows, if columns > 1 { spacing * (rows - 1) as f64 } else { edge_m }),
+            rows: CameraGrid::evenly(
+                rows,
+                if columns > 1 {
+                    spacing * (rows - 1) as f64
+                } else {
+                    edge_m
+                },
+            ),
             focal_px: f64::from(height) / 2.0 / half_fov.tan(),
             size_px: [width, height],
             convergence: 0.0,
         };
         if !self.parallel {
             let focus_m = self.focus.map(|focus| focus * frame.unit_m);
-            parts.convergence = focus_m.map_or_else(|| middle_disparity(tracer, &parts), |focus| 1.0 / focus);
+            parts.convergence =
+                focus_m.map_or_else(|| middle_disparity(tracer, &parts), |focus| 1.0 / focus);
         }
         CameraGrid::new(parts).map_err(|error| usage(error.to_string()))
     }
@@ -288,21 +358,35 @@ impl GridArgs {
         tracer: &Tracer,
     ) -> Result<Vec<CameraGrid>, UsageError> {
         let count = self.slabs.unwrap_or(1);
-        let focus = || Some(middle_disparity(tracer, &first.parts())).filter(|disparity| *disparity > 0.0);
+        let focus =
+            || Some(middle_disparity(tracer, &first.parts())).filter(|disparity| *disparity > 0.0);
         let ahead = |disparity: f64| first.origin() - first.world_from_eye().z_axis / disparity;
-        let centre = if count > 1 { centre.or_else(|| focus().map(ahead)) } else { Some(first.origin()) };
+        let centre = if count > 1 {
+            centre.or_else(|| focus().map(ahead))
+        } else {
+            Some(first.origin())
+        };
         let Some(centre) = centre else {
-            return Err(UsageError("the cameras see nothing to turn their plane about; give --about X,Y,Z".into()));
+            return Err(UsageError(
+                "the cameras see nothing to turn their plane about; give --about X,Y,Z".into(),
+            ));
         };
         let turned = |i: u32| {
-            let grid = first.turned(centre, up, std::f64::consts::TAU * f64::from(i) / f64::from(count));
+            let grid = first.turned(
+                centre,
+                up,
+                std::f64::consts::TAU * f64::from(i) / f64::from(count),
+            );
             let mut parts = grid.ok_or(LumigraphError::Grid("up direction"))?.parts();
             if i > 0 && !self.parallel && self.focus.is_none() {
                 parts.convergence = middle_disparity(tracer, &parts);
             }
             CameraGrid::new(parts)
         };
-        (0..count).map(turned).collect::<Result<_, _>>().map_err(|error| UsageError(error.to_string()))
+        (0..count)
+            .map(turned)
+            .collect::<Result<_, _>>()
+            .map_err(|error| UsageError(error.to_string()))
     }
 }
 
@@ -315,7 +399,12 @@ pub(super) fn lumigraph_json(slabs: &Slabs) -> serde_json::Value {
     let lumigraph = slabs.first();
     let (grid, frame) = (lumigraph.grid(), &lumigraph.info.frame);
     let in_file = |point: DVec3| frame.file_from_world(point);
-    let along = |places: &[f64]| places.iter().map(|place| place / frame.unit_m).collect::<Vec<_>>();
+    let along = |places: &[f64]| {
+        places
+            .iter()
+            .map(|place| place / frame.unit_m)
+            .collect::<Vec<_>>()
+    };
     json!({
         "cameras": [grid.columns().len(), grid.rows().len()], "size": grid.size_px(), "layers": lumigraph.layers().len(),
         "index_bytes": lumigraph.index_bytes(), "plane": in_file(grid.origin()),
@@ -331,7 +420,12 @@ pub(super) fn lumigraph_json(slabs: &Slabs) -> serde_json::Value {
 pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError> {
     // What reading accepts a renderer can rely on; --check has nothing to add but the word.
     let slabs = Slabs::read(path)?;
-    let bytes = std::fs::metadata(path).map_err(|source| FileError::Io { path: path.into(), source })?.len();
+    let bytes = std::fs::metadata(path)
+        .map_err(|source| FileError::Io {
+            path: path.into(),
+            source,
+        })?
+        .len();
     if json {
         let mut facts = lumigraph_json(&slabs);
         facts["kind"] = json!(headbox_lumigraph::LUMI_FILE.name);
@@ -343,9 +437,16 @@ pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError
         return Ok(());
     }
     let frame: &FileFrame = &slabs.info().frame;
-    println!("{}: {}, {bytes} bytes", path.display(), headbox_lumigraph::LUMI_FILE.name);
+    println!(
+        "{}: {}, {bytes} bytes",
+        path.display(),
+        headbox_lumigraph::LUMI_FILE.name
+    );
     println!("  source      {}", slabs.info().source);
-    println!("  world       1 file unit = {} m, {} up in the file", frame.unit_m, frame.up);
+    println!(
+        "  world       1 file unit = {} m, {} up in the file",
+        frame.unit_m, frame.up
+    );
     let count = slabs.all().len();
     for (number, slab) in slabs.all().iter().enumerate() {
         if count > 1 {
@@ -364,9 +465,12 @@ fn print_slab(slab: &Lumigraph) {
     let frame = &info.frame;
     let [width, height] = grid.size_px();
     let extent = |places: &[f64]| (places[places.len() - 1] - places[0]) / frame.unit_m;
-    println!("  plane       at {} (in the file's axes and unit)", frame.file_from_world(grid.origin()));
-    let normal =
-        frame.file_from_world(grid.origin() - grid.world_from_eye().z_axis) - frame.file_from_world(grid.origin());
+    println!(
+        "  plane       at {} (in the file's axes and unit)",
+        frame.file_from_world(grid.origin())
+    );
+    let normal = frame.file_from_world(grid.origin() - grid.world_from_eye().z_axis)
+        - frame.file_from_world(grid.origin());
     println!("  normal      {}", normal.normalize_or_zero());
     println!(
         "  cameras     {}x{} over {}x{} file units",
@@ -375,14 +479,21 @@ fn print_slab(slab: &Lumigraph) {
         extent(grid.columns()),
         extent(grid.rows())
     );
-    println!("  images      {width}x{height} pixels, focal length {:.2} px", grid.focal_px());
+    println!(
+        "  images      {width}x{height} pixels, focal length {:.2} px",
+        grid.focal_px()
+    );
     let (layers, bits) = (slab.layers().len(), 8 * slab.index_bytes());
-    println!("  layers      {layers}, of {bits} bits a pixel, {}", placement_name(info.placement));
+    println!(
+        "  layers      {layers}, of {bits} bits a pixel, {}",
+        placement_name(info.placement)
+    );
     if let Some([min, max]) = slab.range() {
         println!("  depth       {:.3} to {:.3} m", 1.0 / max, 1.0 / min);
     }
     if slab.unknown_pixels() > 0 {
-        let share = slab.unknown_pixels() as f64 / (grid.camera_count() * grid.picture_pixels()) as f64;
+        let share =
+            slab.unknown_pixels() as f64 / (grid.camera_count() * grid.picture_pixels()) as f64;
         println!("  unknown     {:.1} % of the pixels", 100.0 * share);
     }
 }

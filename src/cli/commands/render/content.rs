@@ -1,17 +1,17 @@
 //! What `headbox render` draws: one way to render a pose of anything, and to say what it took.
 
 use super::geometry::{GeometryContent, GeometryRendered};
-use crate::commands::house::file::HouseContent;
 use crate::commands::capture::place::{figure, triple};
+use crate::commands::house::file::HouseContent;
 use crate::words::counted;
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
-use headbox_core::statistics::median;
-use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use headbox_core::frame::Frame;
-use headbox_lumigraph::{LumigraphSettings, Slabs, SlabsRenderer};
+use headbox_core::statistics::median;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_lumigraph::{LumigraphSettings, Slabs, SlabsRenderer};
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use image::RgbImage;
 use serde_json::{Value, json};
 use std::time::Instant;
@@ -67,33 +67,53 @@ impl Content {
         match self {
             Self::House(house) => render_house(house, camera, repeat),
             Self::Geometry(geometry) => render_geometry(geometry, camera, repeat),
-            Self::Lumigraph { slabs, renderer, settings } => {
-                render_lumigraph(renderer, slabs, camera, settings, repeat)
-            }
-            Self::Cube { cube, renderer, settings, shown } => {
+            Self::Lumigraph {
+                slabs,
+                renderer,
+                settings,
+            } => render_lumigraph(renderer, slabs, camera, settings, repeat),
+            Self::Cube {
+                cube,
+                renderer,
+                settings,
+                shown,
+            } => {
                 let mut rendered = render_cube(renderer, cube, camera, settings, repeat)?;
                 if let Some(shown) = shown {
-                    rendered.image.iter_mut().for_each(|level| *level = shown[usize::from(*level)]);
+                    rendered
+                        .image
+                        .iter_mut()
+                        .for_each(|level| *level = shown[usize::from(*level)]);
                 }
                 Ok(rendered)
             }
-            Self::Layers { layers, composer, settings, frame } => {
-                render_layers(composer, layers, camera, settings, frame, repeat)
-            }
+            Self::Layers {
+                layers,
+                composer,
+                settings,
+                frame,
+            } => render_layers(composer, layers, camera, settings, frame, repeat),
         }
     }
 
     /// Warns of eyes outside the headbox, from where nobody has looked.
     pub(super) fn warn_if_outside(&self, cameras: &[Camera], frame: &FileFrame) {
-        let Self::Cube { cube, .. } = self else { return };
+        let Self::Cube { cube, .. } = self else {
+            return;
+        };
         let (centre, half_size_m) = (cube.info.centre, cube.info.half_size_m);
-        let outside = |camera: &&Camera| (camera.eye() - centre).abs().max_element() > half_size_m * (1.0 + 1e-9);
+        let outside = |camera: &&Camera| {
+            (camera.eye() - centre).abs().max_element() > half_size_m * (1.0 + 1e-9)
+        };
         let count = cameras.iter().filter(outside).count();
         if count == 0 {
             return;
         }
-        let which =
-            if cameras.len() == 1 { "the eye is".into() } else { format!("{count} of {} eyes are", cameras.len()) };
+        let which = if cameras.len() == 1 {
+            "the eye is".into()
+        } else {
+            format!("{count} of {} eyes are", cameras.len())
+        };
         eprintln!(
             "warning: {which} outside the headbox ({} and {} to each side along the axes, in the file's axes and unit). What \
              is seen from there only is missing: expect holes, and surfaces where they are not",
@@ -109,9 +129,9 @@ impl Content {
             Self::Geometry(geometry) => geometry.variant(),
             Self::Lumigraph { settings, .. } => settings.blend.name(),
             Self::Cube { settings, .. } => settings.kernel.name(),
-            Self::Layers { layers, settings, .. } if layers.sprites().sprites().is_empty() => {
-                settings.cubes.kernel.name()
-            }
+            Self::Layers {
+                layers, settings, ..
+            } if layers.sprites().sprites().is_empty() => settings.cubes.kernel.name(),
             Self::Layers { settings, .. } => settings.sprites.variant.name(),
         }
     }
@@ -130,22 +150,43 @@ impl Content {
             Self::Lumigraph { slabs, .. } => {
                 // What is at infinity is drawn, too.
                 let all: usize = slabs.all().iter().map(|slab| slab.layers().len() + 1).sum();
-                format!("{} layers of {all} with infinity", rendered.statistics["layers"])
+                format!(
+                    "{} layers of {all} with infinity",
+                    rendered.statistics["layers"]
+                )
             }
             Self::Cube { cube, .. } => {
                 // One depth pixel may be splatted in several bands of rows.
-                format!("{} splats of {} depth pixels", rendered.splatted, cube.depth_pixel_count())
+                format!(
+                    "{} splats of {} depth pixels",
+                    rendered.splatted,
+                    cube.depth_pixel_count()
+                )
             }
             Self::Layers { layers, .. } => {
-                let counts = [layers.sprites().sprites().len(), layers.cubes().len(), layers.polygons().len()];
-                let kinds = counts.into_iter().zip(["sprite", "cube LDI", "model"]).filter(|(count, _)| *count > 0);
-                kinds.map(|(count, kind)| counted(count as u64, kind)).collect::<Vec<_>>().join(", ")
+                let counts = [
+                    layers.sprites().sprites().len(),
+                    layers.cubes().len(),
+                    layers.polygons().len(),
+                ];
+                let kinds = counts
+                    .into_iter()
+                    .zip(["sprite", "cube LDI", "model"])
+                    .filter(|(count, _)| *count > 0);
+                kinds
+                    .map(|(count, kind)| counted(count as u64, kind))
+                    .collect::<Vec<_>>()
+                    .join(", ")
             }
         }
     }
 }
 
-fn render_house(house: &mut HouseContent, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
+fn render_house(
+    house: &mut HouseContent,
+    camera: &Camera,
+    repeat: u32,
+) -> anyhow::Result<Rendered> {
     let walked = house.render(camera, repeat)?;
     let stats = walked.stats;
     Ok(Rendered {
@@ -159,7 +200,11 @@ fn render_house(house: &mut HouseContent, camera: &Camera, repeat: u32) -> anyho
     })
 }
 
-fn render_geometry(geometry: &mut GeometryContent, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
+fn render_geometry(
+    geometry: &mut GeometryContent,
+    camera: &Camera,
+    repeat: u32,
+) -> anyhow::Result<Rendered> {
     let GeometryRendered { image, ms, stats } = geometry.render(camera, repeat)?;
     Ok(Rendered {
         image,
@@ -222,7 +267,8 @@ fn render_cube(
                 splatted: stats.splatted,
                 hole_pixels: stats.hole_pixels,
             };
-            rendered.statistics["clipping"] = serde_json::to_value(renderer.clip_counts(cube, camera, settings))?;
+            rendered.statistics["clipping"] =
+                serde_json::to_value(renderer.clip_counts(cube, camera, settings))?;
             return Ok(rendered);
         }
     }

@@ -1,17 +1,20 @@
 //! Folders of images drawn by view-dependent geometry instead of a cube LDI.
 
 use crate::args::DefaultCamera;
-use crate::image_set::SetArgs;
 use crate::commands::images::with_depth;
+use crate::image_set::SetArgs;
 use crate::progress::Bar;
 use crate::words::UsageError;
-use headbox_photos::cache;
-use headbox_core::camera::Camera;
-use headbox_images::ImageSet;
-use headbox_core::file_frame::FileFrame;
-use headbox_photos::view_geometry::{GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, SampleGrid, Texturing, ViewGeometry};
 use clap::Args;
 use glam::DVec3;
+use headbox_core::camera::Camera;
+use headbox_core::file_frame::FileFrame;
+use headbox_images::ImageSet;
+use headbox_photos::cache;
+use headbox_photos::view_geometry::{
+    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, SampleGrid,
+    Texturing, ViewGeometry,
+};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -61,22 +64,40 @@ impl GeometryArgs {
     /// What a folder is opened with; samples are kept in the `cache`.
     pub(crate) fn resources(&self, cache: Option<PathBuf>) -> GeometryResources {
         let default = GeometryResources::default();
-        let spacing_px = self.sample_spacing.map_or(default.grid.spacing_px, u32::from);
+        let spacing_px = self
+            .sample_spacing
+            .map_or(default.grid.spacing_px, u32::from);
         GeometryResources {
-            grid: SampleGrid { spacing_px, ..default.grid },
-            budget: self.pictures_memory.map_or(default.budget, |mb| mb as usize * 1_000_000),
+            grid: SampleGrid {
+                spacing_px,
+                ..default.grid
+            },
+            budget: self
+                .pictures_memory
+                .map_or(default.budget, |mb| mb as usize * 1_000_000),
             cache,
         }
     }
 }
 
 /// Opens a set, with the camera of its middle view.
-pub(crate) fn geometry_of(set: &ImageSet, args: &GeometryArgs) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
+pub(crate) fn geometry_of(
+    set: &ImageSet,
+    args: &GeometryArgs,
+) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
     let views = with_depth(set)?;
     let bar = Bar::new();
-    let geometry = ViewGeometry::open(set, &views, &args.resources(cache::folder(cache::IMAGES)), &bar)?;
+    let geometry = ViewGeometry::open(
+        set,
+        &views,
+        &args.resources(cache::folder(cache::IMAGES)),
+        &bar,
+    )?;
     bar.finish();
-    geometry.notes().iter().for_each(|note| eprintln!("note: {note}"));
+    geometry
+        .notes()
+        .iter()
+        .for_each(|note| eprintln!("note: {note}"));
     Ok((geometry, set.central_view().and_then(|view| view.camera())))
 }
 
@@ -103,10 +124,23 @@ impl GeometryContent {
         args: &GeometryArgs,
     ) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
         let (geometry, central) = geometry_of(&set.open_registered(folder)?, args)?;
-        let camera = central.map_or(DefaultCamera::at(DVec3::ZERO), |camera| DefaultCamera::like(&camera));
-        let settings = GeometrySettings { texturing, ..args.settings() };
+        let camera = central.map_or(DefaultCamera::at(DVec3::ZERO), |camera| {
+            DefaultCamera::like(&camera)
+        });
+        let settings = GeometrySettings {
+            texturing,
+            ..args.settings()
+        };
         let frame = geometry.frame;
-        Ok((Self { geometry, renderer: GeometryRenderer::new(), settings }, frame, camera))
+        Ok((
+            Self {
+                geometry,
+                renderer: GeometryRenderer::new(),
+                settings,
+            },
+            frame,
+            camera,
+        ))
     }
 
     /// The name of the way of texturing.
@@ -115,11 +149,17 @@ impl GeometryContent {
     }
 
     /// Draws a pose `repeat` times, and says on standard error where nothing is seen and which pictures are lost.
-    pub(super) fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<GeometryRendered> {
+    pub(super) fn render(
+        &mut self,
+        camera: &Camera,
+        repeat: u32,
+    ) -> anyhow::Result<GeometryRendered> {
         let mut ms = Vec::with_capacity(repeat as usize);
         loop {
             let started = Instant::now();
-            let (frame, stats) = self.renderer.render(&self.geometry, camera, &self.settings, Patience::Wait);
+            let (frame, stats) =
+                self.renderer
+                    .render(&self.geometry, camera, &self.settings, Patience::Wait);
             ms.push(started.elapsed().as_secs_f64() * 1e3);
             if ms.len() < repeat as usize {
                 continue;
@@ -130,18 +170,29 @@ impl GeometryContent {
             for why in self.geometry.lost() {
                 eprintln!("warning: {why}; other pictures serve instead");
             }
-            self.geometry.mended().iter().for_each(|why| eprintln!("note: {why}"));
-            return Ok(GeometryRendered { image: frame.to_rgb()?, ms, stats });
+            self.geometry
+                .mended()
+                .iter()
+                .for_each(|why| eprintln!("note: {why}"));
+            return Ok(GeometryRendered {
+                image: frame.to_rgb()?,
+                ms,
+                stats,
+            });
         }
     }
 }
 
 /// The way of texturing of a variant's name, if it is one; an error if it is not asked for with one folder of images.
-pub(crate) fn texturing_of(variant: Option<&str>, is_set_alone: bool) -> anyhow::Result<Option<Texturing>> {
+pub(crate) fn texturing_of(
+    variant: Option<&str>,
+    is_set_alone: bool,
+) -> anyhow::Result<Option<Texturing>> {
     match variant.and_then(Texturing::from_name) {
-        Some(_) if !is_set_alone => {
-            Err(UsageError("view-dependent geometry is for one folder of images with depth, alone".into()).into())
-        }
+        Some(_) if !is_set_alone => Err(UsageError(
+            "view-dependent geometry is for one folder of images with depth, alone".into(),
+        )
+        .into()),
         texturing => Ok(texturing),
     }
 }

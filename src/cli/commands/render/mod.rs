@@ -8,37 +8,41 @@ mod polygons;
 mod poses;
 pub(crate) mod radiance;
 
-use crate::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
-use crate::commands::render::content::Content;
-use crate::commands::render::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_of};
-use crate::commands::house::file::HouseContent;
-use crate::image_set::SetArgs;
-use crate::commands::images;
 use super::images::is_image_set;
-use crate::output::{DEPTH, FILM, FRAME, Outputs, PICTURE, print_json, save_picture};
+use crate::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
+use crate::commands::house::file::HouseContent;
+use crate::commands::images;
+use crate::commands::render::content::Content;
+use crate::commands::render::geometry::{
+    GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_of,
+};
 use crate::commands::render::polygons::PolygonsArg;
-use crate::progress::Bar;
 use crate::commands::render::radiance::{Stored, is_radiance};
+use crate::image_set::SetArgs;
+use crate::output::{DEPTH, FILM, FRAME, Outputs, PICTURE, print_json, save_picture};
+use crate::progress::Bar;
 use crate::words::UsageError;
-use headbox_core::file_frame::FileFrame;
-use headbox_core::camera::Camera;
-use headbox_core::simd;
-use headbox_sprite::compose::{ComposeSettings, Composition};
-use headbox_core::container::Container;
-use headbox_export::film;
-use headbox_export::stereo::View;
-use headbox_core::frame::Frame;
-use headbox_lumigraph::{Blend, LUMI_FILE, LumigraphSettings, Slabs};
-use headbox_cube::pack::PackedCube;
-use headbox_scene::camera_path;
-use headbox_house::file::HOUSE_FILE;
-use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_cube::render::{Parallel, Renderer};
-use headbox_images::depth::DepthPicture;
-use headbox_sprite::{RenderOptions, SPRITE_FILE, SpriteSampling, SpriteSet, SpriteVariant, write_depth_exr};
-use headbox_photos::view_geometry::Texturing;
 use anyhow::bail;
 use clap::Args;
+use headbox_core::camera::Camera;
+use headbox_core::container::Container;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::frame::Frame;
+use headbox_core::simd;
+use headbox_cube::pack::PackedCube;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{Parallel, Renderer};
+use headbox_export::film;
+use headbox_export::stereo::View;
+use headbox_house::file::HOUSE_FILE;
+use headbox_images::depth::DepthPicture;
+use headbox_lumigraph::{Blend, LUMI_FILE, LumigraphSettings, Slabs};
+use headbox_photos::view_geometry::Texturing;
+use headbox_scene::camera_path;
+use headbox_sprite::compose::{ComposeSettings, Composition};
+use headbox_sprite::{
+    RenderOptions, SPRITE_FILE, SpriteSampling, SpriteSet, SpriteVariant, write_depth_exr,
+};
 use image::RgbImage;
 use serde_json::json;
 use std::path::PathBuf;
@@ -127,22 +131,36 @@ pub(crate) struct RenderCommand {
 }
 
 fn parse_merge(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|px| (0.0..=1e6).contains(px)).ok_or("give pixels, 0 or more".into())
+    text.parse()
+        .ok()
+        .filter(|px| (0.0..=1e6).contains(px))
+        .ok_or("give pixels, 0 or more".into())
 }
 
 fn parse_stops(text: &str) -> Result<f32, String> {
-    text.parse().ok().filter(|stops: &f32| stops.abs() <= 40.0).ok_or("give stops from -40 to 40".into())
+    text.parse()
+        .ok()
+        .filter(|stops: &f32| stops.abs() <= 40.0)
+        .ok_or("give stops from -40 to 40".into())
 }
 
 /// How threads can share a frame.
 const SAMPLINGS: Names<SpriteSampling> = &[
     ("nearest", "The nearest pixel", SpriteSampling::Nearest),
-    ("bilinear", "Weighted mean of the four around", SpriteSampling::Bilinear),
+    (
+        "bilinear",
+        "Weighted mean of the four around",
+        SpriteSampling::Bilinear,
+    ),
 ];
 
 const WAYS: Names<Parallel> = &[
     ("bands", "Bands of rows of the frame", Parallel::Bands),
-    ("fragments", "Fragments of the LDI between epipolar lines, one a thread", Parallel::Fragments(0)),
+    (
+        "fragments",
+        "Fragments of the LDI between epipolar lines, one a thread",
+        Parallel::Fragments(0),
+    ),
 ];
 
 impl RenderCommand {
@@ -152,20 +170,28 @@ impl RenderCommand {
             Some(_) if film::is_film(&self.output) => outputs.file(&self.output, &FILM)?,
             Some(_) => outputs.folder_of_frames(&self.output)?,
             None => {
-                let outputs = outputs.file(&self.output, &FRAME)?.maybe_file(self.depth.as_ref(), &DEPTH)?;
+                let outputs = outputs
+                    .file(&self.output, &FRAME)?
+                    .maybe_file(self.depth.as_ref(), &DEPTH)?;
                 outputs.maybe_file(self.coverage.as_ref(), &PICTURE)?
             }
         };
         #[cfg(feature = "viewer")]
         if let Some(overlay) = &self.overlay {
-            self.images.only_for_sets(self.files.iter().any(|file| is_image_set(&file.to_string_lossy())))?;
+            self.images.only_for_sets(
+                self.files
+                    .iter()
+                    .any(|file| is_image_set(&file.to_string_lossy())),
+            )?;
             return self.render_overlay(overlay);
         }
         let (mut content, frame, default_camera) = self.open()?;
         self.of_cubes_alone(&mut content)?;
         match &self.path {
             Some(path) => {
-                let cameras = self.camera.of_path(camera_path::read(path, &frame, f64::from(self.fps()))?)?;
+                let cameras =
+                    self.camera
+                        .of_path(camera_path::read(path, &frame, f64::from(self.fps()))?)?;
                 content.warn_if_outside(&cameras, &frame);
                 match film::is_film(&self.output) {
                     true => self.render_film(&mut content, &cameras, self.film_fps(path, &frame)?),
@@ -182,7 +208,11 @@ impl RenderCommand {
 
     /// Reads the files. Axes, unit and camera are those of the first.
     fn open(&self) -> anyhow::Result<(Content, FileFrame, DefaultCamera)> {
-        self.images.only_for_sets(self.files.iter().any(|file| is_image_set(&file.to_string_lossy())))?;
+        self.images.only_for_sets(
+            self.files
+                .iter()
+                .any(|file| is_image_set(&file.to_string_lossy())),
+        )?;
         if let Some(content) = self.open_house()? {
             return Ok(content);
         }
@@ -205,7 +235,9 @@ impl RenderCommand {
             // What is no file of ours the reader of cubes names best.
             if Container::peek_kind(file).ok().flatten() == Some(SPRITE_FILE.tag) {
                 let set = SpriteSet::read(file)?;
-                let Some(first) = set.sprites().first() else { bail!("{}: holds no sprites", file.display()) };
+                let Some(first) = set.sprites().first() else {
+                    bail!("{}: holds no sprites", file.display())
+                };
                 let camera = DefaultCamera::like(first.sprite().sprite().camera());
                 world.get_or_insert((set.info.frame, camera));
                 match &mut sprites {
@@ -227,11 +259,20 @@ impl RenderCommand {
             }
         }
         let Some((frame, camera)) = world else {
-            let name = self.files.first().map(|file| file.display().to_string()).unwrap_or_default();
-            bail!("{name}: is a scene: capture it first, or name a .ldi or .sprite file for it to stand among")
+            let name = self
+                .files
+                .first()
+                .map(|file| file.display().to_string())
+                .unwrap_or_default();
+            bail!(
+                "{name}: is a scene: capture it first, or name a .ldi or .sprite file for it to stand among"
+            )
         };
         let settings = self.settings(!cubes.is_empty(), sprites.is_some())?;
-        let polygons = models.iter().map(|model| model.open(&frame, cubes.first())).collect::<Result<Vec<_>, _>>()?;
+        let polygons = models
+            .iter()
+            .map(|model| model.open(&frame, cubes.first()))
+            .collect::<Result<Vec<_>, _>>()?;
         let content = match (sprites, cubes.len()) {
             (None, 1) if polygons.is_empty() => Content::Cube {
                 cube: Box::new(cubes.remove(0)),
@@ -261,15 +302,20 @@ impl RenderCommand {
             ("--parallel", is_one_thread && self.parallel.is_some()),
         ];
         match beside.iter().find(|(_, is_given)| *is_given) {
-            Some((what, _)) => Err(UsageError(format!("a {kind} file is rendered without {what}; leave out {what}"))),
+            Some((what, _)) => Err(UsageError(format!(
+                "a {kind} file is rendered without {what}; leave out {what}"
+            ))),
             None => Ok(()),
         }
     }
 
     /// A `.house` file, which comes alone; `None` if there is none among the files.
     fn open_house(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
-        let is_house = |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(HOUSE_FILE.tag);
-        let Some(file) = self.files.iter().find(|file| is_house(file)) else { return Ok(None) };
+        let is_house =
+            |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(HOUSE_FILE.tag);
+        let Some(file) = self.files.iter().find(|file| is_house(file)) else {
+            return Ok(None);
+        };
         self.is_alone(".house", false)?;
         let (content, frame, camera) = HouseContent::open(file, self.variant.as_deref())?;
         Ok(Some((Content::House(Box::new(content)), frame, camera)))
@@ -277,25 +323,34 @@ impl RenderCommand {
 
     /// A folder of images for a variant of view-dependent geometry; `None` if that is not asked for.
     fn open_geometry(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
-        let alone = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
+        let alone =
+            matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
         let Some(texturing) = texturing_of(self.variant.as_deref(), alone)? else {
             if self.geometry.are_given() {
                 return Err(UsageError(GEOMETRY_ALONE.into()).into());
             }
             return Ok(None);
         };
-        if self.sampling.is_some() || self.fill_steps.is_some() || self.parallel.is_some() || self.keep_holes {
+        if self.sampling.is_some()
+            || self.fill_steps.is_some()
+            || self.parallel.is_some()
+            || self.keep_holes
+        {
             let message = "--sampling, --fill-steps, --parallel and --keep-holes are not for view-dependent geometry";
             return Err(UsageError(message.into()).into());
         }
-        let (content, frame, camera) = GeometryContent::open(&self.files[0], self.images, texturing, &self.geometry)?;
+        let (content, frame, camera) =
+            GeometryContent::open(&self.files[0], self.images, texturing, &self.geometry)?;
         Ok(Some((Content::Geometry(Box::new(content)), frame, camera)))
     }
 
     /// A `.lumi` file, which comes alone; `None` if there is none among the files.
     fn open_lumigraph(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
-        let is_lumigraph = |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(LUMI_FILE.tag);
-        let Some(file) = self.files.iter().find(|file| is_lumigraph(file)) else { return Ok(None) };
+        let is_lumigraph =
+            |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(LUMI_FILE.tag);
+        let Some(file) = self.files.iter().find(|file| is_lumigraph(file)) else {
+            return Ok(None);
+        };
         self.is_alone(".lumi", true)?;
         let mut settings = LumigraphSettings::default();
         settings.tolerance_px = self.merge.unwrap_or(settings.tolerance_px);
@@ -304,7 +359,9 @@ impl RenderCommand {
             let found = Blend::ALL.iter().find(|(name, _)| name == wanted);
             settings.blend = found.map(|(_, blend)| *blend).ok_or_else(|| {
                 let names = Blend::ALL.map(|(name, _)| name).join(", ");
-                UsageError(format!("there is no variant \"{wanted}\"; there are: {names}"))
+                UsageError(format!(
+                    "there is no variant \"{wanted}\"; there are: {names}"
+                ))
             })?;
         }
         let slabs = Box::new(Slabs::read(file)?);
@@ -313,18 +370,36 @@ impl RenderCommand {
         let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
         let size = self.camera.size.unwrap_or((1024, 768));
         let fov_y_deg = first.clear_fov_deg([size.0, size.1]);
-        let camera =
-            DefaultCamera { eye: grid.origin(), size, fov_y_deg, ..DefaultCamera::like(&grid.camera(column, row)) };
+        let camera = DefaultCamera {
+            eye: grid.origin(),
+            size,
+            fov_y_deg,
+            ..DefaultCamera::like(&grid.camera(column, row))
+        };
         let frame = slabs.info().frame;
-        Ok(Some((Content::Lumigraph { slabs, renderer: Box::default(), settings }, frame, camera)))
+        Ok(Some((
+            Content::Lumigraph {
+                slabs,
+                renderer: Box::default(),
+                settings,
+            },
+            frame,
+            camera,
+        )))
     }
 
     fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {
         let mut settings = ComposeSettings::default();
         if !sprites && (self.sampling.is_some() || self.fill_steps.is_some()) {
-            return Err(UsageError("--sampling and --fill-steps are for .sprite files".into()).into());
+            return Err(
+                UsageError("--sampling and --fill-steps are for .sprite files".into()).into(),
+            );
         }
-        let RenderOptions { sampling, fill_steps, .. } = settings.sprites;
+        let RenderOptions {
+            sampling,
+            fill_steps,
+            ..
+        } = settings.sprites;
         settings.sprites.sampling = self.sampling.unwrap_or(sampling);
         settings.sprites.fill_steps = self.fill_steps.unwrap_or(fill_steps);
         if !cubes && self.parallel.is_some() {
@@ -336,18 +411,35 @@ impl RenderCommand {
         settings.cubes.keep_holes = self.keep_holes;
         settings.by_depth = self.by_depth;
         settings.cubes.parallel = self.parallel.unwrap_or_default();
-        let Some(wanted) = &self.variant else { return Ok(settings) };
-        let kernel = SplatKernel::ALL.iter().find(|(name, _)| name == wanted).filter(|_| cubes);
+        let Some(wanted) = &self.variant else {
+            return Ok(settings);
+        };
+        let kernel = SplatKernel::ALL
+            .iter()
+            .find(|(name, _)| name == wanted)
+            .filter(|_| cubes);
         match (SpriteVariant::from_name(wanted).filter(|_| sprites), kernel) {
             (Some(variant), _) => settings.sprites.variant = variant,
             (None, Some(&(_, kernel))) => settings.cubes.kernel = kernel,
             (None, None) => {
-                let kernels = SplatKernel::ALL.iter().filter(|_| cubes).map(|(name, _)| *name);
-                let variants = SpriteVariant::ALL.iter().filter(|_| sprites).map(|variant| variant.name());
+                let kernels = SplatKernel::ALL
+                    .iter()
+                    .filter(|_| cubes)
+                    .map(|(name, _)| *name);
+                let variants = SpriteVariant::ALL
+                    .iter()
+                    .filter(|_| sprites)
+                    .map(|variant| variant.name());
                 let is_set = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
-                let geometry = Texturing::ALL.iter().filter(|_| is_set).map(|(name, _)| *name);
+                let geometry = Texturing::ALL
+                    .iter()
+                    .filter(|_| is_set)
+                    .map(|(name, _)| *name);
                 let names: Vec<&str> = kernels.chain(variants).chain(geometry).collect();
-                let message = format!("there is no variant \"{wanted}\"; there are: {}", names.join(", "));
+                let message = format!(
+                    "there is no variant \"{wanted}\"; there are: {}",
+                    names.join(", ")
+                );
                 return Err(UsageError(message).into());
             }
         }
@@ -373,7 +465,9 @@ impl RenderCommand {
     }
 
     fn picture(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<RgbImage> {
-        self.view().draw(camera, |camera| anyhow::Ok(content.render(camera, 1)?.image))
+        self.view().draw(camera, |camera| {
+            anyhow::Ok(content.render(camera, 1)?.image)
+        })
     }
 
     fn render_one(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<()> {
@@ -390,7 +484,9 @@ impl RenderCommand {
         if let Content::Cube { settings, .. } = content {
             settings.depth = self.depth.is_some();
         } else if self.depth.is_some() || self.coverage.is_some() {
-            return Err(UsageError("--depth and --coverage are for a single .ldi file".into()).into());
+            return Err(
+                UsageError("--depth and --coverage are for a single .ldi file".into()).into(),
+            );
         }
         let rendered = content.render(camera, self.repeat)?;
         self.save(content, &rendered.image)?;
@@ -407,7 +503,10 @@ impl RenderCommand {
             }));
         } else {
             let (file, holes) = (self.output.display(), rendered.hole_fraction() * 100.0);
-            println!("{file}: {ms_median:.2} ms, {}, {holes:.3} % holes", content.summary(&rendered));
+            println!(
+                "{file}: {ms_median:.2} ms, {}, {holes:.3} % holes",
+                content.summary(&rendered)
+            );
         }
         Ok(())
     }
@@ -416,22 +515,26 @@ impl RenderCommand {
     fn of_cubes_alone(&self, content: &mut Content) -> Result<(), UsageError> {
         let radiance = self.path.is_none() && is_radiance(&self.output);
         match (content, self.exposure) {
-            (Content::Cube { .. }, Some(_)) if radiance => {
-                Err(UsageError("--exposure is for pictures; an .exr holds the light itself".into()))
-            }
+            (Content::Cube { .. }, Some(_)) if radiance => Err(UsageError(
+                "--exposure is for pictures; an .exr holds the light itself".into(),
+            )),
             (Content::Cube { cube, shown, .. }, Some(stops)) => {
                 *shown = Some(Box::new(Stored::of(&cube.info).brighter(stops)));
                 Ok(())
             }
             (Content::Cube { .. }, None) => Ok(()),
             (_, None) if !radiance => Ok(()),
-            _ => Err(UsageError("--exposure, and a frame in an .exr, are for a single .ldi file".into())),
+            _ => Err(UsageError(
+                "--exposure, and a frame in an .exr, are for a single .ldi file".into(),
+            )),
         }
     }
 
     fn save(&self, content: &Content, frame: &RgbImage) -> anyhow::Result<()> {
         match content {
-            Content::Cube { cube, .. } if is_radiance(&self.output) => Stored::of(&cube.info).save(&self.output, frame),
+            Content::Cube { cube, .. } if is_radiance(&self.output) => {
+                Stored::of(&cube.info).save(&self.output, frame)
+            }
             _ => save_picture(&self.output, frame),
         }
     }
@@ -440,12 +543,21 @@ impl RenderCommand {
     fn save_planes(&self, frame: &Frame) -> anyhow::Result<()> {
         let &Frame { width, height, .. } = frame;
         if let Some(path) = &self.depth {
-            let picture = DepthPicture { width, height, values: frame.depth_m.clone() };
+            let picture = DepthPicture {
+                width,
+                height,
+                values: frame.depth_m.clone(),
+            };
             write_depth_exr(&picture, path)?;
         }
         if let Some(path) = &self.coverage {
-            let grey = |x: u32, y: u32| frame.coverage[y as usize * width as usize + x as usize].splat_share();
-            save_picture(path, &RgbImage::from_fn(width, height, |x, y| image::Rgb([grey(x, y); 3])))?;
+            let grey = |x: u32, y: u32| {
+                frame.coverage[y as usize * width as usize + x as usize].splat_share()
+            };
+            save_picture(
+                path,
+                &RgbImage::from_fn(width, height, |x, y| image::Rgb([grey(x, y); 3])),
+            )?;
         }
         Ok(())
     }

@@ -3,14 +3,14 @@
 use crate::args::{named_parts, parse_length, parse_unit, parse_up, parse_vector};
 use crate::progress::Bar;
 use crate::words::UsageError;
-use headbox_core::files;
-use headbox_scene::load::LoadOptions;
-use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_sprite::compose::{Polygons, place};
-use headbox_cube::pack::PackedCube;
-use headbox_ldi::scene_source::SceneSource;
 use anyhow::Context;
 use glam::DVec3;
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::files;
+use headbox_cube::pack::PackedCube;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_scene::load::LoadOptions;
+use headbox_sprite::compose::{Polygons, place};
 use std::path::Path;
 
 /// A model, and where it is put.
@@ -32,18 +32,30 @@ impl PolygonsArg {
     /// The model that a file on the command line is; `None` if it is no scene.
     pub(super) fn of_file(file: &Path) -> anyhow::Result<Option<Self>> {
         let text = file.to_string_lossy();
-        let (name, parts) = named_parts(&text, &KEYS).map_err(|cause| UsageError(format!("{text}: {cause}")))?;
+        let (name, parts) =
+            named_parts(&text, &KEYS).map_err(|cause| UsageError(format!("{text}: {cause}")))?;
         if let Some(unknown) = unknown_setting(name) {
-            let message = format!("{text}: there is no setting {unknown}; there are {}", KEYS.join(", "));
+            let message = format!(
+                "{text}: there is no setting {unknown}; there are {}",
+                KEYS.join(", ")
+            );
             return Err(UsageError(message).into());
         }
-        let ending = Path::new(name).extension().map(|ending| ending.to_string_lossy().to_lowercase());
-        if !name.starts_with("builtin:") && !matches!(ending.as_deref(), Some("obj" | "gltf" | "glb")) {
+        let ending = Path::new(name)
+            .extension()
+            .map(|ending| ending.to_string_lossy().to_lowercase());
+        if !name.starts_with("builtin:")
+            && !matches!(ending.as_deref(), Some("obj" | "gltf" | "glb"))
+        {
             return Ok(None);
         }
-        let mut arg = Self { name: name.to_owned(), ..Self::default() };
+        let mut arg = Self {
+            name: name.to_owned(),
+            ..Self::default()
+        };
         for (key, value) in parts {
-            arg.set(key, value).map_err(|cause| UsageError(format!("{name}: {key}={value}: {cause}")))?;
+            arg.set(key, value)
+                .map_err(|cause| UsageError(format!("{name}: {key}={value}: {cause}")))?;
         }
         Ok(Some(arg))
     }
@@ -64,13 +76,35 @@ impl PolygonsArg {
     }
 
     /// Opens the model and puts it into the world of a file with such axes and unit, in the light of a cube if there is one.
-    pub(super) fn open(&self, frame: &FileFrame, cube: Option<&PackedCube>) -> anyhow::Result<Polygons> {
-        let source =
-            SceneSource { options: LoadOptions { up: self.up, unit_m: self.unit }, ..SceneSource::new(&self.name) };
+    pub(super) fn open(
+        &self,
+        frame: &FileFrame,
+        cube: Option<&PackedCube>,
+    ) -> anyhow::Result<Polygons> {
+        let source = SceneSource {
+            options: LoadOptions {
+                up: self.up,
+                unit_m: self.unit,
+            },
+            ..SceneSource::new(&self.name)
+        };
         let mut scene = source.open()?;
-        scene.summary.files.iter().for_each(|file| files::protect_input(file));
-        scene.summary.notes.iter().for_each(|note| eprintln!("note: {}: {note}", self.name));
-        place(&mut scene, self.scale.unwrap_or(1.0), self.turn_deg, frame.world_from_file(self.at));
+        scene
+            .summary
+            .files
+            .iter()
+            .for_each(|file| files::protect_input(file));
+        scene
+            .summary
+            .notes
+            .iter()
+            .for_each(|note| eprintln!("note: {}: {note}", self.name));
+        place(
+            &mut scene,
+            self.scale.unwrap_or(1.0),
+            self.turn_deg,
+            frame.world_from_file(self.at),
+        );
         let polygons = match cube {
             None => Polygons::new(scene),
             Some(cube) => {
@@ -108,13 +142,19 @@ mod tests {
             up: Some(UpAxis::Z),
             unit: Some(0.01),
         };
-        assert_eq!(of("a@home/chair.obj@at=1,0,-2.5@turn=-45@scale=0.5@up=z@unit=cm").unwrap(), Some(expected));
+        assert_eq!(
+            of("a@home/chair.obj@at=1,0,-2.5@turn=-45@scale=0.5@up=z@unit=cm").unwrap(),
+            Some(expected)
+        );
         assert_eq!(of("builtin:bump").unwrap().unwrap().name, "builtin:bump");
         for other in ["room.ldi", "layers.sprite", "folder", "room.obj.ldi"] {
             assert_eq!(of(other).unwrap(), None, "{other}");
         }
         let unknown = of("a.obj@foo=1").unwrap_err().to_string();
-        assert_eq!(unknown, "a.obj@foo=1: there is no setting foo; there are at, turn, scale, up, unit");
+        assert_eq!(
+            unknown,
+            "a.obj@foo=1: there is no setting foo; there are at, turn, scale, up, unit"
+        );
         for wrong in [
             "a.obj@at=1,2",
             "a.obj@turn=x",
@@ -124,7 +164,10 @@ mod tests {
             "a.obj@up=z@nonsense",
         ] {
             let error = of(wrong).unwrap_err().to_string();
-            assert!(error.starts_with("a.") && error.contains(": give "), "{error}");
+            assert!(
+                error.starts_with("a.") && error.contains(": give "),
+                "{error}"
+            );
         }
     }
 }

@@ -1,18 +1,18 @@
 //! `headbox render --path`: a film, or a picture for each pose.
 
 use super::RenderCommand;
-use headbox_core::file_frame::FileFrame;
-use headbox_core::statistics::median;
-use headbox_core::camera::Camera;
-use headbox_core::simd;
 use crate::commands::render::content::{Content, Rendered};
 use crate::output::{print_json, save_picture, write_text};
 use crate::progress::Bar;
+use anyhow::{Context, bail};
+use headbox_core::camera::Camera;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::progress::Progress;
+use headbox_core::simd;
+use headbox_core::statistics::median;
 use headbox_export::film;
 use headbox_export::stereo::View;
 use headbox_scene::camera_path;
-use headbox_core::progress::Progress;
-use anyhow::{Context, bail};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -22,15 +22,27 @@ impl RenderCommand {
     pub(super) fn film_fps(&self, path: &Path, frame: &FileFrame) -> anyhow::Result<u32> {
         let poses = camera_path::read_records(path, frame, f64::from(self.fps()))?;
         let ends = poses.first().zip(poses.last());
-        let seconds =
-            ends.and_then(|(first, last)| Some(last.time_s? - first.time_s?)).filter(|seconds| *seconds > 0.0);
-        let told = seconds.map(|seconds| ((poses.len() - 1) as f64 / seconds).round().clamp(1.0, 240.0) as u32);
+        let seconds = ends
+            .and_then(|(first, last)| Some(last.time_s? - first.time_s?))
+            .filter(|seconds| *seconds > 0.0);
+        let told = seconds.map(|seconds| {
+            ((poses.len() - 1) as f64 / seconds)
+                .round()
+                .clamp(1.0, 240.0) as u32
+        });
         Ok(self.fps.or(told).unwrap_or_else(|| self.fps()))
     }
 
-    pub(super) fn render_film(&self, content: &mut Content, cameras: &[Camera], fps: u32) -> anyhow::Result<()> {
+    pub(super) fn render_film(
+        &self,
+        content: &mut Content,
+        cameras: &[Camera],
+        fps: u32,
+    ) -> anyhow::Result<()> {
         let started = Instant::now();
-        let Some(first) = cameras.first() else { bail!("the path has no poses") };
+        let Some(first) = cameras.first() else {
+            bail!("the path has no poses")
+        };
         let size = self.view().size_px([first.width(), first.height()]);
         let bar = Bar::new();
         bar.begin("frames", "frames", cameras.len() as u64);
@@ -39,8 +51,15 @@ impl RenderCommand {
             bar.advance(1);
             picture
         });
-        film::write(&self.output, size, fps, cameras.len() as u32, self.view(), &mut frames)
-            .with_context(|| format!("{} could not be written", self.output.display()))?;
+        film::write(
+            &self.output,
+            size,
+            fps,
+            cameras.len() as u32,
+            self.view(),
+            &mut frames,
+        )
+        .with_context(|| format!("{} could not be written", self.output.display()))?;
         bar.finish();
         let (count, seconds) = (cameras.len(), started.elapsed().as_secs_f64());
         if self.json {
@@ -55,7 +74,11 @@ impl RenderCommand {
         Ok(())
     }
 
-    pub(super) fn render_path(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
+    pub(super) fn render_path(
+        &self,
+        content: &mut Content,
+        cameras: &[Camera],
+    ) -> anyhow::Result<()> {
         if self.view() != View::Frame {
             return self.render_views(content, cameras);
         }
@@ -64,9 +87,17 @@ impl RenderCommand {
         let mut times = Vec::with_capacity(cameras.len());
         for (pose, camera) in cameras.iter().enumerate() {
             let rendered = content.render(camera, self.repeat)?;
-            save_picture(&folder.join(format!("frame_{pose:04}.png")), &rendered.image)?;
+            save_picture(
+                &folder.join(format!("frame_{pose:04}.png")),
+                &rendered.image,
+            )?;
             let ms = rendered.ms_median();
-            let Rendered { depth_pixels_in, splatted, hole_pixels, .. } = rendered;
+            let Rendered {
+                depth_pixels_in,
+                splatted,
+                hole_pixels,
+                ..
+            } = rendered;
             csv += &format!("{pose},{ms:.4},{depth_pixels_in},{splatted},{hole_pixels}\n");
             times.push(ms);
         }
@@ -79,7 +110,11 @@ impl RenderCommand {
                 "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             }));
         } else {
-            println!("{}: {} frames, median {median:.2} ms, worst {worst:.2} ms", folder.display(), times.len());
+            println!(
+                "{}: {} frames, median {median:.2} ms, worst {worst:.2} ms",
+                folder.display(),
+                times.len()
+            );
         }
         Ok(())
     }
@@ -88,12 +123,20 @@ impl RenderCommand {
     fn render_views(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
         let started = Instant::now();
         for (pose, camera) in cameras.iter().enumerate() {
-            save_picture(&self.output.join(format!("frame_{pose:04}.png")), &self.picture(content, camera)?)?;
+            save_picture(
+                &self.output.join(format!("frame_{pose:04}.png")),
+                &self.picture(content, camera)?,
+            )?;
         }
         let (frames, seconds) = (cameras.len(), started.elapsed().as_secs_f64());
         match self.json {
-            true => print_json(&json!({"frames": frames, "variant": content.variant(), "seconds": seconds})),
-            false => println!("{}: {frames} frames in {seconds:.1} s", self.output.display()),
+            true => print_json(
+                &json!({"frames": frames, "variant": content.variant(), "seconds": seconds}),
+            ),
+            false => println!(
+                "{}: {frames} frames in {seconds:.1} s",
+                self.output.display()
+            ),
         }
         Ok(())
     }

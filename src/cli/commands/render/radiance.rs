@@ -1,10 +1,10 @@
 //! The light that a capture's levels stand for: shown at another exposure, or written as it is.
 
 use crate::output::cannot_write;
+use exr::prelude::{Image, SpecificChannels, WritableImage};
 use headbox_core::files::write_whole;
 use headbox_core::tone::ToneMap;
 use headbox_cube::model::info::CaptureInfo;
-use exr::prelude::{Image, SpecificChannels, WritableImage};
 use image::RgbImage;
 use std::path::Path;
 
@@ -17,7 +17,10 @@ pub(super) struct Stored {
 
 impl Stored {
     pub(super) fn of(info: &CaptureInfo) -> Self {
-        Self { tone: info.tone, exposure: info.exposure }
+        Self {
+            tone: info.tone,
+            exposure: info.exposure,
+        }
     }
 
     /// What each level becomes `stops` brighter than it was captured, cut off at white.
@@ -28,25 +31,44 @@ impl Stored {
 
     /// Writes a frame as linear radiance, in the unit of the scene's light.
     pub(super) fn save(self, path: &Path, frame: &RgbImage) -> anyhow::Result<()> {
-        let radiance: Vec<[f32; 3]> =
-            frame.pixels().map(|pixel| pixel.0.map(|level| self.tone.exposed(level) / self.exposure)).collect();
+        let radiance: Vec<[f32; 3]> = frame
+            .pixels()
+            .map(|pixel| {
+                pixel
+                    .0
+                    .map(|level| self.tone.exposed(level) / self.exposure)
+            })
+            .collect();
         save_radiance(path, frame.dimensions(), &radiance)
     }
 }
 
 /// Whether a picture's name asks for radiance instead of levels.
 pub(crate) fn is_radiance(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
+    path.extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
 }
 
 /// Writes linear radiance, row by row from the top, as an OpenEXR picture.
-pub(crate) fn save_radiance(path: &Path, size: (u32, u32), radiance: &[[f32; 3]]) -> anyhow::Result<()> {
+pub(crate) fn save_radiance(
+    path: &Path,
+    size: (u32, u32),
+    radiance: &[[f32; 3]],
+) -> anyhow::Result<()> {
     let (width, height) = (size.0 as usize, size.1 as usize);
     let pixel = |at: exr::math::Vec2<usize>| {
-        let [r, g, b] = radiance.get(at.y() * width + at.x()).copied().unwrap_or_default();
+        let [r, g, b] = radiance
+            .get(at.y() * width + at.x())
+            .copied()
+            .unwrap_or_default();
         (r, g, b)
     };
     let picture = Image::from_channels((width, height), SpecificChannels::rgb(pixel));
-    write_whole(path, |writer| picture.write().to_buffered(writer).map_err(std::io::Error::other))
-        .map_err(|error| cannot_write(path, error))
+    write_whole(path, |writer| {
+        picture
+            .write()
+            .to_buffered(writer)
+            .map_err(std::io::Error::other)
+    })
+    .map_err(|error| cannot_write(path, error))
 }

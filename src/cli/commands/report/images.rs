@@ -4,23 +4,36 @@ use crate::commands::render::geometry::GeometryArgs;
 use crate::output::{save_picture, write_text};
 use crate::progress::Bar;
 use headbox_images::ImageSet;
-use headbox_ldi::from_images::ImagesJob;
-use headbox_photos::voxel_colouring::PhotographsJob;
 use headbox_lab::images;
 use headbox_lab::images::{Geometry, SideBySide};
 use headbox_lab::photographs;
+use headbox_ldi::from_images::ImagesJob;
+use headbox_photos::voxel_colouring::PhotographsJob;
 use image::RgbImage;
 use std::path::Path;
 
 /// Pictures of one size, from left to right, so many in a row.
 pub(crate) fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
-    let [width, height] =
-        [RgbImage::width, RgbImage::height].map(|side| pictures.iter().map(|picture| side(picture)).max().unwrap_or(0));
+    let [width, height] = [RgbImage::width, RgbImage::height].map(|side| {
+        pictures
+            .iter()
+            .map(|picture| side(picture))
+            .max()
+            .unwrap_or(0)
+    });
     let rows = pictures.len().div_ceil(across);
-    let mut sheet = RgbImage::new(width * pictures.len().min(across) as u32, height * rows as u32);
+    let mut sheet = RgbImage::new(
+        width * pictures.len().min(across) as u32,
+        height * rows as u32,
+    );
     for (number, picture) in pictures.iter().enumerate() {
         let [x, y] = [number % across, number / across].map(|place| place as i64);
-        image::imageops::replace(&mut sheet, *picture, x * i64::from(width), y * i64::from(height));
+        image::imageops::replace(
+            &mut sheet,
+            *picture,
+            x * i64::from(width),
+            y * i64::from(height),
+        );
     }
     sheet
 }
@@ -33,23 +46,48 @@ struct Sheets<'a> {
 
 impl Sheets<'_> {
     fn save(&mut self, name: &str, pictures: &[&RgbImage], across: usize) {
-        let path = self.folder.join(format!("{}.png", name.replace(['/', '.'], "_")));
-        self.failed = self.failed.take().or(save_picture(&path, &sheet(pictures, across)).err());
+        let path = self
+            .folder
+            .join(format!("{}.png", name.replace(['/', '.'], "_")));
+        self.failed = self
+            .failed
+            .take()
+            .or(save_picture(&path, &sheet(pictures, across)).err());
     }
 }
 
 /// Measures a set, by its depth or, where it has none but what is found, by what is made of the photographs alone, and writes what was found into a folder.
-pub(super) fn write(set: &ImageSet, hold_out: usize, geometry: &GeometryArgs, folder: &Path) -> anyhow::Result<()> {
+pub(super) fn write(
+    set: &ImageSet,
+    hold_out: usize,
+    geometry: &GeometryArgs,
+    folder: &Path,
+) -> anyhow::Result<()> {
     let bar = Bar::new();
-    let mut sheets = Sheets { folder, failed: None };
+    let mut sheets = Sheets {
+        folder,
+        failed: None,
+    };
     let has_own_depth = set.views_with_depth().next().is_some() && !set.has_estimated_depth();
     let (json, summary) = if has_own_depth {
-        let geometry = Geometry { settings: geometry.settings(), resources: geometry.resources(None) };
+        let geometry = Geometry {
+            settings: geometry.settings(),
+            resources: geometry.resources(None),
+        };
         let mut save = |shown: SideBySide| {
-            let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph).chain(&shown.frames).collect();
+            let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph)
+                .chain(&shown.frames)
+                .collect();
             sheets.save(&shown.view, &pictures, 4);
         };
-        let report = images::measure(set, &ImagesJob::suggest(set), &geometry, hold_out, &bar, &mut save)?;
+        let report = images::measure(
+            set,
+            &ImagesJob::suggest(set),
+            &geometry,
+            hold_out,
+            &bar,
+            &mut save,
+        )?;
         (serde_json::to_string_pretty(&report)?, report.summary())
     } else {
         let mut save = |name: &str, pictures: &[&RgbImage]| sheets.save(name, pictures, 4);

@@ -2,21 +2,24 @@
 
 pub(crate) mod images;
 
-use crate::args::{SourceArgs, named_parts, parse_length, parse_unit, parse_up, parse_vector};
-use crate::commands::render::geometry::GeometryArgs;
-use crate::image_set::SetArgs;
 use super::images::is_image_set;
-use crate::commands::report::images as images_report;
-use crate::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
+use crate::args::{SourceArgs, named_parts, parse_length, parse_unit, parse_up, parse_vector};
 use crate::commands::capture::place::place_headbox;
+use crate::commands::render::geometry::GeometryArgs;
+use crate::commands::report::images as images_report;
+use crate::image_set::SetArgs;
+use crate::output::{NO_INPUTS, Outputs, PAGE, write_text};
 use crate::progress::{Bar, Planned};
 use crate::words::UsageError;
-use headbox_photos::cache;
-use headbox_trace::light::Lighting;
-use headbox_core::headbox::Headbox;
-use headbox_core::file_frame::UpAxis;
-use headbox_trace::bvh::Tracer;
+use anyhow::{Context, bail};
+use clap::Args;
+use clap::builder::TypedValueParser;
+use glam::DVec3;
 use headbox_core::container::Container;
+use headbox_core::file_frame::UpAxis;
+use headbox_core::headbox::Headbox;
+use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::file::CUBE_LDI;
 use headbox_lab::machine::{Machine, commit};
 use headbox_lab::plan::{Plan, Quality, most_to_see};
 use headbox_lab::report::figures::{figures, short};
@@ -25,14 +28,11 @@ use headbox_lab::report::subject::Subject;
 use headbox_lab::report::{promises, results, scene, summary};
 use headbox_lab::stability;
 use headbox_lab::walk::WalkReport;
-use headbox_cube::pack::PackedCube;
-use headbox_cube::pack::file::CUBE_LDI;
 use headbox_ldi::scene_source::SceneSource;
+use headbox_photos::cache;
 use headbox_sprite::{SPRITE_FILE, SpriteSet};
-use anyhow::{Context, anyhow, bail};
-use clap::Args;
-use clap::builder::TypedValueParser;
-use glam::DVec3;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -106,7 +106,10 @@ struct Named {
 
 impl Named {
     fn is_placed(&self) -> bool {
-        self.center.is_some() || self.half_size.is_some() || self.up.is_some() || self.unit.is_some()
+        self.center.is_some()
+            || self.half_size.is_some()
+            || self.up.is_some()
+            || self.unit.is_some()
     }
 }
 
@@ -114,13 +117,19 @@ impl Named {
 fn parse_named(text: &str) -> Result<Named, String> {
     const KEYS: [&str; 4] = ["center", "half", "up", "unit"];
     let (name, parts) = named_parts(text, &KEYS)?;
-    let mut named = Named { name: name.to_owned(), ..Named::default() };
+    let mut named = Named {
+        name: name.to_owned(),
+        ..Named::default()
+    };
     for (key, value) in parts {
         match key {
             "center" => named.center = Some(parse_vector(value)?),
             "half" => named.half_size = Some(parse_length(value)?),
             "up" => named.up = Some(parse_up(value)?),
-            "unit" => named.unit = Some(parse_unit(value).map_err(|cause| format!("unit={value}: {cause}"))?),
+            "unit" => {
+                named.unit =
+                    Some(parse_unit(value).map_err(|cause| format!("unit={value}: {cause}"))?)
+            }
             _ => return Err(format!("{key}: give one of {}", KEYS.join("=, "))),
         }
     }
@@ -148,33 +157,52 @@ impl ReportCommand {
         let output = self.output_or("STABILITY.md");
         Outputs::new(false, NO_INPUTS).file(output, &PAGE)?;
         // Before it is written over.
-        let earlier = self.against.as_ref().map(|path| read_text(path)).transpose()?;
+        let earlier = self
+            .against
+            .as_ref()
+            .map(|path| read_text(path))
+            .transpose()?;
         let (page, all_hold) =
-            stability::page(self.seed..self.seed.saturating_add(self.seeds), |name| eprintln!("{name}"));
+            stability::page(self.seed..self.seed.saturating_add(self.seeds), |name| {
+                eprintln!("{name}")
+            });
         write_text(output, &page)?;
         println!("{}: {} seeds a case", output.display(), self.seeds);
         if let Some(earlier) = earlier {
-            let [before, now] = [&earlier, &page].map(|page| stability::verdicts(page).unwrap_or_default());
+            let [before, now] =
+                [&earlier, &page].map(|page| stability::verdicts(page).unwrap_or_default());
             let differences = stability::differences(&before, &now);
             if !differences.is_empty() {
                 bail!("verdicts differ:\n{}", differences.join("\n"));
             }
         }
-        if all_hold { Ok(()) } else { bail!("a bound is exceeded; see {}", output.display()) }
+        if all_hold {
+            Ok(())
+        } else {
+            bail!("a bound is exceeded; see {}", output.display())
+        }
     }
 
     fn measure(&self) -> anyhow::Result<()> {
         for (i, subject) in self.subjects.iter().enumerate() {
             // Rows know their scene by its name.
-            if self.subjects[..i].iter().any(|other| other.name == subject.name) {
+            if self.subjects[..i]
+                .iter()
+                .any(|other| other.name == subject.name)
+            {
                 return Err(UsageError(format!("{} is named twice", subject.name)).into());
             }
         }
         let output = self.output_or("headbox-report");
         let inputs = self.subjects.iter().map(|subject| Path::new(&subject.name));
         let outputs = Outputs::new(false, inputs).folder(output)?;
-        let cache = self.cache.clone().or_else(|| cache::folder("truth")).unwrap_or_else(|| output.join("truth"));
-        std::fs::create_dir_all(&cache).with_context(|| format!("{} could not be made", cache.display()))?;
+        let cache = self
+            .cache
+            .clone()
+            .or_else(|| cache::folder("truth"))
+            .unwrap_or_else(|| output.join("truth"));
+        std::fs::create_dir_all(&cache)
+            .with_context(|| format!("{} could not be made", cache.display()))?;
         let mut report = Report {
             version: Report::VERSION,
             machine: Machine::here(),
@@ -208,14 +236,17 @@ impl ReportCommand {
         write_text(&output.join("report.csv"), &report.to_csv())?;
         let summary = summary::summary(&report);
         write_text(&output.join("summary.md"), &summary)?;
-        save_charts(&report, output, true)?;
+        save_charts(&report, output)?;
         print!("{summary}");
         eprintln!("truth is kept in {}", cache.display());
         if self.promises {
             print!("{}", promises::table(&report));
             let broken = promises::broken(&report);
             if !broken.is_empty() {
-                bail!("the README promises what does not hold: {}", broken.join("; "));
+                bail!(
+                    "the README promises what does not hold: {}",
+                    broken.join("; ")
+                );
             }
         }
         Ok(())
@@ -231,7 +262,8 @@ impl ReportCommand {
 
     fn write_page(&self, json: &Path) -> anyhow::Result<()> {
         let output = self.output_or("results.md");
-        Outputs::new(false, std::iter::once(json).chain(self.walk.as_deref())).file(output, &PAGE)?;
+        Outputs::new(false, std::iter::once(json).chain(self.walk.as_deref()))
+            .file(output, &PAGE)?;
         let report = read_report(json)?;
         let walk: Option<WalkReport> = match &self.walk {
             Some(path) => Some(parse_report(path)?),
@@ -241,16 +273,20 @@ impl ReportCommand {
         let folder = output.with_file_name("results");
         write_text(&folder.join("report.csv"), &report.to_csv())?;
         if let Some(walk) = &walk {
-            write_text(&folder.join("along-path.svg"), &walk.chart().draw().to_svg())?;
+            write_text(&folder.join("along-path.svg"), &walk.chart().to_svg())?;
         }
-        save_charts(&report, &folder, false)
+        save_charts(&report, &folder)
     }
 
     /// A scene or a file, ready to be measured, and the plan for it.
     fn open(&self, named: &Named, outputs: &Outputs) -> anyhow::Result<(Subject, Plan)> {
         let name = named.name.as_str();
         let path = Path::new(name);
-        let kind = if path.is_file() { Container::peek_kind(path)? } else { None };
+        let kind = if path.is_file() {
+            Container::peek_kind(path)?
+        } else {
+            None
+        };
         if kind.is_some() && named.is_placed() {
             return Err(UsageError(format!("{name}: says itself where its headbox is")).into());
         }
@@ -262,31 +298,43 @@ impl ReportCommand {
         let (mut cube, mut sprites) = (None, None);
         let source = if kind == Some(CUBE_LDI.tag) {
             let read = PackedCube::read(path)?;
-            let source = SceneSource::in_frame(&read.info.scene, read.info.frame).lit_by(read.info.light.clone());
+            let source = SceneSource::in_frame(&read.info.scene, read.info.frame)
+                .lit_by(read.info.light.clone());
             cube = Some(read);
             source
         } else if kind == Some(SPRITE_FILE.tag) {
             let read = SpriteSet::read(path)?;
-            let source = SceneSource::in_frame(&read.info.source, read.info.frame).lit_by(read.info.light.clone());
+            let source = SceneSource::in_frame(&read.info.source, read.info.frame)
+                .lit_by(read.info.light.clone());
             sprites = Some(read);
             source
         } else {
             self.source.with(named.up, named.unit).source(name)
         };
         let scene = match kind {
-            Some(_) => source.open().with_context(|| format!("the scene of {name} is needed for truth"))?,
+            Some(_) => source
+                .open()
+                .with_context(|| format!("the scene of {name} is needed for truth"))?,
             None => source.open()?,
         };
         let scene = Arc::new(scene);
         outputs.scene_is_open(&scene)?;
-        let Headbox { mut centre, mut half_size_m } = place_headbox(&scene, named.center, named.half_size)?;
+        let Headbox {
+            mut centre,
+            mut half_size_m,
+        } = place_headbox(&scene, named.center, named.half_size)?;
         let (mut bounces, mut lit, mut ahead) = (self.bounces, true, None);
         if let Some(cube) = &cube {
             (centre, half_size_m) = (cube.info.centre, cube.info.half_size_m);
-            (bounces, lit) = (cube.info.parameters.bounces, cube.info.parameters.light_samples > 0);
+            (bounces, lit) = (
+                cube.info.parameters.bounces,
+                cube.info.parameters.light_samples > 0,
+            );
         }
         if let Some(set) = &sprites {
-            let Some(first) = set.sprites().first() else { bail!("{name}: holds no sprites") };
+            let Some(first) = set.sprites().first() else {
+                bail!("{name}: holds no sprites")
+            };
             let camera = first.sprite().sprite().camera();
             (centre, ahead) = (camera.eye(), Some(camera.forward()));
         }
@@ -295,7 +343,17 @@ impl ReportCommand {
         let ahead = ahead.unwrap_or_else(|| most_to_see(&tracer, centre));
         let plan = Plan::new(quality, centre, half_size_m, ahead, self.seed);
         let plan = plan.map_err(|error| UsageError(error.to_string()))?;
-        Ok((Subject { name: name.to_owned(), tracer, lighting, lit, cube, sprites }, plan))
+        Ok((
+            Subject {
+                name: name.to_owned(),
+                tracer,
+                lighting,
+                lit,
+                cube,
+                sprites,
+            },
+            plan,
+        ))
     }
 }
 
@@ -303,9 +361,27 @@ impl ReportCommand {
 /// frames in turns, and truth for each eye, for some more than once.
 fn plan_of_a_scene() -> Vec<Planned> {
     vec![
-        Planned { stages: &["pilot", "trace", "look for holes", "light and merge", "sprites"], times: 40, weight: 0.4 },
-        Planned { stages: &["frames"], times: 1, weight: 0.2 },
-        Planned { stages: &["truth"], times: 24, weight: 0.4 },
+        Planned {
+            stages: &[
+                "pilot",
+                "trace",
+                "look for holes",
+                "light and merge",
+                "sprites",
+            ],
+            times: 40,
+            weight: 0.4,
+        },
+        Planned {
+            stages: &["frames"],
+            times: 1,
+            weight: 0.2,
+        },
+        Planned {
+            stages: &["truth"],
+            times: 24,
+            weight: 0.4,
+        },
     ]
 }
 
@@ -314,7 +390,8 @@ fn read_text(path: &Path) -> anyhow::Result<String> {
 }
 
 fn parse_report<T: DeserializeOwned>(path: &Path) -> anyhow::Result<T> {
-    serde_json::from_str(&read_text(path)?).with_context(|| format!("{}: not a report of this version", path.display()))
+    serde_json::from_str(&read_text(path)?)
+        .with_context(|| format!("{}: not a report of this version", path.display()))
 }
 
 fn read_report(json: &Path) -> anyhow::Result<Report> {
@@ -326,14 +403,13 @@ fn read_report(json: &Path) -> anyhow::Result<Report> {
     Ok(report)
 }
 
-/// Writes every chart as SVG, and as PNG too if asked.
-fn save_charts(report: &Report, folder: &Path, as_png: bool) -> anyhow::Result<()> {
+/// Writes every chart of a report as SVG.
+fn save_charts(report: &Report, folder: &Path) -> anyhow::Result<()> {
     for figure in figures(report) {
-        let drawing = figure.chart.draw();
-        write_text(&folder.join(format!("{}.svg", figure.name)), &drawing.to_svg())?;
-        if as_png && let Some(image) = drawing.to_image() {
-            save_picture(&folder.join(format!("{}.png", figure.name)), &image)?;
-        }
+        write_text(
+            &folder.join(format!("{}.svg", figure.name)),
+            &figure.chart.to_svg(),
+        )?;
     }
     Ok(())
 }
@@ -345,12 +421,24 @@ mod tests {
     #[test]
     fn scenes_may_be_placed_by_their_names() {
         let named = parse_named("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
-        assert_eq!((named.name.as_str(), named.center), ("a@home/house.obj", Some(DVec3::new(0.0, -1.0, 1.5))));
+        assert_eq!(
+            (named.name.as_str(), named.center),
+            ("a@home/house.obj", Some(DVec3::new(0.0, -1.0, 1.5)))
+        );
         assert!(named.half_size == Some(0.4) && named.is_placed());
-        assert!(matches!((named.up, named.unit), (Some(UpAxis::Z), Some(0.01))));
+        assert!(matches!(
+            (named.up, named.unit),
+            (Some(UpAxis::Z), Some(0.01))
+        ));
         let plain = parse_named("a@home/house.obj").unwrap();
         assert!(plain.name == "a@home/house.obj" && !plain.is_placed());
-        for wrong in ["a.obj@center=1,2", "a.obj@half=0", "a.obj@half=1@size=3", "a.obj@up=x", "a.obj@unit=m@z"] {
+        for wrong in [
+            "a.obj@center=1,2",
+            "a.obj@half=0",
+            "a.obj@half=1@size=3",
+            "a.obj@up=x",
+            "a.obj@unit=m@z",
+        ] {
             assert!(parse_named(wrong).is_err(), "{wrong}");
         }
     }

@@ -2,23 +2,26 @@
 
 mod sequence;
 
-use crate::args::{CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length};
 use super::images::is_image_set;
 use super::info::sprite_json;
-use crate::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
-use crate::progress::Bar;
+use crate::args::{CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length};
 use crate::commands::sprite::sequence::SequenceArgs;
+use crate::output::{Outputs, SPRITES, peak_rss_mb, print_json, write_text};
+use crate::progress::Bar;
 use crate::words::UsageError;
-use headbox_trace::light::Lighting;
-use headbox_core::depth_kind::DepthKind;
-use headbox_core::image_file;
-use headbox_lab::sprite_range::SpriteRange;
-use headbox_ldi::scene_source::SceneSource;
-use headbox_sprite::{DepthImport, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth, capture_slabs, slabs_at_gaps, sprites_of_layers};
-use headbox_images::depth::DepthPicture;
 use anyhow::{Context, bail};
 use clap::Args;
 use glam::DVec3;
+use headbox_core::depth_kind::DepthKind;
+use headbox_core::image_file;
+use headbox_images::depth::DepthPicture;
+use headbox_lab::sprite_range::SpriteRange;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_sprite::{
+    DepthImport, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth,
+    capture_slabs, slabs_at_gaps, sprites_of_layers,
+};
+use headbox_trace::light::Lighting;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -52,7 +55,7 @@ pub(crate) struct SpriteCommand {
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
     /// Judge every variant against truth as the eye moves away from where a scene's sprites were taken: range.csv and
-    /// range.png in this folder. Of a folder of images: leave every third out and judge sprites by them: report.json, summary.md, pictures
+    /// range.svg in this folder. Of a folder of images: leave every third out and judge sprites by them: report.json, summary.md, pictures
     #[arg(long, value_name = "DIR", requires = "scene")]
     pub(super) range: Option<PathBuf>,
     /// Print one JSON object on standard output
@@ -102,7 +105,11 @@ struct ImportArgs {
 
 /// What depths of a picture can mean.
 const DISPLACEMENT_FORMATS: Names<DisplacementFormat> = &[
-    ("i8", "8 bits with sign: the paper's choice", DisplacementFormat::I8),
+    (
+        "i8",
+        "8 bits with sign: the paper's choice",
+        DisplacementFormat::I8,
+    ),
     ("i16", "16 bits with sign", DisplacementFormat::I16),
     ("f32", "32-bit floating point", DisplacementFormat::F32),
 ];
@@ -110,7 +117,11 @@ const DISPLACEMENT_FORMATS: Names<DisplacementFormat> = &[
 const DEPTH_KINDS: Names<DepthKind> = &[
     ("eye", "Along the viewing axis", DepthKind::EyeDepth),
     ("ray", "From the eye", DepthKind::RayDistance),
-    ("window", "A depth buffer's value, 0 at the near plane and 1 at the far plane", DepthKind::WindowDepth),
+    (
+        "window",
+        "A depth buffer's value, 0 at the near plane and 1 at the far plane",
+        DepthKind::WindowDepth,
+    ),
     (
         "reversed-window",
         "The same of a reversed buffer, 1 at the near plane and 0 at the far plane",
@@ -121,12 +132,19 @@ const DEPTH_KINDS: Names<DepthKind> = &[
 impl SpriteCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         if self.output.is_none() && self.export.is_none() && self.range.is_none() {
-            return Err(UsageError("nothing to do: give -o FILE.sprite, --export DIR or --range DIR".into()).into());
+            return Err(UsageError(
+                "nothing to do: give -o FILE.sprite, --export DIR or --range DIR".into(),
+            )
+            .into());
         }
         let start = Instant::now();
         let outputs = self.outputs()?;
         let set = self.sprites(&outputs)?;
-        let sprites: Vec<&SpriteWithDepth> = set.sprites().iter().map(|prepared| prepared.sprite()).collect();
+        let sprites: Vec<&SpriteWithDepth> = set
+            .sprites()
+            .iter()
+            .map(|prepared| prepared.sprite())
+            .collect();
         if let Some(output) = &self.output {
             set.write(output)?;
         }
@@ -135,8 +153,13 @@ impl SpriteCommand {
         }
         let seconds = start.elapsed().as_secs_f64();
         if self.json {
-            let described: Vec<_> = sprites.iter().map(|sprite| sprite_json(sprite, &set)).collect();
-            print_json(&json!({ "sprites": described, "total_s": seconds, "peak_rss_mb": peak_rss_mb() }));
+            let described: Vec<_> = sprites
+                .iter()
+                .map(|sprite| sprite_json(sprite, &set))
+                .collect();
+            print_json(
+                &json!({ "sprites": described, "total_s": seconds, "peak_rss_mb": peak_rss_mb() }),
+            );
             return Ok(());
         }
         let count = sprites.len();
@@ -144,16 +167,26 @@ impl SpriteCommand {
             println!("{}: colour and depth of {count} sprites", folder.display());
         }
         if let Some(output) = &self.output {
-            println!("{}: {count} sprites with depth, {seconds:.2} s", output.display());
-            println!("look at it: headbox render {} -o frame.png", output.display());
+            println!(
+                "{}: {count} sprites with depth, {seconds:.2} s",
+                output.display()
+            );
+            println!(
+                "look at it: headbox render {} -o frame.png",
+                output.display()
+            );
         }
         Ok(())
     }
 
     fn outputs(&self) -> anyhow::Result<Outputs> {
-        let pictures = [&self.import.color, &self.import.depth].into_iter().flatten().map(PathBuf::as_path);
+        let pictures = [&self.import.color, &self.import.depth]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path);
         let inputs = pictures.chain(self.scene.as_ref().map(Path::new));
-        let mut outputs = Outputs::new(self.json, inputs).maybe_file(self.output.as_ref(), &SPRITES)?;
+        let mut outputs =
+            Outputs::new(self.json, inputs).maybe_file(self.output.as_ref(), &SPRITES)?;
         for folder in [&self.export, &self.range].into_iter().flatten() {
             outputs = outputs.folder(folder)?;
         }
@@ -167,16 +200,22 @@ impl SpriteCommand {
         self.sequence.only_for_sets()?;
         match (&self.scene, &self.import.color) {
             (_, Some(color)) => self.import(color),
-            (Some(file), None) if Path::new(file).extension().is_some_and(|e| e.eq_ignore_ascii_case("sprite")) => {
+            (Some(file), None)
+                if Path::new(file)
+                    .extension()
+                    .is_some_and(|e| e.eq_ignore_ascii_case("sprite")) =>
+            {
                 if self.range.is_some() {
-                    return Err(UsageError("--range needs a scene: a .sprite file has no truth".into()).into());
+                    return Err(UsageError(
+                        "--range needs a scene: a .sprite file has no truth".into(),
+                    )
+                    .into());
                 }
                 Ok(SpriteSet::read(Path::new(file))?)
             }
             (Some(scene), None) => self.capture(&self.source.source(scene), outputs),
             (None, None) => {
-                let message =
-                    "what shall the sprites show? give a scene (see `headbox scenes`), or --color and --depth";
+                let message = "what shall the sprites show? give a scene (see `headbox scenes`), or --color and --depth";
                 Err(UsageError(message.into()).into())
             }
         }
@@ -199,14 +238,22 @@ impl SpriteCommand {
         let sprites = capture_slabs(&capture, &camera, &slabs, &bar)?;
         bar.finish();
         if sprites.is_empty() {
-            bail!("nothing of {} is seen from there: move --eye or --look-at", source.name);
+            bail!(
+                "nothing of {} is seen from there: move --eye or --look-at",
+                source.name
+            );
         }
         let mut set = self.set(sprites)?;
-        set.info = SpriteInfo { source: source.name.clone(), frame: scene.frame, light: source.light.clone() };
+        set.info = SpriteInfo {
+            source: source.name.clone(),
+            frame: scene.frame,
+            light: source.light.clone(),
+        };
         set.environment = lighting.environment();
         if let Some(folder) = &self.range {
             let range = SpriteRange::measure(&capture, &camera, set.clone())?;
-            let range = range.context("nothing lies straight ahead to measure a range by: move --look-at")?;
+            let range = range
+                .context("nothing lies straight ahead to measure a range by: move --look-at")?;
             write_range(folder, &source.name, &range)?;
         }
         Ok(set)
@@ -217,22 +264,38 @@ impl SpriteCommand {
             return Err(UsageError("--color needs --depth and --depth-kind".into()).into());
         };
         let color = image_file::read(color_path, image_file::MAX_BYTES);
-        let color =
-            color.with_context(|| format!("{} could not be read as an image", color_path.display()))?.to_rgba8();
+        let color = color
+            .with_context(|| format!("{} could not be read as an image", color_path.display()))?
+            .to_rgba8();
         let depth = DepthPicture::read(depth_path, self.import.unit(depth_path, kind))?;
         let size = color.dimensions();
         if (depth.width, depth.height) != size {
             let (a, b) = (color_path.display(), depth_path.display());
             let (dw, dh) = (depth.width, depth.height);
-            bail!("{a} has {}x{} pixels, {b} {dw}x{dh}: bring both to one size", size.0, size.1);
+            bail!(
+                "{a} has {}x{} pixels, {b} {dw}x{dh}: bring both to one size",
+                size.0,
+                size.1
+            );
         }
         if self.camera.size.is_some_and(|wanted| wanted != size) {
-            let message = format!("{} has {}x{} pixels; leave --size out", color_path.display(), size.0, size.1);
+            let message = format!(
+                "{} has {}x{} pixels; leave --size out",
+                color_path.display(),
+                size.0,
+                size.1
+            );
             return Err(UsageError(message).into());
         }
         let frame = self.source.file_frame();
         let import = DepthImport {
-            camera: self.camera.camera(&frame, &DefaultCamera { size, ..DefaultCamera::at(DVec3::ZERO) })?,
+            camera: self.camera.camera(
+                &frame,
+                &DefaultCamera {
+                    size,
+                    ..DefaultCamera::at(DVec3::ZERO)
+                },
+            )?,
             color,
             depth: &depth.values,
             depth_kind: kind,
@@ -240,10 +303,15 @@ impl SpriteCommand {
             plane: None,
             format: self.displacement,
         };
-        let sprite =
-            import.build().with_context(|| format!("{} and {}", color_path.display(), depth_path.display()))?;
+        let sprite = import
+            .build()
+            .with_context(|| format!("{} and {}", color_path.display(), depth_path.display()))?;
         let mut set = self.set(vec![sprite])?;
-        set.info = SpriteInfo { source: color_path.display().to_string(), frame, ..SpriteInfo::default() };
+        set.info = SpriteInfo {
+            source: color_path.display().to_string(),
+            frame,
+            ..SpriteInfo::default()
+        };
         Ok(set)
     }
 
@@ -256,7 +324,9 @@ impl SpriteCommand {
             let displacement = sprite.displacement().reduced(self.displacement_divisor)?;
             SpriteWithDepth::new(sprite.sprite().clone(), displacement)
         };
-        Ok(SpriteSet::new(sprites.into_iter().map(reduced).collect::<Result<_, _>>()?))
+        Ok(SpriteSet::new(
+            sprites.into_iter().map(reduced).collect::<Result<_, _>>()?,
+        ))
     }
 
     /// Sprites of the layers of a folder of images.
@@ -267,15 +337,26 @@ impl SpriteCommand {
             eprintln!("{} with {}", layers.used[0], layers.used[1..].join(", "));
         }
         let mut sprites = self.set(sprites_of_layers(&layers, self.displacement)?)?;
-        sprites.info = SpriteInfo { source: name.into(), frame, ..SpriteInfo::default() };
+        sprites.info = SpriteInfo {
+            source: name.into(),
+            frame,
+            ..SpriteInfo::default()
+        };
         Ok(sprites)
     }
 
     /// Photographs were taken from where they were, in the light that there was.
     fn refuse_flags_of_scenes(&self) -> Result<(), UsageError> {
-        let flags = self.source.given().into_iter().chain(self.camera.given()).chain([("--unlit", self.quality.unlit)]);
+        let flags = self
+            .source
+            .given()
+            .into_iter()
+            .chain(self.camera.given())
+            .chain([("--unlit", self.quality.unlit)]);
         match flags.into_iter().find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for images; leave it out"))),
+            Some((flag, _)) => Err(UsageError(format!(
+                "{flag} has no meaning for images; leave it out"
+            ))),
             None => Ok(()),
         }
     }
@@ -284,14 +365,18 @@ impl SpriteCommand {
 impl ImportArgs {
     /// What a stored depth of 1 means.
     fn unit(&self, path: &Path, kind: DepthKind) -> f32 {
-        let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+        let is_exr = path
+            .extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let usual = match kind {
             _ if is_exr => 1.0,
             // Whatever number of bits it has, all of them are 1.
-            DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => match image_file::bits_per_channel(path) {
-                Ok(8) => 1.0 / 255.0,
-                _ => 1.0 / 65_535.0,
-            },
+            DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => {
+                match image_file::bits_per_channel(path) {
+                    Ok(8) => 1.0 / 255.0,
+                    _ => 1.0 / 65_535.0,
+                }
+            }
             DepthKind::EyeDepth | DepthKind::RayDistance => 1e-3,
         };
         self.depth_unit.unwrap_or(usual) as f32
@@ -301,18 +386,22 @@ impl ImportArgs {
         match (kind, self.near) {
             (DepthKind::EyeDepth | DepthKind::RayDistance, _) => Ok((0.0, 0.0)),
             (_, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
-            (_, None) => Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into()),
+            (_, None) => {
+                Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into())
+            }
         }
     }
 }
 
-/// Writes `range.csv` and `range.png`, and prints what they say.
+/// Writes `range.csv` and `range.svg`, and prints what they say.
 fn write_range(folder: &Path, name: &str, range: &SpriteRange) -> anyhow::Result<()> {
     write_text(&folder.join("range.csv"), &range.to_csv())?;
-    let image = range.chart(name).draw().to_image().context("a chart without pixels")?;
-    save_picture(&folder.join("range.png"), &image)?;
-    range.sentences().iter().for_each(|sentence| println!("{sentence}"));
-    println!("{}: range.csv and range.png", folder.display());
+    write_text(&folder.join("range.svg"), &range.chart(name).to_svg())?;
+    range
+        .sentences()
+        .iter()
+        .for_each(|sentence| println!("{sentence}"));
+    println!("{}: range.csv and range.svg", folder.display());
     Ok(())
 }
 
@@ -322,6 +411,12 @@ fn export(folder: &Path, sprites: &[&SpriteWithDepth], set: &SpriteSet) -> anyho
         let file = |extension: &str| folder.join(format!("sprite_{number}.{extension}"));
         sprite.export(&file("png"), &file("exr"))?;
     }
-    let described: Vec<_> = sprites.iter().map(|sprite| sprite_json(sprite, set)).collect();
-    write_text(&folder.join("sprites.json"), &format!("{:#}\n", json!(described)))
+    let described: Vec<_> = sprites
+        .iter()
+        .map(|sprite| sprite_json(sprite, set))
+        .collect();
+    write_text(
+        &folder.join("sprites.json"),
+        &format!("{:#}\n", json!(described)),
+    )
 }

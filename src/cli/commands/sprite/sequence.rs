@@ -4,14 +4,14 @@ use crate::image_set::SetArgs;
 use crate::output::{save_picture, write_text};
 use crate::progress::Bar;
 use crate::words::UsageError;
-use headbox_images::ImageSet;
-use headbox_images::planar_layers::{Frames, LayerJob, Mask, PlanarLayers};
-use headbox_core::image_file;
-use headbox_core::file_frame::FileFrame;
-use headbox_lab::sequence;
-use headbox_core::progress::Progress;
 use anyhow::{Context, bail};
 use clap::Args;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::image_file;
+use headbox_core::progress::Progress;
+use headbox_images::ImageSet;
+use headbox_images::planar_layers::{Frames, LayerJob, Mask, PlanarLayers};
+use headbox_lab::sequence;
 use std::path::{Path, PathBuf};
 
 /// What is said of sprites of a sequence.
@@ -49,13 +49,19 @@ impl SequenceArgs {
             ("--own-depth", self.own_depth),
         ];
         match given.into_iter().find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => Err(UsageError(format!("{flag} is for folders of images; leave it out"))),
+            Some((flag, _)) => Err(UsageError(format!(
+                "{flag} is for folders of images; leave it out"
+            ))),
             None => Ok(()),
         }
     }
 
     /// The layers of a folder of images, and its axes and unit; judged by photographs left out if a folder for that is given.
-    pub(super) fn layers(&self, name: &str, range: Option<&Path>) -> anyhow::Result<(PlanarLayers, FileFrame)> {
+    pub(super) fn layers(
+        &self,
+        name: &str,
+        range: Option<&Path>,
+    ) -> anyhow::Result<(PlanarLayers, FileFrame)> {
         let set = self.set.open_registered(Path::new(name))?;
         let job = self.job(&set)?;
         let bar = Bar::new();
@@ -77,7 +83,10 @@ impl SequenceArgs {
         job.others = self.frames.map_or(job.others, usize::from);
         job.own_depth = self.own_depth;
         if self.own_depth && set.views_with_depth().next().is_none() {
-            bail!("{}: no view has depth; leave --own-depth out", set.folder.display());
+            bail!(
+                "{}: no view has depth; leave --own-depth out",
+                set.folder.display()
+            );
         }
         if let Some(folder) = &self.masks {
             job.masks = masks(folder)?;
@@ -88,20 +97,37 @@ impl SequenceArgs {
 
 /// The PNG files of a folder in the order of their names.
 fn masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
-    let entries = std::fs::read_dir(folder).with_context(|| format!("{} cannot be read", folder.display()))?;
-    let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    paths.retain(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")));
+    let entries = std::fs::read_dir(folder)
+        .with_context(|| format!("{} cannot be read", folder.display()))?;
+    let mut paths: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .collect();
+    paths.retain(|path| {
+        path.extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
+    });
     paths.sort();
     if paths.is_empty() {
-        bail!("{}: no PNG files; --masks takes a folder of them, one for each layer", folder.display());
+        bail!(
+            "{}: no PNG files; --masks takes a folder of them, one for each layer",
+            folder.display()
+        );
     }
     if paths.len() > headbox_images::planar_layers::MOST_LAYERS {
-        bail!("{}: {} PNG files, more than layers are made", folder.display(), paths.len());
+        bail!(
+            "{}: {} PNG files, more than layers are made",
+            folder.display(),
+            paths.len()
+        );
     }
     let read = |path: PathBuf| {
         let picture = image_file::read(&path, image_file::MAX_BYTES);
-        let picture = picture.with_context(|| format!("{} could not be read as an image", path.display()))?;
-        Ok(Mask { picture: picture.to_luma8(), path })
+        let picture =
+            picture.with_context(|| format!("{} could not be read as an image", path.display()))?;
+        Ok(Mask {
+            picture: picture.to_luma8(),
+            path,
+        })
     };
     paths.into_iter().map(read).collect()
 }
@@ -112,18 +138,31 @@ fn load(set: &ImageSet, job: &LayerJob, bar: &Bar) -> anyhow::Result<Frames> {
 }
 
 /// Layers without the frames that they are judged by, and what these say.
-fn judged(set: &ImageSet, job: &LayerJob, bar: &Bar, folder: &Path) -> anyhow::Result<(String, PlanarLayers)> {
+fn judged(
+    set: &ImageSet,
+    job: &LayerJob,
+    bar: &Bar,
+    folder: &Path,
+) -> anyhow::Result<(String, PlanarLayers)> {
     let (kept, job, left_out) = sequence::leave_out(set, job)?;
     let frames = load(&kept, &job, bar)?;
     let mut failed = None;
-    let (report, layers) = sequence::measure(&kept, &job, &frames, &left_out, &mut |name, pictures| {
-        let path = folder.join(format!("{}.png", name.replace(['/', '.'], "_")));
-        failed = failed.take().or(save_picture(&path, &crate::commands::report::images::sheet(pictures, 3)).err());
-    })?;
+    let (report, layers) =
+        sequence::measure(&kept, &job, &frames, &left_out, &mut |name, pictures| {
+            let path = folder.join(format!("{}.png", name.replace(['/', '.'], "_")));
+            failed = failed.take().or(save_picture(
+                &path,
+                &crate::commands::report::images::sheet(pictures, 3),
+            )
+            .err());
+        })?;
     if let Some(error) = failed {
         return Err(error);
     }
-    write_text(&folder.join("report.json"), &(serde_json::to_string_pretty(&report)? + "\n"))?;
+    write_text(
+        &folder.join("report.json"),
+        &(serde_json::to_string_pretty(&report)? + "\n"),
+    )?;
     write_text(&folder.join("summary.md"), &report.summary())?;
     Ok((report.summary(), layers))
 }

@@ -3,11 +3,11 @@
 //! ([`BakedRays`]) or with a rasteriser ([`super::RasterDraw`]).
 
 use super::{Draw, JudgedFrame, Shown};
+use glam::Vec3;
 use headbox_core::camera::Camera;
+use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
 use headbox_trace::light::{LightSample, Lighting, LitPoint};
 use headbox_trace::sampler::random4;
-use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
-use glam::Vec3;
 use image::RgbImage;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -29,16 +29,29 @@ pub struct BakedLight {
 
 impl BakedLight {
     /// No light yet; cells will be about as large as a face pixel of a cube LDI of `face_size_px`, with `light_samples` each.
-    pub fn new(tracer: Arc<Tracer>, lighting: Lighting, face_size_px: u32, light_samples: u32) -> Self {
+    pub fn new(
+        tracer: Arc<Tracer>,
+        lighting: Lighting,
+        face_size_px: u32,
+        light_samples: u32,
+    ) -> Self {
         let cell_angle = 2.0 / face_size_px as f32;
-        Self { tracer, lighting, light: HashMap::new(), light_samples: light_samples.max(1), cell_angle }
+        Self {
+            tracer,
+            lighting,
+            light: HashMap::new(),
+            light_samples: light_samples.max(1),
+            cell_angle,
+        }
     }
 
     /// Bakes where a camera looks.
     pub fn bake_view(&mut self, camera: &Camera) {
         let mut hits = Vec::new();
         for y in 0..camera.height() {
-            self.row_hits(camera, y, |_, ray, hit| hits.extend(hit.map(|hit| (ray, hit))));
+            self.row_hits(camera, y, |_, ray, hit| {
+                hits.extend(hit.map(|hit| (ray, hit)))
+            });
         }
         self.bake(hits);
     }
@@ -51,8 +64,10 @@ impl BakedLight {
         found.sort_by_key(|(cell, ..)| *cell);
         found.dedup_by_key(|(cell, ..)| *cell);
         found.retain(|(cell, ..)| !self.light.contains_key(cell));
-        let lit: Vec<(Cell, Vec3)> =
-            found.par_iter().map(|(cell, ray, hit)| (*cell, self.radiosity(*cell, ray, hit))).collect();
+        let lit: Vec<(Cell, Vec3)> = found
+            .par_iter()
+            .map(|(cell, ray, hit)| (*cell, self.radiosity(*cell, ray, hit)))
+            .collect();
         self.light.extend(lit);
     }
 
@@ -69,8 +84,15 @@ impl BakedLight {
     /// The ray through a pixel's centre, in the tracer's frame; its direction has eye depth 1.
     pub(super) fn pixel_ray(&self, camera: &Camera, x: u32, y: u32) -> Ray {
         let origin = (camera.eye() - self.tracer.origin()).as_vec3();
-        let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).as_vec3();
-        Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
+        let direction = camera
+            .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
+            .as_vec3();
+        Ray {
+            origin,
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        }
     }
 
     fn cell(&self, ray: &Ray, hit: &Hit) -> Cell {
@@ -78,12 +100,17 @@ impl BakedLight {
         let edge = (b - a).length().max((c - a).length());
         let distance = (ray.origin + ray.direction * hit.t).length();
         // A power of two, so that neighbouring hits agree on the grid.
-        let cells = (edge / (self.cell_angle * distance).max(f32::MIN_POSITIVE)).clamp(1.0, 16_384.0);
+        let cells =
+            (edge / (self.cell_angle * distance).max(f32::MIN_POSITIVE)).clamp(1.0, 16_384.0);
         let side = (cells.log2().round() as u32).min(14);
         let place = |weight: f32| (weight.clamp(0.0, 1.0) * (1u32 << side) as f32) as u32;
         let normal = (b - a).cross(c - a);
         let back = u32::from(normal.dot(ray.direction) > 0.0);
-        (hit.primitive, place(hit.u) << 17 | place(hit.v) << 2 | back, side)
+        (
+            hit.primitive,
+            place(hit.u) << 17 | place(hit.v) << 2 | back,
+            side,
+        )
     }
 
     fn radiosity(&self, cell: Cell, ray: &Ray, hit: &Hit) -> Vec3 {
@@ -91,7 +118,11 @@ impl BakedLight {
         let [stream, ..] = random4([cell.0, cell.1, cell.2, 0x0bae]);
         let count = self.light_samples;
         let sample = |index| {
-            Vec3::from_array(self.lighting.radiosity_per_albedo(&self.tracer, &point, &LightSample { stream, index }))
+            Vec3::from_array(self.lighting.radiosity_per_albedo(
+                &self.tracer,
+                &point,
+                &LightSample { stream, index },
+            ))
         };
         (0..count).map(sample).sum::<Vec3>() / count as f32
     }
@@ -100,7 +131,10 @@ impl BakedLight {
     fn row_hits(&self, camera: &Camera, y: u32, mut visit: impl FnMut(u32, Ray, Option<Hit>)) {
         for start in (0..camera.width()).step_by(PACKET) {
             let columns = start..camera.width().min(start + PACKET as u32);
-            let rays: Vec<Ray> = columns.clone().map(|x| self.pixel_ray(camera, x, y)).collect();
+            let rays: Vec<Ray> = columns
+                .clone()
+                .map(|x| self.pixel_ray(camera, x, y))
+                .collect();
             let hits: HitPacket = self.tracer.closest_packet(&RayPacket::from_rays(&rays));
             for (lane, x) in columns.enumerate() {
                 visit(x, rays[lane], hits.hit(lane));
@@ -113,7 +147,11 @@ impl BakedLight {
         let linear = match hit {
             Some(hit) => {
                 let surface = self.tracer.scene().surface(hit.primitive, hit.u, hit.v);
-                let light = self.light.get(&self.cell(ray, &hit)).copied().unwrap_or_default();
+                let light = self
+                    .light
+                    .get(&self.cell(ray, &hit))
+                    .copied()
+                    .unwrap_or_default();
                 Vec3::from_array(surface.albedo) * light + Vec3::from_array(surface.emission)
             }
             None => Vec3::from_array(self.lighting.miss_radiance(ray.direction.normalize())),
@@ -131,7 +169,10 @@ pub struct BakedRays {
 impl BakedRays {
     /// Draws with this light.
     pub fn new(baked: Arc<BakedLight>) -> Self {
-        Self { baked, color: RgbImage::new(0, 0) }
+        Self {
+            baked,
+            color: RgbImage::new(0, 0),
+        }
     }
 }
 
@@ -139,11 +180,15 @@ impl Draw for BakedRays {
     fn draw(&mut self, camera: &Camera) {
         let width = camera.width();
         let mut pixels = vec![0u8; 3 * width as usize * camera.height() as usize];
-        pixels.par_chunks_mut(3 * width as usize).enumerate().for_each(|(y, row)| {
-            self.baked.row_hits(camera, y as u32, |x, ray, hit| {
-                row[3 * x as usize..3 * x as usize + 3].copy_from_slice(&self.baked.shade(&ray, hit));
+        pixels
+            .par_chunks_mut(3 * width as usize)
+            .enumerate()
+            .for_each(|(y, row)| {
+                self.baked.row_hits(camera, y as u32, |x, ray, hit| {
+                    row[3 * x as usize..3 * x as usize + 3]
+                        .copy_from_slice(&self.baked.shade(&ray, hit));
+                });
             });
-        });
         self.color = RgbImage::from_raw(width, camera.height(), pixels).unwrap_or_default();
     }
 
@@ -152,9 +197,16 @@ impl Draw for BakedRays {
         let mut shown = Vec::with_capacity(self.color.len() / 3);
         for y in 0..camera.height() {
             self.baked.row_hits(camera, y, |_, _, hit| {
-                shown.push(if hit.is_some() { Shown::Surface } else { Shown::Environment });
+                shown.push(if hit.is_some() {
+                    Shown::Surface
+                } else {
+                    Shown::Environment
+                });
             });
         }
-        JudgedFrame { color: self.color.clone(), shown }
+        JudgedFrame {
+            color: self.color.clone(),
+            shown,
+        }
     }
 }

@@ -12,8 +12,17 @@ use std::sync::Arc;
 /// in each band that it reaches.
 ///
 /// [`FrameStats::depth_pixels_in`]: headbox_cube::render::FrameStats::depth_pixels_in
-fn left_by_clipping(renderer: &mut Renderer, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> u64 {
-    if settings.unclipped { cube.depth_pixel_count() as u64 } else { renderer.clip_counts(cube, camera, settings).kept }
+fn left_by_clipping(
+    renderer: &mut Renderer,
+    cube: &PackedCube,
+    camera: &Camera,
+    settings: &RenderSettings,
+) -> u64 {
+    if settings.unclipped {
+        cube.depth_pixel_count() as u64
+    } else {
+        renderer.clip_counts(cube, camera, settings).kept
+    }
 }
 
 /// A packed cube LDI under one setting of the renderer.
@@ -26,13 +35,18 @@ pub struct LdiDraw {
 impl LdiDraw {
     /// Draws `cube`.
     pub fn new(cube: Arc<PackedCube>, settings: RenderSettings) -> Self {
-        Self { cube, settings, renderer: Renderer::new() }
+        Self {
+            cube,
+            settings,
+            renderer: Renderer::new(),
+        }
     }
 }
 
 impl Draw for LdiDraw {
     fn draw(&mut self, camera: &Camera) {
-        self.renderer.render_with_stats(&self.cube, camera, &self.settings);
+        self.renderer
+            .render_with_stats(&self.cube, camera, &self.settings);
     }
 
     fn depth_pixels(&mut self, camera: &Camera) -> u64 {
@@ -54,13 +68,18 @@ pub struct ExactDraw {
 impl ExactDraw {
     /// Draws `exact`.
     pub fn new(exact: ExactCube, settings: RenderSettings) -> Self {
-        Self { exact, settings, renderer: Renderer::new() }
+        Self {
+            exact,
+            settings,
+            renderer: Renderer::new(),
+        }
     }
 }
 
 impl Draw for ExactDraw {
     fn draw(&mut self, camera: &Camera) {
-        self.renderer.render_exact(&self.exact, camera, &self.settings);
+        self.renderer
+            .render_exact(&self.exact, camera, &self.settings);
     }
 
     fn depth_pixels(&mut self, camera: &Camera) -> u64 {
@@ -68,7 +87,11 @@ impl Draw for ExactDraw {
     }
 
     fn picture(&mut self, camera: &Camera) -> JudgedFrame {
-        JudgedFrame::of_frame(self.renderer.render_exact(&self.exact, camera, &self.settings).0)
+        JudgedFrame::of_frame(
+            self.renderer
+                .render_exact(&self.exact, camera, &self.settings)
+                .0,
+        )
     }
 }
 
@@ -92,7 +115,11 @@ impl Draw for OracleDraw {
     }
 
     fn depth_pixels(&mut self, _: &Camera) -> u64 {
-        self.ldi.faces.iter().map(|face| face.samples.len() as u64).sum()
+        self.ldi
+            .faces
+            .iter()
+            .map(|face| face.samples.len() as u64)
+            .sum()
     }
 
     fn picture(&mut self, camera: &Camera) -> JudgedFrame {

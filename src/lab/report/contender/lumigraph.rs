@@ -15,16 +15,25 @@ pub struct LumigraphDraw {
 impl LumigraphDraw {
     /// Draws `lumigraph`.
     pub fn new(lumigraph: Arc<Lumigraph>, settings: LumigraphSettings) -> Self {
-        Self { lumigraph, settings, renderer: LumigraphRenderer::new() }
+        Self {
+            lumigraph,
+            settings,
+            renderer: LumigraphRenderer::new(),
+        }
     }
 }
 
 impl Draw for LumigraphDraw {
     fn draw(&mut self, camera: &Camera) {
-        self.renderer.render(&self.lumigraph, camera, &self.settings);
+        self.renderer
+            .render(&self.lumigraph, camera, &self.settings);
     }
 
     fn picture(&mut self, camera: &Camera) -> JudgedFrame {
-        JudgedFrame::of_frame(self.renderer.render(&self.lumigraph, camera, &self.settings).0)
+        JudgedFrame::of_frame(
+            self.renderer
+                .render(&self.lumigraph, camera, &self.settings)
+                .0,
+        )
     }
 }

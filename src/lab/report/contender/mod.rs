@@ -20,9 +20,9 @@ pub use sprites::{SpriteDraw, bytes_of as sprite_bytes};
 pub use traced::{CubeMapDraw, PathTraced};
 pub use warp_only::{WarpArithmetic, WarpOnly};
 
+use crate::plan::EyeSet;
 use headbox_core::camera::Camera;
 use headbox_core::frame::{Coverage, Frame};
-use crate::plan::EyeSet;
 use image::RgbImage;
 use rayon::ThreadPool;
 use std::sync::Arc;
@@ -63,7 +63,10 @@ impl JudgedFrame {
             let [r, g, b, _] = frame.color[y as usize * frame.width as usize + x as usize];
             image::Rgb([r, g, b])
         };
-        Self { shown: shown.collect(), color: RgbImage::from_fn(frame.width, frame.height, pixel) }
+        Self {
+            shown: shown.collect(),
+            color: RgbImage::from_fn(frame.width, frame.height, pixel),
+        }
     }
 
     /// Share of pixels that show nothing, or the environment where truth shows geometry alone. `truth`: its coverages.
@@ -130,12 +133,20 @@ pub struct Role {
 impl Role {
     /// The row that others are compared with.
     pub fn baseline(group: &'static str, variant: impl Into<String>) -> Self {
-        Self { group, variant: variant.into(), baseline: true }
+        Self {
+            group,
+            variant: variant.into(),
+            baseline: true,
+        }
     }
 
     /// Another row.
     pub fn other(group: &'static str, variant: impl Into<String>) -> Self {
-        Self { group, variant: variant.into(), baseline: false }
+        Self {
+            group,
+            variant: variant.into(),
+            baseline: false,
+        }
     }
 }
 
@@ -146,12 +157,32 @@ mod tests {
     #[test]
     fn holes_are_what_shows_nothing_or_the_sky_before_geometry() {
         let color = RgbImage::new(2, 2);
-        let shown = vec![Shown::Surface, Shown::Environment, Shown::Environment, Shown::Nothing];
-        let picture = JudgedFrame { color: color.clone(), shown };
+        let shown = vec![
+            Shown::Surface,
+            Shown::Environment,
+            Shown::Environment,
+            Shown::Nothing,
+        ];
+        let picture = JudgedFrame {
+            color: color.clone(),
+            shown,
+        };
         assert_eq!(
-            picture.hole_fraction(&[Coverage::FULL, Coverage::FULL, Coverage::from_splat_share(254), Coverage::ENVIRONMENT]),
+            picture.hole_fraction(&[
+                Coverage::FULL,
+                Coverage::FULL,
+                Coverage::from_splat_share(254),
+                Coverage::ENVIRONMENT
+            ]),
             Some(0.5)
         );
-        assert_eq!(JudgedFrame { color, shown: vec![] }.hole_fraction(&[Coverage::FULL; 4]), None);
+        assert_eq!(
+            JudgedFrame {
+                color,
+                shown: vec![]
+            }
+            .hole_fraction(&[Coverage::FULL; 4]),
+            None
+        );
     }
 }

@@ -2,10 +2,10 @@
 //! point is projected, in any order, and the nearest one of each pixel overwrites the others.
 
 use super::{Draw, JudgedFrame, Shown};
+use glam::{Mat4, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
 use headbox_cube::pack::PackedCube;
-use glam::{Mat4, Vec3};
 use image::RgbImage;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -33,8 +33,13 @@ impl NearestColors {
     /// Nothing yet, at the size of the camera's image.
     pub(super) fn reset(&mut self, camera: &Camera) {
         self.size = [camera.width(), camera.height()];
-        self.cells.resize_with(self.size[0] as usize * self.size[1] as usize, AtomicU64::default);
-        self.cells.par_iter_mut().for_each(|cell| *cell.get_mut() = 0);
+        self.cells.resize_with(
+            self.size[0] as usize * self.size[1] as usize,
+            AtomicU64::default,
+        );
+        self.cells
+            .par_iter_mut()
+            .for_each(|cell| *cell.get_mut() = 0);
     }
 
     fn cell(inverse_depth: f32, [r, g, b, _]: [u8; 4]) -> u64 {
@@ -56,21 +61,29 @@ impl NearestColors {
     }
 
     /// The colours, with the environment behind them. `camera` as in [`Self::reset`].
-    pub(super) fn resolve(&self, camera: &Camera, environment: &Environment, color: &mut Vec<[u8; 3]>) {
+    pub(super) fn resolve(
+        &self,
+        camera: &Camera,
+        environment: &Environment,
+        color: &mut Vec<[u8; 3]>,
+    ) {
         let width = self.size[0] as usize;
         color.resize(self.cells.len(), [0; 3]);
-        color.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-            for (x, color) in row.iter_mut().enumerate() {
-                let cell = self.cells[y * width + x].load(Ordering::Relaxed);
-                *color = if cell == 0 {
-                    let direction = camera.direction(x as f64 + 0.5, y as f64 + 0.5).as_vec3();
-                    environment.sample(direction).unwrap_or([0; 3])
-                } else {
-                    let [r, g, b, ..] = cell.to_le_bytes();
-                    [r, g, b]
-                };
-            }
-        });
+        color
+            .par_chunks_mut(width)
+            .enumerate()
+            .for_each(|(y, row)| {
+                for (x, color) in row.iter_mut().enumerate() {
+                    let cell = self.cells[y * width + x].load(Ordering::Relaxed);
+                    *color = if cell == 0 {
+                        let direction = camera.direction(x as f64 + 0.5, y as f64 + 0.5).as_vec3();
+                        environment.sample(direction).unwrap_or([0; 3])
+                    } else {
+                        let [r, g, b, ..] = cell.to_le_bytes();
+                        [r, g, b]
+                    };
+                }
+            });
     }
 
     /// The finished picture.
@@ -80,17 +93,29 @@ impl NearestColors {
         let [width, height] = self.size;
         let known = |index: usize| {
             let (x, y) = (index as u32 % width, index as u32 / width);
-            environment.sample(camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).as_vec3()).is_some()
+            environment
+                .sample(
+                    camera
+                        .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
+                        .as_vec3(),
+                )
+                .is_some()
         };
-        let shown = self.cells.iter().enumerate().map(|(index, cell)| match cell.load(Ordering::Relaxed) {
-            0 if known(index) => Shown::Environment,
-            0 => Shown::Nothing,
-            _ => Shown::Surface,
-        });
+        let shown =
+            self.cells
+                .iter()
+                .enumerate()
+                .map(|(index, cell)| match cell.load(Ordering::Relaxed) {
+                    0 if known(index) => Shown::Environment,
+                    0 => Shown::Nothing,
+                    _ => Shown::Surface,
+                });
         let shown = shown.collect();
         JudgedFrame {
             shown,
-            color: RgbImage::from_fn(width, height, |x, y| image::Rgb(color[(y * width + x) as usize])),
+            color: RgbImage::from_fn(width, height, |x, y| {
+                image::Rgb(color[(y * width + x) as usize])
+            }),
         }
     }
 }
@@ -114,17 +139,32 @@ impl PointCloud {
     pub fn new(cube: &PackedCube, stamp_px: u32) -> Self {
         let mut points = Vec::with_capacity(cube.depth_pixel_count());
         for segment in &cube.segments {
-            for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y))) {
+            for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y)))
+            {
                 let at = [segment.x0 + x, segment.y0 + y].map(|c| f64::from(c) + 0.5);
                 let ray = segment.face.direction(at[0], at[1], cube.face_size_px);
-                for pixel in segment.pixel(x, y).iter().filter(|pixel| pixel.color_srgb[3] >= 128) {
+                for pixel in segment
+                    .pixel(x, y)
+                    .iter()
+                    .filter(|pixel| pixel.color_srgb[3] >= 128)
+                {
                     let inverse_depth = segment.decode(cube.layout, *pixel).inverse_depth;
-                    points.push(Point { position: (ray / inverse_depth).as_vec3(), color: pixel.color_srgb });
+                    points.push(Point {
+                        position: (ray / inverse_depth).as_vec3(),
+                        color: pixel.color_srgb,
+                    });
                 }
             }
         }
         let (environment, centre) = (cube.environment.clone(), cube.info.centre);
-        Self { points, centre, environment, stamp_px, nearest: NearestColors::default(), color: Vec::new() }
+        Self {
+            points,
+            centre,
+            environment,
+            stamp_px,
+            nearest: NearestColors::default(),
+            color: Vec::new(),
+        }
     }
 
     /// Bytes of points and environment.
@@ -151,11 +191,13 @@ impl PointCloud {
                     continue;
                 }
                 let cell = NearestColors::cell(1.0 / h.w, point.color);
-                let span =
-                    |c: f32, size: i32| (c as i32 - reach).max(0)..(c as i32 - reach + self.stamp_px as i32).min(size);
+                let span = |c: f32, size: i32| {
+                    (c as i32 - reach).max(0)..(c as i32 - reach + self.stamp_px as i32).min(size)
+                };
                 for row in span(y, height) {
                     for column in span(x, width) {
-                        self.nearest.cells[(row * width + column) as usize].fetch_max(cell, Ordering::Relaxed);
+                        self.nearest.cells[(row * width + column) as usize]
+                            .fetch_max(cell, Ordering::Relaxed);
                     }
                 }
             }
@@ -166,7 +208,8 @@ impl PointCloud {
 impl Draw for PointCloud {
     fn draw(&mut self, camera: &Camera) {
         self.project(camera);
-        self.nearest.resolve(camera, &self.environment, &mut self.color);
+        self.nearest
+            .resolve(camera, &self.environment, &mut self.color);
     }
 
     fn depth_pixels(&mut self, _: &Camera) -> u64 {

@@ -3,11 +3,11 @@
 
 use super::baked::BakedLight;
 use super::{Draw, JudgedFrame, Shown};
+use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_trace::bvh::{Hit, Ray, Tracer};
 use headbox_core::environment::Environment;
 use headbox_raster::{GroupWindow, RasterMesh, RasterView, Rasterizer, Seen};
-use glam::DVec3;
+use headbox_trace::bvh::{Hit, Ray, Tracer};
 use image::RgbImage;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -24,28 +24,62 @@ struct Visibility {
 impl Visibility {
     fn new(tracer: &Tracer) -> Self {
         let all = 0..tracer.scene().triangles.len() as u32;
-        let mesh = RasterMesh::new(Arc::clone(tracer.scene()), std::slice::from_ref(&all), tracer.origin());
-        Self { mesh, rasterizer: Rasterizer::new() }
+        let mesh = RasterMesh::new(
+            Arc::clone(tracer.scene()),
+            std::slice::from_ref(&all),
+            tracer.origin(),
+        );
+        Self {
+            mesh,
+            rasterizer: Rasterizer::new(),
+        }
     }
 
     /// What each pixel of a frame shows, row-major.
     fn cells(&mut self, tracer: &Tracer, camera: &Camera) -> Vec<Cell> {
-        let groups = [GroupWindow { group: 0, window: None }];
-        let view = RasterView { groups: &groups, markers: &[], exposure: 1.0, hole_color_srgb: [0; 3] };
-        let (frame, _) = self.rasterizer.draw(&self.mesh, camera, &view, &Environment::default());
+        let groups = [GroupWindow {
+            group: 0,
+            window: None,
+        }];
+        let view = RasterView {
+            groups: &groups,
+            markers: &[],
+            exposure: 1.0,
+            hole_color_srgb: [0; 3],
+        };
+        let (frame, _) = self
+            .rasterizer
+            .draw(&self.mesh, camera, &view, &Environment::default());
         let eye = camera.eye() - tracer.origin();
         let cell = |pixel: u32| {
-            let Seen::Triangle(primitive) = frame.seen(pixel as usize) else { return None };
-            let [x, y] = [pixel % camera.width(), pixel / camera.width()].map(|c| f64::from(c) + 0.5);
+            let Seen::Triangle(primitive) = frame.seen(pixel as usize) else {
+                return None;
+            };
+            let [x, y] =
+                [pixel % camera.width(), pixel / camera.width()].map(|c| f64::from(c) + 0.5);
             let direction = camera.direction(x, y);
-            let [a, b, c] = tracer.triangle(primitive).map(|corner| corner.as_dvec3() - eye);
+            let [a, b, c] = tracer
+                .triangle(primitive)
+                .map(|corner| corner.as_dvec3() - eye);
             // Homogeneous barycentric weights of the pixel's ray.
-            let weights = DVec3::new(b.cross(c).dot(direction), c.cross(a).dot(direction), a.cross(b).dot(direction));
+            let weights = DVec3::new(
+                b.cross(c).dot(direction),
+                c.cross(a).dot(direction),
+                a.cross(b).dot(direction),
+            );
             let sum = weights.element_sum();
             let t = (a.dot(b.cross(c)) / sum) as f32;
-            Some(Hit { t, primitive, u: (weights.y / sum) as f32, v: (weights.z / sum) as f32 })
+            Some(Hit {
+                t,
+                primitive,
+                u: (weights.y / sum) as f32,
+                v: (weights.z / sum) as f32,
+            })
         };
-        (0..camera.width() * camera.height()).into_par_iter().map(cell).collect()
+        (0..camera.width() * camera.height())
+            .into_par_iter()
+            .map(cell)
+            .collect()
     }
 }
 
@@ -60,7 +94,11 @@ impl RasterDraw {
     /// Draws with this light.
     pub fn new(baked: Arc<BakedLight>) -> Self {
         let visibility = Visibility::new(baked.tracer());
-        Self { baked, visibility, color: RgbImage::new(0, 0) }
+        Self {
+            baked,
+            visibility,
+            color: RgbImage::new(0, 0),
+        }
     }
 
     /// Bakes the light of what cameras show; rounding may put a pixel in another cell than its ray.
@@ -71,7 +109,12 @@ impl RasterDraw {
                 .cells(baked.tracer(), camera)
                 .into_iter()
                 .zip(0..)
-                .filter_map(|(cell, i)| Some((baked.pixel_ray(camera, i % camera.width(), i / camera.width()), cell?)))
+                .filter_map(|(cell, i)| {
+                    Some((
+                        baked.pixel_ray(camera, i % camera.width(), i / camera.width()),
+                        cell?,
+                    ))
+                })
                 .collect();
             baked.bake(hits);
         }
@@ -83,17 +126,29 @@ impl Draw for RasterDraw {
         let width = camera.width();
         let cells = self.visibility.cells(self.baked.tracer(), camera);
         let color = cells.par_iter().enumerate().flat_map_iter(|(i, cell)| {
-            let ray = self.baked.pixel_ray(camera, i as u32 % width, i as u32 / width);
+            let ray = self
+                .baked
+                .pixel_ray(camera, i as u32 % width, i as u32 / width);
             self.baked.shade(&ray, *cell)
         });
-        self.color = RgbImage::from_raw(width, camera.height(), color.collect()).unwrap_or_default();
+        self.color =
+            RgbImage::from_raw(width, camera.height(), color.collect()).unwrap_or_default();
     }
 
     fn picture(&mut self, camera: &Camera) -> JudgedFrame {
         self.draw(camera);
         let cells = self.visibility.cells(self.baked.tracer(), camera);
-        let shown = |cell: &Cell| if cell.is_some() { Shown::Surface } else { Shown::Environment };
-        JudgedFrame { color: self.color.clone(), shown: cells.iter().map(shown).collect() }
+        let shown = |cell: &Cell| {
+            if cell.is_some() {
+                Shown::Surface
+            } else {
+                Shown::Environment
+            }
+        };
+        JudgedFrame {
+            color: self.color.clone(),
+            shown: cells.iter().map(shown).collect(),
+        }
     }
 }
 
@@ -107,19 +162,31 @@ mod tests {
 
     #[test]
     fn the_rasteriser_shows_what_rays_hit() {
-        for (name, forward) in
-            [("bump", DVec3::NEG_Z), ("interior", DVec3::new(1.0, -0.4, 0.3)), ("tree", DVec3::NEG_Z)]
-        {
+        for (name, forward) in [
+            ("bump", DVec3::NEG_Z),
+            ("interior", DVec3::new(1.0, -0.4, 0.3)),
+            ("tree", DVec3::NEG_Z),
+        ] {
             let scene = Arc::new(headbox_scenes::build(name, 0).expect("built in"));
             let centre = scene.headbox.expect("it has one").centre;
             let tracer = Tracer::new(scene, centre);
             // 100 degrees: triangles of the room reach behind the eye.
-            let camera = Camera::look_at(centre, centre + forward, DVec3::Y, 100.0, [64, 48]).expect("valid");
+            let camera = Camera::look_at(centre, centre + forward, DVec3::Y, 100.0, [64, 48])
+                .expect("valid");
             let mut differing = 0;
-            for (i, cell) in Visibility::new(&tracer).cells(&tracer, &camera).into_iter().enumerate() {
+            for (i, cell) in Visibility::new(&tracer)
+                .cells(&tracer, &camera)
+                .into_iter()
+                .enumerate()
+            {
                 let (x, y) = (i as f64 % 64.0, (i / 64) as f64);
                 let direction = camera.direction(x.floor() + 0.5, y + 0.5).as_vec3();
-                let ray = Ray { origin: glam::Vec3::ZERO, direction, t_min: 0.0, t_max: f32::INFINITY };
+                let ray = Ray {
+                    origin: glam::Vec3::ZERO,
+                    direction,
+                    t_min: 0.0,
+                    t_max: f32::INFINITY,
+                };
                 let hit = tracer.closest(&ray);
                 let agree = match (cell, hit) {
                     (Some(a), Some(b)) => (a.t - b.t).abs() <= 1e-4 * b.t,

@@ -2,8 +2,8 @@
 
 use super::{Draw, JudgedFrame};
 use headbox_core::camera::Camera;
-use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use headbox_core::frame::Frame;
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use headbox_sprite::{RenderOptions, SpriteSet};
 use std::sync::Arc;
 
@@ -18,16 +18,27 @@ pub struct SpriteDraw {
 impl SpriteDraw {
     /// Draws `layers`, which hold sprites only.
     pub fn new(layers: Arc<Composition>, options: RenderOptions) -> Self {
-        let settings = ComposeSettings { sprites: options, ..ComposeSettings::default() };
+        let settings = ComposeSettings {
+            sprites: options,
+            ..ComposeSettings::default()
+        };
         let (composer, frame) = Default::default();
-        Self { layers, settings, composer, frame }
+        Self {
+            layers,
+            settings,
+            composer,
+            frame,
+        }
     }
 }
 
 /// Bytes of pictures and displacements.
 pub fn bytes_of(set: &SpriteSet) -> u64 {
     let sprite = |prepared: &headbox_sprite::PreparedSprite| {
-        let (color, displacement) = (prepared.sprite().sprite().color(), prepared.sprite().displacement());
+        let (color, displacement) = (
+            prepared.sprite().sprite().color(),
+            prepared.sprite().displacement(),
+        );
         let (width, height) = displacement.size();
         let cell = match displacement.format() {
             headbox_sprite::DisplacementFormat::I8 => 1,
@@ -41,7 +52,8 @@ pub fn bytes_of(set: &SpriteSet) -> u64 {
 
 impl Draw for SpriteDraw {
     fn draw(&mut self, camera: &Camera) {
-        self.layers.render(&mut self.composer, camera, &self.settings, &mut self.frame);
+        self.layers
+            .render(&mut self.composer, camera, &self.settings, &mut self.frame);
     }
 
     fn picture(&mut self, camera: &Camera) -> JudgedFrame {

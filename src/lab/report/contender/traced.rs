@@ -1,11 +1,11 @@
 //! What traces rays for every frame, and the cube map.
 
 use super::{Draw, JudgedFrame};
-use headbox_core::camera::Camera;
-use headbox_trace::light::Lighting;
-use headbox_trace::bvh::Tracer;
 use crate::cube_map::CubeMap;
+use headbox_core::camera::Camera;
 use headbox_core::progress::Silent;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use headbox_trace::truth;
 use headbox_trace::truth::Truth;
 use image::RgbImage;
@@ -23,13 +23,26 @@ pub struct PathTraced {
 impl PathTraced {
     /// Traces `samples` rays per pixel (rounded up to a multiple of 2).
     pub fn new(tracer: Arc<Tracer>, lighting: Lighting, lit: bool, samples: u32) -> Self {
-        Self { tracer, lighting, lit, samples, last: None }
+        Self {
+            tracer,
+            lighting,
+            lit,
+            samples,
+            last: None,
+        }
     }
 }
 
 impl Draw for PathTraced {
     fn draw(&mut self, camera: &Camera) {
-        let truth = truth::render(&self.tracer, &self.lighting, self.lit, camera, self.samples, &Silent);
+        let truth = truth::render(
+            &self.tracer,
+            &self.lighting,
+            self.lit,
+            camera,
+            self.samples,
+            &Silent,
+        );
         self.last = Some((*camera, truth));
     }
 
@@ -37,7 +50,10 @@ impl Draw for PathTraced {
         if self.last.as_ref().is_none_or(|(drawn, _)| drawn != camera) {
             self.draw(camera);
         }
-        self.last.take().map(|(_, truth)| JudgedFrame::of_frame(&truth.frame)).unwrap_or_default()
+        self.last
+            .take()
+            .map(|(_, truth)| JudgedFrame::of_frame(&truth.frame))
+            .unwrap_or_default()
     }
 }
 
@@ -50,7 +66,10 @@ pub struct CubeMapDraw {
 impl CubeMapDraw {
     /// Looks `map` up.
     pub fn new(map: Arc<CubeMap>) -> Self {
-        Self { map, color: RgbImage::new(0, 0) }
+        Self {
+            map,
+            color: RgbImage::new(0, 0),
+        }
     }
 }
 
@@ -60,6 +79,9 @@ impl Draw for CubeMapDraw {
     }
 
     fn picture(&mut self, camera: &Camera) -> JudgedFrame {
-        JudgedFrame { color: self.map.resample(camera), shown: Vec::new() }
+        JudgedFrame {
+            color: self.map.resample(camera),
+            shown: Vec::new(),
+        }
     }
 }

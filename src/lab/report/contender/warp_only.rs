@@ -5,12 +5,12 @@
 
 use super::points::NearestColors;
 use super::{Draw, JudgedFrame};
+use glam::{DMat4, DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_cube::pack::blocks::BLOCK_COLUMNS;
 use headbox_cube::pack::{PackedCube, PackedSegment};
 use headbox_cube::render::setup::transfer::{RowTransfer, Transfer};
-use glam::{DMat4, DVec3, Vec3};
 use std::sync::Arc;
 
 /// How positions are found.
@@ -54,16 +54,28 @@ impl Incremental {
         let mut transfer = Transfer::new(camera, eye, segment.face, cube.face_size_px);
         // From the corner instead of the principal point, as the direct warp counts.
         let corner = DVec3::new(f64::from(camera.width()), f64::from(camera.height()), 0.0) / 2.0;
-        for column in [&mut transfer.one, &mut transfer.x_step, &mut transfer.y_step, &mut transfer.inverse_depth] {
+        for column in [
+            &mut transfer.one,
+            &mut transfer.x_step,
+            &mut transfer.y_step,
+            &mut transfer.inverse_depth,
+        ] {
             *column += corner * column.z;
         }
-        let (inverse_depth_min, inverse_depth_step) =
-            (f64::from(segment.inverse_depth_min), segment.inverse_depth_step());
-        Self { transfer, inverse_depth_min, inverse_depth_step }
+        let (inverse_depth_min, inverse_depth_step) = (
+            f64::from(segment.inverse_depth_min),
+            segment.inverse_depth_step(),
+        );
+        Self {
+            transfer,
+            inverse_depth_min,
+            inverse_depth_step,
+        }
     }
 
     fn anchored(&self, column: u32, row: u32) -> RowTransfer {
-        self.transfer.anchored(column, row, self.inverse_depth_min, self.inverse_depth_step)
+        self.transfer
+            .anchored(column, row, self.inverse_depth_min, self.inverse_depth_step)
     }
 }
 
@@ -147,34 +159,69 @@ impl RowWarp for Direct<'_> {
 impl WarpOnly {
     /// Draws `cube`.
     pub fn new(cube: Arc<PackedCube>, arithmetic: WarpArithmetic) -> Self {
-        Self { cube, arithmetic, nearest: NearestColors::default() }
+        Self {
+            cube,
+            arithmetic,
+            nearest: NearestColors::default(),
+        }
     }
 
     fn warp(&mut self, camera: &Camera) {
         self.nearest.reset(camera);
         let cube = Arc::clone(&self.cube);
-        let at = RowTransfer { anchor: Vec3::ZERO, step: Vec3::ZERO, per_code: Vec3::ZERO };
-        let (face_px, image_from_centre) =
-            (cube.face_size_px, camera.with_eye(camera.eye() - cube.info.centre).image_from_world());
+        let at = RowTransfer {
+            anchor: Vec3::ZERO,
+            step: Vec3::ZERO,
+            per_code: Vec3::ZERO,
+        };
+        let (face_px, image_from_centre) = (
+            cube.face_size_px,
+            camera
+                .with_eye(camera.eye() - cube.info.centre)
+                .image_from_world(),
+        );
         for segment in &cube.segments {
             let shared = || Incremental::new(camera, &cube, segment);
             match self.arithmetic {
                 WarpArithmetic::Direct => {
                     self.segment(
                         segment,
-                        Direct { segment, face: segment.face, face_px, image_from_centre, at: [0.0; 2] },
+                        Direct {
+                            segment,
+                            face: segment.face,
+                            face_px,
+                            image_from_centre,
+                            at: [0.0; 2],
+                        },
                     );
                 }
-                WarpArithmetic::RunningSum => self.segment(segment, RunningSum { shared: shared(), at }),
+                WarpArithmetic::RunningSum => self.segment(
+                    segment,
+                    RunningSum {
+                        shared: shared(),
+                        at,
+                    },
+                ),
                 WarpArithmetic::Anchored => {
-                    self.segment(segment, Anchored { shared: shared(), at, row: 0, here: Vec3::ZERO });
+                    self.segment(
+                        segment,
+                        Anchored {
+                            shared: shared(),
+                            at,
+                            row: 0,
+                            here: Vec3::ZERO,
+                        },
+                    );
                 }
             }
         }
     }
 
     fn segment(&mut self, segment: &PackedSegment, mut warp: impl RowWarp) {
-        let (min, step) = (segment.inverse_depth_min, segment.inverse_depth_step() as f32);
+        let (min, step) = (
+            segment.inverse_depth_min,
+            segment.inverse_depth_step() as f32,
+        );
         for y in 0..segment.height {
             let (samples, counts) = segment.row(y);
             warp.start(segment.x0, segment.y0 + y);
@@ -182,12 +229,16 @@ impl WarpOnly {
                 if x > 0 {
                     warp.advance(segment.x0 + x as u32);
                 }
-                for pixel in samples.get(ends[0] as usize..ends[1] as usize).unwrap_or(&[]) {
+                for pixel in samples
+                    .get(ends[0] as usize..ends[1] as usize)
+                    .unwrap_or(&[])
+                {
                     let code = pixel.inverse_depth_code();
                     let h = warp.homogeneous(code);
                     if h.z > 1e-6 && pixel.color_srgb[3] >= 128 {
                         let inverse_depth = (min + step * code as f32) / h.z;
-                        self.nearest.put(h.x / h.z, h.y / h.z, inverse_depth, pixel.color_srgb);
+                        self.nearest
+                            .put(h.x / h.z, h.y / h.z, inverse_depth, pixel.color_srgb);
                     }
                 }
             }
@@ -220,9 +271,20 @@ mod tests {
     fn three_arithmetics_draw_the_points_of_the_cloud() {
         let cube = Arc::new(room().expect("captured").clone());
         let eye = cube.info.centre + DVec3::new(0.1, -0.05, 0.08);
-        let camera = Camera::look_at(eye, eye + DVec3::new(0.3, 0.1, -1.0), DVec3::Y, 75.0, [80, 60]).expect("valid");
+        let camera = Camera::look_at(
+            eye,
+            eye + DVec3::new(0.3, 0.1, -1.0),
+            DVec3::Y,
+            75.0,
+            [80, 60],
+        )
+        .expect("valid");
         let cloud = PointCloud::new(&cube, 1).picture(&camera);
-        for arithmetic in [WarpArithmetic::Direct, WarpArithmetic::RunningSum, WarpArithmetic::Anchored] {
+        for arithmetic in [
+            WarpArithmetic::Direct,
+            WarpArithmetic::RunningSum,
+            WarpArithmetic::Anchored,
+        ] {
             let found = WarpOnly::new(Arc::clone(&cube), arithmetic).picture(&camera);
             let pixels = cloud.color.pixels().zip(found.color.pixels());
             let differ = pixels.filter(|(a, b)| a != b).count();
