@@ -1,5 +1,5 @@
-//! `bump`: a plane with a hemisphere and a pyramid on it, after figure 3 of Shade et al. 1998, textured so that every
-//! distortion shows.
+//! `bump`: a plane with a hemisphere and a pyramid on it, after figure 3 of Shade et al. 1998,
+//! textured so that every distortion shows.
 
 use crate::mesh::{Mesh, Vertex};
 use crate::texture::{mix, noise, paint};
@@ -11,7 +11,8 @@ use std::f64::consts::FRAC_PI_2;
 /// Half of the plane's edge, metres.
 const HALF: f64 = 2.0;
 
-/// The scene stands upright: the plane is z = 0, and what is on it rises toward +z, where the headbox is.
+/// The scene stands upright: the plane is z = 0, and what is on it rises toward +z, where the
+/// headbox is.
 pub(crate) fn build(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let plane = mesh.textured(

@@ -1,5 +1,6 @@
-//! `castle`: a castle's wall with an open gate between two towers, and the keep in the court behind: what view-dependent geometry was
-//! measured on (Evers-Senne and Koch), who put a gate before their castle so that there is something to see past.
+//! `castle`: a castle's wall with an open gate between two towers, and the keep in the court
+//! behind: what view-dependent geometry was measured on (Evers-Senne and Koch), who put a gate
+//! before their castle so that there is something to see past.
 
 use crate::mesh::{Mesh, Vertex};
 use crate::texture::{fractal, mix, noise, paint, shade};

@@ -20,8 +20,8 @@ fn checkerboard(a: [f64; 3], b: [f64; 3]) -> Texture {
     })
 }
 
-/// `poles`: poles from 1 mm to 4 cm thick on rings from 2 m to 64 m, over a checkered ground. Most are thinner than a
-/// pixel, at depths that jump from one to the next.
+/// `poles`: poles from 1 mm to 4 cm thick on rings from 2 m to 64 m, over a checkered ground. Most
+/// are thinner than a pixel, at depths that jump from one to the next.
 pub(crate) fn poles(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let rng = Rng::new(seed);
@@ -68,8 +68,8 @@ pub(crate) fn poles(seed: u64) -> Scene {
     mesh.finish("poles", DVec3::Y * 1.6, 0.5)
 }
 
-/// `edge-on`: planes that contain the centre of the headbox, all around it, so that from there they are lines and from
-/// anywhere else they are not; and a room around them.
+/// `edge-on`: planes that contain the centre of the headbox, all around it, so that from there they
+/// are lines and from anywhere else they are not; and a room around them.
 pub(crate) fn edge_on(_seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let wall = mesh.textured("wall", checkerboard([0.8, 0.8, 0.8], [0.6, 0.6, 0.65]));
@@ -89,7 +89,8 @@ pub(crate) fn edge_on(_seed: u64) -> Scene {
     mesh.finish("edge-on", DVec3::ZERO, 0.5)
 }
 
-/// `contact`: a panel one millimetre before every face of the headbox, covering a quarter of it, in a room.
+/// `contact`: a panel one millimetre before every face of the headbox, covering a quarter of it, in
+/// a room.
 pub(crate) fn contact(_seed: u64) -> Scene {
     const HALF: f64 = 0.5;
     const GAP: f64 = 0.001;
@@ -107,8 +108,8 @@ pub(crate) fn contact(_seed: u64) -> Scene {
     mesh.finish("contact", DVec3::ZERO, HALF)
 }
 
-/// `far-offset`: `bump` with stairs of millimetres beside it, moved by 1e5 m in every direction: in `f32` all of it
-/// would lie on a grid of 8 mm.
+/// `far-offset`: `bump` with stairs of millimetres beside it, moved by 1e5 m in every direction: in
+/// `f32` all of it would lie on a grid of 8 mm.
 pub(crate) fn far_offset(seed: u64) -> Scene {
     let mut scene = bump::build(seed);
     let mut stairs = Mesh::default();

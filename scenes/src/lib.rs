@@ -1,6 +1,7 @@
 //! The built-in procedural scenes of headbox: small generators over a seed.
 //!
-//! Every scene suggests a headbox that no triangle touches. The same name and seed give the same scene.
+//! Every scene suggests a headbox that no triangle touches. The same name and seed give the same
+//! scene.
 //!
 //! ```
 //! let bump = headbox_scenes::build("bump", 1).unwrap();
@@ -29,7 +30,7 @@ pub use house::{HOUSE_TRIANGLES, house};
 /// A scene that a generator makes.
 #[derive(Clone, Copy, Debug)]
 pub struct BuiltinScene {
-    /// As in `builtin:NAME`.
+    /// Name, as in `builtin:NAME`.
     pub name: &'static str,
     /// One line for a list.
     pub description: &'static str,

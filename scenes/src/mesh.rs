@@ -27,7 +27,7 @@ impl Vertex {
     }
 }
 
-/// How finely shapes are divided into triangles.
+/// Tessellation of shapes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fineness {
     /// Flat faces and tubes are cut so that no cell is longer than this, metres.
@@ -37,7 +37,7 @@ pub(crate) struct Fineness {
 }
 
 impl Default for Fineness {
-    /// As coarse as the shapes allow, round shapes as they ask to be.
+    /// Coarsest tessellation: flat shapes undivided, round shapes at their own density.
     fn default() -> Self {
         Self {
             edge_m: f64::INFINITY,
@@ -50,7 +50,7 @@ impl Default for Fineness {
 #[derive(Debug, Default)]
 pub(crate) struct Mesh {
     scene: Scene,
-    /// How finely the shapes to come are divided.
+    /// Tessellation of the shapes added from now on.
     pub(crate) fineness: Fineness,
     /// Triangles that [`Self::add_grid`] would have made, where only their number is wanted.
     counted: Option<usize>,
@@ -144,8 +144,9 @@ impl Mesh {
         self.scene.triangles.push(Triangle { vertices, material });
     }
 
-    /// A grid of `columns` by `rows` cells over `vertex(column, row)`; counter-clockwise if columns go right and rows
-    /// go up. Cells whose two triangles would have no area (at a pole) lose those.
+    /// A grid of `columns` by `rows` cells over `vertex(column, row)`; counter-clockwise if columns
+    /// go right and rows go up. Cells whose two triangles would have no area (at a pole) lose
+    /// those.
     pub(crate) fn add_grid(
         &mut self,
         columns: usize,
@@ -178,8 +179,8 @@ impl Mesh {
         }
     }
 
-    /// A flat rectangle from `corner` along two edges; its front is on the side of `right x up`. One unit of texture
-    /// is `tile` metres; zero stretches the texture once over the rectangle.
+    /// A flat rectangle from `corner` along two edges; its front is on the side of `right x up`.
+    /// One unit of texture is `tile` metres; zero stretches the texture once over the rectangle.
     pub(crate) fn add_rectangle(
         &mut self,
         corner: DVec3,
@@ -244,8 +245,8 @@ impl Mesh {
         );
     }
 
-    /// A tube along `path` (centre and radius at each step), open at both ends; the texture goes once around and
-    /// repeats every `tile` metres along.
+    /// A tube along `path` (centre and radius at each step), open at both ends; the texture goes
+    /// once around and repeats every `tile` metres along.
     pub(crate) fn add_tube(
         &mut self,
         path: &[(DVec3, f64)],
@@ -300,7 +301,8 @@ impl Mesh {
         cut
     }
 
-    /// A box with soft edges, as a cushion or a mattress: a superellipsoid of exponent 8 over the cells of a box.
+    /// A box with soft edges, as a cushion or a mattress: a superellipsoid of exponent 8 over the
+    /// cells of a box.
     pub(crate) fn add_cushion(
         &mut self,
         centre: DVec3,

@@ -1,5 +1,5 @@
-//! `sprites`: four layers with clear gaps of depth between them and relief in each, seen from the headbox towards -z:
-//! what sprites with depth are made for (Shade et al. 1998, figure 1).
+//! `sprites`: four layers with clear gaps of depth between them and relief in each, seen from the
+//! headbox towards -z: what sprites with depth are made for (Shade et al. 1998, figure 1).
 
 use crate::mesh::{Mesh, Vertex};
 use crate::texture::{fractal, mix, paint, shade};
@@ -12,13 +12,13 @@ use std::f64::consts::FRAC_PI_2;
 struct Ridge {
     /// Mean distance, metres.
     distance: f64,
-    /// How far its surface swells towards the eye and away, metres.
+    /// Amplitude of the bulge toward the eye, metres.
     relief: f64,
     /// Half of its width, metres.
     half_width: f64,
     /// Mean height of its crest above the eye, metres.
     crest: f64,
-    /// How far the crest rises and falls, metres.
+    /// Amplitude of the crest, metres.
     swing: f64,
     color: [f64; 3],
 }

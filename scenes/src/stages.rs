@@ -1,7 +1,9 @@
-//! Three stages for lumigraphs: what a wall of cameras looks at, with the planes, fields of view and depths of the scenes that
-//! *Layered Lumigraph with LOD Control* measures (its table 4), in metres.
+//! Three stages for lumigraphs: what a wall of cameras looks at, with the planes, fields of view
+//! and depths of the scenes that *Layered Lumigraph with LOD Control* measures (its table 4), in
+//! metres.
 //!
-//! The camera plane is z = 0, the cameras look along -z, and the headbox's edge is that of their square.
+//! The camera plane is z = 0, the cameras look along -z, and the headbox's edge is that of their
+//! square.
 
 use crate::mesh::Mesh;
 use crate::texture::{fractal, mix, noise, paint, shade};
@@ -10,7 +12,8 @@ use headbox_core::random::Rng;
 use headbox_scene::scene::Scene;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// `net`: a net of knotted cord that hangs in waves before a figure of balls and a painted wall, at 1.83 to 3.09 m, for a square of 1 m.
+/// `net`: a net of knotted cord that hangs in waves before a figure of balls and a painted wall, at
+/// 1.83 to 3.09 m, for a square of 1 m.
 pub(crate) fn net(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let wall = mesh.textured("wall", plaster([0.52, 0.60, 0.68], seed));
@@ -61,7 +64,8 @@ pub(crate) fn net(seed: u64) -> Scene {
     mesh.finish("net", DVec3::ZERO, 0.5)
 }
 
-/// `statue`: a figure of stone on a pedestal before a curtain, at 2.33 to 5.82 m, for a square of 2 m.
+/// `statue`: a figure of stone on a pedestal before a curtain, at 2.33 to 5.82 m, for a square of 2
+/// m.
 pub(crate) fn statue(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let floor = mesh.textured("floor", tiles());
@@ -189,7 +193,8 @@ pub(crate) fn blocks(seed: u64) -> Scene {
     mesh.finish("blocks", DVec3::ZERO, 0.5)
 }
 
-/// `lacquer`: varnished balls on a polished floor before a wall, at 1.9 to 4.2 m, for a square of 1 m. What they mirror moves with the eye.
+/// `lacquer`: varnished balls on a polished floor before a wall, at 1.9 to 4.2 m, for a square of 1
+/// m. What they mirror moves with the eye.
 pub(crate) fn lacquer(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let wall = mesh.textured("wall", plaster([0.50, 0.53, 0.58], seed));

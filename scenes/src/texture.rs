@@ -3,8 +3,8 @@
 use headbox_core::random::{hash, unit};
 use headbox_scene::material::Texture;
 
-/// Paints a texture: `color(u, v)` is the sRGB colour (0..1) at the centre of a texel, u to the right and v up, both in
-/// 0..1.
+/// Paints a texture: `color(u, v)` is the sRGB colour (0..1) at the centre of a texel, u to the
+/// right and v up, both in 0..1.
 pub(crate) fn paint(width: u32, height: u32, color: impl Fn(f64, f64) -> [f64; 3]) -> Texture {
     Texture::from_fn(width, height, |x, y| {
         let u = (f64::from(x) + 0.5) / f64::from(width);
@@ -24,7 +24,8 @@ pub(crate) fn shade(color: [f64; 3], factor: f64) -> [f64; 3] {
     color.map(|c| c * factor)
 }
 
-/// Smooth noise in 0..1 that repeats after 1 in both directions, with `columns` by `rows` random values to a period.
+/// Smooth noise in 0..1 that repeats after 1 in both directions, with `columns` by `rows` random
+/// values to a period.
 pub(crate) fn noise(u: f64, v: f64, columns: u32, rows: u32, seed: u64) -> f64 {
     let lattice = |t: f64, count: u32| {
         let x = t.rem_euclid(1.0) * f64::from(count);

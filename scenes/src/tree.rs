@@ -18,9 +18,9 @@ const LEAFLETS: usize = 5;
 struct Order {
     steps: usize,
     sides: usize,
-    /// How much the direction changes from step to step.
+    /// Change of direction per step.
     wander: f64,
-    /// How much of "up" is mixed into the direction at each step.
+    /// Share of "up" that is mixed into the direction at each step.
     upward: f64,
     /// Number of children, and where along the branch they begin.
     children: usize,
@@ -242,7 +242,8 @@ struct Leaflet {
     color: [f64; 3],
 }
 
-/// A blade widest beyond its middle, folded along its rib and bent down toward the tip: eight triangles.
+/// A blade widest beyond its middle, folded along its rib and bent down toward the tip: eight
+/// triangles.
 fn add_leaflet(mesh: &mut Mesh, leaflet: Leaflet, material: u32) {
     let Leaflet {
         hub,

@@ -1,7 +1,8 @@
-//! `ward`: a storey of a hospital: 40 rooms along a corridor, without windows, lit by 500 panels in their ceilings.
+//! `ward`: a storey of a hospital: 40 rooms along a corridor, without windows, lit by 500 panels in
+//! their ceilings.
 //!
-//! The hard case of many lights: of the 500, a dozen light what is seen, a few more shine in through a door, and all others
-//! are hidden behind walls.
+//! The hard case of many lights: of the 500, a dozen light what is seen, a few more shine in
+//! through a door, and all others are hidden behind walls.
 
 use crate::finishes::Finishes;
 use crate::furniture;
@@ -117,7 +118,8 @@ fn add_panel(mesh: &mut Mesh, place: DVec3, materials: &Materials) {
     );
 }
 
-/// The room that begins at `x`, on one side of the corridor: two walls, a door, panels and furniture.
+/// The room that begins at `x`, on one side of the corridor: two walls, a door, panels and
+/// furniture.
 fn add_room(mesh: &mut Mesh, x: f64, side: f64, materials: &Materials) {
     let at = |along: f64, height: f64, away: f64| dvec3(x + along, height, side * away);
     let block =

@@ -81,8 +81,8 @@ fn portals_lie_between_their_two_cells() {
     }
 }
 
-/// How far a point lies outside a cell's box in plan and height, metres; for the outside cell, how far inside the
-/// nearest room's.
+/// How far a point lies outside a cell's box in plan and height, metres; for the outside cell, how
+/// far inside the nearest room's.
 fn stray(model: &PortalModel, cell: usize, p: DVec3) -> f64 {
     let beyond = |prism: &Prism| {
         let (low, high) = (prism.outline[0], prism.outline[2]);
@@ -109,7 +109,8 @@ fn stray(model: &PortalModel, cell: usize, p: DVec3) -> f64 {
 
 #[test]
 fn no_triangle_crosses_into_another_cell() {
-    /// Two units in the last place of the largest coordinate of a room, 14 m: pieces are turned by matrices.
+    /// Two units in the last place of the largest coordinate of a room, 14 m: pieces are turned by
+    /// matrices.
     const ROUNDING_M: f64 = 4e-15;
     let model = house(0, 200_000);
     for (index, cell) in model.cells.iter().enumerate() {

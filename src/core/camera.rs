@@ -20,9 +20,11 @@ pub enum CameraError {
     Size(u32, u32),
 }
 
-/// A pinhole camera with square pixels. Eye space is X right, Y up, looking down -Z; row 0 of the image is on top.
+/// A pinhole camera with square pixels. Eye space is X right, Y up, looking down -Z; row 0 of the
+/// image is on top.
 ///
-/// The one invariant: `world_from_eye` is a rotation (orthonormal, right-handed), `focal_px` is positive and finite.
+/// The one invariant: `world_from_eye` is a rotation (orthonormal, right-handed), `focal_px` is
+/// positive and finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     eye: DVec3,
@@ -37,9 +39,10 @@ impl Camera {
     /// The longest side of an image, in pixels.
     pub const MAX_SIDE_PX: u32 = 16_384;
 
-    /// A camera at `eye` looking at `look_at`, with `up` (any length, not parallel to the view) pointing up in the
-    /// image and `fov_y_deg` degrees between the top and the bottom edge, `width` by `height` pixels. If `up` is parallel to the view or zero,
-    /// the world axis that is least parallel to the view takes its place.
+    /// A camera at `eye` looking at `look_at`, with `up` (any length, not parallel to the view)
+    /// pointing up in the image and `fov_y_deg` degrees between the top and the bottom edge,
+    /// `width` by `height` pixels. If `up` is parallel to the view or zero, the world axis that is
+    /// least parallel to the view takes its place.
     ///
     /// # Errors
     /// See [`CameraError`].
@@ -72,15 +75,16 @@ impl Camera {
             }
         });
         let right = forward.cross(up).normalize();
-        // With `up` nearly along the view, the product cancels down to its last digits and is no longer perpendicular.
+        // With `up` nearly along the view, the product cancels down to its last digits and is no
+        // longer perpendicular.
         let right = (right - forward * forward.dot(right)).normalize();
         let world_from_eye = DMat3::from_cols(right, right.cross(forward), -forward);
         let focal_px = f64::from(height) / 2.0 / (fov_y_deg.to_radians() / 2.0).tan();
         Self::from_parts(eye, world_from_eye, focal_px, width, height)
     }
 
-    /// A camera from its rotation (columns: right, up, back) and focal length in pixels, the principal point in the
-    /// middle of the image.
+    /// A camera from its rotation (columns: right, up, back) and focal length in pixels, the
+    /// principal point in the middle of the image.
     ///
     /// # Errors
     /// [`CameraError::Size`] if a side is 0 or longer than [`Self::MAX_SIDE_PX`].
@@ -112,8 +116,8 @@ impl Camera {
         Self { eye, ..self }
     }
 
-    /// The same camera for a part of its image: pixel (0, 0) is the first of these columns and rows of the whole. The part may
-    /// reach beyond the whole.
+    /// The same camera for a part of its image: pixel (0, 0) is the first of these columns and rows
+    /// of the whole. The part may reach beyond the whole.
     ///
     /// # Errors
     /// [`CameraError::Size`] as for [`Self::from_parts`].
@@ -136,7 +140,7 @@ impl Camera {
         }
     }
 
-    /// Where the viewing axis meets the image, pixels; the middle of the image unless it was cropped.
+    /// Principal point, pixels; the centre of the image unless it was cropped.
     pub fn principal_px(&self) -> [f64; 2] {
         self.principal_px
     }
@@ -146,7 +150,8 @@ impl Camera {
         self.eye
     }
 
-    /// Rotation from eye space to world space; its columns are right, up and back (minus the viewing direction).
+    /// Rotation from eye space to world space; its columns are right, up and back (minus the
+    /// viewing direction).
     pub fn world_from_eye(&self) -> DMat3 {
         self.world_from_eye
     }
@@ -171,9 +176,10 @@ impl Camera {
         self.height
     }
 
-    /// The matrix that takes a world point (X, Y, Z, 1) to (x w, y w, 1, w), where (x, y) is the position in pixels
-    /// and w the eye depth. Its third row keeps the homogeneous 1, so that after the division by w the third
-    /// component is the inverse depth (the choice `z2 = 1/Z2` of Shade et al., section 5.3; S20).
+    /// The matrix that takes a world point (X, Y, Z, 1) to (x w, y w, 1, w), where (x, y) is the
+    /// position in pixels and w the eye depth. Its third row keeps the homogeneous 1, so that after
+    /// the division by w the third component is the inverse depth (the choice `z2 = 1/Z2` of Shade
+    /// et al., section 5.3; S20).
     pub fn image_from_world(&self) -> DMat4 {
         let [right, up, back] = self.world_from_eye.to_cols_array_2d().map(DVec3::from);
         let row_x = right * self.focal_px - back * self.principal_px[0];
@@ -182,7 +188,8 @@ impl Camera {
         DMat4::from_cols(row(row_x), row(row_y), DVec4::W, row(-back)).transpose()
     }
 
-    /// Position in pixels and eye depth of a world point, or `None` if it is not in front of the eye.
+    /// Position in pixels and eye depth of a world point, or `None` if it is not in front of the
+    /// eye.
     pub fn project(&self, point: DVec3) -> Option<[f64; 3]> {
         let in_eye = self.world_from_eye.transpose() * (point - self.eye);
         let eye_depth = -in_eye.z;
@@ -196,8 +203,8 @@ impl Camera {
         })
     }
 
-    /// World-space direction through the image position (x, y) in pixels, scaled to eye depth 1 (not normalised):
-    /// `eye + eye_depth * direction` is the point seen there at that depth.
+    /// World-space direction through the image position (x, y) in pixels, scaled to eye depth 1
+    /// (not normalised): `eye + eye_depth * direction` is the point seen there at that depth.
     pub fn direction(&self, x_px: f64, y_px: f64) -> DVec3 {
         let x = (x_px - self.principal_px[0]) / self.focal_px;
         let y = (self.principal_px[1] - y_px) / self.focal_px;

@@ -5,7 +5,7 @@ pub fn linear_from_srgb8(value: u8) -> f32 {
     LINEAR_FROM_SRGB8[usize::from(value)]
 }
 
-/// What [`linear_from_srgb8`] is of every value.
+/// Table of [`linear_from_srgb8`] for every value.
 pub fn linear_levels() -> &'static [f32; 256] {
     &LINEAR_FROM_SRGB8
 }
@@ -43,7 +43,7 @@ static LINEAR_FROM_SRGB8: std::sync::LazyLock<[f32; 256]> = std::sync::LazyLock:
     })
 });
 
-/// What the linear RGB of Rec. 709 count in [`luminance`].
+/// Rec. 709 weights of linear RGB in [`luminance`].
 pub const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// Rec. 709 luminance of linear RGB.

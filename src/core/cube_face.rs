@@ -75,8 +75,8 @@ impl Face {
         DMat3::from_cols(self.right(), self.up(), -self.normal())
     }
 
-    /// The face whose frustum contains the point `from_centre` (relative to the centre): the axis of the largest
-    /// absolute coordinate; ties go to the lower index.
+    /// The face whose frustum contains the point `from_centre` (relative to the centre): the axis
+    /// of the largest absolute coordinate; ties go to the lower index.
     pub fn containing(from_centre: DVec3) -> Self {
         let a = from_centre.abs();
         let axis = if a.x >= a.y && a.x >= a.z {
@@ -87,8 +87,8 @@ impl Face {
         Self::ALL[2 * axis + usize::from(from_centre[axis] < 0.0)]
     }
 
-    /// The face that contains a point (relative to the centre; ties as in [`Self::containing`]) and the point's
-    /// coordinates in the face's eye space, as [`Self::eye_space`].
+    /// The face that contains a point (relative to the centre; ties as in [`Self::containing`]) and
+    /// the point's coordinates in the face's eye space, as [`Self::eye_space`].
     #[inline]
     pub fn locate(from_centre: Vec3) -> (Self, [f32; 3]) {
         let Vec3 { x, y, z } = from_centre;
@@ -105,7 +105,8 @@ impl Face {
         (face, face.eye_space(from_centre))
     }
 
-    /// The coordinates of a point (relative to the centre) in the face's eye space: right, up, and eye depth. All are exact.
+    /// The coordinates of a point (relative to the centre) in the face's eye space: right, up, and
+    /// eye depth. All are exact.
     #[inline]
     pub fn eye_space(self, from_centre: Vec3) -> [f32; 3] {
         let Vec3 { x, y, z } = from_centre;
@@ -119,8 +120,8 @@ impl Face {
         }
     }
 
-    /// Image position in pixels (row 0 on top) on a face image of `size_px` pixels a side, and eye depth, of a point
-    /// relative to the centre. The point must be in front of the face.
+    /// Image position in pixels (row 0 on top) on a face image of `size_px` pixels a side, and eye
+    /// depth, of a point relative to the centre. The point must be in front of the face.
     pub fn project(self, from_centre: DVec3, size_px: u32) -> [f64; 3] {
         let eye_depth = from_centre.dot(self.normal());
         let half = f64::from(size_px) / 2.0;

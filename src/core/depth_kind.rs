@@ -1,6 +1,6 @@
-//! What a depth value means.
+//! Meaning of a depth value.
 
-/// The depths that files and programs of this field mix up (Seurat's `WINDOW_Z`, `EYE_Z`, `RAY_DEPTH`).
+/// Meaning of a depth value (Seurat's `WINDOW_Z`, `EYE_Z`, `RAY_DEPTH`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DepthKind {
     /// Non-linear depth-buffer value in 0..1, 0 at the near plane.

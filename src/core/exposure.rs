@@ -1,4 +1,4 @@
-//! How bright pictures are: what a person asks for.
+//! Exposure as specified by the user.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -7,11 +7,11 @@ use std::str::FromStr;
 /// Exposures beyond 2 to this power, or below 2 to minus it, are a mistake.
 const MOST_EV: f32 = 40.0;
 
-/// How bright pictures of a scene are. Written `auto`, `auto+1`, `auto-0.5`, or as a number of stops.
+/// Exposure of a scene. Written `auto`, `auto+1`, `auto-0.5`, or as a number of stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Exposure {
-    /// As [`headbox_trace::light::Lighting::measure`] finds, and so many stops brighter.
+    /// Metered, plus this many stops.
     Auto(f32),
     /// Linear radiance is multiplied by 2 to this power.
     Stops(f32),
@@ -24,7 +24,7 @@ impl Default for Exposure {
 }
 
 impl Exposure {
-    /// What linear radiance is multiplied by where `measured` is what was found.
+    /// Factor of linear radiance, given the metered factor `measured`.
     pub fn factor(self, measured: f32) -> f32 {
         match self {
             Self::Auto(stops) => measured * stops.exp2(),

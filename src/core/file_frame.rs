@@ -4,7 +4,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Which axis of the file points up.
+/// Up axis of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "bool", into = "bool")]
 pub enum UpAxis {
@@ -15,7 +15,7 @@ pub enum UpAxis {
     Z,
 }
 
-/// In files, whether Z points up.
+/// In files: true if Z points up.
 impl From<bool> for UpAxis {
     fn from(z_up: bool) -> Self {
         if z_up { Self::Z } else { Self::Y }
@@ -34,8 +34,9 @@ impl fmt::Display for UpAxis {
     }
 }
 
-/// How positions in the scene's file map to the world (metres, Y up). Positions on the command line are in the file's
-/// own axes and unit. Travels in our own files, flattened to `unit_m` and `z_up`.
+/// Mapping from positions of the scene's file to the world (metres, Y up). Positions on the command
+/// line are in the file's own axes and unit. Travels in our own files, flattened to `unit_m` and
+/// `z_up`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FileFrame {
     /// Metres per unit of the file.
@@ -68,7 +69,7 @@ impl FileFrame {
         }
     }
 
-    /// Whether the unit is one that positions survive: 1e-9 to 1e9 m.
+    /// Returns true if the unit keeps positions finite and exact enough: 1e-9 to 1e9 m.
     pub fn is_sane(&self) -> bool {
         (1e-9..=1e9).contains(&self.unit_m)
     }

@@ -23,8 +23,8 @@ impl Coverage {
     /// Completely covered by splats.
     pub const FULL: Self = Self(255);
 
-    /// Coverage of a pixel of which splats cover `share`, 0..=255; at least the smallest value that is
-    /// not one of the constants.
+    /// Coverage of a pixel of which splats cover `share`, 0..=255; at least the smallest value that
+    /// is not one of the constants.
     pub fn from_splat_share(share: u8) -> Self {
         Self(share.max(3))
     }
@@ -63,7 +63,8 @@ pub struct Frame {
     pub color: Vec<[u8; 4]>,
     /// Coverage of each pixel.
     pub coverage: Vec<Coverage>,
-    /// Eye depth of each pixel in metres, infinite where no splat covers it; empty unless requested.
+    /// Eye depth of each pixel in metres, infinite where no splat covers it; empty unless
+    /// requested.
     pub depth_m: Vec<f32>,
 }
 
@@ -114,8 +115,8 @@ impl Frame {
         self.depth_m.clear();
     }
 
-    /// Resizes to `width` x `height` pixels, with or without depth; pixel values are unspecified. Reuses
-    /// memory.
+    /// Resizes to `width` x `height` pixels, with or without depth; pixel values are unspecified.
+    /// Reuses memory.
     pub fn resize(&mut self, width: u32, height: u32, depth: bool) {
         let count = width as usize * height as usize;
         self.width = width;
@@ -126,8 +127,8 @@ impl Frame {
             .resize(if depth { count } else { 0 }, f32::INFINITY);
     }
 
-    /// Copies the colours, 4 bytes a pixel, to a buffer whose rows start `stride` bytes apart, such as a
-    /// window's or a part of a larger image. Leaves the bytes between rows unchanged.
+    /// Copies the colours, 4 bytes a pixel, to a buffer whose rows start `stride` bytes apart, such
+    /// as a window's or a part of a larger image. Leaves the bytes between rows unchanged.
     ///
     /// # Errors
     /// [`FrameError::Buffer`] if the frame does not fit.
@@ -179,7 +180,7 @@ impl Frame {
     /// Writes the frame as a PNG file, completely or not at all.
     ///
     /// # Errors
-    /// As [`Self::to_png`]; [`FrameError::Write`].
+    /// Those of [`Self::to_png`]; [`FrameError::Write`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FrameError> {
         let path = path.as_ref();
         let png = self.to_png()?;

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-/// Where a capture looks from when the user does not say.
+/// Cube, aligned with the world's axes, in which the eye may move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Headbox {
     /// Centre, world metres.

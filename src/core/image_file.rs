@@ -1,5 +1,5 @@
-//! Picture files. They are read and written here alone, from and to bytes in memory: the codecs are generic over where bytes
-//! come from, and would be compiled again for each.
+//! Image files, decoded from and encoded to bytes in memory. Only this module calls the codecs:
+//! they are generic over their source and would be compiled again for each.
 
 use image::codecs::png::PngEncoder;
 use image::{
@@ -9,26 +9,27 @@ use image::{
 use std::io::Cursor;
 use std::path::Path;
 
-/// The most pixels of a picture; one that claims more is refused before its pixels are unpacked. Scans have textures of 16384 x 16384, which at
-/// four bytes are 1 GiB; beyond that a picture is a mistake or an attack.
+/// Largest number of pixels of an image; larger ones are refused before their pixels are decoded.
+/// Scans have textures of 16384 x 16384 pixels, 1 GiB at four bytes.
 pub const MAX_PIXELS: u64 = 16_384 * 16_384;
 
-/// The most bytes that a decoder need allocate: 16 bytes (four 32-bit floats) for each of [`MAX_PIXELS`].
+/// Largest number of bytes that a decoder may allocate: 16 bytes (four 32-bit floats) for each of
+/// [`MAX_PIXELS`].
 pub const MAX_BYTES: u64 = MAX_PIXELS * 16;
 
-/// Why a picture could not be read or written.
+/// Error of reading or writing an image file.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
-    /// The file could not be read.
+    /// I/O error.
     #[error(transparent)]
     Io(#[from] std::io::Error),
-    /// The picture cannot be decoded or encoded.
+    /// Decoder or encoder error.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// The EXR file cannot be decoded.
+    /// EXR decoder error.
     #[error("not a readable EXR file: {0}")]
     Exr(#[source] exr::error::Error),
-    /// It has too many pixels.
+    /// Too many pixels.
     #[error("{width}x{height} pixels, more than {MAX_PIXELS} in all")]
     TooLarge {
         /// Columns.
@@ -47,7 +48,7 @@ impl From<exr::error::Error> for PictureError {
     }
 }
 
-/// Reads a picture file of any kind that is known; its decoder may allocate `most_bytes`.
+/// Reads an image file of any supported format; its decoder may allocate `most_bytes`.
 ///
 /// # Errors
 /// [`PictureError`].
@@ -55,7 +56,7 @@ pub fn read(path: &Path, most_bytes: u64) -> Result<DynamicImage, PictureError> 
     decode(&std::fs::read(path)?, Some(path), most_bytes)
 }
 
-/// How many bits each channel of a picture file has.
+/// Bits per channel of an image file.
 ///
 /// # Errors
 /// [`PictureError`].
@@ -67,7 +68,8 @@ pub fn bits_per_channel(path: &Path) -> Result<u16, PictureError> {
     Ok(kind.bits_per_pixel() / u16::from(kind.channel_count()))
 }
 
-/// The picture in the bytes of a file. Kinds without a signature (TGA) are known by the ending of its name alone.
+/// The picture in the bytes of a file. Kinds without a signature (TGA) are known by the ending of
+/// its name alone.
 ///
 /// # Errors
 /// [`PictureError`].

@@ -1,4 +1,5 @@
-//! What a person says of a scene's light, stated once: sources of scenes, the headers of files and the command line hold this type.
+//! Light of a scene as specified by the user; embedded in scene sources, headers of files, and the
+//! command line.
 
 use crate::exposure::Exposure;
 use crate::file_frame::FileFrame;
@@ -8,28 +9,30 @@ use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// The light of a scene where it is not the scene's own. Nothing is said by default.
+/// Light that replaces a scene's own. Nothing is specified by default.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LightParameters {
-    /// Sky: an equirectangular .hdr or .exr picture, its middle north (-Z; +Y where Z points up), in place of the scene's sky
-    /// and sun. A sun that stands in it lights as one
+    /// Sky: an equirectangular .hdr or .exr picture, its middle north (-Z; +Y where Z points up),
+    /// in place of the scene's sky and sun. A sun that stands in it lights as one
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sky: Option<PathBuf>,
     /// Turn the picture of the sky about the up axis, degrees from north to east
     #[serde(skip_serializing_if = "is_zero")]
     pub sky_turn: f64,
-    /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees, from north to east and up from
-    /// the horizon; or off
+    /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees,
+    /// from north to east and up from the horizon; or off
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sun: Option<SunPlace>,
-    /// Luminance of the sun's irradiance on what faces it, in the unit of the sky's radiance; the default sun brings 3
+    /// Luminance of the sun's irradiance on what faces it, in the unit of the sky's radiance; the
+    /// default sun brings 3
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sun_strength: Option<f32>,
-    /// Exposure: auto, stops beyond that such as auto+1, or a number of stops by which linear radiance is stored brighter
+    /// Exposure: auto, stops beyond that such as auto+1, or a number of stops by which linear
+    /// radiance is stored brighter
     #[serde(skip_serializing_if = "is_auto")]
     pub exposure: Exposure,
-    /// Whether light above white is kept ([`ToneMap::SrgbCompressed`]).
+    /// True to keep light above white ([`crate::tone::ToneMap::SrgbCompressed`]).
     #[serde(skip_serializing_if = "is_not")]
     pub hdr: bool,
 }
@@ -46,7 +49,7 @@ fn is_auto(exposure: &Exposure) -> bool {
     *exposure == Exposure::default()
 }
 
-/// Where the sun stands, or that there is none. Written as on the command line.
+/// Position of the sun, or none. Written as on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum SunPlace {
@@ -129,7 +132,7 @@ impl From<SunPlace> for String {
 }
 
 impl LightParameters {
-    /// What was asked for, in a few words; `None` where nothing was.
+    /// Describes the specified light in a few words; `None` if nothing is specified.
     pub fn in_words(&self) -> Option<String> {
         let sky = self.sky.as_ref().map(|path| match self.sky_turn {
             0.0 => format!("sky {}", path.display()),

@@ -63,9 +63,9 @@ impl<K: Ord + Copy, V: Clone> LruCache<K, V> {
         }
     }
 
-    /// Evicts values until the others take at most `budget` bytes: least recently used first, ties by
-    /// lowest key, none that is in use. Returns the evicted values, so that a caller that holds a lock
-    /// can drop them after releasing it.
+    /// Evicts values until the others take at most `budget` bytes: least recently used first, ties
+    /// by lowest key, none that is in use. Returns the evicted values, so that a caller that holds
+    /// a lock can drop them after releasing it.
     pub fn evict_to(&mut self, budget: u64) -> Vec<V> {
         let mut evicted = Vec::new();
         while self.bytes > budget {

@@ -1,7 +1,8 @@
-//! The workspace's one sequential random generator, SplitMix64 (Steele, Lea and Flood 2014), read as counter-based: the n-th number of
-//! a stream is a hash of the stream's key and n. So the same seed gives the same scene everywhere, and a part that draws more numbers
-//! does not disturb the parts after it. Samplers, which need the n-th number of millions of streams, hash coordinates instead:
-//! [`random4`](headbox_trace::sampler::random4).
+//! The workspace's one sequential random generator, SplitMix64 (Steele, Lea and Flood 2014), read
+//! as counter-based: the n-th number of a stream is a hash of the stream's key and n. So the same
+//! seed gives the same scene everywhere, and a part that draws more numbers does not disturb the
+//! parts after it. Samplers, which need the n-th number of millions of streams, hash coordinates
+//! instead: [`random4`](headbox_trace::sampler::random4).
 
 use glam::DVec3;
 
@@ -28,7 +29,8 @@ pub struct Rng {
 }
 
 impl Rng {
-    /// The stream of a seed: seeds that differ by little give streams that have nothing to do with each other.
+    /// The stream of a seed: seeds that differ by little give streams that have nothing to do with
+    /// each other.
     pub fn new(seed: u64) -> Self {
         Self::keyed(hash(seed ^ INCREMENT))
     }

@@ -1,22 +1,23 @@
-//! Which SIMD instructions everything uses: decided here, once, from the processor and `HEADBOX_SIMD`.
+//! The SIMD level of the process: chosen once, from the processor and `HEADBOX_SIMD`.
 //!
-//! Every level gives the same bits (`docs/simd.md` says how kernels are written), so that a level decides time alone.
+//! Every level gives the same bits (docs/simd.md), so that a level affects time only.
 
 use fearless_simd::Level;
 use std::sync::LazyLock;
 
-/// The environment variable that chooses a level.
+/// Environment variable that selects a level.
 pub const VARIABLE: &str = "HEADBOX_SIMD";
 
-/// A level that was asked for and that there is not.
+/// Error of requesting a level that the processor does not have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{VARIABLE}={wanted} is none of this machine's SIMD levels: {available}")]
+#[error("{VARIABLE}={wanted}: this machine has no such SIMD level; it has {available}")]
 pub struct LevelError {
     wanted: String,
     available: String,
 }
 
-/// The level that everything uses: the processor's best, or that of `HEADBOX_SIMD` if there is such a one.
+/// The level that everything uses: the processor's best, or that of `HEADBOX_SIMD` if there is such
+/// a one.
 pub fn level() -> Level {
     static LEVEL: LazyLock<Level> = LazyLock::new(|| requested().unwrap_or_else(|_| Level::new()));
     *LEVEL
@@ -34,7 +35,7 @@ pub fn requested() -> Result<Level, LevelError> {
     }
 }
 
-/// The level of a name among [`levels`].
+/// Finds the level of a name among [`levels`].
 fn named(wanted: &str) -> Result<Level, LevelError> {
     let levels = levels();
     let found = levels.iter().find(|level| name(**level) == wanted);
@@ -62,8 +63,8 @@ pub fn levels() -> Vec<Level> {
     levels
 }
 
-/// `fallback` (what every processor of the architecture has: SSE2 on x86-64, scalars elsewhere), `sse4.2`, `avx2`, `avx512`,
-/// or `neon`.
+/// `fallback` (what every processor of the architecture has: SSE2 on x86-64, scalars elsewhere),
+/// `sse4.2`, `avx2`, `avx512`, or `neon`.
 pub fn name(level: Level) -> &'static str {
     #[cfg(target_arch = "x86_64")]
     {
@@ -89,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_level_is_found_by_its_name_and_others_are_refused() {
+    fn level_by_name_refuses_unknown_names() {
         let levels = levels();
         assert_eq!(
             name(levels[levels.len() - 1]),

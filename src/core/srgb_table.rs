@@ -1,4 +1,5 @@
-//! Linear light to 8-bit sRGB by a table: the same bytes as [`srgb8_from_linear`] without its power function.
+//! Linear light to 8-bit sRGB by a table: the same bytes as [`srgb8_from_linear`] without its power
+//! function.
 
 use crate::color::srgb8_from_linear;
 use fearless_simd::prelude::*;
@@ -13,8 +14,9 @@ const SHIFT: u32 = 16;
 const REST: u32 = (1 << SHIFT) - 1;
 const ENTRIES: usize = ((1.0f32.to_bits() - FIRST_BITS) >> SHIFT) as usize + 1;
 
-/// For each run of values with the same leading bits: the level of its first in the highest byte, and below it the rest of
-/// the bits from which the next level holds, one more than there are where all of the run has one level.
+/// For each run of values with the same leading bits: the level of its first in the highest byte,
+/// and below it the rest of the bits from which the next level holds, one more than there are where
+/// all of the run has one level.
 pub struct SrgbTable {
     entries: Box<[u32; ENTRIES]>,
 }
@@ -38,12 +40,13 @@ static TABLE: LazyLock<SrgbTable> = LazyLock::new(|| SrgbTable {
 });
 
 impl SrgbTable {
-    /// The table.
+    /// Returns the table.
     pub fn get() -> &'static Self {
         &TABLE
     }
 
-    /// The nearest 8-bit sRGB value of linear light; values outside 0..1 are clamped, NaN becomes 0.
+    /// The nearest 8-bit sRGB value of linear light; values outside 0..1 are clamped, NaN becomes
+    /// 0.
     #[inline(always)]
     fn encode(&self, linear: f32) -> u8 {
         // NaN becomes the first entry's value, whose level is 0.
@@ -52,7 +55,7 @@ impl SrgbTable {
         (entry >> 24) as u8 + u8::from(bits & REST >= entry & 0xff_ffff)
     }
 
-    /// As [`encode_srgb`] for the first `count` of sixteen values.
+    /// Same as [`encode_srgb`] for the first `count` of sixteen lanes.
     #[inline(always)]
     pub fn encode_sixteen<S: Simd>(&self, simd: S, linear: f32x16<S>, count: usize) -> u32x16<S> {
         let first = f32x16::splat(simd, f32::from_bits(FIRST_BITS));

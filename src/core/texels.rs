@@ -1,15 +1,16 @@
-//! The four texels around each of sixteen places of a picture, and the colour between them.
+//! Bilinear lookups in sixteen lanes: gather of four texels, and their blend.
 
 use fearless_simd::{ExtractToken, Simd, f32x16, prelude::*, u16x32, u32x4, u32x16};
 
-/// Places at a time.
+/// Number of lanes.
 pub const LANES: usize = 16;
 
-/// Of each place the upper left, upper right, lower left and lower right texel: those at an index, after it, and `stride` after
-/// these. Indices beyond the last that has all four count as that one; `None` if no index has.
+/// Gathers for each lane the upper left, upper right, lower left and lower right texel: those at
+/// `index`, after it, and `stride` after these. Larger indices are clamped to the last one that has
+/// all four; `None` if there is none.
 ///
-/// Registers are put together from registers of two pairs: put together from pairs, they become a chain of sixteen steps
-/// (docs/decisions/0005).
+/// Registers are put together from registers of two pairs: put together from pairs, they become a
+/// chain of sixteen steps (docs/decisions/0005).
 #[inline(always)]
 pub fn fours<S: Simd>(
     simd: S,
@@ -47,7 +48,7 @@ pub fn fours<S: Simd>(
     Some([upper_left, upper_right, lower_left, lower_right])
 }
 
-/// Of pairs of texels, the left ones and the right ones.
+/// Splits pairs of texels into the left and the right ones.
 #[inline(always)]
 fn left_and_right<S: Simd>(two: [u32x4<S>; LANES / 2]) -> [u32x16<S>; 2] {
     let low = two[0].combine(two[1]).combine(two[2].combine(two[3]));
@@ -56,7 +57,8 @@ fn left_and_right<S: Simd>(two: [u32x4<S>; LANES / 2]) -> [u32x16<S>; 2] {
     [left, right]
 }
 
-/// The pixel before a position along an axis of a picture, of which another follows, and the way to that in parts of 256.
+/// The pixel before a position along an axis of a picture, of which another follows, and the way to
+/// that in parts of 256.
 #[inline(always)]
 pub fn place<S: Simd>(position: f32x16<S>, side_px: u32) -> (u32x16<S>, u32x16<S>) {
     let position = position.max(0.0).min((side_px - 1) as f32);
@@ -67,8 +69,8 @@ pub fn place<S: Simd>(position: f32x16<S>, side_px: u32) -> (u32x16<S>, u32x16<S
     )
 }
 
-/// Between four texels as [`fours`] gives them, byte by byte: to the right by one share of 256, then down by the other. Each of the
-/// two roundings is at most half a level.
+/// Between four texels as [`fours`] gives them, byte by byte: to the right by one share of 256,
+/// then down by the other. Each of the two roundings is at most half a level.
 #[inline(always)]
 pub fn between<S: Simd>(
     [upper_left, upper_right, lower_left, lower_right]: [u32x16<S>; 4],
@@ -95,7 +97,7 @@ fn mix_bytes<S: Simd>(a: u32x16<S>, b: u32x16<S>, share: u16x32<S>) -> [u16x32<S
     [mix(a & 0xff, b & 0xff, share), mix(a >> 8, b >> 8, share)]
 }
 
-/// What goes beyond 16 bits on the way comes back: the sum fits.
+/// Intermediate results may wrap in 16 bits; the sum fits.
 #[inline(always)]
 fn mix<S: Simd>(a: u16x32<S>, b: u16x32<S>, share: u16x32<S>) -> u16x32<S> {
     ((a << 8) + (b - a) * share + 0x80) >> 8

@@ -1,29 +1,32 @@
-//! What becomes of light between radiance and the 8 bits of a picture.
+//! Tone curves: from exposed radiance to 8 bits.
 
 use crate::color::{linear_from_srgb8, srgb8_from_linear};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// What becomes of linear radiance times exposure (1 is white) before it is stored, channel by channel.
+/// Tone curve, applied per channel to linear radiance times exposure (1 is white) before it is
+/// stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ToneMap {
     /// It is cut off at 1, and encoded by the curve of sRGB.
     #[default]
     SrgbClipped,
-    /// It is compressed by `x (1 + x / w^2) / (1 + x)`, which reaches 1 at [`ToneMap::BRIGHTEST`] = w (Reinhard et al. 2002,
-    /// "Photographic tone reproduction", equation 4), cut off there, and encoded by the curve of sRGB. What is stored is a picture
-    /// to look at, and [`ToneMap::exposed`] gives the light back: a step of 8 bits is 2.3 % of white, 3.0 % of what is
-    /// twice as bright and 7.3 % of the brightest (0.9 % of white without compression).
+    /// It is compressed by `x (1 + x / w^2) / (1 + x)`, which reaches 1 at [`ToneMap::BRIGHTEST`] =
+    /// w (Reinhard et al. 2002, "Photographic tone reproduction", equation 4), cut off there, and
+    /// encoded by the curve of sRGB. What is stored is a picture to look at, and
+    /// [`ToneMap::exposed`] gives the light back: a step of 8 bits is 2.3 % of white, 3.0 % of what
+    /// is twice as bright and 7.3 % of the brightest (0.9 % of white without compression).
     SrgbCompressed,
 }
 
 impl ToneMap {
-    /// What [`Self::SrgbCompressed`] still tells from what is brighter: four stops above white.
+    /// Largest radiance that [`Self::SrgbCompressed`] distinguishes from brighter ones: four stops
+    /// above white.
     pub const BRIGHTEST: f32 = 16.0;
 
-    /// What is stored of exposed light; NaN becomes 0.
+    /// Stored level of exposed radiance; NaN becomes 0.
     pub fn level(self, exposed: f32) -> u8 {
         srgb8_from_linear(match self {
             Self::SrgbClipped => exposed,
@@ -45,7 +48,8 @@ impl ToneMap {
         match self {
             Self::SrgbClipped => y,
             Self::SrgbCompressed => {
-                // The positive root of x^2 / w^2 + (1 - y) x - y = 0, without a difference of like numbers.
+                // The positive root of x^2 / w^2 + (1 - y) x - y = 0, without a difference of like
+                // numbers.
                 let square = Self::BRIGHTEST.powi(2);
                 2.0 * y / (1.0 - y + ((1.0 - y).powi(2) + 4.0 * y / square).sqrt())
             }

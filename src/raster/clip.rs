@@ -1,7 +1,8 @@
 //! Triangles that reach behind the eye or far outside the frame, cut to what can be drawn.
 //!
-//! Clipping acts on the edges alone, from the end inside toward the end outside, in `f64`: two triangles that share an edge
-//! get the same new corners on it, to the bit, so that no crack opens between them.
+//! Clipping acts on the edges alone, from the end inside toward the end outside, in `f64`: two
+//! triangles that share an edge get the same new corners on it, to the bit, so that no crack opens
+//! between them.
 
 use super::Marker;
 use super::view::{GUARD_PX, NEAR_M, Snapped, snap_f64};
@@ -11,8 +12,8 @@ use headbox_core::camera::Camera;
 /// A corner: (x w, y w, w) in px, and where it was snapped to if it was there before clipping.
 type Corner = (DVec3, Option<Snapped>);
 
-/// The half spaces `plane . h >= least` within which everything can be drawn: a bit more than what the fast path takes, so
-/// that a corner which that found inside is never moved.
+/// The half spaces `plane . h >= least` within which everything can be drawn: a bit more than what
+/// the fast path takes, so that a corner which that found inside is never moved.
 fn planes() -> [(DVec3, f64); 5] {
     let guard = f64::from(GUARD_PX) + 0.5;
     [
@@ -24,7 +25,8 @@ fn planes() -> [(DVec3, f64); 5] {
     ]
 }
 
-/// Cuts a triangle and passes what is left to `draw`, as triangles. `snapped`: the corners that need not be moved.
+/// Cuts a triangle and passes what is left to `draw`, as triangles. `snapped`: the corners that
+/// need not be moved.
 pub(super) fn clipped(
     corners: [DVec3; 3],
     snapped: [Option<Snapped>; 3],

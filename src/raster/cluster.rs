@@ -1,4 +1,5 @@
-//! From local positions to the frame: the transfer of a cluster's vertices, and what becomes of its triangles.
+//! From local positions to the frame: the transfer of a cluster's vertices, and what becomes of its
+//! triangles.
 
 use super::SurfaceId;
 use super::cull::VisibleCluster;
@@ -18,7 +19,8 @@ struct Transferred {
     y: [i32; CLUSTER_VERTICES],
     /// 1 / eye depth, 1/m.
     inverse_depth: [f32; CLUSTER_VERTICES],
-    /// Whether the position is out of bounds ([`CLIPPED`]), and on which sides of the frame it lies.
+    /// Outcode: [`CLIPPED`] if the position is out of bounds, and the sides of the frame on which
+    /// it lies.
     outside: [u8; CLUSTER_VERTICES],
 }
 

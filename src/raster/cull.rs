@@ -1,4 +1,4 @@
-//! Which clusters can show (the homogeneous box test of C17).
+//! Frustum culling of clusters (the homogeneous box test of C17).
 
 use super::GroupWindow;
 use super::mesh::{Cluster, RasterMesh};
@@ -12,14 +12,14 @@ use std::ops::Range;
 pub(super) struct VisibleCluster {
     /// Index of the cluster.
     pub(super) cluster: u32,
-    /// How many triangles it has.
+    /// Number of triangles.
     pub(super) triangles: u32,
     /// Rows of the frame that it can touch.
     rows: Range<u32>,
 }
 
 impl VisibleCluster {
-    /// Whether it can touch any of these rows.
+    /// Returns true if it can touch any of these rows.
     pub(super) fn touches(&self, rows: &Range<u32>) -> bool {
         self.rows.start < rows.end && rows.start < self.rows.end
     }
@@ -31,8 +31,8 @@ const MARGIN_PX: f32 = 1.0;
 /// Corners nearer than this are not trusted to bound rows, metres.
 const TRUSTED_M: f32 = 0.01;
 
-/// Fills `visible` with the clusters of the groups that can show, in the order of the groups, and returns how many triangles
-/// the groups have.
+/// Fills `visible` with the clusters of the groups that can show, in the order of the groups, and
+/// returns how many triangles the groups have.
 pub(super) fn visible_clusters(
     mesh: &RasterMesh,
     view: &LocalCamera,

@@ -1,18 +1,20 @@
-//! A z-buffer rasteriser on the CPU: the geometry of the view cell and of cells too near for an image (R3, R15).
+//! A z-buffer rasteriser on the CPU: the geometry of the view cell and of cells too near for an
+//! image (R3, R15).
 //!
 //! A frame is drawn in bands of rows, each by one thread from its first triangle to its last pixel:
 //!
-//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`; not
-//!    those that nearer ones hide, see docs/decisions/0025);
-//! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
-//!    or far outside the frame are clipped in `clip`;
+//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window
+//!    are dropped (`cull`; not those that nearer ones hide, see docs/decisions/0025);
+//! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles
+//!    that reach behind the eye or far outside the frame are clipped in `clip`;
 //! 3. `scan`: exact integer edge functions, so that no crack is left between neighbours;
 //!    depth and the number of the triangle per pixel, nothing else;
-//! 4. `shade`: once per pixel at the end, triangle after triangle: perspective-correct weights (`weights`), colours, textures
-//!    at the fineness of the frame (`mip`), sRGB (`headbox_core::srgb_table`).
+//! 4. `shade`: once per pixel at the end, triangle after triangle: perspective-correct weights
+//!    (`weights`), colours, textures at the fineness of the frame (`mip`), sRGB
+//!    (`headbox_core::srgb_table`).
 //!
-//! Positions are IEEE `f32` in a fixed order of operations, the rest of coverage is integers: the same bytes on any number
-//! of threads, bands and SIMD levels.
+//! Positions are IEEE `f32` in a fixed order of operations, the rest of coverage is integers: the
+//! same bytes on any number of threads, bands and SIMD levels.
 
 mod clip;
 mod cluster;
@@ -43,7 +45,7 @@ use view::LocalCamera;
 /// Pixels that are tested, or coloured, at once.
 const LANES: usize = 16;
 
-/// What a pixel of a [`RasterOutput`] shows.
+/// Content of a pixel of a [`RasterOutput`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
     /// Nothing but the surroundings.
@@ -70,7 +72,7 @@ impl SurfaceId {
         Self(Self::MARKER | number.min(Self::MARKER - 2))
     }
 
-    /// Whether [`LANES`] pixels all show triangles; false for fewer.
+    /// Returns true if all [`LANES`] pixels show triangles; false for fewer pixels.
     #[inline(always)]
     fn are_triangles<S: Simd>(simd: S, pixels: &[Self]) -> bool {
         let ids = bytemuck::cast_slice(pixels).first_chunk::<LANES>();
@@ -81,7 +83,8 @@ impl SurfaceId {
         })
     }
 
-    /// Which of the first `count` pixels from an index on show it, as bits; at most [`LANES`] are looked at.
+    /// Bit mask of those of the first `count` pixels from an index on that show it; at most
+    /// [`LANES`].
     #[inline(always)]
     fn shown_in<S: Simd>(self, simd: S, pixels: &[Self], start: usize, count: u32) -> u32 {
         let ids: &[u32] = bytemuck::cast_slice(pixels.get(start..).unwrap_or_default());
@@ -97,7 +100,7 @@ impl SurfaceId {
         shown & ((1u32 << count.min(LANES as u32)) - 1)
     }
 
-    /// What it stands for.
+    /// Identifier of the marker.
     #[inline]
     fn seen(self) -> Seen {
         match self.0 {
@@ -113,21 +116,22 @@ impl SurfaceId {
 pub struct GroupWindow {
     /// Index of the group, as given to [`RasterMesh::new`].
     pub group: u32,
-    /// Columns and rows of the frame outside of which the group need not be drawn; `None` for the whole frame.
+    /// Columns and rows of the frame outside of which the group need not be drawn; `None` for the
+    /// whole frame.
     pub window: Option<[Range<u32>; 2]>,
 }
 
-/// A planar convex polygon that takes part in the depth test but has no colour: where it shows, the frame stays open for
-/// somebody else to fill. Portals are drawn so.
+/// A planar convex polygon that takes part in the depth test but has no colour: where it shows, the
+/// frame stays open for somebody else to fill. Portals are drawn so.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marker {
     /// Its corners, world metres.
     pub polygon: Vec<DVec3>,
-    /// How it is known in [`Seen::Marker`]; below 2^31 - 1.
+    /// Number of the marker in [`Seen::Marker`]; below 2^31 - 1.
     pub number: u32,
 }
 
-/// What to draw.
+/// Input of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RasterView<'a> {
     /// Groups of triangles, best from front to back.
@@ -151,7 +155,7 @@ pub struct RasterOutput {
 }
 
 impl RasterOutput {
-    /// What the pixel of this index (row-major) shows.
+    /// Content of the pixel at this index (row-major).
     #[inline]
     pub fn seen(&self, pixel: usize) -> Seen {
         self.surface
@@ -160,14 +164,14 @@ impl RasterOutput {
     }
 }
 
-/// What a frame took. Counts are sums over bands.
+/// Statistics of a frame. Counts are sums over bands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct RasterStats {
     /// Triangles of the groups that were asked for.
     pub triangles_in: u64,
-    /// Of these, in clusters that may show.
+    /// Triangles in clusters that may be visible.
     pub triangles_kept: u64,
-    /// Of these, set up: they cover the centre of a pixel's column and row.
+    /// Triangles that were set up: they cover the centre of a pixel's column and row.
     pub triangles_set_up: u64,
     /// Pixels that passed the depth test.
     pub pixels_written: u64,
@@ -195,7 +199,8 @@ impl Default for Rasterizer {
     }
 }
 
-/// Bands for each thread: few, as a cluster is transferred for each band that it touches, but enough to even out the work.
+/// Bands for each thread: few, as a cluster is transferred for each band that it touches, but
+/// enough to even out the work.
 const BANDS_A_THREAD: u32 = 3;
 
 impl Rasterizer {
@@ -204,7 +209,8 @@ impl Rasterizer {
         Self::with(simd::level(), 0)
     }
 
-    /// A rasteriser that uses one SIMD level and bands of a number of rows (0: the default). All give the same frame.
+    /// A rasteriser that uses one SIMD level and bands of a number of rows (0: the default). All
+    /// give the same frame.
     pub fn with(level: Level, band_rows: u32) -> Self {
         Self {
             level,
@@ -226,8 +232,8 @@ impl Rasterizer {
         &mut self.output
     }
 
-    /// Draws what `camera` sees of the wanted groups over the environment, on the current rayon thread pool. Groups that
-    /// the mesh does not have are left out.
+    /// Draws what `camera` sees of the wanted groups over the environment, on the current rayon
+    /// thread pool. Groups that the mesh does not have are left out.
     pub fn draw(
         &mut self,
         mesh: &RasterMesh,

@@ -1,4 +1,5 @@
-//! Triangles in the order in which they are drawn: groups (the cells of a house) of clusters of neighbours.
+//! Triangles in the order in which they are drawn: groups (the cells of a house) of clusters of
+//! neighbours.
 
 use super::SurfaceId;
 use super::mip::MipTexture;
@@ -18,17 +19,17 @@ pub(super) const CLUSTER_VERTICES: usize = 256;
 /// A run of triangles that lie near each other.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cluster {
-    /// Of the mesh's vertices.
+    /// Indices of the mesh's vertices.
     pub(super) vertices: Range<u32>,
-    /// Of the scene's triangles.
+    /// Indices of the scene's triangles.
     pub(super) triangles: Range<u32>,
     /// Lowest and highest corner of its box, local metres.
     pub(super) bounds: [Vec3; 2],
-    /// Whether some of its triangles have a cut-out material.
+    /// True if some of its triangles have a cut-out material.
     pub(super) has_cutouts: bool,
 }
 
-/// What shading needs of a vertex: half a cache line.
+/// Vertex attributes for shading: half a cache line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(32))]
 pub(super) struct Vertex {
@@ -40,7 +41,7 @@ pub(super) struct Vertex {
     pub(super) texcoord: Vec2,
 }
 
-/// What shading needs of a material.
+/// Material attributes for shading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct MeshMaterial {
     pub(super) albedo: Vec3,
@@ -56,11 +57,12 @@ pub(super) struct MeshMaterial {
 pub(super) struct MeshTriangle {
     /// Corners among the clusters' vertices.
     pub(super) corners: [u32; 3],
-    /// Of the scene's materials.
+    /// Materials of the scene.
     pub(super) material: u32,
 }
 
-/// A scene ready to be rasterised, in a local frame about an origin (world axes, metres), so that `f32` keeps its digits.
+/// A scene ready to be rasterised, in a local frame about an origin (world axes, metres), so that
+/// `f32` keeps its digits.
 #[derive(Debug)]
 pub struct RasterMesh {
     scene: Arc<Scene>,
@@ -92,9 +94,10 @@ impl MeshMaterial {
 }
 
 impl RasterMesh {
-    /// Prepares runs of the scene's triangles, each a group, taken relative to `origin` (world metres). The scene must be
-    /// valid ([`Scene::validate`]). Triangles in no run, with a coordinate beyond [`MAX_COORDINATE`], or numbered 2^31 and
-    /// beyond are never drawn; ranges are cut at the number of triangles.
+    /// Prepares runs of the scene's triangles, each a group, taken relative to `origin` (world
+    /// metres). The scene must be valid ([`Scene::validate`]). Triangles in no run, with a
+    /// coordinate beyond [`MAX_COORDINATE`], or numbered 2^31 and beyond are never drawn; ranges
+    /// are cut at the number of triangles.
     pub fn new(scene: Arc<Scene>, groups: &[Range<u32>], origin: DVec3) -> Self {
         let count = scene.triangles.len().min(SurfaceId::MAX_TRIANGLES as usize);
         let mut mesh = Self {
@@ -153,7 +156,8 @@ impl RasterMesh {
         ]
     }
 
-    /// Takes triangles from the front of a run until the cluster is full; returns the first that is left.
+    /// Takes triangles from the front of a run until the cluster is full; returns the first that is
+    /// left.
     fn append_cluster(&mut self, scene: &Scene, run: Range<u32>) -> u32 {
         let first_vertex = self.vertices.len() as u32;
         let mut known: HashMap<u32, u32> = HashMap::with_capacity(CLUSTER_VERTICES);

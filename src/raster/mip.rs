@@ -12,9 +12,9 @@ const FULL: f32 = 65_535.0;
 /// A texture and copies of half the size each, rounded up, down to one texel.
 #[derive(Debug)]
 pub(super) struct MipTexture {
-    /// Of the texture itself.
+    /// Size of the texture itself, texels.
     size: [u32; 2],
-    /// Where each copy begins, the texture itself first; never empty.
+    /// Start of each mip level, the texture itself first; never empty.
     starts: Vec<u32>,
     /// Row by row, linear RGB and alpha, 16 bits each.
     texels: Vec<[u16; 4]>,
@@ -49,9 +49,10 @@ impl MipTexture {
         [self.size[0] as f32, self.size[1] as f32]
     }
 
-    /// Red, green and blue at (u, v) of the first `count` lanes: bilinear, wrapping around, as [`Texture::sample`] is, linear
-    /// light; from the copy whose texels are nearest in size to a footprint, given as the fourth power of its side in texels
-    /// of the texture itself (1 and less is that).
+    /// Red, green and blue at (u, v) of the first `count` lanes: bilinear, wrapping around, as
+    /// [`Texture::sample`] is, linear light; from the copy whose texels are nearest in size to a
+    /// footprint, given as the fourth power of its side in texels of the texture itself (1 and less
+    /// is that).
     pub(super) fn sample<S: Simd>(
         &self,
         simd: S,
@@ -73,8 +74,8 @@ impl MipTexture {
         footprint: f32x16<S>,
         count: usize,
     ) -> [f32x16<S>; 3] {
-        // The bits of a float are its binary logarithm, linear between powers of two: off by at most 0.09, a quarter of which
-        // is nothing. NaN becomes 1 by the comparison.
+        // The bits of a float are its binary logarithm, linear between powers of two: off by at
+        // most 0.09, a quarter of which is nothing. NaN becomes 1 by the comparison.
         let one = f32x16::splat(simd, 1.0);
         let footprint = footprint.simd_gt(one).select(footprint, one);
         let octaves = (f32x16::float_from(footprint.bitcast::<u32x16<S>>()) * (1.0 / 8_388_608.0)
@@ -170,7 +171,8 @@ impl<S: Simd> Neighbours<S> {
     }
 }
 
-/// A texture of half the size, rounded up: each texel the mean of four, in linear light; `None` for a single texel.
+/// A texture of half the size, rounded up: each texel the mean of four, in linear light; `None` for
+/// a single texel.
 fn halved(texture: &Texture) -> Option<Texture> {
     let (width, height) = (texture.width(), texture.height());
     if width == 1 && height == 1 {

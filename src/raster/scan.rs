@@ -1,12 +1,15 @@
-//! One triangle to the pixels whose centres it covers: exact integers for coverage, `f32` for depth.
+//! One triangle to the pixels whose centres it covers: exact integers for coverage, `f32` for
+//! depth.
 //!
-//! With corners at multiples of 1/256 px, the edge function of an edge from a to b at the centre of pixel (i, j) is
-//! `E = (b - a) x (p - a)`, an integer. From pixel to pixel it changes by multiples of 256, so that E / 256, rounded down, has the
-//! same sign at every pixel and needs fewer bits.
+//! With corners at multiples of 1/256 px, the edge function of an edge from a to b at the centre of
+//! pixel (i, j) is `E = (b - a) x (p - a)`, an integer. From pixel to pixel it changes by multiples
+//! of 256, so that E / 256, rounded down, has the same sign at every pixel and needs fewer bits.
 //!
-//! A centre on an edge belongs to both of the triangles that share it: no crack is left between neighbours whose edges have the same
-//! ends. Where the corner of one lies on the edge of another (a T-junction), snapping opens cracks of up to 1.4/256 px: meshes are
-//! to be stitched ([`Scene::stitch`](headbox_scene::scene::Scene::stitch)). Of two triangles that claim a centre the nearer one shows.
+//! A centre on an edge belongs to both of the triangles that share it: no crack is left between
+//! neighbours whose edges have the same ends. Where the corner of one lies on the edge of another
+//! (a T-junction), snapping opens cracks of up to 1.4/256 px: meshes are to be stitched
+//! ([`Scene::stitch`](headbox_scene::scene::Scene::stitch)). Of two triangles that claim a centre
+//! the nearer one shows.
 
 use super::SurfaceId;
 use super::mesh::RasterMesh;
@@ -55,7 +58,8 @@ impl CutoutTest<'_> {
     }
 }
 
-/// E / 256 of an edge, rounded down, as a linear function of the pixel; a centre is inside where that is not negative.
+/// E / 256 of an edge, rounded down, as a linear function of the pixel; a centre is inside where
+/// that is not negative.
 #[derive(Clone, Copy)]
 struct Edge {
     /// At the box's first pixel.
@@ -82,7 +86,8 @@ impl Edge {
         }
     }
 
-    /// Columns from the box's first, of `count`, at which the edge accepts a row with this value at its first pixel.
+    /// Columns from the box's first, of `count`, at which the edge accepts a row with this value at
+    /// its first pixel.
     #[inline(always)]
     fn accepted(&self, value: i64, count: i64) -> [i64; 2] {
         match self.column {
@@ -96,8 +101,9 @@ impl Edge {
     }
 }
 
-/// 1 / eye depth over a triangle: linear in the frame, and never outside the range of the corners, whatever the slope of a
-/// sliver. Rows start in `f64`: on a floor a millimetre under the eye, the corner may be 10^5 times nearer than the pixel.
+/// 1 / eye depth over a triangle: linear in the frame, and never outside the range of the corners,
+/// whatever the slope of a sliver. Rows start in `f64`: on a floor a millimetre under the eye, the
+/// corner may be 10^5 times nearer than the pixel.
 struct DepthPlane {
     at_origin: f64,
     per_column: f64,
@@ -142,7 +148,7 @@ impl DepthPlane {
         ((self.at_origin + self.per_row * dy) + self.per_column * dx) as f32
     }
 
-    /// So many pixels to the right of one with a given value.
+    /// Value `n` pixels to the right of one with a given value.
     #[inline(always)]
     fn lanes<S: Simd>(&self, first: f32, along: i32x16<S>) -> f32x16<S> {
         let [least, most] = self.range;
@@ -152,16 +158,18 @@ impl DepthPlane {
     }
 }
 
-/// Whether a surface replaces what a pixel shows; both 1 / eye depths and surfaces are given new one first. Of surfaces in the
-/// same place the one with the smaller number shows, whichever is drawn first; markers have the largest.
+/// Returns true if a surface passes the depth test of a pixel; both 1 / eye depths and surfaces are
+/// given new one first. Of surfaces in the same place the one with the smaller number shows,
+/// whichever is drawn first; markers have the largest.
 #[inline(always)]
 fn is_nearer([value, depth]: [f32; 2], [id, shown]: [SurfaceId; 2]) -> bool {
     (value > depth) | ((value == depth) & (id.0 < shown.0))
 }
 
-/// Of triangles of up to so many columns, whole rows of the box are tested; of wider ones the ends of each row are computed.
-/// Over this width E / 256 fits into 32 bits: with corners within [`GUARD_PX`](super::view::GUARD_PX), an edge is 2^14 by
-/// 2^23 units at most, and E no more than 2^38.3 within 80 columns of the box's start.
+/// Width in columns up to which whole rows of a triangle's box are tested; for wider ones the ends
+/// of each row are computed. Over this width E / 256 fits into 32 bits: with corners within
+/// [`GUARD_PX`](super::view::GUARD_PX), an edge is 2^14 by 2^23 units at most, and E no more than
+/// 2^38.3 within 80 columns of the box's start.
 const NARROW_PX: u32 = 64;
 
 /// Numbers of the pixels that are tested at once.
@@ -192,7 +200,8 @@ impl DrawnRows<'_> {
     ) {
         let [left, right] = [a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x)];
         let [top, bottom] = [a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y)];
-        // The first pixel whose centre is not before the least coordinate, and the first whose centre is beyond the greatest.
+        // The first pixel whose centre is not before the least coordinate, and the first whose
+        // centre is beyond the greatest.
         let first = |least: i32| ((least + 127) >> 8).max(0) as u32;
         let end = |most: i32| ((most + 128) >> 8).max(0) as u32;
         let columns = first(left)..end(right).min(self.width);
@@ -289,7 +298,8 @@ impl DrawnRows<'_> {
         self.stats.pixels_written += u64::from(written);
     }
 
-    /// Depth test and number of the surface for [`LANES`] pixels from an index on; returns how many were written.
+    /// Depth test and number of the surface for [`LANES`] pixels from an index on; returns how many
+    /// were written.
     #[inline(always)]
     fn test<S: Simd>(
         &mut self,
@@ -393,7 +403,7 @@ impl DrawnRows<'_> {
         self.stats.pixels_written += u64::from(written);
     }
 
-    /// As [`Self::span`] for a material with holes.
+    /// Same as [`Self::span`] for a material with cut-outs.
     fn span_with_holes(
         &mut self,
         columns: Range<u32>,

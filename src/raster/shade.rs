@@ -1,8 +1,9 @@
 //! From the triangle that a pixel shows to its colour, once per pixel.
 //!
-//! Triangle after triangle as they were drawn, so that what holds for a whole triangle is fetched once: of its box, the pixels
-//! that still show it are collected, and coloured [`LANES`] at a time; only texels and sRGB levels are looked up one by one.
-//! A colour depends on nothing but triangle and pixel, so that neither bands nor lanes can be told from it.
+//! Triangle after triangle as they were drawn, so that what holds for a whole triangle is fetched
+//! once: of its box, the pixels that still show it are collected, and coloured [`LANES`] at a time;
+//! only texels and sRGB levels are looked up one by one. A colour depends on nothing but triangle
+//! and pixel, so that neither bands nor lanes can be told from it.
 //!
 //! Each run of a row's pixels by itself would leave most lanes idle in rooms (docs/decisions/0025).
 
@@ -21,7 +22,7 @@ use headbox_core::environment::Environment;
 use headbox_core::frame::Coverage;
 use headbox_core::srgb_table::SrgbTable;
 
-/// What the colours of a frame need.
+/// Shading state of a frame.
 pub(super) struct PixelShader<'a> {
     pub(super) mesh: &'a RasterMesh,
     pub(super) view: &'a LocalCamera,
@@ -33,15 +34,16 @@ pub(super) struct PixelShader<'a> {
 /// Pixels of a triangle.
 struct Batch {
     count: usize,
-    /// Column, and 2^16 times the row, of each; a frame's sides are shorter. Beyond `count`: those of any pixels.
+    /// Column, and 2^16 times the row, of each; a frame's sides are shorter. Beyond `count`: those
+    /// of any pixels.
     pixels: [u32; LANES],
 }
 
-/// What holds for a whole triangle.
+/// Shading state of a triangle.
 struct Shading<'a> {
     corners: [&'a Vertex; 3],
     weights: CornerWeights,
-    /// What light is multiplied by, and what is added.
+    /// Factor and offset of the light.
     albedo: Vec3,
     emission: Vec3,
     albedo_texture: Option<(&'a MipTexture, Slopes)>,

@@ -4,14 +4,15 @@ use fearless_simd::Level;
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 
-/// Nothing nearer than this is drawn, metres. Only keeps divisions finite: what it cuts off is smaller than a pixel.
+/// Nothing nearer than this is drawn, metres. Only keeps divisions finite: what it cuts off is
+/// smaller than a pixel.
 pub(super) const NEAR_M: f32 = 1e-5;
 
 /// Positions in the frame are kept as multiples of this part of a pixel.
 pub(super) const SUBPIXELS: i32 = 256;
 
-/// Triangles that reach farther from the frame's upper left corner than this are clipped, px: products of two edges stay
-/// below 2^46, and the sum in `snap` below 2^24.
+/// Triangles that reach farther from the frame's upper left corner than this are clipped, px:
+/// products of two edges stay below 2^46, and the sum in `snap` below 2^24.
 pub(super) const GUARD_PX: f32 = 16_383.0;
 
 /// A corner in the frame.
@@ -27,7 +28,8 @@ pub(super) struct Snapped {
 /// A camera about a mesh's origin.
 pub(super) struct LocalCamera {
     pub(super) eye: Vec3,
-    /// Rows that take a position relative to the eye to (x w, y w, w), x and y in px from the upper left corner.
+    /// Rows that take a position relative to the eye to (x w, y w, w), x and y in px from the upper
+    /// left corner.
     pub(super) rows: [Vec3; 3],
     eye_f64: DVec3,
     rows_f64: [DVec3; 3],
@@ -62,7 +64,8 @@ impl LocalCamera {
         Vec3::new(along(x), along(y), along(w))
     }
 
-    /// As [`Self::homogeneous`]: a corner 2 km behind the eye decides where its edge passes a millimetre in front of it.
+    /// Same as [`Self::homogeneous`] in `f64`: a corner 2 km behind the eye decides where its edge
+    /// passes a millimetre in front of it.
     #[inline(always)]
     pub(super) fn homogeneous_f64(&self, position: Vec3) -> DVec3 {
         let d = position.as_dvec3() - self.eye_f64;
@@ -70,7 +73,8 @@ impl LocalCamera {
     }
 }
 
-/// The nearest multiple of 1/[`SUBPIXELS`] px, ties to even, of a position of at most [`GUARD_PX`]; anything for others.
+/// The nearest multiple of 1/[`SUBPIXELS`] px, ties to even, of a position of at most [`GUARD_PX`];
+/// anything for others.
 #[inline(always)]
 pub(super) fn snap(px: f32) -> i32 {
     /// 1.5 * 2^23: the sum has steps of 1, so its low bits are the rounded number.
@@ -78,7 +82,7 @@ pub(super) fn snap(px: f32) -> i32 {
     ((px * SUBPIXELS as f32 + MAGIC).to_bits() as i32).wrapping_sub(MAGIC.to_bits() as i32)
 }
 
-/// As [`snap`], for the corners that clipping makes.
+/// Same as [`snap`], for corners created by clipping.
 pub(super) fn snap_f64(px: f64) -> i32 {
     (px * f64::from(SUBPIXELS)).round_ties_even() as i32
 }

@@ -7,11 +7,13 @@ use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
 use glam::{DVec3, Vec2, Vec3};
 
-/// The weights up to their sum, as linear functions of the position in the frame: the edge functions of the corners in
-/// homogeneous coordinates. In `f64`, as on a floor a tenth of a millimetre under the eye they differ by 10^5 within the frame.
+/// The weights up to their sum, as linear functions of the position in the frame: the edge
+/// functions of the corners in homogeneous coordinates. In `f64`, as on a floor a tenth of a
+/// millimetre under the eye they differ by 10^5 within the frame.
 ///
-/// Positions of corners are snapped when coverage is found: where the centre of a pixel lies a hair outside the triangle that
-/// covers it, the nearest point of the triangle counts. All weights are 0 for a triangle that is seen edge-on.
+/// Positions of corners are snapped when coverage is found: where the centre of a pixel lies a hair
+/// outside the triangle that covers it, the nearest point of the triangle counts. All weights are 0
+/// for a triangle that is seen edge-on.
 #[derive(Clone, Copy)]
 pub(super) struct CornerWeights {
     /// At the frame's upper left corner.
@@ -52,8 +54,8 @@ impl CornerWeights {
         }
     }
 
-    /// As [`Self::at`] for [`LANES`] pixels, corner by corner, and the reciprocals of the sums before they were made positive,
-    /// for [`Slopes::footprint`].
+    /// As [`Self::at`] for [`LANES`] pixels, corner by corner, and the reciprocals of the sums
+    /// before they were made positive, for [`Slopes::footprint`].
     #[inline(always)]
     pub(super) fn lanes<S: Simd>(
         &self,
@@ -93,7 +95,8 @@ impl CornerWeights {
         ([a * per, b * per, c * per], per * sign)
     }
 
-    /// How texture coordinates change over the frame; `size`: of the texture, texels.
+    /// Derivatives of the texture coordinates over the frame; `size` is that of the texture,
+    /// texels.
     #[inline(always)]
     pub(super) fn slopes(&self, corners: [&Vertex; 3], size: Vec2) -> Slopes {
         let along = |axis: usize| {
@@ -112,14 +115,14 @@ impl CornerWeights {
 /// The changes of a triangle's texture coordinates from pixel to pixel, to the right and down.
 pub(super) struct Slopes {
     size: Vec2,
-    /// Of the coordinates (texels) times the sum of weights, and of that sum.
+    /// Derivatives of the coordinates (texels) times the sum of weights, and of that sum.
     along: [(Vec2, f32); 2],
 }
 
 impl Slopes {
-    /// The side of a pixel's footprint in the texture, texels, to its fourth power: of the sides along x and along y the
-    /// geometric mean, as the longer one blurs what is seen at a grazing angle. From texture coordinates and the
-    /// reciprocals of the sums of weights.
+    /// The side of a pixel's footprint in the texture, texels, to its fourth power: of the sides
+    /// along x and along y the geometric mean, as the longer one blurs what is seen at a grazing
+    /// angle. From texture coordinates and the reciprocals of the sums of weights.
     #[inline(always)]
     pub(super) fn footprint<S: Simd>(
         &self,
@@ -133,7 +136,8 @@ impl Slopes {
     }
 }
 
-/// The square of the change of texture coordinates (texels) along an axis of the frame: the quotient rule.
+/// The square of the change of texture coordinates (texels) along an axis of the frame: the
+/// quotient rule.
 #[inline(always)]
 fn steepness<S: Simd>(
     (texels, sum): (Vec2, f32),
@@ -144,7 +148,7 @@ fn steepness<S: Simd>(
     du * du + dv * dv
 }
 
-/// What has the given values at the corners, at each lane.
+/// Interpolates values given at the corners, in each lane.
 #[inline(always)]
 pub(super) fn mixed<S: Simd>([a, b, c]: [f32x16<S>; 3], [at_a, at_b, at_c]: [f32; 3]) -> f32x16<S> {
     (a * at_a + b * at_b) + c * at_c

@@ -6,7 +6,8 @@ use crate::mesh::Mesh;
 use glam::{DVec3, dvec3};
 use headbox_core::random::Rng;
 
-/// A run of kitchen cabinets of `width` with a worktop, a sink, a hob and a few jars; 0.92 m high, 0.62 m deep.
+/// A run of kitchen cabinets of `width` with a worktop, a sink, a hob and a few jars; 0.92 m high,
+/// 0.62 m deep.
 pub(crate) fn counter(
     mesh: &mut Mesh,
     place: DVec3,

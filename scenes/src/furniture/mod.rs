@@ -1,4 +1,5 @@
-//! What stands in rooms. Pieces are built in axes of their own: +x along the wall behind them, +z into the room.
+//! Furniture. Pieces are built in axes of their own: +x along the wall behind them, +z into the
+//! room.
 
 mod bath;
 mod door;
@@ -16,7 +17,8 @@ use glam::{DMat3, DVec2, DVec3, dvec3};
 use headbox_core::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// A piece of furniture under construction: its own axes at a place on the floor, turned about the vertical.
+/// A piece of furniture under construction: its own axes at a place on the floor, turned about the
+/// vertical.
 struct Piece<'a> {
     mesh: &'a mut Mesh,
     place: DVec3,
@@ -84,7 +86,8 @@ impl<'a> Piece<'a> {
     }
 }
 
-/// A table of the given size, of the materials of its top and its legs, which stand under the corners.
+/// A table of the given size, of the materials of its top and its legs, which stand under the
+/// corners.
 pub(crate) fn table(mesh: &mut Mesh, place: DVec3, turn: f64, size: DVec3, [top, legs]: [u32; 2]) {
     let mut piece = Piece::new(mesh, place, turn);
     let (half_x, half_z) = (size.x / 2.0, size.z / 2.0);

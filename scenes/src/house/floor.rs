@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use headbox_core::random::Rng;
 
-/// What a room is for.
+/// Use of a room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     Bedroom,
@@ -34,7 +34,7 @@ pub(super) struct Room {
     pub(super) ceiling: f64,
 }
 
-/// What fills an opening.
+/// Filling of an opening.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fill {
     /// A door that stands open, its leaf in the first cell of the opening.
@@ -56,7 +56,7 @@ pub(super) struct Opening {
     pub(super) axis: usize,
     /// Middle of the wall on that axis.
     pub(super) plane: f64,
-    /// Where the opening begins and ends along the wall (on the other axis).
+    /// Extent of the opening along the wall (on the other axis).
     pub(super) span: [f64; 2],
     /// Heights of its lower and upper edge.
     pub(super) heights: [f64; 2],
@@ -79,9 +79,9 @@ const OUTER_WALL: f64 = 0.34;
 
 /// North to south: where the bands of rooms, corridors and rooms begin and end.
 const BANDS: [f64; 4] = [0.0, 5.5, 7.4, 14.0];
-/// Where the pantry ends and the utility room begins.
+/// Boundary between pantry and utility room.
 const PANTRY: f64 = 2.7;
-/// How far a wall between two rooms of a band may move, metres.
+/// Largest random shift of a wall between two rooms of a band, metres.
 const SHIFT: f64 = 0.25;
 
 /// West to east: rooms of the northern band, with the x at which each begins.
@@ -111,8 +111,8 @@ const SOUTH: [(f64, &str, Purpose); 7] = [
 ];
 const EAST_END: f64 = 27.0;
 
-/// Doors between rooms: the room that the leaf opens into, the other, and how wide the opening is. Without a leaf
-/// where it is wider than 1 m.
+/// Doors between rooms: the room that the leaf opens into, the other, and how wide the opening is.
+/// Without a leaf where it is wider than 1 m.
 const DOORS: [(&str, &str, f64); 29] = [
     ("Bedroom 1", "West corridor", 0.88),
     ("Bathroom 1", "West corridor", 0.8),
@@ -145,8 +145,8 @@ const DOORS: [(&str, &str, f64); 29] = [
     ("Workshop", "East corridor", 0.88),
 ];
 
-/// Openings to the outside: the room, the side of the house, where along the room's wall (0 to 1), width, and the
-/// heights of sill and lintel. A sill of 0 makes a door.
+/// Openings to the outside: the room, the side of the house, where along the room's wall (0 to 1),
+/// width, and the heights of sill and lintel. A sill of 0 makes a door.
 const OUTER: [(&str, Side, f64, f64, [f64; 2]); 23] = [
     ("Bedroom 1", Side::North, 0.5, 1.6, [0.9, 2.2]),
     ("Bedroom 1", Side::West, 0.5, 1.4, [0.9, 2.2]),
@@ -179,8 +179,8 @@ const WIDEST_LEAF: f64 = 1.0;
 /// Lintel of the doors between rooms.
 const DOOR_HEIGHT: f64 = 2.05;
 
-/// Room that every opening keeps from the ends of its wall, measured from the middle of the crossing walls: the
-/// thickest half wall and a casing.
+/// Room that every opening keeps from the ends of its wall, measured from the middle of the
+/// crossing walls: the thickest half wall and a casing.
 const END: f64 = 0.3;
 
 /// A side of the house.
@@ -192,7 +192,8 @@ enum Side {
     South,
 }
 
-/// Half of the thickness of the wall in the plane `at` of a floor whose outer walls have their middles at `ends`.
+/// Half of the thickness of the wall in the plane `at` of a floor whose outer walls have their
+/// middles at `ends`.
 pub(super) fn half_thickness(at: f64, ends: [f64; 2]) -> f64 {
     if ends.contains(&at) {
         OUTER_WALL / 2.0
@@ -390,7 +391,8 @@ fn ceiling(purpose: Purpose) -> f64 {
 }
 
 impl Opening {
-    /// Corners of the opening in the middle of the wall, counter-clockwise seen from its first cell.
+    /// Corners of the opening in the middle of the wall, counter-clockwise seen from its first
+    /// cell.
     pub(super) fn polygon(&self, plan: &Floor) -> Vec<DVec3> {
         let at = |along: f64, y: f64| point(self.axis, self.plane, along, y);
         let [from, to] = self.span;

@@ -1,4 +1,4 @@
-//! Which pieces stand in which room, and where: against walls, clear of doors and windows, or in the middle.
+//! Placement of furniture: against walls, clear of doors and windows, or in the middle of a room.
 
 use super::floor::{Fill, Floor, Purpose};
 use super::palette::Palette;
@@ -65,7 +65,8 @@ impl Kind {
         matches!(self, Self::LowTable | Self::Table { .. } | Self::Rug(..))
     }
 
-    /// Builds the piece; `back` is the middle of its back on the floor, or of itself if it stands free.
+    /// Builds the piece; `back` is the middle of its back on the floor, or of itself if it stands
+    /// free.
     fn build(self, mesh: &mut Mesh, back: DVec3, turn: f64, palette: &Palette, rng: &Rng) {
         let f = &palette.finishes;
         let into_room = dvec3(turn.sin(), 0.0, turn.cos());
@@ -149,7 +150,7 @@ fn add_table(
     furniture::fruit_bowl(mesh, place + dvec3(0.0, 0.74, 0.0), f);
 }
 
-/// What stands in a room, the most important first.
+/// Furniture of a room, most important first.
 fn programme(purpose: Purpose) -> &'static [Kind] {
     use Kind::*;
     match purpose {
@@ -342,8 +343,8 @@ impl<'a> Furnishing<'a> {
         low.cmpge(self.low).all() && high.cmple(self.high).all() && self.taken.iter().all(clear)
     }
 
-    /// A free stretch of wall of the given width, depth and heights: the middle of its back, and the turn of a piece
-    /// that stands there. Tries walls and places in a drawn order.
+    /// A free stretch of wall of the given width, depth and heights: the middle of its back, and
+    /// the turn of a piece that stands there. Tries walls and places in a drawn order.
     fn along_a_wall(
         &mut self,
         draw: &mut Rng,
@@ -412,7 +413,8 @@ impl<'a> Furnishing<'a> {
         Some(dvec3(at.x, 0.0, at.y))
     }
 
-    /// Puts up to `share` (0 to 1) of what belongs into a room of this purpose, curtains and pictures last.
+    /// Puts up to `share` (0 to 1) of what belongs into a room of this purpose, curtains and
+    /// pictures last.
     pub(super) fn furnish(
         &mut self,
         mesh: &mut Mesh,
@@ -519,7 +521,7 @@ impl<'a> Furnishing<'a> {
     }
 }
 
-/// What a stretch of wall and the floor before it cover in plan: least and greatest (x, z).
+/// Plan extent of a stretch of wall and the floor before it: least and greatest (x, z).
 fn footprint(wall: &Wall, [from, to]: [f64; 2], depth: f64) -> [DVec2; 2] {
     let (a, b) = (wall.before(from, 0.0, 0.0), wall.before(to, 0.0, depth));
     let (low, high) = (a.min(b), a.max(b));

@@ -1,5 +1,5 @@
-//! `house`: a furnished one-storey house of 18 rooms in a garden, as cells and portals; after the Brooks House of
-//! Rafferty et al. 1998 (19 cells, 52 portals and 1,744,000 polygons; R-N3).
+//! `house`: a furnished one-storey house of 18 rooms in a garden, as cells and portals; after the
+//! Brooks House of Rafferty et al. 1998 (19 cells, 52 portals and 1,744,000 polygons; R-N3).
 
 mod floor;
 mod furnish;
@@ -20,27 +20,31 @@ use shell::{add_slab, walls};
 /// Triangles of the paper's house, near enough: what [`house`] makes by default.
 pub const HOUSE_TRIANGLES: usize = 1_744_000;
 
-/// How far a cell's space reaches below its floor and above its ceiling, metres: into the slabs, so that a point on
-/// the floor is in the room.
+/// Margin of a cell below its floor and above its ceiling, metres: into the slabs, so that a point
+/// on the floor is in the room.
 const SLAB_DEPTH: f64 = 0.05;
 
 /// Height of the eye in the suggested headbox, metres.
 const EYE: f64 = 1.5;
 
-/// A furnished one-storey house of 18 rooms and corridors with doors and windows, in a garden: 19 cells (the last is
-/// the outside) and 52 portals. The seed moves walls and doors, mirrors the plan, and chooses furniture and finishes.
+/// A furnished one-storey house of 18 rooms and corridors with doors and windows, in a garden: 19
+/// cells (the last is the outside) and 52 portals. The seed moves walls and doors, mirrors the
+/// plan, and chooses furniture and finishes.
 ///
-/// Portals lie in the middle of their wall's thickness; each cell's half of the wall, reveals included, belongs to that
-/// cell, so that a cell's own triangles and its portals close it. No triangle crosses a portal.
+/// Portals lie in the middle of their wall's thickness; each cell's half of the wall, reveals
+/// included, belongs to that cell, so that a cell's own triangles and its portals close it. No
+/// triangle crosses a portal.
 ///
-/// The house has at most `triangle_budget` triangles, and as many as whole steps of fineness allow (a few per cent
-/// less; a fifth less where there are few), by dividing walls and furniture more finely. A small budget leaves out
-/// furniture, and the bare walls (some 4,600 triangles) stand whatever the budget.
+/// The house has at most `triangle_budget` triangles, and as many as whole steps of fineness allow
+/// (a few per cent less; a fifth less where there are few), by dividing walls and furniture more
+/// finely. A small budget leaves out furniture, and the bare walls (some 4,600 triangles) stand
+/// whatever the budget.
 pub fn house(seed: u64, triangle_budget: usize) -> PortalModel {
     let plan = Floor::new(&Rng::new(seed));
     let mut mesh = Mesh::default();
     let palette = Palette::new(&mut mesh, seed);
-    // The finest step within the budget, by bisection over their numbers: finer steps have no fewer triangles.
+    // The finest step within the budget, by bisection over their numbers: finer steps have no fewer
+    // triangles.
     let (mut fits, mut too_many) = (Detail::COARSEST, Detail::FINEST + 1);
     while too_many - fits > 1 {
         let middle = (fits + too_many) / 2;

@@ -1,4 +1,4 @@
-//! What the house looks like from outside, and the garden around it.
+//! The outside of the house, and its garden.
 
 use super::floor::{Fill, Floor};
 use super::palette::Palette;
@@ -13,7 +13,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 const GROUND: f64 = -0.15;
 /// Lower and upper side of the slab under the roof.
 const SLAB: [f64; 2] = [3.1, 3.25];
-/// How far the roof stands out beyond the walls' middles.
+/// Overhang of the roof beyond the centre lines of the walls.
 const EAVES: f64 = 0.75;
 /// The garden is this much coarser than the house: grass needs fewer triangles a square metre.
 const COARSER: f64 = 8.0;
@@ -230,7 +230,8 @@ fn add_tree(
 fn add_clump(mesh: &mut Mesh, centre: DVec3, radius: f64, material: u32, seed: u64) {
     let (columns, rows) = (mesh.rounds(24), mesh.rounds(12));
     mesh.add_grid(columns, rows, material, |column, row| {
-        // The seam and the poles are exact, so that no gap opens and the triangles without area are seen to be.
+        // The seam and the poles are exact, so that no gap opens and the triangles without area are
+        // seen to be.
         let (u, v) = (
             (column % columns) as f64 / columns as f64,
             row as f64 / rows as f64,

@@ -1,8 +1,9 @@
 //! Walls with their openings, floors and ceilings.
 //!
-//! A wall is built twice, once for the cell on each side, and each half ends in the middle of its thickness: there the
-//! portal lies, and the reveals of both halves meet on its edges. Floors and ceilings reach to the middle of the walls,
-//! and walls run on a little past each other in the corners, so that no ray slips between them.
+//! A wall is built twice, once for the cell on each side, and each half ends in the middle of its
+//! thickness: there the portal lies, and the reveals of both halves meet on its edges. Floors and
+//! ceilings reach to the middle of the walls, and walls run on a little past each other in the
+//! corners, so that no ray slips between them.
 
 use super::floor::{Fill, Floor, Opening, point};
 use crate::finishes::Finishes;
@@ -10,7 +11,7 @@ use crate::furniture;
 use crate::mesh::{Mesh, Vertex};
 use glam::{DVec2, DVec3};
 
-/// How far a wall runs on beyond the corner of its room, inside the other wall: less than the thinnest half wall.
+/// Overlap of a wall with the other wall at a corner, metres: less than the thinnest half wall.
 const OVERLAP: f64 = 0.04;
 
 /// One side of a wall, as its cell sees it.
@@ -22,15 +23,16 @@ pub(super) struct Wall<'a> {
     /// Coordinates of the visible face and of the middle of the wall, on that axis.
     face: f64,
     middle: f64,
-    /// Where the visible face begins and ends, on the other axis, and its heights.
+    /// Extent of the visible face on the other axis, and its heights.
     pub(super) span: [f64; 2],
-    /// Where the walls at its ends cross it: what lies beyond is buried in them.
+    /// Extent between the walls at its ends; the rest is inside these.
     corners: [f64; 2],
     heights: [f64; 2],
     pub(super) holes: Vec<&'a Opening>,
 }
 
-/// The four walls around a rectangle of visible faces, seen from inside it (a room) or from outside (the house).
+/// The four walls around a rectangle of visible faces, seen from inside it (a room) or from outside
+/// (the house).
 pub(super) fn walls<'a>(plan: &'a Floor, cell: usize, heights: [f64; 2]) -> Vec<Wall<'a>> {
     let room = plan.rooms.get(cell);
     let inward = if room.is_some() { 1.0 } else { -1.0 };
@@ -95,7 +97,7 @@ impl Wall<'_> {
         self.at(along, y, self.face + self.toward * out)
     }
 
-    /// How a piece of furniture with its back to the wall is turned.
+    /// Rotation of a piece of furniture with its back to the wall.
     pub(super) fn turn(&self) -> f64 {
         let normal = self.normal();
         normal.x.atan2(normal.z)
@@ -172,7 +174,8 @@ impl Wall<'_> {
         }
     }
 
-    /// This half of the reveals of an opening, with a sill unless the cell's own floor runs on through it.
+    /// This half of the reveals of an opening, with a sill unless the cell's own floor runs on
+    /// through it.
     pub(super) fn add_reveals(
         &self,
         mesh: &mut Mesh,
@@ -252,7 +255,8 @@ impl Wall<'_> {
         match hole.fill {
             Fill::Window => self.add_window(mesh, hole, finishes.lacquer),
             Fill::Leaf if hole.cells[0] == cell => {
-                // Hinged at the end that is nearer to a corner of the room, and open at a right angle.
+                // Hinged at the end that is nearer to a corner of the room, and open at a right
+                // angle.
                 let at_start = from - self.span[0] < self.span[1] - to;
                 let hinge = if at_start { from - 0.045 } else { to + 0.005 };
                 let leaf = furniture::DoorLeaf {
@@ -324,9 +328,9 @@ impl Wall<'_> {
     }
 }
 
-/// A floor (its front up) or a ceiling (its front down) of a room at height `y`, out to the middle of its walls. What
-/// lies under the walls has vertices of its own, and so has what lies in each opening: light baked into vertices must
-/// not be shared between what is seen and what is buried.
+/// A floor (its front up) or a ceiling (its front down) of a room at height `y`, out to the middle
+/// of its walls. What lies under the walls has vertices of its own, and so has what lies in each
+/// opening: light baked into vertices must not be shared between what is seen and what is buried.
 pub(super) fn add_slab(
     mesh: &mut Mesh,
     plan: &Floor,
@@ -347,7 +351,8 @@ pub(super) fn add_slab(
         ];
         [[low, inner[0]], inner, [inner[1], high]]
     });
-    // The stretches of a band along one axis, cut at the openings in the wall that it follows on the other.
+    // The stretches of a band along one axis, cut at the openings in the wall that it follows on
+    // the other.
     let stretches = |axis: usize, band: usize, wall: usize| {
         let [from, to] = bands[axis][band];
         let plane = [room.low, room.high][wall / 2][1 - axis];

@@ -133,7 +133,8 @@ impl Window {
     }
 }
 
-/// A wall from `corner` along `right` (unit), papered inside, with windows in ascending order; and its skirting board.
+/// A wall from `corner` along `right` (unit), papered inside, with windows in ascending order; and
+/// its skirting board.
 fn add_wall(
     mesh: &mut Mesh,
     corner: DVec3,
@@ -181,7 +182,8 @@ fn add_wall(
     );
 }
 
-/// The reveal of an opening, its sill, and a frame with a cross of bars; the panes are too clear to be seen.
+/// The reveal of an opening, its sill, and a frame with a cross of bars; the panes are too clear to
+/// be seen.
 fn add_window(mesh: &mut Mesh, corner: DVec3, right: DVec3, window: Window, finishes: &Finishes) {
     let out = DVec3::Y.cross(right);
     let Window {

@@ -1,5 +1,5 @@
-//! Sections of our files as they lie on disk, mapped into memory: what is not looked at is not read, and what is can be let go of by the
-//! system at any time.
+//! Sections of our files as they lie on disk, mapped into memory: what is not looked at is not
+//! read, and what is can be let go of by the system at any time.
 
 use memmap2::Mmap;
 use std::fs::File;
@@ -7,7 +7,8 @@ use std::io;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A mapped section. Its checksum is not verified, which would be to read it: what is read of it may need one of its own.
+/// A mapped section. Its checksum is not verified, which would be to read it: what is read of it
+/// may need one of its own.
 #[derive(Clone, Debug)]
 pub struct MappedSection {
     map: Arc<Mmap>,
@@ -15,7 +16,7 @@ pub struct MappedSection {
 }
 
 impl MappedSection {
-    /// Of a mapped file.
+    /// Bytes of a mapped file.
     pub(super) fn new(map: Arc<Mmap>, bytes: Range<usize>) -> Self {
         Self { map, bytes }
     }
@@ -31,8 +32,9 @@ impl MappedSection {
 
 /// Maps a file of ours.
 pub(super) fn map(file: &File) -> io::Result<Arc<Mmap>> {
-    // SAFETY: our files are written under another name and renamed once they are whole; nothing of ours changes one afterwards.
-    // What is looked up in them are plain values, of which any bytes are one.
+    // SAFETY: our files are written under another name and renamed once they are whole; nothing of
+    // ours changes one afterwards. What is looked up in them are plain values, of which any bytes
+    // are one.
     let map = unsafe { Mmap::map(file) };
     map.map(Arc::new)
 }

@@ -1,4 +1,5 @@
-//! The frame of all our binary files: a kind, a version, and named sections with lengths and checksums.
+//! Container of all our binary files: a kind, a version, and named sections with lengths and
+//! checksums.
 //!
 //! ```text
 //! offset  size  what
@@ -11,7 +12,8 @@
 //! ...           sections, each at a multiple of 64 bytes
 //! ```
 //!
-//! Everything is little-endian. A reader trusts no number before it has checked it against the length of the file.
+//! Everything is little-endian. A reader trusts no number before it has checked it against the
+//! length of the file.
 
 mod mapped;
 #[cfg(test)]
@@ -37,12 +39,12 @@ const NAME_BYTES: usize = 12;
 const ALIGNMENT: usize = 64;
 const MAX_SECTIONS: usize = 4096;
 
-/// What kind of content a file holds.
+/// Kind of content of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FileKind {
     /// Four characters in the header.
     pub tag: [u8; 4],
-    /// What the user calls it.
+    /// Name shown to the user.
     pub name: &'static str,
     /// The version that this program writes.
     pub version: u32,
@@ -86,35 +88,35 @@ impl FileKind {
         version: 1,
         oldest: 1,
     };
-    /// Ray-traced frames that reports keep.
+    /// Cached ray-traced frames of reports.
     pub const TRUTH: Self = Self {
         tag: *b"trth",
         name: "truth frame",
         version: 1,
         oldest: 1,
     };
-    /// Samples of depth images that view-dependent geometry keeps.
+    /// Cached samples of depth images.
     pub const SAMPLES: Self = Self {
         tag: *b"smpl",
         name: "samples",
         version: 2,
         oldest: 2,
     };
-    /// How views of image sets are registered, which is kept.
+    /// Cached registration of an image set.
     pub const REGISTRATION: Self = Self {
         tag: *b"regi",
         name: "registration",
         version: 1,
         oldest: 1,
     };
-    /// Refined poses of image sets, which are kept.
+    /// Cached refined poses of an image set.
     pub const POSES: Self = Self {
         tag: *b"pose",
         name: "poses",
         version: 1,
         oldest: 1,
     };
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 9] = [
         Self::CUBE_LDI,
         Self::SHARD,
@@ -128,8 +130,8 @@ impl FileKind {
     ];
 }
 
-/// How a file that is none of ours can be used.
-fn what_to_do(path: &Path) -> String {
+/// Suggests how a foreign file can be used.
+fn advice_for(path: &Path) -> String {
     let ending = path
         .extension()
         .unwrap_or_default()
@@ -147,7 +149,7 @@ fn what_to_do(path: &Path) -> String {
         home if HOMES.contains(&home) => {
             let house = path.with_extension("house");
             format!(
-                "it is a home: make a house of it first, with headbox house {} -o {}",
+                "it is a home: convert it first, with headbox house {} -o {}",
                 path.display(),
                 house.display()
             )
@@ -156,70 +158,70 @@ fn what_to_do(path: &Path) -> String {
     }
 }
 
-/// Why one of our files could not be read or written.
+/// Error of reading or writing one of our files.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
-    /// The operating system said no.
+    /// I/O error.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// Its words.
+        /// Cause.
         source: io::Error,
     },
-    /// The file does not start as ours do.
-    #[error("{}: not a headbox file (it does not begin with \"HEADBOX\"); {}", path.display(), what_to_do(path))]
+    /// Not one of our files.
+    #[error("{}: not a headbox file (it does not begin with \"HEADBOX\"); {}", path.display(), advice_for(path))]
     NotOurs {
         /// The file.
         path: PathBuf,
     },
-    /// A headbox file, but of another kind.
+    /// One of our files, of another kind.
     #[error("{}: it is {found}, where a {expected} is expected", path.display())]
     OtherKind {
         /// The file.
         path: PathBuf,
-        /// What was wanted.
+        /// Expected kind.
         expected: &'static str,
-        /// What is there.
+        /// Actual kind.
         found: String,
     },
-    /// Written by a program of another age.
+    /// Unsupported version.
     #[error("{}: version {found} of the {kind} format; this program reads version {expected}", path.display())]
     Version {
         /// The file.
         path: PathBuf,
-        /// What the file is.
+        /// Kind of the file.
         kind: &'static str,
-        /// What this program reads.
+        /// Newest version that this program reads.
         expected: u32,
-        /// What the file says.
+        /// Version of the file.
         found: u32,
     },
-    /// A part of the file is not what it must be.
-    #[error("{}: section \"{section}\" is damaged: expected {expected}, found {found}; copy it anew, or make it again", path.display())]
+    /// Damaged section.
+    #[error("{}: section \"{section}\" is damaged: expected {expected}, found {found}; copy the file again or recreate it", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// The part.
+        /// Name of the section.
         section: String,
-        /// What must hold.
+        /// Expected content.
         expected: String,
-        /// What was there.
+        /// Actual content.
         found: String,
     },
 }
 
-/// Makes the bytes of a section when its turn comes.
+/// Deferred bytes of a section.
 type SectionBytes<'a> = Box<dyn FnOnce() -> io::Result<Vec<u8>> + 'a>;
 
-/// A file being put together.
+/// Writer of a container file.
 pub struct ContainerWriter<'a> {
     kind: FileKind,
     sections: Vec<(&'a str, SectionBytes<'a>)>,
 }
 
 impl<'a> ContainerWriter<'a> {
-    /// An empty file of a kind.
+    /// Creates an empty file of a kind.
     pub fn new(kind: FileKind) -> Self {
         Self {
             kind,
@@ -227,13 +229,13 @@ impl<'a> ContainerWriter<'a> {
         }
     }
 
-    /// Adds a section. Its name is at most 12 bytes long, which [`Self::write`] checks; `bytes` is called while the
-    /// file is written, so that only one section at a time is in memory.
+    /// Adds a section. Its name is at most 12 bytes long, which [`Self::write`] checks; `bytes` is
+    /// called while the file is written, so that only one section at a time is in memory.
     pub fn section(&mut self, name: &'a str, bytes: impl FnOnce() -> io::Result<Vec<u8>> + 'a) {
         self.sections.push((name, Box::new(bytes)));
     }
 
-    /// Writes the file, whole or not at all.
+    /// Writes the file, completely or not at all.
     ///
     /// # Errors
     /// [`FileError::Io`].
@@ -278,7 +280,7 @@ impl<'a> ContainerWriter<'a> {
     }
 }
 
-/// A file that has been opened and whose table has been checked; sections are read when asked for.
+/// Open container file whose section table was checked. Sections are read on demand.
 pub struct Container {
     path: PathBuf,
     file: Mutex<File>,
@@ -294,7 +296,7 @@ struct Entry {
 }
 
 impl Container {
-    /// Opens a file of the wanted kind.
+    /// Opens a file of the given kind.
     ///
     /// # Errors
     /// See [`FileError`].
@@ -340,10 +342,7 @@ impl Container {
             .map(|s| s.start + s.length)
             .fold((HEADER_BYTES + table.len()) as u64, u64::max);
         if length > end {
-            let found = format!(
-                "{} bytes more, which no program of ours has written",
-                length - end
-            );
+            let found = format!("{} more bytes", length - end);
             return Err(header_damaged(
                 path,
                 format!("a file of {end} bytes"),
@@ -358,7 +357,7 @@ impl Container {
         })
     }
 
-    /// The kind tag of a headbox file, or `None` if it is none of ours.
+    /// Reads the kind tag of a file; `None` if it is not one of ours.
     ///
     /// # Errors
     /// If the file cannot be opened.
@@ -370,12 +369,12 @@ impl Container {
             .and_then(|rest| rest.try_into().ok()))
     }
 
-    /// Bytes of the whole file.
+    /// Size of the file, bytes.
     pub fn bytes(&self) -> u64 {
         self.length
     }
 
-    /// Some sections, mapped into memory.
+    /// Maps sections into memory.
     ///
     /// # Errors
     /// [`FileError::Damaged`] if one is absent, [`FileError::Io`] if the file cannot be mapped.
@@ -415,10 +414,11 @@ impl Container {
             })
     }
 
-    /// A section, its checksum verified.
+    /// Reads a section and verifies its checksum.
     ///
     /// # Errors
-    /// [`FileError::Damaged`] if it is absent or does not match its checksum, [`FileError::Io`] if it cannot be read.
+    /// [`FileError::Damaged`] if it is absent or does not match its checksum, [`FileError::Io`] if
+    /// it cannot be read.
     pub fn section(&self, name: &str) -> Result<Section, FileError> {
         let section = |bytes| Section {
             path: self.path.clone(),
@@ -464,7 +464,7 @@ fn header_damaged(path: &Path, expected: impl Into<String>, found: impl Into<Str
     }
 }
 
-/// Checks magic, kind and version; the number of sections.
+/// Checks magic, kind and version; returns the number of sections.
 fn check_header(path: &Path, header: &[u8], kind: FileKind) -> Result<usize, FileError> {
     if !header.starts_with(&MAGIC) {
         return Err(FileError::NotOurs { path: path.into() });
@@ -484,7 +484,7 @@ fn check_header(path: &Path, header: &[u8], kind: FileKind) -> Result<usize, Fil
             .map_or_else(
                 || {
                     format!(
-                        "a headbox file of a kind that this program does not know (\"{}\")",
+                        "a headbox file of an unknown kind (\"{}\")",
                         tag.escape_ascii()
                     )
                 },
@@ -546,7 +546,7 @@ fn check_entry(path: &Path, entry: &[u8], file_length: u64) -> Result<Entry, Fil
     })
 }
 
-/// The bytes of a section, read from the beginning.
+/// Bytes of a section, with a read position.
 pub struct Section {
     path: PathBuf,
     name: String,
@@ -555,7 +555,7 @@ pub struct Section {
 }
 
 impl Section {
-    /// The error that this section is not as it must be.
+    /// Creates the error of a damaged section.
     pub fn damaged(&self, expected: impl Into<String>, found: impl Into<String>) -> FileError {
         FileError::Damaged {
             path: self.path.clone(),
@@ -565,7 +565,7 @@ impl Section {
         }
     }
 
-    /// The next `count` values; their length is checked before anything is allocated.
+    /// Reads the next `count` values; their length is checked before memory is allocated.
     ///
     /// # Errors
     /// [`FileError::Damaged`] if the section ends before.
@@ -585,7 +585,7 @@ impl Section {
         Ok(values)
     }
 
-    /// The next `N` values.
+    /// Reads the next `N` values.
     ///
     /// # Errors
     /// [`FileError::Damaged`] if the section ends before.
@@ -596,19 +596,19 @@ impl Section {
             .map_err(|_| self.damaged(format!("{N} values"), "fewer"))
     }
 
-    /// The whole section as JSON.
+    /// Parses the whole section as JSON.
     ///
     /// # Errors
-    /// [`FileError::Damaged`] with the parser's words.
+    /// [`FileError::Damaged`] with the parser's message.
     pub fn json<T: serde::de::DeserializeOwned>(&self) -> Result<T, FileError> {
         serde_json::from_slice(&self.bytes)
             .map_err(|error| self.damaged("JSON of this version", error.to_string()))
     }
 
-    /// Checks that nothing is left.
+    /// Checks that the section was read to its end.
     ///
     /// # Errors
-    /// [`FileError::Damaged`] if something is.
+    /// [`FileError::Damaged`] if bytes remain.
     pub fn end(&self) -> Result<(), FileError> {
         let rest = self.bytes.len() - self.at;
         if rest == 0 {

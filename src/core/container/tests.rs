@@ -54,7 +54,8 @@ fn every_flipped_bit_and_every_truncation_is_found() {
         file.section("numbers")?.array::<u32>(3)
     };
     assert!(readable(&good).is_ok());
-    // Between the table and the first section, and behind its 12 bytes, there is padding up to a multiple of 64.
+    // Between the table and the first section, and behind its 12 bytes, there is padding up to a
+    // multiple of 64.
     let padding =
         |byte: usize| (HEADER_BYTES + 2 * ENTRY_BYTES..128).contains(&byte) || byte >= 128 + 12;
     for byte in (0..good.len()).filter(|&byte| !padding(byte)) {

@@ -23,7 +23,8 @@ pub struct TextStyle {
     pub halo: bool,
 }
 
-/// An SVG file under construction. Lengths are pixels, y points down; later shapes cover earlier ones.
+/// An SVG file under construction. Lengths are pixels, y points down; later shapes cover earlier
+/// ones.
 pub struct Svg(String);
 
 impl Svg {
@@ -130,8 +131,8 @@ fn hex([r, g, b]: Color) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Returns the width of a line of text, pixels, in DejaVu Sans, the widest of the usual sans-serif fonts: text laid out by it
-/// overlaps nothing on any system.
+/// Returns the width of a line of text, pixels, in DejaVu Sans, the widest of the usual sans-serif
+/// fonts: text laid out by it overlaps nothing on any system.
 pub fn text_width(text: &str, size: f64) -> f64 {
     let em = |character: char| match character {
         'i' | 'j' | 'l' | '\'' | '|' => 0.3,

@@ -1,8 +1,9 @@
 //! Sixteen neighbouring pixels of a frame's row, looked up at once.
 //!
-//! Along a row directions are linear in the column, and a face of the cube map is a plane: the row runs over it along a straight
-//! line, projectively. So right, up and depth on the face are linear in the column too, and a reciprocal is all that a pixel
-//! adds to them. Few runs of sixteen pixels lie on two faces; those are done face by face.
+//! Along a row directions are linear in the column, and a face of the cube map is a plane: the row
+//! runs over it along a straight line, projectively. So right, up and depth on the face are linear
+//! in the column too, and a reciprocal is all that a pixel adds to them. Few runs of sixteen pixels
+//! lie on two faces; those are done face by face.
 
 use crate::cube_face::Face;
 use crate::environment::Environment;
@@ -15,7 +16,7 @@ const LANE_NUMBERS: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
 ];
 
-/// Where lanes meet a face.
+/// Intersections of the lanes' directions with a face.
 struct OnFace<S: Simd> {
     /// The four texels around lie on the face.
     inside: mask32x16<S>,
@@ -27,8 +28,9 @@ struct OnFace<S: Simd> {
 }
 
 impl Environment {
-    /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`] finds them, with alpha 255; alpha 0
-    /// for none. Those whose bit in `wanted` is not set may be anything.
+    /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`]
+    /// finds them, with alpha 255; alpha 0 for none. Those whose bit in `wanted` is not set may be
+    /// anything.
     #[inline(always)]
     pub fn sample_sixteen<S: Simd>(
         &self,
@@ -99,7 +101,7 @@ impl Environment {
         done
     }
 
-    /// Where the directions `start + i * step` meet a face.
+    /// Intersects the directions `start + i * step` with a face.
     #[inline(always)]
     fn locate_on_face<S: Simd>(&self, simd: S, face: Face, start: Vec3, step: Vec3) -> OnFace<S> {
         let ([right, up, depth], [right_step, up_step, depth_step]) =
@@ -128,8 +130,8 @@ impl Environment {
         }
     }
 
-    /// [`Self::between_four`] for sixteen indices at a time, with the alpha of the texels, 255 or 0; wrong where some are known
-    /// and others are not. The mask says where they are alike.
+    /// [`Self::between_four`] for sixteen indices at a time, with the alpha of the texels, 255 or
+    /// 0; wrong where some are known and others are not. The mask says where they are alike.
     #[inline(always)]
     fn between_sixty_four<S: Simd>(&self, on_face: &OnFace<S>) -> (u32x16<S>, mask32x16<S>) {
         let &OnFace { first, u, v, .. } = on_face;

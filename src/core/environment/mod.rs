@@ -34,8 +34,8 @@ pub enum EnvironmentError {
 pub struct Environment {
     /// Texels a side of each face; 0 if no ray ever left the scene (then `texels` is empty).
     pub size_px: u32,
-    /// Six faces in the order of [`Face::ALL`], row-major, row 0 on top: sRGB, and alpha 255 where a real miss reached
-    /// the texel, 0 where none did.
+    /// Six faces in the order of [`Face::ALL`], row-major, row 0 on top: sRGB, and alpha 255 where
+    /// a real miss reached the texel, 0 where none did.
     pub texels: Vec<[u8; 4]>,
 }
 
@@ -84,8 +84,9 @@ impl Environment {
         }
     }
 
-    /// Renders `radiance` (stored sRGB by unit direction, the mean of the directions given) into faces of `size_px` texels;
-    /// each texel is the mean of `side` x `side` directions, and its alpha is 255 where `reached(texel index)` is true.
+    /// Renders `radiance` (stored sRGB by unit direction, the mean of the directions given) into
+    /// faces of `size_px` texels; each texel is the mean of `side` x `side` directions, and its
+    /// alpha is 255 where `reached(texel index)` is true.
     pub fn from_radiance(
         size_px: u32,
         side: u32,
@@ -114,8 +115,9 @@ impl Environment {
         }
     }
 
-    /// Bilinear sample of the cube map in a direction (world axes, any length), sRGB. Texels that no miss reached have
-    /// no part in it; `None` if that leaves none (or the direction is not finite).
+    /// Bilinear sample of the cube map in a direction (world axes, any length), sRGB. Texels that
+    /// no miss reached have no part in it; `None` if that leaves none (or the direction is not
+    /// finite).
     pub fn sample(&self, direction: Vec3) -> Option<[u8; 3]> {
         if self.size_px == 0 || !direction.is_finite() || direction == Vec3::ZERO {
             return None;
@@ -139,8 +141,8 @@ impl Environment {
         }
     }
 
-    /// Between the texels of index `first` and right of it, and the two below, at distances in 1/256 from the first. All four
-    /// lie on one face.
+    /// Between the texels of index `first` and right of it, and the two below, at distances in
+    /// 1/256 from the first. All four lie on one face.
     #[inline(always)]
     fn between_four(&self, first: usize, [u, v]: [u32; 2]) -> Option<[u8; 3]> {
         let size = self.size_px as usize;
@@ -192,7 +194,8 @@ impl Environment {
         (total > 1e-6).then(|| sum.map(|s| (s / total + 0.5) as u8))
     }
 
-    /// Texel (x, y) of a face; one step beyond its border, the texel of the neighbouring face that lies there.
+    /// Texel (x, y) of a face; one step beyond its border, the texel of the neighbouring face that
+    /// lies there.
     fn texel(&self, face: Face, x: i64, y: i64) -> Option<[u8; 4]> {
         let size = i64::from(self.size_px);
         let at = |face: Face, x: i64, y: i64| {
@@ -237,8 +240,9 @@ pub(super) mod tests {
             [c(d.x), c(d.y), c(d.z), 255]
         };
         let environment = by_direction(32, ramp);
-        // One texel of 32 spans up to 1/16 of a unit: linear interpolation of a sine errs by less than 2 levels; at
-        // the border of a face the neighbour's texels are not on the same grid, which costs up to half a texel, 4.
+        // One texel of 32 spans up to 1/16 of a unit: linear interpolation of a sine errs by less
+        // than 2 levels; at the border of a face the neighbour's texels are not on the same grid,
+        // which costs up to half a texel, 4.
         const LEVELS: i32 = 5;
         for i in 0..5000 {
             let (a, z) = (

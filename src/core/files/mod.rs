@@ -1,4 +1,4 @@
-//! Where results go: the one rule by which every file is written.
+//! Output files: the one rule by which every file is written.
 //!
 //! | at the path is | what happens |
 //! |---|---|
@@ -9,7 +9,8 @@
 //! | `-` | the same, to standard output |
 //! | a folder, a block device, a socket | refused |
 //!
-//! On any error, and when the process is interrupted, the old file stays as it was and no half of a new one is left.
+//! On any error, and when the process is interrupted, the old file stays as it was and no half of a
+//! new one is left.
 
 #[cfg(test)]
 mod tests;
@@ -37,7 +38,7 @@ fn lock<T>(mutex: &'static Mutex<T>) -> MutexGuard<'static, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What an output path leads to.
+/// Target of an output path.
 #[derive(Debug)]
 enum Target {
     /// A regular file, or none yet: its own path behind all links, and the permissions to keep.
@@ -47,18 +48,19 @@ enum Target {
     StandardOutput,
 }
 
-/// Whether what is written to `path` is streamed, so that its name says nothing about a format.
+/// Returns true if output to `path` is streamed, so that its name implies no format.
 ///
 /// # Errors
-/// As for [`check`], but for inputs and permissions.
+/// Same as [`check`], without inputs and permissions.
 pub fn is_stream(path: &Path) -> io::Result<bool> {
     Ok(!matches!(target(path)?, Target::File(..)))
 }
 
-/// Checks, before any work is done, that [`write_whole`] will find nothing to refuse at `path`. Makes nothing.
+/// Checks, before any work is done, that [`write_whole`] will find nothing to refuse at `path`.
+/// Makes nothing.
 ///
 /// # Errors
-/// What [`write_whole`] would report.
+/// Error that [`write_whole`] would return.
 pub fn check(path: &Path) -> io::Result<()> {
     let Target::File(path, permissions) = target(path)? else {
         return Ok(());
@@ -92,8 +94,8 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
         .map_err(|error| about_folder(nearest, &error))
 }
 
-/// Declares `path` an input of this process: [`write_whole`] refuses to write to the same file, by whatever name (links,
-/// hard links, other spellings). Does nothing if there is no such file.
+/// Declares `path` an input of this process: [`write_whole`] refuses to write to the same file, by
+/// whatever name (links, hard links, other spellings). Does nothing if there is no such file.
 pub fn protect_input(path: &Path) {
     if let Some(identity) = fs::metadata(path)
         .ok()
@@ -106,8 +108,8 @@ pub fn protect_input(path: &Path) {
 /// Writes a file through `write`, by the rule of this module.
 ///
 /// # Errors
-/// Whatever creating, writing, syncing or renaming reports; [`io::ErrorKind::InvalidInput`] for what the rule refuses. No
-/// message contains a temporary name.
+/// Whatever creating, writing, syncing or renaming reports; [`io::ErrorKind::InvalidInput`] for
+/// what the rule refuses. No message contains a temporary name.
 pub fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
@@ -116,7 +118,8 @@ pub fn write_whole(
         Target::File(path, permissions) => replace(&path, permissions, write),
         Target::Stream(path) => {
             let mut whole = spool(write)?;
-            // Not created: the device or FIFO may have gone, and a regular file in its place would be a surprise.
+            // Not created: the device or FIFO may have gone, and a regular file in its place would
+            // be a surprise.
             let mut stream = OpenOptions::new().write(true).open(path)?;
             io::copy(&mut whole, &mut stream)?;
             stream.flush()
@@ -184,7 +187,8 @@ fn target(path: &Path) -> io::Result<Target> {
     }
 }
 
-/// Names of open file descriptors: the file behind one is its owner's to replace, and we write where the owner has got to.
+/// Names of open file descriptors: the file behind one is its owner's to replace, and we write
+/// where the owner has got to.
 fn names_descriptor(path: &Path) -> bool {
     let is = |name: &str| path == Path::new(name);
     is("/dev/stdout")
@@ -193,7 +197,7 @@ fn names_descriptor(path: &Path) -> bool {
         || path.starts_with("/proc")
 }
 
-/// Where a path leads that ends nowhere: behind all links, or the path itself.
+/// Target of a path that does not exist: behind all links, or the path itself.
 fn end_of_links(path: &Path) -> io::Result<PathBuf> {
     let mut end = path.to_path_buf();
     for _ in 0..MAX_LINKS {
@@ -216,7 +220,7 @@ fn takes_a_stream(_: &Metadata) -> bool {
     false
 }
 
-/// What makes two names the same file: device and inode.
+/// Identity of a file: device and inode.
 #[cfg(unix)]
 type Identity = (u64, u64);
 
@@ -226,7 +230,7 @@ fn identity(_: &Path, found: &Metadata) -> Option<Identity> {
     found.is_file().then(|| (found.dev(), found.ino()))
 }
 
-/// What makes two names the same file, as far as the standard library tells: the path behind all links.
+/// Identity of a file, as far as the standard library provides one: the path behind all links.
 #[cfg(not(unix))]
 type Identity = PathBuf;
 
@@ -245,7 +249,8 @@ fn refuse_input(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Whether a declared input still is the file of this identity: once it is deleted, another file may be given its inode.
+/// Returns true if a declared input still has this identity: after it is deleted, its inode may be
+/// reused.
 fn is_input(wanted: &Identity) -> bool {
     let declared = lock(&INPUTS).get(wanted).cloned();
     declared.is_some_and(|path| {

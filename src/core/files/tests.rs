@@ -93,7 +93,8 @@ fn inputs_are_refused_by_whatever_name() {
     put(&at("other.obj"), "x").unwrap();
 }
 
-/// Inodes are used again: what was an input once protects no other file that comes to have its identity.
+/// Inodes are used again: what was an input once protects no other file that comes to have its
+/// identity.
 #[test]
 fn an_input_that_is_gone_protects_nothing() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What metrics ask of images and of who looks at them.
+//! Checks of the inputs of metrics: image sizes and viewing conditions.
 
 use image::RgbImage;
 

@@ -1,6 +1,7 @@
 //! The magma color map, in which FLIP maps are shown.
 //!
-//! By Nathaniel J. Smith and Stefan van der Walt (2015), released under CC0; here rounded to 8 bits.
+//! By Nathaniel J. Smith and Stefan van der Walt (2015), released under CC0; here rounded to 8
+//! bits.
 
 use image::Rgb;
 

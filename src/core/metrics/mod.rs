@@ -1,7 +1,7 @@
-//! How far a frame is from its truth: FLIP, PSNR, SSIM and the share of differing pixels.
+//! Image metrics: FLIP, PSNR, SSIM and the share of differing pixels.
 //!
-//! All metrics take 8-bit sRGB images of equal size and are deterministic: the same images give the same figures on
-//! any number of threads and at every SIMD level.
+//! All metrics take 8-bit sRGB images of equal size and are deterministic: the same images give the
+//! same figures on any number of threads and at every SIMD level.
 //!
 //! ```
 //! use image::{Rgb, RgbImage};
@@ -43,14 +43,17 @@ pub struct Comparison {
     pub differing_fraction: f64,
 }
 
-/// JSON has no infinity: an infinite figure is written as `null` and read back as positive infinity.
+/// JSON has no infinity: an infinite figure is written as `null` and read back as positive
+/// infinity.
 pub mod infinite_as_null {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+    /// Writes infinity as null.
     pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
         value.is_finite().then_some(*value).serialize(serializer)
     }
 
+    /// Reads null as infinity.
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
         Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
     }
@@ -64,7 +67,7 @@ pub fn compare(reference: &RgbImage, test: &RgbImage) -> Result<Comparison, Metr
     compare_with_map(reference, test).map(|(comparison, _)| comparison)
 }
 
-/// As [`compare`], and the FLIP map that the mean was taken of.
+/// Same as [`compare`]; also returns the FLIP map.
 ///
 /// # Errors
 /// When the sizes differ or the images have no pixels.
@@ -82,8 +85,8 @@ pub fn compare_with_map(
     Ok((comparison, map))
 }
 
-/// Peak signal-to-noise ratio over the 8-bit sRGB values of all channels, dB: `10 log10(255^2 / mean squared error)`.
-/// Infinite for equal images.
+/// Peak signal-to-noise ratio over the 8-bit sRGB values of all channels, dB: `10 log10(255^2 /
+/// mean squared error)`. Infinite for equal images.
 ///
 /// # Errors
 /// When the sizes differ or the images have no pixels.

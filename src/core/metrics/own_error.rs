@@ -4,7 +4,7 @@ use super::comparable::{MetricError, SCAN_BYTES, check_sizes};
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// What an image is off by, with no noise of the reference in it.
+/// Error of an image, without the noise of the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OwnError {
     /// Mean squared error of values in 0..=1; as an estimate it may come out below 0.
@@ -13,8 +13,9 @@ pub struct OwnError {
     pub standard_error: f64,
 }
 
-/// How far an image is from what two noisy references are noisy about, if their noises have nothing to do with each other: the mean of the
-/// products of its differences from one and from the other, to which noise adds nothing, where to the mean square of either it adds its own.
+/// Estimates the error of an image against the mean of two references with independent noise: the
+/// mean product of its differences from both. Their noise adds nothing to that, whereas the mean
+/// square of either difference would contain its noise.
 ///
 /// # Errors
 /// When the sizes differ or the images have no pixels.
@@ -55,7 +56,7 @@ mod tests {
     use image::Rgb;
 
     #[test]
-    fn noise_of_references_adds_nothing_to_an_own_error() {
+    fn own_error_excludes_reference_noise() {
         let mut rng = Rng::new(7);
         let mut noisy = || {
             RgbImage::from_fn(64, 48, |_, _| {

@@ -1,8 +1,9 @@
 //! Mean structural similarity with Gaussian windows.
 //!
-//! Z. Wang, A. C. Bovik, H. R. Sheikh, E. P. Simoncelli, "Image Quality Assessment: From Error Visibility to Structural
-//! Similarity", 2004, as scikit-image computes it with `gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
-//! data_range=255, channel_axis=-1`: windows of 11x11 pixels, the mean over red, green and blue on sRGB values.
+//! Z. Wang, A. C. Bovik, H. R. Sheikh, E. P. Simoncelli, "Image Quality Assessment: From Error
+//! Visibility to Structural Similarity", 2004, as scikit-image computes it with
+//! `gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=255,
+//! channel_axis=-1`: windows of 11x11 pixels, the mean over red, green and blue on sRGB values.
 
 use fearless_simd::Level;
 use image::RgbImage;
@@ -21,14 +22,14 @@ const STABLE_MEAN: f64 = 0.01 * 255.0 * 0.01 * 255.0;
 const STABLE_VARIANCE: f64 = 0.03 * 255.0 * 0.03 * 255.0;
 /// Rows that one task computes.
 const BAND_ROWS: usize = 64;
-/// What is averaged over windows: both values, the sum of their squares, and their product.
+/// Quantities averaged over windows: both values, the sum of their squares, and their product.
 const MOMENTS: usize = 4;
 
 /// Mean structural similarity of two images: 1 for equal ones, possibly negative for opposite ones.
 ///
-/// The mean is taken over the windows that lie inside the image. Where the image is smaller than a window in a
-/// direction there is none, and windows about every pixel are taken in that direction, over the image reflected at its
-/// borders (scikit-image refuses such images).
+/// The mean is taken over the windows that lie inside the image. Where the image is smaller than a
+/// window in a direction there is none, and windows about every pixel are taken in that direction,
+/// over the image reflected at its borders (scikit-image refuses such images).
 ///
 /// # Errors
 /// When the sizes differ or the images have no pixels.
@@ -68,7 +69,7 @@ fn ssim_at(level: Level, reference: &RgbImage, test: &RgbImage) -> f64 {
 
 type Range = std::ops::Range<usize>;
 
-/// Where the centres of windows lie along an axis of the image.
+/// Centres of the windows along an axis of the image.
 fn window_centers(len: usize) -> Range {
     if len > 2 * RADIUS {
         RADIUS..len - RADIUS
@@ -147,7 +148,8 @@ impl Channel<'_> {
     }
 }
 
-/// The structural similarity of a window, from its means: of both values, of the sum of squares, of the product.
+/// The structural similarity of a window, from its means: of both values, of the sum of squares, of
+/// the product.
 fn similarity(a: f64, b: f64, squares: f64, products: f64) -> f64 {
     let (mean_product, mean_squares) = (a * b, a * a + b * b);
     let covariance = products - mean_product;
@@ -156,7 +158,8 @@ fn similarity(a: f64, b: f64, squares: f64, products: f64) -> f64 {
         / ((mean_squares + STABLE_MEAN) * (variances + STABLE_VARIANCE))
 }
 
-/// The index that stands for `i` when 0..len is reflected at its borders, which belong to the image: 1 0 | 0 1 2 | 2 1.
+/// The index that stands for `i` when 0..len is reflected at its borders, which belong to the
+/// image: 1 0 | 0 1 2 | 2 1.
 fn reflected(i: isize, len: usize) -> usize {
     let period = 2 * len;
     let i = i.rem_euclid(period as isize) as usize;

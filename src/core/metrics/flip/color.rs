@@ -1,8 +1,9 @@
 //! Color in FLIP, and the error of a row.
 //!
-//! The paper blurs in YCxCz, which is linear in XYZ over the white point but for the scales 116, 500 and 200 and an
-//! offset. Since the filters are linear and sum to 1, scales and offset are left out here: *opponent color* is
-//! luminance Y, red-green X - Y and blue-yellow Y - Z, with X, Y, Z relative to white.
+//! The paper blurs in YCxCz, which is linear in XYZ over the white point but for the scales 116,
+//! 500 and 200 and an offset. Since the filters are linear and sum to 1, scales and offset are left
+//! out here: *opponent color* is luminance Y, red-green X - Y and blue-yellow Y - Z, with X, Y, Z
+//! relative to white.
 
 use fearless_simd::{Level, dispatch, prelude::*};
 use glam::{DMat3, DVec3};
@@ -12,7 +13,8 @@ use crate::color::linear_from_srgb8;
 
 /// Exponent of the color difference (q_c).
 const COLOR_EXPONENT: f32 = 0.7;
-/// Color differences below this share of the largest one (p_c) are stretched over 0..[`KNEE`] (p_t).
+/// Color differences below this share of the largest one (p_c) are stretched over 0..[`KNEE`]
+/// (p_t).
 const KNEE_SHARE: f32 = 0.4;
 const KNEE: f32 = 0.95;
 
@@ -35,7 +37,7 @@ const XYZ_FROM_RGB: DMat3 = DMat3::from_cols(
     ),
 );
 
-/// What the eye makes out of a row: planes of padded rows.
+/// Row filtered by the contrast sensitivity of the eye: planes of padded rows.
 pub(super) struct Seen {
     /// Blurred opponent color: luminance, red-green, blue-yellow.
     pub(super) opponent: [Vec<f32>; 3],
@@ -48,10 +50,11 @@ pub(super) struct Seen {
 /// Three values of each of a vector of pixels.
 type Triple<V> = [V; 3];
 
-/// The conversions between sRGB, linear RGB, opponent color and XYZ relative to white; rows of matrices.
+/// The conversions between sRGB, linear RGB, opponent color and XYZ relative to white; rows of
+/// matrices.
 ///
-/// Vector code below has no closures and no `array::map`: those are compiled for the baseline instruction set unless
-/// they happen to be inlined (docs/decisions/0004).
+/// Vector code below has no closures and no `array::map`: those are compiled for the baseline
+/// instruction set unless they happen to be inlined (docs/decisions/0004).
 pub(super) struct ColorSpace {
     /// Linear light of the 8-bit sRGB values.
     pub(super) linear_from_srgb8: [f32; 256],
@@ -104,8 +107,8 @@ impl ColorSpace {
         }
     }
 
-    /// CIELAB with the Hunt effect (chroma counts less in the dark), of blurred opponent color; colors that the blur
-    /// has driven outside of the display's cube are clamped to it first.
+    /// CIELAB with the Hunt effect (chroma counts less in the dark), of blurred opponent color;
+    /// colors that the blur has driven outside of the display's cube are clamped to it first.
     #[inline(always)]
     fn hunt_lab<S: Simd>(&self, simd: S, opponent: Triple<S::f32s>) -> Triple<S::f32s> {
         let [r, g, b] = transform::<S>(&self.rgb_from_opponent, opponent);

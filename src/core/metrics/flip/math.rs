@@ -1,8 +1,9 @@
 //! Roots and powers on vectors of `f32`.
 //!
-//! The library functions are scalar and differ between platforms; these take IEEE operations only, so that every SIMD
-//! level and every platform gives the same bits. Their relative error is below 2.4e-7 for the root and, for bases
-//! between 2^-20 and 2^20, below 1e-6 for the power; the test holds the bounds.
+//! The library functions are scalar and differ between platforms; these take IEEE operations only,
+//! so that every SIMD level and every platform gives the same bits. Their relative error is below
+//! 2.4e-7 for the root and, for bases between 2^-20 and 2^20, below 1e-6 for the power; the test
+//! holds the bounds.
 
 use std::f32::consts::LN_2;
 
@@ -11,7 +12,8 @@ use fearless_simd::prelude::*;
 /// `x^(1/3)` for normal `x > 0`.
 #[inline(always)]
 pub(super) fn cbrt<S: Simd>(x: S::f32s) -> S::f32s {
-    /// Two thirds of the bits of 1.0, less the bias that makes the first guess best (within 3.5 %; Kahan).
+    /// Two thirds of the bits of 1.0, less the bias that makes the first guess best (within 3.5 %;
+    /// Kahan).
     const OFFSET: f32 = 709_958_130.0;
     let bits: S::i32s = x.bitcast();
     let guess: S::i32s = (bits.to_float::<S::f32s>() * (1.0 / 3.0) + OFFSET).to_int();
@@ -34,10 +36,12 @@ pub(super) fn pow<S: Simd>(simd: S, x: S::f32s, exponent: S::f32s) -> S::f32s {
         .select(S::f32s::splat(simd, 0.0), power)
 }
 
-/// Binary logarithm of normal `x > 0`: the exponent, and the series of artanh about 1 for the mantissa.
+/// Binary logarithm of normal `x > 0`: the exponent, and the series of artanh about 1 for the
+/// mantissa.
 #[inline(always)]
 fn log2<S: Simd>(x: S::f32s) -> S::f32s {
-    /// Bits of sqrt(1/2): mantissas are taken in [sqrt(1/2), sqrt(2)), where |s| <= 0.172 and s^11 no longer counts.
+    /// Bits of sqrt(1/2): mantissas are taken in [sqrt(1/2), sqrt(2)), where |s| <= 0.172 and s^11
+    /// no longer counts.
     const SQRT_HALF: i32 = 0x3f35_04f3;
     let bits: S::i32s = x.bitcast();
     let exponent = (bits - SQRT_HALF) >> 23;
@@ -48,7 +52,8 @@ fn log2<S: Simd>(x: S::f32s) -> S::f32s {
     exponent.to_float::<S::f32s>() + s * series * (2.0 / LN_2)
 }
 
-/// `2^x` for |x| < 126: the integer part goes into the exponent, the rest (at most 1/2) through Taylor's series.
+/// `2^x` for |x| < 126: the integer part goes into the exponent, the rest (at most 1/2) through
+/// Taylor's series.
 #[inline(always)]
 fn exp2<S: Simd>(x: S::f32s) -> S::f32s {
     let whole = x.round_ties_even();
@@ -65,11 +70,11 @@ mod tests {
 
     use super::*;
 
-    /// Halley's last step rounds the cube (of which a third counts), two sums, a quotient and a product: at most 4 half
-    /// ulps, 2^-24 each.
+    /// Halley's last step rounds the cube (of which a third counts), two sums, a quotient and a
+    /// product: at most 4 half ulps, 2^-24 each.
     const ROOT_ERROR: f64 = 2.4e-7;
-    /// The logarithm is at most 20 in the tested range; half an ulp of it is 2^-20, times ln 2 = 6.6e-7, and the series
-    /// of the exponential adds 3 half ulps.
+    /// The logarithm is at most 20 in the tested range; half an ulp of it is 2^-20, times ln 2 =
+    /// 6.6e-7, and the series of the exponential adds 3 half ulps.
     const POWER_ERROR: f64 = 8.5e-7;
 
     #[test]

@@ -1,13 +1,15 @@
 //! LDR-FLIP: how visible the difference is to someone who flips between two images.
 //!
-//! P. Andersson, J. Nilsson, T. Akenine-Moller, M. Oskarsson, K. Astrom, M. Fairchild, "FLIP: A Difference Evaluator
-//! for Alternating Images", HPG 2020. Written from the paper's definition, with the separation of its filters into rows
-//! and columns of the authors' note on separated convolutions; checked against their evaluator in `tests/library/metrics_flip.rs`.
+//! P. Andersson, J. Nilsson, T. Akenine-Moller, M. Oskarsson, K. Astrom, M. Fairchild, "FLIP: A
+//! Difference Evaluator for Alternating Images", HPG 2020. Written from the paper's definition,
+//! with the separation of its filters into rows and columns of the authors' note on separated
+//! convolutions; checked against their evaluator in `tests/library/metrics_flip.rs`.
 //!
-//! The pipeline of a pixel: sRGB -> linear opponent color -> [`weights`] blur as the eye does at this distance ->
-//! [`color`] difference; beside it, luminance -> edges and points -> feature difference; error = color difference ^
-//! (1 - feature difference). Images are worked through in bands of rows, each with a short ring of rows that are
-//! filtered across and wait to be filtered down, so that the working set stays in the cache of one core.
+//! The pipeline of a pixel: sRGB -> linear opponent color -> [`weights`] blur as the eye does at
+//! this distance -> [`color`] difference; beside it, luminance -> edges and points -> feature
+//! difference; error = color difference ^ (1 - feature difference). Images are worked through in
+//! bands of rows, each with a short ring of rows that are filtered across and wait to be filtered
+//! down, so that the working set stays in the cache of one core.
 
 mod color;
 mod math;
@@ -24,7 +26,8 @@ use super::rows::{RowRing, across, derive, padded_len, smooth};
 use crate::metrics::magma;
 use crate::simd;
 
-/// The usual viewing condition: a display 3840 pixels and 0.7 m wide, seen from 0.7 m: `3840 pi / 180` pixels a degree.
+/// The usual viewing condition: a display 3840 pixels and 0.7 m wide, seen from 0.7 m: `3840 pi /
+/// 180` pixels a degree.
 pub const DEFAULT_PIXELS_PER_DEGREE: f32 = 67.020_64;
 
 /// The FLIP error of each pixel.
@@ -90,7 +93,8 @@ fn flip_map_at(
         .enumerate()
         .map(|(band, errors)| stage.band(reference, test, band * BAND_ROWS, errors))
         .collect();
-    // Summed in the order of the bands, whose height is a constant: no thread count changes the mean.
+    // Summed in the order of the bands, whose height is a constant: no thread count changes the
+    // mean.
     let mean = band_sums.iter().sum::<f64>() / errors.len() as f64;
     FlipMap {
         width,
@@ -100,10 +104,11 @@ fn flip_map_at(
     }
 }
 
-/// Rows that one task computes. More means fewer rows filtered twice (the halo), less means more threads are kept busy.
+/// Rows that one task computes. More means fewer rows filtered twice (the halo), less means more
+/// threads are kept busy.
 const BAND_ROWS: usize = 64;
 
-/// What is filtered across and then down: the planes of a [`RowRing`].
+/// Planes of a [`RowRing`], filtered across and then down.
 mod plane {
     /// Luminance and red-green, blurred.
     pub(super) const LUMINANCE: usize = 0;
@@ -117,7 +122,7 @@ mod plane {
     pub(super) const COUNT: usize = 7;
 }
 
-/// What all bands of one map share.
+/// State shared by all bands of a map.
 struct Stage {
     level: Level,
     weights: FilterWeights,
@@ -188,7 +193,8 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// Fills row `y` of the ring. Beyond the image its border repeats, as the authors' evaluators have it.
+    /// Fills row `y` of the ring. Beyond the image its border repeats, as the authors' evaluators
+    /// have it.
     fn filter_across(&mut self, stage: &Stage, y: isize) {
         let Stage { level, weights, .. } = stage;
         let len = padded_len(self.image.width() as usize);

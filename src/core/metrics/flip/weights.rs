@@ -2,14 +2,15 @@
 
 use std::f64::consts::PI;
 
-/// Amplitude and squared scale (degrees squared) of a Gaussian `a sqrt(pi / b) exp(-pi^2 x^2 / b)` of the
-/// contrast sensitivity functions; the paper's table 1.
+/// Amplitude and squared scale (degrees squared) of a Gaussian `a sqrt(pi / b) exp(-pi^2 x^2 / b)`
+/// of the contrast sensitivity functions; the paper's table 1.
 type Gaussian = (f64, f64);
 const LUMINANCE: Gaussian = (1.0, 0.0047);
 const RED_GREEN: Gaussian = (1.0, 0.0053);
 const BLUE_YELLOW: [Gaussian; 2] = [(34.1, 0.04), (13.5, 0.025)];
 
-/// Width of the feature detectors, degrees (w in the paper); their standard deviation is half of it.
+/// Width of the feature detectors, degrees (w in the paper); their standard deviation is half of
+/// it.
 const FEATURE_WIDTH_DEG: f64 = 0.082;
 
 /// All filters for one number of pixels per degree.
@@ -18,14 +19,15 @@ pub(super) struct FilterWeights {
     pub(super) luminance: Vec<f32>,
     /// Blur of red-green; sums to 1.
     pub(super) red_green: Vec<f32>,
-    /// Blur of blue-yellow, the sum of two Gaussians: each alone is separable, and the two results are added.
+    /// Blur of blue-yellow, the sum of two Gaussians: each alone is separable, and the two results
+    /// are added.
     pub(super) blue_yellow: [Vec<f32>; 2],
     /// Gaussian of the feature detectors; sums to 1.
     pub(super) feature: Vec<f32>,
     /// First derivative of `feature`; each side sums to 1 in magnitude. The centre is 0.
     pub(super) slope: Vec<f32>,
-    /// Second derivative of `feature`; positive taps sum to 1, negative ones to -1. The centre is minus twice the sum
-    /// of the others, which `rows::derive` relies on.
+    /// Second derivative of `feature`; positive taps sum to 1, negative ones to -1. The centre is
+    /// minus twice the sum of the others, which `rows::derive` relies on.
     pub(super) curvature: Vec<f32>,
 }
 
@@ -40,7 +42,8 @@ impl FilterWeights {
                 .map(|degrees| amplitude * (-PI * PI * degrees * degrees / scale).exp())
                 .collect()
         };
-        // A plane is filtered by the same taps across and down, so one direction takes the root of the amplitude.
+        // A plane is filtered by the same taps across and down, so one direction takes the root of
+        // the amplitude.
         let [wide, narrow] = BLUE_YELLOW.map(|(a, b)| half(b, (a * (PI / b).sqrt()).sqrt()));
         let blue_yellow_total = (total(&wide).powi(2) + total(&narrow).powi(2)).sqrt();
         let unit = |taps: Vec<f64>| divided(&taps, total(&taps));
