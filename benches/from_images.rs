@@ -1,7 +1,9 @@
-//! Pixels of depth images a second into a cube LDI: images in memory, as the window has them when it builds a cube anew (S24).
+//! Pixels of depth images a second into a cube LDI: images in memory, as the window has them when
+//! it builds a cube anew (S24).
 //!
-//! 16 images of 640x480 of `builtin:castle` from a wall of cameras, unlit; `HEADBOX_IMAGES=DIR` names another folder of images with depth, of which the
-//! 16 nearest to the middle are taken. On one thread and on two.
+//! 16 images of 640x480 of `builtin:castle` from a wall of cameras, unlit; `HEADBOX_IMAGES=DIR`
+//! names another folder of images with depth, of which the 16 nearest to the middle are taken. On
+//! one thread and on two.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;

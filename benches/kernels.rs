@@ -1,10 +1,12 @@
-//! Time against error of every kernel, 1024x768: captured scenes from six seeded eyes, against ray-traced truth, which is kept
-//! from run to run; stages of a frame, gain of a second thread, a headset's two frames of 1024x1024, and Embree's primary rays of the same eyes where
+//! Time against error of every kernel, 1024x768: captured scenes from six seeded eyes, against
+//! ray-traced truth, which is kept from run to run; stages of a frame, gain of a second thread, a
+//! headset's two frames of 1024x1024, and Embree's primary rays of the same eyes where
 //! `HEADBOX_EMBREE` names the program of `benches/rivals/embree.cpp`.
 //!
-//! `HEADBOX_BENCH_LDI=a.ldi:b.ldi HEADBOX_BENCH_KERNELS=tent,opaque HEADBOX_BENCH_SAMPLES=64 cargo bench --bench kernels`; the
-//! scenes of the files must still be where they were. `HEADBOX_BENCH_SAMPLES=0` leaves errors out, `HEADBOX_BENCH_BAND_ROWS=128`
-//! chooses the height of bands.
+//! `HEADBOX_BENCH_LDI=a.ldi:b.ldi HEADBOX_BENCH_KERNELS=tent,opaque HEADBOX_BENCH_SAMPLES=64 cargo
+//! bench --bench kernels`; the scenes of the files must still be where they were.
+//! `HEADBOX_BENCH_SAMPLES=0` leaves errors out, `HEADBOX_BENCH_BAND_ROWS=128` chooses the height of
+//! bands.
 
 use headbox_core::camera::Camera;
 use headbox_core::metrics;
@@ -34,7 +36,8 @@ const QUALITY: Quality = Quality {
 };
 const ROUNDS: u32 = 7;
 
-/// The frames of a headset: distance of its eyes, metres, pixels a side, and focal length of 90 degrees.
+/// The frames of a headset: distance of its eyes, metres, pixels a side, and focal length of 90
+/// degrees.
 const EYES_APART_M: f64 = 0.064;
 const HEADSET_PX: u32 = 1024;
 const HEADSET_FOCAL_PX: f64 = 512.0;
@@ -78,7 +81,8 @@ fn pool(threads: usize) -> rayon::ThreadPool {
         .expect("threads")
 }
 
-/// Milliseconds of the fastest of some pairs of frames for a headset whose wearer looks as a camera does.
+/// Milliseconds of the fastest of some pairs of frames for a headset whose wearer looks as a camera
+/// does.
 fn pair(
     pool: &rayon::ThreadPool,
     cube: &PackedCube,

@@ -1,7 +1,9 @@
-//! Layers and times of merged frames over unmerged ones by distance, on three scenes like those of the layered lumigraph's paper.
+//! Layers and times of merged frames over unmerged ones by distance, on three scenes like those of
+//! the layered lumigraph's paper.
 //!
-//! `cargo bench --bench lumigraph`. Images of 256x256, frames of 400x400, as in the paper. `HEADBOX_SIMD` sets the level. Compare figures
-//! of one run only: frames of one table are drawn in turns.
+//! `cargo bench --bench lumigraph`. Images of 256x256, frames of 400x400, as in the paper.
+//! `HEADBOX_SIMD` sets the level. Compare figures of one run only: frames of one table are drawn in
+//! turns.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -25,7 +27,8 @@ const ROUNDS: usize = 25;
 /// Focal lengths behind the plane at which the paper merges.
 const DISTANCES: [f64; 5] = [0.0, 1.0, 2.0, 4.0, 8.0];
 
-/// Scenes, their focal length over the edge of the cameras' square, and their field of view, degrees (table 4).
+/// Scenes, their focal length over the edge of the cameras' square, and their field of view,
+/// degrees (table 4).
 const SCENES: [(&str, f64, f64); 3] = [
     ("net", 1.6, 64.0),
     ("statue", 1.5, 67.4),
@@ -79,7 +82,8 @@ impl Wall {
         capture.run(&grid, &Silent).expect("not given up")
     }
 
-    /// A frame straight ahead from a place on the plane, in half-sizes of the headbox, so many metres back.
+    /// A frame straight ahead from a place on the plane, in half-sizes of the headbox, so many
+    /// metres back.
     fn frame(&self, [x, y]: [f64; 2], back_m: f64) -> Camera {
         let eye = self.headbox.centre
             + DVec3::new(x, y, 0.0) * self.headbox.half_size_m

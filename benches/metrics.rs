@@ -1,4 +1,5 @@
-//! Milliseconds per metric on a pair of 1024x768 frames, all threads; FLIP also by the authors' evaluator (one thread).
+//! Milliseconds per metric on a pair of 1024x768 frames, all threads; FLIP also by the authors'
+//! evaluator (one thread).
 //!
 //! `cargo bench --bench metrics`. Compare figures of one run only.
 

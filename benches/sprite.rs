@@ -1,9 +1,9 @@
-//! Megapixels per second of the sprite renderer: every variant, both samplings, 256x256 and 1024x1024, one thread and
-//! two; full-resolution 8-bit displacement with about 10 px of parallax.
+//! Megapixels per second of the sprite renderer: every variant, both samplings, 256x256 and
+//! 1024x1024, one thread and two; full-resolution 8-bit displacement with about 10 px of parallax.
 //!
-//! `cargo bench --bench sprite`. The homography is the one of the comparison with OpenCV's `warpPerspective` (turn by 12
-//! degrees, scale 0.8, some perspective). Compare figures of one run only. At the end the ratios of the paper's comparison
-//! are printed beside the paper's own.
+//! `cargo bench --bench sprite`. The homography is the one of the comparison with OpenCV's
+//! `warpPerspective` (turn by 12 degrees, scale 0.8, some perspective). Compare figures of one run
+//! only. At the end the ratios of the paper's comparison are printed beside the paper's own.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DMat3, DVec3, dvec3};
@@ -43,7 +43,8 @@ fn sprite(n: u32) -> PreparedSprite {
     PreparedSprite::new(SpriteWithDepth::new(sprite, displacement).expect("sizes agree"))
 }
 
-/// Frame to picture as in the comparison, and an epipole that moves the top of the hemisphere by 10 px at 256x256.
+/// Frame to picture as in the comparison, and an epipole that moves the top of the hemisphere by 10
+/// px at 256x256.
 fn transfer(n: f64) -> SpriteTransfer {
     let (sin, cos) = 12.0f64.to_radians().sin_cos();
     let c = n / 2.0;
@@ -97,7 +98,8 @@ fn variants(criterion: &mut Criterion) {
     }
 }
 
-/// Median time of a frame by each option, ms: frames in turns, so that what slows the machine slows all.
+/// Median time of a frame by each option, ms: frames in turns, so that what slows the machine slows
+/// all.
 fn medians<const N: usize>(n: u32, options: [RenderOptions; N]) -> [f64; N] {
     const ROUNDS: usize = 101;
     let (sprite, transfer) = (sprite(n), transfer(f64::from(n)));
@@ -113,8 +115,8 @@ fn medians<const N: usize>(n: u32, options: [RenderOptions; N]) -> [f64; N] {
     times.map(|times: Vec<f64>| median(times).expect("rounds"))
 }
 
-/// Time over the homography's beside that of the paper (frames a second on 256x256: bilinear 30, 21, 16; nearest 47, 24,
-/// 20 for none, crude and two-pass), on one thread.
+/// Time over the homography's beside that of the paper (frames a second on 256x256: bilinear 30,
+/// 21, 16; nearest 47, 24, 20 for none, crude and two-pass), on one thread.
 fn ratios(_: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)

@@ -1,4 +1,5 @@
-//! What kept a frame waiting, as far as Linux tells: the program itself, a disk, memory, other programs, or the host of a virtual machine.
+//! What kept a frame waiting, as far as Linux tells: the program itself, a disk, memory, other
+//! programs, or the host of a virtual machine.
 
 use std::fmt;
 use std::fs::read_to_string;

@@ -1,7 +1,9 @@
-//! View-dependent geometry over very many images: what a frame's steps take, and a walk at sixty frames a second that waits for no picture.
+//! View-dependent geometry over very many images: what a frame's steps take, and a walk at sixty
+//! frames a second that waits for no picture.
 //!
-//! `HEADBOX_IMAGES=DIR` names a folder of images with depth; without, a thousand small ones of `builtin:castle` are traced first.
-//! `HEADBOX_SECONDS` is how long it walks (10), `HEADBOX_MEMORY` the megabytes for pictures (200), `HEADBOX_CACHE` a folder in which samples stay from run to
+//! `HEADBOX_IMAGES=DIR` names a folder of images with depth; without, a thousand small ones of
+//! `builtin:castle` are traced first. `HEADBOX_SECONDS` is how long it walks (10), `HEADBOX_MEMORY`
+//! the megabytes for pictures (200), `HEADBOX_CACHE` a folder in which samples stay from run to
 //! run, so that memory is that of walking alone.
 
 mod delays;

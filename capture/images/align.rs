@@ -35,7 +35,7 @@ pub struct Alignment {
     /// Number of photographs with a pose.
     pub posed: usize,
     /// Number of photographs in the folder.
-    pub pictures: usize,
+    pub photographs: usize,
     /// Folder of the model.
     pub model: PathBuf,
 }
@@ -50,10 +50,10 @@ pub enum AlignError {
     )]
     NotInstalled,
     /// The folder has a model, which is not replaced.
-        #[error("{}: a model exists and is used without aligning; remove it to align again", .0.display())]
+    #[error("{}: a model exists and is used without aligning; remove it to align again", .0.display())]
     Exists(PathBuf),
     /// Fewer than three photographs.
-        #[error("{}: {count} photographs, but at least three are needed ({})", folder.display(), EXTENSIONS.join(", "))]
+    #[error("{}: {count} photographs, but at least three are needed ({})", folder.display(), EXTENSIONS.join(", "))]
     FewPictures {
         /// The folder.
         folder: PathBuf,
@@ -61,15 +61,15 @@ pub enum AlignError {
         count: usize,
     },
     /// A COLMAP command failed.
-        #[error("colmap {step} failed: {message}")]
+    #[error("colmap {step} failed: {message}")]
     Failed {
         /// COLMAP command.
-                step: &'static str,
-                /// Last lines of its output.
-                message: String,
+        step: &'static str,
+        /// Last lines of its output.
+        message: String,
     },
     /// COLMAP succeeded without a model.
-        #[error("COLMAP found no poses: no two photographs overlap enough")]
+    #[error("COLMAP found no poses: no two photographs overlap enough")]
     NoModel,
     /// A file cannot be read or written.
     #[error("{}: {cause}", path.display())]
@@ -89,7 +89,7 @@ pub type AlignProgress<'a> = dyn FnMut(AlignStep, usize, usize) + 'a;
 ///
 /// # Errors
 /// [`AlignError`]; the folder is then what it was.
-pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned, AlignError> {
+pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Alignment, AlignError> {
     let io = |path: &Path| {
         let path = path.to_owned();
         move |cause| AlignError::Io { path, cause }
@@ -102,12 +102,12 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
         .into_iter()
         .find(|path| path.is_dir());
     let images = images.unwrap_or_else(|| folder.to_owned());
-    let photographs = list_photographs(&images).map_err(io(&images))?;
-    let pictures = photographs.len();
-    if pictures < 3 {
+    let files = list_photographs(&images).map_err(io(&images))?;
+    let photographs = files.len();
+    if photographs < 3 {
         return Err(AlignError::FewPictures {
             folder: images,
-            count: pictures,
+            count: photographs,
         });
     }
     // In the same folder, so that the result can be renamed into place.
@@ -116,20 +116,16 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
         .tempdir_in(folder)
         .map_err(io(folder))?;
     let database = work.path().join("database.db");
-        let models = work.path().join("sparse");
+    let models = work.path().join("sparse");
     fs::create_dir(&models).map_err(io(&models))?;
 
     let mut colmap = ColmapRunner {
         database: &database,
-        pictures,
+        photographs,
         progress,
     };
     // With a single camera, COLMAP skips photographs of another size, such as upright ones.
-        let one_camera = if have_one_size(&photographs) {
-            "1"
-        } else {
-            "0"
-        };
+    let one_camera = if have_one_size(&files) { "1" } else { "0" };
     let cameras = [
         "--ImageReader.single_camera",
         one_camera,
@@ -144,7 +140,7 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
         Some("Extraction"),
         &extract,
     )?;
-    let matcher = if pictures <= ALL_PAIRS {
+    let matcher = if photographs <= ALL_PAIRS {
         "exhaustive_matcher"
     } else {
         "sequential_matcher"
@@ -158,8 +154,8 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
     ];
     match colmap.run("mapper", AlignStep::Poses, None, &map) {
         // Some versions report failure when there is no model.
-                Err(AlignError::Failed { message, .. })
-                    if message.contains("failed to create sparse model") => {}
+        Err(AlignError::Failed { message, .. })
+            if message.contains("failed to create sparse model") => {}
         result => result?,
     }
 
@@ -172,29 +168,29 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
         .map_err(io(&best))?;
     fs::rename(&ready, &sparse).map_err(io(&sparse))?;
     Ok(Alignment {
-            posed,
-        pictures,
+        posed,
+        photographs,
         model: sparse.join("0"),
     })
 }
 
 fn list_photographs(folder: &Path) -> io::Result<Vec<PathBuf>> {
-    let mut pictures = Vec::new();
+    let mut photographs = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if path
             .extension()
             .is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
         {
-            pictures.push(path);
+            photographs.push(path);
         }
     }
-    Ok(pictures)
+    Ok(photographs)
 }
 
 /// Returns true if all readable photographs have the same size; COLMAP skips unreadable ones.
-fn have_one_size(pictures: &[PathBuf]) -> bool {
-    let mut sizes = pictures.iter().filter_map(|path| read_size(path).ok());
+fn have_one_size(photographs: &[PathBuf]) -> bool {
+    let mut sizes = photographs.iter().filter_map(|path| read_size(path).ok());
     sizes
         .next()
         .is_none_or(|first| sizes.all(|size| size == first))
@@ -224,7 +220,7 @@ fn largest_model(models: &Path) -> io::Result<Option<(usize, PathBuf)>> {
 /// Runs COLMAP commands on one database.
 struct ColmapRunner<'a, 'b> {
     database: &'a Path,
-    pictures: usize,
+    photographs: usize,
     progress: &'a mut AlignProgress<'b>,
 }
 
@@ -246,12 +242,13 @@ impl ColmapRunner<'_, '_> {
             Some(&format!("--Sift{section}.use_gpu")),
             arguments,
         ) {
-            Err(AlignError::Failed { message, .. }) if message.contains("use_gpu") => self.run_once(
-                command,
-                step,
-                Some(&format!("--Feature{section}.use_gpu")),
-                arguments,
-            ),
+            Err(AlignError::Failed { message, .. }) if message.contains("use_gpu") => self
+                .run_once(
+                    command,
+                    step,
+                    Some(&format!("--Feature{section}.use_gpu")),
+                    arguments,
+                ),
             result => result,
         }
     }
@@ -263,7 +260,7 @@ impl ColmapRunner<'_, '_> {
         gpu_option: Option<&str>,
         arguments: &[std::ffi::OsString],
     ) -> Result<(), AlignError> {
-        (self.progress)(step, 0, self.pictures);
+        (self.progress)(step, 0, self.photographs);
         let program_error = |cause: io::Error| match cause.kind() {
             io::ErrorKind::NotFound => AlignError::NotInstalled,
             _ => AlignError::Io {
@@ -294,44 +291,44 @@ impl ColmapRunner<'_, '_> {
             let line = String::from_utf8_lossy(&line.map_err(program_error)?)
                 .trim()
                 .to_owned();
-            if let Some((done, all)) = parse_progress(step, &line, self.pictures) {
+            if let Some((done, all)) = parse_progress(step, &line, self.photographs) {
                 (self.progress)(step, done.min(all), all);
             }
             if !line.is_empty() {
                 last_lines.push_back(line);
-                                last_lines.drain(..last_lines.len().saturating_sub(MESSAGE_LINES));
+                last_lines.drain(..last_lines.len().saturating_sub(MESSAGE_LINES));
             }
         }
         if child.wait().map_err(program_error)?.success() {
-                    Ok(())
-                } else {
-                    Err(AlignError::Failed {
-                        step: command,
-                        message: Vec::from(last_lines).join("; "),
-                    })
-                }
+            Ok(())
+        } else {
+            Err(AlignError::Failed {
+                step: command,
+                message: Vec::from(last_lines).join("; "),
+            })
+        }
     }
 }
 
 /// Parses the progress in a line of COLMAP's output: `Processed file [3/16]`, `Matching block [1/2,
 /// 2/2]`, `Registering image #7 (5)`.
-fn parse_progress(step: AlignStep, line: &str, pictures: usize) -> Option<(usize, usize)> {
+fn parse_progress(step: AlignStep, line: &str, photographs: usize) -> Option<(usize, usize)> {
     let number = |text: &str| text.trim().parse::<usize>().ok();
     if step == AlignStep::Poses {
         let (_, rest) = line.split_once("Registering image #")?;
         let (_, count) = rest.split_once('(')?;
-        return Some((number(count.split(')').next()?)?, pictures));
+        return Some((number(count.split(')').next()?)?, photographs));
     }
     let inside = line.split_once('[')?.1.split(']').next()?;
     let mut index = 0_usize;
-        let mut count = 1_usize;
+    let mut count = 1_usize;
     for part in inside.split(',') {
         let (done, all) = part.split_once('/')?;
         let all = number(all)?;
-                index = index * all + number(done)?.checked_sub(1)?;
-                count = count.checked_mul(all)?;
-            }
-            Some((index + 1, count))
+        index = index * all + number(done)?.checked_sub(1)?;
+        count = count.checked_mul(all)?;
+    }
+    Some((index + 1, count))
 }
 
 #[cfg(test)]
@@ -340,7 +337,7 @@ mod tests {
 
     #[test]
     fn progress_parsed_from_output() {
-            let features = |line| parse_progress(AlignStep::Features, line, 16);
+        let features = |line| parse_progress(AlignStep::Features, line, 16);
         assert_eq!(
             features("I20261123 feature.cc:1] Processed file [3/16]"),
             Some((3, 16))

@@ -27,10 +27,10 @@ pub fn find_threshold(views: &[LoadedView]) -> Option<u8> {
         {
             let level = pixel[0].max(pixel[1]).max(pixel[2]);
             histogram[usize::from(level) / BIN] += 1;
-                        let x = i % width;
-                        let y = i / width;
-                        if x == 0 || y == 0 || x == width - 1 || y == height - 1 {
-                            border += 1;
+            let x = i % width;
+            let y = i / width;
+            if x == 0 || y == 0 || x == width - 1 || y == height - 1 {
+                border += 1;
                 dark += u64::from(level < DARK);
             }
         }
@@ -39,8 +39,8 @@ pub fn find_threshold(views: &[LoadedView]) -> Option<u8> {
         return None;
     }
     let smoothed = |bin: usize| histogram[bin - 1..=bin + 1].iter().sum::<u64>();
-        let emptiest = SEARCHED_BINS.min_by_key(|&bin| smoothed(bin))?;
-        Some((emptiest * BIN + BIN / 2) as u8)
+    let emptiest = SEARCHED_BINS.min_by_key(|&bin| smoothed(bin))?;
+    Some((emptiest * BIN + BIN / 2) as u8)
 }
 
 /// Returns true for each background pixel: one that is masked out, or connected to the image border
@@ -52,20 +52,20 @@ pub(super) fn background_mask(view: &LoadedView, threshold: Option<u8>) -> Vec<b
     };
     let [width, height] = view.size_px.map(|side| side as usize);
     let mut stack: Vec<usize> = Vec::new();
-        let visit = |i: usize, mask: &mut [bool], stack: &mut Vec<usize>| {
-            if !mask[i] && view.color[i][..3].iter().all(|&level| level <= threshold) {
-                mask[i] = true;
-                stack.push(i);
+    let visit = |i: usize, mask: &mut [bool], stack: &mut Vec<usize>| {
+        if !mask[i] && view.color[i][..3].iter().all(|&level| level <= threshold) {
+            mask[i] = true;
+            stack.push(i);
         }
     };
     let is_border =
         |i: &usize| [0, width - 1].contains(&(i % width)) || [0, height - 1].contains(&(i / width));
     (0..width * height)
         .filter(is_border)
-                .for_each(|i| visit(i, &mut mask, &mut stack));
-            while let Some(i) = stack.pop() {
-                let x = i % width;
-                let y = i / width;
+        .for_each(|i| visit(i, &mut mask, &mut stack));
+    while let Some(i) = stack.pop() {
+        let x = i % width;
+        let y = i / width;
         let sides = [
             (x > 0, i.wrapping_sub(1)),
             (x + 1 < width, i + 1),
@@ -76,8 +76,8 @@ pub(super) fn background_mask(view: &LoadedView, threshold: Option<u8>) -> Vec<b
             .into_iter()
             .filter(|side| side.0)
             .for_each(|side| visit(side.1, &mut mask, &mut stack));
-                }
-                mask
+    }
+    mask
 }
 
 #[cfg(test)]
@@ -110,10 +110,10 @@ mod tests {
 
     #[test]
     fn threshold_between_backdrop_and_object() {
-            let level = find_threshold(&[view(150, 3), view(120, 6)]).expect("dark");
+        let level = find_threshold(&[view(150, 3), view(120, 6)]).expect("dark");
         assert!((11..120).contains(&level), "{level}");
         assert_eq!(find_threshold(&[view(150, 90)]), None, "bright borders");
-                assert_eq!(find_threshold(&[]), None);
+        assert_eq!(find_threshold(&[]), None);
     }
 
     #[test]
@@ -122,14 +122,14 @@ mod tests {
         view.color[16 * 32 + 16] = [1, 1, 1, 255];
         view.color[20 * 32 + 20][3] = 0;
         let mask = background_mask(&view, Some(11));
-                for (i, is_background) in mask.into_iter().enumerate() {
+        for (i, is_background) in mask.into_iter().enumerate() {
             let inside = (8..24).contains(&(i % 32)) && (8..24).contains(&(i / 32));
             assert_eq!(is_background, !inside || i == 20 * 32 + 20, "{i}");
         }
         assert_eq!(
             background_mask(&view, None)
-                            .into_iter()
-                            .filter(|is_background| *is_background)
+                .into_iter()
+                .filter(|is_background| *is_background)
                 .count(),
             1
         );

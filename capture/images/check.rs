@@ -73,16 +73,16 @@ pub fn check_neighbors(
     };
     let views: Vec<&View> = set.views_with_depth().collect();
     let mut depths = Vec::new();
-        let mut known = 0u64;
-        let mut pixels = 0u64;
+    let mut known = 0u64;
+    let mut pixels = 0u64;
     let pairs = views.len().saturating_sub(1);
     let chosen = (0..pairs.min(most)).map(|i| i * pairs / pairs.min(most).max(1));
     let single = if pairs == 0 { views.first() } else { None };
     let mut last: Option<(usize, LoadedView)> = None;
     let mut unknown = Vec::new();
     let mut add = |view: &LoadedView, name: &str| {
-            let before = known;
-            add_depths(view, &mut depths, &mut known, &mut pixels);
+        let before = known;
+        add_depths(view, &mut depths, &mut known, &mut pixels);
         if known == before {
             unknown.push(name.to_owned());
         }
@@ -170,8 +170,8 @@ fn warn_of_duplicates(views: &[View]) -> Vec<String> {
             .unwrap_or(std::cmp::Ordering::Equal)
     });
     let same: Vec<String> = order
-            .windows(2)
-            .filter(|pair| pair[0].pose == pair[1].pose && pair[0].lens == pair[1].lens)
+        .windows(2)
+        .filter(|pair| pair[0].pose == pair[1].pose && pair[0].lens == pair[1].lens)
         .map(|pair| format!("{} and {}", pair[0].name, pair[1].name))
         .collect();
     text::abbreviate(&same)
@@ -203,10 +203,10 @@ fn for_each_sampled(view: &LoadedView, mut visit: impl FnMut(u32, u32)) {
 /// Compares points of `a` with depth and colour of `b` where they project to.
 fn compare(a: &LoadedView, b: &LoadedView, from: &str, to: &str) -> Residual {
     let mut relative = Vec::new();
-        let mut levels = Vec::new();
-        let mut points = 0u64;
-        let mut seen = 0u64;
-        for_each_sampled(a, |x, y| {
+    let mut levels = Vec::new();
+    let mut points = 0u64;
+    let mut seen = 0u64;
+    for_each_sampled(a, |x, y| {
         let Some(point) = a.point_at(x, y) else {
             return;
         };

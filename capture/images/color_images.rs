@@ -56,9 +56,9 @@ pub(super) fn read_channels(
 ) -> Result<ColorPicture, ImagesError> {
     let is_exr = extension(path) == "exr";
     let (width, height, find): (u32, u32, ChannelLookup) = if is_exr {
-            let layer = ExrLayer::read(path)?;
-            let width = layer.width;
-            let height = layer.height;
+        let layer = ExrLayer::read(path)?;
+        let width = layer.width;
+        let height = layer.height;
         let find = move |name: &str| {
             layer
                 .channel(name)
@@ -91,7 +91,7 @@ pub(super) fn read_channels(
         }
     };
     let [r, g, b, a] = &channels.0;
-        let [r, g, b, a] = [samples(r)?, samples(g)?, samples(b)?, samples(a)?];
+    let [r, g, b, a] = [samples(r)?, samples(g)?, samples(b)?, samples(a)?];
     let pixel = if is_exr { from_linear } else { from_shares };
     Ok((
         width,
@@ -167,7 +167,7 @@ fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
         path,
         |size, _| (size.x(), vec![[0u8; 4]; size.x() * size.y()]),
         |(stride, pixels), pixel, (r, g, b, a): (f32, f32, f32, f32)| {
-                    pixels[pixel.y() * *stride + pixel.x()] = from_linear([r, g, b, a]);
+            pixels[pixel.y() * *stride + pixel.x()] = from_linear([r, g, b, a]);
         },
     );
     let image = image.map_err(|error| ImagesError::picture(path, error.into()))?;

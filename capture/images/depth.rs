@@ -21,7 +21,7 @@ pub struct DepthPicture {
     /// Height, pixels.
     pub height: u32,
     /// Values, row-major.
-        pub values: Vec<f32>,
+    pub values: Vec<f32>,
 }
 
 /// Writes depth as an EXR file with the single 32-bit channel `Z`.
@@ -62,7 +62,7 @@ pub struct DepthSource {
     /// Standard deviation of inverse depth, 1/m, if the depth was estimated from the photographs
     /// ([`super::dense_depth`]). Such depth belongs to the undistorted lens and needs no
     /// registration.
-        pub estimated_deviation: Option<f32>,
+    pub estimated_deviation: Option<f32>,
 }
 
 impl DepthSource {
@@ -98,7 +98,7 @@ impl DepthSource {
                     self.unit_m,
                     &IntegerFormat {
                         eight_bits: false,
-                                                are_shares: self.is_share,
+                        are_shares: self.is_share,
                         channel,
                     },
                 )?
@@ -141,7 +141,7 @@ impl DepthPicture {
                 path,
                 unit,
                 &IntegerFormat {
-                                    eight_bits: true,
+                    eight_bits: true,
                     are_shares: false,
                     channel: None,
                 },
@@ -229,14 +229,14 @@ fn read_integers(
         }
         _ => {
             return Err(bad(
-                "is not a depth image; expected 8 or 16 bits of grey, or EXR".into()
+                "is not a depth image; expected 8 or 16 bits of grey, or EXR".into(),
             ));
         }
     };
     let is_unknown =
-            |v: u16| !format.are_shares && (v == 0 || (!format.eight_bits && v == u16::MAX));
-        let value = |v: u16| {
-            if is_unknown(v) {
+        |v: u16| !format.are_shares && (v == 0 || (!format.eight_bits && v == u16::MAX));
+    let value = |v: u16| {
+        if is_unknown(v) {
             f32::NAN
         } else {
             f32::from(v) * unit
@@ -278,7 +278,9 @@ fn read_colmap_map(path: &Path) -> Result<DepthPicture, ImagesError> {
         .filter(|&count| count as u64 <= MAX_PIXELS && channels == 1);
     let count = count.ok_or_else(|| bad("is not a COLMAP depth map with one channel"))?;
     if rest.len() != count * 4 {
-        return Err(bad("has a length that does not match the size in its header"));
+        return Err(bad(
+            "has a length that does not match the size in its header",
+        ));
     }
     let values = rest
         .chunks_exact(4)
@@ -308,12 +310,13 @@ mod tests {
     fn window_depth_normal_and_reversed() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("d.png");
-        let (near, far) = (0.5, 20.0);
+        let near = 0.5;
+        let far = 20.0;
         for reversed in [false, true] {
             // OpenGL clip matrices: near to -1 and far to 1, and reversed.
             let sign = if reversed { -1.0 } else { 1.0 };
             let a = -sign * (far + near) / (far - near);
-                        let b = -sign * 2.0 * far * near / (far - near);
+            let b = -sign * 2.0 * far * near / (far - near);
             let depths = [0.6, 1.0, 3.0, 15.0];
             let stored = depths.map(|z: f64| ((-a + b / z + 1.0) / 2.0 * 65_535.0).round() as u16);
             let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(4, 1, stored.to_vec())
@@ -327,7 +330,7 @@ mod tests {
                 let tolerance = 0.6 / 65_535.0 * z * z * (far - near) / (near * far);
                 assert!(
                     (f64::from(*depth) - z).abs() < tolerance + 1e-5 * z,
-                                        "{depth} {z} {reversed}"
+                    "{depth} {z} {reversed}"
                 );
             }
         }

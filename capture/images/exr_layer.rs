@@ -20,9 +20,9 @@ pub(super) struct ExrLayer {
 
 impl ExrLayer {
     /// Reads the layer.
-        ///
-        /// # Errors
-        /// [`ImagesError`] that names the file.
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file.
     pub(super) fn read(path: &Path) -> Result<Self, ImagesError> {
         let bad = |cause: String| ImagesError::Picture {
             path: path.into(),

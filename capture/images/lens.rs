@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lens {
     /// A perspective image.
-        Pinhole(Pinhole),
+    Pinhole(Pinhole),
     /// All directions: longitude across, latitude down; the centre looks down -Z, as in Blender and
     /// nerfstudio.
     Equirectangular,
@@ -29,9 +29,9 @@ const FARTHEST_PX: f64 = 1e10;
 
 impl Pinhole {
     /// Returns the lens if its numbers are plausible.
-        ///
-        /// # Errors
-        /// The problem, as the rest of a sentence about the field.
+    ///
+    /// # Errors
+    /// The problem, as the rest of a sentence about the field.
     pub(super) fn checked(self) -> Result<Self, &'static str> {
         if !self.focal_px.iter().all(|&focal| focal > 0.0) {
             return Err("has a focal length that is not above 0");
@@ -46,10 +46,10 @@ impl Pinhole {
         }
         let Distortion { radial, tangential } = self.distortion;
         if radial.iter().chain(&tangential).all(|k| k.is_finite()) {
-                    Ok(self)
-                } else {
-                    Err("has a distortion coefficient that is not finite")
-                }
+            Ok(self)
+        } else {
+            Err("has a distortion coefficient that is not finite")
+        }
     }
 }
 
@@ -230,8 +230,8 @@ mod tests {
                     .expect("in front");
                 assert!(
                     (px - x).abs() < 1e-9
-                                            && (py - y).abs() < 1e-9
-                                            && (projected - depth).abs() < 1e-9
+                        && (py - y).abs() < 1e-9
+                        && (projected - depth).abs() < 1e-9
                 );
             }
         }
@@ -260,7 +260,7 @@ mod tests {
                 f64::from(i % 20) / 20.0 - 0.5,
                 f64::from(i / 20) / 10.0 - 0.5,
             );
-            let back = strong.undo(strong.apply(p)).expect("within the picture");
+            let back = strong.undo(strong.apply(p)).expect("within the image");
             assert!((back - p).length() < 1e-9, "{p} {back}");
         }
         assert_eq!(

@@ -49,7 +49,7 @@ pub use depth::{DepthPicture, DepthSource, write_depth_exr};
 pub use lens::{Distortion, Lens, Pinhole};
 pub use pose::Pose;
 pub use refine::{RefinementReport, RefinementStep};
-pub use register::{RegistrationModel, Registration, RegistrationReport, RegistrationStep};
+pub use register::{Registration, RegistrationModel, RegistrationReport, RegistrationStep};
 pub use view::{FARTHEST_M, LoadedView, View};
 
 use glam::{DMat3, DVec3};
@@ -91,8 +91,8 @@ pub enum ImagesError {
         /// The file.
         path: PathBuf,
         /// Path of the field in the file.
-                field: String,
-                /// Problem, as the rest of a sentence about the field.
+        field: String,
+        /// Problem, as the rest of a sentence about the field.
         cause: String,
     },
     /// An image cannot be decoded or does not fit the set.
@@ -109,8 +109,8 @@ pub enum ImagesError {
         /// The file that contains the path.
         path: PathBuf,
         /// Path of the field in the file.
-                field: String,
-                /// The offending path.
+        field: String,
+        /// The offending path.
         leads_to: String,
     },
 }
@@ -220,19 +220,19 @@ impl ImageSet {
             std::fs::read_dir(path).map_err(|cause| ImagesError::io(path, cause))?;
         }
         let find_file = |name: &str| {
-                    if is_file {
-                        let has_name = path.file_name().is_some_and(|own| own == name);
-                        has_name.then(|| path.to_path_buf())
-                    } else {
-                        Some(folder.join(name)).filter(|file| file.is_file())
-                    }
-                };
+            if is_file {
+                let has_name = path.file_name().is_some_and(|own| own == name);
+                has_name.then(|| path.to_path_buf())
+            } else {
+                Some(folder.join(name)).filter(|file| file.is_file())
+            }
+        };
         let allow = options.allow_outside;
         if let Some(file) = TRANSFORMS.into_iter().find_map(find_file) {
             return readers::nerfstudio::open(&file, allow);
         }
         let manifest = find_file("manifest.json").or_else(|| is_file.then(|| path.to_path_buf()));
-                if let Some(file) = manifest {
+        if let Some(file) = manifest {
             return readers::seurat::open(&file, allow);
         }
         for reader in [
@@ -249,12 +249,12 @@ impl ImageSet {
     }
 
     /// Returns the views that have depth.
-        pub fn views_with_depth(&self) -> impl Iterator<Item = &View> {
+    pub fn views_with_depth(&self) -> impl Iterator<Item = &View> {
         self.views.iter().filter(|view| view.depth.is_some())
     }
 
     /// Returns true if there is depth and all of it was estimated from the photographs.
-        pub fn has_estimated_depth(&self) -> bool {
+    pub fn has_estimated_depth(&self) -> bool {
         let mut sources = self
             .views
             .iter()
@@ -268,12 +268,12 @@ impl ImageSet {
     /// perspective images, else 0.
     pub fn depth_noise(&self) -> f32 {
         let deviations = self
-                    .views
-                    .iter()
-                    .filter_map(|view| view.depth.as_ref()?.estimated_deviation)
-                    .map(f64::from);
-                if self.has_estimated_depth() {
-                    return median(deviations).unwrap_or(0.0) as f32;
+            .views
+            .iter()
+            .filter_map(|view| view.depth.as_ref()?.estimated_deviation)
+            .map(f64::from);
+        if self.has_estimated_depth() {
+            return median(deviations).unwrap_or(0.0) as f32;
         }
         let is_from_sensor = |view: &View| {
             view.depth
@@ -289,7 +289,7 @@ impl ImageSet {
     /// Returns the mean of the cameras' up directions, or `None` if they disagree.
     pub fn up(&self) -> Option<DVec3> {
         /// Minimum length of the mean of the unit vectors: a spread of about 60 degrees.
-                const MIN_LENGTH: f64 = 0.5;
+        const MIN_LENGTH: f64 = 0.5;
         let sum: DVec3 = self
             .views
             .iter()
@@ -304,27 +304,30 @@ impl ImageSet {
         /// Number of nearest views considered.
         const NEIGHBORS: usize = 4;
         let neighbor_distances = |view: &View| {
-                    let mut distances: Vec<f64> = self
+            let mut distances: Vec<f64> = self
                 .views
                 .iter()
                 .map(|other| other.pose.eye.distance(view.pose.eye))
                 .collect();
             if distances.len() > NEIGHBORS + 1 {
-                            distances.select_nth_unstable_by(NEIGHBORS, f64::total_cmp);
-                        }
-                        distances.truncate(NEIGHBORS + 1); // including the view itself
-                        distances.sort_by(f64::total_cmp);
-                        distances
+                distances.select_nth_unstable_by(NEIGHBORS, f64::total_cmp);
+            }
+            distances.truncate(NEIGHBORS + 1); // including the view itself
+            distances.sort_by(f64::total_cmp);
+            distances
         };
         let sum = |distances: &[f64]| distances.iter().sum::<f64>();
-                let candidates = self.views.iter().map(|view| (view, neighbor_distances(view)));
-                let (view, distances) = candidates.min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
-                // Equal positions differ by the rounding of their digits in the file.
-                let same = distances.last().map_or(0.0, |distance| distance * 1e-3);
+        let candidates = self
+            .views
+            .iter()
+            .map(|view| (view, neighbor_distances(view)));
+        let (view, distances) = candidates.min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
+        // Equal positions differ by the rounding of their digits in the file.
+        let same = distances.last().map_or(0.0, |distance| distance * 1e-3);
         Some((
             view,
             distances
-                            .into_iter()
+                .into_iter()
                 .find(|distance| *distance > same)
                 .unwrap_or(0.1),
         ))
@@ -333,7 +336,7 @@ impl ImageSet {
     /// Returns the point nearest to all viewing axes.
     pub fn focus(&self) -> DVec3 {
         let mut matrix = DMat3::ZERO;
-                let mut right = DVec3::ZERO;
+        let mut right = DVec3::ZERO;
         for view in &self.views {
             let axis = view.pose.world_from_eye.z_axis;
             let across =
@@ -357,9 +360,9 @@ impl ImageSet {
         let mean = self.views.iter().map(|view| view.pose.eye).sum::<DVec3>()
             / self.views.len().max(1) as f64;
         let distance = |view: &&View| view.pose.eye.distance_squared(mean);
-                self.views
-                    .iter()
-                    .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        self.views
+            .iter()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 }
 
@@ -407,8 +410,8 @@ mod tests {
 
     #[test]
     fn path_out_of_folder_refused() {
-            let manifest = Path::new("/data/set/manifest.json");
-            let resolve_path = |written, allow| resolve(manifest, "color", written, allow);
+        let manifest = Path::new("/data/set/manifest.json");
+        let resolve_path = |written, allow| resolve(manifest, "color", written, allow);
         assert_eq!(
             resolve_path("a/../b.png", false).expect("inside"),
             Path::new("/data/set/a/../b.png")

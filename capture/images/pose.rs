@@ -29,7 +29,7 @@ impl Pose {
             return Err("is not finite".into());
         }
         let rotation = DMat3::from_mat4(world_from_eye);
-                let eye = world_from_eye.w_axis.truncate();
+        let eye = world_from_eye.w_axis.truncate();
         let last_row = world_from_eye.transpose().w_axis;
         if (last_row - glam::DVec4::W).abs().max_element() > ROTATION_TOLERANCE {
             return Err(format!("its last row is {last_row}, not 0, 0, 0, 1"));
@@ -48,7 +48,7 @@ impl Pose {
     /// sensors).
     ///
     /// # Errors
-    /// As for [`Self::from_opengl`].
+    /// See [`Self::from_opengl`].
     pub fn from_opencv(world_from_camera: DMat4) -> Result<Self, String> {
         let flip = DMat4::from_diagonal(glam::dvec4(1.0, -1.0, -1.0, 1.0));
         Self::from_opengl(world_from_camera * flip)
@@ -58,7 +58,7 @@ impl Pose {
     /// Middlebury).
     ///
     /// # Errors
-    /// As for [`Self::from_opengl`].
+    /// See [`Self::from_opengl`].
     pub fn from_camera_from_world(rotation: DMat3, translation: DVec3) -> Result<Self, String> {
         let world_from_camera = rotation.transpose();
         let eye = -(world_from_camera * translation);
@@ -83,7 +83,7 @@ impl Pose {
     }
 
     /// Returns the angle between two poses, degrees, and the distance of their eyes, metres.
-        pub fn difference(&self, other: &Self) -> [f64; 2] {
+    pub fn difference(&self, other: &Self) -> [f64; 2] {
         let turn = self.world_from_eye * other.world_from_eye.transpose();
         let cosine = (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0) / 2.0;
         [
@@ -107,10 +107,11 @@ impl Pose {
 pub(super) fn mean_difference(pairs: impl ExactSizeIterator<Item = (Pose, Pose)>) -> [f64; 2] {
     let count = pairs.len().max(1) as f64;
     let differences = pairs.map(|(pose, other)| pose.difference(&other));
-        differences.fold([0.0; 2], |sum, difference| {
+    differences
+        .fold([0.0; 2], |sum, difference| {
             [sum[0] + difference[0], sum[1] + difference[1]]
         })
-    .map(|sum| sum / count)
+        .map(|sum| sum / count)
 }
 
 /// Orthonormalises a matrix that is a rotation up to rounding.
@@ -124,15 +125,15 @@ fn orthonormalize(matrix: DMat3) -> Result<DMat3, String> {
     if error > ROTATION_TOLERANCE * 3.0 {
         let scale = matrix.determinant().abs().cbrt();
         let unscaled_error = (gram * (1.0 / (scale * scale)) - DMat3::IDENTITY)
-                    .abs()
-                    .to_cols_array()
-                    .into_iter()
-                    .fold(0.0, f64::max);
-                return Err(if unscaled_error < ROTATION_TOLERANCE * 3.0 {
-                    format!("is a rotation times a scale of {scale:.6}; poses must not scale")
-                } else {
-                    format!("is not a rotation: its columns deviate from orthonormal by {error:.3}")
-                });
+            .abs()
+            .to_cols_array()
+            .into_iter()
+            .fold(0.0, f64::max);
+        return Err(if unscaled_error < ROTATION_TOLERANCE * 3.0 {
+            format!("is a rotation times a scale of {scale:.6}; poses must not scale")
+        } else {
+            format!("is not a rotation: its columns deviate from orthonormal by {error:.3}")
+        });
     }
     if matrix.determinant() < 0.0 {
         return Err(

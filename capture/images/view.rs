@@ -96,8 +96,9 @@ impl View {
         if let Some(mask) = &self.mask {
             let (mask_width, mask_height, mask_pixels) = read_color(mask)?;
             if (mask_width, mask_height) != (width, height) {
-                let cause =
-                    format!("is {mask_width}x{mask_height} pixels, but its image is {width}x{height}");
+                let cause = format!(
+                    "is {mask_width}x{mask_height} pixels, but its image is {width}x{height}"
+                );
                 return Err(ImagesError::Picture {
                     path: mask.clone(),
                     cause,
@@ -111,11 +112,11 @@ impl View {
         }
         let depth = self.load_depth()?;
         // Estimated depth belongs to the undistorted image.
-                let is_estimated = self
-                    .depth
-                    .as_ref()
-                    .is_some_and(|depth| depth.estimated_deviation.is_some());
-                let (distorted, estimated) = if is_estimated {
+        let is_estimated = self
+            .depth
+            .as_ref()
+            .is_some_and(|depth| depth.estimated_deviation.is_some());
+        let (distorted, estimated) = if is_estimated {
             (Vec::new(), depth)
         } else {
             (depth, Vec::new())
@@ -269,15 +270,15 @@ impl LoadedView {
             return None;
         }
         let x = (x - 0.5).clamp(0.0, width - 1.0);
-                let y = (y - 0.5).clamp(0.0, height - 1.0);
-                let x0 = x as usize;
-                let y0 = y as usize;
-                let fx = x - x0 as f64;
-                let fy = y - y0 as f64;
-                let x1 = (x0 + 1).min(width as usize - 1);
-                let y1 = (y0 + 1).min(height as usize - 1);
-                let mut sum = [0.0; 3];
-                let mut total = 0.0;
+        let y = (y - 0.5).clamp(0.0, height - 1.0);
+        let x0 = x as usize;
+        let y0 = y as usize;
+        let fx = x - x0 as f64;
+        let fy = y - y0 as f64;
+        let x1 = (x0 + 1).min(width as usize - 1);
+        let y1 = (y0 + 1).min(height as usize - 1);
+        let mut sum = [0.0; 3];
+        let mut total = 0.0;
         for (px, py, weight) in [
             (x0, y0, (1.0 - fx) * (1.0 - fy)),
             (x1, y0, fx * (1.0 - fy)),
@@ -295,7 +296,7 @@ impl LoadedView {
 
     /// Samples the photograph projected onto the plane through `origin` that faces its camera,
     /// where a ray from `eye` hits that plane; `None` without a hit and outside the photograph.
-        pub fn color_on_plane(&self, origin: DVec3, eye: DVec3, direction: DVec3) -> Option<[f64; 3]> {
+    pub fn color_on_plane(&self, origin: DVec3, eye: DVec3, direction: DVec3) -> Option<[f64; 3]> {
         let normal = self.pose.world_from_eye.z_axis;
         let depth = (origin - eye).dot(normal) / direction.dot(normal);
         let point =
@@ -312,7 +313,7 @@ impl LoadedView {
     /// out. Panoramas, and views that would become smaller than a pixel, are returned unchanged.
     #[must_use]
     pub fn downscaled(self, factor: u32) -> Self {
-            let size_px = self.size_px.map(|side| side / factor.max(1));
+        let size_px = self.size_px.map(|side| side / factor.max(1));
         let Lens::Pinhole(pinhole) = self.lens else {
             return self;
         };
@@ -321,11 +322,11 @@ impl LoadedView {
         }
         let mut color = Vec::with_capacity(size_px[0] as usize * size_px[1] as usize);
         for (x, y) in
-                    (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x * factor, y * factor)))
-                {
-                    let mut sum = [0; 3];
-                    let mut count = 0;
-                    for row in y..y + factor {
+            (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x * factor, y * factor)))
+        {
+            let mut sum = [0; 3];
+            let mut count = 0;
+            for row in y..y + factor {
                 let start = (row * self.size_px[0] + x) as usize;
                 for pixel in self.color[start..start + factor as usize]
                     .iter()
@@ -375,14 +376,14 @@ impl LoadedView {
         let mut depth = vec![f32::NAN; self.depth.len()];
         for (i, color) in color.iter_mut().enumerate() {
             let x = (i % width as usize) as f64 + 0.5;
-                        let y = (i / width as usize) as f64 + 0.5;
+            let y = (i / width as usize) as f64 + 0.5;
             let ideal = DVec2::new(
                 (x - principal_px[0]) / focal_px[0],
                 (y - principal_px[1]) / focal_px[1],
             );
             let distorted = distortion.apply(ideal);
-                        let position = [0, 1].map(|axis| principal_px[axis] + focal_px[axis] * distorted[axis]);
-                        let Some(sampled) = self.color_at(position) else {
+            let position = [0, 1].map(|axis| principal_px[axis] + focal_px[axis] * distorted[axis]);
+            let Some(sampled) = self.color_at(position) else {
                 continue;
             };
             let [r, g, b] = sampled.map(|c| (c + 0.5) as u8);
@@ -390,7 +391,7 @@ impl LoadedView {
             let source = nearest[1].min(height as usize - 1) * width as usize
                 + nearest[0].min(width as usize - 1);
             *color = [r, g, b, self.color[source][3]];
-                        if let (Some(depth), Some(&known)) = (depth.get_mut(i), self.depth.get(source)) {
+            if let (Some(depth), Some(&known)) = (depth.get_mut(i), self.depth.get(source)) {
                 *depth = known;
             }
         }
@@ -447,7 +448,8 @@ mod tests {
         let [u, v, w] = third.lens.project(point, third.size_px).unwrap();
         assert!((x / 3.0 - u).abs() < 1e-12 && (y / 3.0 - v).abs() < 1e-12 && z == w);
         for (i, color) in (0u32..).zip(&third.color) {
-            let (x, y) = (i % 4 * 3, i / 4 * 3);
+            let x = i % 4 * 3;
+            let y = i / 4 * 3;
             let block = (0..9).map(|k| whole.color[((y + k / 3) * 13 + x + k % 3) as usize]);
             let known: Vec<[u8; 4]> = block.filter(|pixel| pixel[3] > 0).collect();
             for c in 0..3 {
@@ -455,12 +457,12 @@ mod tests {
                     known.iter().map(|pixel| f64::from(pixel[c])).sum::<f64>() / known.len() as f64;
                 assert!(
                     (f64::from(color[c]) - mean).abs() <= 0.5,
-                                        "{i}: {color:?} {mean}"
+                    "{i}: {color:?} {mean}"
                 );
             }
         }
         assert_eq!(whole.clone().downscaled(1), whole);
-                assert_eq!(whole.clone().downscaled(10), whole, "less than a pixel");
+        assert_eq!(whole.clone().downscaled(10), whole, "less than a pixel");
     }
 
     #[test]
@@ -475,9 +477,9 @@ mod tests {
             let point = view.pose.eye + direction * 4.0;
             for eye in [view.pose.eye, view.pose.eye + DVec3::new(0.4, 0.1, -0.3)] {
                 let color = view.color_on_plane(origin, eye, point - eye).unwrap();
-                                assert!(
-                                    (0..3).all(|c| (color[c] - expected[c]).abs() < 1e-9),
-                                    "{color:?} {expected:?}"
+                assert!(
+                    (0..3).all(|c| (color[c] - expected[c]).abs() < 1e-9),
+                    "{color:?} {expected:?}"
                 );
             }
             assert_eq!(

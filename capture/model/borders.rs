@@ -1,9 +1,11 @@
-//! Borders that no wall closes: where a cell's outline runs through open space, its neighbour is seen, so there is a portal.
+//! Borders that no wall closes: where a cell's outline runs through open space, its neighbour is
+//! seen, so there is a portal.
 //!
-//! Walls are felt for by rays rather than taken from a plan, so that a lintel, a half-high wall, a post or a missing wall
-//! counts as what it is, whoever drew it. Rays cross the border squarely on a grid; each run of neighbouring columns in which
-//! some ray passes becomes one upright rectangle, from the lowest to the highest of them, its ends found by bisection. A
-//! portal may be larger than what is open (what stands in it hides what is behind), never smaller.
+//! Walls are felt for by rays rather than taken from a plan, so that a lintel, a half-high wall, a
+//! post or a missing wall counts as what it is, whoever drew it. Rays cross the border squarely on
+//! a grid; each run of neighbouring columns in which some ray passes becomes one upright rectangle,
+//! from the lowest to the highest of them, its ends found by bisection. A portal may be larger than
+//! what is open (what stands in it hides what is behind), never smaller.
 
 use super::polygon::Polygon;
 use super::{Finding, Portal, PortalModel, Prism};
@@ -11,26 +13,29 @@ use glam::{DVec2, DVec3};
 use headbox_trace::bvh::{Ray, Tracer};
 use std::collections::VecDeque;
 
-/// Distance of the rays along a border and in height, metres; a post or slit narrower than this may be missed.
+/// Distance of the rays along a border and in height, metres; a post or slit narrower than this may
+/// be missed.
 const GRID_M: f64 = 0.1;
 
 /// Rays at the rim of a border keep this far from its ends, floor and ceiling, metres.
 const RIM_M: f64 = 0.01;
 
-/// How far beyond a border its neighbour may begin, metres: the thickness of a thick wall, where there is a gap in it.
+/// How far beyond a border its neighbour may begin, metres: the thickness of a thick wall, where
+/// there is a gap in it.
 const REACH_M: f64 = 0.4;
 
 /// In steps of this, metres.
 const STEP_M: f64 = 0.01;
 
-/// Rays begin and end this far from the border, metres, or nearer where the cell is narrower: rooms may be drawn to the middle
-/// of their walls.
+/// Rays begin and end this far from the border, metres, or nearer where the cell is narrower: rooms
+/// may be drawn to the middle of their walls.
 const CLEAR_M: [f64; 4] = [0.3, 0.15, 0.06, 0.02];
 
 /// Halvings of [`GRID_M`] by which an opening's ends are found.
 const HALVINGS: u32 = 7;
 
-/// What is narrower or lower is a crack, metres: between cells, and to the outside, where frames end a little before walls do.
+/// What is narrower or lower is a crack, metres: between cells, and to the outside, where frames
+/// end a little before walls do.
 const LEAST_M: [f64; 2] = [0.04, 0.15];
 
 /// An edge of a cell's space, upright.
@@ -64,14 +69,16 @@ struct Opening {
 }
 
 impl PortalModel {
-    /// Adds a portal wherever no wall stands between two cells, or between a cell and the outside, and none is there yet; the
-    /// space between a border and the neighbour behind a gap becomes the neighbour's. `tracer` is over this model's geometry,
-    /// dealt out to cells or not. Says where a room is open to the outside: a wall may be missing.
+    /// Adds a portal wherever no wall stands between two cells, or between a cell and the outside,
+    /// and none is there yet; the space between a border and the neighbour behind a gap becomes the
+    /// neighbour's. `tracer` is over this model's geometry, dealt out to cells or not. Says where a
+    /// room is open to the outside: a wall may be missing.
     pub fn open_borders(&mut self, tracer: &Tracer) -> Vec<Finding> {
         let mut findings = Vec::new();
         let mut borders: VecDeque<Border> = self.borders().into();
         while let Some(border) = borders.pop_front() {
-            // Those of earlier borders count: the neighbour's side of an opening is not found again.
+            // Those of earlier borders count: the neighbour's side of an opening is not found
+            // again.
             let found = Survey {
                 model: self,
                 tracer,
@@ -103,7 +110,8 @@ impl PortalModel {
             .collect()
     }
 
-    /// Adds the portal of an opening; the borders of space that it gives to the neighbour are to be looked at too.
+    /// Adds the portal of an opening; the borders of space that it gives to the neighbour are to be
+    /// looked at too.
     fn add_opening(
         &mut self,
         border: &Border,
@@ -295,7 +303,8 @@ impl Survey<'_> {
         [start, end]
     }
 
-    /// One opening of a run of columns, of each of which `open` are the rows; none if that is a crack.
+    /// One opening of a run of columns, of each of which `open` are the rows; none if that is a
+    /// crack.
     fn opening(
         &self,
         columns: &[f64],
@@ -375,8 +384,8 @@ impl Survey<'_> {
             .any(|polygon| polygon.hit(near, far - near, 0.0).is_some_and(|t| t <= 1.0))
     }
 
-    /// The nearest other cell beyond the border, else the outside; none where the border is inside of its own cell, or of
-    /// another that has the better claim to what is before it.
+    /// The nearest other cell beyond the border, else the outside; none where the border is inside
+    /// of its own cell, or of another that has the better claim to what is before it.
     fn beyond(&self, s: f64, y: f64) -> Option<Beyond> {
         let cell_at = |out: f64| self.model.cell_at(self.border.at(s, y, out));
         let own = Some(self.border.cell);

@@ -1,4 +1,5 @@
-//! What can be wrong with a portal model, each as a sentence, and the mending of what would break a walkthrough.
+//! What can be wrong with a portal model, each as a sentence, and the mending of what would break a
+//! walkthrough.
 
 use super::polygon::{Polygon, Shape, crosses_itself};
 use super::{Portal, PortalModel, Prism};
@@ -25,7 +26,8 @@ impl fmt::Display for Severity {
     }
 }
 
-/// Something wrong with a portal model; its text is a sentence that says what, and what is done instead.
+/// Something wrong with a portal model; its text is a sentence that says what, and what is done
+/// instead.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Finding {
     /// Nothing but outside.
@@ -230,7 +232,8 @@ impl Finding {
         }
     }
 
-    /// The same with its place in the axes and unit of the file that the model is from: what its sentence says of places.
+    /// The same with its place in the axes and unit of the file that the model is from: what its
+    /// sentence says of places.
     pub fn in_file(mut self, frame: &FileFrame) -> Self {
         if let Self::NoWall { at, .. }
         | Self::Joined { at, .. }
@@ -259,8 +262,8 @@ impl Finding {
     }
 }
 
-/// How far before and behind a portal its cells are looked for, metres: beyond a hair of imprecision, within the
-/// reveal of a thin wall.
+/// How far before and behind a portal its cells are looked for, metres: beyond a hair of
+/// imprecision, within the reveal of a thin wall.
 const PROBES_M: [f64; 3] = [0.002, 0.02, 0.06];
 
 impl PortalModel {
@@ -315,10 +318,11 @@ impl PortalModel {
         findings
     }
 
-    /// Leaves out the portals that cannot be used and turns round those whose corners run the wrong way.
+    /// Leaves out the portals that cannot be used and turns round those whose corners run the wrong
+    /// way.
     ///
-    /// Returns what [`Self::check`] had to say before. Its portal indices are those of the mended model; what was left
-    /// out is numbered on from there.
+    /// Returns what [`Self::check`] had to say before. Its portal indices are those of the mended
+    /// model; what was left out is numbered on from there.
     pub fn mend(&mut self) -> Vec<Finding> {
         let unusable: Vec<bool> = (self.portals.iter().enumerate())
             .map(|(index, portal)| {
@@ -344,7 +348,8 @@ impl PortalModel {
         findings
     }
 
-    /// Leaves no T-junctions in the scene (see [`headbox_scene::scene::Scene::stitch`]); each cell keeps its surfaces.
+    /// Leaves no T-junctions in the scene (see [`headbox_scene::scene::Scene::stitch`]); each cell
+    /// keeps its surfaces.
     pub fn stitch(&mut self) {
         let firsts = self.scene.stitch();
         for cell in &mut self.cells {
@@ -353,7 +358,8 @@ impl PortalModel {
         }
     }
 
-    /// Which cells can be reached from a cell through portals, by index; none if there is no such cell.
+    /// Which cells can be reached from a cell through portals, by index; none if there is no such
+    /// cell.
     pub fn reachable(&self, from: u32) -> Vec<bool> {
         self.reachable_by(from, &vec![true; self.portals.len()])
     }

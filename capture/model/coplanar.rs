@@ -1,10 +1,12 @@
-//! Surfaces that lie in one plane over each other: which of them shows is left to rounding, so that they flicker.
+//! Surfaces that lie in one plane over each other: which of them shows is left to rounding, so that
+//! they flicker.
 
 use super::{Finding, PortalModel};
 use glam::{DVec2, DVec3};
 use std::collections::{BTreeMap, HashMap};
 
-/// Two planes are one if they are no farther apart, metres: a depth buffer tells what is farther apart at a room's distance.
+/// Two planes are one if they are no farther apart, metres: a depth buffer tells what is farther
+/// apart at a room's distance.
 const ONE_PLANE_M: f64 = 1e-4;
 /// Components of unit normals are told apart by this.
 const ONE_NORMAL: f64 = 1e-3;
@@ -24,8 +26,8 @@ struct Flat {
 type Plane = [i64; 4];
 
 impl PortalModel {
-    /// Where triangles of different materials face the same way in one plane, over each other: one finding for each cell, with
-    /// the area and the middle of the largest such place.
+    /// Where triangles of different materials face the same way in one plane, over each other: one
+    /// finding for each cell, with the area and the middle of the largest such place.
     pub fn coplanar(&self) -> Vec<Finding> {
         let mut planes: HashMap<Plane, Vec<Flat>> = HashMap::new();
         for (cell, it) in (0_u32..).zip(&self.cells) {
@@ -117,7 +119,8 @@ fn lift(plane: Plane, p: DVec2) -> DVec3 {
     u * p.x + v * p.y + u.cross(v) * (plane[3] as f64 * ONE_PLANE_M)
 }
 
-/// Area that two counter-clockwise triangles share, and the middle of its corners (Sutherland-Hodgman).
+/// Area that two counter-clockwise triangles share, and the middle of its corners
+/// (Sutherland-Hodgman).
 fn overlap(a: &[DVec2; 3], b: &[DVec2; 3]) -> (f64, DVec2) {
     let mut polygon = a.to_vec();
     for i in 0..3 {

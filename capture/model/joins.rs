@@ -1,4 +1,5 @@
-//! Cells that see each other without a portal become one cell: what a portal cannot be found for is at least not missing.
+//! Cells that see each other without a portal become one cell: what a portal cannot be found for is
+//! at least not missing.
 
 use super::{Cell, Finding, PortalModel};
 use headbox_trace::bvh::Tracer;
@@ -6,12 +7,14 @@ use std::sync::Arc;
 
 /// Rays from each cell that look for such sight.
 const RAYS: u32 = 2000;
-/// So many of them, of both cells together, may pass cracks and numbers that were rounded: homes that are closed have one or two.
+/// So many of them, of both cells together, may pass cracks and numbers that were rounded: homes
+/// that are closed have one or two.
 const FEW: usize = 10;
 
 impl PortalModel {
-    /// Joins cells that more than a few rays find to see each other past all portals (see [`Self::leaks`]), and says which. The
-    /// outside is not joined to: a room that leaks to it would lose its walls' other sides.
+    /// Joins cells that more than a few rays find to see each other past all portals (see
+    /// [`Self::leaks`]), and says which. The outside is not joined to: a room that leaks to it
+    /// would lose its walls' other sides.
     pub fn join_leaking(&mut self) -> Vec<Finding> {
         if self.cells.len() < 2 || self.scene.triangles.is_empty() {
             return Vec::new();

@@ -1,4 +1,5 @@
-//! Whether cells see each other only through portals: found by rays, as a leak is a hole in what the model says.
+//! Whether cells see each other only through portals: found by rays, as a leak is a hole in what
+//! the model says.
 
 use super::polygon::Polygon;
 use super::{Finding, Portal, PortalModel, distance_to_outline};
@@ -8,16 +9,17 @@ use headbox_trace::sampler::{random4, unit_float};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// How far before a hit the ray's cell is looked up, metres: a wall's face may lie this far off the border of its
-/// cell's space.
+/// How far before a hit the ray's cell is looked up, metres: a wall's face may lie this far off the
+/// border of its cell's space.
 const BEFORE_HIT_M: f64 = 0.03;
 
-/// Portals are grown by this much for the rays of the search, metres: drawn homes leave a few millimetres between an
-/// opening and the wall around it.
+/// Portals are grown by this much for the rays of the search, metres: drawn homes leave a few
+/// millimetres between an opening and the wall around it.
 const EDGE_M: f64 = 0.005;
 
-/// Rays start at least this far from the border of their cell's space, metres: the space of a cell may reach to the
-/// middle of its walls, and what is seen from inside a wall says nothing. A cell too narrow for that sends no rays.
+/// Rays start at least this far from the border of their cell's space, metres: the space of a cell
+/// may reach to the middle of its walls, and what is seen from inside a wall says nothing. A cell
+/// too narrow for that sends no rays.
 const FROM_BORDER_M: f64 = 0.25;
 
 /// Attempts to find a point in a cell, for each that is wanted.
@@ -31,9 +33,10 @@ struct Stray {
 }
 
 impl PortalModel {
-    /// Sends `rays_per_cell` rays from seeded points in each cell (but the outside) in seeded directions, follows them
-    /// through the portals they cross, and reports those that end in another cell: one finding for each pair of cells.
-    /// `tracer` is over this model's scene. The same on any number of threads.
+    /// Sends `rays_per_cell` rays from seeded points in each cell (but the outside) in seeded
+    /// directions, follows them through the portals they cross, and reports those that end in
+    /// another cell: one finding for each pair of cells. `tracer` is over this model's scene. The
+    /// same on any number of threads.
     pub fn leaks(&self, tracer: &Tracer, rays_per_cell: u32, seed: u64) -> Vec<Finding> {
         let name = |cell: u32| self.cells[cell as usize].name.clone();
         let of = rays_per_cell as usize
@@ -53,7 +56,8 @@ impl PortalModel {
             .collect()
     }
 
-    /// How many rays pass from one cell to another past all portals, and where one of them was found.
+    /// How many rays pass from one cell to another past all portals, and where one of them was
+    /// found.
     pub(super) fn stray_pairs(
         &self,
         tracer: &Tracer,
@@ -101,7 +105,8 @@ impl PortalModel {
         pairs
     }
 
-    /// A point well inside a cell and a unit direction, uniform both; none if no attempt found a point.
+    /// A point well inside a cell and a unit direction, uniform both; none if no attempt found a
+    /// point.
     fn ray_from(&self, cell: u32, ray: u32, seed: u64) -> Option<(DVec3, DVec3)> {
         let space = &self.cells[cell as usize].space;
         let key = (seed ^ (seed >> 32)) as u32;
@@ -165,7 +170,8 @@ impl PortalModel {
             }
         }
         let Some(hit) = hit else {
-            // Into the sky: that is outside. A model without an outside has nothing there to be missed.
+            // Into the sky: that is outside. A model without an outside has nothing there to be
+            // missed.
             let into = self.outside.filter(|&outside| outside != current)?;
             return Some(Stray {
                 from: current,

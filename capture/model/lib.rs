@@ -1,10 +1,11 @@
-//! Models of *cells* and *portals*: rooms, and the openings through which one room is seen from another (R1,
-//! P1). Geometry and topology only; what is captured of them belongs to the walkthrough.
+//! Models of *cells* and *portals*: rooms, and the openings through which one room is seen from
+//! another (R1, P1). Geometry and topology only; what is captured of them belongs to the
+//! walkthrough.
 //!
-//! * A **cell** is a region of space: a set of vertical prisms, with the triangles that stand in it. At most one cell is
-//!   the *outside*: all space that no other cell contains.
-//! * A **portal** is a planar convex polygon shared by exactly two cells. Nothing but a portal lets light pass from one
-//!   cell to another: what is seen of another cell is seen through portals.
+//! * A **cell** is a region of space: a set of vertical prisms, with the triangles that stand in
+//!   it. At most one cell is the *outside*: all space that no other cell contains.
+//! * A **portal** is a planar convex polygon shared by exactly two cells. Nothing but a portal lets
+//!   light pass from one cell to another: what is seen of another cell is seen through portals.
 
 pub mod bake;
 mod borders;
@@ -26,7 +27,8 @@ use std::ops::Range;
 /// An upright prism: a simple polygon in plan, from its floor to its ceiling.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prism {
-    /// Corners in plan, (x, z) of the world in metres; a simple polygon, either way round, not closed.
+    /// Corners in plan, (x, z) of the world in metres; a simple polygon, either way round, not
+    /// closed.
     pub outline: Vec<DVec2>,
     /// Height of the floor, world metres.
     pub floor_y: f64,
@@ -35,8 +37,8 @@ pub struct Prism {
 }
 
 impl Prism {
-    /// Whether the prism contains a point (world metres); of two prisms that share a wall, at most one contains a point
-    /// of it in plan.
+    /// Whether the prism contains a point (world metres); of two prisms that share a wall, at most
+    /// one contains a point of it in plan.
     pub fn contains(&self, p: DVec3) -> bool {
         if !(self.floor_y..self.ceiling_y).contains(&p.y) {
             return false;
@@ -75,14 +77,16 @@ pub struct Portal {
     pub name: String,
     /// The two cells, by index into [`PortalModel::cells`]; they differ.
     pub cells: [u32; 2],
-    /// Corners of the opening, world metres: planar, convex, at least three, counter-clockwise seen from `cells[0]`.
+    /// Corners of the opening, world metres: planar, convex, at least three, counter-clockwise seen
+    /// from `cells[0]`.
     pub polygon: Vec<DVec3>,
 }
 
 /// A scene divided into cells that see each other through portals.
 ///
-/// Invariants: the cells' runs of triangles follow each other and cover all of [`Scene::triangles`] (a triangle belongs
-/// to exactly one cell); portals refer to existing cells; `outside` is one of the cells.
+/// Invariants: the cells' runs of triangles follow each other and cover all of [`Scene::triangles`]
+/// (a triangle belongs to exactly one cell); portals refer to existing cells; `outside` is one of
+/// the cells.
 #[derive(Clone, Debug)]
 pub struct PortalModel {
     /// All geometry, light and materials, triangles sorted by cell.
@@ -96,8 +100,8 @@ pub struct PortalModel {
 }
 
 impl PortalModel {
-    /// The cell that contains a point (world metres): the first whose space does, else the outside cell, else none (a
-    /// point in a wall of a model without an outside).
+    /// The cell that contains a point (world metres): the first whose space does, else the outside
+    /// cell, else none (a point in a wall of a model without an outside).
     pub fn cell_at(&self, p: DVec3) -> Option<u32> {
         let inside = self
             .cells
@@ -131,13 +135,15 @@ pub(crate) enum Side {
 }
 
 impl Side {
-    /// How far before and behind a surface its cell is looked for, metres: less than a wall is thick.
+    /// How far before and behind a surface its cell is looked for, metres: less than a wall is
+    /// thick.
     pub(crate) const PROBE_M: f64 = 0.02;
 }
 
 impl PortalModel {
-    /// For each triangle the side that its cell sees: where the cell ends at the surface, and nowhere goes on behind it, only one. The side of
-    /// a jamb is seen from the room where it stands out of the wall, though the middle of it lies in the wall.
+    /// For each triangle the side that its cell sees: where the cell ends at the surface, and
+    /// nowhere goes on behind it, only one. The side of a jamb is seen from the room where it
+    /// stands out of the wall, though the middle of it lies in the wall.
     pub(crate) fn sides(&self) -> Vec<Side> {
         let mut sides = vec![Side::Any; self.scene.triangles.len()];
         for (cell, it) in (0_u32..)
@@ -175,7 +181,8 @@ impl PortalModel {
         }
     }
 
-    /// Where a person would stand in the largest room, if the scene does not say where to look from: exposure is measured there.
+    /// Where a person would stand in the largest room, if the scene does not say where to look
+    /// from: exposure is measured there.
     pub(crate) fn suggest_headbox(&mut self) {
         /// Of an eye above the floor, and half of a headbox about it, metres.
         const EYE_M: f64 = 1.6;
@@ -221,8 +228,8 @@ pub(crate) fn distance_to_outline(outline: &[DVec2], p: DVec2) -> f64 {
 mod tests {
     use super::*;
 
-    /// An L-shaped room: points in its two arms are inside, the notch is not, and of two rooms that share a wall exactly
-    /// one contains a point of it.
+    /// An L-shaped room: points in its two arms are inside, the notch is not, and of two rooms that
+    /// share a wall exactly one contains a point of it.
     #[test]
     fn an_l_shaped_room_contains_its_arms_only() {
         let corners = [

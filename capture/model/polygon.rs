@@ -36,8 +36,8 @@ pub(crate) struct Polygon<'a> {
     pub(crate) normal: DVec3,
 }
 
-/// How far a corner may lie off the plane: this share of the polygon's size, or a tenth of a millimetre. Files print
-/// centimetres to a few decimals.
+/// How far a corner may lie off the plane: this share of the polygon's size, or a tenth of a
+/// millimetre. Files print centimetres to a few decimals.
 const FLAT_SHARE: f64 = 1e-4;
 const FLAT_M: f64 = 1e-4;
 
@@ -63,8 +63,8 @@ impl<'a> Polygon<'a> {
             .map(|corner| corner.distance(centroid))
             .fold(0.0, f64::max);
         let edge = |i: usize| corners[(i + 1) % count] - corners[i % count];
-        // Newell's sum: twice the area times the normal. Nothing is left of it where the edges of a figure of eight
-        // cancel, so that shape is told from the corners too.
+        // Newell's sum: twice the area times the normal. Nothing is left of it where the edges of a
+        // figure of eight cancel, so that shape is told from the corners too.
         let newell: DVec3 = (0..count)
             .map(|i| (corners[i] - centroid).cross(edge(i)))
             .sum();
@@ -107,7 +107,8 @@ impl<'a> Polygon<'a> {
         })
     }
 
-    /// Where a ray meets the polygon grown by `margin` metres: its parameter, if it is not negative.
+    /// Where a ray meets the polygon grown by `margin` metres: its parameter, if it is not
+    /// negative.
     pub(crate) fn hit(&self, origin: DVec3, direction: DVec3, margin: f64) -> Option<f64> {
         let t = (self.centroid - origin).dot(self.normal) / direction.dot(self.normal);
         let p = origin + direction * t;

@@ -1,12 +1,14 @@
-//! Where capture rays start and where they go: planar ray domains, their 4-D strata, and the square-to-disk map.
+//! Where capture rays start and where they go: planar ray domains, their 4-D strata, and the
+//! square-to-disk map.
 //!
-//! A *ray domain* is a parallelogram window (a face of the headbox, or the opening of a portal) with positions uniform
-//! on it and directions cosine-weighted about its outward normal: the density under which every ray that crosses the
-//! window is equally likely (Shade et al. section 4.2; S15). The four dimensions are cut into `N^4` strata
-//! with `M` rays each.
+//! A *ray domain* is a parallelogram window (a face of the headbox, or the opening of a portal)
+//! with positions uniform on it and directions cosine-weighted about its outward normal: the
+//! density under which every ray that crosses the window is equally likely (Shade et al. section
+//! 4.2; S15). The four dimensions are cut into `N^4` strata with `M` rays each.
 //!
-//! Strata are visited direction by direction, all positions of one direction cell together (a [`DirectionCell`]): those
-//! rays are nearly parallel, so that they walk the same part of the tree, and land close together in the LDI.
+//! Strata are visited direction by direction, all positions of one direction cell together (a
+//! [`DirectionCell`]): those rays are nearly parallel, so that they walk the same part of the tree,
+//! and land close together in the LDI.
 
 use crate::bvh::{PACKET, RayPacket};
 use glam::{DVec3, Vec3};
@@ -83,8 +85,9 @@ impl Strata {
     }
 }
 
-/// The name of a ray: domain (8 bits), stratum (32 bits), number in its stratum (24 bits). Orders and identifies rays
-/// whatever thread traced them, so that ties between samples never depend on arrival.
+/// The name of a ray: domain (8 bits), stratum (32 bits), number in its stratum (24 bits). Orders
+/// and identifies rays whatever thread traced them, so that ties between samples never depend on
+/// arrival.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, bytemuck::Pod, bytemuck::Zeroable,
 )]
@@ -113,8 +116,8 @@ impl RayKey {
     }
 }
 
-/// Four independent 32-bit random numbers from four counters (Jarzynski and Olano 2020, "Hash functions for GPU
-/// rendering", `pcg4d`).
+/// Four independent 32-bit random numbers from four counters (Jarzynski and Olano 2020, "Hash
+/// functions for GPU rendering", `pcg4d`).
 #[inline(always)]
 pub fn random4(mut v: [u32; 4]) -> [u32; 4] {
     for x in &mut v {
@@ -140,8 +143,9 @@ pub fn unit_float(random: u32) -> f32 {
     (random >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
-/// Maps the unit square to the unit disk, keeping areas (Shirley and Chiu 1997, the concentric map). Polynomials in
-/// place of `sin` and `cos` keep the result the same on every machine; their error is below 4e-7.
+/// Maps the unit square to the unit disk, keeping areas (Shirley and Chiu 1997, the concentric
+/// map). Polynomials in place of `sin` and `cos` keep the result the same on every machine; their
+/// error is below 4e-7.
 #[inline(always)]
 pub fn disk_from_square(u: f32, v: f32) -> [f32; 2] {
     use std::f32::consts::FRAC_PI_4;
@@ -212,7 +216,8 @@ impl DirectionCell {
         )
     }
 
-    /// Fills `packet` with up to 16 rays, named by (position cell, number in the stratum); the others are inactive.
+    /// Fills `packet` with up to 16 rays, named by (position cell, number in the stratum); the
+    /// others are inactive.
     pub fn fill_packet(&self, names: &[(u32, u32)], packet: &mut RayPacket) {
         let mut square = [[0.0f32; PACKET]; 4];
         self.square_positions(names, &mut square);
@@ -371,7 +376,8 @@ mod tests {
 
     #[test]
     fn directions_are_cosine_weighted() {
-        // The mean of the cosine under a cosine density is 2/3; 16,384 rays give a standard error of 0.0018.
+        // The mean of the cosine under a cosine density is 2/3; 16,384 rays give a standard error
+        // of 0.0018.
         for sampling in [Sampling::Stratified, Sampling::WhiteNoise] {
             let (mut sum, mut count) = (0.0, 0);
             for cell in 0..64 {

@@ -13,14 +13,16 @@ use rayon::prelude::*;
 /// A ray-traced frame, and what it is worth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// Coverage is the share of a pixel's rays that met a surface: full if all did, the environment alone if none.
+    /// Coverage is the share of a pixel's rays that met a surface: full if all did, the environment
+    /// alone if none.
     pub frame: Frame,
     /// Linear radiance, row by row from the top; empty of a frame that was kept in a file.
     pub radiance: Vec<[f32; 3]>,
-    /// Colours of the two independent halves of the samples, row by row from the top: what differs between them is noise.
+    /// Colours of the two independent halves of the samples, row by row from the top: what differs
+    /// between them is noise.
     pub halves: [Vec<[u8; 3]>; 2],
-    /// How far the picture is from its own limit, as a PSNR in dB: from the difference between two independent halves
-    /// of the samples. Infinite if they agree to the last bit.
+    /// How far the picture is from its own limit, as a PSNR in dB: from the difference between two
+    /// independent halves of the samples. Infinite if they agree to the last bit.
     pub standard_error_psnr_db: f64,
 }
 
@@ -40,9 +42,9 @@ impl Truth {
     }
 }
 
-/// Traces a frame with `samples` camera rays per pixel (rounded up to a multiple of 2), jittered over the pixel, one
-/// light sample each; 0 light samples (`lit` false) shows albedo and emission as a capture without light does. Of a frame
-/// that `progress` gave up, the rest is black.
+/// Traces a frame with `samples` camera rays per pixel (rounded up to a multiple of 2), jittered
+/// over the pixel, one light sample each; 0 light samples (`lit` false) shows albedo and emission
+/// as a capture without light does. Of a frame that `progress` gave up, the rest is black.
 pub fn render(
     tracer: &Tracer,
     lighting: &Lighting,
@@ -105,7 +107,8 @@ pub fn render(
     }
 }
 
-/// How far the mean of two halves is from its own limit, as a PSNR in dB: it has half the standard deviation of their difference.
+/// How far the mean of two halves is from its own limit, as a PSNR in dB: it has half the standard
+/// deviation of their difference.
 fn standard_error_psnr_db([first, second]: &[Vec<[u8; 3]>; 2]) -> f64 {
     let levels = first.as_flattened().iter().zip(second.as_flattened());
     let squared_error: f64 = levels
@@ -133,7 +136,8 @@ impl TracedPixel {
     };
 }
 
-/// Eye depth of what each pixel's middle shows, metres, row by row; infinite where there is nothing.
+/// Eye depth of what each pixel's middle shows, metres, row by row; infinite where there is
+/// nothing.
 pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
     let pixels: Vec<(u32, u32)> = (0..camera.height())
         .flat_map(|y| (0..camera.width()).map(move |x| (x, y)))
@@ -213,7 +217,8 @@ impl PixelTracer<'_> {
         }
     }
 
-    /// Radiance along a ray; samples from number `first` on are spread evenly, independently of those before.
+    /// Radiance along a ray; samples from number `first` on are spread evenly, independently of
+    /// those before.
     fn seen(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
         let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
         let sample = LightSample {

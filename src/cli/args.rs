@@ -1,4 +1,5 @@
-//! Arguments that several subcommands share. Positions and lengths are in the scene file's own axes and unit.
+//! Arguments that several subcommands share. Positions and lengths are in the scene file's own axes
+//! and unit.
 
 use super::words::UsageError;
 use clap::Args;
@@ -61,7 +62,8 @@ pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
 /// A key and its value.
 pub(super) type Pair<'t> = (&'t str, &'t str);
 
-/// `NAME@KEY=VALUE@KEY=VALUE`: the name, which may hold an `@` that no key follows, and the rest as it stands.
+/// `NAME@KEY=VALUE@KEY=VALUE`: the name, which may hold an `@` that no key follows, and the rest as
+/// it stands.
 pub(super) fn named_parts<'t>(
     text: &'t str,
     keys: &[&str],
@@ -138,22 +140,24 @@ pub(super) const UNITS: Names<f64> = &[
 /// Light of a scene where it is not the scene's own.
 #[derive(Args, Clone)]
 pub(super) struct LightArgs {
-    /// Sky: an equirectangular .hdr or .exr picture, its middle north (-Z; +Y where Z points up), in place of the scene's sky
-    /// and sun. A sun that stands in it lights as one
+    /// Sky: an equirectangular .hdr or .exr picture, its middle north (-Z; +Y where Z points up),
+    /// in place of the scene's sky and sun. A sun that stands in it lights as one
     #[arg(long, value_name = "FILE.hdr|.exr")]
     sky: Option<PathBuf>,
     /// Turn the picture of the sky about the up axis, degrees from north to east
     #[arg(long, value_name = "DEG", default_value_t = 0.0, requires = "sky", value_parser = parse_angle,
         allow_hyphen_values = true)]
     sky_turn: f64,
-    /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees, from north to east and up from
-    /// the horizon; or off
+    /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees,
+    /// from north to east and up from the horizon; or off
     #[arg(long, value_name = "X,Y,Z|AZ,EL|off", allow_hyphen_values = true)]
     sun: Option<SunPlace>,
-    /// Luminance of the sun's irradiance on what faces it, in the unit of the sky's radiance; the default sun brings 3
+    /// Luminance of the sun's irradiance on what faces it, in the unit of the sky's radiance; the
+    /// default sun brings 3
     #[arg(long, value_name = "E", value_parser = parse_strength)]
     sun_strength: Option<f32>,
-    /// Exposure: auto, stops beyond that such as auto+1, or a number of stops by which linear radiance is stored brighter
+    /// Exposure: auto, stops beyond that such as auto+1, or a number of stops by which linear
+    /// radiance is stored brighter
     #[arg(long, value_name = "auto|EV", default_value_t = Exposure::default(), allow_hyphen_values = true)]
     exposure: Exposure,
     #[arg(skip)]
@@ -196,11 +200,12 @@ pub(super) struct SceneArgs {
     source: SourceArgs,
 }
 
-/// How a scene is read: the axes and the unit of its file where they are not its format's default, and its light where it is not
-/// its own.
+/// How a scene is read: the axes and the unit of its file where they are not its format's default,
+/// and its light where it is not its own.
 #[derive(Args)]
 pub(super) struct SourceArgs {
-    /// Axis that points up in the file, y or z; Y in a glTF, guessed from evidence in an OBJ if absent
+    /// Axis that points up in the file, y or z; Y in a glTF, guessed from evidence in an OBJ if
+    /// absent
     #[arg(long, value_parser = parse_up)]
     up: Option<UpAxis>,
     /// Unit of lengths in the file; metres in a glTF, guessed from evidence in an OBJ if absent
@@ -286,11 +291,12 @@ pub(super) struct CameraArgs {
     /// Position of the eye; the centre of the headbox, or where sprites were taken from, if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// Point to look at; the direction in which there is most to see from the headbox (of a scene, from the eye; for sprites, as
-    /// they were taken) if absent
+    /// Point to look at; the direction in which there is most to see from the headbox (of a scene,
+    /// from the eye; for sprites, as they were taken) if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
-    /// Direction that points up in the image; the file's up axis if absent, or of images what is up in them
+    /// Direction that points up in the image; the file's up axis if absent, or of images what is up
+    /// in them
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     up_vector: Option<DVec3>,
     /// Vertical field of view, degrees; 60 if absent
@@ -373,7 +379,8 @@ impl CameraArgs {
         ]
     }
 
-    /// The cameras of a path, whose frames have the size that is said; what else is said of cameras is refused.
+    /// The cameras of a path, whose frames have the size that is said; what else is said of cameras
+    /// is refused.
     pub(super) fn of_path(&self, cameras: Vec<Camera>) -> anyhow::Result<Vec<Camera>> {
         if let Some((flag, _)) = self
             .given()
@@ -401,8 +408,8 @@ impl CameraArgs {
         Ok(cameras.into_iter().map(resized).collect::<Result<_, _>>()?)
     }
 
-    /// The camera in a scene, from free space and to where there is most to see from its eye where nothing is said, and a tracer
-    /// about its eye.
+    /// The camera in a scene, from free space and to where there is most to see from its eye where
+    /// nothing is said, and a tracer about its eye.
     pub(super) fn aim(&self, scene: &Arc<Scene>) -> anyhow::Result<(Camera, Tracer)> {
         let eye = match self.eye {
             Some(eye) => scene.frame.world_from_file(eye),

@@ -18,12 +18,14 @@ pub(super) struct SetArgs {
     /// Follow paths in a manifest that lead out of its folder
     #[arg(long)]
     pub(super) allow_outside: bool,
-    /// Take colours as registered with depth and equally exposed, as the files say, without asking the pictures; what these say is kept in the
-    /// user's cache folder, as samples of their depth are, 4 GB at most
+    /// Take colours as registered with depth and equally exposed, as the files say, without asking
+    /// the pictures; what these say is kept in the user's cache folder, as samples of their depth
+    /// are, 4 GB at most
     #[arg(long)]
     no_registration: bool,
-    /// Refine poses that are slightly wrong by the depth of neighbours (point-to-plane ICP over the whole set), where that brings points that were
-    /// not used nearer to their surfaces; kept in the cache folder likewise
+    /// Refine poses that are slightly wrong by the depth of neighbours (point-to-plane ICP over the
+    /// whole set), where that brings points that were not used nearer to their surfaces; kept in
+    /// the cache folder likewise
     #[arg(long)]
     refine_poses: bool,
 }
@@ -42,7 +44,8 @@ impl SetArgs {
         }
     }
 
-    /// Opens a set, refines its poses if that is asked for, and says on standard error what was met.
+    /// Opens a set, refines its poses if that is asked for, and says on standard error what was
+    /// met.
     pub(super) fn open(&self, folder: &Path) -> anyhow::Result<ImageSet> {
         let mut set = ImageSet::open(
             folder,

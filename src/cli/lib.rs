@@ -1,7 +1,7 @@
 //! The command line: one file per subcommand. Library code knows nothing of it.
 
-/// The standard library's `println` panics where nobody reads any more, as in `headbox info FILE | head`. This one ends
-/// the program then, as other programs do.
+/// The standard library's `println` panics where nobody reads any more, as in `headbox info FILE |
+/// head`. This one ends the program then, as other programs do.
 macro_rules! println {
     ($($text:tt)*) => { $crate::output::print_text(format_args!("{}\n", format_args!($($text)*))) };
 }
@@ -26,7 +26,8 @@ use headbox_core::simd;
 use std::process::ExitCode;
 use words::UsageError;
 
-/// Image-based rendering with depth: capture a scene once, look at it from anywhere inside a headbox.
+/// Image-based rendering with depth: capture a scene once, look at it from anywhere inside a
+/// headbox.
 #[derive(Parser)]
 #[command(name = "headbox", version, arg_required_else_help = true)]
 struct Cli {
@@ -47,21 +48,27 @@ enum Command {
     Capture(commands::capture::CaptureCommand),
     /// Merge all shards of a capture into a cube LDI
     Merge(commands::merge::MergeCommand),
-    /// Make sprites with depth of a scene, of a sequence of photographs, or of a picture and its depth
+    /// Make sprites with depth of a scene, of a sequence of photographs, or of a picture and its
+    /// depth
     Sprite(Box<commands::sprite::SpriteCommand>),
-    /// Make a lumigraph of a scene, or of pictures from a grid of places: images on a camera plane, as few layers as a view needs
+    /// Make a lumigraph of a scene, or of pictures from a grid of places: images on a camera plane,
+    /// as few layers as a view needs
     Lumigraph(Box<commands::lumigraph::LumigraphCommand>),
-    /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its plan, write a .house file
+    /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its
+    /// plan, write a .house file
     House(commands::house::HouseCommand),
-    /// What a folder of pictures holds, and whether its poses and depths agree; where photographs were taken, and their depth
+    /// What a folder of pictures holds, and whether its poses and depths agree; where photographs
+    /// were taken, and their depth
     Images(commands::images::ImagesCommand),
     /// Show what a file holds; check every promise of its layout
     Info(commands::info::InfoCommand),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
     Render(commands::render::RenderCommand),
-    /// Take a capture to where headbox is not installed: a page to look around in, engines, splat viewers
+    /// Take a capture to where headbox is not installed: a page to look around in, engines, splat
+    /// viewers
     Export(commands::export::ExportCommand),
-    /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
+    /// Measure a walk through a .house file (to just walk, use view): time and error of every way
+    /// to draw it, against truth and primary rays
     Walk(commands::walk::WalkCommand),
     /// Ray-trace a reference frame of a scene
     Truth(commands::truth::TruthCommand),

@@ -17,8 +17,8 @@ pub(super) fn print_json(value: &serde_json::Value) {
     println!("{value:#}");
 }
 
-/// Prints on standard output. Where nobody reads it any more, the program ends: quietly if a reader has gone, as `head`
-/// does, else with a sentence.
+/// Prints on standard output. Where nobody reads it any more, the program ends: quietly if a reader
+/// has gone, as `head` does, else with a sentence.
 pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
     if STDOUT_IS_OUTPUT.load(Ordering::Relaxed) {
         eprint!("{text}");
@@ -61,7 +61,8 @@ pub(super) struct Endings {
     allowed: &'static [&'static str],
 }
 
-/// What frames are written to: levels first, of which all but JPEG keeps every bit, then linear radiance.
+/// What frames are written to: levels first, of which all but JPEG keeps every bit, then linear
+/// radiance.
 const OF_FRAMES: [&str; 9] = [
     "png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr",
 ];
@@ -187,7 +188,8 @@ fn place_of(path: &Path) -> PathBuf {
 pub(super) const NO_INPUTS: [&str; 0] = [];
 
 impl Outputs {
-    /// For a command that reads `inputs`, none of which it will overwrite, and that prints JSON on standard output or not.
+    /// For a command that reads `inputs`, none of which it will overwrite, and that prints JSON on
+    /// standard output or not.
     pub(super) fn new<P: AsRef<Path>>(json: bool, inputs: impl IntoIterator<Item = P>) -> Self {
         for input in inputs {
             files::protect_input(input.as_ref());
@@ -243,7 +245,8 @@ impl Outputs {
         Ok(self)
     }
 
-    /// A folder for the frames of a path. What is named as a picture or a film is, is meant to be one.
+    /// A folder for the frames of a path. What is named as a picture or a film is, is meant to be
+    /// one.
     pub(super) fn folder_of_frames(self, path: &Path) -> anyhow::Result<Self> {
         const ELSEWHERE: [&str; 14] = [
             "avi", "mov", "mkv", "m4v", "wmv", "flv", "mpg", "mpeg", "ogv", "avif", "exr", "hdr",
@@ -266,7 +269,8 @@ impl Outputs {
         self.folder(path)
     }
 
-    /// Tells what the loader met, and checks again now that all files of the scene are known: its materials, its textures.
+    /// Tells what the loader met, and checks again now that all files of the scene are known: its
+    /// materials, its textures.
     pub(super) fn scene_is_open(&self, scene: &Scene) -> anyhow::Result<()> {
         print_notes(scene);
         scene

@@ -15,8 +15,8 @@ pub(super) struct PackingArgs {
     /// Near/far split of each face: auto, none, or an eye depth
     #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
     split: Split,
-    /// Show what is flat as pictures on planes, where nobody in the headbox sees it elsewhere by more than E frame pixels; 0
-    /// keeps every sample
+    /// Show what is flat as pictures on planes, where nobody in the headbox sees it elsewhere by
+    /// more than E frame pixels; 0 keeps every sample
     #[arg(long, value_name = "E", default_value_t = primitives::DEFAULT_ERROR_PX, value_parser = parse_error_px, allow_hyphen_values = true)]
     error_px: f64,
 }

@@ -1,4 +1,5 @@
-//! How far long work is: one bar over all its stages, with the time left, on a terminal; a line every ten seconds elsewhere.
+//! How far long work is: one bar over all its stages, with the time left, on a terminal; a line
+//! every ten seconds elsewhere.
 
 use headbox_core::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -16,7 +17,8 @@ const LENGTH: u64 = 1000;
 /// Before this share is done, nobody knows what is left but who planned it.
 const TOO_EARLY: f64 = 0.03;
 
-/// What a bar can expect: a stage, or several that take turns, which begin so many times and take a share of the time.
+/// What a bar can expect: a stage, or several that take turns, which begin so many times and take a
+/// share of the time.
 pub(super) struct Planned {
     pub(super) stages: &'static [&'static str],
     pub(super) times: u32,
@@ -46,7 +48,8 @@ struct Stage {
     total: u64,
     began: Instant,
     told: Instant,
-    /// Parts of the work, such as scenes, that the plan is for one of: how many are done, and of how many.
+    /// Parts of the work, such as scenes, that the plan is for one of: how many are done, and of
+    /// how many.
     parts: [usize; 2],
     /// The part's name.
     part: String,
@@ -159,8 +162,8 @@ impl Bar {
         }
     }
 
-    /// Share that is done and seconds left, as they are told: a stage that takes longer than was planned has its say, and all is done
-    /// only at the end.
+    /// Share that is done and seconds left, as they are told: a stage that takes longer than was
+    /// planned has its say, and all is done only at the end.
     fn told(&self, stage: &Stage) -> (f64, Option<f64>) {
         /// While anything is left.
         const MOST: f64 = 0.99;

@@ -8,7 +8,8 @@ use std::path::Path;
 #[error("{0}")]
 pub(super) struct UsageError(pub(super) String);
 
-/// An error and its causes as one sentence. A cause that an outer error has already said is not said again.
+/// An error and its causes as one sentence. A cause that an outer error has already said is not
+/// said again.
 pub(super) fn sentence(error: &anyhow::Error) -> String {
     let mut said = String::new();
     for cause in error.chain() {

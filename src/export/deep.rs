@@ -1,9 +1,10 @@
 //! OpenEXR files for compositing: all samples of each pixel as deep data, or as flat layers.
 //!
-//! The six faces of the cube stand one above another as OpenEXR's cubic environment maps have them (`ImfEnvmap.h`), which are the faces of a
-//! cube LDI; a single face is the picture of a camera at the centre of the headbox that sees 90 degrees. Colours are linear light, 1 where
-//! white is (above it where a capture keeps that), of sRGB's primaries, times alpha; `Z` is eye depth of the face's camera, metres. The
-//! world has Y up; cameras are told as OpenEXR has them
+//! The six faces of the cube stand one above another as OpenEXR's cubic environment maps have them
+//! (`ImfEnvmap.h`), which are the faces of a cube LDI; a single face is the picture of a camera at
+//! the centre of the headbox that sees 90 degrees. Colours are linear light, 1 where white is
+//! (above it where a capture keeps that), of sRGB's primaries, times alpha; `Z` is eye depth of the
+//! face's camera, metres. The world has Y up; cameras are told as OpenEXR has them
 //! ([`DeepView::from_camera`]).
 
 use super::ExportError;
@@ -118,8 +119,8 @@ pub fn write(
     Ok(DeepSummary { samples, size_px })
 }
 
-/// Writes `layers` flat parts: of each pixel the nearest sample, the next, ..., and in the last all that lie deeper, over one another. All
-/// parts over one another are the picture.
+/// Writes `layers` flat parts: of each pixel the nearest sample, the next, ..., and in the last all
+/// that lie deeper, over one another. All parts over one another are the picture.
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].

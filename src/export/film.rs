@@ -1,4 +1,5 @@
-//! Films: frames one after the other to MP4 or WebM through ffmpeg, where it is installed, or to an animated PNG or GIF.
+//! Films: frames one after the other to MP4 or WebM through ffmpeg, where it is installed, or to an
+//! animated PNG or GIF.
 
 use super::stereo::View;
 use crate::spherical;
@@ -26,10 +27,12 @@ fn has_ending(path: &Path, wanted: &str) -> bool {
         .is_some_and(|ending| ending.eq_ignore_ascii_case(wanted))
 }
 
-/// Writes a film of `count` frames of one size, whole or not at all. `.mp4` and `.webm` say what of its surroundings a `view` shows.
+/// Writes a film of `count` frames of one size, whole or not at all. `.mp4` and `.webm` say what of
+/// its surroundings a `view` shows.
 ///
 /// # Errors
-/// What making a frame, encoding or writing reports; a sentence that names ffmpeg where it is missing.
+/// What making a frame, encoding or writing reports; a sentence that names ffmpeg where it is
+/// missing.
 pub fn write(
     path: &Path,
     [width, height]: [u32; 2],
@@ -119,7 +122,8 @@ fn finished(mut ffmpeg: Child, fed: io::Result<()>) -> io::Result<()> {
     }
 }
 
-/// The same film in WebM. Its muxer writes what a film surrounds the eye with (`Projection`, `StereoMode`) only if it read so.
+/// The same film in WebM. Its muxer writes what a film surrounds the eye with (`Projection`,
+/// `StereoMode`) only if it read so.
 fn webm_of(film: &NamedTempFile) -> io::Result<NamedTempFile> {
     let webm = NamedTempFile::new()?;
     let from = film.path().to_string_lossy();
@@ -190,8 +194,8 @@ fn gif(to: &mut dyn Write, fps: u32, frames: Frames) -> io::Result<()> {
     Ok(())
 }
 
-/// The frame that follows frame `number` in a GIF, and by how many hundredths of a second. These are all that a GIF counts, and players take
-/// one for ten: what follows sooner is left out.
+/// The frame that follows frame `number` in a GIF, and by how many hundredths of a second. These
+/// are all that a GIF counts, and players take one for ten: what follows sooner is left out.
 fn gif_delay(number: u32, fps: u32) -> (u32, u32) {
     const LEAST: u64 = 2;
     let (fps, number) = (u64::from(fps.max(1)), u64::from(number));
@@ -313,8 +317,9 @@ mod tests {
             let film = std::fs::read(&path).unwrap();
             assert!(film.starts_with(&[0x1a, 0x45, 0xdf, 0xa3]));
             let find = |bytes: &[u8]| film.windows(bytes.len()).position(|found| found == bytes);
-            // Elements ProjectionType (1: equirectangular), ProjectionPrivate (the box `equi` without its head), StereoMode (1: side by
-            // side, 3: one above the other, the left eye first).
+            // Elements ProjectionType (1: equirectangular), ProjectionPrivate (the box `equi`
+            // without its head), StereoMode (1: side by side, 3: one above the other, the left eye
+            // first).
             let private: Vec<u8> = [0, 0, 0, beside, beside]
                 .into_iter()
                 .flat_map(u32::to_be_bytes)

@@ -1,4 +1,5 @@
-//! GLB files for engines: quadrilaterals with unlit textures, and the environment as a box around them.
+//! GLB files for engines: quadrilaterals with unlit textures, and the environment as a box around
+//! them.
 
 use super::ExportError;
 use super::atlas::{AtlasPicture, PAGE_PX};
@@ -20,14 +21,16 @@ use image::codecs::png::CompressionType;
 use serde_json::{Value, json};
 use std::io::Write;
 
-/// Error, face pixels, of quadrilaterals where the budget holds them; else the least of those errors that it holds, each so many times the one before.
+/// Error, face pixels, of quadrilaterals where the budget holds them; else the least of those
+/// errors that it holds, each so many times the one before.
 const FIRST_ERROR_PX: f64 = 0.1;
 const GROWTH: f64 = 1.1;
 /// The last is 60 face pixels.
 const ERRORS: i32 = 68;
 /// Error, px, of the pictures on planes that are made of a capture without.
 const PLANES_ERROR_PX: f64 = 1.0;
-/// The least alpha that is drawn. Where two surfaces meet each has a rim that is half open; with 0.5 the background shows between them.
+/// The least alpha that is drawn. Where two surfaces meet each has a rim that is half open; with
+/// 0.5 the background shows between them.
 const ALPHA_CUTOFF: f64 = 0.35;
 /// Of opaque textures.
 const JPEG_QUALITY: u8 = 92;
@@ -99,7 +102,8 @@ fn triangles(charts: &[TexturedQuads]) -> u64 {
         .sum()
 }
 
-/// The least error, face pixels, that makes no more than `budget` triangles, or the largest; and its charts.
+/// The least error, face pixels, that makes no more than `budget` triangles, or the largest; and
+/// its charts.
 fn least_error(
     budget: u64,
     charts: impl Fn(f64) -> Vec<TexturedQuads>,
@@ -123,7 +127,8 @@ fn least_error(
     (of(i), made.unwrap_or_else(|| charts(of(i))))
 }
 
-/// Leaves out what shows least, until the rest is within the budget; the number of samples that are gone.
+/// Leaves out what shows least, until the rest is within the budget; the number of samples that are
+/// gone.
 fn drop_smallest(charts: &mut Vec<TexturedQuads>, budget: u64) -> u64 {
     charts.sort_by_key(|chart| std::cmp::Reverse(chart.samples));
     let (mut sum, mut kept) = (0, 0);
@@ -159,7 +164,8 @@ struct Mesh {
     texcoords: Vec<[u16; 2]>,
 }
 
-/// Vertices of a primitive at most: as many as indices of two bytes tell apart, without the last, which some take for a restart.
+/// Vertices of a primitive at most: as many as indices of two bytes tell apart, without the last,
+/// which some take for a restart.
 const MOST_VERTICES: usize = 65_532;
 
 impl Mesh {
@@ -305,7 +311,8 @@ impl File {
             let side = f64::from(size);
             let corners = [[0.0, 0.0], [side, 0.0], [0.0, side], [side, side]];
             let mut mesh = Mesh::default();
-            // The middles of the outermost texels are the rim of the picture, or it would wrap round.
+            // The middles of the outermost texels are the rim of the picture, or it would wrap
+            // round.
             let inset = |c: f64| c.clamp(0.5, side - 0.5) / side;
             mesh.add(
                 corners.map(|[x, y]| face.direction(x, y, size) * distance),

@@ -78,7 +78,8 @@ pub enum ExportError {
     Pack(#[from] PackError),
 }
 
-/// The most bytes of a capture that is exported by what holds all of the export at once. What is written sample by sample has no limit.
+/// The most bytes of a capture that is exported by what holds all of the export at once. What is
+/// written sample by sample has no limit.
 const MAX_HELD_BYTES: u64 = 1 << 30;
 
 /// Refuses a capture that is too large to be held several times.

@@ -1,4 +1,5 @@
-//! A capture as textured quadrilaterals: pictures on planes, and sheets of samples cut where a plane no longer holds them.
+//! A capture as textured quadrilaterals: pictures on planes, and sheets of samples cut where a
+//! plane no longer holds them.
 
 use super::atlas::AtlasPicture;
 use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet};
@@ -8,12 +9,14 @@ use headbox_core::cube_face::Face;
 use headbox_cube::pack::PackedCube;
 use rayon::prelude::*;
 
-/// By how much of a pixel a quadrilateral is larger than its samples, so that neighbours leave no crack.
+/// By how much of a pixel a quadrilateral is larger than its samples, so that neighbours leave no
+/// crack.
 const OVERLAP_PX: f64 = 0.1;
-/// By how much of a pixel a texel may be elsewhere than its sample; what is open at the rims of textures would leave cracks between them.
+/// By how much of a pixel a texel may be elsewhere than its sample; what is open at the rims of
+/// textures would leave cracks between them.
 const TEXEL_ERROR_PX: f64 = 0.25;
-/// By how much inverse depth at the corners of a quadrilateral may lie beyond that of its samples, as a share: it must not stand out of
-/// leaves that lie at a slant to each other.
+/// By how much inverse depth at the corners of a quadrilateral may lie beyond that of its samples,
+/// as a share: it must not stand out of leaves that lie at a slant to each other.
 const BEYOND: f64 = 0.02;
 /// Weight of the samples' own slopes in a fit, for each sample.
 const SLOPE_WEIGHT: f64 = 0.02;
@@ -37,14 +40,16 @@ pub(super) struct TexturedQuads {
     pub(super) samples: u32,
 }
 
-/// Whether texels are where they belong although engines take them for spread evenly over a quadrilateral that recedes. Of a
-/// length L whose ends are r times as far as each other, the middle is off by L (r - 1) / (2 (r + 1)).
+/// Whether texels are where they belong although engines take them for spread evenly over a
+/// quadrilateral that recedes. Of a length L whose ends are r times as far as each other, the
+/// middle is off by L (r - 1) / (2 (r + 1)).
 fn holds_texels(length_px: f64, [q0, q1]: [f64; 2]) -> bool {
     let ratio = q0.max(q1) / q0.min(q1);
     length_px * (ratio - 1.0) / (2.0 * (ratio + 1.0)) <= TEXEL_ERROR_PX
 }
 
-/// Charts of sheets, whose quadrilaterals show no sample elsewhere by more than `error_px` face pixels to an eye in the headbox.
+/// Charts of sheets, whose quadrilaterals show no sample elsewhere by more than `error_px` face
+/// pixels to an eye in the headbox.
 pub(super) fn of_sheets(
     cube: &PackedCube,
     sheets: &[SurfaceSheet],
@@ -117,8 +122,8 @@ pub(super) fn of_planes(cube: &PackedCube) -> Vec<TexturedQuads> {
     set.tiles.par_iter().filter_map(chart).collect()
 }
 
-/// A picture on a plane with straight colours, and around it once more its outermost texels: the renderer's tents reach beyond them
-/// to what comes next, here half a texel has to do.
+/// A picture on a plane with straight colours, and around it once more its outermost texels: the
+/// renderer's tents reach beyond them to what comes next, here half a texel has to do.
 fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> AtlasPicture {
     let inside = |i: usize, length: usize| i.saturating_sub(1).min(length.saturating_sub(1));
     let rows = (0..height + 2).map(|row| inside(row, height) * width);
@@ -199,7 +204,8 @@ fn sheet_chart(cube: &PackedCube, sheet: &SurfaceSheet, tolerance: f64) -> Textu
     }
 }
 
-/// Gives texels without a sample the mean colour of those beside them, so that rims do not darken between texels.
+/// Gives texels without a sample the mean colour of those beside them, so that rims do not darken
+/// between texels.
 fn spread(
     AtlasPicture {
         width,
@@ -299,7 +305,8 @@ impl SheetCut<'_> {
         }
     }
 
-    /// The plane of some samples by least squares, drawn a little to their mean slope, which decides where they lie in a line.
+    /// The plane of some samples by least squares, drawn a little to their mean slope, which
+    /// decides where they lie in a line.
     fn fit(&self, samples: &[Placed]) -> Affine {
         let count = samples.len().max(1) as f64;
         let mean = |of: &dyn Fn(&Placed) -> f64| samples.iter().map(of).sum::<f64>() / count;
@@ -332,7 +339,8 @@ mod tests {
     use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
     use headbox_cube::pack::{SplatIndexLayout, Split};
 
-    /// A wall across the right half of a face, two metres away, before one all over it, four metres away.
+    /// A wall across the right half of a face, two metres away, before one all over it, four metres
+    /// away.
     fn two_walls(face_px: u32) -> PackedCube {
         let sample = |depth: f64| DepthPixel {
             inverse_depth: (1.0 / depth) as f32,

@@ -1,4 +1,5 @@
-//! Sprites with depth as a cube LDI about the eye that took them, so that what takes a cube takes them.
+//! Sprites with depth as a cube LDI about the eye that took them, so that what takes a cube takes
+//! them.
 
 use super::ExportError;
 use glam::DVec3;
@@ -12,7 +13,8 @@ use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_sprite::{SpriteSet, SpriteWithDepth};
 use rayon::prelude::*;
 
-/// Half of the headbox's edge over the distance of what is nearest: sprites tell of what is seen from about one side only.
+/// Half of the headbox's edge over the distance of what is nearest: sprites tell of what is seen
+/// from about one side only.
 const HEADBOX_SHARE: f64 = 0.15;
 /// The widest face, px.
 const MAX_FACE_PX: u32 = 2048;
@@ -37,7 +39,8 @@ pub(super) fn half_size_m(set: &SpriteSet) -> Result<f64, ExportError> {
 /// The cube.
 ///
 /// # Errors
-/// [`ExportError::Empty`], [`ExportError::Eyes`] if sprites were taken from several places, [`ExportError::Pack`].
+/// [`ExportError::Empty`], [`ExportError::Eyes`] if sprites were taken from several places,
+/// [`ExportError::Pack`].
 pub fn cube(set: &SpriteSet) -> Result<PackedCube, ExportError> {
     let views: Vec<View> = set
         .sprites()
@@ -165,8 +168,9 @@ impl<'a> View<'a> {
             .filter(|q| *q > 0.0 && column < columns && row < rows)
     }
 
-    /// The normal of the surface at a displacement, toward the eye: where inverse depth changes by `a` and `b` a pixel to the right and
-    /// below, the plane is (a f, -b f, ...) in the camera's axes, and `n . ray` is proportional to inverse depth.
+    /// The normal of the surface at a displacement, toward the eye: where inverse depth changes by
+    /// `a` and `b` a pixel to the right and below, the plane is (a f, -b f, ...) in the camera's
+    /// axes, and `n . ray` is proportional to inverse depth.
     fn normal(&self, column: u32, row: u32, q: f64, ray: DVec3) -> DVec3 {
         // Over a gap the side that changes less is the surface's own.
         let change = |before: Option<f64>, after: Option<f64>| {
@@ -300,7 +304,8 @@ mod tests {
                     .map(|i| pixel.0[i].abs_diff(expected.get_pixel(x, y).0[i]))
                     .max()
                     .unwrap_or(0);
-                // The pattern changes by 2 levels a pixel; rims of the board are elsewhere by less than one.
+                // The pattern changes by 2 levels a pixel; rims of the board are elsewhere by less
+                // than one.
                 off += u32::from(most > 6);
                 count += 1;
             }

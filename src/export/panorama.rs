@@ -1,4 +1,5 @@
-//! All directions about an eye in one picture: equirectangular, as players of 360-degree films have it.
+//! All directions about an eye in one picture: equirectangular, as players of 360-degree films have
+//! it.
 
 use glam::{DMat3, DVec3};
 use headbox_core::camera::{Camera, CameraError};
@@ -7,11 +8,12 @@ use image::RgbImage;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
-/// By how much a face is wider than 90 degrees, as a share: pixels between two faces have neighbours on either.
+/// By how much a face is wider than 90 degrees, as a share: pixels between two faces have
+/// neighbours on either.
 const OVERLAP: f64 = 1.02;
 
-/// A picture of all directions about the eye of a camera, which looks at its middle; level, twice as wide as high. `draw`
-/// makes a frame of a camera.
+/// A picture of all directions about the eye of a camera, which looks at its middle; level, twice
+/// as wide as high. `draw` makes a frame of a camera.
 ///
 /// # Errors
 /// [`CameraError`], and what `draw` reports.
@@ -23,7 +25,8 @@ pub fn equirectangular<E: From<CameraError>>(
     columns(camera, height, 0..2 * height, draw)
 }
 
-/// What lies before the eye of a camera, 180 by 180 degrees: the middle half of [`equirectangular`].
+/// What lies before the eye of a camera, 180 by 180 degrees: the middle half of
+/// [`equirectangular`].
 ///
 /// # Errors
 /// [`CameraError`], and what `draw` reports.
@@ -36,7 +39,8 @@ pub fn half_sphere<E: From<CameraError>>(
     columns(camera, height, first..first + height, draw)
 }
 
-/// Some columns of the picture of all directions; only faces of a cube that they look through are drawn.
+/// Some columns of the picture of all directions; only faces of a cube that they look through are
+/// drawn.
 fn columns<E: From<CameraError>>(
     camera: &Camera,
     height: u32,

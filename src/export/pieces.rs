@@ -1,4 +1,5 @@
-//! What each pixel of a face sees from the centre of the headbox, from front to back, and coverage that several of them share.
+//! What each pixel of a face sees from the centre of the headbox, from front to back, and coverage
+//! that several of them share.
 
 use super::surfels::straight;
 use crate::surfels;
@@ -105,8 +106,9 @@ fn texels(cube: &PackedCube, face: Face, to: &mut Vec<Piece>) {
     }
 }
 
-/// A cube in which of the pieces that share a pixel on one surface the one that covers most covers what all do. The renderer adds
-/// their shares; what lays them one over another would see through the crack between two of them.
+/// A cube in which of the pieces that share a pixel on one surface the one that covers most covers
+/// what all do. The renderer adds their shares; what lays them one over another would see through
+/// the crack between two of them.
 pub(super) fn with_whole_rims(cube: &PackedCube) -> PackedCube {
     let tolerance = f64::from(SurfaceCanvas::tolerance(cube.face_size_px));
     let bin = DepthBins::new(cube.info.half_size_m, cube.face_size_px).inverse_depth(1.0);

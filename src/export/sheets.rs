@@ -1,8 +1,9 @@
 //! The samples of a cube as small images of surfaces, which a mesh can follow.
 //!
-//! A face is cut into places of [`PLACE_COLUMNS`] x [`PLACE_ROWS`] pixels. The samples of a place are dealt out to *sheets*, images with
-//! at most one sample a pixel, such that samples that lie beside each other on one surface lie beside each other on one sheet. A
-//! sheet has a border of one pixel on all sides, with the samples of the places around, so that textures meet.
+//! A face is cut into places of [`PLACE_COLUMNS`] x [`PLACE_ROWS`] pixels. The samples of a place
+//! are dealt out to *sheets*, images with at most one sample a pixel, such that samples that lie
+//! beside each other on one surface lie beside each other on one sheet. A sheet has a border of one
+//! pixel on all sides, with the samples of the places around, so that textures meet.
 
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
@@ -25,7 +26,8 @@ const PLACE_ROWS: u32 = SHEET_ROWS as u32 - 2;
 pub(super) struct SheetSample {
     /// 1/m.
     pub(super) inverse_depth: f64,
-    /// Change of the inverse depth over one pixel to the right and below on the sample's plane, 1/m.
+    /// Change of the inverse depth over one pixel to the right and below on the sample's plane,
+    /// 1/m.
     pub(super) slopes: [f64; 2],
     /// sRGB, straight alpha.
     pub(super) color_srgb: [u8; 4],
@@ -146,8 +148,8 @@ impl Dealer {
         (a - b).abs() <= (a.max(b) * self.tolerance).max(self.bin)
     }
 
-    /// Deals the samples of one pixel out: first those that go on a surface, each to the sheet where it does best, then the
-    /// others to sheets that are still free there.
+    /// Deals the samples of one pixel out: first those that go on a surface, each to the sheet
+    /// where it does best, then the others to sheets that are still free there.
     fn deal(&self, samples: &[SheetSample], at: usize, sheets: &mut Vec<Vec<Option<SheetSample>>>) {
         let mut placed = vec![false; samples.len()];
         let (column, row) = (at % SHEET_COLUMNS, at / SHEET_COLUMNS);

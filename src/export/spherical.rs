@@ -1,5 +1,6 @@
-//! What an MP4 file says of a film in all directions: Google's *Spherical Video V2* (boxes `st3d` and `sv3d` in the video's sample
-//! entry), by which players know that it surrounds them, and which half each eye sees. ffmpeg makes WebM's words for it of these.
+//! What an MP4 file says of a film in all directions: Google's *Spherical Video V2* (boxes `st3d`
+//! and `sv3d` in the video's sample entry), by which players know that it surrounds them, and which
+//! half each eye sees. ffmpeg makes WebM's words for it of these.
 
 use super::stereo::View;
 use std::io;
@@ -8,7 +9,8 @@ use std::io;
 struct Spherical {
     /// `stereo_mode` of `st3d`: 0 one eye, 1 the left one above, 2 the left one on the left.
     stereo: u8,
-    /// Share of the equirectangular projection that is missing on the left and on the right, of 2^32.
+    /// Share of the equirectangular projection that is missing on the left and on the right, of
+    /// 2^32.
     beside: u32,
 }
 
@@ -38,7 +40,8 @@ impl Spherical {
                 .flat_map(|word| word.to_be_bytes())
                 .collect::<Vec<u8>>()
         };
-        // Version and flags first, then heading, pitch and roll; and what is missing above, below, left and right.
+        // Version and flags first, then heading, pitch and roll; and what is missing above, below,
+        // left and right.
         let (prhd, equi) = (
             boxed(b"prhd", &words(&[0; 4])),
             boxed(b"equi", &words(&[0, 0, 0, self.beside, self.beside])),
@@ -59,7 +62,8 @@ fn boxed(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
     .concat()
 }
 
-/// Boxes on the way to the video's sample entry, of H.264 or VP9, and bytes of each before its first child.
+/// Boxes on the way to the video's sample entry, of H.264 or VP9, and bytes of each before its
+/// first child.
 const WAY: [(&[&[u8; 4]], usize); 7] = [
     (&[b"moov"], 8),
     (&[b"trak"], 8),
@@ -75,7 +79,8 @@ pub(super) fn is_told(view: View) -> bool {
     Spherical::of(view).is_some()
 }
 
-/// An MP4 file with one video track that says what a view surrounds the eye with; of other views as it is.
+/// An MP4 file with one video track that says what a view surrounds the eye with; of other views as
+/// it is.
 ///
 /// # Errors
 /// If it is no such file.
@@ -128,7 +133,8 @@ fn find(
     None
 }
 
-/// Moves the places of chunks of media that lie behind the box that grows; `table`: where `stbl` begins.
+/// Moves the places of chunks of media that lie behind the box that grows; `table`: where `stbl`
+/// begins.
 fn shift_chunks(film: &mut [u8], table: usize, moov: usize, by: u32) -> Option<()> {
     let end = table + word(film, table)? as usize;
     let chunks = find(film, table + 8..end, &[b"stco"])?;
@@ -146,7 +152,8 @@ fn shift_chunks(film: &mut [u8], table: usize, moov: usize, by: u32) -> Option<(
 mod tests {
     use super::*;
 
-    /// A file as ffmpeg writes it with its index first: one chunk of media, `MEDIA`, and where it says that it is.
+    /// A file as ffmpeg writes it with its index first: one chunk of media, `MEDIA`, and where it
+    /// says that it is.
     fn film(codec: &[u8; 4]) -> Vec<u8> {
         let file = |place: u32| {
             let stsd = boxed(

@@ -1,6 +1,8 @@
-//! Flat Gaussians for splat viewers: `.ply` in the layout of 3D Gaussian splatting (Kerbl et al. 2023).
+//! Flat Gaussians for splat viewers: `.ply` in the layout of 3D Gaussian splatting (Kerbl et al.
+//! 2023).
 //!
-//! Positions are metres from the centre of the headbox, X right, Y down, Z ahead, as trained splats have it.
+//! Positions are metres from the centre of the headbox, X right, Y down, Z ahead, as trained splats
+//! have it.
 
 use super::ExportError;
 use super::surfels::{Ellipse, Surfel};
@@ -10,8 +12,9 @@ use glam::{Mat3, Quat, Vec3};
 use headbox_cube::pack::PackedCube;
 use std::io::Write;
 
-/// Deviation of a Gaussian, in spacings of samples. Sorted Gaussians are laid over one another, not averaged: at half a spacing, as the
-/// renderer has them, a surface would let a sixth of what is behind it through between four samples, here 4 %.
+/// Deviation of a Gaussian, in spacings of samples. Sorted Gaussians are laid over one another, not
+/// averaged: at half a spacing, as the renderer has them, a surface would let a sixth of what is
+/// behind it through between four samples, here 4 %.
 const SPACINGS: f64 = 0.65;
 /// Thickness of a Gaussian over its smaller deviation.
 const FLATNESS: f32 = 0.02;

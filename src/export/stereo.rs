@@ -1,8 +1,10 @@
-//! Pictures for both eyes: side by side, in all directions (omni-directional stereo, ODS) and before the viewer (VR180).
+//! Pictures for both eyes: side by side, in all directions (omni-directional stereo, ODS) and
+//! before the viewer (VR180).
 //!
-//! A player of ODS turns the head where the viewer looks, and each column of the picture was made for the head that is turned to it: the
-//! eyes go round on a circle, and a column's rays leave it along its tangents (*Rendering Omni-directional Stereo Content*, Google, 2015).
-//! Here some columns share an eye.
+//! A player of ODS turns the head where the viewer looks, and each column of the picture was made
+//! for the head that is turned to it: the eyes go round on a circle, and a column's rays leave it
+//! along its tangents (*Rendering Omni-directional Stereo Content*, Google, 2015). Here some
+//! columns share an eye.
 
 use super::panorama::{bilinear, equirectangular, half_sphere, level};
 use glam::{DMat3, DVec3};
@@ -26,15 +28,15 @@ pub enum View {
     HalfSpheres(f64),
 }
 
-/// Columns that share an eye see it at most this angle from where it should be, radians: at a distance of 1 m and 64 mm between the
-/// eyes what they show is 0.2 mm off.
+/// Columns that share an eye see it at most this angle from where it should be, radians: at a
+/// distance of 1 m and 64 mm between the eyes what they show is 0.2 mm off.
 const MOST_TURN: f64 = TAU / 1024.0;
 /// Pixels of a strip beyond the columns that are taken from it.
 const MARGIN_PX: f64 = 2.0;
 
 impl View {
-    /// Width and height of what [`Self::draw`] makes of a camera with a frame of this size. Where it shows directions, the height of the
-    /// frame is the height for one eye.
+    /// Width and height of what [`Self::draw`] makes of a camera with a frame of this size. Where
+    /// it shows directions, the height of the frame is the height for one eye.
     pub fn size_px(self, [width, height]: [u32; 2]) -> [u32; 2] {
         match self {
             Self::Frame => [width, height],
@@ -191,7 +193,8 @@ impl Strips {
 mod tests {
     use super::*;
 
-    /// A world that is a colour for each direction at infinity, but for a pole: a vertical line, red, at a distance.
+    /// A world that is a colour for each direction at infinity, but for a pole: a vertical line,
+    /// red, at a distance.
     fn draw(camera: &Camera, pole: DVec3) -> RgbImage {
         RgbImage::from_fn(camera.width(), camera.height(), |x, y| {
             let d = camera
@@ -223,7 +226,8 @@ mod tests {
                 .draw(&camera, |camera| Ok::<_, CameraError>(draw(camera, pole)))
                 .unwrap();
             assert_eq!(both.dimensions(), (512, 512));
-            // A ray along the tangent of a circle of radius r meets what is R away at asin(r / R) from its own azimuth.
+            // A ray along the tangent of a circle of radius r meets what is R away at asin(r / R)
+            // from its own azimuth.
             let aside = (distance_m / 2.0 / 1.5f64).asin();
             for (row, sign) in [
                 (height / 2, 1.0),

@@ -19,7 +19,8 @@ pub(super) struct Surfel {
 }
 
 impl Surfel {
-    /// What a face sees in the direction `d` (eye depth 1) at an inverse depth, on a plane with a normal.
+    /// What a face sees in the direction `d` (eye depth 1) at an inverse depth, on a plane with a
+    /// normal.
     fn new(
         face: Face,
         face_px: u32,
@@ -31,7 +32,8 @@ impl Surfel {
         let pixel = 2.0 / f64::from(face_px);
         let most = f64::from(MAX_SLOPE) * pixel;
         let along = [face.right(), -face.up()].map(|step| {
-            // On a plane, inverse depth is proportional to n . d. `min` and `max` also turn 0 / 0 into a number.
+            // On a plane, inverse depth is proportional to n . d. `min` and `max` also turn 0 / 0
+            // into a number.
             let slope = (normal.dot(step) * pixel / normal.dot(d))
                 .min(most)
                 .max(-most);
@@ -46,7 +48,8 @@ impl Surfel {
     }
 }
 
-/// Inverse depth, 1/m, at which what is at infinity is put: so far that no eye in the headbox sees it move by a face pixel.
+/// Inverse depth, 1/m, at which what is at infinity is put: so far that no eye in the headbox sees
+/// it move by a face pixel.
 pub(super) fn infinity(cube: &PackedCube) -> f64 {
     let farthest = cube
         .segments
@@ -57,7 +60,8 @@ pub(super) fn infinity(cube: &PackedCube) -> f64 {
     still.min(farthest / 1.25)
 }
 
-/// Metres to the environment: behind what is at infinity and not environment, or they would fight for the same depth.
+/// Metres to the environment: behind what is at infinity and not environment, or they would fight
+/// for the same depth.
 pub(super) fn sky(cube: &PackedCube) -> f64 {
     1.2 / infinity(cube)
 }
@@ -79,7 +83,8 @@ pub(super) fn count(cube: &PackedCube, sky: bool) -> u64 {
     count
 }
 
-/// Hands over all samples, all texels of pictures on planes, and with `sky` those of the environment, far away.
+/// Hands over all samples, all texels of pictures on planes, and with `sky` those of the
+/// environment, far away.
 pub(super) fn for_each(
     cube: &PackedCube,
     sky: bool,
@@ -173,14 +178,16 @@ fn environment(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) 
     Ok(())
 }
 
-/// A Gaussian on a surface: the axes of its ellipse and the normal, orthonormal and right-handed, and its two deviations.
+/// A Gaussian on a surface: the axes of its ellipse and the normal, orthonormal and right-handed,
+/// and its two deviations.
 pub(super) struct Ellipse {
     pub(super) axes: [Vec3; 3],
     pub(super) deviations: [f32; 2],
 }
 
 impl Surfel {
-    /// The ellipse of a Gaussian with a deviation of `spacings` between samples: the principal axes of both steps.
+    /// The ellipse of a Gaussian with a deviation of `spacings` between samples: the principal axes
+    /// of both steps.
     pub(super) fn ellipse(&self, spacings: f64) -> Ellipse {
         let [a, b] = self.along;
         let first = a

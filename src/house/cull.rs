@@ -1,23 +1,27 @@
 //! Which cells show, and through which part of the frame: portals clipped by portals (R1).
 //!
-//! From the eye's cell, each portal's polygon is clipped by the *window* through which its cell is seen; what is left is the
-//! window of the cell behind, and so on. All of this happens on directions from the eye: a window is a convex cone with the
-//! eye as its apex, bounded by planes through the eye, so that nothing is divided, and a polygon that reaches behind the eye
-//! needs no special care. (Windows on the image plane would have to be clipped in front of the eye first.)
+//! From the eye's cell, each portal's polygon is clipped by the *window* through which its cell is
+//! seen; what is left is the window of the cell behind, and so on. All of this happens on
+//! directions from the eye: a window is a convex cone with the eye as its apex, bounded by planes
+//! through the eye, so that nothing is divided, and a polygon that reaches behind the eye needs no
+//! special care. (Windows on the image plane would have to be clipped in front of the eye first.)
 //!
 //! * The frame is the first window: a cone of four planes.
-//! * A portal that the eye all but touches has no cone that can be trusted: its plane's normal decides only up to rounding.
-//!   Such a portal passes the window on unclipped, which can show too much, never too little.
+//! * A portal that the eye all but touches has no cone that can be trusted: its plane's normal
+//!   decides only up to rounding. Such a portal passes the window on unclipped, which can show too
+//!   much, never too little.
 //! * A portal shows only from the side of the cell it is entered from.
-//! * Cycles: a cell is entered again only through a part of the frame; each step clips. As cones only shrink, and a line of
-//!   sight crosses each portal's plane once, no portal can occur twice on a path; the path's portals are skipped, which
-//!   bounds the recursion by the number of portals. [`Limits`] bound it further, toward showing more.
+//! * Cycles: a cell is entered again only through a part of the frame; each step clips. As cones
+//!   only shrink, and a line of sight crosses each portal's plane once, no portal can occur twice
+//!   on a path; the path's portals are skipped, which bounds the recursion by the number of
+//!   portals. [`Limits`] bound it further, toward showing more.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_model::PortalModel;
 
-/// A convex cone of directions from the eye: those d with `plane . d >= 0` for all of its planes; with its edges, in order.
+/// A convex cone of directions from the eye: those d with `plane . d >= 0` for all of its planes;
+/// with its edges, in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// Directions of the edges, world axes, any length, counter-clockwise seen from the eye.
@@ -55,8 +59,8 @@ impl Window {
         self.planes().all(|plane| plane.dot(direction) >= -slack)
     }
 
-    /// The part of a convex polygon of directions, counter-clockwise seen from the eye, inside the window; `None` if there is
-    /// none (or it has no area).
+    /// The part of a convex polygon of directions, counter-clockwise seen from the eye, inside the
+    /// window; `None` if there is none (or it has no area).
     fn clip(&self, polygon: &[DVec3]) -> Option<Self> {
         let mut edges = polygon.to_vec();
         for plane in self.planes() {
@@ -77,7 +81,8 @@ impl Window {
         (edges.len() >= 3).then_some(Self { edges })
     }
 
-    /// The smallest rectangle of pixels, columns and rows, that holds every pixel whose centre the window can contain.
+    /// The smallest rectangle of pixels, columns and rows, that holds every pixel whose centre the
+    /// window can contain.
     pub fn rectangle(&self, camera: &Camera) -> [std::ops::Range<u32>; 2] {
         let size = [camera.width(), camera.height()];
         let points: Option<Vec<[f64; 3]>> = self
@@ -107,7 +112,8 @@ const SLACK: f64 = 1e-5;
 /// How far the recursion goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Portals on one line of sight. Beyond, nothing is shown: a house of 19 cells has no line of sight through more.
+    /// Portals on one line of sight. Beyond, nothing is shown: a house of 19 cells has no line of
+    /// sight through more.
     pub depth: usize,
     /// Views in all. Beyond, portals are no longer followed.
     pub views: usize,
@@ -146,8 +152,9 @@ enum Passage {
     Outline(Vec<DVec3>),
 }
 
-/// The cells that show from `eye_cell`, the eye's own first, then in the order of a depth-first search, portals by index.
-/// `open` says whether a portal may be passed out of a cell: a walkthrough stops where an image takes over.
+/// The cells that show from `eye_cell`, the eye's own first, then in the order of a depth-first
+/// search, portals by index. `open` says whether a portal may be passed out of a cell: a
+/// walkthrough stops where an image takes over.
 pub fn visible_cells(
     model: &PortalModel,
     camera: &Camera,
@@ -225,7 +232,8 @@ fn passage(model: &PortalModel, eye: DVec3, portal: usize, cell: u32, limits: &L
     }
 }
 
-/// Distance of the origin from a convex polygon, counter-clockwise seen from where its unit normal points, in its plane.
+/// Distance of the origin from a convex polygon, counter-clockwise seen from where its unit normal
+/// points, in its plane.
 fn distance_to_outline(outline: &[DVec3], normal: DVec3) -> f64 {
     let next = outline.iter().cycle().skip(1);
     let outside = outline.iter().zip(next).filter_map(|(a, b)| {

@@ -1,8 +1,9 @@
 //! The `.house` file: a portal model with what was captured behind its portals.
 //!
-//! Sections: `info` (JSON: a [`HouseHeader`], with a header per capture), the scene's arrays as they lie in memory (`positions`
-//! f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each: corners and material), `texels` (RGBA8, texture
-//! after texture), `sky` (f32, three a texel) where the sky is a picture, and a section per capture, `c` and its number: a cube's
+//! Sections: `info` (JSON: a [`HouseHeader`], with a header per capture), the scene's arrays as
+//! they lie in memory (`positions` f64, `normals`, `texcoords` and `colors` f32, `triangles` u32,
+//! four each: corners and material), `texels` (RGBA8, texture after texture), `sky` (f32, three a
+//! texel) where the sky is a picture, and a section per capture, `c` and its number: a cube's
 //! environment, segments and pictures on planes, or textures.
 //!
 //! Version 2 is for houses with pictures on planes; one without is written as version 1.

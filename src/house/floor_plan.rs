@@ -20,14 +20,16 @@ const LINE_PX: f64 = 22.0;
 /// Size of a portal's number, pixels.
 const NUMBER_PX: f64 = 13.0;
 
-/// Surfaces this steep (the cosine of their normal with the vertical below it) are walls and furniture.
+/// Surfaces this steep (the cosine of their normal with the vertical below it) are walls and
+/// furniture.
 const STEEP: f64 = 0.3;
 
 /// How far below the cut low furniture is cut, metres.
 const LOWER_M: f64 = 0.75;
 /// A portal may begin so far above the cut and still belong to the storey, metres: a high window.
 const HIGH_M: f64 = 0.9;
-/// A portal no thicker than this is a hatch, metres, in the ceiling or in the floor: so far above the cut, and below it.
+/// A portal no thicker than this is a hatch, metres, in the ceiling or in the floor: so far above
+/// the cut, and below it.
 const LEVEL_M: f64 = 0.1;
 const HATCH_M: [f64; 2] = [2.0, 1.2];
 /// Colours of the lower cut and of the cut.
@@ -38,7 +40,8 @@ const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
 pub struct FloorPlan {
     size: DVec2,
     rooms: Vec<Room>,
-    /// What a cut at the wished height meets, and before it one lower down, which shows low furniture.
+    /// What a cut at the wished height meets, and before it one lower down, which shows low
+    /// furniture.
     cuts: [Vec<[DVec2; 2]>; 2],
     openings: Vec<Opening>,
 }
@@ -89,9 +92,10 @@ pub fn storeys(model: &PortalModel) -> Vec<f64> {
 }
 
 impl FloorPlan {
-    /// Draws up the plan of the storey that a level plane `cut_y` metres above the world's origin cuts (a metre above the floor
-    /// shows walls, windows and high furniture; low furniture is shown paler): rooms and portals that it passes through.
-    /// Portals carry their index as a number. All plans of a model have one scale and place.
+    /// Draws up the plan of the storey that a level plane `cut_y` metres above the world's origin
+    /// cuts (a metre above the floor shows walls, windows and high furniture; low furniture is
+    /// shown paler): rooms and portals that it passes through. Portals carry their index as a
+    /// number. All plans of a model have one scale and place.
     pub fn new(model: &PortalModel, cut_y: f64) -> Self {
         let spaces = || {
             model
@@ -308,7 +312,8 @@ fn label_place(outline: &[DVec2]) -> DVec2 {
         low + (high - low) * share
     });
     let inside = points.filter(|p| prism.contains(DVec3::new(p.x, 0.5, p.y)));
-    // Names are wide: distances along x count less. Of places as good as each other, the most central.
+    // Names are wide: distances along x count less. Of places as good as each other, the most
+    // central.
     let middle = (low + high) / 2.0;
     let room = |p: &DVec2| {
         let edges = outline.iter().zip(outline.iter().cycle().skip(1));

@@ -15,7 +15,8 @@ use std::sync::Arc;
 
 /// A portal model, its geometry as groups of triangles (group = cell), and the tree over it.
 ///
-/// Light is taken as baked: what a surface shows is its albedo, vertex colour included, plus its emission.
+/// Light is taken as baked: what a surface shows is its albedo, vertex colour included, plus its
+/// emission.
 #[derive(Debug)]
 pub struct House {
     /// Cells and portals; its scene is empty, for it is in the tracer.
@@ -59,8 +60,8 @@ pub enum HouseError {
 const BUILTIN_TRIANGLES: usize = 60_000;
 
 impl House {
-    /// Opens a portal model, a `.toml` file or a Sweet Home 3D home (`.sh3d`, `Home.xml`), or `builtin:house`, with its colours as
-    /// they are (`headbox_model::bake` puts light into them).
+    /// Opens a portal model, a `.toml` file or a Sweet Home 3D home (`.sh3d`, `Home.xml`), or
+    /// `builtin:house`, with its colours as they are (`headbox_model::bake` puts light into them).
     ///
     /// # Errors
     /// [`HouseError`].
@@ -80,7 +81,8 @@ impl House {
     /// Prepares a model.
     ///
     /// # Errors
-    /// [`HouseError`]; what else the model's own checks find (non-planar portals, leaks) only makes the picture wrong.
+    /// [`HouseError`]; what else the model's own checks find (non-planar portals, leaks) only makes
+    /// the picture wrong.
     pub fn new(mut model: PortalModel) -> Result<Self, HouseError> {
         model.scene.validate()?;
         if model.cells.is_empty() {
@@ -181,9 +183,9 @@ impl House {
         Some(DVec3::new(middle.x, floor + EYE_HEIGHT_M, middle.y))
     }
 
-    /// The cell in which an eye stands (world metres). In the thickness of a wall, between the two sides of a portal, the
-    /// portal's plane decides; elsewhere the cells' space does. `None` in a wall: between the
-    /// backs of two surfaces close together, or in no cell's space.
+    /// The cell in which an eye stands (world metres). In the thickness of a wall, between the two
+    /// sides of a portal, the portal's plane decides; elsewhere the cells' space does. `None` in a
+    /// wall: between the backs of two surfaces close together, or in no cell's space.
     pub fn cell_of_eye(&self, eye: DVec3) -> Option<u32> {
         let passing = (0..self.plan.portals.len()).find_map(|portal| {
             let opening = Opening::new(&self.plan.portals[portal], 0)?;
@@ -194,9 +196,10 @@ impl House {
         passing.or_else(|| self.plan.cell_at(eye).filter(|_| !self.is_in_wall(eye)))
     }
 
-    /// Whether a point lies between the backs of two surfaces no farther apart than a wall is thick; or, where walls meet, sees
-    /// nothing but backs all around, none farther than a line at this angle can run in the thickest wall: in a room whose
-    /// surfaces are turned the wrong way round all are backs too.
+    /// Whether a point lies between the backs of two surfaces no farther apart than a wall is
+    /// thick; or, where walls meet, sees nothing but backs all around, none farther than a line at
+    /// this angle can run in the thickest wall: in a room whose surfaces are turned the wrong way
+    /// round all are backs too.
     fn is_in_wall(&self, p: DVec3) -> bool {
         let origin = (p - self.tracer.origin()).as_vec3();
         let to_back = |direction: Vec3, t_max: f32| {

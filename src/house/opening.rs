@@ -8,7 +8,8 @@ use headbox_model::Portal;
 pub struct Opening {
     /// Middle of the polygon's bounding rectangle, world metres.
     pub centre: DVec3,
-    /// Unit vector to the right, as seen from the cell; horizontal unless the portal lies in a floor.
+    /// Unit vector to the right, as seen from the cell; horizontal unless the portal lies in a
+    /// floor.
     pub right: DVec3,
     /// Unit vector upward in the portal's plane.
     pub up: DVec3,
@@ -66,7 +67,8 @@ impl Opening {
         })
     }
 
-    /// Distance of a point from the portal's plane, metres, positive on the side of the cell that looks.
+    /// Distance of a point from the portal's plane, metres, positive on the side of the cell that
+    /// looks.
     pub fn distance_in_front(&self, p: DVec3) -> f64 {
         self.normal.dot(p - self.centre)
     }
@@ -92,12 +94,13 @@ impl Opening {
         aside.max(DVec2::ZERO).extend(d.dot(self.normal)).length()
     }
 
-    /// Places to look from: `2 * n + 1` points on a semicircle of a radius about the portal's middle, in front of it, at the
-    /// height of an eye `eye_height_m` above its lower edge (at most its upper edge); the central one first, then
-    /// alternately to the right and to the left, near ones first (the order of P2).
+    /// Places to look from: `2 * n + 1` points on a semicircle of a radius about the portal's
+    /// middle, in front of it, at the height of an eye `eye_height_m` above its lower edge (at most
+    /// its upper edge); the central one first, then alternately to the right and to the left, near
+    /// ones first (the order of P2).
     ///
-    /// The papers do not say how far the semicircle goes. At 90 degrees an image shows nothing, so that the outermost stand
-    /// at 90 n / (n + 0.5) degrees.
+    /// The papers do not say how far the semicircle goes. At 90 degrees an image shows nothing, so
+    /// that the outermost stand at 90 n / (n + 0.5) degrees.
     pub fn semicircle(&self, n: u32, radius_m: f64, eye_height_m: f64) -> Vec<DVec3> {
         let height = (eye_height_m - self.half.y).clamp(-self.half.y, self.half.y);
         let place = |k: i32| {

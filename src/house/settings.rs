@@ -12,9 +12,9 @@ use serde::Serialize;
 pub enum Near {
     /// The eye is nearer to the portal's rectangle than this, metres.
     Distance(f64),
-    /// The samples of a cube `back_m` in front of the portal's middle, with faces of `face_px`, on a surface
-    /// [`REFERENCE_DEPTH_M`] behind the portal would be farther apart than `spacing_px` in the frame; or the eye is nearer than
-    /// [`LEAST_DISTANCE_M`].
+    /// The samples of a cube `back_m` in front of the portal's middle, with faces of `face_px`, on
+    /// a surface [`REFERENCE_DEPTH_M`] behind the portal would be farther apart than `spacing_px`
+    /// in the frame; or the eye is nearer than [`LEAST_DISTANCE_M`].
     ProjectedError {
         /// Pixels between neighbouring samples that are allowed.
         spacing_px: f64,
@@ -57,7 +57,8 @@ impl Near {
                 face_px,
                 back_m,
             } => {
-                // At depth z behind the portal samples are (z + back) / f1 apart, which is f2 / (z + d) as large in the frame.
+                // At depth z behind the portal samples are (z + back) / f1 apart, which is f2 / (z
+                // + d) as large in the frame.
                 let ratio = camera.focal_px() / (f64::from(face_px) / 2.0 * spacing_px);
                 ((REFERENCE_DEPTH_M + back_m) * ratio - REFERENCE_DEPTH_M).max(LEAST_DISTANCE_M)
             }
@@ -65,10 +66,12 @@ impl Near {
     }
 }
 
-/// How threads share the work behind portals, whose backdrops are drawn side by side; all ways give the same frame.
+/// How threads share the work behind portals, whose backdrops are drawn side by side; all ways give
+/// the same frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Division {
-    /// Each backdrop in a band of rows for each thread: a depth pixel near the border of two is warped for both.
+    /// Each backdrop in a band of rows for each thread: a depth pixel near the border of two is
+    /// warped for both.
     #[default]
     Bands,
     /// Each portal's backdrop, a sheet of R6, by one thread.
@@ -119,7 +122,8 @@ pub struct WalkSettings {
 /// What a frame took.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct WalkStats {
-    /// The cell in which the eye stands; `None` inside a wall: then all cells are drawn as geometry.
+    /// The cell in which the eye stands; `None` inside a wall: then all cells are drawn as
+    /// geometry.
     pub cell: Option<u32>,
     /// Cells drawn as geometry.
     pub geometry_cells: u32,

@@ -1,5 +1,5 @@
-//! Backdrops in memory: built ahead of need by a thread in the background, the least recently used thrown away first
-//! (R16).
+//! Backdrops in memory: built ahead of need by a thread in the background, the least recently used
+//! thrown away first (R16).
 
 use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use super::house::House;
@@ -50,8 +50,8 @@ impl Store {
         bytes.saturating_add(one) <= self.budget
     }
 
-    /// Adds a backdrop and throws out what was not used for longest until all fits the budget. One that alone exceeds the
-    /// budget is not kept; `false` then.
+    /// Adds a backdrop and throws out what was not used for longest until all fits the budget. One
+    /// that alone exceeds the budget is not kept; `false` then.
     pub fn insert(&self, key: Key, backdrop: Arc<Backdrop>) -> bool {
         let bytes = backdrop.bytes();
         if bytes > self.budget {
@@ -80,9 +80,10 @@ impl Store {
     }
 }
 
-/// A thread that captures wanted backdrops, the first in the list first, as long as those before fit the store: nothing that is
-/// wanted more is thrown out for something that is wanted less. It works alone, so that the threads that draw frames never wait
-/// for it. Stops when it is dropped, after the capture at hand.
+/// A thread that captures wanted backdrops, the first in the list first, as long as those before
+/// fit the store: nothing that is wanted more is thrown out for something that is wanted less. It
+/// works alone, so that the threads that draw frames never wait for it. Stops when it is dropped,
+/// after the capture at hand.
 #[derive(Debug)]
 pub struct BackdropBuilder {
     desk: Arc<Desk>,

@@ -11,8 +11,9 @@ use headbox_core::frame::Frame;
 use headbox_raster::RasterOutput;
 use std::sync::Arc;
 
-/// A house, a walker, a store of backdrops, and a thread that fills it: first with what the last frame lacked, then with what
-/// the next ones are likely to need. Until a backdrop is there, what is behind its portal is geometry.
+/// A house, a walker, a store of backdrops, and a thread that fills it: first with what the last
+/// frame lacked, then with what the next ones are likely to need. Until a backdrop is there, what
+/// is behind its portal is geometry.
 pub struct Tour {
     /// How frames are drawn; may be changed between frames.
     pub settings: WalkSettings,
@@ -68,7 +69,8 @@ impl Tour {
         &self.store
     }
 
-    /// Whether the last frame would be better by now or soon: a backdrop that it lacked is there, or one is being built.
+    /// Whether the last frame would be better by now or soon: a backdrop that it lacked is there,
+    /// or one is being built.
     pub fn can_improve(&self) -> bool {
         let Some(kind) = self.settings.backdrops else {
             return false;

@@ -20,8 +20,9 @@ pub struct HouseVariant {
 }
 
 impl HouseVariant {
-    /// All ways: culled geometry; each backdrop; one warped image over the frame before (R8); and the 13-image LDI with the
-    /// fixed stamps of R7 in place of footprints of the samples' sizes; and the window LDI with opaque rectangles of those sizes.
+    /// All ways: culled geometry; each backdrop; one warped image over the frame before (R8); and
+    /// the 13-image LDI with the fixed stamps of R7 in place of footprints of the samples' sizes;
+    /// and the window LDI with opaque rectangles of those sizes.
     pub const ALL: [Self; 16] = [
         Self {
             name: "geometry",
@@ -85,7 +86,8 @@ impl HouseVariant {
         }
     }
 
-    /// The one that draws what a store holds (of several kinds, the first), or geometry alone if it is empty.
+    /// The one that draws what a store holds (of several kinds, the first), or geometry alone if it
+    /// is empty.
     pub fn of_store(store: &Store) -> Self {
         store
             .all()

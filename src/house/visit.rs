@@ -108,8 +108,8 @@ pub(super) fn union(a: &[Range<u32>; 2], b: &[Range<u32>; 2]) -> [Range<u32>; 2]
     [0, 1].map(|i| a[i].start.min(b[i].start)..a[i].end.max(b[i].end))
 }
 
-/// The backdrops that an eye is likely to need, the likeliest first: those of its own cell by distance, then those of the
-/// cells behind near portals.
+/// The backdrops that an eye is likely to need, the likeliest first: those of its own cell by
+/// distance, then those of the cells behind near portals.
 pub fn likely(house: &House, eye: glam::DVec3, kind: BackdropKind) -> Vec<Key> {
     let Some(cell) = house.cell_of_eye(eye) else {
         return Vec::new();

@@ -1,12 +1,15 @@
-//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (R3, R15,
-//! P1).
+//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other
+//! portals (R3, R15, P1).
 //!
-//! 1. From the eye's cell on, cells are visited through portals ([`visit`](super::visit)). A portal near the eye is passed: the next cell
-//!    is drawn as geometry too. Any other ends the visit, if its backdrop is at hand; without one it is passed as well, so that
-//!    a missing image never leaves a hole.
-//! 2. The visited cells are rasterised, and the portals where the visit ended with them, as markers without colour: the depth
-//!    buffer says which pixels look through which portal, whatever overlaps (the order that R15 leaves open).
-//! 3. Each backdrop is drawn for the smallest rectangle that holds its portal's pixels, and copied into these alone.
+//! 1. From the eye's cell on, cells are visited through portals ([`visit`](super::visit)). A portal
+//!    near the eye is passed: the next cell is drawn as geometry too. Any other ends the visit, if
+//!    its backdrop is at hand; without one it is passed as well, so that a missing image never
+//!    leaves a hole.
+//! 2. The visited cells are rasterised, and the portals where the visit ended with them, as markers
+//!    without colour: the depth buffer says which pixels look through which portal, whatever
+//!    overlaps (the order that R15 leaves open).
+//! 3. Each backdrop is drawn for the smallest rectangle that holds its portal's pixels, and copied
+//!    into these alone.
 
 use super::backdrop::{
     Backdrop, BackdropError, BackdropQuality, BackdropStats, Drawer, PortalSide,
@@ -50,8 +53,8 @@ impl Walker {
         Self::default()
     }
 
-    /// Captures the backdrops that a frame needs and the store lacks; returns how many. What the store's budget cannot keep
-    /// stays geometry.
+    /// Captures the backdrops that a frame needs and the store lacks; returns how many. What the
+    /// store's budget cannot keep stays geometry.
     ///
     /// # Errors
     /// See [`BackdropError`].
@@ -66,7 +69,8 @@ impl Walker {
             return Ok(0);
         };
         let mut captured = 0;
-        // One at a time: a portal that is missing only behind another one is none that the frame needs.
+        // One at a time: a portal that is missing only behind another one is none that the frame
+        // needs.
         while let Some(at) = Self::missing(house, store, camera, settings)
             .first()
             .copied()
@@ -80,7 +84,8 @@ impl Walker {
         Ok(captured)
     }
 
-    /// The sides of portals whose backdrops a frame would use if the store had them, the eye's own cell first.
+    /// The sides of portals whose backdrops a frame would use if the store had them, the eye's own
+    /// cell first.
     pub fn missing(
         house: &House,
         store: &Store,
@@ -113,7 +118,8 @@ impl Walker {
             .collect()
     }
 
-    /// Draws what a camera sees of a house, with the backdrops that the store has, on the current rayon thread pool.
+    /// Draws what a camera sees of a house, with the backdrops that the store has, on the current
+    /// rayon thread pool.
     pub fn frame(
         &mut self,
         house: &House,

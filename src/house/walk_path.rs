@@ -41,15 +41,17 @@ impl Default for WalkPath {
 const APPROACH_M: f64 = 0.45;
 /// How far ahead on the path the eye looks, metres.
 const AHEAD_M: f64 = 1.2;
-/// A portal whose lower edge is at most this high above the floor, and that is at least as high as a child, is a door.
+/// A portal whose lower edge is at most this high above the floor, and that is at least as high as
+/// a child, is a door.
 const SILL_M: f64 = 0.3;
 const DOOR_HEIGHT_M: f64 = 1.5;
 /// And at least as wide as one.
 const DOOR_WIDTH_M: f64 = 0.3;
 
 impl WalkPath {
-    /// The cameras, equally spaced along a walk that enters every cell which doors join to the first (the outside only if it
-    /// has no other way). No cameras if the model has no cell but an outside.
+    /// The cameras, equally spaced along a walk that enters every cell which doors join to the
+    /// first (the outside only if it has no other way). No cameras if the model has no cell but an
+    /// outside.
     ///
     /// # Errors
     /// If size or field of view are no camera's.
@@ -79,7 +81,8 @@ impl WalkPath {
         let pose = |k: usize| {
             let s = total * k as f64 / self.poses.max(2).saturating_sub(1) as f64;
             let eye = at(s);
-            // Where the path doubles back, the mean of several points ahead turns the head smoothly.
+            // Where the path doubles back, the mean of several points ahead turns the head
+            // smoothly.
             let ahead = (1..=6)
                 .map(|j| at(s + AHEAD_M * f64::from(j) / 3.0))
                 .sum::<DVec3>()
@@ -124,8 +127,8 @@ impl WalkPath {
         .copied())
     }
 
-    /// Names of the rooms that the walk does not enter: no door leads there from where it begins, or there is nowhere to
-    /// stand in them.
+    /// Names of the rooms that the walk does not enter: no door leads there from where it begins,
+    /// or there is nowhere to stand in them.
     pub fn unvisited<'a>(&self, house: &'a House) -> Vec<&'a str> {
         let plan = house.plan();
         let (_, visited) = self.line(plan);
@@ -138,8 +141,8 @@ impl WalkPath {
             .collect()
     }
 
-    /// Corners of the walk, world metres: a depth-first tour of the rooms and back; and which cells it enters. It begins where
-    /// the most rooms can be entered.
+    /// Corners of the walk, world metres: a depth-first tour of the rooms and back; and which cells
+    /// it enters. It begins where the most rooms can be entered.
     fn line(&self, plan: &PortalModel) -> (Vec<DVec3>, Vec<bool>) {
         let count = plan.cells.len();
         let rooms: Vec<u32> = (0..count as u32)
@@ -192,8 +195,8 @@ impl WalkPath {
         }
     }
 
-    /// A point of a cell at the height of an eye: the middle of its largest prism's corners, or the cell's point nearest to
-    /// that among the corners' midpoints. `None` for the outside.
+    /// A point of a cell at the height of an eye: the middle of its largest prism's corners, or the
+    /// cell's point nearest to that among the corners' midpoints. `None` for the outside.
     fn standing_point(&self, plan: &PortalModel, cell: u32) -> Option<DVec3> {
         let cell = plan.cells.get(cell as usize)?;
         let area = |outline: &[DVec2]| {
@@ -239,7 +242,8 @@ impl WalkPath {
     }
 }
 
-/// A portal as seen from one of its cells, and the height of that cell's floor, if it is a door there and no window.
+/// A portal as seen from one of its cells, and the height of that cell's floor, if it is a door
+/// there and no window.
 pub fn door(plan: &PortalModel, portal: &Portal, from: u32) -> Option<(Opening, f64)> {
     let opening = Opening::new(portal, usize::from(portal.cells[0] != from))?;
     let floor = plan

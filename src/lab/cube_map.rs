@@ -1,4 +1,5 @@
-//! The baseline without depth: a ray-traced cube map of the LDI's own resolution, looked up bilinearly.
+//! The baseline without depth: a ray-traced cube map of the LDI's own resolution, looked up
+//! bilinearly.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -18,7 +19,8 @@ pub struct CubeMap {
 }
 
 impl CubeMap {
-    /// Traces the faces that some of the `cameras` see about `centre` (world), with `samples` rays per texel.
+    /// Traces the faces that some of the `cameras` see about `centre` (world), with `samples` rays
+    /// per texel.
     pub fn trace_for(
         tracer: &Tracer,
         lighting: &Lighting,
@@ -56,8 +58,8 @@ impl CubeMap {
         6 * 3 * u64::from(self.size_px).pow(2)
     }
 
-    /// The frame of a camera, as if its eye were at the centre: one bilinear look-up per pixel, in linear light, clamped
-    /// at the borders of faces.
+    /// The frame of a camera, as if its eye were at the centre: one bilinear look-up per pixel, in
+    /// linear light, clamped at the borders of faces.
     pub fn resample(&self, camera: &Camera) -> RgbImage {
         let (width, height) = (camera.width(), camera.height());
         let mut pixels = vec![0u8; 3 * width as usize * height as usize];

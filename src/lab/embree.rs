@@ -1,7 +1,7 @@
 //! The rival of a frame: primary rays of the same camera by Embree, in a process of its own.
 //!
-//! The variable [`PROGRAM`] names the program, made of `benches/rivals/embree.cpp`, whose head says how it is built and spoken
-//! to. Nothing here links to Embree, so that nobody needs it.
+//! The variable [`PROGRAM`] names the program, made of `benches/rivals/embree.cpp`, whose head says
+//! how it is built and spoken to. Nothing here links to Embree, so that nobody needs it.
 
 use headbox_core::camera::Camera;
 use headbox_trace::bvh::Tracer;
@@ -65,7 +65,8 @@ impl Embree {
     /// Traces a frame.
     ///
     /// # Errors
-    /// The system's, if the program has ended, and one that says what it answered, if that is not what it should.
+    /// The system's, if the program has ended, and one that says what it answered, if that is not
+    /// what it should.
     pub fn trace(&mut self, camera: &Camera) -> Result<RayFrame, Error> {
         let axes = camera.world_from_eye();
         let vectors = [
@@ -146,7 +147,8 @@ mod tests {
         (Tracer::new(scene, centre), camera)
     }
 
-    /// A stand-in that counts what it is given, so that the conversation is tested where there is no Embree.
+    /// A stand-in that counts what it is given, so that the conversation is tested where there is
+    /// no Embree.
     #[cfg(unix)]
     #[test]
     fn frames_are_asked_for_and_answers_understood() {

@@ -1,4 +1,5 @@
-//! What measuring views left out of a set shares: a row of the report, a frame that is judged, and errors.
+//! What measuring views left out of a set shares: a row of the report, a frame that is judged, and
+//! errors.
 
 use crate::stats::{Spread, pooled_psnr_db};
 use crate::table::percent;
@@ -57,7 +58,8 @@ pub struct HeldOut {
     pub flip: f64,
     /// Mean absolute difference there, levels of 255 (E12).
     pub mad: f64,
-    /// The same near depth edges of the view, which is what the paper's crop shows (C28); NaN without any.
+    /// The same near depth edges of the view, which is what the paper's crop shows (C28); NaN
+    /// without any.
     pub mad_at_edges: f64,
     /// Share of the photograph's pixels that this variant covers.
     pub covered: f64,
@@ -65,7 +67,8 @@ pub struct HeldOut {
     pub frame_ms: f64,
     /// From files to what frames are drawn from, by the clock, ms.
     pub build_ms: f64,
-    /// The same from images in memory, for what is made anew as one moves (S24); NaN for what is not.
+    /// The same from images in memory, for what is made anew as one moves (S24); NaN for what is
+    /// not.
     pub rebuild_ms: f64,
     /// Of that, bytes.
     pub bytes: u64,
@@ -123,7 +126,8 @@ pub(super) struct Drawn {
 }
 
 impl Drawn {
-    /// Of a frame, each channel's levels times its gain, and `hole` where it does not cover a pixel, if one is given.
+    /// Of a frame, each channel's levels times its gain, and `hole` where it does not cover a
+    /// pixel, if one is given.
     pub(super) fn new(frame: &Frame, gain: [f32; 3], hole: Option<[u8; 3]>) -> Self {
         let covers = |i: usize| frame.coverage[i].splat_share() >= COVERED;
         let pixel = |x: u32, y: u32| {

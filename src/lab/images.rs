@@ -1,10 +1,13 @@
 //! Frames left out of an image set, judged against their photographs (E12's protocol, for S12).
 //!
-//! Every N-th view is left out. It is then shown from the others: by `nearest`, the one view nearest to it warped alone, by `live-3`, the
-//! three nearest merged (what S24 builds while one moves; how long it takes anew with images in memory is measured too), by `ldi`, all of them merged into one cube, and by view-dependent geometry
-//! in each of its ways of texturing (E9). Errors are taken where all show something, so that
-//! none gains by leaving out what is hard; the share that each covers stands beside them. Frames are exposed as the
-//! photograph was. Where its camera stood is estimated with that of the others, as is usual for sets without surveyed cameras.
+//! Every N-th view is left out. It is then shown from the others: by `nearest`, the one view
+//! nearest to it warped alone, by `live-3`, the three nearest merged (what S24 builds while one
+//! moves; how long it takes anew with images in memory is measured too), by `ldi`, all of them
+//! merged into one cube, and by view-dependent geometry in each of its ways of texturing (E9).
+//! Errors are taken where all show something, so that none gains by leaving out what is hard; the
+//! share that each covers stands beside them. Frames are exposed as the photograph was. Where its
+//! camera stood is estimated with that of the others, as is usual for sets without surveyed
+//! cameras.
 
 use super::held_out::{Drawn, HOLE, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
 use crate::machine::{Machine, commit};
@@ -36,7 +39,8 @@ pub struct ImagesReport {
     pub hold_out: usize,
     /// A row for each view and variant.
     pub rows: Vec<HeldOut>,
-    /// A row for each view and each of some weights of ranking (E6), judged where all of these show something.
+    /// A row for each view and each of some weights of ranking (E6), judged where all of these show
+    /// something.
     pub weights: Vec<HeldOut>,
 }
 
@@ -50,7 +54,8 @@ pub struct SideBySide {
     pub frames: Vec<RgbImage>,
 }
 
-/// Weights of ranking that are compared, of distance, angle and visibility (C26: the paper names none), by the default way of texturing.
+/// Weights of ranking that are compared, of distance, angle and visibility (C26: the paper names
+/// none), by the default way of texturing.
 const WEIGHTS: [(&str, [f64; 3]); 7] = [
     ("1 : 1 : 1", [1.0, 1.0, 1.0]),
     ("3 : 1 : 1", [3.0, 1.0, 1.0]),
@@ -69,7 +74,8 @@ const IN_PAPER: [(Texturing, f64); 4] = [
     (Texturing::Blended, 11.8),
 ];
 
-/// Cubes that show a view: of the nearest other one alone, of the [`NearImages::COUNT`] nearest, of all.
+/// Cubes that show a view: of the nearest other one alone, of the [`NearImages::COUNT`] nearest, of
+/// all.
 const CUBES: [&str; 3] = ["nearest", "live-3", "ldi"];
 
 /// Ways to show a view: by cubes, and by view-dependent geometry.
@@ -87,8 +93,8 @@ pub struct Geometry {
     pub resources: GeometryResources,
 }
 
-/// Measures a set; `show` is given every view's frames. With `hold_out` 1 each view is left out alone, else every
-/// `hold_out`-th at once.
+/// Measures a set; `show` is given every view's frames. With `hold_out` 1 each view is left out
+/// alone, else every `hold_out`-th at once.
 ///
 /// # Errors
 /// See [`HoldOutError`].

@@ -1,15 +1,18 @@
-//! Measuring what headbox does: nothing of the product is in here, and nothing of the product needs it.
+//! Measuring what headbox does: nothing of the product is in here, and nothing of the product needs
+//! it.
 //!
 //! One harness, and three things built on it:
 //!
-//! * [`report`]: speed against error of every representation of a scene; the page beside the papers' figures.
+//! * [`report`]: speed against error of every representation of a scene; the page beside the
+//!   papers' figures.
 //! * [`walk`]: times and errors of every way to draw a house along a path.
 //! * [`stability`]: hard numerical cases with bounds.
 //!
-//! What they share: [`plan`] (sizes, seeded eyes), [`turns`] (times taken in turns), [`truths`] (ray-traced frames, kept from
-//! run to run), [`stats`], [`table`] and [`chart`] (what people read), [`machine`] (where and by which commit). [`cube_map`] is
-//! the rival that every panorama viewer is, [`embree`] that of a frame; [`sprite_range`] says how far sprites carry. [`images`] and
-//! [`photographs`] leave views out of sets; [`held_out`] is what they share.
+//! What they share: [`plan`] (sizes, seeded eyes), [`turns`] (times taken in turns), [`truths`]
+//! (ray-traced frames, kept from run to run), [`stats`], [`table`] and [`chart`] (what people
+//! read), [`machine`] (where and by which commit). [`cube_map`] is the rival that every panorama
+//! viewer is, [`embree`] that of a frame; [`sprite_range`] says how far sprites carry. [`images`]
+//! and [`photographs`] leave views out of sets; [`held_out`] is what they share.
 
 pub mod chart;
 pub mod cube_map;

@@ -17,7 +17,8 @@ pub struct Machine {
     pub simd: String,
     /// Operating system and architecture.
     pub system: String,
-    /// Load average of the last minute when the run began, in hundredths; timings of a busy machine scatter.
+    /// Load average of the last minute when the run began, in hundredths; timings of a busy machine
+    /// scatter.
     pub load_hundredths: Option<u32>,
 }
 
@@ -41,15 +42,17 @@ impl Machine {
     }
 }
 
-/// Two lines of two files of Linux: crates that know them on other systems read and compile a whole system's worth.
+/// Two lines of two files of Linux: crates that know them on other systems read and compile a whole
+/// system's worth.
 fn first_line_after(path: &str, key: &str) -> Option<String> {
     let text = std::fs::read_to_string(path).ok()?;
     let line = text.lines().find(|line| line.starts_with(key))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// The commit of the repository that holds the running program, with `+` if its tracked files have been changed or the
-/// program was built before it; `unknown` if it lies in none, or there is no git.
+/// The commit of the repository that holds the running program, with `+` if its tracked files have
+/// been changed or the program was built before it; `unknown` if it lies in none, or there is no
+/// git.
 pub fn commit() -> String {
     let found = || {
         let program = std::env::current_exe().ok()?;

@@ -1,10 +1,14 @@
-//! Photographs left out of a set without depth, judged against what voxel colouring makes of the others (S16).
+//! Photographs left out of a set without depth, judged against what voxel colouring makes of the
+//! others (S16).
 //!
-//! Every N-th photograph is left out. It is then shown by `photograph`, the nearest other one on a plane through what all cameras look
-//! at, by `ldi`, the cube that the others are coloured into about the camera of the one left out, and by `ldi-beside`, the same about the
-//! nearest one's camera. Then depth is found from the others alone, and shown by `depth-ldi` and `depth-ldi-beside`, cubes that their depth images are
-//! warped into, and by view-dependent geometry in its two best ways. Before a dark backdrop errors are taken where the photograph shows the object or any of them shows anything,
-//! and holes are black; elsewhere where all show something.
+//! Every N-th photograph is left out. It is then shown by `photograph`, the nearest other one on a
+//! plane through what all cameras look at, by `ldi`, the cube that the others are coloured into
+//! about the camera of the one left out, and by `ldi-beside`, the same about the nearest one's
+//! camera. Then depth is found from the others alone, and shown by `depth-ldi` and
+//! `depth-ldi-beside`, cubes that their depth images are warped into, and by view-dependent
+//! geometry in its two best ways. Before a dark backdrop errors are taken where the photograph
+//! shows the object or any of them shows anything, and holes are black; elsewhere where all show
+//! something.
 
 use super::held_out::{Drawn, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
 use super::machine::{Machine, commit};
@@ -59,8 +63,8 @@ pub struct PhotographsReport {
     pub rows: Vec<HeldOut>,
 }
 
-/// Measures a set: each `hold_out`-th photograph is left out alone. `show` is given its name, the photograph and a frame for each of
-/// the `VARIANTS`.
+/// Measures a set: each `hold_out`-th photograph is left out alone. `show` is given its name, the
+/// photograph and a frame for each of the `VARIANTS`.
 ///
 /// # Errors
 /// See [`HoldOutError`].
@@ -172,7 +176,8 @@ pub(super) fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Draw
     }
 }
 
-/// By depth that is found from `others` alone: cubes about two centres, and view-dependent geometry.
+/// By depth that is found from `others` alone: cubes about two centres, and view-dependent
+/// geometry.
 fn by_found_depth(
     set: &ImageSet,
     others: &[&View],

@@ -18,7 +18,8 @@ pub struct Quality {
     pub rays: u32,
     /// Light samples per depth pixel.
     pub light_samples: u32,
-    /// Light samples per texel of what is baked without sharing light between neighbours: cube maps, light maps, sprites.
+    /// Light samples per texel of what is baked without sharing light between neighbours: cube
+    /// maps, light maps, sprites.
     pub baked_samples: u32,
     /// Size of the frames.
     pub frame_px: [u32; 2],
@@ -38,7 +39,8 @@ pub struct Quality {
     pub walls: &'static [usize],
     /// Rays per pixel of their images.
     pub wall_samples: u32,
-    /// Whether the scene is captured again and again, with one thing changed each time, and drawn by the slow renderer.
+    /// Whether the scene is captured again and again, with one thing changed each time, and drawn
+    /// by the slow renderer.
     pub variations: bool,
 }
 
@@ -79,8 +81,8 @@ impl Quality {
         wall_samples: 2,
         variations: true,
     };
-    /// What `headbox report --real` measures: frames and faces as people use them. Few eyes and one capture, as truth of a room that is
-    /// lit indirectly takes four minutes a frame on two cores.
+    /// What `headbox report --real` measures: frames and faces as people use them. Few eyes and one
+    /// capture, as truth of a room that is lit indirectly takes four minutes a frame on two cores.
     pub const REAL: Self = Self {
         face_size_px: 1024,
         strata: 32,
@@ -109,10 +111,11 @@ pub enum EyeSet {
     /// Seeded eyes all over the headbox that look anywhere, and those from the centre to a corner.
     #[default]
     All,
-    /// Those from the centre to a corner alone, which look ahead: where sprites have something to show, and for renderers
-    /// too slow for more.
+    /// Those from the centre to a corner alone, which look ahead: where sprites have something to
+    /// show, and for renderers too slow for more.
     Ahead,
-    /// Those amid a wall of cameras that look ahead, and before and behind it: where lumigraphs have something to show.
+    /// Those amid a wall of cameras that look ahead, and before and behind it: where lumigraphs
+    /// have something to show.
     Wall,
 }
 
@@ -217,7 +220,8 @@ impl Plan {
         let [width, height] = quality.frame_px;
         let eye = |place, offset: DVec3, forward: DVec3| {
             let at = centre + offset * half_size_m;
-            // The look-at point lies as far as the headbox is large: far coordinates keep their digits.
+            // The look-at point lies as far as the headbox is large: far coordinates keep their
+            // digits.
             let camera = Camera::look_at(
                 at,
                 at + forward * half_size_m,
@@ -279,8 +283,8 @@ impl Plan {
     }
 }
 
-/// The horizontal axis along which a view from `centre` (world) has the most nearby geometry: the sum over a grid of rays
-/// of 1 / distance.
+/// The horizontal axis along which a view from `centre` (world) has the most nearby geometry: the
+/// sum over a grid of rays of 1 / distance.
 pub fn most_to_see(tracer: &Tracer, centre: DVec3) -> DVec3 {
     const SIDE: i32 = 24;
     let origin = (centre - tracer.origin()).as_vec3();
@@ -358,7 +362,8 @@ mod tests {
             .collect();
         let mean = offsets.iter().sum::<DVec3>() / 2000.0;
         let variance = offsets.iter().map(|o| (*o - mean).powf(2.0)).sum::<DVec3>() / 2000.0;
-        // A uniform variable on -1..1 has variance 1/3; standard errors of 2,000 draws are 0.013 and 0.007.
+        // A uniform variable on -1..1 has variance 1/3; standard errors of 2,000 draws are 0.013
+        // and 0.007.
         assert!(
             mean.abs().max_element() < 0.06 && (variance - 1.0 / 3.0).abs().max_element() < 0.03
         );

@@ -1,8 +1,11 @@
-//! Sprites of a sequence judged by photographs that were left out, and their depth by depth that is known (S10).
+//! Sprites of a sequence judged by photographs that were left out, and their depth by depth that is
+//! known (S10).
 //!
-//! Every third photograph is left out, and those of them that are nearest to the middle one are shown: by `nearest`, the nearest photograph that was used
-//! on a plane that faces it; by `plane` and `plane-with-depth`, all that the middle one shows as one sprite, without and with what lies off
-//! its plane; by `layers` and `layers-with-depth`, a sprite a layer, likewise. Errors are taken where all show something.
+//! Every third photograph is left out, and those of them that are nearest to the middle one are
+//! shown: by `nearest`, the nearest photograph that was used on a plane that faces it; by `plane`
+//! and `plane-with-depth`, all that the middle one shows as one sprite, without and with what lies
+//! off its plane; by `layers` and `layers-with-depth`, a sprite a layer, likewise. Errors are taken
+//! where all show something.
 
 use super::held_out::{Drawn, HOLE, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
 use super::machine::{Machine, commit};
@@ -25,7 +28,8 @@ use std::time::Instant;
 /// One photograph of so many is left out.
 const HOLD_OUT: usize = 3;
 
-/// The cosine of the angle by which those that are shown look another way than the middle one at most.
+/// The cosine of the angle by which those that are shown look another way than the middle one at
+/// most.
 const SAME_WAY: f64 = 0.866;
 
 /// Of these, so many are shown.
@@ -84,7 +88,8 @@ pub struct SequenceReport {
     pub depth: Vec<DepthRow>,
 }
 
-/// The set and the job without the views that layers are to be judged by, and these, nearest to the middle one first.
+/// The set and the job without the views that layers are to be judged by, and these, nearest to the
+/// middle one first.
 ///
 /// # Errors
 /// [`HoldOutError::TooFew`].
@@ -143,7 +148,8 @@ pub fn leave_out(
     ))
 }
 
-/// Measures the layers of some frames; `show` is given the name of each photograph that was left out, the photograph and a frame for each of the variants.
+/// Measures the layers of some frames; `show` is given the name of each photograph that was left
+/// out, the photograph and a frame for each of the variants.
 ///
 /// # Errors
 /// See [`SequenceError`].
@@ -155,7 +161,7 @@ pub fn measure(
     show: &mut dyn FnMut(&str, &[&RgbImage]),
 ) -> Result<(SequenceReport, PlanarLayers), SequenceError> {
     let started = Instant::now();
-    let layers = job.layers(frames)?;
+    let layers = job.segment(frames)?;
     let build_ms = started.elapsed().as_secs_f64() * 1e3;
     let single = LayerJob {
         layers: 1,
@@ -250,7 +256,8 @@ fn draw(sprites: &Composition, variant: SpriteVariant, camera: &Camera, build_ms
     Drawn::new(&frame, [1.0; 3], Some(HOLE)).took(frame_ms, build_ms, bytes.sum())
 }
 
-/// What was found of the middle view's depth, and what its layers make of it, beside what its files say.
+/// What was found of the middle view's depth, and what its layers make of it, beside what its files
+/// say.
 fn depth_rows(view: &View, layers: &PlanarLayers) -> Result<Vec<DepthRow>, HoldOutError> {
     if !view.has_own_depth() {
         return Ok(Vec::new());
@@ -260,7 +267,7 @@ fn depth_rows(view: &View, layers: &PlanarLayers) -> Result<Vec<DepthRow>, HoldO
         let mut agreement = Agreement::default();
         agreement.add(depth, &known);
         let (covered, within, median) = (
-            agreement.covered(),
+            agreement.covered_share(),
             agreement.shares_within(),
             agreement.median_error(),
         );

@@ -1,4 +1,5 @@
-//! How far each variant of sprite rendering carries: FLIP against truth over the eye's displacement.
+//! How far each variant of sprite rendering carries: FLIP against truth over the eye's
+//! displacement.
 
 use super::chart::{Axis, Chart, ChartPoint, Series};
 use super::report::subject::ReportError;
@@ -13,8 +14,8 @@ use headbox_sprite::{
 use headbox_trace::truth;
 use std::fmt::Write;
 
-/// By how much mean FLIP may rise above what it is where the sprites were taken before a viewer notices at a glance: what a
-/// blurred edge here and there comes to.
+/// By how much mean FLIP may rise above what it is where the sprites were taken before a viewer
+/// notices at a glance: what a blurred edge here and there comes to.
 pub const VISIBLE: f64 = 0.1;
 
 /// Displacements of the eye, in shares of the distance to what is looked at.
@@ -39,8 +40,9 @@ pub struct SpriteRange {
 }
 
 impl SpriteRange {
-    /// Draws `set`, taken by `reference`, by every variant as the eye goes to the right and a little up and looks at the
-    /// same point, against truth with the rays, light and size of the capture. `None` if nothing lies straight ahead.
+    /// Draws `set`, taken by `reference`, by every variant as the eye goes to the right and a
+    /// little up and looks at the same point, against truth with the rays, light and size of the
+    /// capture. `None` if nothing lies straight ahead.
     ///
     /// # Errors
     /// [`ReportError::Camera`] and [`ReportError::Metric`], for numbers out of range.

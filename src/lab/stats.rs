@@ -58,8 +58,9 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     sum / f64::from(count)
 }
 
-/// Which of some (cost, error) pairs nothing beats: those for which no other costs at most as much and errs at most as
-/// much, one of the two by less. In order of cost; pairs that are not finite never belong.
+/// Which of some (cost, error) pairs nothing beats: those for which no other costs at most as much
+/// and errs at most as much, one of the two by less. In order of cost; pairs that are not finite
+/// never belong.
 pub fn pareto_front(points: &[[f64; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len())
         .filter(|&i| points[i].iter().all(|c| c.is_finite()))

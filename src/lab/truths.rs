@@ -20,7 +20,8 @@ use std::path::{Path, PathBuf};
 /// A cached truth frame.
 const TRUTH_FILE: FileKind = FileKind::TRUTH;
 
-/// The sections of the two halves of its samples; a file without them, of an earlier program, is traced anew.
+/// The sections of the two halves of its samples; a file without them, of an earlier program, is
+/// traced anew.
 const HALVES: [&str; 2] = ["half 1", "half 2"];
 
 /// What a cached frame says of itself.
@@ -42,7 +43,8 @@ pub struct Truths<'a> {
 }
 
 impl<'a> Truths<'a> {
-    /// Truth of a scene; `lit` as in [`truth::render`]. Frames are kept in `folder`, if there is one; it must exist.
+    /// Truth of a scene; `lit` as in [`truth::render`]. Frames are kept in `folder`, if there is
+    /// one; it must exist.
     pub fn new(
         tracer: &'a Tracer,
         lighting: &'a Lighting,
@@ -92,8 +94,9 @@ impl<'a> Truths<'a> {
         truth
     }
 
-    /// The name of a frame's file: a digest of all that decides its pixels. A small frame of two rays per pixel is part of
-    /// it, so that a program that traces or lights otherwise finds nothing of this one's.
+    /// The name of a frame's file: a digest of all that decides its pixels. A small frame of two
+    /// rays per pixel is part of it, so that a program that traces or lights otherwise finds
+    /// nothing of this one's.
     fn name(&self, camera: &Camera, samples: u32) -> String {
         let small = Camera::from_parts(
             camera.eye(),
@@ -235,9 +238,10 @@ fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
     );
 }
 
-/// Rays per pixel after which a frame's standard error should be `wanted_db`, if it is `reached_db` after `samples`: the
-/// squared error falls as 1 / samples. A fifth more for good measure; at most 16 times as many at once, because the
-/// measured standard error of few samples says little of that of many.
+/// Rays per pixel after which a frame's standard error should be `wanted_db`, if it is `reached_db`
+/// after `samples`: the squared error falls as 1 / samples. A fifth more for good measure; at most
+/// 16 times as many at once, because the measured standard error of few samples says little of that
+/// of many.
 pub fn samples_for(wanted_db: f64, reached_db: f64, samples: u32, most: u32) -> u32 {
     let factor = (10f64.powf((wanted_db - reached_db) / 10.0) * 1.2).clamp(1.0, 16.0);
     let wanted = (f64::from(samples) * factor / 16.0).ceil() * 16.0;

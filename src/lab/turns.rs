@@ -1,8 +1,8 @@
-//! Times taken in turns: what slows the machine for a while slows all that is compared, and what the one leaves in the caches
-//! every other finds there.
+//! Times taken in turns: what slows the machine for a while slows all that is compared, and what
+//! the one leaves in the caches every other finds there.
 
-/// Does every way once a round, one after another, every other round backwards (A B C, C B A, ...). Returns what `run` made of
-/// each way, by way and round; where it makes nothing, the way sits out.
+/// Does every way once a round, one after another, every other round backwards (A B C, C B A, ...).
+/// Returns what `run` made of each way, by way and round; where it makes nothing, the way sits out.
 pub fn in_turns<W, T>(
     ways: &mut [W],
     rounds: u32,

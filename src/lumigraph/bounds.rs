@@ -1,36 +1,43 @@
-//! How many images and how many layers a view needs: the sampling curve and the error of a layer (L1, L2, L3; C18, C22).
+//! How many images and how many layers a view needs: the sampling curve and the error of a layer
+//! (L1, L2, L3; C18, C22).
 //!
-//! A layer holds surfaces of some range of disparity (1 / depth behind the camera plane) and is drawn at one disparity. A camera
-//! at a distance `s` from where a ray crosses the plane then shows a surface of disparity `d` displaced by `f s |d - drawn|` on its
-//! image plane. The middle of the range is best, and two neighbouring cameras, `spacing` apart, disagree by no more than
-//! `f spacing (max - min) / 2` (Eq. 4). Lengths on the image plane and the focal length `focal` are in one unit of the caller's
-//! choice (pixels, say), spacings and disparities in another and its inverse.
+//! A layer holds surfaces of some range of disparity (1 / depth behind the camera plane) and is
+//! drawn at one disparity. A camera at a distance `s` from where a ray crosses the plane then shows
+//! a surface of disparity `d` displaced by `f s |d - drawn|` on its image plane. The middle of the
+//! range is best, and two neighbouring cameras, `spacing` apart, disagree by no more than `f
+//! spacing (max - min) / 2` (Eq. 4). Lengths on the image plane and the focal length `focal` are in
+//! one unit of the caller's choice (pixels, say), spacings and disparities in another and its
+//! inverse.
 
-/// The disparity at which a layer is best drawn: the middle of its *disparities*, not of its depths (Eq. 2, C22).
+/// The disparity at which a layer is best drawn: the middle of its *disparities*, not of its depths
+/// (Eq. 2, C22).
 pub fn optimal_disparity([min, max]: [f64; 2]) -> f64 {
     0.5 * (min + max)
 }
 
-/// The finest detail that a frame can show, on the image plane: the largest of an image's pixel, a frame's pixel and half the
-/// period of the highest frequency, where that is known (Eq. 1; without it Eq. 3).
+/// The finest detail that a frame can show, on the image plane: the largest of an image's pixel, a
+/// frame's pixel and half the period of the highest frequency, where that is known (Eq. 1; without
+/// it Eq. 3).
 pub fn detail(image_pixel: f64, frame_pixel: f64, highest_frequency: Option<f64>) -> f64 {
     let period = highest_frequency.map_or(0.0, |frequency| 0.5 / frequency);
     image_pixel.max(frame_pixel).max(period)
 }
 
-/// The widest spacing of cameras at which layers as wide as `width` of disparity alias nowhere (Eq. 1, 3 and 7). Infinite for
-/// layers without width.
+/// The widest spacing of cameras at which layers as wide as `width` of disparity alias nowhere (Eq.
+/// 1, 3 and 7). Infinite for layers without width.
 pub fn max_spacing(focal: f64, width: f64, detail: f64) -> f64 {
     2.0 * detail / (focal * width)
 }
 
-/// How many layers, uniform in disparity, a range needs (Eq. 6 in 7), as a real number: the minimum sampling curve. Per axis: the
-/// layers shrink with the cameras along an axis, so with the square root of the images of a grid.
+/// How many layers, uniform in disparity, a range needs (Eq. 6 in 7), as a real number: the minimum
+/// sampling curve. Per axis: the layers shrink with the cameras along an axis, so with the square
+/// root of the images of a grid.
 pub fn min_layers(focal: f64, [min, max]: [f64; 2], spacing: f64, detail: f64) -> f64 {
     focal * spacing * (max - min) / (2.0 * detail)
 }
 
-/// How many cameras along an axis of length `extent` one layer for the whole range needs, as a real number (Eq. 3).
+/// How many cameras along an axis of length `extent` one layer for the whole range needs, as a real
+/// number (Eq. 3).
 pub fn min_cameras(focal: f64, [min, max]: [f64; 2], extent: f64, detail: f64) -> f64 {
     extent / max_spacing(focal, max - min, detail) + 1.0
 }
@@ -49,8 +56,9 @@ pub struct ErrorBound {
 }
 
 impl ErrorBound {
-    /// How far two neighbouring cameras put a point of a layer apart in the frame (Eq. 8, C18), exact for eyes behind the plane, on
-    /// it, and in front of it as long as the whole layer is in front of the eye; infinite otherwise.
+    /// How far two neighbouring cameras put a point of a layer apart in the frame (Eq. 8, C18),
+    /// exact for eyes behind the plane, on it, and in front of it as long as the whole layer is in
+    /// front of the eye; infinite otherwise.
     pub fn error(&self, [min, max]: [f64; 2]) -> f64 {
         if 1.0 + max * self.behind <= 0.0 {
             return f64::INFINITY;
@@ -58,7 +66,8 @@ impl ErrorBound {
         self.focal * self.spacing * (max - min) / (2.0 + (max + min) * self.behind)
     }
 
-    /// Whether the error of a layer stays within the tolerance ("not larger", as the text has it: C20).
+    /// Whether the error of a layer stays within the tolerance ("not larger", as the text has it:
+    /// C20).
     pub fn allows(&self, range: [f64; 2]) -> bool {
         self.error(range) <= self.tolerance
     }
@@ -69,8 +78,9 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Where a camera at `camera` on the plane makes an eye at (`eye`, `behind` the plane) see a point of disparity `d`
-    /// above `x`, if it is drawn at disparity `drawn`: by similar triangles, without the formulas above.
+    /// Where a camera at `camera` on the plane makes an eye at (`eye`, `behind` the plane) see a
+    /// point of disparity `d` above `x`, if it is drawn at disparity `drawn`: by similar triangles,
+    /// without the formulas above.
     fn seen_at(camera: f64, x: f64, d: f64, drawn: f64, eye: f64, behind: f64, focal: f64) -> f64 {
         let along = camera + (x - camera) / (1.0 / d) * (1.0 / drawn);
         focal * (along - eye) / (1.0 / drawn + behind)

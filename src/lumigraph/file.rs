@@ -1,10 +1,11 @@
 //! The `.lumi` file.
 //!
-//! Sections: `info` (JSON: the [`LumigraphInfo`], counts and sizes), `geometry` (14 `f64`: a point of the plane, axes by columns, focal
-//! length in pixels, convergence; then the cameras' columns and rows), `layers` (two `f64` each: least and greatest
-//! disparity), `environment` (texels as in `.ldi` files), `color` (RGB8) and `index` (one byte a pixel, or two), both image after
-//! image, row by row of the grid from the lowest, row-major. Of several light slabs each section but `info` and `environment` has all,
-//! slab after slab.
+//! Sections: `info` (JSON: the [`LumigraphInfo`], counts and sizes), `geometry` (14 `f64`: a point
+//! of the plane, axes by columns, focal length in pixels, convergence; then the cameras' columns
+//! and rows), `layers` (two `f64` each: least and greatest disparity), `environment` (texels as in
+//! `.ldi` files), `color` (RGB8) and `index` (one byte a pixel, or two), both image after image,
+//! row by row of the grid from the lowest, row-major. Of several light slabs each section but
+//! `info` and `environment` has all, slab after slab.
 
 use super::{CameraGrid, DisparityLayer, GridParts, Lumigraph, LumigraphInfo, Picture};
 use crate::make::slabs::{MAX_SLABS, Slabs};
@@ -55,7 +56,8 @@ impl SlabHeader {
     }
 }
 
-/// Bytes of an index that tells infinity, some layers and, if there is any, what is not known apart.
+/// Bytes of an index that tells infinity, some layers and, if there is any, what is not known
+/// apart.
 pub(super) fn index_bytes(layers: usize, unknown: bool) -> usize {
     if layers + usize::from(unknown) < 256 {
         1
@@ -67,7 +69,8 @@ pub(super) fn index_bytes(layers: usize, unknown: bool) -> usize {
 /// Numbers of the section `geometry` before the cameras' places.
 const GEOMETRY: usize = 14;
 
-/// How far a stored rotation's products of columns may be from those of a rotation: what rounding leaves.
+/// How far a stored rotation's products of columns may be from those of a rotation: what rounding
+/// leaves.
 const ORTHONORMAL: f64 = 1e-6;
 
 impl Lumigraph {

@@ -1,14 +1,15 @@
 //! The cameras of a lumigraph: a grid on a plane, all looking along its normal (L4).
 //!
-//! *Plane space* has its origin on the plane; x goes right, y up and z *forward*, to where the cameras look, so that a surface of
-//! depth z has disparity 1/z, and an eye behind the plane a negative z. A ray is known by its eye and its *slopes*: x and y for
-//! each unit of z.
+//! *Plane space* has its origin on the plane; x goes right, y up and z *forward*, to where the
+//! cameras look, so that a surface of depth z has disparity 1/z, and an eye behind the plane a
+//! negative z. A ray is known by its eye and its *slopes*: x and y for each unit of z.
 
 use super::LumigraphError;
 use glam::{DMat3, DVec2, DVec3};
 use headbox_core::camera::Camera;
 
-/// Cameras in columns and rows, not necessarily evenly spaced (the paper's limitation 1), with one focal length and size.
+/// Cameras in columns and rows, not necessarily evenly spaced (the paper's limitation 1), with one
+/// focal length and size.
 ///
 /// Invariants: at least one column and one row, each in ascending order; all numbers finite.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,7 +30,8 @@ pub struct CameraGrid {
 pub struct GridParts {
     /// A point of the plane, world metres: the origin of plane space.
     pub origin: DVec3,
-    /// Axes of all cameras, as [`Camera::world_from_eye`]: right, up, and back, which is the plane's normal turned round.
+    /// Axes of all cameras, as [`Camera::world_from_eye`]: right, up, and back, which is the
+    /// plane's normal turned round.
     pub world_from_eye: DMat3,
     /// Cameras' places to the right of the origin, metres, ascending.
     pub columns: Vec<f64>,
@@ -39,8 +41,8 @@ pub struct GridParts {
     pub focal_px: f64,
     /// Width and height of the images, pixels.
     pub size_px: [u32; 2],
-    /// The disparity at which all images show the same part of the scene, 1/m: principal points are moved so. 0 for the paper's
-    /// parallel frusta.
+    /// The disparity at which all images show the same part of the scene, 1/m: principal points are
+    /// moved so. 0 for the paper's parallel frusta.
     pub convergence: f64,
 }
 
@@ -48,7 +50,8 @@ impl CameraGrid {
     /// A grid of its parts.
     ///
     /// # Errors
-    /// [`LumigraphError::NoCameras`], [`LumigraphError::Grid`], [`LumigraphError::Size`], [`LumigraphError::TooLarge`].
+    /// [`LumigraphError::NoCameras`], [`LumigraphError::Grid`], [`LumigraphError::Size`],
+    /// [`LumigraphError::TooLarge`].
     pub fn new(parts: GridParts) -> Result<Self, LumigraphError> {
         let GridParts {
             origin,
@@ -111,7 +114,8 @@ impl CameraGrid {
         }
     }
 
-    /// The axes of cameras that look along `normal`, with `up` (any length, not along the normal) pointing up.
+    /// The axes of cameras that look along `normal`, with `up` (any length, not along the normal)
+    /// pointing up.
     pub fn facing(normal: DVec3, up: DVec3) -> Option<DMat3> {
         let camera = Camera::look_at(DVec3::ZERO, normal, up, 60.0, [2, 2]).ok()?;
         Some(camera.world_from_eye())
@@ -152,12 +156,14 @@ impl CameraGrid {
         self.convergence
     }
 
-    /// Vertical field of view, degrees, of a frame of some width and height that looks straight ahead from the grid's origin and
-    /// shows only what the cameras about it see, at whatever disparity of a range (1/m) there is: with what a viewer begins. A quarter of the
-    /// images' own at least.
+    /// Vertical field of view, degrees, of a frame of some width and height that looks straight
+    /// ahead from the grid's origin and shows only what the cameras about it see, at whatever
+    /// disparity of a range (1/m) there is: with what a viewer begins. A quarter of the images' own
+    /// at least.
     pub fn clear_fov_deg(&self, range: [f64; 2], size_px: [u32; 2]) -> f64 {
         let apart = range.map(|d| (d - self.convergence).abs());
-        // A point of slope s and disparity d lies s - c (d - convergence) from the middle of the image of a camera at c.
+        // A point of slope s and disparity d lies s - c (d - convergence) from the middle of the
+        // image of a camera at c.
         let half = [(&self.columns, 0), (&self.rows, 1)].map(|(places, axis)| {
             let whole = f64::from(self.size_px[axis]) / 2.0 / self.focal_px;
             (whole - nearest_to_zero(places) * apart[0].max(apart[1])).max(whole / 4.0)
@@ -233,7 +239,8 @@ impl CameraGrid {
         }
     }
 
-    /// Turned about a line through `centre` along `axis`, by an angle in radians; `None` if the line has no direction.
+    /// Turned about a line through `centre` along `axis`, by an angle in radians; `None` if the
+    /// line has no direction.
     pub fn turned(&self, centre: DVec3, axis: DVec3, angle: f64) -> Option<Self> {
         let turn = DMat3::from_axis_angle(axis.try_normalize()?, angle);
         let GridParts {
@@ -262,8 +269,8 @@ pub(super) struct PlaneView {
     size: [f64; 2],
 }
 
-/// Directions that go less forward than this, for each pixel's width of the image plane, never reach a layer: their slopes have no
-/// digits left.
+/// Directions that go less forward than this, for each pixel's width of the image plane, never
+/// reach a layer: their slopes have no digits left.
 pub(super) const LEAST_FORWARD: f64 = 1e-6;
 
 impl PlaneView {
@@ -301,8 +308,9 @@ impl PlaneView {
         self.eye.truncate() - slopes * self.eye.z
     }
 
-    /// Pixels of the frame for a unit of slope: the most anywhere, and in the middle (the root of how areas grow). They are the focal
-    /// length for a frame that is parallel to the plane. `None` if the middle does not look forward.
+    /// Pixels of the frame for a unit of slope: the most anywhere, and in the middle (the root of
+    /// how areas grow). They are the focal length for a frame that is parallel to the plane. `None`
+    /// if the middle does not look forward.
     pub(super) fn px_per_slope(&self) -> Option<[f64; 2]> {
         let scale = |share_x: f64, share_y: f64| {
             let at = [self.size[0] * share_x, self.size[1] * share_y];

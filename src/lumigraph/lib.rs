@@ -1,6 +1,7 @@
-//! Layered lumigraphs (*Layered Lumigraph with LOD Control*; L1 to L11, corrected by C18 to C22): images from a grid of cameras on a
-//! plane, whose pixels know a layer of disparity. Images and layers stand for each other, and an eye far behind the plane needs few
-//! layers. They serve views from outside: of a stage, through a window, of an object.
+//! Layered lumigraphs (*Layered Lumigraph with LOD Control*; L1 to L11, corrected by C18 to C22):
+//! images from a grid of cameras on a plane, whose pixels know a layer of disparity. Images and
+//! layers stand for each other, and an eye far behind the plane needs few layers. They serve views
+//! from outside: of a stage, through a window, of an object.
 //!
 //! | paper | here |
 //! |---|---|
@@ -47,7 +48,8 @@ use headbox_core::environment::Environment;
 use headbox_core::file_frame::FileFrame;
 use serde::{Deserialize, Serialize};
 
-/// Pixels of all images together, at most: indices of texels have 32 bits, and levels of detail add a third.
+/// Pixels of all images together, at most: indices of texels have 32 bits, and levels of detail add
+/// a third.
 pub const MAX_PIXELS: u64 = 3 << 30;
 
 /// Layers that an index of two bytes tells apart, beside what was not seen.
@@ -70,15 +72,16 @@ pub struct LumigraphInfo {
 pub struct Picture {
     /// 8-bit sRGB, row-major, row 0 on top.
     pub color: Vec<[u8; 3]>,
-    /// The layer of each pixel, counted from 1 for the farthest; 0 where no surface is: at infinity. One more than there are layers
-    /// where nothing is known: such a pixel shows nothing, and hides nothing from other cameras.
+    /// The layer of each pixel, counted from 1 for the farthest; 0 where no surface is: at
+    /// infinity. One more than there are layers where nothing is known: such a pixel shows nothing,
+    /// and hides nothing from other cameras.
     pub index: Vec<u16>,
 }
 
 /// Images of a grid of cameras, with a layer for each pixel (L4).
 ///
-/// Invariants: a picture of the grid's size for each camera, row by row from the lowest; layers positive, finite, ascending and
-/// apart; no index beyond the layers and what is not known.
+/// Invariants: a picture of the grid's size for each camera, row by row from the lowest; layers
+/// positive, finite, ascending and apart; no index beyond the layers and what is not known.
 #[derive(Clone, Debug)]
 pub struct Lumigraph {
     /// Where it comes from.

@@ -1,4 +1,5 @@
-//! The slow, obvious renderer: ray by ray, in `f64`, through each camera's own projection (L9; C21).
+//! The slow, obvious renderer: ray by ray, in `f64`, through each camera's own projection (L9;
+//! C21).
 
 use super::Lumigraph;
 use super::grid::PlaneView;
@@ -12,8 +13,8 @@ use headbox_core::camera::Camera;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::frame::{Coverage, Frame};
 
-/// What [`super::LumigraphRenderer::render`] draws, to within rounding: positions there have 24 bits, so that a position near the
-/// border of a texel may find the next one.
+/// What [`super::LumigraphRenderer::render`] draws, to within rounding: positions there have 24
+/// bits, so that a position near the border of a texel may find the next one.
 pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettings) -> Frame {
     let view = PlaneView::new(lumigraph.grid(), camera);
     let layers = merged_layers(lumigraph, &view, settings, &mut Merger::default());
@@ -71,7 +72,8 @@ struct Neighbour {
 }
 
 impl Ray<'_> {
-    /// What the ray shows to the cameras of its cell or, if they look at something before it, to those of cells beside.
+    /// What the ray shows to the cameras of its cell or, if they look at something before it, to
+    /// those of cells beside.
     fn shows(&self, layers: &[MergedLayer], blend: Blend, steps: &[Step]) -> Shows {
         if let Some(color) = self.color(layers, blend, Step::FIRST) {
             return Shows::Color(color);
@@ -101,7 +103,8 @@ impl Ray<'_> {
             .map_or(Shows::Hidden, Shows::Color)
     }
 
-    /// Linear red, green and blue, 1 for white; `None` if no camera of a cell shows what the ray meets.
+    /// Linear red, green and blue, 1 for white; `None` if no camera of a cell shows what the ray
+    /// meets.
     fn color(&self, layers: &[MergedLayer], blend: Blend, step: Step) -> Option<[f64; 3]> {
         let grid = self.lumigraph.grid();
         let (eye, along) = (
@@ -155,7 +158,8 @@ impl Ray<'_> {
         (open < 1.0).then(|| color.map(|c| c / (1.0 - open) / 65535.0))
     }
 
-    /// The four cameras about a crossing of the plane, or those of a cell some columns and rows from there.
+    /// The four cameras about a crossing of the plane, or those of a cell some columns and rows
+    /// from there.
     fn neighbours(&self, crossing: DVec3, shift: [i32; 2]) -> Vec<Neighbour> {
         let grid = self.lumigraph.grid();
         let least = f64::from(crate::render::rays::LEAST_WEIGHT);

@@ -30,11 +30,13 @@ impl Blend {
 pub struct LumigraphSettings {
     /// Merges layers for each frame (L8).
     pub merge: bool,
-    /// How far neighbouring cameras may disagree after merging: multiples of an image's or a frame's pixel, whichever is larger.
+    /// How far neighbouring cameras may disagree after merging: multiples of an image's or a
+    /// frame's pixel, whichever is larger.
     pub tolerance_px: f64,
     /// Takes coarser images where the frame is coarser (L7).
     pub levels: bool,
-    /// Leaves layers out that show in no rectangle of the images where a block of the frame would find them (L10).
+    /// Leaves layers out that show in no rectangle of the images where a block of the frame would
+    /// find them (L10).
     pub skip: bool,
     /// Where cameras do not agree.
     pub blend: Blend,
@@ -68,7 +70,8 @@ impl Default for LumigraphSettings {
 pub struct LumigraphStats {
     /// Layers after merging, without those that the eye has passed.
     pub layers: u64,
-    /// Layers that blocks of pixels were asked for, times their pixels; without what hidden pixels asked other cameras.
+    /// Layers that blocks of pixels were asked for, times their pixels; without what hidden pixels
+    /// asked other cameras.
     pub layer_pixels: u64,
     /// Pixels of which neither the images nor the environment know anything.
     pub hole_pixels: u64,

@@ -13,7 +13,8 @@ use headbox_trace::light::Lighting;
 use headbox_trace::truth;
 use std::sync::Arc;
 
-/// A plane with a dome and a pyramid on it, 3 m before the cameras, which look at it from a square of 1 m.
+/// A plane with a dome and a pyramid on it, 3 m before the cameras, which look at it from a square
+/// of 1 m.
 pub(super) struct Bed {
     pub(super) tracer: Tracer,
     pub(super) lighting: Lighting,
@@ -88,7 +89,8 @@ impl Bed {
         Camera::look_at(eye, eye + look, DVec3::new(0.1, 1.0, 0.0), 50.0, size_px).expect("valid")
     }
 
-    /// Behind the plane, on it, on a camera, before it, beside it, turned, nose to a surface, looking away.
+    /// Behind the plane, on it, on a camera, before it, beside it, turned, nose to a surface,
+    /// looking away.
     fn cameras(&self) -> Vec<Camera> {
         let ahead = DVec3::NEG_Z;
         let view =
@@ -226,7 +228,8 @@ fn levels_threads_and_what_is_left_out_change_no_bit() {
 
 #[test]
 fn what_hides_something_is_no_sky_and_other_cameras_see_behind_it() {
-    // Four cameras in a row before a wall at 4 m with a post at 1 m, which hides another part of it from each.
+    // Four cameras in a row before a wall at 4 m with a post at 1 m, which hides another part of it
+    // from each.
     let bed = Bed::new(vec![-0.6, -0.1, 0.1, 0.6], vec![0.0], [256, 64]);
     let (wall, post) = ([40, 90, 200], [250, 240, 10]);
     let pictures = (0..4).map(|number| {
@@ -252,7 +255,8 @@ fn what_hides_something_is_no_sky_and_other_cameras_see_behind_it() {
         size_px: 2,
         texels: vec![[255, 0, 0, 255]; 24],
     };
-    // From far away, the eye sees more of the wall beside the post than the two cameras about it do.
+    // From far away, the eye sees more of the wall beside the post than the two cameras about it
+    // do.
     let eye = bed.grid.origin() + DVec3::Z * 10.0;
     let camera = Camera::look_at(eye, bed.grid.origin(), DVec3::Y, 8.0, [120, 60]).expect("valid");
     let frame = render(&lumigraph, &camera, &LumigraphSettings::default());
@@ -399,7 +403,8 @@ fn frames_show_the_scene() {
     }
 }
 
-/// The paper's limitation 2: cameras keep their own colours, and blending carries what a surface mirrors along with the eye.
+/// The paper's limitation 2: cameras keep their own colours, and blending carries what a surface
+/// mirrors along with the eye.
 #[test]
 fn highlights_move_with_the_eye() {
     let glossy = headbox_scenes::build("lacquer", 0).expect("built in");

@@ -1,4 +1,4 @@
-//! What can be wrong with the parts of a sprite.
+//! Errors of sprites.
 
 /// Why a sprite could not be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -24,7 +24,7 @@ pub enum SpriteError {
         /// Columns and rows.
         color: (u32, u32),
     },
-    /// As many values as pixels were expected.
+    /// Number of values that differs from the number of pixels.
     #[error("{found} values for {expected} pixels")]
     Count {
         /// Pixels.

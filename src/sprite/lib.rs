@@ -1,10 +1,11 @@
 //! Sprites with depth (Shade et al. 1998, section 3; S2 to S9, corrected by C4 to C7 and C30).
 //!
-//! A [`Sprite`] is an alpha-matted picture taken by a camera, and a plane through what it shows. A [`SpriteWithDepth`]
-//! adds a *displacement* per pixel: how far the surface lies off the plane, towards the camera positive, divided by
-//! the eye depth (`d1` in the paper; dimensionless). A new view is drawn in two passes: `forward` moves the
-//! displacements by pure parallax, then `backward` walks over the output once, takes each pixel through the plane's
-//! homography into the moved displacements, from there to its place in the picture, and samples it.
+//! A [`Sprite`] is an alpha-matted picture taken by a camera, and a plane through what it shows. A
+//! [`SpriteWithDepth`] adds a *displacement* per pixel: how far the surface lies off the plane,
+//! towards the camera positive, divided by the eye depth (`d1` in the paper; dimensionless). A new
+//! view is drawn in two passes: `forward` moves the displacements by pure parallax, then `backward`
+//! walks over the output once, takes each pixel through the plane's homography into the moved
+//! displacements, from there to its place in the picture, and samples it.
 //!
 //! | paper | here |
 //! |---|---|
@@ -14,7 +15,8 @@
 //! | forward mapping of colours (Eq. 4), what the paper argues against | `splat` |
 //! | sprites of a sequence of photographs (S10) | `from_layers`, of [`headbox_images::planar_layers`] |
 //!
-//! Distances across the picture are in pixels, centres at half-integers; output frames are 8-bit sRGB, premultiplied.
+//! Distances across the picture are in pixels, centres at half-integers; output frames are 8-bit
+//! sRGB, premultiplied.
 
 pub mod compose;
 mod error;
@@ -56,7 +58,8 @@ use image::RgbaImage;
 
 /// An alpha-matted picture on a plane (S2).
 ///
-/// Invariants: the picture has the camera's size; the camera's eye is on the positive side of the plane.
+/// Invariants: the picture has the camera's size; the camera's eye is on the positive side of the
+/// plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sprite {
     color: RgbaImage,
@@ -65,12 +68,12 @@ pub struct Sprite {
 }
 
 impl Sprite {
-    /// A sprite of a picture (8-bit sRGB, straight alpha) as `camera` saw it. The plane is turned so that the eye is on
-    /// its positive side.
+    /// A sprite of a picture (8-bit sRGB, straight alpha) as `camera` saw it. The plane is turned
+    /// so that the eye is on its positive side.
     ///
     /// # Errors
-    /// [`SpriteError::SizeMismatch`] if picture and camera differ in size, [`SpriteError::PlaneThroughEye`] if the plane
-    /// is seen edge-on or is not finite.
+    /// [`SpriteError::SizeMismatch`] if picture and camera differ in size,
+    /// [`SpriteError::PlaneThroughEye`] if the plane is seen edge-on or is not finite.
     pub fn new(color: RgbaImage, camera: Camera, plane: SpritePlane) -> Result<Self, SpriteError> {
         SpriteError::check_sizes(
             "colour",
@@ -79,7 +82,8 @@ impl Sprite {
             (camera.width(), camera.height()),
         )?;
         let plane = plane.facing(camera.eye());
-        // A plane closer to the eye than a millionth of a pixel's width at unit depth cannot be told from one through it.
+        // A plane closer to the eye than a millionth of a pixel's width at unit depth cannot be
+        // told from one through it.
         let distance = plane.signed_distance(camera.eye());
         if !plane.is_finite() || !camera.eye().is_finite() || distance.is_nan() || distance <= 1e-9
         {
@@ -107,7 +111,7 @@ impl Sprite {
         &self.plane
     }
 
-    /// Where on the plane the middle of the picture is, world.
+    /// Centre of the image on the plane, world metres.
     pub fn middle(&self) -> DVec3 {
         let (camera, plane) = (&self.camera, &self.plane);
         let axis = plane.inverse_depth(
@@ -137,7 +141,8 @@ impl SpriteWithDepth {
     /// Puts the two together.
     ///
     /// # Errors
-    /// [`SpriteError::DisplacementSize`] if the displacement has more columns or rows than the picture.
+    /// [`SpriteError::DisplacementSize`] if the displacement has more columns or rows than the
+    /// picture.
     pub fn new(sprite: Sprite, displacement: Displacement) -> Result<Self, SpriteError> {
         let (displacement_size, color) = (displacement.size(), sprite.color.dimensions());
         if displacement_size.0 > color.0 || displacement_size.1 > color.1 {
@@ -162,8 +167,8 @@ impl SpriteWithDepth {
         &self.displacement
     }
 
-    /// Eye depth of the surface seen at a pixel of the displacement grid, metres; `None` where it would not lie in
-    /// front of the eye.
+    /// Eye depth of the surface seen at a pixel of the displacement grid, metres; `None` where it
+    /// would not lie in front of the eye.
     pub fn eye_depth(&self, x: u32, y: u32) -> Option<f64> {
         let camera = &self.sprite.camera;
         let (width, height) = self.displacement.size();

@@ -1,11 +1,13 @@
-//! Thread pools: some that take what others leave of the processor, some to draw frames with fewer threads.
+//! Thread pools: some that take what others leave of the processor, some to draw frames with fewer
+//! threads.
 
 use headbox_viewer::{Setting, SettingValues};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-/// A pool of as many threads as the program uses elsewhere, all of the lowest priority where the system can do that.
+/// A pool of as many threads as the program uses elsewhere, all of the lowest priority where the
+/// system can do that.
 ///
 /// # Errors
 /// One sentence, if threads cannot be started.
@@ -19,8 +21,8 @@ pub(super) fn pool(name: &'static str) -> Result<ThreadPool, String> {
         .map_err(|error| format!("Cannot start threads for the {name}: {error}."))
 }
 
-/// Linux has a nice value per thread, and `setpriority` of "this process" sets that of the calling thread. That it fails
-/// costs smoothness, nothing else.
+/// Linux has a nice value per thread, and `setpriority` of "this process" sets that of the calling
+/// thread. That it fails costs smoothness, nothing else.
 #[cfg(target_os = "linux")]
 fn yield_to_others() {
     let _ = rustix::process::setpriority_process(None, 19);
@@ -46,7 +48,8 @@ impl FewerThreads {
         )
     }
 
-    /// Does `work` on as many threads as [`Self::setting`] is set to; on those of the program if they are not more.
+    /// Does `work` on as many threads as [`Self::setting`] is set to; on those of the program if
+    /// they are not more.
     ///
     /// # Errors
     /// One sentence, if there is no such setting or threads cannot be started.

@@ -1,5 +1,6 @@
-//! What the window shows of headbox: each kind of file as a [`FrameSource`](headbox_viewer::FrameSource), and the built-in
-//! scenes as its [`Library`](headbox_viewer::Library).
+//! What the window shows of headbox: each kind of file as a
+//! [`FrameSource`](headbox_viewer::FrameSource), and the built-in scenes as its
+//! [`Library`](headbox_viewer::Library).
 //!
 //! | file | what |
 //! |---|---|

@@ -343,7 +343,8 @@ fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
             .zip(written.iter().flatten())
             .filter(|(a, b)| a != b)
             .count();
-        // A pose goes through degrees and a look-at point: the last bit of a direction may move a sample's rounding.
+        // A pose goes through degrees and a look-at point: the last bit of a direction may move a
+        // sample's rounding.
         assert!(
             differing < shown.len() / 1000,
             "pose {i}: {differing} of {} bytes",

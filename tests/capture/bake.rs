@@ -1,4 +1,5 @@
-//! Light in vertices: triangles are cut without cracks, and colours are what the light estimator says.
+//! Light in vertices: triangles are cut without cracks, and colours are what the light estimator
+//! says.
 
 use glam::{DVec2, DVec3, Vec2, Vec3, dvec3};
 use headbox_core::headbox::Headbox;
@@ -13,7 +14,8 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A grid of vertices shared by triangles of very different sizes, so that long and short edges meet.
+/// A grid of vertices shared by triangles of very different sizes, so that long and short edges
+/// meet.
 fn uneven_grid() -> Scene {
     let lines = [0.0, 0.03, 0.1, 0.5, 2.0];
     let mut scene = Scene {
@@ -230,7 +232,8 @@ fn floor_and_post(flipped: bool) -> Scene {
     }
 }
 
-/// Baked colours against the estimator at the same points with many more samples: the mean over the floor.
+/// Baked colours against the estimator at the same points with many more samples: the mean over the
+/// floor.
 #[test]
 fn colours_are_what_the_estimator_says() {
     for flipped in [false, true] {
@@ -273,8 +276,8 @@ fn colours_are_what_the_estimator_says() {
             }
             got += scene.colors[vertex as usize];
         }
-        // Light is spread half way to the neighbours and the post's foot moves it a little: 3 %; the exposures differ
-        // by the origin of their pilots' rounding only.
+        // Light is spread half way to the neighbours and the post's foot moves it a little: 3 %;
+        // the exposures differ by the origin of their pilots' rounding only.
         let error = ((got - expected) / expected).abs().max_element();
         assert!(error < 0.03, "flipped {flipped}: {got} {expected}");
         assert!((exposure / lighting.exposure - 1.0).abs() < 0.01);
@@ -288,7 +291,8 @@ fn colours_are_what_the_estimator_says() {
     }
 }
 
-/// A closed white room with a lamp under its ceiling: much of what lights it has been reflected once.
+/// A closed white room with a lamp under its ceiling: much of what lights it has been reflected
+/// once.
 fn room_with_a_lamp() -> Scene {
     let lamp = Material {
         emission: [4.0; 3],
@@ -334,11 +338,12 @@ fn room_with_a_lamp() -> Scene {
     }
 }
 
-/// What was reflected reaches each surface as the estimator says, though paths share it: without, or from another surface, the floor
-/// or the ceiling would be a fifth off.
+/// What was reflected reaches each surface as the estimator says, though paths share it: without,
+/// or from another surface, the floor or the ceiling would be a fifth off.
 #[test]
 fn reflected_light_is_what_the_estimator_says() {
-    /// Light of a cell stands for all of it, and 64 samples a vertex are taken over a surface of 16 m2.
+    /// Light of a cell stands for all of it, and 64 samples a vertex are taken over a surface of 16
+    /// m2.
     const TOLERANCE: f32 = 0.03;
     let source = Arc::new(room_with_a_lamp());
     // Not averaged with neighbours: that carries light from above the lamp to the ceiling's rim.
@@ -379,7 +384,8 @@ fn reflected_light_is_what_the_estimator_says() {
     }
 }
 
-/// At the edge of a shadow all samples look for the sun, elsewhere twelve: there light is full, or none, anyway.
+/// At the edge of a shadow all samples look for the sun, elsewhere twelve: there light is full, or
+/// none, anyway.
 #[test]
 fn edges_of_shadows_take_all_samples() {
     let mut source = floor_and_post(false);
@@ -462,7 +468,8 @@ fn cells_keep_their_surfaces() {
 
 #[test]
 fn a_jamb_that_lies_in_the_wall_is_lit_where_it_stands_out_of_it() {
-    // A room of 2 m; its wall at z = 0 reaches to z = 0.1 behind it; a jamb's side, at x = 1, stands 1 cm out of the wall.
+    // A room of 2 m; its wall at z = 0 reaches to z = 0.1 behind it; a jamb's side, at x = 1,
+    // stands 1 cm out of the wall.
     let mut scene = Scene {
         materials: vec![Material::default()],
         ..Scene::default()
@@ -565,7 +572,8 @@ fn a_jamb_that_lies_in_the_wall_is_lit_where_it_stands_out_of_it() {
             .filter_map(at)
             .fold(f32::INFINITY, f32::min)
     };
-    // The wall sees half of the sky, and the jamb, beside it, half of that: its dimmer vertices there are those of its side.
+    // The wall sees half of the sky, and the jamb, beside it, half of that: its dimmer vertices
+    // there are those of its side.
     let (wall, out) = (brightest(-1.0, 0.0), dimmest(1.0, -0.01));
     assert!(out > 0.35 * wall, "{out} before the wall, which has {wall}");
 }

@@ -58,7 +58,8 @@ impl Asset {
         self.accessor(&bytes, 5123, "SCALAR", values.len(), "")
     }
 
-    /// The JSON; `buffer` says where the bytes are, `rest` holds nodes, meshes, materials and so on.
+    /// The JSON; `buffer` says where the bytes are, `rest` holds nodes, meshes, materials and so
+    /// on.
     pub(crate) fn json(&self, buffer: &str, rest: &str) -> String {
         format!(
             r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":{}{buffer}}}],"bufferViews":[{}],"accessors":[{}],{rest}}}"#,

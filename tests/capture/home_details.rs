@@ -1,5 +1,6 @@
-//! What homes of Sweet Home 3D have besides level rooms between straight walls of one colour: ceilings that hang from walls or were
-//! switched off, bent walls, hidden storeys, pictures and models with materials of their own.
+//! What homes of Sweet Home 3D have besides level rooms between straight walls of one colour:
+//! ceilings that hang from walls or were switched off, bent walls, hidden storeys, pictures and
+//! models with materials of their own.
 
 use crate::homes::{home, home_xml, load};
 use glam::DVec3;
@@ -58,8 +59,9 @@ fn distance(model: &PortalModel, from: [f64; 3], direction: [f32; 3]) -> Option<
     tracer.closest(&ray).map(|hit| hit.t)
 }
 
-/// Walls that go on above a room's ceiling belong to the room up to there, and to nobody in it beyond: with triangles dealt out as a
-/// whole, by their middles, a room had holes in the shape of triangles.
+/// Walls that go on above a room's ceiling belong to the room up to there, and to nobody in it
+/// beyond: with triangles dealt out as a whole, by their middles, a room had holes in the shape of
+/// triangles.
 #[test]
 fn walls_are_cut_at_ceilings() {
     let levels =
@@ -305,7 +307,8 @@ fn pictures_and_materials_in_an_archive_are_used() {
         };
         (0..scene.triangles.len() as u32).filter(is_it)
     };
-    // Floor and rug, seen from above: a picture of 80 by 40 cm, moved by half; one of 90 by 60 cm about the rug's middle.
+    // Floor and rug, seen from above: a picture of 80 by 40 cm, moved by half; one of 90 by 60 cm
+    // about the rug's middle.
     for triangle in faces(index_of([10, 20, 30])) {
         for vertex in scene.triangles[triangle as usize].vertices {
             let (p, t) = (

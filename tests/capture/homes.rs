@@ -84,8 +84,9 @@ impl Obj {
     }
 }
 
-/// Two rooms of 4 m by 3 m side by side in x, walls 10 cm thick about their lines, a door of 1 m by 2 m between, in
-/// centimetres: the left one from x = 5, the right one from x = 405. One wall runs along both rooms.
+/// Two rooms of 4 m by 3 m side by side in x, walls 10 cm thick about their lines, a door of 1 m by
+/// 2 m between, in centimetres: the left one from x = 5, the right one from x = 405. One wall runs
+/// along both rooms.
 pub(crate) fn home_obj() -> Obj {
     let mut obj = Obj::default();
     for (room, x) in [(1, 5.0), (2, 405.0)] {

@@ -1,5 +1,5 @@
-//! One scene of a wall and two cameras, written in every format of image sets: all of them read back as the same cameras and
-//! points. What is wrong with a set is said in a sentence that names file and field.
+//! Readers of image sets: one scene of a wall and two cameras in every format reads back as the
+//! same cameras and points, and errors name file and field.
 
 use glam::{DMat3, DMat4, DVec3, dvec3};
 use headbox_core::file_frame::FileFrame;
@@ -15,7 +15,7 @@ const SIZE: [u32; 2] = [32, 24];
 const FOCAL: [f64; 2] = [40.0, 42.0];
 const PRINCIPAL: [f64; 2] = [16.3, 11.7];
 
-/// Two eyes before a wall at z = -2: rotation (columns right, up, back) and position.
+/// Two camera poses in front of a wall at z = -2: rotation (columns right, up, back) and position.
 fn poses() -> [(DMat3, DVec3); 2] {
     [
         (
@@ -38,7 +38,7 @@ fn ray(x: u32, y: u32) -> DVec3 {
     )
 }
 
-/// Eye depth of the wall.
+/// Returns the eye depth of the wall at a pixel.
 fn depth(pose: (DMat3, DVec3), x: u32, y: u32) -> f64 {
     (-2.0 - pose.1.z) / (pose.0 * ray(x, y)).z
 }
@@ -51,7 +51,7 @@ fn write_pictures(
     steps_per_metre: f64,
 ) {
     let pose = poses()[i];
-    // The wall's own texture, so that both cameras see the same colour at a point.
+    // A texture of the wall, so that both cameras see the same colour at a point.
     let texture = |x: u32, y: u32| {
         let p = pose.0 * ray(x, y) * depth(pose, x, y) + pose.1;
         let level = |v: f64| (127.0 + 100.0 * v.sin()) as u8;
@@ -68,14 +68,15 @@ fn write_pictures(
     }
 }
 
-/// Camera to world, eye space as in this crate.
+/// Converts a pose to a camera-to-world matrix with this crate's eye space.
 fn matrix((rotation, eye): (DMat3, DVec3)) -> DMat4 {
     let mut matrix = DMat4::from_mat3(rotation);
     matrix.w_axis = eye.extend(1.0);
     matrix
 }
 
-/// World to camera for X right, Y down, Z forward: rotation and translation.
+/// Converts a pose to world-to-camera extrinsics with X right, Y down, Z forward: rotation and
+/// translation.
 fn extrinsics((rotation, eye): (DMat3, DVec3)) -> (DMat3, DVec3) {
     let world_from_camera = rotation * DMat3::from_diagonal(dvec3(1.0, -1.0, -1.0));
     (
@@ -126,7 +127,7 @@ fn rgbd(folder: &Path) {
     fs::write(folder.join("camera-intrinsics.txt"), words(k)).expect("written");
 }
 
-/// The world of nerfstudio's files has Z up: (x, y, z) there is (x, z, -y) here.
+/// Converts a pose to nerfstudio's world with Z up: (x, y, z) there is (x, z, -y) here.
 fn z_up(pose: (DMat3, DVec3)) -> (DMat3, DVec3) {
     let file = |p: DVec3| {
         FileFrame {
@@ -237,7 +238,7 @@ fn middlebury(folder: &Path) {
     fs::write(folder.join("wall_par.txt"), lines).expect("written");
 }
 
-/// Depth as a share of 1: the wall is at most 4 m away, and a quarter of the depth is stored, as a scene in units of 4 m.
+/// Writes a Seurat set with window depth in 16 bits.
 fn seurat(folder: &Path) -> Value {
     let (near, far) = (0.1, 100.0);
     let views: Vec<Value> = (0..2)
@@ -273,8 +274,9 @@ fn seurat(folder: &Path) -> Value {
     json!({"view_groups": [{"views": views}]})
 }
 
-/// As the plugin for Unreal Engine writes it: colour and depth in one EXR, depth in alpha, and every pixel opaque.
-fn seurat_of_an_engine(folder: &Path) -> Value {
+/// Writes a set like Seurat's plugin for Unreal Engine: colour and depth in one EXR, depth in
+/// alpha, and every pixel opaque.
+fn unreal_seurat(folder: &Path) -> Value {
     let mut value = seurat(folder);
     for i in 0..2 {
         let colors = image::open(folder.join(format!("c{i}.png")))
@@ -305,7 +307,7 @@ fn open(folder: &Path) -> Result<ImageSet, ImagesError> {
 }
 
 #[test]
-fn every_format_gives_the_same_cameras_and_points() {
+fn formats_read_same_cameras_and_points() {
     type Write = fn(&Path);
     let formats: [(&str, Write); 8] = [
         ("RGB-D frames", rgbd),
@@ -322,7 +324,7 @@ fn every_format_gives_the_same_cameras_and_points() {
             write_json(folder, "manifest.json", &seurat(folder))
         }),
         ("Seurat manifest", |folder| {
-            write_json(folder, "manifest.json", &seurat_of_an_engine(folder))
+            write_json(folder, "manifest.json", &unreal_seurat(folder))
         }),
     ];
     for (name, write) in formats {
@@ -356,7 +358,8 @@ fn every_format_gives_the_same_cameras_and_points() {
             );
             let loaded = view.load().expect(name);
             if let Some(point) = loaded.point_at(20, 5) {
-                // Half a millimetre of rounding; of window depth half a step times Z^2 / near (C1): 0.4 mm.
+                // Half a millimetre of rounding; of window depth half a step times Z^2 / near (C1):
+                // 0.4 mm.
                 assert!(
                     (point.z + 2.0).abs() < 1e-3,
                     "{name}: the wall is at -2, found {point}"
@@ -380,7 +383,7 @@ fn every_format_gives_the_same_cameras_and_points() {
 }
 
 #[test]
-fn what_is_wrong_is_said_with_file_and_field() {
+fn errors_name_file_and_field() {
     let manifest = |change: &dyn Fn(&mut Value)| {
         let folder = tempfile::tempdir().expect("a folder");
         let mut value = seurat(folder.path());
@@ -504,7 +507,7 @@ fn what_is_wrong_is_said_with_file_and_field() {
 }
 
 #[test]
-fn photographs_that_are_not_there_are_left_out_and_named() {
+fn missing_photographs_skipped_and_named() {
     let folder = tempfile::tempdir().expect("a folder");
     colmap_text(folder.path());
     fs::remove_file(folder.path().join("images/0.png")).expect("removed");
@@ -519,19 +522,19 @@ fn photographs_that_are_not_there_are_left_out_and_named() {
         panic!("{:?}", set.notes)
     };
     assert!(
-        note.starts_with("1 of 2 pictures are not there, such as ") && note.contains("0.png;"),
+        note.starts_with("1 of 2 images are missing, such as ") && note.contains("0.png;"),
         "{note}"
     );
     fs::remove_file(folder.path().join("images/1.png")).expect("removed");
     let error = open(folder.path()).expect_err("no picture").to_string();
     assert!(
-        error.contains("0.png: there is no such file, nor any other of the 2 pictures"),
+        error.contains("0.png: file not found, nor any other of the 2 images"),
         "{error}"
     );
 }
 
 #[test]
-fn truncated_models_of_colmap_are_refused_wherever_they_end() {
+fn truncated_colmap_models_refused() {
     for name in ["cameras.bin", "images.bin"] {
         let folder = tempfile::tempdir().expect("a folder");
         colmap_binary(folder.path());
@@ -546,7 +549,7 @@ fn truncated_models_of_colmap_are_refused_wherever_they_end() {
 }
 
 #[test]
-fn disagreeing_depths_and_equal_poses_are_warned_of() {
+fn check_warns_of_disagreement_and_equal_poses() {
     let folder = tempfile::tempdir().expect("a folder");
     rgbd(folder.path());
     let pose = folder.path().join("frame-000001.pose.txt");
@@ -573,16 +576,16 @@ fn disagreeing_depths_and_equal_poses_are_warned_of() {
     );
 }
 
-/// Red and green exchanged by name, and nothing masked out though the file's alpha is zero.
+/// Red and green are swapped by name, and nothing is masked out although the file's alpha is zero.
 #[test]
-fn channels_are_those_that_a_manifest_names() {
+fn manifest_selects_channels() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut value = seurat(folder.path());
     let pixel = |x, y| image::Rgba([x as u8, y as u8, 7, 0]);
     image::RgbaImage::from_fn(SIZE[0], SIZE[1], pixel)
         .save(folder.path().join("c0.png"))
         .expect("written");
-    // In one corner the largest share.
+    // The largest fraction of 1 in one corner.
     let step = |x, y| {
         if [x, y] == [0, 0] {
             u16::MAX
@@ -622,9 +625,9 @@ fn channels_are_those_that_a_manifest_names() {
     }
 }
 
-/// Poses in millimetres beside depth in metres are named; how far the sky is says nothing of units.
+/// Poses in millimetres with depth in metres give a warning; background depth does not.
 #[test]
-fn units_that_differ_are_warned_of_and_the_sky_is_not() {
+fn check_warns_of_different_units() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut value = transforms(folder.path());
     let warnings = |value: &Value| {
@@ -652,10 +655,10 @@ fn units_that_differ_are_warned_of_and_the_sky_is_not() {
     let mut outside = value.clone();
     outside["frames"] = json!([outside["frames"][0]]);
     outside["frames"][0]["depth_file_path"] = json!("sky.exr");
-    let (said, median) = warnings(&outside);
+    let (messages, median) = warnings(&outside);
     assert!(
-        said.is_empty() && median > 1.5 && median < 3.0,
-        "{said:?} {median}"
+        messages.is_empty() && median > 1.5 && median < 3.0,
+        "{messages:?} {median}"
     );
     for frame in value["frames"].as_array_mut().expect("a list") {
         for row in 0..3 {
@@ -663,9 +666,9 @@ fn units_that_differ_are_warned_of_and_the_sky_is_not() {
             *of = json!(of.as_f64().expect("a number") * 1000.0);
         }
     }
-    let (said, _) = warnings(&value);
-    let [warning] = &said[..] else {
-        panic!("one: {said:?}")
+    let (messages, _) = warnings(&value);
+    let [warning] = &messages[..] else {
+        panic!("one: {messages:?}")
     };
     assert!(warning.contains("millimetres and metres"), "{warning}");
     value["depth_unit_scale_factor"] = json!(0);
@@ -677,9 +680,9 @@ fn units_that_differ_are_warned_of_and_the_sky_is_not() {
     );
 }
 
-/// What pairs do not happen to look at is looked for, too.
+/// Files of views that are in no compared pair are checked as well.
 #[test]
-fn every_file_of_a_set_is_checked() {
+fn every_file_checked() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut value = transforms(folder.path());
     let frames = value["frames"].as_array_mut().expect("a list");
@@ -701,7 +704,7 @@ fn every_file_of_a_set_is_checked() {
         .expect("written");
     let error = checked().expect_err("another size").to_string();
     assert!(
-        error.contains("8.png: is 8x8 pixels, but the set says 32x24"),
+        error.contains("8.png: is 8x8 pixels, but the set specifies 32x24"),
         "{error}"
     );
     fs::remove_file(folder.path().join("7_depth16.png")).expect("removed");

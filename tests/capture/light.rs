@@ -1,4 +1,5 @@
-//! Light that people bring: pictures of the sky, and the lamps of glTF files; held against closed forms.
+//! Light that people bring: pictures of the sky, and the lamps of glTF files; held against closed
+//! forms.
 
 use crate::folder::Folder;
 use glam::{DVec3, Vec3, dvec3};
@@ -37,7 +38,8 @@ fn floor() -> Scene {
     }
 }
 
-/// Mean and standard error (of the mean, as if samples were independent) of the light on the floor, seen from above.
+/// Mean and standard error (of the mean, as if samples were independent) of the light on the floor,
+/// seen from above.
 fn light_on(scene: Scene, at: Vec3) -> (Vec3, f32) {
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let lighting = Lighting::of_scene(&tracer, 1);
@@ -76,8 +78,8 @@ fn under(picture: SkyPicture) -> Scene {
     }
 }
 
-/// Irradiance over pi on level ground from texel (x, y) of a picture with a radiance of 1 there: the integral of the cosine over its
-/// solid angle, over pi.
+/// Irradiance over pi on level ground from texel (x, y) of a picture with a radiance of 1 there:
+/// the integral of the cosine over its solid angle, over pi.
 fn from_texel(width: u32, y: u32) -> f64 {
     let sin2 = |y: u32| (f64::from(y) * TAU / f64::from(width)).sin().powi(2);
     TAU / f64::from(width) * (sin2(y + 1) - sin2(y)) / 2.0 / PI
@@ -87,7 +89,8 @@ fn from_texel(width: u32, y: u32) -> f64 {
 fn a_white_floor_in_a_white_furnace_is_as_bright_as_the_sky() {
     for width in [2, 6, 64] {
         let (light, error) = light_on(under(picture(width, |_, _| [2.0, 1.0, 0.5])), Vec3::ZERO);
-        // Directions that the sky suggests lie below the floor half of the time: a sample varies by less than its mean.
+        // Directions that the sky suggests lie below the floor half of the time: a sample varies by
+        // less than its mean.
         let tolerance = 4.0 / (SAMPLES as f32).sqrt();
         assert!(
             (light - Vec3::new(2.0, 1.0, 0.5)).abs().max_element() < tolerance,
@@ -125,7 +128,8 @@ fn a_single_bright_texel_lights_by_its_solid_angle_and_cosine() {
             off < 4.0 * f64::from(error) + 1e-4 * expected,
             "row {y}: {light} for {expected}, +- {error}"
         );
-        // Cosine-weighted rays alone would meet it once in 100,000: half of its light, and no more noise than that.
+        // Cosine-weighted rays alone would meet it once in 100,000: half of its light, and no more
+        // noise than that.
         assert!(
             f64::from(error) < 0.02 * expected,
             "row {y}: +- {error} of {expected}"
@@ -135,7 +139,8 @@ fn a_single_bright_texel_lights_by_its_solid_angle_and_cosine() {
 
 #[test]
 fn a_picture_lights_from_where_it_is_seen() {
-    // One bright texel in the middle row of the upper half, a quarter of a turn east of the middle: a wall that faces east is lit.
+    // One bright texel in the middle row of the upper half, a quarter of a turn east of the middle:
+    // a wall that faces east is lit.
     let sky = |turn: f64| {
         let mut texels = vec![[0.0; 3]; 64 * 32];
         texels[10 * 64 + 48] = [100.0; 3];
@@ -181,7 +186,8 @@ fn draws_are_as_dense_as_they_say() {
         sum += 1.0 / f64::from(sky.density(radiance));
     }
     let sphere = sum / f64::from(SAMPLES);
-    // Densities differ by a factor of ten at most; 4096 draws, evenly spread in one of two dimensions.
+    // Densities differ by a factor of ten at most; 4096 draws, evenly spread in one of two
+    // dimensions.
     assert!((sphere / (2.0 * TAU) - 1.0).abs() < 0.03, "{sphere}");
 }
 
@@ -355,7 +361,8 @@ fn lamps_light_by_the_formula() {
         );
         f64::from(light.x)
     };
-    // Rays start 0.4 mm above a floor of 100 m, of the 2 m to the lamp, which the ramp of a cone multiplies by ten.
+    // Rays start 0.4 mm above a floor of 100 m, of the 2 m to the lamp, which the ramp of a cone
+    // multiplies by ten.
     let close = |found: f64, expected: f64| {
         assert!(
             (found - expected).abs() < 2e-3 * expected,
@@ -385,7 +392,8 @@ fn lamps_light_by_the_formula() {
     );
     let direction = offset.normalize().as_vec3();
     close(lit(Reach::Distant { direction }), 10.0 * cos / PI);
-    // The axis points straight down; the point lies 22 degrees off it, half way between cosines in the ramp.
+    // The axis points straight down; the point lies 22 degrees off it, half way between cosines in
+    // the ramp.
     let [inner, outer] = [(cos + 0.05) as f32, (cos - 0.05) as f32];
     let spot = |cosines| Reach::Spot {
         position,
@@ -410,7 +418,8 @@ fn lamps_light_by_the_formula() {
 
 #[test]
 fn many_lamps_bounce_as_much_as_they_shine() {
-    // The floor lit by two lamps; a point that faces down, 1 m above it, sees nothing but the lit floor.
+    // The floor lit by two lamps; a point that faces down, 1 m above it, sees nothing but the lit
+    // floor.
     let lamp = |x: f64, power: f32| Lamp {
         intensity: [power; 3],
         reach: Reach::Point {
@@ -442,7 +451,8 @@ fn many_lamps_bounce_as_much_as_they_shine() {
         bounced(vec![lamp(-2.0, 3.0)]),
     );
     let both = bounced(vec![lamp(1.0, 8.0), lamp(-2.0, 3.0)]);
-    // One lamp is drawn by what it brings there, so that what both bring is what either draw finds: no noise from the draw.
+    // One lamp is drawn by what it brings there, so that what both bring is what either draw finds:
+    // no noise from the draw.
     assert!(
         (both - one - other).abs() < 1e-3 * both,
         "{both} for {one} + {other}"
@@ -541,7 +551,8 @@ fn exposure_is_metered_or_as_asked() {
     let usual = exposed(1.0, Exposure::default());
     assert_eq!(exposed(1.0, Exposure::Auto(-2.0)), usual / 4.0);
     assert_eq!(exposed(1.0, Exposure::Stops(3.0)), 8.0);
-    // In lux, by whatever factor: the same picture. Light that bounces is not cut off as too bright.
+    // In lux, by whatever factor: the same picture. Light that bounces is not cut off as too
+    // bright.
     for factor in [1e-4, 3e4] {
         let off = exposed(factor, Exposure::default()) * factor / usual;
         assert!((off - 1.0).abs() < 0.01, "{factor}: {off}");

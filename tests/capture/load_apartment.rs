@@ -1,4 +1,5 @@
-//! The portal model of a real home, where it is at hand: from its export, and built from its plan alone.
+//! The portal model of a real home, where it is at hand: from its export, and built from its plan
+//! alone.
 
 use crate::homes::{cells, load};
 use headbox_model::Finding;
@@ -129,5 +130,6 @@ fn the_real_apartment() {
     assert!(same * 100 > all * SAME_PERCENT, "{same} of {all}");
 }
 
-/// Rays of a hundred that meet a surface in the same place (1 %) in an export and in what is built without one.
+/// Rays of a hundred that meet a surface in the same place (1 %) in an export and in what is built
+/// without one.
 const SAME_PERCENT: u32 = 95;

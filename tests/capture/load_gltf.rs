@@ -52,8 +52,8 @@ fn node_transforms_are_composed_in_double_precision() {
     asset.floats(&[[0.0, 0.0, 1.0]; 4]);
     let mesh = SQUARE.replace("\"TEXCOORD_0\":1", "\"NORMAL\":3");
     let scene = load_text(asset.gltf(&format!("{nodes},{mesh}"))).expect("clean");
-    // Turned by 90 degrees about y: the file's +z is the world's +x, its +x the world's -z. The tolerance is that of
-    // the file's rotation, which has eight digits.
+    // Turned by 90 degrees about y: the file's +z is the world's +x, its +x the world's -z. The
+    // tolerance is that of the file's rotation, which has eight digits.
     let near = |a: glam::DVec3, b: glam::DVec3| (a - b).length() < 1e-7;
     assert!(
         near(scene.positions[0], dvec3(100_000.002, 0.0, 0.0)),
@@ -216,8 +216,8 @@ fn texture_transforms_scale_turn_and_move() {
     let material = r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0,"extensions":
         {"KHR_texture_transform":{"offset":[0.25,0.5],"scale":[2,4],"rotation":1.5707963267948966}}}}}"#;
     let scene = with_material(material, TEXTURE, &[("my wood.png", &[RED])]);
-    // Corner 2 has (1, 0) in the file: scaled (2, 0); a quarter turn that looks counter-clockwise where v goes down takes
-    // +u to -v: (0, -2); moved (0.25, -1.5); with v up: (0.25, 2.5).
+    // Corner 2 has (1, 0) in the file: scaled (2, 0); a quarter turn that looks counter-clockwise
+    // where v goes down takes +u to -v: (0, -2); moved (0.25, -1.5); with v up: (0.25, 2.5).
     let corner = scene
         .positions
         .iter()

@@ -1,4 +1,5 @@
-//! What glTF files say of meshes that bend or repeat, and of materials in other words than the usual.
+//! What glTF files say of meshes that bend or repeat, and of materials in other words than the
+//! usual.
 
 use crate::folder::Folder;
 use crate::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
@@ -13,7 +14,8 @@ fn has(scene: &Scene, place: DVec3) -> bool {
         .any(|position| (*position - place).length() < 1e-6)
 }
 
-/// A square whose lower corners hang on the first joint, the left one with this weight, and whose upper ones on both: accessors 0 to 5.
+/// A square whose lower corners hang on the first joint, the left one with this weight, and whose
+/// upper ones on both: accessors 0 to 5.
 fn skinned_square(weight: f32) -> Asset {
     let mut asset = square();
     asset.accessor(
@@ -46,7 +48,8 @@ fn skinned_square(weight: f32) -> Asset {
 }
 
 const SKINNED: &str = r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":3,"WEIGHTS_0":4},"indices":2}]}]"#;
-/// The mesh's own node is far away, which does not matter; the second joint stands 4 m above the first.
+/// The mesh's own node is far away, which does not matter; the second joint stands 4 m above the
+/// first.
 const JOINTS: &str = r#""scenes":[{"nodes":[0,1]}],"nodes":[{"mesh":0,"skin":0,"translation":[50,0,0]},
     {"translation":[0,0,2],"children":[2]},{"translation":[0,4,0]}]"#;
 

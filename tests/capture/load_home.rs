@@ -38,8 +38,9 @@ fn a_home_becomes_cells_and_portals() {
             .all(|f| matches!(f, Finding::Unreachable { name, .. } if name == "Outside")),
         "{findings:?}"
     );
-    // Floor, ceiling, two walls, a wall in three pieces, two reveals, lintel and threshold: 22 triangles; the two
-    // long walls face both rooms, and are cut: three triangles of each end in each room. The table is the right one's.
+    // Floor, ceiling, two walls, a wall in three pieces, two reveals, lintel and threshold: 22
+    // triangles; the two long walls face both rooms, and are cut: three triangles of each end in
+    // each room. The table is the right one's.
     assert_eq!(
         model.scene.triangles.len() as u32,
         model.cells.last().expect("cells").triangles.end
@@ -61,8 +62,8 @@ fn a_home_becomes_cells_and_portals() {
     assert_eq!(model.leaks(&tracer, 1000, 1), []);
 }
 
-/// The walls along both rooms are cut at the wall between them: all that faces a room belongs to it, and nothing is
-/// lost.
+/// The walls along both rooms are cut at the wall between them: all that faces a room belongs to
+/// it, and nothing is lost.
 #[test]
 fn walls_along_several_rooms_are_cut() {
     let folder = home(ROOMS, DOOR);
@@ -141,7 +142,8 @@ fn an_archive_is_read_like_its_plan() {
     assert!(error_of(&folder, "flat.sh3d").contains("it has no Home.xml; save the home with"));
 }
 
-/// The walls of the two rooms, joined at three corners, and a table whose model has its front at its negative x.
+/// The walls of the two rooms, joined at three corners, and a table whose model has its front at
+/// its negative x.
 const WALLS: &str = "<wall id='a' wallAtEnd='b' xStart='-5' yStart='0' xEnd='800' yEnd='0' thickness='10' \
     leftSideColor='FFFF0000'/><wall id='b' wallAtStart='a' wallAtEnd='c' xStart='800' yStart='0' xEnd='800' yEnd='300' \
     thickness='10'/><wall id='c' wallAtStart='b' wallAtEnd='d' xStart='800' yStart='300' xEnd='0' yEnd='300' \
@@ -320,7 +322,8 @@ fn files_that_are_no_homes_say_so() {
     assert!(error_of(&two, "none.xml").contains("No such file"));
 }
 
-/// A home is captured and traced as any scene, without the leaves of its doors; files keep the frame in which it is opened again.
+/// A home is captured and traced as any scene, without the leaves of its doors; files keep the
+/// frame in which it is opened again.
 #[test]
 fn a_home_is_a_scene() {
     let folder = home(ROOMS, DOOR);

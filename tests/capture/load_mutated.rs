@@ -1,4 +1,5 @@
-//! Whatever is done to the bytes of a scene file, loading ends with a valid scene or an error that names the file.
+//! Whatever is done to the bytes of a scene file, loading ends with a valid scene or an error that
+//! names the file.
 
 use crate::folder::Folder;
 use proptest::prelude::*;

@@ -19,7 +19,8 @@ fn real(relative: &str, options: &LoadOptions) -> Option<Scene> {
     Some(scene)
 }
 
-/// Checks the number of triangles, textures and the exact notes, and the size of the scene in metres.
+/// Checks the number of triangles, textures and the exact notes, and the size of the scene in
+/// metres.
 fn check(
     relative: &str,
     options: LoadOptions,
@@ -116,7 +117,8 @@ fn medieval_building() {
 
 #[test]
 fn cornell_box() {
-    // The faces of the light and of the front wall are commented out in the file, and with them the light of `Ka 20`.
+    // The faces of the light and of the front wall are commented out in the file, and with them the
+    // light of `Ka 20`.
     let millimetres = LoadOptions {
         up: None,
         unit_m: Some(0.001),

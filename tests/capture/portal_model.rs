@@ -1,4 +1,5 @@
-//! Portal models: every kind of defect is found, told as a sentence, and mended where it would break a walkthrough.
+//! Portal models: every kind of defect is found, told as a sentence, and mended where it would
+//! break a walkthrough.
 
 use glam::{DVec2, DVec3, dvec3};
 use headbox_model::{Cell, Finding, Flaw, Portal, PortalModel, Prism, Severity, Shape};
@@ -21,8 +22,8 @@ fn rectangle(scene: &mut Scene, corner: DVec3, right: DVec3, up: DVec3) {
         }));
 }
 
-/// Floor, ceiling and four walls of a room of 4 m by 2.5 m by 3 m from x on, its wall at `x + 4` (`open_right`) or at
-/// `x` open from z = 1 to z = 2 up to 2 m.
+/// Floor, ceiling and four walls of a room of 4 m by 2.5 m by 3 m from x on, its wall at `x + 4`
+/// (`open_right`) or at `x` open from z = 1 to z = 2 up to 2 m.
 fn room(scene: &mut Scene, x: f64, open_right: bool) {
     let (near, far) = (dvec3(x, 0.0, 0.0), dvec3(x + 4.0, 2.5, 3.0));
     let size = far - near;
@@ -238,7 +239,8 @@ fn mending_turns_a_portal_round() {
     assert_eq!(model.portals[0].polygon, polygon);
 }
 
-/// What is said of portals carries the numbers that they have afterwards; a way that was left out leads nowhere.
+/// What is said of portals carries the numbers that they have afterwards; a way that was left out
+/// leads nowhere.
 #[test]
 fn portals_that_are_left_out_are_numbered_last() {
     let mut model = two_rooms();

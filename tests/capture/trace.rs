@@ -9,18 +9,21 @@ use headbox_scene::scene::Scene;
 use headbox_trace::bvh::{Hit, PACKET, Ray, RayPacket, Tracer};
 use std::sync::Arc;
 
-/// Relative error of `t` and of where a ray passes a triangle's border: `f32` positions relative to the ray's origin
-/// carry 2^-24, the shear and the edge functions a few times that. In units of the scene's extent.
+/// Relative error of `t` and of where a ray passes a triangle's border: `f32` positions relative to
+/// the ray's origin carry 2^-24, the shear and the edge functions a few times that. In units of the
+/// scene's extent.
 const TOLERANCE: f64 = 3e-6;
 
-/// Oracle hits whose [`OracleHit::margin`] exceeds this must be found: the tolerance over the size of the smallest
-/// triangles (a hundredth of the extent).
+/// Oracle hits whose [`OracleHit::margin`] exceeds this must be found: the tolerance over the size
+/// of the smallest triangles (a hundredth of the extent).
 const SURE_MARGIN: f64 = TOLERANCE * 100.0;
 
-/// Grazing angles multiply the error along the ray; oracle hits that face the ray less than this are not compared.
+/// Grazing angles multiply the error along the ray; oracle hits that face the ray less than this
+/// are not compared.
 const LEAST_FACING: f64 = 0.01;
 
-/// The oracle's closest distance must be found, unless the ray passes within the tolerance of a triangle's border.
+/// The oracle's closest distance must be found, unless the ray passes within the tolerance of a
+/// triangle's border.
 fn assert_closest(tracer: &Tracer, oracle: &[OracleHit], ray: &Ray, hit: Option<Hit>, extent: f64) {
     let tolerance = TOLERANCE / LEAST_FACING * extent;
     let along = tolerance / f64::from(ray.direction.length());
@@ -59,7 +62,8 @@ fn assert_closest(tracer: &Tracer, oracle: &[OracleHit], ray: &Ray, hit: Option<
     }
 }
 
-/// Checks every entry point at every SIMD level against the oracle and against each other, bit for bit.
+/// Checks every entry point at every SIMD level against the oracle and against each other, bit for
+/// bit.
 fn check(scene: Scene, origin: DVec3, rays: &[Ray], extent: f64) {
     let scene = Arc::new(scene);
     let tracers: Vec<Tracer> = levels()
@@ -218,7 +222,8 @@ fn grids_and_rays_along_the_planes_of_boxes() {
 
 #[test]
 fn a_ray_inside_the_plane_of_a_flat_box_still_sees_beyond_it() {
-    // The floor's triangles make boxes of no height; the ray runs in the floor and meets a wall that stands on it.
+    // The floor's triangles make boxes of no height; the ray runs in the floor and meets a wall
+    // that stands on it.
     let mut triangles = grid(8)
         .into_iter()
         .map(|t| t.map(|p| dvec3(p.x, 0.0, p.y)))
@@ -280,7 +285,8 @@ fn a_closed_sphere_does_not_leak() {
 
 #[test]
 fn thin_and_edge_on_triangles_agree_everywhere() {
-    // Slivers along a common direction, seen along it: their distances are uncertain, but not different by route.
+    // Slivers along a common direction, seen along it: their distances are uncertain, but not
+    // different by route.
     let mut random = Rng::keyed(9);
     for scale in [1.0, 1e4] {
         let along = dvec3(0.6, 0.3, -0.74);

@@ -37,7 +37,8 @@ fn the_range_of_t_is_closed() {
     assert!(!hits(0.0, 1.999) && !hits(2.001, 3.0) && !hits(3.0, 1.0) && !hits(-1.0, 3.0));
 }
 
-/// Two quads of two triangles, at z = -1 and -2; the left half of the first one's texture is a hole.
+/// Two quads of two triangles, at z = -1 and -2; the left half of the first one's texture is a
+/// hole.
 fn cutout_scene() -> Scene {
     let texels = [[255, 255, 255, 0], [255, 255, 255, 255]];
     let texels: Vec<[u8; 4]> = (0..64).map(|i| texels[usize::from(i % 8 >= 4)]).collect();
@@ -81,7 +82,8 @@ fn cutouts_let_rays_through_where_alpha_is_low() {
         })
         .collect();
     let packet = RayPacket::from_rays(&rays);
-    // Half a texel on either side of the hole's border (and of the texture's, which wraps) is blended.
+    // Half a texel on either side of the hole's border (and of the texture's, which wraps) is
+    // blended.
     for k in (1..7).chain(9..15) {
         let expected = (k >= 8).then_some(1.0);
         assert_eq!(tracer.closest(&rays[k]).map(|h| h.t), expected, "ray {k}");

@@ -70,7 +70,8 @@ pub(crate) fn sphere(depth: u32) -> Vec<[DVec3; 3]> {
     triangles
 }
 
-/// Rays from inside and outside a cube of edge `scale`: sixteen at a time with similar directions, then random ones.
+/// Rays from inside and outside a cube of edge `scale`: sixteen at a time with similar directions,
+/// then random ones.
 pub(crate) fn rays_for(random: &mut Rng, count: usize, scale: f64) -> Vec<Ray> {
     let mut rays = Vec::with_capacity(count);
     while rays.len() < count {
@@ -102,8 +103,9 @@ pub(crate) fn rays_for(random: &mut Rng, count: usize, scale: f64) -> Vec<Ray> {
 pub(crate) struct OracleHit {
     pub(crate) t: f64,
     pub(crate) primitive: u32,
-    /// How far inside the triangle, as the least barycentric weight times how much it faces the ray; or the distance
-    /// from the ray's origin in units of the triangle's size, if that is less. Negative for near misses.
+    /// How far inside the triangle, as the least barycentric weight times how much it faces the
+    /// ray; or the distance from the ray's origin in units of the triangle's size, if that is less.
+    /// Negative for near misses.
     pub(crate) margin: f64,
     /// Cosine-like: area seen by the ray over the product of two edges. 0 is edge-on.
     pub(crate) facing: f64,
@@ -131,7 +133,8 @@ pub(crate) fn oracle_hits(triangles: &[[DVec3; 3]], ray: &Ray) -> Vec<OracleHit>
         );
         let facing = determinant.abs() / (d.length() * e1.length() * e2.length());
         let inside = u.min(v).min(1.0 - u - v) * facing;
-        // Near the origin the sign of t is as uncertain as the border, so a little before it counts as a near miss.
+        // Near the origin the sign of t is as uncertain as the border, so a little before it counts
+        // as a near miss.
         let away = (t - f64::from(ray.t_min)) * d.length() / (e1.length() + e2.length());
         let margin = inside.min(away);
         if margin > -1e-3 && t <= f64::from(ray.t_max) {

@@ -1,5 +1,5 @@
-//! A small capture of an analytic scene, independent of the product's: rays from the headbox's faces, cosine-weighted
-//! (S15), merged by depth in their order of arrival.
+//! A small capture of an analytic scene, independent of the product's: rays from the headbox's
+//! faces, cosine-weighted (S15), merged by depth in their order of arrival.
 
 use super::bed::{Scene, sky, srgb};
 use glam::{DVec3, dvec3};
@@ -92,8 +92,9 @@ impl Accumulator {
         }
     }
 
-    /// Alphas of the depth pixels of a pixel, sorted from far to near: of 16 rays from the centre, the share of those that reach
-    /// a sample which end at it; where few reach it, the share that meets anything at its depth.
+    /// Alphas of the depth pixels of a pixel, sorted from far to near: of 16 rays from the centre,
+    /// the share of those that reach a sample which end at it; where few reach it, the share that
+    /// meets anything at its depth.
     fn alphas(&self, index: usize, scene: &Scene, settings: &CaptureSettings) -> Vec<u8> {
         const SIDE: usize = 4;
         let (face, x, y) = (
@@ -241,8 +242,8 @@ pub fn info(centre: DVec3, half_size_m: f64) -> CaptureInfo {
     }
 }
 
-/// A cube LDI of one sample at the centre of each pixel of some faces, as `sample` gives it for a position on the face
-/// in pixels; no environment.
+/// A cube LDI of one sample at the centre of each pixel of some faces, as `sample` gives it for a
+/// position on the face in pixels; no environment.
 pub fn one_layer(
     centre: DVec3,
     face_px: u32,
@@ -274,7 +275,8 @@ pub fn one_layer(
     }
 }
 
-/// One ray from the centre through the middle of every pixel: a headbox of half size 0.5 about the origin.
+/// One ray from the centre through the middle of every pixel: a headbox of half size 0.5 about the
+/// origin.
 pub fn centre_rays(scene: &Scene, face_px: u32) -> CubeLdi {
     one_layer(DVec3::ZERO, face_px, &Face::ALL, |face, x, y| {
         let hit = scene.hit(DVec3::ZERO, face.direction(x, y, face_px))?;

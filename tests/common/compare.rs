@@ -45,8 +45,8 @@ pub fn truth(scene: &Scene, camera: &Camera, n: u32) -> Frame {
     })
 }
 
-/// A ray-traced cube map (4 * 4 rays a texel) about a centre, to be looked up bilinearly: what an LDI is measured
-/// against from its centre.
+/// A ray-traced cube map (4 * 4 rays a texel) about a centre, to be looked up bilinearly: what an
+/// LDI is measured against from its centre.
 pub fn cube_map(scene: &Scene, centre: DVec3, face_px: u32) -> Environment {
     let texels = Face::ALL.into_iter().flat_map(|face| {
         let texel = move |i: u32| {
@@ -90,8 +90,8 @@ pub fn share_differing(a: &Frame, b: &Frame, levels: u8) -> f64 {
     a.color.iter().zip(&b.color).filter(differs).count() as f64 / a.color.len() as f64
 }
 
-/// Fails if more than `share` of the pixels differ by more than `levels`, and then leaves a picture: expected |
-/// difference (times 4) | actual.
+/// Fails if more than `share` of the pixels differ by more than `levels`, and then leaves a
+/// picture: expected | difference (times 4) | actual.
 pub fn assert_close(name: &str, expected: &Frame, actual: &Frame, levels: u8, share: f64) {
     assert_eq!(
         (expected.width, expected.height),

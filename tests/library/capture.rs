@@ -1,5 +1,5 @@
-//! Promises of a capture: the same bytes however it is run, bounded memory, light that obeys known answers, and an
-//! honest estimate of what is still missing.
+//! Promises of a capture: the same bytes however it is run, bounded memory, light that obeys known
+//! answers, and an honest estimate of what is still missing.
 
 #![expect(
     clippy::unwrap_used,
@@ -196,8 +196,8 @@ fn merged_from_shards(
         .unwrap()
 }
 
-/// Share of the pixels of frames from all over the headbox that nothing or little covers; the room is closed, so that all of them
-/// should be.
+/// Share of the pixels of frames from all over the headbox that nothing or little covers; the room
+/// is closed, so that all of them should be.
 fn open_share(ldi: &CubeLdi) -> f64 {
     let cube = PackedCube::pack(ldi, SplatIndexLayout::Normal, Split::Auto).unwrap();
     let (mut renderer, mut random) = (Renderer::new(), Rng::keyed(11));
@@ -259,7 +259,8 @@ fn a_capture_that_looks_at_itself_closes_its_holes_whoever_traced_it() {
     );
 }
 
-/// A floor that the centre sees nearly edge-on, from above its centre: the rows of its samples lie up to twice as far apart there.
+/// A floor that the centre sees nearly edge-on, from above its centre: the rows of its samples lie
+/// up to twice as far apart there.
 #[test]
 fn a_floor_seen_edge_on_has_few_gaps_from_higher_up() {
     const HALF_SIZE_M: f64 = 0.25;
@@ -295,12 +296,14 @@ fn a_floor_seen_edge_on_has_few_gaps_from_higher_up() {
             .flat_map(|y| (0..96).map(move |x| (y, x)))
             .filter(|&(y, x)| is_open(y, x))
             .count();
-        // Silhouettes of the far ground apart; 149 and more with slopes of up to 4 and codes that may turn over.
+        // Silhouettes of the far ground apart; 149 and more with slopes of up to 4 and codes that
+        // may turn over.
         assert!(open < 100, "{open} pixels, turned by {turn}");
     }
 }
 
-/// Exporters of boxes often share normals at their corners, which lean by 55 degrees from each wall. Footprints are of walls.
+/// Exporters of boxes often share normals at their corners, which lean by 55 degrees from each
+/// wall. Footprints are of walls.
 #[test]
 fn normals_for_shading_that_lean_leave_no_gaps_in_walls() {
     let flat = room();
@@ -504,7 +507,8 @@ fn light_at(lighting: &Lighting, tracer: &Tracer, position: Vec3, normal: Vec3) 
 
 #[test]
 fn light_agrees_with_closed_forms() {
-    // A floor of 200 x 200 m under a uniform sky of radiance 0.5 and a sun at 60 degrees from the zenith.
+    // A floor of 200 x 200 m under a uniform sky of radiance 0.5 and a sun at 60 degrees from the
+    // zenith.
     let mut boxes = Boxes::default();
     let grey = boxes.material([0.5; 3], [0.0; 3]);
     let mut scene = boxes
@@ -520,7 +524,8 @@ fn light_agrees_with_closed_forms() {
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let lighting = Lighting::of_scene(&tracer, 3);
     let [up, ..] = light_at(&lighting, &tracer, Vec3::ZERO, Vec3::Y);
-    // Sky: irradiance pi * 0.5, over pi. Sun: 2 cos 60 / pi. An open, flat floor sends no light back to itself.
+    // Sky: irradiance pi * 0.5, over pi. Sun: 2 cos 60 / pi. An open, flat floor sends no light
+    // back to itself.
     let expected = 0.5 + 2.0 * 0.5 / std::f32::consts::PI;
     assert!((up - expected).abs() < 2e-3, "{up} for {expected}");
     let [down, ..] = light_at(&lighting, &tracer, Vec3::new(0.0, -2.0, 0.0), Vec3::NEG_Y);
@@ -532,8 +537,9 @@ fn light_agrees_with_closed_forms() {
 
 #[test]
 fn a_closed_furnace_is_everywhere_equally_bright() {
-    // Walls of albedo 0.5 that emit 1: radiance is 1 / (1 - 0.5) = 2 in the limit of many bounces, 2 - 0.5^n after n
-    // terms. Emission reaches a point by next-event estimation only, so radiosity per albedo must be 2 - 0.5^bounces.
+    // Walls of albedo 0.5 that emit 1: radiance is 1 / (1 - 0.5) = 2 in the limit of many bounces,
+    // 2 - 0.5^n after n terms. Emission reaches a point by next-event estimation only, so radiosity
+    // per albedo must be 2 - 0.5^bounces.
     let mut boxes = Boxes::default();
     let glowing = boxes.material([0.5; 3], [1.0; 3]);
     let scene = Arc::new(boxes.add(DVec3::ZERO, DVec3::splat(2.0), glowing).0);
@@ -542,7 +548,8 @@ fn a_closed_furnace_is_everywhere_equally_bright() {
         let mut lighting = Lighting::of_scene(&tracer, bounces);
         lighting.exposure = 1e-6; // so dark that no bounce is cut as too bright
         let [light, ..] = light_at(&lighting, &tracer, Vec3::new(0.3, -2.0, 0.1), Vec3::Y);
-        // 65,536 samples; paths that end near a corner are rare and bright, with a standard deviation of about 3.
+        // 65,536 samples; paths that end near a corner are rare and bright, with a standard
+        // deviation of about 3.
         assert!(
             (light - expected).abs() < 4.0 * 3.0 / 256.0,
             "{bounces} bounces: {light} for {expected}"
@@ -552,7 +559,8 @@ fn a_closed_furnace_is_everywhere_equally_bright() {
 
 #[test]
 fn what_bounces_lights_its_own_place() {
-    // A red wall and a green one, and a lamp under a plate on the floor: the ceiling has all of its light from walls and floor.
+    // A red wall and a green one, and a lamp under a plate on the floor: the ceiling has all of its
+    // light from walls and floor.
     let mut boxes = Boxes::default();
     let grey = boxes.material([0.7; 3], [0.0; 3]);
     let [red, green] =
@@ -695,7 +703,8 @@ fn no_wall_has_a_gap_of_one_pixel() {
         }
     }
     let share = f64::from(covered) / (6.0 * 94.0 * 94.0);
-    // A neighbour that was mended itself is no reason to mend the next, so that a few stay. Without mending: 566.
+    // A neighbour that was mended itself is no reason to mend the next, so that a few stay. Without
+    // mending: 566.
     assert!(
         share > 0.999 && gaps < 20,
         "{gaps} gaps; {share} of all pixels covered"
@@ -704,7 +713,8 @@ fn no_wall_has_a_gap_of_one_pixel() {
 
 #[test]
 fn the_edge_of_a_shadow_of_the_sun_is_one_pixel_wide() {
-    // A floor 1 m below the headbox's centre, and a slab that shades half of it: the sun stands in the plane x = 0.
+    // A floor 1 m below the headbox's centre, and a slab that shades half of it: the sun stands in
+    // the plane x = 0.
     let mut boxes = Boxes::default();
     let white = boxes.material([0.8; 3], [0.0; 3]);
     let boxes = boxes.add(dvec3(0.0, -2.0, 0.0), dvec3(8.0, 1.0, 8.0), white);

@@ -1,7 +1,9 @@
-//! Ids of the papers' algorithms in the sources resolve in `docs/papers.md`, and the files named there cite them. Decisions
-//! that comments cite exist in `docs/decisions/`, and the files that decisions name exist.
+//! Ids of the papers' algorithms in the sources resolve in `docs/papers.md`, and the files named
+//! there cite them. Decisions that comments cite exist in `docs/decisions/`, and the files that
+//! decisions name exist.
 //!
-//! Documents name a source file by the end of its path (`peel.rs`, `render/mod.rs`), so that a file can move.
+//! Documents name a source file by the end of its path (`peel.rs`, `render/mod.rs`), so that a file
+//! can move.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

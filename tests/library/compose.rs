@@ -286,8 +286,8 @@ fn polygons_stand_among_samples_as_if_they_had_been_captured() {
     }
 }
 
-/// How a silhouette covers its pixels is known to a quarter, so that light errs there by up to an eighth of the difference; without parts, by up
-/// to half.
+/// How a silhouette covers its pixels is known to a quarter, so that light errs there by up to an
+/// eighth of the difference; without parts, by up to half.
 const SILHOUETTES_DB: f64 = 36.0;
 
 #[test]
@@ -381,7 +381,8 @@ fn a_cube_and_sprites_and_polygons_share_a_frame_by_depth() {
     );
 }
 
-/// 64 samples a vertex of what is about it, a picture of 64 rows of that, and vertices' own mean: an eighth.
+/// 64 samples a vertex of what is about it, a picture of 64 rows of that, and vertices' own mean:
+/// an eighth.
 const LIT_SHARE: f64 = 0.125;
 
 #[test]
@@ -454,8 +455,8 @@ fn assert_box_is_lit(cube: &PackedCube, share: f64) {
     }
 }
 
-/// Irradiance over pi, green, of what a cube shows from a place: the sum over a frame that looks along the normal as far as 80 degrees,
-/// beyond which cosines leave 3 %.
+/// Irradiance over pi, green, of what a cube shows from a place: the sum over a frame that looks
+/// along the normal as far as 80 degrees, beyond which cosines leave 3 %.
 fn irradiance_over_pi(cube: &PackedCube, eye: DVec3, normal: DVec3) -> f64 {
     let camera = Camera::look_at(
         eye,
@@ -470,7 +471,8 @@ fn irradiance_over_pi(cube: &PackedCube, eye: DVec3, normal: DVec3) -> f64 {
     let (mut sum, mut all) = (0.0, 0.0);
     for (i, color) in frame.color.iter().enumerate() {
         let direction = camera.direction((i % 400) as f64 + 0.5, (i / 400) as f64 + 0.5);
-        // A pixel's solid angle falls with the cube of the cosine, and so does its light with the cosine.
+        // A pixel's solid angle falls with the cube of the cosine, and so does its light with the
+        // cosine.
         let weight = direction.length().powi(-4);
         sum += f64::from(cube.info.tone.exposed(color[1])) * weight;
         all += weight;

@@ -1,4 +1,5 @@
-//! Cube LDIs from depth images (S12): what the tracer saw comes back, wherever an image was taken and however fine it is.
+//! Cube LDIs from depth images (S12): what the tracer saw comes back, wherever an image was taken
+//! and however fine it is.
 
 use crate::common::bed::{Scene, room, srgb};
 use crate::common::capture::centre_rays;
@@ -101,7 +102,8 @@ fn six_faces_of_the_tracer_give_its_own_ldi_back() {
     }
 }
 
-/// As above, of a scene of triangles, by the product's own tracer, through six pinholes that a `transforms.json` tells.
+/// As above, of a scene of triangles, by the product's own tracer, through six pinholes that a
+/// `transforms.json` tells.
 #[test]
 fn six_pinholes_of_the_tracer_give_its_centre_ray_ldi() {
     const SIDE: u32 = 96;
@@ -188,8 +190,8 @@ fn as_panorama(scene: &Scene, width: u32, folder: &Path) -> ImageSet {
 
 #[test]
 fn a_panorama_of_the_tracer_gives_its_centre_ray_ldi() {
-    /// A sample is moved to the middle of its pixel along a plane through its neighbours; spheres curve away from it, and at edges
-    /// a pixel of the panorama may show the other surface.
+    /// A sample is moved to the middle of its pixel along a plane through its neighbours; spheres
+    /// curve away from it, and at edges a pixel of the panorama may show the other surface.
     const RELATIVE_DEPTH: f32 = 2e-3;
     const AT_EDGES: f64 = 0.04;
     let scene = room(20.0);

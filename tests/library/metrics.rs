@@ -1,4 +1,5 @@
-//! PSNR, SSIM and the share of differing pixels: scikit-image's figures, closed forms and hand-made cases.
+//! PSNR, SSIM and the share of differing pixels: scikit-image's figures, closed forms and hand-made
+//! cases.
 
 use crate::metrics_images::{constant, pairs, pattern, shifted};
 use headbox_core::metrics::{
@@ -6,10 +7,10 @@ use headbox_core::metrics::{
 };
 use image::{Rgb, RgbImage};
 
-/// Figures of scikit-image 0.26.0 with NumPy 2.4.6 for [`pairs`] of two sizes, of which the second is the least that it
-/// accepts in one direction. Made by the formulas of `metrics_images` in NumPy and
-/// `structural_similarity(a, b, channel_axis=-1, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
-/// data_range=255)`, printed to 12 decimals.
+/// Figures of scikit-image 0.26.0 with NumPy 2.4.6 for [`pairs`] of two sizes, of which the second
+/// is the least that it accepts in one direction. Made by the formulas of `metrics_images` in NumPy
+/// and `structural_similarity(a, b, channel_axis=-1, gaussian_weights=True, sigma=1.5,
+/// use_sample_covariance=False, data_range=255)`, printed to 12 decimals.
 #[rustfmt::skip]
 const SCIKIT_IMAGE_SSIM: [((u32, u32), [f64; 9]); 2] = [
     ((203, 131), [
@@ -21,8 +22,8 @@ const SCIKIT_IMAGE_SSIM: [((u32, u32), [f64; 9]); 2] = [
         0.000099990001, 0.333399993334, 0.124596888866,
     ]),
 ];
-/// Figures of `peak_signal_noise_ratio(a, b, data_range=255)` for the same pairs, the equal one left out, to 10
-/// decimals.
+/// Figures of `peak_signal_noise_ratio(a, b, data_range=255)` for the same pairs, the equal one
+/// left out, to 10 decimals.
 #[rustfmt::skip]
 const SCIKIT_IMAGE_PSNR_DB: [f64; 8] = [
     34.6500006657, 14.8590083216, 14.2276194699, 16.8596973695, 48.1847028930, 0.0, 1.7609125906, 10.4926272304,
@@ -57,7 +58,8 @@ fn psnr_is_that_of_scikit_image() {
 
 #[test]
 fn ssim_of_small_images_is_its_definition_over_reflected_borders() {
-    /// Moments of 8-bit values are below 2^17, and their differences lose at most that many of 53 bits.
+    /// Moments of 8-bit values are below 2^17, and their differences lose at most that many of 53
+    /// bits.
     const CANCELLATION: f64 = 1e-10;
     for (width, height) in [
         (1, 1),

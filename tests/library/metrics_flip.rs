@@ -8,15 +8,17 @@ use headbox_core::metrics::{
 };
 use image::Rgb;
 
-/// Largest error of a pixel against the f64 oracle. f32 rounds a lightness of 100 to about 1e-5, so that a difference
-/// near 0 may be off by as much; the metric raises it to 0.7 and scales it by 0.95 / (0.4 * 41): 2e-5. Twice that.
+/// Largest error of a pixel against the f64 oracle. f32 rounds a lightness of 100 to about 1e-5, so
+/// that a difference near 0 may be off by as much; the metric raises it to 0.7 and scales it by
+/// 0.95 / (0.4 * 41): 2e-5. Twice that.
 const PIXEL_TOLERANCE: f64 = 4e-5;
-/// Largest error of a mean against the f64 oracle: few pixels have a difference near 0, the others are off by the
-/// relative error of f32 powers, 3e-7.
+/// Largest error of a mean against the f64 oracle: few pixels have a difference near 0, the others
+/// are off by the relative error of f32 powers, 3e-7.
 const MEAN_TOLERANCE: f64 = 5e-7;
-/// Largest error of a mean against the authors' evaluator, which works in f32 too but does not pair its taps: features
-/// of flat regions are rounding noise of 1e-8 there and 0 here. Its square root, 1e-4, enters the exponent of the color
-/// error c, which moves by -ln(c) c times as much; c is 0.967 for black against white.
+/// Largest error of a mean against the authors' evaluator, which works in f32 too but does not pair
+/// its taps: features of flat regions are rounding noise of 1e-8 there and 0 here. Its square root,
+/// 1e-4, enters the exponent of the color error c, which moves by -ln(c) c times as much; c is
+/// 0.967 for black against white.
 const EVALUATOR_MEAN_TOLERANCE: f64 = 1.5e-5;
 
 #[test]
@@ -94,7 +96,8 @@ fn equal_images_have_no_error_and_opposite_ones_the_largest() {
             .all(|&error| error == 0.0)
     );
     assert_eq!(map([7, 80, 9], [7, 80, 9]).mean, 0.0);
-    // Constant images have no features: the color error alone counts, and green to blue is its largest.
+    // Constant images have no features: the color error alone counts, and green to blue is its
+    // largest.
     let farthest = map([0, 255, 0], [0, 0, 255]);
     assert!(
         farthest

@@ -1,5 +1,5 @@
-//! Which way is up in an OBJ, and what its unit is, are guessed: right for scenes that others wrote, and for the built-in
-//! ones written in any axes and unit.
+//! Which way is up in an OBJ, and what its unit is, are guessed: right for scenes that others
+//! wrote, and for the built-in ones written in any axes and unit.
 
 #![expect(
     clippy::unwrap_used,
@@ -208,7 +208,8 @@ fn real_scenes_stand_upright_however_they_are_written() {
         ] {
             let frame = FileFrame { up, unit_m };
             let (found, notes) = guess(&obj_text(&scene, &frame, true));
-            // What evidence is too thin for is told: a box as high as wide, whose lamp's material got lost.
+            // What evidence is too thin for is told: a box as high as wide, whose lamp's material
+            // got lost.
             let is_told = notes.iter().any(|note| note.contains("too little for"));
             assert!(
                 found == frame || is_told,
@@ -218,7 +219,8 @@ fn real_scenes_stand_upright_however_they_are_written() {
     }
 }
 
-/// A box without a lid, of two triangles a side, in metres along (width, height, depth) in the file's axes.
+/// A box without a lid, of two triangles a side, in metres along (width, height, depth) in the
+/// file's axes.
 fn coarse_box([x, y, z]: [f64; 3]) -> String {
     let mut text = String::new();
     for corner in 0..8 {
@@ -252,7 +254,8 @@ fn a_coarse_room_is_as_high_as_its_walls() {
     assert!(note.contains("2.6 m high and 5.0 m wide"), "{note}");
 }
 
-/// A box of which the groups say what its sides are, floor and ceiling across Z, as modellers write rooms.
+/// A box of which the groups say what its sides are, floor and ceiling across Z, as modellers write
+/// rooms.
 fn named_room(lengths: [f64; 3], kind: &str) -> String {
     let names = [
         "Floor",
@@ -299,7 +302,8 @@ fn groups_named_after_floors_and_walls_say_which_way_is_up_and_how_large_a_room_
     );
 }
 
-/// As somebody writes a room by a script: closed, boxes with corners of their own, no names, millimetres.
+/// As somebody writes a room by a script: closed, boxes with corners of their own, no names,
+/// millimetres.
 #[test]
 fn things_that_stand_on_one_floor_tell_up_in_a_closed_room() {
     let boxes = [
@@ -382,7 +386,8 @@ fn patch(text: &mut String, corner: DVec3, [u, v]: [DVec3; 2], rows: u32) {
     }
 }
 
-/// As a program for planning kitchens wrote one: decimetres, far from the origin both ways, no ceiling, walls with two sides.
+/// As a program for planning kitchens wrote one: decimetres, far from the origin both ways, no
+/// ceiling, walls with two sides.
 #[test]
 fn a_room_without_a_ceiling_far_from_the_origin_stands_on_its_floor() {
     let [x, y, z] = [DVec3::X * 68.0, DVec3::Y * 40.0, DVec3::Z * 27.0];

@@ -12,12 +12,15 @@ use headbox_cube::pack::{
     PackError, PackedCube, PackedDepthPixel, PackedError, SegmentSide, SplatIndexLayout, Split,
 };
 
-/// Half a step of 20 bits over a segment's range of inverse depth, and the rounding of the f32 it came from.
+/// Half a step of 20 bits over a segment's range of inverse depth, and the rounding of the f32 it
+/// came from.
 const HALF_STEP: f64 = 0.5 / ((1 << 20) - 1) as f64 + 1e-7;
 
-/// The worst cell of the ring code, front side (see `splat_index`); the normals of a capture face the centre.
+/// The worst cell of the ring code, front side (see `splat_index`); the normals of a capture face
+/// the centre.
 const NORMAL_DEG: f64 = 2.9;
-/// The cosine from which on a surface is seen so much edge-on that a code may lie on its other side ...
+/// The cosine from which on a surface is seen so much edge-on that a code may lie on its other side
+/// ...
 const EDGE_ON: f64 = 0.06;
 /// ... and is moved by a ring, so that it faces the centre.
 const MOVED_DEG: f64 = 3.6;

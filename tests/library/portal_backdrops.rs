@@ -1,4 +1,5 @@
-//! What each way to show a room behind a door promises: squares of its walls where they are, and the rules of R2, R3, R8, R9.
+//! What each way to show a room behind a door promises: squares of its walls where they are, and
+//! the rules of R2, R3, R8, R9.
 
 use crate::common::capture::one_layer;
 use crate::three_rooms::{
@@ -38,12 +39,14 @@ fn with(kind: BackdropKind, near: Near) -> WalkSettings {
     }
 }
 
-/// Pixels from the border of a wall's square within which a backdrop may show the next one: its samples are two pixels apart
-/// in the frames below, a tent reaches as far again, and a sample lies anywhere in its pixel.
+/// Pixels from the border of a wall's square within which a backdrop may show the next one: its
+/// samples are two pixels apart in the frames below, a tent reaches as far again, and a sample lies
+/// anywhere in its pixel.
 const BORDER_PX: i64 = 4;
 
-/// Share of the pixels further inside that may show another square than truth, by the kinds that know depth and what one image
-/// hides. None does but the cell's cube, whose samples from the middle of a room lie farther apart: 0.2 %.
+/// Share of the pixels further inside that may show another square than truth, by the kinds that
+/// know depth and what one image hides. None does but the cell's cube, whose samples from the
+/// middle of a room lie farther apart: 0.2 %.
 const WRONG_AT_MOST: f64 = 0.005;
 const WITHOUT_ERRORS: [BackdropKind; 7] = [
     BackdropKind::TwoImages,
@@ -105,7 +108,8 @@ fn backdrops_show_what_is_behind_and_only_there() {
     }
 }
 
-/// What two eyes see at the same places of a door's plane, levels of green; where both look through it.
+/// What two eyes see at the same places of a door's plane, levels of green; where both look through
+/// it.
 fn at_the_same_places(house: &House, [first, second]: [(&[[u8; 3]], &Camera); 2]) -> Vec<[u8; 2]> {
     let door = first_door(house);
     let mut seen = Vec::new();
@@ -288,7 +292,8 @@ fn holes_keep_what_was_there_and_nothing_else_does() {
     );
 }
 
-/// A wall of one colour three metres before the origin, captured from `centre`, as far as `covers` says of the wall's x.
+/// A wall of one colour three metres before the origin, captured from `centre`, as far as `covers`
+/// says of the wall's x.
 fn wall_from(centre: DVec3, color: [u8; 3], covers: impl Fn(f64) -> bool) -> PackedCube {
     let [r, g, b] = color;
     let ldi = one_layer(centre, 64, &[Face::NegZ], |face, x, y| {

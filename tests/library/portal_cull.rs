@@ -1,4 +1,5 @@
-//! Portal culling never drops what shows: lines of sight through models of boxes with random openings, followed one by one.
+//! Portal culling never drops what shows: lines of sight through models of boxes with random
+//! openings, followed one by one.
 
 use glam::{DVec2, DVec3, dvec3};
 use headbox_core::camera::Camera;
@@ -9,8 +10,8 @@ use headbox_scene::scene::Scene;
 
 const SIDE: u32 = 4;
 
-/// Rooms of one metre in a grid of 4 by 4, each with an opening to most of its neighbours: convex polygons of three to seven
-/// corners, some as wide as the wall.
+/// Rooms of one metre in a grid of 4 by 4, each with an opening to most of its neighbours: convex
+/// polygons of three to seven corners, some as wide as the wall.
 fn rooms(random: &mut Rng) -> PortalModel {
     let cell = |i: u32| {
         let (x, z) = (f64::from(i % SIDE), f64::from(i / SIDE));

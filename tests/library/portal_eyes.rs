@@ -4,7 +4,8 @@ use glam::dvec3;
 use headbox_house::house::House;
 use headbox_house::walk_path::WalkPath;
 
-/// Eyes where walls of the built-in house meet, in planes of portals and a hair off; and every eye of a walk.
+/// Eyes where walls of the built-in house meet, in planes of portals and a hair off; and every eye
+/// of a walk.
 #[test]
 fn an_eye_where_walls_meet_is_in_a_wall() {
     let house = House::new(headbox_scenes::house(0, 5_000)).expect("a valid model");

@@ -1,5 +1,5 @@
-//! A walk through three rooms: geometry against truth, at doors, in walls and without images; files, tours and paths. What
-//! backdrops promise: `portal_backdrops.rs`.
+//! A walk through three rooms: geometry against truth, at doors, in walls and without images;
+//! files, tours and paths. What backdrops promise: `portal_backdrops.rs`.
 
 use crate::three_rooms::{
     QUALITY, camera, house, poses, rooms, stocked, three_rooms, truth, wrong_share,
@@ -219,7 +219,8 @@ fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
             bad[at] ^= 1 << (random.unit() * 8.0) as u32;
         }
         std::fs::write(&path, &bad).expect("written");
-        // A flip in the padding between sections changes nothing; all else is an error that names the file.
+        // A flip in the padding between sections changes nothing; all else is an error that names
+        // the file.
         match file::read(&path, 1 << 30) {
             Ok((_, stored, _)) => assert_eq!(stored.all(), store.all()),
             Err(error) => assert!(error.to_string().contains("a.house"), "{error}"),
@@ -444,6 +445,6 @@ fn a_wall_is_a_sprite_and_a_room_or_a_pillar_is_not() {
     );
 }
 
-/// Mean difference of a sprite from truth, levels of green: in a frame this small the renderer's reduced copies of the picture
-/// blur the squares of the wall, which lie 7 to 38 levels apart.
+/// Mean difference of a sprite from truth, levels of green: in a frame this small the renderer's
+/// reduced copies of the picture blur the squares of the wall, which lie 7 to 38 levels apart.
 const SPRITE_OFF_LEVELS: f64 = 16.0;

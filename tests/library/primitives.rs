@@ -1,4 +1,5 @@
-//! Pictures on planes: nothing is seen elsewhere by more than the bound, frames are no worse, and every setting gives the same bits.
+//! Pictures on planes: nothing is seen elsewhere by more than the bound, frames are no worse, and
+//! every setting gives the same bits.
 
 use crate::common::bed::{Scene, Shape, leaves, room};
 use crate::common::capture::quick;
@@ -49,8 +50,9 @@ fn taken(all: &CubeLdi, rest: &CubeLdi, face: Face) -> Vec<(u32, u32, DepthPixel
     taken
 }
 
-/// Where a picture shows a sample, and where the sample says that its surface is: two points of one ray through the sample's
-/// pixel. Of the pixel, the place where the picture is nearest to the sample's depth: a sample does not say where in it rays met.
+/// Where a picture shows a sample, and where the sample says that its surface is: two points of one
+/// ray through the sample's pixel. Of the pixel, the place where the picture is nearest to the
+/// sample's depth: a sample does not say where in it rays met.
 fn shown_and_said(
     set: &PlaneSet,
     tile: &PlaneTile,
@@ -96,8 +98,8 @@ fn dome() -> Scene {
     }
 }
 
-/// Samples: what is left is drawn from where it is. Planes: in the room, among leaves, and where the bound decides, in the dome. A
-/// picture at infinity: the mountains.
+/// Samples: what is left is drawn from where it is. Planes: in the room, among leaves, and where
+/// the bound decides, in the dome. A picture at infinity: the mountains.
 #[test]
 fn no_eye_sees_anything_elsewhere_by_more_than_the_bound() {
     const ERROR_PX: f64 = 0.5;
@@ -199,7 +201,8 @@ fn no_eye_sees_anything_elsewhere_by_more_than_the_bound() {
     }
 }
 
-/// What is one wall is drawn by few pictures, and what is full of holes by smaller ones, which cost no more than its samples.
+/// What is one wall is drawn by few pictures, and what is full of holes by smaller ones, which cost
+/// no more than its samples.
 #[test]
 fn pictures_are_as_large_as_pays() {
     for (scene, has_large) in [(room(6.0), true), (leaves(6.0), false)] {
@@ -219,7 +222,8 @@ fn pictures_are_as_large_as_pays() {
     }
 }
 
-/// A frame that shows next to no picture pays for a canvas all the same; a portal that shows the disk shows little else.
+/// A frame that shows next to no picture pays for a canvas all the same; a portal that shows the
+/// disk shows little else.
 #[test]
 fn few_pictures_are_left_out_where_frames_look_all_around() {
     let disk = Shape::Disk {
@@ -253,7 +257,8 @@ fn few_pictures_are_left_out_where_frames_look_all_around() {
     }
 }
 
-/// Share of FLIP by which frames with pictures may be worse than those of all samples, in the mean over eyes.
+/// Share of FLIP by which frames with pictures may be worse than those of all samples, in the mean
+/// over eyes.
 const LOSS_OF_FLIP: f64 = 0.05;
 
 #[test]
@@ -408,7 +413,8 @@ fn what_a_picture_hides_shows_in_no_band_of_any_kernel() {
         ..PlaneSet::default()
     };
     assert_eq!(cube.validate(), Ok(()));
-    // Samples are a few pixels wide, and more than the rows that a band looks at beside its own; and all about the picture.
+    // Samples are a few pixels wide, and more than the rows that a band looks at beside its own;
+    // and all about the picture.
     for (fov_deg, all_green) in [(20.0, true), (4.0, true), (90.0, false)] {
         let camera = Camera::look_at(
             dvec3(0.1, 0.05, 0.1),
@@ -456,7 +462,8 @@ fn what_a_picture_hides_shows_in_no_band_of_any_kernel() {
     }
 }
 
-/// Frames whose smaller pictures are made on the way; the seconds are those in which even a machine with much to do draws them.
+/// Frames whose smaller pictures are made on the way; the seconds are those in which even a machine
+/// with much to do draws them.
 const FRESH_FRAMES: usize = 600;
 const FRESH_SECONDS: u64 = 240;
 

@@ -134,14 +134,16 @@ fn hit(tracer: &Tracer, camera: &Camera, x: f64, y: f64) -> Option<Hit> {
     })
 }
 
-/// A pixel may show another surface than the tracer's ray only if a ray this far away meets that surface: corners are
-/// snapped to 1/256 px, which moves an edge by up to 0.0028 px; the rest is the rounding of f32 positions.
+/// A pixel may show another surface than the tracer's ray only if a ray this far away meets that
+/// surface: corners are snapped to 1/256 px, which moves an edge by up to 0.0028 px; the rest is
+/// the rounding of f32 positions.
 const EDGE_PX: f64 = 0.004;
-/// Relative difference of inverse depth on one surface: snapping moves corners by 0.0028 px, on a slope of at most
-/// about ten times the depth per frame here.
+/// Relative difference of inverse depth on one surface: snapping moves corners by 0.0028 px, on a
+/// slope of at most about ten times the depth per frame here.
 const DEPTH: f32 = 2e-3;
 
-/// Compares every pixel with the tracer; returns how many differed but had an edge within [`EDGE_PX`].
+/// Compares every pixel with the tracer; returns how many differed but had an edge within
+/// [`EDGE_PX`].
 fn compare_with_tracer(scene: Scene, camera: &Camera) -> usize {
     let scene = Arc::new(scene);
     let (frame, _) = draw(&scene, camera);
@@ -168,7 +170,8 @@ fn compare_with_tracer(scene: Scene, camera: &Camera) -> usize {
             );
             continue;
         }
-        // Of slivers a thousandth of a pixel wide, too, one of so many rays meets what there is of them.
+        // Of slivers a thousandth of a pixel wide, too, one of so many rays meets what there is of
+        // them.
         let around = (0..1024).map(|k| f64::from(k) * std::f64::consts::TAU / 64.0);
         let within = around
             .enumerate()
@@ -215,12 +218,14 @@ fn the_same_surfaces_as_the_tracer() {
     }
 }
 
-/// A floor and walls of two triangles each that pass under, beside and behind the eye, at heights down to a millimetre.
+/// A floor and walls of two triangles each that pass under, beside and behind the eye, at heights
+/// down to a millimetre.
 #[test]
 fn triangles_that_reach_behind_the_eye() {
     for height in [1.5, 0.05, 0.001] {
         let quad = |a: DVec3, b: DVec3, c: DVec3, d: DVec3| [[a, b, c], [a, c, d]];
-        // Beyond, the tracer's own f32 errs by more than the height: its positions are relative to the eye too.
+        // Beyond, the tracer's own f32 errs by more than the height: its positions are relative to
+        // the eye too.
         let far = 20_000.0 * f64::min(height, 0.1);
         let floor = quad(
             dvec3(-far, 0.0, -far),
@@ -247,8 +252,8 @@ fn triangles_that_reach_behind_the_eye() {
     }
 }
 
-/// A jittered grid of triangles that covers the frame, flat and tilted, fine and coarse, partly behind the eye: every pixel
-/// is covered by one of them, and by a second one only on its edge.
+/// A jittered grid of triangles that covers the frame, flat and tilted, fine and coarse, partly
+/// behind the eye: every pixel is covered by one of them, and by a second one only on its edge.
 #[test]
 fn neighbours_leave_no_pixel_out_and_share_few() {
     let mut random = Rng::keyed(11);
@@ -322,8 +327,8 @@ fn neighbours_leave_no_pixel_out_and_share_few() {
     }
 }
 
-/// Walls whose panels were cut into pieces on one side only, as around a door: once they are stitched, from a thousand places no
-/// ray of light comes through where corners lie on edges.
+/// Walls whose panels were cut into pieces on one side only, as around a door: once they are
+/// stitched, from a thousand places no ray of light comes through where corners lie on edges.
 #[test]
 fn no_crack_opens_where_corners_lie_on_edges() {
     let mut random = Rng::keyed(5);
@@ -433,8 +438,8 @@ fn the_same_bytes_whatever_the_bands_threads_and_instructions() {
     }
 }
 
-/// sRGB levels: a pixel's weights may be those of a point 0.003 px away, and colours of these triangles change by at most
-/// 255 levels over some pixels.
+/// sRGB levels: a pixel's weights may be those of a point 0.003 px away, and colours of these
+/// triangles change by at most 255 levels over some pixels.
 const COLOR_LEVELS: i32 = 3;
 
 #[test]
@@ -471,8 +476,9 @@ fn colours_are_those_of_the_surface_that_the_tracer_meets() {
     );
 }
 
-/// On a floor a tenth of a millimetre under the eye, depths within a frame differ by 10^5; the colours of its corners change
-/// evenly over its 100 m, so that a pixel's colour tells where on the floor its weights are.
+/// On a floor a tenth of a millimetre under the eye, depths within a frame differ by 10^5; the
+/// colours of its corners change evenly over its 100 m, so that a pixel's colour tells where on the
+/// floor its weights are.
 #[test]
 fn a_floor_just_under_the_eye_has_its_colours_in_their_places() {
     let corners = [[-50.0, -50.0], [50.0, -50.0], [50.0, 50.0], [-50.0, 50.0]]
@@ -493,7 +499,8 @@ fn a_floor_just_under_the_eye_has_its_colours_in_their_places() {
         }],
         ..Scene::default()
     };
-    // Head over: the first row is right under the eye, and the middle one 25 m away, 4e-6 rad under the horizon.
+    // Head over: the first row is right under the eye, and the middle one 25 m away, 4e-6 rad under
+    // the horizon.
     let camera = |up| {
         Camera::look_at(DVec3::ZERO, dvec3(0.3, -4e-6, -1.0), up, 100.0, [61, 97]).expect("valid")
     };

@@ -1,4 +1,5 @@
-//! `docs/results.md`, its charts and its CSV file are generated from the recorded reports, and are not edited.
+//! `docs/results.md`, its charts and its CSV file are generated from the recorded reports, and are
+//! not edited.
 
 use headbox_lab::report::figures::figures;
 use headbox_lab::report::promises::PROMISES;
@@ -47,7 +48,8 @@ fn words(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// That the promises hold is measured anew by CI (`headbox report --quick --promises`), and not read off a file.
+/// That the promises hold is measured anew by CI (`headbox report --quick --promises`), and not
+/// read off a file.
 #[test]
 fn the_readme_says_what_a_report_can_hold_it_to() {
     let readme = words(&docs("../README.md"));
@@ -58,7 +60,8 @@ fn the_readme_says_what_a_report_can_hold_it_to() {
             promise.says
         );
     }
-    // A number with a unit of measurement beside it would be a figure that nothing stands behind; one is promised above.
+    // A number with a unit of measurement beside it would be a figure that nothing stands behind;
+    // one is promised above.
     let words: Vec<&str> = readme.split(' ').collect();
     let units = ["ms", "dB", "fps", "times", "Mrays/s", "%"];
     let is_figure = |pair: &&[&str]| {

@@ -1,4 +1,5 @@
-//! The splat kernels against truth: the figures in the documentation of `SplatKernel` are this test's output.
+//! The splat kernels against truth: the figures in the documentation of `SplatKernel` are this
+//! test's output.
 //!
 //! `cargo test --release --test library splat_quality -- --nocapture` prints the table.
 
@@ -20,14 +21,15 @@ const EYES: usize = 2;
 /// Frame pixels for one face pixel, on the axis: f2/f1.
 const RATIOS: [f64; 4] = [0.5, 1.3, 2.0, 3.0];
 
-/// By how many dB a kernel's mean PSNR may at most be below a bilinearly resampled ray-traced cube map of equal face
-/// size, from the centre at f2/f1 = 1.3: found 1.0 and 1.1 dB, plus 0.3 dB.
+/// By how many dB a kernel's mean PSNR may at most be below a bilinearly resampled ray-traced cube
+/// map of equal face size, from the centre at f2/f1 = 1.3: found 1.0 and 1.1 dB, plus 0.3 dB.
 const BELOW_CUBE_MAP_DB: [f64; 2] = [1.3, 1.4];
 
 /// By how many dB the PSNR may fall from the centre to eyes anywhere in the headbox.
 const OFF_CENTRE_DB: f64 = 1.5;
 
-/// What packing depth pixels into 8 bytes, with all 11 bits for the normal, may cost at any of the ratios: found 0.06 dB.
+/// What packing depth pixels into 8 bytes, with all 11 bits for the normal, may cost at any of the
+/// ratios: found 0.06 dB.
 const PACKING_DB: f64 = 0.15;
 
 fn cameras(ratio: f64, off_centre: bool, random: &mut Rng) -> Vec<Camera> {

@@ -1,5 +1,5 @@
-//! Promises of sprite rendering: accuracy against f64 oracles, equality of every way to run, answers to degenerate
-//! views. The oracles are in `sprite_oracle.rs`.
+//! Promises of sprite rendering: accuracy against f64 oracles, equality of every way to run,
+//! answers to degenerate views. The oracles are in `sprite_oracle.rs`.
 
 use crate::sprite_oracle::{Waves, bilinear, camera, exact_source, look, picture, sprite};
 use glam::{DMat3, DVec3, dvec3};
@@ -30,11 +30,13 @@ fn render(
     (outcome, frame)
 }
 
-/// Half a level of final rounding, 0.023 of the weights' rounding (see `sampling.rs`), and positions that are off by a
-/// few 1e-6 px at a contrast of 255 levels per pixel. What OpenCV 5 reaches at 1024x1024.
+/// Half a level of final rounding, 0.023 of the weights' rounding (see `sampling.rs`), and
+/// positions that are off by a few 1e-6 px at a contrast of 255 levels per pixel. What OpenCV 5
+/// reaches at 1024x1024.
 const HOMOGRAPHY_TOLERANCE: f64 = 0.53;
 
-/// The warp of the speed comparison: turn, scale and perspective; positions count from pixel corners.
+/// The warp of the speed comparison: turn, scale and perspective; positions count from pixel
+/// corners.
 fn benchmark_homography(n: f64) -> DMat3 {
     let (sin, cos) = 12.0f64.to_radians().sin_cos();
     let c = n / 2.0;
@@ -191,15 +193,16 @@ fn levels_and_threads_do_not_change_a_bit() {
 /// Levels per pixel of [`ramps`].
 const SLOPE: f64 = 250.0;
 
-/// Red rises and falls from column to column, green from row to row, as steeply as 8 bits allow: so a level is 1/250 px.
+/// Red rises and falls from column to column, green from row to row, as steeply as 8 bits allow: so
+/// a level is 1/250 px.
 fn ramps(size: u32) -> RgbaImage {
     RgbaImage::from_fn(size, size, |x, y| {
         Rgba([(x % 2 * 250) as u8, (y % 2 * 250) as u8, 0, 255])
     })
 }
 
-/// How a variant's source addresses differ from the exact ones, pixels; those of affine parallax from what it promises: the
-/// third component of the epipole is 0 (S8).
+/// How a variant's source addresses differ from the exact ones, pixels; those of affine parallax
+/// from what it promises: the third component of the epipole is 0 (S8).
 struct AddressError {
     median: f64,
     max: f64,
@@ -207,8 +210,9 @@ struct AddressError {
     parallax: f64,
 }
 
-/// Measures on a sprite of `size` x `size` pixels, away from its border. The picture's slope turns errors of less than a
-/// pixel into colours, up to the rounding of a level (0.002 px); `target` has to magnify, so that it is not averaged.
+/// Measures on a sprite of `size` x `size` pixels, away from its border. The picture's slope turns
+/// errors of less than a pixel into colours, up to the rounding of a level (0.002 px); `target` has
+/// to magnify, so that it is not averaged.
 fn address_error(
     size: u32,
     waves: Waves,
@@ -266,7 +270,8 @@ fn address_error(
 
 /// The goal of issue 4: where parallax changes by at most 0.1 px per px.
 const SMOOTH_TOLERANCE_PX: f64 = 0.05;
-/// The goal with 8-bit displacement at 50 px of parallax: half a step is 0.2 px (C30), and the rest as above.
+/// The goal with 8-bit displacement at 50 px of parallax: half a step is 0.2 px (C30), and the rest
+/// as above.
 const EIGHT_BIT_TOLERANCE_PX: f64 = 0.25;
 
 #[test]
@@ -469,9 +474,9 @@ fn the_nearer_surface_wins_where_the_sprite_folds() {
     }
 }
 
-/// A near surface that rises by `height(column)` from column 20 to 60, in front of a far plane, moved by pure parallax of
-/// 90 px per unit to the right, without filling. Returns the first column of the frame's middle row behind which the
-/// surface has a gap.
+/// A near surface that rises by `height(column)` from column 20 to 60, in front of a far plane,
+/// moved by pure parallax of 90 px per unit to the right, without filling. Returns the first column
+/// of the frame's middle row behind which the surface has a gap.
 fn first_crack(height: impl Fn(f32) -> f32, format: DisplacementFormat) -> Option<usize> {
     const SIDE: u32 = 96;
     let rises = |x: u32| (20..60).contains(&x);
@@ -508,7 +513,8 @@ fn first_crack(height: impl Fn(f32) -> f32, format: DisplacementFormat) -> Optio
 
 #[test]
 fn a_near_surface_that_is_stretched_has_no_cracks() {
-    // Stretched by 2.8 to 4.6; both rise steeply, one straight, one bent so much that its cells move one by one.
+    // Stretched by 2.8 to 4.6; both rise steeply, one straight, one bent so much that its cells
+    // move one by one.
     for format in [DisplacementFormat::I8, DisplacementFormat::F32] {
         assert_eq!(
             first_crack(|t| 0.8 * t, format),
@@ -525,7 +531,8 @@ fn a_near_surface_that_is_stretched_has_no_cracks() {
 
 #[test]
 fn a_narrow_frame_is_as_sharp_as_a_wide_one() {
-    // Stripes of two pixels on a plane that recedes to the right: the footprint grows from column to column.
+    // Stripes of two pixels on a plane that recedes to the right: the footprint grows from column
+    // to column.
     let stripes = RgbaImage::from_fn(256, 256, |x, _| {
         if x / 2 % 2 == 0 {
             Rgba([255; 4])
@@ -579,7 +586,8 @@ fn a_flat_picture_shrinks_to_its_mean() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
 
-    /// Any eye, any displacement: frames are valid premultiplied pictures, whatever is behind, beside or inside.
+    /// Any eye, any displacement: frames are valid premultiplied pictures, whatever is behind,
+    /// beside or inside.
     #[test]
     fn any_view_gives_a_valid_frame(
         eye in prop::array::uniform3(-3.0..3.0f64),

@@ -1,6 +1,7 @@
-//! Figure 3 of Shade et al. rebuilt as a contact sheet, and how far each variant carries: FLIP against truth over the
-//! displacement of the eye, on `builtin:bump` and on a real house. They are written to the test folder of the target
-//! directory (`sprite_figure3.html`, `sprite_range_*.csv` and `.svg`); the order of the variants is asserted.
+//! Figure 3 of Shade et al. rebuilt as a contact sheet, and how far each variant carries: FLIP
+//! against truth over the displacement of the eye, on `builtin:bump` and on a real house. They are
+//! written to the test folder of the target directory (`sprite_figure3.html`, `sprite_range_*.csv`
+//! and `.svg`); the order of the variants is asserted.
 
 use glam::{DMat3, DVec3, dvec3};
 use headbox_core::camera::Camera;
@@ -271,8 +272,8 @@ fn figure_3() {
     assert!(flip_e < flip_forward, "{flip_e} {flip_forward}");
 }
 
-/// Captures one sprite as `reference` sees the scene and judges every variant as the eye moves. Writes a table and a
-/// chart; returns FLIP by displacement and variant.
+/// Captures one sprite as `reference` sees the scene and judges every variant as the eye moves.
+/// Writes a table and a chart; returns FLIP by displacement and variant.
 fn range_chart(
     name: &str,
     tracer: &Tracer,

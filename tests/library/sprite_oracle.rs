@@ -23,8 +23,8 @@ pub(crate) fn picture(size: u32) -> RgbaImage {
     })
 }
 
-/// A smooth wavy displacement: amplitude `amplitude`, `waves` waves across; analytic, so that an oracle can evaluate it
-/// anywhere. x and y in 0..1.
+/// A smooth wavy displacement: amplitude `amplitude`, `waves` waves across; analytic, so that an
+/// oracle can evaluate it anywhere. x and y in 0..1.
 #[derive(Clone, Copy)]
 pub(crate) struct Waves {
     pub(crate) amplitude: f64,
@@ -53,9 +53,10 @@ pub(crate) fn sprite(size: u32, picture: RgbaImage, displacement: Displacement) 
     SpriteWithDepth::new(sprite, displacement).expect("sizes agree")
 }
 
-/// The exact inverse of Eq. 4: the source position of the nearest surface that is seen at (x2, y2), by search along the
-/// line of candidates `(x3, y3, 1) - d e*` for `surface(x1, y1) = d w1`. Displacements between `low` and `high` of the
-/// moved field are tried in steps, each change of sign is refined by bisection; the largest times `side` wins.
+/// The exact inverse of Eq. 4: the source position of the nearest surface that is seen at (x2, y2),
+/// by search along the line of candidates `(x3, y3, 1) - d e*` for `surface(x1, y1) = d w1`.
+/// Displacements between `low` and `high` of the moved field are tried in steps, each change of
+/// sign is refined by bisection; the largest times `side` wins.
 pub(crate) fn exact_source(
     transfer: &SpriteTransfer,
     surface: &dyn Fn(f64, f64) -> f64,

@@ -1,4 +1,5 @@
-//! Every hard case of STABILITY.md holds its bound. The page is made by `headbox report --stability`, of more seeds.
+//! Every hard case of STABILITY.md holds its bound. The page is made by `headbox report
+//! --stability`, of more seeds.
 
 use headbox_lab::stability;
 use headbox_lab::stability::Case;

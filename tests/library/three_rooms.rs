@@ -70,8 +70,8 @@ impl Build {
 const DOOR: [f64; 2] = [1.5, 2.5];
 const DOOR_HEIGHT: f64 = 2.0;
 
-/// Three rooms of 4 by 4 by 2.5 m in a row along x, a door between neighbours, a table in each, and the sky over nothing:
-/// the last room has no end wall.
+/// Three rooms of 4 by 4 by 2.5 m in a row along x, a door between neighbours, a table in each, and
+/// the sky over nothing: the last room has no end wall.
 pub(crate) fn three_rooms() -> PortalModel {
     rooms(Some([dvec3(2.2, 0.0, 2.4), dvec3(2.9, 0.7, 3.2)]))
 }
@@ -345,8 +345,8 @@ fn is_same_square(a: [u8; 3], b: [u8; 3]) -> bool {
     (0..3).all(|c| a[c].abs_diff(b[c]) <= SAME_SQUARE_LEVELS)
 }
 
-/// Of the pixels that `counts` and lie at least `reach` pixels within a square, the share that shows another one; and how many
-/// these are.
+/// Of the pixels that `counts` and lie at least `reach` pixels within a square, the share that
+/// shows another one; and how many these are.
 pub(crate) fn wrong_squares(
     frame: &Frame,
     truth: &[[u8; 3]],

@@ -1,5 +1,6 @@
-//! Files of version 1, written before what a capture is asked for and the axes of its scene became types of their own, stay
-//! readable: `tests/version_1` holds one of each kind, `tests/corpus` a house.
+//! Files of version 1, written before what a capture is asked for and the axes of its scene became
+//! types of their own, stay readable: `tests/version_1` holds one of each kind, `tests/corpus` a
+//! house.
 
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_cube::model::parameters::MergeRule;

@@ -87,9 +87,9 @@ fn the_identity_warp_is_the_identity() {
     }
 }
 
-/// Levels by which a linear ramp, sampled in 8 bits and interpolated with 7-bit weights, may differ from the ramp at
-/// the pixel: 1/2 for each of the two roundings to 8 bits, and a position error of 1/8 px (quantised weights) on a
-/// ramp of at most 4 levels a pixel.
+/// Levels by which a linear ramp, sampled in 8 bits and interpolated with 7-bit weights, may differ
+/// from the ramp at the pixel: 1/2 for each of the two roundings to 8 bits, and a position error of
+/// 1/8 px (quantised weights) on a ramp of at most 4 levels a pixel.
 const RAMP_LEVELS: u8 = 2;
 
 #[test]
@@ -259,12 +259,14 @@ fn odd_frame_sizes_and_extreme_cameras_are_drawn() {
                 assert_eq!(frame.color.len(), (width * height) as usize);
                 assert!(frame.color.iter().all(|c| c[3] == 255));
                 if kernel == SplatKernel::Tent && fov == 60.0 && width < 200 {
-                    // (509x1 at 60 degrees is 180 degrees wide: 32 px do not reach from sample to sample.)
+                    // (509x1 at 60 degrees is 180 degrees wide: 32 px do not reach from sample to
+                    // sample.)
                     assert_eq!(stats.hole_pixels, 0);
                 }
             }
         }
-        // Far away, inside a wall, and at positions that are not numbers: nothing to see, but no failure.
+        // Far away, inside a wall, and at positions that are not numbers: nothing to see, but no
+        // failure.
         for eye in [
             dvec3(1e9, 0.0, 0.0),
             dvec3(3.5, 0.0, 0.0),

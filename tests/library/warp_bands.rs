@@ -1,4 +1,5 @@
-//! Bands, threads and clipping change no bit of a frame: every setting against one band with nothing clipped.
+//! Bands, threads and clipping change no bit of a frame: every setting against one band with
+//! nothing clipped.
 
 use crate::common::bed::{leaves, room};
 use crate::common::capture::quick;
@@ -22,8 +23,9 @@ const KERNELS: [SplatKernel; 6] = [
     SplatKernel::Point,
 ];
 
-/// Eyes at the centre, on lines that put an epipole into a pixel, on a corner, far away and at infinity (hard
-/// cases 1 and 3), on a face and a corner of the headbox, and anywhere inside and around it.
+/// Eyes at the centre, on lines that put an epipole into a pixel, on a corner, far away and at
+/// infinity (hard cases 1 and 3), on a face and a corner of the headbox, and anywhere inside and
+/// around it.
 fn eyes() -> Vec<DVec3> {
     let mut random = Rng::keyed(11);
     let cell = 2.0 / 48.0;
@@ -57,7 +59,8 @@ fn draw(
     (frame.clone(), stats.depth_pixels_in)
 }
 
-/// What clipping has to save over segments that are culled whole: the mean over views inside the headbox.
+/// What clipping has to save over segments that are culled whole: the mean over views inside the
+/// headbox.
 const CLIPPING_SAVES: f64 = 1.5;
 
 #[test]
@@ -98,7 +101,8 @@ fn clipping_counts_are_what_is_drawn() {
         }
         let mean = savings.iter().sum::<f64>() / savings.len() as f64;
         assert!(mean > CLIPPING_SAVES, "{mean}");
-        // From the centre nothing of the face behind can show, and all of the others but the one in front is at most clipped.
+        // From the centre nothing of the face behind can show, and all of the others but the one in
+        // front is at most clipped.
         let ahead =
             Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 48]).expect("valid");
         let counts = renderer.clip_counts(&cube, &ahead, &RenderSettings::default());
@@ -233,8 +237,8 @@ fn frames_of_every_size_are_drawn() {
     }
 }
 
-/// Positions in a part of a frame are rounded from its own principal point: some borders fall on the other side of a pixel's
-/// centre, and blends are off by their last bits.
+/// Positions in a part of a frame are rounded from its own principal point: some borders fall on
+/// the other side of a pixel's centre, and blends are off by their last bits.
 const ROUNDED_LEVELS: u8 = 3;
 const ROUNDED_SHARE: f64 = 0.003;
 

@@ -22,12 +22,14 @@ const KERNELS: [SplatKernel; 4] = [
 
 const FACE_PX: u32 = 64;
 
-/// Pixels that may differ from the serial warp. None: the mask holds every pixel that footprints of two fragments touch,
-/// and the extended buffer zone everything that touches the mask, in drawing order.
+/// Pixels that may differ from the serial warp. None: the mask holds every pixel that footprints of
+/// two fragments touch, and the extended buffer zone everything that touches the mask, in drawing
+/// order.
 const DIFFERING_PIXELS: usize = 0;
 
-/// Where the eye is seen from the centre, in the image plane of the face -Z: the epipole inside a pixel, on a corner of
-/// four, on the face's border, far outside, at infinity along an axis and slanting, nearly there on either side, negative (behind), and none.
+/// Where the eye is seen from the centre, in the image plane of the face -Z: the epipole inside a
+/// pixel, on a corner of four, on the face's border, far outside, at infinity along an axis and
+/// slanting, nearly there on either side, negative (behind), and none.
 fn eyes() -> Vec<(&'static str, DVec3)> {
     let cell = 2.0 / f64::from(FACE_PX);
     vec![
@@ -260,8 +262,9 @@ fn frames_of_every_size_and_more_fragments_than_there_can_be() {
     );
 }
 
-/// The largest fragment's share of the depth pixels may exceed the mean by this factor: weights are counted in every fourth row,
-/// in pieces of 16 columns, which near an epipole are wide. A bound, not a measurement.
+/// The largest fragment's share of the depth pixels may exceed the mean by this factor: weights are
+/// counted in every fourth row, in pieces of 16 columns, which near an epipole are wide. A bound,
+/// not a measurement.
 const UNEVEN: f64 = 1.25;
 
 #[test]
@@ -282,7 +285,8 @@ fn fragments_have_about_equally_many_depth_pixels() {
     }
 }
 
-/// On a face of an odd number of pixels, the middle one lies on the baseline of an eye at the centre, and has no angle.
+/// On a face of an odd number of pixels, the middle one lies on the baseline of an eye at the
+/// centre, and has no angle.
 #[test]
 fn a_pixel_on_the_baseline_takes_no_neighbours_along() {
     let mut pair = Pair::new();

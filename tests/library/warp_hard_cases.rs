@@ -1,5 +1,6 @@
-//! Hard cases (docs/papers.md): samples behind, on and just before the eye's plane, grazing and back-facing surfaces, surfaces
-//! nearer to each other than a capture tells apart. (Items 1 and 3 are in `warp::order`, 9 in `warp::transfer`.)
+//! Hard cases (docs/papers.md): samples behind, on and just before the eye's plane, grazing and
+//! back-facing surfaces, surfaces nearer to each other than a capture tells apart. (Items 1 and 3
+//! are in `warp::order`, 9 in `warp::transfer`.)
 
 use crate::common::capture::one_layer;
 use glam::{DVec3, Vec3, dvec3};
@@ -34,8 +35,8 @@ fn camera(eye: DVec3, to: DVec3) -> Camera {
     Camera::look_at(eye, to, DVec3::Y, 40.0, [50, 40]).expect("valid")
 }
 
-/// Levels by which colour times coverage may be off in the kernels that blend it in 8 bits: half a level for each of the last
-/// few blends.
+/// Levels by which colour times coverage may be off in the kernels that blend it in 8 bits: half a
+/// level for each of the last few blends.
 const BLENDED_LEVELS: f64 = 2.0;
 
 fn stats(cube: &PackedCube, camera: &Camera, kernel: SplatKernel) -> FrameStats {
@@ -115,8 +116,8 @@ fn a_magnified_wall_has_no_cracks() {
     }
 }
 
-/// Normals that say nothing make footprints too small or too large; the least radius and the largest slope bound the
-/// damage. Found: at most 0.2 %.
+/// Normals that say nothing make footprints too small or too large; the least radius and the
+/// largest slope bound the damage. Found: at most 0.2 %.
 const HOLES_WITH_RANDOM_NORMALS: f64 = 0.01;
 
 #[test]
@@ -148,8 +149,8 @@ fn grazing_back_facing_and_random_normals_are_survived() {
     }
 }
 
-/// Two surfaces of one weight are mixed about half and half: where their weights exceed what a pixel holds, the later
-/// splats count more.
+/// Two surfaces of one weight are mixed about half and half: where their weights exceed what a
+/// pixel holds, the later splats count more.
 const MIXED_LEVELS: u8 = 45;
 
 #[test]

@@ -12,12 +12,14 @@ use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{RenderSettings, Renderer};
 
-/// A pixel shows another surface if it differs by more than this; the scenes' textures stay well inside it.
+/// A pixel shows another surface if it differs by more than this; the scenes' textures stay well
+/// inside it.
 const OTHER_SURFACE_LEVELS: u8 = 60;
 
-/// Share of pixels that may show another surface than the oracle, in the room and among leaves: footprints are
-/// rectangles here and parallelograms there, 15 % wider here, so silhouettes differ by up to a pixel on either side.
-/// Found: at most 1.4 %, and 5.2 % by the paper's sizes, which know no slopes.
+/// Share of pixels that may show another surface than the oracle, in the room and among leaves:
+/// footprints are rectangles here and parallelograms there, 15 % wider here, so silhouettes differ
+/// by up to a pixel on either side. Found: at most 1.4 %, and 5.2 % by the paper's sizes, which
+/// know no slopes.
 const SILHOUETTE_SHARE: [f64; 2] = [0.02, 0.065];
 
 fn eyes() -> Vec<(&'static str, DVec3)> {
@@ -34,12 +36,13 @@ fn eyes() -> Vec<(&'static str, DVec3)> {
     eyes
 }
 
-/// Share of pixels that may have another depth: silhouettes as above, which colours do not tell where leaves overlap leaves,
-/// and those of steeper slopes.
+/// Share of pixels that may have another depth: silhouettes as above, which colours do not tell
+/// where leaves overlap leaves, and those of steeper slopes.
 const OTHER_DEPTH_SHARE: [f64; 2] = [0.05, 0.15];
 
-/// A splat has one depth, that of its sample; the oracle follows the sample's plane, at slopes of up to 12, across half a
-/// sample: 6 / 64 of the distance for faces of 64 px, and as much again for planes that the camera sees edge-on.
+/// A splat has one depth, that of its sample; the oracle follows the sample's plane, at slopes of
+/// up to 12, across half a sample: 6 / 64 of the distance for faces of 64 px, and as much again for
+/// planes that the camera sees edge-on.
 const OF_A_SPLAT: f64 = 12.0 / 64.0;
 
 fn assert_depths(title: &str, expected: &[f32], frame: &Frame, silhouettes: f64) {
@@ -74,7 +77,8 @@ fn the_ordered_renderer_shows_what_a_depth_buffer_shows() {
         .zip(shares)
     {
         let mut ldi = quick(&scene, 64);
-        // The oracle's depth buffer keeps one surface a pixel: rims that let the background through have no place in it.
+        // The oracle's depth buffer keeps one surface a pixel: rims that let the background through
+        // have no place in it.
         ldi.faces
             .iter_mut()
             .flat_map(|face| &mut face.samples)

@@ -1,8 +1,9 @@
-//! Whatever is done to a file, reading it ends with something sound or an error: no panic, no allocation from a wild number.
+//! Whatever is done to a file, reading it ends with something sound or an error: no panic, no
+//! allocation from a wild number.
 //!
-//! Mutations are seeded: a failure names the seed. `HEADBOX_FUZZ_SECONDS=600 cargo test --release --test mutated`
-//! tries each kind of file for ten minutes. What such a run finds goes to `tests/corpus/`, which is replayed here.
-//! Portal models and houses: `houses.rs`.
+//! Mutations are seeded: a failure names the seed. `HEADBOX_FUZZ_SECONDS=600 cargo test --release
+//! --test mutated` tries each kind of file for ten minutes. What such a run finds goes to
+//! `tests/corpus/`, which is replayed here. Portal models and houses: `houses.rs`.
 
 use crate::mutations::{Dice, Rounds, alone, bytes_of, corpus, corpus_folder, try_mutations};
 use glam::DVec3;
@@ -76,7 +77,8 @@ fn cube() -> PackedCube {
     PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
 }
 
-/// The same with two pictures on a plane, which its few samples would not make: one that hides all behind it, and one with a rim.
+/// The same with two pictures on a plane, which its few samples would not make: one that hides all
+/// behind it, and one with a rim.
 fn cube_with_planes() -> PackedCube {
     let whole = PlaneTile {
         plane: 0,
@@ -506,7 +508,8 @@ fn break_promise(segment: &mut PackedSegment, dice: &mut Dice) {
     }
 }
 
-/// Whatever was once found, and small files of every kind, must still end with something sound or an error.
+/// Whatever was once found, and small files of every kind, must still end with something sound or
+/// an error.
 #[test]
 fn the_corpus_is_replayed() {
     let mut replayed = 0;

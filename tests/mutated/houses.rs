@@ -1,4 +1,5 @@
-//! As `files.rs`, of portal models, of houses with what was captured behind their portals, and of kept truth.
+//! As `files.rs`, of portal models, of houses with what was captured behind their portals, and of
+//! kept truth.
 
 use crate::mutations::{bytes_of, corpus, corpus_folder, try_mutations};
 use glam::{DVec3, dvec3};
@@ -34,7 +35,8 @@ const TINY: BackdropQuality = BackdropQuality {
 /// What the store may keep; no backdrop of the corpus needs more.
 const BUDGET_BYTES: u64 = 64 << 20;
 
-/// Reads a portal model whose geometry is the corpus's home, and prepares it to be walked if it is sound enough.
+/// Reads a portal model whose geometry is the corpus's home, and prepares it to be walked if it is
+/// sound enough.
 fn read_model(path: &Path) -> bool {
     let Ok(loaded) = load_model(path, &ModelOptions::default()) else {
         return false;
@@ -194,7 +196,8 @@ fn kept_truth() {
     try_mutations("a.truth", &[original], true, |path| cached.check_with(path));
 }
 
-/// Whatever was once found, and a small file of every kind, must still end with something sound or an error.
+/// Whatever was once found, and a small file of every kind, must still end with something sound or
+/// an error.
 #[test]
 fn the_corpus_is_replayed() {
     let cached = Cached::new();

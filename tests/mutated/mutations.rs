@@ -20,7 +20,8 @@ pub static LARGEST: AtomicUsize = AtomicUsize::new(0);
 /// The system's allocator, which notes how much is asked for.
 pub struct Watched;
 
-// SAFETY: every call goes to the system's allocator unchanged; an atomic number is all that is added.
+// SAFETY: every call goes to the system's allocator unchanged; an atomic number is all that is
+// added.
 unsafe impl GlobalAlloc for Watched {
     // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
@@ -53,8 +54,9 @@ unsafe impl GlobalAlloc for Watched {
 #[global_allocator]
 static WATCHED: Watched = Watched;
 
-/// No single allocation may be larger: the largest that a sound small file leads to is the head of an accumulator store for
-/// the largest allowed face (8,192 px), some tens of MiB. A count that is believed would ask for gigabytes.
+/// No single allocation may be larger: the largest that a sound small file leads to is the head of
+/// an accumulator store for the largest allowed face (8,192 px), some tens of MiB. A count that is
+/// believed would ask for gigabytes.
 const MOST_BYTES: usize = 256 << 20;
 /// Mutations of each kind of file.
 const CASES: u64 = 400;

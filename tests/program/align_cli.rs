@@ -1,4 +1,5 @@
-//! `headbox images --align`, with a program in COLMAP's place that finds three cameras, or none, or fails.
+//! `headbox images --align`, with a program in COLMAP's place that finds three cameras, or none, or
+//! fails.
 
 #![cfg(unix)]
 #![expect(
@@ -110,13 +111,13 @@ fn a_model_is_put_beside_its_photographs_and_read() {
         "{told}"
     );
     assert!(
-        !words.contains("pictures are not there"),
+        !words.contains("images are missing"),
         "the photographs themselves are its pictures: {words}"
     );
     assert_eq!(left(dir.path()), ["sparse"]);
     let (again, words) = align(dir.path(), &with_bin(dir.path()));
     assert_eq!(again.status.code(), Some(1));
-    assert!(words.contains("there is a model already"), "{words}");
+    assert!(words.contains("a model exists"), "{words}");
 }
 
 #[test]
@@ -124,11 +125,11 @@ fn what_fails_is_told_and_leaves_the_folder_as_it_was() {
     for (last_step, expected) in [
         (
             "echo 'No good initial image pair found.'",
-            "could not say of any two photographs",
+            "no two photographs overlap",
         ),
         (
             "echo 'ERROR: failed to create sparse model'; exit 1",
-            "could not say of any two photographs",
+            "no two photographs overlap",
         ),
         (
             "echo 'out of memory'; exit 1",
@@ -153,7 +154,8 @@ fn what_fails_is_told_and_leaves_the_folder_as_it_was() {
     assert!(left(dir.path()).is_empty());
 }
 
-/// COLMAP leaves out what is not as large as its only camera: upright photographs among others were, and nothing was found.
+/// COLMAP leaves out what is not as large as its only camera: upright photographs among others
+/// were, and nothing was found.
 #[test]
 fn photographs_of_several_sizes_have_cameras_of_their_own() {
     for (size, expected) in [([16, 12], "single_camera 1"), ([12, 16], "single_camera 0")] {

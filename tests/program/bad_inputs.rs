@@ -1,4 +1,5 @@
-//! Bad inputs are refused: with the right exit code, one error message, nothing on standard output and no file left behind.
+//! Bad inputs are refused: with the right exit code, one error message, nothing on standard output
+//! and no file left behind.
 
 #![expect(
     clippy::unwrap_used,
@@ -8,7 +9,8 @@
 use std::path::Path;
 use std::process::Command;
 
-/// Commands that must fail, one per line, after their exit codes; arguments are separated by spaces, `''` is an empty one.
+/// Commands that must fail, one per line, after their exit codes; arguments are separated by
+/// spaces, `''` is an empty one.
 const BAD_INPUTS: &str = include_str!("bad_inputs.txt");
 
 /// Files that the commands refer to.

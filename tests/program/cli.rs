@@ -1,4 +1,5 @@
-//! Promises of the command line: exit codes, one clear sentence for each mistake, JSON keys, whole files or none.
+//! Promises of the command line: exit codes, one clear sentence for each mistake, JSON keys, whole
+//! files or none.
 
 use super::run::{headbox, json, refused, succeeds};
 use std::path::Path;

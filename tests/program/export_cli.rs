@@ -1,4 +1,5 @@
-//! Promises of the command line about exports: every format is read back by a reader that did not write it.
+//! Promises of the command line about exports: every format is read back by a reader that did not
+//! write it.
 
 #![expect(
     clippy::unwrap_used,
@@ -76,7 +77,8 @@ fn frame_of_face(folder: &Path) -> Vec<[f32; 3]> {
         .collect()
 }
 
-/// Share of pixels that are farther than 0.08 from the frame: rims, where the renderer spreads samples over neighbours.
+/// Share of pixels that are farther than 0.08 from the frame: rims, where the renderer spreads
+/// samples over neighbours.
 fn share_off(found: impl Iterator<Item = [f32; 4]>, frame: &[[f32; 3]]) -> f64 {
     let off = found
         .zip(frame)
@@ -517,7 +519,7 @@ fn deep_pictures_come_back() {
         dir.path(),
         1,
         &["images", "flat.exr"],
-        "flat.exr: the version: is that of a flat picture",
+        "flat.exr: the version: is that of a flat image",
     );
     succeeds(
         dir.path(),
@@ -600,7 +602,8 @@ fn deep_pictures_come_back() {
     );
 }
 
-/// Deep pictures that nobody here wrote, of a camera that their headers do not tell, show from its place what they are.
+/// Deep pictures that nobody here wrote, of a camera that their headers do not tell, show from its
+/// place what they are.
 #[test]
 fn deep_pictures_of_a_film_studio_are_captured() {
     let folder =
@@ -642,7 +645,8 @@ fn deep_pictures_of_a_film_studio_are_captured() {
             &[["render", "a.ldi", "-o", "a.png"].as_slice(), &camera].concat(),
         );
         let frame = image::open(dir.path().join("a.png")).unwrap().to_rgb8();
-        // Only where nothing shows through: the renderer takes what is behind a rim for what fills it.
+        // Only where nothing shows through: the renderer takes what is behind a rim for what fills
+        // it.
         let (mut count, mut sum) = (0, 0.0);
         for (x, y, found) in frame.enumerate_pixels() {
             let expected = DeepImage::composite(&[&deep], x, y);

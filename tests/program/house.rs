@@ -76,7 +76,8 @@ fn house_text_names_everything_and_plan_has_doors_and_windows() {
     );
 }
 
-/// A bake of an hour, interrupted after a few seconds: however slow the machine, some pause lies between its first round and its end.
+/// A bake of an hour, interrupted after a few seconds: however slow the machine, some pause lies
+/// between its first round and its end.
 #[test]
 #[cfg(unix)]
 fn an_interrupted_bake_is_kept() {
@@ -292,11 +293,13 @@ fn mistakes_are_named() {
     says(1, &["Home.xml"], "Home.xml: ");
 }
 
-/// Baked light, shown without light, is what truth shows with light: apart from shadows finer than the vertices.
+/// Baked light, shown without light, is what truth shows with light: apart from shadows finer than
+/// the vertices.
 #[test]
 fn baked_light_looks_like_truth() {
-    /// Between vertices 6 cm apart light is interpolated; edges of shadows are softer by that. At 40 pixels a metre this
-    /// scene loses less than 26 dB; a bake without shadows, or with the wrong exposure, is below 18.
+    /// Between vertices 6 cm apart light is interpolated; edges of shadows are softer by that. At
+    /// 40 pixels a metre this scene loses less than 26 dB; a bake without shadows, or with the
+    /// wrong exposure, is below 18.
     const LEAST_PSNR_DB: f64 = 26.0;
     let source = Arc::new(headbox_scenes::build("bump", 1).unwrap());
     let eye = source.headbox.unwrap().centre;

@@ -1,4 +1,5 @@
-//! Promises of the command line about image sets: every command that takes a scene's capture takes a folder of images.
+//! Promises of the command line about image sets: every command that takes a scene's capture takes
+//! a folder of images.
 
 #![expect(
     clippy::unwrap_used,
@@ -25,10 +26,12 @@ const DEPTH_FOCAL: f64 = 90.0;
 /// How far cameras of the castle are moved at most, metres.
 const STEP_M: f64 = 0.05;
 
-/// What is left of that: their pictures have ten pixels a degree or so less than the sensors that this is for.
+/// What is left of that: their pictures have ten pixels a degree or so less than the sensors that
+/// this is for.
 const LEFT: f64 = 0.1;
 
-/// Frames of a sensor that turns in a room; its colours are those of a lens of `color_focal` pixels.
+/// Frames of a sensor that turns in a room; its colours are those of a lens of `color_focal`
+/// pixels.
 fn room(folder: &Path, color_focal: f64) {
     std::fs::create_dir(folder.join("room")).unwrap();
     for i in 0..8u32 {
@@ -343,7 +346,8 @@ fn colours_of_another_lens_are_registered_unless_that_is_forbidden() {
     );
 }
 
-/// Photographs of a patterned ball before black, by Middlebury's conventions, taken by cameras on an arc that lie on their side.
+/// Photographs of a patterned ball before black, by Middlebury's conventions, taken by cameras on
+/// an arc that lie on their side.
 fn ball(folder: &Path) {
     let (size, focal, turns) = (
         [64u32, 48u32],
@@ -416,7 +420,8 @@ fn photographs_without_depth_are_captured_and_measured() {
             "render", "ball.ldi", "-o", "ball.png", "--size", "64x48", "--fov", "30",
         ],
     );
-    // As in the photographs, which lie on their side: along the arc the pattern is up and down in them.
+    // As in the photographs, which lie on their side: along the arc the pattern is up and down in
+    // them.
     let drawn = image::open(dir.path().join("ball.png")).unwrap().to_rgb8();
     let taken = image::open(dir.path().join("ball/ball3.png"))
         .unwrap()
@@ -491,7 +496,8 @@ fn depth_of_photographs_is_found_kept_and_compared() {
         serde_json::from_str(&succeeds(dir.path(), &[arguments, &["--json"]].concat()).0).unwrap()
     };
     let found = json(&["images", "ball", "--depth"]);
-    // The ball covers a quarter of each picture; its rim and what the outermost two show alone stay open.
+    // The ball covers a quarter of each picture; its rim and what the outermost two show alone stay
+    // open.
     let share = found["found_depth"]["share"].as_f64().unwrap();
     assert!(
         share > 0.12
@@ -554,7 +560,8 @@ fn depth_of_photographs_is_found_kept_and_compared() {
     );
 }
 
-/// A view without depth takes no part in a capture, whatever its picture is like; `images` looks at every file.
+/// A view without depth takes no part in a capture, whatever its picture is like; `images` looks at
+/// every file.
 #[test]
 fn pictures_that_a_capture_does_not_use_are_not_looked_at() {
     let dir = tempfile::tempdir().unwrap();
@@ -606,7 +613,8 @@ fn pictures_that_a_capture_does_not_use_are_not_looked_at() {
     );
 }
 
-/// Exact images whose cameras are said to be elsewhere come back to where they were, beside each other; those that are said to be where they are stay.
+/// Exact images whose cameras are said to be elsewhere come back to where they were, beside each
+/// other; those that are said to be where they are stay.
 #[test]
 fn poses_that_are_slightly_wrong_are_refined() {
     let dir = tempfile::tempdir().unwrap();
@@ -651,7 +659,8 @@ fn poses_that_are_slightly_wrong_are_refined() {
         serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
     for (i, frame) in (0..).zip(set["frames"].as_array_mut().unwrap()) {
         let matrix = &mut frame["transform_matrix"];
-        // Turned about the vertical by up to 0.6 degrees, and moved by up to 3 % of what the cameras are apart.
+        // Turned about the vertical by up to 0.6 degrees, and moved by up to 3 % of what the
+        // cameras are apart.
         let angle = 0.01 * f64::from(i * 5 % 8 - 3) / 4.0;
         let (sin, cos) = angle.sin_cos();
         for column in 0..3 {
@@ -691,7 +700,8 @@ fn poses_that_are_slightly_wrong_are_refined() {
     assert_eq!(again, said, "kept");
 }
 
-/// What is wrong with a set's pictures is said in a sentence that names the file, and nothing is written.
+/// What is wrong with a set's pictures is said in a sentence that names the file, and nothing is
+/// written.
 #[test]
 fn what_is_wrong_with_pictures_is_said() {
     let depths = |folder: &Path| -> Vec<_> {
@@ -703,7 +713,7 @@ fn what_is_wrong_with_pictures_is_said() {
     type Case<'a> = (&'a str, &'a dyn Fn(&Path));
     let cases: [Case; 5] = [
         (
-            "frame-000001.depth.png: is 48x36 pixels, its picture 96x72",
+            "frame-000001.depth.png: is 48x36 pixels, but its image is 96x72",
             &|dir| {
                 black(SIZE[0] / 2).save(&depths(dir)[1]).unwrap();
             },
@@ -759,7 +769,7 @@ fn what_is_wrong_with_pictures_is_said() {
     );
     let (_, said) = succeeds(dir.path(), &["images", "room"]);
     for expected in [
-        "depth of no pixel is known (all are zero, or no numbers): frame-000001.color.png",
+        "no pixel has a valid depth (all are zero or not numbers): frame-000001.color.png",
         "without depth: frame-000007.color.png",
         "views with the same pose: frame-000000.color.png and frame-000009.color.png",
     ] {

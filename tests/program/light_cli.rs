@@ -22,7 +22,8 @@ const CAPTURE: [&str; 10] = [
     "2",
 ];
 
-/// A sky of 8 x 4 texels: red in the east half, blue in the west, with a green texel in the zenith's row.
+/// A sky of 8 x 4 texels: red in the east half, blue in the west, with a green texel in the
+/// zenith's row.
 fn write_sky(folder: &Path) {
     let mut file = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n".to_vec();
     for at in 0..32 {

@@ -1,4 +1,5 @@
-//! Promises of the command line about lumigraphs: capture, info, render, and one clear sentence for each mistake.
+//! Promises of the command line about lumigraphs: capture, info, render, and one clear sentence for
+//! each mistake.
 
 #![expect(
     clippy::unwrap_used,
@@ -306,7 +307,8 @@ fn a_lumigraph_needs_nothing_but_a_scene() {
     );
 }
 
-/// Writes pictures of a wall 2 m ahead, with stripes at 0.1 m, taken from places at a height of 1.5 m.
+/// Writes pictures of a wall 2 m ahead, with stripes at 0.1 m, taken from places at a height of 1.5
+/// m.
 fn wall(folder: &std::path::Path, places: &[f64]) {
     std::fs::create_dir_all(folder).unwrap();
     let frames = places.iter().enumerate().map(|(i, x)| {

@@ -1,5 +1,5 @@
-//! Promises of the command line about sprites: capture, import, export, every variant, layers over each other, and one
-//! clear sentence for each mistake.
+//! Promises of the command line about sprites: capture, import, export, every variant, layers over
+//! each other, and one clear sentence for each mistake.
 
 #![expect(
     clippy::unwrap_used,
@@ -221,7 +221,8 @@ fn exported_pictures_come_back_as_the_same_sprite() {
             &[["render", file, "-o", frame].as_slice(), &view].concat(),
         );
     }
-    // The plane is fitted anew to depths that went through 8 bits: the same to a fraction of a pixel.
+    // The plane is fitted anew to depths that went through 8 bits: the same to a fraction of a
+    // pixel.
     let flip = flip(dir.path(), "b.png", "again.png");
     assert!(flip < 0.03, "{flip}");
 }

@@ -1,10 +1,12 @@
-//! Whether a picture shows anything: exit 0 if no colour covers most of it and there are many colours, 1 if not.
+//! Whether a picture shows anything: exit 0 if no colour covers most of it and there are many
+//! colours, 1 if not.
 //!
 //!     not_blank FILE.png
 
 use std::{collections::HashMap, process::ExitCode};
 
-/// A window in which nothing was drawn has one colour and some text; the plainest real one has hundreds.
+/// A window in which nothing was drawn has one colour and some text; the plainest real one has
+/// hundreds.
 const MIN_COLORS: usize = 100;
 /// The panel is of one colour and covers about a quarter of the window.
 const MAX_SHARE: f64 = 0.6;

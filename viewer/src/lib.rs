@@ -1,8 +1,9 @@
 //! The window of headbox: shows anything that turns a camera into a frame.
 //!
-//! The window knows nothing of layered depth images. It shows a [`FrameSource`]: camera in, frame and statistics out, its
-//! own settings as data. The source lives on a render thread that makes the newest frame for the newest camera; the window
-//! shows the latest one that is finished and never waits.
+//! The window knows nothing of layered depth images. It shows a [`FrameSource`]: camera in, frame
+//! and statistics out, its own settings as data. The source lives on a render thread that makes the
+//! newest frame for the newest camera; the window shows the latest one that is finished and never
+//! waits.
 //!
 //! | file | what |
 //! |---|---|

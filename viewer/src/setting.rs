@@ -261,7 +261,8 @@ impl SettingValues {
         self.0.get_mut(id)
     }
 
-    /// Sets the value of `id` from text: `on` or `off`, the name of an option (any case), or a number.
+    /// Sets the value of `id` from text: `on` or `off`, the name of an option (any case), or a
+    /// number.
     ///
     /// # Errors
     /// [`SettingError`] if `settings` has no such control or the text is none of its values.

@@ -12,8 +12,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Something that can be looked at. Lives on the render thread, which is the only one that calls it, and may take its time
-/// there: the window never waits for it.
+/// Something that can be looked at. Lives on the render thread, which is the only one that calls
+/// it, and may take its time there: the window never waits for it.
 pub trait FrameSource: Send {
     /// What is shown, for the window's title: a file name and its kind.
     fn title(&self) -> String;
@@ -31,8 +31,8 @@ pub trait FrameSource: Send {
         Navigation::Fly
     }
 
-    /// Speed of the eye with a key held, metres per second. By default the headbox's half width in one second, or a
-    /// stroll.
+    /// Speed of the eye with a key held, metres per second. By default the headbox's half width in
+    /// one second, or a stroll.
     fn speed_m_per_s(&self) -> f64 {
         self.bounds()
             .map_or(1.4, |bounds| bounds.half_size.max_element().max(1e-3))
@@ -43,30 +43,34 @@ pub trait FrameSource: Send {
         None
     }
 
-    /// What a person should know of the file before looking at it, a sentence each; shown as messages when it is opened.
+    /// What a person should know of the file before looking at it, a sentence each; shown as
+    /// messages when it is opened.
     fn notes(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// A sentence for each term that the panel shows (names of figures, facts, options), shown where the pointer rests on it.
+    /// A sentence for each term that the panel shows (names of figures, facts, options), shown
+    /// where the pointer rests on it.
     fn terms(&self) -> &'static [(&'static str, &'static str)] {
         &[]
     }
 
-    /// The axes and unit of the scene's file, in which cameras and paths are saved, as on the command line.
+    /// The axes and unit of the scene's file, in which cameras and paths are saved, as on the
+    /// command line.
     fn file_frame(&self) -> FileFrame {
         FileFrame::default()
     }
 
-    /// The source's own panel, in order. The window shows the settings, keeps their values, and passes them back with each
-    /// request; asked once, when the source is opened.
+    /// The source's own panel, in order. The window shows the settings, keeps their values, and
+    /// passes them back with each request; asked once, when the source is opened.
     fn settings(&self) -> Vec<Setting> {
         Vec::new()
     }
 
-    /// Renders the request into `pixels`: `request.camera`'s width x height, row 0 on top, sRGB with 8 bits per channel,
-    /// alpha 255 where something was seen (premultiplied elsewhere; what is transparent shows the window's background).
-    /// Every pixel must be written: the buffer holds an older frame.
+    /// Renders the request into `pixels`: `request.camera`'s width x height, row 0 on top, sRGB
+    /// with 8 bits per channel, alpha 255 where something was seen (premultiplied elsewhere; what
+    /// is transparent shows the window's background). Every pixel must be written: the buffer holds
+    /// an older frame.
     ///
     /// # Errors
     /// One sentence for the person at the window; the last good frame stays.
@@ -76,7 +80,8 @@ pub trait FrameSource: Send {
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String>;
 
-    /// Does what a button of the panel ([`Setting::action`]) says, and returns one sentence that says what was done.
+    /// Does what a button of the panel ([`Setting::action`]) says, and returns one sentence that
+    /// says what was done.
     ///
     /// # Errors
     /// One sentence for the person at the window.
@@ -87,12 +92,14 @@ pub trait FrameSource: Send {
     }
 }
 
-/// What can be opened from the window: the start page, drag and drop, the file list. Lives on the render thread.
+/// What can be opened from the window: the start page, drag and drop, the file list. Lives on the
+/// render thread.
 pub trait Library: Send {
     /// What the start page offers, in order.
     fn entries(&self) -> Vec<Entry>;
 
-    /// The picture of an entry, 4:3 with straight corners, made when the thread has nothing else to do.
+    /// The picture of an entry, 4:3 with straight corners, made when the thread has nothing else to
+    /// do.
     fn thumbnail(&mut self, _entry: &Entry) -> Option<Thumbnail> {
         None
     }
@@ -184,10 +191,11 @@ pub struct FrameReport {
     pub figures: Vec<Figure>,
     /// What is known in words, such as the name of the room.
     pub facts: Vec<Fact>,
-    /// What the colours of the picture mean, if they are not what is seen: shown in a corner of the frame.
+    /// What the colours of the picture mean, if they are not what is seen: shown in a corner of the
+    /// frame.
     pub legend: Vec<Swatch>,
-    /// Whether the same request, asked again, would give a better frame: the window asks again while nothing newer is
-    /// wanted.
+    /// Whether the same request, asked again, would give a better frame: the window asks again
+    /// while nothing newer is wanted.
     pub refinement: Refinement,
     /// Work in the background that will make it better: shown as a strip over the frame.
     pub ongoing: Option<Ongoing>,
@@ -205,7 +213,8 @@ pub struct Ongoing {
 }
 
 impl Ongoing {
-    /// Work of which `share` was done since `begun`, at an even pace; no time is told before there is one to go by.
+    /// Work of which `share` was done since `begun`, at an even pace; no time is told before there
+    /// is one to go by.
     pub fn since(what: impl Into<String>, share: f64, begun: Instant) -> Self {
         /// Shares below this say nothing about the pace.
         const LEAST: f64 = 0.02;
@@ -239,8 +248,8 @@ pub enum Refinement {
     Done,
     /// The next call makes it better; an export calls until it is done.
     Next,
-    /// Something works on it in the background (a capture, an error map): worth another look after this long. An export
-    /// does not wait for it.
+    /// Something works on it in the background (a capture, an error map): worth another look after
+    /// this long. An export does not wait for it.
     Later(Duration),
 }
 
@@ -282,7 +291,8 @@ pub struct Swatch {
     pub label: String,
 }
 
-/// A plan of rooms seen from above, in world metres: (x, z) pairs, as x grows to the right and z downward on the page.
+/// A plan of rooms seen from above, in world metres: (x, z) pairs, as x grows to the right and z
+/// downward on the page.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RoomMap {
     /// The rooms.

@@ -48,8 +48,12 @@ impl<'a> Cursor<'a> {
             .ok()
             .and_then(|count| self.position.checked_add(count));
         let taken = end.and_then(|end| Some((end, self.bytes.get(self.position..end)?)));
-        let (end, taken) = taken
-            .ok_or_else(|| field_error(field, "is truncated, or has an offset beyond the end of the file"))?;
+        let (end, taken) = taken.ok_or_else(|| {
+            field_error(
+                field,
+                "is truncated, or has an offset beyond the end of the file",
+            )
+        })?;
         self.position = end;
         Ok(taken)
     }
@@ -98,9 +102,9 @@ impl Header {
             return Err(field_error("the version", cause));
         }
         let mut kind = None;
-                let mut compression = None;
-                let mut windows = [None; 2];
-                let mut channels = None;
+        let mut compression = None;
+        let mut windows = [None; 2];
+        let mut channels = None;
         let mut view = DeepView::default();
         loop {
             let name = cursor.text("the header")?;
@@ -137,10 +141,7 @@ impl Header {
         let missing = |name: &str| field_error(name, "is missing");
         let code = compression.ok_or_else(|| missing("compression"))?;
         let compression = DeepCompression::from_code(code).ok_or_else(|| {
-            field_error(
-                "compression",
-                format!("{code} is not valid for deep data"),
-            )
+            field_error("compression", format!("{code} is not valid for deep data"))
         })?;
         let [(_, size_px), (origin_px, stored_px)] = [
             windows[0].ok_or_else(|| missing("displayWindow"))?,

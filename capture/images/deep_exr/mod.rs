@@ -35,8 +35,8 @@ pub enum DeepExrError {
         /// The file.
         path: PathBuf,
         /// Name of the field.
-                field: String,
-                /// Problem, as the rest of a sentence about the field.
+        field: String,
+        /// Problem, as the rest of a sentence about the field.
         cause: String,
     },
 }
@@ -131,8 +131,8 @@ impl DeepImage {
             .map(|channel| channel.values.as_slice())
     }
 
-    /// The numbers of the samples at a column and row of the whole picture; none outside of the
-    /// stored pixels.
+    /// Returns the indices of the samples at a pixel of the whole image; none outside the stored
+    /// pixels.
     pub fn samples_at(&self, x: u32, y: u32) -> std::ops::Range<usize> {
         let [column, row] = [
             i64::from(x) - i64::from(self.origin_px[0]),
@@ -204,9 +204,9 @@ impl DeepImage {
     }
 
     /// Encodes the file.
-        ///
-        /// # Errors
-        /// The invalid field if counts and channels are inconsistent.
+    ///
+    /// # Errors
+    /// The invalid field if counts and channels are inconsistent.
     pub fn to_bytes(&self, compression: DeepCompression) -> Result<Vec<u8>, FieldError> {
         self.check()?;
         let mut order: Vec<&DeepChannel> = self.channels.iter().collect();
@@ -217,7 +217,7 @@ impl DeepImage {
         out.resize(table + 8 * height, 0);
         for row in 0..height {
             let offset = out.len() as u64;
-                        out[table + 8 * row..][..8].copy_from_slice(&offset.to_le_bytes());
+            out[table + 8 * row..][..8].copy_from_slice(&offset.to_le_bytes());
             let offsets = &self.offsets[row * width..=(row + 1) * width];
             let counts: Vec<u8> = offsets[1..]
                 .iter()
@@ -244,10 +244,7 @@ impl DeepImage {
         let total = self.offsets.last().copied().unwrap_or(0) as usize;
         let rising = self.offsets.windows(2).all(|pair| pair[0] <= pair[1]);
         if self.offsets.len() != pixels + 1 || self.offsets[0] != 0 || !rising || pixels == 0 {
-            return Err(field_error(
-                "offsets",
-                "do not match the stored pixels",
-            ));
+            return Err(field_error("offsets", "do not match the stored pixels"));
         }
         match self
             .channels

@@ -89,7 +89,7 @@ fn damaged_file_never_panics() {
             let mut damaged = bytes.clone();
             for _ in 0..1 + random.below(3) {
                 let position = random.below(damaged.len() as u64) as usize;
-                                damaged[position] = random.bits() as u8;
+                damaged[position] = random.bits() as u8;
             }
             let _ = parse(&damaged); // values may differ, but it must neither panic nor allocate without bounds
         }
@@ -129,9 +129,9 @@ fn composite_nearest_sample_first() {
         view: DeepView::default(),
     };
     let pixel = DeepImage::composite(&[&image], 0, 0);
-        assert!(
-            (pixel[0] - (0.1 + 0.75 * 0.8)).abs() < 1e-6 && (pixel[3] - 1.0).abs() < 1e-6,
-            "{pixel:?}"
+    assert!(
+        (pixel[0] - (0.1 + 0.75 * 0.8)).abs() < 1e-6 && (pixel[3] - 1.0).abs() < 1e-6,
+        "{pixel:?}"
     );
     assert_eq!(DeepImage::composite(&[&image], 1, 0), [0.0; 4]);
 }
@@ -154,7 +154,7 @@ fn openexr_samples_match_flat_composite() {
         folder.join("composited.exr"),
         |size, _| (size.x(), vec![[0f32; 4]; size.x() * size.y()]),
         |(stride, pixels), pixel, (r, g, b, a): (f32, f32, f32, f32)| {
-                    pixels[pixel.y() * *stride + pixel.x()] = [r, g, b, a]
+            pixels[pixel.y() * *stride + pixel.x()] = [r, g, b, a]
         },
     );
     let layer = flat.expect("reads").layer_data;
@@ -172,7 +172,7 @@ fn openexr_samples_match_flat_composite() {
                 // Samples and composite are halves: 11 bits each.
                 assert!(
                     (level - expected).abs() <= 2e-3,
-                                        "{x} {y}: {level} {expected}"
+                    "{x} {y}: {level} {expected}"
                 );
             }
         }

@@ -1,26 +1,26 @@
-//! How well depth that was found agrees with depth that is known.
+//! Comparison of estimated with known depth.
 
-/// Shares of depth by which they may differ.
+/// Relative depth errors up to which pixels are counted as equal.
 pub const TOLERANCES: [f32; 3] = [0.01, 0.02, 0.05];
 
-/// Errors are told apart up to so many [`STEP`]s.
+/// Number of [`STEP`]s of the error histogram.
 const STEPS: usize = 1000;
 
-/// The share of depth by which errors are told apart.
+/// Bin size of the error histogram, relative depth error.
 const STEP: f64 = 1e-4;
 
-/// Pixels counted over any number of pictures.
+/// Pixel counts over any number of images.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Agreement {
-    /// All pixels.
+    /// Number of all pixels.
     pub pixels: u64,
-    /// Those whose depth was found.
-    pub found: u64,
-    /// Those whose depth is known.
+    /// Number of pixels with estimated depth.
+    pub estimated: u64,
+    /// Number of pixels with known depth.
     pub known: u64,
-    /// Those of which both is so.
+    /// Number of pixels with both.
     pub both: u64,
-    /// How many of these differ by so many steps, the last by more.
+    /// Histogram of relative errors; the last bin has all larger ones.
     errors: Vec<u64>,
 }
 
@@ -28,7 +28,7 @@ impl Default for Agreement {
     fn default() -> Self {
         Self {
             pixels: 0,
-            found: 0,
+            estimated: 0,
             known: 0,
             both: 0,
             errors: vec![0; STEPS + 1],
@@ -37,14 +37,14 @@ impl Default for Agreement {
 }
 
 impl Agreement {
-    /// Counts a picture: eye depths, NaN where not found, or not known; `known` may be empty.
-    pub fn add(&mut self, found: &[f32], known: &[f32]) {
-        self.pixels += found.len() as u64;
-        for (i, found) in found.iter().enumerate() {
+    /// Counts an image: eye depths, NaN where missing; `known` may be empty.
+    pub fn add(&mut self, estimated: &[f32], known: &[f32]) {
+        self.pixels += estimated.len() as u64;
+        for (i, estimated) in estimated.iter().enumerate() {
             let known = known.get(i).copied().unwrap_or(f32::NAN);
-            self.found += u64::from(found.is_finite());
+            self.estimated += u64::from(estimated.is_finite());
             self.known += u64::from(known.is_finite());
-            let error = (f64::from(*found) / f64::from(known) - 1.0).abs();
+            let error = (f64::from(*estimated) / f64::from(known) - 1.0).abs();
             if known.is_finite() && error.is_finite() {
                 self.both += 1;
                 self.errors[((error / STEP) as usize).min(STEPS)] += 1;
@@ -52,17 +52,18 @@ impl Agreement {
         }
     }
 
-    /// Share of all pixels whose depth was found.
-    pub fn found_share(&self) -> f64 {
-        self.found as f64 / self.pixels.max(1) as f64
+    /// Returns the fraction of all pixels with estimated depth.
+    pub fn estimated_share(&self) -> f64 {
+        self.estimated as f64 / self.pixels.max(1) as f64
     }
 
-    /// Share of the known pixels that were found as well.
-    pub fn covered(&self) -> f64 {
+    /// Returns the fraction of pixels with known depth that have an estimate.
+    pub fn covered_share(&self) -> f64 {
         self.both as f64 / self.known.max(1) as f64
     }
 
-    /// Of the pixels that are known and found, the shares that differ by less than each of [`TOLERANCES`].
+    /// Returns the fractions of the pixels with both depths whose error is below each of
+    /// [`TOLERANCES`].
     pub fn shares_within(&self) -> [f64; 3] {
         TOLERANCES.map(|tolerance| {
             let steps = (f64::from(tolerance) / STEP).round() as usize;
@@ -70,8 +71,8 @@ impl Agreement {
         })
     }
 
-    /// The share of its depth by which the middle one of the pixels that are known and found errs, to a hundredth of a percent upward;
-    /// infinite beyond a tenth, NaN without any.
+    /// Returns the median relative error of the pixels with both depths, rounded up to a hundredth
+    /// of a percent; infinite above a tenth, NaN without any.
     pub fn median_error(&self) -> f64 {
         let mut below = 0;
         let middle = self.errors.iter().position(|count| {
@@ -93,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pixels_are_counted_as_one_would_by_hand() {
+    fn counts_match_manual_example() {
         let nan = f32::NAN;
         let mut agreement = Agreement::default();
         agreement.add(&[1.0, 2.03, 3.0, nan, 5.0], &[1.0, 2.0, 2.0, 4.0, nan]);
@@ -102,7 +103,7 @@ mod tests {
         assert_eq!(
             [
                 agreement.pixels,
-                agreement.found,
+                agreement.estimated,
                 agreement.known,
                 agreement.both
             ],
@@ -116,13 +117,13 @@ mod tests {
             agreement.median_error()
         );
         assert!(
-            (agreement.covered() - 0.8).abs() < 1e-12
-                && (agreement.found_share() - 7.0 / 9.0).abs() < 1e-12
+            (agreement.covered_share() - 0.8).abs() < 1e-12
+                && (agreement.estimated_share() - 7.0 / 9.0).abs() < 1e-12
         );
     }
 
     #[test]
-    fn nothing_counted_has_no_median_and_large_errors_an_infinite_one() {
+    fn median_error_of_extremes() {
         let mut agreement = Agreement::default();
         assert!(agreement.median_error().is_nan() && agreement.shares_within() == [0.0; 3]);
         agreement.add(&[2.0], &[1.0]);

@@ -1,104 +1,117 @@
-//! What is kept: depths that other views confirm.
+//! Consistency filter: depths that other views confirm.
 
 use super::hypotheses::Hypothesis;
-use super::patch_match::Other;
+use super::patch_match::NeighborView;
 
-/// A depth is confirmed by a view that knows nearly the same: it leads there and back to within so many pixels, and to a depth that differs by no
-/// more than this share.
-const RETURNS_PX: f32 = 1.5;
-const SAME_DEPTH: f32 = 0.01;
+/// A view confirms a depth if its own depth leads back to within this number of pixels and differs
+/// by no more than this ratio.
+const MAX_RETURN_PX: f32 = 1.5;
+const MAX_DEPTH_RATIO: f32 = 0.01;
 
-/// Views that show something farther, by this share, where a depth says that there is a surface see through it.
+/// Relative difference of inverse depth beyond which a view with a farther surface sees through the
+/// depth.
 const THROUGH: f32 = 0.03;
 
-/// Pixels of one surface differ in inverse depth by no more than this share.
+/// Maximum relative difference of inverse depth between connected pixels.
 const CONNECTED: f32 = 0.02;
 
-/// What the other views say of a pixel.
+/// Confirmation of a pixel's depth by the other views.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Verdict {
-    /// Views that know the same depth.
-    pub(super) confirm: u8,
-    /// Views that see through it, to something farther or to nothing at all.
+pub(super) struct Confirmation {
+    /// Number of views with the same depth.
+    pub(super) confirming: u8,
+    /// Number of views that see through it, to a farther surface or to background.
     pub(super) through: u8,
-    /// By how much the inverse depths of those that confirm it differ from it, on average, 1/m.
-    pub(super) off: f32,
+    /// Mean difference of the confirming inverse depths, 1/m.
+    pub(super) difference: f32,
 }
 
-impl Verdict {
-    /// Whether enough views confirm it, and fewer see through it.
-    pub(super) fn confirms(&self, needed: usize) -> bool {
-        usize::from(self.confirm) >= needed && self.through < self.confirm
+impl Confirmation {
+    /// Returns true if at least `needed` views confirm the depth and fewer see through it.
+    pub(super) fn is_sufficient(&self, needed: usize) -> bool {
+        usize::from(self.confirming) >= needed && self.through < self.confirming
     }
 }
 
-/// What other views say of a plane at a pixel.
-pub(super) fn judge(others: &[Other], [x, y]: [f32; 2], plane: &Hypothesis) -> Verdict {
-    let mut verdict = Verdict::default();
+/// Compares the depth of a plane at a pixel with the other views.
+pub(super) fn confirm(
+    others: &[NeighborView],
+    [x, y]: [f32; 2],
+    plane: &Hypothesis,
+) -> Confirmation {
+    let mut confirmation = Confirmation::default();
     for other in others {
         let Some(known) = &other.known else { continue };
-        let h = other.relative.at(x, y, plane.inverse_depth);
-        let (px, py) = (h.x / h.z, h.y / h.z);
-        let (width, height) = (other.picture.width, other.picture.height);
+        let h = other.relative.warp(x, y, plane.inverse_depth);
+        let px = h.x / h.z;
+        let py = h.y / h.z;
+        let width = other.picture.width;
+        let height = other.picture.height;
         if !(h.z > 0.0 && px >= 0.0 && py >= 0.0 && px < width as f32 && py < height as f32) {
             continue;
         }
-        let at = py as usize * width + px as usize;
-        if other.picture.nothing[at] {
-            verdict.through += 1;
+        let pixel = py as usize * width + px as usize;
+        if other.picture.nothing[pixel] {
+            confirmation.through += 1;
             continue;
         }
-        // Inverse depth that the other view would know of this point.
+        // Inverse depth of this point in the other view.
         let expected = plane.inverse_depth / h.z;
-        let there = known.inverse_depths[at];
-        if there <= 0.0 {
+        let actual = known.inverse_depths[pixel];
+        if actual <= 0.0 {
             continue;
         }
-        let back = known.back.at(px, py, there);
+        let back = known.back.warp(px, py, actual);
         let distance = (back.x / back.z - x).hypot(back.y / back.z - y);
-        if back.z > 0.0 && distance < RETURNS_PX && (there - expected).abs() < SAME_DEPTH * expected
+        if back.z > 0.0
+            && distance < MAX_RETURN_PX
+            && (actual - expected).abs() < MAX_DEPTH_RATIO * expected
         {
-            verdict.confirm += 1;
-            verdict.off += (there / back.z - plane.inverse_depth).abs();
-        } else if there < expected * (1.0 - THROUGH) {
-            verdict.through += 1;
+            confirmation.confirming += 1;
+            confirmation.difference += (actual / back.z - plane.inverse_depth).abs();
+        } else if actual < expected * (1.0 - THROUGH) {
+            confirmation.through += 1;
         }
     }
-    verdict.off /= f32::from(verdict.confirm.max(1));
-    verdict
+    confirmation.difference /= f32::from(confirmation.confirming.max(1));
+    confirmation
 }
 
-/// Removes patches of connected pixels that are fewer than `least`: sets their inverse depths to 0.
+/// Removes connected patches of fewer than `least` pixels by setting their inverse depths to 0.
 pub(super) fn remove_specks(inverse_depths: &mut [f32], width: usize, least: usize) {
-    let mut seen = vec![false; inverse_depths.len()];
+    let mut visited = vec![false; inverse_depths.len()];
     let mut patch = Vec::new();
     for start in 0..inverse_depths.len() {
-        if seen[start] || inverse_depths[start] <= 0.0 {
+        if visited[start] || inverse_depths[start] <= 0.0 {
             continue;
         }
         patch.clear();
         patch.push(start);
-        seen[start] = true;
+        visited[start] = true;
         let mut next = 0;
-        while let Some(&at) = patch.get(next) {
+        while let Some(&pixel) = patch.get(next) {
             next += 1;
-            let (x, own) = (at % width, inverse_depths[at]);
+            let x = pixel % width;
+            let own = inverse_depths[pixel];
             let sides = [
-                (x > 0).then(|| at - 1),
-                (x + 1 < width).then(|| at + 1),
-                at.checked_sub(width),
-                Some(at + width).filter(|&below| below < inverse_depths.len()),
+                (x > 0).then(|| pixel - 1),
+                (x + 1 < width).then(|| pixel + 1),
+                pixel.checked_sub(width),
+                Some(pixel + width).filter(|&below| below < inverse_depths.len()),
             ];
             for side in sides.into_iter().flatten() {
-                let there = inverse_depths[side];
-                if !seen[side] && there > 0.0 && (there - own).abs() <= CONNECTED * own.max(there) {
-                    seen[side] = true;
+                let other = inverse_depths[side];
+                if !visited[side]
+                    && other > 0.0
+                    && (other - own).abs() <= CONNECTED * own.max(other)
+                {
+                    visited[side] = true;
                     patch.push(side);
                 }
             }
         }
         if patch.len() < least {
-            patch.iter().for_each(|&at| inverse_depths[at] = 0.0);
+            patch.iter().for_each(|&pixel| inverse_depths[pixel] = 0.0);
         }
     }
 }

@@ -1,70 +1,74 @@
-//! Dense depth of photographs with known cameras, from the photographs alone (E3).
+//! Dense multi-view stereo: depth of photographs with known cameras (E3).
 //!
-//! The paper matches pairs of pictures along epipolar lines, links disparities over a rig's views, and says no more of how. Here each
-//! view's pixels get planes (`hypotheses`), first by a plane sweep in a small picture, then by PatchMatch in ever finer ones
-//! (`patch_match`), compared by zero-mean normalised cross-correlation (`zncc`) with the views that serve best (`neighbors`). Then
-//! all views are improved again, each knowing what the others found, and what too few of them confirm is left undefined (`consistency`).
+//! The paper matches pairs of images along epipolar lines and links disparities over a rig's views,
+//! without further detail. Here each view's pixels get planes (`hypotheses`), first by a plane
+//! sweep in a small image (`coarse`), then by PatchMatch in ever finer ones (`patch_match`),
+//! compared by zero-mean normalised cross-correlation (`zncc`) with the most suitable views
+//! (`neighbors`). Then all views are refined again with the depth of the others as a constraint
+//! (`pipeline`), and depths that too few of them confirm are discarded (`consistency`). `store`
+//! keeps the result next to the images; `agreement` compares it with known depth.
 //!
-//! Every number is a function of the pictures and of hashes: neither threads nor SIMD levels change a bit. Pictures are read again as they are
-//! needed, planes of all views lie in a file without a name, so that memory does not grow with the set.
+//! The result is a function of the images and of hashes: it is equal to the bit on any number of
+//! threads and at every SIMD level. Images are loaded again when needed (`picture`) and the planes
+//! of all views lie in an unnamed temporary file (`shelf`), so that memory does not grow with the
+//! set.
 
 mod agreement;
+mod coarse;
 mod consistency;
 mod hypotheses;
 mod neighbors;
 mod patch_match;
 mod picture;
+mod pipeline;
 mod relative;
 mod shelf;
-mod start;
 mod store;
 #[cfg(test)]
 mod tests;
-mod work;
 mod zncc;
 
 pub use agreement::{Agreement, TOLERANCES};
 pub(super) use store::attach;
 
 use super::{ImageSet, ImagesError, LoadedView, Pinhole, View};
-use patch_match::MOST_OTHERS;
+use patch_match::MAX_NEIGHBORS;
+use pipeline::{JOINT_PASSES, Pipeline};
 use std::path::{Path, PathBuf};
 use store::DepthStore;
-use work::{TOGETHER, Work};
 
-/// Why there is no dense depth.
+/// Error of estimating dense depth.
 #[derive(Debug, thiserror::Error)]
 pub enum DenseDepthError {
     /// A view could not be read, or its depth not written.
     #[error(transparent)]
     Images(#[from] ImagesError),
-    /// Depth follows from what moves between views.
-    #[error(
-        "{0} perspective views: at least two, from different places, are needed to find depth from"
-    )]
+    /// Fewer than two perspective views.
+    #[error("{0} perspective views, but depth needs at least two from different positions")]
     TooFew(usize),
-    /// No room for what is found on the way.
-    #[error("{}: what is found on the way cannot be kept there: {cause}", folder.display())]
+    /// The temporary file failed.
+    #[error("{}: cannot write a temporary file: {cause}", folder.display())]
     Spool {
-        /// Where it was to be kept.
+        /// Folder of the temporary file.
         folder: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         cause: std::io::Error,
     },
 }
 
-/// How dense depth is found.
+/// Settings of dense stereo.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DenseDepth {
-    /// Pictures are halved until their longer side has no more pixels than this.
+    /// Maximum longer side, pixels; larger images are halved.
     pub longest_px: u32,
-    /// A plane sweep begins in pictures whose shorter side has at least so many pixels and less than twice as many.
+    /// Minimum shorter side of the smallest image, pixels; the plane sweep starts at up to twice
+    /// this size.
     pub coarsest_px: u32,
-    /// Other views that are asked about each, at most 8.
+    /// Number of other views matched with each, at most 8.
     pub neighbors: usize,
-    /// Views that must confirm a depth; fewer where a view has fewer neighbours.
+    /// Number of views that must confirm a depth, limited to the number of neighbours.
     pub confirmations: usize,
-    /// Bytes of pictures that are kept in memory.
+    /// Capacity of the image cache, bytes.
     pub budget_bytes: usize,
 }
 
@@ -73,26 +77,27 @@ impl Default for DenseDepth {
         Self {
             longest_px: 1600,
             coarsest_px: 100,
-            neighbors: MOST_OTHERS,
+            neighbors: MAX_NEIGHBORS,
             confirmations: 2,
             budget_bytes: 512 << 20,
         }
     }
 }
 
-/// What was found of a view.
+/// Estimated depth of a view.
 #[derive(Clone, Debug, PartialEq)]
-pub struct FoundDepth {
-    /// The view, its lens ideal, its depth what was found: eye depth, metres, NaN where unknown.
+pub struct EstimatedDepth {
+    /// Undistorted view with the estimated eye depth, metres, NaN where unknown.
     pub view: LoadedView,
-    /// For each pixel the share of the views asked that confirm its depth; 0 where unknown.
+    /// Fraction of the neighbours that confirm each pixel's depth; 0 where unknown.
     pub confidence: Vec<f32>,
     /// Standard deviation of inverse depth between views, 1/m.
     pub deviation: f32,
 }
+
 impl DenseDepth {
-    /// Finds the depth of some views from each other, and keeps it in memory. What is found on the way lies in a file without a name in the system's
-    /// folder for such. `advance` is told of each of [`Self::steps`].
+    /// Estimates the depth of views from each other, in memory, with temporary data in an unnamed
+    /// file in the system's temporary folder. `advance` is called for each of [`Self::steps`].
     ///
     /// # Errors
     /// See [`DenseDepthError`].
@@ -100,69 +105,76 @@ impl DenseDepth {
         &self,
         views: &[&View],
         advance: &dyn Fn(),
-    ) -> Result<Vec<FoundDepth>, DenseDepthError> {
+    ) -> Result<Vec<EstimatedDepth>, DenseDepthError> {
         let mut all = Vec::with_capacity(views.len());
-        self.run(views, &std::env::temp_dir(), advance, &mut |_, found| {
-            all.push(found);
-            Ok(())
-        })?;
+        self.run(
+            views,
+            &std::env::temp_dir(),
+            advance,
+            &mut |_, estimated| {
+                all.push(estimated);
+                Ok(())
+            },
+        )?;
         Ok(all)
     }
 
-    /// The views, at most `most` of 8, from which the depth of one of them is found best, as far as a small picture tells; none if all were taken from one place, or nobody
-    /// sees what that one sees.
+    /// Selects the best views for the depth of view `own`, at most `most` and at most 8, by stereo
+    /// on a small image; none if all views have the same position or none overlaps `own`.
     ///
     /// # Errors
     /// See [`DenseDepthError`].
-    pub fn partners(
+    pub fn select_neighbors(
         &self,
         views: &[&View],
         own: usize,
         most: usize,
     ) -> Result<Vec<usize>, DenseDepthError> {
         let lenses = lenses(views)?;
-        Ok(Work::new(self, views, lenses, &std::env::temp_dir())?.partners(own, most)?)
+        let folder = std::env::temp_dir();
+        let mut pipeline = Pipeline::new(self, views, lenses, &folder)?;
+        Ok(pipeline.select_neighbors(own, most)?)
     }
 
-    /// Steps of [`Self::find`] for so many views.
+    /// Returns the number of steps of [`Self::find`] for a number of views.
     pub fn steps(views: usize) -> u64 {
-        views as u64 * (TOGETHER as u64 + 2)
+        views as u64 * (JOINT_PASSES as u64 + 2)
     }
 
-    /// Finds the depth of views, and hands each to `keep` with its number. What is found on the way lies in a file without a name
-    /// in `folder`. `advance` is told of every step.
+    /// Estimates the depth of views and passes each to `keep` with its index. Temporary data lies
+    /// in an unnamed file in `folder`. `advance` is called for every step.
     ///
     /// # Errors
-    /// See [`DenseDepthError`]; what `keep` reports.
+    /// See [`DenseDepthError`]; errors of `keep`.
     fn run(
         &self,
         views: &[&View],
         folder: &Path,
         advance: &dyn Fn(),
-        keep: &mut dyn FnMut(usize, FoundDepth) -> Result<(), ImagesError>,
+        keep: &mut dyn FnMut(usize, EstimatedDepth) -> Result<(), ImagesError>,
     ) -> Result<(), DenseDepthError> {
-        let mut work = Work::new(self, views, lenses(views)?, folder)?;
+        let mut pipeline = Pipeline::new(self, views, lenses(views)?, folder)?;
         for view in 0..views.len() {
-            work.alone(view)?;
+            pipeline.estimate_alone(view)?;
             advance();
         }
-        for _ in 0..TOGETHER {
+        for _ in 0..JOINT_PASSES {
             for view in 0..views.len() {
-                work.together(view)?;
+                pipeline.estimate_jointly(view)?;
                 advance();
             }
-            work.swap();
+            pipeline.swap();
         }
         for view in 0..views.len() {
-            let found = work.confirmed(view)?;
-            keep(view, found)?;
+            let estimated = pipeline.filter(view)?;
+            keep(view, estimated)?;
             advance();
         }
         Ok(())
     }
 }
 
-/// Of the views' colours; all must be perspective, and two at least.
+/// Returns the lenses of the views' colours, which must be at least two and all perspective.
 fn lenses(views: &[&View]) -> Result<Vec<Pinhole>, DenseDepthError> {
     let lenses: Vec<Pinhole> = views.iter().filter_map(|view| view.pinhole()).collect();
     if lenses.len() < 2 || lenses.len() < views.len() {
@@ -173,39 +185,43 @@ fn lenses(views: &[&View]) -> Result<Vec<Pinhole>, DenseDepthError> {
 }
 
 impl ImageSet {
-    /// Finds the depth of the perspective views that have none but such, writes it beside the set's pictures, and has it from then on. `look` is
-    /// shown each view and what was found of it; `advance` is told of each of [`Self::find_depth_steps`].
+    /// Estimates the depth of the perspective views without measured depth, stores it next to the
+    /// set's images, and uses it from then on. `on_view` receives each view with its estimate;
+    /// `advance` is called for each of [`Self::find_depth_steps`].
     ///
     /// # Errors
     /// See [`DenseDepthError`].
     pub fn find_depth(
         &mut self,
-        how: &DenseDepth,
+        settings: &DenseDepth,
         advance: &dyn Fn(),
-        look: &mut dyn FnMut(&View, &FoundDepth),
+        on_view: &mut dyn FnMut(&View, &EstimatedDepth),
     ) -> Result<(), DenseDepthError> {
-        let mut store = DepthStore::beside(self)?;
+        let mut store = DepthStore::create(self)?;
         let views: Vec<&View> = self
             .views
             .iter()
             .filter(|view| view.pinhole().is_some())
             .collect();
         let folder = store.folder().to_path_buf();
-        how.run(&views, &folder, advance, &mut |i, found| {
+        settings.run(&views, &folder, advance, &mut |i, estimated| {
             if !views[i].has_own_depth() {
-                look(views[i], &found);
-                store.add(views[i], &found)?;
+                on_view(views[i], &estimated);
+                store.add(views[i], &estimated)?;
             }
             Ok(())
         })?;
         store.finish()?;
         for view in &mut self.views {
-            view.depth = view.depth.take().filter(|depth| depth.estimated_deviation.is_none());
+            view.depth = view
+                .depth
+                .take()
+                .filter(|depth| depth.estimated_deviation.is_none());
         }
         Ok(attach(self)?)
     }
 
-    /// Steps of [`Self::find_depth`].
+    /// Returns the number of steps of [`Self::find_depth`].
     pub fn find_depth_steps(&self) -> u64 {
         DenseDepth::steps(
             self.views

@@ -1,46 +1,49 @@
-//! Which other views help to find a view's depth, and between which depths to look.
+//! Selection of the neighbours for a view's depth, and the range of depths to search.
 
-use super::patch_match::{MOST_OTHERS, agreeing};
-use super::relative::{CameraAt, Relative};
+use super::patch_match::{MAX_NEIGHBORS, required_matches};
+use super::relative::{LevelCamera, Relative};
 use glam::DVec3;
 
-/// The angle between two lines of sight at which depth is found best, radians: less, and depth moves little; more, and pictures differ.
+/// Best triangulation angle, radians: smaller angles give little parallax, larger ones different
+/// images.
 const BEST_ANGLE: f64 = 0.14;
-/// How soon smaller and larger angles become useless.
-const SMALLER: f64 = 0.07;
-const LARGER: f64 = 0.3;
+/// Standard deviations of the weight for smaller and for larger angles, radians.
+const SIGMA_BELOW: f64 = 0.07;
+const SIGMA_ABOVE: f64 = 0.3;
 
-/// Pixels, to a side of a grid, whose lines of sight are followed.
+/// Side of the grid of sampled pixels.
 const GRID: usize = 5;
 
-/// Depths at which they are, where nothing is known yet.
+/// Number of depths sampled while depth is unknown.
 const DEPTHS: usize = 14;
 
-/// Views that are looked at more closely: of those that lie in order of distance, these ranks and then every so manieth.
+/// Number of nearest views that are all candidates, and the total number of candidates.
 const CLOSEST: usize = 8;
 const CANDIDATES: usize = 48;
 
-/// Eyes that are no farther apart than this share of the distance to others stand in one place.
-const SAME_PLACE: f64 = 1e-3;
+/// Distance of eyes relative to that of other eyes up to which their positions count as equal.
+const SAME_POSITION: f64 = 1e-3;
 
-/// A view as seen from here.
+/// Camera of a view that may become a neighbour.
 pub(super) struct Candidate {
-    pub(super) camera: CameraAt,
+    pub(super) camera: LevelCamera,
     pub(super) size: [f64; 2],
 }
 
-/// The views that are looked at more closely: near ones all, of the far ones some.
+/// Returns the candidate neighbours of a view: all near ones, and some of the far ones.
 pub(super) fn candidates(eyes: &[DVec3], own: usize) -> Vec<usize> {
     let mut order: Vec<(f64, usize)> = (0..eyes.len())
         .filter(|&i| i != own)
         .map(|i| (eyes[i].distance_squared(eyes[own]), i))
         .collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    // From the same place nothing moves.
+    // Views at the same position have no parallax.
     let same = order
         .get(CLOSEST)
         .or(order.last())
-        .map_or(0.0, |(distance, _)| distance * SAME_PLACE * SAME_PLACE);
+        .map_or(0.0, |(distance, _)| {
+            distance * SAME_POSITION * SAME_POSITION
+        });
     order.retain(|(distance, _)| *distance > same);
     let (near, far) = order.split_at(order.len().min(CLOSEST));
     let step = far.len().div_ceil(CANDIDATES - CLOSEST).max(1);
@@ -50,12 +53,13 @@ pub(super) fn candidates(eyes: &[DVec3], own: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Points of the world, in groups of one depth each, along lines of sight of a view: `DEPTHS` depths, evenly in their logarithm, from half the distance of the
-/// nearest other eye to fifty times that of the farthest.
-pub(super) fn anywhere(own: &Candidate, others: &[Candidate]) -> Vec<Vec<DVec3>> {
-    let apart = |other: &Candidate| other.camera.pose.eye.distance(own.camera.pose.eye);
-    let nearest = others.iter().map(apart).fold(f64::INFINITY, f64::min) * 0.5;
-    let farthest = others.iter().map(apart).fold(0.0, f64::max) * 50.0;
+/// Samples points along lines of sight of a view, in groups of equal depth: `DEPTHS` depths with
+/// equal ratios, from half the distance of the nearest other eye to fifty times that of the
+/// farthest.
+pub(super) fn sample_frustum(own: &Candidate, others: &[Candidate]) -> Vec<Vec<DVec3>> {
+    let distance = |other: &Candidate| other.camera.pose.eye.distance(own.camera.pose.eye);
+    let nearest = others.iter().map(distance).fold(f64::INFINITY, f64::min) * 0.5;
+    let farthest = others.iter().map(distance).fold(0.0, f64::max) * 50.0;
     let depth = |k: usize| nearest * (farthest / nearest).powf(k as f64 / (DEPTHS - 1) as f64);
     (0..DEPTHS)
         .map(|k| {
@@ -66,39 +70,42 @@ pub(super) fn anywhere(own: &Candidate, others: &[Candidate]) -> Vec<Vec<DVec3>>
         .collect()
 }
 
-/// Rays of eye space over a picture.
+/// Returns rays in eye space through a grid of pixels.
 fn grid(own: &Candidate) -> impl Iterator<Item = DVec3> {
-    let at = |k: usize, side: f64| (k as f64 + 0.5) / GRID as f64 * side;
+    let position = |k: usize, side: f64| (k as f64 + 0.5) / GRID as f64 * side;
     (0..GRID * GRID).map(move |i| {
-        own.camera
-            .ray(at(i % GRID, own.size[0]), at(i / GRID, own.size[1]))
+        own.camera.ray(
+            position(i % GRID, own.size[0]),
+            position(i / GRID, own.size[1]),
+        )
     })
 }
 
-/// The best of some views, at most `most`: each is chosen for what it sees at good angles and those before it do not.
+/// Chooses the best of some views, at most `most`, greedily by the points that they see at good
+/// angles and the ones chosen before do not.
 pub(super) fn choose(
     own: &Candidate,
     others: &[Candidate],
     points: &[Vec<DVec3>],
     most: usize,
 ) -> Vec<usize> {
-    let worth: Vec<Vec<f64>> = others
+    let weight: Vec<Vec<f64>> = others
         .iter()
         .map(|other| {
             points
                 .iter()
-                .map(|group| mean_worth(own, other, group))
+                .map(|group| mean_weight(own, other, group))
                 .collect()
         })
         .collect();
     let mut sums = vec![0.0f64; points.len()];
     let mut chosen = Vec::new();
-    while chosen.len() < most.min(MOST_OTHERS) {
+    while chosen.len() < most.min(MAX_NEIGHBORS) {
         let gain = |i: usize| {
             let gains = sums
                 .iter()
-                .zip(&worth[i])
-                .map(|(sum, worth)| (sum + worth).sqrt() - sum.sqrt());
+                .zip(&weight[i])
+                .map(|(sum, weight)| (sum + weight).sqrt() - sum.sqrt());
             gains.sum::<f64>()
         };
         let left = (0..others.len()).filter(|i| !chosen.contains(i));
@@ -109,20 +116,21 @@ pub(super) fn choose(
             break;
         };
         sums.iter_mut()
-            .zip(&worth[best])
-            .for_each(|(sum, worth)| *sum += worth);
+            .zip(&weight[best])
+            .for_each(|(sum, weight)| *sum += weight);
         chosen.push(best);
     }
     chosen
 }
 
-/// Views at all distances, at most `most`, of some that lie in order of distance: those that look the same way, evenly by their rank, or else all alike.
-pub(super) fn spread(own: &Candidate, others: &[Candidate], most: usize) -> Vec<usize> {
-    /// The cosine of the angle between two axes that look the same way.
-    const SAME_WAY: f64 = 0.8;
+/// Chooses at most `most` views evenly from `others`, sorted by distance, among those with a
+/// similar direction, or among all if there is none.
+pub(super) fn choose_spread(own: &Candidate, others: &[Candidate], most: usize) -> Vec<usize> {
+    /// Minimum cosine between similar directions.
+    const MIN_COSINE: f64 = 0.8;
     let axis = |candidate: &Candidate| candidate.camera.pose.world_from_eye.z_axis;
     let mut alike: Vec<usize> = (0..others.len())
-        .filter(|i| axis(own).dot(axis(&others[*i])) > SAME_WAY)
+        .filter(|i| axis(own).dot(axis(&others[*i])) > MIN_COSINE)
         .collect();
     if alike.is_empty() {
         alike = (0..others.len()).collect();
@@ -133,69 +141,79 @@ pub(super) fn spread(own: &Candidate, others: &[Candidate], most: usize) -> Vec<
         .collect()
 }
 
-/// How well another view sees some points of this one, 0..=1.
-fn mean_worth(own: &Candidate, other: &Candidate, points: &[DVec3]) -> f64 {
-    let worth = |&point: &DVec3| {
+/// Returns the mean weight of points in another view by visibility and triangulation angle, 0..=1.
+fn mean_weight(own: &Candidate, other: &Candidate, points: &[DVec3]) -> f64 {
+    let weight = |&point: &DVec3| {
         if !other.sees(point) {
             return 0.0;
         }
         let angle = (own.camera.pose.eye - point).angle_between(other.camera.pose.eye - point);
-        let off = angle - BEST_ANGLE;
-        let deviation = if off < 0.0 { SMALLER } else { LARGER };
-        (-off * off / (2.0 * deviation * deviation)).exp()
+        let offset = angle - BEST_ANGLE;
+        let deviation = if offset < 0.0 {
+            SIGMA_BELOW
+        } else {
+            SIGMA_ABOVE
+        };
+        (-offset * offset / (2.0 * deviation * deviation)).exp()
     };
-    points.iter().map(worth).sum::<f64>() / points.len().max(1) as f64
+    points.iter().map(weight).sum::<f64>() / points.len().max(1) as f64
 }
 
 impl Candidate {
+    /// Returns true if a point of the world projects into the image.
     fn sees(&self, point: DVec3) -> bool {
         let p = self.camera.pose.to_eye(point);
         let [fx, fy] = self.camera.focal_px;
         let [cx, cy] = self.camera.principal_px;
-        let (x, y) = (cx - fx * p.x / p.z, cy + fy * p.y / p.z);
+        let x = cx - fx * p.x / p.z;
+        let y = cy + fy * p.y / p.z;
         p.z < 0.0 && x >= 0.0 && y >= 0.0 && x < self.size[0] && y < self.size[1]
     }
 }
 
-/// The least and the largest inverse depth at which enough of the others see some of what a view sees, 1/m; `None` if there are none.
-pub(super) fn range(own: &Candidate, others: &[&Candidate]) -> Option<[f32; 2]> {
-    /// Depths that are tried for each factor of two.
-    const FINE: f64 = 8.0;
-    let needed = agreeing(others.len()).max(1);
+/// Returns the smallest and the largest inverse depth, 1/m, at which enough other views overlap a
+/// view; `None` without overlap.
+pub(super) fn depth_range(own: &Candidate, others: &[&Candidate]) -> Option<[f32; 2]> {
+    /// Number of tested depths per factor of two.
+    const STEPS: f64 = 8.0;
+    let needed = required_matches(others.len()).max(1);
     let rays: Vec<DVec3> = grid(own).collect();
-    let seen = |inverse_depth: f64| {
-        let count = |ray: &&DVec3| {
+    let overlaps = |inverse_depth: f64| {
+        let is_seen = |ray: &&DVec3| {
             let point = own.camera.pose.to_world(**ray / inverse_depth);
             others.iter().filter(|other| other.sees(point)).count() >= needed
         };
-        rays.iter().filter(count).count() > 0
+        rays.iter().filter(is_seen).count() > 0
     };
-    let apart = others
+    let distances = others
         .iter()
         .map(|other| other.camera.pose.eye.distance(own.camera.pose.eye));
-    let widest = apart.fold(0.0, f64::max);
-    let at = |k: i32| (f64::from(k) / FINE).exp2() / widest;
-    let [far, near] = [-12 * FINE as i32, 5 * FINE as i32];
-    let (first, last) = (
-        (far..=near).find(|&k| seen(at(k)))?,
-        (far..=near).rev().find(|&k| seen(at(k)))?,
-    );
-    let low = if first == far { 0.0 } else { at(first - 1) };
-    Some([low as f32, at(last + 1) as f32])
+    let widest = distances.fold(0.0, f64::max);
+    let inverse_depth = |k: i32| (f64::from(k) / STEPS).exp2() / widest;
+    let [far, near] = [-12 * STEPS as i32, 5 * STEPS as i32];
+    let first = (far..=near).find(|&k| overlaps(inverse_depth(k)))?;
+    let last = (far..=near).rev().find(|&k| overlaps(inverse_depth(k)))?;
+    let low = if first == far {
+        0.0
+    } else {
+        inverse_depth(first - 1)
+    };
+    Some([low as f32, inverse_depth(last + 1) as f32])
 }
 
-/// Pixels that a view's middle moves in the picture where it moves most, over a range of inverse depths.
+/// Returns the largest motion of a view's central pixel in the other images over a range of inverse
+/// depths, pixels.
 pub(super) fn motion_px(own: &Candidate, others: &[&Candidate], [low, high]: [f32; 2]) -> f32 {
     let [x, y] = own.size.map(|side| side as f32 / 2.0);
     let motion = |other: &&Candidate| {
         let relative = Relative::new(&own.camera, &other.camera);
-        let place = |q: f32| {
-            let h = relative.at(x, y, q);
+        let project = |q: f32| {
+            let h = relative.warp(x, y, q);
             (h.z > 0.0).then(|| h.truncate() / h.z)
         };
-        match (place(low), place(high)) {
+        match (project(low), project(high)) {
             (Some(a), Some(b)) => a.distance(b),
-            // It passes the other eye.
+            // The point passes the other eye.
             _ => other.size[0].max(other.size[1]) as f32,
         }
     };

@@ -1,9 +1,11 @@
-//! Planes for all pixels of a picture by trying those of others: PatchMatch for several views (Bleyer, Rhemann and Rother 2011;
-//! Galliani, Lasinger and Schindler 2015, whose chequerboard it is; Xu and Tao 2019, whose neighbourhoods they are).
+//! PatchMatch for several views (Bleyer, Rhemann and Rother 2011; chequerboard of Galliani,
+//! Lasinger and Schindler 2015; neighbourhoods of Xu and Tao 2019).
 //!
-//! Half of the pixels at a time ask the other half: in eight neighbourhoods the one with the least cost lends its plane, then a few are
-//! drawn at random about the best. A plane's cost is the mean over the other pictures that agree best, for a surface may be hidden in some. Where other pictures know
-//! depths already, a plane that leads to another surface there and back to another pixel costs more.
+//! Half of the pixels at a time take planes from the other half: the cheapest pixel of each of
+//! eight neighbourhoods proposes its plane, then random perturbations of the best are tried. A
+//! plane's cost is the mean over the best-matching half of the neighbouring views, because a
+//! surface may be occluded in some. If the neighbours have depths, a plane that leads to another
+//! surface there and back to another pixel costs more.
 
 use super::hypotheses::{Chequerboard, Hypothesis};
 use super::picture::Grey;
@@ -14,93 +16,93 @@ use headbox_core::random;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Other pictures that are asked at most.
-pub(super) const MOST_OTHERS: usize = 8;
+/// Maximum number of neighbouring views.
+pub(super) const MAX_NEIGHBORS: usize = 8;
 
-/// The steepest planes: metres of depth for each metre across.
-const STEEPEST: f32 = 4.0;
+/// Maximum slope of a plane: metres of depth per metre across.
+const MAX_PLANE_SLOPE: f32 = 4.0;
 
-/// What a pixel's distance between itself and where it comes back to adds to a cost, and the largest such distance.
-const INCONSISTENT: f32 = 0.2;
-const MOST_PX: f32 = 3.0;
+/// Cost per pixel of forward-backward reprojection error, and the maximum error, pixels.
+const INCONSISTENCY_COST: f32 = 0.2;
+const MAX_RETURN_PX: f32 = 3.0;
 
-/// Another picture.
-pub(super) struct Other<'a> {
+/// A neighbouring view.
+pub(super) struct NeighborView<'a> {
     pub(super) relative: Relative,
     pub(super) picture: &'a Grey,
-    /// What is known of it already.
-    pub(super) known: Option<Known>,
+    /// Its depths, if they are estimated already.
+    pub(super) known: Option<KnownDepths>,
 }
 
-/// Inverse depths of another picture, row by row, 0 where unknown, and the way back.
-pub(super) struct Known {
+/// Inverse depths of a neighbouring view, row by row, 0 where unknown, and the warp back.
+pub(super) struct KnownDepths {
     pub(super) inverse_depths: Arc<Vec<f32>>,
     pub(super) back: Relative,
 }
 
-/// A picture whose planes are wanted.
+/// Matcher of an image with its neighbours.
 pub(super) struct Matcher<'a> {
     pub(super) picture: &'a Grey,
     pub(super) focal_px: f32,
-    /// At most [`MOST_OTHERS`].
-    pub(super) others: Vec<Other<'a>>,
-    /// The least and the largest inverse depth, 1/m.
+    /// Neighbouring views, at most [`MAX_NEIGHBORS`].
+    pub(super) others: Vec<NeighborView<'a>>,
+    /// Smallest and largest inverse depth, 1/m.
     pub(super) range: [f32; 2],
-    /// Of random numbers.
+    /// Seed of random numbers.
     pub(super) seed: u64,
     pub(super) level: Level,
 }
 
-/// How far planes are drawn from the best so far.
+/// Range of random perturbations of the best plane.
 #[derive(Clone, Copy)]
-pub(super) struct Draw {
-    /// Pixels of motion in another picture.
+pub(super) struct Perturbation {
+    /// Maximum motion in a neighbouring image, pixels.
     pub(super) motion_px: f32,
-    /// Metres of depth for each metre across.
+    /// Maximum change of slope: metres of depth per metre across.
     pub(super) slope: f32,
-    /// Whether some are drawn from all that is possible.
+    /// True if planes from the whole range are tried as well.
     pub(super) anywhere: bool,
-    /// No two draws have the same.
+    /// Index of the round, part of the random seed.
     pub(super) round: u64,
 }
 
-/// What is done with half of the pixels.
+/// Operation on half of the pixels.
 #[derive(Clone, Copy)]
-enum Task {
-    /// Planes that face the camera, this many, over the range.
+enum Pass {
+    /// Tries this number of fronto-parallel planes over the range.
     Sweep(u32),
-    /// Costs alone.
+    /// Computes the costs of the current planes.
     Evaluate,
-    /// The neighbourhoods' planes, and drawn ones.
-    Improve(Draw),
+    /// Tries the planes of the neighbourhoods and random perturbations.
+    Improve(Perturbation),
 }
 
 impl Matcher<'_> {
-    /// The best of so many planes that face the camera, for each pixel: a plane sweep.
+    /// Selects the best of `steps` fronto-parallel planes for each pixel: a plane sweep.
     pub(super) fn sweep(&self, board: &mut Chequerboard, steps: u32) {
-        self.run(board, Task::Sweep(steps));
+        self.run(board, Pass::Sweep(steps));
     }
 
-    /// What the planes that are there cost here.
+    /// Computes the costs of the current planes.
     pub(super) fn evaluate(&self, board: &mut Chequerboard) {
-        self.run(board, Task::Evaluate);
+        self.run(board, Pass::Evaluate);
     }
 
-    /// One round over both halves.
-    pub(super) fn improve(&self, board: &mut Chequerboard, draw: Draw) {
-        self.run(board, Task::Improve(draw));
+    /// Runs one round over both halves.
+    pub(super) fn improve(&self, board: &mut Chequerboard, perturbation: Perturbation) {
+        self.run(board, Pass::Improve(perturbation));
     }
 
-    fn run(&self, board: &mut Chequerboard, task: Task) {
+    fn run(&self, board: &mut Chequerboard, pass: Pass) {
         let stride = board.stride();
         for colour in 0..2 {
-            // Improved from the other half, which stays as it is meanwhile: the order of rows does not count.
+            // Reads only the other half, which does not change: the order of rows is irrelevant.
             let mut half = std::mem::take(&mut board.halves[colour]);
-            let still = &*board;
+            let fixed = &*board;
             half.par_chunks_mut(stride)
                 .enumerate()
                 .for_each(|(y, row)| {
-                    dispatch!(self.level, simd => self.row(simd, still, [colour, y], row, task));
+                    dispatch!(self.level, simd => self.row(simd, fixed, [colour, y], row, pass));
                 });
             board.halves[colour] = half;
         }
@@ -113,9 +115,9 @@ impl Matcher<'_> {
         board: &Chequerboard,
         [colour, y]: [usize; 2],
         row: &mut [Hypothesis],
-        task: Task,
+        pass: Pass,
     ) {
-        let first = Chequerboard::first(colour, y);
+        let first = Chequerboard::first_column(colour, y);
         let columns = (board.width - first.min(board.width)).div_ceil(2);
         for (k, best) in row[..columns].iter_mut().enumerate() {
             let x = first + 2 * k;
@@ -126,31 +128,31 @@ impl Matcher<'_> {
                 };
                 continue;
             }
-            let mut pixel = Pixel {
+            let mut pixel = PixelSearch {
                 matcher: self,
                 patch: Patch::new(self.picture, x, y),
-                at: [x, y],
+                position: [x, y],
                 best: *best,
             };
-            match task {
-                Task::Sweep(steps) => pixel.sweep(simd, steps),
-                Task::Evaluate => pixel.best.cost = pixel.cost(simd, best),
-                Task::Improve(draw) => pixel.improve(simd, board, draw),
+            match pass {
+                Pass::Sweep(steps) => pixel.sweep(simd, steps),
+                Pass::Evaluate => pixel.best.cost = pixel.cost(simd, best),
+                Pass::Improve(perturbation) => pixel.improve(simd, board, perturbation),
             }
             *best = pixel.best;
         }
     }
 }
 
-/// A pixel in search of a plane.
-struct Pixel<'a> {
+/// Search for the best plane of a pixel.
+struct PixelSearch<'a> {
     matcher: &'a Matcher<'a>,
     patch: Patch,
-    at: [usize; 2],
+    position: [usize; 2],
     best: Hypothesis,
 }
 
-impl Pixel<'_> {
+impl PixelSearch<'_> {
     fn sweep<S: Simd>(&mut self, simd: S, steps: u32) {
         let [low, high] = self.matcher.range;
         self.best.cost = f32::INFINITY;
@@ -166,44 +168,48 @@ impl Pixel<'_> {
         }
     }
 
-    fn improve<S: Simd>(&mut self, simd: S, board: &Chequerboard, draw: Draw) {
-        let fastest_px = self.fastest_px();
-        for place in NEIGHBOURHOODS {
-            let found = self.cheapest(board, place);
-            if let Some(found) = found.filter(|found| self.best.differs(found, fastest_px)) {
-                self.consider(simd, found);
+    fn improve<S: Simd>(&mut self, simd: S, board: &Chequerboard, perturbation: Perturbation) {
+        let max_motion_px = self.max_motion_px();
+        for neighbourhood in NEIGHBOURHOODS {
+            let plane = self.cheapest(board, neighbourhood);
+            if let Some(plane) = plane.filter(|plane| self.best.differs(plane, max_motion_px)) {
+                self.consider(simd, plane);
             }
         }
-        self.draw(simd, draw);
+        self.perturb(simd, perturbation);
     }
 
-    /// The plane of the cheapest pixel of a neighbourhood, carried here.
-    fn cheapest(&self, board: &Chequerboard, places: &[[i8; 2]]) -> Option<Hypothesis> {
-        let [x, y] = self.at.map(|at| at as i32);
-        let mut found: Option<(Hypothesis, [i8; 2])> = None;
-        for &[dx, dy] in places {
-            let (px, py) = (x + i32::from(dx), y + i32::from(dy));
+    /// Returns the plane of the cheapest pixel of a neighbourhood, extrapolated to this pixel.
+    fn cheapest(&self, board: &Chequerboard, offsets: &[[i8; 2]]) -> Option<Hypothesis> {
+        let [x, y] = self.position.map(|side| side as i32);
+        let mut cheapest: Option<(Hypothesis, [i8; 2])> = None;
+        for &[dx, dy] in offsets {
+            let px = x + i32::from(dx);
+            let py = y + i32::from(dy);
             if px < 0 || py < 0 || px >= board.width as i32 || py >= board.height as i32 {
                 continue;
             }
-            let there = board.get(px as usize, py as usize);
-            if there.inverse_depth > 0.0 && found.is_none_or(|(best, _)| there.cost < best.cost) {
-                found = Some((*there, [dx, dy]));
+            let other = board.get(px as usize, py as usize);
+            if other.inverse_depth > 0.0 && cheapest.is_none_or(|(best, _)| other.cost < best.cost)
+            {
+                cheapest = Some((*other, [dx, dy]));
             }
         }
-        found.map(|(plane, [dx, dy])| plane.moved(-f32::from(dx), -f32::from(dy)))
+        cheapest.map(|(plane, [dx, dy])| plane.shifted(-f32::from(dx), -f32::from(dy)))
     }
 
-    fn draw<S: Simd>(&mut self, simd: S, draw: Draw) {
-        let [x, y] = self.at;
+    /// Tries random perturbations of the best plane.
+    fn perturb<S: Simd>(&mut self, simd: S, perturbation: Perturbation) {
+        let [x, y] = self.position;
         let key = (y * self.matcher.picture.width + x) as u64;
-        let mut bits = random::hash(self.matcher.seed ^ random::hash(key ^ draw.round << 40));
-        // Uniform in -1..1.
+        let mut bits =
+            random::hash(self.matcher.seed ^ random::hash(key ^ perturbation.round << 40));
+        // Returns a uniform number in -1..1.
         let mut next = || {
             bits = bits.wrapping_add(0x9E37_79B9_7F4A_7C15);
             (random::hash(bits) >> 40) as f32 / 8_388_608.0 - 1.0
         };
-        let reach = draw.motion_px / self.fastest_px().max(1e-9);
+        let reach = perturbation.motion_px / self.max_motion_px().max(1e-9);
         let per_slope = |inverse_depth: f32| inverse_depth / self.matcher.focal_px;
         let [low, high] = self.matcher.range;
         let [a, b, c, d, e, f] = std::array::from_fn(|_| next());
@@ -219,7 +225,7 @@ impl Pixel<'_> {
         );
         let best = self.best;
         let turned = |[p, q]: [f32; 2]| {
-            let scale = draw.slope * per_slope(best.inverse_depth);
+            let scale = perturbation.slope * per_slope(best.inverse_depth);
             [best.slopes[0] + scale * p, best.slopes[1] + scale * q]
         };
         self.consider(
@@ -238,7 +244,7 @@ impl Pixel<'_> {
                 ..best
             },
         );
-        if draw.anywhere {
+        if perturbation.anywhere {
             let inverse_depth = low + (high - low) * (0.5 + 0.5 * g);
             let slopes = [h, i].map(|slope| 2.0 * slope * per_slope(inverse_depth));
             self.consider(
@@ -260,23 +266,25 @@ impl Pixel<'_> {
         }
     }
 
-    /// Pixels that this one moves in the picture where it moves most, for an inverse depth of 1/m.
-    fn fastest_px(&self) -> f32 {
-        let [x, y] = self.at.map(|at| at as f32 + 0.5);
+    /// Returns the largest motion of this pixel in the neighbouring images per change of inverse
+    /// depth, pixels metres.
+    fn max_motion_px(&self) -> f32 {
+        let [x, y] = self.position.map(|side| side as f32 + 0.5);
         let others = self.matcher.others.iter();
         others
             .map(|other| other.relative.motion_px(x, y, self.best.inverse_depth))
             .fold(0.0, f32::max)
     }
 
+    /// Replaces the best plane by a valid one that costs less.
     fn consider<S: Simd>(&mut self, simd: S, plane: Hypothesis) {
         let [low, high] = self.matcher.range;
-        let steepest = STEEPEST * plane.inverse_depth / self.matcher.focal_px;
-        let possible = plane.inverse_depth >= low
+        let steepest = MAX_PLANE_SLOPE * plane.inverse_depth / self.matcher.focal_px;
+        let is_valid = plane.inverse_depth >= low
             && plane.inverse_depth <= high
             && plane.inverse_depth > 0.0
             && plane.slopes.iter().all(|slope| slope.abs() <= steepest);
-        if possible {
+        if is_valid {
             let cost = self.cost(simd, &plane);
             if cost < self.best.cost {
                 self.best = Hypothesis { cost, ..plane };
@@ -284,32 +292,34 @@ impl Pixel<'_> {
         }
     }
 
-    /// The mean over the better half of the other pictures.
+    /// Returns the mean cost over the best-matching half of the neighbours.
     #[inline(always)]
     fn cost<S: Simd>(&self, simd: S, plane: &Hypothesis) -> f32 {
         simd.vectorize(
             #[inline(always)]
             || {
-                let [x, y] = self.at.map(|at| at as f32 + 0.5);
-                let (mut costs, mut count) = ([WORST; MOST_OTHERS], 0);
+                let [x, y] = self.position.map(|side| side as f32 + 0.5);
+                let mut costs = [WORST; MAX_NEIGHBORS];
+                let mut count = 0;
                 for other in &self.matcher.others {
-                    let seen = other
+                    let warped = other
                         .relative
-                        .plane(x, y, plane.inverse_depth, plane.slopes);
-                    let mut cost = self.patch.cost(simd, &seen, other.picture);
+                        .warp_plane(x, y, plane.inverse_depth, plane.slopes);
+                    let mut cost = self.patch.cost(simd, &warped, other.picture);
                     if let Some(known) = &other.known {
-                        cost += INCONSISTENT * known.returns_px(other, [x, y], plane.inverse_depth);
+                        cost += INCONSISTENCY_COST
+                            * known.return_error_px(other, [x, y], plane.inverse_depth);
                     }
-                    // Sorted as they come: there are few.
-                    let mut at = count;
-                    while at > 0 && costs[at - 1] > cost {
-                        costs[at] = costs[at - 1];
-                        at -= 1;
+                    // Insertion sort: there are at most eight.
+                    let mut slot = count;
+                    while slot > 0 && costs[slot - 1] > cost {
+                        costs[slot] = costs[slot - 1];
+                        slot -= 1;
                     }
-                    costs[at] = cost;
+                    costs[slot] = cost;
                     count += 1;
                 }
-                let best = agreeing(count);
+                let best = required_matches(count);
                 let mut sum = 0.0;
                 for cost in &costs[..best] {
                     sum += cost;
@@ -321,51 +331,58 @@ impl Pixel<'_> {
 }
 
 impl Hypothesis {
-    /// Whether another plane moves anything in a patch to another place, where an inverse depth of 1/m is so many pixels.
+    /// Returns true if another plane moves a pixel of the patch visibly; `max_motion_px` is the
+    /// motion per change of inverse depth.
     #[inline(always)]
-    fn differs(&self, other: &Self, fastest_px: f32) -> bool {
-        /// Less is not seen, pixels.
-        const SEEN: f32 = 0.02;
-        /// From the middle of a patch to its rim.
-        const RIM: f32 = 5.0;
+    fn differs(&self, other: &Self, max_motion_px: f32) -> bool {
+        /// Minimum visible motion, pixels.
+        const MIN_MOTION_PX: f32 = 0.02;
+        /// Half side of a patch, pixels.
+        const PATCH_RADIUS: f32 = 5.0;
         let slopes = (self.slopes[0] - other.slopes[0])
             .abs()
             .max((self.slopes[1] - other.slopes[1]).abs());
-        ((self.inverse_depth - other.inverse_depth).abs() + slopes * RIM) * fastest_px > SEEN
+        ((self.inverse_depth - other.inverse_depth).abs() + slopes * PATCH_RADIUS) * max_motion_px
+            > MIN_MOTION_PX
     }
 }
 
-/// Of so many other pictures, how many need to agree.
-pub(super) fn agreeing(others: usize) -> usize {
+/// Returns the number of neighbours that must match, out of `others`.
+pub(super) fn required_matches(others: usize) -> usize {
     others.div_ceil(2).min(3)
 }
 
-impl Known {
-    /// How many pixels from where it began a position comes back to, by way of what another picture knows there; at most [`MOST_PX`].
+impl KnownDepths {
+    /// Returns the forward-backward reprojection error of a position through a neighbour's depth,
+    /// pixels, at most [`MAX_RETURN_PX`].
     #[inline(always)]
-    fn returns_px(&self, other: &Other, [x, y]: [f32; 2], inverse_depth: f32) -> f32 {
-        let h = other.relative.at(x, y, inverse_depth);
-        let (px, py) = (h.x / h.z, h.y / h.z);
-        let (width, height) = (other.picture.width, other.picture.height);
+    fn return_error_px(&self, other: &NeighborView, [x, y]: [f32; 2], inverse_depth: f32) -> f32 {
+        let h = other.relative.warp(x, y, inverse_depth);
+        let px = h.x / h.z;
+        let py = h.y / h.z;
+        let width = other.picture.width;
+        let height = other.picture.height;
         if !(h.z > 0.0 && px >= 0.0 && py >= 0.0 && px < width as f32 && py < height as f32) {
-            return MOST_PX;
+            return MAX_RETURN_PX;
         }
-        let there = self.inverse_depths[py as usize * width + px as usize];
-        if there <= 0.0 {
-            return MOST_PX;
+        let neighbor_depth = self.inverse_depths[py as usize * width + px as usize];
+        if neighbor_depth <= 0.0 {
+            return MAX_RETURN_PX;
         }
-        let back = self.back.at(px, py, there);
-        let (dx, dy) = (back.x / back.z - x, back.y / back.z - y);
+        let back = self.back.warp(px, py, neighbor_depth);
+        let dx = back.x / back.z - x;
+        let dy = back.y / back.z - y;
         let distance = (dx * dx + dy * dy).sqrt();
-        if back.z > 0.0 && distance < MOST_PX {
+        if back.z > 0.0 && distance < MAX_RETURN_PX {
             distance
         } else {
-            MOST_PX
+            MAX_RETURN_PX
         }
     }
 }
 
-/// Where planes come from: near in a fan, and far along a line, to each of four sides. All are squares of the other colour.
+/// Offsets of the pixels that propose planes: a near fan and a far line to each of four sides. All
+/// are squares of the other colour.
 const NEIGHBOURHOODS: [&[[i8; 2]]; 8] = [
     &[[0, -1], [-1, -2], [1, -2], [-2, -3], [2, -3]],
     &[[0, 1], [-1, 2], [1, 2], [-2, 3], [2, 3]],

@@ -1,17 +1,17 @@
-//! Grey pictures that matching reads: at several sizes, each half of the one before.
+//! Grey image pyramids for matching; each level has half the size of the one before.
 
-use super::relative::CameraAt;
+use super::relative::LevelCamera;
 use crate::{Lens, LoadedView, Pinhole, Pose};
 
-/// A grey picture with what its pixels look like to bilinear interpolation.
+/// Grey image with the four texels of each bilinear lookup packed together.
 #[derive(Clone, Debug)]
 pub(super) struct Grey {
     pub(super) width: usize,
     pub(super) height: usize,
-    /// For each pixel four levels, a byte each from the lowest: its own, that of the one to the right, of the one below, and of the one
-    /// right of that. At the rims pixels repeat.
+    /// Four levels for each pixel, one byte each from the lowest: its own, that of the pixel to the
+    /// right, below, and diagonally below. Clamped at the borders.
     pub(super) quads: Vec<u32>,
-    /// Whether a pixel shows no surface: it is masked out, or belongs to a backdrop.
+    /// True for background pixels: masked out or part of a dark backdrop.
     pub(super) nothing: Vec<bool>,
 }
 
@@ -34,7 +34,7 @@ impl Grey {
         }
     }
 
-    /// The level of a pixel; beyond the rims that of the nearest one.
+    /// Returns the level of a pixel, clamped at the borders.
     #[inline(always)]
     pub(super) fn level(&self, x: i32, y: i32) -> u8 {
         let x = x.clamp(0, self.width as i32 - 1) as usize;
@@ -42,7 +42,8 @@ impl Grey {
         self.quads[y * self.width + x] as u8
     }
 
-    /// Half as wide and high: means of four pixels. An odd last column or row is left out.
+    /// Returns the image at half the size: means of four pixels. An odd last column or row is
+    /// dropped.
     fn halved(&self) -> Self {
         let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
         let (mut levels, mut nothing) = (
@@ -66,19 +67,20 @@ impl Grey {
     }
 }
 
-/// A view as matching sees it.
+/// Image pyramid and camera of a view.
 #[derive(Clone, Debug)]
 pub(super) struct MatchView {
     pose: Pose,
-    /// Of the whole picture.
+    /// Lens of the full-size image.
     lens: Pinhole,
-    /// How often the finest level is halved from the whole picture.
+    /// Number of halvings from the full-size image to the finest level.
     shift: u32,
     levels: Vec<Grey>,
 }
 
 impl MatchView {
-    /// `None` for a panorama. The finest level is no longer than `longest_px`; levels are halved down to `coarsest_px`.
+    /// Builds the pyramid, from a longer side of at most `longest_px` down to a shorter side of at
+    /// least `coarsest_px`; `None` for a panorama.
     pub(super) fn new(
         view: &LoadedView,
         nothing: Vec<bool>,
@@ -114,28 +116,28 @@ impl MatchView {
         })
     }
 
-    /// How many levels there are; 0 is the finest.
+    /// Returns the number of levels; 0 is the finest.
     pub(super) fn levels(&self) -> usize {
         self.levels.len()
     }
 
-    /// The picture of a level, or of the coarsest.
+    /// Returns the image of a level, or the coarsest beyond.
     pub(super) fn level(&self, level: usize) -> &Grey {
         &self.levels[level.min(self.levels.len() - 1)]
     }
 
-    /// The camera of a level.
-    pub(super) fn camera(&self, level: usize) -> CameraAt {
+    /// Returns the camera of a level.
+    pub(super) fn camera(&self, level: usize) -> LevelCamera {
         let level = level.min(self.levels.len() - 1);
-        CameraAt::new(self.lens, self.pose, level as u32 + self.shift)
+        LevelCamera::new(self.lens, self.pose, level as u32 + self.shift)
     }
 
-    /// Pixels of the whole picture a side of one of the finest level's.
+    /// Returns the reduction factor of the finest level.
     pub(super) fn reduced(&self) -> u32 {
         1 << self.shift
     }
 
-    /// Bytes that it takes.
+    /// Returns the memory use, bytes.
     pub(super) fn bytes(&self) -> usize {
         self.levels.iter().map(|level| level.quads.len() * 5).sum()
     }

@@ -1,19 +1,19 @@
-//! From a pixel of one picture and an inverse depth to its place in another: `start + q * shift`.
+//! Warp of a pixel at an inverse depth into another image: `start + q * shift`.
 
 use crate::{Pinhole, Pose};
 use glam::{DVec3, Vec3};
 
-/// A camera at one size of its picture.
+/// Camera of an image level.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct CameraAt {
-    /// Focal lengths and principal point, pixels of this size.
+pub(super) struct LevelCamera {
+    /// Focal lengths and principal point, pixels of the level.
     pub(super) focal_px: [f64; 2],
     pub(super) principal_px: [f64; 2],
     pub(super) pose: Pose,
 }
 
-impl CameraAt {
-    /// Of a picture that is halved `shift` times.
+impl LevelCamera {
+    /// Creates the camera of an image that is halved `shift` times.
     pub(super) fn new(lens: Pinhole, pose: Pose, shift: u32) -> Self {
         let scale = 0.5f64.powi(shift as i32);
         let [focal_px, principal_px] =
@@ -25,7 +25,7 @@ impl CameraAt {
         }
     }
 
-    /// The ray through a position, pixels, at eye depth 1; eye space.
+    /// Returns the ray in eye space through a position in pixels, at eye depth 1.
     pub(super) fn ray(&self, x: f64, y: f64) -> DVec3 {
         let [cx, cy] = self.principal_px;
         DVec3::new(
@@ -35,7 +35,7 @@ impl CameraAt {
         )
     }
 
-    /// (x w, y w, w) of a point or direction of eye space.
+    /// Projects a point or direction of eye space to (x w, y w, w).
     fn homogeneous(&self, p: DVec3) -> DVec3 {
         let [cx, cy] = self.principal_px;
         DVec3::new(
@@ -46,34 +46,38 @@ impl CameraAt {
     }
 }
 
-/// Where another camera sees what this one sees: (x w, y w, w), w the other's eye depth times this one's inverse depth.
+/// Warp from one camera to another in homogeneous coordinates (x w, y w, w), with w the other's eye
+/// depth times this one's inverse depth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Relative {
-    /// Of the picture's upper left corner at infinity.
+    /// Projection of the image's upper left corner at infinity.
     start: Vec3,
-    /// What a pixel to the right adds.
+    /// Change by a pixel to the right.
     right: Vec3,
-    /// What a pixel down adds.
+    /// Change by a pixel down.
     down: Vec3,
-    /// What an inverse depth of 1/m adds.
+    /// Change by an inverse depth of 1/m.
     shift: Vec3,
 }
 
-/// What a plane looks like from another camera: affine in the pixel.
+/// Projection of a plane into another camera, affine in the pixel.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Seen {
-    /// (x w, y w, w) of the pixel.
-    pub(super) at: Vec3,
-    /// What steps right and down on the plane add.
+pub(super) struct WarpedPlane {
+    /// Projection (x w, y w, w) of the pixel.
+    pub(super) center: Vec3,
+    /// Changes by a pixel to the right and down on the plane.
     pub(super) right: Vec3,
     pub(super) down: Vec3,
 }
 
 impl Relative {
-    pub(super) fn new(from: &CameraAt, to: &CameraAt) -> Self {
+    /// Creates the warp between two cameras.
+    pub(super) fn new(from: &LevelCamera, to: &LevelCamera) -> Self {
         let turn = to.pose.world_from_eye.transpose() * from.pose.world_from_eye;
-        let of = |x: f64, y: f64| to.homogeneous(turn * from.ray(x, y));
-        let (start, right, down) = (of(0.0, 0.0), of(1.0, 0.0), of(0.0, 1.0));
+        let project = |x: f64, y: f64| to.homogeneous(turn * from.ray(x, y));
+        let start = project(0.0, 0.0);
+        let right = project(1.0, 0.0);
+        let down = project(0.0, 1.0);
         Self {
             start: start.as_vec3(),
             right: (right - start).as_vec3(),
@@ -82,26 +86,32 @@ impl Relative {
         }
     }
 
-    /// Of a position, pixels, at an inverse depth, 1/m.
+    /// Warps a position in pixels at an inverse depth, 1/m.
     #[inline(always)]
-    pub(super) fn at(&self, x: f32, y: f32, inverse_depth: f32) -> Vec3 {
+    pub(super) fn warp(&self, x: f32, y: f32, inverse_depth: f32) -> Vec3 {
         self.start + self.right * x + self.down * y + self.shift * inverse_depth
     }
 
-    /// Of a plane about a position: `slopes` is what its inverse depth gains from pixel to pixel.
+    /// Warps a plane around a position; `slopes` are its changes of inverse depth per pixel.
     #[inline(always)]
-    pub(super) fn plane(&self, x: f32, y: f32, inverse_depth: f32, slopes: [f32; 2]) -> Seen {
-        Seen {
-            at: self.at(x, y, inverse_depth),
+    pub(super) fn warp_plane(
+        &self,
+        x: f32,
+        y: f32,
+        inverse_depth: f32,
+        slopes: [f32; 2],
+    ) -> WarpedPlane {
+        WarpedPlane {
+            center: self.warp(x, y, inverse_depth),
             right: self.right + self.shift * slopes[0],
             down: self.down + self.shift * slopes[1],
         }
     }
 
-    /// Pixels by which a point moves in the other picture for a change of inverse depth of 1/m.
+    /// Returns the motion of a point in the other image per change of inverse depth, pixels metres.
     #[inline(always)]
     pub(super) fn motion_px(&self, x: f32, y: f32, inverse_depth: f32) -> f32 {
-        let h = self.at(x, y, inverse_depth);
+        let h = self.warp(x, y, inverse_depth);
         if h.z <= 0.0 {
             return 0.0;
         }

@@ -1,4 +1,5 @@
-//! What does not fit into memory: pictures that were used last, and planes of all views in a file without a name.
+//! Storage beyond memory: an LRU cache of images, and an unnamed temporary file with the planes of
+//! all views.
 
 use super::hypotheses::Hypothesis;
 use super::picture::MatchView;
@@ -8,9 +9,9 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::sync::Arc;
 
-/// Pictures by the number of their view, those used last.
+/// LRU cache of the views' images, bounded in bytes.
 pub(super) struct Shelf<'a> {
-    /// The one used last is last.
+    /// Entries in order of use, the latest last.
     kept: VecDeque<(usize, Arc<MatchView>)>,
     budget_bytes: usize,
     load: Box<dyn Fn(usize) -> Result<MatchView, ImagesError> + 'a>,
@@ -28,7 +29,7 @@ impl<'a> Shelf<'a> {
         }
     }
 
-    /// The picture of a view, read again if it was given up.
+    /// Returns the image of a view, loaded again if it was evicted.
     pub(super) fn get(&mut self, view: usize) -> Result<Arc<MatchView>, ImagesError> {
         let found = match self.kept.iter().position(|(kept, _)| *kept == view) {
             Some(at) => self.kept.remove(at).map(|(_, picture)| picture),
@@ -53,15 +54,15 @@ impl<'a> Shelf<'a> {
     }
 }
 
-/// Planes of all views.
+/// Temporary file with the planes of all views.
 pub(super) struct Spool {
     file: File,
-    /// Where those of a view begin, bytes; and the end.
+    /// Byte offset of each view's planes, followed by the end.
     offsets: Vec<u64>,
 }
 
 impl Spool {
-    /// In a folder, for so many planes of each view.
+    /// Creates the file in a folder, for a number of planes of each view.
     pub(super) fn new(
         folder: &std::path::Path,
         planes: impl Iterator<Item = usize>,
@@ -92,7 +93,7 @@ impl Spool {
         Ok(planes)
     }
 
-    /// Inverse depths of a view, 1/m, 0 where unknown.
+    /// Reads the inverse depths of a view, 1/m, 0 where unknown.
     pub(super) fn inverse_depths(&mut self, view: usize) -> io::Result<Vec<f32>> {
         Ok(self
             .read(view)?

@@ -1,10 +1,11 @@
-//! Depth that was found, in files beside a set's pictures.
+//! Estimated depth in files next to a set's images.
 //!
-//! A folder `headbox-depth` in that of the set holds a picture for each view (OpenEXR, channels `Z`: eye depth in metres, 0 where unknown, and
-//! `confidence`), and `index.json`, which is written last: which picture belongs to which view, with a fingerprint of the view's camera,
-//! so that depth found for other cameras is not taken for these.
+//! A folder `headbox-depth` in the set's folder contains an image for each view (OpenEXR, channels
+//! `Z`: eye depth in metres, 0 where unknown, and `confidence`) and `index.json`, written last,
+//! which maps views to images with a fingerprint of the view's camera, so that depth estimated for
+//! other cameras is not used.
 
-use super::FoundDepth;
+use super::EstimatedDepth;
 use crate::depth::DepthSource;
 use crate::readers::json;
 use crate::{ImageSet, ImagesError, Lens, View};
@@ -17,16 +18,16 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-/// The folder, beside a set's pictures.
+/// Folder name, next to a set's images.
 const FOLDER: &str = "headbox-depth";
 
-/// What lists its pictures.
+/// File name of the index.
 const INDEX: &str = "index.json";
 
-/// Of the index.
+/// Version of the index.
 const VERSION: u64 = 1;
 
-/// Writes what is found of a set.
+/// Writer of a set's estimated depth.
 pub(super) struct DepthStore {
     folder: PathBuf,
     entries: Map<String, Value>,
@@ -34,8 +35,8 @@ pub(super) struct DepthStore {
 }
 
 impl DepthStore {
-    /// Beside the pictures of a set; makes the folder.
-    pub(super) fn beside(set: &ImageSet) -> Result<Self, ImagesError> {
+    /// Creates the folder next to a set's images.
+    pub(super) fn create(set: &ImageSet) -> Result<Self, ImagesError> {
         let folder = set.folder.join(FOLDER);
         std::fs::create_dir_all(&folder)
             .and_then(|()| files::check_folder(&folder))
@@ -45,7 +46,7 @@ impl DepthStore {
             entries: Map::new(),
             written: BTreeMap::new(),
         };
-        // What another run found of other views stays.
+        // Keeps the entries of other views from earlier runs.
         if let Some(Value::Object(views)) =
             read_index(&store.folder)?.map(|mut index| index["views"].take())
         {
@@ -54,18 +55,22 @@ impl DepthStore {
         Ok(store)
     }
 
-    /// Where it is.
+    /// Returns the folder.
     pub(super) fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Writes what was found of a view.
-    pub(super) fn add(&mut self, view: &View, found: &FoundDepth) -> Result<(), ImagesError> {
-        let file = file_of(&view.name);
+    /// Writes the depth of a view.
+    pub(super) fn add(
+        &mut self,
+        view: &View,
+        estimated: &EstimatedDepth,
+    ) -> Result<(), ImagesError> {
+        let file = depth_file_name(&view.name);
         let path = self.folder.join(&file);
         if let Some(other) = self.written.insert(file.clone(), view.name.clone()) {
             let cause = format!(
-                "is that of {other} as well, so that the depth of only one of them can be kept"
+                "is also the name of {other}; rename one of them to store the depth of both"
             );
             return Err(ImagesError::Field {
                 path,
@@ -73,15 +78,15 @@ impl DepthStore {
                 cause,
             });
         }
-        write_exr(&path, found).map_err(|cause| ImagesError::io(&path, cause))?;
+        write_exr(&path, estimated).map_err(|cause| ImagesError::io(&path, cause))?;
         let entry = json!({
-            "file": file.to_string_lossy(), "camera": fingerprint(view), "deviation": found.deviation,
+            "file": file.to_string_lossy(), "camera": fingerprint(view), "deviation": estimated.deviation,
         });
         self.entries.insert(view.name.clone(), entry);
         Ok(())
     }
 
-    /// Writes the index: from now on the set has this depth.
+    /// Writes the index, which makes the depth part of the set.
     pub(super) fn finish(self) -> Result<(), ImagesError> {
         let index = json!({"version": VERSION, "views": self.entries});
         let path = self.folder.join(INDEX);
@@ -92,23 +97,23 @@ impl DepthStore {
     }
 }
 
-fn write_exr(path: &Path, found: &FoundDepth) -> io::Result<()> {
-    let [width, height] = found.view.size_px.map(|side| side as usize);
-    let depth = &found.view.depth;
-    let pixel = |at: exr::math::Vec2<usize>| {
-        let i = at.y() * width + at.x();
+fn write_exr(path: &Path, estimated: &EstimatedDepth) -> io::Result<()> {
+    let [width, height] = estimated.view.size_px.map(|side| side as usize);
+    let depth = &estimated.view.depth;
+    let pixel = |position: exr::math::Vec2<usize>| {
+        let i = position.y() * width + position.x();
         let known = depth
             .get(i)
             .copied()
             .filter(|depth| depth.is_finite())
             .unwrap_or(0.0);
-        (known, exr::prelude::f16::from_f32(found.confidence[i]))
+        (known, exr::prelude::f16::from_f32(estimated.confidence[i]))
     };
     let channels = SpecificChannels::build()
         .with_channel("Z")
         .with_channel("confidence")
         .with_pixel_fn(pixel);
-    // Blocks in their order, whichever thread is done first: the same bytes each time.
+    // Blocks in a fixed order, so that the bytes do not depend on threads.
     let encoding = Encoding {
         line_order: LineOrder::Increasing,
         ..Encoding::SMALL_FAST_LOSSLESS
@@ -119,8 +124,8 @@ fn write_exr(path: &Path, found: &FoundDepth) -> io::Result<()> {
     })
 }
 
-/// A view's name as a path of its own, which stays below the folder.
-fn file_of(name: &str) -> PathBuf {
+/// Returns a relative path for a view's name that stays inside the folder.
+fn depth_file_name(name: &str) -> PathBuf {
     let normal = Path::new(name).components().filter_map(|part| match part {
         Component::Normal(part) => Some(part),
         _ => None,
@@ -130,7 +135,7 @@ fn file_of(name: &str) -> PathBuf {
     file.into()
 }
 
-/// Changes with a view's camera: its picture's size, its lens and its pose.
+/// Returns a hash of a view's camera: image size, lens and pose.
 fn fingerprint(view: &View) -> String {
     let mut numbers: Vec<f64> = view.size_px.map(f64::from).to_vec();
     if let Lens::Pinhole(lens) = view.lens {
@@ -144,11 +149,11 @@ fn fingerprint(view: &View) -> String {
     }
     numbers.extend(view.pose.eye.to_array());
     numbers.extend(view.pose.world_from_eye.to_cols_array());
-    // 0.0 and -0.0 are one camera.
-    let of_all = numbers
+    // Adding 0.0 makes -0.0 equal to 0.0.
+    let hash = numbers
         .iter()
         .fold(0, |sum, number| hash(sum ^ (number + 0.0).to_bits()));
-    format!("{of_all:016x}")
+    format!("{hash:016x}")
 }
 
 fn read_index(folder: &Path) -> Result<Option<Value>, ImagesError> {
@@ -162,19 +167,20 @@ fn read_index(folder: &Path) -> Result<Option<Value>, ImagesError> {
         _ => Err(ImagesError::field(
             &path,
             "version",
-            format!("is not {VERSION}: remove the folder, and find depth again"),
+            format!("is not {VERSION}: remove the folder and estimate depth again"),
         )),
     }
 }
 
-/// Gives views that have no depth what was found of them, and says so.
+/// Attaches the stored depth to views without depth, with a note.
 pub(crate) fn attach(set: &mut ImageSet) -> Result<(), ImagesError> {
     let folder = set.folder.join(FOLDER);
     let Some(index) = read_index(&folder)? else {
         return Ok(());
     };
     let path = folder.join(INDEX);
-    let (mut found, mut other) = (0, 0);
+    let mut attached = 0;
+    let mut outdated = 0;
     for view in &mut set.views {
         let entry = &index["views"][&view.name];
         if entry.is_null() || view.depth.is_some() {
@@ -185,34 +191,34 @@ pub(crate) fn attach(set: &mut ImageSet) -> Result<(), ImagesError> {
         };
         let file = entry["file"]
             .as_str()
-            .ok_or_else(|| bad("file", "is no text"))?;
+            .ok_or_else(|| bad("file", "is not a text"))?;
         let file = super::super::resolve(&path, "file", file, false)?;
         if entry["camera"].as_str() != Some(&fingerprint(view)) {
-            other += 1;
+            outdated += 1;
             continue;
         }
         let deviation = entry["deviation"]
             .as_f64()
             .filter(|deviation| (0.0..1e6).contains(deviation));
         let deviation =
-            deviation.ok_or_else(|| bad("deviation", "is no number that is at least 0"))? as f32;
-        // Metres of the world, whatever the set's own unit is.
+            deviation.ok_or_else(|| bad("deviation", "is not a number of at least 0"))? as f32;
+        // Metres of the world, independent of the set's unit.
         let mut source = DepthSource::metres(file, DepthKind::EyeDepth, 1.0 / view.depth_scale);
         source.channel = Some("Z".into());
         source.estimated_deviation = Some(deviation);
         view.depth = Some(source);
-        found += 1;
+        attached += 1;
     }
-    if found > 0 {
+    if attached > 0 {
         set.notes.push(format!(
-            "depth of {found} views was found from the pictures ({})",
+            "depth of {attached} views was estimated from the images ({})",
             folder.display()
         ));
     }
-    if other > 0 {
+    if outdated > 0 {
         set.notes.push(format!(
-            "depth of {other} views in {} was found for other cameras than they have now, and is not used: find it again \
-             (headbox images {} --depth)",
+            "depth of {outdated} views in {} is not used, because it was estimated for other cameras; estimate it again with \
+                         headbox images {} --depth",
             folder.display(),
             set.folder.display()
         ));

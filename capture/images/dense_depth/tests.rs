@@ -1,10 +1,10 @@
-//! The kernel beside a slow one in `f64`; the whole on a scene whose depth has a closed form; and what can be wrong.
+//! Kernel against an `f64` oracle, the whole pipeline on an analytic scene, and invalid input.
 
 use super::consistency::remove_specks;
 use super::hypotheses::{Chequerboard, Hypothesis};
 use super::picture::MatchView;
 use super::relative::Relative;
-use super::zncc::{NEAR_PX, NOISE, PLACES, Patch, SAMPLES, SIMILAR_LEVELS, WORST};
+use super::zncc::{NEAR_PX, NOISE, OFFSETS, Patch, SAMPLES, SIMILAR_LEVELS, WORST};
 use super::*;
 use crate::readers::test_set::photographs;
 use crate::{Distortion, ImageSetOptions, Lens, Pose};
@@ -23,7 +23,7 @@ fn lens() -> Pinhole {
     }
 }
 
-/// Eyes on an arc before the scene, all looking at its middle.
+/// Returns a pose on an arc in front of the scene, looking at its centre.
 fn pose(i: usize) -> Pose {
     let angle = 0.12 * (i as f64 - 2.0);
     let eye = dvec3(
@@ -37,23 +37,22 @@ fn pose(i: usize) -> Pose {
     }
 }
 
-/// Distance along a ray to a ball before a slanted wall.
+/// Intersects a ray with a ball in front of a slanted wall.
 fn distance(eye: DVec3, ray: DVec3) -> f64 {
-    let (centre, radius) = (dvec3(0.1, 0.05, -2.6), 0.45);
-    let (a, b, c) = (
-        ray.length_squared(),
-        ray.dot(eye - centre),
-        (eye - centre).length_squared() - radius * radius,
-    );
-    let inside = b * b - a * c;
-    if inside > 0.0 {
-        return (-b - inside.sqrt()) / a;
+    let centre = dvec3(0.1, 0.05, -2.6);
+    let radius = 0.45;
+    let a = ray.length_squared();
+    let b = ray.dot(eye - centre);
+    let c = (eye - centre).length_squared() - radius * radius;
+    let discriminant = b * b - a * c;
+    if discriminant > 0.0 {
+        return (-b - discriminant.sqrt()) / a;
     }
     let normal = dvec3(0.3, 0.1, 1.0);
     (normal.z * -3.6 - normal.dot(eye)) / normal.dot(ray)
 }
 
-/// A texture of space that no two places share.
+/// Returns the level of a solid texture without repetition.
 fn level(p: DVec3) -> u8 {
     let waves = [
         (dvec3(17.0, 5.0, 3.0), 30.0),
@@ -64,13 +63,14 @@ fn level(p: DVec3) -> u8 {
     (128.0
         + waves
             .iter()
-            .map(|(wave, much)| much * wave.dot(p).sin())
+            .map(|(wave, amplitude)| amplitude * wave.dot(p).sin())
             .sum::<f64>()) as u8
 }
 
-/// A view of the scene in memory, with its true depth.
+/// Renders a view of the scene with its exact depth.
 fn loaded(i: usize, color: impl Fn(DVec3) -> [u8; 4]) -> LoadedView {
-    let (pose, lens) = (pose(i), Lens::Pinhole(lens()));
+    let pose = pose(i);
+    let lens = Lens::Pinhole(lens());
     let mut view = LoadedView {
         size_px: SIZE,
         lens,
@@ -93,12 +93,12 @@ fn textured(p: DVec3) -> [u8; 4] {
     [level(p), level(p), level(p), 255]
 }
 
-/// A set of five photographs in a folder.
-fn written(folder: &Path, color: impl Fn(DVec3) -> [u8; 4] + Copy) -> ImageSet {
+/// Writes a set of five photographs.
+fn write_photographs(folder: &Path, color: impl Fn(DVec3) -> [u8; 4] + Copy) -> ImageSet {
     photographs(folder, (0..5).map(|i| loaded(i, color)))
 }
 
-fn how() -> DenseDepth {
+fn settings() -> DenseDepth {
     DenseDepth {
         coarsest_px: 30,
         ..DenseDepth::default()
@@ -107,26 +107,32 @@ fn how() -> DenseDepth {
 
 fn find(set: &mut ImageSet) -> Result<Agreement, DenseDepthError> {
     let mut agreement = Agreement::default();
-    set.find_depth(&how(), &|| {}, &mut |view, found| {
+    set.find_depth(&settings(), &|| {}, &mut |view, estimated| {
         let truth = (0..5)
             .map(|i| loaded(i, textured))
             .find(|truth| truth.pose.eye.distance(view.pose.eye) < 1e-6);
-        agreement.add(&found.view.depth, &truth.expect("one of the five").depth);
+        agreement.add(
+            &estimated.view.depth,
+            &truth.expect("one of the five").depth,
+        );
     })?;
     Ok(agreement)
 }
 
-/// The same cost, sample by sample through the world.
-fn slow_cost(own: &LoadedView, other: &LoadedView, [x, y]: [usize; 2], plane: &Hypothesis) -> f64 {
+/// Computes the matching cost in `f64`, sample by sample through the world.
+fn exact_cost(own: &LoadedView, other: &LoadedView, [x, y]: [usize; 2], plane: &Hypothesis) -> f64 {
     let [width, height] = SIZE.map(|side| side as i32);
-    let at = |view: &LoadedView, x: i32, y: i32| {
-        let (x, y) = (x.clamp(0, width - 1), y.clamp(0, height - 1));
+    let level = |view: &LoadedView, x: i32, y: i32| {
+        let x = x.clamp(0, width - 1);
+        let y = y.clamp(0, height - 1);
         f64::from(view.color[(y * width + x) as usize][0])
     };
-    let (mut weights, mut pairs) = (Vec::new(), Vec::new());
+    let mut weights = Vec::new();
+    let mut pairs = Vec::new();
     for k in 0..SAMPLES {
-        let (dx, dy) = (f64::from(PLACES[0][k]), f64::from(PLACES[1][k]));
-        let a = at(own, x as i32 + dx as i32, y as i32 + dy as i32);
+        let dx = f64::from(OFFSETS[0][k]);
+        let dy = f64::from(OFFSETS[1][k]);
+        let a = level(own, x as i32 + dx as i32, y as i32 + dy as i32);
         let inverse_depth = f64::from(plane.inverse_depth)
             + f64::from(plane.slopes[0]) * dx
             + f64::from(plane.slopes[1]) * dy;
@@ -137,17 +143,16 @@ fn slow_cost(own: &LoadedView, other: &LoadedView, [x, y]: [usize; 2], plane: &H
         let Some([px, py, _]) = other.lens.project(other.pose.to_eye(point), SIZE) else {
             return f64::from(WORST);
         };
-        let (px, py) = (
-            (px - 0.5).clamp(0.0, f64::from(width - 1)),
-            (py - 0.5).clamp(0.0, f64::from(height - 1)),
-        );
-        let (u, v) = (px - px.floor(), py - py.floor());
-        let texel = |dx: i32, dy: i32| at(other, px as i32 + dx, py as i32 + dy);
+        let px = (px - 0.5).clamp(0.0, f64::from(width - 1));
+        let py = (py - 0.5).clamp(0.0, f64::from(height - 1));
+        let u = px - px.floor();
+        let v = py - py.floor();
+        let texel = |dx: i32, dy: i32| level(other, px as i32 + dx, py as i32 + dy);
         let upper = texel(0, 0) * (1.0 - u) + texel(1, 0) * u;
         let lower = texel(0, 1) * (1.0 - u) + texel(1, 1) * u;
         pairs.push([a, upper * (1.0 - v) + lower * v]);
         let similar =
-            (a - at(own, x as i32, y as i32)).powi(2) / (2.0 * SIMILAR_LEVELS * SIMILAR_LEVELS);
+            (a - level(own, x as i32, y as i32)).powi(2) / (2.0 * SIMILAR_LEVELS * SIMILAR_LEVELS);
         weights.push((-similar - (dx * dx + dy * dy) / (2.0 * NEAR_PX * NEAR_PX)).exp());
     }
     let total: f64 = weights.iter().sum();
@@ -166,8 +171,9 @@ fn slow_cost(own: &LoadedView, other: &LoadedView, [x, y]: [usize; 2], plane: &H
 }
 
 #[test]
-fn costs_are_those_of_the_slow_way_at_every_level() {
-    /// Sums of squares of levels, up to 65,025, in `f32`, of which a variance of some hundreds is left.
+fn cost_matches_oracle_at_every_simd_level() {
+    /// Cancellation: sums of squares of levels in `f32`, up to 65,025, leave a variance of some
+    /// hundreds.
     const TOLERANCE: f64 = 2e-3;
     let views = [0, 1, 4].map(|i| loaded(i, textured));
     let grey = |view: &LoadedView| {
@@ -188,11 +194,11 @@ fn costs_are_those_of_the_slow_way_at_every_level() {
         };
         for (view, picture) in views.iter().zip(&pictures).skip(1) {
             let relative = Relative::new(&pictures[0].camera(0), &picture.camera(0));
-            let seen = relative.plane(x as f32 + 0.5, y as f32 + 0.5, inverse_depth, slopes);
+            let warped = relative.warp_plane(x as f32 + 0.5, y as f32 + 0.5, inverse_depth, slopes);
             let patch = Patch::new(pictures[0].level(0), x, y);
             let costs: Vec<f32> = simd::levels()
                 .into_iter()
-                .map(|level| dispatch!(level, simd => patch.cost(simd, &seen, picture.level(0))))
+                .map(|level| dispatch!(level, simd => patch.cost(simd, &warped, picture.level(0))))
                 .collect();
             assert!(
                 costs
@@ -200,13 +206,14 @@ fn costs_are_those_of_the_slow_way_at_every_level() {
                     .all(|cost| cost.to_bits() == costs[0].to_bits()),
                 "{costs:?}"
             );
-            // What leads out of the picture costs most, and the slow way does not look where the rim is.
+            // Planes that lead out of the image have the maximum cost; the oracle does not check
+            // borders.
             if costs[0] < WORST {
                 compared += 1;
-                let slow = slow_cost(&views[0], view, [x, y], &plane);
+                let exact = exact_cost(&views[0], view, [x, y], &plane);
                 assert!(
-                    (f64::from(costs[0]) - slow).abs() < TOLERANCE,
-                    "{x} {y} {plane:?}: {} {slow}",
+                    (f64::from(costs[0]) - exact).abs() < TOLERANCE,
+                    "{x} {y} {plane:?}: {} {exact}",
                     costs[0]
                 );
             }
@@ -216,10 +223,10 @@ fn costs_are_those_of_the_slow_way_at_every_level() {
 }
 
 #[test]
-fn depth_is_found_the_same_on_any_number_of_threads_and_read_from_then_on() {
+fn depth_independent_of_threads_and_stored() {
     let run = |threads: usize| {
         let folder = tempfile::tempdir().expect("a folder");
-        let mut set = written(folder.path(), textured);
+        let mut set = write_photographs(folder.path(), textured);
         assert_eq!(set.views_with_depth().count(), 0);
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -230,13 +237,13 @@ fn depth_is_found_the_same_on_any_number_of_threads_and_read_from_then_on() {
     };
     let (folder, set, agreement) = run(1);
     let [one, two, five] = agreement.shares_within();
-    // Measured: see the message; what is left are the ball's rim and what fewer than three views see.
+    // Measured; missing are the ball's silhouette and points seen by fewer than three views.
     assert!(
-        agreement.found_share() > 0.7 && one > 0.9 && two > 0.95 && five > 0.98,
+        agreement.estimated_share() > 0.7 && one > 0.9 && two > 0.95 && five > 0.98,
         "{agreement:?}"
     );
     assert!(
-        set.depth_is_found() && set.depth_noise() > 0.0 && set.depth_noise() < 0.01,
+        set.has_estimated_depth() && set.depth_noise() > 0.0 && set.depth_noise() < 0.01,
         "{}",
         set.depth_noise()
     );
@@ -266,27 +273,27 @@ fn depth_is_found_the_same_on_any_number_of_threads_and_read_from_then_on() {
 }
 
 #[test]
-fn where_pictures_say_nothing_nothing_is_found() {
+fn textureless_images_give_no_depth() {
     for color in [
         |_: DVec3| [120, 120, 120, 255],
         |_: DVec3| [2, 2, 2, 255],
         |_: DVec3| [90, 90, 90, 0],
     ] {
         let folder = tempfile::tempdir().expect("a folder");
-        let mut set = written(folder.path(), color);
+        let mut set = write_photographs(folder.path(), color);
         let agreement = find(&mut set).expect("runs");
-        assert!(agreement.found_share() < 0.01, "{agreement:?}");
+        assert!(agreement.estimated_share() < 0.01, "{agreement:?}");
     }
 }
 
 #[test]
-fn one_view_or_many_in_one_place_are_too_few() {
+fn no_baseline_gives_no_depth() {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut set = written(folder.path(), textured);
+    let mut set = write_photographs(folder.path(), textured);
     for view in &mut set.views {
         view.pose = pose(0);
     }
-    assert!(find(&mut set).expect("runs").found == 0, "nothing moves");
+    assert!(find(&mut set).expect("runs").estimated == 0, "no parallax");
     set.views.truncate(1);
     let error = find(&mut set).expect_err("too few").to_string();
     assert!(
@@ -296,14 +303,14 @@ fn one_view_or_many_in_one_place_are_too_few() {
 }
 
 #[test]
-fn depth_for_other_cameras_and_damaged_lists_are_told() {
+fn outdated_or_damaged_index_reported() {
     let folder = tempfile::tempdir().expect("a folder");
-    let mut set = written(folder.path(), textured);
+    let mut set = write_photographs(folder.path(), textured);
     find(&mut set).expect("found");
     let index = folder.path().join("headbox-depth/index.json");
     let text = std::fs::read_to_string(&index).expect("read");
     let open = |text: &str| {
-        std::fs::write(&index, text).expect("written");
+        std::fs::write(&index, text).expect("write_photographs");
         ImageSet::open(folder.path(), &ImageSetOptions::default())
     };
     let before = "\"camera\": \"";
@@ -317,7 +324,7 @@ fn depth_for_other_cameras_and_damaged_lists_are_told() {
         "{:?}",
         moved.notes
     );
-    for (damaged, said) in [
+    for (damaged, message) in [
         (
             text.replacen("\"file\": \"images/", "\"file\": \"../../", 1),
             "leads out",
@@ -327,47 +334,51 @@ fn depth_for_other_cameras_and_damaged_lists_are_told() {
             text.replace("\"deviation\": ", "\"deviation\": -"),
             "deviation",
         ),
-        ("{".into(), "no JSON"),
+        ("{".into(), "not JSON"),
     ] {
-        let error = open(&damaged).expect_err(said).to_string();
+        let error = open(&damaged).expect_err(message).to_string();
         assert!(
-            error.contains("index.json") && error.contains(said),
+            error.contains("index.json") && error.contains(message),
             "{error}"
         );
     }
 }
 
 #[test]
-fn planes_are_the_same_in_finer_pictures_and_in_rows() {
+fn chequerboard_doubled_keeps_planes() {
     let plane = Hypothesis {
         inverse_depth: 0.5,
         slopes: [0.01, -0.02],
         cost: 0.1,
     };
-    let (width, height) = (5, 3);
-    let at = |x: usize, y: usize| plane.moved(x as f32, y as f32);
+    let width = 5;
+    let height = 3;
+    let shifted = |x: usize, y: usize| plane.shifted(x as f32, y as f32);
     let rows: Vec<Hypothesis> = (0..width * height)
-        .map(|i| at(i % width, i / width))
+        .map(|i| shifted(i % width, i / width))
         .collect();
     let coarse = Chequerboard::from_rows(width, height, &rows);
     assert_eq!(coarse.rows(), rows);
     let fine = coarse.doubled(11, 6);
-    for (i, found) in fine.rows().iter().enumerate() {
-        // Centres of fine pixels, in coarse pixels from the first's centre.
-        let [x, y] = [i % 11, i / 11].map(|at| (at as f32 + 0.5) / 2.0 - 0.5);
+    for (i, doubled) in fine.rows().iter().enumerate() {
+        // Centres of fine pixels, in coarse pixels from the first pixel's centre.
+        let [x, y] = [i % 11, i / 11].map(|k| (k as f32 + 0.5) / 2.0 - 0.5);
         assert!(
-            (found.inverse_depth - plane.moved(x, y).inverse_depth).abs() < 1e-6,
+            (doubled.inverse_depth - plane.shifted(x, y).inverse_depth).abs() < 1e-6,
             "{i}"
         );
-        assert!((found.slopes[0] - 0.005).abs() < 1e-7 && (found.slopes[1] + 0.01).abs() < 1e-7);
+        assert!(
+            (doubled.slopes[0] - 0.005).abs() < 1e-7 && (doubled.slopes[1] + 0.01).abs() < 1e-7
+        );
     }
 }
 
 #[test]
-fn specks_go_and_surfaces_stay() {
+fn specks_removed_surfaces_kept() {
     let mut depths = vec![0.0; 12 * 10];
     for i in 0..120 {
-        let (x, y) = (i % 12, i / 12);
+        let x = i % 12;
+        let y = i / 12;
         depths[i] = if x < 6 { 1.0 + 0.01 * y as f32 } else { 0.0 };
     }
     depths[5 * 12 + 9] = 1.0;
@@ -388,7 +399,7 @@ fn specks_go_and_surfaces_stay() {
 }
 
 #[test]
-fn pixels_between_pictures_of_one_place_do_not_help() {
+fn candidates_exclude_same_position() {
     let eyes: Vec<DVec3> = (0..60)
         .map(|i| dvec3(f64::from(i) * 0.1, 0.0, 0.0))
         .chain([dvec3(1e-9, 0.0, 0.0)])
@@ -401,6 +412,6 @@ fn pixels_between_pictures_of_one_place_do_not_help() {
     );
     assert!(
         neighbors::candidates(&[DVec3::ZERO; 3], 0).is_empty(),
-        "all in one place"
+        "all at one position"
     );
 }

@@ -1,4 +1,5 @@
-//! What layers are made on: the middle frame's picture, wider all round, its pixels square and its principal point in the middle.
+//! Canvas of the layers: the middle frame's image, extended on all sides, with square pixels and a
+//! centred principal point.
 
 use super::frames::{Frame, Frames};
 use crate::Lens;
@@ -6,23 +7,24 @@ use glam::DVec3;
 use headbox_core::camera::Camera;
 use rayon::prelude::*;
 
-/// What is added at each side, as a share of the picture's side: other frames see beyond its rim.
+/// Margin at each side relative to the image's side: other frames see beyond its border.
 const MARGIN: f64 = 0.125;
 
-/// Pixels of parallax by which a point may be off a plane and still lie on it, at least: matching errs by some tenths.
+/// Minimum tolerance of points on a plane, pixels of parallax: matching has an error of some
+/// tenths.
 const ON_PLANE_PX: f64 = 1.0;
 
-/// The same, standard deviations of what was found.
+/// Tolerance of points on a plane, standard deviations of depth.
 const ON_PLANE_DEVIATIONS: f64 = 3.0;
 
-/// The canvas. All values row-major, one a pixel.
+/// Canvas with row-major values of all pixels.
 pub(super) struct Canvas {
     pub(super) camera: Camera,
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Whether it lies within the middle frame's picture.
+    /// True within the middle frame's image.
     pub(super) inside: Vec<bool>,
-    /// Whether the middle frame shows something there that is not masked out.
+    /// True where the middle frame is not masked out.
     pub(super) shown: Vec<bool>,
     /// sRGB levels.
     pub(super) color: Vec<[f32; 3]>,
@@ -30,15 +32,16 @@ pub(super) struct Canvas {
     pub(super) inverse_depth: Vec<f32>,
     /// Pixels of parallax for an inverse depth of 1/m.
     pub(super) px_per_inverse_depth: f64,
-    /// Pixels of parallax within which a point is on a plane.
+    /// Tolerance of points on a plane, pixels of parallax.
     pub(super) on_plane_px: f64,
 }
 
 impl Canvas {
     pub(super) fn new(frames: &Frames, longest_px: u32) -> Self {
-        let camera = camera(frames.middle(), longest_px);
-        let (width, height) = (camera.width() as usize, camera.height() as usize);
-        let samples = samples(frames.middle(), &camera);
+        let camera = create_camera(frames.middle(), longest_px);
+        let width = camera.width() as usize;
+        let height = camera.height() as usize;
+        let samples = resample(frames.middle(), &camera);
         let px_per_inverse_depth = camera.focal_px() * frames.baseline_m;
         let deviation_px = f64::from(frames.deviation) * px_per_inverse_depth;
         Self {
@@ -60,7 +63,7 @@ impl Canvas {
         }
     }
 
-    /// The middle of a pixel.
+    /// Returns the centre of a pixel.
     pub(super) fn center(&self, pixel: usize) -> [f64; 2] {
         [
             (pixel % self.width) as f64 + 0.5,
@@ -68,31 +71,34 @@ impl Canvas {
         ]
     }
 
-    /// The point at an inverse depth, 1/m, that a pixel shows.
+    /// Returns the world point of a pixel at an inverse depth, 1/m.
     pub(super) fn point(&self, pixel: usize, inverse_depth: f64) -> DVec3 {
         let [x, y] = self.center(pixel);
         self.camera.eye() + self.camera.direction(x, y) / inverse_depth
     }
 
-    /// The pixels around one, itself among them, within a square of `2 radius + 1`.
+    /// Returns the pixels of a window of side `2 radius + 1` around a pixel, including itself.
     pub(super) fn around(
         &self,
         pixel: usize,
         radius: usize,
     ) -> impl Iterator<Item = usize> + use<> {
-        let (x, y, width) = (pixel % self.width, pixel / self.width, self.width);
+        let width = self.width;
+        let x = pixel % width;
+        let y = pixel / width;
         let columns = x.saturating_sub(radius)..(x + radius + 1).min(self.width);
         let rows = y.saturating_sub(radius)..(y + radius + 1).min(self.height);
         rows.flat_map(move |y| columns.clone().map(move |x| y * width + x))
     }
 }
 
-/// The canvas' camera: about as wide as the picture and its margins, so that a pixel of the picture is a pixel of the canvas where that is possible.
-fn camera(middle: &Frame, longest_px: u32) -> Camera {
+/// Creates the canvas' camera: about as large as the image and its margins, with pixels that
+/// coincide with the image's where possible.
+fn create_camera(middle: &Frame, longest_px: u32) -> Camera {
     let view = &middle.view;
     let (focal, principal) = match view.lens {
         Lens::Pinhole(pinhole) => (pinhole.focal_px[1], pinhole.principal_px),
-        // Frames are perspective.
+        // Unreachable: frames are perspective.
         Lens::Equirectangular => (1.0, view.size_px.map(|side| f64::from(side) / 2.0)),
     };
     let squash = match view.lens {
@@ -106,43 +112,44 @@ fn camera(middle: &Frame, longest_px: u32) -> Camera {
     let half = [reach(0) * squash, reach(1)];
     let scale = (f64::from(longest_px.max(2)) / (2.0 * half[0].max(half[1]))).min(1.0);
     let side = |axis: usize| {
-        let wanted = 2.0 * half[axis] * scale;
-        // Half of a side has the fraction of the principal point, as near as halves come.
+        let exact = 2.0 * half[axis] * scale;
+        // Half of a side has the fraction of the principal point, rounded to halves.
         let fraction = ((principal[axis] * 2.0).round() as i64).rem_euclid(2);
-        let whole = wanted.round() as i64;
+        let whole = exact.round() as i64;
         (whole + (whole - fraction).rem_euclid(2)).clamp(1, i64::from(Camera::MAX_SIDE_PX)) as u32
     };
-    let (eye, turn) = (view.pose.eye, view.pose.world_from_eye);
-    let of = |width: u32, height: u32| Camera::from_parts(eye, turn, focal * scale, width, height);
-    // Sides are within bounds by the clamp; one pixel always is a camera.
-    of(side(0), side(1)).unwrap_or_else(|_| of(1, 1).expect("a camera of one pixel"))
+    let eye = view.pose.eye;
+    let turn = view.pose.world_from_eye;
+    let create =
+        |width: u32, height: u32| Camera::from_parts(eye, turn, focal * scale, width, height);
+    // The clamp keeps sides within bounds; a camera of one pixel is always valid.
+    create(side(0), side(1)).unwrap_or_else(|_| create(1, 1).expect("a camera of one pixel"))
 }
 
-struct Sample {
+struct CanvasSample {
     inside: bool,
-    pub color: Option<[f32; 3]>,
-    pub inverse_depth: f32,
+    color: Option<[f32; 3]>,
+    inverse_depth: f32,
 }
 
-/// What the middle frame shows of each pixel.
-fn samples(middle: &Frame, camera: &Camera) -> Vec<Sample> {
+/// Resamples the middle frame to the canvas.
+fn resample(middle: &Frame, camera: &Camera) -> Vec<CanvasSample> {
     let view = &middle.view;
     let scale = view.lens.pixels_per_radian(view.size_px) / camera.focal_px();
-    // Pixels of a smaller canvas are means of several of the picture's.
+    // Pixels of a smaller canvas are means of several image pixels.
     let across = (scale.ceil() as u32).max(1);
     let sample = |pixel: usize| {
-        let (x, y) = (
-            (pixel % camera.width() as usize) as f64,
-            (pixel / camera.width() as usize) as f64,
-        );
-        let place = |u: f64, v: f64| {
+        let x = (pixel % camera.width() as usize) as f64;
+        let y = (pixel / camera.width() as usize) as f64;
+        let project = |u: f64, v: f64| {
             let ahead = camera.eye() + camera.direction(x + u, y + v);
-            middle.place(ahead)
+            middle.project(ahead)
         };
-        let part = |k: u32| (f64::from(k) + 0.5) / f64::from(across);
-        let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
+        let fraction = |k: u32| (f64::from(k) + 0.5) / f64::from(across);
+        let mut sum = [0.0f32; 3];
+        let mut count = 0.0f32;
         for k in 0..across * across {
-            let Some([px, py, _]) = place(part(k % across), part(k / across)) else {
+            let Some([px, py, _]) = project(fraction(k % across), fraction(k / across)) else {
                 continue;
             };
             let visible = view.color[py as usize * view.size_px[0] as usize + px as usize][3] > 0;
@@ -152,13 +159,13 @@ fn samples(middle: &Frame, camera: &Camera) -> Vec<Sample> {
             }
         }
         let color = (2.0 * count >= (across * across) as f32).then(|| sum.map(|c| c / count));
-        let middle = place(0.5, 0.5);
-        let depth = middle.and_then(|[px, py, _]| view.depth_at(px as u32, py as u32));
+        let center = project(0.5, 0.5);
+        let depth = center.and_then(|[px, py, _]| view.depth_at(px as u32, py as u32));
         let inverse_depth = depth
             .filter(|_| color.is_some())
             .map_or(0.0, |depth| 1.0 / depth);
-        Sample {
-            inside: middle.is_some(),
+        CanvasSample {
+            inside: center.is_some(),
             color,
             inverse_depth,
         }

@@ -1,18 +1,19 @@
-//! Carrying values on to pixels that have none: smoothly, from what is near, over ever smaller pictures and back (Gortler et al. 1996).
+//! Push-pull hole filling: extends values smoothly to unknown pixels through an image pyramid
+//! (Gortler et al. 1996).
 
-/// Values with weights; weight 0 where nothing is known.
+/// A pyramid level of values with weights; weight 0 where unknown.
 #[derive(Clone, Debug)]
 struct Level {
     pub width: usize,
     pub height: usize,
-    /// Weighted mean and weight, at most 1.
+    /// Weighted mean and weight (0..=1) of each pixel.
     values: Vec<[f32; 2]>,
 }
 
-/// The weight of nothing known at all, beside a picture's: what is far from everything known falls to 0.
+/// Weight of a prior of 0, which unknown pixels approach far from known ones.
 const PRIOR: f32 = 1e-3;
 
-/// A value for each pixel of a picture from those that are known, which stay as they are.
+/// Extends known values, which stay unchanged, to all pixels of an image.
 pub(super) fn smoothly(known: &[Option<f32>], width: usize) -> Vec<f32> {
     let height = known.len() / width.max(1);
     let values = known
@@ -72,7 +73,7 @@ impl Level {
         }
     }
 
-    /// What this level has at a pixel of the finer one: bilinear.
+    /// Samples this level bilinearly at a pixel of the finer one.
     fn between(&self, filled: &[f32], fine: usize, fine_width: usize) -> f32 {
         let along = |k: usize, side: usize| {
             let at = ((k as f32 + 0.5) / 2.0 - 0.5).clamp(0.0, (side - 1) as f32);
@@ -92,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_known_stays_and_the_rest_lies_between() {
+    fn known_values_unchanged_others_interpolated() {
         let (width, height) = (37, 23);
         let truth = |i: usize| (i % width) as f32 * 0.5 + (i / width) as f32;
         let known: Vec<Option<f32>> = (0..width * height)

@@ -1,4 +1,4 @@
-//! The frames of a sequence that are used: pictures, depth, and how each was exposed.
+//! Selected frames of a sequence: images, depth and relative exposure.
 
 use super::{LayerJob, LayersError, no_view};
 use crate::dense_depth::DenseDepth;
@@ -7,36 +7,36 @@ use glam::DVec3;
 use headbox_core::statistics::median;
 use rayon::prelude::*;
 
-/// A frame.
+/// A selected frame.
 pub(super) struct Frame {
-    /// Its lens ideal, its depth what is known of it: eye depth, metres, NaN where unknown.
+    /// Undistorted view with eye depth, metres, NaN where unknown.
     pub(super) view: LoadedView,
-    /// What its levels are multiplied by to be exposed as the middle one.
+    /// Factors that equalise the levels with the middle frame.
     pub(super) gain: [f32; 3],
 }
 
-/// The frames of a sequence that layers are made of, with their depth.
+/// Selected frames of a sequence, with their depth.
 pub struct Frames {
-    /// The middle one first.
+    /// Frames, the middle one first.
     pub(super) frames: Vec<Frame>,
     pub(super) names: Vec<String>,
-    /// Metres between the middle one's eye and the others', the median.
+    /// Median distance of the other eyes from the middle one, metres.
     pub(super) baseline_m: f64,
-    /// Standard deviation of inverse depth, 1/m; 0 if not known.
+    /// Standard deviation of inverse depth, 1/m; 0 if unknown.
     pub(super) deviation: f32,
 }
 
-/// Levels outside tell little of exposure: dark ones are rounded, bright ones clipped.
+/// Usable levels for exposure: darker ones are coarsely rounded, brighter ones clipped.
 const EXPOSED: std::ops::RangeInclusive<f64> = 16.0..=240.0;
 
-/// Inverse depths of one point in two frames differ by no more than this share.
+/// Maximum relative difference of the depths of one point in two frames.
 const SAME_POINT: f64 = 0.03;
 
-/// Fewest points that exposure is told from.
-const LEAST_POINTS: usize = 60;
+/// Minimum number of points for an exposure estimate.
+const MIN_POINTS: usize = 60;
 
 impl Frames {
-    /// Chooses frames, reads them, and finds their depth.
+    /// Chooses frames, reads them, and estimates their depth.
     pub(super) fn load(
         job: &LayerJob,
         set: &ImageSet,
@@ -56,7 +56,7 @@ impl Frames {
             .iter()
             .position(|view| std::ptr::eq(*view, middle))
             .unwrap_or(0);
-        let near = DenseDepth::default().partners(&perspective, own, job.others)?;
+        let near = DenseDepth::default().select_neighbors(&perspective, own, job.others)?;
         if near.is_empty() {
             return Err(LayersError::NoParallax {
                 folder: set.folder.clone(),
@@ -67,15 +67,15 @@ impl Frames {
             .chain(near)
             .map(|i| perspective[i])
             .collect();
-        let (mut loaded, deviation) = Self::with_depth(job, &views, advance)?;
-        forget_backdrop(&mut loaded);
-        let apart = views[1..]
+        let (mut loaded, deviation) = Self::load_depth(job, &views, advance)?;
+        mask_backdrop(&mut loaded);
+        let distances = views[1..]
             .iter()
             .map(|view| view.color_pose().eye.distance(middle.color_pose().eye));
-        let baseline_m = median(apart).unwrap_or(0.0);
+        let baseline_m = median(distances).unwrap_or(0.0);
         let gains: Vec<[f32; 3]> = loaded
             .par_iter()
-            .map(|view| gain(&loaded[0], view))
+            .map(|view| estimate_gain(&loaded[0], view))
             .collect();
         let frames = loaded
             .into_iter()
@@ -90,15 +90,15 @@ impl Frames {
         })
     }
 
-    /// Depth from files, if all of it is to be used; else it is found from the pictures.
-    fn with_depth(
+    /// Loads depth if all views have usable depth; otherwise estimates it from the images.
+    fn load_depth(
         job: &LayerJob,
         views: &[&View],
         advance: &dyn Fn(),
     ) -> Result<(Vec<LoadedView>, f32), LayersError> {
-        let is_at_hand =
+        let is_usable =
             |view: &&View| view.depth.is_some() && (job.own_depth || !view.has_own_depth());
-        if views.iter().all(is_at_hand) {
+        if views.iter().all(is_usable) {
             let loaded: Result<Vec<LoadedView>, _> =
                 views.par_iter().map(|view| view.load()).collect();
             let deviation = views
@@ -107,15 +107,18 @@ impl Frames {
                 .unwrap_or(0.0);
             return Ok((loaded?, deviation));
         }
-        let found = DenseDepth::default().find(views, advance)?;
-        let deviation = found.first().map_or(0.0, |found| found.deviation);
+        let estimates = DenseDepth::default().find(views, advance)?;
+        let deviation = estimates.first().map_or(0.0, |estimate| estimate.deviation);
         Ok((
-            found.into_iter().map(|found| found.view).collect(),
+            estimates
+                .into_iter()
+                .map(|estimate| estimate.view)
+                .collect(),
             deviation,
         ))
     }
 
-    /// The frame whose layers are made.
+    /// Returns the middle frame.
     pub(super) fn middle(&self) -> &Frame {
         &self.frames[0]
     }
@@ -124,56 +127,57 @@ impl Frames {
         &self.names[0]
     }
 
-    /// The other frames.
+    /// Returns the other frames.
     pub(super) fn others(&self) -> &[Frame] {
         &self.frames[1..]
     }
 }
 
 impl Frame {
-    /// Where it sees a point of the world: position, pixels, and eye depth, metres.
-    pub(super) fn place(&self, point: DVec3) -> Option<[f64; 3]> {
-        place(&self.view, point)
+    /// Projects a point of the world: position, pixels, and eye depth, metres; `None` outside.
+    pub(super) fn project(&self, point: DVec3) -> Option<[f64; 3]> {
+        project(&self.view, point)
     }
 
-    /// Its colour at a position as the middle frame would have it; `None` outside.
+    /// Samples the colour at a position with the exposure of the middle frame; `None` outside.
     pub(super) fn color_at(&self, x: f64, y: f64) -> Option<[f32; 3]> {
         let color = self.view.color_at([x, y])?;
         Some([0, 1, 2].map(|c| color[c] as f32 * self.gain[c]))
     }
 }
 
-fn place(view: &LoadedView, point: DVec3) -> Option<[f64; 3]> {
+fn project(view: &LoadedView, point: DVec3) -> Option<[f64; 3]> {
     let [x, y, depth] = view.lens.project(view.pose.to_eye(point), view.size_px)?;
     let [width, height] = view.size_px.map(f64::from);
     (x >= 0.0 && y >= 0.0 && x < width && y < height).then_some([x, y, depth])
 }
 
-/// What a dark backdrop shows belongs to no layer.
-fn forget_backdrop(views: &mut [LoadedView]) {
+/// Masks out a dark backdrop, which belongs to no layer.
+fn mask_backdrop(views: &mut [LoadedView]) {
     let dark = backdrop::find_threshold(views);
     for view in views {
-        let nothing = backdrop::background_mask(view, dark);
-        for (pixel, nothing) in view.color.iter_mut().zip(nothing) {
-            pixel[3] = if nothing { 0 } else { pixel[3] };
+        let background = backdrop::background_mask(view, dark);
+        for (pixel, is_background) in view.color.iter_mut().zip(background) {
+            pixel[3] = if is_background { 0 } else { pixel[3] };
         }
     }
 }
 
-/// How much darker a view is than the middle one, channel by channel: the median ratio of the levels in which they show the same points.
-fn gain(middle: &LoadedView, view: &LoadedView) -> [f32; 3] {
-    /// One pixel of so many along each side is looked at.
+/// Estimates the factors that equalise a view's levels with the middle one: the median ratio of the
+/// levels of common points, per channel.
+fn estimate_gain(middle: &LoadedView, view: &LoadedView) -> [f32; 3] {
+    /// Distance of sampled pixels, in rows and columns.
     const STEP: usize = 4;
     let [width, height] = middle.size_px;
     let mut ratios = [const { Vec::new() }; 3];
     for y in (0..height).step_by(STEP) {
         for x in (0..width).step_by(STEP) {
             let point = middle.point_at(x, y);
-            let Some([px, py, depth]) = point.and_then(|point| place(view, point)) else {
+            let Some([px, py, depth]) = point.and_then(|point| project(view, point)) else {
                 continue;
             };
-            let there = view.depth_at(px as u32, py as u32).map(f64::from);
-            if there.is_none_or(|there| (there / depth - 1.0).abs() > SAME_POINT) {
+            let actual = view.depth_at(px as u32, py as u32).map(f64::from);
+            if actual.is_none_or(|actual| (actual / depth - 1.0).abs() > SAME_POINT) {
                 continue;
             }
             let own = middle.color[(y * width + x) as usize];
@@ -188,11 +192,8 @@ fn gain(middle: &LoadedView, view: &LoadedView) -> [f32; 3] {
             }
         }
     }
-    if ratios
-        .iter()
-        .any(|of_channel| of_channel.len() < LEAST_POINTS)
-    {
+    if ratios.iter().any(|channel| channel.len() < MIN_POINTS) {
         return [1.0; 3];
     }
-    ratios.map(|of_channel| median(of_channel).unwrap_or(1.0) as f32)
+    ratios.map(|channel| median(channel).unwrap_or(1.0) as f32)
 }

@@ -1,37 +1,39 @@
-//! Which pixel belongs to which plane: by its depth, by how alike the frames are where the plane has it, and by its neighbours (costs summed along eight
-//! directions, Hirschmueller 2008, here of labels instead of disparities). Or as masks say.
+//! Assignment of pixels to planes by depth, by photo-consistency of the frames on the plane, and by
+//! neighbours (costs aggregated along eight directions, Hirschmueller 2008, here of labels instead
+//! of disparities), or by masks.
 
 use super::canvas::Canvas;
 use super::frames::{Frame, Frames};
 use super::planes::Affine;
-use super::{LEAST_PIXELS, LayersError, Mask};
-use crate::planar_layers::planes;
+use super::{LayersError, MIN_PIXELS, Mask, planes};
 use rayon::prelude::*;
 
-/// The label of what belongs to no layer.
+/// Label of pixels without a layer.
 pub(super) const NONE: u8 = u8::MAX;
 
-/// What a depth off a plane costs at most, and how many times as far as what lies on it that is.
-const OFF_PLANE: f32 = 1.0;
-const FAR: f64 = 6.0;
+/// Maximum cost of the distance from a plane, and the distance of that cost, in tolerances.
+const DEPTH_COST: f32 = 1.0;
+const MAX_DISTANCE: f64 = 6.0;
 
-/// What frames that look different cost at most, the levels by which they differ then, and those that noise and light make.
-const UNLIKE: f32 = 0.35;
-const LEVELS: f32 = 40.0;
+/// Maximum cost of colour differences between frames, the difference of that cost above the noise,
+/// and the difference due to noise and lighting, levels.
+const COLOR_COST: f32 = 0.35;
+const MAX_LEVELS: f32 = 40.0;
 const NOISE_LEVELS: f32 = 5.0;
 
-/// Half of the window's side over which frames are compared, pixels.
+/// Radius of the window over which frames are compared, pixels.
 const WINDOW: usize = 2;
 
-/// What neighbours of different labels cost, where the picture is even and at most where it has an edge; and how soon it falls, levels.
-const PARTED: [f32; 2] = [1.5, 0.15];
+/// Cost of different labels of neighbours in even areas and at strong edges, and the scale of its
+/// decrease, levels.
+const SMOOTHNESS_COST: [f32; 2] = [1.5, 0.15];
 const EDGE_LEVELS: f32 = 10.0;
 
-/// Patches of one label with fewer pixels join what is around them.
+/// Minimum number of pixels of a patch of one label.
 const SPECK: usize = 80;
 
-/// Ways along which costs are summed.
-const WAYS: [[isize; 2]; 8] = [
+/// Directions along which costs are aggregated.
+const DIRECTIONS: [[isize; 2]; 8] = [
     [1, 0],
     [-1, 0],
     [0, 1],
@@ -42,12 +44,12 @@ const WAYS: [[isize; 2]; 8] = [
     [-1, 1],
 ];
 
-/// The plane of each pixel.
+/// Assigns a plane to each pixel.
 pub(super) fn assign(canvas: &Canvas, frames: &Frames, planes: &[Affine]) -> Vec<u8> {
-    let costs = costs(canvas, frames, planes);
+    let costs = compute_costs(canvas, frames, planes);
     let mut sums = vec![0.0f32; costs.len()];
-    for way in WAYS {
-        add_along(canvas, &costs, planes.len(), way, &mut sums);
+    for direction in DIRECTIONS {
+        aggregate_along(canvas, &costs, planes.len(), direction, &mut sums);
     }
     let cheapest = |costs: &[f32]| {
         (0..costs.len())
@@ -58,46 +60,49 @@ pub(super) fn assign(canvas: &Canvas, frames: &Frames, planes: &[Affine]) -> Vec
     let mut labels: Vec<u8> = labels
         .map(|(costs, shown)| if *shown { cheapest(costs) } else { NONE })
         .collect();
-    join_specks(canvas, &mut labels);
+    merge_specks(canvas, &mut labels);
     labels
 }
 
-/// What each plane costs each pixel.
-fn costs(canvas: &Canvas, frames: &Frames, planes: &[Affine]) -> Vec<f32> {
-    let unlike: Vec<Vec<f32>> = planes
+/// Returns the cost of each plane at each pixel.
+fn compute_costs(canvas: &Canvas, frames: &Frames, planes: &[Affine]) -> Vec<f32> {
+    let differences: Vec<Vec<f32>> = planes
         .iter()
-        .map(|plane| averaged(canvas, &unlike(canvas, frames, plane)))
+        .map(|plane| average(canvas, &color_differences(canvas, frames, plane)))
         .collect();
-    let far = (FAR * canvas.on_plane_px) as f32;
-    let of_pixel = |pixel: usize| {
-        let unlike = &unlike;
+    let max_distance = (MAX_DISTANCE * canvas.on_plane_px) as f32;
+    let pixel_costs = |pixel: usize| {
+        let differences = &differences;
         planes.iter().enumerate().map(move |(label, plane)| {
             let known = canvas.inverse_depth[pixel];
-            let off = plane.off_px(canvas, pixel, known).abs() as f32;
-            let by_depth = if known > 0.0 {
-                OFF_PLANE * (off / far).min(1.0)
+            let distance = plane.distance_px(canvas, pixel, known).abs() as f32;
+            let depth_cost = if known > 0.0 {
+                DEPTH_COST * (distance / max_distance).min(1.0)
             } else {
                 0.0
             };
-            by_depth + UNLIKE * ((unlike[label][pixel] - NOISE_LEVELS) / LEVELS).clamp(0.0, 1.0)
+            depth_cost
+                + COLOR_COST
+                    * ((differences[label][pixel] - NOISE_LEVELS) / MAX_LEVELS).clamp(0.0, 1.0)
         })
     };
     (0..canvas.shown.len())
         .into_par_iter()
-        .flat_map_iter(of_pixel)
+        .flat_map_iter(pixel_costs)
         .collect()
 }
 
-/// By how many levels the frames differ from the canvas where a plane has its pixels: the mean of the half of them that is most alike, as the others may see something before it.
-fn unlike(canvas: &Canvas, frames: &Frames, plane: &Affine) -> Vec<f32> {
-    let of_pixel = |pixel: usize| {
-        let inverse_depth = plane.at(canvas.center(pixel));
+/// Returns the colour difference of the frames from the canvas on a plane, levels: the mean of the
+/// better half of the frames, because the plane may be occluded in the others.
+fn color_differences(canvas: &Canvas, frames: &Frames, plane: &Affine) -> Vec<f32> {
+    let pixel_difference = |pixel: usize| {
+        let inverse_depth = plane.inverse_depth(canvas.center(pixel));
         if !canvas.shown[pixel] || inverse_depth <= 0.0 {
-            return LEVELS;
+            return MAX_LEVELS;
         }
         let point = canvas.point(pixel, inverse_depth);
-        let differs = |frame: &Frame| {
-            let [x, y, _] = frame.place(point)?;
+        let difference = |frame: &Frame| {
+            let [x, y, _] = frame.project(point)?;
             let color = frame.color_at(x, y)?;
             Some(
                 (0..3)
@@ -106,38 +111,45 @@ fn unlike(canvas: &Canvas, frames: &Frames, plane: &Affine) -> Vec<f32> {
                     / 3.0,
             )
         };
-        let mut all: Vec<f32> = frames.others().iter().filter_map(differs).collect();
+        let mut all: Vec<f32> = frames.others().iter().filter_map(difference).collect();
         all.sort_unstable_by(f32::total_cmp);
         all.truncate(all.len().div_ceil(2));
         if all.is_empty() {
-            LEVELS
+            MAX_LEVELS
         } else {
             all.iter().sum::<f32>() / all.len() as f32
         }
     };
     (0..canvas.shown.len())
         .into_par_iter()
-        .map(of_pixel)
+        .map(pixel_difference)
         .collect()
 }
 
-/// Means over a window, of what is shown.
-fn averaged(canvas: &Canvas, values: &[f32]) -> Vec<f32> {
+/// Averages values over the visible pixels of a window.
+fn average(canvas: &Canvas, values: &[f32]) -> Vec<f32> {
     let mean = |pixel: usize| {
         let (sum, count) = canvas
             .around(pixel, WINDOW)
             .filter(|near| canvas.shown[*near])
             .fold((0.0f32, 0.0f32), |(sum, count), near| {
-                (sum + values[near].min(LEVELS), count + 1.0)
+                (sum + values[near].min(MAX_LEVELS), count + 1.0)
             });
         sum / count.max(1.0)
     };
     (0..values.len()).into_par_iter().map(mean).collect()
 }
 
-/// Adds to `sums` what each label of each pixel costs together with the best way to it from one side.
-fn add_along(canvas: &Canvas, costs: &[f32], count: usize, [dx, dy]: [isize; 2], sums: &mut [f32]) {
-    let (width, height) = (canvas.width, canvas.height);
+/// Adds to `sums` the cost of each label of each pixel, aggregated along one direction.
+fn aggregate_along(
+    canvas: &Canvas,
+    costs: &[f32],
+    count: usize,
+    [dx, dy]: [isize; 2],
+    sums: &mut [f32],
+) {
+    let width = canvas.width;
+    let height = canvas.height;
     let mut along = vec![0.0f32; costs.len()];
     for row in 0..height {
         let y = if dy < 0 { height - 1 - row } else { row };
@@ -159,83 +171,85 @@ fn add_along(canvas: &Canvas, costs: &[f32], count: usize, [dx, dy]: [isize; 2],
                 (
                     before,
                     least,
-                    parted(&canvas.color[before], &canvas.color[pixel]),
+                    smoothness_cost(&canvas.color[before], &canvas.color[pixel]),
                 )
             });
             for label in 0..count {
-                let so_far = least.map_or(0.0, |(before, least, parted)| {
-                    // Less the least of all, so that sums stay small.
-                    (along[before * count + label] - least).min(parted)
+                let path_cost = least.map_or(0.0, |(before, least, smoothness)| {
+                    // Relative to the minimum, so that sums stay small.
+                    (along[before * count + label] - least).min(smoothness)
                 });
-                along[pixel * count + label] = costs[pixel * count + label] + so_far;
-                sums[pixel * count + label] += costs[pixel * count + label] + so_far;
+                along[pixel * count + label] = costs[pixel * count + label] + path_cost;
+                sums[pixel * count + label] += costs[pixel * count + label] + path_cost;
             }
         }
     }
 }
 
-/// What it costs that two neighbours belong to different planes.
-fn parted(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+/// Returns the cost of different labels of two neighbours.
+fn smoothness_cost(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     let levels = (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max);
-    let [even, edge] = PARTED;
+    let [even, edge] = SMOOTHNESS_COST;
     edge + (even - edge) * (-levels / EDGE_LEVELS).exp()
 }
 
-/// Small patches take the label of most of the pixels beside them.
-fn join_specks(canvas: &Canvas, labels: &mut [u8]) {
+/// Relabels small patches with the most frequent label around them.
+fn merge_specks(canvas: &Canvas, labels: &mut [u8]) {
     let mut visited = vec![false; labels.len()];
     for start in 0..labels.len() {
         if visited[start] || labels[start] == NONE {
             continue;
         }
         visited[start] = true;
-        let (mut patch, mut beside, mut next) = (vec![start], [0usize; 256], 0);
+        let mut patch = vec![start];
+        let mut adjacent = [0usize; 256];
+        let mut next = 0;
         while let Some(&pixel) = patch.get(next) {
             next += 1;
             for near in canvas.around(pixel, 1) {
                 if labels[near] != labels[start] {
-                    beside[usize::from(labels[near])] += 1;
+                    adjacent[usize::from(labels[near])] += 1;
                 } else if !visited[near] {
                     visited[near] = true;
                     patch.push(near);
                 }
             }
         }
-        beside[usize::from(NONE)] = 0;
+        adjacent[usize::from(NONE)] = 0;
         let most = (0..256)
-            .max_by_key(|label| (beside[*label], std::cmp::Reverse(*label)))
+            .max_by_key(|label| (adjacent[*label], std::cmp::Reverse(*label)))
             .unwrap_or(0);
-        if patch.len() < SPECK && beside[most] > 0 {
+        if patch.len() < SPECK && adjacent[most] > 0 {
             patch.iter().for_each(|pixel| labels[*pixel] = most as u8);
         }
     }
 }
 
-/// Planes and labels of regions made by hand.
-pub(super) fn from_masks(
+/// Assigns pixels by hand-drawn masks, and fits their planes.
+pub(super) fn assign_masks(
     canvas: &Canvas,
     frames: &Frames,
     masks: &[Mask],
 ) -> Result<(Vec<Affine>, Vec<u8>), LayersError> {
     let middle = frames.middle();
-    let wanted = middle.view.size_px;
+    let expected = middle.view.size_px;
     for Mask { path, picture } in masks {
         let size = [picture.width(), picture.height()];
-        if size != wanted {
+        if size != expected {
             let name = frames.middle_name().into();
             return Err(LayersError::MaskSize {
                 path: path.clone(),
                 size,
                 name,
-                wanted,
+                expected,
             });
         }
     }
     let label = |pixel: usize| {
-        let place = middle
-            .place(canvas.point(pixel, 1.0))
+        let projected = middle
+            .project(canvas.point(pixel, 1.0))
             .filter(|_| canvas.shown[pixel]);
-        let [x, y, _] = place?;
+        let [x, y, _] = projected?;
         masks
             .iter()
             .position(|mask| mask.picture.get_pixel(x as u32, y as u32).0[0] >= 128)
@@ -247,15 +261,15 @@ pub(super) fn from_masks(
         let own: Vec<usize> = (0..labels.len())
             .filter(|pixel| usize::from(labels[*pixel]) == number)
             .collect();
-        let found = own
+        let known = own
             .iter()
             .filter(|pixel| canvas.inverse_depth[**pixel] > 0.0)
             .count();
         let plane =
-            planes::of_pixels(canvas, &own, number as u64).filter(|_| found >= LEAST_PIXELS);
+            planes::find_in_pixels(canvas, &own, number as u64).filter(|_| known >= MIN_PIXELS);
         plane.ok_or_else(|| LayersError::EmptyMask {
             path: mask.path.clone(),
-            found,
+            known,
         })
     });
     Ok((planes.collect::<Result<_, _>>()?, labels))

@@ -1,80 +1,84 @@
-//! Alpha at the borders of layers: how much of a pixel the nearer of two layers covers follows from the colours that each has on its side.
+//! Alpha matting at the borders of layers: coverage of the nearer of two layers, from the colours
+//! on both sides.
 
-use super::PlanarLayer;
-use super::behind::Seen;
+use super::background::LayerBackground;
 use super::canvas::Canvas;
 use super::labels::NONE;
 use super::planes::Affine;
-use crate::planar_layers::fill;
+use super::{PlanarLayer, fill};
 use image::{Rgba, RgbaImage};
 use rayon::prelude::*;
 
-/// Pixels to each side of a border whose alpha is in question.
+/// Width of the matted band at each side of a border, pixels.
 const BAND: usize = 2;
 
-/// Half of the side of the window in which each side's colours are looked at, pixels.
+/// Radius of the window that samples each side's colours, pixels.
 const WINDOW: usize = 7;
 
-/// Fewest pixels of a side that tell its colour.
-const LEAST_PIXELS: f32 = 6.0;
+/// Minimum number of pixels of a side for its colour.
+const MIN_SIDE_PIXELS: f32 = 6.0;
 
-/// Levels by which the sides must differ at least, and standard deviations.
-const APART_LEVELS: f32 = 24.0;
-const APART_DEVIATIONS: f32 = 2.0;
+/// Minimum colour difference of the sides, in levels and in standard deviations.
+const MIN_LEVELS: f32 = 24.0;
+const MIN_DEVIATIONS: f32 = 2.0;
 
-/// Shares of a pixel that count as none and all.
-const CLEAR: std::ops::Range<f32> = 0.06..0.94;
+/// Range of alpha that is kept; values outside are rounded to 0 or 1.
+const PARTIAL_ALPHA: std::ops::Range<f32> = 0.06..0.94;
 
-/// Inverse depths of two layers that differ by so many times what lies on a plane are a step; less is a crease.
+/// Minimum difference of inverse depth at a depth step, in tolerances of points on a plane; less is
+/// a crease.
 const STEP: f64 = 2.0;
 
-/// A layer in the making.
-pub(super) struct Built {
-    /// The plane's number.
+/// Builder of a layer.
+pub(super) struct LayerBuilder {
+    /// Index of the plane.
     pub(super) label: usize,
     plane: Affine,
-    /// Levels and alpha (0 to 1).
+    /// Levels and alpha (0..=1).
     color: Vec<[f32; 4]>,
-    /// Inverse depth off the plane, 1/m; carried on to pixels where it is unknown.
-    off: Vec<f32>,
+    /// Residual inverse depth from the plane, 1/m, extended to unknown pixels.
+    residual: Vec<f32>,
 }
 
-impl Built {
-    /// Of a layer's own pixels and of what other frames see of it.
+impl LayerBuilder {
+    /// Combines a layer's pixels of the middle frame with its background from other frames.
     pub(super) fn new(
         canvas: &Canvas,
         planes: &[Affine],
         labels: &[u8],
         label: usize,
-        seen: &Seen,
+        background: &LayerBackground,
     ) -> Self {
         let plane = planes[label];
-        let (mut color, mut known) = (vec![[0.0; 4]; labels.len()], vec![None; labels.len()]);
-        // What the middle frame sees there is no layer's.
+        let mut color = vec![[0.0; 4]; labels.len()];
+        let mut known = vec![None; labels.len()];
+        // Pixels of the middle frame without a layer stay empty.
         let is_free = |pixel: usize| labels[pixel] != NONE || !canvas.inside[pixel];
         for pixel in 0..labels.len() {
             if usize::from(labels[pixel]) == label {
                 let [r, g, b] = canvas.color[pixel];
                 color[pixel] = [r, g, b, 1.0];
                 known[pixel] = own_residual(canvas, planes, label, pixel);
-            } else if let Some(([r, g, b], off)) = seen.at(pixel).filter(|_| is_free(pixel)) {
+            } else if let Some(([r, g, b], residual)) =
+                background.get(pixel).filter(|_| is_free(pixel))
+            {
                 color[pixel] = [r, g, b, 1.0];
-                known[pixel] = Some(off);
+                known[pixel] = Some(residual);
             }
         }
         Self {
             label,
             plane,
             color,
-            off: fill::smoothly(&known, canvas.width),
+            residual: fill::smoothly(&known, canvas.width),
         }
     }
 
     fn inverse_depth(&self, canvas: &Canvas, pixel: usize) -> f64 {
-        self.plane.at(canvas.center(pixel)) + f64::from(self.off[pixel])
+        self.plane.inverse_depth(canvas.center(pixel)) + f64::from(self.residual[pixel])
     }
 
-    /// As pictures.
+    /// Converts the layer to images.
     pub(super) fn finish(self, canvas: &Canvas) -> PlanarLayer {
         let in_front =
             |pixel: usize| self.color[pixel][3] > 0.0 && self.inverse_depth(canvas, pixel) > 0.0;
@@ -91,7 +95,7 @@ impl Built {
             _ => (1.0 / self.inverse_depth(canvas, pixel)) as f32,
         };
         let depth = color.pixels().enumerate().map(depth).collect();
-        let (normal, offset) = self.plane.in_world(canvas);
+        let (normal, offset) = self.plane.to_world(canvas);
         PlanarLayer {
             normal,
             offset,
@@ -101,50 +105,52 @@ impl Built {
     }
 }
 
-/// How far a pixel's depth is off its layer's plane, 1/m; `None` where it is unknown, or another plane's by far.
+/// Returns the residual inverse depth of a pixel from its layer's plane, 1/m; `None` where unknown
+/// or much nearer to another plane.
 fn own_residual(canvas: &Canvas, planes: &[Affine], label: usize, pixel: usize) -> Option<f32> {
     let inverse_depth = canvas.inverse_depth[pixel];
-    let off = |plane: &Affine| plane.off_px(canvas, pixel, inverse_depth).abs();
-    let nearest = planes.iter().map(off).fold(f64::INFINITY, f64::min);
-    let agrees = off(&planes[label]) <= nearest + STEP * canvas.on_plane_px;
-    (inverse_depth > 0.0 && agrees)
-        .then(|| (f64::from(inverse_depth) - planes[label].at(canvas.center(pixel))) as f32)
+    let distance_px = |plane: &Affine| plane.distance_px(canvas, pixel, inverse_depth).abs();
+    let nearest = planes.iter().map(distance_px).fold(f64::INFINITY, f64::min);
+    let agrees = distance_px(&planes[label]) <= nearest + STEP * canvas.on_plane_px;
+    (inverse_depth > 0.0 && agrees).then(|| {
+        (f64::from(inverse_depth) - planes[label].inverse_depth(canvas.center(pixel))) as f32
+    })
 }
 
-/// What a pixel of a layer becomes.
-struct Paint {
+/// New colour of a pixel of a layer.
+struct PixelUpdate {
     layer: usize,
     pixel: usize,
     color: [f32; 4],
 }
 
-/// Blends the layers into each other at their borders.
-pub(super) fn blend(canvas: &Canvas, labels: &[u8], layers: &mut [&mut Built]) {
+/// Mattes the layers at their borders.
+pub(super) fn blend(canvas: &Canvas, labels: &[u8], layers: &mut [&mut LayerBuilder]) {
     let band = Band::new(canvas, labels);
-    let shown: &[&mut Built] = layers;
-    let paints: Vec<Paint> = (0..labels.len())
+    let unmatted: &[&mut LayerBuilder] = layers;
+    let updates: Vec<PixelUpdate> = (0..labels.len())
         .into_par_iter()
-        .flat_map_iter(|pixel| band.paint(shown, pixel))
+        .flat_map_iter(|pixel| band.matte(unmatted, pixel))
         .collect();
-    for Paint {
+    for PixelUpdate {
         layer,
         pixel,
         color,
-    } in paints
+    } in updates
     {
         layers[layer].color[pixel] = color;
     }
 }
 
-/// Borders, and what lies to both sides.
+/// Pixels at borders between layers.
 struct Band<'a> {
     canvas: &'a Canvas,
     labels: &'a [u8],
-    /// Whether a pixel is so far from all others that it shows its layer alone.
+    /// True for pixels outside the band, which show a single layer.
     inside: Vec<bool>,
 }
 
-/// Mean and spread of a side's colours.
+/// Colour statistics of one side of a border.
 struct Side {
     mean: [f32; 3],
     deviation: f32,
@@ -166,17 +172,17 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// What a pixel near a border becomes in the two layers that meet there.
-    fn paint(&self, layers: &[&mut Built], pixel: usize) -> Vec<Paint> {
-        let of = |label: u8| {
+    /// Mattes a pixel near a border in the two layers that meet there.
+    fn matte(&self, layers: &[&mut LayerBuilder], pixel: usize) -> Vec<PixelUpdate> {
+        let find_layer = |label: u8| {
             layers
                 .iter()
                 .position(|layer| layer.label == usize::from(label))
         };
-        let Some(own) = of(self.labels[pixel]).filter(|_| !self.inside[pixel]) else {
+        let Some(own) = find_layer(self.labels[pixel]).filter(|_| !self.inside[pixel]) else {
             return Vec::new();
         };
-        let Some(other) = self.most_beside(pixel).and_then(of) else {
+        let Some(other) = self.main_neighbor(pixel).and_then(find_layer) else {
             return Vec::new();
         };
         let [r, g, b] = self.canvas.color[pixel];
@@ -186,8 +192,8 @@ impl<'a> Band<'a> {
         };
         let step = nearer_px(own, other);
         if step.abs() < STEP * self.canvas.on_plane_px {
-            // A crease: both reach a little beyond it, so that no crack opens.
-            return vec![Paint {
+            // A crease: both layers overlap, so that no crack opens.
+            return vec![PixelUpdate {
                 layer: other,
                 pixel,
                 color: [r, g, b, 1.0],
@@ -201,39 +207,41 @@ impl<'a> Band<'a> {
         let [front_side, back_side] =
             [front, back].map(|layer| self.side(layers[layer].label, pixel));
         let behind = layers[back].color[pixel];
-        // What other frames see there is better than a mean; what the middle one sees is mixed.
-        let behind = match own == back || behind[3] == 0.0 {
-            true if back_side.count >= LEAST_PIXELS => back_side.mean,
-            true => [r, g, b],
-            false => [behind[0], behind[1], behind[2]],
+        // Other frames are better than a mean; the middle frame's own pixel is a mixture.
+        let behind = if own != back && behind[3] != 0.0 {
+            [behind[0], behind[1], behind[2]]
+        } else if back_side.count >= MIN_SIDE_PIXELS {
+            back_side.mean
+        } else {
+            [r, g, b]
         };
         let is_front = own == front;
-        let alpha = share(&[r, g, b], &front_side, &back_side)
-            .unwrap_or_else(|| self.soft(layers[front].label, pixel));
-        if alpha >= CLEAR.end || (is_front && front_side.count < LEAST_PIXELS) {
+        let alpha = estimate_alpha(&[r, g, b], &front_side, &back_side)
+            .unwrap_or_else(|| self.coverage(layers[front].label, pixel));
+        if alpha >= PARTIAL_ALPHA.end || (is_front && front_side.count < MIN_SIDE_PIXELS) {
             let [x, y, z] = behind;
             let own = [r, g, b, 1.0];
             return vec![
-                Paint {
+                PixelUpdate {
                     layer: front,
                     pixel,
                     color: own,
                 },
-                Paint {
+                PixelUpdate {
                     layer: back,
                     pixel,
                     color: [x, y, z, 1.0],
                 },
             ];
         }
-        if alpha < CLEAR.start {
+        if alpha < PARTIAL_ALPHA.start {
             return vec![
-                Paint {
+                PixelUpdate {
                     layer: front,
                     pixel,
                     color: [0.0; 4],
                 },
-                Paint {
+                PixelUpdate {
                     layer: back,
                     pixel,
                     color: [r, g, b, 1.0],
@@ -244,12 +252,12 @@ impl<'a> Band<'a> {
         let unmixed =
             [0, 1, 2].map(|c| ((mixed[c] - (1.0 - alpha) * behind[c]) / alpha).clamp(0.0, 255.0));
         vec![
-            Paint {
+            PixelUpdate {
                 layer: front,
                 pixel,
                 color: [unmixed[0], unmixed[1], unmixed[2], alpha],
             },
-            Paint {
+            PixelUpdate {
                 layer: back,
                 pixel,
                 color: [behind[0], behind[1], behind[2], 1.0],
@@ -257,24 +265,24 @@ impl<'a> Band<'a> {
         ]
     }
 
-    /// The other label of which there is most within the band.
-    fn most_beside(&self, pixel: usize) -> Option<u8> {
+    /// Returns the most frequent other label within the band.
+    fn main_neighbor(&self, pixel: usize) -> Option<u8> {
         let mut counts = [0u8; 256];
         for near in self.canvas.around(pixel, BAND) {
             counts[usize::from(self.labels[near])] += 1;
         }
-        (
-            counts[usize::from(NONE)],
-            counts[usize::from(self.labels[pixel])],
-        ) = (0, 0);
+        counts[usize::from(NONE)] = 0;
+        counts[usize::from(self.labels[pixel])] = 0;
         let most = (0..256).max_by_key(|label| (counts[*label], std::cmp::Reverse(*label)))?;
         (counts[most] > 0).then_some(most as u8)
     }
 
-    /// The colours of a label near a pixel, away from borders.
+    /// Returns the colours of a label near a pixel, outside the band.
     fn side(&self, label: usize, pixel: usize) -> Side {
         let own = |near: &usize| self.inside[*near] && usize::from(self.labels[*near]) == label;
-        let (mut sum, mut squares, mut count) = ([0.0f32; 3], 0.0f32, 0.0f32);
+        let mut sum = [0.0f32; 3];
+        let mut squares = 0.0f32;
+        let mut count = 0.0f32;
         for near in self.canvas.around(pixel, WINDOW).filter(own) {
             let color = self.canvas.color[near];
             (0..3).for_each(|c| sum[c] += color[c]);
@@ -291,9 +299,11 @@ impl<'a> Band<'a> {
         }
     }
 
-    /// The share of a label in a pixel's neighbourhood: an edge that is soft by a pixel, where colours do not tell.
-    fn soft(&self, label: usize, pixel: usize) -> f32 {
-        let (mut own, mut all) = (0.0, 0.0);
+    /// Returns the fraction of a label in a pixel's neighbourhood: an edge softened by a pixel, for
+    /// sides of similar colour.
+    fn coverage(&self, label: usize, pixel: usize) -> f32 {
+        let mut own = 0.0;
+        let mut all = 0.0;
         for near in self.canvas.around(pixel, 1) {
             all += 1.0;
             own += if usize::from(self.labels[near]) == label {
@@ -306,13 +316,14 @@ impl<'a> Band<'a> {
     }
 }
 
-/// Which share of a colour is the front's; `None` where the two sides look too much alike.
-fn share(color: &[f32; 3], front: &Side, back: &Side) -> Option<f32> {
+/// Estimates the fraction of the front in a mixed colour; `None` if the sides have similar colours.
+fn estimate_alpha(color: &[f32; 3], front: &Side, back: &Side) -> Option<f32> {
     let between = [0, 1, 2].map(|c| front.mean[c] - back.mean[c]);
     let squared: f32 = between.iter().map(|d| d * d).sum();
-    let apart = APART_LEVELS.max(APART_DEVIATIONS * front.deviation.max(back.deviation));
-    let told =
-        front.count >= LEAST_PIXELS && back.count >= LEAST_PIXELS && squared >= apart * apart;
+    let min_distance = MIN_LEVELS.max(MIN_DEVIATIONS * front.deviation.max(back.deviation));
+    let is_distinct = front.count >= MIN_SIDE_PIXELS
+        && back.count >= MIN_SIDE_PIXELS
+        && squared >= min_distance * min_distance;
     let along: f32 = (0..3).map(|c| (color[c] - back.mean[c]) * between[c]).sum();
-    told.then(|| (along / squared).clamp(0.0, 1.0))
+    is_distinct.then(|| (along / squared).clamp(0.0, 1.0))
 }

@@ -1,21 +1,26 @@
-//! Layers of a sequence of photographs: the dominant planes of what one of them shows, each with its pixels, their alpha and their depth (S10).
+//! Planar layers of a sequence of photographs: the dominant planes of its middle frame, each with
+//! its pixels, their alpha and their depth (S10).
 //!
-//! The paper segments a film by layered motion, a planar perspective transformation each, then finds the plane of each layer from tracked points and what lies off it by
-//! stereo. Cameras are known here, so that a homography between frames *is* a plane. The order is turned round: stereo first (E3,
-//! `dense_depth`), then planes in the depths that it found, which need no tracking and are the homographies that most matches agree with.
+//! The paper segments a film by layered motion, one planar perspective transformation per layer,
+//! then finds the plane of each layer from tracked points and residual depth by stereo. Cameras are
+//! known here, so a homography between frames *is* a plane, and the order is reversed: stereo first
+//! (E3, `dense_depth`), then planes in its depths, which need no tracking and are the homographies
+//! supported by most matches.
 //!
 //! | the paper's step | here |
 //! |---|---|
 //! | frames of the sequence, one of them in the middle | `frames` |
 //! | a planar motion for each layer | `planes` |
-//! | which pixel belongs to which layer | `labels`, or masks made by hand |
-//! | residual depth | `dense_depth`, carried on to unmatched pixels by `fill` |
-//! | alpha-matted sprites, wider than the frame | `behind`, `matte`, `crop` |
+//! | assignment of pixels to layers | `labels`, or masks drawn by hand |
+//! | residual depth | `dense_depth`, extended to unmatched pixels by `fill` |
+//! | alpha-matted sprites, wider than the frame | `background`, `matte`, `crop` |
 //!
-//! A position is a pixel of the *canvas*: the picture of the middle frame, wider all round, its principal point in the middle. Inverse depths
-//! there are affine in the pixel for every plane. Distances of inverse depth are told in pixels of parallax: by how much a point moves between frames.
+//! Positions are pixels of the *canvas* (`canvas`): the middle frame's image, extended on all
+//! sides, with a centred principal point. Inverse depth of every plane is affine in these pixels.
+//! Differences of inverse depth are measured in pixels of parallax: the motion of a point between
+//! frames.
 
-mod behind;
+mod background;
 mod canvas;
 mod crop;
 mod fill;
@@ -37,95 +42,97 @@ use image::{GrayImage, RgbaImage};
 use planes::Affine;
 use std::path::PathBuf;
 
-/// Why a sequence has no layers.
+/// Error of segmenting a sequence into layers.
 #[derive(Debug, thiserror::Error)]
 pub enum LayersError {
     /// A view could not be read.
     #[error(transparent)]
     Images(#[from] ImagesError),
-    /// Depth could not be found.
+    /// Depth could not be estimated.
     #[error(transparent)]
     Depth(#[from] DenseDepthError),
-    /// There is no such view, or it is a panorama.
-    #[error("{}: no perspective view \"{name}\"; there are {count} views, by name or by number from 1", folder.display())]
+    /// The view does not exist or is a panorama.
+    #[error("{}: no perspective view \"{name}\"; choose one of the {count} views by name or by number from 1", folder.display())]
     NoView {
-        /// The set.
+        /// Folder of the set.
         folder: PathBuf,
-        /// What was asked for.
+        /// Requested name or number.
         name: String,
-        /// How many there are.
+        /// Number of views.
         count: usize,
     },
-    /// All pictures were taken from one place.
-    #[error("{}: no other view was taken from another place than {name}: without parallax there is no telling what is in front", folder.display())]
+    /// All views have the same position.
+    #[error("{}: no other view has another position than {name}: layers need parallax", folder.display())]
     NoParallax {
-        /// The set.
+        /// Folder of the set.
         folder: PathBuf,
-        /// The middle one.
+        /// Name of the middle view.
         name: String,
     },
-    /// Matching found too little.
+    /// Too few pixels have depth.
     #[error(
-        "{name}: depth was found for {found} of its {pixels} pixels only, too few for a plane: the pictures show no texture, hardly overlap, or their cameras are wrong"
+        "{name}: only {known} of {pixels} pixels have depth, too few for a plane: the images have no texture, hardly overlap, or their cameras are wrong"
     )]
     NoDepth {
-        /// The middle view.
+        /// Name of the middle view.
         name: String,
-        /// Pixels with depth.
-        found: usize,
-        /// Pixels of the picture.
+        /// Number of pixels with depth.
+        known: usize,
+        /// Number of pixels of the image.
         pixels: usize,
     },
-    /// A mask does not fit its picture.
-    #[error("{}: is {}x{} pixels, but {name} {}x{}: masks have a pixel for each of the picture's", path.display(), size[0], size[1], wanted[0], wanted[1])]
+    /// The size of a mask differs from that of the image.
+    #[error("{}: is {}x{} pixels, but {name} is {}x{}: a mask must have the size of the image", path.display(), size[0], size[1], expected[0], expected[1])]
     MaskSize {
-        /// The mask.
+        /// File of the mask.
         path: PathBuf,
-        /// Its width and height.
+        /// Width and height of the mask.
         size: [u32; 2],
-        /// The picture.
+        /// Name of the middle view.
         name: String,
-        /// The picture's width and height.
-        wanted: [u32; 2],
+        /// Width and height of its image.
+        expected: [u32; 2],
     },
-    /// A mask without depth has no plane.
-    #[error("{}: depth was found for {found} of its white pixels only, too few for a plane", path.display())]
+    /// Too few pixels of a mask have depth.
+    #[error("{}: only {known} of its white pixels have depth, too few for a plane", path.display())]
     EmptyMask {
-        /// The mask.
+        /// File of the mask.
         path: PathBuf,
-        /// Pixels with depth.
-        found: usize,
+        /// Number of white pixels with depth.
+        known: usize,
     },
 }
 
-/// A region made by hand: white where a pixel of the middle view belongs to the layer.
+/// Hand-drawn region: white where a pixel of the middle view belongs to the layer.
 #[derive(Clone, Debug)]
 pub struct Mask {
-    /// Where it was read from, for errors.
+    /// Source file, for errors.
     pub path: PathBuf,
-    /// As large as the middle view's picture; from 128 on a pixel belongs.
+    /// Image of the middle view's size; levels of at least 128 belong to the layer.
     pub picture: GrayImage,
 }
 
-/// How layers are made.
+/// Settings of a segmentation into layers.
 #[derive(Clone, Debug)]
 pub struct LayerJob {
-    /// The middle view, by its number in the set.
+    /// Index of the middle view in the set.
     pub view: usize,
-    /// Other views that are used, at most.
+    /// Maximum number of other views.
     pub others: usize,
-    /// Layers at most; masks have as many as they are.
+    /// Maximum number of layers; ignored with masks.
     pub layers: usize,
-    /// Takes depth from the set's files where there is some; otherwise only what was found from the pictures themselves.
+    /// True to use measured depth of the set's files; otherwise only depth estimated from the
+    /// images is used.
     pub own_depth: bool,
-    /// Regions made by hand instead of found ones; a pixel belongs to the first that has it.
+    /// Hand-drawn regions instead of computed ones; a pixel belongs to the first mask that contains
+    /// it.
     pub masks: Vec<Mask>,
-    /// The canvas is made smaller until its longer side has no more pixels than this.
+    /// Maximum longer side of the canvas, pixels.
     pub longest_px: u32,
 }
 
 impl LayerJob {
-    /// Of the view in the middle of a set.
+    /// Returns default settings for the view in the middle of a set.
     pub fn suggest(set: &ImageSet) -> Self {
         Self {
             view: set.views.len() / 2,
@@ -137,7 +144,7 @@ impl LayerJob {
         }
     }
 
-    /// The number of a view by its name (as the set has it, or without its ending) or by its number from 1.
+    /// Finds the index of a view by its name (with or without extension) or by its number from 1.
     ///
     /// # Errors
     /// [`LayersError::NoView`].
@@ -169,64 +176,64 @@ fn no_view(set: &ImageSet, name: &str) -> LayersError {
     }
 }
 
-/// A layer: a plane, and what lies on it or a little off.
+/// A layer: a plane with colours and residual depth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanarLayer {
-    /// Unit normal of the plane, world.
+    /// Unit normal of the plane in world space.
     pub normal: DVec3,
-    /// Signed distance of the world's origin from it, metres.
+    /// Signed distance of the world's origin from the plane, metres.
     pub offset: f64,
-    /// As large as the camera's image: sRGB, straight alpha; transparent where nothing is known of the layer.
+    /// Image of the camera's size: sRGB, straight alpha; transparent where the layer is unknown.
     pub color: RgbaImage,
-    /// Eye depth of each pixel that is not transparent, metres, else NaN.
+    /// Eye depth of each pixel, metres; NaN where transparent.
     pub depth: Vec<f32>,
 }
 
-/// The layers of a sequence.
+/// Layers of a sequence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanarLayers {
-    /// The middle view's eye and direction; wider.
+    /// Camera with the middle view's eye and direction and a wider field of view.
     pub camera: Camera,
-    /// Those with more pixels first.
+    /// Layers in order of decreasing pixel count.
     pub layers: Vec<PlanarLayer>,
-    /// For each pixel of the camera the layer that the middle view shows there.
+    /// Visible layer at each pixel of the camera in the middle view.
     pub labels: Vec<Option<u8>>,
-    /// For each pixel of the camera the eye depth on the plane of that layer, metres, NaN where there is none.
+    /// Eye depth of the visible layer's plane at each pixel, metres; NaN where there is none.
     pub plane_depth: Vec<f32>,
-    /// For each pixel of the camera the eye depth that matching found for what the middle view shows there, metres, NaN where unknown.
+    /// Eye depth of the middle view at each pixel by stereo, metres; NaN where unknown.
     pub matched_depth: Vec<f32>,
-    /// Names of the views that were used, the middle one first.
+    /// Names of the used views, the middle one first.
     pub used: Vec<String>,
 }
 
 impl PlanarLayers {
-    /// For each pixel of the camera the eye depth of the layer that the middle view shows there, metres, NaN where there is none.
+    /// Returns the eye depth of the visible layer at each pixel, metres; NaN where there is none.
     pub fn depth(&self) -> Vec<f32> {
-        let of = |(pixel, label): (usize, &Option<u8>)| {
+        let layer_depth = |(pixel, label): (usize, &Option<u8>)| {
             label
                 .and_then(|label| self.layers.get(usize::from(label)))
                 .map_or(f32::NAN, |layer| layer.depth[pixel])
         };
-        self.labels.iter().enumerate().map(of).collect()
+        self.labels.iter().enumerate().map(layer_depth).collect()
     }
 }
 
-/// Fewest pixels with depth that a plane is fitted to.
-const LEAST_PIXELS: usize = 50;
+/// Minimum number of pixels with depth for a plane.
+const MIN_PIXELS: usize = 50;
 
-/// Least share of the middle picture's pixels whose depth must be known.
-const LEAST_SHARE: f64 = 0.03;
+/// Minimum fraction of the middle view's pixels with depth.
+const MIN_SHARE: f64 = 0.03;
 
-/// Most layers: labels are bytes.
-pub const MOST_LAYERS: usize = 64;
+/// Maximum number of layers: layers are bits of a 64-bit mask.
+pub const MAX_LAYERS: usize = 64;
 
 impl LayerJob {
-    /// How many steps [`Self::load`] tells of at most.
+    /// Returns the maximum number of steps that [`Self::load`] reports.
     pub fn steps(&self, set: &ImageSet) -> u64 {
         DenseDepth::steps((self.others + 1).min(set.views.len()))
     }
 
-    /// Chooses frames, reads them, and finds their depth, which takes nearly all of the time.
+    /// Chooses frames, reads them, and estimates their depth, which takes nearly all of the time.
     ///
     /// # Errors
     /// See [`LayersError`].
@@ -234,40 +241,45 @@ impl LayerJob {
         Frames::load(self, set, advance)
     }
 
-    /// Makes the layers of what the middle one of some frames shows.
+    /// Segments the middle frame into layers.
     ///
     /// # Errors
     /// See [`LayersError`].
-    pub fn layers(&self, frames: &Frames) -> Result<PlanarLayers, LayersError> {
+    pub fn segment(&self, frames: &Frames) -> Result<PlanarLayers, LayersError> {
         let canvas = Canvas::new(frames, self.longest_px);
-        let found = canvas.inverse_depth.iter().filter(|q| **q > 0.0).count();
+        let known = canvas.inverse_depth.iter().filter(|q| **q > 0.0).count();
         let pixels = canvas.shown.iter().filter(|shown| **shown).count();
-        if found < LEAST_PIXELS || (found as f64) < LEAST_SHARE * pixels as f64 {
+        if known < MIN_PIXELS || (known as f64) < MIN_SHARE * pixels as f64 {
             return Err(LayersError::NoDepth {
                 name: frames.middle_name().into(),
-                found,
+                known,
                 pixels,
             });
         }
         let (planes, labels) = match self.masks.as_slice() {
             [] => {
-                let planes = planes::dominant(&canvas, self.layers.clamp(1, MOST_LAYERS));
+                let planes = planes::find_dominant(&canvas, self.layers.clamp(1, MAX_LAYERS));
                 let labels = labels::assign(&canvas, frames, &planes);
                 (planes, labels)
             }
-            masks => labels::from_masks(&canvas, frames, masks)?,
+            masks => labels::assign_masks(&canvas, frames, masks)?,
         };
         Ok(crop::crop(
-            layers(&canvas, frames, &planes, labels),
+            build_layers(&canvas, frames, &planes, labels),
             &canvas,
         ))
     }
 }
 
-/// From planes and labels to pictures.
-fn layers(canvas: &Canvas, frames: &Frames, planes: &[Affine], labels: Vec<u8>) -> PlanarLayers {
-    let seen = behind::see(canvas, frames, planes, &labels);
-    let mut layers: Vec<(usize, matte::Built)> = (0..planes.len())
+/// Builds the layers' images from planes and labels.
+fn build_layers(
+    canvas: &Canvas,
+    frames: &Frames,
+    planes: &[Affine],
+    labels: Vec<u8>,
+) -> PlanarLayers {
+    let background = background::accumulate(canvas, frames, planes, &labels);
+    let mut layers: Vec<(usize, matte::LayerBuilder)> = (0..planes.len())
         .map(|label| {
             (
                 labels
@@ -281,7 +293,7 @@ fn layers(canvas: &Canvas, frames: &Frames, planes: &[Affine], labels: Vec<u8>) 
         .map(|(pixels, label)| {
             (
                 pixels,
-                matte::Built::new(canvas, planes, &labels, label, &seen[label]),
+                matte::LayerBuilder::new(canvas, planes, &labels, label, &background[label]),
             )
         })
         .collect();
@@ -293,23 +305,23 @@ fn layers(canvas: &Canvas, frames: &Frames, planes: &[Affine], labels: Vec<u8>) 
             .map(|(_, layer)| layer)
             .collect::<Vec<_>>(),
     );
-    // Stable: equal ones stay in the order of their planes.
+    // Stable sort: layers of equal size stay in the order of their planes.
     layers.sort_by_key(|(pixels, _)| std::cmp::Reverse(*pixels));
     let order: Vec<usize> = layers.iter().map(|(_, layer)| layer.label).collect();
-    let place = |label: u8| {
+    let layer_index = |label: u8| {
         order
             .iter()
             .position(|own| *own == usize::from(label))
-            .map(|place| place as u8)
+            .map(|index| index as u8)
     };
     let on_plane = |(pixel, label): (usize, &u8)| match planes.get(usize::from(*label)) {
-        Some(plane) => (1.0 / plane.at(canvas.center(pixel))) as f32,
+        Some(plane) => (1.0 / plane.inverse_depth(canvas.center(pixel))) as f32,
         None => f32::NAN,
     };
     PlanarLayers {
         camera: canvas.camera,
         plane_depth: labels.iter().enumerate().map(on_plane).collect(),
-        labels: labels.iter().map(|label| place(*label)).collect(),
+        labels: labels.iter().map(|label| layer_index(*label)).collect(),
         matched_depth: canvas
             .inverse_depth
             .iter()

@@ -1,4 +1,4 @@
-//! A panel with a bulge before a slanted wall, whose planes, regions and depths have closed forms; and what can be wrong.
+//! An analytic scene of a panel with a bulge in front of a slanted wall, and invalid input.
 
 use super::frames::Frame;
 use super::labels::NONE;
@@ -12,21 +12,21 @@ use std::path::Path;
 
 const SIZE: [u32; 2] = [160, 120];
 const FRAMES: usize = 5;
-/// The middle one.
+/// Index of the middle frame.
 const MIDDLE: usize = 2;
 
-/// The panel: at this depth, this far to each side of the middle, with a bulge this high that is a part of a ball.
+/// Panel: position on Z, half size, height of the bulge, and radius of its sphere.
 const PANEL_Z: f64 = -2.0;
 const HALF: [f64; 2] = [0.42, 0.34];
 const BULGE: f64 = 0.06;
 const BALL: f64 = 0.6;
 
-/// The wall: `WALL . p = WALL_OFFSET`.
+/// Wall: `WALL . p = WALL_OFFSET`.
 const WALL: DVec3 = dvec3(0.25, 0.1, 1.0);
 const WALL_OFFSET: f64 = -3.4;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Part {
+enum Surface {
     Panel,
     Wall,
 }
@@ -47,30 +47,28 @@ fn lens() -> Lens {
     })
 }
 
-/// What a ray meets first, and how many times the ray away.
-fn hit(eye: DVec3, ray: DVec3) -> (Part, f64) {
+/// Returns the first surface that a ray hits, and the multiple of the ray.
+fn hit(eye: DVec3, ray: DVec3) -> (Surface, f64) {
     let to_panel = (PANEL_Z - eye.z) / ray.z;
-    let there = eye + ray * to_panel;
-    if there.x.abs() < HALF[0] && there.y.abs() < HALF[1] {
+    let on_panel = eye + ray * to_panel;
+    if on_panel.x.abs() < HALF[0] && on_panel.y.abs() < HALF[1] {
         let centre = dvec3(0.0, 0.0, PANEL_Z + BULGE - BALL);
-        let (a, b, c) = (
-            ray.length_squared(),
-            ray.dot(eye - centre),
-            (eye - centre).length_squared() - BALL * BALL,
-        );
-        let inside = b * b - a * c;
-        let to_ball = if inside > 0.0 {
-            (-b - inside.sqrt()) / a
+        let a = ray.length_squared();
+        let b = ray.dot(eye - centre);
+        let c = (eye - centre).length_squared() - BALL * BALL;
+        let discriminant = b * b - a * c;
+        let to_ball = if discriminant > 0.0 {
+            (-b - discriminant.sqrt()) / a
         } else {
             f64::INFINITY
         };
-        return (Part::Panel, to_panel.min(to_ball));
+        return (Surface::Panel, to_panel.min(to_ball));
     }
-    (Part::Wall, (WALL_OFFSET - WALL.dot(eye)) / WALL.dot(ray))
+    (Surface::Wall, (WALL_OFFSET - WALL.dot(eye)) / WALL.dot(ray))
 }
 
-/// A texture of space, red on the panel and blue on the wall.
-fn color(part: Part, p: DVec3) -> [f64; 3] {
+/// Returns a solid texture, red on the panel and blue on the wall.
+fn color(part: Surface, p: DVec3) -> [f64; 3] {
     let waves = [
         (dvec3(17.0, 5.0, 3.0), 25.0),
         (dvec3(-6.0, 23.0, 11.0), 25.0),
@@ -80,17 +78,18 @@ fn color(part: Part, p: DVec3) -> [f64; 3] {
     let level = 110.0
         + waves
             .iter()
-            .map(|(wave, much)| much * wave.dot(p).sin())
+            .map(|(wave, amplitude)| amplitude * wave.dot(p).sin())
             .sum::<f64>();
     match part {
-        Part::Panel => [level + 40.0, level * 0.5, 20.0],
-        Part::Wall => [20.0, level * 0.6, level + 30.0],
+        Surface::Panel => [level + 40.0, level * 0.5, 20.0],
+        Surface::Wall => [20.0, level * 0.6, level + 30.0],
     }
 }
 
-/// A view with its true depth; pixels are means of nine rays.
+/// Renders a view with its exact depth; pixels are means of nine rays.
 fn view(i: usize) -> LoadedView {
-    let (pose, lens) = (pose(i), lens());
+    let pose = pose(i);
+    let lens = lens();
     let mut view = LoadedView {
         size_px: SIZE,
         lens,
@@ -100,7 +99,7 @@ fn view(i: usize) -> LoadedView {
     };
     for y in 0..SIZE[1] {
         for x in 0..SIZE[0] {
-            let look = |u: f64, v: f64| {
+            let shade = |u: f64, v: f64| {
                 let ray =
                     pose.world_from_eye * lens.ray([f64::from(x) + u, f64::from(y) + v], SIZE);
                 let (part, distance) = hit(pose.eye, ray);
@@ -108,7 +107,7 @@ fn view(i: usize) -> LoadedView {
             };
             let mut sum = [0.0; 3];
             for k in 0..9 {
-                let (color, _) = look(
+                let (color, _) = shade(
                     (f64::from(k % 3) + 0.5) / 3.0,
                     (f64::from(k / 3) + 0.5) / 3.0,
                 );
@@ -116,13 +115,13 @@ fn view(i: usize) -> LoadedView {
             }
             let [r, g, b] = sum.map(|level| (level + 0.5) as u8);
             view.color.push([r, g, b, 255]);
-            view.depth.push(look(0.5, 0.5).1 as f32);
+            view.depth.push(shade(0.5, 0.5).1 as f32);
         }
     }
     view
 }
 
-/// All frames, their depth as it is.
+/// Returns all frames with exact depth.
 fn frames() -> Frames {
     let order = [MIDDLE, 0, 1, 3, 4];
     let frame = |i: &usize| Frame {
@@ -148,32 +147,34 @@ fn job() -> LayerJob {
     }
 }
 
-/// What a pixel's middle shows from the middle frame's eye.
-fn truth(camera: &Camera, pixel: usize) -> (Part, f64) {
-    let (x, y) = (
-        pixel % camera.width() as usize,
-        pixel / camera.width() as usize,
-    );
+/// Returns the surface and the depth at a pixel's centre from the middle frame's eye.
+fn truth(camera: &Camera, pixel: usize) -> (Surface, f64) {
+    let x = pixel % camera.width() as usize;
+    let y = pixel / camera.width() as usize;
     hit(
         camera.eye(),
         camera.direction(x as f64 + 0.5, y as f64 + 0.5),
     )
 }
 
-fn part_of(layer: &PlanarLayer) -> Part {
+fn surface_of(layer: &PlanarLayer) -> Surface {
     if layer.normal.z.abs() > 0.99 {
-        Part::Panel
+        Surface::Panel
     } else {
-        Part::Wall
+        Surface::Wall
     }
 }
 
 #[test]
-fn planes_regions_and_depths_are_found() {
-    let layers = job().layers(&frames()).expect("layers");
+fn planes_labels_and_depth_match_truth() {
+    let layers = job().segment(&frames()).expect("layers");
     assert_eq!(layers.layers.len(), 2, "the bulge belongs to the panel");
-    let parts: Vec<Part> = layers.layers.iter().map(part_of).collect();
-    assert_eq!(parts, [Part::Wall, Part::Panel], "the larger one first");
+    let surfaces: Vec<Surface> = layers.layers.iter().map(surface_of).collect();
+    assert_eq!(
+        surfaces,
+        [Surface::Wall, Surface::Panel],
+        "the larger one first"
+    );
     let wall = WALL.normalize();
     assert!(
         layers.layers[0].normal.dot(wall).abs() > 1.0 - 1e-6,
@@ -181,31 +182,33 @@ fn planes_regions_and_depths_are_found() {
         layers.layers[0].normal
     );
     assert!((layers.layers[0].offset.abs() - WALL_OFFSET.abs() / WALL.length()).abs() < 1e-3);
-    // The bulge pulls the panel's plane towards the eye, by less than its height.
+    // The bulge pulls the panel's plane toward the eye by less than its height.
     assert!(
         (layers.layers[1].offset.abs() - PANEL_Z.abs()).abs() < BULGE,
         "{}",
         layers.layers[1].offset
     );
     let depth = layers.depth();
-    let (mut shown, mut right, mut near) = (0.0, 0.0, 0.0);
+    let mut shown = 0.0;
+    let mut right = 0.0;
+    let mut near = 0.0;
     let mut flat = 0.0f64;
     for (pixel, label) in layers.labels.iter().enumerate() {
         let Some(label) = label else { continue };
         let (part, distance) = truth(&layers.camera, pixel);
         shown += 1.0;
-        right += f64::from(u8::from(parts[usize::from(*label)] == part));
+        right += f64::from(u8::from(surfaces[usize::from(*label)] == part));
         near += f64::from(u8::from(
             (f64::from(depth[pixel]) / distance - 1.0).abs() < 1e-3,
         ));
-        if part == Part::Panel && parts[usize::from(*label)] == part {
+        if part == Surface::Panel && surfaces[usize::from(*label)] == part {
             flat = flat.max((f64::from(layers.plane_depth[pixel]) / distance - 1.0).abs());
         }
     }
     assert_eq!(
         shown,
         f64::from(SIZE[0] * SIZE[1]),
-        "each pixel of the picture is a pixel of the canvas"
+        "each pixel of the image is a pixel of the canvas"
     );
     assert!(right / shown > 0.995, "{}", right / shown);
     assert!(near / shown > 0.98, "{}", near / shown);
@@ -213,10 +216,13 @@ fn planes_regions_and_depths_are_found() {
 }
 
 #[test]
-fn other_frames_show_what_is_hidden_and_what_lies_beyond_the_rim() {
-    let layers = job().layers(&frames()).expect("layers");
-    let (camera, wall) = (&layers.camera, &layers.layers[0]);
-    let (mut hidden, mut beyond, mut off) = (0, 0, 0.0);
+fn occluded_and_outside_pixels_filled() {
+    let layers = job().segment(&frames()).expect("layers");
+    let camera = &layers.camera;
+    let wall = &layers.layers[0];
+    let mut hidden = 0;
+    let mut beyond = 0;
+    let mut off = 0.0;
     for (i, pixel) in wall.color.pixels().enumerate() {
         if pixel.0[3] == 0 {
             assert!(wall.depth[i].is_nan());
@@ -227,7 +233,8 @@ fn other_frames_show_what_is_hidden_and_what_lies_beyond_the_rim() {
             Some(_) => hidden += 1,
             None => beyond += 1,
         }
-        let (x, y) = (i % camera.width() as usize, i / camera.width() as usize);
+        let x = i % camera.width() as usize;
+        let y = i / camera.width() as usize;
         let ray = camera.direction(x as f64 + 0.5, y as f64 + 0.5);
         let distance = (WALL_OFFSET - WALL.dot(camera.eye())) / WALL.dot(ray);
         assert!(
@@ -235,7 +242,7 @@ fn other_frames_show_what_is_hidden_and_what_lies_beyond_the_rim() {
             "{x} {y}: {} {distance}",
             wall.depth[i]
         );
-        let truth = color(Part::Wall, camera.eye() + ray * distance);
+        let truth = color(Surface::Wall, camera.eye() + ray * distance);
         off += (0..3)
             .map(|c| (f64::from(pixel.0[c]) - truth[c]).abs())
             .sum::<f64>()
@@ -250,17 +257,22 @@ fn other_frames_show_what_is_hidden_and_what_lies_beyond_the_rim() {
         .zip(&layers.labels)
         .filter(|(p, label)| label.is_some() && p.0[3] == 0)
         .count();
-    assert!(unseen > 100, "what nobody sees stays unknown: {unseen}");
+    assert!(
+        unseen > 100,
+        "pixels seen by no frame stay unknown: {unseen}"
+    );
 }
 
 #[test]
-fn layers_over_each_other_are_the_picture() {
+fn composited_layers_match_image() {
     let frames = frames();
     let canvas = Canvas::new(&frames, 1600);
-    let planes = planes::dominant(&canvas, 6);
+    let planes = planes::find_dominant(&canvas, 6);
     let labels = labels::assign(&canvas, &frames, &planes);
-    let layers = layers(&canvas, &frames, &planes, labels);
-    let (mut sum, mut worst, mut soft) = (0.0, 0.0f32, 0);
+    let layers = build_layers(&canvas, &frames, &planes, labels);
+    let mut sum = 0.0;
+    let mut worst = 0.0f32;
+    let mut soft = 0;
     let mut count = 0.0;
     for (i, _) in layers
         .labels
@@ -268,13 +280,14 @@ fn layers_over_each_other_are_the_picture() {
         .enumerate()
         .filter(|(_, label)| label.is_some())
     {
-        let at = |layer: &PlanarLayer| {
+        let pixel = |layer: &PlanarLayer| {
             layer.color.as_raw()[4 * i..4 * i + 4]
                 .iter()
                 .map(|v| f32::from(*v))
                 .collect::<Vec<_>>()
         };
-        let (wall, panel) = (at(&layers.layers[0]), at(&layers.layers[1]));
+        let wall = pixel(&layers.layers[0]);
+        let panel = pixel(&layers.layers[1]);
         let alpha = panel[3] / 255.0;
         soft += u32::from(panel[3] > 0.0 && panel[3] < 255.0);
         let off = (0..3)
@@ -284,24 +297,26 @@ fn layers_over_each_other_are_the_picture() {
         count += 1.0;
         worst = worst.max(off);
     }
-    assert!(soft > 40, "edges that cross pixels are soft: {soft}");
+    assert!(soft > 40, "edges within pixels are soft: {soft}");
     assert!(sum / count < 0.3, "mean {}", sum / count);
     assert!(worst < 70.0, "worst {worst}");
 }
 
-/// A plane moves from frame to frame by the homography K2 (R + t m) K1^-1, m its normal over its distance.
+/// A plane moves from frame to frame by the homography K2 (R + t m) K1^-1, m its normal over its
+/// distance.
 #[test]
-fn a_plane_is_a_homography() {
+fn plane_is_homography() {
     let frames = frames();
     let canvas = Canvas::new(&frames, 1600);
     let other = &frames.others()[0];
     let plane = Affine {
         coefficients: dvec3(2e-4, -3e-4, 0.41),
     };
-    let (normal, offset) = plane.in_world(&canvas);
-    let (own, there) = (canvas.camera, other.view.pose);
-    let turn = there.world_from_eye.transpose() * own.world_from_eye();
-    let shift = there.world_from_eye.transpose() * (own.eye() - there.eye);
+    let (normal, offset) = plane.to_world(&canvas);
+    let own = canvas.camera;
+    let other_pose = other.view.pose;
+    let turn = other_pose.world_from_eye.transpose() * own.world_from_eye();
+    let shift = other_pose.world_from_eye.transpose() * (own.eye() - other_pose.eye);
     let m = own.world_from_eye().transpose() * normal / -(normal.dot(own.eye()) + offset);
     let pixels = |focal: f64, [cx, cy]: [f64; 2]| {
         DMat3::from_cols(
@@ -318,26 +333,27 @@ fn a_plane_is_a_homography() {
     for _ in 0..200 {
         let pixel = random.below(canvas.shown.len() as u64) as usize;
         let [x, y] = canvas.center(pixel);
-        let point = canvas.point(pixel, plane.at([x, y]));
+        let point = canvas.point(pixel, plane.inverse_depth([x, y]));
         assert!((normal.dot(point) + offset).abs() < 1e-9);
         let moved = homography * dvec3(x, y, 1.0);
-        if let Some([px, py, _]) = other.place(point) {
+        if let Some([px, py, _]) = other.project(point) {
             assert!((moved.x / moved.z - px).abs() < 1e-8 && (moved.y / moved.z - py).abs() < 1e-8);
         }
     }
 }
 
 #[test]
-fn threads_change_nothing() {
+fn layers_independent_of_threads() {
     let frames = frames();
-    let on = |threads: usize| {
+    let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
             .expect("threads");
-        pool.install(|| job().layers(&frames).expect("layers"))
+        pool.install(|| job().segment(&frames).expect("layers"))
     };
-    let (one, three) = (on(1), on(3));
+    let one = run(1);
+    let three = run(3);
     assert_eq!(one.labels, three.labels);
     for (a, b) in one.layers.iter().zip(&three.layers) {
         assert_eq!(
@@ -362,7 +378,7 @@ fn mask(name: &str, belongs: impl Fn(u32, u32) -> bool) -> Mask {
 }
 
 #[test]
-fn regions_made_by_hand_are_taken() {
+fn masks_define_layers() {
     let frames = frames();
     let left = mask("a.png", |x, _| x < 40);
     let middle = mask("b.png", |x, y| {
@@ -372,22 +388,22 @@ fn regions_made_by_hand_are_taken() {
         masks: vec![middle, left],
         ..job()
     };
-    let layers = job.layers(&frames).expect("layers");
-    let parts: Vec<Part> = layers.layers.iter().map(part_of).collect();
+    let layers = job.segment(&frames).expect("layers");
+    let surfaces: Vec<Surface> = layers.layers.iter().map(surface_of).collect();
     assert_eq!(
-        parts,
-        [Part::Wall, Part::Panel],
+        surfaces,
+        [Surface::Wall, Surface::Panel],
         "40 x 120 pixels and 40 x 40"
     );
     let count = |label: Option<u8>| layers.labels.iter().filter(|own| **own == label).count();
     assert_eq!((count(Some(0)), count(Some(1))), (40 * 120, 40 * 40));
 
-    let wrong = |mask: Mask| {
+    let error = |mask: Mask| {
         LayerJob {
             masks: vec![mask],
             ..job.clone()
         }
-        .layers(&frames)
+        .segment(&frames)
         .expect_err("no layers")
         .to_string()
     };
@@ -396,17 +412,17 @@ fn regions_made_by_hand_are_taken() {
         picture: GrayImage::new(9, 7),
     };
     assert_eq!(
-        wrong(small),
-        "small.png: is 9x7 pixels, but 2.png 160x120: masks have a pixel for each of the picture's"
+        error(small),
+        "small.png: is 9x7 pixels, but 2.png is 160x120: a mask must have the size of the image"
     );
     assert!(
-        wrong(mask("black.png", |_, _| false))
-            .starts_with("black.png: depth was found for 0 of its white pixels")
+        error(mask("black.png", |_, _| false))
+            .starts_with("black.png: only 0 of its white pixels have depth")
     );
 }
 
-/// A set of photographs in a folder.
-fn written(
+/// Writes a set of photographs.
+fn write_photographs(
     folder: &Path,
     pose: impl Fn(usize) -> Pose,
     color: impl Fn(usize) -> Vec<[u8; 4]>,
@@ -422,13 +438,13 @@ fn written(
 }
 
 #[test]
-fn photographs_alone_give_layers() {
+fn photographs_without_depth_give_layers() {
     let folder = tempfile::tempdir().expect("a folder");
-    let set = written(folder.path(), pose, |i| view(i).color);
+    let set = write_photographs(folder.path(), pose, |i| view(i).color);
     let job = LayerJob::suggest(&set);
     assert_eq!(job.view, MIDDLE);
     let frames = job.load(&set, &|| {}).expect("frames");
-    let layers = job.layers(&frames).expect("layers");
+    let layers = job.segment(&frames).expect("layers");
     assert!(
         (2..=4).contains(&layers.layers.len()),
         "{}",
@@ -445,27 +461,27 @@ fn photographs_alone_give_layers() {
 }
 
 #[test]
-fn what_has_no_layers_says_why() {
+fn sets_without_layers_report_reason() {
     let folder = tempfile::tempdir().expect("a folder");
     let even = |_: usize| vec![[90, 90, 90, 255]; (SIZE[0] * SIZE[1]) as usize];
-    let set = written(&folder.path().join("even"), pose, even);
-    let wrong = |set: &ImageSet, job: &LayerJob| {
+    let set = write_photographs(&folder.path().join("even"), pose, even);
+    let error = |set: &ImageSet, job: &LayerJob| {
         job.load(set, &|| {})
-            .and_then(|frames| job.layers(&frames))
+            .and_then(|frames| job.segment(&frames))
             .expect_err("no layers")
             .to_string()
     };
     let suggested = LayerJob::suggest(&set);
     assert!(
-        wrong(&set, &suggested).contains("no texture"),
+        error(&set, &suggested).contains("no texture"),
         "{}",
-        wrong(&set, &suggested)
+        error(&set, &suggested)
     );
     let beyond = LayerJob {
         view: FRAMES,
         ..suggested
     };
-    assert!(wrong(&set, &beyond).contains("no perspective view \"6\"; there are 5 views"));
+    assert!(error(&set, &beyond).contains("no perspective view \"6\"; choose one of the 5 views"));
     assert_eq!(LayerJob::find_view(&set, "1").expect("by number"), 0);
     assert_eq!(
         LayerJob::find_view(&set, &set.views[3].name).expect("by name"),
@@ -477,26 +493,26 @@ fn what_has_no_layers_says_why() {
         eye: pose(MIDDLE).eye,
         ..pose(i)
     };
-    let set = written(&folder.path().join("turning"), turning, |i| view(i).color);
-    assert!(wrong(&set, &LayerJob::suggest(&set)).contains("without parallax"));
+    let set = write_photographs(&folder.path().join("turning"), turning, |i| view(i).color);
+    assert!(error(&set, &LayerJob::suggest(&set)).contains("layers need parallax"));
     let mut set = set;
     set.views.truncate(1);
-    assert!(wrong(&set, &LayerJob::suggest(&set)).contains("at least two"));
+    assert!(error(&set, &LayerJob::suggest(&set)).contains("at least two"));
 }
 
 #[test]
-fn what_is_masked_out_belongs_to_no_layer() {
+fn masked_pixels_belong_to_no_layer() {
     let mut frames = frames();
     for pixel in &mut frames.frames[0].view.color[..SIZE[0] as usize * 20] {
         pixel[3] = 0;
     }
     let canvas = Canvas::new(&frames, 1600);
-    let planes = planes::dominant(&canvas, 4);
+    let planes = planes::find_dominant(&canvas, 4);
     let labels = labels::assign(&canvas, &frames, &planes);
     for (pixel, label) in labels.iter().enumerate() {
         assert_eq!(*label == NONE, !canvas.shown[pixel]);
     }
-    let layers = layers(&canvas, &frames, &planes, labels);
+    let layers = build_layers(&canvas, &frames, &planes, labels);
     let masked = |i: &usize| canvas.inside[*i] && !canvas.shown[*i];
     assert!((0..layers.labels.len()).filter(masked).count() == SIZE[0] as usize * 20);
     for layer in &layers.layers {
@@ -510,14 +526,14 @@ fn what_is_masked_out_belongs_to_no_layer() {
 }
 
 #[test]
-fn margins_of_which_nothing_is_known_are_left_out() {
+fn unknown_margins_cropped() {
     let alone = || {
         let mut alone = frames();
         alone.frames.truncate(1);
         alone
     };
     let size = |frames: &Frames| {
-        let layers = job().layers(frames).expect("layers");
+        let layers = job().segment(frames).expect("layers");
         assert_eq!(
             layers.labels.iter().filter(|label| label.is_some()).count(),
             (SIZE[0] * SIZE[1]) as usize
@@ -525,8 +541,13 @@ fn margins_of_which_nothing_is_known_are_left_out() {
         [layers.camera.width(), layers.camera.height()]
     };
     let canvas = Canvas::new(&frames(), 1600);
-    let (wide, narrow) = (size(&frames()), size(&alone()));
-    assert_eq!(narrow, [161, 122], "the picture about its principal point");
+    let wide = size(&frames());
+    let narrow = size(&alone());
+    assert_eq!(
+        narrow,
+        [161, 122],
+        "the image centred on its principal point"
+    );
     assert!(
         wide[0] > narrow[0] && wide[0] as usize <= canvas.width,
         "{wide:?}"
@@ -534,12 +555,12 @@ fn margins_of_which_nothing_is_known_are_left_out() {
 }
 
 #[test]
-fn a_smaller_canvas_shows_the_same() {
+fn smaller_canvas_gives_same_layers() {
     let layers = LayerJob {
         longest_px: 100,
         ..job()
     }
-    .layers(&frames())
+    .segment(&frames())
     .expect("layers");
     assert!(layers.camera.width().max(layers.camera.height()) <= 101);
     assert_eq!(layers.layers.len(), 2);

@@ -48,11 +48,11 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         return Ok(None);
     };
     let cameras_file = model.join(format!("cameras.{extension}"));
-        let images_file = model.join(format!("images.{extension}"));
-        let (cameras, images) = match extension {
-            "bin" => (binary_cameras(&cameras_file)?, binary_images(&images_file)?),
-            _ => (text_cameras(&cameras_file)?, text_images(&images_file)?),
-        };
+    let images_file = model.join(format!("images.{extension}"));
+    let (cameras, images) = match extension {
+        "bin" => (binary_cameras(&cameras_file)?, binary_images(&images_file)?),
+        _ => (text_cameras(&cameras_file)?, text_images(&images_file)?),
+    };
     if images.is_empty() {
         return Err(ImagesError::field(
             &images_file,
@@ -80,9 +80,9 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
                 .then(|| DepthSource::metres(path, DepthKind::EyeDepth, 1.0))
         });
         let &ColmapCamera { size_px, lens } = camera;
-                views.push(View::new(
-                    image.name, size_px, lens, image.pose, color, depth,
-                ));
+        views.push(View::new(
+            image.name, size_px, lens, image.pose, color, depth,
+        ));
     }
     views.sort_by(|a, b| a.name.cmp(&b.name));
     let format = if extension == "bin" {
@@ -258,7 +258,7 @@ fn binary_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesErro
     let mut cameras = BTreeMap::new();
     for _ in 0..bytes.u64()? {
         let id = bytes.u32()?;
-                let model = bytes.u32()?;
+        let model = bytes.u32()?;
         let size = [bytes.u64()?, bytes.u64()?];
         let known = MODELS.get(model as usize);
         let &(name, count) = known.ok_or_else(|| {
@@ -284,7 +284,7 @@ fn binary_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
     for _ in 0..bytes.u64()? {
         let _id = bytes.u32()?;
         let quaternion = bytes.f64s()?;
-                let translation = bytes.f64s()?;
+        let translation = bytes.f64s()?;
         let camera = bytes.u32()?;
         let end = bytes
             .rest

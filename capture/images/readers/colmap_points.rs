@@ -29,10 +29,10 @@ pub fn read_sparse_points(folder: &Path) -> Result<Vec<SparsePoint>, ImagesError
         return Ok(Vec::new());
     }
     let mut points = if extension == "bin" {
-            binary_points(&file)?
-        } else {
-            text_points(&file)?
-        };
+        binary_points(&file)?
+    } else {
+        text_points(&file)?
+    };
     points.retain(|point| point.position.is_finite());
     Ok(points)
 }

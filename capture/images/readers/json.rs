@@ -39,7 +39,7 @@ impl<'a> JsonObject<'a> {
     }
 
     /// Returns the path of a field of this object in the file.
-        pub(super) fn field_path(&self, key: &str) -> String {
+    pub(super) fn field_path(&self, key: &str) -> String {
         if self.path.is_empty() {
             key.into()
         } else {

@@ -29,18 +29,18 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         return Err(ImagesError::field(&file, "the file", "names no image"));
     }
     Ok(Some(ImageSet {
-            folder: folder.into(),
-            format: "Middlebury multi-view",
-            frame: FileFrame::default(),
-            views,
-            headbox_centre: None,
-            notes: Vec::new(),
+        folder: folder.into(),
+        format: "Middlebury multi-view",
+        frame: FileFrame::default(),
+        views,
+        headbox_centre: None,
+        notes: Vec::new(),
     }))
 }
 
 fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError> {
     let field = format!("line {number}");
-        let bad = |cause: &str| ImagesError::field(file, field.clone(), cause);
+    let bad = |cause: &str| ImagesError::field(file, field.clone(), cause);
     let mut words = line.split_whitespace();
     let name = words.next().ok_or_else(|| bad("names no image"))?;
     let numbers: Option<Vec<f64>> = words
@@ -72,8 +72,8 @@ fn find_parameter_file(folder: &Path) -> Result<Option<PathBuf>, ImagesError> {
             .path();
         if path.to_string_lossy().ends_with("_par.txt") {
             files.push(path);
-                    }
-                }
-                files.sort();
-                Ok(files.into_iter().next())
+        }
+    }
+    files.sort();
+    Ok(files.into_iter().next())
 }

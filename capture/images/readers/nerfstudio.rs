@@ -55,7 +55,7 @@ fn read_view(
     allow_outside: bool,
 ) -> Result<View, ImagesError> {
     // Fields that a frame lacks are taken from the file's root.
-        let find_owner = |key: &str| {
+    let find_owner = |key: &str| {
         if view.has(key) || !root.has(key) {
             view.clone()
         } else {
@@ -69,24 +69,24 @@ fn read_view(
         allow_outside,
     )?);
     let width_owner = find_owner("w");
-        let height_owner = find_owner("h");
-        let size_px = if width_owner.has("w") && height_owner.has("h") {
-            [width_owner.side("w")?, height_owner.side("h")?]
-        } else {
-            read_size(&color)?
-        };
-        let lens = read_lens(&find_owner, view, size_px)?;
+    let height_owner = find_owner("h");
+    let size_px = if width_owner.has("w") && height_owner.has("h") {
+        [width_owner.side("w")?, height_owner.side("h")?]
+    } else {
+        read_size(&color)?
+    };
+    let lens = read_lens(&find_owner, view, size_px)?;
     let pose = Pose::from_opengl(view.matrix("transform_matrix")?)
         .map_err(|cause| view.error("transform_matrix", cause))?;
     let resolve_field = |key: &str| {
-            if !view.has(key) {
-                return Ok(None);
-            }
-            let field = view.field_path(key);
-            resolve(view.file, &field, view.text(key)?, allow_outside).map(Some)
-        };
-        let depth = resolve_field("depth_file_path")?;
-        let unit = find_owner("depth_unit_scale_factor");
+        if !view.has(key) {
+            return Ok(None);
+        }
+        let field = view.field_path(key);
+        resolve(view.file, &field, view.text(key)?, allow_outside).map(Some)
+    };
+    let depth = resolve_field("depth_file_path")?;
+    let unit = find_owner("depth_unit_scale_factor");
     let unit_m = unit.number_or("depth_unit_scale_factor", DEPTH_UNIT_M)?;
     if unit_m <= 0.0 {
         return Err(unit.error(
@@ -109,9 +109,9 @@ fn read_view(
     });
     let name = view.text("file_path")?.to_owned();
     Ok(View {
-            mask: resolve_field("mask_path")?,
-            ..View::new(name, size_px, lens, pose.in_world(frame), color, depth)
-        })
+        mask: resolve_field("mask_path")?,
+        ..View::new(name, size_px, lens, pose.in_world(frame), color, depth)
+    })
 }
 
 /// Writes perspective views as a set of their own: undistorted images as `images/NNNNN.png`, and
@@ -215,13 +215,13 @@ fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {
     let [width, height] = view.size_px;
     let opaque = view.color.iter().all(|pixel| pixel[3] == 255);
     let bytes: Vec<u8> = if opaque {
-            view.color
-                .iter()
-                .flat_map(|&[r, g, b, _]| [r, g, b])
-                .collect()
-        } else {
-            view.color.iter().flatten().copied().collect()
-        };
+        view.color
+            .iter()
+            .flat_map(|&[r, g, b, _]| [r, g, b])
+            .collect()
+    } else {
+        view.color.iter().flatten().copied().collect()
+    };
     let kind = if opaque {
         ExtendedColorType::Rgb8
     } else {
@@ -268,28 +268,28 @@ fn read_lens<'a>(
     let number = |key: &str, default: f64| find_owner(key).number_or(key, default);
     let [width, height] = size_px.map(f64::from);
     let focal_from_angle = |key: &str, side: f64| -> Result<Option<f64>, ImagesError> {
-            let object = find_owner(key);
+        let object = find_owner(key);
         if !object.has(key) {
             return Ok(None);
         }
         let angle = object.number(key)?;
         if angle > 0.0 && angle < std::f64::consts::PI {
-                    Ok(Some(0.5 * side / (angle / 2.0).tan()))
-                } else {
-                    Err(object.error(key, format!("is {angle}, not an angle between 0 and pi")))
-                }
+            Ok(Some(0.5 * side / (angle / 2.0).tan()))
+        } else {
+            Err(object.error(key, format!("is {angle}, not an angle between 0 and pi")))
+        }
     };
     let focal = |key: &str, angle_key: &str, side: f64| {
-            let object = find_owner(key);
-            if object.has(key) {
-                object.number(key).map(Some)
-            } else {
-                focal_from_angle(angle_key, side)
-            }
-        };
-        let fl_x = focal("fl_x", "camera_angle_x", width)?;
-        let fl_y = focal("fl_y", "camera_angle_y", height)?;
-        let Some(focal_x) = fl_x.or(fl_y) else {
+        let object = find_owner(key);
+        if object.has(key) {
+            object.number(key).map(Some)
+        } else {
+            focal_from_angle(angle_key, side)
+        }
+    };
+    let fl_x = focal("fl_x", "camera_angle_x", width)?;
+    let fl_y = focal("fl_y", "camera_angle_y", height)?;
+    let Some(focal_x) = fl_x.or(fl_y) else {
         return Err(view.error(
             "fl_x",
             "is missing, and so is camera_angle_x: one of them must specify the field of view",

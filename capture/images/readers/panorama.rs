@@ -79,12 +79,12 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         return Ok(None);
     }
     Ok(Some(ImageSet {
-            folder: folder.into(),
-            format: "panoramas",
-            frame: FileFrame::default(),
-            views,
-            headbox_centre: None,
-            notes: vec!["no poses: every panorama lies at the origin".into()],
+        folder: folder.into(),
+        format: "panoramas",
+        frame: FileFrame::default(),
+        views,
+        headbox_centre: None,
+        notes: vec!["no poses: every panorama lies at the origin".into()],
     }))
 }
 
@@ -111,10 +111,10 @@ fn list_images(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
             .is_some_and(|stem| stem.to_string_lossy().ends_with("_depth"));
         if is_picture && !is_depth {
             images.push(path);
-                    }
-                }
-                images.sort();
-                Ok(images)
+        }
+    }
+    images.sort();
+    Ok(images)
 }
 
 fn find_depth_file(folder: &Path, stem: &str) -> Option<PathBuf> {

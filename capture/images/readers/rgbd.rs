@@ -30,7 +30,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     let pinhole = match find_intrinsics(&frame_folder, folder) {
         Some(file) => {
             let k = text::read_numbers(&file, 9, "the 3x3 intrinsics")?;
-                        let checked = create_pinhole([k[0], k[4]], [k[2], k[5]]).checked();
+            let checked = create_pinhole([k[0], k[4]], [k[2], k[5]]).checked();
             checked.map_err(|cause| ImagesError::field(&file, "the 3x3 intrinsics", cause))?
         }
         None => {
@@ -43,8 +43,8 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     };
     let lens = Lens::Pinhole(pinhole);
     let mut views = Vec::new();
-        let mut without_pose = Vec::new();
-        let mut without_depth = Vec::new();
+    let mut without_pose = Vec::new();
+    let mut without_depth = Vec::new();
     for pose_file in poses {
         let stem = pose_file
             .to_string_lossy()
@@ -62,10 +62,10 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         let pose = Pose::from_opencv(DMat4::from_cols_array(&matrix).transpose());
         let pose = pose.map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))?;
         let file = |extension: &str| PathBuf::from(format!("{stem}{extension}"));
-                let color = [file("color.png"), file("color.jpg")]
-                    .into_iter()
-                    .find(|path| path.is_file());
-                let color = color.unwrap_or_else(|| file("color.png"));
+        let color = [file("color.png"), file("color.jpg")]
+            .into_iter()
+            .find(|path| path.is_file());
+        let color = color.unwrap_or_else(|| file("color.png"));
         let size_px = read_size(&color)?;
         let depth = Some(file("depth.png")).filter(|path| path.is_file());
         if depth.is_none() {
@@ -78,19 +78,19 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     if views.is_empty() {
         return Err(ImagesError::field(
             &frame_folder,
-                        "frame-*.pose.txt",
+            "frame-*.pose.txt",
             "no frame has a pose",
         ));
     }
     notes.extend(
         text::abbreviate(&without_pose)
-                    .map(|names| format!("skipped, because tracking was lost: {names}")),
+            .map(|names| format!("skipped, because tracking was lost: {names}")),
     );
     notes.extend(text::abbreviate(&without_depth).map(|names| format!("without depth: {names}")));
     Ok(Some(ImageSet {
-            folder: folder.into(),
-            format: "RGB-D frames",
-            frame: FileFrame::default(),
+        folder: folder.into(),
+        format: "RGB-D frames",
+        frame: FileFrame::default(),
         views,
         headbox_centre: None,
         notes,
@@ -121,8 +121,8 @@ fn find_intrinsics(frame_folder: &Path, folder: &Path) -> Option<PathBuf> {
         .take_while(|parent| parent.starts_with(folder))
         .map(Path::to_path_buf);
     let folders = parents.chain(folder.parent().map(Path::to_path_buf));
-        folders
-            .flat_map(|folder| names.map(|name| folder.join(name)))
+    folders
+        .flat_map(|folder| names.map(|name| folder.join(name)))
         .find(|file| file.is_file())
 }
 
@@ -146,7 +146,7 @@ fn find_poses(folder: &Path, levels: u32) -> Result<Option<(PathBuf, Vec<PathBuf
     if levels > 0 {
         for below in entries.iter().filter(|path| path.is_dir()) {
             if let Some(poses) = find_poses(below, levels - 1)? {
-                            return Ok(Some(poses));
+                return Ok(Some(poses));
             }
         }
     }

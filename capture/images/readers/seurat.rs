@@ -75,7 +75,7 @@ fn read_view(view: &JsonObject, allow_outside: bool) -> Result<View, ImagesError
     };
     let files = view.object("depth_image_file")?;
     let color = files.object("color")?;
-        let depth = files.object("depth")?;
+    let depth = files.object("depth")?;
     let path = |object: &JsonObject| -> Result<PathBuf, ImagesError> {
         resolve(
             object.file,
@@ -106,10 +106,10 @@ fn read_view(view: &JsonObject, allow_outside: bool) -> Result<View, ImagesError
         .map(|name| name.to_string_lossy().into_owned())
         .unwrap_or_default();
     let lens = Lens::Pinhole(pinhole);
-        Ok(View {
-            color_channels: color_channels(&color),
-            ..View::new(name, size_px, lens, pose, color_path, Some(source))
-        })
+    Ok(View {
+        color_channels: color_channels(&color),
+        ..View::new(name, size_px, lens, pose, color_path, Some(source))
+    })
 }
 
 fn channel(file: &JsonObject, key: &str) -> Option<String> {
@@ -133,8 +133,8 @@ fn color_channels(color: &JsonObject) -> Option<ColorChannels> {
 fn parse_projection(clip_from_eye: DMat4, [width, height]: [u32; 2]) -> Result<Pinhole, String> {
     let rows = clip_from_eye.transpose();
     let x = rows.x_axis;
-        let y = rows.y_axis;
-        let w = rows.w_axis;
+    let y = rows.y_axis;
+    let w = rows.w_axis;
     if !clip_from_eye.is_finite()
         || (w.z + 1.0).abs() > 1e-6
         || w.x != 0.0
@@ -179,7 +179,7 @@ mod tests {
         assert!((x - expected[0]).abs() < 1e-9 && (y - expected[1]).abs() < 1e-9 && depth == 3.0);
         assert!(
             parse_projection(DMat4::IDENTITY, [4, 4]).is_err(),
-                        "not a perspective"
+            "not a perspective"
         );
     }
 }

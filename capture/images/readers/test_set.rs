@@ -7,12 +7,12 @@ use std::path::Path;
 /// Writes the views' images as a nerfstudio set without depth in `folder`, and opens it.
 pub(crate) fn photographs(folder: &Path, views: impl IntoIterator<Item = LoadedView>) -> ImageSet {
     let source = folder.join("source");
-        std::fs::create_dir_all(&source).expect("a folder");
-        let save = |(i, view): (usize, LoadedView)| {
-            let name = format!("{i}.png");
-            let [width, height] = view.size_px;
-            let color = source.join(&name);
-            let bytes = view.color.into_flattened();
+    std::fs::create_dir_all(&source).expect("a folder");
+    let save = |(i, view): (usize, LoadedView)| {
+        let name = format!("{i}.png");
+        let [width, height] = view.size_px;
+        let color = source.join(&name);
+        let bytes = view.color.into_flattened();
         RgbaImage::from_raw(width, height, bytes)
             .expect("a picture")
             .save(&color)

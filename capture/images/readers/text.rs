@@ -18,7 +18,7 @@ pub(super) fn read_numbers(
         }
         _ => Err(ImagesError::field(
             path,
-                        field,
+            field,
             format!("must hold {count} finite numbers"),
         )),
     }

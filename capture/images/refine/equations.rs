@@ -69,17 +69,18 @@ impl IcpProblem<'_> {
     }
 
     /// Visits the surfaces of a view and their cells: the validation points, or the others.
-        pub(super) fn for_each_facet(
-            &self,
-            view: usize,
-            validation: bool,
+    pub(super) fn for_each_facet(
+        &self,
+        view: usize,
+        validation: bool,
         mut visit: impl FnMut([u32; 2], Facet),
     ) {
         let grid = &self.grids[view];
         for row in (0..grid.size[1]).step_by(STEP as usize) {
             for column in (0..grid.size[0]).step_by(STEP as usize) {
                 // Staggered from row to row.
-                                let is_validation = (column / STEP + 2 * (row / STEP)).is_multiple_of(VALIDATION_STRIDE);
+                let is_validation =
+                    (column / STEP + 2 * (row / STEP)).is_multiple_of(VALIDATION_STRIDE);
                 if is_validation == validation
                     && let Some(facet) = grid.facet(column, row)
                 {
@@ -92,8 +93,8 @@ impl IcpProblem<'_> {
     /// Matches points of `from` with planes of `to`.
     fn matches(&self, [from, to]: [usize; 2], poses: &[Pose]) -> Vec<PlaneMatch> {
         let grid = &self.grids[to];
-                let own = &poses[from];
-                let pose = &poses[to];
+        let own = &poses[from];
+        let pose = &poses[to];
         let mut matches = Vec::new();
         self.for_each_facet(from, false, |_, Facet { point, normal, .. }| {
             let world = own.to_world(point);
@@ -134,11 +135,11 @@ impl IcpProblem<'_> {
         for (matches, first) in both.iter().zip([0, 1]) {
             let eyes = [a, b].map(|view| poses[view].eye);
             for matched in matches {
-                            let error = matched.distance / matched.unit / max_error;
+                let error = matched.distance / matched.unit / max_error;
                 if error.abs() < 1.0 {
                     block.add(
                         matched,
-                                                eyes,
+                        eyes,
                         first,
                         ((1.0 - error * error) / matched.unit).powi(2),
                     );
@@ -152,13 +153,14 @@ impl IcpProblem<'_> {
 impl PosePairBlock {
     /// Adds an equation: moving the view of the point along the plane's normal increases the
     /// distance, moving the view of the plane decreases it.
-        fn add(&mut self, matched: &PlaneMatch, eyes: [DVec3; 2], first: usize, weight: f64) {
+    fn add(&mut self, matched: &PlaneMatch, eyes: [DVec3; 2], first: usize, weight: f64) {
         let mut row = [0.0; PAIR_UNKNOWNS];
         for (view, eye) in eyes.into_iter().enumerate() {
             let sign = if view == first { 1.0 } else { -1.0 };
             let turn = (matched.point - eye).cross(matched.normal) * sign;
             row[view * VIEW_UNKNOWNS..][..3].copy_from_slice(&turn.to_array());
-            row[view * VIEW_UNKNOWNS + 3..][..3].copy_from_slice(&(matched.normal * sign).to_array());
+            row[view * VIEW_UNKNOWNS + 3..][..3]
+                .copy_from_slice(&(matched.normal * sign).to_array());
         }
         for i in 0..PAIR_UNKNOWNS {
             let scaled = row[i] * weight;

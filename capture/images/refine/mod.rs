@@ -31,14 +31,14 @@ use rayon::prelude::*;
 pub struct RefinementReport {
     /// Distance of the validation points from the surfaces of neighbouring views, relative to their
     /// depth, with the given and with the refined poses: the mean over pairs of their medians.
-        pub surface_distance: [f64; 2],
-        /// Difference of grey levels (0..=255) at these points, which is not minimised.
-        pub levels: [f64; 2],
-        /// True if the refined poses are applied.
-        pub is_applied: bool,
-        /// Movement of the views: mean angle, degrees, and mean distance, metres.
-        pub movement: [f64; 2],
-        /// Number of compared pairs of neighbours.
+    pub surface_distance: [f64; 2],
+    /// Difference of grey levels (0..=255) at these points, which is not minimised.
+    pub levels: [f64; 2],
+    /// True if the refined poses are applied.
+    pub is_applied: bool,
+    /// Movement of the views: mean angle, degrees, and mean distance, metres.
+    pub movement: [f64; 2],
+    /// Number of compared pairs of neighbours.
     pub pairs: usize,
     /// Number of views in these pairs.
     pub views: usize,
@@ -48,13 +48,13 @@ pub struct RefinementReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RefinementStep {
     /// Loading of this number of views starts.
-        LoadingStarted(usize),
-        /// A view was loaded.
-        ViewLoaded,
-        /// At most this number of rounds of equations starts.
-        SolvingStarted(usize),
-        /// A round was solved.
-        RoundSolved,
+    LoadingStarted(usize),
+    /// A view was loaded.
+    ViewLoaded,
+    /// At most this number of rounds of equations starts.
+    SolvingStarted(usize),
+    /// A round was solved.
+    RoundSolved,
 }
 
 /// Maximum number of rounds of matching and solving.
@@ -148,8 +148,8 @@ fn refine(
     let [before, after] = [given, &poses].map(|poses| problem.validate(poses));
     let pixel_rad = grids.iter().map(|grid| grid.pixel_rad).sum::<f64>() / grids.len() as f64;
     let mut paired_views = pairs.as_flattened().to_vec();
-        paired_views.sort_unstable();
-        paired_views.dedup();
+    paired_views.sort_unstable();
+    paired_views.dedup();
     let report = RefinementReport {
         surface_distance: [before.surface_distance, after.surface_distance],
         levels: [before.levels, after.levels],

@@ -38,10 +38,13 @@ pub(super) fn find_pairs(grids: &[RangeGrid], poses: &[Pose], depth_m: f64) -> V
             .filter(|&j| overlaps(j))
             .collect();
         let near = overlapping.len().min(PARTNERS_PER_KIND);
-                let far = overlapping.len().saturating_sub(PARTNERS_PER_KIND).max(near);
-                overlapping[..near]
-                    .iter()
-                    .chain(&overlapping[far..])
+        let far = overlapping
+            .len()
+            .saturating_sub(PARTNERS_PER_KIND)
+            .max(near);
+        overlapping[..near]
+            .iter()
+            .chain(&overlapping[far..])
             .map(|&j| [i.min(j), i.max(j)])
             .collect::<Vec<_>>()
     };
@@ -57,7 +60,7 @@ pub(super) fn find_pairs(grids: &[RangeGrid], poses: &[Pose], depth_m: f64) -> V
 /// Returns the fraction of one view's points that another sees.
 fn overlap((from, pose): (&RangeGrid, &Pose), (to, other): (&RangeGrid, &Pose)) -> f64 {
     let mut points = 0u32;
-        let mut visible = 0u32;
+    let mut visible = 0u32;
     for row in (STEP / 2..from.size[1]).step_by(STEP as usize) {
         for column in (STEP / 2..from.size[0]).step_by(STEP as usize) {
             let Some(facet) = from.facet(column, row) else {
@@ -65,10 +68,9 @@ fn overlap((from, pose): (&RangeGrid, &Pose), (to, other): (&RangeGrid, &Pose)) 
             };
             points += 1;
             let projected = to.project(other.to_eye(pose.to_world(facet.point)));
-            visible +=
-                            u32::from(projected.is_some_and(|(surface, depth)| {
-                                (surface.depth / depth - 1.0).abs() < SAME_SURFACE
-                }));
+            visible += u32::from(projected.is_some_and(|(surface, depth)| {
+                (surface.depth / depth - 1.0).abs() < SAME_SURFACE
+            }));
         }
     }
     f64::from(visible) / f64::from(points.max(1))

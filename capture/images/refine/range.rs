@@ -52,7 +52,7 @@ pub(super) struct Facet {
 
 impl RangeGrid {
     /// Reduces a view to cells.
-        pub(super) fn new(view: &LoadedView) -> Self {
+    pub(super) fn new(view: &LoadedView) -> Self {
         let [width, height] = view.size_px;
         let cell_px = width.div_ceil(MAX_COLUMNS).max(1);
         let size = [width / cell_px, height / cell_px];
@@ -97,8 +97,8 @@ impl RangeGrid {
             return None;
         }
         let column = x as u32;
-                let row = y as u32;
-                let across = |row: u32| {
+        let row = y as u32;
+        let across = |row: u32| {
             let [left, right] = [column, column + 1].map(|column| self.level([column, row]));
             left + (right - left) * x.fract()
         };
@@ -120,9 +120,14 @@ impl RangeGrid {
         let pair = |[a, b]: [[u32; 2]; 2]| {
             let [depth_a, depth_b] = [a, b].map(|[column, row]| self.inverse_depth(column, row));
             // False for NaN.
-                        let is_flat = (depth_a - own).abs() <= ONE_SURFACE * own
+            let is_flat = (depth_a - own).abs() <= ONE_SURFACE * own
                 && (depth_a + depth_b - 2.0 * own).abs() <= FLAT * own;
-            is_flat.then(|| [self.point(a[0], a[1], depth_a), self.point(b[0], b[1], depth_b)])
+            is_flat.then(|| {
+                [
+                    self.point(a[0], a[1], depth_a),
+                    self.point(b[0], b[1], depth_b),
+                ]
+            })
         };
         let [left, right] = pair([[column - 1, row], [column + 1, row]])?;
         let [above, below] = pair([[column, row - 1], [column, row + 1]])?;
@@ -139,7 +144,7 @@ impl RangeGrid {
 
     /// Returns the surface at the projection of a point in the camera's axes, and the point's own
     /// depth.
-        pub(super) fn project(&self, point: DVec3) -> Option<(Facet, f64)> {
+    pub(super) fn project(&self, point: DVec3) -> Option<(Facet, f64)> {
         let [x, y, depth] = self.lens.project(point, self.size_px)?;
         if !(x >= 0.0
             && y >= 0.0
@@ -172,8 +177,8 @@ fn mean_level(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> u8 {
 /// Returns the mean inverse depth of a cell; NaN unless all of its pixels are on one surface.
 fn mean_inverse_depth(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> f32 {
     let mut sum = 0.0;
-        let mut low = f32::INFINITY;
-        let mut high = 0.0f32;
+    let mut low = f32::INFINITY;
+    let mut high = 0.0f32;
     for (x, y) in pixels(cell, cell_px) {
         let Some(depth) = view.depth_at(x, y).filter(|depth| *depth < FARTHEST_M) else {
             return f32::NAN;
@@ -181,7 +186,7 @@ fn mean_inverse_depth(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> f32 {
         let inverse = 1.0 / depth;
         sum += f64::from(inverse);
         low = low.min(inverse);
-                high = high.max(inverse);
+        high = high.max(inverse);
     }
     let mean = (sum / f64::from(cell_px * cell_px)) as f32;
     if high - low <= ONE_SURFACE * mean {

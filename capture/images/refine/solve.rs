@@ -1,7 +1,7 @@
 //! Normal equations of all views: a sparse block matrix, solved by Cholesky decomposition.
 
 use super::Pose;
-use super::equations::{PosePairBlock, PAIR_UNKNOWNS, VIEW_UNKNOWNS};
+use super::equations::{PAIR_UNKNOWNS, PosePairBlock, VIEW_UNKNOWNS};
 use glam::{DMat3, DQuat, DVec3};
 use nalgebra::DMatrix;
 use nalgebra_sparse::factorization::CscCholesky;
@@ -71,7 +71,7 @@ impl EliminationOrder {
         let mut starts: Vec<usize> = (0..views).collect();
         starts.sort_by_key(degree);
         let mut order = Vec::with_capacity(views);
-                let mut is_ordered = vec![false; views];
+        let mut is_ordered = vec![false; views];
         for start in starts {
             if std::mem::replace(&mut is_ordered[start], true) {
                 continue;
@@ -96,7 +96,7 @@ impl EliminationOrder {
             .rev()
             .enumerate()
             .for_each(|(position, &view)| positions[view] = position);
-                    Self { positions }
+        Self { positions }
     }
 
     /// Solves (A + prior) x = -b for the steps x; they are zero if rounding makes the matrix
@@ -104,8 +104,8 @@ impl EliminationOrder {
     pub(super) fn solve(&self, blocks: &[PosePairBlock], prior: &Prior) -> Vec<PoseStep> {
         let count = self.positions.len() * VIEW_UNKNOWNS;
         let mut matrix = CooMatrix::new(count, count);
-                let mut right = DMatrix::zeros(count, 1);
-                let index = |view: usize, unknown: usize| self.positions[view] * VIEW_UNKNOWNS + unknown;
+        let mut right = DMatrix::zeros(count, 1);
+        let index = |view: usize, unknown: usize| self.positions[view] * VIEW_UNKNOWNS + unknown;
         for (view, unknowns) in prior.iter().enumerate() {
             for (unknown, [weight, value]) in unknowns.iter().enumerate() {
                 let i = index(view, unknown);
@@ -115,7 +115,7 @@ impl EliminationOrder {
         }
         for block in blocks {
             let indices: [usize; PAIR_UNKNOWNS] =
-                            std::array::from_fn(|i| index(block.views[i / VIEW_UNKNOWNS], i % VIEW_UNKNOWNS));
+                std::array::from_fn(|i| index(block.views[i / VIEW_UNKNOWNS], i % VIEW_UNKNOWNS));
             for (i, row) in block.matrix.iter().enumerate() {
                 right[(indices[i], 0)] -= block.gradient[i];
                 matrix.push(indices[i], indices[i], row[i]);

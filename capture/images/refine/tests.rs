@@ -26,7 +26,7 @@ fn hit(eye: DVec3, ray: DVec3) -> f64 {
         .fold(f64::INFINITY, f64::min);
     let post = (-1.4 - eye.z) / ray.z;
     let hit = eye + ray * post;
-        let near = if post > 0.0 && hit.x.abs() < 0.3 && hit.y < 0.2 {
+    let near = if post > 0.0 && hit.x.abs() < 0.3 && hit.y < 0.2 {
         post
     } else {
         f64::INFINITY
@@ -50,9 +50,9 @@ fn view_with_pattern(pose: &Pose, frequency: f64) -> LoadedView {
     let pixels = (0..SIZE[1])
         .flat_map(|y| (0..SIZE[0]).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]));
     let mut depth = Vec::new();
-        let mut color = Vec::new();
-        for pixel in pixels {
-            let ray = pose.world_from_eye * lens().ray(pixel, SIZE);
+    let mut color = Vec::new();
+    for pixel in pixels {
+        let ray = pose.world_from_eye * lens().ray(pixel, SIZE);
         let along = hit(pose.eye, ray);
         let level = 128.0
             + 100.0
@@ -167,8 +167,8 @@ fn exact_poses_unchanged() {
 fn result_independent_of_threads() {
     let truth = truth();
     let given = disturbed(&truth);
-        let grids = grids(&truth);
-        let run = |threads: usize| {
+    let grids = grids(&truth);
+    let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
@@ -238,7 +238,10 @@ fn flat_wall_keeps_free_motion() {
             .all(|(a, b)| a.distance(b) < 1e-6),
         "{refined:?}"
     );
-    assert!((refined[1].eye.z - refined[0].eye.z).abs() < 1e-3, "{refined:?}");
+    assert!(
+        (refined[1].eye.z - refined[0].eye.z).abs() < 1e-3,
+        "{refined:?}"
+    );
 }
 
 #[test]

@@ -14,8 +14,8 @@ use rayon::prelude::*;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ValidationError {
     /// Distance of points from their neighbours' surfaces, relative to their depth.
-        pub(super) surface_distance: f64,
-        /// Colour difference at these points, levels of 255.
+    pub(super) surface_distance: f64,
+    /// Colour difference at these points, levels of 255.
     pub(super) levels: f64,
 }
 
@@ -39,13 +39,13 @@ impl ValidationError {
     /// radians.
     pub(super) fn is_better_than(&self, other: &Self, pixel_rad: f64) -> bool {
         let is_nearer = self.surface_distance < other.surface_distance * 0.9
-                    && other.surface_distance - self.surface_distance > MIN_GAIN_PX * pixel_rad;
-                let max_levels = if other.levels < DISCRIMINATIVE_LEVELS {
-                    other.levels + ROUNDING_LEVELS
-                } else {
-                    other.levels * MAX_COLOR_RATIO
-                };
-                is_nearer && self.levels <= max_levels
+            && other.surface_distance - self.surface_distance > MIN_GAIN_PX * pixel_rad;
+        let max_levels = if other.levels < DISCRIMINATIVE_LEVELS {
+            other.levels + ROUNDING_LEVELS
+        } else {
+            other.levels * MAX_COLOR_RATIO
+        };
+        is_nearer && self.levels <= max_levels
     }
 }
 
@@ -54,8 +54,8 @@ impl IcpProblem<'_> {
     /// sensitive to a single bad view.
     pub(super) fn validate(&self, poses: &[Pose]) -> ValidationError {
         let compare_pair = |&[a, b]: &[usize; 2]| {
-                    let mut distances = Vec::new();
-                    let mut levels = Vec::new();
+            let mut distances = Vec::new();
+            let mut levels = Vec::new();
             for (from, to) in [(a, b), (b, a)] {
                 self.for_each_facet(from, true, |cell, facet| {
                     let eye = poses[to].to_eye(poses[from].to_world(facet.point));
@@ -63,7 +63,7 @@ impl IcpProblem<'_> {
                         return;
                     };
                     distances.push(((eye - surface.point).dot(surface.normal) / depth).abs());
-                                        if (surface.depth / depth - 1.0).abs() < SAME_SURFACE
+                    if (surface.depth / depth - 1.0).abs() < SAME_SURFACE
                         && let Some(level) = self.grids[to].level_at(eye)
                     {
                         levels.push((level - self.grids[from].level(cell)).abs());

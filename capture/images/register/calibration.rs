@@ -18,9 +18,9 @@ pub(super) struct Calibration {
     /// Rotation and translation from the world to the camera of each view.
     pub(super) cameras: Vec<(DMat3, DVec3)>,
     /// Sum of all steps of the shared unknowns.
-        pub(super) shared: [f64; SHARED_UNKNOWNS],
-        /// Sum of all steps of each view's own turn and translation.
-        pub(super) own: Vec<[f64; VIEW_UNKNOWNS]>,
+    pub(super) shared: [f64; SHARED_UNKNOWNS],
+    /// Sum of all steps of each view's own turn and translation.
+    pub(super) own: Vec<[f64; VIEW_UNKNOWNS]>,
 }
 
 /// Projection of a point into a full-size image.
@@ -42,14 +42,14 @@ impl Calibration {
             principal_px: DVec2::from_array(given.principal_px),
             radial: 0.0,
             own: vec![[0.0; VIEW_UNKNOWNS]; cameras.len()],
-                        cameras,
-                        shared: [0.0; SHARED_UNKNOWNS],
+            cameras,
+            shared: [0.0; SHARED_UNKNOWNS],
         }
     }
 
     /// Transfers this estimate, whose cameras have a common offset from `given`, to other views:
     /// the same lens and offset.
-        pub(super) fn transfer(&self, given: &Self, poses: impl Iterator<Item = Pose>) -> Self {
+    pub(super) fn transfer(&self, given: &Self, poses: impl Iterator<Item = Pose>) -> Self {
         let (Some((turned, translation)), Some((rotation, offset))) =
             (self.cameras.first(), given.cameras.first())
         else {
@@ -57,17 +57,19 @@ impl Calibration {
         };
         let turn = *turned * rotation.transpose();
         let step = *translation - turn * *offset;
-                let transfer = |(rotation, offset)| (turn * rotation, turn * offset + step);
-        let cameras: Vec<_> = poses.map(|pose| transfer(camera_from_world(&pose))).collect();
+        let transfer = |(rotation, offset)| (turn * rotation, turn * offset + step);
+        let cameras: Vec<_> = poses
+            .map(|pose| transfer(camera_from_world(&pose)))
+            .collect();
         Self {
             own: vec![[0.0; VIEW_UNKNOWNS]; cameras.len()],
-                        cameras,
-                        ..self.clone()
+            cameras,
+            ..self.clone()
         }
     }
 
     /// Applies a step of all unknowns.
-        pub(super) fn apply_step(&self, step: &[f64]) -> Self {
+    pub(super) fn apply_step(&self, step: &[f64]) -> Self {
         let mut next = self.clone();
         next.focal_px += step[0];
         next.principal_px += DVec2::new(step[1], step[2]);
@@ -96,8 +98,8 @@ impl Calibration {
         }
         let n = point.truncate() / point.z;
         let pixel =
-                    self.principal_px + n * (self.focal_px * (1.0 + self.radial * n.length_squared()));
-                Some(ProjectedPoint { pixel, n, point })
+            self.principal_px + n * (self.focal_px * (1.0 + self.radial * n.length_squared()));
+        Some(ProjectedPoint { pixel, n, point })
     }
 
     fn poses(&self) -> impl ExactSizeIterator<Item = Pose> {
@@ -110,12 +112,12 @@ impl Calibration {
 
     /// Returns the mean angle between these cameras and others, degrees, and the mean distance,
     /// metres.
-        pub(super) fn mean_offset(&self, others: impl ExactSizeIterator<Item = Pose>) -> [f64; 2] {
+    pub(super) fn mean_offset(&self, others: impl ExactSizeIterator<Item = Pose>) -> [f64; 2] {
         mean_difference(self.poses().zip(others))
     }
 
     /// Converts the estimate and gains to registrations of the views.
-        pub(super) fn to_registrations(&self, gains: &[[f32; 3]]) -> Vec<Registration> {
+    pub(super) fn to_registrations(&self, gains: &[[f32; 3]]) -> Vec<Registration> {
         let radial = [self.radial, 0.0, 0.0, 0.0, 0.0, 0.0];
         let lens = Pinhole {
             focal_px: [self.focal_px; 2],

@@ -59,7 +59,7 @@ pub(super) fn estimate(
         })
         .collect();
     // The estimate assumes a single camera.
-        let is_one_camera = chosen.windows(2).all(|pair| {
+    let is_one_camera = chosen.windows(2).all(|pair| {
         let [a, b] = [&set.views[pair[0]], &set.views[pair[1]]];
         a.lens == b.lens && a.size_px == b.size_px
     });
@@ -70,14 +70,14 @@ pub(super) fn estimate(
         return Ok(None);
     };
     let load = |indices: &[usize], columns: u32| {
-            on_step(RegistrationStep::LoadingStarted(indices.len()));
-            let sample = |&index: &usize| {
-                let view = &set.views[chosen[index]];
-                let loaded = view.load()?;
-                on_step(RegistrationStep::ViewLoaded);
-                Ok(ViewSamples::new(&loaded, columns))
-            };
-            indices.par_iter().map(sample).collect()
+        on_step(RegistrationStep::LoadingStarted(indices.len()));
+        let sample = |&index: &usize| {
+            let view = &set.views[chosen[index]];
+            let loaded = view.load()?;
+            on_step(RegistrationStep::ViewLoaded);
+            Ok(ViewSamples::new(&loaded, columns))
+        };
+        indices.par_iter().map(sample).collect()
     };
     let poses: Vec<Pose> = chosen.iter().map(|&i| set.views[i].pose).collect();
     let Some((report, registrations)) = estimate_views(&poses, given, groups, &load)? else {
@@ -98,50 +98,50 @@ pub(super) fn estimate_views(
     load: &LoadSamples,
 ) -> Result<Option<(RegistrationReport, Vec<Registration>)>, ImagesError> {
     let samples = load_subset(poses, groups, load)?;
-        let sampled_views = samples.len();
-        let problem = PhotometricProblem::new(samples, given);
+    let sampled_views = samples.len();
+    let problem = PhotometricProblem::new(samples, given);
     if problem.pairs().len() < MIN_PAIRS {
         return Ok(None);
     }
     let initial = problem.initial_calibration();
     let shared = problem.estimate_shared_offset(&initial);
-        let per_view = problem.estimate_per_view(&shared);
-        let levels = [&initial, &shared, &per_view].map(|estimate| problem.validate(estimate));
-        let mut best = (RegistrationModel::AsGiven, &initial, levels[0]);
-        for (model, estimate, level) in [
-            (RegistrationModel::SharedOffset, &shared, levels[1]),
-            (RegistrationModel::PerView, &per_view, levels[2]),
-        ] {
-            if is_better(level, best.2) {
-                best = (model, estimate, level);
+    let per_view = problem.estimate_per_view(&shared);
+    let levels = [&initial, &shared, &per_view].map(|estimate| problem.validate(estimate));
+    let mut best = (RegistrationModel::AsGiven, &initial, levels[0]);
+    for (model, estimate, level) in [
+        (RegistrationModel::SharedOffset, &shared, levels[1]),
+        (RegistrationModel::PerView, &per_view, levels[2]),
+    ] {
+        if is_better(level, best.2) {
+            best = (model, estimate, level);
         }
     }
     let (mut applied, estimate, _) = best;
-        let gains = exposure::estimate(&problem, estimate);
-        let offset = estimate.mean_offset(problem.poses());
-        let (estimate, gains) = if sampled_views == poses.len() {
-            (estimate.clone(), gains)
+    let gains = exposure::estimate(&problem, estimate);
+    let offset = estimate.mean_offset(problem.poses());
+    let (estimate, gains) = if sampled_views == poses.len() {
+        (estimate.clone(), gains)
     } else {
         if poses.len() > MAX_VIEWS && applied == RegistrationModel::PerView {
-                    applied = if is_better(levels[1], levels[0]) {
+            applied = if is_better(levels[1], levels[0]) {
                 RegistrationModel::SharedOffset
             } else {
                 RegistrationModel::AsGiven
             };
         }
         let common = if applied == RegistrationModel::AsGiven {
-                    &initial
-                } else {
-                    &shared
-                };
-                let all = common.transfer(&initial, poses.iter().copied());
-                let has_gains = gains.as_flattened().iter().any(|&gain| gain != 1.0);
-                let needs_all_views = applied == RegistrationModel::PerView || has_gains;
-                if needs_all_views && poses.len() <= MAX_VIEWS {
-                    estimate_all_views(all, applied, poses.len(), given, load)?
-                } else {
-                    (all, vec![[1.0; 3]; poses.len()])
-                }
+            &initial
+        } else {
+            &shared
+        };
+        let all = common.transfer(&initial, poses.iter().copied());
+        let has_gains = gains.as_flattened().iter().any(|&gain| gain != 1.0);
+        let needs_all_views = applied == RegistrationModel::PerView || has_gains;
+        if needs_all_views && poses.len() <= MAX_VIEWS {
+            estimate_all_views(all, applied, poses.len(), given, load)?
+        } else {
+            (all, vec![[1.0; 3]; poses.len()])
+        }
     };
     let (low, high) = gains
         .iter()
@@ -150,8 +150,8 @@ pub(super) fn estimate_views(
             (low.min(g), high.max(g))
         });
     let mut registrations = estimate.to_registrations(&gains);
-        if applied == RegistrationModel::AsGiven {
-            // Restores the given cameras to the last digit.
+    if applied == RegistrationModel::AsGiven {
+        // Restores the given cameras to the last digit.
         for (registration, pose) in registrations.iter_mut().zip(poses) {
             *registration = Registration {
                 lens: given,
@@ -169,29 +169,33 @@ pub(super) fn estimate_views(
     let report = RegistrationReport {
         levels,
         applied,
-                focal_px,
-                offset,
-                gain: [low, high],
-                sampled_views,
+        focal_px,
+        offset,
+        gain: [low, high],
+        sampled_views,
         views: poses.len(),
     };
     Ok(Some((report, registrations)))
 }
 
 /// Loads samples of the representative subset.
-fn load_subset(poses: &[Pose], groups: usize, load: &LoadSamples) -> Result<Vec<ViewSamples>, ImagesError> {
+fn load_subset(
+    poses: &[Pose],
+    groups: usize,
+    load: &LoadSamples,
+) -> Result<Vec<ViewSamples>, ImagesError> {
     // For hardly larger sets, loading all views once is as fast.
-        if poses.len() <= 2 * groups * subset::GROUP_SIZE {
+    if poses.len() <= 2 * groups * subset::GROUP_SIZE {
         return load(&(0..poses.len()).collect::<Vec<_>>(), MAX_COLUMNS);
     }
     let firsts = subset::first_views(poses.len(), groups);
     let mut samples = load(&firsts, MAX_COLUMNS)?;
-        let depth_m =
-            samples.iter().map(|view| view.depth_m).sum::<f64>() / samples.len().max(1) as f64;
-        let mut others = subset::complete_groups(poses, &firsts, depth_m);
+    let depth_m =
+        samples.iter().map(|view| view.depth_m).sum::<f64>() / samples.len().max(1) as f64;
+    let mut others = subset::complete_groups(poses, &firsts, depth_m);
     others.retain(|index| !firsts.contains(index));
-        samples.extend(load(&others, MAX_COLUMNS)?);
-        Ok(samples)
+    samples.extend(load(&others, MAX_COLUMNS)?);
+    Ok(samples)
 }
 
 /// Estimates the exposure of every view, and its pose if `applied` has one, starting from the
@@ -210,11 +214,11 @@ fn estimate_all_views(
         columns.clamp(MIN_COLUMNS, MAX_COLUMNS),
     )?;
     let problem = PhotometricProblem::new(samples, given);
-        let estimate = if applied == RegistrationModel::PerView {
+    let estimate = if applied == RegistrationModel::PerView {
         problem.estimate_per_view(&common)
     } else {
         common
     };
     let gains = exposure::estimate(&problem, &estimate);
-        Ok((estimate, gains))
+    Ok((estimate, gains))
 }

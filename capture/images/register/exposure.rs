@@ -57,7 +57,11 @@ pub(super) fn estimate(problem: &PhotometricProblem, calibration: &Calibration) 
         .collect()
 }
 
-fn log_ratios(problem: &PhotometricProblem, calibration: &Calibration, pair: &ViewPair) -> Option<[f64; 3]> {
+fn log_ratios(
+    problem: &PhotometricProblem,
+    calibration: &Calibration,
+    pair: &ViewPair,
+) -> Option<[f64; 3]> {
     let used = |colors: &[[u8; 3]; 2]| colors.iter().flatten().all(|level| USED.contains(level));
     let colors: Vec<[[u8; 3]; 2]> = problem
         .colors(calibration, pair)

@@ -42,17 +42,17 @@ pub struct RegistrationReport {
     /// shared offset for all frames, and with a pose for each frame.
     pub levels: [f64; 3],
     /// The applied model.
-        pub applied: RegistrationModel,
-        /// Focal length of the set's file and the estimated one, pixels.
-        pub focal_px: [f64; 2],
-        /// Offset of colour cameras from depth cameras: mean angle, degrees, and mean distance,
-        /// metres.
-        pub offset: [f64; 2],
-        /// Smallest and largest exposure of a view, relative to the mean.
+    pub applied: RegistrationModel,
+    /// Focal length of the set's file and the estimated one, pixels.
+    pub focal_px: [f64; 2],
+    /// Offset of colour cameras from depth cameras: mean angle, degrees, and mean distance,
+    /// metres.
+    pub offset: [f64; 2],
+    /// Smallest and largest exposure of a view, relative to the mean.
     pub gain: [f32; 2],
     /// Number of views from which the model was chosen.
-        pub sampled_views: usize,
-        /// Number of views to which the model applies.
+    pub sampled_views: usize,
+    /// Number of views to which the model applies.
     pub views: usize,
 }
 
@@ -60,9 +60,9 @@ pub struct RegistrationReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RegistrationStep {
     /// Loading of this number of views starts.
-        LoadingStarted(usize),
-        /// A view was loaded.
-        ViewLoaded,
+    LoadingStarted(usize),
+    /// A view was loaded.
+    ViewLoaded,
 }
 
 /// Model of the colour cameras.

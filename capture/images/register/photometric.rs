@@ -113,10 +113,15 @@ impl PhotometricProblem {
     }
 
     /// Returns the pairs of views to test for overlap.
-        fn candidates(&self) -> Vec<[usize; 2]> {
+    fn candidates(&self) -> Vec<[usize; 2]> {
         let mut pairs = BTreeSet::new();
         for (i, own) in self.views.iter().enumerate() {
-            let rank = |j: usize| (view_distance(&own.pose, &self.views[j].pose, own.depth_m), j);
+            let rank = |j: usize| {
+                (
+                    view_distance(&own.pose, &self.views[j].pose, own.depth_m),
+                    j,
+                )
+            };
             let mut others: Vec<(f64, usize)> = (0..self.views.len())
                 .filter(|&j| j != i)
                 .map(rank)
@@ -133,10 +138,10 @@ impl PhotometricProblem {
     }
 
     /// Returns the images blurred by a number of rounds.
-        fn blurred(&self, rounds: u32) -> Arc<Vec<BlurredImage>> {
+    fn blurred(&self, rounds: u32) -> Arc<Vec<BlurredImage>> {
         let mut cache = self.blurred.lock().unwrap_or_else(PoisonError::into_inner);
         match &*cache {
-                    Some((cached, pictures)) if *cached == rounds => Arc::clone(pictures),
+            Some((cached, pictures)) if *cached == rounds => Arc::clone(pictures),
             _ => {
                 let blur = |view: &ViewSamples| BlurredImage::new(&view.grey, view.size, rounds);
                 let pictures = Arc::new(self.views.par_iter().map(blur).collect());
@@ -182,7 +187,7 @@ impl PhotometricProblem {
     }
 
     /// Takes Gauss-Newton steps with images blurred by `rounds`.
-        fn descend(&self, calibration: &mut Calibration, rounds: u32, steps: usize, stage: Stage) {
+    fn descend(&self, calibration: &mut Calibration, rounds: u32, steps: usize, stage: Stage) {
         let pictures = self.blurred(rounds);
         let (mut cost, mut blocks) = self.equations(calibration, &pictures);
         let mut damping = 1e-3;
@@ -229,7 +234,7 @@ impl PhotometricProblem {
             .map(|(deviation, value)| [weight / deviation.powi(2), value])
             .collect();
         for view in &calibration.own {
-                    for (i, &value) in view.iter().enumerate() {
+            for (i, &value) in view.iter().enumerate() {
                 let deviation = if i < 3 { OWN_TURN } else { own };
                 prior.push(match stage {
                     Stage::SharedOffset => [0.0; 2],
@@ -241,7 +246,7 @@ impl PhotometricProblem {
     }
 
     /// Observes the common points of a pair whose index passes `filter`.
-        fn observe(
+    fn observe(
         &self,
         calibration: &Calibration,
         pictures: &[BlurredImage],
@@ -250,8 +255,8 @@ impl PhotometricProblem {
     ) -> Vec<Observation> {
         let [first, second] = pair.views;
         let sample = |view: usize, point: DVec3| {
-                    let projected = calibration.project(view, point)?;
-                    let small = projected.pixel / f64::from(self.views[view].reduction);
+            let projected = calibration.project(view, point)?;
+            let small = projected.pixel / f64::from(self.views[view].reduction);
             let level = pictures[view].sample(small.x, small.y)?;
             Some((projected, level))
         };
@@ -260,22 +265,22 @@ impl PhotometricProblem {
             .iter()
             .filter(|index| filter(**index))
             .map(|&index| self.views[first].points[index]);
-                    points
-                        .filter_map(|point| {
-                            Some(Observation {
-                                samples: [sample(first, point)?, sample(second, point)?],
+        points
+            .filter_map(|point| {
+                Some(Observation {
+                    samples: [sample(first, point)?, sample(second, point)?],
                 })
             })
             .collect()
     }
 
     /// Returns the mean robust cost of the estimation points.
-        fn cost(&self, calibration: &Calibration, pictures: &[BlurredImage]) -> f64 {
-            self.mean(calibration, pictures, &is_estimation_point, &robust)
+    fn cost(&self, calibration: &Calibration, pictures: &[BlurredImage]) -> f64 {
+        self.mean(calibration, pictures, &is_estimation_point, &robust)
     }
 
     /// Returns the mean difference of levels at the validation points, clamped to 40 each.
-        pub(super) fn validate(&self, calibration: &Calibration) -> f64 {
+    pub(super) fn validate(&self, calibration: &Calibration) -> f64 {
         self.mean(
             calibration,
             &self.blurred(BLURS[2]),
@@ -292,21 +297,25 @@ impl PhotometricProblem {
         value: &(dyn Fn(f64) -> f64 + Sync),
     ) -> f64 {
         let sum_pair = |pair: &ViewPair| {
-                    let observations = self.observe(calibration, pictures, pair, filter);
-                    let ratio = level_ratio(&observations);
-                    let values = observations
-                        .iter()
-                        .map(|observation| value(residual(observation, ratio)));
-                    (values.sum::<f64>(), observations.len())
-                };
-                mean_of_sums(self.pairs.par_iter().map(sum_pair).collect())
+            let observations = self.observe(calibration, pictures, pair, filter);
+            let ratio = level_ratio(&observations);
+            let values = observations
+                .iter()
+                .map(|observation| value(residual(observation, ratio)));
+            (values.sum::<f64>(), observations.len())
+        };
+        mean_of_sums(self.pairs.par_iter().map(sum_pair).collect())
     }
 
     /// Returns the mean robust cost of the estimation points and each pair's normal equations.
-    fn equations(&self, calibration: &Calibration, pictures: &[BlurredImage]) -> (f64, Vec<PairBlock>) {
+    fn equations(
+        &self,
+        calibration: &Calibration,
+        pictures: &[BlurredImage],
+    ) -> (f64, Vec<PairBlock>) {
         let pair_equations = |pair: &ViewPair| {
-                    let observations = self.observe(calibration, pictures, pair, &is_estimation_point);
-                    let ratio = level_ratio(&observations);
+            let observations = self.observe(calibration, pictures, pair, &is_estimation_point);
+            let ratio = level_ratio(&observations);
             let mut block = PairBlock::new(pair.views);
             let mut cost = 0.0;
             for observation in &observations {
@@ -324,11 +333,11 @@ impl PhotometricProblem {
             ((cost, observations.len()), block)
         };
         let (costs, blocks) = self.pairs.par_iter().map(pair_equations).unzip();
-                (mean_of_sums(costs), blocks)
+        (mean_of_sums(costs), blocks)
     }
 
     /// Adds the derivatives of one view's level by each unknown, given its slopes in the image.
-        fn add_derivatives(
+    fn add_derivatives(
         &self,
         calibration: &Calibration,
         projected: &ProjectedPoint,
@@ -344,7 +353,8 @@ impl PhotometricProblem {
         row[2] += slope.y;
         row[3] += slope.dot(*n) * square * calibration.focal_px;
         // Derivatives of n (1 + k |n|^2), and of n = (x, y) / z.
-                let by_n = (slope * radial + *n * (2.0 * calibration.radial * n.dot(slope))) * calibration.focal_px;
+        let by_n = (slope * radial + *n * (2.0 * calibration.radial * n.dot(slope)))
+            * calibration.focal_px;
         let step = DVec3::new(by_n.x, by_n.y, -by_n.dot(*n)) / point.z;
         let turn = point.cross(step);
         let own = SHARED_UNKNOWNS + k * VIEW_UNKNOWNS;
@@ -362,23 +372,23 @@ impl PhotometricProblem {
     /// Samples the colours of a pair's common points in both small images.
     pub(super) fn colors(&self, calibration: &Calibration, pair: &ViewPair) -> Vec<[[u8; 3]; 2]> {
         let sample = |view: usize, point: DVec3| {
-                    let samples = &self.views[view];
-                    let pixel = calibration.project(view, point)?.pixel / f64::from(samples.reduction);
-                    let [width, height] = samples.size;
-                    let is_inside = pixel.x >= 0.0
-                        && pixel.y >= 0.0
-                        && pixel.x < width as f64
-                        && pixel.y < height as f64;
-                    let index = pixel.y as usize * width + pixel.x as usize;
-                    is_inside.then(|| [0, 1, 2].map(|c| samples.planes[c][index]))
-                };
+            let samples = &self.views[view];
+            let pixel = calibration.project(view, point)?.pixel / f64::from(samples.reduction);
+            let [width, height] = samples.size;
+            let is_inside = pixel.x >= 0.0
+                && pixel.y >= 0.0
+                && pixel.x < width as f64
+                && pixel.y < height as f64;
+            let index = pixel.y as usize * width + pixel.x as usize;
+            is_inside.then(|| [0, 1, 2].map(|c| samples.planes[c][index]))
+        };
         let [first, second] = pair.views;
         let points = pair
             .points
             .iter()
             .map(|&index| self.views[first].points[index]);
-                    points
-                        .filter_map(|point| Some([sample(first, point)?, sample(second, point)?]))
+        points
+            .filter_map(|point| Some([sample(first, point)?, sample(second, point)?]))
             .collect()
     }
 }

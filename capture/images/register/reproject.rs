@@ -25,11 +25,11 @@ pub(super) fn reproject_depth(view: &LoadedView, lens: Lens, pose: &Pose) -> Vec
     let depth_at = |x: usize, y: usize| view.depth_at(x as u32, y as u32);
     let from_eye = pose.world_from_eye.transpose();
     let rotation = from_eye * view.pose.world_from_eye;
-        let offset = from_eye * (view.pose.eye - pose.eye);
-        let vertex = |x: usize, y: usize| {
+    let offset = from_eye * (view.pose.eye - pose.eye);
+    let vertex = |x: usize, y: usize| {
         let ray = view.lens.ray([x as f64 + 0.5, y as f64 + 0.5], size);
         let point: DVec3 = rotation * (ray * f64::from(depth_at(x, y)?)) + offset;
-                let [u, v, depth] = lens.project(point, size)?;
+        let [u, v, depth] = lens.project(point, size)?;
         Some(MeshVertex {
             pixel: DVec2::new(u, v),
             inverse_depth: (1.0 / depth) as f32,
@@ -37,7 +37,7 @@ pub(super) fn reproject_depth(view: &LoadedView, lens: Lens, pose: &Pose) -> Vec
     };
     let max_change = MAX_SLOPE / view.lens.pixels_per_radian(size);
     let is_one_surface = |depths: [f32; 4]| {
-            let (low, high) = depths
+        let (low, high) = depths
             .into_iter()
             .fold((f32::MAX, 0.0f32), |(low, high), d| {
                 (low.min(1.0 / d), high.max(1.0 / d))
@@ -55,12 +55,12 @@ pub(super) fn reproject_depth(view: &LoadedView, lens: Lens, pose: &Pose) -> Vec
         let below = row(y);
         for x in 1..width {
             let depths = [
-                            depth_at(x - 1, y - 1),
-                            depth_at(x, y - 1),
-                            depth_at(x - 1, y),
-                            depth_at(x, y),
-                        ];
-                        let [Some(a), Some(b), Some(c), Some(d)] = depths else {
+                depth_at(x - 1, y - 1),
+                depth_at(x, y - 1),
+                depth_at(x - 1, y),
+                depth_at(x, y),
+            ];
+            let [Some(a), Some(b), Some(c), Some(d)] = depths else {
                 continue;
             };
             if !is_one_surface([a, b, c, d]) {
@@ -70,7 +70,7 @@ pub(super) fn reproject_depth(view: &LoadedView, lens: Lens, pose: &Pose) -> Vec
                 [above[x - 1], above[x], below[x - 1], below[x]]
             {
                 rasterize([a, b, c], size, &mut nearest);
-                                rasterize([d, c, b], size, &mut nearest);
+                rasterize([d, c, b], size, &mut nearest);
             }
         }
         above = below;
@@ -87,11 +87,11 @@ const EDGE_PX: f64 = 1e-6;
 /// Rasterises a triangle, keeping the nearest inverse depth.
 fn rasterize([a, b, c]: [MeshVertex; 3], [width, height]: [u32; 2], nearest: &mut [f32]) {
     let low = a.pixel.min(b.pixel).min(c.pixel);
-        let high = a.pixel.max(b.pixel).max(c.pixel);
-        let columns = first_center(low.x, width)..first_center(high.x + EDGE_PX, width);
-        let rows = first_center(low.y, height)..first_center(high.y + EDGE_PX, height);
-        let ab = b.pixel - a.pixel;
-        let ac = c.pixel - a.pixel;
+    let high = a.pixel.max(b.pixel).max(c.pixel);
+    let columns = first_center(low.x, width)..first_center(high.x + EDGE_PX, width);
+    let rows = first_center(low.y, height)..first_center(high.y + EDGE_PX, height);
+    let ab = b.pixel - a.pixel;
+    let ac = c.pixel - a.pixel;
     let area = ab.perp_dot(ac);
     // Back face.
     if area <= 1e-9 {
@@ -104,12 +104,12 @@ fn rasterize([a, b, c]: [MeshVertex; 3], [width, height]: [u32; 2], nearest: &mu
     for y in rows {
         for x in columns.clone() {
             let offset = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - a.pixel;
-                        let s = offset.perp_dot(ac) / area;
-                        let t = ab.perp_dot(offset) / area;
+            let s = offset.perp_dot(ac) / area;
+            let t = ab.perp_dot(offset) / area;
             if s >= -EDGE_PX && t >= -EDGE_PX && s + t <= 1.0 + EDGE_PX {
                 let inverse_depth = a.inverse_depth + s as f32 * slopes[0] + t as f32 * slopes[1];
                 let stored = &mut nearest[y * width as usize + x];
-                                *stored = stored.max(inverse_depth);
+                *stored = stored.max(inverse_depth);
             }
         }
     }
@@ -136,8 +136,8 @@ mod tests {
     }
 
     /// A tilted plane, n . p = 1 in eye space, reprojected into a neighbouring camera.
-        #[test]
-        fn plane_depth_exact() {
+    #[test]
+    fn plane_depth_exact() {
         let size_px = [64, 48];
         let plane = DVec3::new(0.1, 0.2, -0.5);
         let pose = Pose {
@@ -167,13 +167,13 @@ mod tests {
         let reprojected = reproject_depth(&view, lens(52.0), &other);
         let mut known = 0;
         for ((x, y), depth) in pixels().zip(&reprojected) {
-                    if depth.is_finite() {
+            if depth.is_finite() {
                 known += 1;
                 let expected = depth_of(lens(52.0), &other, x, y);
                 // Depths and their inverses are rounded to f32 three times.
                 assert!(
                     (f64::from(*depth) / expected - 1.0).abs() < 1e-5,
-                                        "{x} {y}: {depth} {expected}"
+                    "{x} {y}: {depth} {expected}"
                 );
             }
         }
@@ -202,11 +202,11 @@ mod tests {
             world_from_eye: DMat3::IDENTITY,
         };
         let reprojected = reproject_depth(&view, lens(58.0), &aside);
-                for q in reprojected.iter().filter(|depth| depth.is_finite()) {
+        for q in reprojected.iter().filter(|depth| depth.is_finite()) {
             assert!((q - 1.0).abs() < 1e-5 || (q - 3.0).abs() < 1e-5, "{q}");
         }
         // The near surface moves by 11.6 pixels, the far one by 3.9: the gap is unknown.
-                let row = &reprojected[24 * 64..25 * 64];
+        let row = &reprojected[24 * 64..25 * 64];
         assert!(
             row[16].is_finite() && row[20].is_nan() && row[30].is_finite(),
             "{row:?}"

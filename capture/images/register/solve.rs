@@ -42,7 +42,7 @@ impl PairBlock {
     }
 
     /// Adds the product of the block, without its diagonal, and `x` to `y`.
-        fn add_product(&self, x: &[f64], y: &mut [f64]) {
+    fn add_product(&self, x: &[f64], y: &mut [f64]) {
         let indices: [usize; PAIR_UNKNOWNS] = std::array::from_fn(|i| self.index(i));
         let own = indices.map(|index| x[index]);
         let mut sums = [0.0; PAIR_UNKNOWNS];
@@ -62,7 +62,11 @@ impl PairBlock {
     fn index(&self, i: usize) -> usize {
         match i {
             0..SHARED_UNKNOWNS => i,
-            _ => SHARED_UNKNOWNS + self.views[(i - SHARED_UNKNOWNS) / VIEW_UNKNOWNS] * VIEW_UNKNOWNS + (i - SHARED_UNKNOWNS) % VIEW_UNKNOWNS,
+            _ => {
+                SHARED_UNKNOWNS
+                    + self.views[(i - SHARED_UNKNOWNS) / VIEW_UNKNOWNS] * VIEW_UNKNOWNS
+                    + (i - SHARED_UNKNOWNS) % VIEW_UNKNOWNS
+            }
         }
     }
 }
@@ -153,17 +157,22 @@ mod tests {
     use headbox_core::random::Rng;
 
     /// Random equations of a chain of views are solved by the vector that generated them.
-        #[test]
-        fn random_chain_solved() {
+    #[test]
+    fn random_chain_solved() {
         let mut random = Rng::new(5);
         let mut number = || random.unit() - 0.5;
         let views = 6;
-        let truth: Vec<f64> = (0..SHARED_UNKNOWNS + VIEW_UNKNOWNS * views).map(|_| number()).collect();
-        let mut blocks: Vec<PairBlock> = (0..views - 1).map(|i| PairBlock::new([i, i + 1])).collect();
+        let truth: Vec<f64> = (0..SHARED_UNKNOWNS + VIEW_UNKNOWNS * views)
+            .map(|_| number())
+            .collect();
+        let mut blocks: Vec<PairBlock> =
+            (0..views - 1).map(|i| PairBlock::new([i, i + 1])).collect();
         for block in &mut blocks {
             for _ in 0..60 {
                 let row: [f64; PAIR_UNKNOWNS] = std::array::from_fn(|_| number());
-                let value: f64 = (0..PAIR_UNKNOWNS).map(|i| row[i] * truth[block.index(i)]).sum();
+                let value: f64 = (0..PAIR_UNKNOWNS)
+                    .map(|i| row[i] * truth[block.index(i)])
+                    .sum();
                 block.add(&row, -value, 2.0);
             }
         }
@@ -171,7 +180,7 @@ mod tests {
         let solution = solve(&blocks, &prior, 0.0, &|_| true);
         // The residual's length shrinks by 1e-5 at least.
         for (solved, truth) in solution.iter().zip(&truth) {
-                    assert!((solved - truth).abs() < 2e-5, "{solved} {truth}");
+            assert!((solved - truth).abs() < 2e-5, "{solved} {truth}");
         }
         assert!(
             solve(&blocks, &prior, 0.0, &|i| i >= SHARED_UNKNOWNS)[..SHARED_UNKNOWNS]

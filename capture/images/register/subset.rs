@@ -82,6 +82,6 @@ mod tests {
             );
         }
         // Hardly more views than requested.
-                assert!(complete_groups(&poses[..5], &[0, 2], 3.0).len() <= 5);
+        assert!(complete_groups(&poses[..5], &[0, 2], 3.0).len() <= 5);
     }
 }

@@ -49,11 +49,10 @@ fn view(depth: (Lens, Pose), color: (Lens, Pose), gain: f64) -> ViewSamples {
         (0..SIZE[1])
             .flat_map(|y| (0..SIZE[0]).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]))
     };
-    let ray = |(lens, pose): (Lens, Pose), pixel: [f64; 2]| {
-            pose.world_from_eye * lens.ray(pixel, SIZE)
-        };
-        let color_at = |pixel: [f64; 2]| {
-            let ray = ray(color, pixel);
+    let ray =
+        |(lens, pose): (Lens, Pose), pixel: [f64; 2]| pose.world_from_eye * lens.ray(pixel, SIZE);
+    let color_at = |pixel: [f64; 2]| {
+        let ray = ray(color, pixel);
         let levels = texture(color.1.eye + ray * wall(color.1.eye, ray))
             .map(|level| (level * gain + 0.5) as u8);
         [levels[0], levels[1], levels[2], 255]
@@ -108,7 +107,7 @@ fn lens_poses_and_exposure_estimated() {
     let truth: Vec<Pose> = (0..14)
         .map(|i| {
             offset_pose(
-                            pose(i),
+                pose(i),
                 dvec3(0.003, -0.004, 0.002) + own(i),
                 dvec3(0.025, 0.0, 0.0),
             )
@@ -130,31 +129,33 @@ fn lens_poses_and_exposure_estimated() {
     let registrations = per_view.to_registrations(&estimated_gains);
     assert!(
         (registrations[0].lens.focal_px[0] / 130.0 - 1.0).abs() < 0.01,
-                "{:?}",
-                registrations[0].lens
+        "{:?}",
+        registrations[0].lens
     );
     // Turns, steps and the lens's centre are interchangeable, so errors are measured where points
     // project to. A common shift on the walls is nearly unobservable; individual ones are not.
-        let mut errors = Vec::new();
-        for (registration, truth) in registrations.iter().zip(&truth) {
-            for pixel in [[20.0, 20.0], [80.0, 60.0], [140.0, 30.0], [60.0, 100.0]] {
+    let mut errors = Vec::new();
+    for (registration, truth) in registrations.iter().zip(&truth) {
+        for pixel in [[20.0, 20.0], [80.0, 60.0], [140.0, 30.0], [60.0, 100.0]] {
             let ray = truth.world_from_eye * lens(130.0).ray(pixel, SIZE);
-                        let eye = registration.pose.to_eye(truth.eye + ray * wall(truth.eye, ray));
+            let eye = registration
+                .pose
+                .to_eye(truth.eye + ray * wall(truth.eye, ray));
             let lens = &registration.lens;
-                        let normalized = DVec2::new(eye.x / -eye.z, eye.y / eye.z);
-                        let projected = DVec2::from_array(lens.principal_px)
-                            + lens.distortion.apply(normalized) * lens.focal_px[0];
-                        errors.push(projected - DVec2::from_array(pixel));
+            let normalized = DVec2::new(eye.x / -eye.z, eye.y / eye.z);
+            let projected = DVec2::from_array(lens.principal_px)
+                + lens.distortion.apply(normalized) * lens.focal_px[0];
+            errors.push(projected - DVec2::from_array(pixel));
         }
     }
     let common = errors.iter().sum::<DVec2>() / errors.len() as f64;
-        let distances = errors.iter().map(|error| error.distance(common));
-        let own = distances.sum::<f64>() / errors.len() as f64;
-        assert!(common.length() < 1.5 && own < 0.5, "{common} px, {own} px");
+    let distances = errors.iter().map(|error| error.distance(common));
+    let own = distances.sum::<f64>() / errors.len() as f64;
+    assert!(common.length() < 1.5 && own < 0.5, "{common} px, {own} px");
     for (estimated, gain) in estimated_gains.iter().zip(&gains) {
-            for channel in estimated {
-                assert!(
-                    (f64::from(*channel) / gain - 1.0).abs() < 0.015,
+        for channel in estimated {
+            assert!(
+                (f64::from(*channel) / gain - 1.0).abs() < 0.015,
                 "{estimated_gains:?}"
             );
         }
@@ -205,7 +206,7 @@ fn subset_represents_all_views() {
     const VIEWS: usize = 40;
     let shared_pose =
         |i: usize| offset_pose(pose(i), dvec3(0.003, -0.004, 0.002), dvec3(0.025, 0.0, 0.0));
-            let own = |i: usize| {
+    let own = |i: usize| {
         dvec3(
             (i as f64 * 1.7).sin(),
             (i as f64 * 2.3).cos(),
@@ -226,9 +227,21 @@ fn subset_represents_all_views() {
     );
     let cases: [Case; 4] = [
         (146.0, &pose, &|_| 1.0, RegistrationModel::AsGiven, 16),
-        (130.0, &shared_pose, &|_| 1.0, RegistrationModel::SharedOffset, 16),
+        (
+            130.0,
+            &shared_pose,
+            &|_| 1.0,
+            RegistrationModel::SharedOffset,
+            16,
+        ),
         (146.0, &pose, &gain, RegistrationModel::AsGiven, 16 + VIEWS),
-        (130.0, &own_pose, &gain, RegistrationModel::PerView, 16 + VIEWS),
+        (
+            130.0,
+            &own_pose,
+            &gain,
+            RegistrationModel::PerView,
+            16 + VIEWS,
+        ),
     ];
     for (focal, truth, gain, model, loads) in cases {
         let loaded = std::cell::Cell::new(0);
@@ -242,30 +255,30 @@ fn subset_represents_all_views() {
             .expect("pairs");
         assert_eq!(
             (report.applied, report.sampled_views, loaded.get()),
-                        (model, 16, loads),
+            (model, 16, loads),
             "{report:?}"
         );
         let mean = (0..VIEWS).map(|i| gain(i).ln()).sum::<f64>() / VIEWS as f64;
         let mut mean_error = DVec2::ZERO;
-                for (i, registration) in registrations.iter().enumerate() {
+        for (i, registration) in registrations.iter().enumerate() {
             let gain = gain(i) / mean.exp();
             assert!(
                 registration
-                                    .gain
-                                    .iter()
-                                    .all(|channel| (f64::from(*channel) / gain - 1.0).abs() < 0.03),
-                                "{i}: {registration:?} {gain}"
+                    .gain
+                    .iter()
+                    .all(|channel| (f64::from(*channel) / gain - 1.0).abs() < 0.03),
+                "{i}: {registration:?} {gain}"
             );
             let ray = truth(i).world_from_eye * lens(focal).ray([80.0, 60.0], SIZE);
             let eye = registration
-                            .pose
-                            .to_eye(truth(i).eye + ray * wall(truth(i).eye, ray));
+                .pose
+                .to_eye(truth(i).eye + ray * wall(truth(i).eye, ray));
             let lens = &registration.lens;
-                        let normalized = DVec2::new(eye.x / -eye.z, eye.y / eye.z);
-                        let projected = DVec2::from_array(lens.principal_px) + normalized * lens.focal_px[0];
-                        mean_error += (projected - dvec2(80.0, 60.0)).abs() / VIEWS as f64;
-                    }
-                    assert!(mean_error.length() < 1.6, "{model:?}: {mean_error} px");
+            let normalized = DVec2::new(eye.x / -eye.z, eye.y / eye.z);
+            let projected = DVec2::from_array(lens.principal_px) + normalized * lens.focal_px[0];
+            mean_error += (projected - dvec2(80.0, 60.0)).abs() / VIEWS as f64;
+        }
+        assert!(mean_error.length() < 1.6, "{model:?}: {mean_error} px");
     }
 }
 

@@ -45,14 +45,14 @@ const SAME_SURFACE: f64 = 0.05;
 
 impl ViewSamples {
     /// Samples a view with at most `columns` columns of points.
-        pub(super) fn new(view: &LoadedView, columns: u32) -> Self {
+    pub(super) fn new(view: &LoadedView, columns: u32) -> Self {
         let [width, height] = view.size_px;
         let reduction = width.div_ceil(MAX_WIDTH).max(1);
         let size = [width / reduction, height / reduction].map(|side| side as usize);
         let mean = |channel: usize, i: usize| {
             let x = (i % size[0]) as u32 * reduction;
-                        let y = (i / size[0]) as u32 * reduction;
-                        let index = |k: u32| ((y + k / reduction) * width + x + k % reduction) as usize;
+            let y = (i / size[0]) as u32 * reduction;
+            let index = |k: u32| ((y + k / reduction) * width + x + k % reduction) as usize;
             let sum: u32 = (0..reduction * reduction)
                 .map(|k| u32::from(view.color[index(k)][channel]))
                 .sum();
@@ -88,7 +88,7 @@ impl ViewSamples {
         depths.sort_by(f64::total_cmp);
         let depth_m = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
         let stride = reduction * DEPTH_STEP;
-                let center = |index: u32, side: u32| (index * stride + stride / 2).min(side - 1);
+        let center = |index: u32, side: u32| (index * stride + stride / 2).min(side - 1);
         let [columns, rows] = size.map(|side| (side as u32).div_ceil(DEPTH_STEP));
         let depth = |(x, y)| {
             view.depth_at(center(x, width), center(y, height))
@@ -112,7 +112,7 @@ impl ViewSamples {
 
     /// Returns true if a point of the world is visible to the depth camera: inside the image, and
     /// at the depth image's surface if that is known.
-        pub(super) fn is_visible(&self, lens: &Pinhole, point: DVec3) -> bool {
+    pub(super) fn is_visible(&self, lens: &Pinhole, point: DVec3) -> bool {
         let eye = self.pose.to_eye(point);
         let depth = -eye.z;
         if depth < 1e-3 {
@@ -143,7 +143,7 @@ impl BlurredImage {
         let mut blurred_rows = vec![0.0; levels.len()];
         for _ in 0..rounds {
             blur_rows(&levels, &mut blurred_rows, size[0]);
-                        blur_columns(&blurred_rows, &mut levels, size[0]);
+            blur_columns(&blurred_rows, &mut levels, size[0]);
         }
         Self {
             size,
@@ -156,18 +156,18 @@ impl BlurredImage {
 
     /// Samples the level and its slopes to the right and down at a position in pixels; `None` at
     /// the border.
-        #[inline]
-        pub(super) fn sample(&self, x: f64, y: f64) -> Option<[f64; 3]> {
+    #[inline]
+    pub(super) fn sample(&self, x: f64, y: f64) -> Option<[f64; 3]> {
         let [width, height] = self.size;
         let x = x - 0.5;
-                let y = y - 0.5;
+        let y = y - 0.5;
         if !(x >= 1.0 && y >= 1.0 && x < width as f64 - 2.0 && y < height as f64 - 2.0) {
             return None;
         }
         let column = x as usize;
-                let row = y as usize;
-                let fx = x - column as f64;
-                let fy = y - row as f64;
+        let row = y as usize;
+        let fx = x - column as f64;
+        let fy = y - row as f64;
         let level =
             |dx: usize, dy: usize| f64::from(self.levels[(row + dy - 1) * width + column + dx - 1]);
         let mix = |a: f64, b: f64, f: f64| a + (b - a) * f;
@@ -189,7 +189,7 @@ impl BlurredImage {
 fn blur_rows(from: &[f32], to: &mut [f32], width: usize) {
     for (from, to) in from.chunks_exact(width).zip(to.chunks_exact_mut(width)) {
         for (to, window) in to[1..].iter_mut().zip(from.windows(3)) {
-                    *to = blur(window[0], window[1], window[2]);
+            *to = blur(window[0], window[1], window[2]);
         }
         let last = width - 1;
         to[0] = blur(from[0], from[0], from[1.min(last)]);
@@ -201,10 +201,10 @@ fn blur_rows(from: &[f32], to: &mut [f32], width: usize) {
 fn blur_columns(from: &[f32], to: &mut [f32], width: usize) {
     let last = (from.len() / width).saturating_sub(1);
     let row = |index: usize| &from[index * width..(index + 1) * width];
-        for (index, to) in to.chunks_exact_mut(width).enumerate() {
-            let above = row(index.saturating_sub(1));
-            let here = row(index);
-            let below = row((index + 1).min(last));
+    for (index, to) in to.chunks_exact_mut(width).enumerate() {
+        let above = row(index.saturating_sub(1));
+        let here = row(index);
+        let below = row((index + 1).min(last));
         for (to, ((above, here), below)) in to.iter_mut().zip(above.iter().zip(here).zip(below)) {
             *to = blur(*above, *here, *below);
         }

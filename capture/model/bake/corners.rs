@@ -3,8 +3,8 @@
 use glam::Vec3;
 use headbox_scene::scene::{Scene, Triangle};
 
-/// Triangles around a vertex without a normal share its light where their normals differ by no more than this: the
-/// cosine of 30 degrees.
+/// Triangles around a vertex without a normal share its light where their normals differ by no more
+/// than this: the cosine of 30 degrees.
 const SMOOTH_COSINE: f32 = 0.866;
 
 /// Vertices with one normal each, and the triangles around each.
@@ -24,8 +24,8 @@ impl Corners {
     }
 }
 
-/// Gives every vertex one normal: its own, or, where the scene has none for it, that of the triangles around it;
-/// triangles that meet there at an angle get vertices of their own.
+/// Gives every vertex one normal: its own, or, where the scene has none for it, that of the
+/// triangles around it; triangles that meet there at an angle get vertices of their own.
 pub(super) fn separate_creases(scene: &mut Scene) -> Corners {
     let originals = scene.positions.len();
     let has_normal =

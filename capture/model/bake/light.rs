@@ -1,7 +1,8 @@
 //! Irradiance at vertices.
 //!
-//! What lies beyond a sample's first ray is shared by all that arrive in one cell of space ([`Arrival`]), for the whole of a bake: it
-//! is looked at once, by many samples, and costs next to nothing after the first vertices that see it.
+//! What lies beyond a sample's first ray is shared by all that arrive in one cell of space
+//! ([`Arrival`]), for the whole of a bake: it is looked at once, by many samples, and costs next to
+//! nothing after the first vertices that see it.
 
 use super::corners::{Corners, separate_creases};
 use super::{BakeOptions, BakeProgress};
@@ -21,7 +22,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Samples by which the brighter side of a surface is told.
 const SIDE_SAMPLES: u32 = 4;
 
-/// Samples by which it is told whether the edge of a shadow runs past a vertex; only there more are taken of light that has such.
+/// Samples by which it is told whether the edge of a shadow runs past a vertex; only there more are
+/// taken of light that has such.
 const SHARP_SAMPLES: u32 = 12;
 
 /// On a smooth surface nothing but a shadow changes sharp light by a quarter about one vertex.
@@ -30,7 +32,8 @@ const SAME_LIGHT: f32 = 0.75;
 /// Samples that a cell of arrivals takes of what lies beyond it.
 const SAMPLES_OF_CELL: usize = 16;
 
-/// Cells are as wide as this share of the edges, so that what they see is resolved as finely as what is baked ...
+/// Cells are as wide as this share of the edges, so that what they see is resolved as finely as
+/// what is baked ...
 const CELL_SHARE: f64 = 0.75;
 /// ... and no wider than this, metres: the two sides of a corner have little else in common.
 const WIDEST_CELL_M: f64 = 0.2;
@@ -144,8 +147,9 @@ impl<'a> Part<'a> {
 }
 
 impl VertexLight<'_> {
-    /// Multiplies the vertex colours of `scene` by light. `sources` names the triangle of the tracer's scene that each
-    /// of its triangles is a piece of. Returns how many samples each vertex has at least.
+    /// Multiplies the vertex colours of `scene` by light. `sources` names the triangle of the
+    /// tracer's scene that each of its triangles is a piece of. Returns how many samples each
+    /// vertex has at least.
     pub(super) fn bake(
         &self,
         scene: &mut Scene,
@@ -202,8 +206,8 @@ impl VertexLight<'_> {
             .collect()
     }
 
-    /// The light of all vertices, round after round and batch after batch: what is known of what lies beyond cells does not depend on
-    /// threads.
+    /// The light of all vertices, round after round and batch after batch: what is known of what
+    /// lies beyond cells does not depend on threads.
     fn gather(&self, cut: &Cut<'_>, told: &Told<'_>) -> Vec<Gathered> {
         let count = cut.scene.positions.len();
         let cell_m =
@@ -215,7 +219,8 @@ impl VertexLight<'_> {
             let many = round.len();
             let batch = (BATCH_SAMPLES / many.max(1)).clamp(1, BATCH_VERTICES);
             for (number, batched) in vertices.chunks_mut(batch).enumerate().filter(|_| many > 0) {
-                // Half of the work of a batch is to begin its samples, about, and half to look beyond.
+                // Half of the work of a batch is to begin its samples, about, and half to look
+                // beyond.
                 let half = batched.len() * many / 2;
                 let beginning = Part::new(told, done, half, batched.len());
                 let begin = |(i, vertex): (usize, &mut Gathered)| {
@@ -246,8 +251,8 @@ impl VertexLight<'_> {
         vertices
     }
 
-    /// A round of samples of a vertex, on the side of it that is seen, else on the brighter one; those that share what lies beyond their
-    /// first ray are put aside.
+    /// A round of samples of a vertex, on the side of it that is seen, else on the brighter one;
+    /// those that share what lies beyond their first ray are put aside.
     fn begin(
         &self,
         cut: &Cut<'_>,
@@ -284,7 +289,8 @@ impl VertexLight<'_> {
         begun
     }
 
-    /// Looks at what lies beyond those cells that are not known yet, from where samples arrived in them.
+    /// Looks at what lies beyond those cells that are not known yet, from where samples arrived in
+    /// them.
     fn look_beyond<'b, 't>(
         &self,
         beyond: &mut Beyond,
@@ -292,7 +298,8 @@ impl VertexLight<'_> {
         part: impl FnOnce(usize) -> Part<'t>,
     ) {
         let unknown = begun.filter(|begun| !beyond.contains_key(&begun.cell));
-        // Any fixed order that has nothing to do with places will do to draw those that stand for their cell.
+        // Any fixed order that has nothing to do with places will do to draw those that stand for
+        // their cell.
         let filed = |(i, begun): (u32, &'b Begun)| {
             (begun.cell, i.wrapping_mul(0x9e37_79b9), &begun.arrival)
         };
@@ -353,8 +360,9 @@ impl VertexLight<'_> {
             .unwrap_or(Side::Any)
     }
 
-    /// Where sample `index` of a vertex is taken, of the triangles around it in turn: half way to their far edges at most, so that a
-    /// vertex on an edge is lit as the surface beside it is; nearer to it where that lies in a wall.
+    /// Where sample `index` of a vertex is taken, of the triangles around it in turn: half way to
+    /// their far edges at most, so that a vertex on an edge is lit as the surface beside it is;
+    /// nearer to it where that lies in a wall.
     fn point(
         &self,
         cut: &Cut<'_>,
@@ -406,8 +414,9 @@ impl VertexLight<'_> {
 }
 
 impl VertexLight<'_> {
-    /// The place `across` from a vertex, or, if that may not be seen and one close to the vertex may, the first on the way to it that may.
-    /// `before`: from the surface to where it is seen from. Of the jamb of a door a hand's breadth lies in the wall, and a thumb's before it.
+    /// The place `across` from a vertex, or, if that may not be seen and one close to the vertex
+    /// may, the first on the way to it that may. `before`: from the surface to where it is seen
+    /// from. Of the jamb of a door a hand's breadth lies in the wall, and a thumb's before it.
     fn open_place(&self, vertex: DVec3, across: DVec3, before: DVec3) -> DVec3 {
         /// Down to a 64th of the way.
         const HALVINGS: i32 = 6;
@@ -442,7 +451,8 @@ impl Sharp {
     }
 }
 
-/// Soft light averaged with that of the neighbours, each vertex counting as much as its neighbours together.
+/// Soft light averaged with that of the neighbours, each vertex counting as much as its neighbours
+/// together.
 fn smooth(scene: &Scene, corners: &Corners, lights: &[Light]) -> Vec<Light> {
     let smoothed = |vertex: usize| {
         let (mut sum, mut weight) = (Vec3::ZERO, 0.0_f32);

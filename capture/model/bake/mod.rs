@@ -1,16 +1,19 @@
-//! Light baked into vertices: a scene that shows, without any light of its own, what capture and truth show with it.
+//! Light baked into vertices: a scene that shows, without any light of its own, what capture and
+//! truth show with it.
 //!
 //! # What a baked scene is
-//! * Its vertex colours are the source's times irradiance / pi times the exposure, by the estimator of
-//!   [`headbox_trace::light`]; textures and albedos stay, so what a surface shows is its albedo (vertex colour included) plus
-//!   its emission: what `truth --unlit` and a capture with no light samples show, and what a rasteriser interpolates.
-//! * Emission and sky are multiplied by the exposure, and there is no sun, so its own exposure is 1: values are stored
-//!   as they are. [`headbox_trace::light::Lighting::of_scene`] with no bounces is its light: the sky, for rays that leave.
+//! * Its vertex colours are the source's times irradiance / pi times the exposure, by the estimator
+//!   of [`headbox_trace::light`]; textures and albedos stay, so what a surface shows is its albedo
+//!   (vertex colour included) plus its emission: what `truth --unlit` and a capture with no light
+//!   samples show, and what a rasteriser interpolates.
+//! * Emission and sky are multiplied by the exposure, and there is no sun, so its own exposure is
+//!   1: values are stored as they are. [`headbox_trace::light::Lighting::of_scene`] with no bounces
+//!   is its light: the sky, for rays that leave.
 //!
-//! Geometry, images and truth of one baked scene therefore agree by construction. What is lost against the unbaked one
-//! is light between vertices (the shorter the edges, the less) and the difference between the two sides of a thin
-//! surface: each vertex has the light of the side that its room sees, or else of the brighter one, so that the winding of a file does
-//! not matter.
+//! Geometry, images and truth of one baked scene therefore agree by construction. What is lost
+//! against the unbaked one is light between vertices (the shorter the edges, the less) and the
+//! difference between the two sides of a thin surface: each vertex has the light of the side that
+//! its room sees, or else of the brighter one, so that the winding of a file does not matter.
 
 mod corners;
 mod light;
@@ -34,15 +37,16 @@ pub struct BakeOptions {
     pub max_triangles: usize,
     /// Light samples per vertex.
     pub samples: u32,
-    /// How often soft light (all but the sun's) is averaged with that of the neighbouring vertices of the same smooth
-    /// surface, against the noise of few samples.
+    /// How often soft light (all but the sun's) is averaged with that of the neighbouring vertices
+    /// of the same smooth surface, against the noise of few samples.
     pub smoothing: u32,
     /// Diffuse bounces of light.
     pub bounces: u32,
 }
 
 impl Default for BakeOptions {
-    /// Shadows resolved to a hand's breadth, soft light to two: with fewer rounds of averaging, blotches stay on large walls.
+    /// Shadows resolved to a hand's breadth, soft light to two: with fewer rounds of averaging,
+    /// blotches stay on large walls.
     fn default() -> Self {
         Self {
             edge_m: 0.2,
@@ -61,21 +65,23 @@ pub struct Baked {
     pub scene: Scene,
     /// Triangle `i` of the source became the triangles `pieces[i]..pieces[i + 1]`.
     pub pieces: Vec<u32>,
-    /// The longest edge that was left uncut on purpose, metres: more than asked for where there would have been too many
-    /// triangles.
+    /// The longest edge that was left uncut on purpose, metres: more than asked for where there
+    /// would have been too many triangles.
     pub edge_m: f64,
     /// The exposure that is baked in.
     pub exposure: f32,
-    /// Light samples that each vertex has at least: fewer than asked for if the bake was broken off; 0 if some are dark for that.
+    /// Light samples that each vertex has at least: fewer than asked for if the bake was broken
+    /// off; 0 if some are dark for that.
     pub samples: u32,
 }
 
 /// Columns of a sky's picture, at most: a third of a degree each.
 const SKY_COLUMNS: u32 = 1024;
 
-/// Is told often, and from several threads, how many light samples, of how many, are taken: those by which it is learnt where light comes
-/// from, and those of vertices. After a `Break`, which has to be said again from then on, the bake ends soon with what it has: a first round
-/// gives every vertex eight samples, a second the rest.
+/// Is told often, and from several threads, how many light samples, of how many, are taken: those
+/// by which it is learnt where light comes from, and those of vertices. After a `Break`, which has
+/// to be said again from then on, the bake ends soon with what it has: a first round gives every
+/// vertex eight samples, a second the rest.
 pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
@@ -83,7 +89,8 @@ pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<
     bake_seen(source, Seen::ALL, Lighting::measure, options, progress)
 }
 
-/// As [`bake`], in the scene's light as it is: nothing is metered, so that the exposure is 1, and nothing is added where it is dark.
+/// As [`bake`], in the scene's light as it is: nothing is metered, so that the exposure is 1, and
+/// nothing is added where it is dark.
 pub fn bake_unmetered(
     source: &Arc<Scene>,
     options: &BakeOptions,
@@ -109,7 +116,8 @@ impl Seen<'_> {
     };
 }
 
-/// As [`bake`], where it is known what is seen, in the light that `lights` makes of a scene and a number of bounces.
+/// As [`bake`], where it is known what is seen, in the light that `lights` makes of a scene and a
+/// number of bounces.
 fn bake_seen(
     source: &Arc<Scene>,
     Seen { sides, is_open }: Seen<'_>,
@@ -151,8 +159,10 @@ fn bake_seen(
     }
 }
 
-/// Bakes the light of a portal model's scene (see [`bake`]) and stitches it; each cell keeps its surfaces. Those that border a room are lit as
-/// they are seen from it: the underside of a floor, which nobody sees, may be in the sun; what lies partly in a wall by its part in a room. Returns the model and [`Baked::samples`].
+/// Bakes the light of a portal model's scene (see [`bake`]) and stitches it; each cell keeps its
+/// surfaces. Those that border a room are lit as they are seen from it: the underside of a floor,
+/// which nobody sees, may be in the sun; what lies partly in a wall by its part in a room. Returns
+/// the model and [`Baked::samples`].
 pub fn bake_model(
     mut model: PortalModel,
     options: &BakeOptions,
@@ -197,7 +207,8 @@ pub fn bake_model(
         portals: model.portals,
         outside: model.outside,
     };
-    // Only now: with light of its own each new corner would show as a dent in what runs evenly along an edge.
+    // Only now: with light of its own each new corner would show as a dent in what runs evenly
+    // along an edge.
     lit.stitch();
     (lit, baked.samples)
 }

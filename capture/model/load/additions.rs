@@ -1,15 +1,17 @@
 //! What homes lack, and are given.
 //!
-//! Rooms are drawn by hand, and between the floors of two of them a few millimetres may be left under their door, through which the
-//! ground outside shines, as bright as day. So there is a threshold under each: dark unless one looks for it. Rooms whose ceilings
-//! were switched off get them back.
+//! Rooms are drawn by hand, and between the floors of two of them a few millimetres may be left
+//! under their door, through which the ground outside shines, as bright as day. So there is a
+//! threshold under each: dark unless one looks for it. Rooms whose ceilings were switched off get
+//! them back.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use headbox_scene::load::polygon::triangulate;
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Triangle};
 
-/// How far below the floors thresholds lie, metres: a depth buffer tells that apart at a room's distance.
+/// How far below the floors thresholds lie, metres: a depth buffer tells that apart at a room's
+/// distance.
 const BELOW_M: f64 = 0.002;
 
 /// Adds a threshold: a quadrilateral under a floor, metres, corners of its outline in order.

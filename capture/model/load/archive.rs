@@ -53,7 +53,8 @@ impl<'a> Archive<'a> {
         self.models.get(name)?.clone()
     }
 
-    /// Reads the material files that lie beside a model; their maps are named as the archive names them.
+    /// Reads the material files that lie beside a model; their maps are named as the archive names
+    /// them.
     fn with_materials(&mut self, mut model: Model, name: &str) -> Model {
         let folder = name
             .rsplit_once('/')
@@ -94,7 +95,8 @@ impl<'a> Archive<'a> {
     }
 }
 
-/// A corner of a face: the numbers, from 0, of its position and of its texture coordinate, if it has one.
+/// A corner of a face: the numbers, from 0, of its position and of its texture coordinate, if it
+/// has one.
 pub(super) type Corner = (usize, Option<usize>);
 
 /// The faces of one group and material.

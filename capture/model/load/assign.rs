@@ -25,11 +25,13 @@ pub(super) enum Portion {
 /// A surface faces the cell that is this far before it, metres.
 const BEFORE_M: f64 = 0.02;
 
-/// Where a surface faces no room, the room whose outline, in plan, ends no farther from there than this has it, metres: rooms
-/// are drawn by hand and may end a hair before the wall does. The outer faces of walls are farther off by the wall.
+/// Where a surface faces no room, the room whose outline, in plan, ends no farther from there than
+/// this has it, metres: rooms are drawn by hand and may end a hair before the wall does. The outer
+/// faces of walls are farther off by the wall.
 const BESIDE_M: f64 = BEFORE_M;
 
-/// Groups of the scene, and how each goes to cells. Triangles of no group are dealt out as [`Portion::Facing`].
+/// Groups of the scene, and how each goes to cells. Triangles of no group are dealt out as
+/// [`Portion::Facing`].
 pub(super) struct Assignment<'a> {
     pub(super) groups: &'a [Group],
     pub(super) portions: &'a [Portion],
@@ -133,7 +135,8 @@ fn side_of(model: &PortalModel, portal: usize, p: DVec3) -> Option<u32> {
     Some(portal.cells[usize::from(!in_front)])
 }
 
-/// The pieces of a triangle, each with the cell it faces; the triangle itself if it faces one cell only.
+/// The pieces of a triangle, each with the cell it faces; the triangle itself if it faces one cell
+/// only.
 fn facing(
     model: &PortalModel,
     scene: &mut Scene,
@@ -192,7 +195,8 @@ fn facing(
     out
 }
 
-/// The pieces of a polygon that lies before one room, in plan, below, between and above the floors and ceilings there.
+/// The pieces of a polygon that lies before one room, in plan, below, between and above the floors
+/// and ceilings there.
 fn split_by_storeys(model: &PortalModel, piece: Vec<Corner>, normal: DVec3) -> Vec<Vec<Corner>> {
     let middle = piece.iter().map(|corner| corner.position).sum::<DVec3>() / piece.len() as f64
         + normal * BEFORE_M;
@@ -287,7 +291,8 @@ mod tests {
     use glam::dvec3;
     use headbox_scene::material::Material;
 
-    /// A wall of 4 m before a room that is drawn 1 cm shorter; its outer face; and a wall 10 cm beyond the room.
+    /// A wall of 4 m before a room that is drawn 1 cm shorter; its outer face; and a wall 10 cm
+    /// beyond the room.
     #[test]
     fn a_wall_that_ends_a_hair_after_its_room_is_all_of_the_room() {
         let outline = [[0.0, 0.0], [3.99, 0.0], [3.99, 3.0], [0.0, 3.0]]

@@ -4,14 +4,15 @@ use super::home::{Home, Room, Wall};
 use crate::distance_to_outline;
 use glam::DVec2;
 
-/// Walls that end within this of a room's corner may hold the ceiling there, centimetres: rooms are drawn to the faces of walls, and
-/// the lines of walls that meet end a wall's thickness apart.
+/// Walls that end within this of a room's corner may hold the ceiling there, centimetres: rooms are
+/// drawn to the faces of walls, and the lines of walls that meet end a wall's thickness apart.
 const AT_CORNER: f64 = 60.0;
 
 /// Walls hold it from this share of the storey's height on; counters and parapets do not.
 const HIGH: f64 = 0.75;
 
-/// A room that no wall parts from another is drawn up to it, and walls stand beside outlines, within this, centimetres.
+/// A room that no wall parts from another is drawn up to it, and walls stand beside outlines,
+/// within this, centimetres.
 const BESIDE: f64 = 40.0;
 
 /// An outline is looked at in steps of this, centimetres.
@@ -20,13 +21,15 @@ const STEP: f64 = 10.0;
 /// No more steps than this to an edge: wild outlines come to an end, too.
 const MOST_STEPS: f64 = 300.0;
 
-/// A room stands under a roof if this share of its outline lies along walls or other rooms; a terrace does not.
+/// A room stands under a roof if this share of its outline lies along walls or other rooms; a
+/// terrace does not.
 const ENCLOSED: f64 = 0.8;
 
 impl Home {
-    /// Hangs the ceilings of the topmost storey from its walls, which may be higher than the storey and slope under a roof: each corner
-    /// as high as the highest wall that ends there, or else as the high wall that ends nearest to it. Low walls count where some wall
-    /// slopes: under a roof they are no parapets.
+    /// Hangs the ceilings of the topmost storey from its walls, which may be higher than the storey
+    /// and slope under a roof: each corner as high as the highest wall that ends there, or else as
+    /// the high wall that ends nearest to it. Low walls count where some wall slopes: under a roof
+    /// they are no parapets.
     pub(super) fn hang_ceilings(&mut self) {
         for room in self.rooms.iter_mut().filter(|room| room.is_topmost) {
             let walls = || self.walls.iter().filter(|wall| wall.is_beside(room));
@@ -54,8 +57,8 @@ impl Home {
         }
     }
 
-    /// Where no room of a home has a ceiling, they were switched off to look in from above: rooms that walls or other rooms enclose
-    /// get theirs back. Returns how many these are.
+    /// Where no room of a home has a ceiling, they were switched off to look in from above: rooms
+    /// that walls or other rooms enclose get theirs back. Returns how many these are.
     pub(super) fn put_ceilings_on(&mut self) -> usize {
         if self.rooms.iter().any(|room| room.covered) {
             return 0;

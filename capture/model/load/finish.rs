@@ -38,7 +38,8 @@ impl Finish {
     }
 }
 
-/// The colour in an attribute, and the picture of a child that says that it is this texture of its parent.
+/// The colour in an attribute, and the picture of a child that says that it is this texture of its
+/// parent.
 pub(super) fn finish(node: Node, color_attribute: &str, texture: Option<&str>) -> Finish {
     let is_it =
         |child: &Node| child.has_tag_name("texture") && child.attribute("attribute") == texture;
@@ -62,7 +63,8 @@ fn repeated(texture: Node) -> Option<Repeated> {
     })
 }
 
-/// A colour written as alpha, red, green and blue in hexadecimal; taken as linear, as the export does.
+/// A colour written as alpha, red, green and blue in hexadecimal; taken as linear, as the export
+/// does.
 pub(super) fn color(node: Node, attribute: &str) -> Option<[f32; 3]> {
     let argb = u32::from_str_radix(node.attribute(attribute)?, 16).ok()?;
     Some([16, 8, 0].map(|shift| f32::from((argb >> shift) as u8) / 255.0))

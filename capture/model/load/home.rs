@@ -1,5 +1,5 @@
-//! The plan of a Sweet Home 3D home, as its `Home.xml` says: x to the right and y down in plan (x and z of the export),
-//! centimetres, angles clockwise in plan.
+//! The plan of a Sweet Home 3D home, as its `Home.xml` says: x to the right and y down in plan (x
+//! and z of the export), centimetres, angles clockwise in plan.
 
 use super::finish::{Finish, color, finish};
 use super::xml::{elements, number};
@@ -129,7 +129,8 @@ pub(super) struct Home {
     /// Colours of the sky and of the ground around it, sRGB from 0 to 1.
     pub(super) sky_color: Option<[f32; 3]>,
     pub(super) ground_color: Option<[f32; 3]>,
-    /// Rooms, walls, furniture, doors and windows left out because a number is missing or no number.
+    /// Rooms, walls, furniture, doors and windows left out because a number is missing or no
+    /// number.
     pub(super) unreadable: usize,
 }
 
@@ -242,7 +243,8 @@ impl Home {
     }
 }
 
-/// Whether a storey is not hidden with all that stands on it. (`visible` says which storeys the user's window showed last.)
+/// Whether a storey is not hidden with all that stands on it. (`visible` says which storeys the
+/// user's window showed last.)
 fn is_viewable(level: &Node) -> bool {
     level.attribute("viewable") != Some("false")
 }
@@ -291,8 +293,8 @@ fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>)
 }
 
 impl Wall {
-    /// The wall as it is bent: by an arc of `extent` radians from start to end, clockwise in plan if that is positive, in pieces of
-    /// at most [`ARC_STEP`].
+    /// The wall as it is bent: by an arc of `extent` radians from start to end, clockwise in plan
+    /// if that is positive, in pieces of at most [`ARC_STEP`].
     fn bent(self, extent: f64) -> Vec<Self> {
         let chord = self.end - self.start;
         if extent == 0.0 || extent.abs() >= TAU || chord == DVec2::ZERO {

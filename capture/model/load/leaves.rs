@@ -5,22 +5,23 @@ use glam::{DVec2, DVec3};
 use headbox_scene::load::Group;
 use headbox_scene::scene::Scene;
 
-/// A part that covers more than this share of the opening, within the wall, closes it: half a double door covers 45 %,
-/// a pane of a double window 32 %, the frame of a sash some 20 %.
+/// A part that covers more than this share of the opening, within the wall, closes it: half a
+/// double door covers 45 %, a pane of a double window 32 %, the frame of a sash some 20 %.
 const CLOSES: f64 = 0.28;
 
 /// Cells of the raster on the opening, each way.
 const CELLS: usize = 48;
 
-/// Handles and hinges stand this far off the leaf that they go with, metres: along the opening, and across. They are
-/// less than half as high as the leaf, which a frame is not.
+/// Handles and hinges stand this far off the leaf that they go with, metres: along the opening, and
+/// across. They are less than half as high as the leaf, which a frame is not.
 const FITTINGS_M: [f64; 2] = [0.03, 0.12];
 
 /// How far outside the wall's faces a closed leaf may lie, metres.
 const BESIDE_WALL_M: f64 = 0.04;
 
-/// For each of the groups that one door or window consists of, whether it closes the opening `portal`, or belongs to a
-/// part that does (a handle). `wall_m` is the thickness of the wall. A leaf that stands open does not lie in the wall.
+/// For each of the groups that one door or window consists of, whether it closes the opening
+/// `portal`, or belongs to a part that does (a handle). `wall_m` is the thickness of the wall. A
+/// leaf that stands open does not lie in the wall.
 pub(super) fn closing_groups(
     scene: &Scene,
     portal: &Portal,

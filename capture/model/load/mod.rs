@@ -31,13 +31,16 @@ pub struct ModelOptions {
 /// A portal model as loaded.
 #[derive(Clone, Debug)]
 pub struct LoadedModel {
-    /// The model, mended ([`PortalModel::mend`]). What was met and survived on the way is in its scene's summary.
+    /// The model, mended ([`PortalModel::mend`]). What was met and survived on the way is in its
+    /// scene's summary.
     pub model: PortalModel,
-    /// What is, or was, wrong with its cells and portals; those that were left out are numbered on from the last portal.
+    /// What is, or was, wrong with its cells and portals; those that were left out are numbered on
+    /// from the last portal.
     pub findings: Vec<Finding>,
 }
 
-/// Adds portals where no wall stands between cells ([`PortalModel::open_borders`]), before triangles are dealt out to them.
+/// Adds portals where no wall stands between cells ([`PortalModel::open_borders`]), before
+/// triangles are dealt out to them.
 fn open_borders(model: &mut PortalModel) -> Vec<Finding> {
     let [low, high] = model.scene.bounds();
     let scene = Arc::new(std::mem::take(&mut model.scene));
@@ -78,20 +81,24 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
         })
 }
 
-/// Loads a portal model: the `Home.xml` of a Sweet Home 3D home with the home's OBJ export beside it, its `.sh3d` archive
-/// with or without an export, or a `.toml` model. The formats are described below.
+/// Loads a portal model: the `Home.xml` of a Sweet Home 3D home with the home's OBJ export beside
+/// it, its `.sh3d` archive with or without an export, or a `.toml` model. The formats are described
+/// below.
 ///
 /// # Sweet Home 3D
-/// The geometry is the home's OBJ export in the same folder: `home.obj`, an OBJ of the plan's own name, or the only OBJ
-/// there is. Of an archive without one it is made from the plan and the models and pictures in the archive: walls with their openings,
-/// floors, ceilings and furniture; corners of walls overlap, and what is no OBJ becomes a box. Each room with a ceiling becomes a
-/// cell; a balcony or terrace open to the sky is outside. If no room has a ceiling, they were switched off to look in from above: those
-/// that walls enclose are given one. What stands on a hidden storey is left out. Each door and
-/// window becomes a portal in the middle of its wall, between the rooms on its two sides or a room and the outside; the
-/// space in the wall belongs to the room on its side, and has a threshold just below its floor: floors that are drawn by hand leave
-/// slits there. Where no wall stands at the border of a room there is a portal too. Leaves and panes that close an opening are left out with their
-/// handles, open ones stay. Furniture goes as a whole to the cell that it stands in; walls and floors go, triangle by
-/// triangle, to the cell that they face, cut where they face several; the rest is outside.
+/// The geometry is the home's OBJ export in the same folder: `home.obj`, an OBJ of the plan's own
+/// name, or the only OBJ there is. Of an archive without one it is made from the plan and the
+/// models and pictures in the archive: walls with their openings, floors, ceilings and furniture;
+/// corners of walls overlap, and what is no OBJ becomes a box. Each room with a ceiling becomes a
+/// cell; a balcony or terrace open to the sky is outside. If no room has a ceiling, they were
+/// switched off to look in from above: those that walls enclose are given one. What stands on a
+/// hidden storey is left out. Each door and window becomes a portal in the middle of its wall,
+/// between the rooms on its two sides or a room and the outside; the space in the wall belongs to
+/// the room on its side, and has a threshold just below its floor: floors that are drawn by hand
+/// leave slits there. Where no wall stands at the border of a room there is a portal too. Leaves
+/// and panes that close an opening are left out with their handles, open ones stay. Furniture goes
+/// as a whole to the cell that it stands in; walls and floors go, triangle by triangle, to the cell
+/// that they face, cut where they face several; the rest is outside.
 ///
 /// # TOML
 /// ```toml
@@ -117,8 +124,8 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
 /// cells = ["hall", "garden"]
 /// polygon = [[100, 0, 0], [200, 0, 0], [200, 0, 210], [100, 0, 210]]
 /// ```
-/// Groups that no cell names are dealt out as those of a home are. Without an outside cell of the file's own, one
-/// called "Outside" is added.
+/// Groups that no cell names are dealt out as those of a home are. Without an outside cell of the
+/// file's own, one called "Outside" is added.
 ///
 /// # Errors
 /// See [`LoadError`].

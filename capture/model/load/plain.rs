@@ -1,9 +1,11 @@
-//! The geometry of a home that comes without its OBJ export, made from the plan and from the models and pictures in its archive:
-//! walls with their openings, floors and ceilings, furniture in its place. It is written as the OBJ that Sweet Home 3D exports,
-//! groups and all, so that everything after it is the same.
+//! The geometry of a home that comes without its OBJ export, made from the plan and from the models
+//! and pictures in its archive: walls with their openings, floors and ceilings, furniture in its
+//! place. It is written as the OBJ that Sweet Home 3D exports, groups and all, so that everything
+//! after it is the same.
 //!
-//! What differs from an export: joined walls run through each other instead of being mitred, bent ones are made of straight pieces,
-//! normals and baseboards are left out, and furniture whose model is no OBJ is a box of its size. Pitch and roll are not applied.
+//! What differs from an export: joined walls run through each other instead of being mitred, bent
+//! ones are made of straight pieces, normals and baseboards are left out, and furniture whose model
+//! is no OBJ is a box of its size. Pitch and roll are not applied.
 
 use super::archive::{Archive, Corner, FaceGroup, Model};
 use super::finish::{Finish, Repeated};
@@ -14,7 +16,8 @@ use headbox_scene::load::obj::Pictures;
 use std::collections::HashSet;
 use std::fmt::Write as _;
 
-/// Linear colours that models in archives refer to without saying what they are, as Sweet Home 3D exports them.
+/// Linear colours that models in archives refer to without saying what they are, as Sweet Home 3D
+/// exports them.
 const KNOWN_COLORS: [(&str, [f32; 3]); 18] = [
     ("amber", [0.5755, 0.2678, 0.0]),
     ("black", [0.002; 3]),
@@ -42,7 +45,8 @@ const NEUTRAL: [f32; 3] = [0.7; 3];
 /// Walls and openings are parallel if the sine between them is less than this.
 const PARALLEL: f64 = 0.1;
 
-/// An opening belongs to a wall if its middle is no farther than this from the wall's faces, centimetres.
+/// An opening belongs to a wall if its middle is no farther than this from the wall's faces,
+/// centimetres.
 const BESIDE: f64 = 5.0;
 
 /// A home as an OBJ.
@@ -163,8 +167,8 @@ impl<'a> PlainHome<'a> {
         self.text.push('\n');
     }
 
-    /// A polygon whose front is where `normal` points; `place` says where on the finish each corner lies, centimetres to the right and
-    /// up.
+    /// A polygon whose front is where `normal` points; `place` says where on the finish each corner
+    /// lies, centimetres to the right and up.
     fn polygon(
         &mut self,
         finish: &Finish,
@@ -397,7 +401,8 @@ impl<'a> PlainHome<'a> {
                     .iter()
                     .map(|&(position, texcoord)| {
                         let own = texcoord.map(|texcoord| first[1] + texcoord);
-                        // What the home puts on a model that has no texture coordinates lies on its front and its top.
+                        // What the home puts on a model that has no texture coordinates lies on its
+                        // front and its top.
                         let projected = |picture: &Repeated| {
                             let p = sized[position];
                             picture.at(DVec2::new(p.x, p.y - p.z))
@@ -417,7 +422,8 @@ impl<'a> PlainHome<'a> {
         }
     }
 
-    /// Paints what follows as the home says a part of a model looks, which is returned; where it says nothing, as the model does.
+    /// Paints what follows as the home says a part of a model looks, which is returned; where it
+    /// says nothing, as the model does.
     fn paint_part(
         &mut self,
         piece: &Piece,

@@ -13,7 +13,8 @@ pub(super) struct Corner {
     pub(super) vertex: Option<u32>,
 }
 
-/// Corners nearer to the plane than this lie on it, metres: cuts that would leave slivers are not made.
+/// Corners nearer to the plane than this lie on it, metres: cuts that would leave slivers are not
+/// made.
 const ON_PLANE_M: f64 = 1e-4;
 
 impl Corner {
@@ -30,8 +31,8 @@ impl Corner {
     }
 }
 
-/// The pieces of a convex polygon on both sides of the plane through `from` that is perpendicular to `across`; the polygon itself if
-/// it lies on one side.
+/// The pieces of a convex polygon on both sides of the plane through `from` that is perpendicular
+/// to `across`; the polygon itself if it lies on one side.
 pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -> Vec<Vec<Corner>> {
     let Some(across) = across.try_normalize() else {
         return vec![polygon];
@@ -65,7 +66,8 @@ pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -
         .collect()
 }
 
-/// Where an edge meets the plane: the same bits from either end, so that two triangles that share it meet.
+/// Where an edge meets the plane: the same bits from either end, so that two triangles that share
+/// it meet.
 fn cut_edge((a, at_a): (&Corner, f64), (b, at_b): (&Corner, f64)) -> Corner {
     if a.position.to_array() <= b.position.to_array() {
         a.toward(b, at_a / (at_a - at_b))

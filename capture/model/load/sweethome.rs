@@ -21,12 +21,14 @@ use std::path::{Path, PathBuf};
 /// Metres per unit of a home.
 const UNIT_M: f64 = 0.01;
 
-/// How far beyond the wall's faces a room is looked for, centimetres: rooms are often drawn a little short of walls.
+/// How far beyond the wall's faces a room is looked for, centimetres: rooms are often drawn a
+/// little short of walls.
 const REACH: f64 = 40.0;
 /// In steps of this, centimetres.
 const STEP: f64 = 1.0;
 
-/// A door begins no farther from its room's floor than this, metres; what begins higher is a window.
+/// A door begins no farther from its room's floor than this, metres; what begins higher is a
+/// window.
 const AT_FLOOR_M: f64 = 0.05;
 
 /// A `Home.xml` longer than this is taken for damage, bytes.
@@ -207,7 +209,8 @@ fn unpack(bytes: &[u8]) -> Result<Vec<u8>, String> {
     Ok(text)
 }
 
-/// The OBJ export that belongs to a plan: of its own name, `home.obj`, or the only one in its folder; none if there is none.
+/// The OBJ export that belongs to a plan: of its own name, `home.obj`, or the only one in its
+/// folder; none if there is none.
 fn find_export(plan: &Path) -> Result<Option<PathBuf>, String> {
     let folder = if folder_of(plan) == Path::new("") {
         Path::new(".")
@@ -274,7 +277,8 @@ fn room_name(index: usize, room: &Room) -> String {
     }
 }
 
-/// Adds the portal of a door or window, and gives the space in the wall to the rooms on its two sides.
+/// Adds the portal of a door or window, and gives the space in the wall to the rooms on its two
+/// sides.
 fn add_portal(model: &mut PortalModel, opening: &Opening) {
     let across = opening.across();
     let half = opening.along * (opening.width / 2.0);
@@ -304,7 +308,8 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
     }
     let corner = |end: DVec2, y: f64| DVec3::new(end.x, y, end.y) * UNIT_M;
     let (left, right) = (middle - half, middle + half);
-    // `across` is `along` turned from x toward z, so `along x up` points along it, to the first cell.
+    // `across` is `along` turned from x toward z, so `along x up` points along it, to the first
+    // cell.
     let polygon = vec![
         corner(left, bottom),
         corner(right, bottom),
@@ -349,8 +354,9 @@ impl Probe<'_> {
         })
     }
 
-    /// Where the portal lies, and the rooms in front of and behind it with their distances from it. Normally that is
-    /// the middle of the wall; where one room was drawn through the whole wall, it is where that room ends.
+    /// Where the portal lies, and the rooms in front of and behind it with their distances from it.
+    /// Normally that is the middle of the wall; where one room was drawn through the whole wall, it
+    /// is where that room ends.
     fn middle_and_rooms(&self) -> (DVec2, [Option<(u32, f64)>; 2]) {
         let rooms = [self.first(1.0, None), self.first(-1.0, None)];
         let middle = self.opening.in_wall();
@@ -395,7 +401,8 @@ struct DoorGroups {
 }
 
 impl DoorGroups {
-    /// All groups of one piece share the beginning of their names, `door_7_`; the piece is the opening nearest to it.
+    /// All groups of one piece share the beginning of their names, `door_7_`; the piece is the
+    /// opening nearest to it.
     fn find(model: &PortalModel, home: &Home, groups: &[Group]) -> Self {
         /// A door farther than this from every opening of the plan is no opening, metres.
         const NEAR: f64 = 0.5;

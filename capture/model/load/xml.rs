@@ -2,7 +2,8 @@
 
 use roxmltree::Node;
 
-/// All elements of a name below a node, in the order of the file (doors may stand in groups of furniture).
+/// All elements of a name below a node, in the order of the file (doors may stand in groups of
+/// furniture).
 pub(super) fn elements<'a>(
     root: Node<'a, 'a>,
     name: &'static str,

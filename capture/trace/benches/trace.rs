@@ -1,9 +1,11 @@
-//! Ray rates of the tracer on one thread, by criterion: `cargo bench -p headbox-capture --bench trace`.
+//! Ray rates of the tracer on one thread, by criterion: `cargo bench -p headbox-capture --bench
+//! trace`.
 //!
-//! The scene is 500,000 triangles of bumpy ground in a closed room. The rays are those of one cube face at N = 32,
-//! M = 16 (a part of them, evenly spread), stratum by stratum; bounce rays leave their hits in random directions, and
-//! shadow rays go from the hits toward one light. Making rays is not timed, loading them into packets is.
-//! `examples/rays` compares with other tracers on scenes from files.
+//! The scene is 500,000 triangles of bumpy ground in a closed room. The rays are those of one cube
+//! face at N = 32, M = 16 (a part of them, evenly spread), stratum by stratum; bounce rays leave
+//! their hits in random directions, and shadow rays go from the hits toward one light. Making rays
+//! is not timed, loading them into packets is. `examples/rays` compares with other tracers on
+//! scenes from files.
 
 #[path = "../examples/rays/cube.rs"]
 mod cube;
@@ -87,7 +89,8 @@ fn stratified() -> Rays {
     rays.map(|row| row.chunks(group).step_by(PART).flatten().copied().collect())
 }
 
-/// Rays from the hits of `rays`, a little above the surface: toward a light, and in scattered directions.
+/// Rays from the hits of `rays`, a little above the surface: toward a light, and in scattered
+/// directions.
 fn secondary(tracer: &Tracer, rays: &Rays) -> (Vec<Ray>, Vec<Ray>) {
     let light = Vec3::new(2.0, 6.5, -3.0);
     (0..rays[0].len())

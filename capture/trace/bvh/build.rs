@@ -1,4 +1,5 @@
-//! From a scene to the tree: local triangles, the binary tree of `obvhs`, and its collapse to eight children a node.
+//! From a scene to the tree: local triangles, the binary tree of `obvhs`, and its collapse to eight
+//! children a node.
 
 use super::MAX_COORDINATE;
 use super::cutout::Cutouts;
@@ -12,8 +13,8 @@ use obvhs::{BvhBuildParams, triangle::Triangle};
 use rayon::prelude::*;
 use std::time::Duration;
 
-/// How the binary tree is built (docs/decisions/0021). `pre_split` would put a triangle into several
-/// leaves; a hit would then depend on which of them is visited first (rule 3 of [`super`]).
+/// How the binary tree is built (docs/decisions/0021). `pre_split` would put a triangle into
+/// several leaves; a hit would then depend on which of them is visited first (rule 3 of [`super`]).
 const PARAMS: BvhBuildParams = BvhBuildParams {
     pre_split: false,
     ploc_search_distance: PlocSearchDistance::Medium,
@@ -97,8 +98,8 @@ struct Pending {
 }
 
 impl Collapse<'_> {
-    /// Depth first, so that a node's subtree lies together in memory. With an explicit stack: a binary tree over many
-    /// coincident triangles may be deep.
+    /// Depth first, so that a node's subtree lies together in memory. With an explicit stack: a
+    /// binary tree over many coincident triangles may be deep.
     fn run(mut self) -> Tree {
         let mut pending = vec![Pending {
             binary: 0,
@@ -142,7 +143,8 @@ impl Collapse<'_> {
         self.tree
     }
 
-    /// Up to eight subtrees that make up the binary tree's node: the largest is opened until there are eight.
+    /// Up to eight subtrees that make up the binary tree's node: the largest is opened until there
+    /// are eight.
     fn widen(&self, root: u32) -> Vec<u32> {
         let node = |i: u32| &self.binary.nodes[i as usize];
         let mut children = vec![root];
@@ -185,8 +187,8 @@ impl Collapse<'_> {
         wide.set_bounds(slot, Bounds::of_leaf(members.iter().map(|m| m.1)));
     }
 
-    /// Boxes of inner nodes, from the leaves up: exactly the unions of what they hold, so that entering distances
-    /// never fall on the way down.
+    /// Boxes of inner nodes, from the leaves up: exactly the unions of what they hold, so that
+    /// entering distances never fall on the way down.
     fn fit_bounds(&mut self) {
         for index in (0..self.tree.nodes.len()).rev() {
             let (before, after) = self.tree.nodes.split_at_mut(index + 1);

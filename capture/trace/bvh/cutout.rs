@@ -11,8 +11,8 @@ pub(super) struct Cutouts {
 }
 
 impl Cutouts {
-    /// Materials whose cut-out can be looked up. A cut-out needs texture coordinates and its texture; without them the
-    /// surface is opaque.
+    /// Materials whose cut-out can be looked up. A cut-out needs texture coordinates and its
+    /// texture; without them the surface is opaque.
     pub(super) fn new(scene: &Scene) -> Self {
         let usable = |cutout: &Cutout| {
             !scene.texcoords.is_empty() && (cutout.texture as usize) < scene.textures.len()
@@ -40,7 +40,8 @@ impl Cutouts {
         !has_holes || self.is_opaque(scene, primitive, weights)
     }
 
-    /// Whether the triangle is there at the point with barycentric weights `u` and `v` of its second and third vertex.
+    /// Whether the triangle is there at the point with barycentric weights `u` and `v` of its
+    /// second and third vertex.
     #[cold]
     #[inline(never)]
     pub(super) fn is_opaque(&self, scene: &Scene, primitive: u32, [u, v]: [f32; 2]) -> bool {

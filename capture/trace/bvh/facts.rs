@@ -1,5 +1,5 @@
-//! What shading asks of a triangle again and again, worked out once: from positions in `f64` it takes longer than a ray's test of the
-//! triangle.
+//! What shading asks of a triangle again and again, worked out once: from positions in `f64` it
+//! takes longer than a ray's test of the triangle.
 
 use super::build::local_triangle;
 use glam::{DVec3, Vec3};

@@ -1,4 +1,5 @@
-//! What a packet carries, lane by lane: rays, hits, the state of its searches, and rays ready for traversal.
+//! What a packet carries, lane by lane: rays, hits, the state of its searches, and rays ready for
+//! traversal.
 
 use super::Ray;
 use super::prepared::{Prepared, Slab, axes_of, each_axis, is_valid, largest, main_axis};
@@ -8,8 +9,8 @@ use glam::Vec3;
 /// Rays of a packet.
 pub const PACKET: usize = 16;
 
-/// 16 rays, best with nearby origins and directions. Any rays are traced correctly; those that do not agree in the
-/// signs of their directions are traced one by one.
+/// 16 rays, best with nearby origins and directions. Any rays are traced correctly; those that do
+/// not agree in the signs of their directions are traced one by one.
 #[repr(C, align(64))]
 #[derive(Clone, Debug, PartialEq)]
 pub struct RayPacket {

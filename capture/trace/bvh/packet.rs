@@ -1,9 +1,10 @@
 //! Traversal by 16 coherent rays at a time.
 //!
-//! A node's eight boxes are first tested against the packet as a whole: intervals around its origins and reciprocal
-//! directions give one conservative test for all rays, eight boxes at a time. A box that passes is tested against the
-//! 16 rays when its turn comes, so that hits found meanwhile count. Where few rays agree, each goes on alone
-//! ([`super::single`]): the same box and triangle tests, so the same bits.
+//! A node's eight boxes are first tested against the packet as a whole: intervals around its
+//! origins and reciprocal directions give one conservative test for all rays, eight boxes at a
+//! time. A box that passes is tested against the 16 rays when its turn comes, so that hits found
+//! meanwhile count. Where few rays agree, each goes on alone ([`super::single`]): the same box and
+//! triangle tests, so the same bits.
 
 use super::Tracer;
 use super::lanes::{HitPacket, Lanes, PACKET, PreparedPacket, RayPacket};
@@ -168,8 +169,8 @@ impl<S: Simd> Walk<'_, S> {
         }
     }
 
-    /// Tests the rays `lanes` against the triangles of a leaf, whose box they enter at `enter`. Whether anything was
-    /// hit.
+    /// Tests the rays `lanes` against the triangles of a leaf, whose box they enter at `enter`.
+    /// Whether anything was hit.
     #[inline(always)]
     fn intersect_leaf<const ANY: bool>(
         &self,
@@ -222,7 +223,8 @@ impl<S: Simd> Walk<'_, S> {
             .reduce_min()
     }
 
-    /// Which rays enter the box of a child before their limits, and where (not before their `t_min`).
+    /// Which rays enter the box of a child before their limits, and where (not before their
+    /// `t_min`).
     #[inline(always)]
     fn enter(&self, node: &Node, slot: usize, found: &Lanes) -> (f32x16<S>, u32) {
         let p = self.prepared;
@@ -241,7 +243,8 @@ impl<S: Simd> Walk<'_, S> {
         (enter, enter.simd_le(leave).to_bitmask() as u32)
     }
 
-    /// Tests the rays `lanes` against a triangle. `enter` is where they enter its leaf's box. Whether any hit it.
+    /// Tests the rays `lanes` against a triangle. `enter` is where they enter its leaf's box.
+    /// Whether any hit it.
     #[inline(always)]
     fn intersect<const ANY: bool>(
         &self,
@@ -310,7 +313,8 @@ impl<S: Simd> Walk<'_, S> {
         true
     }
 
-    /// The rare end of [`Self::intersect`]: cut-outs, and triangles whose edge functions all round to zero.
+    /// The rare end of [`Self::intersect`]: cut-outs, and triangles whose edge functions all round
+    /// to zero.
     #[inline(never)]
     fn one_by_one<const ANY: bool>(
         &self,
@@ -448,8 +452,9 @@ impl<S: Simd> Beam<S> {
         }
     }
 
-    /// Which of a node's children any ray may enter before `limit`, and a lower bound of where. Each operation is
-    /// monotone in its arguments, so the bounds hold for the rounded results of every ray.
+    /// Which of a node's children any ray may enter before `limit`, and a lower bound of where.
+    /// Each operation is monotone in its arguments, so the bounds hold for the rounded results of
+    /// every ray.
     #[inline(always)]
     fn enter(&self, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
         let near = each_axis!(a => {
@@ -467,7 +472,8 @@ impl<S: Simd> Beam<S> {
         (enter.to_array(), enter.simd_le(leave).to_bitmask() as u32)
     }
 
-    /// Pushes the children that any ray may enter, the nearest last, and returns the stack's new length.
+    /// Pushes the children that any ray may enter, the nearest last, and returns the stack's new
+    /// length.
     #[inline(always)]
     fn push_children(
         &self,

@@ -3,20 +3,21 @@
 //! # Box test
 //!
 //! Per axis the ray is between the planes of a box from `(near_plane - near_origin) * inverse` to
-//! `(far_plane - far_origin) * inverse`. Rounding must not lose a hit. Errors are at most a few units of 2^-24
-//! relative to |vertex - origin|, which is at most |vertex| + |origin|: those of the shear in `triangle`
-//! (about 4), and of the two operations of the box test itself and the rounded reciprocal (about 3; Ize, "Robust BVH
-//! Ray Traversal", JCGT 2013). So each leaf's box grows by [`GROWTH`] times its own largest absolute coordinate when
-//! it is built, and the rest is taken off here, by moving the origin away from each plane by [`GROWTH`] times its own
-//! largest absolute coordinate. Growing in space rather than in `t` also keeps rays that run inside a box's plane.
+//! `(far_plane - far_origin) * inverse`. Rounding must not lose a hit. Errors are at most a few
+//! units of 2^-24 relative to |vertex - origin|, which is at most |vertex| + |origin|: those of the
+//! shear in `triangle` (about 4), and of the two operations of the box test itself and the rounded
+//! reciprocal (about 3; Ize, "Robust BVH Ray Traversal", JCGT 2013). So each leaf's box grows by
+//! [`GROWTH`] times its own largest absolute coordinate when it is built, and the rest is taken off
+//! here, by moving the origin away from each plane by [`GROWTH`] times its own largest absolute
+//! coordinate. Growing in space rather than in `t` also keeps rays that run inside a box's plane.
 //!
-//! No NaN arises: a component of the direction that is zero or tiny counts as 2^-40 of the largest, which moves the
-//! ray by less than the growth.
+//! No NaN arises: a component of the direction that is zero or tiny counts as 2^-40 of the largest,
+//! which moves the ray by less than the growth.
 
 use super::{DIRECTION_RANGE, MAX_COORDINATE, Ray};
 
-/// Growth of boxes relative to the largest absolute coordinate: 2^-20, or 16 units of 2^-24 where about 7 are needed
-/// (see the module). At 10 m this is 10 micrometres: it costs no speed.
+/// Growth of boxes relative to the largest absolute coordinate: 2^-20, or 16 units of 2^-24 where
+/// about 7 are needed (see the module). At 10 m this is 10 micrometres: it costs no speed.
 pub(super) const GROWTH: f32 = 9.536_743e-7;
 
 /// Direction components below this share of the largest count as this share: 2^-40.
@@ -29,7 +30,8 @@ pub(super) struct Slab {
     pub(super) near_origin: f32,
     /// Subtracted from the plane through which the ray leaves.
     pub(super) far_origin: f32,
-    /// Reciprocal of the direction's component; never zero, never infinite. Its sign says which plane is near.
+    /// Reciprocal of the direction's component; never zero, never infinite. Its sign says which
+    /// plane is near.
     pub(super) inverse: f32,
 }
 
@@ -51,8 +53,9 @@ impl Slab {
     }
 }
 
-/// `[body with a = 0, with a = 1, with a = 2]`. Not a closure: one that is not `#[inline(always)]` would be compiled
-/// without the SIMD level's instructions, and `array::map` is not inlined with large elements.
+/// `[body with a = 0, with a = 1, with a = 2]`. Not a closure: one that is not `#[inline(always)]`
+/// would be compiled without the SIMD level's instructions, and `array::map` is not inlined with
+/// large elements.
 macro_rules! each_axis {
     ($a:ident => $body:expr) => {
         [
@@ -73,7 +76,8 @@ macro_rules! each_axis {
 }
 pub(super) use each_axis;
 
-/// The larger of two numbers, neither of them NaN, as one instruction (`f32::max` also looks after NaN).
+/// The larger of two numbers, neither of them NaN, as one instruction (`f32::max` also looks after
+/// NaN).
 #[inline]
 pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
@@ -87,7 +91,8 @@ pub(super) fn main_axis(direction: [f32; 3]) -> u32 {
     if larger(x, y) >= z { first } else { 2 }
 }
 
-/// Whether the traversal may take the ray at all; see [`Ray`]. `largest_*` are over the absolute components.
+/// Whether the traversal may take the ray at all; see [`Ray`]. `largest_*` are over the absolute
+/// components.
 #[inline(always)]
 pub(super) fn is_valid(
     largest_origin: f32,
@@ -96,7 +101,8 @@ pub(super) fn is_valid(
     t_min: f32,
     t_max: f32,
 ) -> bool {
-    // `sum` is over all six components: it is not finite if one of them is not, which the maxima might not show.
+    // `sum` is over all six components: it is not finite if one of them is not, which the maxima
+    // might not show.
     let (low, high) = (*DIRECTION_RANGE.start(), *DIRECTION_RANGE.end());
     (largest_origin <= MAX_COORDINATE)
         & (largest_direction >= low)
@@ -117,7 +123,8 @@ pub(super) fn largest(v: [f32; 3]) -> f32 {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Prepared {
     pub(super) slabs: [Slab; 3],
-    /// The axes (x', y', z') of the shear: z' is the direction's main axis, x' and y' follow it cyclically.
+    /// The axes (x', y', z') of the shear: z' is the direction's main axis, x' and y' follow it
+    /// cyclically.
     pub(super) axes: [usize; 3],
     /// The origin on the axes x', y', z'.
     pub(super) origin: [f32; 3],

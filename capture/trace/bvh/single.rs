@@ -212,8 +212,8 @@ pub(super) fn traverse<S: Simd, F: Found>(
     }
 }
 
-/// Pushes the children whose bits are set in `entered`, except the nearest, which it returns. One or two children, the
-/// usual case, need no branch that depends on their order.
+/// Pushes the children whose bits are set in `entered`, except the nearest, which it returns. One
+/// or two children, the usual case, need no branch that depends on their order.
 #[inline(always)]
 fn push_all_but_nearest(
     stack: &mut [Entry],

@@ -193,9 +193,10 @@ impl Child {
     }
 }
 
-/// An entry of a traversal's stack: a box, named by 32 bits, and where the ray (or the first ray of a packet) enters
-/// it. In one word, so that entries sort by distance: the bits of a non-negative `f32`, read as an integer, keep its
-/// order. (With the parts in a struct, moving an entry stalled on loads wider than the stores before them.)
+/// An entry of a traversal's stack: a box, named by 32 bits, and where the ray (or the first ray of
+/// a packet) enters it. In one word, so that entries sort by distance: the bits of a non-negative
+/// `f32`, read as an integer, keep its order. (With the parts in a struct, moving an entry stalled
+/// on loads wider than the stores before them.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Entry(u64);
 
@@ -243,7 +244,8 @@ pub(super) fn push_sorted(
     len
 }
 
-/// Entries that a traversal keeps without allocating; enough for a tree 13 levels deep (8^13 leaves if balanced).
+/// Entries that a traversal keeps without allocating; enough for a tree 13 levels deep (8^13 leaves
+/// if balanced).
 pub(super) const SMALL_STACK: usize = 96;
 
 impl Tree {

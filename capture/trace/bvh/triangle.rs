@@ -1,28 +1,31 @@
 //! Ray against triangle: the watertight test of Woop, Benthin and Wald (JCGT 2013).
 //!
-//! The vertices are moved so that the ray starts at the origin, and sheared so that it runs along z'. What is left is
-//! whether the origin of the x'y' plane lies in a triangle: three edge functions of one sign.
+//! The vertices are moved so that the ray starts at the origin, and sheared so that it runs along
+//! z'. What is left is whether the origin of the x'y' plane lies in a triangle: three edge
+//! functions of one sign.
 //!
-//! Nothing leaks. Both triangles at an edge see the same sheared vertices (they depend on the ray and the vertex
-//! alone), and rounding is monotone: where the exact `a * b >= c * d`, the rounded products compare the same way. So
-//! a ray that is in the exact sheared triangle, border included, passes the rounded test, whichever of two neighbours
-//! it belongs to. (Rounded edge functions that are only antisymmetric, as in Pluecker tests, still leak at vertices,
-//! where the signs of all the spokes may be wrong in the same sense. They also need 69 operations where this needs
-//! 37.)
+//! Nothing leaks. Both triangles at an edge see the same sheared vertices (they depend on the ray
+//! and the vertex alone), and rounding is monotone: where the exact `a * b >= c * d`, the rounded
+//! products compare the same way. So a ray that is in the exact sheared triangle, border included,
+//! passes the rounded test, whichever of two neighbours it belongs to. (Rounded edge functions that
+//! are only antisymmetric, as in Pluecker tests, still leak at vertices, where the signs of all the
+//! spokes may be wrong in the same sense. They also need 69 operations where this needs 37.)
 //!
-//! `t` is a mean of the vertices' z' with weights of one sign, so it never leaves their range, however thin the
-//! triangle.
+//! `t` is a mean of the vertices' z' with weights of one sign, so it never leaves their range,
+//! however thin the triangle.
 
 use super::prepared::{each_axis, larger};
 use fearless_simd::{Simd, prelude::*};
 
-/// Edge functions of sheared triangles (or of one triangle in several shears): twice the areas opposite each vertex.
+/// Edge functions of sheared triangles (or of one triangle in several shears): twice the areas
+/// opposite each vertex.
 pub(super) struct Edges<V> {
     pub(super) weights: [V; 3],
     depths: [V; 3],
 }
 
-/// `vertices[vertex][axis]` are relative to the ray's origin and on the axes x', y', z' of its shear.
+/// `vertices[vertex][axis]` are relative to the ray's origin and on the axes x', y', z' of its
+/// shear.
 #[inline(always)]
 pub(super) fn edges<S: Simd, V: SimdFloat<S, Element = f32>>(
     vertices: [[V; 3]; 3],
@@ -55,7 +58,8 @@ impl<V> Edges<V> {
         u.min(v).min(w).simd_ge(zero) | u.max(v).max(w).simd_le(zero)
     }
 
-    /// Sum of the weights and distance along the ray; the distance is NaN or infinite where the sum is zero.
+    /// Sum of the weights and distance along the ray; the distance is NaN or infinite where the sum
+    /// is zero.
     #[inline(always)]
     pub(super) fn determinant_and_t<S: Simd>(&self, inverse_main: V) -> (V, V)
     where
@@ -70,8 +74,8 @@ impl<V> Edges<V> {
     }
 }
 
-/// A point where a ray meets a triangle, before the tests on `t` and the cut-out. Barycentric weights are over
-/// `determinant`.
+/// A point where a ray meets a triangle, before the tests on `t` and the cut-out. Barycentric
+/// weights are over `determinant`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
     pub(super) t: f32,
@@ -81,8 +85,8 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    /// `t`, but never before `enter`, where the ray enters the leaf's box (rule 3 of the parent module). Adding zero
-    /// turns -0 to 0.
+    /// `t`, but never before `enter`, where the ray enters the leaf's box (rule 3 of the parent
+    /// module). Adding zero turns -0 to 0.
     #[inline]
     pub(super) fn t_from(&self, enter: f32) -> f32 {
         larger(self.t, enter) + 0.0
@@ -91,7 +95,8 @@ impl Candidate {
     /// Barycentric weights of the second and the third vertex.
     #[inline]
     pub(super) fn barycentric(&self) -> [f32; 2] {
-        // Adding zero turns -0 to 0: the sign of a zero depends on the shear's orientation and means nothing.
+        // Adding zero turns -0 to 0: the sign of a zero depends on the shear's orientation and
+        // means nothing.
         [
             self.v / self.determinant + 0.0,
             self.w / self.determinant + 0.0,
@@ -99,8 +104,9 @@ impl Candidate {
     }
 }
 
-/// The same test with exact edge functions, for a triangle whose three rounded ones are all zero: products of `f32`
-/// are exact in `f64`, and so is the sign of their difference. `None` if the triangle is seen exactly edge-on.
+/// The same test with exact edge functions, for a triangle whose three rounded ones are all zero:
+/// products of `f32` are exact in `f64`, and so is the sign of their difference. `None` if the
+/// triangle is seen exactly edge-on.
 #[cold]
 #[inline(never)]
 pub(super) fn exact(

@@ -1,8 +1,9 @@
 //! Triangles in exactly the same place: which of them a ray sees.
 //!
-//! Modellers write a wall that is painted differently on its two sides as two triangles on the same three points. Which
-//! of them is closer along a ray is decided by rounding, and a captured wall is speckled with the colour of its other
-//! side. Here the ray sees the first triangle that turns its front to it, or, if none does, the first one.
+//! Modellers write a wall that is painted differently on its two sides as two triangles on the same
+//! three points. Which of them is closer along a ray is decided by rounding, and a captured wall is
+//! speckled with the colour of its other side. Here the ray sees the first triangle that turns its
+//! front to it, or, if none does, the first one.
 
 use super::Hit;
 use crate::bvh::build;
@@ -21,9 +22,11 @@ struct Seen {
 /// All triangles that share their place.
 #[derive(Debug)]
 pub(super) struct Twins {
-    /// For each of them, what stands for it to a ray that meets its front, and to one that meets its back.
+    /// For each of them, what stands for it to a ray that meets its front, and to one that meets
+    /// its back.
     seen: FxHashMap<u32, [Seen; 2]>,
-    /// Bit k of number n: triangle 64 n + k is one of them. Asked at every hit, nearly always to be told that it is not.
+    /// Bit k of number n: triangle 64 n + k is one of them. Asked at every hit, nearly always to be
+    /// told that it is not.
     shared: Vec<u64>,
 }
 
@@ -123,7 +126,8 @@ impl Twins {
             .is_some_and(|bits| bits >> (primitive % 64) & 1 == 1)
     }
 
-    /// The hit that a ray sees instead of the one that was found; `corners` are those of a triangle.
+    /// The hit that a ray sees instead of the one that was found; `corners` are those of a
+    /// triangle.
     pub(super) fn facing(
         &self,
         direction: Vec3,

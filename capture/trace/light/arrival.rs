@@ -1,26 +1,30 @@
-//! Light samples cut in two after their first ray, so that what lies beyond can be shared between samples that arrive close
-//! together.
+//! Light samples cut in two after their first ray, so that what lies beyond can be shared between
+//! samples that arrive close together.
 //!
-//! Light that a path finds beyond its first bounce hardly changes over a few centimetres of the surface on which it bounces, and a
-//! capture sends millions of paths there. So their ends are filed by cells of space (Binder, Fricke and Keller 2018, "Fast Path
-//! Space Filtering by Jittered Spatial Hashing"; Christensen 1999, "Faster Photon Map Global Illumination"), and a few paths a cell
-//! stand for all.
+//! Light that a path finds beyond its first bounce hardly changes over a few centimetres of the
+//! surface on which it bounces, and a capture sends millions of paths there. So their ends are
+//! filed by cells of space (Binder, Fricke and Keller 2018, "Fast Path Space Filtering by Jittered
+//! Spatial Hashing"; Christensen 1999, "Faster Photon Map Global Illumination"), and a few paths a
+//! cell stand for all.
 
 use super::{LightSample, Lighting, LitPoint, Path};
 use crate::bvh::Tracer;
 use glam::Vec3;
 use headbox_scene::material::floor;
 
-/// Cells are at least this share of their distance from the local origin wide, and at most twice of it.
+/// Cells are at least this share of their distance from the local origin wide, and at most twice of
+/// it.
 const CELL_SHARE: f32 = 1.0 / 64.0;
 
-/// A path that came closer than this many cells' widths takes no part: it would see its own corner through a cell.
+/// A path that came closer than this many cells' widths takes no part: it would see its own corner
+/// through a cell.
 const FARTHEST_CELLS: f32 = 2.0;
 
 /// Cells of one width that are so many cells apart, less one, are still told apart.
 const FARTHEST_APART: u32 = (1 << 18) - 1;
 
-/// Paths are followed with at least this albedo: where a surface is black, what it would reflect elsewhere is still wanted.
+/// Paths are followed with at least this albedo: where a surface is black, what it would reflect
+/// elsewhere is still wanted.
 const LEAST_ALBEDO: f32 = 0.05;
 
 /// Where the first ray of a light sample met a surface.
@@ -37,8 +41,9 @@ pub struct Arrival {
 }
 
 impl Arrival {
-    /// The cell in which this arrival lies: arrivals in one cell lie close together, and their surfaces are turned alike. `None` if
-    /// the ray was so short that the cell is no small part of what its start sees.
+    /// The cell in which this arrival lies: arrivals in one cell lie close together, and their
+    /// surfaces are turned alike. `None` if the ray was so short that the cell is no small part of
+    /// what its start sees.
     pub fn cell(&self) -> Option<u64> {
         let (exponent, width_m) =
             power_of_two_above(self.point.position.abs().max_element() * CELL_SHARE);
@@ -87,8 +92,9 @@ pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
 }
 
 impl Lighting {
-    /// The beginning of a sample of [`Self::soft_radiosity`]: what it finds before its first ray meets a surface, and where that
-    /// is, if it meets one. What it [brings](Arrival::brings) of one sample of [`Self::beyond`] is still to be added.
+    /// The beginning of a sample of [`Self::soft_radiosity`]: what it finds before its first ray
+    /// meets a surface, and where that is, if it meets one. What it [brings](Arrival::brings) of
+    /// one sample of [`Self::beyond`] is still to be added.
     pub fn before(
         &self,
         tracer: &Tracer,
@@ -187,7 +193,8 @@ mod tests {
                 .all(|other| other.is_some() && *other != cell(0.01, Vec3::Y)),
             "{others:?}"
         );
-        // Far away cells do not come round again, as those of a capture would (8 bits): 16 km are 2^17 of them.
+        // Far away cells do not come round again, as those of a capture would (8 bits): 16 km are
+        // 2^17 of them.
         assert_ne!(cell(0.01, Vec3::Y), cell(32.01, Vec3::Y));
         assert_ne!(cell(0.01, Vec3::Y), cell(16_000.01, Vec3::Y));
         assert_eq!(

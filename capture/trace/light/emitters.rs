@@ -1,8 +1,10 @@
-//! Emissive triangles, and light straight from them: by points drawn on them and by a path's rays that meet one.
+//! Emissive triangles, and light straight from them: by points drawn on them and by a path's rays
+//! that meet one.
 //!
-//! Each sample counts by the balance heuristic, as with the sky ([`super::sky`]): no point that is drawn on a lamp then counts more
-//! than the lamp is bright (four times that, where rays are guided), however close to it the lit place lies, where points alone are rare
-//! and thousands of times too bright. At the last vertex of a path, whose rays meet nothing, points are alone.
+//! Each sample counts by the balance heuristic, as with the sky ([`super::sky`]): no point that is
+//! drawn on a lamp then counts more than the lamp is bright (four times that, where rays are
+//! guided), however close to it the lit place lies, where points alone are rare and thousands of
+//! times too bright. At the last vertex of a path, whose rays meet nothing, points are alone.
 
 use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};
@@ -53,8 +55,8 @@ fn area([a, b, c]: [Vec3; 3]) -> f32 {
 }
 
 impl Lighting {
-    /// Radiosity per albedo straight from one emissive triangle, by a point on it; its share if rays in the `shared`
-    /// directions find the rest ([`Self::emitter_by_chance`]).
+    /// Radiosity per albedo straight from one emissive triangle, by a point on it; its share if
+    /// rays in the `shared` directions find the rest ([`Self::emitter_by_chance`]).
     pub(super) fn emitter_light(
         &self,
         tracer: &Tracer,
@@ -94,7 +96,8 @@ impl Lighting {
         if cos_there <= 0.0 || !tracer.is_seen(direction, primitive, u, v) {
             return Vec3::ZERO;
         }
-        // Stop short of the light itself by as much as the ray starts above its own surface, or as would do there.
+        // Stop short of the light itself by as much as the ray starts above its own surface, or as
+        // would do there.
         let normal = if direction.dot(normal) > 0.0 {
             -normal
         } else {
@@ -156,7 +159,8 @@ mod tests {
     use headbox_scene::scene::{Scene, Triangle};
     use std::sync::Arc;
 
-    /// A square lamp of 1 m^2 of this radiance in the plane y = 0, in so many pieces a side; its texture coordinates are x and z.
+    /// A square lamp of 1 m^2 of this radiance in the plane y = 0, in so many pieces a side; its
+    /// texture coordinates are x and z.
     fn lamp_scene(radiance: f32, pieces: u32) -> Scene {
         let materials = vec![Material {
             emission: [radiance; 3],
@@ -202,7 +206,8 @@ mod tests {
         Tracer::new(Arc::new(lamp_scene(radiance, pieces)), DVec3::ZERO)
     }
 
-    /// The mean of many light samples at a place at height `y` above or below the lamp's middle, which looks at it.
+    /// The mean of many light samples at a place at height `y` above or below the lamp's middle,
+    /// which looks at it.
     fn light_at(scene: Scene, y: f64, bounces: u32) -> f64 {
         const SAMPLES: u32 = 1 << 14;
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
@@ -225,7 +230,8 @@ mod tests {
             / f64::from(SAMPLES)
     }
 
-    /// Share of what a place sees that a parallel square of 1 m^2 fills, h metres away and right above it: four corners of 1/2 m.
+    /// Share of what a place sees that a parallel square of 1 m^2 fills, h metres away and right
+    /// above it: four corners of 1/2 m.
     fn form_factor(h: f64) -> f64 {
         let corner = 0.5 / (0.25 + h * h).sqrt();
         4.0 / std::f64::consts::PI * corner * corner.atan()
@@ -262,7 +268,8 @@ mod tests {
             };
             let mean = (0..SAMPLES).map(light).sum::<f64>() / f64::from(SAMPLES);
             let expected = 3.0 * form_factor(h);
-            // Samples vary by at most the lamp's radiance; evenly spread ones err by less than random ones.
+            // Samples vary by at most the lamp's radiance; evenly spread ones err by less than
+            // random ones.
             let tolerance = 3.0 * expected / f64::from(SAMPLES).sqrt();
             assert!(
                 (mean - expected).abs() < tolerance,
@@ -367,7 +374,8 @@ mod tests {
         scene.materials[0].emission_texture = Some(0);
         const STEPS: u32 = 200;
         let step = |i: u32| (f64::from(i) + 0.5) / f64::from(STEPS) - 0.5;
-        // What each small square brings to the place a metre below: cosines here and there over squared distance.
+        // What each small square brings to the place a metre below: cosines here and there over
+        // squared distance.
         let brings = |(i, j): (u32, u32)| {
             let (x, z) = (step(i), step(j));
             let texel = scene.textures[0].sample(x as f32 + 0.5, 0.5)[0];

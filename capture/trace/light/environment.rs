@@ -6,8 +6,8 @@ use headbox_core::environment::Environment;
 use headbox_scene::scene::Sky;
 
 impl Lighting {
-    /// The sky's radiance under this exposure, in faces of `size_px` texels; `reached` tells by a texel's index
-    /// (see [`Environment::texels`]) whether a miss reached it.
+    /// The sky's radiance under this exposure, in faces of `size_px` texels; `reached` tells by a
+    /// texel's index (see [`Environment::texels`]) whether a miss reached it.
     pub fn environment_where(
         &self,
         size_px: u32,
@@ -15,7 +15,8 @@ impl Lighting {
     ) -> Environment {
         /// Directions along each side of a texel.
         const SUPERSAMPLING: u32 = 4;
-        // A picture of the sky may be finer than this map: each texel is the mean of what it covers.
+        // A picture of the sky may be finer than this map: each texel is the mean of what it
+        // covers.
         let side = if matches!(self.sky, Some(Sky::Picture(_))) {
             SUPERSAMPLING
         } else {

@@ -1,7 +1,8 @@
 //! What an eye sees: diffuse light, emission, and what glossy surfaces mirror toward it.
 //!
-//! Gloss is the normalised Phong lobe f = ks (n + 2) / (2 pi) cos^n about the mirrored direction (Lafortune and Willems 1994, Eq. 2).
-//! The sun and lamps without a surface are met by asking for them; whatever else the lobe sees by one ray drawn from it.
+//! Gloss is the normalised Phong lobe f = ks (n + 2) / (2 pi) cos^n about the mirrored direction
+//! (Lafortune and Willems 1994, Eq. 2). The sun and lamps without a surface are met by asking for
+//! them; whatever else the lobe sees by one ray drawn from it.
 
 use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::{Hit, Ray, Tracer};
@@ -14,8 +15,8 @@ use std::f32::consts::TAU;
 const LOBE: u32 = 1 << 29;
 
 impl Lighting {
-    /// Radiance toward the start of a ray of an eye, linear: of what it met, or of the sky. `sample` names the light sample; without one
-    /// there are albedo and emission alone.
+    /// Radiance toward the start of a ray of an eye, linear: of what it met, or of the sky.
+    /// `sample` names the light sample; without one there are albedo and emission alone.
     pub fn seen(
         &self,
         tracer: &Tracer,
@@ -77,7 +78,8 @@ impl Lighting {
         Vec3::from_array(gloss.reflectance) * radiance
     }
 
-    /// One sample of the radiance along a ray that a surface sends: what mirrors itself in it mirrors nothing.
+    /// One sample of the radiance along a ray that a surface sends: what mirrors itself in it
+    /// mirrors nothing.
     fn diffuse_along(&self, tracer: &Tracer, ray: &Ray, sample: &LightSample) -> Vec3 {
         let Some(hit) = tracer.closest(ray) else {
             return Vec3::from_array(self.miss_radiance(ray.direction));

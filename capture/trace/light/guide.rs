@@ -1,10 +1,13 @@
 //! Directions drawn by where light came from: path guiding.
 //!
-//! A room is lit through its windows, and few cosine-weighted rays find one. So places on surfaces are filed by cells of space and by
-//! where they face, and for each cell a density over the unit square is learnt, the square from which cosine-weighted directions are
-//! drawn: high where bright light came in. Rays drawn by it count one over it, so that no mean changes but that of
-//! what is cut as too bright (Jensen 1995, "Importance Driven Path Tracing using the Photon Map"; Mueller et al. 2017, "Practical Path Guiding"), and what is learnt is the root of the mean square
-//! of the light, by which the variance of one ray is least (Rath et al. 2020, "Variance-Aware Path Guiding").
+//! A room is lit through its windows, and few cosine-weighted rays find one. So places on surfaces
+//! are filed by cells of space and by where they face, and for each cell a density over the unit
+//! square is learnt, the square from which cosine-weighted directions are drawn: high where bright
+//! light came in. Rays drawn by it count one over it, so that no mean changes but that of what is
+//! cut as too bright (Jensen 1995, "Importance Driven Path Tracing using the Photon Map"; Mueller
+//! et al. 2017, "Practical Path Guiding"), and what is learnt is the root of the mean square of the
+//! light, by which the variance of one ray is least (Rath et al. 2020, "Variance-Aware Path
+//! Guiding").
 
 use super::arrival::power_of_two_above;
 use super::pilot::percentile;
@@ -22,7 +25,8 @@ use std::f32::consts::{PI, TAU};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Cells are at least this share of their distance from the local origin wide, and at most twice of it.
+/// Cells are at least this share of their distance from the local origin wide, and at most twice of
+/// it.
 const CELL_SHARE: f32 = 1.0 / 8.0;
 
 /// Cells are at least this share of the median distance of all places wide.
@@ -35,14 +39,17 @@ const FIRST_LESSONS: u32 = 128;
 /// Places that a cell needs to be taught.
 const FEWEST_PLACES: usize = 2;
 
-/// Share of the rays that are drawn by what was learnt; the others are cosine-weighted, in case something was overlooked.
+/// Share of the rays that are drawn by what was learnt; the others are cosine-weighted, in case
+/// something was overlooked.
 const GUIDED: f32 = 0.75;
 
-/// A guide is worth the look if it takes this share of a light sample's variance: in its cell, and, as every point is looked up in
-/// every guide, of all places together. Where none is worth it, rays cost a fifth less.
+/// A guide is worth the look if it takes this share of a light sample's variance: in its cell, and,
+/// as every point is looked up in every guide, of all places together. Where none is worth it, rays
+/// cost a fifth less.
 const WORTH: f64 = 0.25;
 
-/// Rays from the local origin whose ends, and the ends of one ray from each, are the places to be learnt.
+/// Rays from the local origin whose ends, and the ends of one ray from each, are the places to be
+/// learnt.
 const PLACES: u32 = 4096;
 
 /// Where light comes from, by cells of space.
@@ -74,7 +81,8 @@ impl Guide {
     }
 }
 
-/// How rays are drawn that leave a point: cosine-weighted about its shading normal, or as a guide says.
+/// How rays are drawn that leave a point: cosine-weighted about its shading normal, or as a guide
+/// says.
 pub(super) struct Directions<'a> {
     /// From +Z to the shading normal.
     turn: Quat,
@@ -82,7 +90,8 @@ pub(super) struct Directions<'a> {
 }
 
 impl Directions<'_> {
-    /// A unit direction from two numbers in [0, 1), and how much a ray there counts: 1 where it is cosine-weighted.
+    /// A unit direction from two numbers in [0, 1), and how much a ray there counts: 1 where it is
+    /// cosine-weighted.
     pub(super) fn draw(&self, pair: [f32; 2]) -> (Vec3, f32) {
         let (pair, weight) = self.guide.map_or((pair, 1.0), |guide| {
             let warped = guide.warp(pair);
@@ -94,7 +103,8 @@ impl Directions<'_> {
         )
     }
 
-    /// How densely directions are drawn about one, per steradian; `cos` of its angle with the shading normal, above 0.
+    /// How densely directions are drawn about one, per steradian; `cos` of its angle with the
+    /// shading normal, above 0.
     pub(super) fn density(&self, direction: Vec3, cos: f32) -> f32 {
         let guided = self.guide.map_or(1.0, |guide| {
             let local = self.turn.inverse() * direction;
@@ -113,8 +123,9 @@ impl Lighting {
         }
     }
 
-    /// Learns where light comes from at the surfaces that are seen from the tracer's origin, and those that are seen from these: two
-    /// million paths at most. Samples are less noisy for it in rooms lit through windows; no mean changes.
+    /// Learns where light comes from at the surfaces that are seen from the tracer's origin, and
+    /// those that are seen from these: two million paths at most. Samples are less noisy for it in
+    /// rooms lit through windows; no mean changes.
     pub fn guided(mut self, tracer: &Tracer) -> Self {
         let seen = |index: u32| {
             let [u, v] = LightSample {
@@ -153,8 +164,8 @@ impl Lighting {
         self
     }
 
-    /// Learns where light comes from at places such as these. `told` hears how many lessons, of how many at most, were given; after a
-    /// `Break` nothing is learnt.
+    /// Learns where light comes from at places such as these. `told` hears how many lessons, of how
+    /// many at most, were given; after a `Break` nothing is learnt.
     pub fn learn(
         &mut self,
         tracer: &Tracer,
@@ -170,7 +181,8 @@ impl Lighting {
             narrowest_m: percentile(&mut distances, 0.5) * NARROWEST_SHARE,
             ..Guide::default()
         };
-        // Any fixed order that has nothing to do with places will do to take those of a cell in turn.
+        // Any fixed order that has nothing to do with places will do to take those of a cell in
+        // turn.
         let filed =
             |(i, place): (u32, &LitPoint)| (guide.cell(place), i.wrapping_mul(0x9e37_79b9), *place);
         let mut filed: Vec<(u64, u32, LitPoint)> = (0..).zip(places).map(filed).collect();
@@ -216,7 +228,8 @@ impl Lighting {
         self.guide = guide;
     }
 
-    /// Lessons at the places of one cell until there are so `many`, or until it has had some and gains nothing.
+    /// Lessons at the places of one cell until there are so `many`, or until it has had some and
+    /// gains nothing.
     fn teach(
         &self,
         tracer: &Tracer,
@@ -278,7 +291,8 @@ fn worth_the_look(cells: impl Iterator<Item = (usize, Learnt)>) -> bool {
 
 /// What light samples of a cell have found.
 struct Lessons {
-    /// Sums of the squares of what first rays brought, and their number, by bins of the square from which these were drawn.
+    /// Sums of the squares of what first rays brought, and their number, by bins of the square from
+    /// which these were drawn.
     squares: [f32; BINS * BINS],
     counts: [f32; BINS * BINS],
     by_rays: Moments,
@@ -349,7 +363,8 @@ impl Lessons {
 struct Learnt {
     /// Variance of a light sample whose first ray is cosine-weighted.
     variance: f64,
-    /// How much of a variance is seen: less where it is bright. Beside a lamp samples vary by more than in all of the room that it lights.
+    /// How much of a variance is seen: less where it is bright. Beside a lamp samples vary by more
+    /// than in all of the room that it lights.
     shows: f64,
     /// What of it a guide takes.
     saved: f64,
@@ -425,7 +440,8 @@ mod tests {
         }
     }
 
-    /// A closed room of 4 m about the origin but for a window of 0.8 m in its ceiling's corner; its second material is a lamp's.
+    /// A closed room of 4 m about the origin but for a window of 0.8 m in its ceiling's corner; its
+    /// second material is a lamp's.
     fn room(sky: Sky) -> Scene {
         let lamp = Material {
             emission: [2.0; 3],
@@ -511,7 +527,8 @@ mod tests {
         let lighting = Lighting::of_scene(tracer, bounces);
         let (mean, variance) = floor_light(&lighting, tracer);
         let (guided_mean, guided_variance) = floor_light(&lighting.guided(tracer), tracer);
-        // Two standard errors of samples that would be independent: these are spread evenly, and err by less.
+        // Two standard errors of samples that would be independent: these are spread evenly, and
+        // err by less.
         let tolerance = 2.0 * (variance / f64::from(SAMPLES)).sqrt();
         assert!(
             (guided_mean - mean).abs() < tolerance,

@@ -1,11 +1,12 @@
-//! Which emissive triangle a light sample goes to, drawn by about what each would bring to the place that is lit: a tree of lights (Conty
-//! Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting"; emission is two-sided here, so that lights
-//! have no cones).
+//! Which emissive triangle a light sample goes to, drawn by about what each would bring to the
+//! place that is lit: a tree of lights (Conty Estevez and Kulla 2018, "Importance Sampling of Many
+//! Lights with Adaptive Tree Splitting"; emission is two-sided here, so that lights have no cones).
 
 use super::LitPoint;
 use glam::Vec3;
 
-/// A light where no bound of its cosine is above this still is drawn as if its cosine were this: bounds are rounded.
+/// A light where no bound of its cosine is above this still is drawn as if its cosine were this:
+/// bounds are rounded.
 const LEAST_COSINE: f32 = 1e-3;
 
 /// A light to be put into the tree.
@@ -21,7 +22,8 @@ pub(super) struct Leaf {
 /// Nodes right below one.
 const WIDTH: usize = 8;
 
-/// Boxes around lights, side by side: they are weighed against each other together, and hundreds of lights are a few steps away.
+/// Boxes around lights, side by side: they are weighed against each other together, and hundreds of
+/// lights are a few steps away.
 #[derive(Clone, Debug, PartialEq)]
 struct Node {
     /// Of the boxes, `[axis][box]`.
@@ -29,7 +31,8 @@ struct Node {
     /// Of the spheres around the boxes.
     radius: [f32; WIDTH],
     power: [f32; WIDTH],
-    /// The number of the first light of each, in the order of the tree; beyond the last box that of none.
+    /// The number of the first light of each, in the order of the tree; beyond the last box that of
+    /// none.
     first: [u32; WIDTH],
     below: [Below; WIDTH],
 }
@@ -66,7 +69,8 @@ impl LightTree {
         tree
     }
 
-    /// Adds a node for lights, the first of which has this number, and all below it. Its own number.
+    /// Adds a node for lights, the first of which has this number, and all below it. Its own
+    /// number.
     fn push(&mut self, leaves: &mut [Leaf], mut first: u32) -> u32 {
         let number = self.nodes.len();
         self.nodes.push(Node::EMPTY);
@@ -85,7 +89,8 @@ impl LightTree {
         self.nodes.is_empty()
     }
 
-    /// The light for a number in [0, 1), and the probability with which it is drawn. `None` where there is none.
+    /// The light for a number in [0, 1), and the probability with which it is drawn. `None` where
+    /// there is none.
     pub(super) fn draw(&self, point: &LitPoint, mut number: f32) -> Option<(u32, f32)> {
         let (mut at, mut probability) = (0, 1.0);
         loop {
@@ -136,7 +141,8 @@ impl LightTree {
 /// The largest number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// Cuts lights into [`WIDTH`] groups, or so many as there are lights: the largest box in two, again and again.
+/// Cuts lights into [`WIDTH`] groups, or so many as there are lights: the largest box in two, again
+/// and again.
 fn groups(leaves: &mut [Leaf]) -> Vec<&mut [Leaf]> {
     let mut groups = vec![leaves];
     while groups.len() < WIDTH {
@@ -172,7 +178,8 @@ fn extent(leaves: &[Leaf]) -> (Vec3, Vec3) {
     (low, high - low)
 }
 
-/// Two halves of more than one light, cut across the longest edge of their box in its middle, so that what lies apart is apart at once.
+/// Two halves of more than one light, cut across the longest edge of their box in its middle, so
+/// that what lies apart is apart at once.
 fn halves(leaves: &mut [Leaf]) -> (&mut [Leaf], &mut [Leaf]) {
     let (low, edges) = extent(leaves);
     let axis = edges.max_position();
@@ -205,9 +212,10 @@ impl Node {
         (self.first[i], self.below[i]) = (first, Below::Light(leaves[0].name));
     }
 
-    /// How often each box is drawn: by about what its lights would bring to a point, power over squared distance, times a bound of
-    /// the cosine there. No point of a sphere lies higher above the horizon than its middle and radius together; a root and a division are
-    /// all that it costs.
+    /// How often each box is drawn: by about what its lights would bring to a point, power over
+    /// squared distance, times a bound of the cosine there. No point of a sphere lies higher above
+    /// the horizon than its middle and radius together; a root and a division are all that it
+    /// costs.
     #[inline]
     fn shares(&self, point: &LitPoint) -> [f32; WIDTH] {
         let (position, normal) = (point.position, point.shading_normal);
@@ -283,7 +291,8 @@ mod tests {
             }
             for (times, probability) in &drawn {
                 let off = (*times as f32 / DRAWS as f32 - probability).abs();
-                // Numbers are spread evenly: a light's are one run, whose ends are rounded at each of up to 6 nodes.
+                // Numbers are spread evenly: a light's are one run, whose ends are rounded at each
+                // of up to 6 nodes.
                 assert!(
                     off < 2e-4,
                     "{count}: drawn {times} times, for {probability}"

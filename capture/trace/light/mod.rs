@@ -1,10 +1,11 @@
-//! Diffuse, view-independent light: sun, sky, emissive triangles and bounces, by path tracing; and what an eye sees of it, mirrored by glossy
-//! surfaces (`gloss`).
+//! Diffuse, view-independent light: sun, sky, emissive triangles and bounces, by path tracing; and
+//! what an eye sees of it, mirrored by glossy surfaces (`gloss`).
 //!
-//! One estimator serves capture and truth alike. At a surface point it returns one sample of *radiosity per albedo*
-//! (irradiance / pi): the radiance that leaves the surface is that times its albedo, plus its emission. Next-event
-//! estimation for the sun, lamps, emissive triangles and pictures of the sky; these two (and the next bounce) also by one
-//! ray, cosine-weighted or guided; Russian roulette beyond three bounces.
+//! One estimator serves capture and truth alike. At a surface point it returns one sample of
+//! *radiosity per albedo* (irradiance / pi): the radiance that leaves the surface is that times its
+//! albedo, plus its emission. Next-event estimation for the sun, lamps, emissive triangles and
+//! pictures of the sky; these two (and the next bounce) also by one ray, cosine-weighted or guided;
+//! Russian roulette beyond three bounces.
 
 mod arrival;
 mod emitters;
@@ -36,9 +37,10 @@ use sharp::LocalLamp;
 /// Paths beyond this many bounces are ended at random (Russian roulette).
 const ROULETTE_BOUNCES: u32 = 3;
 
-/// Light that reaches every open place from nowhere in particular: what a cosine-weighted ray sees that meets nothing
-/// within `reach_m`, fading in from nothing at zero distance. Stands in for the lamps that a model of a closed room
-/// lacks; zero unless [`Lighting::measure`] finds a scene mostly black without it.
+/// Light that reaches every open place from nowhere in particular: what a cosine-weighted ray sees
+/// that meets nothing within `reach_m`, fading in from nothing at zero distance. Stands in for the
+/// lamps that a model of a closed room lacks; zero unless [`Lighting::measure`] finds a scene
+/// mostly black without it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FillLight {
     /// Radiance, grey.
@@ -47,8 +49,9 @@ pub struct FillLight {
     pub reach_m: f32,
 }
 
-/// Everything that lights a scene, and the exposure under which it is stored: a function of the scene and of where the tracer has its origin
-/// (not of how large the headbox is, or of what it shows), so that a capture and a truth frame agree.
+/// Everything that lights a scene, and the exposure under which it is stored: a function of the
+/// scene and of where the tracer has its origin (not of how large the headbox is, or of what it
+/// shows), so that a capture and a truth frame agree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
     /// The sun.
@@ -78,7 +81,8 @@ pub struct LitPoint {
     pub normal: Vec3,
     /// Unit shading normal, in the hemisphere of `normal`.
     pub shading_normal: Vec3,
-    /// Largest absolute coordinate of the triangle that the point lies on, metres: its rounding error scales with it.
+    /// Largest absolute coordinate of the triangle that the point lies on, metres: its rounding
+    /// error scales with it.
     pub extent: f32,
 }
 
@@ -111,7 +115,8 @@ impl LitPoint {
 
     /// How the surface is turned, in 9 bits.
     fn turned(&self) -> u64 {
-        // Rounded halves: twice a component of a unit vector, without the call into libm that `round` is on processors before SSE4.1.
+        // Rounded halves: twice a component of a unit vector, without the call into libm that
+        // `round` is on processors before SSE4.1.
         let halves = |c: f32| {
             let size = i32::from(c.abs() >= 0.25) + i32::from(c.abs() >= 0.75);
             if c < 0.0 { -size } else { size }
@@ -123,10 +128,11 @@ impl LitPoint {
         x | y << 3 | z << 6
     }
 
-    /// Where rays from this point start: lifted off its surface by more than the rounding error of the position.
+    /// Where rays from this point start: lifted off its surface by more than the rounding error of
+    /// the position.
     fn lifted(&self) -> Vec3 {
-        /// Rounding of a hit position is a few units in the last place (2^-24) of the triangle's largest coordinate and
-        /// of the point's own; 2^-18 is a factor of 64 above that.
+        /// Rounding of a hit position is a few units in the last place (2^-24) of the triangle's
+        /// largest coordinate and of the point's own; 2^-18 is a factor of 64 above that.
         const LIFT: f32 = 1.0 / 262_144.0;
         self.position + self.normal * (LIFT * self.position.abs().max_element().max(self.extent))
     }
@@ -137,13 +143,15 @@ impl LitPoint {
 pub struct LightSample {
     /// Stream: samples of one stream are spread evenly together.
     pub stream: u32,
-    /// Number of the sample in its stream: 2^k samples that follow each other from a multiple of 2^k on are spread evenly.
+    /// Number of the sample in its stream: 2^k samples that follow each other from a multiple of
+    /// 2^k on are spread evenly.
     pub index: u32,
 }
 
-/// What one bounce of one sample may add, in exposed units (1 is white). Where a path ends close to a small lamp, the
-/// inverse square makes rare samples thousands of times too bright, which no affordable number of samples averages out.
-/// Capture and truth are cut alike. What rays find of the sky by chance is not cut (of a picture's bright spots it is a small share), nor is fill
+/// What one bounce of one sample may add, in exposed units (1 is white). Where a path ends close to
+/// a small lamp, the inverse square makes rare samples thousands of times too bright, which no
+/// affordable number of samples averages out. Capture and truth are cut alike. What rays find of
+/// the sky by chance is not cut (of a picture's bright spots it is a small share), nor is fill
 /// light.
 const BRIGHTEST_BOUNCE: f32 = 4.0;
 
@@ -184,23 +192,25 @@ const DECISIONS: u32 = 4;
 /// The decision for the direction of a path's first ray; those of later points follow.
 const FIRST_DIRECTION: u32 = 2;
 
-/// Dimension of a single number beside the pair of the same decision, and of the position in the pixel.
+/// Dimension of a single number beside the pair of the same decision, and of the position in the
+/// pixel.
 const SINGLE: u32 = 1 << 30;
 const JITTER: u32 = 1 << 31;
 
-/// 2^32 / g, / g^2, / g^3, / g^4 with g^5 = g + 1: steps of the R4 sequence; integer overflow is the wrap to [0, 1).
+/// 2^32 / g, / g^2, / g^3, / g^4 with g^5 = g + 1: steps of the R4 sequence; integer overflow is
+/// the wrap to [0, 1).
 const R4_STEPS: [u32; 4] = [0xdb4f_0b91, 0xbbe0_5633, 0xa0f2_ec77, 0x89e1_8285];
 
-/// Position in the pixel, [0, 1) each way, of camera ray `index` through pixel (x, y): dimensions 1 and 2 of the
-/// sequence whose dimensions 3 and 4 sample light.
+/// Position in the pixel, [0, 1) each way, of camera ray `index` through pixel (x, y): dimensions 1
+/// and 2 of the sequence whose dimensions 3 and 4 sample light.
 pub fn pixel_jitter(x: u32, y: u32, index: u32) -> [f32; 2] {
     let random = random4([x, y, 0x7247, 0]);
     [0, 1].map(|i| unit_float(random[i].wrapping_add(R4_STEPS[i].wrapping_mul(index))))
 }
 
 impl LightSample {
-    /// Two numbers in [0, 1) for decision `dimension` of the path, evenly spread over the samples of the stream
-    /// ([`sequence`]) and independent of all other decisions.
+    /// Two numbers in [0, 1) for decision `dimension` of the path, evenly spread over the samples
+    /// of the stream ([`sequence`]) and independent of all other decisions.
     fn pair(&self, dimension: u32) -> [f32; 2] {
         let [order, first, second, _] = self.seeds(dimension);
         sequence::point(self.index, [order, first, second]).map(unit_float)
@@ -242,17 +252,20 @@ impl Lighting {
         }
     }
 
-    /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen, sky included, from seeded points in
-    /// the headbox that the scene suggests (or [`crate::viewpoint::suggest_headbox`] finds). The logarithmic mean of luminance is
-    /// exposed to a middle grey, as a photographer's meter does (Reinhard et al. 2002, "Photographic tone reproduction",
-    /// without the compression), unless the scene says otherwise ([`headbox_core::exposure::Exposure`]). If more than a third of the surfaces seen get under
+    /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen, sky included,
+    /// from seeded points in the headbox that the scene suggests (or
+    /// [`crate::viewpoint::suggest_headbox`] finds). The logarithmic mean of luminance is exposed
+    /// to a middle grey, as a photographer's meter does (Reinhard et al. 2002, "Photographic tone
+    /// reproduction", without the compression), unless the scene says otherwise
+    /// ([`headbox_core::exposure::Exposure`]). If more than a third of the surfaces seen get under
     /// 1 % of the brightest tenth, a fill light of a tenth of it (or 1 in total darkness) is added.
     pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
         let mut lighting = Self::of_scene(tracer, bounces);
         let pilot = Pilot::new(tracer);
         let mut exposed = lighting.meter(tracer, &pilot);
-        // Light brighter than white many times over is cut ([`BRIGHTEST_BOUNCE`]) by an exposure that is not known yet: a scene
-        // lit by sunlight in lux is looked at again, exposed as was found.
+        // Light brighter than white many times over is cut ([`BRIGHTEST_BOUNCE`]) by an exposure
+        // that is not known yet: a scene lit by sunlight in lux is looked at again, exposed as was
+        // found.
         for _ in 0..MOST_METERINGS {
             if exposed >= 0.5 * lighting.exposure {
                 break;
@@ -264,8 +277,8 @@ impl Lighting {
         lighting
     }
 
-    /// As [`Self::measure`], and [guided](Self::guided), if anything will be `lit`; else surfaces are as bright as their textures
-    /// (an exposure of 1, and the stops that the scene asks for).
+    /// As [`Self::measure`], and [guided](Self::guided), if anything will be `lit`; else surfaces
+    /// are as bright as their textures (an exposure of 1, and the stops that the scene asks for).
     pub fn prepare(tracer: &Tracer, bounces: u32, lit: bool) -> Self {
         if lit {
             return Self::measure(tracer, bounces).guided(tracer);
@@ -331,8 +344,8 @@ impl Lighting {
         self.tone.levels(radiance * self.exposure)
     }
 
-    /// What a ray sees that leaves the scene in the unit direction `direction`: linear radiance. The sun's disk is
-    /// not drawn: it would be a single saturated texel.
+    /// What a ray sees that leaves the scene in the unit direction `direction`: linear radiance.
+    /// The sun's disk is not drawn: it would be a single saturated texel.
     pub fn miss_radiance(&self, direction: Vec3) -> [f32; 3] {
         self.sky
             .as_ref()
@@ -366,8 +379,9 @@ impl Lighting {
         }
     }
 
-    /// Radiosity per albedo by points and directions drawn among the lights at vertex number `bounce`: of the sky and of emissive
-    /// triangles the share that rays in `directions` leave, if there are any and they look for these.
+    /// Radiosity per albedo by points and directions drawn among the lights at vertex number
+    /// `bounce`: of the sky and of emissive triangles the share that rays in `directions` leave, if
+    /// there are any and they look for these.
     fn direct(
         &self,
         tracer: &Tracer,
@@ -398,14 +412,14 @@ impl Lighting {
         }
     }
 
-    /// Whether the ray from vertex number `bounce` looks for the sky alone. The last of a path that has bounced does: points drawn on
-    /// lamps are all that it sees of these.
+    /// Whether the ray from vertex number `bounce` looks for the sky alone. The last of a path that
+    /// has bounced does: points drawn on lamps are all that it sees of these.
     fn meets_nothing(&self, bounce: u32) -> bool {
         bounce > 0 && bounce == self.bounces && self.fill.radiance == 0.0
     }
 
-    /// Adds what a path finds at its vertex number `bounce`, and moves it on to where its ray meets a surface. How long the way there was;
-    /// `None` if the path ends.
+    /// Adds what a path finds at its vertex number `bounce`, and moves it on to where its ray meets
+    /// a surface. How long the way there was; `None` if the path ends.
     fn vertex(
         &self,
         tracer: &Tracer,
@@ -479,8 +493,9 @@ impl Lighting {
     }
 }
 
-/// By how many sRGB levels, as a share of all, a picture changes with its linear light where it is so bright, about: the slope of the sRGB
-/// curve. What is brighter than white is shown as white, and its noise hardly.
+/// By how many sRGB levels, as a share of all, a picture changes with its linear light where it is
+/// so bright, about: the slope of the sRGB curve. What is brighter than white is shown as white,
+/// and its noise hardly.
 pub fn shown_slope(level: f32) -> f32 {
     0.44 * level.max(0.005).powf(-0.58) * if level > 1.0 { 0.25 } else { 1.0 }
 }

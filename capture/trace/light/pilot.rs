@@ -14,7 +14,8 @@ pub(super) struct PilotPoint {
     pub(super) distance_m: f32,
 }
 
-/// What is seen from seeded points in the suggested headbox, in directions spread evenly over the sphere.
+/// What is seen from seeded points in the suggested headbox, in directions spread evenly over the
+/// sphere.
 pub(super) struct Pilot {
     pub(super) surfaces: Vec<PilotPoint>,
     pub(super) misses: Vec<Vec3>,
@@ -23,7 +24,8 @@ pub(super) struct Pilot {
 }
 
 impl Pilot {
-    /// Windows a side into which all directions are cut, by height and by azimuth; all of equal solid angle.
+    /// Windows a side into which all directions are cut, by height and by azimuth; all of equal
+    /// solid angle.
     const WINDOWS: usize = 8;
 
     pub(super) fn new(tracer: &Tracer) -> Self {
@@ -77,8 +79,9 @@ impl Pilot {
         }
     }
 
-    /// Geometric mean over the windows of the mean luminance in each; `seen` is in the order of `windows`. The mean
-    /// inside a window tames the noise of single samples, which a logarithm would take for darkness.
+    /// Geometric mean over the windows of the mean luminance in each; `seen` is in the order of
+    /// `windows`. The mean inside a window tames the noise of single samples, which a logarithm
+    /// would take for darkness.
     pub(super) fn logarithmic_mean(&self, seen: &[f32]) -> f32 {
         let mut sums = [(0.0f64, 0u32); Self::WINDOWS * Self::WINDOWS];
         for (&window, &level) in self.windows.iter().zip(seen) {

@@ -1,12 +1,14 @@
-//! The (0, 2)-sequence of Sobol in base 2, scrambled as Owen does: of any 2^k points that follow each other from a multiple of 2^k
-//! on, each of the boxes into which the unit square is cut by halving holds one.
+//! The (0, 2)-sequence of Sobol in base 2, scrambled as Owen does: of any 2^k points that follow
+//! each other from a multiple of 2^k on, each of the boxes into which the unit square is cut by
+//! halving holds one.
 //!
-//! Scrambling is by a hash of the bits above each bit (Burley 2020, "Practical Hash-based Owen Scrambling"; the hash is Laine
-//! and Karras's of 2011). A second use of the sequence for another decision takes the points in another order, which is scrambled
-//! likewise, so that blocks of 2^k points stay together and decisions have nothing to do with each other.
+//! Scrambling is by a hash of the bits above each bit (Burley 2020, "Practical Hash-based Owen
+//! Scrambling"; the hash is Laine and Karras's of 2011). A second use of the sequence for another
+//! decision takes the points in another order, which is scrambled likewise, so that blocks of 2^k
+//! points stay together and decisions have nothing to do with each other.
 
-/// Point `index` of the sequence that `seeds` name: the order of the points, the scrambling of the two coordinates. In
-/// units of 2^-32.
+/// Point `index` of the sequence that `seeds` name: the order of the points, the scrambling of the
+/// two coordinates. In units of 2^-32.
 #[inline]
 pub(super) fn point(index: u32, [order, first, second]: [u32; 3]) -> [u32; 2] {
     let index = scrambled(index.reverse_bits(), order).reverse_bits();
@@ -21,7 +23,8 @@ pub(super) fn first(index: u32, [order, first]: [u32; 2]) -> u32 {
     scrambled(index, first).reverse_bits()
 }
 
-/// Bit i of the result is the sum, modulo 2, of the bits j of `index` of which i has no one that j lacks: Pascal's triangle modulo 2.
+/// Bit i of the result is the sum, modulo 2, of the bits j of `index` of which i has no one that j
+/// lacks: Pascal's triangle modulo 2.
 #[inline]
 fn pascal(mut index: u32) -> u32 {
     index ^= index >> 1 & 0x5555_5555;
@@ -31,8 +34,8 @@ fn pascal(mut index: u32) -> u32 {
     index ^ index >> 16
 }
 
-/// A permutation of the numbers that decides each bit by those below it (Laine and Karras 2011, with the constants of Vegdahl
-/// 2021).
+/// A permutation of the numbers that decides each bit by those below it (Laine and Karras 2011,
+/// with the constants of Vegdahl 2021).
 #[inline]
 fn scrambled(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3d20_adea);

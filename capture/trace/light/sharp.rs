@@ -111,8 +111,8 @@ impl Lighting {
         self.sun.is_some() || !self.lamps.is_empty()
     }
 
-    /// The part of [`Self::radiosity_per_albedo`] that comes straight from the sun and from lamps without a surface: its shadows
-    /// have edges.
+    /// The part of [`Self::radiosity_per_albedo`] that comes straight from the sun and from lamps
+    /// without a surface: its shadows have edges.
     pub fn sharp_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
         let brought = |(ray, light): (Ray, Vec3)| {
             if tracer.occluded(&ray) {
@@ -124,7 +124,8 @@ impl Lighting {
         self.sharp_rays(point, sample).map(brought).sum()
     }
 
-    /// The rays toward the sun and lamps without a surface, and what each brings if nothing is in its way.
+    /// The rays toward the sun and lamps without a surface, and what each brings if nothing is in
+    /// its way.
     pub(super) fn sharp_rays<'a>(
         &'a self,
         point: &'a LitPoint,
@@ -138,8 +139,8 @@ impl Lighting {
             .chain(self.lamps.iter().filter_map(|lamp| lamp.ray(point)))
     }
 
-    /// As [`Self::sharp_radiosity`] of each request, to the bit: rays of neighbours toward one light are nearly parallel and travel in
-    /// packets.
+    /// As [`Self::sharp_radiosity`] of each request, to the bit: rays of neighbours toward one
+    /// light are nearly parallel and travel in packets.
     pub fn sharp_radiosities(
         &self,
         tracer: &Tracer,
@@ -177,8 +178,8 @@ impl Lighting {
             .map_or(Vec3::ZERO, |(_, light)| light)
     }
 
-    /// Radiosity per albedo straight from lamps without a surface, by one of them: drawn by what it would bring if nothing were in
-    /// the way.
+    /// Radiosity per albedo straight from lamps without a surface, by one of them: drawn by what it
+    /// would bring if nothing were in the way.
     pub(super) fn one_lamp(
         &self,
         tracer: &Tracer,

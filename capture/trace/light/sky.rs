@@ -1,8 +1,10 @@
-//! Light straight from a picture of the sky: by the sky's own directions and by those of a path's rays together.
+//! Light straight from a picture of the sky: by the sky's own directions and by those of a path's
+//! rays together.
 //!
-//! Both estimators find the same light; each sample counts by the balance heuristic (Veach and Guibas 1995, "Optimally combining
-//! sampling techniques for Monte Carlo rendering"), so that neither a small bright spot nor a wide dim half makes noise. A sky
-//! that is a gradient has the path's rays alone.
+//! Both estimators find the same light; each sample counts by the balance heuristic (Veach and
+//! Guibas 1995, "Optimally combining sampling techniques for Monte Carlo rendering"), so that
+//! neither a small bright spot nor a wide dim half makes noise. A sky that is a gradient has the
+//! path's rays alone.
 
 use super::guide::Directions;
 use super::{LightSample, Lighting, LitPoint};
@@ -51,7 +53,8 @@ impl Lighting {
             * (cos / PI / (picture.density(radiance) + directions.density(direction, cos)))
     }
 
-    /// Radiosity per albedo by a ray in one of these directions, in which nothing but the sky was met.
+    /// Radiosity per albedo by a ray in one of these directions, in which nothing but the sky was
+    /// met.
     pub(super) fn sky_by_chance(
         &self,
         point: &LitPoint,

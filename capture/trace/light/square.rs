@@ -60,7 +60,8 @@ impl SquareDensity {
         Self { rows, columns }
     }
 
-    /// A point that is drawn by the density, from one that is drawn evenly: points that are spread evenly stay so.
+    /// A point that is drawn by the density, from one that is drawn evenly: points that are spread
+    /// evenly stay so.
     pub(super) fn warp(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         let (row, y) = coordinate_of(&self.rows, v);
         let (_, x) = coordinate_of(&self.columns[row], u);
@@ -128,7 +129,8 @@ mod tests {
             let mut weights = [1e-3; BINS * BINS];
             weights[heavy * BINS] = 1e3;
             let density = SquareDensity::new(&weights);
-            // The last number before the heavy row is full, of which there are few in a row that is nearly all.
+            // The last number before the heavy row is full, of which there are few in a row that is
+            // nearly all.
             let (row, y) = coordinate_of(&density.rows, density.rows[heavy].next_down());
             assert!(
                 row == heavy && bin(y) == heavy && y < 1.0,

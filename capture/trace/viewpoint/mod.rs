@@ -35,7 +35,8 @@ pub struct Surroundings {
     pub backs: f64,
 }
 
-/// What a person takes for up where pictures were taken with `pictures_up` upward: +Y, unless that shows them on their side.
+/// What a person takes for up where pictures were taken with `pictures_up` upward: +Y, unless that
+/// shows them on their side.
 pub fn level_up(pictures_up: Option<DVec3>) -> DVec3 {
     /// Cosine of 45 degrees: cameras may look down, or up, and +Y is still up.
     const LEVEL: f64 = std::f64::consts::FRAC_1_SQRT_2;

@@ -14,7 +14,8 @@ use std::sync::Arc;
 pub const EYE_HEIGHT_M: f64 = 1.6;
 /// A person needs this much from the floor to what is above, metres.
 const HEADROOM_M: f64 = 1.9;
-/// A floor goes on at its own height so far around a standing person, metres: a table or a shelf does not.
+/// A floor goes on at its own height so far around a standing person, metres: a table or a shelf
+/// does not.
 const STANDING_ROOM_M: f64 = 0.6;
 /// Floors that differ by less are one storey, metres.
 const STOREY_M: f64 = 0.5;
@@ -25,19 +26,23 @@ const AMPLE_M: f64 = 1.0;
 /// And what is around farther away than this, metres.
 const ROOMY_M: f64 = 10.0;
 
-/// With less clearance, or half of what is around within arm's length, nobody would stand there, metres.
+/// With less clearance, or half of what is around within arm's length, nobody would stand there,
+/// metres.
 const NARROW_M: f64 = 0.2;
 const ARMS_LENGTH_M: f64 = 1.0;
 /// Of the best places so many are looked from.
 const SHORTLIST: usize = 64;
-/// A free place with less clearance than this share of the scene's diagonal is a nook between its parts.
+/// A free place with less clearance than this share of the scene's diagonal is a nook between its
+/// parts.
 const CRAMPED: f64 = 0.05;
-/// And one with surfaces in fewer directions than this share is beside things rather than within a room.
+/// And one with surfaces in fewer directions than this share is beside things rather than within a
+/// room.
 const WITHIN_WALLS: f64 = 0.75;
 /// Where this share of what is seen shows its back, the eye is within a solid.
 const WITHIN_A_SOLID: f64 = 0.99;
 
-/// A scene this many of its diagonals away is less than a pixel wide on the largest face: 2/8192 of its depth.
+/// A scene this many of its diagonals away is less than a pixel wide on the largest face: 2/8192 of
+/// its depth.
 const MAX_DIAGONALS_AWAY: f64 = 4096.0;
 
 /// Why a headbox cannot be placed.
@@ -63,7 +68,8 @@ pub enum HeadboxError {
     HalfSize(f64),
 }
 
-/// The headbox of a scene, world metres: what is given of it, else what the scene suggests, else free space.
+/// The headbox of a scene, world metres: what is given of it, else what the scene suggests, else
+/// free space.
 ///
 /// # Errors
 /// [`HeadboxError`] if there is no such box.
@@ -99,8 +105,9 @@ pub fn place_headbox(
     })
 }
 
-/// A half-size for a headbox about a world position: half the clearance (a cube's corner is 1.73 half-sizes away), but
-/// at most a twentieth of the scene's diagonal; if the position touches geometry, a hundredth of the diagonal.
+/// A half-size for a headbox about a world position: half the clearance (a cube's corner is 1.73
+/// half-sizes away), but at most a twentieth of the scene's diagonal; if the position touches
+/// geometry, a hundredth of the diagonal.
 pub fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
     let [low, high] = tracer.scene().bounds();
     let diagonal = (high - low).length();
@@ -112,11 +119,13 @@ pub fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
     }
 }
 
-/// The part of a half-size that so many rays can fill: what the eye uncovers on its way from the centre grows with the
-/// headbox's edge, and is found by the rays that are left once every pixel of the faces has had one.
+/// The part of a half-size that so many rays can fill: what the eye uncovers on its way from the
+/// centre grows with the headbox's edge, and is found by the rays that are left once every pixel of
+/// the faces has had one.
 ///
-/// `rays_per_pixel` is rays traced over pixels of all faces. With 16, the paper's density, all of the half-size is kept,
-/// with fewer a share that falls with their square root, but at least a quarter.
+/// `rays_per_pixel` is rays traced over pixels of all faces. With 16, the paper's density, all of
+/// the half-size is kept, with fewer a share that falls with their square root, but at least a
+/// quarter.
 pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
     /// 32^4 strata of 16 rays on faces of 1024 pixels.
     const AMPLE_RAYS_PER_PIXEL: f64 = 16.0;
@@ -126,9 +135,10 @@ pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
             .clamp(0.25, 1.0)
 }
 
-/// A headbox about the eyes of a person who stands on a floor, with as much clearance and as much to see around as seeded
-/// tries find; where no try finds room to stand, about a free place in the lower part of the scene's box; and of what has no such
-/// place within, as a statue, a tree or a house without ground, before it.
+/// A headbox about the eyes of a person who stands on a floor, with as much clearance and as much
+/// to see around as seeded tries find; where no try finds room to stand, about a free place in the
+/// lower part of the scene's box; and of what has no such place within, as a statue, a tree or a
+/// house without ground, before it.
 pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
     let centre = standing_place(tracer)
         .or_else(|| free_place(tracer))
@@ -193,12 +203,14 @@ pub(super) fn standing_score(around: Surroundings) -> f64 {
     if around.clearance_m < NARROW_M || around.median_m < ARMS_LENGTH_M {
         return 0.0;
     }
-    // Within walls is within walls: a room with one side open is best seen from that side, not from its far corner.
+    // Within walls is within walls: a room with one side open is best seen from that side, not from
+    // its far corner.
     let within = (around.enclosed / WITHIN_WALLS).min(1.0);
     around.clearance_m.min(AMPLE_M) * around.median_m.min(ROOMY_M) * within * within
 }
 
-/// Of the places with the highest scores above zero that of which the score times what there is to see is highest; of equals the first.
+/// Of the places with the highest scores above zero that of which the score times what there is to
+/// see is highest; of equals the first.
 fn best_of(
     tracer: &Tracer,
     places: impl Iterator<Item = DVec3>,
@@ -221,8 +233,8 @@ fn best_of(
         .map(|(_, place)| place)
 }
 
-/// A place in front of the scene (+Z) from which all of it fits into a view of 60 degrees: at the height of a person's eyes, or of its
-/// middle if that is lower.
+/// A place in front of the scene (+Z) from which all of it fits into a view of 60 degrees: at the
+/// height of a person's eyes, or of its middle if that is lower.
 fn place_before(tracer: &Tracer) -> DVec3 {
     let [low, high] = tracer.scene().bounds();
     let (middle, distance) = ((low + high) / 2.0, (high - low).length());

@@ -37,7 +37,8 @@ fn push_box(scene: &mut Scene, low: DVec3, high: DVec3, material: u32) {
     }
 }
 
-/// A church: a nave 30 m high, 12 m wide and 40 m long, with pews along it and a shelf full of things at its far end (+X).
+/// A church: a nave 30 m high, 12 m wide and 40 m long, with pews along it and a shelf full of
+/// things at its far end (+X).
 fn church() -> Tracer {
     let material = |albedo: f32| Material {
         albedo: [albedo; 3],
@@ -96,7 +97,8 @@ fn where_nobody_can_stand_free_space_is_found() {
     );
 }
 
-/// A closed surface without anything in it: a solid. Its triangles face outward, as `push_box`'s need not.
+/// A closed surface without anything in it: a solid. Its triangles face outward, as `push_box`'s
+/// need not.
 fn ball(radius: f64, middle: DVec3) -> Scene {
     const RINGS: u32 = 24;
     let mut scene = Scene {
@@ -181,7 +183,8 @@ fn nobody_stands_in_a_nook() {
             backs: 0.0,
         })
     };
-    // On the balcony of a half-timbered house, among its beams; in a cupboard; in a small and in a large room.
+    // On the balcony of a half-timbered house, among its beams; in a cupboard; in a small and in a
+    // large room.
     assert_eq!([score(0.3, 0.9), score(0.1, 2.0)], [0.0, 0.0]);
     assert!(0.0 < score(0.6, 1.5) && score(0.6, 1.5) < score(1.2, 3.0));
 }

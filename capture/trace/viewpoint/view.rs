@@ -10,8 +10,8 @@ const AZIMUTHS: u32 = 16;
 const RAYS: [u32; 2] = [24, 16];
 /// Half the width and half the height of a view, as tangents: 62 by 44 degrees.
 const HALF_VIEW: [f64; 2] = [0.6, 0.4];
-/// A view that reaches this share of the best is as good, and the one nearest to straight ahead (-Z) is taken: people expect
-/// to look where a scene's maker looked.
+/// A view that reaches this share of the best is as good, and the one nearest to straight ahead
+/// (-Z) is taken: people expect to look where a scene's maker looked.
 const AS_GOOD: f64 = 0.8;
 
 /// A direction to look in.
@@ -23,9 +23,10 @@ pub(super) struct View {
     pub(super) ahead: DVec3,
 }
 
-/// The horizontal direction with the most to see from a world position: the one in whose view depth, orientation and colour
-/// change most from ray to ray, weighted by how far one can see; a blank wall and an empty sky have nothing of either.
-/// Every default camera is this one. A unit vector, world axes.
+/// The horizontal direction with the most to see from a world position: the one in whose view
+/// depth, orientation and colour change most from ray to ray, weighted by how far one can see; a
+/// blank wall and an empty sky have nothing of either. Every default camera is this one. A unit
+/// vector, world axes.
 pub fn suggest_view(tracer: &Tracer, world: DVec3) -> DVec3 {
     best_view(tracer, world).ahead
 }

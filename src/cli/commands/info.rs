@@ -259,7 +259,8 @@ fn planes_json(cube: &PackedCube) -> Option<serde_json::Value> {
     })
 }
 
-/// What there is to know of a sprite; eye, look_at and fov are what an import needs to know of its camera.
+/// What there is to know of a sprite; eye, look_at and fov are what an import needs to know of its
+/// camera.
 pub(super) fn sprite_json(sprite: &SpriteWithDepth, set: &SpriteSet) -> serde_json::Value {
     let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
     let (columns, rows) = sprite.displacement().size();

@@ -23,12 +23,13 @@ use std::time::Instant;
 pub(crate) struct TruthCommand {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga, or linear radiance, .exr; `-` for standard output (PNG); with --images a
-    /// folder
+    /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga, or linear radiance, .exr; `-` for
+    /// standard output (PNG); with --images a folder
     #[arg(short, long)]
     output: PathBuf,
-    /// Instead of one picture, a folder of so many with their depth, an image set for capture, render, view and report: from a wall of
-    /// cameras across the headbox, all of which look as the camera does
+    /// Instead of one picture, a folder of so many with their depth, an image set for capture,
+    /// render, view and report: from a wall of cameras across the headbox, all of which look as the
+    /// camera does
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = parse_wall)]
     images: Option<(u32, u32)>,
     #[command(flatten)]
@@ -115,7 +116,8 @@ impl TruthCommand {
         }
     }
 
-    /// Writes a set of images from places evenly spread over a square across the headbox; returns how many.
+    /// Writes a set of images from places evenly spread over a square across the headbox; returns
+    /// how many.
     fn write_images(
         &self,
         (columns, rows): (u32, u32),

@@ -26,14 +26,16 @@ use std::time::{Duration, Instant};
 
 #[derive(Args)]
 pub(crate) struct ViewCommand {
-    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images, or a
-    /// scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
+    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder
+    /// of images, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
+    /// start page if absent
     file: Option<String>,
-    /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of a cube LDI
+    /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged,
+    /// instead of a cube LDI
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
-    /// Of a folder of images with depth: show a cube LDI of the images nearest to the view alone, built anew while you move, and
-    /// move freely; --set images=N takes so many, 3 if absent
+    /// Of a folder of images with depth: show a cube LDI of the images nearest to the view alone,
+    /// built anew while you move, and move freely; --set images=N takes so many, 3 if absent
     #[arg(long, conflicts_with = "variant")]
     live: bool,
     #[command(flatten)]
@@ -72,7 +74,8 @@ pub(crate) struct ViewCommand {
     /// Two eyes side by side
     #[arg(long, value_parser = by_name(STEREO))]
     stereo: Option<Stereo>,
-    /// Render fewer pixels while the eye moves, if a frame would take longer than so many milliseconds; 0 for all pixels always
+    /// Render fewer pixels while the eye moves, if a frame would take longer than so many
+    /// milliseconds; 0 for all pixels always
     #[arg(long, value_name = "MS", default_value_t = ViewerOptions::MOVING_LIMIT_MS, value_parser = parse_limit)]
     moving_limit: f64,
     /// Show the frame alone
@@ -112,7 +115,8 @@ fn parse_limit(text: &str) -> Result<f64, String> {
         .ok_or("give 0, or milliseconds from 4 to 100".into())
 }
 
-/// Frames after which a picture without a path is taken: the first may be of a window that still takes its size.
+/// Frames after which a picture without a path is taken: the first may be of a window that still
+/// takes its size.
 const FRAMES_BEFORE_PICTURE: u64 = 3;
 
 impl ViewCommand {
@@ -286,7 +290,8 @@ enum Opened {
     Later(Coming),
 }
 
-/// Opens something; if that takes longer than a person waits for a window, elsewhere, and the window comes first.
+/// Opens something; if that takes longer than a person waits for a window, elsewhere, and the
+/// window comes first.
 fn open_soon(
     name: &str,
     open: impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static,
@@ -351,7 +356,8 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The images of a set that cubes are made of as one moves, and the camera of its middle view that has depth.
+/// The images of a set that cubes are made of as one moves, and the camera of its middle view that
+/// has depth.
 fn near(folder: &Path, set: ImageSet) -> anyhow::Result<(NearImages, Camera)> {
     images::with_depth(&set)?;
     let start = set

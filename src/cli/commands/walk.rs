@@ -17,7 +17,8 @@ use std::path::{Path, PathBuf};
 pub(crate) struct WalkCommand {
     /// A .house file
     file: PathBuf,
-    /// Folder for walk.md, walk.json, a chart of frame times (along_path.svg), and frames beside truth (frames.html)
+    /// Folder for walk.md, walk.json, a chart of frame times (along_path.svg), and frames beside
+    /// truth (frames.html)
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Poses of the walk
@@ -29,7 +30,8 @@ pub(crate) struct WalkCommand {
     /// Seed of the walk
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u32,
-    /// Ways to draw it: names with commas between them, or all of them; a wrong name prints the list
+    /// Ways to draw it: names with commas between them, or all of them; a wrong name prints the
+    /// list
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     variants: Vec<String>,
     /// Compare every so manieth pose with truth

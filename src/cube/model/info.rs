@@ -34,25 +34,29 @@ pub struct CaptureInfo {
     pub rays_traced: u64,
     /// Share of the headbox that its centre does not see because geometry is in the way.
     pub blocked_share: f64,
-    /// Where to look by default: the horizontal direction with the most to see, world axes; `None` in files made before it
-    /// was kept.
+    /// Where to look by default: the horizontal direction with the most to see, world axes; `None`
+    /// in files made before it was kept.
     #[serde(default)]
     pub ahead: Option<DVec3>,
-    /// What is up by default where it is not +Y, world axes: pictures may be taken with the camera on its side.
+    /// What is up by default where it is not +Y, world axes: pictures may be taken with the camera
+    /// on its side.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub up: Option<DVec3>,
-    /// Per face of the ray domain: the estimated probability that one more ray would find a depth pixel that is not in
-    /// the LDI (Good 1953: share of samples seen once); `None` where rays were not random.
+    /// Per face of the ray domain: the estimated probability that one more ray would find a depth
+    /// pixel that is not in the LDI (Good 1953: share of samples seen once); `None` where rays were
+    /// not random.
     pub missing_estimate: [Option<f64>; 6],
     /// What frames lack; `None` where nobody looked.
     #[serde(default)]
     pub holes: Option<Holes>,
 }
 
-/// What frames of a capture lack, as found by frames from all over the headbox held against rays ([`headbox_ldi::refine`]).
+/// What frames of a capture lack, as found by frames from all over the headbox held against rays
+/// ([`headbox_ldi::refine`]).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Holes {
-    /// Share of the frames' pixels that show less than rays find there, when they were last looked at.
+    /// Share of the frames' pixels that show less than rays find there, when they were last looked
+    /// at.
     pub share: f64,
     /// Its standard error.
     pub standard_error: f64,

@@ -1,4 +1,5 @@
-//! The unpacked cube LDI: samples and their order, bins of depth, the header, and the checks of all of these.
+//! The unpacked cube LDI: samples and their order, bins of depth, the header, and the checks of all
+//! of these.
 
 pub mod depth_bins;
 pub mod info;

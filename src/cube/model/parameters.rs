@@ -1,4 +1,5 @@
-//! What a capture is asked for, stated once: the job, the headers of files, and the command line hold these types.
+//! What a capture is asked for, stated once: the job, the headers of files, and the command line
+//! hold these types.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,8 +12,8 @@ pub enum Sampler {
     Stratified,
     /// Independent over the whole domain.
     WhiteNoise,
-    /// One ray through the centre of each pixel, from the centre of the cube, every hit kept (S13): the baseline that
-    /// undersamples surfaces seen edge-on.
+    /// One ray through the centre of each pixel, from the centre of the cube, every hit kept (S13):
+    /// the baseline that undersamples surfaces seen edge-on.
     CentreRays,
 }
 
@@ -20,18 +21,19 @@ pub enum Sampler {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MergeRule {
-    /// One depth pixel with their mean depth and colour, weighted by the rays that saw them (Shade et al.; default).
+    /// One depth pixel with their mean depth and colour, weighted by the rays that saw them (Shade
+    /// et al.; default).
     #[default]
     Average,
     /// The surface that was sampled with the smallest area wins (Rafferty et al.).
     SmallerArea,
-    /// Surfaces whose colours differ are kept apart, otherwise the first stays; first in the order of ray keys, so that
-    /// the rule has one outcome (Popescu et al.).
+    /// Surfaces whose colours differ are kept apart, otherwise the first stays; first in the order
+    /// of ray keys, so that the rule has one outcome (Popescu et al.).
     ColorsApart,
 }
 
-/// Which rays are traced, what becomes of what they hit, and with how much light: all that decides a capture's quality but the size of
-/// its faces, which an LDI tells by itself.
+/// Which rays are traced, what becomes of what they hit, and with how much light: all that decides
+/// a capture's quality but the size of its faces, which an LDI tells by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CaptureParameters {
     /// Strata along each of the four dimensions of rays (N)
@@ -47,8 +49,8 @@ pub struct CaptureParameters {
     pub seed: u64,
     /// Trace fewer rays where the next one is new with a probability below X; 0 traces all
     pub novelty: f64,
-    /// Aim rays at what frames lack until its share, with its standard error, is below X (a share, or a percentage such as
-    /// 0.01%); 1 looks for nothing
+    /// Aim rays at what frames lack until its share, with its standard error, is below X (a share,
+    /// or a percentage such as 0.01%); 1 looks for nothing
     #[serde(rename = "most_holes", default = "all")]
     pub holes: f64,
     /// Which rays
@@ -82,7 +84,8 @@ impl CaptureParameters {
         merge_rule: MergeRule::Average,
     };
 
-    /// All of so many rays, no aimed ones, and no light: what is asked for where geometry is looked at.
+    /// All of so many rays, no aimed ones, and no light: what is asked for where geometry is looked
+    /// at.
     pub const fn unlit(strata: u32, rays_per_stratum: u32) -> Self {
         Self {
             strata,

@@ -1,7 +1,7 @@
 //! The build-time layered depth image: per pixel of a cube face, every surface that rays met there.
 //!
-//! S11, S14. Depth pixels of one layered depth pixel are kept **farthest first** (the render-time order,
-//! C9), addressed through prefix sums:
+//! S11, S14. Depth pixels of one layered depth pixel are kept **farthest first** (the render-time
+//! order, C9), addressed through prefix sums:
 //!
 //! ```text
 //! a face of 2 pixels, three samples on the left, one on the right:
@@ -69,8 +69,8 @@ pub struct LayeredDepthImage {
     pub face: Face,
     /// Pixels a side.
     pub size_px: u32,
-    /// Prefix sums over the pixels in row-major order, row 0 on top: `size_px * size_px + 1` entries; the samples of
-    /// pixel p are `samples[offsets[p]..offsets[p + 1]]`.
+    /// Prefix sums over the pixels in row-major order, row 0 on top: `size_px * size_px + 1`
+    /// entries; the samples of pixel p are `samples[offsets[p]..offsets[p + 1]]`.
     pub offsets: Vec<u32>,
     /// All samples, farthest first inside a pixel.
     pub samples: Vec<DepthPixel>,
@@ -118,7 +118,8 @@ mod tests {
             let n = Vec3::new(r * a.cos(), r * a.sin(), z);
             worst = worst.max(n.angle_between(EncodedNormal::new(n).decode()));
         }
-        // Half a step of 1/32767 on the octahedron, stretched by at most sqrt(3) on the sphere, is 6.5e-5 rad.
+        // Half a step of 1/32767 on the octahedron, stretched by at most sqrt(3) on the sphere, is
+        // 6.5e-5 rad.
         assert!(worst < 5e-4, "{worst}");
         assert_eq!(EncodedNormal::new(Vec3::NAN).decode(), Vec3::Z);
     }

@@ -1,7 +1,7 @@
 //! Every promise of the build-time layout, checked (S11, S14; C9 for the order of layers).
 //!
-//! `headbox info --check` and [`crate::pack::PackedCube::pack`] run it: what passes can be packed and drawn without
-//! further checks.
+//! `headbox info --check` and [`crate::pack::PackedCube::pack`] run it: what passes can be packed
+//! and drawn without further checks.
 
 use crate::model::info::{CaptureInfo, Holes};
 use crate::model::samples::{CubeLdi, LayeredDepthImage};
@@ -109,8 +109,9 @@ pub enum LdiError {
 }
 
 impl CubeLdi {
-    /// Checks every promise of the layout: six faces of one size, offsets that are prefix sums, positive finite
-    /// inverse depths, farthest first inside a pixel, an environment of six whole faces, sane capture information.
+    /// Checks every promise of the layout: six faces of one size, offsets that are prefix sums,
+    /// positive finite inverse depths, farthest first inside a pixel, an environment of six whole
+    /// faces, sane capture information.
     ///
     /// # Errors
     /// The first broken promise, with face, pixel and value.
@@ -189,7 +190,8 @@ impl LayeredDepthImage {
 }
 
 impl CaptureInfo {
-    /// Checks that lengths and exposure are positive and finite, the centre finite and estimates probabilities.
+    /// Checks that lengths and exposure are positive and finite, the centre finite and estimates
+    /// probabilities.
     ///
     /// # Errors
     /// [`LdiError::Info`] with the field and its value.

@@ -8,8 +8,9 @@ pub const BLOCK_COLUMNS: u32 = 64;
 /// Rows of a block; blocks start at multiples of it on the face.
 pub(crate) const BLOCK_ROWS: u32 = 16;
 
-/// Least and largest inverse depth code of every block of [`BLOCK_COLUMNS`] x [`BLOCK_ROWS`] face pixels that a segment's
-/// rectangle touches. Made from the depth pixels, and not stored in files; where it is empty, nothing is known.
+/// Least and largest inverse depth code of every block of [`BLOCK_COLUMNS`] x [`BLOCK_ROWS`] face
+/// pixels that a segment's rectangle touches. Made from the depth pixels, and not stored in files;
+/// where it is empty, nothing is known.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct BlockIndex {
     /// Blocks in a row.
@@ -21,8 +22,8 @@ pub struct BlockIndex {
 }
 
 impl BlockIndex {
-    /// The index of a rectangle of face pixels from `x0`, `y0` on: of each of its rows the depth pixels, and the running counts of
-    /// its pixels.
+    /// The index of a rectangle of face pixels from `x0`, `y0` on: of each of its rows the depth
+    /// pixels, and the running counts of its pixels.
     pub(crate) fn of_rows<'a>(
         [x0, y0]: [u32; 2],
         [width, height]: [u32; 2],
@@ -58,8 +59,8 @@ impl BlockIndex {
         }
     }
 
-    /// Least and largest code in the block of column `x / BLOCK_COLUMNS` and row `y / BLOCK_ROWS`, or `None` if it holds
-    /// nothing.
+    /// Least and largest code in the block of column `x / BLOCK_COLUMNS` and row `y / BLOCK_ROWS`,
+    /// or `None` if it holds nothing.
     pub(crate) fn codes(&self, column: u32, row: u32) -> Option<[u32; 2]> {
         let inside = column
             .checked_sub(self.first_column)

@@ -45,8 +45,8 @@ impl PackedSegment {
         DepthCodeRange::from_inverse_depths(self.inverse_depth_min, self.inverse_depth_max)
     }
 
-    /// The depth pixels of row `y` of the rectangle and the running counts of its pixels (`width + 1` of them), or two
-    /// empty slices where the tables of an invalid segment point outside.
+    /// The depth pixels of row `y` of the rectangle and the running counts of its pixels (`width +
+    /// 1` of them), or two empty slices where the tables of an invalid segment point outside.
     pub fn row(&self, y: u32) -> (&[PackedDepthPixel], &[u32]) {
         self.row_of(&self.depth_pixels, y)
     }
@@ -82,7 +82,8 @@ impl PackedSegment {
 }
 
 impl PackedCube {
-    /// The cube LDI that was packed, as well as packing has kept it. Pictures on planes are not part of it.
+    /// The cube LDI that was packed, as well as packing has kept it. Pictures on planes are not
+    /// part of it.
     pub fn unpack(&self) -> CubeLdi {
         let faces = Face::ALL.map(|face| {
             let size_px = self.face_size_px;
@@ -143,7 +144,8 @@ impl PackedCube {
         self.segments.iter().map(|s| s.depth_pixels.len()).sum()
     }
 
-    /// Bytes of all depth pixels, offsets, counts, pictures on planes and environment texels in memory.
+    /// Bytes of all depth pixels, offsets, counts, pictures on planes and environment texels in
+    /// memory.
     pub fn bytes(&self) -> usize {
         let segment = |s: &PackedSegment| {
             size_of_val(&s.depth_pixels[..])

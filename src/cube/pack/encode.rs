@@ -12,16 +12,18 @@ use std::ops::Range;
 
 /// Where each face is cut into a near and a far segment (S23).
 ///
-/// Clipping keeps, of each segment, the rectangle of rays that a view can reach. A sample of inverse depth q moves by
-/// q times the eye's displacement on the face (in units where a face is 2 wide), so the rectangle of a segment whose
-/// inverse depths span a range `dq` is wider than the view itself by the displacement times `dq`. A cut that makes the
-/// ranges short for many samples lets clipping drop more.
+/// Clipping keeps, of each segment, the rectangle of rays that a view can reach. A sample of
+/// inverse depth q moves by q times the eye's displacement on the face (in units where a face is 2
+/// wide), so the rectangle of a segment whose inverse depths span a range `dq` is wider than the
+/// view itself by the displacement times `dq`. A cut that makes the ranges short for many samples
+/// lets clipping drop more.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Split {
-    /// For each face, the cut that minimises the depth pixels which a clipped view is expected to touch: the sum over
-    /// both segments of `samples * min(4, (V + d * dq)^2)`, V = 1.15 the width of a 60-degree view on a face that is 2
-    /// wide, d = half of the headbox's half size, the mean displacement of an eye along an axis. 64 cuts, equally
-    /// spaced in inverse depth, are tried. A face stays whole unless the best cut saves at least 5 %.
+    /// For each face, the cut that minimises the depth pixels which a clipped view is expected to
+    /// touch: the sum over both segments of `samples * min(4, (V + d * dq)^2)`, V = 1.15 the width
+    /// of a 60-degree view on a face that is 2 wide, d = half of the headbox's half size, the mean
+    /// displacement of an eye along an axis. 64 cuts, equally spaced in inverse depth, are tried. A
+    /// face stays whole unless the best cut saves at least 5 %.
     #[default]
     Auto,
     /// No cut: one segment a face, filed as near.
@@ -42,7 +44,8 @@ pub enum PackError {
 }
 
 impl PackedCube {
-    /// Packs a cube LDI: cuts each face at its split plane, quantises, and lays each segment out as S17 says.
+    /// Packs a cube LDI: cuts each face at its split plane, quantises, and lays each segment out as
+    /// S17 says.
     ///
     /// # Errors
     /// [`PackError`] if the LDI is invalid or the split depth is not positive and finite.
@@ -120,7 +123,8 @@ fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
     best.1 as f32
 }
 
-/// Columns and rows from the first to the last that have a sample for which `belongs` says so; `None` if there is none.
+/// Columns and rows from the first to the last that have a sample for which `belongs` says so;
+/// `None` if there is none.
 fn occupied(
     face: &LayeredDepthImage,
     belongs: impl Fn(&DepthPixel) -> bool,
@@ -144,7 +148,8 @@ fn occupied(
     (!rows.is_empty()).then_some([columns, rows])
 }
 
-/// The segment of a face that holds the samples for which `belongs` says so, or `None` if there are none.
+/// The segment of a face that holds the samples for which `belongs` says so, or `None` if there are
+/// none.
 fn pack_segment(
     face: &LayeredDepthImage,
     layout: SplatIndexLayout,

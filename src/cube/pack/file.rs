@@ -1,12 +1,13 @@
 //! The `.ldi` file: a packed cube LDI.
 //!
-//! Sections: `info` (JSON: the [`CaptureInfo`], face size, splat-index layout and a header per segment), `environment`
-//! (texels), and for each segment with samples one section named after its face and side, e.g. `+X far`: row offsets,
-//! row counts, depth pixels, as they lie in memory.
+//! Sections: `info` (JSON: the [`CaptureInfo`], face size, splat-index layout and a header per
+//! segment), `environment` (texels), and for each segment with samples one section named after its
+//! face and side, e.g. `+X far`: row offsets, row counts, depth pixels, as they lie in memory.
 //!
-//! Version 2 is for cubes with pictures on planes; one without is written as version 1. There the row counts are [`super::runs`],
-//! and three sections are added: `planes` ([`Plane`]), `tiles` ([`PlaneTile`]), and `texels`: three bytes of colour for each
-//! texel of all tiles, then a byte of alpha for each texel of the tiles that are not opaque.
+//! Version 2 is for cubes with pictures on planes; one without is written as version 1. There the
+//! row counts are [`super::runs`], and three sections are added: `planes` ([`Plane`]), `tiles`
+//! ([`PlaneTile`]), and `texels`: three bytes of colour for each texel of all tiles, then a byte of
+//! alpha for each texel of the tiles that are not opaque.
 
 use super::plane_set::PlaneSet;
 use super::planes::{Plane, PlaneTile};
@@ -59,8 +60,8 @@ struct SegmentHeader {
 }
 
 impl CubeHeader {
-    /// What decides how much memory its arrays take, before any is read: a segment of each face and side at most, each a rectangle of a
-    /// face with something in it.
+    /// What decides how much memory its arrays take, before any is read: a segment of each face and
+    /// side at most, each a rectangle of a face with something in it.
     fn check(&self, section: &Section) -> Result<(), FileError> {
         let keys = self
             .segments
@@ -136,8 +137,8 @@ impl PackedCube {
         writer.write(path)
     }
 
-    /// Reads a `.ldi` file. Every table is checked against the others ([`PackedCube::validate`]), so that a renderer
-    /// can rely on them.
+    /// Reads a `.ldi` file. Every table is checked against the others ([`PackedCube::validate`]),
+    /// so that a renderer can rely on them.
     ///
     /// # Errors
     /// See [`FileError`].
@@ -187,7 +188,8 @@ impl PackedCube {
         }
     }
 
-    /// All arrays one after the other, in the order of a `.ldi` file, for a file of another kind that keeps the header elsewhere.
+    /// All arrays one after the other, in the order of a `.ldi` file, for a file of another kind
+    /// that keeps the header elsewhere.
     pub fn arrays(&self) -> Vec<u8> {
         let mut bytes = bytemuck::cast_slice(&self.environment.texels).to_vec();
         let has_planes = !self.planes.tiles.is_empty();

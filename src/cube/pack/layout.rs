@@ -18,8 +18,8 @@ pub enum SegmentSide {
 
 /// The near or the far part of one face.
 ///
-/// A segment covers the smallest rectangle of face pixels that holds its samples. A worked example, a rectangle of
-/// 3x2 pixels with 2, 0, 1 samples in its upper row and 1, 1, 3 in its lower row:
+/// A segment covers the smallest rectangle of face pixels that holds its samples. A worked example,
+/// a rectangle of 3x2 pixels with 2, 0, 1 samples in its upper row and 1, 1, 3 in its lower row:
 ///
 /// ```text
 /// row_offsets  [ 0, 3, 8 ]                    one per row, and the end

@@ -1,12 +1,14 @@
-//! Pictures on planes at half, a quarter and an eighth of their size, and each of these softened, for frames whose pixels are
-//! larger than texels.
+//! Pictures on planes at half, a quarter and an eighth of their size, and each of these softened,
+//! for frames whose pixels are larger than texels.
 //!
-//! A lookup between four texels is a tent as wide as their distance. Where that is less than a pixel, texels fall between
-//! pixels; a picture of half the size at once would blur. So the sizes come in steps of the square root of 2 or so: an odd
-//! level is the one before it, softened by 1, 10, 1 (twelfths), an even one every second texel of the one two before it, of which
-//! each is a mean with its neighbours by -1, 4, 10, 4, -1 (sixteenths). That neither blurs (its variance is 0) nor keeps what
-//! half as many texels cannot show (0 at the highest frequency). The outermost lines of texels are taken as they are, so that
-//! tiles that share one still meet. What that brings: docs/decisions/0051.
+//! A lookup between four texels is a tent as wide as their distance. Where that is less than a
+//! pixel, texels fall between pixels; a picture of half the size at once would blur. So the sizes
+//! come in steps of the square root of 2 or so: an odd level is the one before it, softened by 1,
+//! 10, 1 (twelfths), an even one every second texel of the one two before it, of which each is a
+//! mean with its neighbours by -1, 4, 10, 4, -1 (sixteenths). That neither blurs (its variance is
+//! 0) nor keeps what half as many texels cannot show (0 at the highest frequency). The outermost
+//! lines of texels are taken as they are, so that tiles that share one still meet. What that
+//! brings: docs/decisions/0051.
 
 use std::sync::OnceLock;
 
@@ -48,8 +50,8 @@ impl Mip {
 pub struct LazyMips([OnceLock<Mip>; LEVELS]);
 
 impl LazyMips {
-    /// Level 1 or a higher one. Whoever finds it missing makes it; nobody waits for another, since a thread of the pool that makes
-    /// it in parallel may be given a task that asks for it too.
+    /// Level 1 or a higher one. Whoever finds it missing makes it; nobody waits for another, since
+    /// a thread of the pool that makes it in parallel may be given a task that asks for it too.
     pub(super) fn level(&self, level: usize, make: impl FnOnce() -> Mip) -> &Mip {
         let slot = &self.0[(level - 1).min(LEVELS - 1)];
         if let Some(mip) = slot.get() {
@@ -77,7 +79,8 @@ pub(crate) fn halvings(level: usize) -> usize {
     level / 2
 }
 
-/// Texels at a level along a side that has `length` of them: with each halving every second one, and the last.
+/// Texels at a level along a side that has `length` of them: with each halving every second one,
+/// and the last.
 pub(crate) fn side(length: u16, level: usize) -> usize {
     usize::from(length)
         .saturating_sub(1)

@@ -1,4 +1,5 @@
-//! The render-time LDI: 8 bytes a depth pixel in one linear array, addressed by scanline offsets and in-row counts.
+//! The render-time LDI: 8 bytes a depth pixel in one linear array, addressed by scanline offsets
+//! and in-row counts.
 
 pub mod blocks;
 pub mod decode;

@@ -8,13 +8,15 @@ use rayon::prelude::*;
 /// All pictures on planes of a cube.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlaneSet {
-    /// What each is within, in pixels of the frame that `primitives::Bound` names; 0 if there are none.
+    /// What each is within, in pixels of the frame that `primitives::Bound` names; 0 if there are
+    /// none.
     pub error_px: f64,
     /// The planes.
     pub planes: Vec<Plane>,
     /// Pictures, ordered by plane, face and place.
     pub tiles: Vec<PlaneTile>,
-    /// Rows from top to bottom: sRGB times alpha, and alpha, so that a mean of texels does not darken toward those that are open.
+    /// Rows from top to bottom: sRGB times alpha, and alpha, so that a mean of texels does not
+    /// darken toward those that are open.
     pub texels: Vec<[u8; 4]>,
     /// Samples that the pictures stand for.
     pub samples: u64,
@@ -34,7 +36,8 @@ impl PlaneSet {
         size_of_val(&self.planes[..]) + size_of_val(&self.tiles[..]) + size_of_val(&self.texels[..])
     }
 
-    /// The texels of a picture at a level, in rows of [`mips::side`] of its width; empty if there are none.
+    /// The texels of a picture at a level, in rows of [`mips::side`] of its width; empty if there
+    /// are none.
     pub(crate) fn texels_at(&self, index: usize, level: usize) -> &[[u8; 4]] {
         match level {
             0 => self

@@ -1,9 +1,10 @@
-//! Pictures on planes: the parts of a cube LDI whose depth is so nearly that of a plane that nobody in the headbox can tell
-//! (inventory S1 to S3; `docs/primitives.md`).
+//! Pictures on planes: the parts of a cube LDI whose depth is so nearly that of a plane that nobody
+//! in the headbox can tell (inventory S1 to S3; `docs/primitives.md`).
 //!
-//! A surface is a plane exactly where its inverse depth is affine in a face's pixels: the points P = d / q of a face, d the
-//! direction through a pixel at depth 1, satisfy n . P = 1 if and only if q = n . d. So a plane that does not pass through the
-//! centre is one vector, the same for all faces, and q = 0 everywhere, the plane at infinity, is n = 0.
+//! A surface is a plane exactly where its inverse depth is affine in a face's pixels: the points P
+//! = d / q of a face, d the direction through a pixel at depth 1, satisfy n . P = 1 if and only if
+//! q = n . d. So a plane that does not pass through the centre is one vector, the same for all
+//! faces, and q = 0 everywhere, the plane at infinity, is n = 0.
 
 use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
@@ -12,12 +13,14 @@ use headbox_core::cube_face::Face;
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Plane {
-    /// World axes, 1/m: the unit normal over the plane's distance from the centre. Zero is the plane at infinity.
+    /// World axes, 1/m: the unit normal over the plane's distance from the centre. Zero is the
+    /// plane at infinity.
     pub normal_per_distance: Vec3,
 }
 
 impl Plane {
-    /// Inverse depth, 1/m, on a face of `size_px` pixels a side, as coefficients of (1, x, y) with x, y in its pixels.
+    /// Inverse depth, 1/m, on a face of `size_px` pixels a side, as coefficients of (1, x, y) with
+    /// x, y in its pixels.
     pub fn inverse_depth(&self, face: Face, size_px: u32) -> [f64; 3] {
         let n = self.normal_per_distance.as_dvec3();
         let at = |x: f64, y: f64| n.dot(face.direction(x, y, size_px));
@@ -39,11 +42,13 @@ impl Plane {
     }
 }
 
-/// Sides of a picture, texels: captures make them some 130 at most, and what lays them out on sheets counts on this.
+/// Sides of a picture, texels: captures make them some 130 at most, and what lays them out on
+/// sheets counts on this.
 pub(crate) const MAX_TILE_PX: u16 = 1024;
 
-/// A picture on a plane: a rectangle of face pixels with a colour each. It is drawn between the middles of its outermost
-/// texels, so that neighbours, which share a line of texels, meet without a gap.
+/// A picture on a plane: a rectangle of face pixels with a colour each. It is drawn between the
+/// middles of its outermost texels, so that neighbours, which share a line of texels, meet without
+/// a gap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct PlaneTile {

@@ -1,8 +1,9 @@
 //! How many samples each pixel of a segment holds, in few bytes where most pixels hold none.
 //!
-//! Row after row and pixel after pixel: the number of samples, after a 0 the number of pixels more that hold none; each number in
-//! groups of seven bits from the lowest, all bytes but its last with the highest bit set. At the end bytes of 0 fill up to a
-//! multiple of four. The length of all that comes first, as a little-endian `u32`.
+//! Row after row and pixel after pixel: the number of samples, after a 0 the number of pixels more
+//! that hold none; each number in groups of seven bits from the lowest, all bytes but its last with
+//! the highest bit set. At the end bytes of 0 fill up to a multiple of four. The length of all that
+//! comes first, as a little-endian `u32`.
 
 use super::PackedSegment;
 use crate::model::validate::MAX_FACE_SIZE_PX;

@@ -1,14 +1,16 @@
 //! What eleven bits can say of a surface's orientation and distance (S20, S22, C10).
 //!
-//! Normals are coded in the *face frame*: the eye space of the face's camera, x right, y up, z back toward the centre.
-//! A surface that the centre sees head-on has the normal (0, 0, 1).
+//! Normals are coded in the *face frame*: the eye space of the face's camera, x right, y up, z back
+//! toward the centre. A surface that the centre sees head-on has the normal (0, 0, 1).
 //!
-//! * [`SplatIndexLayout::Paper`]: `nx << 8 | ny << 5 | depth`. nx and ny are 3-bit codes of -1..1, z follows from them
-//!   and is never negative; depth is a 5-bit code, exponential between the segment's nearest and farthest eye depth.
-//!   The 12 of 64 pairs whose centres lie outside the unit disk stand for the rim (z = 0).
-//! * [`SplatIndexLayout::Normal`]: rings of equal polar angle about z, each cut into equal azimuths. A normal is turned
-//!   toward the ray that found it, so nearly all lie within 100 degrees of z: 28 rings of 3.6 degrees cover these, and
-//!   5 coarse ones the rest (rays that leave one face and are filed under another).
+//! * [`SplatIndexLayout::Paper`]: `nx << 8 | ny << 5 | depth`. nx and ny are 3-bit codes of -1..1,
+//!   z follows from them and is never negative; depth is a 5-bit code, exponential between the
+//!   segment's nearest and farthest eye depth. The 12 of 64 pairs whose centres lie outside the
+//!   unit disk stand for the rim (z = 0).
+//! * [`SplatIndexLayout::Normal`]: rings of equal polar angle about z, each cut into equal
+//!   azimuths. A normal is turned toward the ray that found it, so nearly all lie within 100
+//!   degrees of z: 28 rings of 3.6 degrees cover these, and 5 coarse ones the rest (rays that leave
+//!   one face and are filed under another).
 
 use super::depth_pixel::SplatIndexLayout;
 use glam::{DVec3, Vec3};
@@ -134,10 +136,11 @@ impl SplatIndexLayout {
         code as u32
     }
 
-    /// The index of a sample that the centre sees along the unit vector `toward`, whose normal has the code `index`: a surface that
-    /// faces the centre still does as it is coded, but for those in the corners of a face whose normals point away from its front,
-    /// where codes are coarse. Of a floor seen edge-on, which differs from a ceiling by less than a code, footprints would shrink on
-    /// the side on which they must grow.
+    /// The index of a sample that the centre sees along the unit vector `toward`, whose normal has
+    /// the code `index`: a surface that faces the centre still does as it is coded, but for those
+    /// in the corners of a face whose normals point away from its front, where codes are coarse. Of
+    /// a floor seen edge-on, which differs from a ceiling by less than a code, footprints would
+    /// shrink on the side on which they must grow.
     fn as_seen(
         self,
         index: u32,
@@ -180,11 +183,13 @@ impl SplatIndexLayout {
     }
 }
 
-/// Codes one sample after the other: neighbours mostly have one normal, whose angles are then not worked out again.
+/// Codes one sample after the other: neighbours mostly have one normal, whose angles are then not
+/// worked out again.
 pub(super) struct SplatCoder {
     layout: SplatIndexLayout,
     range: DepthCodeRange,
-    /// The bits of the last normal that was coded, and its code, where that depends on nothing else.
+    /// The bits of the last normal that was coded, and its code, where that depends on nothing
+    /// else.
     last: Option<([u64; 3], u32)>,
 }
 
@@ -197,7 +202,8 @@ impl SplatCoder {
         }
     }
 
-    /// The splat index of a sample with this normal in the face frame, which the centre sees along the unit vector `toward`.
+    /// The splat index of a sample with this normal in the face frame, which the centre sees along
+    /// the unit vector `toward`.
     pub(super) fn code(&mut self, normal_in_face: DVec3, toward: DVec3, eye_depth: f64) -> u32 {
         let bits = normal_in_face.to_array().map(f64::to_bits); // -0 is another angle than 0
         let index = match self.last {
@@ -214,9 +220,10 @@ impl SplatCoder {
 mod tests {
     use super::*;
 
-    /// Half the diagonal of the largest cell, degrees: a front ring is 3.6 degrees wide and cut into about as long
-    /// pieces, the first ones (few, and rounded to a whole number) up to 4.4; a back ring 16 by up to 21 on its wider
-    /// side; the paper's cells are 1/4 of a unit of x and y, which at the rim is as steep as acos(1 - 1/4) = 41 degrees.
+    /// Half the diagonal of the largest cell, degrees: a front ring is 3.6 degrees wide and cut
+    /// into about as long pieces, the first ones (few, and rounded to a whole number) up to 4.4; a
+    /// back ring 16 by up to 21 on its wider side; the paper's cells are 1/4 of a unit of x and y,
+    /// which at the rim is as steep as acos(1 - 1/4) = 41 degrees.
     const WORST_FRONT_DEG: f32 = 2.9;
     const WORST_BACK_DEG: f32 = 13.5;
     const WORST_PAPER_DEG: f32 = 30.0;
@@ -267,7 +274,8 @@ mod tests {
         for layout in [SplatIndexLayout::Normal, SplatIndexLayout::Paper] {
             let mut after_others = SplatCoder::new(layout, range);
             for i in 0..6_000 {
-                // Three samples in turn have one normal; of these some differ in the sign of a zero, and all in depth.
+                // Three samples in turn have one normal; of these some differ in the sign of a
+                // zero, and all in depth.
                 let turn = f64::from(i / 3 % 40) * 0.4;
                 let flat = if i % 2 == 0 { 0.0 } else { -0.0 };
                 let normal = DVec3::new(-turn.sin().abs(), flat, turn.cos());

@@ -50,8 +50,8 @@ pub(crate) fn sample(random: &mut Rng, face: Face, inverse_depth: f64) -> DepthP
     }
 }
 
-/// Up to eleven samples in each pixel of the rectangle from (70, 20) to (150, 50) of faces of 170 pixels, which touches neither the first
-/// column nor the first row of blocks.
+/// Up to eleven samples in each pixel of the rectangle from (70, 20) to (150, 50) of faces of 170
+/// pixels, which touches neither the first column nor the first row of blocks.
 pub(crate) fn scattered() -> CubeLdi {
     ldi(170, |face, x, y| {
         let mut random = Rng::keyed(u64::from(x) << 32 | u64::from(y) << 8 | face.index() as u64);
@@ -74,8 +74,8 @@ const LAYOUTS: [SplatIndexLayout; 2] = [SplatIndexLayout::Normal, SplatIndexLayo
 /// Half a code of the range 0.1..1.9, and the rounding of f32.
 const HALF_CODE: f64 = 0.5 * 1.8 / ((1 << 20) - 1) as f64 + 2e-7;
 
-/// Half the diagonal of a cell, as in `splat_index`, of rings on the front and of the paper's code; and the ring by which is moved what
-/// the centre sees edge-on.
+/// Half the diagonal of a cell, as in `splat_index`, of rings on the front and of the paper's code;
+/// and the ring by which is moved what the centre sees edge-on.
 const NORMAL_DEG: [f32; 2] = [2.9 + 3.6, 30.0];
 
 #[test]
@@ -103,7 +103,8 @@ fn unpacked_cubes_hold_the_samples_that_were_packed() {
             }
             for segment in &cube.segments {
                 let far = segment.side == SegmentSide::Far;
-                // The paper's codes of depth err by half a step of a 32nd of the range, in the logarithm.
+                // The paper's codes of depth err by half a step of a 32nd of the range, in the
+                // logarithm.
                 let range = segment.depth_code_range();
                 let half_step =
                     (range.farthest_m / range.nearest_m).powf(0.5 / 32.0) * (1.0 + 1e-6);
@@ -155,7 +156,8 @@ fn samples_that_are_not_packed_are_those_of_their_places() {
 
 #[test]
 fn blocks_know_the_least_and_the_largest_code_of_what_they_hold() {
-    // Across two borders of blocks in each direction; every third pixel holds a sample, every ninth two.
+    // Across two borders of blocks in each direction; every third pixel holds a sample, every ninth
+    // two.
     let ([x0, y0], [width, height]) = ([70, 23], [130, 36]);
     let code = |x: u32, y: u32, i: u32| (x * 7919 + y * 104_729 + i * 13) % 1_000_000;
     let count = |x: u32, y: u32| {
@@ -329,7 +331,8 @@ fn files_give_back_what_was_written() {
         let path = folder.path().join("cube.ldi");
         cube.write(&path).expect("written");
         assert_eq!(PackedCube::read(&path).expect("read"), cube);
-        // With pictures on planes, counts lie in runs. One picture is opaque, and of one the alpha has to be kept.
+        // With pictures on planes, counts lie in runs. One picture is opaque, and of one the alpha
+        // has to be kept.
         let picture = |opaque| PlaneTile {
             opaque,
             face: 0,

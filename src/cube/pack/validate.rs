@@ -21,7 +21,8 @@ pub enum PackedError {
     /// A plane is not a finite vector.
     #[error("plane {0} has a coordinate that is not a finite number")]
     Plane(usize),
-    /// A picture lies off its face, on a plane that is not there, or among texels that are not there, or is too small.
+    /// A picture lies off its face, on a plane that is not there, or among texels that are not
+    /// there, or is too small.
     #[error("picture {0} on a plane: {1}")]
     Tile(usize, &'static str),
     /// The number of texels, or the error of pictures, is wrong.
@@ -180,7 +181,8 @@ impl PackedCube {
 }
 
 impl PackedSegment {
-    /// Checks the promises of one segment; `far` is the far segment of the same face, if this is the near one.
+    /// Checks the promises of one segment; `far` is the far segment of the same face, if this is
+    /// the near one.
     fn validate(
         &self,
         face_px: u32,

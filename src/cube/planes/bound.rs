@@ -1,26 +1,29 @@
-//! How far in inverse depth a surface may lie from where it is drawn, that nobody in the headbox sees it elsewhere by more than
-//! so many frame pixels. `docs/primitives.md` derives it.
+//! How far in inverse depth a surface may lie from where it is drawn, that nobody in the headbox
+//! sees it elsewhere by more than so many frame pixels. `docs/primitives.md` derives it.
 
 use glam::DVec3;
 
-/// Frame pixels on the axis for one face pixel on its axis, in the frame that errors are counted in: 1024x768 pixels at a
-/// vertical field of view of 60 degrees for a face of 1024.
+/// Frame pixels on the axis for one face pixel on its axis, in the frame that errors are counted
+/// in: 1024x768 pixels at a vertical field of view of 60 degrees for a face of 1024.
 const FOCAL_PER_FACE_PX: f64 = 384.0 * 1.732_050_807_568_877_2 / 1024.0;
 
-/// 1 / cos^2 of the angle between that frame's axis and its corners: a pixel there is so much smaller an angle.
+/// 1 / cos^2 of the angle between that frame's axis and its corners: a pixel there is so much
+/// smaller an angle.
 const OBLIQUENESS: f64 = 1.0 + (1.0 + 16.0 / 9.0) / 3.0;
 
 /// The one bound that chooses primitives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bound {
-    /// Largest error, frame pixels, times 1 over frame pixels for a tangent of 1: the sine of an angle.
+    /// Largest error, frame pixels, times 1 over frame pixels for a tangent of 1: the sine of an
+    /// angle.
     sine: f64,
     half_size_m: f64,
 }
 
 impl Bound {
-    /// At most `error_px` pixels anywhere in a frame of 4:3 at a vertical field of view of 60 degrees whose pixels are 0.77 of
-    /// a face's pixel in the middle, from any eye in a headbox of a half size.
+    /// At most `error_px` pixels anywhere in a frame of 4:3 at a vertical field of view of 60
+    /// degrees whose pixels are 0.77 of a face's pixel in the middle, from any eye in a headbox of
+    /// a half size.
     pub fn new(error_px: f64, half_size_m: f64, face_size_px: u32) -> Self {
         Self {
             sine: error_px / (Self::focal_px(face_size_px) * OBLIQUENESS),
@@ -33,13 +36,15 @@ impl Bound {
         FOCAL_PER_FACE_PX * f64::from(face_size_px)
     }
 
-    /// The largest difference of inverse depth, 1/m, that a sample in the direction `d` (from the centre, at depth 1) with the
-    /// inverse depth `q` may have from what is drawn for it.
+    /// The largest difference of inverse depth, 1/m, that a sample in the direction `d` (from the
+    /// centre, at depth 1) with the inverse depth `q` may have from what is drawn for it.
     ///
-    /// Two points P, P' of a ray from the centre, seen from an eye at b, are apart by an angle of which the sine is
+    /// Two points P, P' of a ray from the centre, seen from an eye at b, are apart by an angle of
+    /// which the sine is
     /// |P' - P| r / (|P - b| |P' - b|), r the eye's distance from the ray. With z, z' the distances from the eye to P, P'
-    /// along the ray, the denominator is at least r^2 + z z' (Cauchy-Schwarz), and the nearer of the two is no nearer than
-    /// z = |P| - (the headbox's reach along the ray). r / (r^2 + z^2) grows with r up to r = z.
+    /// along the ray, the denominator is at least r^2 + z z' (Cauchy-Schwarz), and the nearer of
+    /// the two is no nearer than z = |P| - (the headbox's reach along the ray). r / (r^2 + z^2)
+    /// grows with r up to r = z.
     pub fn tolerance(&self, d: DVec3, q: f64) -> f64 {
         let first = self.tolerance_if_no_nearer_than(d, q, q);
         self.tolerance_if_no_nearer_than(d, q, q + first)
@@ -60,7 +65,8 @@ impl Bound {
         // |P' - P| = |d| |q' - q| / (q q').
         let per_length = if r <= z { r / (r * r + z * z) } else { 0.5 / z };
         let nearer = q * q * self.sine / (per_length * length);
-        // Farther by a length s: sine at most s r / (r^2 + z (z + s)), which any s satisfies if r <= sine z.
+        // Farther by a length s: sine at most s r / (r^2 + z (z + s)), which any s satisfies if r
+        // <= sine z.
         let farther = match r <= z {
             true if r <= self.sine * z => q,
             true => from_length(q, length, self.sine * (r * r + z * z) / (r - self.sine * z)),
@@ -70,12 +76,14 @@ impl Bound {
     }
 }
 
-/// How much smaller the inverse depth `q` of a point in a direction of length `d` becomes if the point moves away by `s`.
+/// How much smaller the inverse depth `q` of a point in a direction of length `d` becomes if the
+/// point moves away by `s`.
 fn from_length(q: f64, d: f64, s: f64) -> f64 {
     q * q * s / (d + q * s)
 }
 
-/// Distance along the ray of the corner of a cube that is nearest to the plane through the centre across the ray.
+/// Distance along the ray of the corner of a cube that is nearest to the plane through the centre
+/// across the ray.
 fn least_reach(d: DVec3, half_size_m: f64) -> f64 {
     let [a, b, c] = d.abs().to_array();
     let signed = [a + b + c, a + b - c, a - b + c, b + c - a];

@@ -6,16 +6,17 @@ const BYTES: [f64; 2] = [4.0, 8.5];
 /// Frame pixels for one face pixel, where a picture is seen about as the centre sees it.
 const FRAME_PER_FACE_PX: f64 = 1.7;
 
-/// Nanoseconds on one thread: a tile, a frame row of a tile, a frame pixel of a tile, and a sample that a picture may stand for.
-/// Estimates, measured on whole frames (docs/decisions/0052). A sample counts for less than it takes, because most samples of
-/// regions at the limit are edges, which samples show better.
+/// Nanoseconds on one thread: a tile, a frame row of a tile, a frame pixel of a tile, and a sample
+/// that a picture may stand for. Estimates, measured on whole frames (docs/decisions/0052). A
+/// sample counts for less than it takes, because most samples of regions at the limit are edges,
+/// which samples show better.
 const NS: [f64; 4] = [250.0, 25.0, 3.0, 12.0];
 
 /// Nanoseconds that a sample takes on one thread, all told.
 const SAMPLE_NS: f64 = 40.0;
 
-/// Nanoseconds for a frame pixel that there are pictures at all: a canvas of colours and depths is cleared, and read again under the
-/// samples.
+/// Nanoseconds for a frame pixel that there are pictures at all: a canvas of colours and depths is
+/// cleared, and read again under the samples.
 const CANVAS_NS: f64 = 0.8;
 
 /// What a picture of some texels costs a frame that shows all of it, nanoseconds.
@@ -24,8 +25,8 @@ fn picture_ns(width: u16, height: u16) -> f64 {
     NS[0] + NS[1] * height * FRAME_PER_FACE_PX.sqrt() + NS[2] * width * height * FRAME_PER_FACE_PX
 }
 
-/// What a picture of some texels saves over the samples that it stands for, by bytes and by time, each in samples; `None` if it is
-/// larger or slower.
+/// What a picture of some texels saves over the samples that it stands for, by bytes and by time,
+/// each in samples; `None` if it is larger or slower.
 pub(super) fn saved(samples: usize, width: u16, height: u16) -> Option<f64> {
     let samples = samples as f64;
     let bytes = BYTES[0] * f64::from(width) * f64::from(height) + 20.0;
@@ -36,8 +37,8 @@ pub(super) fn saved(samples: usize, width: u16, height: u16) -> Option<f64> {
     (saved[0] >= 0.0 && saved[1] >= 0.0).then_some(saved[0] + saved[1])
 }
 
-/// True if all pictures of a cube, of some widths and heights, save more time over so many samples than their canvas takes: in frames all
-/// around, which show each of them once.
+/// True if all pictures of a cube, of some widths and heights, save more time over so many samples
+/// than their canvas takes: in frames all around, which show each of them once.
 pub(super) fn are_worth_a_canvas(
     samples: u64,
     pictures: impl Iterator<Item = [u16; 2]>,

@@ -1,4 +1,5 @@
-//! Planes through samples: least squares of inverse depth over face pixels, where planes are affine.
+//! Planes through samples: least squares of inverse depth over face pixels, where planes are
+//! affine.
 
 use glam::{DMat3, DVec3};
 
@@ -26,7 +27,8 @@ impl Affine {
         self.at.x + self.at.y * (x - self.origin[0]) + self.at.z * (y - self.origin[1])
     }
 
-    /// How far an inverse depth in the pixel with the middle (x, y) is from all that the plane has within the pixel.
+    /// How far an inverse depth in the pixel with the middle (x, y) is from all that the plane has
+    /// within the pixel.
     ///
     /// A sample says in which pixel rays met a surface, not where in it.
     #[inline(always)]

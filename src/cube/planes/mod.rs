@@ -1,5 +1,5 @@
-//! Who is drawn as what, and why: a capture's samples become the cheapest primitives that stay within one bound (inventory S1;
-//! `docs/primitives.md`).
+//! Who is drawn as what, and why: a capture's samples become the cheapest primitives that stay
+//! within one bound (inventory S1; `docs/primitives.md`).
 //!
 //! * [`bound`]: from an error in frame pixels to one in inverse depth.
 //! * [`fineness`]: how large faces must be for such an error.
@@ -24,12 +24,12 @@ use regions::{Grower, NOBODY};
 /// The largest error that makes sense, px: more than a frame is wide.
 pub const MAX_ERROR_PX: f64 = 1e6;
 
-/// The error that captures allow where nothing is said, px: smooth walls lose up to half a decibel, where captures without
-/// noise have 50 dB and more (docs/decisions/0051).
+/// The error that captures allow where nothing is said, px: smooth walls lose up to half a decibel,
+/// where captures without noise have 50 dB and more (docs/decisions/0051).
 pub const DEFAULT_ERROR_PX: f64 = 0.5;
 
-/// Packs a cube LDI that frames show all around. What of it is flat becomes pictures on planes ([`choose`]), if these together are
-/// worth the canvas that a frame needs for them.
+/// Packs a cube LDI that frames show all around. What of it is flat becomes pictures on planes
+/// ([`choose`]), if these together are worth the canvas that a frame needs for them.
 ///
 /// # Errors
 /// See [`PackedCube::pack`].
@@ -85,7 +85,8 @@ fn pack_found(
 ) -> Result<PackedCube, PackError> {
     let planes = take(&mut ldi, found, error_px);
     let split = match split {
-        // What pictures leave is little, and a second table of pixels would be larger than what a split saves.
+        // What pictures leave is little, and a second table of pixels would be larger than what a
+        // split saves.
         Split::Auto if !planes.tiles.is_empty() => Split::None,
         split => split,
     };
@@ -97,8 +98,9 @@ fn pack_found(
 /// Fewer samples are not tried as a region.
 const LEAST_SAMPLES: usize = 48;
 
-/// Takes from a cube LDI what can be shown as pictures on planes, such that nothing that the samples of it say is seen elsewhere
-/// by more than `error_px` ([`Bound`]). With an error that is not a positive number, nothing is taken.
+/// Takes from a cube LDI what can be shown as pictures on planes, such that nothing that the
+/// samples of it say is seen elsewhere by more than `error_px` ([`Bound`]). With an error that is
+/// not a positive number, nothing is taken.
 ///
 /// The LDI must be valid ([`CubeLdi::validate`]).
 pub fn choose(ldi: &mut CubeLdi, error_px: f64) -> PlaneSet {

@@ -1,4 +1,5 @@
-//! Regions: samples of one face that lie on one plane, grown from seeds over neighbouring pixels and across layers.
+//! Regions: samples of one face that lie on one plane, grown from seeds over neighbouring pixels
+//! and across layers.
 
 use super::bound::Bound;
 use super::fit::{Affine, Fit};
@@ -17,8 +18,9 @@ const SEED_REACH: i64 = 3;
 /// Of the 49 pixels about a seed, how many must lie on its plane.
 const SEED_SUPPORT: usize = 24;
 
-/// Relative error of inverse depth, a pixel away, of a plane through a sample by its normal alone: 3 degrees of a packed normal
-/// at 74 degrees to the line of sight, over half of a face of 1024 pixels.
+/// Relative error of inverse depth, a pixel away, of a plane through a sample by its normal alone:
+/// 3 degrees of a packed normal at 74 degrees to the line of sight, over half of a face of 1024
+/// pixels.
 const NORMAL_ERROR: f64 = 0.18 / 512.0;
 
 /// A plane, and where it is.
@@ -107,7 +109,8 @@ impl<'a> Grower<'a> {
         self.owner[i] == NOBODY && affine.distance(x, y, q) <= f64::from(self.tolerance[i])
     }
 
-    /// What is so far away that nobody sees it move belongs to the plane at infinity, wherever it is.
+    /// What is so far away that nobody sees it move belongs to the plane at infinity, wherever it
+    /// is.
     fn take_infinity(&mut self) {
         let mut pixels = Vec::new();
         for pixel in 0..self.face.size_px.pow(2) {
@@ -141,7 +144,8 @@ impl<'a> Grower<'a> {
         seeds
     }
 
-    /// The plane about a sample: first by its normal, then by least squares over those that lie on it.
+    /// The plane about a sample: first by its normal, then by least squares over those that lie on
+    /// it.
     fn seed(&self, pixel: u32, i: usize) -> Option<Seed> {
         let size = self.face.size_px;
         let [x, y] = self.middle(pixel);
@@ -256,8 +260,9 @@ impl<'a> Grower<'a> {
         self.regions.push(region);
     }
 
-    /// All pixels with free samples on a plane that are reached from one of them, how many samples they are, and the plane of
-    /// least squares through those. While it `adapts`, the plane is fitted anew whenever twice as many are known.
+    /// All pixels with free samples on a plane that are reached from one of them, how many samples
+    /// they are, and the plane of least squares through those. While it `adapts`, the plane is
+    /// fitted anew whenever twice as many are known.
     fn spread(
         &mut self,
         mut affine: Affine,

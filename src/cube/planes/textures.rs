@@ -1,4 +1,5 @@
-//! Pictures of regions: a texel for each face pixel, sharpened against the blur of lookups between texels, cut into tiles.
+//! Pictures of regions: a texel for each face pixel, sharpened against the blur of lookups between
+//! texels, cut into tiles.
 
 use super::regions::{Grower, NOBODY, Region};
 use crate::pack::{PlaneSet, PlaneTile};
@@ -17,7 +18,8 @@ pub(super) struct Pictures {
     pub(super) samples: u64,
 }
 
-/// Of the eight pixels around one that no ray reached, how many must be of a region for it to be a gap in it.
+/// Of the eight pixels around one that no ray reached, how many must be of a region for it to be a
+/// gap in it.
 const GAP_NEIGHBOURS: usize = 6;
 
 /// Draws the regions of a face. What no tile is worth drawing gives its samples back to nobody.
@@ -130,8 +132,8 @@ impl Drawn {
             .is_some_and(|at| self.last[at] == self.region)
     }
 
-    /// A cell between four texels belongs to the tile of its upper left one. If that is not drawn, its neighbour draws the cell:
-    /// by how many texels a tile begins further left and up.
+    /// A cell between four texels belongs to the tile of its upper left one. If that is not drawn,
+    /// its neighbour draws the cell: by how many texels a tile begins further left and up.
     fn lacks_beside(&self, Square { x, y, side }: &Square) -> [i32; 2] {
         let along = || (0..*side).step_by(LEAST_PX as usize);
         [
@@ -230,7 +232,8 @@ impl Painter<'_, '_> {
         of(square.y).flat_map(move |y| columns.clone().flat_map(move |x| self.own(x, y)))
     }
 
-    /// The texels of a square that are of any use; the tile begins so many texels further left and up.
+    /// The texels of a square that are of any use; the tile begins so many texels further left and
+    /// up.
     fn tile(&self, square: &Square, more: [i32; 2]) -> Option<Rectangle> {
         let of = |start: i32, more: i32| [start - more, (start + square.side).min(self.size())];
         let ([left, right], [top, bottom]) = (of(square.x, more[0]), of(square.y, more[1]));
@@ -308,10 +311,11 @@ impl Painter<'_, '_> {
         Some([r, g, b, alpha])
     }
 
-    /// What a picture has in a pixel that the region does not reach, by the region's colours there and in the eight around it.
+    /// What a picture has in a pixel that the region does not reach, by the region's colours there
+    /// and in the eight around it.
     ///
-    /// In a gap it goes on. Where it ends, goes on as something else, or is hidden from everywhere, its alpha falls as a tent's weight does: what
-    /// lies beside it is added to it, as samples are.
+    /// In a gap it goes on. Where it ends, goes on as something else, or is hidden from everywhere,
+    /// its alpha falls as a tent's weight does: what lies beside it is added to it, as samples are.
     fn beyond(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
         let (mut sum, mut count) = ([0u32; 4], 0);
         for color in around.iter().flatten() {
@@ -334,12 +338,14 @@ impl Painter<'_, '_> {
     }
 }
 
-/// The texel of a pixel, from its mean and those of the pixels left, right, above and below it, as far as they are of the region.
+/// The texel of a pixel, from its mean and those of the pixels left, right, above and below it, as
+/// far as they are of the region.
 ///
-/// A lookup between texels is a tent, which blurs by a variance of a sixth of a texel along each axis. A twelfth of what tells a texel
-/// from each of its neighbours would take that away (Condat, Blu and Unser 2005, "Beyond interpolation: optimal reconstruction by
-/// quasi-interpolation"). Half of it is taken: all of it makes more of the noise of fine textures than it sharpens others (docs/primitives.md,
-/// "Texels").
+/// A lookup between texels is a tent, which blurs by a variance of a sixth of a texel along each
+/// axis. A twelfth of what tells a texel from each of its neighbours would take that away (Condat,
+/// Blu and Unser 2005, "Beyond interpolation: optimal reconstruction by quasi-interpolation"). Half
+/// of it is taken: all of it makes more of the noise of fine textures than it sharpens others
+/// (docs/primitives.md, "Texels").
 fn sharpened(own: [u8; 4], beside: [Option<[u8; 4]>; 4]) -> [u8; 4] {
     const PART: i32 = 24;
     let mut sums = own.map(|c| PART * i32::from(c));

@@ -1,7 +1,10 @@
-//! What we have captured as one HTML page that works from disk: the data, deflated, and a viewer in WebGL 2.
+//! What we have captured as one HTML page that works from disk: the data, deflated, and a viewer in
+//! WebGL 2.
 //!
-//! The viewer is the ES modules beside this file and those of the folder of what is shown (`cube`, `house`, `lumigraph`, `sprite`), which are put into
-//! the page one after the other. Two of a kind others build on: its `renderer.js`, and where the eye may be, `place.js` or, for what has a headbox, `headbox.js`.
+//! The viewer is the ES modules beside this file and those of the folder of what is shown (`cube`,
+//! `house`, `lumigraph`, `sprite`), which are put into the page one after the other. Two of a kind
+//! others build on: its `renderer.js`, and where the eye may be, `place.js` or, for what has a
+//! headbox, `headbox.js`.
 
 mod cube;
 mod house;
@@ -24,7 +27,8 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
-/// The modules of every viewer, each after those that it imports; those of what is shown are between them.
+/// The modules of every viewer, each after those that it imports; those of what is shown are
+/// between them.
 const BEFORE: [&str; 7] = [
     include_str!("vectors.js"),
     include_str!("payload.js"),
@@ -86,8 +90,8 @@ impl Page {
         Self::of(cube::content(cube)?, name)
     }
 
-    /// Makes a page to walk through a house, beginning with what a camera sees. It shows surfaces alone, no backdrops: what draws
-    /// pages draws all of a home.
+    /// Makes a page to walk through a house, beginning with what a camera sees. It shows surfaces
+    /// alone, no backdrops: what draws pages draws all of a home.
     ///
     /// # Errors
     /// [`ExportError::TooLarge`], or if there is no picture of it.
@@ -158,7 +162,8 @@ impl Page {
     }
 }
 
-/// The viewer as one module: imports and the word `export` are left out, as all stands in one scope.
+/// The viewer as one module: imports and the word `export` are left out, as all stands in one
+/// scope.
 fn script(modules: &[&str]) -> String {
     let lines = BEFORE
         .iter()
@@ -194,7 +199,8 @@ fn pack(part: Part) -> io::Result<PackedPart> {
     })
 }
 
-/// What lies at infinity: red, green, blue and alpha in arrays of their own, each byte less the one before.
+/// What lies at infinity: red, green, blue and alpha in arrays of their own, each byte less the one
+/// before.
 fn environment(environment: &Environment) -> Part {
     let mut bytes = Vec::with_capacity(environment.texels.len() * 4);
     for channel in 0..4 {

@@ -11,8 +11,9 @@ pub(super) struct Picture {
     pub(super) opaque: bool,
 }
 
-/// Green, red - green and blue - green of each texel, one after the other, then the alphas of the pictures that are not opaque: each
-/// less that of the texel on the left or, in the first column, above.
+/// Green, red - green and blue - green of each texel, one after the other, then the alphas of the
+/// pictures that are not opaque: each less that of the texel on the left or, in the first column,
+/// above.
 pub(super) fn rests(texels: &[[u8; 4]], pictures: impl IntoIterator<Item = Picture>) -> Vec<u8> {
     let (mut colors, mut alphas) = (vec![0; texels.len() * 3], Vec::new());
     for Picture {

@@ -1,7 +1,8 @@
-//! Bytes as text of a page: seven bits a character, which costs 8/7 and a little, whatever charset a server claims.
+//! Bytes as text of a page: seven bits a character, which costs 8/7 and a little, whatever charset
+//! a server claims.
 //!
-//! A script element keeps every character of ASCII but three: NUL, carriage return, and `<`, which might end it. U+0080, U+0081
-//! and U+0082 stand for these. Base64 costs 4/3.
+//! A script element keeps every character of ASCII but three: NUL, carriage return, and `<`, which
+//! might end it. U+0080, U+0081 and U+0082 stand for these. Base64 costs 4/3.
 
 /// The three that a script element does not keep.
 const KEPT_OUT: [u8; 3] = [0, b'\r', b'<'];

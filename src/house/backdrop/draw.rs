@@ -29,7 +29,8 @@ pub struct Drawer {
 }
 
 impl Drawer {
-    /// Draws a backdrop as seen by a camera, which may be cropped to the portal. Pixels of which nothing is known are holes.
+    /// Draws a backdrop as seen by a camera, which may be cropped to the portal. Pixels of which
+    /// nothing is known are holes.
     pub fn draw(
         &mut self,
         backdrop: &Backdrop,

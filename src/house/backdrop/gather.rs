@@ -1,14 +1,16 @@
-//! From rays behind a portal to a cube LDI: hits, their pixels, and what becomes of those at similar depth (R11,
-//! P2, D1, D2, C11).
+//! From rays behind a portal to a cube LDI: hits, their pixels, and what becomes of those at
+//! similar depth (R11, P2, D1, D2, C11).
 //!
-//! *Similar depth* is measured in inverse depth, by parallax: two samples of a pixel that part by at most a pixel when the
-//! eye moves by [`BASELINE_M`] from the cube's centre. It needs no tuning per model (D2).
+//! *Similar depth* is measured in inverse depth, by parallax: two samples of a pixel that part by
+//! at most a pixel when the eye moves by [`BASELINE_M`] from the cube's centre. It needs no tuning
+//! per model (D2).
 //!
-//! A depth pixel is drawn from the middle of its pixel, but random rays hit anywhere in it. So a hit counts with the depth that
-//! its surface has in the middle: hits of a slanted surface agree, and lie on it. At most half of what is similar is changed, so
-//! that a surface that the centre sees nearly edge-on keeps several samples a pixel; footprints alone do not close it
-//! (docs/decisions/0022).
-//! Images are taken as they are: the papers' rules compare what their pixels hold.
+//! A depth pixel is drawn from the middle of its pixel, but random rays hit anywhere in it. So a
+//! hit counts with the depth that its surface has in the middle: hits of a slanted surface agree,
+//! and lie on it. At most half of what is similar is changed, so that a surface that the centre
+//! sees nearly edge-on keeps several samples a pixel; footprints alone do not close it
+//! (docs/decisions/0022). Images are taken as they are: the papers' rules compare what their pixels
+//! hold.
 
 use super::mend::BackdropMender;
 use crate::house::House;
@@ -33,8 +35,9 @@ const BASELINE_M: f64 = 1.5;
 /// Half of the edge of the headbox whose corners are so far from its centre, metres.
 const HALF_SIZE_M: f64 = BASELINE_M / 1.732_050_807_568_877_2;
 
-/// What pictures on planes are within, px of the frames that [`primitives::Bound`] names, for eyes within [`BASELINE_M`]. Of faces of 308
-/// pixels these have a focal length of 200 px, and frames of 640x512 have 443: half a pixel there.
+/// What pictures on planes are within, px of the frames that [`primitives::Bound`] names, for eyes
+/// within [`BASELINE_M`]. Of faces of 308 pixels these have a focal length of 200 px, and frames of
+/// 640x512 have 443: half a pixel there.
 const ERROR_PX: f64 = 0.25;
 
 /// Texels a side of the sky behind a portal.
@@ -48,7 +51,8 @@ type RowSample = (u32, Sample);
 pub(super) struct RayBatch {
     /// Which image they belong to; image 0 is pinned (C11).
     pub(super) image: u8,
-    /// From where surfaces look as large as they were sampled: the eye of an image, or `None` for the rays' own starts.
+    /// From where surfaces look as large as they were sampled: the eye of an image, or `None` for
+    /// the rays' own starts.
     pub(super) eye: Option<Vec3>,
     /// Starts, on the portal's plane, and directions.
     pub(super) rays: Vec<(Vec3, Vec3)>,
@@ -61,7 +65,8 @@ pub(super) struct CubeJob<'a> {
     pub(super) centre: DVec3,
     pub(super) face_px: u32,
     pub(super) rule: MergeRule,
-    /// Whether gaps are mended ([`BackdropMender`]) and what is flat becomes pictures on planes; images are taken as they are.
+    /// Whether gaps are mended ([`BackdropMender`]) and what is flat becomes pictures on planes;
+    /// images are taken as they are.
     pub(super) mends: bool,
 }
 
@@ -107,7 +112,8 @@ impl CubeJob<'_> {
         primitives::pack_in_parts(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
     }
 
-    /// The samples of a batch, each with its row, and the environment's texels that its misses reach.
+    /// The samples of a batch, each with its row, and the environment's texels that its misses
+    /// reach.
     fn trace(&self, batch: &RayBatch) -> (Vec<RowSample>, Vec<u32>) {
         let tracer = self.house.tracer();
         let from_centre = (tracer.origin() - self.centre).as_vec3();
@@ -150,7 +156,8 @@ impl CubeJob<'_> {
                     );
                     // Far away half of what is similar can be more than all there is.
                     let most = most.min(inverse_depth / 2.0);
-                    // `max` and `min` also turn the NaN of a plane through the centre into a number.
+                    // `max` and `min` also turn the NaN of a plane through the centre into a
+                    // number.
                     inverse_depth += shift.max(-most).min(most);
                 }
                 let normal = EncodedNormal::new(normal);
@@ -226,8 +233,9 @@ fn middle(texel: u32, size_px: u32) -> [f32; 2] {
     [at(texel), -at(texel / size_px)]
 }
 
-/// What a step to the right and up on a face changes the inverse depth by of a plane with some normal through a point
-/// (relative to the cube's centre), 1/m. Infinite or NaN for a plane through the centre.
+/// What a step to the right and up on a face changes the inverse depth by of a plane with some
+/// normal through a point (relative to the cube's centre), 1/m. Infinite or NaN for a plane through
+/// the centre.
 fn slope(face: Face, normal: Vec3, point: Vec3, [right, up]: [f32; 2]) -> f32 {
     let step = face.right().as_vec3() * right + face.up().as_vec3() * up;
     normal.dot(step) / normal.dot(point)

@@ -1,7 +1,8 @@
 //! Depth images of what is behind a portal, from places in front of it (R9, R11, P2).
 //!
-//! An image is what the six faces of a cube about its place see through the opening: a ray through the centre of each such
-//! pixel. One image is an LDI of one layer; more are merged into the cube about the first, whose rays are that cube's own.
+//! An image is what the six faces of a cube about its place see through the opening: a ray through
+//! the centre of each such pixel. One image is an LDI of one layer; more are merged into the cube
+//! about the first, whose rays are that cube's own.
 
 use super::BackdropQuality;
 use super::gather::{CubeJob, RayBatch};

@@ -1,11 +1,13 @@
-//! Gaps in the surfaces of a window's LDI, mended: rays that are aimed where a sample is missing for certain.
+//! Gaps in the surfaces of a window's LDI, mended: rays that are aimed where a sample is missing
+//! for certain.
 //!
-//! Few of the random rays through an opening go to what shows only at a grazing angle, or through a second door behind it, and
-//! what is farther speckles what they leave out. Where the two neighbours of a pixel lie on one plane and the pixel itself has
-//! nothing of it, one ray from the centre that looks for it there, and only there, decides (as [`headbox_ldi::merge::repair`] does for
-//! cube LDIs). The centre may be in front of the opening, or not see the surface at all: what lies between two samples that show
-//! through the opening shows through it too, or hides behind them.
-//! What that brings: docs/decisions/0022.
+//! Few of the random rays through an opening go to what shows only at a grazing angle, or through a
+//! second door behind it, and what is farther speckles what they leave out. Where the two
+//! neighbours of a pixel lie on one plane and the pixel itself has nothing of it, one ray from the
+//! centre that looks for it there, and only there, decides (as [`headbox_ldi::merge::repair`] does
+//! for cube LDIs). The centre may be in front of the opening, or not see the surface at all: what
+//! lies between two samples that show through the opening shows through it too, or hides behind
+//! them. What that brings: docs/decisions/0022.
 
 use crate::house::House;
 use glam::{DVec3, Vec3};
@@ -14,7 +16,8 @@ use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage}
 use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
 
-/// How often all faces are searched: what is mended counts as a neighbour, so that wider gaps close from their ends.
+/// How often all faces are searched: what is mended counts as a neighbour, so that wider gaps close
+/// from their ends.
 const PASSES: usize = 3;
 
 /// Normals of one surface are no farther apart than this cosine: about 18 degrees.
@@ -139,8 +142,8 @@ impl<'a> Plane<'a> {
         }
     }
 
-    /// Its inverse depth so many times as far from its pixel as another pixel is, which is linear on a face. Infinite or NaN for
-    /// a plane through the centre.
+    /// Its inverse depth so many times as far from its pixel as another pixel is, which is linear
+    /// on a face. Infinite or NaN for a plane through the centre.
     fn after(&self, steps: f32, [x, y]: [u32; 2]) -> f32 {
         let direction = |[x, y]: [u32; 2]| {
             self.face

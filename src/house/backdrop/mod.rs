@@ -1,14 +1,16 @@
 //! What stands in for everything behind a portal (R2, R9, R11, P2; D1).
 //!
-//! Every backdrop belongs to one side of one portal. Its samples come from rays that start on the portal's plane, so that
-//! nothing in front of it is ever taken for what lies behind, and it is drawn into the portal's pixels alone.
+//! Every backdrop belongs to one side of one portal. Its samples come from rays that start on the
+//! portal's plane, so that nothing in front of it is ever taken for what lies behind, and it is
+//! drawn into the portal's pixels alone.
 //!
 //! * `texture`: what the plane shows from one place or from many.
-//! * `images`: depth images from a semicircle: one warped, the two nearest warped, or all in one LDI.
+//! * `images`: depth images from a semicircle: one warped, the two nearest warped, or all in one
+//!   LDI.
 //! * `sprite`: a sprite with depth where what lies behind is smooth.
 //! * `window`: cube LDIs from rays through the whole opening in all directions.
-//! * `gather`: from rays to a cube LDI, with the conflict rules, and what is flat to pictures on planes, as captures have it
-//!   (`headbox_cube::planes`); `mend`: what random rays left out of it.
+//! * `gather`: from rays to a cube LDI, with the conflict rules, and what is flat to pictures on
+//!   planes, as captures have it (`headbox_cube::planes`); `mend`: what random rays left out of it.
 
 mod draw;
 mod gather;
@@ -42,19 +44,22 @@ pub enum BackdropKind {
     Image,
     /// The two nearest of the depth images from a semicircle, the farther warped first (R9).
     TwoImages,
-    /// All depth images from a semicircle in one LDI about the central one; of samples at similar depth the one with the
-    /// smaller area stays, those of one image all stay, and those of the central image are never displaced (R11).
+    /// All depth images from a semicircle in one LDI about the central one; of samples at similar
+    /// depth the one with the smaller area stays, those of one image all stay, and those of the
+    /// central image are never displaced (R11).
     Ldi,
     /// The same; samples at similar depth both stay if their colours differ (P2).
     LdiColorsApart,
     /// The same; samples at similar depth are averaged (S12).
     LdiAverage,
-    /// A cube LDI about a place in front of the portal's middle, from rays through the whole opening.
+    /// A cube LDI about a place in front of the portal's middle, from rays through the whole
+    /// opening.
     WindowLdi,
-    /// As [`Self::WindowLdi`], about the middle of the cell that looks: what the cell's cube LDI holds of this portal.
+    /// As [`Self::WindowLdi`], about the middle of the cell that looks: what the cell's cube LDI
+    /// holds of this portal.
     CellLdi,
-    /// A sprite with depth from straight in front, drawn in two passes (S5), where what lies behind is smooth; elsewhere
-    /// [`Self::WindowLdi`].
+    /// A sprite with depth from straight in front, drawn in two passes (S5), where what lies behind
+    /// is smooth; elsewhere [`Self::WindowLdi`].
     Sprite,
 }
 
@@ -106,10 +111,12 @@ impl BackdropKind {
 pub struct BackdropQuality {
     /// Pixels a side of the faces of cubes, and of the images: 90 degrees.
     pub face_px: u32,
-    /// The same for [`BackdropKind::WindowLdi`], which sees a wider field than an image: about half of a sphere.
+    /// The same for [`BackdropKind::WindowLdi`], which sees a wider field than an image: about half
+    /// of a sphere.
     pub window_face_px: u32,
-    /// Distance of the centre of [`BackdropKind::WindowLdi`] in front of the portal's middle, metres. On the portal itself half of the
-    /// samples lie beside what anyone farther away sees; an eye's distance away it would be an image's.
+    /// Distance of the centre of [`BackdropKind::WindowLdi`] in front of the portal's middle,
+    /// metres. On the portal itself half of the samples lie beside what anyone farther away sees;
+    /// an eye's distance away it would be an image's.
     pub window_back_m: f64,
     /// Images on a semicircle are twice this and one more (n = 6 in the papers).
     pub images: u32,

@@ -1,4 +1,5 @@
-//! A sprite with depth behind a portal, where what lies behind is smooth enough for one (S1, S5; R2).
+//! A sprite with depth behind a portal, where what lies behind is smooth enough for one (S1, S5;
+//! R2).
 
 use super::BackdropQuality;
 use crate::house::House;
@@ -16,21 +17,25 @@ use headbox_trace::bvh::Ray;
 use image::{Rgba, RgbaImage};
 use rayon::prelude::*;
 
-/// How far an eye is from the sprite's for which disocclusion is judged, metres: a step to the side, and a nod.
+/// How far an eye is from the sprite's for which disocclusion is judged, metres: a step to the
+/// side, and a nod.
 const STEP_M: [f64; 2] = [0.5, 0.1];
 
-/// What disocclusion uncovers after these, as a share of the sprite, up to which what it shows counts as smooth.
+/// What disocclusion uncovers after these, as a share of the sprite, up to which what it shows
+/// counts as smooth.
 const SMOOTH_SHARE: f64 = 0.03;
 
-/// How far surfaces may move against the sprite's plane at a step to the side for two passes to draw them well, over the focal
-/// length, root of the mean square: S1's measure, the step times the spread of inverse depth.
+/// How far surfaces may move against the sprite's plane at a step to the side for two passes to
+/// draw them well, over the focal length, root of the mean square: S1's measure, the step times the
+/// spread of inverse depth.
 const MOST_PARALLAX: f64 = 0.04;
 
-/// What is nearer behind the portal's plane than this, metres, is its own frame and has no part in the judgement.
+/// What is nearer behind the portal's plane than this, metres, is its own frame and has no part in
+/// the judgement.
 const REVEAL_M: f32 = 0.3;
 
-/// Distance of the sprite's eye from the portal over half of its longer side: so near, it sees what an eye farther away sees
-/// from the side, too.
+/// Distance of the sprite's eye from the portal over half of its longer side: so near, it sees what
+/// an eye farther away sees from the side, too.
 const PLACE: f64 = 0.75;
 
 /// Rays a side of each pixel.
@@ -73,8 +78,8 @@ impl PortalSprite {
         self.prepared.sprite()
     }
 
-    /// Captures what shows through an opening from straight in front; `None` if it is not smooth, or so deep that a picture on
-    /// a plane is a poor stand-in.
+    /// Captures what shows through an opening from straight in front; `None` if it is not smooth,
+    /// or so deep that a picture on a plane is a poor stand-in.
     pub(super) fn capture(
         house: &House,
         opening: &Opening,
@@ -141,7 +146,8 @@ pub(super) struct SpriteDrawer {
 }
 
 impl SpriteDrawer {
-    /// Draws a sprite on a frame of the camera's size, which is all holes; pixels that it leaves open stay holes.
+    /// Draws a sprite on a frame of the camera's size, which is all holes; pixels that it leaves
+    /// open stay holes.
     pub(super) fn draw(&mut self, sprite: &PortalSprite, camera: &Camera, frame: &mut Frame) {
         self.renderer.render(
             &sprite.prepared,
@@ -166,7 +172,8 @@ impl SpriteDrawer {
     }
 }
 
-/// A camera at a place that sees the whole opening, which is `texture_px` pixels wide or high or fewer in it.
+/// A camera at a place that sees the whole opening, which is `texture_px` pixels wide or high or
+/// fewer in it.
 fn camera(opening: &Opening, place: DVec3, texture_px: u32) -> Option<Camera> {
     let up = opening.up;
     let probe = Camera::look_at(place, opening.centre, up, 90.0, [2, 2]).ok()?;
@@ -222,8 +229,8 @@ fn pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 2]) ->
     }
 }
 
-/// What a ray meets behind the opening, and at which eye depth (directions have an eye depth of 1); `None` for a ray that
-/// misses the opening.
+/// What a ray meets behind the opening, and at which eye depth (directions have an eye depth of 1);
+/// `None` for a ray that misses the opening.
 fn radiance(
     house: &House,
     opening: &Opening,
@@ -256,8 +263,8 @@ fn radiance(
     })
 }
 
-/// The share of the picture that a step to the side and a nod uncover: gaps between neighbours that move apart by more than
-/// a pixel, counted along rows and columns.
+/// The share of the picture that a step to the side and a nod uncover: gaps between neighbours that
+/// move apart by more than a pixel, counted along rows and columns.
 fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
     let width = camera.width() as usize;
     let inverse = |i: usize| {
@@ -281,7 +288,8 @@ fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
     (along + across) / known.max(1) as f64
 }
 
-/// How far surfaces move against the sprite's plane at a step to the side, over the focal length, root of the mean square.
+/// How far surfaces move against the sprite's plane at a step to the side, over the focal length,
+/// root of the mean square.
 fn parallax(sprite: &SpriteWithDepth, depth: &[f32]) -> f64 {
     let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
     let columns = camera.width() as usize;
@@ -317,7 +325,8 @@ mod tests {
         };
         let wall = depth(&|x, _| 1.0 / (0.2 + x * 0.005));
         assert_eq!(disoccluded_share(&camera, &wall), 0.0);
-        // A post 2 m away before a wall 8 m away: both of its sides uncover f * 0.5 * (1/2 - 1/8) px of each row, less one.
+        // A post 2 m away before a wall 8 m away: both of its sides uncover f * 0.5 * (1/2 - 1/8)
+        // px of each row, less one.
         let post = depth(&|x, _| if (20.0..30.0).contains(&x) { 2.0 } else { 8.0 });
         let expected = 2.0 * (camera.focal_px() * 0.5 * 0.375 - 1.0) / 64.0;
         assert!((disoccluded_share(&camera, &post) - expected).abs() < 1e-6);

@@ -59,7 +59,8 @@ impl TextureSet {
         4 * self.texels.len() as u64
     }
 
-    /// The texture taken nearest to the direction in which the eye is, as seen from the portal's middle.
+    /// The texture taken nearest to the direction in which the eye is, as seen from the portal's
+    /// middle.
     fn nearest(&self, eye: DVec3) -> usize {
         let toward = (eye - self.opening.centre).normalize_or_zero();
         let cosine = |place: &DVec3| {
@@ -96,7 +97,8 @@ impl TextureSet {
             .for_each(|(y, (colors, coverages))| {
                 let start = camera.direction(0.5, y as f64 + 0.5);
                 let step = camera.direction(1.5, y as f64 + 0.5) - start;
-                // Positions in the texture are quotients of functions that are linear along the row.
+                // Positions in the texture are quotients of functions that are linear along the
+                // row.
                 let plane = |axis: DVec3, half: f64, direction: DVec3| {
                     (axis.dot(direction) * along
                         - axis.dot(to_centre) * opening.normal.dot(direction))

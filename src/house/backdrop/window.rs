@@ -1,7 +1,8 @@
 //! The portal-window LDI: rays through the whole opening in all directions, kept about any centre.
 //!
-//! Every ray from one cell to the next crosses the portal: nothing else needs to be modelled. The ray domain is the opening's
-//! bounding rectangle, cut into 4-D strata (S15); rays that start outside the polygon are not traced.
+//! Every ray from one cell to the next crosses the portal: nothing else needs to be modelled. The
+//! ray domain is the opening's bounding rectangle, cut into 4-D strata (S15); rays that start
+//! outside the polygon are not traced.
 
 use super::BackdropQuality;
 use super::gather::CubeJob;

@@ -23,7 +23,8 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// Spans all values that the axis can show, with a margin. A linear scale without negative values starts at 0.
+    /// Spans all values that the axis can show, with a margin. A linear scale without negative
+    /// values starts at 0.
     pub(super) fn new(axis: &Axis, pixels: [f64; 2], values: impl Iterator<Item = f64>) -> Self {
         let is_logarithmic = axis.is_logarithmic;
         // Magnitudes beyond 1e15, and on a logarithmic axis below 1e-15, are not shown.
@@ -46,7 +47,8 @@ impl Scale {
                 pixels,
             };
         }
-        // Ticks of a short logarithmic axis are at most a factor of 1.5 apart: a factor of 2.5 contains two.
+        // Ticks of a short logarithmic axis are at most a factor of 1.5 apart: a factor of 2.5
+        // contains two.
         let span = if is_logarithmic {
             (high - low).max(0.4)
         } else {

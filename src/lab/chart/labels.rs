@@ -60,7 +60,8 @@ impl Placement {
     }
 }
 
-/// Places each label near its dot so that it hides as little as possible. `lines` may be crossed where there is no other place.
+/// Places each label near its dot so that it hides as little as possible. `lines` may be crossed
+/// where there is no other place.
 pub(super) fn place_labels(
     dots: &[(DVec2, &str)],
     size: f64,

@@ -55,8 +55,8 @@ pub struct Chart {
     pub front: Vec<[f64; 2]>,
 }
 
-/// Colours told apart with any colour vision, after Okabe and Ito (2008): at least 17 CIELAB units lie between any two, also
-/// as people without one kind of cone see them.
+/// Colours told apart with any colour vision, after Okabe and Ito (2008): at least 17 CIELAB units
+/// lie between any two, also as people without one kind of cone see them.
 pub const PALETTE: [Color; 7] = [
     [0, 96, 170],
     [200, 75, 0],

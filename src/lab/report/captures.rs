@@ -1,4 +1,5 @@
-//! The captures of a scene that a report compares: the default, and others that differ from it in one thing.
+//! The captures of a scene that a report compares: the default, and others that differ from it in
+//! one thing.
 
 use super::contender::Role;
 use super::subject::{ReportError, Subject};
@@ -18,11 +19,12 @@ use headbox_ldi::settings::Resources;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The group of what flat parts become: pictures on planes within some bound, or nothing but samples.
+/// The group of what flat parts become: pictures on planes within some bound, or nothing but
+/// samples.
 pub(super) const PRIMITIVES: &str = "primitives";
 
-/// The groups for which the default capture stands, its name in each, and whether it is the one that others are compared
-/// with.
+/// The groups for which the default capture stands, its name in each, and whether it is the one
+/// that others are compared with.
 pub(super) const DEFAULT: [(&str, &str, bool); 9] = [
     ("layers", "all", true),
     ("near/far split", "by each face's depths", true),
@@ -106,7 +108,8 @@ impl Captures<'_> {
             })
         };
         let mut made = run()?;
-        // The least of several says what a capture takes where one alone says what else the machine did.
+        // The least of several says what a capture takes where one alone says what else the machine
+        // did.
         for _ in 1..if made.seconds < SHORT_S {
             SHORT_REPEATS
         } else {
@@ -248,8 +251,9 @@ fn keep_nearest(ldi: &mut CubeLdi) {
     }
 }
 
-/// Joins samples of one pixel that lie within `parallax_px` of the headbox's largest parallax of each other, as wider bins
-/// would have: the mean of depth, colour and alpha, the normal of the nearest.
+/// Joins samples of one pixel that lie within `parallax_px` of the headbox's largest parallax of
+/// each other, as wider bins would have: the mean of depth, colour and alpha, the normal of the
+/// nearest.
 fn coarsen(ldi: &mut CubeLdi, parallax_px: f64) {
     let half_size_m = ldi.info.half_size_m;
     for face in &mut ldi.faces {
@@ -286,8 +290,8 @@ fn mean_of(cluster: &[DepthPixel]) -> DepthPixel {
     }
 }
 
-/// A capture with nothing, depth, normals, or both as the packed layout quantises them: name, whether it is the one to
-/// compare with, capture.
+/// A capture with nothing, depth, normals, or both as the packed layout quantises them: name,
+/// whether it is the one to compare with, capture.
 pub(super) fn quantised(ldi: &CubeLdi, cube: &PackedCube) -> Vec<(&'static str, bool, CubeLdi)> {
     let normal = |layout: SplatIndexLayout, face: Face, sample: &DepthPixel| {
         let in_face = face.world_from_eye().transpose() * sample.normal.decode().as_dvec3();

@@ -31,7 +31,8 @@ pub(super) const CLIPPING: &str = "clipping (one band, 1 thread)";
 /// The group of ways in which threads share a frame.
 const PARALLEL: &str = "threads share a frame by";
 
-/// The groups of forms of depth pixels, under two footprints: with the dearer one less depends on memory.
+/// The groups of forms of depth pixels, under two footprints: with the dearer one less depends on
+/// memory.
 const PACKING: &str = "depth pixel";
 const OPAQUE_PACKING: &str = "depth pixel, opaque rectangles";
 /// The default form in both.
@@ -143,7 +144,8 @@ impl<'a> ContenderField<'a> {
         }
     }
 
-    /// The default capture under every setting of the renderer; `more`: other groups for which the default stands.
+    /// The default capture under every setting of the renderer; `more`: other groups for which the
+    /// default stands.
     fn add_renderings(
         &mut self,
         cube: &Arc<PackedCube>,
@@ -343,7 +345,8 @@ impl<'a> ContenderField<'a> {
         Ok(())
     }
 
-    /// The default capture with what is flat as pictures on planes, within several bounds; that of the default bound.
+    /// The default capture with what is flat as pictures on planes, within several bounds; that of
+    /// the default bound.
     fn add_primitives(
         &mut self,
         captures: &Captures,

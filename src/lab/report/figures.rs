@@ -33,8 +33,8 @@ pub fn figures(report: &Report) -> Vec<Figure> {
     figures
 }
 
-/// A name for files of each scene: its last part, letters and digits only, with a number if it is not the first of its
-/// name.
+/// A name for files of each scene: its last part, letters and digits only, with a number if it is
+/// not the first of its name.
 pub fn slugs(report: &Report) -> Vec<String> {
     let mut slugs: Vec<String> = Vec::new();
     for facts in &report.scenes {

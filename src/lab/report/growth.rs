@@ -16,8 +16,9 @@ pub const MARGIN_DB: f64 = 10.0;
 /// Growing ends after so many rounds.
 const TRUTH_ROUNDS: u32 = 5;
 
-/// Truth for every eye: as many rays per pixel as it takes until its standard error, over the eyes of a row, lies
-/// [`MARGIN_DB`] below the row's error, for all rows that do not trace; or as many as the plan allows.
+/// Truth for every eye: as many rays per pixel as it takes until its standard error, over the eyes
+/// of a row, lies [`MARGIN_DB`] below the row's error, for all rows that do not trace; or as many
+/// as the plan allows.
 pub(super) fn grow(
     truths: &Truths,
     contenders: &[Contender],
@@ -47,7 +48,8 @@ pub(super) fn grow(
                     .map(|&i| mse_of_psnr(grown[i].0.standard_error_psnr_db)),
             );
             let seen = least_error(contenders, measured, &grown, &numbers, set)?;
-            // What is seen is the sum of both errors; at least a tenth of it is the contender's own.
+            // What is seen is the sum of both errors; at least a tenth of it is the contender's
+            // own.
             let own_db = psnr_of_mse((seen - reached).max(0.1 * seen));
             if psnr_of_mse(reached) < psnr_of_mse(seen) + MARGIN_DB {
                 for &i in &numbers {
@@ -70,7 +72,8 @@ pub(super) fn grow(
             );
         }
     }
-    // Eyes of the path get half as many rays as the dearest other: nothing is judged by them but how the error changes.
+    // Eyes of the path get half as many rays as the dearest other: nothing is judged by them but
+    // how the error changes.
     let most = grown.iter().map(|(_, samples)| *samples).max().unwrap_or(0);
     let samples = (most / 2).max(plan.quality.first_samples);
     let path = plan.eyes.iter().filter(|eye| eye.place == Place::Path);

@@ -26,15 +26,15 @@ pub struct Measurement {
     pub depth_pixels_in: f64,
 }
 
-/// Frames that take longer than this are drawn [`SLOW_ROUNDS`] times for each eye and not warmed up: they do not live in a
-/// cache. Those that take longer than [`SLOWEST_MS`] once.
+/// Frames that take longer than this are drawn [`SLOW_ROUNDS`] times for each eye and not warmed
+/// up: they do not live in a cache. Those that take longer than [`SLOWEST_MS`] once.
 const SLOW_MS: f64 = 100.0;
 const SLOWEST_MS: f64 = 1000.0;
 /// Rounds of slow frames: with three, one that the machine has disturbed is not the least.
 const SLOW_ROUNDS: u32 = 3;
 
-/// Draws every contender for every eye, in turns ([`crate::turns`]). Before a frame is timed it is drawn once, so that what is timed finds its data in the
-/// cache as it would in use.
+/// Draws every contender for every eye, in turns ([`crate::turns`]). Before a frame is timed it is
+/// drawn once, so that what is timed finds its data in the cache as it would in use.
 pub fn draw_in_turns(
     contenders: &mut [Contender],
     eyes: &[Eye],
@@ -103,8 +103,8 @@ pub fn draw_in_turns(
 /// Comparisons of one contender's pictures with truth, by eye.
 type Judged = Vec<Option<Comparison>>;
 
-/// The rows of contenders that were measured with these truths, one for each role, groups together and in the order in
-/// which they first occur.
+/// The rows of contenders that were measured with these truths, one for each role, groups together
+/// and in the order in which they first occur.
 ///
 /// # Errors
 /// [`MetricError`] if a picture has not the size of its truth.
@@ -291,7 +291,8 @@ impl View<'_> {
         Ok((mse > 0.0 && mse >= SURE * standard_error).then(|| psnr_of_mse(mse)))
     }
 
-    /// Root mean square change of the error (0..=1, with sign, per channel) from one eye of the path to the next.
+    /// Root mean square change of the error (0..=1, with sign, per channel) from one eye of the
+    /// path to the next.
     fn flicker(&self) -> Option<f64> {
         let path: Vec<usize> = (0..self.eyes.len())
             .filter(|&i| self.eyes[i].place == Place::Path)

@@ -1,9 +1,10 @@
 //! Speed against error of everything that can show a scene.
 //!
-//! A report is a plan ([`plan`]: sizes, seeded eyes), contenders ([`contender`]: anything that draws), their measurement in
-//! turns and against truth that is good enough ([`judge`], [`growth`]), and rows ([`row`]); Embree's rays beside frames ([`rival`]). All that people read, the charts
-//! ([`figures`]), the sentences ([`summary`]) and the page beside the papers' numbers ([`results`]), is made from the rows
-//! alone.
+//! A report is a plan ([`plan`]: sizes, seeded eyes), contenders ([`contender`]: anything that
+//! draws), their measurement in turns and against truth that is good enough ([`judge`],
+//! [`growth`]), and rows ([`row`]); Embree's rays beside frames ([`rival`]). All that people read,
+//! the charts ([`figures`]), the sentences ([`summary`]) and the page beside the papers' numbers
+//! ([`results`]), is made from the rows alone.
 //!
 //! [`plan`]: crate::plan
 

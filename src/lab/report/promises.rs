@@ -157,8 +157,8 @@ pub fn table(report: &Report) -> Table {
     table
 }
 
-/// What the README says of promises that a report can tell of, and that do not hold; those of time are left to the reader, as a
-/// busy machine breaks them.
+/// What the README says of promises that a report can tell of, and that do not hold; those of time
+/// are left to the reader, as a busy machine breaks them.
 pub fn broken(report: &Report) -> Vec<&'static str> {
     let told = |promise: &&Promise| !promise.figures(report).is_empty();
     let broken = |promise: &&Promise| !promise.keeps.hold(&promise.figures(report));

@@ -46,8 +46,8 @@ enum Way<'a> {
     Rays(Embree),
 }
 
-/// Measures the default kernel on a capture with pictures on planes, and all kernels on its samples alone, against the rival; `None` where
-/// [`PROGRAM`] is not set.
+/// Measures the default kernel on a capture with pictures on planes, and all kernels on its samples
+/// alone, against the rival; `None` where [`PROGRAM`] is not set.
 ///
 /// # Errors
 /// [`ReportError::Rival`] if it is set, and the program does not do what it should.

@@ -6,7 +6,8 @@ use crate::plan::EyeSet;
 use headbox_core::metrics::infinite_as_null;
 use serde::{Deserialize, Serialize};
 
-/// One setting of one representation of one scene, measured. Rows of one `group` differ in one thing.
+/// One setting of one representation of one scene, measured. Rows of one `group` differ in one
+/// thing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// The scene.
@@ -27,10 +28,11 @@ pub struct Row {
     pub ms_median: f64,
     /// First and third quartile.
     pub ms_quartiles: [f64; 2],
-    /// Median over eyes of this row's time over the group's baseline's, each the least of the rounds that were drawn in turns.
+    /// Median over eyes of this row's time over the group's baseline's, each the least of the
+    /// rounds that were drawn in turns.
     pub time_ratio: f64,
-    /// Depth pixels that a frame has to look at (of a clipped LDI, those that clipping against the whole frame leaves), each
-    /// counted once, mean per frame; 0 where there are none.
+    /// Depth pixels that a frame has to look at (of a clipped LDI, those that clipping against the
+    /// whole frame leaves), each counted once, mean per frame; 0 where there are none.
     pub depth_pixels_in: f64,
     /// Of these, millions per second of the median frame.
     pub depth_pixels_m_per_s: f64,
@@ -47,20 +49,23 @@ pub struct Row {
     /// PSNR of all eyes' frames taken as one, dB.
     #[serde(with = "infinite_as_null")]
     pub psnr_db: f64,
-    /// The same without what the noise of truth adds to the mean squared error (see [`headbox_core::metrics::own_error`]); `None` where nothing is
-    /// left that is more than chance.
+    /// The same without what the noise of truth adds to the mean squared error (see
+    /// [`headbox_core::metrics::own_error`]); `None` where nothing is left that is more than
+    /// chance.
     #[serde(default)]
     pub own_psnr_db: Option<f64>,
     /// Mean SSIM.
     pub ssim: f64,
-    /// Share of pixels that show nothing, or the environment where truth shows geometry alone; `None` where the renderer
-    /// does not tell.
+    /// Share of pixels that show nothing, or the environment where truth shows geometry alone;
+    /// `None` where the renderer does not tell.
     pub hole_fraction: Option<f64>,
     /// The eye with the largest FLIP.
     pub worst: WorstFrame,
-    /// Root mean square, over channels 0..=1, of how the error changes between neighbouring frames of a smooth path.
+    /// Root mean square, over channels 0..=1, of how the error changes between neighbouring frames
+    /// of a smooth path.
     pub flicker: Option<f64>,
-    /// PSNR of this row's frames against those of the group's baseline, dB; infinite if they are equal.
+    /// PSNR of this row's frames against those of the group's baseline, dB; infinite if they are
+    /// equal.
     #[serde(with = "infinite_as_null")]
     pub psnr_to_baseline_db: f64,
     /// Error as the eye goes from the centre to a corner.
@@ -122,7 +127,8 @@ pub struct SceneFacts {
     pub face_size_px: u32,
     /// Frames' size, pixels.
     pub frame_px: [u32; 2],
-    /// Occupied pixels, and samples behind the first, second and third: layers 1, 2, 3 and 4 and more.
+    /// Occupied pixels, and samples behind the first, second and third: layers 1, 2, 3 and 4 and
+    /// more.
     pub layers: [u64; 4],
     /// Share of depth pixels in near segments.
     pub near_share: f64,
@@ -130,11 +136,12 @@ pub struct SceneFacts {
     pub rays_per_depth_pixel: f64,
     /// The eyes, in the order in which they were drawn; a path's last.
     pub eyes: Vec<EyeRecord>,
-    /// By how much the standard error of truth, over the eyes of a row, lies below the row's error: the least of all rows
-    /// that do not trace, dB.
+    /// By how much the standard error of truth, over the eyes of a row, lies below the row's error:
+    /// the least of all rows that do not trace, dB.
     #[serde(with = "infinite_as_null")]
     pub margin_db: f64,
-    /// Flicker that the noise of truth alone may cause, at most: where a row's is not well above it, it says nothing.
+    /// Flicker that the noise of truth alone may cause, at most: where a row's is not well above
+    /// it, it says nothing.
     pub truth_flicker: f64,
     /// Frames beside Embree's primary rays, where it was there.
     #[serde(default)]
@@ -160,7 +167,8 @@ pub struct Report {
     pub version: u32,
     /// Where it ran.
     pub machine: Machine,
-    /// The commit of the program, with `+` if its sources had been changed; `unknown` if there is no telling.
+    /// The commit of the program, with `+` if its sources had been changed; `unknown` if there is
+    /// no telling.
     pub commit: String,
     /// Version of the program.
     pub program: String,

@@ -1,4 +1,5 @@
-//! One scene of a report: its contenders, their measurement, truth that is good enough, rows and facts.
+//! One scene of a report: its contenders, their measurement, truth that is good enough, rows and
+//! facts.
 
 use super::field::ContenderField;
 use super::field::DefaultCapture;

@@ -222,8 +222,8 @@ fn displacement(report: &Report, scene: &str) -> String {
     }
 }
 
-/// How far from the centre (0) to a corner (1) a cube map is more exact than the LDI; `None` unless it is so at first and not
-/// at last.
+/// How far from the centre (0) to a corner (1) a cube map is more exact than the LDI; `None` unless
+/// it is so at first and not at last.
 fn crossing(report: &Report, scene: &str) -> Option<f64> {
     let line = |variant: &str| Some(&report.find(scene, "representation", variant)?.displacement);
     let (ldi, map) = (line("LDI")?, line("cube map")?);
@@ -319,7 +319,8 @@ fn steadiness(rows: &[&Row], facts: &SceneFacts) -> String {
     text
 }
 
-/// Which point of a lumigraph's sampling curve is the fastest, and whether all err alike, as they should.
+/// Which point of a lumigraph's sampling curve is the fastest, and whether all err alike, as they
+/// should.
 fn curve(report: &Report, scene: &str) -> String {
     let rows: Vec<&Row> = report.group(scene, CURVE).collect();
     let Some(fastest) = rows

@@ -1,5 +1,6 @@
-//! A wall of cameras in the middle of the headbox that look ahead, as a lumigraph has them, and the eyes before and behind it that it is
-//! judged by: where a cube LDI and sprites have something to show as well.
+//! A wall of cameras in the middle of the headbox that look ahead, as a lumigraph has them, and the
+//! eyes before and behind it that it is judged by: where a cube LDI and sprites have something to
+//! show as well.
 
 use super::contender::{Contender, LumigraphDraw, Role};
 use super::subject::{ReportError, Subject};
@@ -61,7 +62,8 @@ impl Wall {
         })
     }
 
-    /// Amid the cameras, a step before them, behind them, and beside looking across; all at what the images show.
+    /// Amid the cameras, a step before them, behind them, and beside looking across; all at what
+    /// the images show.
     ///
     /// # Errors
     /// [`CameraError`] if a frame has no size.
@@ -73,7 +75,8 @@ impl Wall {
             .into_iter()
             .find(|behind| self.is_seen(tracer, *behind))
             .unwrap_or(0.0);
-        // What lies in the middle of depths looks as large as from the wall, as far as the wall is wide enough.
+        // What lies in the middle of depths looks as large as from the wall, as far as the wall is
+        // wide enough.
         let aspect = f64::from(plan.quality.frame_px[0]) / f64::from(plan.quality.frame_px[1]);
         let through = 0.9 * self.half_size_m / (behind * aspect.max(1.0)).max(1e-9);
         let far = (half(FRAME_FOV_DEG).tan() * depth / (depth + behind)).min(through);
@@ -265,7 +268,8 @@ impl Images {
         ])
     }
 
-    /// Number of layers that these images need on the minimum sampling curve (Eq. 7), for frames of their own focal length.
+    /// Number of layers that these images need on the minimum sampling curve (Eq. 7), for frames of
+    /// their own focal length.
     fn curve_layers(&self) -> Option<usize> {
         let grid = self.raw.grid();
         let pixel = 1.0 / grid.focal_px();
@@ -278,8 +282,8 @@ impl Images {
         Some(layers.ceil().clamp(1.0, MAX_LAYERS as f64) as usize)
     }
 
-    /// The point of the sampling curve that has these images, its layers put where surfaces are; and, where these are the usual ones,
-    /// at equal shares of the range as the paper has it.
+    /// The point of the sampling curve that has these images, its layers put where surfaces are;
+    /// and, where these are the usual ones, at equal shares of the range as the paper has it.
     fn of_curve(
         &self,
         pool: &Arc<ThreadPool>,

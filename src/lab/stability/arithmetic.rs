@@ -261,7 +261,8 @@ fn f32_along_rows(seed: u64) -> Option<f64> {
                     + transfer.inverse_depth * (min + f64::from(code) * step);
                 let (x, y) = (exact.x / exact.z, exact.y / exact.z);
                 let half = f64::from(SIZE) / 2.0;
-                // w = Z2 / Z1: below a quarter a sample is four times nearer to the eye than to the centre.
+                // w = Z2 / Z1: below a quarter a sample is four times nearer to the eye than to the
+                // centre.
                 if exact.z > 0.25 && x.abs() < half && y.abs() < half {
                     let off = [
                         f64::from(found.x / found.z) - x,
@@ -311,8 +312,8 @@ fn window_import_on(
     .ok()
 }
 
-/// Error of eye depths over a step of a buffer of so many bits, 24 if it is not said; in that case nothing is rounded but to
-/// f32.
+/// Error of eye depths over a step of a buffer of so many bits, 24 if it is not said; in that case
+/// nothing is rounded but to f32.
 fn window_depths(seed: u64, kind: DepthKind, bits: Option<u32>) -> Option<f64> {
     let steps = f64::from((1u32 << bits.unwrap_or(24)) - 1);
     let mut dice = Dice::new(seed, 44);
@@ -356,7 +357,8 @@ fn window_depths(seed: u64, kind: DepthKind, bits: Option<u32>) -> Option<f64> {
                 .collect();
             let sprite = window_import(camera, &window, kind, (near, far))?;
             largest(depths.iter().enumerate().map(|(i, &z)| {
-                // In inverse depth, where a step is the same everywhere: (1 - near / far) / near / 2^bits.
+                // In inverse depth, where a step is the same everywhere: (1 - near / far) / near /
+                // 2^bits.
                 let step = (1.0 - near / far) / near / steps;
                 let found = sprite.eye_depth(i as u32 % 8, i as u32 / 8)?;
                 Some((1.0 / found - 1.0 / z).abs() / step)

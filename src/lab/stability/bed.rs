@@ -151,8 +151,8 @@ pub(super) fn look(
     Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, [width, height])
 }
 
-/// A cube LDI about the origin with a headbox of half-size 0.5: of each pixel of the given faces, the samples (farthest
-/// first) that `samples` makes of its position on the face in pixels.
+/// A cube LDI about the origin with a headbox of half-size 0.5: of each pixel of the given faces,
+/// the samples (farthest first) that `samples` makes of its position on the face in pixels.
 pub(super) fn ldi_of(
     face_px: u32,
     faces: &[Face],

@@ -185,7 +185,8 @@ pub(super) fn cases() -> Vec<Case> {
                         there.x / there.z + principal[0],
                         there.y / there.z + principal[1],
                     ];
-                    // Behind the eye, or so near to it that nothing is drawn, there is no pixel to compare.
+                    // Behind the eye, or so near to it that nothing is drawn, there is no pixel to
+                    // compare.
                     match camera.project(face.direction(x, y, size) / q) {
                         Some([px, py, depth]) if depth * q > 1e-3 && in_frame(&camera, px, py) => {
                             Some(

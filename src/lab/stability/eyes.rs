@@ -280,11 +280,13 @@ fn fragments_against_bands(seed: u64) -> Option<f64> {
     )
 }
 
-/// Pixels that clipping changes in views of an opening from aside, and the largest share of samples in percent that it leaves.
+/// Pixels that clipping changes in views of an opening from aside, and the largest share of samples
+/// in percent that it leaves.
 fn at_a_slant(seed: u64) -> Option<[f64; 2]> {
     const FACE_PX: u32 = 64;
     let mut dice = Dice::new(seed, 10);
-    // The opening lies in the plane z = 0; a room 4 m wide and 3 m deep is behind it, on the far halves of five faces.
+    // The opening lies in the plane z = 0; a room 4 m wide and 3 m deep is behind it, on the far
+    // halves of five faces.
     let ldi = ldi_of(FACE_PX, &Face::ALL, |face, x, y| {
         let ray = face.direction(x, y, FACE_PX);
         if ray.z >= 0.0 {
@@ -380,7 +382,8 @@ fn slab_color(face: Face, inverse_depth: f64) -> [u8; 3] {
     [high, low, 77 + face.index() as u8]
 }
 
-/// The slab of a colour: its normal, and its distance from the centre, half-sizes; `None` of other colours.
+/// The slab of a colour: its normal, and its distance from the centre, half-sizes; `None` of other
+/// colours.
 fn slab_of_color(color: [u8; 4]) -> Option<(DVec3, f64)> {
     let face = Face::ALL
         .into_iter()
@@ -389,9 +392,11 @@ fn slab_of_color(color: [u8; 4]) -> Option<(DVec3, f64)> {
     Some((face.normal(), 65_535.0 / 4.0 / f64::from(code.max(1))))
 }
 
-/// Share of the pixels that hold a sample's centre which show a slab farther away than that sample, in percent.
+/// Share of the pixels that hold a sample's centre which show a slab farther away than that sample,
+/// in percent.
 fn order_without_depth_buffer(seed: u64, eyes: impl Fn(&mut Dice) -> Vec<DVec3>) -> Option<f64> {
-    /// A sample is a tenth of its depth wide, and its plane may recede in it: what is farther by less may be its neighbour.
+    /// A sample is a tenth of its depth wide, and its plane may recede in it: what is farther by
+    /// less may be its neighbour.
     const FARTHER: f64 = 1.25;
     /// Least cosine at which the length of a ray to a slab's plane says where a footprint is.
     const GRAZING: f64 = 0.5;
@@ -444,7 +449,8 @@ fn order_without_depth_buffer(seed: u64, eyes: impl Fn(&mut Dice) -> Vec<DVec3>)
     Some(100.0 * wrong as f64 / all.max(1) as f64)
 }
 
-/// Eye depth of the nearest sample whose centre lies in the middle of each pixel, where there is one.
+/// Eye depth of the nearest sample whose centre lies in the middle of each pixel, where there is
+/// one.
 fn nearest_centres(ldi: &CubeLdi, camera: &Camera) -> Vec<Option<f64>> {
     let (width, height) = (camera.width(), camera.height());
     let mut nearest: Vec<Option<f64>> = vec![None; width as usize * height as usize];

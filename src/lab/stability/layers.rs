@@ -22,8 +22,8 @@ use headbox_trace::light::Lighting;
 use std::sync::Arc;
 
 const WALL: [u8; 3] = [200, 100, 50];
-/// Levels by which colour times coverage may be off in the kernels that blend it in 8 bits: half a level for each of the last
-/// few blends.
+/// Levels by which colour times coverage may be off in the kernels that blend it in 8 bits: half a
+/// level for each of the last few blends.
 const BLENDED_LEVELS: f64 = 2.0;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -216,7 +216,8 @@ fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeLdi {
     })
 }
 
-/// How far pixels are from the wall's colour, times their coverage, of all kernels; holes, kept open, must be black.
+/// How far pixels are from the wall's colour, times their coverage, of all kernels; holes, kept
+/// open, must be black.
 fn foreign_levels(cube: &PackedCube, camera: &Camera) -> Option<f64> {
     largest(SplatKernel::ALL.map(|(_, splats)| {
         let frame = draw(
@@ -294,7 +295,8 @@ const RULES: [MergeRule; 3] = [
 /// Pixels of a captured face.
 const FACE_PX: u32 = 24;
 
-/// Squares across -Z at the given depths and colours, tilted at random by a tenth of a depth bin, captured.
+/// Squares across -Z at the given depths and colours, tilted at random by a tenth of a depth bin,
+/// captured.
 fn planes(seed: u64, planes: &[(f64, [f32; 3])], merge_rule: MergeRule) -> Option<CubeLdi> {
     let mut dice = Dice::new(seed, 57);
     let mut scene = Scene::default();
@@ -308,7 +310,8 @@ fn planes(seed: u64, planes: &[(f64, [f32; 3])], merge_rule: MergeRule) -> Optio
     captured(seed, scene, merge_rule)
 }
 
-/// Upright stripes that fill the -Z face at 2 m, six to a pixel, each at a depth and of a colour of its own.
+/// Upright stripes that fill the -Z face at 2 m, six to a pixel, each at a depth and of a colour of
+/// its own.
 fn stripes(mut look: impl FnMut(u32) -> (f64, [f32; 3])) -> Scene {
     const STRIPES: u32 = 6 * FACE_PX;
     let mut scene = Scene::default();
@@ -337,7 +340,8 @@ fn push_square(scene: &mut Scene, corners: [DVec3; 4], albedo: [f32; 3]) {
     }
 }
 
-/// Share of the pixels within the -Z face, in percent, that do not hold what a rule says of two colours in one bin.
+/// Share of the pixels within the -Z face, in percent, that do not hold what a rule says of two
+/// colours in one bin.
 fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
     let red_and_blue = |i: u32| {
         if i.is_multiple_of(2) {

@@ -1,7 +1,8 @@
 //! Hard numerical cases: each a measurement with a bound and the bound's reason.
 //!
-//! `tests/library/stability.rs` holds each case to its bound on a few seeds; `headbox report --stability` measures more of
-//! them and writes `STABILITY.md`. A case is a function of a seed, so that whatever it finds can be found again.
+//! `tests/library/stability.rs` holds each case to its bound on a few seeds; `headbox report
+//! --stability` measures more of them and writes `STABILITY.md`. A case is a function of a seed, so
+//! that whatever it finds can be found again.
 
 mod arithmetic;
 mod bed;
@@ -25,7 +26,8 @@ pub struct Case {
     pub what: &'static str,
     /// Unit of what is measured.
     pub unit: &'static str,
-    /// What is measured must not exceed this; infinite for a known limit, where it need only be measurable.
+    /// What is measured must not exceed this; infinite for a known limit, where it need only be
+    /// measurable.
     pub bound: f64,
     /// Why this bound and not another.
     pub reason: &'static str,
@@ -87,7 +89,8 @@ pub fn topics() -> [(&'static str, Vec<Case>); 7] {
     ]
 }
 
-/// What a page says of each case: its name, and whether its bound held. `None` if the text is no such page.
+/// What a page says of each case: its name, and whether its bound held. `None` if the text is no
+/// such page.
 pub fn verdicts(page: &str) -> Option<Vec<(String, bool)>> {
     let rows = page.lines().filter_map(|line| {
         let mut cells = line.strip_prefix("| ")?.split(" | ");
@@ -125,7 +128,8 @@ const ABSENT: &str = "\n## Hard cases of the papers that have none here\n\nMergi
     camera plane, ranking cameras none of which is valid, and triangulating grid points in a line: lumigraphs and view-dependent \
     geometry are held to their oracles by tests alone (`src/lumigraph`, `src/view_geometry`).\n";
 
-/// `STABILITY.md`: every case with its bound, and the worst of some seeds. `progress` is told each case's name.
+/// `STABILITY.md`: every case with its bound, and the worst of some seeds. `progress` is told each
+/// case's name.
 pub fn page(seeds: Range<u64>, mut progress: impl FnMut(&str)) -> (String, bool) {
     let mut text = format!(
         "# Numerical stability\n\nMade by `headbox report --stability`, commit {}, {}; `cargo test --test library stability` holds every case to its \

@@ -13,7 +13,8 @@ use headbox_trace::bvh::{Ray, Tracer};
 use std::fmt::Write as _;
 use std::sync::Arc;
 
-/// Rounding of a decimal coordinate of 1e7 m to f64 (9e-10 m each way, twice), and of distances of some metres to f32.
+/// Rounding of a decimal coordinate of 1e7 m to f64 (9e-10 m each way, twice), and of distances of
+/// some metres to f32.
 const OFFSET_BOUND: f64 = 4e-6;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -183,7 +184,8 @@ fn steps(seed: u64) -> (DVec3, Vec<(f64, f64)>) {
     (direction, stairs)
 }
 
-/// Straight down from 1 m above the origin of the stairs onto the middle of each step: the largest error of a distance.
+/// Straight down from 1 m above the origin of the stairs onto the middle of each step: the largest
+/// error of a distance.
 fn distance_error(scene: Scene, at: DVec3, stairs: &[(f64, f64)]) -> Option<f64> {
     let centre = at + DVec3::Y;
     let tracer = Tracer::new(Arc::new(scene), centre);
@@ -232,7 +234,8 @@ fn offset_in_nodes(seed: u64, distance: f64) -> Option<f64> {
     };
     let nodes: Vec<String> = stairs.iter().enumerate().map(node).collect();
     let all: Vec<String> = (0..nodes.len()).map(|i| i.to_string()).collect();
-    // Positions of the corners (0, 0, -0.2), (0, 0, 0.2), (0.1, 0, 0.2), (0.1, 0, -0.2), and six indices.
+    // Positions of the corners (0, 0, -0.2), (0, 0, 0.2), (0.1, 0, 0.2), (0.1, 0, -0.2), and six
+    // indices.
     let corners: [[f32; 3]; 4] = [
         [0.0, 0.0, -0.2],
         [0.0, 0.0, 0.2],
@@ -291,7 +294,8 @@ fn load_text(name: &str, text: &str) -> Option<Scene> {
     .ok()
 }
 
-/// `bump` as it is against the same scaled and moved: root mean square difference of frames, levels.
+/// `bump` as it is against the same scaled and moved: root mean square difference of frames,
+/// levels.
 fn changed_by(seed: u64, scale: f64, offset: DVec3) -> Option<f64> {
     let mut dice = Dice::new(seed, 22);
     let original = headbox_scenes::build("bump", 0)?;
@@ -349,7 +353,8 @@ fn near_contact(seed: u64, gap: f64) -> Option<f64> {
         let eye = headbox.centre + toward * headbox.half_size_m * (1.0 - gap) + middle;
         let camera = look(eye, toward, 60.0, [48, 36]).ok()?;
         let frame = draw(&cube, &camera, &RenderSettings::default());
-        // The panel's greens and yellows have more red or green than blue, the walls' greys and blues have not.
+        // The panel's greens and yellows have more red or green than blue, the walls' greys and
+        // blues have not.
         let through = |c: &&[u8; 4]| c[2] >= c[0] && c[2] >= c[1];
         Some(100.0 * frame.color.iter().filter(through).count() as f64 / frame.color.len() as f64)
     }))

@@ -27,7 +27,8 @@ pub(super) fn cases() -> Vec<Case> {
                     let corner =
                         portal.corners[dice.below(portal.corners.len() as u32) as usize] - eye;
                     let side = if dice.below(2) == 0 { -1.0 } else { 1.0 };
-                    // The view's vertical borders stand half of the horizontal field away from its middle.
+                    // The view's vertical borders stand half of the horizontal field away from its
+                    // middle.
                     let flat = corner.with_y(0.0).normalize_or_zero();
                     let aspect = f64::from(WIDTH) / f64::from(HEIGHT);
                     let half_field = (aspect * (FOV_Y_DEG / 2.0).to_radians().tan()).atan();
@@ -75,7 +76,8 @@ struct Opening<'a> {
     along: DVec3,
 }
 
-/// Looks at portals by chance until some eyes stood in cells: the largest number of pixels that culling changes.
+/// Looks at portals by chance until some eyes stood in cells: the largest number of pixels that
+/// culling changes.
 fn looks(
     seed: u64,
     stream: u64,

@@ -170,7 +170,8 @@ fn camera(eye: DVec3, forward: DVec3) -> Option<Camera> {
     look(eye, forward, 55.0, [SIZE, SIZE]).ok()
 }
 
-/// A sprite on the plane z = -2, seen from the origin, its displacements at random up to `steepness` of the way to the eye.
+/// A sprite on the plane z = -2, seen from the origin, its displacements at random up to
+/// `steepness` of the way to the eye.
 fn sprite(dice: &mut Dice, steepness: f64) -> Option<SpriteWithDepth> {
     let color = RgbaImage::from_fn(SIZE, SIZE, |x, y| {
         Rgba([(x * 5) as u8, (y * 5) as u8, 128, 255])

@@ -4,7 +4,8 @@ use super::WalkReport;
 use crate::chart::{Axis, Chart, ChartPoint, Series};
 use headbox_core::statistics::median;
 
-/// Lines of the chart, where the ways are among those measured: geometry, then the figure's others, then the default.
+/// Lines of the chart, where the ways are among those measured: geometry, then the figure's others,
+/// then the default.
 const LINES: [&str; 4] = ["geometry", "texture", "ldi", "window-ldi"];
 
 /// Poses whose median is drawn, so that lines stay lines where other work disturbs a clock.

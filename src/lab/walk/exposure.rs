@@ -1,13 +1,14 @@
 //! Exposure errors: pixels whose backdrop shows nothing, or a surface that is not there.
 //!
-//! Surfaces are told apart by colour, in a house without textures and light whose materials have colours far apart. A mixture
-//! of the surfaces that are there is no error, and what is only coarse does not count: frames are [`SMALLER`] times
-//! smaller than those of the walk, so that a pixel is no smaller than the samples of the coarsest backdrop, and a silhouette
-//! may be off by [`OFF_PX`].
+//! Surfaces are told apart by colour, in a house without textures and light whose materials have
+//! colours far apart. A mixture of the surfaces that are there is no error, and what is only coarse
+//! does not count: frames are [`SMALLER`] times smaller than those of the walk, so that a pixel is
+//! no smaller than the samples of the coarsest backdrop, and a silhouette may be off by [`OFF_PX`].
 //!
-//! What is there is what a frame of the walk's own size shows. A truth as small as the frames, of one point a pixel, lacks what is
-//! thinner than its pixels, the reveals and trims of doors farther away, which a backdrop shows rightly. By that measure a perfect
-//! frame, each pixel the mean of those of the large truth, is wrong too; both are reported beside the other.
+//! What is there is what a frame of the walk's own size shows. A truth as small as the frames, of
+//! one point a pixel, lacks what is thinner than its pixels, the reveals and trims of doors farther
+//! away, which a backdrop shows rightly. By that measure a perfect frame, each pixel the mean of
+//! those of the large truth, is wrong too; both are reported beside the other.
 
 use super::{MeasureError, MeasureSettings, has_depth, share};
 use headbox_core::camera::{Camera, CameraError};
@@ -27,7 +28,8 @@ use headbox_raster::Seen;
 use headbox_trace::sampler::random4;
 use serde::{Deserialize, Serialize};
 
-/// A pixel whose colour differs by more than this (sRGB levels) in a channel shows another surface: materials are 60 apart.
+/// A pixel whose colour differs by more than this (sRGB levels) in a channel shows another surface:
+/// materials are 60 apart.
 const WRONG_LEVELS: u8 = 24;
 
 /// Times by which frames are smaller than those of the walk.
@@ -212,8 +214,9 @@ fn false_colors(house: &House) -> Result<House, HouseError> {
     House::new(model)
 }
 
-/// Pixels that count and show nothing, or a colour that no mixture of true pixels nearby can have: in a channel it lies beyond
-/// all of them. The truth may be a whole number of times larger than the frame.
+/// Pixels that count and show nothing, or a colour that no mixture of true pixels nearby can have:
+/// in a channel it lies beyond all of them. The truth may be a whole number of times larger than
+/// the frame.
 fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) -> u64 {
     let width = i64::from(frame.width);
     let times = (i64::from(truth.width) / width.max(1)).max(1);

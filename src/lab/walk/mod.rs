@@ -1,7 +1,8 @@
-//! The papers' measurements of a walk: time and error of every way to draw it along one path, exposure errors, clipping,
-//! layers and threads (R-N2 to R-N7, P-N1 to P-N10).
+//! The papers' measurements of a walk: time and error of every way to draw it along one path,
+//! exposure errors, clipping, layers and threads (R-N2 to R-N7, P-N1 to P-N10).
 //!
-//! All times of a pose are taken in turns ([`crate::turns`]): the best of these is the pose's. Errors are against ray-traced frames of the same geometry with the same baked light.
+//! All times of a pose are taken in turns ([`crate::turns`]): the best of these is the pose's.
+//! Errors are against ray-traced frames of the same geometry with the same baked light.
 //!
 //! * `rays`: the rival: a frame by one ray a pixel.
 //! * `exposure`: pixels whose backdrop shows nothing or a wrong surface.
@@ -108,8 +109,8 @@ pub struct VariantRow {
     pub geometry_ms: Spread,
     /// Backdrops, ms.
     pub backdrop_ms: Spread,
-    /// Over the poses that see a backdrop: what culled geometry takes for the same, over what the backdrops take; the ratio
-    /// of the sums.
+    /// Over the poses that see a backdrop: what culled geometry takes for the same, over what the
+    /// backdrops take; the ratio of the sums.
     pub behind_speedup: f64,
     /// Share of the poses at which primary rays are faster.
     pub lost_to_rays: f64,
@@ -196,8 +197,8 @@ struct Course {
     capture_s: Vec<f64>,
 }
 
-/// Measures a walk. `store` must have room for the backdrops that one pose needs in all variants, and may hold some already.
-/// Frames of some poses are handed to `pictures`.
+/// Measures a walk. `store` must have room for the backdrops that one pose needs in all variants,
+/// and may hold some already. Frames of some poses are handed to `pictures`.
 ///
 /// # Errors
 /// See [`MeasureError`].
@@ -217,7 +218,8 @@ pub fn measure(
     let picture_every = every * truth_poses.div_ceil(settings.pictures.max(1));
     let mut courses = courses(&settings.variants);
     let mut rays_ms = Vec::new();
-    // First, so that no frame is timed in the wake of a capture, with other things in the caches and warm processors.
+    // First, so that no frame is timed in the wake of a capture, with other things in the caches
+    // and warm processors.
     progress.begin("captures", "poses", cameras.len() as u64);
     for camera in &cameras {
         for course in &mut courses {
@@ -342,7 +344,8 @@ fn errors_of_pose(
         &Silent,
     )
     .rgb();
-    // Which pixels are behind portals is the same for all variants with backdrops; geometry is judged by these too.
+    // Which pixels are behind portals is the same for all variants with backdrops; geometry is
+    // judged by these too.
     let mut behind: Vec<bool> = Vec::new();
     let mut frames = vec![("truth", truth.clone())];
     for course in courses.iter_mut().rev() {

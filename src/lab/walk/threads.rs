@@ -1,6 +1,6 @@
-//! What threads gain against one thread that draws in bands: by the clock, in each [`Division`]; and the sheets of R6 and the
-//! fragments of R14 and P5 by how evenly they would divide the samples among more processors (nothing is lost to anything but
-//! imbalance there).
+//! What threads gain against one thread that draws in bands: by the clock, in each [`Division`];
+//! and the sheets of R6 and the fragments of R14 and P5 by how evenly they would divide the samples
+//! among more processors (nothing is lost to anything but imbalance there).
 
 use super::{MeasureError, share};
 use crate::turns::in_turns;
@@ -42,7 +42,8 @@ const DIVISIONS: [(Division, &str, Option<&str>); 3] = [
 pub struct ThreadRow {
     /// What is divided how.
     pub division: String,
-    /// Whether the gain was measured by the clock, or follows from the samples that each processor gets.
+    /// Whether the gain was measured by the clock, or follows from the samples that each processor
+    /// gets.
     pub by_the_clock: bool,
     /// Processors.
     pub processors: usize,
@@ -50,7 +51,8 @@ pub struct ThreadRow {
     pub speedup: f64,
 }
 
-/// Gains for one kind of layered depth image among the variants, [`BackdropKind::WindowLdi`] if it is one of them; none without.
+/// Gains for one kind of layered depth image among the variants, [`BackdropKind::WindowLdi`] if it
+/// is one of them; none without.
 pub(super) fn gains(
     house: &House,
     store: &Store,
@@ -139,7 +141,8 @@ fn pool(threads: usize) -> Result<ThreadPool, rayon::ThreadPoolBuildError> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build()
 }
 
-/// Backdrops and whole frames of all poses in each of several ways, ms: the best of a pose's in turns, summed.
+/// Backdrops and whole frames of all poses in each of several ways, ms: the best of a pose's in
+/// turns, summed.
 fn times(
     house: &House,
     store: &Store,
@@ -168,7 +171,8 @@ fn times(
     sums
 }
 
-/// Samples in all, and those that the slowest processor gets, summed over segments: these come one after the other.
+/// Samples in all, and those that the slowest processor gets, summed over segments: these come one
+/// after the other.
 #[derive(Default)]
 struct Balance {
     all: u64,
@@ -190,8 +194,8 @@ impl Balance {
     }
 }
 
-/// Divides each segment of a cube at its epipole into sheets, and each of these into as many fragments of equal area as there
-/// are processors, along lines through the epipole.
+/// Divides each segment of a cube at its epipole into sheets, and each of these into as many
+/// fragments of equal area as there are processors, along lines through the epipole.
 fn divide(
     cube: &PackedCube,
     eye: DVec3,

@@ -25,8 +25,8 @@ pub struct LumigraphCapture<'a> {
 }
 
 impl LumigraphCapture<'_> {
-    /// Traces all images. A pixel's disparity is that of the ray through its centre, its colour that of all rays that see the same
-    /// surface.
+    /// Traces all images. A pixel's disparity is that of the ray through its centre, its colour
+    /// that of all rays that see the same surface.
     ///
     /// # Errors
     /// Of kind [`io::ErrorKind::Interrupted`] if `progress` gave it up.
@@ -133,7 +133,8 @@ impl LumigraphCapture<'_> {
     }
 }
 
-/// The middle of the disparities that a camera amid the others sees, without the outermost twentieths, 1/m; 0 if it sees nothing.
+/// The middle of the disparities that a camera amid the others sees, without the outermost
+/// twentieths, 1/m; 0 if it sees nothing.
 pub fn middle_disparity(tracer: &Tracer, parts: &GridParts) -> f64 {
     const RAYS: u32 = 48;
     let half = parts

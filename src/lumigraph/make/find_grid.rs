@@ -1,4 +1,5 @@
-//! The grid that cameras stand in, found from where they stand (the paper's limitation 1): their plane, its rows and columns.
+//! The grid that cameras stand in, found from where they stand (the paper's limitation 1): their
+//! plane, its rows and columns.
 
 use super::from_images_error::FromImagesError;
 use glam::{DMat3, DVec2, DVec3};
@@ -31,8 +32,8 @@ pub(super) struct FoundGrid {
     pub(super) off_m: Vec<f64>,
 }
 
-/// Cameras may be off their places by this share of the distance between the two that are closest to each other, or nobody could tell
-/// their places apart.
+/// Cameras may be off their places by this share of the distance between the two that are closest
+/// to each other, or nobody could tell their places apart.
 const OFF_SHARE: f64 = 0.25;
 
 /// Two cameras nearer to each other than this share of the set's extent stand in one place.
@@ -85,10 +86,12 @@ pub(super) fn find_grid(stands: &[Stand], frame: &FileFrame) -> Result<FoundGrid
     }
 }
 
-/// How far the grid may be turned about the plane's normal, from what is right in the images; most trustworthy first.
+/// How far the grid may be turned about the plane's normal, from what is right in the images; most
+/// trustworthy first.
 ///
-/// The nearest camera is in the same row or column, whatever places are empty. Where none is, the second and fourth moments of all places
-/// know the axes more exactly: over a full grid odd powers of either coordinate cancel out, and (x + iy)^2 and (x + iy)^4 are real.
+/// The nearest camera is in the same row or column, whatever places are empty. Where none is, the
+/// second and fourth moments of all places know the axes more exactly: over a full grid odd powers
+/// of either coordinate cancel out, and (x + iy)^2 and (x + iy)^4 are real.
 fn turns(finder: &Finder, image_axes: &DMat3, neighbours: &[DVec3]) -> Vec<f64> {
     let in_plane =
         |offset: DVec3| DVec2::new(offset.dot(image_axes.x_axis), offset.dot(image_axes.y_axis));
@@ -156,7 +159,8 @@ impl Finder<'_> {
         self.stands.iter().map(|stand| stand.pose.eye)
     }
 
-    /// Right, up and back: across the plane, and in it as near to what is right in the images as can be.
+    /// Right, up and back: across the plane, and in it as near to what is right in the images as
+    /// can be.
     fn image_axes(&self) -> Result<DMat3, FromImagesError> {
         let mean = |axis: fn(&DMat3) -> DVec3| {
             self.stands
@@ -178,8 +182,8 @@ impl Finder<'_> {
         Ok(DMat3::from_cols(right, right.cross(normal), -normal))
     }
 
-    /// Across the plane, to where the cameras look. Of a single camera, or of cameras in a row, the plane that faces most what they
-    /// look at.
+    /// Across the plane, to where the cameras look. Of a single camera, or of cameras in a row, the
+    /// plane that faces most what they look at.
     fn normal(&self, ahead: DVec3) -> DVec3 {
         let offsets = || self.eyes().map(|eye| eye - self.middle);
         let farthest = offsets().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
@@ -195,7 +199,8 @@ impl Finder<'_> {
                 across.normalize()
             };
         }
-        // The direction in which cameras spread least: of their scatter's adjugate the largest, found by multiplying with it.
+        // The direction in which cameras spread least: of their scatter's adjugate the largest,
+        // found by multiplying with it.
         let outer = |offset: DVec3| {
             DMat3::from_cols(offset * offset.x, offset * offset.y, offset * offset.z)
         };
@@ -285,7 +290,8 @@ impl Finder<'_> {
     }
 }
 
-/// The middles of groups of positions that are farther from each other than two cameras of one place could be, ascending.
+/// The middles of groups of positions that are farther from each other than two cameras of one
+/// place could be, ascending.
 fn clusters(positions: impl Iterator<Item = f64>, tolerance: f64) -> Vec<f64> {
     let mut sorted: Vec<f64> = positions.collect();
     sorted.sort_by(f64::total_cmp);

@@ -103,6 +103,6 @@ fn listed(places: &[DVec3]) -> String {
     first.chain(more).collect::<Vec<_>>().join(" and ")
 }
 
-/// Between a picture's viewing axis and the normal of the cameras' plane, at most, degrees: pictures turned farther would be stretched
-/// more than fourfold.
+/// Between a picture's viewing axis and the normal of the cameras' plane, at most, degrees:
+/// pictures turned farther would be stretched more than fourfold.
 pub(super) const MOST_TURNED_DEG: f64 = 60.0;

@@ -60,8 +60,8 @@ pub fn uniform([min, max]: [f64; 2], count: usize) -> Vec<DisparityLayer> {
         .collect()
 }
 
-/// At most `count` layers that hold all of some disparities, far ones first, each no wider than its surfaces: layers that would
-/// hold nothing are left out. No layers for no disparities.
+/// At most `count` layers that hold all of some disparities, far ones first, each no wider than its
+/// surfaces: layers that would hold nothing are left out. No layers for no disparities.
 pub fn place(disparities: &[f32], count: usize, placement: Placement) -> Vec<DisparityLayer> {
     let mut sorted: Vec<f32> = disparities
         .iter()
@@ -102,7 +102,8 @@ fn around(sorted: &[f32]) -> Option<DisparityLayer> {
     })
 }
 
-/// The fewest layers of at most some width that hold ascending disparities: each begins at the farthest that is left.
+/// The fewest layers of at most some width that hold ascending disparities: each begins at the
+/// farthest that is left.
 fn of_width(sorted: &[f32], width: f64) -> Vec<DisparityLayer> {
     let mut layers = Vec::new();
     let mut rest = sorted;
@@ -146,8 +147,8 @@ fn least_width(sorted: &[f32], count: usize) -> f64 {
     wide_enough
 }
 
-/// Which layer a disparity belongs to, counted from 1 for the farthest; 0 where nothing was seen. What lies between two layers
-/// belongs to the nearer end.
+/// Which layer a disparity belongs to, counted from 1 for the farthest; 0 where nothing was seen.
+/// What lies between two layers belongs to the nearer end.
 pub fn classify(layers: &[DisparityLayer], disparity: f32) -> u16 {
     if disparity.is_nan() || disparity <= 0.0 || layers.is_empty() {
         return 0;

@@ -21,8 +21,9 @@ pub(super) struct RawPicture {
     pub(super) disparity: Vec<f32>,
 }
 
-/// Rays of one pixel, or of pixels side by side, see the same surface if their depths differ by no more than this share. Others take no
-/// part in its colour, which would come along when the surface is moved.
+/// Rays of one pixel, or of pixels side by side, see the same surface if their depths differ by no
+/// more than this share. Others take no part in its colour, which would come along when the surface
+/// is moved.
 pub(super) const SAME_SURFACE: f32 = 0.05;
 
 impl RawLumigraph {
@@ -66,7 +67,8 @@ impl RawLumigraph {
     /// Puts each pixel into one of at most `count` layers.
     ///
     /// # Errors
-    /// [`LumigraphError::TooManyLayers`], of which what is not known counts as one; [`LumigraphError::NothingSeen`] if no pixel has a disparity.
+    /// [`LumigraphError::TooManyLayers`], of which what is not known counts as one;
+    /// [`LumigraphError::NothingSeen`] if no pixel has a disparity.
     pub fn layered(&self, count: usize, placement: Placement) -> Result<Lumigraph, LumigraphError> {
         let disparities: Vec<f32> = self
             .pictures

@@ -1,7 +1,8 @@
 //! A picture as the camera at its place in a grid would have taken it.
 //!
-//! From one place every ray of the grid's image is a ray of the picture: a homography, and exact. A camera that is a little off its
-//! place is taken to look at what lies at the grid's convergence, which is exact for that.
+//! From one place every ray of the grid's image is a ray of the picture: a homography, and exact. A
+//! camera that is a little off its place is taken to look at what lies at the grid's convergence,
+//! which is exact for that.
 
 use super::raw::{RawPicture, SAME_SURFACE};
 use crate::CameraGrid;
@@ -44,8 +45,8 @@ struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Colour and disparity at a position: of the nearest pixel's surface, bilinear over those pixels about it that show the same.
-    /// Beyond the picture nothing is known.
+    /// Colour and disparity at a position: of the nearest pixel's surface, bilinear over those
+    /// pixels about it that show the same. Beyond the picture nothing is known.
     fn pixel(&self, at: [f64; 2]) -> ([u8; 3], f32) {
         let [width, height] = self.view.size_px;
         let within = |at: f64, side: u32| (at.max(0.0) as u32).min(side - 1);
@@ -93,7 +94,8 @@ impl Source<'_> {
         self.view.color[y as usize * self.view.size_px[0] as usize + x as usize]
     }
 
-    /// 1 / distance from the grid's plane, 1/m; 0 for what is infinitely far, NaN where nothing is known, or what is behind the plane.
+    /// 1 / distance from the grid's plane, 1/m; 0 for what is infinitely far, NaN where nothing is
+    /// known, or what is behind the plane.
     fn disparity(&self, [x, y]: [u32; 2]) -> f64 {
         let i = y as usize * self.view.size_px[0] as usize + x as usize;
         let depth = self

@@ -1,8 +1,11 @@
-//! Several light slabs of one scene, each a lumigraph with a plane of its own, shown as one (the paper's limitation 4).
+//! Several light slabs of one scene, each a lumigraph with a plane of its own, shown as one (the
+//! paper's limitation 4).
 //!
-//! A slab serves a ray well that goes where its cameras look and crosses its plane between them. For a frame the slab that serves
-//! its rays best is drawn, and the next best, in shares that depend on the camera alone and smoothly: the share of the second is nothing
-//! before a third takes its place, and the two change roles at a half, so that nothing jumps as the eye moves from one to the next.
+//! A slab serves a ray well that goes where its cameras look and crosses its plane between them.
+//! For a frame the slab that serves its rays best is drawn, and the next best, in shares that
+//! depend on the camera alone and smoothly: the share of the second is nothing before a third takes
+//! its place, and the two change roles at a half, so that nothing jumps as the eye moves from one
+//! to the next.
 
 use crate::grid::PlaneView;
 use crate::{Lumigraph, LumigraphError, LumigraphInfo, optimal_disparity};
@@ -12,8 +15,8 @@ use headbox_core::camera::Camera;
 /// Slabs at most: a hundred planes about an object are more than any needs.
 pub const MAX_SLABS: usize = 256;
 
-/// How much worse than the best slab one may serve a frame and still be seen in it, radians: planes turned about a place hand over within some
-/// seven degrees to either side of the middle.
+/// How much worse than the best slab one may serve a frame and still be seen in it, radians: planes
+/// turned about a place hand over within some seven degrees to either side of the middle.
 const REACH: f64 = 0.5;
 
 /// Where rays are asked that stand for a frame's, in shares of its width and height.
@@ -121,8 +124,9 @@ fn smooth(x: f64) -> f64 {
     x * x * (3.0 - 2.0 * x)
 }
 
-/// How badly a slab serves a frame, radians: the mean over some rays of how far they turn from where its cameras look and of how far beside its
-/// cameras they cross its plane, as seen from the middle of its disparities (up to one). A continuous function of the camera.
+/// How badly a slab serves a frame, radians: the mean over some rays of how far they turn from
+/// where its cameras look and of how far beside its cameras they cross its plane, as seen from the
+/// middle of its disparities (up to one). A continuous function of the camera.
 fn unfit(slab: &Lumigraph, camera: &Camera) -> f64 {
     let grid = slab.grid();
     let view = PlaneView::new(grid, camera);
@@ -262,17 +266,20 @@ mod tests {
         assert_eq!(slabs.shares(&above).len(), 1, "both neighbours are as far");
     }
 
-    /// How much more a frame may differ from the last one where slabs change than where one alone is shown, in pixels that all that are shown know: two
-    /// pictures of one place, each with its own error, take each other's place over a third of the way.
+    /// How much more a frame may differ from the last one where slabs change than where one alone
+    /// is shown, in pixels that all that are shown know: two pictures of one place, each with its
+    /// own error, take each other's place over a third of the way.
     const HAND_OVER: f64 = 1.6;
 
-    /// The same over all pixels: what one slab alone knows, at the frame's sides, fades in over half of that.
+    /// The same over all pixels: what one slab alone knows, at the frame's sides, fades in over
+    /// half of that.
     const FADE: f64 = 2.5;
 
     #[test]
     fn no_frame_jumps_where_one_slab_hands_over_to_the_next() {
         let (_, slabs) = three(96);
-        // Merged layers move textures by up to a pixel as they change, which a frame of 72 pixels shows more than what is looked for.
+        // Merged layers move textures by up to a pixel as they change, which a frame of 72 pixels
+        // shows more than what is looked for.
         let settings = LumigraphSettings {
             merge: false,
             ..LumigraphSettings::default()
@@ -290,7 +297,8 @@ mod tests {
             };
             pixels.iter().map(off).sum::<u64>() as f64 / (3 * pixels.len().max(1)) as f64
         };
-        // Over what all slabs of a frame know, and over all; of frames of one slab and of those of two.
+        // Over what all slabs of a frame know, and over all; of frames of one slab and of those of
+        // two.
         let (mut within, mut across) = ([0.0f64; 2], [0.0f64; 2]);
         let mut before: Option<(Frame, usize, Vec<bool>)> = None;
         for step in -4..=64 {

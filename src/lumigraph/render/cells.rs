@@ -1,10 +1,11 @@
-//! Which layers show in which part of an image, so that a frame looks for no layer where none is, and looks nothing up where all of a
-//! part shows one layer (L10).
+//! Which layers show in which part of an image, so that a frame looks for no layer where none is,
+//! and looks nothing up where all of a part shows one layer (L10).
 //!
-//! The paper keeps the range of layers of each rectangle. Here rectangles are squares, of a few pixels and of twice as many, four times
-//! and so on; beside the range, which says what the cameras of a whole tile see, each keeps a set of layers, as a square of a near thing
-//! before a far wall has a range of all. A square counts with the next ones to the right, below and between: then one look answers
-//! for whatever begins in the square and is not larger.
+//! The paper keeps the range of layers of each rectangle. Here rectangles are squares, of a few
+//! pixels and of twice as many, four times and so on; beside the range, which says what the cameras
+//! of a whole tile see, each keeps a set of layers, as a square of a near thing before a far wall
+//! has a range of all. A square counts with the next ones to the right, below and between: then one
+//! look answers for whatever begins in the square and is not larger.
 
 use super::layer_in_view::LayerInView;
 use super::pyramid::{Level, Pyramid};
@@ -16,7 +17,8 @@ use std::ops::RangeInclusive;
 /// Edge of the smallest squares, pixels.
 const EDGE_PX: usize = 2;
 
-/// What positions may be off by, pixels: they are of 24 bits, and not computed in the way of single rays.
+/// What positions may be off by, pixels: they are of 24 bits, and not computed in the way of single
+/// rays.
 const ROUNDING_PX: f32 = 0.125;
 
 /// How layers are dealt out to the bits of a set.
@@ -167,7 +169,8 @@ impl Cells {
         size_of_val(&self.sets[..]) + size_of_val(&self.ranges[..])
     }
 
-    /// The lowest and the highest index in a square and the next ones; all there are, if that is not known.
+    /// The lowest and the highest index in a square and the next ones; all there are, if that is
+    /// not known.
     #[inline(always)]
     pub(super) fn range(&self, square: u32) -> [u16; 2] {
         self.ranges
@@ -255,7 +258,8 @@ pub(super) struct Bundle {
     pub(super) cameras: [usize; 4],
 }
 
-/// Up to sixteen layers of a frame, from near to far, laid out so that all are asked for at once; in pixels of the images.
+/// Up to sixteen layers of a frame, from near to far, laid out so that all are asked for at once;
+/// in pixels of the images.
 #[derive(Default)]
 pub(super) struct Batch {
     pub(super) layers: Vec<LayerInView>,

@@ -1,12 +1,15 @@
-//! The pixels of a block, in tiles of sixteen: which layer each ray meets, and the blend of its four cameras (L9, C21).
+//! The pixels of a block, in tiles of sixteen: which layer each ray meets, and the blend of its
+//! four cameras (L9, C21).
 //!
-//! Of a ray the slopes say all: texels in every camera's image are linear in them, layer by layer ([`LayerInView`]), and so is the
-//! crossing of the camera plane, which decides the cell and the bilinear weights. The index of a layer is looked up in the nearest
-//! texel; colours are bilinear over those texels that show the layer, and normalised over the cameras that show it, in linear light.
-//! A tile asks only for layers that show near it ([`Cells`]), and what its rays meet is blended when one of them meets more
-//! ([`Pending`]).
+//! Of a ray the slopes say all: texels in every camera's image are linear in them, layer by layer
+//! ([`LayerInView`]), and so is the crossing of the camera plane, which decides the cell and the
+//! bilinear weights. The index of a layer is looked up in the nearest texel; colours are bilinear
+//! over those texels that show the layer, and normalised over the cameras that show it, in linear
+//! light. A tile asks only for layers that show near it ([`Cells`]), and what its rays meet is
+//! blended when one of them meets more ([`Pending`]).
 //!
-//! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that all give the same bits.
+//! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that
+//! all give the same bits.
 
 use super::cells::Batch;
 use super::layer_in_view::LayerInView;
@@ -41,7 +44,8 @@ pub(super) struct Block<'a> {
     pub(super) width: usize,
 }
 
-/// Alpha of pixels of which no camera of the ray's cell sees anything, though one looks there: something nearer hides it.
+/// Alpha of pixels of which no camera of the ray's cell sees anything, though one looks there:
+/// something nearer hides it.
 pub(super) const HIDDEN: u8 = 1;
 
 /// Which pixels are drawn, and from which cameras.
@@ -53,8 +57,8 @@ pub(super) enum Pass<'a> {
     Wider(&'a [Step]),
 }
 
-/// Draws a block on rows of the frame, of which the first is the block's: straight colours, with alpha 255 where anything is, else 0 or
-/// [`HIDDEN`]. Returns whether any pixel is hidden.
+/// Draws a block on rows of the frame, of which the first is the block's: straight colours, with
+/// alpha 255 where anything is, else 0 or [`HIDDEN`]. Returns whether any pixel is hidden.
 pub(super) fn draw(block: &Block, pass: Pass, colors: &mut [[u8; 4]], level: SimdLevel) -> bool {
     dispatch!(level, simd => draw_block(simd, block, pass, colors))
 }
@@ -170,7 +174,8 @@ struct Found<S: Simd> {
     pending: Pending<S>,
 }
 
-/// Those of a tile's pixels that are `wanted`, and whether any is hidden; the tile's left border is at column `x`.
+/// Those of a tile's pixels that are `wanted`, and whether any is hidden; the tile's left border is
+/// at column `x`.
 #[inline(always)]
 fn sixteen<S: Simd>(
     simd: S,
@@ -278,7 +283,8 @@ fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> m
     hides
 }
 
-/// Whether there is no cell where a shift leads, for any of the rays: cells nearer by were asked before.
+/// Whether there is no cell where a shift leads, for any of the rays: cells nearer by were asked
+/// before.
 #[inline(always)]
 fn leads_away<S: Simd>(block: &Block, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> bool {
     let (view, places) = (&block.plan.view, [&block.plan.columns, &block.plan.rows]);
@@ -300,7 +306,8 @@ fn leads_away<S: Simd>(block: &Block, slopes: [f32x16<S>; 2], shift: [i32; 2]) -
     false
 }
 
-/// Adds what the rays meet in the block's layers, from near to far, until nothing is left to see behind.
+/// Adds what the rays meet in the block's layers, from near to far, until nothing is left to see
+/// behind.
 #[inline(always)]
 fn draw_layers<S: Simd>(simd: S, block: &Block, loose: bool, rays: &Rays<S>, found: &mut Found<S>) {
     'layers: for batch in block.batches {
@@ -334,7 +341,8 @@ fn draw_layers<S: Simd>(simd: S, block: &Block, loose: bool, rays: &Rays<S>, fou
     );
 }
 
-/// Finds what the rays meet in a layer, where the four cameras show indices of some ranges; false if nothing is left to see behind it.
+/// Finds what the rays meet in a layer, where the four cameras show indices of some ranges; false
+/// if nothing is left to see behind it.
 #[inline(always)]
 fn draw_layer<S: Simd>(
     simd: S,
@@ -407,7 +415,8 @@ fn draw_layer<S: Simd>(
     found.open.simd_ge(LEAST_OPEN).any_true()
 }
 
-/// Straight sRGB colours, with alpha 255 where anything was found, else 0 or, behind something, [`HIDDEN`]; and whether any is hidden.
+/// Straight sRGB colours, with alpha 255 where anything was found, else 0 or, behind something,
+/// [`HIDDEN`]; and whether any is hidden.
 #[inline(always)]
 fn resolve<S: Simd>(
     simd: S,

@@ -8,7 +8,8 @@ use crate::grid::PlaneView;
 pub(crate) struct MergedLayer {
     /// From the farthest to the nearest.
     pub(crate) indices: [u16; 2],
-    /// The same with the layers next to it in front and behind, as far as they are not much farther apart than cameras may disagree.
+    /// The same with the layers next to it in front and behind, as far as they are not much farther
+    /// apart than cameras may disagree.
     pub(crate) with_neighbours: [u16; 2],
     /// The disparity at which they are drawn.
     pub(crate) drawn: f64,
@@ -16,8 +17,8 @@ pub(crate) struct MergedLayer {
     pub(crate) level: usize,
 }
 
-/// A merged layer in a frame: the texel of a ray with slopes (a, b) in the image of a camera at (s, t) is
-/// `(scale * a + add.x - shift * s, -scale * b + add.y + shift * t)`.
+/// A merged layer in a frame: the texel of a ray with slopes (a, b) in the image of a camera at (s,
+/// t) is `(scale * a + add.x - shift * s, -scale * b + add.y + shift * t)`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LayerInView {
     pub(super) scale: f32,

@@ -1,15 +1,16 @@
 //! Merging layers for one frame: as few as its eye needs (L8, C20).
 //!
-//! The paper's loop over the layers from back to front, mended: the nearest layer takes part, and every merged layer is handed
-//! out. A wider layer never errs less ([`ErrorBound::error`]), so that taking as many as the bound allows is best, and the last
-//! frame's layers tell where to look first.
+//! The paper's loop over the layers from back to front, mended: the nearest layer takes part, and
+//! every merged layer is handed out. A wider layer never errs less ([`ErrorBound::error`]), so that
+//! taking as many as the bound allows is best, and the last frame's layers tell where to look
+//! first.
 
 use crate::bounds::ErrorBound;
 use crate::make::layers::DisparityLayer;
 use std::ops::Range;
 
-/// Merged layers, far ones first: each a range of the layers given, together all of them. A layer that alone exceeds the bound
-/// stays alone.
+/// Merged layers, far ones first: each a range of the layers given, together all of them. A layer
+/// that alone exceeds the bound stays alone.
 pub fn merge(layers: &[DisparityLayer], bound: &ErrorBound) -> Vec<Range<usize>> {
     let mut merger = Merger::default();
     merger.update(layers, bound);
@@ -35,8 +36,8 @@ impl Merger {
         self.tests
     }
 
-    /// The same as [`merge`], found from the last frame's layers (the paper's limitation 6): where they still end, two tests a
-    /// merged layer say so.
+    /// The same as [`merge`], found from the last frame's layers (the paper's limitation 6): where
+    /// they still end, two tests a merged layer say so.
     pub fn update(&mut self, layers: &[DisparityLayer], bound: &ErrorBound) {
         let count = layers.len();
         let allows = |range: Range<usize>| {
@@ -57,7 +58,8 @@ impl Merger {
         }
     }
 
-    /// Where the merged layer that begins with `first` ends: by steps that double away from `hint`, then by halving.
+    /// Where the merged layer that begins with `first` ends: by steps that double away from `hint`,
+    /// then by halving.
     fn end_of(
         &mut self,
         count: usize,
@@ -181,7 +183,8 @@ mod tests {
 
     #[test]
     fn the_papers_scenes_merge_to_the_layers_that_were_derived() {
-        // UV plane, ST plane, F, depths; merged layers at 0, 1, 2, 4 and 8 focal lengths behind 4x4 images.
+        // UV plane, ST plane, F, depths; merged layers at 0, 1, 2, 4 and 8 focal lengths behind 4x4
+        // images.
         let scenes = [
             ([200.0, 100.0, 160.0, 183.4, 308.8], [8, 5, 4, 3, 2]),
             ([400.0, 200.0, 300.0, 232.6, 581.8], [18, 9, 7, 4, 3]),

@@ -1,6 +1,7 @@
-//! A frame of a lumigraph, in the order of work: `plan` (layers and cameras that the frame needs), `merge` and `cells` (which
-//! layers show where), `rays`, `taps` and `pending` (sixteen rays at a time), `kernel` (their blend), `render` (threads and the
-//! whole frame). `pyramid` has the levels of detail.
+//! A frame of a lumigraph, in the order of work: `plan` (layers and cameras that the frame needs),
+//! `merge` and `cells` (which layers show where), `rays`, `taps` and `pending` (sixteen rays at a
+//! time), `kernel` (their blend), `render` (threads and the whole frame). `pyramid` has the levels
+//! of detail.
 
 pub(crate) mod cells;
 mod kernel;

@@ -1,4 +1,5 @@
-//! What rays have met and is not blended yet: pixels of a tile that meet different layers are blended together (L9, C21).
+//! What rays have met and is not blended yet: pixels of a tile that meet different layers are
+//! blended together (L9, C21).
 
 use super::plan::Paint;
 use super::pyramid::{Level, Pyramid};
@@ -7,7 +8,8 @@ use super::show::Show;
 use super::taps::{LANES, add_taps, nearest};
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*, u32x16};
 
-/// At most one layer of each of sixteen rays, all of one level of detail, and where their cameras show it.
+/// At most one layer of each of sixteen rays, all of one level of detail, and where their cameras
+/// show it.
 pub(super) struct Pending<S: Simd> {
     /// Rays that wait.
     waits: mask32x16<S>,
@@ -38,13 +40,15 @@ impl<S: Simd> Pending<S> {
         }
     }
 
-    /// Whether some rays, which meet something at a level of detail, can wait together with those that do.
+    /// Whether some rays, which meet something at a level of detail, can wait together with those
+    /// that do.
     #[inline(always)]
     pub(super) fn has_room(&self, rays: mask32x16<S>, level: Level) -> bool {
         !(self.waits & rays).any_true() && (self.level == level || !self.waits.any_true())
     }
 
-    /// Lets rays wait, if there is room for them, with the weights of the cameras that show the layer.
+    /// Lets rays wait, if there is room for them, with the weights of the cameras that show the
+    /// layer.
     #[inline(always)]
     pub(super) fn put(
         &mut self,

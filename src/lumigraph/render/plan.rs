@@ -1,4 +1,5 @@
-//! What a frame needs of a lumigraph: its layers, merged and placed, where they may show, and which cameras are asked (L8, L10; C20).
+//! What a frame needs of a lumigraph: its layers, merged and placed, where they may show, and which
+//! cameras are asked (L8, L10; C20).
 
 use super::cells::{Batch, Bundle, Cells};
 use super::layer_in_view::{LayerInView, MergedLayer};
@@ -20,11 +21,12 @@ const NEIGHBOURS: f64 = 1.5;
 /// Merging with less would tell rounding apart.
 const LEAST_TOLERANCE_PX: f64 = 1e-6;
 
-/// Layers nearer to the eye's own depth than this share of it cannot be drawn: they would fill the frame.
+/// Layers nearer to the eye's own depth than this share of it cannot be drawn: they would fill the
+/// frame.
 const LEAST_AHEAD: f64 = 1e-6;
 
-/// A coarser level serves from this share of an octave later on: between two levels the coarser one, which is smoothed twice, errs
-/// more (docs/decisions/0040).
+/// A coarser level serves from this share of an octave later on: between two levels the coarser
+/// one, which is smoothed twice, errs more (docs/decisions/0040).
 const SHARPER: f64 = 0.25;
 
 /// The layers of a frame, near ones first; what is at infinity comes last.
@@ -85,8 +87,8 @@ pub(crate) fn merged_layers(
     found
 }
 
-/// How far from the nearest camera rays that may meet something cross the plane beside the grid, metres: there the bound must hold
-/// for a single camera.
+/// How far from the nearest camera rays that may meet something cross the plane beside the grid,
+/// metres: there the bound must hold for a single camera.
 fn beside_the_grid(lumigraph: &Lumigraph, view: &PlaneView) -> f64 {
     let (grid, behind) = (lumigraph.grid(), view.behind());
     let [width, height] = view.size();
@@ -115,7 +117,8 @@ fn beside_the_grid(lumigraph: &Lumigraph, view: &PlaneView) -> f64 {
             (columns, half_x, view.eye.x, [low.x, high.x]),
             (rows, half_y, view.eye.y, [low.y, high.y]),
         ] {
-            // The outermost points that the outermost cameras see at this depth, and where the eye's rays to them cross.
+            // The outermost points that the outermost cameras see at this depth, and where the
+            // eye's rays to them cross.
             let crossings = [-1.0, 1.0].map(|side| {
                 let of =
                     |place: f64| place + (side * half - place * grid.convergence()) / disparity;
@@ -180,8 +183,8 @@ pub(super) struct LumigraphPlan {
     pub(super) steps: Vec<Step>,
 }
 
-/// How what is hidden from a ray's own cell is looked for, in a grid of so many columns and rows of cameras: first between the layers,
-/// then from the cells beside, near ones first.
+/// How what is hidden from a ray's own cell is looked for, in a grid of so many columns and rows of
+/// cameras: first between the layers, then from the cells beside, near ones first.
 pub(crate) fn steps(columns: usize, rows: usize) -> Vec<Step> {
     let reach = |cameras: usize| WIDER.min(cameras.saturating_sub(2) as i32);
     let (columns, rows) = (reach(columns), reach(rows));
@@ -228,7 +231,8 @@ impl LumigraphPlan {
         }
     }
 
-    /// Rays with slopes from the least to the most along both axes, between the cameras of two columns and two rows.
+    /// Rays with slopes from the least to the most along both axes, between the cameras of two
+    /// columns and two rows.
     pub(super) fn bundle(
         &self,
         slopes: [[f32; 2]; 2],
@@ -251,7 +255,8 @@ impl LumigraphPlan {
         }
     }
 
-    /// The layers that may show in a block of the frame to the cameras of its rays' cells, and of `beside` cells around them.
+    /// The layers that may show in a block of the frame to the cameras of its rays' cells, and of
+    /// `beside` cells around them.
     pub(super) fn layers_of(
         &self,
         cells: &Cells,
@@ -325,7 +330,8 @@ fn batches(layers: &[LayerInView]) -> Vec<Batch> {
     layers.chunks(LANES).map(Batch::new).collect()
 }
 
-/// Cells that are asked to each side of a ray's own where all of its cameras look at something that hides what the ray meets.
+/// Cells that are asked to each side of a ray's own where all of its cameras look at something that
+/// hides what the ray meets.
 pub(super) const WIDER: i32 = 2;
 
 /// A way to look for what a ray meets.
@@ -333,8 +339,8 @@ pub(super) const WIDER: i32 = 2;
 pub(crate) struct Step {
     /// Whose cameras are asked: columns and rows from the ray's own cell.
     pub(crate) shift: [i32; 2],
-    /// Whether the neighbours of a layer count as it: a steep surface falls between layers where no camera finds either of them at its
-    /// own place.
+    /// Whether the neighbours of a layer count as it: a steep surface falls between layers where no
+    /// camera finds either of them at its own place.
     pub(crate) loose: bool,
 }
 

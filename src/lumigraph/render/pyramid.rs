@@ -1,10 +1,12 @@
-//! Levels of detail of the images: colour low-passed in linear light, layers by vote and never averaged (L7, C19).
+//! Levels of detail of the images: colour low-passed in linear light, layers by vote and never
+//! averaged (L7, C19).
 
 use crate::{CameraGrid, Picture};
 use headbox_core::color::linear_from_srgb8;
 use rayon::prelude::*;
 
-/// A pixel of an image as frames use it: linear red, green and blue, 65535 for 1, and the layer's index.
+/// A pixel of an image as frames use it: linear red, green and blue, 65535 for 1, and the layer's
+/// index.
 pub(crate) type Texel = [u16; 4];
 
 /// One resolution.
@@ -26,7 +28,8 @@ pub(crate) struct Pyramid {
     pub(crate) texels: Vec<Texel>,
 }
 
-/// The paper's Gaussian kernel: the binomial one of four taps, which lies evenly about the middle of two pixels.
+/// The paper's Gaussian kernel: the binomial one of four taps, which lies evenly about the middle
+/// of two pixels.
 const KERNEL: [u32; 4] = [1, 3, 3, 1];
 
 impl Pyramid {
@@ -118,7 +121,8 @@ fn halve(finer: &[Texel], of: Level, coarser: &mut [Texel], to: Level) {
     }
 }
 
-/// The index that most of four have; of those that tie, the nearest layer's, so that thin things stay (C19).
+/// The index that most of four have; of those that tie, the nearest layer's, so that thin things
+/// stay (C19).
 fn vote(of: [u16; 4]) -> u16 {
     let votes = |index: u16| of.iter().filter(|other| **other == index).count();
     of.into_iter()

@@ -1,4 +1,5 @@
-//! The rays of sixteen pixels: their slopes, the four cameras that each lies between, and where these look (L9, C21).
+//! The rays of sixteen pixels: their slopes, the four cameras that each lies between, and where
+//! these look (L9, C21).
 
 use super::cells::Bundle;
 use super::layer_in_view::LayerInView;
@@ -13,8 +14,8 @@ pub(super) const TILE: usize = 4;
 /// The lanes of a tile's corners.
 const CORNERS: [usize; 4] = [0, TILE - 1, LANES - TILE, LANES - 1];
 
-/// The share of a cell's camera along each axis, at least: where it alone sees what a ray meets, beside the grid or just where another
-/// cell begins, it is asked.
+/// The share of a cell's camera along each axis, at least: where it alone sees what a ray meets,
+/// beside the grid or just where another cell begins, it is asked.
 pub(crate) const LEAST_WEIGHT: f32 = 1.0 / 1024.0;
 
 /// The cameras to either side of some rays, along one axis of the grid.
@@ -104,7 +105,8 @@ pub(super) struct Rays<S: Simd> {
 }
 
 impl<S: Simd> Rays<S> {
-    /// Rays of some slopes, with the cameras of the cell that is `shift` from each one's own. `stride`: texels of a camera.
+    /// Rays of some slopes, with the cameras of the cell that is `shift` from each one's own.
+    /// `stride`: texels of a camera.
     #[inline(always)]
     pub(super) fn new(
         simd: S,

@@ -1,8 +1,9 @@
 //! Frames, in bands on threads (L9, L11; C21).
 //!
-//! The paper draws layers from back to front, each over what is there. As a layer hides its pixel wholly where one of the four
-//! cameras of the ray's cell shows it, looking from front to back and stopping there gives the same, and most pixels then ask one or
-//! two layers. Where cameras do not agree whether there is a surface, [`Blend::Shared`](crate::Blend::Shared) goes on behind it.
+//! The paper draws layers from back to front, each over what is there. As a layer hides its pixel
+//! wholly where one of the four cameras of the ray's cell shows it, looking from front to back and
+//! stopping there gives the same, and most pixels then ask one or two layers. Where cameras do not
+//! agree whether there is a surface, [`Blend::Shared`](crate::Blend::Shared) goes on behind it.
 
 use super::cells::Batch;
 use super::kernel::{Block, HIDDEN, Pass};
@@ -128,13 +129,15 @@ impl LumigraphRenderer {
         &self.frame
     }
 
-    /// The layers of the last frame that were shown as one, far ones first, as ranges of [`Lumigraph::layers`].
+    /// The layers of the last frame that were shown as one, far ones first, as ranges of
+    /// [`Lumigraph::layers`].
     pub fn merged(&self) -> &[Range<usize>] {
         self.merger.merged()
     }
 }
 
-/// Draws some rows of a frame: straight colours, with alpha 255 where anything is, [`HIDDEN`] where something hides it. Returns layers times pixels.
+/// Draws some rows of a frame: straight colours, with alpha 255 where anything is, [`HIDDEN`] where
+/// something hides it. Returns layers times pixels.
 fn draw_band(
     plan: &LumigraphPlan,
     lumigraph: &Lumigraph,

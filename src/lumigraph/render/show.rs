@@ -27,7 +27,8 @@ impl Show {
     ];
 }
 
-/// A colour of its own for a number: steps by the golden ratio around the hues. Linear light, 65535 for 1.
+/// A colour of its own for a number: steps by the golden ratio around the hues. Linear light, 65535
+/// for 1.
 pub(super) fn own_color(number: u32) -> [f32; 3] {
     hue((number as f32 * 0.618_034).fract())
 }

@@ -14,8 +14,9 @@ use std::time::Instant;
 /// Shares of a pixel are whole numbers of this many.
 const SHARES: u32 = 255;
 
-/// The share of a slab from which on what its cameras see is shown alone where those of the other look nowhere: what the best slab sees is
-/// always there, and what only the second sees comes and goes with it.
+/// The share of a slab from which on what its cameras see is shown alone where those of the other
+/// look nowhere: what the best slab sees is always there, and what only the second sees comes and
+/// goes with it.
 const FILLS: f64 = 0.5;
 
 /// Draws frames of slabs; owns its buffers.
@@ -67,8 +68,8 @@ impl SlabsRenderer {
     }
 }
 
-/// The second's share of a pixel, as cameras of the first and the second see something there or not: 0 for a hole, 1 for what is only known
-/// to lie behind all, 2 for what is seen.
+/// The second's share of a pixel, as cameras of the first and the second see something there or
+/// not: 0 for a hole, 1 for what is only known to lie behind all, 2 for what is seen.
 fn share_of_second(known: [u8; 2], of_second: f64) -> f64 {
     match known[0].cmp(&known[1]) {
         Ordering::Equal => of_second,

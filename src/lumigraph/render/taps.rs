@@ -1,4 +1,5 @@
-//! Texels of sixteen rays at once: the nearest index, and bilinear colours of those that show a layer (C21).
+//! Texels of sixteen rays at once: the nearest index, and bilinear colours of those that show a
+//! layer (C21).
 
 use super::pyramid::{Level, Texel};
 use fearless_simd::{ExtractToken, Simd, f32x16, i32x16, mask32x16, prelude::*, u32x4, u32x16};
@@ -6,7 +7,8 @@ use fearless_simd::{ExtractToken, Simd, f32x16, i32x16, mask32x16, prelude::*, u
 /// Pixels at a time.
 pub(super) const LANES: usize = 16;
 
-/// The indices of the nearest texels of a level at positions that lie `inside` the image, with a camera's texels from `base` on.
+/// The indices of the nearest texels of a level at positions that lie `inside` the image, with a
+/// camera's texels from `base` on.
 #[inline(always)]
 pub(super) fn nearest<S: Simd>(
     simd: S,
@@ -42,8 +44,8 @@ pub(super) fn nearest<S: Simd>(
     (simd.combine_u32x8(eight[0], eight[1]) >> 16).bitcast::<i32x16<S>>()
 }
 
-/// Adds colour times weight, and weight, of those of the four texels around positions that show layers from the first to the second of
-/// `indices`.
+/// Adds colour times weight, and weight, of those of the four texels around positions that show
+/// layers from the first to the second of `indices`.
 #[inline(always)]
 pub(super) fn add_taps<S: Simd>(
     simd: S,

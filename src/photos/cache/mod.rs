@@ -1,7 +1,9 @@
-//! What is kept between runs because it costs time to make: files in the user's cache folder, named by what they are made of.
+//! What is kept between runs because it costs time to make: files in the user's cache folder, named
+//! by what they are made of.
 //!
-//! What was kept of an image set is found again by [`of_views`], which is the one place that says when a set is still the same. A file
-//! that is damaged is made anew, with a word ([`read`]); the files used longest ago make room ([`evict_to`]).
+//! What was kept of an image set is found again by [`of_views`], which is the one place that says
+//! when a set is still the same. A file that is damaged is made anew, with a word ([`read`]); the
+//! files used longest ago make room ([`evict_to`]).
 
 mod refinement;
 mod registration;
@@ -47,8 +49,8 @@ pub fn digest(feed: impl Fn(&mut DefaultHasher)) -> [u64; 2] {
     })
 }
 
-/// The name of a file that is made of views: of how the set describes them, of the sizes and times of their files, and of `how` it is made; `None` if
-/// one of the views has no file any more.
+/// The name of a file that is made of views: of how the set describes them, of the sizes and times
+/// of their files, and of `how` it is made; `None` if one of the views has no file any more.
 pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
     let mut parts = vec![how.to_owned()];
     for view in views {
@@ -80,7 +82,8 @@ pub struct Was {
     pub note: Option<String>,
 }
 
-/// What a file of a folder holds by `open`; if there is none that holds, what `make` makes, which is then written to it.
+/// What a file of a folder holds by `open`; if there is none that holds, what `make` makes, which
+/// is then written to it.
 fn kept_or_made<T, E>(
     folder: Option<&Path>,
     name: Option<String>,

@@ -41,7 +41,8 @@ struct Report(#[serde(with = "OfReport")] RefinementReport);
 /// What was found of a set, or `None`, and the pose of each of its views.
 type Found = (Option<RefinementReport>, Vec<Pose>);
 
-/// Refines the poses of a set's views, as [`ImageSet::refine_poses`] does, or as was found when it was last done, which is kept in `folder`.
+/// Refines the poses of a set's views, as [`ImageSet::refine_poses`] does, or as was found when it
+/// was last done, which is kept in `folder`.
 ///
 /// # Errors
 /// [`ImagesError`] of the first view that cannot be loaded.

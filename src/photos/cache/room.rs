@@ -11,7 +11,8 @@ pub const MOST_BYTES: u64 = 4_000_000_000;
 /// The endings of files that are removed to make room.
 const ENDINGS: [&str; 4] = ["samples", "registration", "poses", "truth"];
 
-/// A kept file that is in use: it is not removed until this is dropped, by this program or another of ours.
+/// A kept file that is in use: it is not removed until this is dropped, by this program or another
+/// of ours.
 #[derive(Debug)]
 pub struct InUse(#[expect(dead_code, reason = "the lock goes with the file")] File);
 
@@ -29,8 +30,9 @@ impl InUse {
     }
 }
 
-/// Removes those of our files in a folder that were used longest ago until no more than `most` bytes are left, but none that is in use;
-/// returns how many were removed. What cannot be removed stays.
+/// Removes those of our files in a folder that were used longest ago until no more than `most`
+/// bytes are left, but none that is in use; returns how many were removed. What cannot be removed
+/// stays.
 pub fn evict_to(folder: &Path, most: u64) -> usize {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return 0;

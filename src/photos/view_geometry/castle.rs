@@ -1,5 +1,5 @@
-//! The paper's experiment (E12): a castle's wall with a gate, seen from a row of places; the middle view is taken away, shown from the
-//! others, and compared with itself.
+//! The paper's experiment (E12): a castle's wall with a gate, seen from a row of places; the middle
+//! view is taken away, shown from the others, and compared with itself.
 
 pub(crate) use super::tests::{frame, frame_at, opened};
 use super::*;

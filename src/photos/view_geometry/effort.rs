@@ -1,10 +1,11 @@
-//! A time for frames, and how much is done within it (E11): a preview of fewer cameras on a coarser grid while the eye moves, all when it
-//! stands still.
+//! A time for frames, and how much is done within it (E11): a preview of fewer cameras on a coarser
+//! grid while the eye moves, all when it stands still.
 
 use super::GeometrySettings;
 
-/// Cameras over those asked for, growth of the grid's spacing, and levels of detail more, from all that was asked for to the least that
-/// still shows where one is. Each costs about two thirds of the one before.
+/// Cameras over those asked for, growth of the grid's spacing, and levels of detail more, from all
+/// that was asked for to the least that still shows where one is. Each costs about two thirds of
+/// the one before.
 const STEPS: [(f32, f32, u32); 7] = [
     (1.0, 1.0, 0),
     (0.8, 1.25, 0),
@@ -44,8 +45,8 @@ impl TimeBudget {
         }
     }
 
-    /// Takes note of how long a frame of [`Self::settings`] took. As many steps further at once as a late frame calls for; one step back
-    /// where the frame before would have been in time too.
+    /// Takes note of how long a frame of [`Self::settings`] took. As many steps further at once as
+    /// a late frame calls for; one step back where the frame before would have been in time too.
     pub fn took(&mut self, frame_ms: f64) {
         if frame_ms > self.ms {
             let steps = ((self.ms / frame_ms).ln() / CHEAPER.ln()).ceil();

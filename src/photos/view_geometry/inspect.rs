@@ -1,4 +1,5 @@
-//! How the last frame came about, for overlays: whose pictures its pixels show, where its triangles meet, how many cameras see a place.
+//! How the last frame came about, for overlays: whose pictures its pixels show, where its triangles
+//! meet, how many cameras see a place.
 
 use super::{GeometryRenderer, ViewGeometry};
 use crate::view_geometry::render::scan::{
@@ -19,8 +20,8 @@ pub struct Shown {
 }
 
 impl GeometryRenderer {
-    /// What each pixel of the last frame shows; `None` where no triangle is, so everywhere in a frame of
-    /// [`super::Texturing::Nearest`], which has none.
+    /// What each pixel of the last frame shows; `None` where no triangle is, so everywhere in a
+    /// frame of [`super::Texturing::Nearest`], which has none.
     pub fn shown(&self) -> Vec<Option<Shown>> {
         // Without pictures, sides of depth edges are told by their corners.
         let pixels = self.each_pixel(&[], |pixels, lane, _| self.at(pixels, lane));
@@ -41,7 +42,8 @@ impl GeometryRenderer {
             .collect()
     }
 
-    /// How many of the last frame's cameras show what a pixel of it shows: the same place as near as it is there; `None` where no triangle is.
+    /// How many of the last frame's cameras show what a pixel of it shows: the same place as near
+    /// as it is there; `None` where no triangle is.
     pub fn seen_by(&self, geometry: &ViewGeometry) -> Vec<Option<u32>> {
         let textured = |&number: &u32| {
             let (real, picture) = (
@@ -63,7 +65,8 @@ impl GeometryRenderer {
         })
     }
 
-    /// Something of each pixel of the last frame: by what describes it and its neighbours, which of these it is, and its column and row.
+    /// Something of each pixel of the last frame: by what describes it and its neighbours, which of
+    /// these it is, and its column and row.
     fn each_pixel<T: Send>(
         &self,
         cameras: &[TextureCamera],
@@ -237,7 +240,8 @@ mod tests {
 
     #[test]
     fn cameras_whose_view_is_hidden_are_not_counted() {
-        // A post a metre away hides a part of a wall three metres away from the left camera that the right one sees.
+        // A post a metre away hides a part of a wall three metres away from the left camera that
+        // the right one sees.
         let size = [96, 72];
         let views = [-0.6, 0.0].map(|eye: f64| {
             let ray = |column: u32| {

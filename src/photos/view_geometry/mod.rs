@@ -1,13 +1,16 @@
 //! View-dependent geometry: many depth images shown without a global model (E4 to E13).
 //!
-//! For each frame anew: the cameras that serve it best are ranked (`rank`), their depth samples (`samples`) fused in a grid of the
-//! frame (`fuse`), the grid's nodes triangulated (`delaunay`), and the pixels that they cover (`scan`) coloured by the cameras' pictures (`picture`, `store`,
-//! `texture`). Nothing needs to agree beyond what one frame shows, so that a long capture may drift, and a camera's data is at most read,
-//! never merged. `oracle` does the same slowly, in `f64`, for tests.
+//! For each frame anew: the cameras that serve it best are ranked (`rank`), their depth samples
+//! (`samples`) fused in a grid of the frame (`fuse`), the grid's nodes triangulated (`delaunay`),
+//! and the pixels that they cover (`scan`) coloured by the cameras' pictures (`picture`, `store`,
+//! `texture`). Nothing needs to agree beyond what one frame shows, so that a long capture may
+//! drift, and a camera's data is at most read, never merged. `oracle` does the same slowly, in
+//! `f64`, for tests.
 //!
-//! One owner for each thing: [`ViewGeometry`] has the cameras, their samples and the store of pictures, and does not change from frame to
-//! frame but for the pictures at hand; [`GeometryRenderer`] has the grid, the mesh and the frame. The one invariant that the
-//! steps share is the grid's: a node lies in its own cell.
+//! One owner for each thing: [`ViewGeometry`] has the cameras, their samples and the store of
+//! pictures, and does not change from frame to frame but for the pictures at hand;
+//! [`GeometryRenderer`] has the grid, the mesh and the frame. The one invariant that the steps
+//! share is the grid's: a node lies in its own cell.
 
 mod cameras;
 #[cfg(test)]

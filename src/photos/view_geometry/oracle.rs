@@ -1,5 +1,6 @@
-//! The slow, obvious way from a mesh to a pixel, in `f64`: the ray of a pixel meets a triangle in space; its weights are
-//! shares of the triangle's area; each corner's camera projects the point into its photograph.
+//! The slow, obvious way from a mesh to a pixel, in `f64`: the ray of a pixel meets a triangle in
+//! space; its weights are shares of the triangle's area; each corner's camera projects the point
+//! into its photograph.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -8,8 +9,8 @@ use headbox_images::LoadedView;
 /// A corner in space, and the photograph of the camera that its sample is of.
 pub(super) type Corner<'a> = (DVec3, &'a LoadedView);
 
-/// Linear colour that three blended textures give a pixel; `None` where the ray misses the triangle by more than rounding, or one of the
-/// photographs does not show the point.
+/// Linear colour that three blended textures give a pixel; `None` where the ray misses the triangle
+/// by more than rounding, or one of the photographs does not show the point.
 pub(super) fn blended(camera: &Camera, corners: [Corner; 3], [x, y]: [f64; 2]) -> Option<[f64; 3]> {
     let [a, b, c] = corners.map(|(point, _)| point);
     let normal = (b - a).cross(c - a);

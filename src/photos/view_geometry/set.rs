@@ -1,4 +1,5 @@
-//! An image set as frames are drawn from it: its cameras with their samples, and the store of pictures.
+//! An image set as frames are drawn from it: its cameras with their samples, and the store of
+//! pictures.
 
 use crate::cache;
 use crate::cache::InUse;
@@ -87,7 +88,8 @@ pub struct GeometryResources {
     pub grid: SampleGrid,
     /// Bytes of pictures that are kept in memory.
     pub budget: usize,
-    /// The folder in which samples are kept, so that they are there when the set is opened again; made if need be.
+    /// The folder in which samples are kept, so that they are there when the set is opened again;
+    /// made if need be.
     pub cache: Option<PathBuf>,
 }
 
@@ -120,8 +122,8 @@ pub struct ViewGeometry {
 }
 
 impl ViewGeometry {
-    /// Takes views (perspective pictures with depth; others are left out), samples their depth, or finds the samples kept, and keeps as
-    /// many of their pictures as fit into the budget.
+    /// Takes views (perspective pictures with depth; others are left out), samples their depth, or
+    /// finds the samples kept, and keeps as many of their pictures as fit into the budget.
     ///
     /// # Errors
     /// [`GeometryError`] of the first view that cannot be read, or if there is none to draw from.
@@ -162,7 +164,8 @@ impl ViewGeometry {
             Some(cameras) => cameras,
             None => {
                 let sampled = sampled(&views, grid, origin, &pictures, progress)?;
-                // A cache that cannot be written costs time, and no more. What is written need not stay in memory.
+                // A cache that cannot be written costs time, and no more. What is written need not
+                // stay in memory.
                 let written = file
                     .as_ref()
                     .is_some_and(|file| sample_cache::write(file, &sampled).is_ok());
@@ -262,7 +265,8 @@ impl ViewGeometry {
     }
 }
 
-/// Cameras of views, their depth sampled; their pictures are offered to the store, as they are read anyhow.
+/// Cameras of views, their depth sampled; their pictures are offered to the store, as they are read
+/// anyhow.
 fn sampled(
     views: &[View],
     grid: &SampleGrid,

@@ -1,4 +1,5 @@
-//! How frames are drawn: whose pictures colour them, how much is done for them, and when neighbours are of different surfaces.
+//! How frames are drawn: whose pictures colour them, how much is done for them, and when neighbours
+//! are of different surfaces.
 
 use super::RankWeights;
 
@@ -14,7 +15,8 @@ pub enum Texturing {
     /// Each triangle by all cameras of its corners, weighted by the corners.
     #[default]
     Blended,
-    /// Each pixel by the mean of the best ranked cameras that see its point, whoever owns the corners.
+    /// Each pixel by the mean of the best ranked cameras that see its point, whoever owns the
+    /// corners.
     Averaged,
 }
 
@@ -56,9 +58,11 @@ pub struct GeometrySettings {
     pub level: u32,
     /// Pixels between nodes of the frame's grid.
     pub grid_px: f32,
-    /// By which share of its distance a sample of a camera must be nearer than that of a better ranked one, to take its place.
+    /// By which share of its distance a sample of a camera must be nearer than that of a better
+    /// ranked one, to take its place.
     pub margin: f32,
-    /// Whether a node is of the best ranked camera that sees it; otherwise of the one whose sample it holds.
+    /// Whether a node is of the best ranked camera that sees it; otherwise of the one whose sample
+    /// it holds.
     pub by_sight: bool,
     /// Holes of at most so many nodes are closed.
     pub close_nodes: u32,
@@ -84,8 +88,8 @@ impl Default for GeometrySettings {
     }
 }
 
-/// When two neighbours in a frame belong to different surfaces: if what lies between them would be seen at a grazing angle and is
-/// no noise.
+/// When two neighbours in a frame belong to different surfaces: if what lies between them would be
+/// seen at a grazing angle and is no noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct EdgeRule {
     /// Share of inverse depth for a pixel.
@@ -95,7 +99,8 @@ pub(super) struct EdgeRule {
 }
 
 impl EdgeRule {
-    /// The tangent of the angle between a surface and the frame from which on it is taken for a gap between two: 80 degrees.
+    /// The tangent of the angle between a surface and the frame from which on it is taken for a gap
+    /// between two: 80 degrees.
     pub(super) const STEEPEST: f32 = 5.67;
 
     /// For a frame of a focal length, and the standard deviation of inverse depths, 1/m.

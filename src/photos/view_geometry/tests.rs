@@ -70,7 +70,8 @@ pub fn frame(
     (frame.clone(), stats)
 }
 
-/// The largest difference of levels from the plane's pattern, over the pixels that are covered, and how many are not.
+/// The largest difference of levels from the plane's pattern, over the pixels that are covered, and
+/// how many are not.
 fn off_the_pattern(frame: &Frame, camera: &Camera, plane_z: f64) -> (u8, u64) {
     let mut worst = 0;
     for (i, (color, coverage)) in frame.color.iter().zip(&frame.coverage).enumerate() {
@@ -107,7 +108,8 @@ fn a_plane_is_shown_as_it_is_from_between_its_cameras() {
             let (frame, stats) = frame(&geometry, &camera, &settings(texturing));
             // Rounding to levels in the picture, its bilinear interpolation and in the frame.
             let (worst, holes) = off_the_pattern(&frame, &camera, -3.0);
-            // At the frame's rim a pixel, on the mean less than 1.5, lies beyond the sample that the last node holds.
+            // At the frame's rim a pixel, on the mean less than 1.5, lies beyond the sample that
+            // the last node holds.
             assert!(
                 worst <= 3 && 2 * holes < 3 * (111 + 70),
                 "{texturing:?} {eye}: off by {worst}, {holes} holes; {stats:?}"
@@ -131,7 +133,8 @@ fn a_plane_is_shown_as_it_is_from_between_its_cameras() {
 
 #[test]
 fn pixels_are_those_of_the_slow_way() {
-    // A slanted floor, seen by cameras whose pictures differ in colour, so that who is blended how much shows.
+    // A slanted floor, seen by cameras whose pictures differ in colour, so that who is blended how
+    // much shows.
     let eyes = [
         DVec3::ZERO,
         DVec3::new(0.3, 0.1, 0.0),
@@ -267,13 +270,15 @@ fn no_skin_spans_a_depth_edge_and_the_rim_is_where_it_is() {
             mixed += u32::from(found[0] > 60 && found[2] > 60);
             wrong += u32::from(found[0].abs_diff(truth[0]) > 100);
         }
-        // The rim is some 410 pixels long: its own pixels are mixed where a texture is looked up across it.
+        // The rim is some 410 pixels long: its own pixels are mixed where a texture is looked up
+        // across it.
         assert!(
             mixed < 600 && wrong < 200,
             "{texturing:?}: {mixed} mixed, {wrong} wrong"
         );
-        // All cameras are lower than the frame's: it looks over the tops of their pictures by 3.4 pixels, and the mesh ends at the
-        // last row of nodes that hold a sample, less than their distance before that.
+        // All cameras are lower than the frame's: it looks over the tops of their pictures by 3.4
+        // pixels, and the mesh ends at the last row of nodes that hold a sample, less than their
+        // distance before that.
         let open_rows = 3.4 + settings(texturing).grid_px;
         assert!(
             frame.hole_count() as f32 <= open_rows * 320.0,

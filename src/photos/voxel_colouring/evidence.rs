@@ -1,4 +1,5 @@
-//! What photographs say of the candidates of a shell: how far they disagree on a colour, and which it is.
+//! What photographs say of the candidates of a shell: how far they disagree on a colour, and which
+//! it is.
 
 use super::Pass;
 use super::photograph::{Photograph, Projection};
@@ -19,7 +20,8 @@ const STEPS: [f32; LANES] = [
 pub(super) struct Witnesses<'a> {
     /// From inside the shell, the nearest to the centre first: their colours count.
     inside: Vec<Witness<'a>>,
-    /// From outside: what is between them and the shell is not known yet, but where they see the backdrop there is no surface.
+    /// From outside: what is between them and the shell is not known yet, but where they see the
+    /// backdrop there is no surface.
     outside: Vec<Witness<'a>>,
     /// Pixels a side of the face.
     side: usize,
@@ -48,8 +50,8 @@ struct RowWitness<'a> {
 #[derive(Default)]
 pub(super) struct EvidenceRow {
     pub(super) start: usize,
-    /// Of the colours, summed over channels, levels squared, no more than [`Pass::most_variance`]; infinite where there is no surface,
-    /// or too few see it.
+    /// Of the colours, summed over channels, levels squared, no more than [`Pass::most_variance`];
+    /// infinite where there is no surface, or too few see it.
     pub(super) variances: Vec<f32>,
     /// The colours, sRGB, as bytes of a word.
     colors_srgb: Vec<u32>,
@@ -169,7 +171,8 @@ impl RowWitness<'_> {
     }
 }
 
-/// Of those of sixteen candidates, from a column on, that `left` says: whether no photograph shows the backdrop there.
+/// Of those of sixteen candidates, from a column on, that `left` says: whether no photograph shows
+/// the backdrop there.
 #[inline(always)]
 fn hidden_backdrop<S: Simd>(
     witnesses: &[RowWitness],

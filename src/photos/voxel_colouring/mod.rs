@@ -1,19 +1,24 @@
-//! A cube LDI from photographs without depth: voxel colouring in the LDI's own perspective grid (S16, C14).
+//! A cube LDI from photographs without depth: voxel colouring in the LDI's own perspective grid
+//! (S16, C14).
 //!
-//! The papers march outward along each ray of the LDI, project what would be there into all photographs, and keep a depth pixel where
-//! all agree on a colour; how occlusion is kept in mind they do not say (C14). Here all rays march together, shell by shell: a shell is
-//! a cube about the centre, on whose faces every pixel is a candidate (`shells` says how far apart). Photographs that see it are asked
-//! for their colours (`evidence`), and where these agree for some shells on end, the best of them is kept (`runs`). What is kept
-//! claims the pixels that it covers in every photograph, and claimed pixels have no say farther out (`sweep`).
+//! The papers march outward along each ray of the LDI, project what would be there into all
+//! photographs, and keep a depth pixel where all agree on a colour; how occlusion is kept in mind
+//! they do not say (C14). Here all rays march together, shell by shell: a shell is a cube about the
+//! centre, on whose faces every pixel is a candidate (`shells` says how far apart). Photographs
+//! that see it are asked for their colours (`evidence`), and where these agree for some shells on
+//! end, the best of them is kept (`runs`). What is kept claims the pixels that it covers in every
+//! photograph, and claimed pixels have no say farther out (`sweep`).
 //!
-//! Only photographs taken from inside a shell are asked about it: distance by the largest coordinate is convex along a line, so what hides
-//! a point of a shell from a camera inside lies inside as well, and was swept before. Cameras on the other side of an object
-//! join in where the shells have grown past them. Before a dark backdrop all are asked at once whether they see through a
-//! candidate: where one sees the backdrop there is no surface, whatever lies between.
+//! Only photographs taken from inside a shell are asked about it: distance by the largest
+//! coordinate is convex along a line, so what hides a point of a shell from a camera inside lies
+//! inside as well, and was swept before. Cameras on the other side of an object join in where the
+//! shells have grown past them. Before a dark backdrop all are asked at once whether they see
+//! through a candidate: where one sees the backdrop there is no surface, whatever lies between.
 //!
-//! Real photographs agree more or less: passes with ever more patience take what those before left open. A pass knows its claims when a
-//! run has ended, some shells late, which is why this is approximate, as the papers' is. Decisions of a shell know the
-//! claims of those before it alone, and claims are sets of bits, so that the result does not depend on threads.
+//! Real photographs agree more or less: passes with ever more patience take what those before left
+//! open. A pass knows its claims when a run has ended, some shells late, which is why this is
+//! approximate, as the papers' is. Decisions of a shell know the claims of those before it alone,
+//! and claims are sets of bits, so that the result does not depend on threads.
 
 mod evidence;
 mod photograph;
@@ -46,7 +51,8 @@ pub struct PhotographsJob {
     pub face_size_px: u32,
     /// Photographs agree on a colour if its standard deviation is no more than this, levels of 255.
     pub agreement: f32,
-    /// What stands before a dark backdrop: no surface has a pixel of which all channels are at most this.
+    /// What stands before a dark backdrop: no surface has a pixel of which all channels are at most
+    /// this.
     pub backdrop: Backdrop,
 }
 
@@ -77,7 +83,8 @@ impl Pass {
         3.0 * self.agreement.powi(2)
     }
 
-    /// The most that one candidate counts in the mean of its window: at edges some disagree without bound.
+    /// The most that one candidate counts in the mean of its window: at edges some disagree without
+    /// bound.
     fn most_variance(&self) -> f32 {
         /// In standard deviations.
         const MOST: f32 = 2.2;
@@ -95,7 +102,8 @@ impl PhotographsJob {
     /// Standard deviation up to which photographs agree by default, levels of 255.
     pub const AGREEMENT: f32 = 18.0;
 
-    /// A cube about the camera that has the most others near it, as fine as its photograph, reaching half-way to the nearest.
+    /// A cube about the camera that has the most others near it, as fine as its photograph,
+    /// reaching half-way to the nearest.
     pub fn suggest(set: &ImageSet) -> Self {
         let densest = set.densest_view();
         let focal = densest.map_or(512.0, |(view, _)| view.lens.pixels_per_radian(view.size_px));
@@ -111,7 +119,8 @@ impl PhotographsJob {
         }
     }
 
-    /// Colours the voxels that views agree on; of many views those nearest to the centre, up to a GiB of pictures.
+    /// Colours the voxels that views agree on; of many views those nearest to the centre, up to a
+    /// GiB of pictures.
     ///
     /// # Errors
     /// [`ImagesError`] of the first view that cannot be loaded.
@@ -124,7 +133,8 @@ impl PhotographsJob {
         self.run_smaller(set, views, 1, progress)
     }
 
-    /// As [`Self::run`], of photographs made so many times smaller, and as much coarser: sooner by about the third power.
+    /// As [`Self::run`], of photographs made so many times smaller, and as much coarser: sooner by
+    /// about the third power.
     ///
     /// # Errors
     /// As [`Self::run`].

@@ -11,8 +11,8 @@ use headbox_images::{Lens, LoadedView};
 pub(super) struct Photograph {
     width: usize,
     height: usize,
-    /// sRGB; the last channel is [`SILENT`] where the view is masked out or a kept candidate has claimed it, [`BEHIND`] for the backdrop,
-    /// else 255.
+    /// sRGB; the last channel is [`SILENT`] where the view is masked out or a kept candidate has
+    /// claimed it, [`BEHIND`] for the backdrop, else 255.
     color: Vec<[u8; 4]>,
     has_backdrop: bool,
     /// Rows: x times w, y times w, and w (eye depth) of a point relative to the eye.
@@ -29,7 +29,8 @@ const SILENT: u8 = 0;
 /// Marks pixels that show the backdrop.
 const BEHIND: u8 = 1;
 
-/// Takes a pixel (x, y, 1) of a face, at eye depth 1, to x w, y w, w in a photograph; `start` is to be added once for any depth.
+/// Takes a pixel (x, y, 1) of a face, at eye depth 1, to x w, y w, w in a photograph; `start` is to
+/// be added once for any depth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Projection {
     start: Vec3,
@@ -39,7 +40,8 @@ pub(super) struct Projection {
 }
 
 impl Projection {
-    /// At an eye depth: x w, y w, w of the first pixel's middle, and what a step to the right and down adds.
+    /// At an eye depth: x w, y w, w of the first pixel's middle, and what a step to the right and
+    /// down adds.
     pub(super) fn at(&self, depth: f32) -> [Vec3; 3] {
         [
             self.start + self.corner * depth,
@@ -106,8 +108,8 @@ impl Photograph {
         inside.then_some([x, y])
     }
 
-    /// Where the rays of `side` by `side` pixels, rim to rim, meet the shell at an eye depth of the faces, relative to the centre. The
-    /// eye is inside it.
+    /// Where the rays of `side` by `side` pixels, rim to rim, meet the shell at an eye depth of the
+    /// faces, relative to the centre. The eye is inside it.
     pub(super) fn points_on_shell(&self, depth: f64, side: usize) -> impl Iterator<Item = DVec3> {
         let unproject = self.rows.inverse();
         let at =
@@ -144,7 +146,8 @@ impl Photograph {
         self.has_backdrop
     }
 
-    /// Whether the pixels at sixteen positions show the backdrop; of positions outside the picture this means nothing.
+    /// Whether the pixels at sixteen positions show the backdrop; of positions outside the picture
+    /// this means nothing.
     #[inline(always)]
     pub(super) fn show_backdrop<S: Simd>(&self, [x, y]: [f32x16<S>; 2]) -> mask32x16<S> {
         let last = [self.width as u32 - 1, self.height as u32 - 1];
@@ -160,7 +163,8 @@ impl Photograph {
         u32x16::load_array(x.token(), marks).simd_eq(u32::from(BEHIND))
     }
 
-    /// The colours at sixteen positions inside the picture, sRGB levels in bytes of a word, and whether the pixels there have a say.
+    /// The colours at sixteen positions inside the picture, sRGB levels in bytes of a word, and
+    /// whether the pixels there have a say.
     #[inline(always)]
     pub(super) fn colors<S: Simd>(
         &self,
@@ -185,7 +189,8 @@ impl Photograph {
         (between(four, [across, down]), (own >> 24).simd_eq(255))
     }
 
-    /// Claims the pixels whose middles lie within `reach` of a position, to each side; at least the one that holds it.
+    /// Claims the pixels whose middles lie within `reach` of a position, to each side; at least the
+    /// one that holds it.
     pub(super) fn claim(&mut self, x: f32, y: f32, reach: f32) {
         let range = |at: f32, side: usize| {
             let own = at as i64;
@@ -206,7 +211,8 @@ impl Photograph {
     }
 }
 
-/// Marks the pixels that show a backdrop of levels up to `dark`; those beside others say nothing: calibrations err by about a pixel.
+/// Marks the pixels that show a backdrop of levels up to `dark`; those beside others say nothing:
+/// calibrations err by about a pixel.
 fn mark_backdrop(color: &mut [[u8; 4]], width: usize, dark: u8) {
     let shows =
         |pixel: &[u8; 4]| pixel[3] != SILENT && pixel[..3].iter().all(|level| *level <= dark);

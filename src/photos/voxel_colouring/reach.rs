@@ -3,8 +3,8 @@
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
-/// From where on to where at least `least` of some ranges may overlap: before the so-manieth of their starts, and after the
-/// so-manieth last of their ends, fewer do.
+/// From where on to where at least `least` of some ranges may overlap: before the so-manieth of
+/// their starts, and after the so-manieth last of their ends, fewer do.
 pub(super) fn common<'a>(
     ranges: impl Iterator<Item = &'a Range<usize>>,
     least: usize,
@@ -42,7 +42,8 @@ pub(super) fn seen_columns(first: Vec3, across: Vec3, size: [f32; 2], side: usiz
     start as usize..end.max(start) as usize
 }
 
-/// The rows of a face that a picture shows any of: the face's square is clipped by the picture's rims (Sutherland and Hodgman).
+/// The rows of a face that a picture shows any of: the face's square is clipped by the picture's
+/// rims (Sutherland and Hodgman).
 pub(super) fn seen_rows(
     [corner, across, down]: &[Vec3; 3],
     size: [f32; 2],

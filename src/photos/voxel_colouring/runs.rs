@@ -1,5 +1,6 @@
-//! Runs: consecutive shells of a ray on which photographs agree. Where little tells shells apart they agree long before the
-//! surface; so of each run only the shell is kept on which they agree best.
+//! Runs: consecutive shells of a ray on which photographs agree. Where little tells shells apart
+//! they agree long before the surface; so of each run only the shell is kept on which they agree
+//! best.
 
 use super::Pass;
 use super::evidence::EvidenceRow;
@@ -42,8 +43,8 @@ impl RunRow {
         self.may_end
     }
 
-    /// Takes in the evidence of a shell at an inverse depth, of rows from `first` on, and gives what is kept for good of row number `row`
-    /// of a face of `side` pixels.
+    /// Takes in the evidence of a shell at an inverse depth, of rows from `first` on, and gives
+    /// what is kept for good of row number `row` of a face of `side` pixels.
     pub(super) fn step(
         &mut self,
         evidence: &[EvidenceRow],
@@ -151,7 +152,8 @@ impl WindowSums {
         sums
     }
 
-    /// The mean variance of the candidates around a column, counted from the first, if photographs agree there.
+    /// The mean variance of the candidates around a column, counted from the first, if photographs
+    /// agree there.
     fn mean(&self, column: usize, pass: &Pass) -> Option<f32> {
         let around = column..column + 2 * WINDOW + 1;
         let [sum, count]: [f32; 2] =

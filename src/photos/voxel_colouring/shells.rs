@@ -1,4 +1,5 @@
-//! How far apart shells are: so that no photograph sees a candidate move by more than a pixel from one to the next.
+//! How far apart shells are: so that no photograph sees a candidate move by more than a pixel from
+//! one to the next.
 
 use super::photograph::Photograph;
 use glam::DVec3;
@@ -9,13 +10,16 @@ const MOST: usize = 4096;
 /// Largest motion in a photograph from shell to shell, pixels.
 const STEP_PX: f64 = 2.0;
 
-/// Beyond so many times the distance between the cameras nothing moves that is told apart from infinity.
+/// Beyond so many times the distance between the cameras nothing moves that is told apart from
+/// infinity.
 const FARTHEST: f64 = 200.0;
 
-/// Pixels of a photograph, to a side of a grid, for which others are asked whether they see the same.
+/// Pixels of a photograph, to a side of a grid, for which others are asked whether they see the
+/// same.
 const GRID: usize = 5;
 
-/// Eye depths of shells, metres, near to far: where at least `least` photographs see the same. None if there is no such place.
+/// Eye depths of shells, metres, near to far: where at least `least` photographs see the same. None
+/// if there is no such place.
 pub(super) fn depths(photographs: &[Photograph], least: usize) -> Vec<f64> {
     let reach = photographs
         .iter()

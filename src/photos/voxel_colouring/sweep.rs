@@ -50,7 +50,8 @@ impl<'a> Sweep<'a> {
         }
     }
 
-    /// Sweeps the shell at an eye depth of the faces, metres; `false` if there is no evidence of any surface.
+    /// Sweeps the shell at an eye depth of the faces, metres; `false` if there is no evidence of
+    /// any surface.
     pub(super) fn shell(&mut self, depth: f64, pass: &Pass) -> bool {
         let mut is_anything = false;
         let side = self.job.face_size_px as usize;
@@ -77,7 +78,8 @@ impl<'a> Sweep<'a> {
         is_anything
     }
 
-    /// Ends all runs, at the end of a pass or where a shell is passed over: the best of each is kept.
+    /// Ends all runs, at the end of a pass or where a shell is passed over: the best of each is
+    /// kept.
     pub(super) fn end(&mut self, pass: &Pass) {
         if !std::mem::take(&mut self.may_run) {
             return;
@@ -89,7 +91,8 @@ impl<'a> Sweep<'a> {
         self.claim(&before);
     }
 
-    /// Claims what candidates cover, those that faces kept beyond `before`, in every photograph that is asked for their colours.
+    /// Claims what candidates cover, those that faces kept beyond `before`, in every photograph
+    /// that is asked for their colours.
     fn claim(&mut self, before: &[usize]) {
         let (faces, face_px) = (&self.faces, self.job.face_size_px);
         self.photographs.par_iter_mut().for_each(|photograph| {
@@ -109,7 +112,8 @@ impl<'a> Sweep<'a> {
         });
     }
 
-    /// The six faces. What lies within one pixel of parallax along a ray is one surface: the nearest of it stays.
+    /// The six faces. What lies within one pixel of parallax along a ray is one surface: the
+    /// nearest of it stays.
     pub(super) fn finish(self) -> Vec<LayeredDepthImage> {
         let similar =
             DepthBins::new(self.job.half_size_m, self.job.face_size_px).inverse_depth(1.0) as f32;

@@ -1,4 +1,5 @@
-//! Layers over each other pixel by pixel, by depth (the z-buffer of S25, D14): what reaches through each other comes out right.
+//! Layers over each other pixel by pixel, by depth (the z-buffer of S25, D14): what reaches through
+//! each other comes out right.
 
 use super::laid_over;
 use headbox_cube::render::canvas::linear::LinearLight;
@@ -25,10 +26,11 @@ impl LayerPicture {
     }
 }
 
-/// Lays the nearest of each pixel over the farther ones; of equally near ones the later. `to` takes straight colours with shares.
+/// Lays the nearest of each pixel over the farther ones; of equally near ones the later. `to` takes
+/// straight colours with shares.
 ///
-/// A pixel has one depth in each layer: where a layer shows two of its own surfaces in a pixel, another layer's surface between them comes
-/// out before or behind both.
+/// A pixel has one depth in each layer: where a layer shows two of its own surfaces in a pixel,
+/// another layer's surface between them comes out before or behind both.
 pub(super) fn lay_by_depth(layers: &[LayerPicture], to: &mut [[u8; 4]]) {
     /// Pixels that a thread takes at least.
     const AT_LEAST: usize = 1 << 12;

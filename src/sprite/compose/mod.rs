@@ -1,10 +1,11 @@
-//! Sprites with depth, cube LDIs and polygons in one frame (S25): each layer is drawn by its own renderer, and the layers are
-//! laid over each other back to front, over the environment.
+//! Sprites with depth, cube LDIs and polygons in one frame (S25): each layer is drawn by its own
+//! renderer, and the layers are laid over each other back to front, over the environment.
 //!
-//! Layers blend in linear light, as splats do: a cube LDI alone is, but for its thinnest rims, the frame that it would be without the
-//! others. A layer is drawn whole, and layers that reach through each other come out in the order of their larger parts; or, at extra cost,
-//! pixel by pixel ([`ComposeSettings::by_depth`]). Polygons are compared with cube LDIs splat by splat: they stand in the frame before it is
-//! drawn (`polygons.rs`).
+//! Layers blend in linear light, as splats do: a cube LDI alone is, but for its thinnest rims, the
+//! frame that it would be without the others. A layer is drawn whole, and layers that reach through
+//! each other come out in the order of their larger parts; or, at extra cost, pixel by pixel
+//! ([`ComposeSettings::by_depth`]). Polygons are compared with cube LDIs splat by splat: they stand
+//! in the frame before it is drawn (`polygons.rs`).
 
 mod by_depth;
 mod order;
@@ -50,22 +51,23 @@ pub struct Composition {
     environment: Environment,
 }
 
-/// How the layers are drawn.
+/// Settings of a composed frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ComposeSettings {
     /// The sprites.
     pub sprites: RenderOptions,
     /// The cube LDIs.
     pub cubes: RenderSettings,
-    /// Lays layers over each other pixel by pixel, by depth, instead of whole: slower, and right where they reach through each other. A
-    /// sprite's depth is that of its plane. Always so where there are polygons.
+    /// Lays layers over each other pixel by pixel, by depth, instead of whole: slower, and right
+    /// where they reach through each other. A sprite's depth is that of its plane. Always so where
+    /// there are polygons.
     pub by_depth: bool,
 }
 
-/// What a frame took.
+/// Statistics of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ComposeStats {
-    /// How each sprite came out, in the order of [`Composition::sprites`].
+    /// Outcome of each sprite, in the order of [`Composition::sprites`].
     pub outcomes: Vec<Outcome>,
     /// The layers from back to front.
     pub order: Vec<Layer>,
@@ -79,13 +81,13 @@ pub struct ComposeStats {
     pub compose_ms: f64,
     /// Depth pixels of the cube LDIs that reached the inner loop.
     pub depth_pixels_in: u64,
-    /// Of these, drawn.
+    /// Splats drawn.
     pub splatted: u64,
     /// Pixels of which nothing is known.
     pub hole_pixels: u64,
 }
 
-/// What drawing needs from frame to frame.
+/// Buffers reused from frame to frame.
 #[derive(Default)]
 pub struct Composer {
     sprites: SpriteRenderer,
@@ -93,12 +95,13 @@ pub struct Composer {
     /// One sprite.
     layer: SpriteLayer,
     polygons: Stand,
-    /// Of each layer, where depths are compared.
+    /// Image of each layer, where depths are compared.
     pictures: Vec<LayerPicture>,
 }
 
 impl Composition {
-    /// Puts layers together. The environment is that of the first cube LDI that has one, else that of the sprites.
+    /// Puts layers together. The environment is that of the first cube LDI that has one, else that
+    /// of the sprites.
     pub fn new(sprites: SpriteSet, mut cubes: Vec<PackedCube>) -> Self {
         let mut environment = Environment::default();
         // Each cube's own environment would hide what lies behind the cube.
@@ -143,9 +146,10 @@ impl Composition {
         &self.cubes
     }
 
-    /// The layers in the order in which to draw them for an eye. Sprites keep the order that their planes give
-    /// ([`SpriteSet::back_to_front`]). A cube LDI comes before the first sprite that covers it, as the sight lines to
-    /// its samples say by majority, and after all others that it covers; of several cube LDIs the farther comes first.
+    /// The layers in the order in which to draw them for an eye. Sprites keep the order that their
+    /// planes give ([`SpriteSet::back_to_front`]). A cube LDI comes before the first sprite that
+    /// covers it, as the sight lines to its samples say by majority, and after all others that it
+    /// covers; of several cube LDIs the farther comes first.
     pub fn back_to_front(&self, eye: DVec3) -> Vec<Layer> {
         order::back_to_front(&self.sprites, &self.points, eye)
     }
@@ -160,7 +164,8 @@ impl Composition {
     ) -> ComposeStats {
         let started = Instant::now();
         frame.resize(camera.width(), camera.height(), false);
-        // Until the environment is put under it: straight colours, with the share that layers cover as their alpha.
+        // Until the environment is put under it: straight colours, with the share that layers cover
+        // as their alpha.
         frame.color.fill([0; 4]);
         let mut stats = ComposeStats {
             outcomes: vec![Outcome::Drawn; self.sprites.sprites().len()],
@@ -224,7 +229,8 @@ impl Composition {
         stats
     }
 
-    /// Draws a layer over those before it, or, where depths are compared, into the picture of its number.
+    /// Draws a layer over those before it, or, where depths are compared, into the picture of its
+    /// number.
     fn draw_layer(
         &self,
         composer: &mut Composer,
@@ -339,7 +345,8 @@ mod tests {
     use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
     use headbox_core::random::Rng;
 
-    /// Two roundings to 8 bits, each of half a level and, in the darkest colours, of 12 bits of linear light.
+    /// Two roundings to 8 bits, each of half a level and, in the darkest colours, of 12 bits of
+    /// linear light.
     const LAID_LEVELS: f32 = 2.0;
 
     #[test]

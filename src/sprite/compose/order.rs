@@ -6,13 +6,14 @@ use glam::DVec3;
 use headbox_core::cube_face::Face;
 use headbox_cube::pack::{PackedCube, PackedSegment};
 
-/// Where the samples of a cube LDI lie: some of them, spread evenly.
+/// Positions of some samples of a cube LDI, spread evenly.
 pub(super) struct CubePoints {
     /// World.
     points: Vec<DVec3>,
 }
 
-/// Samples of a cube LDI that are looked at: enough for a sprite that covers a hundredth of the view.
+/// Samples of a cube LDI that are looked at: enough for a sprite that covers a hundredth of the
+/// view.
 const POINTS: usize = 4096;
 
 impl CubePoints {
@@ -58,8 +59,8 @@ impl CubePoints {
             / self.points.len().max(1) as f64
     }
 
-    /// Whether a sprite hides more samples than hide it, on sight lines from `eye` through the sprite's rectangle;
-    /// `None` if there are as many of either, as where the two lie beside each other.
+    /// Returns true if a sprite hides more samples than hide it, on sight lines from `eye` through
+    /// the sprite's rectangle; `None` on a tie, such as where the two lie beside each other.
     fn is_behind(&self, sprite: &SpriteWithDepth, eye: DVec3) -> Option<bool> {
         let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
         let (width, height) = (f64::from(camera.width()), f64::from(camera.height()));

@@ -1,7 +1,8 @@
-//! Polygons among images (S25): what is nearer than an image can serve, or is put into a place that was captured without it.
+//! Polygons among images (S25): what is nearer than an image can serve, or is put into a place that
+//! was captured without it.
 //!
-//! They are rasterised ([`headbox_raster`]) once for a frame, and stand in it with a depth for each pixel (`stand.rs`), against which cube
-//! LDIs are drawn.
+//! They are rasterised ([`headbox_raster`]) once for a frame, and stand in it with a depth for each
+//! pixel (`stand.rs`), against which cube LDIs are drawn.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -23,7 +24,7 @@ pub enum PolygonsError {
     /// The scene breaks a promise.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// What the cube LDI shows is no sky.
+    /// The cube LDI does not yield a valid sky.
     #[error("the light about the polygons: {0}")]
     Light(#[from] SkyError),
     /// A camera that looks at what is about them could not be made.
@@ -37,7 +38,7 @@ pub struct Polygons {
     mesh: RasterMesh,
     /// Its lowest and highest corner, world metres.
     bounds: [DVec3; 2],
-    /// How the images among which it stands store light.
+    /// Tone curve of the images among which the polygons stand.
     tone: ToneMap,
 }
 
@@ -65,10 +66,12 @@ impl Polygons {
         })
     }
 
-    /// The same in the light of what a cube LDI shows from the middle of the polygons, or from that place of its headbox which is nearest
-    /// to it: they shade themselves and reflect light onto themselves, but neither shade nor light what the cube shows. What is brighter
-    /// than the cube's tone curve keeps counts as the brightest that it keeps, white unless it was captured with `--hdr`, so that suns and
-    /// lamps give less than their light; of themselves, they show what is up to white.
+    /// The same in the light of what a cube LDI shows from the middle of the polygons, or from that
+    /// place of its headbox which is nearest to it: they shade themselves and reflect light onto
+    /// themselves, but neither shade nor light what the cube shows. What is brighter than the
+    /// cube's tone curve keeps counts as the brightest that it keeps, white unless it was captured
+    /// with `--hdr`, so that suns and lamps give less than their light; of themselves, they show
+    /// what is up to white.
     ///
     /// # Errors
     /// [`PolygonsError`].
@@ -121,7 +124,7 @@ impl Polygons {
     }
 }
 
-/// What a cube shows from a place, as light: linear, under its exposure.
+/// Renders the surroundings of a position from a cube: linear radiance under its exposure.
 fn surroundings(cube: &PackedCube, place: DVec3) -> Result<SkyPicture, PolygonsError> {
     let half = DVec3::splat(cube.info.half_size_m);
     let eye = place.clamp(cube.info.centre - half, cube.info.centre + half);
@@ -171,7 +174,8 @@ fn surroundings(cube: &PackedCube, place: DVec3) -> Result<SkyPicture, PolygonsE
     )?)
 }
 
-/// Moves a scene: scaled about its own origin, turned about the up axis, world axes, from north (-Z) to east (+X), and its origin put to a place.
+/// Moves a scene: scaled about its own origin, turned about the up axis, world axes, from north
+/// (-Z) to east (+X), and its origin put to a place.
 pub fn place(scene: &mut Scene, scale: f64, turn_deg: f64, at: DVec3) {
     let (sin, cos) = turn_deg.to_radians().sin_cos();
     let turned = |p: DVec3| DVec3::new(p.x * cos - p.z * sin, p.y, p.x * sin + p.z * cos);

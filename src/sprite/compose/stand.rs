@@ -1,5 +1,5 @@
-//! What polygons show in a frame: rasterised at twice the frame's fineness where they may be seen, so that silhouettes cover pixels in
-//! part, and with a depth for each pixel ([`Standing`]).
+//! Rasterised polygons of a frame: at twice the frame's resolution where they may be visible, so
+//! that silhouettes have partial coverage, and with a depth for each pixel ([`Standing`]).
 
 use super::AT_LEAST;
 use super::polygons::Polygons;
@@ -22,9 +22,9 @@ pub(super) struct Stand {
     rasterizer: Rasterizer,
     /// Columns and rows of the frame that may show polygons.
     window: [Range<u32>; 2],
-    /// Of each part of each pixel of the window: colour, and 1 / eye depth, 1/m; 0 where nothing is.
+    /// Colour and inverse depth (1/m, 0 for none) of each subpixel of the window.
     parts: Picture,
-    /// Of each pixel of the window.
+    /// Pixels of the window.
     pixels: Picture,
 }
 
@@ -100,8 +100,8 @@ impl Stand {
         }
     }
 
-    /// Pixels from their parts: the mean colour of those that show something, as light adds up, how many these are as a share of 255,
-    /// and the depth of the nearest.
+    /// Pixels from their parts: the mean colour of those that show something, as light adds up, how
+    /// many these are as a share of 255, and the depth of the nearest.
     fn join_parts(&mut self, columns: usize, parts: usize) {
         let light = LinearLight::tables();
         let (colors, depths) = (
@@ -127,7 +127,7 @@ impl Stand {
             });
     }
 
-    /// What was drawn last.
+    /// Returns the polygons drawn last.
     pub(super) fn standing(&self) -> Standing<'_> {
         let Picture {
             colors,

@@ -11,22 +11,22 @@ use headbox_trace::sampler::random4;
 use image::RgbaImage;
 use rayon::prelude::*;
 
-/// How slabs of a scene become sprites.
+/// Settings of capturing slabs of a scene as sprites.
 #[derive(Clone, Copy, Debug)]
 pub struct SlabCapture<'a> {
     /// The scene.
     pub tracer: &'a Tracer,
     /// Its light, as for truth frames.
     pub lighting: &'a Lighting,
-    /// Whether light is computed; otherwise albedo and emission.
+    /// True to compute light; otherwise albedo and emission are stored.
     pub lit: bool,
     /// Camera rays per pixel; at least 1.
     pub samples: u32,
-    /// How displacement is stored.
+    /// Storage format of displacements.
     pub format: DisplacementFormat,
 }
 
-/// What one pixel of a slab looks like.
+/// One pixel of a slab.
 #[derive(Clone, Copy)]
 struct Pixel {
     color: [u8; 4],
@@ -34,9 +34,10 @@ struct Pixel {
     depth: f32,
 }
 
-/// Captures what `camera` sees between the eye depths of each slab (near, far; metres), as if nothing lay before it.
-/// Slabs without any surface give no sprite. Alpha is the share of a pixel's rays that met a surface in the slab: soft
-/// at silhouettes. Depth is that of the pixel's nearest hit to the ray through its centre.
+/// Captures what `camera` sees between the eye depths of each slab (near, far; metres), as if
+/// nothing lay before it. Slabs without any surface give no sprite. Alpha is the share of a pixel's
+/// rays that met a surface in the slab: soft at silhouettes. Depth is that of the pixel's nearest
+/// hit to the ray through its centre.
 ///
 /// # Errors
 /// Those of [`DepthImport::build`].
@@ -166,9 +167,10 @@ impl SlabCapture<'_> {
     }
 }
 
-/// Cuts what `camera` sees into at most `count` slabs of eye depth at the widest gaps (by ratio of depths) between the
-/// surfaces that a grid of rays meets, nearer surfaces not hiding farther ones. Surfaces that follow each other more
-/// closely than 10 % stay together. Sorted from far to near; empty if nothing is seen.
+/// Cuts what `camera` sees into at most `count` slabs of eye depth at the widest gaps (by ratio of
+/// depths) between the surfaces that a grid of rays meets, nearer surfaces not hiding farther ones.
+/// Surfaces that follow each other more closely than 10 % stay together. Sorted from far to near;
+/// empty if nothing is seen.
 pub fn slabs_at_gaps(tracer: &Tracer, camera: &Camera, count: usize) -> Vec<[f64; 2]> {
     const GRID: u32 = 96;
     const LEAST_RATIO: f64 = 1.1;

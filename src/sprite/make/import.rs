@@ -14,25 +14,27 @@ pub struct DepthImport<'a> {
     pub camera: Camera,
     /// Row-major, one per pixel. NaN, infinite, zero and negative depths are taken as unknown.
     pub depth: &'a [f32],
-    /// What a depth means.
+    /// Meaning of the depth values.
     pub depth_kind: DepthKind,
-    /// Near and far plane, metres, of [`DepthKind::WindowDepth`] (0 at near, 1 at far; far may be infinite) and
-    /// [`DepthKind::ReversedWindowDepth`] (1 at near, 0 at far). Ignored otherwise.
+    /// Near and far plane, metres, of [`DepthKind::WindowDepth`] (0 at near, 1 at far; far may be
+    /// infinite) and [`DepthKind::ReversedWindowDepth`] (1 at near, 0 at far). Ignored otherwise.
     pub window_range_m: (f64, f64),
     /// The sprite's plane; fitted to the visible pixels if not given.
     pub plane: Option<SpritePlane>,
-    /// How displacement is stored.
+    /// Storage format of displacements.
     pub format: DisplacementFormat,
 }
 
 impl DepthImport<'_> {
-    /// Makes the sprite. Transparent pixels and pixels of unknown depth take the displacement of the nearest known
-    /// ones, so that a silhouette's neighbourhood moves with it. With nothing visible at all (alpha zero throughout)
-    /// and no depth the sprite is flat, one metre away, and draws nothing.
+    /// Makes the sprite. Transparent pixels and pixels of unknown depth take the displacement of
+    /// the nearest known ones, so that a silhouette's neighbourhood moves with it. With nothing
+    /// visible at all (alpha zero throughout) and no depth the sprite is flat, one metre away, and
+    /// draws nothing.
     ///
     /// # Errors
-    /// [`SpriteError::Count`] unless there is a depth per pixel; [`SpriteError::NoValidDepth`] if something is visible
-    /// but none of it has a depth; [`SpriteError::DepthRange`]; those of [`Sprite::new`].
+    /// [`SpriteError::Count`] unless there is a depth per pixel; [`SpriteError::NoValidDepth`] if
+    /// something is visible but none of it has a depth; [`SpriteError::DepthRange`]; those of
+    /// [`Sprite::new`].
     pub fn build(self) -> Result<SpriteWithDepth, SpriteError> {
         let (width, height) = self.color.dimensions();
         let size = (self.camera.width(), self.camera.height());
@@ -93,7 +95,8 @@ impl DepthImport<'_> {
             let inverse_depth = match self.depth_kind {
                 DepthKind::EyeDepth => 1.0 / depth,
                 DepthKind::RayDistance => self.camera.direction(x, y).length() / depth,
-                // depth = far / (far - near) * (1 - near / Z) (C1); the far plane itself is background.
+                // depth = far / (far - near) * (1 - near / Z) (C1); the far plane itself is
+                // background.
                 DepthKind::WindowDepth if !(0.0..1.0).contains(&depth) => f64::NAN,
                 DepthKind::WindowDepth => (1.0 - depth * (1.0 - near / far)) / near,
                 DepthKind::ReversedWindowDepth if !(depth > 0.0 && depth <= 1.0) => f64::NAN,
@@ -113,8 +116,9 @@ fn pixel_centers(width: u32, height: u32) -> impl Iterator<Item = [f64; 2]> {
     (0..height).flat_map(move |y| (0..width).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]))
 }
 
-/// Fills what is unknown with the value of the nearest known pixel, by two sweeps of a distance transform (8SSEDT: off
-/// by a fraction of a pixel at worst, which does not matter for what is invisible). All zero if nothing is known.
+/// Fills what is unknown with the value of the nearest known pixel, by two sweeps of a distance
+/// transform (8SSEDT: off by a fraction of a pixel at worst, which does not matter for what is
+/// invisible). All zero if nothing is known.
 fn spread(known: Vec<Option<f32>>, width: usize) -> Vec<f32> {
     let height = known.len() / width.max(1);
     // Offset to the nearest known pixel, as far as it has been heard of.
@@ -215,7 +219,8 @@ mod tests {
                 let found = sprite
                     .eye_depth(i as u32 % 4, i as u32 / 4)
                     .expect("in front");
-                // f32 rounding of the input, amplified by the window depth's slope at Z = 2 (Z^2 / near = 8).
+                // f32 rounding of the input, amplified by the window depth's slope at Z = 2 (Z^2 /
+                // near = 8).
                 assert!(
                     (found - f64::from(want)).abs() < 1e-5,
                     "{kind:?}: {found} for {want}"

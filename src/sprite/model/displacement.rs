@@ -2,10 +2,11 @@
 
 use crate::SpriteError;
 
-/// How a displacement is stored.
+/// Storage format of displacements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum DisplacementFormat {
-    /// 8 bits with sign: the paper's choice. Half a step is 1/254 of the largest parallax: 0.04 px at 10 px (C30).
+    /// 8 bits with sign: the paper's choice. Half a step is 1/254 of the largest parallax: 0.04 px
+    /// at 10 px (C30).
     #[default]
     I8,
     /// 16 bits with sign.
@@ -22,8 +23,9 @@ pub(super) enum Values {
     F32(Vec<f32>),
 }
 
-/// Displacement per pixel, row-major: signed distance off the plane over eye depth, dimensionless, towards the camera
-/// positive. Pixels may be larger than those of the picture; they cover the same rectangle.
+/// Displacement per pixel, row-major: signed distance off the plane over eye depth, dimensionless,
+/// towards the camera positive. Pixels may be larger than those of the picture; they cover the same
+/// rectangle.
 ///
 /// Invariants: width x height values; all are finite.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,7 +48,8 @@ impl Displacement {
         }
     }
 
-    /// Stores `values` (row-major) in a format; integers get the finest scale that holds the largest.
+    /// Stores `values` (row-major) in a format; integers get the finest scale that holds the
+    /// largest.
     ///
     /// # Errors
     /// [`SpriteError::Count`] unless there is one value per pixel, [`SpriteError::NotFinite`].
@@ -116,7 +119,7 @@ impl Displacement {
         (self.width, self.height)
     }
 
-    /// How it is stored.
+    /// Storage format.
     pub fn format(&self) -> DisplacementFormat {
         match self.values {
             Values::I8(_) => DisplacementFormat::I8,
@@ -160,8 +163,8 @@ impl Displacement {
         }
     }
 
-    /// At a resolution lower by `factor` (0 counts as 1; sizes are rounded up): each pixel is the mean of those that it
-    /// overlaps.
+    /// At a resolution lower by `factor` (0 counts as 1; sizes are rounded up): each pixel is the
+    /// mean of those that it overlaps.
     ///
     /// # Errors
     /// [`SpriteError::NotFinite`] if the mean of the largest values overflows.

@@ -1,9 +1,9 @@
 //! The `.sprite` file: one or many sprites with depth.
 //!
-//! Sections: `info` (JSON: the [`SpriteInfo`], the size of the environment and a header per sprite), `environment`
-//! (texels as in `.ldi` files), `geometry` (18 `f64` per sprite: eye, rotation by columns, focal
-//! length, plane, displacement scale), `color` (RGBA8, straight alpha) and `depth` (stored
-//! displacements), both sprite after sprite, row-major.
+//! Sections: `info` (JSON: the [`SpriteInfo`], the size of the environment and a header per
+//! sprite), `environment` (texels as in `.ldi` files), `geometry` (18 `f64` per sprite: eye,
+//! rotation by columns, focal length, plane, displacement scale), `color` (RGBA8, straight alpha)
+//! and `depth` (stored displacements), both sprite after sprite, row-major.
 
 use super::displacement::Values;
 use crate::{
@@ -28,7 +28,7 @@ struct FileHeader {
     sprites: Vec<SpriteHeader>,
 }
 
-/// What a sprite's arrays do not tell.
+/// Header of a sprite in a file: everything but its arrays.
 #[derive(Serialize, Deserialize)]
 pub struct SpriteHeader {
     width: u32,
@@ -115,7 +115,7 @@ impl SpriteSet {
 }
 
 impl SpriteWithDepth {
-    /// What [`Self::arrays`] does not tell.
+    /// Returns the header: everything but [`Self::arrays`].
     pub fn header(&self) -> SpriteHeader {
         let (width, height) = self.sprite().color().dimensions();
         let (displacement_width, displacement_height) = self.displacement().size();
@@ -189,8 +189,8 @@ fn geometry(sprite: &SpriteWithDepth) -> [f64; GEOMETRY] {
     numbers
 }
 
-/// How far a stored rotation's products of columns may be from those of a rotation, and a normal's length from 1: what
-/// rounding leaves, and nothing that a renderer would notice.
+/// Tolerance of a stored rotation's column products, and of a normal's squared length: rounding
+/// errors pass, and nothing that a renderer would notice.
 const ORTHONORMAL: f64 = 1e-6;
 
 fn camera(numbers: &[f64; GEOMETRY], header: &SpriteHeader) -> Result<Camera, CameraError> {

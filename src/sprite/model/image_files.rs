@@ -16,7 +16,7 @@ pub enum ImageFileError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What was wrong.
+        /// Cause.
         source: io::Error,
     },
     /// Not a picture of the kind that was expected.
@@ -24,7 +24,7 @@ pub enum ImageFileError {
     Format {
         /// The file.
         path: PathBuf,
-        /// What was wrong.
+        /// Cause.
         message: String,
     },
 }
@@ -41,7 +41,8 @@ pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> Result<(), ImageFil
 }
 
 impl SpriteWithDepth {
-    /// Eye depth per pixel of the displacement grid, metres; NaN where it is not in front of the eye.
+    /// Eye depth per pixel of the displacement grid, metres; NaN where it is not in front of the
+    /// eye.
     pub fn depth_picture(&self) -> DepthPicture {
         let (width, height) = self.displacement().size();
         let depth = |(x, y)| self.eye_depth(x, y).map_or(f32::NAN, |depth| depth as f32);
@@ -56,7 +57,8 @@ impl SpriteWithDepth {
         }
     }
 
-    /// Writes colour (PNG, straight alpha) and eye depth (EXR, metres): what [`crate::DepthImport`] takes back.
+    /// Writes colour (PNG, straight alpha) and eye depth (EXR, metres): what [`crate::DepthImport`]
+    /// takes back.
     ///
     /// # Errors
     /// [`ImageFileError::Io`].

@@ -15,7 +15,8 @@ pub struct SpritePlane {
 }
 
 impl SpritePlane {
-    /// The plane through `point` with a normal of any length; a zero normal gives a plane that is not finite.
+    /// The plane through `point` with a normal of any length; a zero normal gives a plane that is
+    /// not finite.
     pub fn through(point: DVec3, normal: DVec3) -> Self {
         let normal = normal.normalize();
         Self {
@@ -37,7 +38,7 @@ impl SpritePlane {
         self.normal.dot(point) + self.offset
     }
 
-    /// Whether every coefficient is a finite number.
+    /// Returns true if every coefficient is finite.
     pub fn is_finite(&self) -> bool {
         self.normal.is_finite() && self.offset.is_finite()
     }
@@ -55,18 +56,19 @@ impl SpritePlane {
         }
     }
 
-    /// Inverse depth (1/Z) of the plane where `camera` sees it at (x, y) in pixels: affine in (x, y). Zero or less where
-    /// the plane is at or beyond its horizon.
+    /// Inverse depth (1/Z) of the plane where `camera` sees it at (x, y) in pixels: affine in (x,
+    /// y). Zero or less where the plane is at or beyond its horizon.
     pub fn inverse_depth(&self, camera: &Camera, x_px: f64, y_px: f64) -> f64 {
         -self.normal.dot(camera.direction(x_px, y_px)) / self.signed_distance(camera.eye())
     }
 
-    /// Fits a plane to samples (x, y in pixels, inverse depth > 0) as `camera` saw them. In inverse depth a plane is
-    /// affine in pixels, and equal residuals are equal parallax. Iteratively reweighted least squares: first least
-    /// absolute residuals, which a minority of another surface spread over the picture cannot pull away, then Tukey's
-    /// biweight, which gives that minority no weight at all. (A minority all at one side tilts the plane: the remaining
-    /// displacement is then larger, not wrong.) Samples that span no area (a single pixel, a row) give the plane
-    /// parallel to the image at their median.
+    /// Fits a plane to samples (x, y in pixels, inverse depth > 0) as `camera` saw them. In inverse
+    /// depth a plane is affine in pixels, and equal residuals are equal parallax. Iteratively
+    /// reweighted least squares: first least absolute residuals, which a minority of another
+    /// surface spread over the picture cannot pull away, then Tukey's biweight, which gives that
+    /// minority no weight at all. (A minority all at one side tilts the plane: the remaining
+    /// displacement is then larger, not wrong.) Samples that span no area (a single pixel, a row)
+    /// give the plane parallel to the image at their median.
     ///
     /// # Errors
     /// [`SpriteError::NoValidDepth`] without samples.
@@ -108,12 +110,12 @@ const BIWEIGHT_ROUNDS: usize = 8;
 /// More samples than this do not make a plane better.
 const MAX_SAMPLES: usize = 1 << 15;
 
-/// Tukey's biweight gives a sample no weight beyond this many robust standard deviations; 4.685 makes it 95 % as
-/// efficient as least squares on normal noise.
+/// Tukey's biweight gives a sample no weight beyond this many robust standard deviations; 4.685
+/// makes it 95 % as efficient as least squares on normal noise.
 const TUKEY: f64 = 4.685;
 
-/// Coefficients of `inverse depth = a x + b y + c`, x and y from the centre in units of the focal length. `None` if the
-/// samples span no area.
+/// Coefficients of `inverse depth = a x + b y + c`, x and y from the centre in units of the focal
+/// length. `None` if the samples span no area.
 fn robust_affine(focal_px: f64, center: [f64; 2], samples: &[[f64; 3]]) -> Option<[f64; 3]> {
     let stride = samples.len().div_ceil(MAX_SAMPLES).max(1);
     let relative =
@@ -127,7 +129,8 @@ fn robust_affine(focal_px: f64, center: [f64; 2], samples: &[[f64; 3]]) -> Optio
             .iter()
             .map(|[x, y, q]| q - (fit[0] * x + fit[1] * y + fit[2]))
             .collect();
-        // 1.4826 times the median absolute deviation estimates the standard deviation of normal noise.
+        // 1.4826 times the median absolute deviation estimates the standard deviation of normal
+        // noise.
         let spread = 1.4826 * median(residuals.iter().map(|r| r.abs()))?;
         let spread = spread.max(1e-12 * fit[2].abs()).max(f64::MIN_POSITIVE);
         for (weight, residual) in weights.iter_mut().zip(&residuals) {

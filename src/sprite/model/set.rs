@@ -8,7 +8,7 @@ use headbox_core::file_frame::FileFrame;
 use headbox_core::light_parameters::LightParameters;
 use serde::{Deserialize, Serialize};
 
-/// Where sprites come from; travels in the `.sprite` file.
+/// Source of the sprites; stored in the `.sprite` file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SpriteInfo {
     /// The scene or the pictures, as given on the command line; empty if there is no telling.
@@ -24,10 +24,10 @@ pub struct SpriteInfo {
 /// Sprites that are drawn together.
 #[derive(Clone, Debug)]
 pub struct SpriteSet {
-    /// Where they come from.
+    /// Source of the sprites.
     pub info: SpriteInfo,
-    /// What lies behind all of them; of size 0 if that is not known. [`Self::render`] leaves it out, so that sprites
-    /// can be drawn over something else; [`crate::compose`] draws it.
+    /// Environment behind all sprites; of size 0 if unknown. [`Self::render`] omits it, so that
+    /// sprites can be drawn over other layers; [`crate::compose`] draws it.
     pub environment: Environment,
     sprites: Vec<PreparedSprite>,
 }
@@ -52,9 +52,10 @@ impl SpriteSet {
         &self.sprites
     }
 
-    /// Indices of the sprites in the order in which to draw them for an eye, back to front. A sprite that lies wholly
-    /// beyond the plane of another, as the eye sees it, is drawn before it; where that leaves a choice (or contradicts
-    /// itself, as overlapping sprites can), the one whose middle is farther is drawn first.
+    /// Indices of the sprites in the order in which to draw them for an eye, back to front. A
+    /// sprite that lies wholly beyond the plane of another, as the eye sees it, is drawn before it;
+    /// where that leaves a choice (or contradicts itself, as overlapping sprites can), the one
+    /// whose middle is farther is drawn first.
     pub fn back_to_front(&self, eye: DVec3) -> Vec<usize> {
         let shapes: Vec<Shape> = self
             .sprites
@@ -80,8 +81,8 @@ impl SpriteSet {
         order
     }
 
-    /// Draws all sprites over each other into `frame`, which takes the target's size. Returns the outcome of each
-    /// sprite, in the order of [`Self::sprites`].
+    /// Draws all sprites over each other into `frame`, which takes the target's size. Returns the
+    /// outcome of each sprite, in the order of [`Self::sprites`].
     pub fn render(
         &self,
         renderer: &mut SpriteRenderer,
@@ -102,7 +103,7 @@ impl SpriteSet {
     }
 }
 
-/// Where a sprite's visible part lies, as far as order needs it.
+/// Extent of a sprite's visible part, for ordering.
 struct Shape {
     /// Points of the visible surface, world.
     points: Vec<DVec3>,
@@ -145,7 +146,8 @@ impl Shape {
         }
     }
 
-    /// Whether this shape has to be drawn before `other`: it lies beyond the other's plane, or the other before its own.
+    /// Returns true if this shape must be drawn before `other`: it lies beyond the other's plane,
+    /// or the other in front of its own.
     fn is_behind(&self, other: &Self) -> bool {
         let sides = |shape: &Self, (normal, offset): (DVec3, f64)| {
             let distances = shape.points.iter().map(|p| normal.dot(*p) + offset);
@@ -154,7 +156,8 @@ impl Shape {
             })
         };
         let (mine, theirs) = (sides(self, other.plane), sides(other, self.plane));
-        // The surfaces have depth of their own about their planes: only what is clearly on one side decides.
+        // The surfaces have depth of their own about their planes: only what is clearly on one side
+        // decides.
         let (own, others) = (sides(self, self.plane), sides(other, other.plane));
         mine[1] < others[0] || theirs[0] > own[1]
     }

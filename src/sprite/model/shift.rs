@@ -1,4 +1,5 @@
-//! The 2-D displacement field (S7): what the second pass adds to a position, stored instead of a displacement.
+//! The 2-D displacement field (S7): what the second pass adds to a position, stored instead of a
+//! displacement.
 
 use crate::warp::field::Field;
 use crate::warp::pure_parallax::NEAREST_DEPTH_SHARE;

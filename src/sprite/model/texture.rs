@@ -1,4 +1,5 @@
-//! The picture as the renderer samples it: premultiplied, with a transparent border, in levels of halving resolution.
+//! The picture as the renderer samples it: premultiplied, with a transparent border, in levels of
+//! halving resolution.
 
 use image::RgbaImage;
 
@@ -17,9 +18,10 @@ pub(crate) struct MipLevel {
 
 /// A picture in premultiplied RGBA8 (red in the lowest byte) with all its smaller versions.
 ///
-/// Around each level lies a border of transparent texels: one at the left and the top, two at the right and the bottom,
-/// so that a bilinear footprint that starts anywhere from -1 to width (height) stays inside. Worked example, a level
-/// of 2 x 1 texels `a b`, `.` transparent; its stride is 5, its origin 6:
+/// Around each level lies a border of transparent texels: one at the left and the top, two at the
+/// right and the bottom, so that a bilinear footprint that starts anywhere from -1 to width
+/// (height) stays inside. Worked example, a level of 2 x 1 texels `a b`, `.` transparent; its
+/// stride is 5, its origin 6:
 ///
 /// ```text
 /// . . . . .

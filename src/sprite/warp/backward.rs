@@ -1,4 +1,5 @@
-//! Second pass: one walk over the output (Eq. 7, 8; corrected by C5), for every variant that samples backwards.
+//! Second pass: one walk over the output (Eq. 7, 8; corrected by C5), for every variant that
+//! samples backwards.
 
 use super::cell::Coding;
 use super::field::Field;
@@ -10,7 +11,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*
 use glam::{DVec3, dvec3};
 use rayon::prelude::*;
 
-/// Where a position on the plane finds its way into the picture.
+/// Mapping from positions on the plane to the texture.
 #[derive(Clone, Copy)]
 pub(super) enum Parallax<'a> {
     /// It is there: homography only (Eq. 3).
@@ -113,7 +114,8 @@ fn rows<S: Simd, const NEAREST: bool>(
     let mut footprints = Footprints::new();
     let mut found = Found::new();
     let mut drawn = [0; BLOCK];
-    // Tile by tile: what a row reads the next reads again, from the nearest cache while rows are short.
+    // Tile by tile: what a row reads the next reads again, from the nearest cache while rows are
+    // short.
     for left in (0..width).step_by(BLOCK) {
         let right = width.min(left + BLOCK);
         for (y, row) in pixels.chunks_mut(width).enumerate() {
@@ -147,8 +149,8 @@ fn rows<S: Simd, const NEAREST: bool>(
     }
 }
 
-/// How many of the next `pixels` pixels of a row are drawn as one block: all where the same level serves at both ends,
-/// else one vector of them.
+/// Number of the next `pixels` pixels of a row that are drawn as one block: all if both ends use
+/// the same mip level, else one vector.
 #[inline(always)]
 fn one_level(view: &BackwardPlan, [x, y]: [usize; 2], pixels: usize) -> usize {
     let h = &view.transfer.sprite_from_target;
@@ -166,8 +168,8 @@ fn one_level(view: &BackwardPlan, [x, y]: [usize; 2], pixels: usize) -> usize {
     }
 }
 
-/// What is computed once per block, in f64: positions are then relative to a whole pixel of the picture near the
-/// block (the *anchor*), so small that f32 places them to 1e-5 px.
+/// Values computed once per block in f64: positions are relative to a whole texel near the block
+/// (the *anchor*), so that f32 resolves them to 1e-5 px.
 struct Block<'a> {
     /// (x3 w, y3 w, w) relative to the anchor at the first pixel, over `normalizer`.
     start: [f32; 3],
@@ -180,7 +182,7 @@ struct Block<'a> {
     lookup: Option<Lookup<'a>>,
 }
 
-/// How a block finds its cells.
+/// Lookup of the cells of a block.
 struct Lookup<'a> {
     cells: &'a [u32],
     stride: i32,
@@ -273,8 +275,9 @@ fn whole(position: f64) -> f64 {
     }
 }
 
-/// The level at which the picture's pixels are about as large as the frame's: both are compared along the frame's rows
-/// and columns at the block's middle, by the homography; `share` is 1 / w there.
+/// The level at which the picture's pixels are about as large as the frame's: both are compared
+/// along the frame's rows and columns at the block's middle, by the homography; `share` is 1 / w
+/// there.
 #[inline(always)]
 fn mip_level(transfer: &SpriteTransfer, share: f64, center: [f64; 2], levels: usize) -> usize {
     let h = &transfer.sprite_from_target;
@@ -319,7 +322,7 @@ fn bounds(view: &BackwardPlan, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f6
     }
 }
 
-/// Whether both ends of a line segment are in front and inside a rectangle.
+/// Returns true if both ends of a line segment are in front of the eye and inside a rectangle.
 #[inline(always)]
 fn over(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
     let inside = |p: &DVec3| {
@@ -332,7 +335,7 @@ fn over(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
     ends.iter().all(inside)
 }
 
-/// Whether both ends of a line segment (w > 0) are beyond one side of a rectangle.
+/// Returns true if both ends of a line segment (w > 0) lie beyond one side of a rectangle.
 #[inline(always)]
 fn outside(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
     ends.iter().all(|p| p.x < low[0] * p.z)
@@ -360,7 +363,8 @@ impl<'a> Lookup<'a> {
             Parallax::Affine(_) => dvec3(e.x, e.y, 0.0),
             _ => e - dvec3(anchor[0], anchor[1], 0.0) * e.z,
         };
-        // A line between two positions over the field stays over it; the rest of a cell is for rounding.
+        // A line between two positions over the field stays over it; the rest of a cell is for
+        // rounding.
         let [left, top] = [px, py].map(|side| 0.125 * side);
         let [left, top] = [
             left + f64::from(cells.origin[0]) * px,
@@ -391,7 +395,8 @@ impl<'a> Lookup<'a> {
     }
 }
 
-/// Position on the plane of sixteen pixels relative to the anchor, whether it is in front, and 1 / w.
+/// Position on the plane of sixteen pixels relative to the anchor, whether it is in front, and 1 /
+/// w.
 #[inline(always)]
 fn on_plane<S: Simd>(
     simd: S,
@@ -516,7 +521,8 @@ fn displaced<S: Simd, const NEAREST: bool>(
     }
 }
 
-/// The cells of indices; `empty` where there is none. A function of its own, so that what it needs stays in registers.
+/// The cells of indices; `empty` where there is none. A function of its own, so that what it needs
+/// stays in registers.
 #[inline(never)]
 fn fetch_cells(
     cells: &[u32],
@@ -559,7 +565,8 @@ fn along_epipole<S: Simd>(
 /// Below this a series to the third power is right to 2^-26, half a last bit of 1.
 const GENTLE: f64 = 1.0 / 96.0;
 
-/// 1 / (1 + t) for |t| < [`GENTLE`]: 1 - t + t^2 - t^3. A division takes as long as all else that is done with a displacement.
+/// 1 / (1 + t) for |t| < [`GENTLE`]: 1 - t + t^2 - t^3. A division takes as long as all else that
+/// is done with a displacement.
 #[inline(always)]
 fn reciprocal_near_one<S: Simd>(t: f32x16<S>) -> f32x16<S> {
     let one = f32x16::splat(t.simd, 1.0);
@@ -586,8 +593,8 @@ fn displacement<S: Simd>(coding: &Coding, cells: u32x16<S>, offset: [f32x16<S>; 
         + (slope_x * offset[0] + slope_y * offset[1]) * coding.slope_scale
 }
 
-/// Positions on the plane and the indices of their cells; beyond the field the border's cells go on, beyond the rim
-/// there is no cell.
+/// Positions on the plane and the indices of their cells; beyond the field the border's cells go
+/// on, beyond the rim there is no cell.
 #[inline(always)]
 fn find_cells<S: Simd, const INSIDE: bool>(
     simd: S,

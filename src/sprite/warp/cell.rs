@@ -7,22 +7,25 @@
 //! | 8..16 | change of the displacement from column to column, signed, in units of `slope_scale` |
 //! | 0..8 | the same from row to row |
 //!
-//! A cell that nothing reached is 0, which no other cell is. When two samples reach one cell, the larger number wins:
-//! the visible one, and of those the nearer one (values grow towards the target eye, [`crate::SpriteTransfer::side`]).
-//! That makes the first pass independent of order, so no occlusion-compatible traversal is needed (C7).
+//! A cell that nothing reached is 0, which no other cell is. When two samples reach one cell, the
+//! larger number wins: the visible one, and of those the nearer one (values grow towards the target
+//! eye, [`crate::SpriteTransfer::side`]). That makes the first pass independent of order, so no
+//! occlusion-compatible traversal is needed (C7).
 //!
-//! The slope is why one cell per lookup suffices: a cell is read as a small tilted plane about its centre, which is
-//! as accurate as interpolating between four cells where the surface is smooth, and keeps edges sharp.
+//! The slope is why one cell per lookup suffices: a cell is read as a small tilted plane about its
+//! centre, which is as accurate as interpolating between four cells where the surface is smooth,
+//! and keeps edges sharp.
 
 /// Largest value of a cell.
 const MAX_VALUE: f32 = 32767.0;
 /// Bit that says that a cell shows something.
 pub(super) const VISIBLE: u32 = 1 << 31;
-/// Slopes reach as far as this share of the whole range per cell: any steeper is an edge. Half a unit of slope is then
-/// 1/4064 of the range, at most 1/80 px for +-25 px of parallax half a cell away.
+/// Slopes reach as far as this share of the whole range per cell: any steeper is an edge. Half a
+/// unit of slope is then 1/4064 of the range, at most 1/80 px for +-25 px of parallax half a cell
+/// away.
 pub const STEEPEST: f32 = 1.0 / 16.0;
 
-/// How cells encode displacements.
+/// Encoding of displacements in cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Coding {
     /// Displacement per step; negative if the target eye is behind the plane.
@@ -34,7 +37,8 @@ pub(crate) struct Coding {
 }
 
 impl Coding {
-    /// For displacements from `low` to `high` and slopes up to `steepest` per cell; nearer is `side` times larger.
+    /// For displacements from `low` to `high` and slopes up to `steepest` per cell; nearer is
+    /// `side` times larger.
     pub(super) fn new(low: f32, high: f32, steepest: f32, side: f32) -> Self {
         let steepest = steepest.min((high - low) * STEEPEST);
         // Extrapolating half a cell (or a whole one, when filling) may leave the range.

@@ -101,11 +101,11 @@ impl Field {
 /// Rounds of smoothing: stairs of up to about twice as many cells a step become ramps.
 pub const SMOOTHING_ROUNDS: usize = 16;
 
-/// Displacements without the stairs of 8 bits: each value moves half-way to the mean of the neighbours on both its
-/// sides, along rows and along columns, but no further than half a step from what is stored, which rounding would have
-/// taken to the same number. Rounding bends a straight ramp, however steep, by less than two steps: where the stored
-/// values bend more there is an edge or a crease, and that direction does not count. Other formats are fine enough as
-/// they are.
+/// Displacements without the stairs of 8 bits: each value moves half-way to the mean of the
+/// neighbours on both its sides, along rows and along columns, but no further than half a step from
+/// what is stored, which rounding would have taken to the same number. Rounding bends a straight
+/// ramp, however steep, by less than two steps: where the stored values bend more there is an edge
+/// or a crease, and that direction does not count. Other formats are fine enough as they are.
 fn smoothed(displacement: &Displacement) -> Vec<f32> {
     let stored = displacement.to_f32();
     if displacement.format() != DisplacementFormat::I8 {
@@ -151,8 +151,9 @@ fn smoothed(displacement: &Displacement) -> Vec<f32> {
     values
 }
 
-/// Slope at the middle of three neighbours: their central difference where both sides agree, none at an extremum, at
-/// most twice the gentler side beside an edge (the monotonised central limiter). One-sided at the border.
+/// Slope at the middle of three neighbours: their central difference where both sides agree, none
+/// at an extremum, at most twice the gentler side beside an edge (the monotonised central limiter).
+/// One-sided at the border.
 fn limited(before: Option<f32>, here: f32, after: Option<f32>) -> f32 {
     let (left, right) = match (before, after) {
         (Some(before), Some(after)) => (here - before, after - here),
@@ -169,7 +170,7 @@ fn limited(before: Option<f32>, here: f32, after: Option<f32>) -> f32 {
     }
 }
 
-/// Whether any pixel under a cell, or next to those, is not fully transparent.
+/// For each cell: true if a pixel under it or next to it is not fully transparent.
 fn visible_cells(color: &RgbaImage, width: u32, height: u32) -> impl Iterator<Item = bool> {
     let range = |i: u32, all: u32, count: u32| {
         let edge = |i: u64| i * u64::from(all) / u64::from(count);

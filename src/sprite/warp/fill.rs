@@ -6,7 +6,7 @@ use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 /// Cells that are looked at together: this many of one row.
 const LANES: usize = 16;
 
-/// What filling needs to remember, kept from frame to frame.
+/// Buffers of gap filling, reused from frame to frame.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Gaps {
     /// Blocks with gaps, ascending.
@@ -17,8 +17,8 @@ pub(super) struct Gaps {
     filled: Vec<(u32, [u32; LANES])>,
 }
 
-/// [`LANES`] cells of a row; all of a row that is shorter. Blocks begin with rows; the last of a row ends with it, and
-/// shares cells with the one before.
+/// [`LANES`] cells of a row; all of a row that is shorter. Blocks begin with rows; the last of a
+/// row ends with it, and shares cells with the one before.
 #[derive(Clone, Copy, Debug)]
 struct Block {
     /// Its first cell.
@@ -30,10 +30,11 @@ struct Block {
 const FIRST: u32 = 1;
 const LAST: u32 = 2;
 
-/// Grows what was reached by one cell, `steps` times, in rows of `width` cells. A gap takes the displacement of a
-/// neighbour, continued along that neighbour's slope: of visible neighbours before transparent ones, and of those the
-/// one farthest from the target eye, since what a nearer surface uncovers is the background. In a gap that a magnified
-/// smooth surface leaves all neighbours agree.
+/// Grows what was reached by one cell, `steps` times, in rows of `width` cells. A gap takes the
+/// displacement of a neighbour, continued along that neighbour's slope: of visible neighbours
+/// before transparent ones, and of those the one farthest from the target eye, since what a nearer
+/// surface uncovers is the background. In a gap that a magnified smooth surface leaves all
+/// neighbours agree.
 #[inline(always)]
 pub(super) fn fill<S: Simd>(
     simd: S,
@@ -157,8 +158,8 @@ fn lanes<S: Simd>(simd: S, all: &[u32], start: isize) -> u32x16<S> {
     u32x16::load_array(simd, cells)
 }
 
-/// The same surface a cell further: `ratio` is what a unit of slope changes the value by, `slope_bit` where the slope
-/// begins.
+/// The same surface a cell further: `ratio` is what a unit of slope changes the value by,
+/// `slope_bit` where the slope begins.
 #[inline(always)]
 fn continued<S: Simd>(cells: u32x16<S>, ratio: f32, slope_bit: u32) -> u32x16<S> {
     let slope = ((cells.bitcast::<i32x16<S>>() << (24 - slope_bit)) >> 24).to_float::<f32x16<S>>();

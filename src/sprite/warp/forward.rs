@@ -1,8 +1,9 @@
-//! First pass: moving displacements by pure parallax (Eq. 6), d1(x1, y1) to d3(x3, y3) with d3 = d1 / w3 (C5).
+//! First pass: moving displacements by pure parallax (Eq. 6), d1(x1, y1) to d3(x3, y3) with d3 = d1
+//! / w3 (C5).
 //!
-//! Tiles that lie on planes ([`super::patches`]) are drawn whole, as the parallelograms that they become
-//! ([`super::planes`]); the cells of all others go one by one. There are no more bands of rows than threads: neighbours
-//! draw the same tiles (docs/decisions/0044).
+//! Tiles that lie on planes ([`super::patches`]) are drawn whole, as the parallelograms that they
+//! become ([`super::planes`]); the cells of all others go one by one. There are no more bands of
+//! rows than threads: neighbours draw the same tiles (docs/decisions/0044).
 
 use super::cell::{Coding, VISIBLE, slopes};
 use super::field::Field;
@@ -17,7 +18,7 @@ use super::transfer::SpriteTransfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*, u8x64, u32x4, u32x16};
 use rayon::prelude::*;
 
-/// What a band of rows needs beside the output, kept from frame to frame.
+/// Buffers of a band of rows, reused from frame to frame.
 #[derive(Clone, Debug, Default)]
 pub(super) struct BandMemory {
     /// The band's rows and those around it that filling looks at.
@@ -25,10 +26,12 @@ pub(super) struct BandMemory {
     gaps: Gaps,
 }
 
-/// Moves `source` (the sprite's d1) into `out`, which takes the size that the parallax needs, and fills its gaps.
+/// Moves `source` (the sprite's d1) into `out`, which takes the size that the parallax needs, and
+/// fills its gaps.
 ///
-/// A pure function of its input: bands of rows are only a matter of threads. Filling looks as many rows up and down as
-/// it takes steps: a band draws these too, in memory of its own, so that no thread waits for another in between.
+/// A pure function of its input: bands of rows are only a matter of threads. Filling looks as many
+/// rows up and down as it takes steps: a band draws these too, in memory of its own, so that no
+/// thread waits for another in between.
 pub(super) fn forward(
     level: Level,
     source: &Field,
@@ -112,7 +115,8 @@ fn forward_band<S: Simd>(
         }
         for group in &strip.groups {
             let whole = set_up(simd, parallax, group, &mut setups);
-            // Neighbours not one after the other: reading cells that were written a moment ago is waited for.
+            // Neighbours not one after the other: reading cells that were written a moment ago is
+            // waited for.
             for lane in (0..GROUP).map(|i| i * 5 % GROUP) {
                 if whole >> lane & 1 == 1 {
                     draw_patch(simd, &setups, lane, &mut band);
@@ -150,8 +154,8 @@ fn forward_band<S: Simd>(
     }
 }
 
-/// Moves a square of cells one by one, in blocks of [`BLOCK_SIDE`]. A cell that is magnified moves as a patch too, so that
-/// nothing farther shows through a surface between its cells.
+/// Moves a square of cells one by one, in blocks of [`BLOCK_SIDE`]. A cell that is magnified moves
+/// as a patch too, so that nothing farther shows through a surface between its cells.
 fn move_square<S: Simd>(
     simd: S,
     source: &Field,
@@ -243,14 +247,15 @@ fn cells_as_patches(
     group
 }
 
-/// Sixteen indices into a band and the cells to put there; an index beyond every band where there is nothing to put.
+/// Sixteen indices into a band and the cells to put there; an index beyond every band where there
+/// is nothing to put.
 type Moved<S> = (u32x16<S>, u32x16<S>);
 
 /// Places in groups of four neighbours.
 const IN_STEP: [u32; 16] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
 
-/// The nearer of what is there and what comes. Where a surface is smooth most groups of four stay neighbours, and go
-/// to memory together.
+/// The nearer of what is there and what comes. Where a surface is smooth most groups of four stay
+/// neighbours, and go to memory together.
 #[inline(always)]
 fn scatter<S: Simd>(simd: S, (indices, values): Moved<S>, cells: &mut [u32]) {
     let firsts = indices.swizzle_dyn_within_blocks(u8x64::load_array_ref(simd, &COPIES[0]));
@@ -288,7 +293,8 @@ const BLOCK_ROWS: [f32; 16] = [
     0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0,
 ];
 
-/// The cells of a block, the first of them centred at `position`; and a bit for each that is magnified.
+/// The cells of a block, the first of them centred at `position`; and a bit for each that is
+/// magnified.
 #[inline(always)]
 fn move_cells<S: Simd>(
     simd: S,
@@ -302,8 +308,8 @@ fn move_cells<S: Simd>(
     let x = f32x16::load_array_ref(simd, &BLOCK_COLUMNS) + position[0];
     let y = f32x16::load_array_ref(simd, &BLOCK_ROWS) + position[1];
     let w3 = d * ez + 1.0;
-    // Slopes seen from the new place: grad3 d3 = grad1 d1 / (w3 + (e - x1 e_z) . grad1 d1). Where that goes to zero or
-    // below, the surface turns away from the target eye.
+    // Slopes seen from the new place: grad3 d3 = grad1 d1 / (w3 + (e - x1 e_z) . grad1 d1). Where
+    // that goes to zero or below, the surface turns away from the target eye.
     let toward_x = f32x16::splat(simd, ex) - x * ez;
     let stretch = w3 + toward_x * slope_x + slope_y * (f32x16::splat(simd, ey) - y * ez);
     let stretch = stretch.max(w3 * 0.25);
@@ -351,8 +357,8 @@ fn move_cells<S: Simd>(
     )
 }
 
-/// Cells that move apart by more than this leave gaps side by side. Below, a gap is one cell wide, and filling takes it
-/// from its neighbours.
+/// Cells that move apart by more than this leave gaps side by side. Below, a gap is one cell wide,
+/// and filling takes it from its neighbours.
 pub const MAGNIFIED: f32 = 1.5;
 
 /// [`Coding::displacement`] at the centre, and the slopes.
@@ -407,7 +413,8 @@ mod tests {
         let color = RgbaImage::from_pixel(SIDE, SIDE, Rgba([255; 4]));
         let sprite =
             Sprite::new(color, camera, SpritePlane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
-        // Squares at heights of their own: gaps of more rows than filling takes steps lie everywhere.
+        // Squares at heights of their own: gaps of more rows than filling takes steps lie
+        // everywhere.
         let height = |x: u32, y: u32| ((x / 24 * 37 + y / 24 * 101) % 11) as f32 / 11.0;
         let values: Vec<f32> = (0..SIDE * SIDE)
             .map(|i| height(i % SIDE, i / SIDE))

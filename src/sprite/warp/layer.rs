@@ -1,9 +1,9 @@
-//! What sprites are drawn into, before it is part of a finished frame.
+//! Render target of sprites, premultiplied.
 
 use image::{RgbImage, RgbaImage};
 
-/// A layer of 8-bit sRGB with premultiplied alpha, row-major; transparent pixels are all zero. [`crate::compose`] makes a
-/// [`headbox_core::frame::Frame`] of layers.
+/// A layer of 8-bit sRGB with premultiplied alpha, row-major; transparent pixels are all zero.
+/// [`crate::compose`] makes a [`headbox_core::frame::Frame`] of layers.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub struct SpriteLayer {
     width: u32,
@@ -44,8 +44,8 @@ impl SpriteLayer {
         bytemuck::cast_slice(&self.pixels)
     }
 
-    /// Draws `front` over this frame: out = front + back * (1 - alpha of front), rounded to nearest. Where the sizes
-    /// differ only what both cover changes.
+    /// Draws `front` over this frame: out = front + back * (1 - alpha of front), rounded to
+    /// nearest. Where the sizes differ only what both cover changes.
     pub fn draw_over(&mut self, front: &Self) {
         let width = (self.width as usize).max(1);
         for (back, front) in self
@@ -73,7 +73,7 @@ impl SpriteLayer {
         })
     }
 
-    /// As an image with straight alpha.
+    /// Converts to an image with straight alpha.
     pub fn to_rgba(&self) -> RgbaImage {
         RgbaImage::from_fn(self.width, self.height, |x, y| {
             image::Rgba(straight(

@@ -1,6 +1,7 @@
-//! The displacements of a sprite in pieces that the first pass moves whole: where a tile of 16 x 16, 8 x 8 or 4 x 4 cells lies
-//! on a plane, the plane moves instead of its cells. Pure parallax takes a plane to a plane exactly, so nothing is lost but
-//! what the fit leaves, and a plane that is magnified has no gaps.
+//! The displacements of a sprite in pieces that the first pass moves whole: where a tile of 16 x
+//! 16, 8 x 8 or 4 x 4 cells lies on a plane, the plane moves instead of its cells. Pure parallax
+//! takes a plane to a plane exactly, so nothing is lost but what the fit leaves, and a plane that
+//! is magnified has no gaps.
 
 use super::cell::VISIBLE;
 
@@ -13,7 +14,8 @@ pub(super) const TILE: u32 = 16;
 /// Cells along a side of the smaller tiles, and of blocks of cells that lie on no plane.
 pub(super) const BLOCK_SIDE: u32 = 4;
 
-/// Displacement may leave a tile's plane by this share of the largest displacement: 0.025 px at 50 px of parallax.
+/// Displacement may leave a tile's plane by this share of the largest displacement: 0.025 px at 50
+/// px of parallax.
 const FLATNESS: f32 = 1.0 / 2048.0;
 
 /// Sixteen patches of one strip: squares of the displacement grid in which the displacement is
@@ -46,11 +48,12 @@ impl PatchGroup {
     };
 }
 
-/// What [`TILE`] rows of cells consist of.
+/// Patches of a strip of [`TILE`] rows of cells.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Strip {
     pub groups: Vec<PatchGroup>,
-    /// First column and row of blocks of [`BLOCK_SIDE`] x [`BLOCK_SIDE`] cells, to be moved cell by cell.
+    /// First column and row of blocks of [`BLOCK_SIDE`] x [`BLOCK_SIDE`] cells, to be moved cell by
+    /// cell.
     pub rough: Vec<[u32; 2]>,
 }
 
@@ -72,8 +75,8 @@ pub(super) struct UnpackedField<'a> {
 }
 
 impl Patches {
-    /// Cuts a field into patches. Stored displacements have steps of `step` (0 if they are fine): an eighth of one is
-    /// less than rounding left open.
+    /// Cuts a field into patches. Stored displacements have steps of `step` (0 if they are fine):
+    /// an eighth of one is less than rounding left open.
     pub(super) fn new(surface: &UnpackedField, step: f32) -> Self {
         let largest = surface
             .values
@@ -143,7 +146,8 @@ fn split(
     }
 }
 
-/// The least-squares plane of a square, if it is whole, of one visibility, and nothing is farther off than `tolerance`.
+/// The least-squares plane of a square, if it is whole, of one visibility, and nothing is farther
+/// off than `tolerance`.
 fn fit(surface: &UnpackedField, tolerance: f32, [x0, y0]: [u32; 2], side: u32) -> Option<Patch> {
     if x0 + side > surface.width || y0 + side > surface.height {
         return None;

@@ -5,16 +5,17 @@ use super::pure_parallax::{CellBand, Encoding, NEAREST_DEPTH_SHARE, PureParallax
 use super::sampling::LANE_NUMBERS;
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 
-/// Where patches of a group lie in the output, and how their values run there. Linear quantities are given at the
-/// first column and row, with their change per column and row.
+/// Placement of a group of patches in the output, and their linear values: at the first column and
+/// row, with increments per column and row.
 #[repr(align(64))]
 pub(super) struct Setups {
     /// First column and row, columns and rows of the patch's box.
     boxes: [[i32; GROUP]; 4],
-    /// Position in the source relative to the patch's centre times the source's share of depth: across, down.
+    /// Position in the source relative to the patch's centre times the source's share of depth:
+    /// across, down.
     across: [[f32; GROUP]; 3],
     down: [[f32; GROUP]; 3],
-    /// How far either may be from 0.
+    /// Largest absolute values of either.
     reach: [[f32; GROUP]; 3],
     /// Value in units of 2^-16.
     value: [[i32; GROUP]; 3],
@@ -37,13 +38,13 @@ impl Setups {
     }
 }
 
-/// Finds where the patches of a group go. The result has a bit for each that moves whole: that is turned towards
-/// the target eye, in front of it and inside the output.
+/// Finds where the patches of a group go. The result has a bit for each that moves whole: that is
+/// turned towards the target eye, in front of it and inside the output.
 ///
-/// On a plane `d1 = a + b u + c v` about the patch's centre pure parallax gives, about the same place,
-/// `d3 = (a + b U + c V) / (1 + a e_z + b e_x + c e_y)`, e relative to the centre, and (U, V) comes from
-/// `(u, v) = ((U, V) - d3 (e_x, e_y)) / (1 - d3 e_z)`: all linear in (U, V) but for the last division, which a
-/// comparison does not need.
+/// On a plane `d1 = a + b u + c v` about the patch's centre pure parallax gives, about the same
+/// place, `d3 = (a + b U + c V) / (1 + a e_z + b e_x + c e_y)`, e relative to the centre, and (U,
+/// V) comes from `(u, v) = ((U, V) - d3 (e_x, e_y)) / (1 - d3 e_z)`: all linear in (U, V) but for
+/// the last division, which a comparison does not need.
 pub(super) fn set_up<S: Simd>(
     simd: S,
     parallax: &PureParallax,
@@ -239,7 +240,8 @@ fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Cell
     }
 }
 
-/// A linear quantity of a patch in sixteen columns of its first row, so many columns from the first, and its change per row.
+/// A linear quantity of a patch in sixteen columns of its first row, so many columns from the
+/// first, and its change per row.
 #[inline(always)]
 fn linear<S: Simd>(
     simd: S,
@@ -272,7 +274,8 @@ fn put<S: Simd>(simd: S, values: u32x16<S>, index: usize, cells: &mut [u32]) {
 /// Numbers of the cells in a vector.
 const WHOLE_LANE_NUMBERS: [i32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// A slope in units as 8 bits, rounded to nearest: shifted to be positive, so that truncation rounds.
+/// A slope in units as 8 bits, rounded to nearest: shifted to be positive, so that truncation
+/// rounds.
 #[inline(always)]
 pub(super) fn slope_units<S: Simd>(units: f32x16<S>) -> u32x16<S> {
     let units = units.max(-127.0).min(127.0) + 128.5;

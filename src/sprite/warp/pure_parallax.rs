@@ -1,17 +1,19 @@
-//! Pure parallax in cells, as the first pass needs it: where displacements go, and how they are packed there (Eq. 6, C5).
+//! Pure parallax in cells, as the first pass needs it: where displacements go, and how they are
+//! packed there (Eq. 6, C5).
 
 use super::cell::Coding;
 use super::field::Field;
 use super::transfer::SpriteTransfer;
 
-/// A surface point whose depth from the target eye is less than this share of its plane's is not drawn: it would be
-/// magnified beyond use, and at 0 it is behind the eye.
+/// A surface point whose depth from the target eye is less than this share of its plane's is not
+/// drawn: it would be magnified beyond use, and at 0 it is behind the eye.
 pub const NEAREST_DEPTH_SHARE: f32 = 1.0 / 16.0;
 
-/// What the first pass stores.
+/// Value that the first pass stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stored {
-    /// d1 / w3: right with a first term of the second pass that is divided by its third component (C5).
+    /// d1 / w3: right with a first term of the second pass that is divided by its third component
+    /// (C5).
     Corrected,
     /// d1: as equation (7) and (8) are printed.
     AsPrinted,
@@ -42,7 +44,8 @@ pub(super) struct PureParallax {
 }
 
 impl PureParallax {
-    /// For a pass, and the displacements that stay in front of the target eye. `out` takes its place, size and coding.
+    /// For a pass, and the displacements that stay in front of the target eye. `out` takes its
+    /// place, size and coding.
     pub(super) fn new(
         source: &Field,
         transfer: &SpriteTransfer,
@@ -118,12 +121,13 @@ fn in_front([low, high]: [f32; 2], epipole_z: f32) -> [f32; 2] {
     }
 }
 
-/// Where position `x` goes at displacement `d`.
+/// Position to which `x` moves at displacement `d`.
 pub(super) fn moved(x: f32, d: f32, epipole: f32, epipole_z: f32) -> f32 {
     (x + d * epipole) / (1.0 + d * epipole_z)
 }
 
-/// First and last cell that positions 0 to `length` can reach, at most one `length` beyond either end.
+/// First and last cell that positions 0 to `length` can reach, at most one `length` beyond either
+/// end.
 fn reach(length: u32, range: [f32; 2], epipole: f32, epipole_z: f32) -> [i32; 2] {
     let length = length as f32;
     let ends = [0.0, length]

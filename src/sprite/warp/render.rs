@@ -14,7 +14,7 @@ use fearless_simd::Level;
 use headbox_core::camera::Camera;
 use headbox_core::simd;
 
-/// How parallax inside a sprite is drawn.
+/// Method of drawing parallax inside a sprite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Hash, serde::Serialize)]
 pub enum SpriteVariant {
     /// Not at all: the plane's homography (S3).
@@ -72,12 +72,12 @@ impl SpriteVariant {
     }
 }
 
-/// What to draw how.
+/// Options of drawing sprites.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub struct RenderOptions {
-    /// How parallax is drawn.
+    /// Method of drawing parallax.
     pub variant: SpriteVariant,
-    /// How colours are looked up.
+    /// Texture filter.
     pub sampling: SpriteSampling,
     /// Cells by which gaps after the first pass are filled (S9): 0 leaves them transparent.
     pub fill_steps: u32,
@@ -124,7 +124,7 @@ impl PreparedSprite {
         }
     }
 
-    /// What it was made of.
+    /// Sprite that was prepared.
     pub fn sprite(&self) -> &SpriteWithDepth {
         &self.sprite
     }
@@ -161,12 +161,13 @@ impl SpriteRenderer {
         }
     }
 
-    /// Draws `sprite` as `target` sees it into `frame`, which takes the target's size; what was in it is gone. Runs on
-    /// the rayon pool it is called from.
+    /// Draws `sprite` as `target` sees it into `frame`, which takes the target's size; what was in
+    /// it is gone. Runs on the rayon pool it is called from.
     ///
-    /// The result tells of degenerate views; then the frame is transparent. Per pixel, what has no place in the
-    /// picture is transparent: where the plane is behind the target eye (H w2 <= 0), where the surface is
-    /// nearer to the target eye than a sixteenth of its plane's distance, where no displacement arrived.
+    /// The result tells of degenerate views; then the frame is transparent. Per pixel, what has no
+    /// place in the picture is transparent: where the plane is behind the target eye (H w2 <= 0),
+    /// where the surface is nearer to the target eye than a sixteenth of its plane's distance,
+    /// where no displacement arrived.
     pub fn render(
         &mut self,
         sprite: &PreparedSprite,
@@ -186,7 +187,7 @@ impl SpriteRenderer {
         Outcome::Drawn
     }
 
-    /// As [`Self::render`] with the maps given, into a frame of a given size.
+    /// Same as [`Self::render`] with the maps given, into a frame of a given size.
     pub fn render_transfer(
         &mut self,
         sprite: &PreparedSprite,

@@ -1,16 +1,18 @@
-//! SpriteSampling the picture: sixteen pixels' worth of arithmetic at a time, their texels fetched one by one in between.
+//! SpriteSampling the picture: sixteen pixels' worth of arithmetic at a time, their texels fetched
+//! one by one in between.
 //!
-//! The arithmetic is written without closures: a closure that is not inlined would be compiled without the SIMD level's
-//! instructions and cost more than all the rest.
+//! The arithmetic is written without closures: a closure that is not inlined would be compiled
+//! without the SIMD level's instructions and cost more than all the rest.
 //!
-//! Bilinear weights are 14-bit integers that sum to 2^14, so that a weighted sum of 8-bit texels is exact in 32 bits and
-//! rounds once. The weights' own rounding is at most one and a half units, which changes a result by at most
-//! 255 * 1.5 / 2^14 = 0.023 levels beyond the half level of the final rounding.
+//! Bilinear weights are 14-bit integers that sum to 2^14, so that a weighted sum of 8-bit texels is
+//! exact in 32 bits and rounds once. The weights' own rounding is at most one and a half units,
+//! which changes a result by at most 255 * 1.5 / 2^14 = 0.023 levels beyond the half level of the
+//! final rounding.
 
 use crate::model::texture::{MipLevel, Texture};
 use fearless_simd::{Simd, f32x16, i16x32, i32x16, prelude::*, u8x64, u16x32, u32x16};
 
-/// How a colour is looked up between pixel centres.
+/// Texture filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Hash, serde::Serialize)]
 pub enum SpriteSampling {
     /// The nearest pixel.
@@ -30,7 +32,8 @@ pub(super) const LANE_NUMBERS: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
 ];
 
-/// Addresses and texels of a block on their way. Aligned as cache lines are: vectors that lie across two cost twice.
+/// Addresses and texels of a block on their way. Aligned as cache lines are: vectors that lie
+/// across two cost twice.
 #[repr(align(64))]
 pub(super) struct Footprints {
     /// Index of the top left texel.
@@ -54,7 +57,7 @@ impl Footprints {
     }
 }
 
-/// How positions relative to an anchor become texel positions of a level.
+/// Mapping from positions relative to an anchor to texel positions of a mip level.
 pub(super) struct TexelMap {
     level: MipLevel,
     /// 2^-level.
@@ -82,8 +85,9 @@ impl TexelMap {
     }
 }
 
-/// Finds footprints of sixteen positions (`valid` ones; others are transparent), lanes `first..first + 16`. With `INSIDE` all are
-/// valid, and no footprint reaches beyond the texels and their border.
+/// Finds footprints of sixteen positions (`valid` ones; others are transparent), lanes
+/// `first..first + 16`. With `INSIDE` all are valid, and no footprint reaches beyond the texels and
+/// their border.
 #[inline(always)]
 pub(super) fn address<S: Simd, const NEAREST: bool, const INSIDE: bool>(
     simd: S,
@@ -167,7 +171,8 @@ pub(super) const COPIES: [[u8; 64]; 4] = [
     ]),
 ];
 
-/// Fetches and mixes the first `count` pixels of a block into `out`; `count` is a multiple of [`LANES`].
+/// Fetches and mixes the first `count` pixels of a block into `out`; `count` is a multiple of
+/// [`LANES`].
 #[inline(always)]
 pub(super) fn sample<S: Simd, const NEAREST: bool>(
     simd: S,
@@ -199,9 +204,9 @@ pub(super) fn sample<S: Simd, const NEAREST: bool>(
 
 /// Weighted sums of sixteen footprints.
 ///
-/// All steps stay within 128-bit blocks: block b of the k-th of four vectors holds the texels of pixel 4 b + k, so the
-/// weights of pixel 4 b + k, which lie in block b, need only be copied within it, and the four results meet again in
-/// block b, one byte each.
+/// All steps stay within 128-bit blocks: block b of the k-th of four vectors holds the texels of
+/// pixel 4 b + k, so the weights of pixel 4 b + k, which lie in block b, need only be copied within
+/// it, and the four results meet again in block b, one byte each.
 #[inline(always)]
 fn mix<S: Simd>(simd: S, footprints: &Footprints, first: usize, out: &mut [u32]) {
     let by_channel = u8x64::load_array_ref(simd, &BY_CHANNEL);

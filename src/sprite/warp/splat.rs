@@ -1,6 +1,6 @@
-//! Forward mapping of colours (Eq. 4; S4): the baseline that the paper argues against. Every visible pixel is moved to
-//! the frame and drawn there as one pixel (or 2 x 2 around its position), the nearest winning; where pixels move apart
-//! gaps stay.
+//! Forward mapping of colours (Eq. 4; S4): the baseline that the paper argues against. Every
+//! visible pixel is moved to the frame and drawn there as one pixel (or 2 x 2 around its position),
+//! the nearest winning; where pixels move apart gaps stay.
 
 use super::cell::VISIBLE;
 use super::field::Field;

@@ -1,44 +1,50 @@
-//! From the sprite's camera to another: homography of the plane and epipole (Shade et al., Eq. 1 to 6).
+//! From the sprite's camera to another: homography of the plane and epipole (Shade et al., Eq. 1 to
+//! 6).
 
 use crate::Sprite;
 use glam::{DMat3, DMat4, DVec3, dvec3};
 use headbox_core::camera::Camera;
 
-/// How a rendering came out.
+/// Outcome of drawing a sprite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub enum Outcome {
     /// The sprite was drawn. It may still lie outside the frame.
     Drawn,
-    /// The target eye lies in the sprite's plane, or so close to it that the plane is a line: nothing was drawn.
+    /// The target eye lies in the sprite's plane, or so close to it that the plane is a line:
+    /// nothing was drawn.
     EdgeOn,
-    /// All of the sprite's plane rectangle is behind the target eye, or the camera's numbers are out of range: nothing
-    /// was drawn.
+    /// All of the sprite's plane rectangle is behind the target eye, or the camera's numbers are
+    /// out of range: nothing was drawn.
     Behind,
 }
 
-/// The target eye's distance from the plane over its distance from the sprite's middle, below which the plane counts
-/// as edge-on: a rectangle seen at 0.06 degrees covers a thousandth of its width.
+/// The target eye's distance from the plane over its distance from the sprite's middle, below which
+/// the plane counts as edge-on: a rectangle seen at 0.06 degrees covers a thousandth of its width.
 pub const EDGE_ON: f64 = 1e-3;
 
 /// The maps of one sprite and one target camera; pixels in both, homogeneous.
 ///
-/// With both cameras' third rows replaced by the same plane row (C4, C6), `T12 = C2^ C1^-1` has the third row
-/// [0 0 1 0]; without its third row and column it is the homography H12, and its third column is the epipole e12. Here
-/// both are written out: seen from camera 1, a pixel at displacement d is the point `eye1 + Z dir` with
-/// `1/Z = q(x, y) + d / distance1`, q the plane's inverse depth. Projecting Z^-1 times that point by camera 2 gives
-/// `H12 = M2 D1 + (M2 (eye1 - eye2)) q^T` and `e12 = M2 (eye1 - eye2) / distance1`.
+/// With both cameras' third rows replaced by the same plane row (C4, C6), `T12 = C2^ C1^-1` has the
+/// third row [0 0 1 0]; without its third row and column it is the homography H12, and its third
+/// column is the epipole e12. Here both are written out: seen from camera 1, a pixel at
+/// displacement d is the point `eye1 + Z dir` with `1/Z = q(x, y) + d / distance1`, q the plane's
+/// inverse depth. Projecting Z^-1 times that point by camera 2 gives `H12 = M2 D1 + (M2 (eye1 -
+/// eye2)) q^T` and `e12 = M2 (eye1 - eye2) / distance1`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpriteTransfer {
-    /// H12: (w2 x2, w2 y2, w2) = H12 (x1, y1, 1) for points on the plane; w2 is Z2/Z1, positive in front of both eyes.
+    /// H12: (w2 x2, w2 y2, w2) = H12 (x1, y1, 1) for points on the plane; w2 is Z2/Z1, positive in
+    /// front of both eyes.
     pub target_from_sprite: DMat3,
     /// H21, the inverse.
     pub sprite_from_target: DMat3,
     /// e12: what a displacement of 1 adds to `target_from_sprite * (x1, y1, 1)` (Eq. 4).
     pub epipole_in_target: DVec3,
-    /// e* = H21 e12: what a displacement of 1 adds to (x1, y1, 1) under pure parallax (Eq. 6). Minus e21.
+    /// e* = H21 e12: what a displacement of 1 adds to (x1, y1, 1) under pure parallax (Eq. 6).
+    /// Minus e21.
     pub epipole_in_sprite: DVec3,
-    /// 1 if the target eye is on the same side of the plane as the sprite's own, else -1. Of two displacements at one
-    /// output pixel, the larger times this is nearer: along a target ray d2 = (side * distance)/Z2 + constant (C7).
+    /// 1 if the target eye is on the same side of the plane as the sprite's own, else -1. Of two
+    /// displacements at one output pixel, the larger times this is nearer: along a target ray d2 =
+    /// (side * distance)/Z2 + constant (C7).
     pub side: f64,
 }
 
@@ -90,7 +96,8 @@ impl SpriteTransfer {
         })
     }
 
-    /// The same with the epipole in the sprite at infinity (S8): every pixel moves in one direction.
+    /// The same with the epipole in the sprite at infinity (S8): every pixel moves in one
+    /// direction.
     #[must_use]
     pub(super) fn with_epipole_at_infinity(&self) -> Self {
         let epipole_in_sprite = dvec3(self.epipole_in_sprite.x, self.epipole_in_sprite.y, 0.0);
@@ -101,13 +108,15 @@ impl SpriteTransfer {
         }
     }
 
-    /// Position in the target of a sprite pixel at displacement `d` (Eq. 4), or `None` if it is not in front.
+    /// Position in the target of a sprite pixel at displacement `d` (Eq. 4), or `None` if it is not
+    /// in front.
     pub fn forward(&self, x: f64, y: f64, d: f64) -> Option<[f64; 2]> {
         let p = self.target_from_sprite * dvec3(x, y, 1.0) + self.epipole_in_target * d;
         (p.z > 0.0).then(|| [p.x / p.z, p.y / p.z])
     }
 
-    /// Whether a corner of the sprite's rectangle on the plane is in front of the target eye.
+    /// Returns true if a corner of the sprite's rectangle on the plane is in front of the target
+    /// eye.
     fn shows(&self, sprite: &Sprite) -> bool {
         let (w, h) = (
             f64::from(sprite.camera().width()),

@@ -1,4 +1,5 @@
-//! How a frame was made, painted: sizes of footprints, how often pixels were drawn, and what clipping left out.
+//! How a frame was made, painted: sizes of footprints, how often pixels were drawn, and what
+//! clipping left out.
 
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
@@ -71,7 +72,8 @@ fn figure(name: &'static str, value: f64, unit: &'static str) -> Figure {
     Figure { name, value, unit }
 }
 
-/// Paints the width of the footprint in front of each pixel, by classes; returns how wide they are on the mean.
+/// Paints the width of the footprint in front of each pixel, by classes; returns how wide they are
+/// on the mean.
 pub(crate) fn paint_footprints(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
     let (mut sum_px, mut count) = (0.0, 0.0_f64);
     for (pixel, touched) in pixels.iter_mut().zip(touched) {
@@ -115,7 +117,8 @@ pub(super) fn overdraw_legend() -> Vec<Swatch> {
     class_legend("never drawn", &TIMES, "x")
 }
 
-/// Where each face lies in the unfolded cube, in faces from the left and from above: the sides in a row, +Y above -Z.
+/// Where each face lies in the unfolded cube, in faces from the left and from above: the sides in a
+/// row, +Y above -Z.
 const UNFOLDED: [(Face, [usize; 2]); 6] = [
     (Face::PosY, [1, 0]),
     (Face::NegX, [0, 1]),
@@ -128,8 +131,8 @@ const UNFOLDED: [(Face, [usize; 2]); 6] = [
 const OUTSIDE_COLOR: [u8; 3] = [213, 94, 0];
 const HIDDEN_COLOR: [u8; 3] = [86, 180, 233];
 
-/// Paints the faces of a cube unfolded over the dimmed frame: what is drawn in its own colours, the rest in the colour of the
-/// test that left it out.
+/// Paints the faces of a cube unfolded over the dimmed frame: what is drawn in its own colours, the
+/// rest in the colour of the test that left it out.
 pub(crate) fn paint_clipping(
     cube: &PackedCube,
     kept: &[Kept],

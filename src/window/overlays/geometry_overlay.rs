@@ -1,4 +1,5 @@
-//! Overlays of view-dependent geometry: whose pictures show, the mesh, how many cameras see a place, and how long pictures have been at hand.
+//! Overlays of view-dependent geometry: whose pictures show, the mesh, how many cameras see a
+//! place, and how long pictures have been at hand.
 
 use super::effort::{NOTHING, Tops, class_color, class_legend, opaque, swatch, tinted};
 use super::overlay::{HOLE_COLOR, Overlay, paint_holes};

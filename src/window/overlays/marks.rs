@@ -1,4 +1,5 @@
-//! Where pictures were taken from, and the points that they were aligned by, drawn over whatever is made of them.
+//! Where pictures were taken from, and the points that they were aligned by, drawn over whatever is
+//! made of them.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;

@@ -112,7 +112,8 @@ pub(crate) fn paint_holes(frame: &Frame, pixels: &mut [[u8; 4]]) {
     }
 }
 
-/// Paints a frame of a walk with its geometry in grey, so that what comes from backdrops stands out.
+/// Paints a frame of a walk with its geometry in grey, so that what comes from backdrops stands
+/// out.
 pub(crate) fn paint_backdrops(walk: &RasterOutput, pixels: &mut [[u8; 4]]) {
     for (i, (pixel, &[r, g, b, a])) in pixels.iter_mut().zip(&walk.frame.color).enumerate() {
         let grey = ((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8;
@@ -124,7 +125,8 @@ pub(crate) fn paint_backdrops(walk: &RasterOutput, pixels: &mut [[u8; 4]]) {
     }
 }
 
-/// Paints the share of each pixel that splats cover: white all, black none; the environment alone blue, holes magenta.
+/// Paints the share of each pixel that splats cover: white all, black none; the environment alone
+/// blue, holes magenta.
 pub(crate) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
     for (pixel, &coverage) in pixels.iter_mut().zip(&frame.coverage) {
         let share = coverage.splat_share();
@@ -141,8 +143,9 @@ pub(crate) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
     }
 }
 
-/// Paints the epipole, where the centre of the headbox projects to: a cross if it lies ahead, a ring if behind (then it is
-/// the point seen through the eye from there). Nothing, if the eye is at the centre or moves sideways.
+/// Paints the epipole, where the centre of the headbox projects to: a cross if it lies ahead, a
+/// ring if behind (then it is the point seen through the eye from there). Nothing, if the eye is at
+/// the centre or moves sideways.
 pub(crate) fn paint_epipole(camera: &Camera, centre: DVec3, pixels: &mut [[u8; 4]]) {
     const RADIUS_PX: i64 = 9;
     let (ahead, behind) = (
@@ -194,8 +197,8 @@ impl Judge {
             .ongoing()
     }
 
-    /// Paints truth, or the frame's FLIP error in the magma colours, as far as it is known; `scene` is called once, on
-    /// another thread, when the first truth is wanted.
+    /// Paints truth, or the frame's FLIP error in the magma colours, as far as it is known; `scene`
+    /// is called once, on another thread, when the first truth is wanted.
     ///
     /// # Errors
     /// One sentence.

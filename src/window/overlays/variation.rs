@@ -1,5 +1,6 @@
-//! The same LDI with some of its segments, or with colours that tell something other than what was captured. The renderer
-//! draws such an LDI like any other, so these overlays need nothing of it, and show exactly what it would blend.
+//! The same LDI with some of its segments, or with colours that tell something other than what was
+//! captured. The renderer draws such an LDI like any other, so these overlays need nothing of it,
+//! and show exactly what it would blend.
 
 use super::effort::swatch;
 use headbox_core::cube_face::Face;
@@ -13,7 +14,8 @@ pub(crate) enum Meaning {
     /// What was captured.
     #[default]
     Captured,
-    /// Distance from the centre of the headbox along the face's axis: red at the headbox to blue at infinity.
+    /// Distance from the centre of the headbox along the face's axis: red at the headbox to blue at
+    /// infinity.
     Depth,
     /// Number of the layer in its segment, counted from the centre outward.
     Layer,
@@ -196,7 +198,8 @@ impl Variations {
     }
 }
 
-/// Colours that differ in hue and lightness, also for most colour-blind people (Okabe and Ito 2008).
+/// Colours that differ in hue and lightness, also for most colour-blind people (Okabe and Ito
+/// 2008).
 const DISTINCT: [[u8; 3]; 8] = [
     [230, 159, 0],
     [86, 180, 233],
@@ -257,7 +260,8 @@ impl Picture<'_> {
     }
 }
 
-/// Gives the depth pixels of a segment colours of another meaning; what shows through them is left as it is.
+/// Gives the depth pixels of a segment colours of another meaning; what shows through them is left
+/// as it is.
 fn recolor(segment: &mut PackedSegment, meaning: Meaning, half_size_m: f64) {
     match meaning {
         Meaning::Captured => {}
@@ -321,11 +325,12 @@ fn layer_colors(segment: &PackedSegment) -> Vec<[u8; 3]> {
     colors
 }
 
-/// Half size over depth, 0 to 1, as a colour from blue (infinity) by green to red (at the headbox). The fourth root
-/// spreads out the distances that fill most scenes.
+/// Half size over depth, 0 to 1, as a colour from blue (infinity) by green to red (at the headbox).
+/// The fourth root spreads out the distances that fill most scenes.
 fn depth_color(nearness: f64) -> [u8; 3] {
     let t = nearness.clamp(0.0, 1.0).sqrt().sqrt();
-    // Peaks at 1/4, 1/2 and 3/4 as in the "jet" map, but never darker than a third, so that shapes stay visible.
+    // Peaks at 1/4, 1/2 and 3/4 as in the "jet" map, but never darker than a third, so that shapes
+    // stay visible.
     let channel = |peak: f64| ((1.5 - (4.0 * t - 4.0 * peak).abs()).clamp(0.12, 1.0) * 255.0) as u8;
     [channel(0.75), channel(0.5), channel(0.25)]
 }

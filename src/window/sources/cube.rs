@@ -252,7 +252,8 @@ fn paint_effort(
     }
 }
 
-/// Opens the scene that an LDI names, with the light it was captured in; where that comes from is not learnt yet.
+/// Opens the scene that an LDI names, with the light it was captured in; where that comes from is
+/// not learnt yet.
 fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
     let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
     let scene = source
@@ -306,7 +307,8 @@ fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, Stri
     })
 }
 
-/// The level direction toward the side of the cube that has the most to show; ahead (-Z) if there is none.
+/// The level direction toward the side of the cube that has the most to show; ahead (-Z) if there
+/// is none.
 fn richest_side(cube: &PackedCube) -> DVec3 {
     let depth_pixels = |side: Face| -> usize {
         cube.segments

@@ -1,4 +1,5 @@
-//! A house in the window, to be walked: geometry near the eye, backdrops behind the portals farther away.
+//! A house in the window, to be walked: geometry near the eye, backdrops behind the portals farther
+//! away.
 
 use crate::background;
 use crate::background::FewerThreads;
@@ -48,10 +49,12 @@ const MOST_NOTES: usize = 3;
 /// Figure: how many backdrops are still to be built for this view.
 const MISSING: &str = "backdrops missing";
 
-/// Triangles of the built-in house, at most, before its edges are cut to hold light: few enough to be there in a second.
+/// Triangles of the built-in house, at most, before its edges are cut to hold light: few enough to
+/// be there in a second.
 const BUILTIN_TRIANGLES: usize = 60_000;
 
-/// How finely light is baked, one after the other: a first in a few seconds, and one with a third of the vertices of the default.
+/// How finely light is baked, one after the other: a first in a few seconds, and one with a third
+/// of the vertices of the default.
 const LIGHTS: [BakeOptions; 2] = [
     BakeOptions {
         edge_m: 1.0,
@@ -83,7 +86,8 @@ pub(super) struct HouseSource {
     notes: Vec<String>,
 }
 
-/// A house whose light is baked on a thread of low priority, for as long as this lives: once for each of [`LIGHTS`].
+/// A house whose light is baked on a thread of low priority, for as long as this lives: once for
+/// each of [`LIGHTS`].
 struct LitLater {
     houses: Receiver<Result<House, String>>,
     /// How many have come.
@@ -154,7 +158,8 @@ impl HouseSource {
         Ok(Self { notes, ..source })
     }
 
-    /// A model in plain colours at first; its light is baked meanwhile, and its backdrops are built as one walks.
+    /// A model in plain colours at first; its light is baked meanwhile, and its backdrops are built
+    /// as one walks.
     fn of_model(title: String, model: PortalModel) -> Result<Self, String> {
         let house = House::new(model.clone()).map_err(|error| error.to_string())?;
         let lit = Some(LitLater::begin(model)?);
@@ -250,7 +255,8 @@ impl LitLater {
     fn ongoing(&self) -> Ongoing {
         let [done, all] = [0, 1].map(|i| self.baking.samples[i].load(Ordering::Relaxed) as f64);
         let share = if all > 0.0 { done / all } else { 0.0 };
-        // Of a flat of three rooms the first light takes a third of the time: to learn where light comes from takes as long as for the second.
+        // Of a flat of three rooms the first light takes a third of the time: to learn where light
+        // comes from takes as long as for the second.
         let [first, second] = [0.33, 0.67];
         let share = if self.come == 0 {
             first * share
@@ -274,8 +280,8 @@ impl Baking {
     }
 }
 
-/// Inside a room, at the height of an eye, looking toward the door by which a walk through the house begins. Where there is
-/// no room, the middle of everything.
+/// Inside a room, at the height of an eye, looking toward the door by which a walk through the
+/// house begins. Where there is no room, the middle of everything.
 fn start_in(house: &House) -> Pose {
     let walk = WalkPath::default();
     let first = WalkPath::first(house).ok().flatten();

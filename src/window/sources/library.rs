@@ -71,8 +71,8 @@ pub enum OpenError {
 /// The built-in scene that is walked rather than captured.
 const HOUSE: &str = "builtin:house";
 
-/// Opens a file of any kind, or `builtin:NAME`. The built-in house is walked. Other scenes are captured while they are looked at, and saved in `output_dir` on
-/// request.
+/// Opens a file of any kind, or `builtin:NAME`. The built-in house is walked. Other scenes are
+/// captured while they are looked at, and saved in `output_dir` on request.
 ///
 /// # Errors
 /// See [`OpenError`].
@@ -160,7 +160,8 @@ pub fn show_live(
     ))
 }
 
-/// Photographs of the folder `origin` without depth, coloured into a cube LDI while they are looked at.
+/// Photographs of the folder `origin` without depth, coloured into a cube LDI while they are looked
+/// at.
 ///
 /// # Errors
 /// [`OpenError::Scene`] if the first photograph cannot be read, or no thread started.
@@ -194,8 +195,8 @@ impl SceneLibrary {
     const THUMBNAIL_SAMPLES: u32 = 16;
 }
 
-/// A picture without the grain of few rays. What surfaces are without light has no grain: light is their lit picture divided by it,
-/// averaged over pixels around that look alike without light.
+/// A picture without the grain of few rays. What surfaces are without light has no grain: light is
+/// their lit picture divided by it, averaged over pixels around that look alike without light.
 fn calmed(lit: &RgbImage, unlit: &RgbImage) -> RgbImage {
     /// Pixels to each side.
     const REACH: i64 = 6;

@@ -1,9 +1,9 @@
-//! A folder of images with depth in the window: a cube LDI of the few images nearest to the view, built anew in the background
-//! while one moves (S24).
+//! A folder of images with depth in the window: a cube LDI of the few images nearest to the view,
+//! built anew in the background while one moves (S24).
 //!
-//! The window says where the eye is, and goes on drawing the cube it has; a thread of low priority asks which images are nearest now, builds
-//! their cube if they are others than those of the last one, and hands it over whole. What was wished for before and is not any more is
-//! never built.
+//! The window says where the eye is, and goes on drawing the cube it has; a thread of low priority
+//! asks which images are nearest now, builds their cube if they are others than those of the last
+//! one, and hands it over whole. What was wished for before and is not any more is never built.
 
 use super::cube::CubeSource;
 use crate::background;
@@ -97,7 +97,8 @@ fn build(near: &mut NearImages, images: Vec<usize>) -> Result<Built, String> {
     })
 }
 
-/// The thread that builds cubes. Dropping it ends the thread after the cube in hand; nobody waits for it.
+/// The thread that builds cubes. Dropping it ends the thread after the cube in hand; nobody waits
+/// for it.
 struct Builder {
     shared: Arc<Shared>,
 }

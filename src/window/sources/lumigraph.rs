@@ -1,4 +1,5 @@
-//! A lumigraph in the window: the eye flies about before its images, or from one light slab to the next.
+//! A lumigraph in the window: the eye flies about before its images, or from one light slab to the
+//! next.
 
 use headbox_core::file_frame::FileFrame;
 use headbox_lumigraph::{Blend, LumigraphSettings, Show, Slabs, SlabsRenderer};
@@ -45,7 +46,8 @@ fn settings(values: &SettingValues) -> Result<LumigraphSettings, String> {
     })
 }
 
-/// Width and height in which a window shows frames, more or less: as wide as it is, all is to be clear in it.
+/// Width and height in which a window shows frames, more or less: as wide as it is, all is to be
+/// clear in it.
 const ABOUT_A_WINDOW: [u32; 2] = [1024, 768];
 
 impl FrameSource for LumigraphSource {

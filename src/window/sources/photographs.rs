@@ -1,8 +1,10 @@
-//! A folder of photographs without depth in the window: coloured into a cube LDI in the background (S16), at first a coarse one.
+//! A folder of photographs without depth in the window: coloured into a cube LDI in the background
+//! (S16), at first a coarse one.
 //!
-//! Colouring takes about the third power of the photographs' size, so that one of photographs an eighth as large is there almost at once,
-//! and all coarser ones together take a seventh of the last. Until the first is there, the photograph whose camera the cube is made about is
-//! shown, on the plane through what all cameras look at: from where one starts it looks as it was taken.
+//! Colouring takes about the third power of the photographs' size, so that one of photographs an
+//! eighth as large is there almost at once, and all coarser ones together take a seventh of the
+//! last. Until the first is there, the photograph whose camera the cube is made about is shown, on
+//! the plane through what all cameras look at: from where one starts it looks as it was taken.
 
 use super::cube::{CubeSource, Place};
 use crate::background;
@@ -56,7 +58,8 @@ impl PhotographsSource {
     /// Begins to colour a set.
     ///
     /// # Errors
-    /// One sentence: no view is a perspective photograph, the first cannot be read, or no thread started.
+    /// One sentence: no view is a perspective photograph, the first cannot be read, or no thread
+    /// started.
     pub(super) fn new(set: ImageSet, folder: &Path) -> Result<Self, String> {
         let job = PhotographsJob::suggest(&set);
         let apart = |view: &&View| view.pose.eye.distance_squared(job.centre);
@@ -372,7 +375,8 @@ mod tests {
         let mut source = PhotographsSource::new(set.clone(), folder.path()).unwrap();
         let request = request(&source);
         let mut pixels = vec![[1; 4]; (SIZE[0] * SIZE[1]) as usize];
-        // Whatever the thread has done by now: what stands there first is the photograph as it was taken.
+        // Whatever the thread has done by now: what stands there first is the photograph as it was
+        // taken.
         let first = source.first.take().unwrap();
         first.paint(&request, &mut pixels);
         for (found, taken) in pixels.iter().zip(&first.view.color) {

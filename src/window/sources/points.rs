@@ -1,5 +1,5 @@
-//! A scene as points, shown until the first capture is there: surfaces sampled where they fill the view from the headbox,
-//! each point as large as its share of them.
+//! A scene as points, shown until the first capture is there: surfaces sampled where they fill the
+//! view from the headbox, each point as large as its share of them.
 
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
@@ -14,7 +14,8 @@ const POINTS: u32 = 150_000;
 /// The widest that a point is drawn, pixels from its middle.
 const WIDEST_PX: f64 = 12.0;
 
-/// Surfaces at which a viewer looks at right angles are this bright, those seen edge-on are [`DIMMEST`].
+/// Surfaces at which a viewer looks at right angles are this bright, those seen edge-on are
+/// [`DIMMEST`].
 const BRIGHTEST: f32 = 0.9;
 const DIMMEST: f32 = 0.35;
 
@@ -36,7 +37,8 @@ pub(super) struct Points {
 impl Points {
     /// Samples the surfaces of a scene; the same points for the same scene and centre.
     pub(super) fn new(scene: &Scene, centre: DVec3) -> Self {
-        // A triangle gets points by its size over its squared distance, so that near and far surfaces look equally dense.
+        // A triangle gets points by its size over its squared distance, so that near and far
+        // surfaces look equally dense.
         let mut running = Vec::with_capacity(scene.triangles.len());
         let mut sum = 0.0;
         for triangle in 0..scene.triangles.len() as u32 {

@@ -13,8 +13,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// One truth after the other: rays per pixel, and the side of the square of pixels that share one. All together take a third
-/// more than the last, the first a five-hundredth of it: a coarse answer is there while one still wonders.
+/// One truth after the other: rays per pixel, and the side of the square of pixels that share one.
+/// All together take a third more than the last, the first a five-hundredth of it: a coarse answer
+/// is there while one still wonders.
 const ROUNDS: [(u32, u32); 5] = [(4, 4), (2, 1), (8, 1), (32, 1), (128, 1)];
 
 /// Views asked for last that are worth tracing: two eyes with two settings each.
@@ -26,7 +27,8 @@ pub(crate) struct Traced {
     camera: Camera,
     /// Number of entries of [`ROUNDS`] behind it.
     rounds: usize,
-    /// As many pixels as the view has, or one for each square of [`Self::coarseness`] pixels a side.
+    /// As many pixels as the view has, or one for each square of [`Self::coarseness`] pixels a
+    /// side.
     pub(crate) truth: Arc<Truth>,
 }
 
@@ -47,7 +49,8 @@ impl Traced {
     }
 }
 
-/// Traces truth for the views asked for. Dropping it ends that; nobody waits for the thread, which ends by itself.
+/// Traces truth for the views asked for. Dropping it ends that; nobody waits for the thread, which
+/// ends by itself.
 pub(crate) struct Reference {
     shared: Arc<Shared>,
 }
@@ -200,7 +203,8 @@ impl Shared {
         }
     }
 
-    /// The view that is the farthest behind, and the rounds it has had; waits for one. `None` ends the work.
+    /// The view that is the farthest behind, and the rounds it has had; waits for one. `None` ends
+    /// the work.
     fn next(&self) -> Option<(Camera, usize)> {
         let mut state = self.lock();
         loop {
@@ -240,7 +244,8 @@ impl Shared {
     }
 }
 
-/// The same view with fewer pixels: one for each square of `side` pixels, the last ones reaching over the edge.
+/// The same view with fewer pixels: one for each square of `side` pixels, the last ones reaching
+/// over the edge.
 fn coarser(camera: &Camera, side: u32) -> Option<Camera> {
     if side == 1 {
         return Some(*camera);

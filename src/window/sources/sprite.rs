@@ -17,7 +17,8 @@ const MAX_FILL_STEPS: u32 = 8;
 /// What the pixels can show.
 const OVERLAYS: [(&str, Overlay); 2] = [("none", Overlay::None), ("holes", Overlay::Holes)];
 
-/// The orbit comes as near to its pivot as this share of the distance of the camera that took the picture.
+/// The orbit comes as near to its pivot as this share of the distance of the camera that took the
+/// picture.
 const NEAREST_SHARE: f64 = 0.1;
 
 /// All sprites of a file, drawn over each other.

@@ -1,4 +1,5 @@
-//! A synthetic frame source: a checkered room with a ball, ray-cast per pixel. No files, no other crates.
+//! A synthetic frame source: a checkered room with a ball, ray-cast per pixel. No files, no other
+//! crates.
 
 use glam::{DVec3, Vec3, dvec3, vec3};
 use headbox_viewer::{
@@ -362,8 +363,8 @@ fn shade(hit: &Hit, check: f32, lamp: bool, hue: u32) -> [u8; 3] {
     } else {
         hit.position
     };
-    // A wall's own coordinate sits on a boundary between checks: nudge it off. Far enough to the positive side, a cast
-    // rounds down, faster than `floor`.
+    // A wall's own coordinate sits on a boundary between checks: nudge it off. Far enough to the
+    // positive side, a cast rounds down, faster than `floor`.
     let cell = (p + vec3(0.01, 0.01, 0.01)) * (1.0 / check) + Vec3::splat(1000.0);
     let odd = (cell.x as i32 + cell.y as i32 + cell.z as i32) & 1 == 1;
     let base = FACE_COLORS[usize::from(hit.face)];

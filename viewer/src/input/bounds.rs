@@ -20,7 +20,8 @@ impl EyeBounds {
         (eye - self.centre).abs().cmple(self.half_size).all()
     }
 
-    /// The box with every wall moved inward by `distance` metres (both eyes of a stereo pair stay inside).
+    /// The box with every wall moved inward by `distance` metres (both eyes of a stereo pair stay
+    /// inside).
     #[must_use]
     pub fn shrunk(&self, distance: f64) -> Self {
         Self {
@@ -29,10 +30,11 @@ impl EyeBounds {
         }
     }
 
-    /// Where the eye arrives that moves from `from` by `by`. Axis by axis: unhindered until the soft margin of
-    /// [`Self::SOFT_SHARE`] begins, then at a speed proportional to the distance left, so that the wall is approached but
-    /// never crossed. An eye outside may only move back. The remaining distance is the exact solution of that law, hence
-    /// one long move equals many short ones, at any frame rate.
+    /// Where the eye arrives that moves from `from` by `by`. Axis by axis: unhindered until the
+    /// soft margin of [`Self::SOFT_SHARE`] begins, then at a speed proportional to the distance
+    /// left, so that the wall is approached but never crossed. An eye outside may only move back.
+    /// The remaining distance is the exact solution of that law, hence one long move equals many
+    /// short ones, at any frame rate.
     pub fn soft_move(&self, from: DVec3, by: DVec3) -> DVec3 {
         let offset = from - self.centre;
         let axis = |i: usize| soft_axis(offset[i], by[i], self.half_size[i]);

@@ -218,7 +218,8 @@ impl Viewer {
         }
     }
 
-    /// Takes a path over as it is, also where it leaves the headbox: a script may want to see what is there.
+    /// Takes a path over as it is, also where it leaves the headbox: a script may want to see what
+    /// is there.
     pub(crate) fn take_path(&mut self, path: CameraPath, now_s: f64) {
         if let Some(bounds) = self.info.as_ref().and_then(|info| info.bounds) {
             let outside = path

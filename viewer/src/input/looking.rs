@@ -12,15 +12,18 @@ use egui::{CursorIcon, Painter, PointerButton, Pos2, Rect, Response, Sense, Ui, 
 use headbox_core::camera::Camera;
 use std::time::{Duration, Instant};
 
-/// How long after its last movement the eye counts as resting, seconds: a pause between two drags is not a rest.
+/// How long after its last movement the eye counts as resting, seconds: a pause between two drags
+/// is not a rest.
 const REST_S: f64 = 0.12;
-/// The longest step of time that is simulated at once, seconds: after a stall the eye must not leap.
+/// The longest step of time that is simulated at once, seconds: after a stall the eye must not
+/// leap.
 const MAX_STEP_S: f64 = 0.1;
 /// Time between passes while moving, if no frame is being made.
 const MOVING_PASS: Duration = Duration::from_millis(15);
-/// The longest wait for a frame in the making while moving. Its arrival wakes the window, which then asks for the next one;
-/// drawing the old frame again meanwhile would only take time from the renderer where there is no GPU. No more than
-/// [`MAX_STEP_S`], or the eye would lag behind the hands.
+/// The longest wait for a frame in the making while moving. Its arrival wakes the window, which
+/// then asks for the next one; drawing the old frame again meanwhile would only take time from the
+/// renderer where there is no GPU. No more than [`MAX_STEP_S`], or the eye would lag behind the
+/// hands.
 const AWAITING_PASS: Duration = Duration::from_millis(100);
 /// Points of scrolling in one notch of the wheel.
 const POINTS_PER_NOTCH: f64 = 50.0;
@@ -77,7 +80,8 @@ impl Viewer {
     fn advance(&mut self, ui: &Ui, response: &Response) {
         let listening = !ui.ctx().text_edit_focused();
         let (mut steering, dt_s) = ui.input(|i| {
-            // After a rest the time since the last pass says nothing about the motion that begins now.
+            // After a rest the time since the last pass says nothing about the motion that begins
+            // now.
             let dt_s = if self.eye.motion.is_moving() {
                 i.unstable_dt
             } else {
@@ -194,7 +198,8 @@ impl Viewer {
         sets
     }
 
-    /// Paints the pictures of the latest frame over the whole of `rect`, whatever size they were rendered at.
+    /// Paints the pictures of the latest frame over the whole of `rect`, whatever size they were
+    /// rendered at.
     fn paint(&self, painter: &Painter, rect: Rect) {
         let Some(shown) = &self.shown else { return };
         let (places, sets) = (shown.job.cameras.len(), shown.job.sets.len());
@@ -332,8 +337,8 @@ fn place_rect(rect: Rect, place: usize, places: usize) -> Rect {
 }
 
 impl Viewer {
-    /// The frame on the screen as one image (stereo pairs side by side, A and B parted by the divider): a closure, so that
-    /// the work can be done on another thread.
+    /// The frame on the screen as one image (stereo pairs side by side, A and B parted by the
+    /// divider): a closure, so that the work can be done on another thread.
     pub(crate) fn frame_on_screen(
         &self,
     ) -> Option<impl FnOnce() -> (usize, Vec<[u8; 4]>) + Send + use<>> {

@@ -35,8 +35,8 @@ pub(crate) struct Handling {
     pub view_height_points: f64,
 }
 
-/// The momentum of the eye. Velocities follow the keys with a first-order lag, solved exactly over a frame, so that the
-/// way covered does not depend on the frame rate.
+/// The momentum of the eye. Velocities follow the keys with a first-order lag, solved exactly over
+/// a frame, so that the way covered does not depend on the frame rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Motion {
     /// Metres per second, in the axes that [`Navigation`] moves along: right, up, forward.
@@ -117,7 +117,8 @@ impl Motion {
                 }
             }
             Navigation::Orbit { pivot, nearest } => {
-                // A drag to the right carries the object to the right: the eye goes the other way around it.
+                // A drag to the right carries the object to the right: the eye goes the other way
+                // around it.
                 let turned = Pose::upright(pose.eye, pivot, pose.up, pose.fov_y_deg)
                     .turned(-turn[0], -turn[1]);
                 let radius =
@@ -142,8 +143,8 @@ impl Motion {
     }
 }
 
-/// Travel along right, up, forward turned into world axes: flight follows the view, walking stays level, and "up" is what
-/// the pose takes for up in both.
+/// Travel along right, up, forward turned into world axes: flight follows the view, walking stays
+/// level, and "up" is what the pose takes for up in both.
 fn world_travel(pose: &Pose, navigation: Navigation, travel: DVec3) -> DVec3 {
     let level = Pose {
         pitch_rad: 0.0,
@@ -161,7 +162,8 @@ fn moved(bounds: Option<EyeBounds>, eye: DVec3, by: DVec3) -> DVec3 {
     bounds.map_or(eye + by, |bounds| bounds.soft_move(eye, by))
 }
 
-/// Velocity after `dt` seconds and the way covered, for a velocity that follows `wanted` with time constant [`LAG_S`].
+/// Velocity after `dt` seconds and the way covered, for a velocity that follows `wanted` with time
+/// constant [`LAG_S`].
 fn lagged(velocity: f64, wanted: f64, dt_s: f64, full_speed: f64) -> (f64, f64) {
     let kept = (-dt_s / LAG_S).exp();
     let next = wanted + (velocity - wanted) * kept;

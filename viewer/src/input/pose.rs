@@ -6,9 +6,10 @@ use std::ops::RangeInclusive;
 
 /// An eye that never rolls: position, heading, tilt and field of view. World metres.
 ///
-/// With +Y up, yaw 0 and pitch 0 look down -Z, so that eye space and world space coincide; where another direction is up (pictures taken
-/// with the camera on its side), all is turned the shortest way that brings +Y there. Positive yaw turns left (counter-clockwise
-/// seen from above), positive pitch looks up.
+/// With +Y up, yaw 0 and pitch 0 look down -Z, so that eye space and world space coincide; where
+/// another direction is up (pictures taken with the camera on its side), all is turned the shortest
+/// way that brings +Y there. Positive yaw turns left (counter-clockwise seen from above), positive
+/// pitch looks up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Position of the eye, world metres.
@@ -24,15 +25,15 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The steepest tilt. Short of a right angle, so that "up is up" always fixes the roll when a pose is written as eye
-    /// and look-at point.
+    /// The steepest tilt. Short of a right angle, so that "up is up" always fixes the roll when a
+    /// pose is written as eye and look-at point.
     pub const MAX_PITCH_RAD: f64 = 89.5 * std::f64::consts::PI / 180.0;
 
     /// Vertical fields of view that the wheel reaches, degrees.
     pub const FOV_Y_DEG: RangeInclusive<f64> = 1.0..=170.0;
 
-    /// The pose at `eye` that looks at `target` with `fov_y_deg` degrees of vertical view, +Y up. Looks down -Z if the two points
-    /// coincide; a roll cannot be kept.
+    /// The pose at `eye` that looks at `target` with `fov_y_deg` degrees of vertical view, +Y up.
+    /// Looks down -Z if the two points coincide; a roll cannot be kept.
     pub fn looking_at(eye: DVec3, target: DVec3, fov_y_deg: f64) -> Self {
         Self::upright(eye, target, DVec3::Y, fov_y_deg)
     }

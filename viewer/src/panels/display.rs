@@ -25,7 +25,8 @@ pub(crate) struct Display {
 }
 
 impl Display {
-    /// One eye or two, and the longest a frame should take while the eye moves, ms, if that matters.
+    /// One eye or two, and the longest a frame should take while the eye moves, ms, if that
+    /// matters.
     pub(crate) fn new(stereo: Stereo, moving_limit_ms: Option<f64>) -> Self {
         Self {
             lower_resolution: moving_limit_ms.is_some(),

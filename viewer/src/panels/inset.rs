@@ -17,8 +17,8 @@ const SEEN_FROM_PITCH_RAD: f64 = -0.45;
 /// Length of the drawn frustum as a share of the box's half diagonal.
 const FRUSTUM_SHARE: f64 = 0.45;
 
-/// Draws an empty inset whose right bottom corner is `corner`, moves the corner up for the next one, and returns the
-/// space to draw in.
+/// Draws an empty inset whose right bottom corner is `corner`, moves the corner up for the next
+/// one, and returns the space to draw in.
 ///
 /// None if there is no room for it: insets stay in the right half of a frame, below its strip.
 pub(crate) fn frame(painter: &Painter, rect: Rect, corner: &mut Pos2, title: &str) -> Option<Rect> {
@@ -90,7 +90,8 @@ impl Projection {
     }
 }
 
-/// Draws box, eye, its plumb line to the floor, and the frustum of a frame of `aspect` = width / height.
+/// Draws box, eye, its plumb line to the floor, and the frustum of a frame of `aspect` = width /
+/// height.
 pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Pose, aspect: f64) {
     let painter = painter.with_clip_rect(rect.expand(5.0).intersect(painter.clip_rect()));
     let projection = Projection::new(rect, bounds, pose);

@@ -3,7 +3,8 @@
 use crate::input::keymap::{BINDINGS, MOUSE_HELP};
 use egui::{Context, Grid, ScrollArea, Ui, vec2};
 
-/// Width of all lists beside each other, and of the two of keys, points; where there is less they stand below each other.
+/// Width of all lists beside each other, and of the two of keys, points; where there is less they
+/// stand below each other.
 const WIDE_POINTS: f32 = 960.0;
 const HALVES_POINTS: f32 = 600.0;
 

@@ -1,5 +1,5 @@
-//! What surrounds the frame. Each panel is a file: a function of the state it shows, which it changes in place or asks to
-//! change by a [`Command`](crate::input::keymap::Command).
+//! What surrounds the frame. Each panel is a file: a function of the state it shows, which it
+//! changes in place or asks to change by a [`Command`](crate::input::keymap::Command).
 
 pub(crate) mod camera;
 pub(crate) mod chart;

@@ -1,4 +1,5 @@
-//! A small list of files to open. Drawn by the window itself, so that it also works remotely and without a desktop.
+//! A small list of files to open. Drawn by the window itself, so that it also works remotely and
+//! without a desktop.
 
 use crate::input::keymap::Command;
 use crate::playback::recent::Recent;

@@ -1,4 +1,5 @@
-//! A strip along the frame's upper edge while something works in the background: what, how far, how long still.
+//! A strip along the frame's upper edge while something works in the background: what, how far, how
+//! long still.
 
 use crate::panels::theme;
 use crate::source::Ongoing;

@@ -30,7 +30,8 @@ pub(crate) const LINE: Color32 = Color32::from_gray(150);
 /// Less important lines; never text.
 pub(crate) const FAINT: Color32 = Color32::from_gray(95);
 
-/// Colours of the stages in the chart, told apart by lightness as well as by hue (Tol's "bright" scheme, reordered).
+/// Colours of the stages in the chart, told apart by lightness as well as by hue (Tol's "bright"
+/// scheme, reordered).
 pub(crate) const STAGES: [Color32; 7] = [
     Color32::from_rgb(68, 119, 170),
     Color32::from_rgb(204, 187, 68),
@@ -48,8 +49,8 @@ pub(crate) fn mix(a: Color32, b: Color32, share: f64) -> Color32 {
 
 /// Sets the window's look.
 pub(crate) fn install(ctx: &Context) {
-    // A pass moves the eye and obeys keys, so that it must run once per frame, also when a list appears whose size egui
-    // would like to try out first.
+    // A pass moves the eye and obeys keys, so that it must run once per frame, also when a list
+    // appears whose size egui would like to try out first.
     if let Some(once) = NonZeroUsize::new(1) {
         ctx.options_mut(|options| options.max_passes = once);
     }

@@ -39,7 +39,8 @@ pub(crate) fn path_record(path: &CameraPath, size: [u32; 2], frame: &FileFrame) 
     }
 }
 
-/// Reads a path file. A roll is not kept, for the eye never rolls: all poses have one `up`. Those without times follow each other at 30 a second.
+/// Reads a path file. A roll is not kept, for the eye never rolls: all poses have one `up`. Those
+/// without times follow each other at 30 a second.
 pub(crate) fn read_path(
     file: &Path,
     frame: &FileFrame,

@@ -1,4 +1,5 @@
-//! Files that the window writes: frames as PNG, cameras and paths as JSON. Each is complete or not there.
+//! Files that the window writes: frames as PNG, cameras and paths as JSON. Each is complete or not
+//! there.
 
 use headbox_core::files;
 use std::io::{self, Write};

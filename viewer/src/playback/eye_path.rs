@@ -58,9 +58,10 @@ impl CameraPath {
         self.0[self.0.len() - 1].time_s - self.0[0].time_s
     }
 
-    /// The pose `time_s` seconds after the first one, held at both ends. Position, heading, tilt and field of view follow
-    /// monotone cubics (Fritsch and Carlson 1980): smooth, and never outside the range of the two poses around, so that a
-    /// path inside a box stays inside. Headings take the short way round.
+    /// The pose `time_s` seconds after the first one, held at both ends. Position, heading, tilt
+    /// and field of view follow monotone cubics (Fritsch and Carlson 1980): smooth, and never
+    /// outside the range of the two poses around, so that a path inside a box stays inside.
+    /// Headings take the short way round.
     pub fn at(&self, time_s: f64) -> Pose {
         let poses = &self.0;
         let time = poses[0].time_s + time_s;
@@ -101,7 +102,8 @@ fn short_way(angle_rad: f64) -> f64 {
     angle_rad - TAU * (angle_rad / TAU).round()
 }
 
-/// Monotone cubic between the two middle knots (time, value); the outer ones, where there are any, shape the slopes.
+/// Monotone cubic between the two middle knots (time, value); the outer ones, where there are any,
+/// shape the slopes.
 fn cubic(knots: [Option<(f64, f64)>; 4], time: f64) -> f64 {
     let [before, Some((t0, v0)), Some((t1, v1)), after] = knots else {
         return f64::NAN;
@@ -137,8 +139,8 @@ impl Recorder {
     /// Shortest time between two recorded poses, seconds: finer than any hand moves.
     pub(crate) const INTERVAL_S: f64 = 1.0 / 30.0;
 
-    /// Notes where the eye is, `time_s` seconds after some fixed moment. While the eye stands still nothing is stored; the
-    /// wait is kept by storing where it ended.
+    /// Notes where the eye is, `time_s` seconds after some fixed moment. While the eye stands still
+    /// nothing is stored; the wait is kept by storing where it ended.
     pub(crate) fn record(&mut self, time_s: f64, pose: Pose) {
         match self.poses.as_slice() {
             [.., last] if time_s - last.time_s < Self::INTERVAL_S => {}

@@ -59,7 +59,8 @@ impl Tape {
         self.playback.is_some()
     }
 
-    /// Which pose is waiting to be shown, if every one is: its frame must be made although the pose may be the one before.
+    /// Which pose is waiting to be shown, if every one is: its frame must be made although the pose
+    /// may be the one before.
     pub(crate) fn pose_index(&self) -> Option<usize> {
         match self.playback {
             Some(Playback::EveryPose { index }) => Some(index),
@@ -145,7 +146,8 @@ impl Tape {
         }
     }
 
-    /// The frame of pose `index` ([`Self::pose_index`]) is on the screen: on to the next, if that was awaited.
+    /// The frame of pose `index` ([`Self::pose_index`]) is on the screen: on to the next, if that
+    /// was awaited.
     pub(crate) fn shown(&mut self, index: usize) {
         if self.pose_index() == Some(index) {
             self.playback = Some(Playback::EveryPose { index: index + 1 });

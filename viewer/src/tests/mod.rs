@@ -1,5 +1,5 @@
-//! The whole window without a display: events in, state out, and pictures by a painter in plain code. No graphics driver
-//! is needed; the frames are real ones, from the render thread.
+//! The whole window without a display: events in, state out, and pictures by a painter in plain
+//! code. No graphics driver is needed; the frames are real ones, from the render thread.
 
 mod eye;
 mod files;
@@ -35,8 +35,8 @@ const PASS_S: f32 = 1.0 / 60.0;
 /// Patience with the render thread on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Size of most windows, points: few, so that the tests are quick also without optimisation; all of the side panel is in
-/// view, beside the frame.
+/// Size of most windows, points: few, so that the tests are quick also without optimisation; all of
+/// the side panel is in view, beside the frame.
 const SIZE_POINTS: [f32; 2] = [700.0, 1400.0];
 
 fn open(source: Option<Box<dyn FrameSource>>, options: ViewerOptions) -> Window {

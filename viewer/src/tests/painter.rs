@@ -1,5 +1,6 @@
-//! A painter of egui's triangles in plain code: slow, but the same everywhere, so that pictures of the window can be
-//! compared without a graphics driver. It does what the shader of `egui_glow` does.
+//! A painter of egui's triangles in plain code: slow, but the same everywhere, so that pictures of
+//! the window can be compared without a graphics driver. It does what the shader of `egui_glow`
+//! does.
 
 use egui::{
     Color32, ColorImage, Context, FullOutput, Rect, TextureFilter, TextureId, TexturesDelta,
@@ -163,7 +164,8 @@ impl Canvas {
             let high = p.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
             (low.floor().max(start as f64) as usize)..(high.ceil().clamp(0.0, end as f64) as usize)
         };
-        // A centre on an edge that two triangles share belongs to the one of which it is a top or left edge.
+        // A centre on an edge that two triangles share belongs to the one of which it is a top or
+        // left edge.
         let owns = [0, 1, 2].map(|i| {
             let [a, b] = [p[(i + 1) % 3], p[(i + 2) % 3]];
             b[1] < a[1] || b[1] == a[1] && b[0] > a[0]

@@ -1,5 +1,6 @@
-//! Pictures of the window, compared with those in `snapshots/`. `UPDATE_SNAPSHOTS=1 cargo test -p headbox-viewer` writes them
-//! anew: look at them then. A picture that differs is left beside the old one as `NAME.new.png`.
+//! Pictures of the window, compared with those in `snapshots/`. `UPDATE_SNAPSHOTS=1 cargo test -p
+//! headbox-viewer` writes them anew: look at them then. A picture that differs is left beside the
+//! old one as `NAME.new.png`.
 
 use super::{painter::Painter, *};
 use crate::input::keymap::Command;
@@ -9,9 +10,11 @@ use egui::Key;
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 
-/// Levels of 255 by which a channel may differ: colours that are interpolated and blended in another order.
+/// Levels of 255 by which a channel may differ: colours that are interpolated and blended in
+/// another order.
 const LEVELS: u8 = 6;
-/// Share of the pixels that may differ by more: edges of glyphs and checks whose sines are rounded in another way.
+/// Share of the pixels that may differ by more: edges of glyphs and checks whose sines are rounded
+/// in another way.
 const PIXELS: f64 = 0.001;
 
 /// A window with a painter.

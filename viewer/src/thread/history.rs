@@ -97,7 +97,8 @@ pub(crate) fn add_stages(sum: &mut Vec<Stage>, stages: &[Stage]) {
     }
 }
 
-/// The smallest of 1, 2, 5 times a power of ten that is at least `value`: the top of a chart's axis.
+/// The smallest of 1, 2, 5 times a power of ten that is at least `value`: the top of a chart's
+/// axis.
 pub(crate) fn nice_ceiling(value: f64) -> f64 {
     if !(value > 0.0 && value.is_finite()) {
         return 1.0;

@@ -5,8 +5,8 @@ use std::collections::HashMap;
 /// The resolutions tried while moving, as shares of each side of the frame.
 pub(crate) const SCALES: [f64; 5] = [1.0, 0.75, 0.5, 0.375, 0.25];
 
-/// A lower step must save at least this share of the time, or it is not worth its blur (an image-based renderer may spend
-/// its time on depth pixels that do not become fewer).
+/// A lower step must save at least this share of the time, or it is not worth its blur (an
+/// image-based renderer may spend its time on depth pixels that do not become fewer).
 const MIN_SAVING: f64 = 0.15;
 /// A higher step is tried again only if it would fit into this share of the target.
 const HEADROOM: f64 = 0.8;
@@ -27,7 +27,8 @@ impl ResolutionPolicy {
         SCALES[self.step]
     }
 
-    /// Learns that a frame at `scale` took `ms`, and chooses the next step for frames of at most `target_ms`.
+    /// Learns that a frame at `scale` took `ms`, and chooses the next step for frames of at most
+    /// `target_ms`.
     pub(crate) fn observe(&mut self, scale: f64, ms: f64, target_ms: f64) {
         let Some(step) = SCALES.iter().position(|s| *s == scale) else {
             return;

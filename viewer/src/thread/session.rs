@@ -1,7 +1,8 @@
 //! The render thread and the window's end of it.
 //!
-//! The window asks for the newest view and shows the latest finished frame; neither side waits for the other. Everything
-//! slow (opening, rendering, writing path frames, thumbnails) happens on the thread.
+//! The window asks for the newest view and shows the latest finished frame; neither side waits for
+//! the other. Everything slow (opening, rendering, writing path frames, thumbnails) happens on the
+//! thread.
 
 use crate::source::{Coming, FrameSource, Library};
 use crate::thread::exchange::{Event, Finished, Job, Order, Picture, Shared, Wake};
@@ -91,7 +92,8 @@ impl Session {
         self.shared.recycle(pictures);
     }
 
-    /// Does something slow (writing a file) on a thread of its own and tells the outcome as a message.
+    /// Does something slow (writing a file) on a thread of its own and tells the outcome as a
+    /// message.
     pub(crate) fn in_background(
         &mut self,
         work: impl FnOnce() -> Result<String, String> + Send + 'static,

@@ -26,7 +26,8 @@ impl<T> Slot<T> {
     }
 }
 
-/// What the render thread is asked to do: orders, each of which counts, and jobs, of which only the newest does.
+/// What the render thread is asked to do: orders, each of which counts, and jobs, of which only the
+/// newest does.
 #[derive(Debug)]
 pub(crate) struct Inbox<Order, Job> {
     state: Mutex<InboxState<Order, Job>>,
@@ -135,7 +136,8 @@ impl<Order, Job> Inbox<Order, Job> {
     }
 }
 
-/// A panic elsewhere leaves whole values here (nothing is changed in place), so a poisoned lock is still good.
+/// A panic elsewhere leaves whole values here (nothing is changed in place), so a poisoned lock is
+/// still good.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

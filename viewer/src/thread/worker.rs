@@ -63,7 +63,8 @@ impl Worker {
         }
     }
 
-    /// Works until the window closes the inbox. The newest view goes first, then exports, refinement and thumbnails.
+    /// Works until the window closes the inbox. The newest view goes first, then exports,
+    /// refinement and thumbnails.
     pub(crate) fn run(mut self) {
         if let Some(source) = self.source.take() {
             self.install(source);
@@ -301,7 +302,8 @@ fn render_picture(
     })
 }
 
-/// Renders and writes the next pose of an export; a source that converges is asked until it is done.
+/// Renders and writes the next pose of an export; a source that converges is asked until it is
+/// done.
 fn export_frame(
     source: &mut dyn FrameSource,
     shared: &Shared,
@@ -336,7 +338,8 @@ const MAX_EXPORT_ROUNDS: u32 = 64;
 
 /// Runs code of a source or library; a panic there becomes a sentence for the person at the window.
 fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
-    // A source that panicked is dropped by the caller, so nothing half-done is seen again; a library holds no frame state.
+    // A source that panicked is dropped by the caller, so nothing half-done is seen again; a
+    // library holds no frame state.
     catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
         let text = panic_text(&*panic);
         format!("The renderer stopped because of an error in the program: {text}")

@@ -154,7 +154,8 @@ impl Viewer {
         }
     }
 
-    /// One pass of the window. `last_pass_ms` is the time that the previous one took, drawing included.
+    /// One pass of the window. `last_pass_ms` is the time that the previous one took, drawing
+    /// included.
     pub(crate) fn pass(&mut self, ui: &mut Ui, last_pass_ms: Option<f64>) {
         let ctx = ui.ctx().clone();
         let now_s = ui.input(|i| i.time);
@@ -165,7 +166,8 @@ impl Viewer {
         while let Some(event) = self.session.news() {
             self.learn(&ctx, event, now_s);
         }
-        // A pass that is laid out anew is not drawn: a frame taken in each would be lost between them.
+        // A pass that is laid out anew is not drawn: a frame taken in each would be lost between
+        // them.
         if ctx.current_pass_index() == 0
             && let Some(finished) = self.session.latest()
         {

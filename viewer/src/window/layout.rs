@@ -11,7 +11,8 @@ const WIDTH_POINTS: f32 = 290.0;
 /// A window narrower than this has no room for panel and frame side by side, points.
 const NARROW_POINTS: f32 = 640.0;
 
-/// Height of the button that unfolds the panel over the frame, with its margin, and a width that is no less than its, points.
+/// Height of the button that unfolds the panel over the frame, with its margin, and a width that is
+/// no less than its, points.
 const UNFOLD_POINTS: f32 = 30.0;
 pub(crate) const UNFOLD_WIDTH_POINTS: f32 = 60.0;
 
@@ -42,7 +43,8 @@ impl Viewer {
             });
     }
 
-    /// In a narrow window: a button in the corner of the frame, and the panel over the frame once it is pressed.
+    /// In a narrow window: a button in the corner of the frame, and the panel over the frame once
+    /// it is pressed.
     fn over_frame(&mut self, ctx: &Context, now_s: f64) {
         let screen = ctx.content_rect();
         let corner = screen.min + vec2(4.0, 4.0);

@@ -25,7 +25,8 @@ pub struct ViewerOptions {
     pub panels: bool,
     /// Where the eye starts, instead of the source's start.
     pub pose: Option<Pose>,
-    /// Settings that differ from the source's initial ones: (id, text), as [`SettingValues::set_text`] reads them.
+    /// Settings that differ from the source's initial ones: (id, text), as
+    /// [`SettingValues::set_text`] reads them.
     ///
     /// [`SettingValues::set_text`]: crate::SettingValues::set_text
     pub settings: Vec<(String, String)>,
@@ -33,8 +34,8 @@ pub struct ViewerOptions {
     pub compare: Option<Vec<(String, String)>>,
     /// One eye or two at first.
     pub stereo: Stereo,
-    /// The longest that a frame should take while the eye moves, ms, or else it is rendered with fewer pixels at first; none:
-    /// always with all pixels.
+    /// The longest that a frame should take while the eye moves, ms, or else it is rendered with
+    /// fewer pixels at first; none: always with all pixels.
     pub moving_limit_ms: Option<f64>,
     /// A path file that is replayed at once.
     pub path: Option<PathBuf>,
@@ -87,8 +88,8 @@ pub enum Exit {
     AfterFrames(u64),
     /// When the replay of the path has ended.
     AfterPath,
-    /// When the view cannot become better ([`Refinement::Done`](crate::Refinement::Done)): a capture or an error map is
-    /// complete.
+    /// When the view cannot become better ([`Refinement::Done`](crate::Refinement::Done)): a
+    /// capture or an error map is complete.
     WhenRefined,
     /// When every entry of the start page has its picture.
     AfterThumbnails,
@@ -97,7 +98,8 @@ pub enum Exit {
 /// What a run of the window measured.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
-    /// From [`ViewerOptions::started`] to the first picture of the window handed to the display, whatever it shows, seconds.
+    /// From [`ViewerOptions::started`] to the first picture of the window handed to the display,
+    /// whatever it shows, seconds.
     pub window_s: Option<f64>,
     /// From [`ViewerOptions::started`] to the first frame handed to the display, seconds.
     pub first_image_s: Option<f64>,
@@ -107,9 +109,11 @@ pub struct Summary {
     pub shown_per_s: f64,
     /// Median time to render a frame, over the last frames, ms.
     pub render_ms_median: f64,
-    /// Median time from the wish for a view to its hand-over to the display, over the last frames, ms.
+    /// Median time from the wish for a view to its hand-over to the display, over the last frames,
+    /// ms.
     pub latency_ms_median: f64,
-    /// Median time of one pass of the window (input, panels, upload, drawing), over the last passes, ms.
+    /// Median time of one pass of the window (input, panels, upload, drawing), over the last
+    /// passes, ms.
     pub pass_ms_median: f64,
     /// Size of the last frame, pixels.
     pub frame_size_px: [u32; 2],

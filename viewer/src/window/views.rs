@@ -10,9 +10,11 @@ pub enum Stereo {
     /// One eye.
     #[default]
     Off,
-    /// Side by side, the right eye's view on the left: crossed eyes fuse it (as in the papers' figures).
+    /// Side by side, the right eye's view on the left: crossed eyes fuse it (as in the papers'
+    /// figures).
     CrossEyed,
-    /// Side by side, the left eye's view on the left: for a viewer with lenses, or eyes that look into the distance.
+    /// Side by side, the left eye's view on the left: for a viewer with lenses, or eyes that look
+    /// into the distance.
     Parallel,
 }
 
@@ -44,8 +46,9 @@ impl Stereo {
         if self == Self::Off { 1 } else { 2 }
     }
 
-    /// Positions of the eyes from left to right on the screen; the eyes sit `separation` metres apart about the pose's eye,
-    /// on its right axis, and look in parallel (so a point at infinity has no disparity).
+    /// Positions of the eyes from left to right on the screen; the eyes sit `separation` metres
+    /// apart about the pose's eye, on its right axis, and look in parallel (so a point at infinity
+    /// has no disparity).
     pub fn eyes(self, pose: &Pose, separation: f64) -> Vec<DVec3> {
         let half = pose.world_from_eye().x_axis * (separation / 2.0);
         match self {
@@ -55,7 +58,8 @@ impl Stereo {
         }
     }
 
-    /// The cameras, from left to right on the screen, for a frame of `width` x `height` pixels in all.
+    /// The cameras, from left to right on the screen, for a frame of `width` x `height` pixels in
+    /// all.
     ///
     /// # Errors
     /// [`CameraError`] if the image size cannot be rendered.
@@ -81,9 +85,9 @@ pub(crate) struct PictureRef<'a> {
     pub pixels: &'a [[u8; 4]],
 }
 
-/// Puts the pictures of one frame together as the screen shows them: `pictures` holds for each place from left to right
-/// one picture per setting set (A, or A and B), all of one size; `divider` is the share of each place's width that shows A.
-/// Returns width and pixels, row 0 on top.
+/// Puts the pictures of one frame together as the screen shows them: `pictures` holds for each
+/// place from left to right one picture per setting set (A, or A and B), all of one size; `divider`
+/// is the share of each place's width that shows A. Returns width and pixels, row 0 on top.
 pub(crate) fn compose(
     pictures: &[PictureRef<'_>],
     places: usize,

@@ -13,12 +13,12 @@ use std::{
     time::Duration,
 };
 
-/// Opens the window, shows `source` (or the start page of the options' library) and returns when it has been closed.
-/// Call it from the main thread: window systems insist.
+/// Opens the window, shows `source` (or the start page of the options' library) and returns when it
+/// has been closed. Call it from the main thread: window systems insist.
 ///
 /// # Errors
-/// [`ViewerError::NoDisplay`] without a display; [`ViewerError::Scripted`] if anything goes wrong in a run that ends by itself
-/// ([`Exit`]); see there for the others.
+/// [`ViewerError::NoDisplay`] without a display; [`ViewerError::Scripted`] if anything goes wrong
+/// in a run that ends by itself ([`Exit`]); see there for the others.
 pub fn run(
     source: Option<Box<dyn FrameSource>>,
     options: ViewerOptions,
@@ -79,8 +79,8 @@ fn displays() -> String {
     }
 }
 
-/// News needs one more pass. A delay of zero would mean two ("to give things time to settle"), the second of which draws the
-/// same again.
+/// News needs one more pass. A delay of zero would mean two ("to give things time to settle"), the
+/// second of which draws the same again.
 const ONE_PASS: Duration = Duration::from_nanos(1);
 
 type Created = Result<Box<dyn App>, Box<dyn std::error::Error + Send + Sync>>;
@@ -119,7 +119,8 @@ impl App for Desktop {
         self.0.pass(ui, last_pass_ms);
     }
 
-    /// What the frame does not cover. The driver clears to it anyway, so that no panel need be painted behind the frame.
+    /// What the frame does not cover. The driver clears to it anyway, so that no panel need be
+    /// painted behind the frame.
     fn clear_color(&self, _visuals: &egui::Visuals) -> [f32; 4] {
         theme::BACKDROP.to_normalized_gamma_f32()
     }

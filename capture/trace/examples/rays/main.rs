@@ -1,15 +1,17 @@
-//! Ray rates on stratified cube-face rays, and a file of those rays for other tracers to trace the very same.
+//! Ray rates on stratified cube-face rays, and a file of those rays for other tracers to trace the
+//! very same.
 //!
 //! ```text
 //! cargo run --release -p headbox-capture --example rays -- SCENE.obj RAYS.bin \
 //!     [cx cy cz half] [strata=32] [rays-per-stratum=16] [faces=0] [repetitions=3]
 //! ```
 //!
-//! The rays start on the faces of the cube (centre c, half size `half`, in the file's axes), cosine-weighted about the
-//! face's outward normal, stratum by stratum: the order of a capture. The file holds a little-endian u64 count, then
-//! origin x, y, z and direction x, y, z as six arrays of f32. Making, writing and reading rays is not timed; loading
-//! them into packets, tracing, and storing t and the triangle's number is. Rates are Mrays/s as median (least to
-//! most), for one and two threads.
+//! The rays start on the faces of the cube (centre c, half size `half`, in the file's axes),
+//! cosine-weighted about the face's outward normal, stratum by stratum: the order of a capture. The
+//! file holds a little-endian u64 count, then origin x, y, z and direction x, y, z as six arrays of
+//! f32. Making, writing and reading rays is not timed; loading them into packets, tracing, and
+//! storing t and the triangle's number is. Rates are Mrays/s as median (least to most), for one and
+//! two threads.
 
 mod cube;
 

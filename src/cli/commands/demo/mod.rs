@@ -365,7 +365,8 @@ fn print_table(rows: &[Row]) {
     println!("mean PSNR off centre: {off_centre:.2} dB");
 }
 
-/// What a ray-traced cube map of the same face size shows from the centre: the best that any method without depth can.
+/// What a ray-traced cube map of the same face size shows from the centre: the best that any method
+/// without depth can.
 fn print_cube_map_row(
     tracer: &Tracer,
     lighting: &Lighting,

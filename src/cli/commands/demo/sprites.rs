@@ -24,9 +24,9 @@ const SAMPLES: u32 = 4;
 /// Layers are wider than frames by this factor, for eyes off the centre.
 const MARGIN: f64 = 1.5;
 
-/// Takes sprites as the first camera sees the scene, draws them for all cameras by the paper's main variants, and
-/// prints time and error (against `truths`, one for each camera) beside each other; `demo.sprite` and `sprites.csv` go
-/// to `folder`.
+/// Takes sprites as the first camera sees the scene, draws them for all cameras by the paper's main
+/// variants, and prints time and error (against `truths`, one for each camera) beside each other;
+/// `demo.sprite` and `sprites.csv` go to `folder`.
 pub(super) fn print_sprite_rows(
     folder: &Path,
     tracer: &Tracer,

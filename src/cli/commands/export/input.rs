@@ -62,7 +62,8 @@ impl Exported {
         }
     }
 
-    /// The cube, of sprites one that shows what they show; of anything else it is said that only pages are made of it.
+    /// The cube, of sprites one that shows what they show; of anything else it is said that only
+    /// pages are made of it.
     pub(super) fn cube(self, path: &Path) -> anyhow::Result<PackedCube> {
         match self {
             Self::Cube(cube) => Ok(*cube),

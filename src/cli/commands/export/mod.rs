@@ -21,9 +21,10 @@ use std::path::{Path, PathBuf};
 pub(crate) struct ExportCommand {
     /// A .ldi, .sprite, .house or .lumi file; the latter two as pages alone
     file: PathBuf,
-    /// What to write; its ending decides the format: .html, a page to look around in that works offline, of a house to walk
-    /// through; .glb for engines; .ply, flat Gaussians as of 3D Gaussian splatting, or plain points with --points; .exr for
-    /// compositing, deep or with --layers flat
+    /// What to write; its ending decides the format: .html, a page to look around in that works
+    /// offline, of a house to walk through; .glb for engines; .ply, flat Gaussians as of 3D
+    /// Gaussian splatting, or plain points with --points; .exr for compositing, deep or with
+    /// --layers flat
     #[arg(short, long)]
     output: PathBuf,
     /// What the page is called; the name of the file if absent
@@ -35,11 +36,13 @@ pub(crate) struct ExportCommand {
     /// Write plain points with normal and colour to a .ply
     #[arg(long)]
     points: bool,
-    /// Flat layers of an .exr, each a part, nearest first, instead of deep data; the last holds all that lies deeper
+    /// Flat layers of an .exr, each a part, nearest first, instead of deep data; the last holds all
+    /// that lies deeper
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
     layers: Option<u64>,
-    /// The one face of the cube that an .exr holds, as the picture of a camera of 90 degrees: +X, -X, +Y, -Y, +Z or -Z; all six, one above
-    /// another as OpenEXR's environment maps have them, if absent
+    /// The one face of the cube that an .exr holds, as the picture of a camera of 90 degrees: +X,
+    /// -X, +Y, -Y, +Z or -Z; all six, one above another as OpenEXR's environment maps have them, if
+    /// absent
     #[arg(long, value_name = "FACE", allow_hyphen_values = true, value_parser = parse_face)]
     face: Option<Face>,
     /// Print one JSON object on standard output

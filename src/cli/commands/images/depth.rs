@@ -14,12 +14,13 @@ use std::time::Instant;
 
 #[derive(Args, Default)]
 pub(super) struct DepthArgs {
-    /// Find the depth of photographs with known cameras from the photographs themselves, and keep it beside them (headbox-depth):
-    /// capture, render, view and report use it from then on
+    /// Find the depth of photographs with known cameras from the photographs themselves, and keep
+    /// it beside them (headbox-depth): capture, render, view and report use it from then on
     #[arg(long)]
     depth: bool,
-    /// Instead of beside the pictures, put what --depth finds into this new folder, with the pictures and a transforms.json; depth
-    /// that the set has already is not used then, but compared with
+    /// Instead of beside the pictures, put what --depth finds into this new folder, with the
+    /// pictures and a transforms.json; depth that the set has already is not used then, but
+    /// compared with
     #[arg(short, long, value_name = "FOLDER", requires = "depth")]
     output: Option<PathBuf>,
     /// Halve pictures for --depth until their longer side has at most so many pixels
@@ -134,14 +135,14 @@ impl Outcome {
         println!(
             "{}: depth found for {:.1} % of the pixels of {views} views in {seconds:.1} s",
             folder.display(),
-            agreement.found_share() * 100.0
+            agreement.estimated_share() * 100.0
         );
         if agreement.known > 0 {
             let [one, two, five] = agreement.shares_within().map(|share| share * 100.0);
             println!(
                 "  known depth {:.1} % of its pixels found: {one:.1} % of them within 1 %, {two:.1} % within 2 %, {five:.1} % within 5 %, \
                  half of them within {:.2} %",
-                agreement.covered() * 100.0,
+                agreement.covered_share() * 100.0,
                 agreement.median_error() * 100.0
             );
         }
@@ -157,12 +158,12 @@ impl Outcome {
         let known = (agreement.known > 0).then(|| {
             let [one, two, five] = agreement.shares_within();
             json!({
-                "covered": agreement.covered(), "within_1_percent": one, "within_2_percent": two, "within_5_percent": five,
+                "covered": agreement.covered_share(), "within_1_percent": one, "within_2_percent": two, "within_5_percent": five,
                 "median": agreement.median_error(),
             })
         });
         json!({
-            "folder": folder, "views": views, "share": agreement.found_share(), "seconds": seconds, "known": known,
+            "folder": folder, "views": views, "share": agreement.estimated_share(), "seconds": seconds, "known": known,
         })
     }
 }

@@ -26,10 +26,11 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(crate) struct ImagesCommand {
-    /// A folder of pictures with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames, Middlebury, panoramas), or its
-    /// manifest.json or transforms.json; or a deep EXR
+    /// A folder of pictures with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames,
+    /// Middlebury, panoramas), or its manifest.json or transforms.json; or a deep EXR
     folder: PathBuf,
-    /// Find out where photographs were taken: runs COLMAP, where it is installed, and puts its model beside them as sparse/0
+    /// Find out where photographs were taken: runs COLMAP, where it is installed, and puts its
+    /// model beside them as sparse/0
     #[arg(long)]
     align: bool,
     #[command(flatten)]
@@ -47,7 +48,8 @@ pub(crate) struct ImagesCommand {
 /// Pairs of neighbours that are compared.
 const PAIRS: usize = 16;
 
-/// How a set becomes a cube: by its depth, or, where no view has any, by the colours that its photographs agree on.
+/// How a set becomes a cube: by its depth, or, where no view has any, by the colours that its
+/// photographs agree on.
 pub(super) enum SetJob {
     Depth(ImagesJob),
     Photographs(PhotographsJob),
@@ -211,7 +213,7 @@ impl ImagesCommand {
             model,
         } = aligned;
         eprintln!(
-            "note: it is known of {posed} of {pictures} photographs where they were taken: {}",
+            "note: estimated the poses of {posed} of {photographs} photographs: {}",
             model.display()
         );
         Ok(())

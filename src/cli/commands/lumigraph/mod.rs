@@ -30,8 +30,8 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(crate) struct LumigraphCommand {
-    /// A scene (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), or a folder of pictures with known
-    /// cameras and depth, taken from a grid of places on a plane
+    /// A scene (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), or
+    /// a folder of pictures with known cameras and depth, taken from a grid of places on a plane
     pub(super) scene: String,
     #[command(flatten)]
     pub(super) source: SourceArgs,
@@ -52,17 +52,19 @@ pub(crate) struct LumigraphCommand {
 /// Where the cameras stand that look at a scene.
 #[derive(Args)]
 pub(super) struct GridArgs {
-    /// Middle of the cameras; the centre of the scene's headbox if absent. Given several times, so many planes of cameras
+    /// Middle of the cameras; the centre of the scene's headbox if absent. Given several times, so
+    /// many planes of cameras
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     plane: Vec<DVec3>,
-    /// Where the cameras look, across their plane; the direction in which there is most to see if absent. Once for all planes, or
-    /// once for each
+    /// Where the cameras look, across their plane; the direction in which there is most to see if
+    /// absent. Once for all planes, or once for each
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     normal: Vec<DVec3>,
     /// Direction that points up in the images; the file's up axis if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     up_vector: Option<DVec3>,
-    /// From the first camera of a row to its last; columns have the same spacing. The edge of the scene's headbox if absent
+    /// From the first camera of a row to its last; columns have the same spacing. The edge of the
+    /// scene's headbox if absent
     #[arg(long, value_name = "LENGTH", value_parser = parse_length)]
     extent: Option<f64>,
     /// Cameras in a row and in a column; 4x4 if absent
@@ -74,16 +76,19 @@ pub(super) struct GridArgs {
     /// Vertical field of view of an image, degrees; 60 if absent
     #[arg(long, value_name = "DEG", value_parser = parse_fov)]
     fov: Option<f64>,
-    /// How far from the plane all images show the same part of the scene; the middle of the disparities if absent
+    /// How far from the plane all images show the same part of the scene; the middle of the
+    /// disparities if absent
     #[arg(long, value_name = "LENGTH", value_parser = parse_length, conflicts_with = "parallel")]
     focus: Option<f64>,
     /// Look straight ahead with every camera, as the paper has it
     #[arg(long)]
     parallel: bool,
-    /// Light slabs: so many planes of cameras, turned about a vertical line so that the scene is seen from all around; 1 if absent
+    /// Light slabs: so many planes of cameras, turned about a vertical line so that the scene is
+    /// seen from all around; 1 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_SLABS as i64))]
     slabs: Option<u32>,
-    /// A point of the line about which planes are turned; what lies in the middle of the first images if absent
+    /// A point of the line about which planes are turned; what lies in the middle of the first
+    /// images if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true, requires = "slabs")]
     about: Option<DVec3>,
 }

@@ -35,7 +35,8 @@ pub(crate) struct GeometryArgs {
     /// View-dependent geometry: pixels between samples of a depth image; 3 if absent
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
     sample_spacing: Option<u16>,
-    /// View-dependent geometry: level of detail of the samples, each with a quarter of the one before; 0 if absent
+    /// View-dependent geometry: level of detail of the samples, each with a quarter of the one
+    /// before; 0 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=3))]
     lod: Option<u32>,
     /// View-dependent geometry: memory for pictures, MB; 1024 if absent
@@ -116,7 +117,8 @@ pub(super) struct GeometryRendered {
 }
 
 impl GeometryContent {
-    /// Opens a folder for a way of texturing; with the axes and unit of its file, and a camera like that of its middle view.
+    /// Opens a folder for a way of texturing; with the axes and unit of its file, and a camera like
+    /// that of its middle view.
     pub(super) fn open(
         folder: &Path,
         set: SetArgs,
@@ -148,7 +150,8 @@ impl GeometryContent {
         self.settings.texturing.name()
     }
 
-    /// Draws a pose `repeat` times, and says on standard error where nothing is seen and which pictures are lost.
+    /// Draws a pose `repeat` times, and says on standard error where nothing is seen and which
+    /// pictures are lost.
     pub(super) fn render(
         &mut self,
         camera: &Camera,
@@ -183,7 +186,8 @@ impl GeometryContent {
     }
 }
 
-/// The way of texturing of a variant's name, if it is one; an error if it is not asked for with one folder of images.
+/// The way of texturing of a variant's name, if it is one; an error if it is not asked for with one
+/// folder of images.
 pub(crate) fn texturing_of(
     variant: Option<&str>,
     is_set_alone: bool,

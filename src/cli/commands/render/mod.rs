@@ -49,37 +49,44 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(crate) struct RenderCommand {
-    /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front, and models
-    /// among them (.obj, .gltf, .glb, builtin:NAME), in the light of the first .ldi; @at=X,Y,Z, @turn=DEG, @scale=S, @up=z and @unit=cm may
-    /// follow a model's name. Or one .house or .lumi file
+    /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over
+    /// each other back to front, and models among them (.obj, .gltf, .glb, builtin:NAME), in the
+    /// light of the first .ldi; @at=X,Y,Z, @turn=DEG, @scale=S, @up=z and @unit=cm may follow a
+    /// model's name. Or one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG; of a .ldi also .exr: linear radiance);
-    /// with --path the folder for frames and times.csv, or a film (.mp4 or .webm, which need ffmpeg, .apng or .gif)
+    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG; of a
+    /// .ldi also .exr: linear radiance); with --path the folder for frames and times.csv, or a film
+    /// (.mp4 or .webm, which need ffmpeg, .apng or .gif)
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Render a frame per pose of this file: JSON of poses, of the window or of nerfstudio's viewer, or the cameras of a .gltf or .glb
-    /// with the animation that moves them, as Blender exports it
+    /// Render a frame per pose of this file: JSON of poses, of the window or of nerfstudio's
+    /// viewer, or the cameras of a .gltf or .glb with the animation that moves them, as Blender
+    /// exports it
     #[arg(long, value_name = "PATH")]
     path: Option<PathBuf>,
-    /// Frames a second of a film, and of an animation in --path; if absent as the times in PATH have it, else 30
+    /// Frames a second of a film, and of an animation in --path; if absent as the times in PATH
+    /// have it, else 30
     #[arg(long, requires = "path", value_parser = clap::value_parser!(u32).range(1..=240))]
     fps: Option<u32>,
-    /// Frames for both eyes side by side, so many metres apart: 0.064 for people; with --panorama one above the other
+    /// Frames for both eyes side by side, so many metres apart: 0.064 for people; with --panorama
+    /// one above the other
     #[arg(long, value_name = "METRES", value_parser = parse_length)]
     stereo: Option<f64>,
-    /// All directions about the eye, twice as wide as high (equirectangular), as players of 360-degree pictures and films have it; the
-    /// height is that of --size or of the path. With --stereo for both eyes (omni-directional stereo), the left one above
+    /// All directions about the eye, twice as wide as high (equirectangular), as players of
+    /// 360-degree pictures and films have it; the height is that of --size or of the path. With
+    /// --stereo for both eyes (omni-directional stereo), the left one above
     #[arg(long)]
     panorama: bool,
-    /// What lies before both eyes, 180 by 180 degrees each, side by side, as VR180 has it; the height is that of --size or of the path, and
-    /// the eyes are 0.064 m apart without --stereo
+    /// What lies before both eyes, 180 by 180 degrees each, side by side, as VR180 has it; the
+    /// height is that of --size or of the path, and the eyes are 0.064 m apart without --stereo
     #[arg(long, conflicts_with = "panorama")]
     vr180: bool,
-    /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints. For a folder of
-    /// images also geometry-blended and its kin: view-dependent geometry, made for each frame, instead of a cube LDI
+    /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a
+    /// wrong name prints. For a folder of images also geometry-blended and its kin: view-dependent
+    /// geometry, made for each frame, instead of a cube LDI
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
     #[command(flatten)]
@@ -95,28 +102,33 @@ pub(crate) struct RenderCommand {
     /// Leave small holes open, which are otherwise filled from what lies behind their rims
     #[arg(long)]
     keep_holes: bool,
-    /// Show a .ldi so many stops brighter than it was captured, cut off at white; a capture made with --hdr keeps what lies above
+    /// Show a .ldi so many stops brighter than it was captured, cut off at white; a capture made
+    /// with --hdr keeps what lies above
     #[arg(long, value_name = "STOPS", value_parser = parse_stops, allow_hyphen_values = true)]
     exposure: Option<f32>,
-    /// EXR to write the eye depth of each pixel to, metres, infinite where nothing is drawn; for a single frame of one .ldi
+    /// EXR to write the eye depth of each pixel to, metres, infinite where nothing is drawn; for a
+    /// single frame of one .ldi
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["path", "stereo", "panorama", "vr180"])]
     depth: Option<PathBuf>,
-    /// Picture of the share of each pixel to that depth pixels cover, 0 to 255, to write; for a single frame of one .ldi
+    /// Picture of the share of each pixel to that depth pixels cover, 0 to 255, to write; for a
+    /// single frame of one .ldi
     #[arg(long, value_name = "FILE.png", conflicts_with_all = ["path", "stereo", "panorama", "vr180"])]
     coverage: Option<PathBuf>,
-    /// Instead of the frame, one of the overlays that the window has for such a file, with a legend: holes, coverage, depth and others; of view-dependent
-    /// geometry camera, owners, mesh and age; a wrong name prints the list
+    /// Instead of the frame, one of the overlays that the window has for such a file, with a
+    /// legend: holes, coverage, depth and others; of view-dependent geometry camera, owners, mesh
+    /// and age; a wrong name prints the list
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "NAME", conflicts_with_all = [
         "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "exposure", "depth", "coverage", "merge",
         "by_depth", "parallel", "repeat",
     ])]
     overlay: Option<String>,
-    /// How far two cameras of a .lumi file may disagree where its layers are merged, pixels; 1 if absent, 0 merges none
+    /// How far two cameras of a .lumi file may disagree where its layers are merged, pixels; 1 if
+    /// absent, 0 merges none
     #[arg(long, value_name = "PX", value_parser = parse_merge)]
     merge: Option<f64>,
-    /// Lay several files over each other pixel by pixel, by depth, instead of whole: slower, but right where they reach through each other.
-    /// With a model it is always so
+    /// Lay several files over each other pixel by pixel, by depth, instead of whole: slower, but
+    /// right where they reach through each other. With a model it is always so
     #[arg(long)]
     by_depth: bool,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
@@ -321,7 +333,8 @@ impl RenderCommand {
         Ok(Some((Content::House(Box::new(content)), frame, camera)))
     }
 
-    /// A folder of images for a variant of view-dependent geometry; `None` if that is not asked for.
+    /// A folder of images for a variant of view-dependent geometry; `None` if that is not asked
+    /// for.
     fn open_geometry(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
         let alone =
             matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
@@ -511,7 +524,8 @@ impl RenderCommand {
         Ok(())
     }
 
-    /// Refuses radiance and exposure of what does not say how its levels came about, and sets the exposure of what does.
+    /// Refuses radiance and exposure of what does not say how its levels came about, and sets the
+    /// exposure of what does.
     fn of_cubes_alone(&self, content: &mut Content) -> Result<(), UsageError> {
         let radiance = self.path.is_none() && is_radiance(&self.output);
         match (content, self.exposure) {

@@ -19,7 +19,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 impl RenderCommand {
-    /// Draws one frame with an overlay of the window's, by whatever shows the file there, and says what its colours mean.
+    /// Draws one frame with an overlay of the window's, by whatever shows the file there, and says
+    /// what its colours mean.
     pub(super) fn render_overlay(&self, overlay: &str) -> anyhow::Result<()> {
         let [file] = self.files.as_slice() else {
             return Err(UsageError("--overlay is for one file or folder".into()).into());

@@ -1,4 +1,5 @@
-//! Polygons on the command line: models that are put among images, `NAME@at=X,Y,Z@turn=DEG@scale=S@up=z@unit=cm`.
+//! Polygons on the command line: models that are put among images,
+//! `NAME@at=X,Y,Z@turn=DEG@scale=S@up=z@unit=cm`.
 
 use crate::args::{named_parts, parse_length, parse_unit, parse_up, parse_vector};
 use crate::progress::Bar;
@@ -75,7 +76,8 @@ impl PolygonsArg {
         Ok(())
     }
 
-    /// Opens the model and puts it into the world of a file with such axes and unit, in the light of a cube if there is one.
+    /// Opens the model and puts it into the world of a file with such axes and unit, in the light
+    /// of a cube if there is one.
     pub(super) fn open(
         &self,
         frame: &FileFrame,

@@ -56,7 +56,8 @@ impl Sheets<'_> {
     }
 }
 
-/// Measures a set, by its depth or, where it has none but what is found, by what is made of the photographs alone, and writes what was found into a folder.
+/// Measures a set, by its depth or, where it has none but what is found, by what is made of the
+/// photographs alone, and writes what was found into a folder.
 pub(super) fn write(
     set: &ImageSet,
     hold_out: usize,

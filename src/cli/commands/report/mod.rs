@@ -39,21 +39,24 @@ use std::sync::Arc;
 
 #[derive(Args)]
 pub(crate) struct ReportCommand {
-    /// Scenes (.obj, .gltf, .glb, homes, builtin:NAME) to capture, or .ldi and .sprite files whose scenes are still there. What
-    /// differs from scene to scene may follow its name: @center=X,Y,Z, @half=S, @up=z, @unit=cm
+    /// Scenes (.obj, .gltf, .glb, homes, builtin:NAME) to capture, or .ldi and .sprite files whose
+    /// scenes are still there. What differs from scene to scene may follow its name: @center=X,Y,Z,
+    /// @half=S, @up=z, @unit=cm
     #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"], value_parser = parse_named)]
     subjects: Vec<Named>,
-    /// Folder for report.json, report.csv, summary.md and charts, headbox-report if absent; with --results and --stability the
-    /// page to write, results.md and STABILITY.md if absent
+    /// Folder for report.json, report.csv, summary.md and charts, headbox-report if absent; with
+    /// --results and --stability the page to write, results.md and STABILITY.md if absent
     #[arg(short, long)]
     output: Option<PathBuf>,
     /// Small sizes: less than two minutes a scene on two cores
     #[arg(long)]
     quick: bool,
-    /// Frames of 1024x768 and faces of 1024 px, from few eyes and of one capture: four minutes to three quarters of an hour a scene on two cores, most of it for truth, which is kept
+    /// Frames of 1024x768 and faces of 1024 px, from few eyes and of one capture: four minutes to
+    /// three quarters of an hour a scene on two cores, most of it for truth, which is kept
     #[arg(long, conflicts_with = "quick")]
     real: bool,
-    /// Leave out the scenes that OUTPUT/report.json, of the same commit, sizes and seed, has already
+    /// Leave out the scenes that OUTPUT/report.json, of the same commit, sizes and seed, has
+    /// already
     #[arg(long)]
     resume: bool,
     /// Hold what the README promises against the run, and fail if it does not hold
@@ -68,7 +71,8 @@ pub(crate) struct ReportCommand {
     /// Diffuse bounces of light beyond direct light
     #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
-    /// Folder in which ray-traced truth is kept from run to run; headbox/truth in the user's cache folder if absent
+    /// Folder in which ray-traced truth is kept from run to run; headbox/truth in the user's cache
+    /// folder if absent
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
     /// Measure nothing: make a page and its charts from the report.json of an earlier run
@@ -83,7 +87,8 @@ pub(crate) struct ReportCommand {
     /// Seeds of each hard case
     #[arg(long, value_name = "N", default_value_t = 20, requires = "stability", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: u64,
-    /// Of an image set (a folder): leave every N-th view out and judge how the others show it; 1 leaves out each alone
+    /// Of an image set (a folder): leave every N-th view out and judge how the others show it; 1
+    /// leaves out each alone
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..).map(usize::from))]
     hold_out: usize,
     #[command(flatten)]
@@ -357,8 +362,8 @@ impl ReportCommand {
     }
 }
 
-/// The stages of a scene's measurement, with shares of its time as they are in the middle: captures that differ in one thing each,
-/// frames in turns, and truth for each eye, for some more than once.
+/// The stages of a scene's measurement, with shares of its time as they are in the middle: captures
+/// that differ in one thing each, frames in turns, and truth for each eye, for some more than once.
 fn plan_of_a_scene() -> Vec<Planned> {
     vec![
         Planned {

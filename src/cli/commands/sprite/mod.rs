@@ -29,8 +29,8 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(crate) struct SpriteCommand {
-    /// A scene to capture (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), a folder of
-    /// photographs with known cameras, or a .sprite file to export
+    /// A scene to capture (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or
+    /// builtin:NAME), a folder of photographs with known cameras, or a .sprite file to export
     scene: Option<String>,
     #[command(flatten)]
     pub(super) source: SourceArgs,
@@ -51,11 +51,13 @@ pub(crate) struct SpriteCommand {
     /// Displacements at a resolution lower by this factor than the colours
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     displacement_divisor: u32,
-    /// Write colour (PNG), eye depth (EXR, metres) and cameras (sprites.json) of each sprite into this folder
+    /// Write colour (PNG), eye depth (EXR, metres) and cameras (sprites.json) of each sprite into
+    /// this folder
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
-    /// Judge every variant against truth as the eye moves away from where a scene's sprites were taken: range.csv and
-    /// range.svg in this folder. Of a folder of images: leave every third out and judge sprites by them: report.json, summary.md, pictures
+    /// Judge every variant against truth as the eye moves away from where a scene's sprites were
+    /// taken: range.csv and range.svg in this folder. Of a folder of images: leave every third out
+    /// and judge sprites by them: report.json, summary.md, pictures
     #[arg(long, value_name = "DIR", requires = "scene")]
     pub(super) range: Option<PathBuf>,
     /// Print one JSON object on standard output
@@ -92,7 +94,8 @@ struct ImportArgs {
     /// What a depth means
     #[arg(long, requires = "color", value_parser = by_name(DEPTH_KINDS))]
     depth_kind: Option<DepthKind>,
-    /// Metres per stored depth value; 1 for EXR, 0.001 for PNG if absent. For window depth the value of 1: 1 or 1/65535
+    /// Metres per stored depth value; 1 for EXR, 0.001 for PNG if absent. For window depth the
+    /// value of 1: 1 or 1/65535
     #[arg(long, value_name = "METRES", requires = "color", value_parser = parse_length)]
     depth_unit: Option<f64>,
     /// Near plane of window depth, metres

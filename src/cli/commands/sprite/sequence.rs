@@ -17,7 +17,8 @@ use std::path::{Path, PathBuf};
 /// What is said of sprites of a sequence.
 #[derive(Args)]
 pub(super) struct SequenceArgs {
-    /// Of a folder of images: the view whose layers are made, by name or by number from 1; the one in the middle if absent
+    /// Of a folder of images: the view whose layers are made, by name or by number from 1; the one
+    /// in the middle if absent
     #[arg(long, value_name = "NAME")]
     view: Option<String>,
     /// Of a folder of images: layers at most
@@ -26,11 +27,12 @@ pub(super) struct SequenceArgs {
     /// Of a folder of images: other views that depth and what is hidden are found from; 6 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
     frames: Option<u8>,
-    /// Of a folder of images: regions made by hand instead of found ones, a PNG a layer in the order of their names, as large as the view's picture, white
-    /// where a pixel belongs
+    /// Of a folder of images: regions made by hand instead of found ones, a PNG a layer in the
+    /// order of their names, as large as the view's picture, white where a pixel belongs
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
-    /// Of a folder of images: take depth from its files, too; otherwise only what is found from the pictures
+    /// Of a folder of images: take depth from its files, too; otherwise only what is found from the
+    /// pictures
     #[arg(long)]
     own_depth: bool,
     #[command(flatten)]
@@ -56,7 +58,8 @@ impl SequenceArgs {
         }
     }
 
-    /// The layers of a folder of images, and its axes and unit; judged by photographs left out if a folder for that is given.
+    /// The layers of a folder of images, and its axes and unit; judged by photographs left out if a
+    /// folder for that is given.
     pub(super) fn layers(
         &self,
         name: &str,
@@ -67,7 +70,7 @@ impl SequenceArgs {
         let bar = Bar::new();
         let (report, layers) = match range {
             Some(folder) => judged(&set, &job, &bar, folder)?,
-            None => (String::new(), job.layers(&load(&set, &job, &bar)?)?),
+            None => (String::new(), job.segment(&load(&set, &job, &bar)?)?),
         };
         bar.finish();
         print!("{report}");
@@ -113,7 +116,7 @@ fn masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
             folder.display()
         );
     }
-    if paths.len() > headbox_images::planar_layers::MOST_LAYERS {
+    if paths.len() > headbox_images::planar_layers::MAX_LAYERS {
         bail!(
             "{}: {} PNG files, more than layers are made",
             folder.display(),

@@ -1,5 +1,5 @@
-//! A cube LDI as a page. It is drawn by the rules of [`headbox_cube::render::canvas::surface`], whose numbers travel in the page's header, so that its
-//! frames are held to the CPU's.
+//! A cube LDI as a page. It is drawn by the rules of [`headbox_cube::render::canvas::surface`],
+//! whose numbers travel in the page's header, so that its frames are held to the CPU's.
 
 mod samples;
 mod shell;

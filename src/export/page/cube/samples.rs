@@ -1,6 +1,8 @@
-//! The samples of a segment as bytes that deflate makes small and a page reads in one loop (`samples.js`, its mirror).
+//! The samples of a segment as bytes that deflate makes small and a page reads in one loop
+//! (`samples.js`, its mirror).
 //!
-//! A part holds some blocks of [`BLOCK_PX`] face pixels a side. One array after the other, each as long as it must be:
+//! A part holds some blocks of [`BLOCK_PX`] face pixels a side. One array after the other, each as
+//! long as it must be:
 //!
 //! ```text
 //! blocks   u16 column, u16 row of each block, in blocks, little-endian
@@ -10,8 +12,9 @@
 //! colour   four arrays of a byte a sample: green, red - green, blue - green and alpha, each minus its expectation
 //! ```
 //!
-//! What is expected of a sample stands in a neighbouring pixel, on the left or else above, as many surfaces from the nearest. On a
-//! plane, inverse depth is affine in the pixels, so that left + above - above left is exact there.
+//! What is expected of a sample stands in a neighbouring pixel, on the left or else above, as many
+//! surfaces from the nearest. On a plane, inverse depth is affine in the pixels, so that left +
+//! above - above left is exact there.
 
 use headbox_cube::pack::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
 

@@ -1,5 +1,6 @@
-//! What a page shows first: the scene as it is seen from the middle of the headbox, a small picture with depth in all directions. Looked at
-//! from elsewhere it has parallax and no gaps; nothing behind what is nearest.
+//! What a page shows first: the scene as it is seen from the middle of the headbox, a small picture
+//! with depth in all directions. Looked at from elsewhere it has parallax and no gaps; nothing
+//! behind what is nearest.
 
 use super::super::Part;
 use crate::ExportError;
@@ -19,8 +20,8 @@ const SQUARE_PX: u32 = 4;
 /// Quality of the JPEG file.
 const QUALITY: u8 = 45;
 
-/// The depths, a byte of 1 / eye depth each, row by row and face by face, each less the one before; then a JPEG file of the faces, one
-/// below another.
+/// The depths, a byte of 1 / eye depth each, row by row and face by face, each less the one before;
+/// then a JPEG file of the faces, one below another.
 pub(super) fn part(cube: &PackedCube) -> Result<Part, ExportError> {
     let color_px = (cube.face_size_px / SQUARE_PX * SQUARE_PX).clamp(16, MAX_PX);
     let mut picture = RgbImage::new(color_px, 6 * color_px);
@@ -72,7 +73,8 @@ pub(super) fn part(cube: &PackedCube) -> Result<Part, ExportError> {
     })
 }
 
-/// 1 / eye depth of a face of `side` pixels in squares: what half of a square's pixels have at most.
+/// 1 / eye depth of a face of `side` pixels in squares: what half of a square's pixels have at
+/// most.
 fn shrunk(depths_m: &[f32], side: u32) -> Vec<f32> {
     let corners = || (0..side).step_by(SQUARE_PX as usize);
     let squares = corners().flat_map(|y| corners().map(move |x| (x, y)));

@@ -1,7 +1,8 @@
-//! The surfaces of a cell in pieces that a page draws at once, as bytes that deflate makes small (`mesh.js`, its mirror).
+//! The surfaces of a cell in pieces that a page draws at once, as bytes that deflate makes small
+//! (`mesh.js`, its mirror).
 //!
-//! A piece has at most 65,536 vertices, so that corners take two bytes. One array after the other, each as its bytes from the lowest on
-//! (all lowest bytes, then the next, and so on):
+//! A piece has at most 65,536 vertices, so that corners take two bytes. One array after the other,
+//! each as its bytes from the lowest on (all lowest bytes, then the next, and so on):
 //!
 //! ```text
 //! corners     u16 three a triangle: how far back from the first vertex that no corner has named yet
@@ -18,10 +19,12 @@ use headbox_scene::scene::Scene;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// What positions are rounded to, metres: finer than any frame shows. Places up to 32 km off have room in 32 bits.
+/// What positions are rounded to, metres: finer than any frame shows. Places up to 32 km off have
+/// room in 32 bits.
 pub(super) const POSITION_STEP_M: f64 = 1.0 / 65_536.0;
 
-/// Triangles of a piece: few enough that a page leaves out what does not show, and that no corner's number has more than 16 bits.
+/// Triangles of a piece: few enough that a page leaves out what does not show, and that no corner's
+/// number has more than 16 bits.
 const PIECE_TRIANGLES: usize = 16_384;
 
 /// A piece of a cell's surfaces.
@@ -75,8 +78,9 @@ fn has_room(scene: &Scene, origin: DVec3, triangle: u32) -> bool {
         .all(|p| (*p - origin).abs().max_element() < limit)
 }
 
-/// Halves triangles along the longest side of their middles' box until they are few enough; those of a half keep their order, so that
-/// of two in the same place the same one shows as in other frames.
+/// Halves triangles along the longest side of their middles' box until they are few enough; those
+/// of a half keep their order, so that of two in the same place the same one shows as in other
+/// frames.
 fn split(scene: &Scene, triangles: Vec<u32>, most: usize, put: &mut dyn FnMut(Vec<u32>)) {
     if triangles.len() <= most {
         if !triangles.is_empty() {
@@ -250,7 +254,8 @@ mod tests {
         }
     }
 
-    /// What of a triangle a page shows: corners in steps, colours, texture coordinates, all as bits; and its material.
+    /// What of a triangle a page shows: corners in steps, colours, texture coordinates, all as
+    /// bits; and its material.
     type Shown = (u32, [([i32; 3], [u32; 3], [u32; 2]); 3]);
 
     fn read(chunk: &Chunk) -> Vec<Shown> {

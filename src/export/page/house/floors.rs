@@ -1,7 +1,8 @@
 //! Where somebody may stand in a house: a grid for each storey.
 //!
-//! A place is free if the eye above it is in a room and nothing that reaches to its height is nearer than a shoulder; and in doors, whose
-//! leaves, if the model has them closed, are walked through. Windows are not passed.
+//! A place is free if the eye above it is in a room and nothing that reaches to its height is
+//! nearer than a shoulder; and in doors, whose leaves, if the model has them closed, are walked
+//! through. Windows are not passed.
 
 use glam::{DVec2, DVec3, Vec3};
 use headbox_house::house::{EYE_HEIGHT_M, House, REVEAL_M};
@@ -20,7 +21,8 @@ const MOST: f64 = 2000.0;
 const STOREY_M: f64 = 0.5;
 /// What is lower than this is no room but a window's niche, metres.
 const ROOM_M: f64 = 1.8;
-/// What is kept between an eye and what stands beside it, metres; twice this is wider than the step, so that not even a sheet is passed.
+/// What is kept between an eye and what stands beside it, metres; twice this is wider than the
+/// step, so that not even a sheet is passed.
 const SHOULDER_M: f32 = 0.15;
 
 /// The places of a storey.

@@ -1,7 +1,8 @@
 //! A house as a page: its surfaces with their light and textures, its sky, and where one may walk.
 //!
-//! Backdrops are left out: they stand in for geometry where a processor has to draw it, and what draws pages draws all of a home.
-//! Which cells show is found by the rule of [`headbox_house::cull`] in the page again (`cells.js`); it spares the other cells' vertices.
+//! Backdrops are left out: they stand in for geometry where a processor has to draw it, and what
+//! draws pages draws all of a home. Which cells show is found by the rule of
+//! [`headbox_house::cull`] in the page again (`cells.js`); it spares the other cells' vertices.
 
 mod chunks;
 mod floors;

@@ -1,7 +1,7 @@
 //! A layered lumigraph as a page: the images of its cameras, and the layer of each of their pixels.
 //!
-//! Frames are blended ray by ray from the four cameras about it, by the rules of [`headbox_lumigraph`]; what a frame merges is
-//! planned in the page (`plan.js`).
+//! Frames are blended ray by ray from the four cameras about it, by the rules of
+//! [`headbox_lumigraph`]; what a frame merges is planned in the page (`plan.js`).
 
 use super::{Content, MAX_PAGE_BYTES, Part, environment, png};
 use crate::{ExportError, POSTER_PX, jpeg};
@@ -97,7 +97,8 @@ struct Shown {
     new: Vec<usize>,
 }
 
-/// How a grid of so many columns and rows comes: its corners first, then with each round what halves the gaps.
+/// How a grid of so many columns and rows comes: its corners first, then with each round what
+/// halves the gaps.
 fn rounds([columns, rows]: [usize; 2]) -> Vec<Shown> {
     let mut places = [columns, rows].map(|count| {
         if count == 1 {

@@ -2,9 +2,10 @@
 
 use headbox_sprite::{Displacement, DisplacementFormat};
 
-/// The stored numbers of a displacement, one byte of all after the other, lowest first: the zigzag of each less its expectation,
-/// which is the median of the number on the left, the one above, and left + above - above left (that of JPEG-LS: one of the two
-/// beside edges). Floating-point numbers count as the integers that their bits are.
+/// The stored numbers of a displacement, one byte of all after the other, lowest first: the zigzag
+/// of each less its expectation, which is the median of the number on the left, the one above, and
+/// left + above - above left (that of JPEG-LS: one of the two beside edges). Floating-point numbers
+/// count as the integers that their bits are.
 pub(super) fn rests(displacement: &Displacement) -> Vec<u8> {
     let width = displacement.size().0 as usize;
     let stored = displacement.stored_bytes();

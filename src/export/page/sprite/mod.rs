@@ -1,7 +1,8 @@
 //! Sprites with depth as a page: each sprite's picture and its displacements as they are stored.
 //!
-//! The page draws in two passes, as [`headbox_sprite`] does: displacements are moved by pure parallax into a field of integers, gaps
-//! of which are filled, and each pixel of the frame finds its place in the picture by what was moved there.
+//! The page draws in two passes, as [`headbox_sprite`] does: displacements are moved by pure
+//! parallax into a field of integers, gaps of which are filled, and each pixel of the frame finds
+//! its place in the picture by what was moved there.
 
 mod displacements;
 
@@ -109,8 +110,9 @@ fn part(sprite: &PreparedSprite, centre: DVec3) -> Part {
     Part { header, bytes }
 }
 
-/// Camera and plane: the eye, directions of an eye depth of 1 (their change per pixel to the right and below, and at the top left
-/// corner), the plane's unit normal, its distance from the eye, and where on it the middle of the picture is.
+/// Camera and plane: the eye, directions of an eye depth of 1 (their change per pixel to the right
+/// and below, and at the top left corner), the plane's unit normal, its distance from the eye, and
+/// where on it the middle of the picture is.
 fn view(sprite: &PreparedSprite, centre: DVec3) -> Value {
     let sprite = sprite.sprite().sprite();
     let (camera, plane) = (sprite.camera(), sprite.plane());

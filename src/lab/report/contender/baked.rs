@@ -1,6 +1,7 @@
-//! Baked light: geometry and textures as they are, light looked up in a light map of small cells on the triangles. What a
-//! renderer without any representation but the scene's own can do for a static scene, with one ray per pixel
-//! ([`BakedRays`]) or with a rasteriser ([`super::RasterDraw`]).
+//! Baked light: geometry and textures as they are, light looked up in a light map of small cells on
+//! the triangles. What a renderer without any representation but the scene's own can do for a
+//! static scene, with one ray per pixel ([`BakedRays`]) or with a rasteriser
+//! ([`super::RasterDraw`]).
 
 use super::{Draw, JudgedFrame, Shown};
 use glam::Vec3;
@@ -13,7 +14,8 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// A cell of the light map: triangle, place on a grid over it (with its side in the lowest bit), fineness of the grid.
+/// A cell of the light map: triangle, place on a grid over it (with its side in the lowest bit),
+/// fineness of the grid.
 type Cell = (u32, u32, u32);
 
 /// The light map.
@@ -28,7 +30,8 @@ pub struct BakedLight {
 }
 
 impl BakedLight {
-    /// No light yet; cells will be about as large as a face pixel of a cube LDI of `face_size_px`, with `light_samples` each.
+    /// No light yet; cells will be about as large as a face pixel of a cube LDI of `face_size_px`,
+    /// with `light_samples` each.
     pub fn new(
         tracer: Arc<Tracer>,
         lighting: Lighting,

@@ -8,8 +8,8 @@ use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{RenderSettings, Renderer};
 use std::sync::Arc;
 
-/// Depth pixels that clipping against the whole frame leaves: R-N6 counts each once. [`FrameStats::depth_pixels_in`] counts it
-/// in each band that it reaches.
+/// Depth pixels that clipping against the whole frame leaves: R-N6 counts each once.
+/// [`FrameStats::depth_pixels_in`] counts it in each band that it reaches.
 ///
 /// [`FrameStats::depth_pixels_in`]: headbox_cube::render::FrameStats::depth_pixels_in
 fn left_by_clipping(
@@ -95,7 +95,8 @@ impl Draw for ExactDraw {
     }
 }
 
-/// A cube LDI by the slow renderer: direct warp in f64, exact footprints, nothing quantised that the LDI has not.
+/// A cube LDI by the slow renderer: direct warp in f64, exact footprints, nothing quantised that
+/// the LDI has not.
 pub struct OracleDraw {
     ldi: CubeLdi,
     last: Option<(Camera, JudgedFrame)>,

@@ -1,6 +1,7 @@
 //! What a report compares: anything that turns a camera into a picture.
 //!
-//! To add a representation, implement [`Draw`] (two functions, three where there are depth pixels) and push a [`Contender`] in `measure::report::field`.
+//! To add a representation, implement [`Draw`] (two functions, three where there are depth pixels)
+//! and push a [`Contender`] in `measure::report::field`.
 
 mod baked;
 mod ldi;
@@ -69,8 +70,8 @@ impl JudgedFrame {
         }
     }
 
-    /// Share of pixels that show nothing, or the environment where truth shows geometry alone. `truth`: its coverages.
-    /// `None` if the renderer does not tell.
+    /// Share of pixels that show nothing, or the environment where truth shows geometry alone.
+    /// `truth`: its coverages. `None` if the renderer does not tell.
     pub fn hole_fraction(&self, truth: &[Coverage]) -> Option<f64> {
         let is_hole = |(shown, truth): &(&Shown, &Coverage)| match shown {
             Shown::Surface => false,
@@ -87,8 +88,8 @@ pub trait Draw {
     /// Draws what `camera` sees: the work that is timed, and nothing else.
     fn draw(&mut self, camera: &Camera);
 
-    /// Depth pixels that a frame has to look at, each counted once however often it is warped: bands of a frame overlap.
-    /// 0 if there are no such things. Not timed.
+    /// Depth pixels that a frame has to look at, each counted once however often it is warped:
+    /// bands of a frame overlap. 0 if there are no such things. Not timed.
     fn depth_pixels(&mut self, _camera: &Camera) -> u64 {
         0
     }
@@ -99,7 +100,8 @@ pub trait Draw {
 
 /// One row to be: a renderer with its setting, and what is known of it beforehand.
 pub struct Contender {
-    /// Group, name in the group, and whether it is the group's baseline; one measurement may serve several groups.
+    /// Group, name in the group, and whether it is the group's baseline; one measurement may serve
+    /// several groups.
     pub roles: Vec<Role>,
     /// Which eyes it is judged by.
     pub eyes: EyeSet,

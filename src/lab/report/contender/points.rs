@@ -1,5 +1,6 @@
-//! The depth pixels of a cube LDI as a cloud of points with a depth buffer: what one would write in an afternoon. Every
-//! point is projected, in any order, and the nearest one of each pixel overwrites the others.
+//! The depth pixels of a cube LDI as a cloud of points with a depth buffer: what one would write in
+//! an afternoon. Every point is projected, in any order, and the nearest one of each pixel
+//! overwrites the others.
 
 use super::{Draw, JudgedFrame, Shown};
 use glam::{Mat4, Vec3};
@@ -21,8 +22,8 @@ struct Point {
 
 /// A depth buffer that keeps the nearest colour of each pixel.
 ///
-/// A cell is an inverse depth (positive f32, whose bits order as numbers do), then 24 bits of colour. The largest wins
-/// whatever the order of arrival, so that threads need no other agreement.
+/// A cell is an inverse depth (positive f32, whose bits order as numbers do), then 24 bits of
+/// colour. The largest wins whatever the order of arrival, so that threads need no other agreement.
 #[derive(Default)]
 pub(super) struct NearestColors {
     size: [u32; 2],
@@ -134,8 +135,9 @@ pub struct PointCloud {
 const CHUNK: usize = 1 << 13;
 
 impl PointCloud {
-    /// The depth pixels of a cube, each to be drawn as a square of `stamp_px` pixels; those that hide less than half of
-    /// their pixel are left out, as there is nothing half-hidden in a depth buffer.
+    /// The depth pixels of a cube, each to be drawn as a square of `stamp_px` pixels; those that
+    /// hide less than half of their pixel are left out, as there is nothing half-hidden in a depth
+    /// buffer.
     pub fn new(cube: &PackedCube, stamp_px: u32) -> Self {
         let mut points = Vec::with_capacity(cube.depth_pixel_count());
         for segment in &cube.segments {

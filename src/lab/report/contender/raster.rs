@@ -1,5 +1,6 @@
-//! Rasterising the geometry, with baked light: what one would do with triangles and no tracer. The rasteriser is that of
-//! houses ([`headbox_raster`]); here it only says which triangle each pixel shows, and baked light colours it.
+//! Rasterising the geometry, with baked light: what one would do with triangles and no tracer. The
+//! rasteriser is that of houses ([`headbox_raster`]); here it only says which triangle each pixel
+//! shows, and baked light colours it.
 
 use super::baked::BakedLight;
 use super::{Draw, JudgedFrame, Shown};
@@ -156,8 +157,8 @@ impl Draw for RasterDraw {
 mod tests {
     use super::*;
 
-    /// The rasteriser snaps corners to a fraction of a pixel, so that edges move, and a pixel of a far tree holds many edges of
-    /// leaves. Found: 13 of 3,072 pixels.
+    /// The rasteriser snaps corners to a fraction of a pixel, so that edges move, and a pixel of a
+    /// far tree holds many edges of leaves. Found: 13 of 3,072 pixels.
     const DIFFERING_PIXELS: usize = 18;
 
     #[test]

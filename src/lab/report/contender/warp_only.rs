@@ -1,7 +1,7 @@
 //! The warp alone, by three arithmetics (S18, C8): what it gains to add where one could multiply.
 //!
-//! Every depth pixel becomes one frame pixel in a depth buffer: no footprints, no order, no clipping, no SIMD, one thread.
-//! What differs is how its position is found.
+//! Every depth pixel becomes one frame pixel in a depth buffer: no footprints, no order, no
+//! clipping, no SIMD, one thread. What differs is how its position is found.
 
 use super::points::NearestColors;
 use super::{Draw, JudgedFrame};
@@ -37,7 +37,8 @@ trait RowWarp {
     fn start(&mut self, column: u32, row: u32);
     /// Goes on to `column`, the next.
     fn advance(&mut self, column: u32);
-    /// Position in the frame from its top left corner, px, and w = Z2 / Z1, of a sample of the pixel, all three times w.
+    /// Position in the frame from its top left corner, px, and w = Z2 / Z1, of a sample of the
+    /// pixel, all three times w.
     fn homogeneous(&self, code: u32) -> Vec3;
 }
 
@@ -288,7 +289,8 @@ mod tests {
             let found = WarpOnly::new(Arc::clone(&cube), arithmetic).picture(&camera);
             let pixels = cloud.color.pixels().zip(found.color.pixels());
             let differ = pixels.filter(|(a, b)| a != b).count();
-            // Points within rounding of a pixel's border fall to either side: 1e-4 px of 4,800 pixels' borders.
+            // Points within rounding of a pixel's border fall to either side: 1e-4 px of 4,800
+            // pixels' borders.
             assert!(differ < 24, "{arithmetic:?}: {differ} of 4800");
         }
     }

@@ -1,7 +1,8 @@
-//! Images of a grid of cameras from a set of pictures with known cameras and depth, whose cameras stand in a plane (L5; the paper's
-//! limitation 1: columns and rows need not be evenly spaced).
+//! Images of a grid of cameras from a set of pictures with known cameras and depth, whose cameras
+//! stand in a plane (L5; the paper's limitation 1: columns and rows need not be evenly spaced).
 //!
-//! Cameras need not look the same way, nor have one lens: each picture is brought onto the image plane that all share (`reproject`).
+//! Cameras need not look the same way, nor have one lens: each picture is brought onto the image
+//! plane that all share (`reproject`).
 
 use super::find_grid::{FoundGrid, Stand, find_grid};
 use super::from_images_error::{FromImagesError, MOST_TURNED_DEG};
@@ -15,11 +16,12 @@ use headbox_core::statistics::median;
 use headbox_images::{ImageSet, Lens, Pinhole, View};
 use rayon::prelude::*;
 
-/// The sides of the images that all share are at most so many times those of the largest picture; what turned pictures show beyond is
-/// left out.
+/// The sides of the images that all share are at most so many times those of the largest picture;
+/// what turned pictures show beyond is left out.
 const MOST_GROWTH: f64 = 2.0;
 
-/// A camera off its place shows things displaced; by at most so many pixels of the images, as neighbouring cameras may disagree (Eq. 5).
+/// A camera off its place shows things displaced; by at most so many pixels of the images, as
+/// neighbouring cameras may disagree (Eq. 5).
 const MOST_DISPLACED_PX: f64 = 1.0;
 
 /// Rounding may put a camera off by this share of the grid's own lengths.
@@ -35,8 +37,9 @@ pub struct FromImages {
 }
 
 impl RawLumigraph {
-    /// The pictures of a set as images of the grid that its cameras stand in. What its depth does not tell is not known of the images
-    /// either; what it tells to be infinitely far is at infinity.
+    /// The pictures of a set as images of the grid that its cameras stand in. What its depth does
+    /// not tell is not known of the images either; what it tells to be infinitely far is at
+    /// infinity.
     ///
     /// # Errors
     /// [`FromImagesError`] of the first camera or picture that does not fit.
@@ -97,8 +100,9 @@ impl RawLumigraph {
     }
 }
 
-/// How far a camera may be off its place, metres. Its picture is brought there as what lies at the grid's convergence looks from there;
-/// by the bound of a layer (Eq. 4), that is wrong for what lies nearer or farther.
+/// How far a camera may be off its place, metres. Its picture is brought there as what lies at the
+/// grid's convergence looks from there; by the bound of a layer (Eq. 4), that is wrong for what
+/// lies nearer or farther.
 fn most_off_m(raw: &RawLumigraph) -> f64 {
     let convergence = raw.grid().convergence();
     let apart = raw
@@ -108,7 +112,8 @@ fn most_off_m(raw: &RawLumigraph) -> f64 {
     MOST_DISPLACED_PX / (raw.grid().focal_px() * apart[0].max(apart[1]))
 }
 
-/// Where a picture's middle and corners look in plane space: x and y for each unit forward. Corners that look back are none.
+/// Where a picture's middle and corners look in plane space: x and y for each unit forward. Corners
+/// that look back are none.
 struct Slopes {
     middle: DVec2,
     corners: Vec<DVec2>,
@@ -150,8 +155,8 @@ impl Slopes {
     }
 }
 
-/// The images that hold all that the pictures show: at the disparity at which the pictures' middles meet, with the median of their focal
-/// lengths.
+/// The images that hold all that the pictures show: at the disparity at which the pictures' middles
+/// meet, with the median of their focal lengths.
 fn common_images(
     views: &[&View],
     slopes: &[Slopes],

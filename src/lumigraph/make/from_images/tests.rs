@@ -184,7 +184,8 @@ fn smooth(bed: &Bed, camera: Camera) -> Shot {
 #[test]
 fn cameras_that_look_elsewhere_through_other_lenses_give_the_same_images() {
     let bed = Bed::new(vec![-0.5, 0.1, 0.5], vec![-0.3, 0.3], [120, 90]);
-    // The grid as a whole is turned about where it looks, and each camera in its own way, by up to some ten degrees.
+    // The grid as a whole is turned about where it looks, and each camera in its own way, by up to
+    // some ten degrees.
     let shots: Vec<Shot> = (0..6)
         .map(|i| {
             let straight = bed.grid.camera(i % 3, i / 3);

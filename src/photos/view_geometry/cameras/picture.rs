@@ -1,4 +1,5 @@
-//! A camera's picture as a texture: linear light, minified copies, and with every texel how near what it shows is.
+//! A camera's picture as a texture: linear light, minified copies, and with every texel how near
+//! what it shows is.
 
 use crate::view_geometry::render::fuse::NOBODY;
 use glam::Vec4;
@@ -8,7 +9,8 @@ use headbox_images::{FARTHEST_M, LoadedView};
 /// Sixteen bits of linear light.
 const FULL: f32 = 65_535.0;
 
-/// The fourth part of texels that are masked out, and of texels of unknown depth; above them inverse depth.
+/// The fourth part of texels that are masked out, and of texels of unknown depth; above them
+/// inverse depth.
 pub(super) const MASKED: u16 = 0;
 const UNKNOWN: u16 = 1;
 pub(super) const LEAST_DEPTH: u16 = 2;
@@ -21,7 +23,8 @@ pub(crate) struct Picture {
     pub(crate) inverse_depth_step: f32,
 }
 
-/// Red, green, blue, and inverse depth in steps, row by row; the last column and row twice, so that every texel has neighbours.
+/// Red, green, blue, and inverse depth in steps, row by row; the last column and row twice, so that
+/// every texel has neighbours.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Level {
     /// Texels, without those that are there twice.
@@ -37,7 +40,8 @@ pub(super) struct Level {
     pub(super) texels: Vec<[u16; 4]>,
 }
 
-/// Halvings at most: what is seen 16 times smaller than it was taken is better served by another camera.
+/// Halvings at most: what is seen 16 times smaller than it was taken is better served by another
+/// camera.
 const HALVINGS: usize = 4;
 
 impl Picture {
@@ -107,8 +111,9 @@ impl Picture {
         }
     }
 
-    /// What is at a position in pixels of the picture: linear colour, up to [`FULL`], bilinear over what is not masked out, and the inverse
-    /// depth of the nearest texel, 1/m, 0 where it is unknown; `None` outside and where all is masked out.
+    /// What is at a position in pixels of the picture: linear colour, up to [`FULL`], bilinear over
+    /// what is not masked out, and the inverse depth of the nearest texel, 1/m, 0 where it is
+    /// unknown; `None` outside and where all is masked out.
     #[inline(always)]
     pub(crate) fn sample(&self, level: usize, x: f32, y: f32) -> Option<([f32; 3], f32)> {
         let level = self.levels.get(level)?;
@@ -186,8 +191,8 @@ impl Level {
         }
     }
 
-    /// Half the size, rounded up, of a picture that is so large as a `whole`; each texel is the mean of those of the four that are not
-    /// masked out, as near as the nearest of them.
+    /// Half the size, rounded up, of a picture that is so large as a `whole`; each texel is the
+    /// mean of those of the four that are not masked out, as near as the nearest of them.
     fn halved(&self, whole: [usize; 2]) -> Option<Self> {
         if self.width.min(self.height) < 2 {
             return None;

@@ -1,8 +1,11 @@
-//! Samples kept on disk, so that a thousand cameras cost no time when a set is opened again (E5): a file of ours, its points mapped.
+//! Samples kept on disk, so that a thousand cameras cost no time when a set is opened again (E5): a
+//! file of ours, its points mapped.
 //!
-//! A file is named by what it is made of ([`cache::of_views`]): views, as the set and its registration describe them, the grid, and the origin. So a set that
-//! has changed has another file, and a file that is damaged is made anew. Its points are not read when it is opened: each camera's have a checksum of their own, which
-//! they are held against when its picture is read ([`check`]).
+//! A file is named by what it is made of ([`cache::of_views`]): views, as the set and its
+//! registration describe them, the grid, and the origin. So a set that has changed has another
+//! file, and a file that is damaged is made anew. Its points are not read when it is opened: each
+//! camera's have a checksum of their own, which they are held against when its picture is read
+//! ([`check`]).
 
 use super::samples::{MAX_PROBES, Probes, Samples};
 use crate::cache;
@@ -14,7 +17,8 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Numbers that describe a camera: its eye, the columns of its turn, focal lengths and principal point.
+/// Numbers that describe a camera: its eye, the columns of its turn, focal lengths and principal
+/// point.
 const NUMBERS: usize = 16;
 
 /// The sections of the points.
@@ -162,8 +166,9 @@ fn camera(numbers: &[f64; NUMBERS], samples: Samples) -> RealCamera {
     }
 }
 
-/// What is done about a camera's samples whenever its picture is read: those in the `file` are read and held against their checksum, so that no frame
-/// waits for a disk or shows what is damaged. Damaged ones are made anew of the view, and the file goes, to be made anew the next time.
+/// What is done about a camera's samples whenever its picture is read: those in the `file` are read
+/// and held against their checksum, so that no frame waits for a disk or shows what is damaged.
+/// Damaged ones are made anew of the view, and the file goes, to be made anew the next time.
 pub(crate) fn check(
     cameras: &[RealCamera],
     grid: SampleGrid,

@@ -1,7 +1,8 @@
 //! Depth images as few points: a grid through a median filter (E4), sorted by level of detail (E5).
 //!
-//! Invariant: the samples of level of detail n, which are those of all levels n and above (C25), are the first of the list. So
-//! a coarse look at many cameras reads the beginning of each list and nothing else.
+//! Invariant: the samples of level of detail n, which are those of all levels n and above (C25),
+//! are the first of the list. So a coarse look at many cameras reads the beginning of each list and
+//! nothing else.
 
 use glam::{DVec3, Vec3};
 use headbox_core::container::MappedSection;
@@ -12,7 +13,8 @@ use std::sync::OnceLock;
 /// What stands for a depth image while frames are drawn.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Samples {
-    /// Metres from the origin that was given, coarsest level first, rows from top to bottom in each.
+    /// Metres from the origin that was given, coarsest level first, rows from top to bottom in
+    /// each.
     points: Held,
     /// How many of the points each level of detail has, the finest first.
     counts: Vec<u32>,
@@ -45,8 +47,8 @@ impl Default for Held {
 /// X, y and z of points.
 pub(crate) type Points<'a> = [&'a [f32]; 3];
 
-/// At most [`MAX_PROBES`] samples spread over the whole image, an array for each axis, so that they are projected side by side; NaN
-/// where there is none.
+/// At most [`MAX_PROBES`] samples spread over the whole image, an array for each axis, so that they
+/// are projected side by side; NaN where there is none.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Probes {
     pub(crate) axes: [[f32; MAX_PROBES]; 3],
@@ -89,14 +91,15 @@ impl Default for SampleGrid {
     }
 }
 
-/// Columns and rows of the probes, by which a camera's view is compared with the frame's (E6: at most some 20).
+/// Columns and rows of the probes, by which a camera's view is compared with the frame's (E6: at
+/// most some 20).
 const PROBES: [u32; 2] = [5, 4];
 /// The probes that a camera can have.
 pub(crate) const MAX_PROBES: usize = (PROBES[0] * PROBES[1]) as usize;
 
 impl Samples {
-    /// Samples of a depth image as points relative to `origin`. Where less than a third of a window is known, there is no
-    /// sample: a rim of a hole is no surface.
+    /// Samples of a depth image as points relative to `origin`. Where less than a third of a window
+    /// is known, there is no sample: a rim of a hole is no surface.
     pub(crate) fn new(view: &LoadedView, grid: &SampleGrid, origin: DVec3) -> Self {
         let spacing = grid.spacing_px.max(1);
         let coarsest = grid.coarsest.min(16);
@@ -114,7 +117,8 @@ impl Samples {
             let Some(depth) = median_depth(view, at, (spacing / 2).max(1), &mut window) else {
                 continue;
             };
-            // A depth is a multiple of the pixel's ray, whose third component is 1 for a pinhole: eye depth (C24).
+            // A depth is a multiple of the pixel's ray, whose third component is 1 for a pinhole:
+            // eye depth (C24).
             let ray = view
                 .lens
                 .ray(at.map(|at| f64::from(at) + 0.5), view.size_px);
@@ -152,7 +156,8 @@ impl Samples {
         }
     }
 
-    /// Samples in a file: some of the points of three sections, and what [`Self::counts`], [`Self::probes`] and [`Self::checksum`] were.
+    /// Samples in a file: some of the points of three sections, and what [`Self::counts`],
+    /// [`Self::probes`] and [`Self::checksum`] were.
     pub(super) fn mapped(
         axes: &[MappedSection; 3],
         points: Range<usize>,
@@ -182,8 +187,9 @@ impl Samples {
         sum.finalize()
     }
 
-    /// Reads the points of samples in a file and holds them against their checksum, if this is the first time; if they are damaged, those of `anew`
-    /// take their place. Returns whether they are whole.
+    /// Reads the points of samples in a file and holds them against their checksum, if this is the
+    /// first time; if they are damaged, those of `anew` take their place. Returns whether they are
+    /// whole.
     pub(crate) fn check(&self, anew: impl FnOnce() -> Self) -> bool {
         let Held::Disk(mapped) = &self.points else {
             return true;
@@ -285,7 +291,8 @@ mod tests {
             .map(|level| samples.of_level(level)[0].len())
             .collect();
         assert_eq!(counts, [33 * 33, 17 * 17, 9 * 9, 5 * 5, 25, 25]);
-        // Level 1 is what a grid of twice the spacing would hold: every second point in both directions.
+        // Level 1 is what a grid of twice the spacing would hold: every second point in both
+        // directions.
         let ([second, ..], [all, ..]) = (samples.of_level(1), samples.of_level(0));
         assert_eq!(second, &all[..17 * 17]);
         let columns: std::collections::BTreeSet<i32> =

@@ -1,8 +1,9 @@
 //! The cameras' pictures within a budget of bytes (E10).
 //!
-//! Those used longest ago make room. Whoever can wait (a picture for a file) has missing ones decoded at once, side by side; whoever cannot (a
-//! window) takes the best ranked of those at hand, while a thread of its own decodes the missing ones, the best ranked first. A
-//! picture that cannot be read any more is remembered as lost: its camera is passed over, and why is said.
+//! Those used longest ago make room. Whoever can wait (a picture for a file) has missing ones
+//! decoded at once, side by side; whoever cannot (a window) takes the best ranked of those at hand,
+//! while a thread of its own decodes the missing ones, the best ranked first. A picture that cannot
+//! be read any more is remembered as lost: its camera is passed over, and why is said.
 
 use super::picture::Picture;
 use headbox_core::lru::LruCache;
@@ -69,7 +70,8 @@ impl PictureStore {
         }
     }
 
-    /// From now on `look` is given each camera's view before its picture is at hand. It is told so once.
+    /// From now on `look` is given each camera's view before its picture is at hand. It is told so
+    /// once.
     pub(crate) fn when_read(&self, look: impl Fn(u32, &LoadedView) + Send + Sync + 'static) {
         self.shared.when_read.get_or_init(|| Box::new(look));
     }
@@ -86,7 +88,8 @@ impl PictureStore {
         }
     }
 
-    /// The pictures of the first `count` cameras that have one, in order of rank, and how many better ones are still to come.
+    /// The pictures of the first `count` cameras that have one, in order of rank, and how many
+    /// better ones are still to come.
     pub(crate) fn fetch(
         &self,
         ranked: impl Iterator<Item = u32>,

@@ -109,8 +109,9 @@ impl Picture {
     }
 }
 
-/// Of each index the texel there, the one right of it, and the two below, `stride` further on: red and green, and blue and inverse
-/// depth, in the lower and upper halves of two words. `None` if there are not so many texels.
+/// Of each index the texel there, the one right of it, and the two below, `stride` further on: red
+/// and green, and blue and inverse depth, in the lower and upper halves of two words. `None` if
+/// there are not so many texels.
 #[inline(always)]
 fn fours<S: Simd>(
     simd: S,

@@ -1,14 +1,16 @@
 //! The Delaunay mesh of a frame's nodes (E8), anew for every frame.
 //!
-//! A general triangulation finds neighbours first, which is most of its work. Here they are known: each node lies in its own cell of a
-//! lattice. Four cells about a corner hold a quadrilateral whose sides cannot cross (its upper side lies in the
-//! upper two cells, its lower in the lower two, and so on), so that one of its diagonals lies inside, and all of them together
-//! are a triangulation. From there Lawson's flips lead to Delaunay's, few of them, because the nodes are close to their lattice.
-//! Cells without a sample take part with their middles; triangles at such nodes are left out. So points on a line, or all in one place,
-//! are no special case: they lack neighbours, and give no triangle.
+//! A general triangulation finds neighbours first, which is most of its work. Here they are known:
+//! each node lies in its own cell of a lattice. Four cells about a corner hold a quadrilateral
+//! whose sides cannot cross (its upper side lies in the upper two cells, its lower in the lower
+//! two, and so on), so that one of its diagonals lies inside, and all of them together are a
+//! triangulation. From there Lawson's flips lead to Delaunay's, few of them, because the nodes are
+//! close to their lattice. Cells without a sample take part with their middles; triangles at such
+//! nodes are left out. So points on a line, or all in one place, are no special case: they lack
+//! neighbours, and give no triangle.
 //!
-//! Positions are integers and all predicates exact: the flips end, and the mesh is the same everywhere, on any number of threads as well: strips are
-//! of a fixed height.
+//! Positions are integers and all predicates exact: the flips end, and the mesh is the same
+//! everywhere, on any number of threads as well: strips are of a fixed height.
 
 use super::fuse::Grid;
 use rayon::prelude::*;
@@ -22,7 +24,8 @@ const STRIP_ROWS: usize = 16;
 /// Triangles, each three half-edges.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Mesh {
-    /// The node that each half-edge starts at; half-edge 3 t + k goes from corner k of triangle t to the next.
+    /// The node that each half-edge starts at; half-edge 3 t + k goes from corner k of triangle t
+    /// to the next.
     pub(super) corners: Vec<u32>,
     /// The half-edge on the other side, or [`NONE`].
     twins: Vec<u32>,
@@ -31,7 +34,8 @@ pub(crate) struct Mesh {
 }
 
 impl Mesh {
-    /// Triangulates all nodes of a grid, valid or not: strips of it on all threads, then what their seams still call for.
+    /// Triangulates all nodes of a grid, valid or not: strips of it on all threads, then what their
+    /// seams still call for.
     pub(super) fn triangulate(&mut self, grid: &Grid) {
         let (across, down) = (
             grid.lattice.columns as usize - 1,
@@ -111,7 +115,8 @@ impl Part<'_> {
             let a = ((first_row + row) * columns + column) as u32;
             let (b, c, d) = (a + 1, a + columns as u32, a + columns as u32 + 1);
             let first = 6 * quad as u32;
-            // Half-edges of the sides; the upper one is the first, the lower one the fifth in either case.
+            // Half-edges of the sides; the upper one is the first, the lower one the fifth in
+            // either case.
             let (left, right, diagonal) = if down_left(self.grid, [a, b, c, d]) {
                 self.corners[6 * quad..6 * quad + 6].copy_from_slice(&[a, b, c, b, d, c]);
                 (first + 2, first + 3, [first + 1, first + 5])
@@ -171,8 +176,8 @@ impl Part<'_> {
         }
     }
 
-    /// Numbers the half-edges as those of the whole mesh, of which they begin at `base`. The sides of a strip stay where no flip reaches
-    /// them, but may have come to another of its triangles.
+    /// Numbers the half-edges as those of the whole mesh, of which they begin at `base`. The sides
+    /// of a strip stay where no flip reaches them, but may have come to another of its triangles.
     fn finish(self, first_row: usize, base: u32) -> Seams {
         let columns = self.grid.lattice.columns;
         let (upper_row, lower_row) = (
@@ -229,7 +234,8 @@ pub(super) fn doubled_area([a, b, c]: [[i64; 2]; 3]) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// Whether the quadrilateral (a, b above; c, d below) is to be cut from b down to c, not from a to d.
+/// Whether the quadrilateral (a, b above; c, d below) is to be cut from b down to c, not from a to
+/// d.
 #[inline]
 fn down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
     let [a, b, c, d] = nodes.map(|node| at(grid, node));
@@ -241,8 +247,9 @@ fn down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
     inside([a, b, c], [b, d, c]) && !in_circle([a, b, c, d])
 }
 
-/// Whether d lies inside the circle through a, b, c, which go from right to down. Exact: sides are below 2^23 parts of a
-/// pixel, so that both factors of each product fit in 48 bits. Between near nodes all fits in 64.
+/// Whether d lies inside the circle through a, b, c, which go from right to down. Exact: sides are
+/// below 2^23 parts of a pixel, so that both factors of each product fit in 48 bits. Between near
+/// nodes all fits in 64.
 #[inline]
 fn in_circle([a, b, c, d]: [[i64; 2]; 4]) -> bool {
     const NEAR: u64 = 1 << 14;

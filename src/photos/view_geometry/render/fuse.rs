@@ -1,12 +1,14 @@
-//! Samples of several cameras in one grid of the frame (E7): in each node the sample nearest to the eye.
+//! Samples of several cameras in one grid of the frame (E7): in each node the sample nearest to the
+//! eye.
 //!
-//! Cameras come best first, and a later one takes a node only if it is nearer by a margin, so that noise does not hand nodes to
-//! cameras that serve the view worse (C27). Two things that the paper leaves to its triangles are done here, where neighbours are at hand: nodes
-//! through which the background shows between the samples of what is in front of it are emptied, and small holes are closed along
-//! rows and columns.
+//! Cameras come best first, and a later one takes a node only if it is nearer by a margin, so that
+//! noise does not hand nodes to cameras that serve the view worse (C27). Two things that the paper
+//! leaves to its triangles are done here, where neighbours are at hand: nodes through which the
+//! background shows between the samples of what is in front of it are emptied, and small holes are
+//! closed along rows and columns.
 //!
-//! Invariant: the position of a node lies in the cell of the lattice that it is the node of, valid or not. `delaunay`
-//! starts from it.
+//! Invariant: the position of a node lies in the cell of the lattice that it is the node of, valid
+//! or not. `delaunay` starts from it.
 
 use super::project::{Hit, Projection};
 use crate::view_geometry::cameras::lattice::{Lattice, SUBPIXELS};
@@ -17,7 +19,8 @@ use rayon::prelude::*;
 /// The owner of a node that no sample fell on.
 pub(crate) const NOBODY: u16 = u16::MAX;
 
-/// The frame's grid, row by row: the paper's 5-tuples, an array for each part. A point follows from its position and inverse depth.
+/// The frame's grid, row by row: the paper's 5-tuples, an array for each part. A point follows from
+/// its position and inverse depth.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Grid {
     pub(super) lattice: Lattice,
@@ -88,10 +91,11 @@ impl Grid {
         }
     }
 
-    /// Empties nodes behind most of their neighbours: where samples of a near surface lie farther apart than nodes, what is
-    /// behind it shows between them.
+    /// Empties nodes behind most of their neighbours: where samples of a near surface lie farther
+    /// apart than nodes, what is behind it shows between them.
     pub(super) fn drop_leaks(&mut self, edge: &EdgeRule) {
-        /// Of eight neighbours. A node on the straight rim of what is in front of it has three nearer ones, in a corner five.
+        /// Of eight neighbours. A node on the straight rim of what is in front of it has three
+        /// nearer ones, in a corner five.
         const NEARER: usize = 6;
         let (columns, spacing) = (
             self.lattice.columns as usize,
@@ -130,8 +134,9 @@ impl Grid {
         }
     }
 
-    /// Closes holes of at most `most` nodes between valid ones in the row or column, whichever is the narrower: linearly in
-    /// inverse depth, as a triangle over them would be; where the two sides are different surfaces, the farther one goes on behind the other.
+    /// Closes holes of at most `most` nodes between valid ones in the row or column, whichever is
+    /// the narrower: linearly in inverse depth, as a triangle over them would be; where the two
+    /// sides are different surfaces, the farther one goes on behind the other.
     pub(super) fn close_holes(&mut self, most: u32, edge: &EdgeRule) {
         let columns = self.lattice.columns as usize;
         let spacing = self.lattice.spacing as f32 / SUBPIXELS as f32;
@@ -215,7 +220,8 @@ pub(super) fn fuse(
         }
     }
     grid.drop_leaks(edge);
-    // Where samples lie farther apart than nodes: first the rows and columns that they lie in, then what lies between these.
+    // Where samples lie farther apart than nodes: first the rows and columns that they lie in, then
+    // what lies between these.
     for _ in 0..2 {
         grid.close_holes(settings.close_nodes, edge);
     }
@@ -368,7 +374,8 @@ mod tests {
             let grid = fused(&[points], &frame, &settings);
             let columns = grid.lattice.columns as usize;
             let open = |node: &usize| grid.owner[*node] == NOBODY;
-            // Between the first sample, in the node that is one from the rim, and the last in the frame.
+            // Between the first sample, in the node that is one from the rim, and the last in the
+            // frame.
             let (last_column, last_row) = (1 + 80 / apart * apart / 4, 1 + 60 / apart * apart / 4);
             let within = (1..=last_row as usize).flat_map(|row| {
                 (1..=last_column as usize).map(move |column| row * columns + column)

@@ -1,8 +1,9 @@
 //! Whose the nodes of a frame's grid are (E9): of the best ranked camera that sees them.
 //!
-//! A sample's own camera is as good as any where samples are dense; but a camera's samples fall on part of the nodes alone, those of the next on
-//! others, so that most triangles would be textured by several cameras although the best sees all of them. The paper has the best
-//! camera supply most (C27): here it does, wherever its own depth agrees.
+//! A sample's own camera is as good as any where samples are dense; but a camera's samples fall on
+//! part of the nodes alone, those of the next on others, so that most triangles would be textured
+//! by several cameras although the best sees all of them. The paper has the best camera supply most
+//! (C27): here it does, wherever its own depth agrees.
 
 use super::fuse::{Grid, NOBODY};
 use super::texture_camera::TextureCamera;
@@ -12,7 +13,8 @@ use rayon::prelude::*;
 /// Nodes that a thread takes at a time.
 const NODES: usize = 1024;
 
-/// Gives each node that holds a sample to the best ranked camera that sees it; of those worse than the sample's own none is asked.
+/// Gives each node that holds a sample to the best ranked camera that sees it; of those worse than
+/// the sample's own none is asked.
 pub(super) fn settle(grid: &mut Grid, cameras: &[TextureCamera]) {
     let Grid {
         x,
@@ -122,7 +124,8 @@ mod tests {
         let (used, shown) = shown(&geometry, &GeometrySettings::default());
         assert_eq!(used[0], 0);
         let row = &shown[36 * 96..37 * 96];
-        // Left of the post, which lies 0.12 m to each side of the middle, the wall is hidden from an eye that is further right.
+        // Left of the post, which lies 0.12 m to each side of the middle, the wall is hidden from
+        // an eye that is further right.
         let focal = frame_at(DVec3::ZERO, size).focal_px();
         let at = |x: f64, depth: f64| (48.0 + x / depth * focal) as usize;
         let hidden_until = at(-0.12, 1.0) - 2;

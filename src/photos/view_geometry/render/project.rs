@@ -122,8 +122,8 @@ impl Projection {
     }
 }
 
-/// Along an axis of a lattice of `count` nodes: positions of pixels in parts of a pixel, within the cells of their nodes; these; and which
-/// lanes lie in any.
+/// Along an axis of a lattice of `count` nodes: positions of pixels in parts of a pixel, within the
+/// cells of their nodes; these; and which lanes lie in any.
 #[inline(always)]
 fn place<S: Simd>(px: f32x16<S>, lattice: &Lattice, count: u32) -> (i32x16<S>, u32x16<S>, u64) {
     let node = px * lattice.per_spacing_px() + 1.5;

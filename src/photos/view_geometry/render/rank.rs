@@ -1,11 +1,14 @@
-//! Which cameras serve a view best (E6): near to its line of sight, looking its way, seeing what it sees.
+//! Which cameras serve a view best (E6): near to its line of sight, looking its way, seeing what it
+//! sees.
 //!
-//! Each is a penalty from 0 to 1, and their weighted sum orders the cameras (C26: the paper's text lost the operators; visibility
-//! enters as what is *not* seen). Distances are over the largest of a valid camera, so that a long sequence does not flatten them.
+//! Each is a penalty from 0 to 1, and their weighted sum orders the cameras (C26: the paper's text
+//! lost the operators; visibility enters as what is *not* seen). Distances are over the largest of
+//! a valid camera, so that a long sequence does not flatten them.
 //!
-//! The paper rules out cameras that look more than the field of view away: seen from one place, two such pictures share nothing. Cameras
-//! around an object share it at any angle, and long lenses have fields of view narrower than the steps between them. So
-//! cameras may look as far away as one sees the same surfaces from, if that is more; that they see them their probes tell.
+//! The paper rules out cameras that look more than the field of view away: seen from one place, two
+//! such pictures share nothing. Cameras around an object share it at any angle, and long lenses
+//! have fields of view narrower than the steps between them. So cameras may look as far away as one
+//! sees the same surfaces from, if that is more; that they see them their probes tell.
 
 use crate::view_geometry::RealCamera;
 use crate::view_geometry::cameras::samples::{MAX_PROBES, Probes};
@@ -42,12 +45,14 @@ pub(crate) struct Ranked {
     pub penalty: f64,
 }
 
-/// How far a camera may look away although the frame's field of view is narrower, radians: what one of two cameras sees head-on the
-/// other still sees at a cosine of a half.
+/// How far a camera may look away although the frame's field of view is narrower, radians: what one
+/// of two cameras sees head-on the other still sees at a cosine of a half.
 const SAME_SURFACES_RAD: f64 = std::f64::consts::FRAC_PI_3;
 
-/// Ranks the cameras that are valid for a frame, the best first; of equals the one with the lower index. A camera is not valid if it looks more than
-/// the frame's field of view, or [`SAME_SURFACES_RAD`], away from the frame's direction, if none of its probes falls into the frame, or if it is left out.
+/// Ranks the cameras that are valid for a frame, the best first; of equals the one with the lower
+/// index. A camera is not valid if it looks more than the frame's field of view, or
+/// [`SAME_SURFACES_RAD`], away from the frame's direction, if none of its probes falls into the
+/// frame, or if it is left out.
 pub(super) fn rank(
     cameras: &[RealCamera],
     frame: &Camera,
@@ -202,7 +207,8 @@ mod tests {
         (angle <= 1.0 && seen > 0).then(|| if farthest > 0.0 { distance / farthest } else { 0.0 } + angle + missed)
     }
 
-    /// Penalties are made of positions in f32: a probe on the frame's edge may fall to either side, none does here.
+    /// Penalties are made of positions in f32: a probe on the frame's edge may fall to either side,
+    /// none does here.
     const TOLERANCE: f64 = 1e-9;
 
     #[test]

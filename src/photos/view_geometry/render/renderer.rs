@@ -64,7 +64,8 @@ pub struct GeometryRenderer {
     /// Of bands that were drawn, for the next ones.
     pub(super) described: Mutex<Vec<Described>>,
     pub(crate) frame: Frame,
-    /// Of the last frame: where it was seen from, its cameras by rank, and when neighbours are of different surfaces.
+    /// Of the last frame: where it was seen from, its cameras by rank, and when neighbours are of
+    /// different surfaces.
     pub(crate) camera: Option<Camera>,
     pub(crate) used: Vec<u32>,
     pub(crate) edge: EdgeRule,
@@ -109,8 +110,8 @@ impl GeometryRenderer {
         &self.used
     }
 
-    /// Draws what `camera` sees, on the current rayon thread pool; the same bytes on any number of threads, as long as the same
-    /// pictures are at hand.
+    /// Draws what `camera` sees, on the current rayon thread pool; the same bytes on any number of
+    /// threads, as long as the same pictures are at hand.
     pub fn render(
         &mut self,
         geometry: &ViewGeometry,

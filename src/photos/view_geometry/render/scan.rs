@@ -1,11 +1,12 @@
-//! From the mesh to what each pixel shows (E9): how near it is, and whose pictures may colour it by which weights.
+//! From the mesh to what each pixel shows (E9): how near it is, and whose pictures may colour it by
+//! which weights.
 //!
-//! Triangles tile the frame: no two overlap, so there is no depth test, and with exact integer edge functions no crack. They come small
-//! (a few pixels each), so what they leave is laid out for `texture`, which colours [`LANES`] neighbours at a time whatever triangles they
-//! are of.
+//! Triangles tile the frame: no two overlap, so there is no depth test, and with exact integer edge
+//! functions no crack. They come small (a few pixels each), so what they leave is laid out for
+//! `texture`, which colours [`LANES`] neighbours at a time whatever triangles they are of.
 //!
-//! Where a triangle's corners belong to different surfaces, no skin spans them: each pixel belongs to the near or to
-//! the far one, as the picture of the near one's camera says.
+//! Where a triangle's corners belong to different surfaces, no skin spans them: each pixel belongs
+//! to the near or to the far one, as the picture of the near one's camera says.
 
 use super::fuse::Grid;
 use super::texture_camera::TextureCamera;
@@ -34,9 +35,11 @@ pub(crate) const UNCOVERED: u32 = u32::MAX;
 pub(crate) struct Pixels {
     /// 1/m.
     pub(crate) inverse_depth: [f32; LANES],
-    /// Ranks of the cameras of the triangle's corners, [`OWNER_BITS`] each, the first lowest; or [`UNCOVERED`].
+    /// Ranks of the cameras of the triangle's corners, [`OWNER_BITS`] each, the first lowest; or
+    /// [`UNCOVERED`].
     pub(crate) owners: [u32; LANES],
-    /// Weights of these where they are not all the same, in any unit; 0 for corners of the surface that does not show.
+    /// Weights of these where they are not all the same, in any unit; 0 for corners of the surface
+    /// that does not show.
     pub(crate) weights: [[f32; LANES]; 3],
     /// Numbers of the triangles.
     pub(crate) triangles: [u32; LANES],
@@ -92,7 +95,8 @@ impl Bins {
         self.starts.clear();
     }
 
-    /// Sorts triangles of which all corners hold a sample by bands of a frame of so many rows; returns how many they are.
+    /// Sorts triangles of which all corners hold a sample by bands of a frame of so many rows;
+    /// returns how many they are.
     pub(super) fn sort(&mut self, grid: &Grid, triangles: &[[u32; 3]], height: u32) -> u64 {
         const NOWHERE: [u16; 2] = [0; 2];
         let count = height.div_ceil(BAND_ROWS) as i32;
@@ -175,7 +179,8 @@ pub(super) struct Triangle {
     rows: Range<u32>,
     /// Edge functions opposite each corner at the first of these pixels, for a column, for a row.
     edges: [[i64; 3]; 3],
-    /// Inverse depths of the corners over the sum of the edge functions, which is the same at all pixels.
+    /// Inverse depths of the corners over the sum of the edge functions, which is the same at all
+    /// pixels.
     inverse_per_area: [f32; 3],
     /// Of the corners: position, pixels; inverse depth, 1/m; rank of the camera.
     pub(super) at: [[f32; 2]; 3],
@@ -186,8 +191,8 @@ pub(super) struct Triangle {
 }
 
 impl Triangle {
-    /// What the corners weigh on the surface by edge functions: weights in the frame times inverse depths, so that they add up to the
-    /// inverse depth there.
+    /// What the corners weigh on the surface by edge functions: weights in the frame times inverse
+    /// depths, so that they add up to the inverse depth there.
     #[inline(always)]
     fn weighed(&self, edges: [i64; 3]) -> [f32; 3] {
         [0, 1, 2].map(|k| edges[k] as f32 * self.inverse_per_area[k])

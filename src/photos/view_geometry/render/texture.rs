@@ -1,11 +1,12 @@
-//! From what pixels show to their colours (E9): of one camera, of the best ranked of a triangle's corners', of up to three
-//! blended, or the mean of all good ones.
+//! From what pixels show to their colours (E9): of one camera, of the best ranked of a triangle's
+//! corners', of up to three blended, or the mean of all good ones.
 //!
-//! At a pixel, position and inverse depth give its place in any picture by one product with a homography and one with an epipole (Shade's
-//! `start + q * depth`), which is perspective-correct by construction. [`LANES`] pixels of a row look into a camera's picture together.
+//! At a pixel, position and inverse depth give its place in any picture by one product with a
+//! homography and one with an epipole (Shade's `start + q * depth`), which is perspective-correct
+//! by construction. [`LANES`] pixels of a row look into a camera's picture together.
 //!
-//! The paper projects textures through whatever stands between. Here each texel knows its depth: a camera that shows something nearer does not see the pixel's
-//! point and has no say in it.
+//! The paper projects textures through whatever stands between. Here each texel knows its depth: a
+//! camera that shows something nearer does not see the pixel's point and has no say in it.
 
 use super::scan::{Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, Spot, UNCOVERED};
 use super::texture_camera::TextureCamera;
@@ -274,7 +275,8 @@ impl Painter<'_> {
         sums
     }
 
-    /// The colours of the corners themselves, by weight: of a surface that its cameras do not see here, as something hides it from them.
+    /// The colours of the corners themselves, by weight: of a surface that its cameras do not see
+    /// here, as something hides it from them.
     #[cold]
     fn unseen(&self, pixels: &Pixels, lane: u32, at: [u32; 2]) -> Option<[u8; 4]> {
         self.scanner.look_up(

@@ -6,15 +6,15 @@ use glam::{DMat3, DVec3, Vec3};
 use headbox_core::camera::Camera;
 use std::sync::Arc;
 
-/// A camera shows another surface than a point if what it shows is nearer by more than this share of inverse depth, beyond what
-/// a texel of a steep surface spans.
+/// A camera shows another surface than a point if what it shows is nearer by more than this share
+/// of inverse depth, beyond what a texel of a steep surface spans.
 const HIDDEN: f32 = 0.02;
 
 /// A camera that textures a frame.
 pub(crate) struct TextureCamera {
     pub(super) picture: Arc<Picture>,
-    /// Homogeneous position in the picture, pixels, of what the frame's upper left corner shows at infinity; for a pixel right and
-    /// down; and for an inverse depth of 1/m.
+    /// Homogeneous position in the picture, pixels, of what the frame's upper left corner shows at
+    /// infinity; for a pixel right and down; and for an inverse depth of 1/m.
     pub(super) start: Vec3,
     pub(super) right: Vec3,
     pub(super) down: Vec3,
@@ -51,7 +51,8 @@ impl TextureCamera {
         }
     }
 
-    /// As if the camera stood where the frame's does, and looked the same way: the picture alone, without depth.
+    /// As if the camera stood where the frame's does, and looked the same way: the picture alone,
+    /// without depth.
     pub(super) fn pasted(camera: &RealCamera, picture: Arc<Picture>, frame: &Camera) -> Self {
         Self::turned(camera, picture, frame, DMat3::IDENTITY)
     }
@@ -72,8 +73,8 @@ impl TextureCamera {
         }
     }
 
-    /// Position in the picture, pixels, of what the frame shows at (x, y), pixels, the inverse depth there, and the ratio of
-    /// depths; `None` behind the camera.
+    /// Position in the picture, pixels, of what the frame shows at (x, y), pixels, the inverse
+    /// depth there, and the ratio of depths; `None` behind the camera.
     #[inline]
     pub(super) fn locate(&self, [x, y]: [f32; 2], inverse_depth: f32) -> Option<[f32; 4]> {
         let h = (self.start + self.down * y) + self.right * x + self.shift * inverse_depth;
@@ -81,14 +82,16 @@ impl TextureCamera {
         (h.z > 0.0).then_some([h.x * per, h.y * per, inverse_depth * per, h.z])
     }
 
-    /// What the camera shows where it would show a place of the frame, if it knows, and how near to it that place is, 1/m.
+    /// What the camera shows where it would show a place of the frame, if it knows, and how near to
+    /// it that place is, 1/m.
     pub(super) fn depths_at(&self, at: [f32; 2], inverse_depth: f32) -> Option<[f32; 2]> {
         let [u, v, there, _] = self.locate(at, inverse_depth)?;
         let (_, shown) = self.picture.sample(0, u, v)?;
         (shown > 0.0).then_some([shown, there])
     }
 
-    /// Whether the camera shows a place of the frame: what it shows there is neither nearer nor farther.
+    /// Whether the camera shows a place of the frame: what it shows there is neither nearer nor
+    /// farther.
     pub(crate) fn agrees(&self, at: [f32; 2], inverse_depth: f32) -> bool {
         self.depths_at(at, inverse_depth)
             .is_some_and(|[shown, there]| {
@@ -97,7 +100,8 @@ impl TextureCamera {
             })
     }
 
-    /// Linear colour, up to the largest of a texel, of a place of the frame in its picture, whatever it shows there.
+    /// Linear colour, up to the largest of a texel, of a place of the frame in its picture,
+    /// whatever it shows there.
     pub(super) fn color_at(&self, at: [f32; 2], inverse_depth: f32) -> Option<[f32; 3]> {
         let [u, v, _, ratio] = self.locate(at, inverse_depth)?;
         let (color, _) = self

@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// Views of a patterned ball from a ring, through lenses whose fields of view are narrower than the steps between cameras.
+/// Views of a patterned ball from a ring, through lenses whose fields of view are narrower than the
+/// steps between cameras.
 fn narrow_ring(step_deg: f64, count: u32) -> Vec<LoadedView> {
     const RADIUS: f64 = 0.5;
     let size = [96, 96];
