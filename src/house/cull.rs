@@ -1,4 +1,5 @@
-//! Which cells show, and through which part of the frame: portals clipped by portals (R1).
+//! Portal culling: visible cells, with the window of the frame through which each is seen; portals
+//! are clipped by portals (R1).
 //!
 //! From the eye's cell, each portal's polygon is clipped by the *window* through which its cell is
 //! seen; what is left is the window of the cell behind, and so on. All of this happens on
@@ -29,7 +30,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// What a camera sees.
+    /// Returns the window of a camera.
     pub fn of_camera(camera: &Camera) -> Self {
         let (w, h) = (f64::from(camera.width()), f64::from(camera.height()));
         Self {
@@ -53,7 +54,7 @@ impl Window {
             .filter_map(|(a, b)| b.cross(*a).try_normalize())
     }
 
-    /// Whether it contains a direction, or passes it by no more than `slack` (a sine).
+    /// Returns true if it contains a direction, or misses it by at most `slack` (a sine).
     pub fn contains(&self, direction: DVec3, slack: f64) -> bool {
         let direction = direction.normalize_or_zero();
         self.planes().all(|plane| plane.dot(direction) >= -slack)
@@ -109,7 +110,7 @@ impl Window {
 /// Windows are wider than they are by this sine: some thousandths of a pixel.
 const SLACK: f64 = 1e-5;
 
-/// How far the recursion goes.
+/// Limits of the recursion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Portals on one line of sight. Beyond, nothing is shown: a house of 19 cells has no line of
@@ -138,11 +139,11 @@ pub struct CellView {
     pub cell: u32,
     /// The portals on the way, from the eye on; none for the eye's own cell.
     pub portals: Vec<u32>,
-    /// What is left of the frame.
+    /// Remaining part of the frame.
     pub window: Window,
 }
 
-/// What a portal does to a window.
+/// Effect of a portal on a window.
 enum Passage {
     /// It shows nothing.
     Closed,
@@ -202,7 +203,7 @@ pub fn visible_cells(
     views
 }
 
-/// How a portal of `cell` shows from a point in it.
+/// Tests how a portal of `cell` is seen from a point in the cell.
 fn passage(model: &PortalModel, eye: DVec3, portal: usize, cell: u32, limits: &Limits) -> Passage {
     let portal = &model.portals[portal];
     let mut outline: Vec<DVec3> = portal.polygon.iter().map(|corner| *corner - eye).collect();

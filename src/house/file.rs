@@ -37,7 +37,7 @@ pub enum HouseFileError {
     /// The file is not what it must be.
     #[error(transparent)]
     File(#[from] FileError),
-    /// What it holds cannot be walked.
+    /// The house in the file cannot be walked.
     #[error("{}: {source}", path.display())]
     House {
         /// The file.

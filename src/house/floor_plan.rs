@@ -24,7 +24,7 @@ const NUMBER_PX: f64 = 13.0;
 /// furniture.
 const STEEP: f64 = 0.3;
 
-/// How far below the cut low furniture is cut, metres.
+/// Distance below the cut at which low furniture is cut, metres.
 const LOWER_M: f64 = 0.75;
 /// A portal may begin so far above the cut and still belong to the storey, metres: a high window.
 const HIGH_M: f64 = 0.9;
@@ -35,13 +35,13 @@ const HATCH_M: [f64; 2] = [2.0, 1.2];
 /// Colours of the lower cut and of the cut.
 const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
 
-/// What is drawn of a portal model; positions are pixels from the upper left corner.
+/// Drawing of a portal model; positions are pixels from the upper left corner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FloorPlan {
     size: DVec2,
     rooms: Vec<Room>,
-    /// What a cut at the wished height meets, and before it one lower down, which shows low
-    /// furniture.
+    /// Line segments of the cut at the given height and, before these, of a lower one that shows
+    /// low furniture.
     cuts: [Vec<[DVec2; 2]>; 2],
     openings: Vec<Opening>,
 }
@@ -359,7 +359,7 @@ fn opening(
     }
 }
 
-/// Where a steep triangle meets the plane at height `y`.
+/// Intersects a steep triangle with the plane at height `y`.
 fn cut_triangle(corners: [DVec3; 3], y: f64) -> Option<[DVec2; 2]> {
     let [a, b, c] = corners;
     let normal = (b - a).cross(c - a).normalize_or_zero();

@@ -46,7 +46,7 @@ pub enum HouseError {
     PortalCells {
         /// Index of the portal.
         portal: usize,
-        /// What it refers to.
+        /// Cells on both sides.
         cells: [u32; 2],
         /// Number of cells.
         count: usize,
@@ -147,12 +147,12 @@ impl House {
         &self.lighting
     }
 
-    /// What is seen where no surface is.
+    /// Environment behind all surfaces.
     pub fn sky(&self) -> &Environment {
         &self.sky
     }
 
-    /// What a ray sees of a surface: linear radiance, and the unit normal on the ray's side.
+    /// Shades a hit: linear radiance, and the unit normal on the ray's side.
     pub(crate) fn surface(&self, ray: &Ray, hit: &Hit) -> (Vec3, Vec3) {
         let scene = self.scene();
         let normal = scene.geometric_normal(hit.primitive);
@@ -196,10 +196,10 @@ impl House {
         passing.or_else(|| self.plan.cell_at(eye).filter(|_| !self.is_in_wall(eye)))
     }
 
-    /// Whether a point lies between the backs of two surfaces no farther apart than a wall is
-    /// thick; or, where walls meet, sees nothing but backs all around, none farther than a line at
-    /// this angle can run in the thickest wall: in a room whose surfaces are turned the wrong way
-    /// round all are backs too.
+    /// Returns true if a point lies inside a wall: between the backs of two surfaces no farther
+    /// apart than a wall is thick; or, where walls meet, seeing only backs all around, none farther
+    /// than a line at this angle can run in the thickest wall. (In a room whose surfaces all face
+    /// outward everything is a back, too.)
     fn is_in_wall(&self, p: DVec3) -> bool {
         let origin = (p - self.tracer.origin()).as_vec3();
         let to_back = |direction: Vec3, t_max: f32| {

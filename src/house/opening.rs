@@ -73,7 +73,7 @@ impl Opening {
         self.normal.dot(p - self.centre)
     }
 
-    /// Whether a point's foot on the portal's plane lies in the polygon.
+    /// Returns true if a point's projection on the portal's plane lies in the polygon.
     pub fn contains(&self, p: DVec3) -> bool {
         let next = self.corners.iter().cycle().skip(1);
         self.corners

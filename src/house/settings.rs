@@ -1,4 +1,4 @@
-//! How a frame of a walk is drawn, and what it took.
+//! Settings and statistics of a frame of a walk.
 
 use super::backdrop::{BackdropKind, BackdropQuality, BackdropStats, PortalSide};
 use super::cull::Limits;
@@ -26,7 +26,7 @@ pub enum Near {
 }
 
 impl Default for Near {
-    /// Of [`BackdropKind::WindowLdi`] as [`BackdropQuality::default`] captures it.
+    /// Error of [`BackdropKind::WindowLdi`] as [`BackdropQuality::default`] captures it.
     fn default() -> Self {
         let BackdropQuality {
             window_face_px,
@@ -41,7 +41,7 @@ impl Default for Near {
     }
 }
 
-/// Where samples of a backdrop are judged: about the middle of a room.
+/// Depth at which samples of a backdrop are judged, metres: about the middle of a room.
 pub const REFERENCE_DEPTH_M: f64 = 3.0;
 
 /// Nearer than this a portal is always passed: half a wall and a step.
@@ -66,8 +66,7 @@ impl Near {
     }
 }
 
-/// How threads share the work behind portals, whose backdrops are drawn side by side; all ways give
-/// the same frame.
+/// Division of the backdrops' work among threads; all give the same frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Division {
     /// Each backdrop in a band of rows for each thread: a depth pixel near the border of two is
@@ -81,7 +80,7 @@ pub enum Division {
 }
 
 impl Division {
-    /// Of the settings for one backdrop of so many rows.
+    /// Render settings of one backdrop of `rows` rows.
     pub(super) fn settings(self, warp: &RenderSettings, rows: u32) -> RenderSettings {
         let threads = rayon::current_num_threads() as u32;
         match self {
@@ -102,16 +101,16 @@ impl Division {
     }
 }
 
-/// How a walk is drawn.
+/// Settings of a walk.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WalkSettings {
     /// The backdrops behind portals; `None` for geometry alone.
     pub backdrops: Option<BackdropKind>,
     /// When a cell behind a portal is drawn as geometry.
     pub near: Near,
-    /// How layered depth images are drawn.
+    /// Settings of the LDI renderer.
     pub warp: RenderSettings,
-    /// How threads share that.
+    /// Division among threads.
     pub division: Division,
     /// Holes show what the last frame had there (R8).
     pub persistence: bool,
@@ -119,7 +118,7 @@ pub struct WalkSettings {
     pub limits: Limits,
 }
 
-/// What a frame took.
+/// Statistics of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct WalkStats {
     /// The cell in which the eye stands; `None` inside a wall: then all cells are drawn as
@@ -135,9 +134,9 @@ pub struct WalkStats {
     pub pixels: u64,
     /// Pixels that show a backdrop.
     pub backdrop_pixels: u64,
-    /// Of these, pixels of which the backdrop knows nothing.
+    /// Hole pixels inside backdrops.
     pub hole_pixels: u64,
-    /// Of the rasteriser.
+    /// Statistics of the rasteriser.
     pub raster: RasterStats,
     /// Sums over all backdrops.
     pub backdrop: BackdropStats,

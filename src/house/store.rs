@@ -8,7 +8,7 @@ use std::collections::{HashSet, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-/// What a backdrop is known by.
+/// Key of a backdrop.
 pub type Key = (PortalSide, BackdropKind);
 
 /// Backdrops within a budget of bytes.
@@ -38,12 +38,12 @@ impl Store {
         cache.get(key)
     }
 
-    /// Whether a backdrop is there.
+    /// Returns true if a backdrop is in memory.
     pub fn contains(&self, key: Key) -> bool {
         lock(&self.cache).peek(key).is_some()
     }
 
-    /// Whether one more backdrop of middling size fits beside so many bytes.
+    /// Returns true if one more backdrop of average size fits beside `bytes` bytes.
     fn has_room_beside(&self, bytes: u64) -> bool {
         let cache = lock(&self.cache);
         let one = cache.bytes() / (cache.len() as u64).max(1);
@@ -133,7 +133,7 @@ impl BackdropBuilder {
         self.desk.changed.notify_all();
     }
 
-    /// Whether something is wanted that could still be built.
+    /// Returns true if a requested backdrop can still be built.
     pub fn is_busy(&self) -> bool {
         lock(&self.desk.orders).in_hand()
     }

@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// frame lacked, then with what the next ones are likely to need. Until a backdrop is there, what
 /// is behind its portal is geometry.
 pub struct Tour {
-    /// How frames are drawn; may be changed between frames.
+    /// Render settings; may be changed between frames.
     pub settings: WalkSettings,
     house: Arc<House>,
     store: Arc<Store>,
@@ -69,8 +69,8 @@ impl Tour {
         &self.store
     }
 
-    /// Whether the last frame would be better by now or soon: a backdrop that it lacked is there,
-    /// or one is being built.
+    /// Returns true if the last frame can improve now or soon: a missing backdrop has arrived or is
+    /// being built.
     pub fn can_improve(&self) -> bool {
         let Some(kind) = self.settings.backdrops else {
             return false;

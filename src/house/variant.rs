@@ -11,7 +11,7 @@ use headbox_cube::render::footprint::splat::SplatKernel;
 pub struct HouseVariant {
     /// Its name.
     pub name: &'static str,
-    /// What stands behind portals; `None` for geometry alone.
+    /// Kind of backdrop; `None` for geometry alone.
     pub kind: Option<BackdropKind>,
     /// The footprints of layered depth images.
     pub kernel: SplatKernel,

@@ -1,4 +1,4 @@
-//! Which cells a frame draws as geometry, and at which portals backdrops begin.
+//! Cells that a frame draws as geometry, and portals at which backdrops begin.
 
 use super::backdrop::{Backdrop, BackdropKind, PortalSide};
 use super::cull::CellView;

@@ -28,7 +28,7 @@ use std::time::Instant;
 
 /// The part of a frame that a backdrop fills.
 struct BackdropArea<'a> {
-    /// Of the portal's marker.
+    /// Number of the portal's marker.
     number: u32,
     backdrop: &'a Backdrop,
     columns: Range<u32>,
@@ -166,7 +166,7 @@ impl Walker {
         (&output.frame, &self.stats)
     }
 
-    /// What the last frame took.
+    /// Statistics of the last frame.
     pub fn stats(&self) -> &WalkStats {
         &self.stats
     }

@@ -10,7 +10,7 @@ use headbox_trace::sampler::random4;
 /// Poses of the papers' path.
 pub const PAPER_POSES: usize = 520;
 
-/// How a walk is seen.
+/// Parameters of a walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WalkPath {
     /// Number of poses.
@@ -21,7 +21,7 @@ pub struct WalkPath {
     pub fov_y_deg: f64,
     /// Height of the eye above the floor, metres.
     pub eye_height_m: f64,
-    /// Where the walk begins, in which order it goes, and how the head turns.
+    /// Seed of the starting point, of the order of rooms, and of the head's rotation.
     pub seed: u32,
 }
 
@@ -37,9 +37,9 @@ impl Default for WalkPath {
     }
 }
 
-/// How far from a portal a walker is before and after it, metres: it is passed at a right angle.
+/// Distance from a portal, before and behind, at which it is approached at a right angle, metres.
 const APPROACH_M: f64 = 0.45;
-/// How far ahead on the path the eye looks, metres.
+/// Look-ahead distance along the path, metres.
 const AHEAD_M: f64 = 1.2;
 /// A portal whose lower edge is at most this high above the floor, and that is at least as high as
 /// a child, is a door.
@@ -113,7 +113,7 @@ impl WalkPath {
         (0..self.poses).map(pose).collect()
     }
 
-    /// Where a walk begins, if there is anywhere to stand: how a house is seen first.
+    /// Returns the first camera of a walk, if there is room to stand: the default view of a house.
     ///
     /// # Errors
     /// As of [`Self::cameras`].

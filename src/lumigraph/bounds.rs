@@ -1,5 +1,5 @@
-//! How many images and how many layers a view needs: the sampling curve and the error of a layer
-//! (L1, L2, L3; C18, C22).
+//! Numbers of images and layers that a view needs: the sampling curve and the error of a layer (L1,
+//! L2, L3; C18, C22).
 //!
 //! A layer holds surfaces of some range of disparity (1 / depth behind the camera plane) and is
 //! drawn at one disparity. A camera at a distance `s` from where a ray crosses the plane then shows
@@ -29,36 +29,36 @@ pub fn max_spacing(focal: f64, width: f64, detail: f64) -> f64 {
     2.0 * detail / (focal * width)
 }
 
-/// How many layers, uniform in disparity, a range needs (Eq. 6 in 7), as a real number: the minimum
-/// sampling curve. Per axis: the layers shrink with the cameras along an axis, so with the square
-/// root of the images of a grid.
+/// Number of layers, uniform in disparity, that a range needs (Eq. 6 in 7), as a real number: the
+/// minimum sampling curve. Per axis: the layers shrink with the cameras along an axis, so with the
+/// square root of the images of a grid.
 pub fn min_layers(focal: f64, [min, max]: [f64; 2], spacing: f64, detail: f64) -> f64 {
     focal * spacing * (max - min) / (2.0 * detail)
 }
 
-/// How many cameras along an axis of length `extent` one layer for the whole range needs, as a real
-/// number (Eq. 3).
+/// Number of cameras along an axis of length `extent` that one layer for the whole range needs, as
+/// a real number (Eq. 3).
 pub fn min_cameras(focal: f64, [min, max]: [f64; 2], extent: f64, detail: f64) -> f64 {
     extent / max_spacing(focal, max - min, detail) + 1.0
 }
 
-/// What an eye may see of a layer's error.
+/// Bound on the error of a layer as seen by an eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorBound {
     /// Focal length of the frame, in the unit of `tolerance`.
     pub focal: f64,
     /// Between neighbouring cameras.
     pub spacing: f64,
-    /// How far the eye is behind the camera plane; negative in front of it.
+    /// Distance of the eye behind the camera plane; negative in front of it.
     pub behind: f64,
     /// The most that neighbouring cameras may disagree, on the frame's image plane.
     pub tolerance: f64,
 }
 
 impl ErrorBound {
-    /// How far two neighbouring cameras put a point of a layer apart in the frame (Eq. 8, C18),
-    /// exact for eyes behind the plane, on it, and in front of it as long as the whole layer is in
-    /// front of the eye; infinite otherwise.
+    /// Largest distance in the frame between two neighbouring cameras' images of a point of a layer
+    /// (Eq. 8, C18). Exact for eyes behind the plane, on it, and in front of it as long as the
+    /// whole layer is in front of the eye; infinite otherwise.
     pub fn error(&self, [min, max]: [f64; 2]) -> f64 {
         if 1.0 + max * self.behind <= 0.0 {
             return f64::INFINITY;
@@ -66,7 +66,7 @@ impl ErrorBound {
         self.focal * self.spacing * (max - min) / (2.0 + (max + min) * self.behind)
     }
 
-    /// Whether the error of a layer stays within the tolerance ("not larger", as the text has it:
+    /// Returns true if the error of a layer is within the tolerance ("not larger", as in the text:
     /// C20).
     pub fn allows(&self, range: [f64; 2]) -> bool {
         self.error(range) <= self.tolerance
@@ -78,9 +78,9 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Where a camera at `camera` on the plane makes an eye at (`eye`, `behind` the plane) see a
-    /// point of disparity `d` above `x`, if it is drawn at disparity `drawn`: by similar triangles,
-    /// without the formulas above.
+    /// Position at which an eye at (`eye`, `behind` the plane) sees a point of disparity `d` above
+    /// `x` through the camera at `camera`, if it is drawn at disparity `drawn`: by similar
+    /// triangles, without the formulas above.
     fn seen_at(camera: f64, x: f64, d: f64, drawn: f64, eye: f64, behind: f64, focal: f64) -> f64 {
         let along = camera + (x - camera) / (1.0 / d) * (1.0 / drawn);
         focal * (along - eye) / (1.0 / drawn + behind)

@@ -1,4 +1,4 @@
-//! What can be wrong with a lumigraph.
+//! Errors of lumigraphs.
 
 /// Why a lumigraph cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -17,11 +17,11 @@ pub enum LumigraphError {
     /// All images together are too large.
     #[error("{cameras} images of {width}x{height} pixels; together they must have fewer than {max} pixels: take fewer cameras or smaller images", max = super::MAX_PIXELS)]
     TooLarge {
-        /// How many.
+        /// Number of cameras.
         cameras: usize,
-        /// Of an image.
+        /// Width of an image.
         width: u32,
-        /// Of an image.
+        /// Height of an image.
         height: u32,
     },
     /// The layers are no layers.

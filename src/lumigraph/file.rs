@@ -36,7 +36,7 @@ struct SlabHeader {
     width: u32,
     height: u32,
     layers: u32,
-    /// Whether there are pixels of which nothing is known.
+    /// True if there are unknown pixels.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     unknown: bool,
 }
@@ -69,8 +69,7 @@ pub(super) fn index_bytes(layers: usize, unknown: bool) -> usize {
 /// Numbers of the section `geometry` before the cameras' places.
 const GEOMETRY: usize = 14;
 
-/// How far a stored rotation's products of columns may be from those of a rotation: what rounding
-/// leaves.
+/// Tolerance of a stored rotation's column products: rounding errors.
 const ORTHONORMAL: f64 = 1e-6;
 
 impl Lumigraph {

@@ -217,7 +217,7 @@ impl CameraGrid {
             .with_principal_px([x + shift * right, y - shift * up])
     }
 
-    /// What it is made of.
+    /// Returns the parts of the grid.
     pub fn parts(&self) -> GridParts {
         let Self {
             origin,
@@ -264,7 +264,7 @@ pub(super) struct PlaneView {
     pub(super) eye: DVec3,
     /// The direction of pixel position (0, 0).
     pub(super) start: DVec3,
-    /// What a column and a row add to it.
+    /// Step per column and per row.
     pub(super) step: [DVec3; 2],
     size: [f64; 2],
 }
@@ -303,7 +303,7 @@ impl PlaneView {
         self.size
     }
 
-    /// Where a ray crosses the camera plane.
+    /// Intersects a ray with the camera plane.
     pub(super) fn crossing(&self, slopes: DVec2) -> DVec2 {
         self.eye.truncate() - slopes * self.eye.z
     }
@@ -340,7 +340,7 @@ impl PlaneView {
     }
 }
 
-/// How far the neighbours of 0 among ascending places are from it: 0 if it is one of them.
+/// Distance from 0 to its nearest neighbours among ascending positions: 0 if it is one of them.
 fn nearest_to_zero(places: &[f64]) -> f64 {
     let next = places.partition_point(|place| *place < 0.0);
     let beyond = places.get(next).copied();

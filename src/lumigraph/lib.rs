@@ -55,7 +55,7 @@ pub const MAX_PIXELS: u64 = 3 << 30;
 /// Layers that an index of two bytes tells apart, beside what was not seen.
 pub const MAX_LAYERS: usize = 65_535;
 
-/// Where a lumigraph comes from; travels in the `.lumi` file.
+/// Source of a lumigraph; stored in the `.lumi` file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LumigraphInfo {
     /// The scene or the pictures, as given on the command line; empty if there is no telling.
@@ -63,11 +63,11 @@ pub struct LumigraphInfo {
     /// Axes and unit of the source.
     #[serde(flatten)]
     pub frame: FileFrame,
-    /// How the layers were placed.
+    /// Placement of the layers.
     pub placement: Placement,
 }
 
-/// What one camera sees (L4).
+/// Image of one camera, with the layer of each pixel (L4).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
     /// 8-bit sRGB, row-major, row 0 on top.
@@ -84,9 +84,9 @@ pub struct Picture {
 /// positive, finite, ascending and apart; no index beyond the layers and what is not known.
 #[derive(Clone, Debug)]
 pub struct Lumigraph {
-    /// Where it comes from.
+    /// Source of the lumigraph.
     pub info: LumigraphInfo,
-    /// What lies behind all that the images show; of size 0 if that is not known.
+    /// Environment behind everything that the images show; of size 0 if unknown.
     pub environment: Environment,
     grid: CameraGrid,
     layers: Vec<DisparityLayer>,
@@ -166,7 +166,7 @@ impl Lumigraph {
         &self.layers
     }
 
-    /// What the cameras see, row by row from the lowest.
+    /// Images of the cameras, row by row from the lowest.
     pub fn pictures(&self) -> &[Picture] {
         &self.pictures
     }
@@ -192,7 +192,7 @@ impl Lumigraph {
         Some([self.layers.first()?.min, self.layers.last()?.max])
     }
 
-    /// As [`CameraGrid::clear_fov_deg`], of the surfaces that the images show.
+    /// Same as [`CameraGrid::clear_fov_deg`] for the surfaces that the images show.
     pub fn clear_fov_deg(&self, size_px: [u32; 2]) -> f64 {
         self.grid
             .clear_fov_deg(self.range().unwrap_or_default(), size_px)

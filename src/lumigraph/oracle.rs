@@ -13,8 +13,8 @@ use headbox_core::camera::Camera;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::frame::{Coverage, Frame};
 
-/// What [`super::LumigraphRenderer::render`] draws, to within rounding: positions there have 24
-/// bits, so that a position near the border of a texel may find the next one.
+/// Renders the same frame as [`super::LumigraphRenderer::render`] to within rounding: positions
+/// there have 24 bits, so that a position near the border of a texel may find the next one.
 pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettings) -> Frame {
     let view = PlaneView::new(lumigraph.grid(), camera);
     let layers = merged_layers(lumigraph, &view, settings, &mut Merger::default());
@@ -48,7 +48,7 @@ pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettin
     frame
 }
 
-/// What a ray shows.
+/// Result of a ray.
 enum Shows {
     /// Linear red, green and blue, 1 for white.
     Color([f64; 3]),
@@ -72,8 +72,8 @@ struct Neighbour {
 }
 
 impl Ray<'_> {
-    /// What the ray shows to the cameras of its cell or, if they look at something before it, to
-    /// those of cells beside.
+    /// Traces the ray for the cameras of its cell or, if they see an occluder, for those of
+    /// neighbouring cells.
     fn shows(&self, layers: &[MergedLayer], blend: Blend, steps: &[Step]) -> Shows {
         if let Some(color) = self.color(layers, blend, Step::FIRST) {
             return Shows::Color(color);

@@ -1,9 +1,9 @@
-//! How frames of lumigraphs are drawn, and what a frame took.
+//! Settings and statistics of rendering lumigraphs.
 
 use crate::render::show::Show;
 use serde::Serialize;
 
-/// What happens where some of a ray's cameras show a layer and others look through it.
+/// Blending where some of a ray's cameras show a layer and others see through it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Blend {
@@ -25,12 +25,12 @@ impl Blend {
     }
 }
 
-/// How frames are drawn.
+/// Settings of rendering.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LumigraphSettings {
     /// Merges layers for each frame (L8).
     pub merge: bool,
-    /// How far neighbouring cameras may disagree after merging: multiples of an image's or a
+    /// Largest disagreement of neighbouring cameras after merging: multiples of an image's or a
     /// frame's pixel, whichever is larger.
     pub tolerance_px: f64,
     /// Takes coarser images where the frame is coarser (L7).
@@ -38,16 +38,16 @@ pub struct LumigraphSettings {
     /// Leaves layers out that show in no rectangle of the images where a block of the frame would
     /// find them (L10).
     pub skip: bool,
-    /// Where cameras do not agree.
+    /// Blending where cameras disagree.
     pub blend: Blend,
-    /// What is painted.
+    /// Content of the frame.
     pub show: Show,
     /// Colour of pixels of which nothing is known, sRGB.
     pub hole_color_srgb: [u8; 3],
 }
 
 impl LumigraphSettings {
-    /// What frames are drawn with if nothing else is said.
+    /// Default settings.
     pub const USUAL: Self = Self {
         merge: true,
         tolerance_px: 1.0,
@@ -65,7 +65,7 @@ impl Default for LumigraphSettings {
     }
 }
 
-/// What a frame took.
+/// Statistics of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct LumigraphStats {
     /// Layers after merging, without those that the eye has passed.

@@ -1,4 +1,4 @@
-//! What holds for the whole of a lumigraph.
+//! Tests of whole lumigraphs.
 
 use super::*;
 use glam::DVec3;

@@ -9,14 +9,14 @@ use headbox_cube::pack::PackedCube;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 use serde::Serialize;
 
-/// What drawing a backdrop took.
+/// Statistics of drawing a backdrop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct BackdropStats {
     /// Depth pixels (or texels) of the backdrop that was drawn.
     pub samples: u64,
     /// Depth pixels that reached the inner loop, once for each band.
     pub depth_pixels_in: u64,
-    /// Of these, drawn.
+    /// Splats drawn.
     pub splatted: u64,
 }
 
@@ -91,7 +91,7 @@ impl BackdropStats {
     }
 }
 
-/// Of several cubes the nearest to the eye and the second nearest; of one cube that one.
+/// Returns the cubes nearest and second nearest to the eye; the only one if there is one.
 fn two_nearest(cubes: &[PackedCube], eye: DVec3) -> [Option<&PackedCube>; 2] {
     let distance = |cube: &PackedCube| (cube.info.centre - eye).length_squared();
     let mut sorted: Vec<&PackedCube> = cubes.iter().collect();

@@ -29,15 +29,16 @@ use headbox_ldi::from_images::piles::{Light, RowSamples, Sample};
 use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket};
 use rayon::prelude::*;
 
-/// How far an eye is from the centre of a backdrop's cube for which depths are told apart, metres.
+/// Distance from the centre of a backdrop's cube within which eyes are assumed when depths are
+/// merged, metres.
 const BASELINE_M: f64 = 1.5;
 
 /// Half of the edge of the headbox whose corners are so far from its centre, metres.
 const HALF_SIZE_M: f64 = BASELINE_M / 1.732_050_807_568_877_2;
 
-/// What pictures on planes are within, px of the frames that [`primitives::Bound`] names, for eyes
-/// within [`BASELINE_M`]. Of faces of 308 pixels these have a focal length of 200 px, and frames of
-/// 640x512 have 443: half a pixel there.
+/// Error bound of plane textures, px of the frames that [`primitives::Bound`] names, for eyes
+/// within [`BASELINE_M`]. Faces of 308 pixels have frames with a focal length of 200 px; frames of
+/// 640x512 have 443, hence half a pixel there.
 const ERROR_PX: f64 = 0.25;
 
 /// Texels a side of the sky behind a portal.
@@ -49,7 +50,7 @@ type RowSample = (u32, Sample);
 /// Rays that are traced together, in the tracer's local frame.
 #[derive(Default)]
 pub(super) struct RayBatch {
-    /// Which image they belong to; image 0 is pinned (C11).
+    /// Index of the source image; image 0 is pinned (C11).
     pub(super) image: u8,
     /// From where surfaces look as large as they were sampled: the eye of an image, or `None` for
     /// the rays' own starts.
@@ -65,7 +66,7 @@ pub(super) struct CubeJob<'a> {
     pub(super) centre: DVec3,
     pub(super) face_px: u32,
     pub(super) rule: MergeRule,
-    /// Whether gaps are mended ([`BackdropMender`]) and what is flat becomes pictures on planes;
+    /// True to repair gaps ([`BackdropMender`]) and to replace planar parts by plane textures;
     /// images are taken as they are.
     pub(super) mends: bool,
 }
@@ -233,9 +234,8 @@ fn middle(texel: u32, size_px: u32) -> [f32; 2] {
     [at(texel), -at(texel / size_px)]
 }
 
-/// What a step to the right and up on a face changes the inverse depth by of a plane with some
-/// normal through a point (relative to the cube's centre), 1/m. Infinite or NaN for a plane through
-/// the centre.
+/// Change of inverse depth per step to the right and up on a face, 1/m, for a plane with a normal
+/// through a point (relative to the cube's centre). Infinite or NaN for a plane through the centre.
 fn slope(face: Face, normal: Vec3, point: Vec3, [right, up]: [f32; 2]) -> f32 {
     let step = face.right().as_vec3() * right + face.up().as_vec3() * up;
     normal.dot(step) / normal.dot(point)

@@ -16,17 +16,17 @@ use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage}
 use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
 
-/// How often all faces are searched: what is mended counts as a neighbour, so that wider gaps close
+/// Number of passes over all faces: repaired pixels count as neighbours, so that wider gaps close
 /// from their ends.
 const PASSES: usize = 3;
 
 /// Normals of one surface are no farther apart than this cosine: about 18 degrees.
 const ALIKE: f32 = 0.95;
 
-/// What mending needs beside the faces.
+/// Context of the repair beside the faces.
 pub(super) struct BackdropMender<'a> {
     pub(super) house: &'a House,
-    /// Of the cube, world metres.
+    /// Centre of the cube, world metres.
     pub(super) centre: DVec3,
     /// The difference of inverse depths that counts as similar, 1/m.
     pub(super) tolerance: f32,

@@ -1,4 +1,4 @@
-//! What stands in for everything behind a portal (R2, R9, R11, P2; D1).
+//! Backdrops: representations of everything behind a portal (R2, R9, R11, P2; D1).
 //!
 //! Every backdrop belongs to one side of one portal. Its samples come from rays that start on the
 //! portal's plane, so that nothing in front of it is ever taken for what lies behind, and it is
@@ -55,8 +55,8 @@ pub enum BackdropKind {
     /// A cube LDI about a place in front of the portal's middle, from rays through the whole
     /// opening.
     WindowLdi,
-    /// As [`Self::WindowLdi`], about the middle of the cell that looks: what the cell's cube LDI
-    /// holds of this portal.
+    /// Same as [`Self::WindowLdi`], centred in the viewing cell: the part of the cell's cube LDI
+    /// that belongs to this portal.
     CellLdi,
     /// A sprite with depth from straight in front, drawn in two passes (S5), where what lies behind
     /// is smooth; elsewhere [`Self::WindowLdi`].
@@ -106,7 +106,7 @@ impl BackdropKind {
     }
 }
 
-/// How finely backdrops are captured.
+/// Capture quality of backdrops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BackdropQuality {
     /// Pixels a side of the faces of cubes, and of the images: 90 degrees.
@@ -151,7 +151,7 @@ impl Default for BackdropQuality {
     }
 }
 
-/// What is kept of everything behind a portal.
+/// Representation of everything behind a portal.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Backdrop {
     /// Colours on the portal's plane.
@@ -334,7 +334,7 @@ impl Backdrop {
         }
     }
 
-    /// Whether some of it is pictures on planes.
+    /// Returns true if it has plane textures.
     pub(super) fn has_planes(&self) -> bool {
         matches!(self, Self::Cubes(cubes) if cubes.iter().any(|cube| !cube.planes.tiles.is_empty()))
     }

@@ -17,21 +17,18 @@ use headbox_trace::bvh::Ray;
 use image::{Rgba, RgbaImage};
 use rayon::prelude::*;
 
-/// How far an eye is from the sprite's for which disocclusion is judged, metres: a step to the
-/// side, and a nod.
+/// Displacements of the eye for which disocclusion is measured, metres: a step to the side, and a
+/// nod.
 const STEP_M: [f64; 2] = [0.5, 0.1];
 
-/// What disocclusion uncovers after these, as a share of the sprite, up to which what it shows
-/// counts as smooth.
+/// Largest disoccluded share of the sprite for which the view counts as smooth.
 const SMOOTH_SHARE: f64 = 0.03;
 
-/// How far surfaces may move against the sprite's plane at a step to the side for two passes to
-/// draw them well, over the focal length, root of the mean square: S1's measure, the step times the
-/// spread of inverse depth.
+/// Largest parallax against the sprite's plane, for a step to the side, that two passes draw well:
+/// root mean square over the focal length (S1: the step times the spread of inverse depth).
 const MOST_PARALLAX: f64 = 0.04;
 
-/// What is nearer behind the portal's plane than this, metres, is its own frame and has no part in
-/// the judgement.
+/// Depth behind the portal's plane up to which surfaces are its own frame and are ignored, metres.
 const REVEAL_M: f32 = 0.3;
 
 /// Distance of the sprite's eye from the portal over half of its longer side: so near, it sees what
@@ -56,7 +53,7 @@ impl PartialEq for PortalSprite {
     }
 }
 
-/// What a ray of a pixel found.
+/// Surface seen by a ray of a pixel.
 struct Pixel {
     color: [u8; 4],
     /// Eye depth, metres; NaN outside of the opening.
@@ -229,8 +226,8 @@ fn pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 2]) ->
     }
 }
 
-/// What a ray meets behind the opening, and at which eye depth (directions have an eye depth of 1);
-/// `None` for a ray that misses the opening.
+/// Returns radiance and eye depth of a ray's hit behind the opening (directions have eye depth 1);
+/// `None` if the ray misses the opening.
 fn radiance(
     house: &House,
     opening: &Opening,
@@ -288,8 +285,8 @@ fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
     (along + across) / known.max(1) as f64
 }
 
-/// How far surfaces move against the sprite's plane at a step to the side, over the focal length,
-/// root of the mean square.
+/// Root mean square parallax against the sprite's plane for a step to the side, over the focal
+/// length.
 fn parallax(sprite: &SpriteWithDepth, depth: &[f32]) -> f64 {
     let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
     let columns = camera.width() as usize;

@@ -11,14 +11,14 @@ use headbox_trace::sampler::random4;
 use rayon::prelude::*;
 use std::io;
 
-/// How a scene becomes images.
+/// Settings of capturing images of a scene.
 #[derive(Clone, Copy, Debug)]
 pub struct LumigraphCapture<'a> {
     /// The scene.
     pub tracer: &'a Tracer,
     /// Its light, as for truth frames.
     pub lighting: &'a Lighting,
-    /// Whether light is computed; otherwise albedo and emission.
+    /// True to compute light; otherwise albedo and emission are stored.
     pub lit: bool,
     /// Camera rays per pixel; at least 1.
     pub samples: u32,

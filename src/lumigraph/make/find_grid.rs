@@ -10,7 +10,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 /// A camera of a set.
 #[derive(Clone, Debug)]
 pub(super) struct Stand<'a> {
-    /// What the set calls it.
+    /// Name of the view in its set.
     pub(super) name: &'a str,
     pub(super) pose: Pose,
 }
@@ -28,7 +28,7 @@ pub(super) struct FoundGrid {
     pub(super) rows: Vec<f64>,
     /// The number of the camera at each place, row by row from the lowest.
     pub(super) cameras: Vec<usize>,
-    /// How far each camera is from its place, metres, in the order of the set.
+    /// Distance of each camera from its grid position, metres, in the order of the set.
     pub(super) off_m: Vec<f64>,
 }
 
@@ -86,7 +86,7 @@ pub(super) fn find_grid(stands: &[Stand], frame: &FileFrame) -> Result<FoundGrid
     }
 }
 
-/// How far the grid may be turned about the plane's normal, from what is right in the images; most
+/// Candidate rotations of the grid about the plane's normal, starting with the image axes; most
 /// trustworthy first.
 ///
 /// The nearest camera is in the same row or column, whatever places are empty. Where none is, the
@@ -150,7 +150,7 @@ struct Finder<'a> {
     stands: &'a [Stand<'a>],
     frame: &'a FileFrame,
     middle: DVec3,
-    /// How far cameras may be from their places, metres.
+    /// Largest distance of a camera from its grid position, metres.
     tolerance: f64,
 }
 

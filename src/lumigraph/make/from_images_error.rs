@@ -1,4 +1,4 @@
-//! What can be wrong with pictures that are to become a lumigraph.
+//! Errors of building a lumigraph from images.
 
 use crate::LumigraphError;
 use glam::DVec3;
@@ -12,7 +12,7 @@ pub enum FromImagesError {
     /// A picture cannot be read.
     #[error(transparent)]
     Images(#[from] ImagesError),
-    /// What was found is no grid of cameras or has no layers.
+    /// The images form no camera grid or no layers.
     #[error(transparent)]
     Lumigraph(#[from] LumigraphError),
     /// It was given up.
@@ -48,9 +48,9 @@ pub enum FromImagesError {
         name: String,
         /// Off what.
         what: &'static str,
-        /// How far.
+        /// Distance from the grid position.
         off: f64,
-        /// How far it may.
+        /// Allowed distance.
         allowed: f64,
         /// Why no farther.
         why: &'static str,
@@ -61,13 +61,13 @@ pub enum FromImagesError {
     /// The cameras leave places of the grid empty.
     #[error("the {cameras} cameras stand in {columns} columns and {rows} rows, but none where these cross at {}; a lumigraph needs all of a grid: take the missing pictures, or leave out the rows or columns that lack them", listed(.places))]
     Missing {
-        /// How many there are.
+        /// Number of cameras.
         cameras: usize,
-        /// How many columns they stand in.
+        /// Number of columns.
         columns: usize,
-        /// How many rows.
+        /// Number of rows.
         rows: usize,
-        /// Where one is missing.
+        /// Grid positions without a camera.
         places: Vec<DVec3>,
     },
 }

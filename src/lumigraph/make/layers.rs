@@ -6,14 +6,14 @@ use serde::{Deserialize, Serialize};
 /// Surfaces of some range of disparity (1 / depth behind the camera plane, 1/m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DisparityLayer {
-    /// Of the farthest surface.
+    /// Disparity of the farthest surface.
     pub min: f64,
-    /// Of the nearest.
+    /// Disparity of the nearest surface.
     pub max: f64,
 }
 
 impl DisparityLayer {
-    /// Where it is drawn.
+    /// Disparity at which the layer is drawn.
     pub fn drawn(&self) -> f64 {
         optimal_disparity(self.range())
     }
@@ -32,13 +32,14 @@ impl DisparityLayer {
     }
 }
 
-/// Where layers are put.
+/// Placement of layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Placement {
     /// Equal shares of the range of disparity (Eq. 6).
     Uniform,
-    /// Where disparities are: the widest layer is as narrow as so many layers allow.
+    /// By the histogram of disparities: the widest layer is as narrow as the number of layers
+    /// allows.
     #[default]
     Histogram,
 }
@@ -147,8 +148,8 @@ fn least_width(sorted: &[f32], count: usize) -> f64 {
     wide_enough
 }
 
-/// Which layer a disparity belongs to, counted from 1 for the farthest; 0 where nothing was seen.
-/// What lies between two layers belongs to the nearer end.
+/// Layer of a disparity, counted from 1 for the farthest; 0 where nothing was seen. Disparities
+/// between two layers belong to the nearer end.
 pub fn classify(layers: &[DisparityLayer], disparity: f32) -> u16 {
     if disparity.is_nan() || disparity <= 0.0 || layers.is_empty() {
         return 0;

@@ -13,7 +13,7 @@ pub struct RawLumigraph {
     environment: Environment,
 }
 
-/// What one camera sees.
+/// Image of one camera, with disparities.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RawPicture {
     pub(super) color: Vec<[u8; 3]>,
@@ -45,7 +45,7 @@ impl RawLumigraph {
         &self.grid
     }
 
-    /// What they see, row by row from the lowest.
+    /// Images of the cameras, row by row from the lowest.
     #[cfg(test)]
     pub(super) fn pictures(&self) -> &[RawPicture] {
         &self.pictures

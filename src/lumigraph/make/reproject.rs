@@ -40,7 +40,7 @@ struct Source<'a> {
     view: &'a LoadedView,
     /// The plane's normal in the view's eye space.
     forward: DVec3,
-    /// How far the view's eye is before the plane, metres.
+    /// Distance of the view's eye in front of the plane, metres.
     behind: f64,
 }
 

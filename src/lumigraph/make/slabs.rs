@@ -15,11 +15,11 @@ use headbox_core::camera::Camera;
 /// Slabs at most: a hundred planes about an object are more than any needs.
 pub const MAX_SLABS: usize = 256;
 
-/// How much worse than the best slab one may serve a frame and still be seen in it, radians: planes
-/// turned about a place hand over within some seven degrees to either side of the middle.
+/// Largest difference in fitness to the best slab for which a second slab is blended in, radians:
+/// rotated planes hand over within some seven degrees to either side of the middle.
 const REACH: f64 = 0.5;
 
-/// Where rays are asked that stand for a frame's, in shares of its width and height.
+/// Positions of the probe rays of a frame, in shares of its width and height.
 const PROBES: [f64; 3] = [1.0 / 6.0, 0.5, 5.0 / 6.0];
 
 /// Light slabs of one scene, at least one.
@@ -78,12 +78,12 @@ impl Slabs {
             .map(|[slab]| slab)
     }
 
-    /// Where they come from.
+    /// Source of the slabs.
     pub fn info(&self) -> &LumigraphInfo {
         &self.first().info
     }
 
-    /// Which slabs a frame shows: the best first, and at most one more.
+    /// Slabs that a frame shows, with their shares: the best first, and at most one more.
     pub fn shares(&self, camera: &Camera) -> Vec<SlabShare> {
         let mut order: Vec<(usize, f64)> = self
             .slabs
@@ -124,9 +124,9 @@ fn smooth(x: f64) -> f64 {
     x * x * (3.0 - 2.0 * x)
 }
 
-/// How badly a slab serves a frame, radians: the mean over some rays of how far they turn from
-/// where its cameras look and of how far beside its cameras they cross its plane, as seen from the
-/// middle of its disparities (up to one). A continuous function of the camera.
+/// Unfitness of a slab for a frame, radians: mean over probe rays of the angle to the cameras'
+/// viewing direction and of the distance at which they pass the cameras on the plane, as seen from
+/// the middle of the disparities (at most one). A continuous function of the camera.
 fn unfit(slab: &Lumigraph, camera: &Camera) -> f64 {
     let grid = slab.grid();
     let view = PlaneView::new(grid, camera);
@@ -266,9 +266,9 @@ mod tests {
         assert_eq!(slabs.shares(&above).len(), 1, "both neighbours are as far");
     }
 
-    /// How much more a frame may differ from the last one where slabs change than where one alone
-    /// is shown, in pixels that all that are shown know: two pictures of one place, each with its
-    /// own error, take each other's place over a third of the way.
+    /// Largest ratio of the change between frames during a hand-over of slabs to that with one
+    /// slab, over pixels that all know: two images of one surface, each with its own error, replace
+    /// each other over a third of the way.
     const HAND_OVER: f64 = 1.6;
 
     /// The same over all pixels: what one slab alone knows, at the frame's sides, fades in over

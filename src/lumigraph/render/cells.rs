@@ -1,5 +1,5 @@
-//! Which layers show in which part of an image, so that a frame looks for no layer where none is,
-//! and looks nothing up where all of a part shows one layer (L10).
+//! Rectangles of the images with the set of layers in each, so that a frame skips layers where they
+//! are absent, and skips lookups where a whole rectangle shows one layer (L10).
 //!
 //! The paper keeps the range of layers of each rectangle. Here rectangles are squares, of a few
 //! pixels and of twice as many, four times and so on; beside the range, which says what the cameras
@@ -17,11 +17,10 @@ use std::ops::RangeInclusive;
 /// Edge of the smallest squares, pixels.
 const EDGE_PX: usize = 2;
 
-/// What positions may be off by, pixels: they are of 24 bits, and not computed in the way of single
-/// rays.
+/// Error of positions, pixels: they have 24 bits, and are not computed in the way of single rays.
 const ROUNDING_PX: f32 = 0.125;
 
-/// How layers are dealt out to the bits of a set.
+/// Mapping of layers to the bits of a set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Buckets {
     /// Layers, and one for infinity.
@@ -57,10 +56,10 @@ impl Buckets {
     }
 }
 
-/// What a square and the next ones show.
+/// Layers of a square and of its neighbours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Square {
-    /// Of layers.
+    /// Bit set of layers.
     set: u64,
     /// The lowest and the highest index.
     range: [u16; 2],
@@ -95,7 +94,7 @@ impl Square {
 struct Scale {
     columns: usize,
     rows: usize,
-    /// Where they begin in each camera's squares.
+    /// Index of the first square in each camera's squares.
     first: usize,
     edge_px: usize,
 }
@@ -164,7 +163,7 @@ impl Cells {
         }
     }
 
-    /// Of all squares.
+    /// Size of all squares, bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.sets[..]) + size_of_val(&self.ranges[..])
     }
@@ -270,7 +269,7 @@ pub(super) struct Batch {
     coarsest: usize,
 }
 
-/// Which of a batch's layers may show.
+/// Layers of a batch that may be visible.
 #[derive(Default)]
 pub(super) struct Near {
     /// A bit for each layer, from the nearest.

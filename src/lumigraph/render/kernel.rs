@@ -29,7 +29,7 @@ const LANE_COLUMNS: [f32; LANES] = [
     0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.,
 ];
 
-/// What is left to see behind a pixel, at least, for anyone to look there.
+/// Smallest transparency of a pixel at which the search behind it goes on.
 const LEAST_OPEN: f32 = 1.0 / 256.0;
 
 /// A part of a frame.
@@ -40,7 +40,7 @@ pub(super) struct Block<'a> {
     pub(super) batches: &'a [Batch],
     pub(super) columns: Range<usize>,
     pub(super) rows: Range<usize>,
-    /// Of the frame.
+    /// Width of the frame.
     pub(super) width: usize,
 }
 
@@ -48,7 +48,7 @@ pub(super) struct Block<'a> {
 /// something nearer hides it.
 pub(super) const HIDDEN: u8 = 1;
 
-/// Which pixels are drawn, and from which cameras.
+/// Pixels to draw, and the cameras to draw them from.
 #[derive(Clone, Copy)]
 pub(super) enum Pass<'a> {
     /// All, from the cameras of the ray's cell.
@@ -105,11 +105,11 @@ fn starts(block: &Block, y: usize) -> [[f32; LANES]; 3] {
     starts
 }
 
-/// Where sixteen pixels are, a lane each, row by row.
+/// Sixteen pixels, a lane each, row by row.
 struct Tile {
     /// The first of them in the block's rows.
     first: usize,
-    /// Of the frame.
+    /// Width of the frame.
     width: usize,
     /// Columns and rows of it that are the block's.
     inside: [usize; 2],
@@ -166,7 +166,7 @@ impl Tile {
     }
 }
 
-/// What has been found for sixteen pixels.
+/// Results of sixteen pixels.
 struct Found<S: Simd> {
     color: [f32x16<S>; 3],
     /// Share of the pixel that is not taken yet.
@@ -256,7 +256,7 @@ fn look_beside<S: Simd>(
     }
 }
 
-/// Where a camera of the cell that looks at infinity sees something instead.
+/// Lanes for which a camera of the cell that looks at infinity sees an occluder.
 #[inline(always)]
 fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> mask32x16<S> {
     let none = mask32x16::from_bitmask(simd, 0);
@@ -283,8 +283,7 @@ fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> m
     hides
 }
 
-/// Whether there is no cell where a shift leads, for any of the rays: cells nearer by were asked
-/// before.
+/// Returns true if a shift leads out of the grid for all rays: nearer cells were tested before.
 #[inline(always)]
 fn leads_away<S: Simd>(block: &Block, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> bool {
     let (view, places) = (&block.plan.view, [&block.plan.columns, &block.plan.rows]);

@@ -13,7 +13,7 @@ pub(crate) struct MergedLayer {
     pub(crate) with_neighbours: [u16; 2],
     /// The disparity at which they are drawn.
     pub(crate) drawn: f64,
-    /// Of the pyramid.
+    /// Level of the pyramid.
     pub(crate) level: usize,
 }
 
@@ -27,7 +27,7 @@ pub(super) struct LayerInView {
     pub(super) indices: [u16; 2],
     /// See [`MergedLayer::with_neighbours`].
     pub(super) with_neighbours: [u16; 2],
-    /// Of the pyramid.
+    /// Level of the pyramid.
     pub(super) level: usize,
     /// Its buckets, and those with its neighbours'.
     pub(super) sets: [u64; 2],

@@ -31,7 +31,7 @@ impl Merger {
         &self.merged
     }
 
-    /// How often the bound was asked, for the last frame.
+    /// Number of bound evaluations for the last frame.
     pub fn tests(&self) -> u64 {
         self.tests
     }
@@ -58,8 +58,8 @@ impl Merger {
         }
     }
 
-    /// Where the merged layer that begins with `first` ends: by steps that double away from `hint`,
-    /// then by halving.
+    /// Finds the end of the merged layer that begins with `first`: by steps that double away from
+    /// `hint`, then by bisection.
     fn end_of(
         &mut self,
         count: usize,

@@ -1,5 +1,4 @@
-//! What rays have met and is not blended yet: pixels of a tile that meet different layers are
-//! blended together (L9, C21).
+//! Pending hits: pixels of a tile that meet different layers are blended together (L9, C21).
 
 use super::plan::Paint;
 use super::pyramid::{Level, Pyramid};
@@ -18,7 +17,8 @@ pub(super) struct Pending<S: Simd> {
     indices: [i32x16<S>; 2],
     u: [f32x16<S>; 2],
     v: [f32x16<S>; 2],
-    /// Of the cameras that show the layer; 0 of others, and of all where nothing waits.
+    /// Weights of the cameras that show the layer; 0 for others, and for all lanes without a
+    /// pending hit.
     weight: [f32x16<S>; 4],
     /// Share of the pixel that the layer takes.
     taken: f32x16<S>,
@@ -40,8 +40,7 @@ impl<S: Simd> Pending<S> {
         }
     }
 
-    /// Whether some rays, which meet something at a level of detail, can wait together with those
-    /// that do.
+    /// Returns true if `rays` can be queued: no lane is occupied and the level matches.
     #[inline(always)]
     pub(super) fn has_room(&self, rays: mask32x16<S>, level: Level) -> bool {
         !(self.waits & rays).any_true() && (self.level == level || !self.waits.any_true())
@@ -147,7 +146,7 @@ impl<S: Simd> Pending<S> {
     }
 }
 
-/// Which cameras' texels begin there.
+/// Camera numbers of the texel offsets.
 fn camera_numbers(base: [u32; LANES], stride: usize) -> [u32; LANES] {
     base.map(|base| base / stride.max(1) as u32)
 }

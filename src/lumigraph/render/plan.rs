@@ -1,5 +1,5 @@
-//! What a frame needs of a lumigraph: its layers, merged and placed, where they may show, and which
-//! cameras are asked (L8, L10; C20).
+//! Plan of a frame: merged and placed layers, where they may be visible, and the cameras to sample
+//! (L8, L10; C20).
 
 use super::cells::{Batch, Bundle, Cells};
 use super::layer_in_view::{LayerInView, MergedLayer};
@@ -87,8 +87,8 @@ pub(crate) fn merged_layers(
     found
 }
 
-/// How far from the nearest camera rays that may meet something cross the plane beside the grid,
-/// metres: there the bound must hold for a single camera.
+/// Largest distance from the nearest camera at which rays that may meet something cross the plane
+/// outside the grid, metres: there the bound must hold for a single camera.
 fn beside_the_grid(lumigraph: &Lumigraph, view: &PlaneView) -> f64 {
     let (grid, behind) = (lumigraph.grid(), view.behind());
     let [width, height] = view.size();
@@ -165,7 +165,7 @@ impl Paint {
     }
 }
 
-/// What all blocks of a frame share.
+/// State shared by all blocks of a frame.
 pub(super) struct LumigraphPlan {
     pub(super) view: PlaneView,
     /// Near ones first.
@@ -176,15 +176,16 @@ pub(super) struct LumigraphPlan {
     pub(super) columns: Vec<f32>,
     pub(super) rows: Vec<f32>,
     pub(super) blend: Blend,
-    /// What is painted instead of the images' colours.
+    /// Paint that replaces the images' colours.
     pub(super) paint: Option<Paint>,
     pub(super) skip: bool,
-    /// How what is hidden from a ray's own cell is looked for.
+    /// Order in which cells are searched for surfaces hidden from a ray's own cell.
     pub(super) steps: Vec<Step>,
 }
 
-/// How what is hidden from a ray's own cell is looked for, in a grid of so many columns and rows of
-/// cameras: first between the layers, then from the cells beside, near ones first.
+/// Order in which cells are searched for surfaces hidden from a ray's own cell, in a grid of
+/// `columns` x `rows` cameras: first between the layers, then from neighbouring cells, near ones
+/// first.
 pub(crate) fn steps(columns: usize, rows: usize) -> Vec<Step> {
     let reach = |cameras: usize| WIDER.min(cameras.saturating_sub(2) as i32);
     let (columns, rows) = (reach(columns), reach(rows));
@@ -204,7 +205,7 @@ pub(crate) fn steps(columns: usize, rows: usize) -> Vec<Step> {
 }
 
 impl LumigraphPlan {
-    /// What a frame needs; the merger has the layers of the last one.
+    /// Plans a frame; the merger holds the layers of the last one.
     pub(super) fn new(
         lumigraph: &Lumigraph,
         camera: &Camera,
@@ -339,8 +340,8 @@ pub(super) const WIDER: i32 = 2;
 pub(crate) struct Step {
     /// Whose cameras are asked: columns and rows from the ray's own cell.
     pub(crate) shift: [i32; 2],
-    /// Whether the neighbours of a layer count as it: a steep surface falls between layers where no
-    /// camera finds either of them at its own place.
+    /// True if neighbouring layers count as this one: a steep surface falls between layers where no
+    /// camera finds either of them at its own position.
     pub(crate) loose: bool,
 }
 
@@ -352,7 +353,7 @@ impl Step {
     };
 }
 
-/// Which of the places' gaps a position lies in; the outermost beyond them.
+/// Index of the gap between positions that contains `position`; the outermost one beyond them.
 #[inline(always)]
 pub(super) fn cell(places: &[f32], position: f32) -> usize {
     match places {

@@ -14,7 +14,7 @@ pub(crate) type Texel = [u16; 4];
 pub(crate) struct Level {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// Where it begins in each camera's texels.
+    /// Index of the first texel in each camera's texels.
     pub(crate) first: usize,
 }
 
@@ -82,7 +82,7 @@ impl Pyramid {
         }
     }
 
-    /// Of all texels.
+    /// Size of all texels, bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.texels[..])
     }

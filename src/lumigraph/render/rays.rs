@@ -96,9 +96,9 @@ pub(super) struct Rays<S: Simd> {
     slopes: [f32x16<S>; 2],
     across: Sides<S>,
     up: Sides<S>,
-    /// Of the four cameras: low and high columns of the low row, then of the high one.
+    /// Weights of the four cameras: low and high columns of the low row, then of the high one.
     pub(super) weight: [f32x16<S>; 4],
-    /// Where the cameras' texels begin.
+    /// Index of the first texel of each camera.
     pub(super) base: [u32x16<S>; 4],
     /// `None` where some lie between other cameras.
     pub(super) bundle: Option<Bundle>,
@@ -146,7 +146,7 @@ impl<S: Simd> Rays<S> {
         }
     }
 
-    /// Where the four cameras' texels for a layer are.
+    /// Positions of a layer's texels in the images of the four cameras.
     #[inline(always)]
     pub(super) fn places(&self, layer: &LayerInView) -> Places<S> {
         let u = self.slopes[0] * layer.scale + layer.add[0];
@@ -183,21 +183,21 @@ fn bundle<S: Simd>(
     plan.bundle(least_and_most, columns, rows)
 }
 
-/// Where four cameras' texels are: of low and high columns, and of low and high rows.
+/// Texel positions in four cameras: of low and high columns, and of low and high rows.
 pub(super) struct Places<S: Simd> {
     pub(super) u: [f32x16<S>; 2],
     pub(super) v: [f32x16<S>; 2],
 }
 
 impl<S: Simd> Places<S> {
-    /// Of the camera that is `k`-th in the order of [`Rays::weight`].
+    /// Position in the `k`-th camera, in the order of [`Rays::weight`].
     #[inline(always)]
     pub(super) fn of(&self, k: usize) -> [f32x16<S>; 2] {
         [self.u[k % 2], self.v[k / 2]]
     }
 }
 
-/// Which positions lie in an image.
+/// Mask of positions that lie in an image.
 #[inline(always)]
 pub(super) fn inside<S: Simd>(level: Level, [u, v]: [f32x16<S>; 2]) -> mask32x16<S> {
     u.simd_ge(0.0) & v.simd_ge(0.0) & u.simd_lt(level.width as f32) & v.simd_lt(level.height as f32)

@@ -1,8 +1,8 @@
-//! What a frame may show instead of colours: how it was put together.
+//! Overlays of lumigraphs: how a frame was composed.
 
 use serde::Serialize;
 
-/// What a frame shows.
+/// Content of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Show {
@@ -13,7 +13,7 @@ pub enum Show {
     Layers,
     /// Layers as they were merged for the frame, each in a colour of its own.
     Merged,
-    /// Which cameras a pixel is blended from, each in a colour of its own.
+    /// Cameras that a pixel is blended from, each in its own colour.
     Cameras,
 }
 

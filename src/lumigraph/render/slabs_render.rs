@@ -22,7 +22,7 @@ const FILLS: f64 = 0.5;
 /// Draws frames of slabs; owns its buffers.
 #[derive(Default)]
 pub struct SlabsRenderer {
-    /// Of each slab; the layers that one merged are where its next frame begins.
+    /// Renderer of each slab; the layers that one merged are the start of its next frame.
     renderers: Vec<LumigraphRenderer>,
     frame: Frame,
     stats: LumigraphStats,
@@ -78,7 +78,7 @@ fn share_of_second(known: [u8; 2], of_second: f64) -> f64 {
     }
 }
 
-/// What is known of a pixel, as [`share_of_second`] asks for it.
+/// Encodes the coverage of a pixel for [`share_of_second`].
 fn known(coverage: Coverage) -> u8 {
     if coverage.is_hole() {
         0
@@ -110,7 +110,7 @@ fn mix(frames: [&Frame; 2], of_second: f64, to: &mut Frame) {
     });
 }
 
-/// What [`SlabsRenderer::render`] draws, ray by ray and in `f64`.
+/// Renders the same frame as [`SlabsRenderer::render`], ray by ray and in `f64`.
 pub fn render_slabs_by_rays(slabs: &Slabs, camera: &Camera, settings: &LumigraphSettings) -> Frame {
     let drawn: Vec<(Frame, f64)> = slabs
         .shares(camera)

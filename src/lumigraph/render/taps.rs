@@ -123,7 +123,7 @@ fn add_tap<S: Simd>(
     sum[3] += weight;
 }
 
-/// Of numbers below 2^31.
+/// Converts numbers below 2^31.
 #[inline(always)]
 fn float<S: Simd>(of: u32x16<S>) -> f32x16<S> {
     of.bitcast::<i32x16<S>>().to_float::<f32x16<S>>()

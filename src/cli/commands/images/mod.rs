@@ -209,7 +209,7 @@ impl ImagesCommand {
         bar.finish();
         let Alignment {
             posed,
-            pictures,
+            photographs,
             model,
         } = aligned;
         eprintln!(

@@ -32,7 +32,7 @@ const ROUNDING: f64 = 1e-6;
 pub struct FromImages {
     /// The images.
     pub raw: RawLumigraph,
-    /// What was lost on the way: a sentence each.
+    /// Data that was lost: a sentence each.
     pub notes: Vec<String>,
 }
 
@@ -100,9 +100,9 @@ impl RawLumigraph {
     }
 }
 
-/// How far a camera may be off its place, metres. Its picture is brought there as what lies at the
-/// grid's convergence looks from there; by the bound of a layer (Eq. 4), that is wrong for what
-/// lies nearer or farther.
+/// Largest distance of a camera from its grid position, metres. Its image is reprojected there for
+/// the depth of the grid's convergence; by the bound of a layer (Eq. 4), nearer and farther
+/// surfaces are then displaced.
 fn most_off_m(raw: &RawLumigraph) -> f64 {
     let convergence = raw.grid().convergence();
     let apart = raw
@@ -112,8 +112,8 @@ fn most_off_m(raw: &RawLumigraph) -> f64 {
     MOST_DISPLACED_PX / (raw.grid().focal_px() * apart[0].max(apart[1]))
 }
 
-/// Where a picture's middle and corners look in plane space: x and y for each unit forward. Corners
-/// that look back are none.
+/// Slopes (x and y per unit forward) in plane space of an image's centre and corners. Corners that
+/// look backward are omitted.
 struct Slopes {
     middle: DVec2,
     corners: Vec<DVec2>,

@@ -24,7 +24,7 @@ struct Shot {
     depth: Vec<f32>,
 }
 
-/// Of nerfstudio's files.
+/// Axes of nerfstudio's files.
 const FRAME: FileFrame = FileFrame {
     up: UpAxis::Z,
     unit_m: 1.0,
@@ -53,12 +53,12 @@ fn write(folder: &Path, shots: &[Shot]) {
     std::fs::write(folder.join("transforms.json"), set.to_string()).expect("written");
 }
 
-/// What pictures become.
+/// Builds a lumigraph from images.
 fn made_of(shots: &[Shot]) -> Result<FromImages, FromImagesError> {
     with(shots, |_| {})
 }
 
-/// What pictures become in a set that is changed.
+/// Builds a lumigraph from a changed set.
 fn with(shots: &[Shot], change: impl FnOnce(&mut ImageSet)) -> Result<FromImages, FromImagesError> {
     let folder = tempfile::tempdir().expect("a folder");
     write(folder.path(), shots);
