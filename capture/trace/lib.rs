@@ -1,5 +1,5 @@
-//! Ray tracing: [`bvh`] (closest hits), [`sampler`] (where rays start and go), [`light`] (radiance
-//! at hits), [`viewpoint`] (where a headbox goes), [`truth`] (reference frames).
+//! Ray tracing: [`bvh`] (closest hits), [`sampler`] (ray sampling), [`light`] (radiance at hits),
+//! [`viewpoint`] (placement of the headbox), [`truth`] (reference frames).
 
 pub mod bvh;
 pub mod light;

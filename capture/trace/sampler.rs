@@ -1,5 +1,4 @@
-//! Where capture rays start and where they go: planar ray domains, their 4-D strata, and the
-//! square-to-disk map.
+//! Sampling of capture rays: planar ray domains, their 4-D strata, and the square-to-disk map.
 //!
 //! A *ray domain* is a parallelogram window (a face of the headbox, or the opening of a portal)
 //! with positions uniform on it and directions cosine-weighted about its outward normal: the
@@ -14,21 +13,21 @@ use crate::bvh::{PACKET, RayPacket};
 use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
 
-/// A planar window and the half space that its rays go into.
+/// A planar window and the half space of its rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayDomain {
-    /// Middle of the window, in the tracer's local frame, metres.
+    /// Centre of the window in the tracer's local frame, metres.
     pub centre: Vec3,
-    /// From the middle to the middle of one edge, metres.
+    /// Vector from the centre to the middle of one edge, metres.
     pub half_u: Vec3,
-    /// From the middle to the middle of the other edge, metres; perpendicular to `half_u`.
+    /// Vector from the centre to the middle of the other edge, metres; perpendicular to `half_u`.
     pub half_v: Vec3,
     /// Unit outward normal.
     pub normal: Vec3,
 }
 
 impl RayDomain {
-    /// A face of the cube of half-size `half_size_m` about the local origin.
+    /// Returns a face of the cube of half-size `half_size_m` about the local origin.
     pub fn cube_face(face: Face, half_size_m: f64) -> Self {
         let scaled = |v: DVec3| (v * half_size_m).as_vec3();
         Self {
@@ -40,7 +39,7 @@ impl RayDomain {
     }
 }
 
-/// How the 4-D domain is sampled.
+/// Sampling pattern of the 4-D domain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sampling {
     /// Jittered inside each stratum (S15, the default).
@@ -59,7 +58,7 @@ pub struct Strata {
     pub rays: u32,
     /// Random seed.
     pub seed: u64,
-    /// How a ray is placed.
+    /// Placement of rays.
     pub sampling: Sampling,
 }
 
@@ -85,9 +84,9 @@ impl Strata {
     }
 }
 
-/// The name of a ray: domain (8 bits), stratum (32 bits), number in its stratum (24 bits). Orders
-/// and identifies rays whatever thread traced them, so that ties between samples never depend on
-/// arrival.
+/// Identifier of a ray: domain (8 bits), stratum (32 bits), index in its stratum (24 bits). It
+/// orders rays independently of threads, so that ties between samples never depend on arrival
+/// order.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, bytemuck::Pod, bytemuck::Zeroable,
 )]
@@ -95,28 +94,28 @@ impl Strata {
 pub struct RayKey(pub u64);
 
 impl RayKey {
-    /// The key of ray `ray` in stratum `stratum` of domain `domain`.
+    /// Creates the key of ray `ray` in stratum `stratum` of domain `domain`.
     pub fn new(domain: u8, stratum: u32, ray: u32) -> Self {
         Self(u64::from(domain) << 56 | u64::from(stratum) << 24 | u64::from(ray & 0xff_ffff))
     }
 
-    /// The domain's number.
+    /// Returns the index of the domain.
     pub fn domain(self) -> u8 {
         (self.0 >> 56) as u8
     }
 
-    /// The stratum's number: direction cell times position cells, plus position cell.
+    /// Returns the index of the stratum: direction cell times position cells, plus position cell.
     pub fn stratum(self) -> u32 {
         (self.0 >> 24) as u32
     }
 
-    /// The ray's number in its stratum.
+    /// Returns the index of the ray in its stratum.
     pub fn ray(self) -> u32 {
         (self.0 & 0xff_ffff) as u32
     }
 }
 
-/// Four independent 32-bit random numbers from four counters (Jarzynski and Olano 2020, "Hash
+/// Hashes four counters to four independent 32-bit random numbers (Jarzynski and Olano 2020, "Hash
 /// functions for GPU rendering", `pcg4d`).
 #[inline(always)]
 pub fn random4(mut v: [u32; 4]) -> [u32; 4] {
@@ -137,7 +136,7 @@ pub fn random4(mut v: [u32; 4]) -> [u32; 4] {
     v
 }
 
-/// A random 32-bit number as a float in [0, 1).
+/// Converts a random 32-bit number to a float in [0, 1).
 #[inline]
 pub fn unit_float(random: u32) -> f32 {
     (random >> 8) as f32 * (1.0 / 16_777_216.0)
@@ -165,7 +164,7 @@ pub fn disk_from_square(u: f32, v: f32) -> [f32; 2] {
     }
 }
 
-/// The point of the unit square that [`disk_from_square`] maps to a point of the unit disk.
+/// Inverts [`disk_from_square`].
 pub fn square_from_disk([x, y]: [f32; 2]) -> [f32; 2] {
     use std::f32::consts::FRAC_PI_4;
     let x_is_radius = x.abs() > y.abs();
@@ -285,7 +284,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_disk_maps_back_to_the_square() {
+    fn square_from_disk_inverts_map() {
         let steps = [
             0.0, 1e-6, 0.1, 0.25, 0.499_999, 0.5, 0.500_001, 0.7, 0.999, 1.0,
         ];
@@ -300,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn disk_map_agrees_with_the_trigonometric_one_and_keeps_areas() {
+    fn disk_map_matches_trigonometry_and_keeps_areas() {
         /// Truncated series at pi/4 (2.5e-7) plus a few roundings.
         const POLYNOMIAL_ERROR: f32 = 1e-6;
         let mut inside_half_radius = 0i32;
@@ -348,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_start_in_their_stratum_and_leave_the_cube() {
+    fn rays_start_in_stratum_and_leave_cube() {
         for cell in [0, 13, 36, 63] {
             let job = face_cell(cell, Sampling::Stratified);
             for position_cell in 0..64 {
@@ -375,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_are_cosine_weighted() {
+    fn directions_cosine_weighted() {
         // The mean of the cosine under a cosine density is 2/3; 16,384 rays give a standard error
         // of 0.0018.
         for sampling in [Sampling::Stratified, Sampling::WhiteNoise] {
@@ -402,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_take_apart_again() {
+    fn key_fields_round_trip() {
         let key = RayKey::new(5, 0xdead_beef, 0x12_3456);
         assert_eq!(
             (key.domain(), key.stratum(), key.ray()),

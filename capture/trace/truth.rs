@@ -1,4 +1,4 @@
-//! Ray-traced reference frames: the same camera, the same light as a capture, to convergence.
+//! Ray-traced reference frames with the camera and light of a capture.
 
 use crate::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
 use crate::light::{LightSample, Lighting, pixel_jitter};
@@ -10,30 +10,30 @@ use headbox_core::progress::Progress;
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// A ray-traced frame, and what it is worth.
+/// Ray-traced frame and its standard error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// Coverage is the share of a pixel's rays that met a surface: full if all did, the environment
-    /// alone if none.
+    /// Colours and coverage: the fraction of a pixel's rays that hit a surface, full if all did,
+    /// environment if none.
     pub frame: Frame,
-    /// Linear radiance, row by row from the top; empty of a frame that was kept in a file.
+    /// Linear radiance, row by row from the top; empty if the frame was loaded from a file.
     pub radiance: Vec<[f32; 3]>,
-    /// Colours of the two independent halves of the samples, row by row from the top: what differs
-    /// between them is noise.
+    /// Colours of the two independent halves of the samples, row by row from the top: their
+    /// difference is noise.
     pub halves: [Vec<[u8; 3]>; 2],
-    /// How far the picture is from its own limit, as a PSNR in dB: from the difference between two
-    /// independent halves of the samples. Infinite if they agree to the last bit.
+    /// Standard error of the frame as a PSNR in dB, from the difference between the halves.
+    /// Infinite if they are equal.
     pub standard_error_psnr_db: f64,
 }
 
 impl Truth {
-    /// The colours as a picture.
+    /// Returns the colours as an image.
     pub fn rgb(&self) -> RgbImage {
-        // A traced frame has as many pixels as its size says.
+        // The pixel count of a traced frame always matches its size.
         self.frame.to_rgb().unwrap_or_default()
     }
 
-    /// The colours of each half of the samples as a picture.
+    /// Returns the colours of each half of the samples as an image.
     pub fn halves(&self) -> [RgbImage; 2] {
         let Frame { width, height, .. } = self.frame;
         self.halves
@@ -43,8 +43,8 @@ impl Truth {
 }
 
 /// Traces a frame with `samples` camera rays per pixel (rounded up to a multiple of 2), jittered
-/// over the pixel, one light sample each; 0 light samples (`lit` false) shows albedo and emission
-/// as a capture without light does. Of a frame that `progress` gave up, the rest is black.
+/// over the pixel, with one light sample each. Without light (`lit` false) it shows albedo and
+/// emission, as a capture without light does. The rest of a cancelled frame is black.
 pub fn render(
     tracer: &Tracer,
     lighting: &Lighting,
@@ -53,12 +53,13 @@ pub fn render(
     samples: u32,
     progress: &dyn Progress,
 ) -> Truth {
-    let (width, height) = (camera.width(), camera.height());
+    let width = camera.width();
+        let height = camera.height();
     let half = samples.div_ceil(2).max(1);
     progress.begin("truth", "rows", u64::from(height));
     let row = |y: u32| {
         if progress.is_cancelled() {
-            return vec![TracedPixel::DARK; width as usize];
+            return vec![TracedPixel::BLACK; width as usize];
         }
         let mut pixels = Vec::with_capacity(width as usize);
         for x in 0..width {
@@ -75,7 +76,7 @@ pub fn render(
             let halves = [first, second].map(|half| lighting.stored(half));
             let mean = (first + second) / 2.0;
             let [r, g, b] = lighting.stored(mean);
-            let coverage = surfaces_of(hits + more_hits, 2 * half);
+            let coverage = coverage_of_hits(hits + more_hits, 2 * half);
             pixels.push(TracedPixel {
                 radiance: mean.to_array(),
                 color: [r, g, b, 255],
@@ -107,7 +108,7 @@ pub fn render(
     }
 }
 
-/// How far the mean of two halves is from its own limit, as a PSNR in dB: it has half the standard
+/// Returns the standard error of the mean of two halves as a PSNR in dB: half the standard
 /// deviation of their difference.
 fn standard_error_psnr_db([first, second]: &[Vec<[u8; 3]>; 2]) -> f64 {
     let levels = first.as_flattened().iter().zip(second.as_flattened());
@@ -127,8 +128,8 @@ struct TracedPixel {
 }
 
 impl TracedPixel {
-    /// What nobody waited for.
-    const DARK: Self = Self {
+    /// Pixel of a cancelled row.
+        const BLACK: Self = Self {
         radiance: [0.0; 3],
         color: [0, 0, 0, 255],
         halves: [[0; 3]; 2],
@@ -136,14 +137,13 @@ impl TracedPixel {
     };
 }
 
-/// Eye depth of what each pixel's middle shows, metres, row by row; infinite where there is
-/// nothing.
+/// Traces the eye depth at each pixel's centre, metres, row by row; infinite without a hit.
 pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
     let pixels: Vec<(u32, u32)> = (0..camera.height())
         .flat_map(|y| (0..camera.width()).map(move |x| (x, y)))
         .collect();
-    let of_packet = |pixels: &[(u32, u32)]| {
-        // Directions reach to eye depth 1.
+    let trace_packet = |pixels: &[(u32, u32)]| {
+            // Directions have eye depth 1, so `t` is eye depth.
         let ray = |&(x, y): &(u32, u32)| {
             let direction = camera
                 .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
@@ -161,11 +161,12 @@ pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
             .map(|lane| hits.hit(lane).map_or(f32::INFINITY, |hit| hit.t))
             .collect::<Vec<f32>>()
     };
-    pixels.par_chunks(PACKET).flat_map_iter(of_packet).collect()
+    pixels.par_chunks(PACKET).flat_map_iter(trace_packet).collect()
 }
 
-/// Coverage of a pixel of which `hits` of `rays` rays met a surface: full for all of them only.
-fn surfaces_of(hits: u32, rays: u32) -> Coverage {
+/// Returns the coverage of a pixel of which `hits` of `rays` rays hit a surface: full only for all
+/// of them.
+fn coverage_of_hits(hits: u32, rays: u32) -> Coverage {
     match u64::from(hits) * 255 / u64::from(rays.max(1)) {
         0 if hits == 0 => Coverage::ENVIRONMENT,
         share => Coverage::from_splat_share(share as u8),
@@ -183,7 +184,7 @@ struct PixelTracer<'a> {
 }
 
 impl PixelTracer<'_> {
-    /// Mean radiance of samples `first..first + count`, linear, and how many of them met a surface.
+    /// Returns the mean linear radiance of samples `first..first + count` and the number of hits.
     fn radiance(&self, first: u32, count: u32) -> (Vec3, u32) {
         let mut sum = Vec3::ZERO;
         let mut surfaces = 0;
@@ -195,13 +196,13 @@ impl PixelTracer<'_> {
             for (lane, index) in numbers.enumerate() {
                 let hit = hits.hit(lane);
                 surfaces += u32::from(hit.is_some());
-                sum += self.seen(&rays[lane], hit.as_ref(), first, index);
+                sum += self.ray_radiance(&rays[lane], hit.as_ref(), first, index);
             }
         }
         (sum / count as f32, surfaces)
     }
 
-    /// Camera ray number `index`.
+    /// Returns camera ray number `index`.
     fn ray(&self, index: u32) -> Ray {
         let [dx, dy] = pixel_jitter(self.x, self.y, index).map(f64::from);
         let direction = self
@@ -217,9 +218,9 @@ impl PixelTracer<'_> {
         }
     }
 
-    /// Radiance along a ray; samples from number `first` on are spread evenly, independently of
-    /// those before.
-    fn seen(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
+    /// Returns the radiance along a ray; samples from number `first` on form an evenly distributed
+    /// sequence, independent of those before.
+        fn ray_radiance(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
         let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
         let sample = LightSample {
             stream,

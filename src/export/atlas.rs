@@ -11,7 +11,7 @@ pub(super) struct AtlasPicture {
     pub(super) texels: Vec<[u8; 4]>,
 }
 
-/// Where a picture lies.
+/// Position of an image in the atlas.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct AtlasPlace {
     pub(super) page: usize,

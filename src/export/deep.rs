@@ -21,7 +21,7 @@ use headbox_images::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind
 use rayon::prelude::*;
 use std::io::{self, Write};
 
-/// Which faces a file holds.
+/// Faces in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Faces {
     /// All six, one above another.
@@ -57,7 +57,7 @@ impl Faces {
     }
 }
 
-/// What a file holds.
+/// Summary of a file.
 #[derive(Clone, Copy, Debug)]
 pub struct DeepSummary {
     /// Samples.

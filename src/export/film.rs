@@ -14,7 +14,7 @@ use tempfile::NamedTempFile;
 /// Frames as they are made.
 type Frames<'a> = &'a mut dyn Iterator<Item = io::Result<RgbImage>>;
 
-/// Whether the ending of a file is that of a film.
+/// Returns true if the file's extension is that of a film.
 pub fn is_film(path: &Path) -> bool {
     ENDINGS.iter().any(|ending| has_ending(path, ending))
 }
@@ -297,7 +297,7 @@ mod tests {
         assert!(error.to_string().contains("one --size") && !path.exists());
     }
 
-    /// What a `.webm` says by Matroska's own numbers: the projection, and which half each eye sees.
+    /// Parsed by Matroska's own element numbers: the projection, and the half for each eye.
     #[test]
     fn films_in_webm_say_what_surrounds_the_eye() {
         let folder = tempfile::tempdir().unwrap();

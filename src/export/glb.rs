@@ -32,12 +32,12 @@ const PLANES_ERROR_PX: f64 = 1.0;
 /// The least alpha that is drawn. Where two surfaces meet each has a rim that is half open; with
 /// 0.5 the background shows between them.
 const ALPHA_CUTOFF: f64 = 0.35;
-/// Of opaque textures.
+/// JPEG quality of opaque textures.
 const JPEG_QUALITY: u8 = 92;
-/// Of textures with holes; the most that there is takes twice as long for 2 % of their bytes.
+/// PNG effort of textures with holes; the highest takes twice as long for 2 % fewer bytes.
 const PNG_EFFORT: CompressionType = CompressionType::Default;
 
-/// What became of a capture.
+/// Summary of an exported capture.
 #[derive(Clone, Copy, Debug)]
 pub struct GlbSummary {
     /// Triangles in the file.

@@ -34,15 +34,15 @@ pub(super) struct Quad {
 pub(super) struct TexturedQuads {
     pub(super) picture: AtlasPicture,
     pub(super) quads: Vec<Quad>,
-    /// Whether each texel hides what is behind it.
+    /// True if every texel is opaque.
     pub(super) opaque: bool,
-    /// How much it shows, px.
+    /// Number of samples that it shows, px.
     pub(super) samples: u32,
 }
 
-/// Whether texels are where they belong although engines take them for spread evenly over a
-/// quadrilateral that recedes. Of a length L whose ends are r times as far as each other, the
-/// middle is off by L (r - 1) / (2 (r + 1)).
+/// Returns true if texels stay in place although engines spread them evenly over a receding
+/// quadrilateral. For a length L whose ends are at distances of ratio r, the middle is off by L (r
+/// - 1) / (2 (r + 1)).
 fn holds_texels(length_px: f64, [q0, q1]: [f64; 2]) -> bool {
     let ratio = q0.max(q1) / q0.min(q1);
     length_px * (ratio - 1.0) / (2.0 * (ratio + 1.0)) <= TEXEL_ERROR_PX

@@ -109,7 +109,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// What is seen in a direction from the eye.
+    /// Samples the sprites in a direction from the eye.
     fn sample(&self, face: Face, direction: DVec3) -> Option<DepthPixel> {
         let [x, y, _] = self.camera.project(self.camera.eye() + direction)?;
         let color_srgb = self.color(x, y)?;

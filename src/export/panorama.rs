@@ -25,7 +25,7 @@ pub fn equirectangular<E: From<CameraError>>(
     columns(camera, height, 0..2 * height, draw)
 }
 
-/// What lies before the eye of a camera, 180 by 180 degrees: the middle half of
+/// Renders the half sphere before a camera, 180 by 180 degrees: the middle half of
 /// [`equirectangular`].
 ///
 /// # Errors

@@ -1,5 +1,5 @@
-//! What each pixel of a face sees from the centre of the headbox, from front to back, and coverage
-//! that several of them share.
+//! Pieces: the surfaces of each face pixel as seen from the centre of the headbox, front to back,
+//! with the coverage that several of them share.
 
 use super::surfels::straight;
 use crate::surfels;
@@ -21,7 +21,7 @@ pub(super) struct Piece {
     place: Place,
 }
 
-/// Where a piece lies in the cube.
+/// Source of a piece in the cube.
 #[derive(Clone, Copy, Debug)]
 enum Place {
     /// Segment and depth pixel.

@@ -137,7 +137,7 @@ fn entries<'a>(
     })
 }
 
-/// What decides whether samples are of one surface.
+/// Assignment of samples to surfaces.
 struct Dealer {
     tolerance: f64,
     bin: f64,

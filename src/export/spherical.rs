@@ -1,11 +1,11 @@
-//! What an MP4 file says of a film in all directions: Google's *Spherical Video V2* (boxes `st3d`
-//! and `sv3d` in the video's sample entry), by which players know that it surrounds them, and which
-//! half each eye sees. ffmpeg makes WebM's words for it of these.
+//! Metadata of spherical MP4 films: Google's *Spherical Video V2* (boxes `st3d` and `sv3d` in the
+//! video's sample entry), from which players learn the projection and which half each eye sees.
+//! ffmpeg converts these to WebM's elements.
 
 use super::stereo::View;
 use std::io;
 
-/// What a film surrounds its eye with.
+/// Spherical projection of a film.
 struct Spherical {
     /// `stereo_mode` of `st3d`: 0 one eye, 1 the left one above, 2 the left one on the left.
     stereo: u8,
@@ -74,7 +74,7 @@ const WAY: [(&[&[u8; 4]], usize); 7] = [
     (&[b"avc1", b"vp09"], 86),
 ];
 
-/// Whether there is something to be told of a view.
+/// Returns true if a view has metadata.
 pub(super) fn is_told(view: View) -> bool {
     Spherical::of(view).is_some()
 }
@@ -112,7 +112,7 @@ fn word(film: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_be_bytes(film.get(at..at + 4)?.try_into().ok()?))
 }
 
-/// Where the first box of some names is among those that lie one after the other.
+/// Finds the first box with one of the names among consecutive boxes.
 fn find(
     film: &[u8],
     within: std::ops::Range<usize>,

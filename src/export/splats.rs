@@ -20,7 +20,7 @@ const SPACINGS: f64 = 0.65;
 const FLATNESS: f32 = 0.02;
 /// Opacities are stored as logits, which must be finite.
 const OPACITY: [f32; 2] = [0.004, 0.996];
-/// Of the spherical harmonic of degree 0.
+/// Spherical harmonic of degree 0.
 const HARMONIC_0: f32 = 0.282_094_8;
 
 /// Writes all samples, and the environment far away.

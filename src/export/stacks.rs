@@ -37,7 +37,7 @@ impl Deep {
 
 /// The samples of all pixels of a face.
 pub(super) struct Stacks {
-    /// Where the samples of each pixel begin, row by row from the top, and at last their number.
+    /// Offset of each pixel's samples, row by row from the top, and finally their number.
     pub(super) offsets: Vec<u32>,
     /// Nearest first within a pixel, no two at one depth, none behind what hides it.
     pub(super) samples: Vec<Deep>,

@@ -13,7 +13,7 @@ use image::RgbImage;
 use image::imageops::replace;
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_8, PI, TAU};
 
-/// What a picture shows of what is about an eye.
+/// Projection of the surroundings onto an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum View {
     /// The camera's own frame.
@@ -208,7 +208,7 @@ mod tests {
         })
     }
 
-    /// Where the pole is in a row, pixels; its middle.
+    /// Finds the pole in a row, pixels; its middle.
     fn pole_at(picture: &RgbImage, y: u32) -> f64 {
         let red = (0..picture.width())
             .filter(|x| picture.get_pixel(*x, y).0[0] > 240 && picture.get_pixel(*x, y).0[1] < 40);

@@ -12,14 +12,14 @@ pub(super) struct Surfel {
     pub(super) position: DVec3,
     /// Unit normal, world axes.
     pub(super) normal: DVec3,
-    /// Where the next samples of the surface lie, to the right and below on the face, metres.
+    /// Offsets to the next samples of the surface, to the right and below on the face, metres.
     pub(super) along: [DVec3; 2],
     /// Straight alpha.
     pub(super) color_srgb: [u8; 4],
 }
 
 impl Surfel {
-    /// What a face sees in the direction `d` (eye depth 1) at an inverse depth, on a plane with a
+    /// Surface seen by a face in direction `d` (eye depth 1) at an inverse depth, on a plane with a
     /// normal.
     fn new(
         face: Face,

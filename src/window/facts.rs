@@ -4,7 +4,7 @@ use headbox_core::file_frame::FileFrame;
 use headbox_core::simd;
 use headbox_viewer::Fact;
 
-/// What frames are drawn with.
+/// SIMD level of the frames.
 pub(super) fn simd_fact() -> Fact {
     Fact {
         name: "SIMD level",
@@ -12,7 +12,7 @@ pub(super) fn simd_fact() -> Fact {
     }
 }
 
-/// What was taken for the file's axes and unit.
+/// Axes and unit assumed for the file.
 pub(super) fn axes_fact(frame: &FileFrame) -> Fact {
     Fact {
         name: "in the file",

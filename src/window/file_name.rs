@@ -1,4 +1,4 @@
-//! What a file is called in titles.
+//! File names in titles.
 
 use std::path::Path;
 

@@ -1,6 +1,5 @@
-//! What the window shows of headbox: each kind of file as a
-//! [`FrameSource`](headbox_viewer::FrameSource), and the built-in scenes as its
-//! [`Library`](headbox_viewer::Library).
+//! Sources of the window: each kind of file as a [`FrameSource`](headbox_viewer::FrameSource), and
+//! the built-in scenes as its [`Library`](headbox_viewer::Library).
 //!
 //! | file | what |
 //! |---|---|
@@ -42,7 +41,7 @@ use headbox_core::camera::Camera;
 use headbox_trace::viewpoint::level_up;
 use headbox_viewer::Pose;
 
-/// Where one starts that is to see what a camera shows, upright.
+/// Upright pose that shows what a camera sees.
 fn start_at(camera: &Camera) -> Pose {
     let fov_y_deg = 2.0
         * (f64::from(camera.height()) / 2.0 / camera.focal_px())

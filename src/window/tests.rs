@@ -297,7 +297,7 @@ fn the_built_in_house_is_walked_at_once_and_lit_later() {
     assert!(matches!(report.refinement, Refinement::Later(_)));
 }
 
-/// As the window writes frames of a path, and as the command line does.
+/// Writes frames of a path as the window does, and as the command line does.
 #[test]
 fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
     let dir = tempfile::tempdir().unwrap();

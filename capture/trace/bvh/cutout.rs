@@ -1,24 +1,24 @@
-//! Cut-outs: where a texture's alpha says that a triangle is not there.
+//! Alpha cut-outs of textures.
 
 use glam::Vec2;
 use headbox_scene::material::Cutout;
 use headbox_scene::scene::Scene;
 
-/// The cut-outs of a scene, by material.
+/// Cut-outs of a scene by material.
 #[derive(Debug)]
 pub(super) struct Cutouts {
-    of_material: Vec<Option<Cutout>>,
+    by_material: Vec<Option<Cutout>>,
 }
 
 impl Cutouts {
-    /// Materials whose cut-out can be looked up. A cut-out needs texture coordinates and its
-    /// texture; without them the surface is opaque.
+    /// Collects the usable cut-outs. A cut-out needs texture coordinates and its texture; without
+    /// them the surface is opaque.
     pub(super) fn new(scene: &Scene) -> Self {
         let usable = |cutout: &Cutout| {
             !scene.texcoords.is_empty() && (cutout.texture as usize) < scene.textures.len()
         };
         Self {
-            of_material: scene
+            by_material: scene
                 .materials
                 .iter()
                 .map(|material| material.cutout.filter(usable))
@@ -26,12 +26,12 @@ impl Cutouts {
         }
     }
 
-    /// Whether a triangle's material has a cut-out.
+    /// Returns true if a material has a cut-out.
     pub(super) fn has(&self, material: u32) -> bool {
         self.get(material).is_some()
     }
 
-    /// As [`Self::is_opaque`], of any triangle.
+    /// Returns [`Self::is_opaque`] of any triangle.
     pub(super) fn is_there(&self, scene: &Scene, primitive: u32, weights: [f32; 2]) -> bool {
         let has_holes = scene
             .triangles
@@ -40,8 +40,8 @@ impl Cutouts {
         !has_holes || self.is_opaque(scene, primitive, weights)
     }
 
-    /// Whether the triangle is there at the point with barycentric weights `u` and `v` of its
-    /// second and third vertex.
+    /// Returns true if a triangle with a cut-out is opaque at the barycentric weights `u` and `v`
+    /// of its second and third vertex.
     #[cold]
     #[inline(never)]
     pub(super) fn is_opaque(&self, scene: &Scene, primitive: u32, [u, v]: [f32; 2]) -> bool {
@@ -56,14 +56,14 @@ impl Cutouts {
                     .copied()
                     .unwrap_or(Vec2::ZERO)
             });
-            let at = a * (1.0 - u - v) + b * u + c * v;
-            let [.., alpha] = texture.sample(at.x, at.y);
+            let texcoord = a * (1.0 - u - v) + b * u + c * v;
+                        let [.., alpha] = texture.sample(texcoord.x, texcoord.y);
             Some(alpha >= cutout.threshold)
         };
         sample().unwrap_or(true)
     }
 
     fn get(&self, material: u32) -> Option<Cutout> {
-        self.of_material.get(material as usize).copied().flatten()
+        self.by_material.get(material as usize).copied().flatten()
     }
 }

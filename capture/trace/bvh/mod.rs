@@ -19,8 +19,8 @@
 //!    beyond the closest hit so far holds no closer one, whatever the traversal;
 //! 4. a cut-out texture, where there is one, is opaque there.
 //!
-//! The closest hit is the least (t, primitive index), told of the right one of triangles in the
-//! same place (`twins`). No operation is contracted or approximated.
+//! The closest hit is the smallest (t, primitive index), with coincident triangles resolved by
+//! orientation (`twins`). No operation is contracted or approximated.
 
 mod build;
 mod cutout;
@@ -40,8 +40,7 @@ use cutout::Cutouts;
 use facts::Facts;
 use fearless_simd::{Level, dispatch};
 use glam::{DVec3, Vec3};
-use headbox_scene::scene::Scene;
-use headbox_scene::scene::Surface;
+use headbox_scene::scene::{Scene, Surface};
 use std::sync::Arc;
 use tree::Tree;
 use twins::Twins;
@@ -57,13 +56,13 @@ pub struct Ray {
     pub origin: Vec3,
     /// Direction, need not be normalised.
     pub direction: Vec3,
-    /// Hits nearer than this (in units of the direction's length) are not seen.
+    /// Minimum distance of hits, in units of the direction's length.
     pub t_min: f32,
-    /// Hits farther than this are not seen.
+    /// Maximum distance of hits, in the same unit.
     pub t_max: f32,
 }
 
-/// Where a ray met a triangle.
+/// Intersection of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance in units of the ray direction's length.
@@ -85,7 +84,7 @@ pub const MAX_COORDINATE: f32 = 1.099_511_6e12;
 /// reason.
 pub const DIRECTION_RANGE: std::ops::RangeInclusive<f32> = 9.094_947e-13..=1.099_511_6e12;
 
-/// A scene ready to be hit by rays.
+/// Acceleration structure of a scene.
 ///
 /// Triangles with a vertex that is not finite or exceeds [`MAX_COORDINATE`], and triangles without
 /// area, are left out and never hit.
@@ -108,7 +107,7 @@ impl Tracer {
         Self::with_level(scene, origin, headbox_core::simd::level())
     }
 
-    /// As [`Self::new`], at a given SIMD level: every level gives the same bits.
+    /// Builds the tree like [`Self::new`], for a given SIMD level: every level gives the same bits.
     pub fn with_level(scene: Arc<Scene>, origin: DVec3, level: Level) -> Self {
         let cutouts = Cutouts::new(&scene);
         let tree = build::build(&scene, origin, &cutouts);
@@ -125,22 +124,23 @@ impl Tracer {
         }
     }
 
-    /// The scene.
+    /// Returns the scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// World position of the local frame's origin, metres.
+    /// Returns the world position of the local frame's origin, metres.
     pub fn origin(&self) -> DVec3 {
         self.origin
     }
 
-    /// Local positions of a triangle's vertices, metres; NaN if there is no such triangle.
+    /// Returns the local positions of a triangle's vertices, metres; NaN if there is no such
+    /// triangle.
     pub fn triangle(&self, primitive: u32) -> [Vec3; 3] {
         build::local_triangle(&self.scene, self.origin, primitive).unwrap_or([Vec3::NAN; 3])
     }
 
-    /// As [`Scene::geometric_normal`]; straight up if there is no such triangle.
+    /// Returns the cached [`Scene::geometric_normal`]; +Y if there is no such triangle.
     #[inline]
     pub fn geometric_normal(&self, primitive: u32) -> Vec3 {
         self.facts
@@ -148,8 +148,8 @@ impl Tracer {
             .map_or(Vec3::Y, |facts| facts.normal)
     }
 
-    /// Largest absolute coordinate of a triangle in the local frame, metres; 0 if there is no such
-    /// triangle.
+    /// Returns the largest absolute coordinate of a triangle in the local frame, metres; 0 if there
+    /// is no such triangle.
     #[inline]
     pub fn extent(&self, primitive: u32) -> f32 {
         self.facts
@@ -157,10 +157,9 @@ impl Tracer {
             .map_or(0.0, |facts| facts.extent)
     }
 
-    /// Whether a ray along `direction` that meets a triangle at barycentric weights `u` and `v`
-    /// sees it there: not in a hole of it, and not where another one in the same place turns its
-    /// front to the ray.
-    pub fn is_seen(&self, direction: Vec3, primitive: u32, u: f32, v: f32) -> bool {
+    /// Returns true if a triangle is visible to a ray along `direction` at barycentric weights `u`
+    /// and `v`: not cut out, and not replaced by a coincident triangle that faces the ray.
+        pub fn is_seen(&self, direction: Vec3, primitive: u32, u: f32, v: f32) -> bool {
         let hit = Hit {
             t: 0.0,
             primitive,
@@ -175,47 +174,47 @@ impl Tracer {
                 == primitive
     }
 
-    /// As [`Scene::surface`].
+    /// Returns [`Scene::surface`] with the cached normal.
     pub fn surface(&self, primitive: u32, u: f32, v: f32) -> Surface {
         self.scene
             .surface_facing(primitive, self.geometric_normal(primitive), u, v)
     }
 
-    /// The closest hit of a ray, the least (t, primitive) of all its hits; of triangles in exactly
-    /// the same place, the first that turns its front to the ray, or else the first.
+    /// Returns the closest hit of a ray, the smallest (t, primitive) of all its hits; of coincident
+    /// triangles, the first that faces the ray, or else the first.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
-        let mut found = single::Closest::new(ray.t_max);
-        dispatch!(self.level, simd => single::search(simd, self, ray, &mut found));
-        found.hit().map(|hit| {
+        let mut closest = single::Closest::new(ray.t_max);
+                dispatch!(self.level, simd => single::search(simd, self, ray, &mut closest));
+                closest.hit().map(|hit| {
             self.twins
                 .facing(ray.direction, hit, |primitive| self.triangle(primitive))
         })
     }
 
-    /// Whether anything lies on the ray between `t_min` and `t_max`.
+    /// Returns true if the ray hits anything between `t_min` and `t_max`.
     pub fn occluded(&self, ray: &Ray) -> bool {
-        let mut found = single::Occluded::new(ray.t_max);
-        dispatch!(self.level, simd => single::search(simd, self, ray, &mut found));
-        found.blocked()
+        let mut occluded = single::Occluded::new(ray.t_max);
+                dispatch!(self.level, simd => single::search(simd, self, ray, &mut occluded));
+                occluded.blocked()
     }
 
     /// Calls `visit` with every hit on the ray exactly once, in the order of (t, primitive).
     pub fn all_hits(&self, ray: &Ray, visit: &mut dyn FnMut(Hit)) {
-        let mut found = single::All::new(ray.t_max);
-        dispatch!(self.level, simd => single::search(simd, self, ray, &mut found));
-        found.into_sorted().into_iter().for_each(visit);
+        let mut all = single::All::new(ray.t_max);
+                dispatch!(self.level, simd => single::search(simd, self, ray, &mut all));
+                all.into_sorted().into_iter().for_each(visit);
     }
 
-    /// The closest hits of the active rays of a packet: the same bits as [`Self::closest`] gives
-    /// for each.
+    /// Returns the closest hits of the active rays of a packet, equal to the bit to those of
+    /// [`Self::closest`].
     pub fn closest_packet(&self, rays: &RayPacket) -> HitPacket {
         let mut hits = HitPacket::MISS;
         self.closest_packets(std::slice::from_ref(rays), std::slice::from_mut(&mut hits));
         hits
     }
 
-    /// As [`Self::closest_packet`] for each packet of a slice, faster than one call each. Stops at
-    /// the end of the shorter slice.
+    /// Traces each packet of a slice like [`Self::closest_packet`], faster than one call each.
+    /// Stops at the end of the shorter slice.
     pub fn closest_packets(&self, rays: &[RayPacket], hits: &mut [HitPacket]) {
         dispatch!(self.level, simd => packet::closest(simd, self, rays, hits));
         if self.twins.is_empty() {
@@ -234,8 +233,8 @@ impl Tracer {
         }
     }
 
-    /// Which active rays of a packet are blocked: bit k belongs to ray k, as [`Self::occluded`]
-    /// says of it.
+    /// Returns a mask of the occluded active rays of a packet: bit k is [`Self::occluded`] of ray
+    /// k.
     pub fn occluded_packet(&self, rays: &RayPacket) -> u16 {
         let mut blocked = 0;
         self.occluded_packets(
@@ -245,8 +244,8 @@ impl Tracer {
         blocked
     }
 
-    /// As [`Self::occluded_packet`] for each packet of a slice. Stops at the end of the shorter
-    /// slice.
+    /// Traces each packet of a slice like [`Self::occluded_packet`]. Stops at the end of the
+    /// shorter slice.
     pub fn occluded_packets(&self, rays: &[RayPacket], blocked: &mut [u16]) {
         dispatch!(self.level, simd => packet::occluded(simd, self, rays, blocked));
     }

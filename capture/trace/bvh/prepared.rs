@@ -1,4 +1,4 @@
-//! What a traversal needs to know of a ray: the constants of the box test and of the shear.
+//! Per-ray constants of traversal: those of the box test and of the shear.
 //!
 //! # Box test
 //!
@@ -20,18 +20,18 @@ use super::{DIRECTION_RANGE, MAX_COORDINATE, Ray};
 /// about 7 are needed (see the module). At 10 m this is 10 micrometres: it costs no speed.
 pub(super) const GROWTH: f32 = 9.536_743e-7;
 
-/// Direction components below this share of the largest count as this share: 2^-40.
+/// Minimum ratio of a direction component to the largest; smaller ones are raised to it: 2^-40.
 const SMALLEST_SHARE: f32 = 9.094_947e-13;
 
-/// The constants of a ray on one axis.
+/// Constants of a ray on one axis.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Slab {
     /// Subtracted from the plane through which the ray enters.
     pub(super) near_origin: f32,
     /// Subtracted from the plane through which the ray leaves.
     pub(super) far_origin: f32,
-    /// Reciprocal of the direction's component; never zero, never infinite. Its sign says which
-    /// plane is near.
+    /// Reciprocal of the direction's component; never zero, never infinite. Its sign determines the
+    /// near plane.
     pub(super) inverse: f32,
 }
 
@@ -76,14 +76,14 @@ macro_rules! each_axis {
 }
 pub(super) use each_axis;
 
-/// The larger of two numbers, neither of them NaN, as one instruction (`f32::max` also looks after
-/// NaN).
+/// Returns the larger of two numbers, neither of them NaN, as one instruction (`f32::max` also
+/// handles NaN).
 #[inline]
 pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The axis of the direction's largest component: 0, 1 or 2. The lower axis wins a tie.
+/// Returns the axis of the direction's largest component: 0, 1 or 2. The lower axis wins a tie.
 #[inline(always)]
 pub(super) fn main_axis(direction: [f32; 3]) -> u32 {
     let [x, y, z] = [direction[0].abs(), direction[1].abs(), direction[2].abs()];
@@ -91,7 +91,7 @@ pub(super) fn main_axis(direction: [f32; 3]) -> u32 {
     if larger(x, y) >= z { first } else { 2 }
 }
 
-/// Whether the traversal may take the ray at all; see [`Ray`]. `largest_*` are over the absolute
+/// Returns true for a ray that may hit something; see [`Ray`]. `largest_*` are the largest absolute
 /// components.
 #[inline(always)]
 pub(super) fn is_valid(
@@ -112,7 +112,7 @@ pub(super) fn is_valid(
         & (t_min <= t_max)
 }
 
-/// The largest absolute value of three numbers.
+/// Returns the largest absolute value of three numbers.
 #[inline(always)]
 pub(super) fn largest(v: [f32; 3]) -> f32 {
     let [x, y, z] = [v[0].abs(), v[1].abs(), v[2].abs()];
@@ -134,7 +134,7 @@ pub(super) struct Prepared {
 }
 
 impl Prepared {
-    /// `None` for a ray that hits nothing by definition; see [`Ray`].
+    /// Prepares a ray; `None` for a ray that hits nothing by definition; see [`Ray`].
     #[inline(always)]
     pub(super) fn new(ray: &Ray) -> Option<Self> {
         let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
@@ -156,14 +156,14 @@ impl Prepared {
         })
     }
 
-    /// Reciprocal of the direction on z'.
+    /// Returns the reciprocal of the direction on z'.
     #[inline]
     pub(super) fn inverse_main(&self) -> f32 {
         self.slabs[self.axes[2]].inverse
     }
 }
 
-/// The axes x', y', z' for a main axis.
+/// Returns the axes x', y', z' for a main axis.
 #[inline]
 pub(super) fn axes_of(main_axis: u32) -> [usize; 3] {
     match main_axis {

@@ -1,9 +1,9 @@
-//! Where to look from, and where to, when nobody says.
+//! Default placement of the headbox and default viewing direction.
 //!
-//! | file | what |
+//! | module | content |
 //! |---|---|
-//! | `place` | the headbox: a person standing on a floor where there is one, else free space with something around it, else before it all |
-//! | `view` | the direction with the most to see |
+//! | `place` | the headbox: at eye height on a floor if there is one, else in free space with surroundings, else in front of the scene |
+//! | `view` | the direction with the most variation |
 
 mod place;
 #[cfg(test)]
@@ -19,33 +19,34 @@ pub use view::suggest_view;
 use crate::bvh::{Hit, Ray, Tracer};
 use glam::{DVec3, Vec3};
 
-/// Directions in which clearance is measured.
+/// Number of directions in which clearance is measured.
 const DIRECTIONS: u32 = 128;
 
-/// What rays in all directions from a point find.
+/// Statistics of the surfaces around a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings {
-    /// Distance to the nearest surface found, metres; infinite if none was.
+    /// Distance to the nearest surface, metres; infinite without any.
     pub clearance_m: f64,
-    /// Half of the surfaces found are farther away than this, metres; infinite if none was found.
+    /// Median distance of the surfaces, metres; infinite without any.
     pub median_m: f64,
-    /// Share of directions in which there is a surface.
+    /// Fraction of directions with a surface.
     pub enclosed: f64,
-    /// Share of these surfaces that are seen from their back.
+    /// Fraction of these surfaces that are seen from their back.
     pub backs: f64,
 }
 
-/// What a person takes for up where pictures were taken with `pictures_up` upward: +Y, unless that
-/// shows them on their side.
+/// Returns the up direction for images taken with `pictures_up` upward: +Y, unless that would show
+/// them on their side.
 pub fn level_up(pictures_up: Option<DVec3>) -> DVec3 {
     /// Cosine of 45 degrees: cameras may look down, or up, and +Y is still up.
     const LEVEL: f64 = std::f64::consts::FRAC_1_SQRT_2;
     pictures_up.filter(|up| up.y < LEVEL).unwrap_or(DVec3::Y)
 }
 
-/// Looks around from a world position (128 directions, evenly spread).
+/// Measures the surroundings of a world position (128 directions, evenly spread).
 pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
-    let (mut distances, mut backs) = (Vec::with_capacity(DIRECTIONS as usize), 0);
+    let mut distances = Vec::with_capacity(DIRECTIONS as usize);
+        let mut backs = 0;
     for i in 0..DIRECTIONS {
         let y = 1.0 - 2.0 * (i as f32 + 0.5) / DIRECTIONS as f32;
         let (sin, cos) = (i as f32 * 2.399_963_2).sin_cos(); // the golden angle
@@ -73,7 +74,7 @@ pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
     }
 }
 
-/// What a ray from a world position meets first.
+/// Returns the closest hit of a ray from a world position.
 fn cast(tracer: &Tracer, world: DVec3, direction: Vec3) -> Option<Hit> {
     let origin = (world - tracer.origin()).as_vec3();
     tracer.closest(&Ray {

@@ -1,37 +1,36 @@
-//! Where to look.
+//! Default viewing direction.
 
 use super::cast;
 use crate::bvh::Tracer;
 use glam::{DVec3, Vec3};
 
-/// Directions around the horizon that are tried.
+/// Number of horizontal directions that are tried.
 const AZIMUTHS: u32 = 16;
-/// Rays across and up a view that is tried.
+/// Numbers of rays across and up a view.
 const RAYS: [u32; 2] = [24, 16];
 /// Half the width and half the height of a view, as tangents: 62 by 44 degrees.
 const HALF_VIEW: [f64; 2] = [0.6, 0.4];
-/// A view that reaches this share of the best is as good, and the one nearest to straight ahead
-/// (-Z) is taken: people expect to look where a scene's maker looked.
+/// Fraction of the best interest from which a view counts as equally good; of these, the one
+/// nearest to -Z is chosen, the direction that scene authors usually intend.
 const AS_GOOD: f64 = 0.8;
 
-/// A direction to look in.
+/// A candidate viewing direction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
-    /// How much there is to see.
+    /// Amount of visible variation.
     pub(super) interest: f64,
-    /// A unit vector, world axes.
+    /// Unit vector, world axes.
     pub(super) ahead: DVec3,
 }
 
-/// The horizontal direction with the most to see from a world position: the one in whose view
-/// depth, orientation and colour change most from ray to ray, weighted by how far one can see; a
-/// blank wall and an empty sky have nothing of either. Every default camera is this one. A unit
-/// vector, world axes.
+/// Returns the default horizontal viewing direction from a world position, a unit vector in world
+/// axes: the one in whose view depth, orientation and colour change most from ray to ray, weighted
+/// by distance. A blank wall and an empty sky have neither. Every default camera uses it.
 pub fn suggest_view(tracer: &Tracer, world: DVec3) -> DVec3 {
     best_view(tracer, world).ahead
 }
 
-/// As [`suggest_view`].
+/// Returns the view of [`suggest_view`] with its interest.
 pub(super) fn best_view(tracer: &Tracer, world: DVec3) -> View {
     let views = (0..AZIMUTHS).map(|i| {
         let angle = f64::from(i) / f64::from(AZIMUTHS) * std::f64::consts::TAU;
@@ -62,76 +61,74 @@ pub(super) fn best_view(tracer: &Tracer, world: DVec3) -> View {
     )
 }
 
-/// What a ray sees.
+/// Surface hit by a ray.
 #[derive(Clone, Copy)]
-struct Seen {
+struct VisibleSurface {
     distance_m: f64,
     normal: Vec3,
     albedo: Vec3,
 }
 
 /// A ray of a view.
-struct Ray {
-    seen: Option<Seen>,
-    /// Its solid angle, over that of a ray straight ahead.
+struct ViewRay {
+    surface: Option<VisibleSurface>,
+    /// Solid angle relative to that of the central ray.
     share: f64,
 }
 
-/// How much there is to see in a direction.
+/// Returns the interest of a direction.
 fn interest(tracer: &Tracer, world: DVec3, ahead: DVec3) -> f64 {
     let right = ahead.cross(DVec3::Y);
     let [columns, rows] = RAYS;
-    let place = |i: u32, count: u32| f64::from(2 * i + 1) / f64::from(count) - 1.0;
-    let rays: Vec<Ray> = (0..rows * columns)
+    let position = |i: u32, count: u32| f64::from(2 * i + 1) / f64::from(count) - 1.0;
+    let rays: Vec<ViewRay> = (0..rows * columns)
         .map(|i| {
-            let (x, y) = (
-                place(i % columns, columns) * HALF_VIEW[0],
-                place(i / columns, rows) * HALF_VIEW[1],
-            );
-            // The solid angle: perspective stretches what is off the axis.
+            let x = position(i % columns, columns) * HALF_VIEW[0];
+                        let y = position(i / columns, rows) * HALF_VIEW[1];
+                        // Solid angle: perspective stretches off-axis pixels.
             let share = (1.0 + x * x + y * y).powf(-1.5);
-            Ray {
-                seen: look(tracer, world, ahead + right * x + DVec3::Y * y),
+            ViewRay {
+                surface: trace_surface(tracer, world, ahead + right * x + DVec3::Y * y),
                 share,
             }
         })
         .collect();
-    let at = |x: u32, y: u32| &rays[(y * columns + x) as usize];
-    let across = (0..rows).flat_map(|y| (1..columns).map(move |x| (at(x - 1, y), at(x, y))));
-    let up = (1..rows).flat_map(|y| (0..columns).map(move |x| (at(x, y - 1), at(x, y))));
+    let ray = |x: u32, y: u32| &rays[(y * columns + x) as usize];
+    let across = (0..rows).flat_map(|y| (1..columns).map(move |x| (ray(x - 1, y), ray(x, y))));
+    let up = (1..rows).flat_map(|y| (0..columns).map(move |x| (ray(x, y - 1), ray(x, y))));
     let change: f64 = across
         .chain(up)
-        .map(|(a, b)| a.share * difference(a.seen, b.seen))
+        .map(|(a, b)| a.share * difference(a.surface, b.surface))
         .sum();
     let [low, high] = tracer.scene().bounds();
     let far = (high - low).length().max(f64::MIN_POSITIVE);
-    // Distances count by their logarithm, from a thousandth of the scene's diagonal to all of it.
-    let openness = |ray: &Ray| {
+    // Distances count by their logarithm, from a thousandth of the scene's diagonal to the whole.
+    let openness = |ray: &ViewRay| {
         ray.share
-            * ray.seen.map_or(0.0, |seen| {
-                (1.0 + (seen.distance_m / far).log10() / 3.0).clamp(0.0, 1.0)
+            * ray.surface.map_or(0.0, |surface| {
+                            (1.0 + (surface.distance_m / far).log10() / 3.0).clamp(0.0, 1.0)
             })
     };
     let open: f64 = rays.iter().map(openness).sum::<f64>() / rays.len() as f64;
     change * open
 }
 
-fn look(tracer: &Tracer, world: DVec3, direction: DVec3) -> Option<Seen> {
+fn trace_surface(tracer: &Tracer, world: DVec3, direction: DVec3) -> Option<VisibleSurface> {
     let hit = cast(tracer, world, direction.as_vec3())?;
     let surface = tracer.scene().surface(hit.primitive, hit.u, hit.v);
-    Some(Seen {
+    Some(VisibleSurface {
         distance_m: f64::from(hit.t) * direction.length(),
         normal: tracer.scene().geometric_normal(hit.primitive),
         albedo: Vec3::from(surface.albedo),
     })
 }
 
-/// How much two neighbouring rays see of different things, 0 to 3.
-fn difference(a: Option<Seen>, b: Option<Seen>) -> f64 {
+/// Returns the difference of the surfaces of two neighbouring rays, 0 to 3.
+fn difference(a: Option<VisibleSurface>, b: Option<VisibleSurface>) -> f64 {
     let (a, b) = match (a, b) {
         (Some(a), Some(b)) => (a, b),
         (None, None) => return 0.0,
-        // An outline before the sky.
+        // A silhouette against the background.
         _ => return 1.0,
     };
     let depth = ((a.distance_m / b.distance_m).ln().abs() * 2.0).min(1.0);

@@ -1,5 +1,5 @@
-//! What we have captured as one HTML page that works from disk: the data, deflated, and a viewer in
-//! WebGL 2.
+//! HTML pages: a capture and its WebGL 2 viewer in one file that works from disk; the data are
+//! deflated.
 //!
 //! The viewer is the ES modules beside this file and those of the folder of what is shown (`cube`,
 //! `house`, `lumigraph`, `sprite`), which are put into the page one after the other. Two of a kind
@@ -52,7 +52,7 @@ pub const MAX_PAGE_BYTES: u64 = 1 << 30;
 
 /// A part of the data.
 struct Part {
-    /// What the header says of it.
+    /// Header of the part.
     header: Value,
     bytes: Vec<u8>,
 }
@@ -63,9 +63,9 @@ struct PackedPart {
     text: String,
 }
 
-/// What a page shows.
+/// Content of a page.
 struct Content {
-    /// What the viewer has to know before the first part.
+    /// Header that the viewer reads before the first part.
     header: Value,
     /// All data, in the order in which a view begins to need it.
     parts: Vec<Part>,
@@ -199,8 +199,8 @@ fn pack(part: Part) -> io::Result<PackedPart> {
     })
 }
 
-/// What lies at infinity: red, green, blue and alpha in arrays of their own, each byte less the one
-/// before.
+/// Environment: red, green, blue and alpha in arrays of their own, each byte as the difference from
+/// the one before.
 fn environment(environment: &Environment) -> Part {
     let mut bytes = Vec::with_capacity(environment.texels.len() * 4);
     for channel in 0..4 {

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 /// A picture among the texels of several.
 pub(super) struct Picture {
-    /// Where its texels lie, row by row.
+    /// Range of its texels, row by row.
     pub(super) texels: Range<usize>,
     pub(super) width: usize,
     /// Its alphas need not be kept.

@@ -52,7 +52,7 @@ pub(super) fn base64(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    /// As `payload.js` reads it.
+    /// Decodes as `payload.js` does.
     fn decode(text: &str, count: usize) -> Vec<u8> {
         let (mut bits, mut held, mut bytes) = (0u32, 0, Vec::new());
         for c in text.chars() {

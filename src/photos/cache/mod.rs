@@ -1,5 +1,5 @@
-//! What is kept between runs because it costs time to make: files in the user's cache folder, named
-//! by what they are made of.
+//! Cache of expensive results between runs: files in the user's cache folder, named by a hash of
+//! their inputs.
 //!
 //! What was kept of an image set is found again by [`of_views`], which is the one place that says
 //! when a set is still the same. A file that is damaged is made anew, with a word ([`read`]); the
@@ -73,17 +73,16 @@ pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
     }))
 }
 
-/// How something came that may be kept.
+/// Origin of a cacheable result.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Was {
-    /// Whether it was known from an earlier time.
+    /// True if it was read from the cache.
     pub kept: bool,
     /// Why what was kept could not be used: a sentence.
     pub note: Option<String>,
 }
 
-/// What a file of a folder holds by `open`; if there is none that holds, what `make` makes, which
-/// is then written to it.
+/// Reads a cached file with `open`; if it is absent or damaged, calls `make` and writes the result.
 fn kept_or_made<T, E>(
     folder: Option<&Path>,
     name: Option<String>,
@@ -110,7 +109,7 @@ fn kept_or_made<T, E>(
     Ok((made, Was { kept: false, note }))
 }
 
-/// What a kept file holds, if it is there; of one that cannot be read, why, in a sentence.
+/// Reads a cached file, if present; an unreadable one yields the reason in a sentence.
 pub fn read<T>(
     path: &Path,
     read: impl FnOnce(&Path) -> Result<T, FileError>,

@@ -7,13 +7,13 @@ use headbox_images::{ImageSet, ImagesError, Pose, RefinementReport, RefinementSt
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What refinement does to views; it changes with what finds it.
+/// Version of the refinement method; changes with it.
 const HOW: &str = "poses by points and planes, if colours agree better";
 
 /// Numbers of a pose.
 const NUMBERS: usize = 12;
 
-/// What a file says of itself.
+/// Header of a file.
 #[derive(Serialize, Deserialize)]
 struct Header {
     views: usize,
@@ -38,7 +38,7 @@ struct OfReport {
 #[derive(Serialize, Deserialize)]
 struct Report(#[serde(with = "OfReport")] RefinementReport);
 
-/// What was found of a set, or `None`, and the pose of each of its views.
+/// Report on a set, or `None`, and the pose of each of its views.
 type Found = (Option<RefinementReport>, Vec<Pose>);
 
 /// Refines the poses of a set's views, as [`ImageSet::refine_poses`] does, or as was found when it
@@ -77,7 +77,7 @@ fn write(path: &Path, (report, poses): &Found) -> Result<(), FileError> {
     writer.write(path)
 }
 
-/// What a file says of so many views.
+/// Reads the poses of `views` views.
 fn open(path: &Path, views: usize) -> Result<Found, FileError> {
     let file = Container::open(path, FileKind::POSES)?;
     let info = file.section("info")?;

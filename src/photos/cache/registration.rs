@@ -1,4 +1,4 @@
-//! How a set's views are registered, kept so that it is found out once.
+//! Cached registration of a set's views.
 
 use super::{Was, kept_or_made, of_views};
 use glam::{DMat3, DVec3};
@@ -10,7 +10,7 @@ use headbox_images::{
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What registration does to views; it changes with what finds it.
+/// Version of the registration method; changes with it.
 const HOW: &str = "registration by parts";
 
 /// Numbers of a view: whether it is registered, its lens, its pose, its gains.
@@ -19,15 +19,15 @@ const NUMBERS: usize = 1 + 4 + 8 + 12 + 3;
 /// Numbers of a report.
 const REPORT: usize = 12;
 
-/// What a file says of itself.
+/// Header of a file.
 #[derive(Serialize, Deserialize)]
 struct Header {
     views: usize,
-    /// Whether anything was found.
+    /// True if a registration was found.
     is_found: bool,
 }
 
-/// What was found of a set, or `None`, and the registration of each of its views.
+/// Report on a set, or `None`, and the registration of each of its views.
 type Found = (Option<RegistrationReport>, Vec<Option<Registration>>);
 
 /// Registers a set's views, as [`ImageSet::register`] does, or as was found when it was last done,
@@ -72,7 +72,7 @@ fn write(path: &Path, (report, registrations): &Found) -> Result<(), FileError> 
     writer.write(path)
 }
 
-/// What a file says of so many views.
+/// Reads the registration of `views` views.
 fn open(path: &Path, views: usize) -> Result<Found, FileError> {
     let file = Container::open(path, FileKind::REGISTRATION)?;
     let info = file.section("info")?;

@@ -1,4 +1,4 @@
-//! What is kept stays within a size: the files used longest ago make room, and none that is in use.
+//! Size limit of the cache: least recently used files are removed, except those in use.
 
 use std::fs::File;
 use std::io;
@@ -61,7 +61,7 @@ pub fn evict_to(folder: &Path, most: u64) -> usize {
     removed
 }
 
-/// Whether a file's name is one that [`super::file_name`] gave.
+/// Returns true if a file has a name made by [`super::file_name`].
 fn is_ours(path: &Path) -> bool {
     let digest = path.file_stem().and_then(|stem| stem.to_str());
     let is_digest = digest

@@ -31,7 +31,7 @@ fn traced<const N: usize>(places: [f64; N]) -> [LoadedView; N] {
     })
 }
 
-/// How far a part of a frame is from truth.
+/// Error of a part of a frame against truth.
 #[derive(Clone, Copy, Debug)]
 struct Off {
     /// Mean absolute difference where both show something, levels.

@@ -24,7 +24,7 @@ const CHEAPER: f64 = 0.7;
 pub struct TimeBudget {
     /// For a frame, ms.
     pub ms: f64,
-    /// How far the next frame goes down [`STEPS`].
+    /// Index into [`STEPS`] for the next frame.
     step: usize,
 }
 
@@ -34,7 +34,7 @@ impl TimeBudget {
         Self { ms, step: 0 }
     }
 
-    /// What the next moving frame is made of.
+    /// Settings of the next frame in motion.
     pub fn settings(&self, full: &GeometrySettings) -> GeometrySettings {
         let (cameras, spacing, levels) = STEPS[self.step.min(STEPS.len() - 1)];
         GeometrySettings {

@@ -1,5 +1,5 @@
-//! How the last frame came about, for overlays: whose pictures its pixels show, where its triangles
-//! meet, how many cameras see a place.
+//! Inspection of the last frame, for overlays: the cameras that colour its pixels, its triangles,
+//! and how many cameras see each place.
 
 use super::{GeometryRenderer, ViewGeometry};
 use crate::view_geometry::render::scan::{
@@ -8,20 +8,20 @@ use crate::view_geometry::render::scan::{
 use crate::view_geometry::render::texture_camera::TextureCamera;
 use rayon::prelude::*;
 
-/// What a pixel of the last frame shows.
+/// Pixel of the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shown {
     /// The camera, an index into the set's, of the corners that weigh most there.
     pub camera: u32,
-    /// Of how many cameras the triangle's corners are.
+    /// Number of cameras that own the triangle's corners.
     pub owners: u32,
-    /// Whether it lies on the rim of its triangle: the pixel right of it or below shows another.
+    /// True on the rim of its triangle: the pixel to the right or below shows another.
     pub on_rim: bool,
 }
 
 impl GeometryRenderer {
-    /// What each pixel of the last frame shows; `None` where no triangle is, so everywhere in a
-    /// frame of [`super::Texturing::Nearest`], which has none.
+    /// Triangle of each pixel of the last frame; `None` where there is none, so everywhere in a
+    /// frame of [`super::Texturing::Nearest`].
     pub fn shown(&self) -> Vec<Option<Shown>> {
         // Without pictures, sides of depth edges are told by their corners.
         let pixels = self.each_pixel(&[], |pixels, lane, _| self.at(pixels, lane));
@@ -42,8 +42,8 @@ impl GeometryRenderer {
             .collect()
     }
 
-    /// How many of the last frame's cameras show what a pixel of it shows: the same place as near
-    /// as it is there; `None` where no triangle is.
+    /// For each pixel, the number of the last frame's cameras that see the same place at the same
+    /// depth; `None` where there is no triangle.
     pub fn seen_by(&self, geometry: &ViewGeometry) -> Vec<Option<u32>> {
         let textured = |&number: &u32| {
             let (real, picture) = (

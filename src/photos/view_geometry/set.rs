@@ -37,7 +37,7 @@ pub enum GeometryError {
 /// A camera that took a picture, and what its depth image was reduced to.
 #[derive(Clone, Debug)]
 pub struct RealCamera {
-    /// Where it was, world metres.
+    /// Pose of the camera, world metres.
     pub pose: Pose,
     /// Its ideal lens.
     pub lens: Pinhole,
@@ -47,7 +47,8 @@ pub struct RealCamera {
 }
 
 impl RealCamera {
-    /// Of a view in memory; `None` for a panorama. Samples are relative to `origin`, world metres.
+    /// Samples a view in memory; `None` for a panorama. Samples are relative to `origin`, world
+    /// metres.
     pub(super) fn of_loaded(view: &LoadedView, grid: &SampleGrid, origin: DVec3) -> Option<Self> {
         let Lens::Pinhole(lens) = view.lens else {
             return None;
@@ -81,10 +82,10 @@ impl RealCamera {
     }
 }
 
-/// What an image set is opened with.
+/// Resources for opening an image set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeometryResources {
-    /// Of depth images.
+    /// Sampling of depth images.
     pub grid: SampleGrid,
     /// Bytes of pictures that are kept in memory.
     pub budget: usize,
@@ -109,11 +110,11 @@ pub struct ViewGeometry {
     /// The cameras, in the set's order.
     pub(super) cameras: Vec<RealCamera>,
     pub(super) pictures: PictureStore,
-    /// Of the samples, world metres.
+    /// Origin of the samples, world metres.
     pub(super) origin: DVec3,
     /// Standard deviation of inverse depths, 1/m.
     pub(super) depth_noise: f32,
-    /// How the set's positions map to the world.
+    /// Mapping from the set's positions to the world.
     pub frame: FileFrame,
     folder: PathBuf,
     /// The file that samples are mapped from.
@@ -198,7 +199,7 @@ impl ViewGeometry {
         })
     }
 
-    /// What was met and survived when it was opened: a sentence each.
+    /// Problems found when the set was opened: a sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
@@ -229,17 +230,17 @@ impl ViewGeometry {
         self.pictures.name(camera)
     }
 
-    /// How long a camera's picture has been at hand, seconds; `None` if it is not.
+    /// Time since a camera's image was loaded, seconds; `None` if it is not in memory.
     pub fn age_s(&self, camera: u32) -> Option<f32> {
         self.pictures.age_s(camera)
     }
 
-    /// Of pictures that cannot be read any more, why: a sentence each.
+    /// Images that can no longer be read, with the reason: a sentence each.
     pub fn lost(&self) -> Vec<String> {
         self.pictures.lost()
     }
 
-    /// Of samples in the cache that were found damaged, whose they were: a sentence each.
+    /// Damaged samples in the cache that were recomputed: a sentence each.
     pub fn mended(&self) -> Vec<String> {
         let mended = self
             .cameras

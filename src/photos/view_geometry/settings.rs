@@ -1,9 +1,9 @@
-//! How frames are drawn: whose pictures colour them, how much is done for them, and when neighbours
-//! are of different surfaces.
+//! Settings of view-dependent geometry: texturing, effort, and when neighbours are separate
+//! surfaces.
 
 use super::RankWeights;
 
-/// How triangles are textured (E9).
+/// Texturing of triangles (E9).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum Texturing {
     /// The best camera's picture as it is, without depth: for comparison.
@@ -47,10 +47,10 @@ impl Texturing {
     }
 }
 
-/// How frames are drawn: time against quality (E11).
+/// Settings of a frame: time against quality (E11).
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct GeometrySettings {
-    /// How triangles are textured.
+    /// Texturing of triangles.
     pub texturing: Texturing,
     /// Cameras whose samples are fused.
     pub cameras: usize,
@@ -61,12 +61,12 @@ pub struct GeometrySettings {
     /// By which share of its distance a sample of a camera must be nearer than that of a better
     /// ranked one, to take its place.
     pub margin: f32,
-    /// Whether a node is of the best ranked camera that sees it; otherwise of the one whose sample
-    /// it holds.
+    /// True to assign a node to the best ranked camera that sees it; otherwise to the one whose
+    /// sample it holds.
     pub by_sight: bool,
     /// Holes of at most so many nodes are closed.
     pub close_nodes: u32,
-    /// What makes a camera good.
+    /// Weights of camera ranking.
     pub weights: RankWeights,
     /// Colour of pixels of which nothing is known, sRGB.
     pub hole_color_srgb: [u8; 3],
@@ -117,7 +117,7 @@ impl EdgeRule {
         nearer * self.steepness * length_px + self.least
     }
 
-    /// Whether two inverse depths are of different surfaces.
+    /// Returns true if two inverse depths belong to different surfaces.
     #[inline]
     pub(super) fn parts(&self, a: f32, b: f32, length_px: f32) -> bool {
         (a - b).abs() > self.most(a.max(b), length_px)

@@ -223,14 +223,14 @@ fn pixels_are_those_of_the_slow_way() {
     );
 }
 
-/// Whether a pixel belongs to a triangle and to no neighbour.
+/// Returns true if a pixel belongs to a triangle and to no neighbour.
 fn is_well_inside([a, b, c]: [[f64; 2]; 3], p: [f64; 2]) -> bool {
     let cross =
         |a: [f64; 2], b: [f64; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
     cross(a, b) > 1e-6 && cross(b, c) > 1e-6 && cross(c, a) > 1e-6
 }
 
-/// Of pictures whose rims are looked at.
+/// Size of images whose rims are tested.
 const LARGE: [u32; 2] = [320, 240];
 
 /// A red square 1.5 m away before a blue wall 3 m away.

@@ -1,5 +1,4 @@
-//! What photographs say of the candidates of a shell: how far they disagree on a colour, and which
-//! it is.
+//! Photo-consistency of the candidates of a shell: variance of their colours, and the mean.
 
 use super::Pass;
 use super::photograph::{Photograph, Projection};
@@ -25,7 +24,7 @@ pub(super) struct Witnesses<'a> {
     outside: Vec<Witness<'a>>,
     /// Pixels a side of the face.
     side: usize,
-    /// How many must see a surface.
+    /// Number of views that must see a surface.
     least: usize,
 }
 
@@ -40,25 +39,25 @@ struct Witness<'a> {
 /// A photograph that sees part of a row of candidates.
 struct RowWitness<'a> {
     photograph: &'a Photograph,
-    /// Of the row's first pixel, and what a pixel adds: x w, y w, w.
+    /// Homogeneous position (x w, y w, w) of the row's first pixel, and the step per pixel.
     first: Vec3,
     across: Vec3,
     columns: Range<usize>,
 }
 
-/// What is said of a row of candidates, from one column on; empty if nothing is.
+/// Photo-consistency of a row of candidates, from one column on; empty if there is none.
 #[derive(Default)]
 pub(super) struct EvidenceRow {
     pub(super) start: usize,
-    /// Of the colours, summed over channels, levels squared, no more than [`Pass::most_variance`];
-    /// infinite where there is no surface, or too few see it.
+    /// Variances of colours, summed over channels, levels squared, at most [`Pass::most_variance`];
+    /// infinite where there is no surface or too few views see it.
     pub(super) variances: Vec<f32>,
     /// The colours, sRGB, as bytes of a word.
     colors_srgb: Vec<u32>,
 }
 
 impl EvidenceRow {
-    /// Whether there is none.
+    /// Returns true if the row is empty.
     pub(super) fn is_empty(&self) -> bool {
         self.variances.is_empty()
     }
@@ -107,7 +106,7 @@ impl<'a> Witnesses<'a> {
         common(self.inside.iter().map(|witness| &witness.rows), self.least)
     }
 
-    /// What they say of a row.
+    /// Computes the photo-consistency of a row.
     pub(super) fn row(&self, row: usize, pass: &Pass) -> EvidenceRow {
         let of_row = |all: &[Witness<'a>]| -> Vec<RowWitness<'a>> {
             all.iter()
@@ -154,13 +153,13 @@ impl<'a> Witness<'a> {
 }
 
 impl RowWitness<'_> {
-    /// Which of some columns it sees.
+    /// Mask of columns that it sees.
     #[inline(always)]
     fn sees<S: Simd>(&self, columns: f32x16<S>) -> mask32x16<S> {
         columns.simd_ge(self.columns.start as f32) & columns.simd_lt(self.columns.end as f32)
     }
 
-    /// Where it sees them, pixels. Of those that it does not see this means nothing.
+    /// Image positions of columns, pixels. Arbitrary for columns that it does not see.
     #[inline(always)]
     fn positions<S: Simd>(&self, columns: f32x16<S>) -> [f32x16<S>; 2] {
         let w = columns * self.across.z + self.first.z;
@@ -171,8 +170,7 @@ impl RowWitness<'_> {
     }
 }
 
-/// Of those of sixteen candidates, from a column on, that `left` says: whether no photograph shows
-/// the backdrop there.
+/// For each lane set in `left`: true if no photograph sees background at that candidate.
 #[inline(always)]
 fn hidden_backdrop<S: Simd>(
     witnesses: &[RowWitness],
@@ -196,7 +194,7 @@ fn hidden_backdrop<S: Simd>(
     left
 }
 
-/// What all who see them say of sixteen candidates from a column on: variances and colours.
+/// Variances and mean colours of sixteen candidates from a column on, over all views that see them.
 #[inline(always)]
 fn agree<S: Simd>(
     simd: S,

@@ -40,7 +40,7 @@ use photograph::Photograph;
 use rayon::prelude::*;
 use sweep::Sweep;
 
-/// How photographs become a cube LDI.
+/// Parameters of voxel colouring.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhotographsJob {
     /// Centre of the headbox, world metres.
@@ -51,17 +51,16 @@ pub struct PhotographsJob {
     pub face_size_px: u32,
     /// Photographs agree on a colour if its standard deviation is no more than this, levels of 255.
     pub agreement: f32,
-    /// What stands before a dark backdrop: no surface has a pixel of which all channels are at most
-    /// this.
+    /// Dark background: no surface has a pixel whose channels are all at most this level.
     pub backdrop: Backdrop,
 }
 
-/// What photographs show where no surface is.
+/// Background of the photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backdrop {
     /// Surfaces are everywhere.
     None,
-    /// As the photographs themselves suggest: a dark backdrop if most of their rims are dark.
+    /// Automatic: a dark background if most of the image borders are dark.
     Auto,
     /// Pixels of which all channels are at most this.
     Dark(u8),
@@ -71,7 +70,7 @@ pub enum Backdrop {
 struct Pass {
     /// Standard deviation up to which photographs agree, levels.
     agreement: f32,
-    /// So many photographs must see a surface.
+    /// Number of photographs that must see a surface.
     least_views: usize,
     /// The most shells of a run: as long as that photographs may agree before it is decided.
     longest_run: u32,
@@ -133,8 +132,8 @@ impl PhotographsJob {
         self.run_smaller(set, views, 1, progress)
     }
 
-    /// As [`Self::run`], of photographs made so many times smaller, and as much coarser: sooner by
-    /// about the third power.
+    /// Same as [`Self::run`] with photographs reduced by a factor, and a cube as much coarser:
+    /// faster by about its third power.
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -169,7 +168,7 @@ impl PhotographsJob {
         })
     }
 
-    /// What is asked, and the eye depths of shells, metres.
+    /// Prepares the photographs and the eye depths of the shells, metres.
     fn prepare(&self, views: Vec<LoadedView>) -> (Vec<Photograph>, Vec<f64>) {
         let dark = self.dark(&views);
         let photographs: Vec<Photograph> = views

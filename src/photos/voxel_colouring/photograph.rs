@@ -89,7 +89,7 @@ impl Photograph {
         self.eye
     }
 
-    /// Whether the eye is inside the shell at an eye depth of the faces.
+    /// Returns true if the eye is inside the shell at an eye depth of the faces.
     pub(super) fn is_inside(&self, depth: f64) -> bool {
         self.eye.abs().max_element() < depth
     }
@@ -99,7 +99,7 @@ impl Photograph {
         self.focal_px / self.eye.distance(point)
     }
 
-    /// Where a point relative to the centre is seen, if it is in the picture.
+    /// Projects a point relative to the centre; `None` outside the image.
     pub(super) fn project(&self, point: DVec3) -> Option<[f64; 2]> {
         let h = self.rows * (point - self.eye);
         let [x, y] = [h.x / h.z, h.y / h.z];
@@ -108,8 +108,8 @@ impl Photograph {
         inside.then_some([x, y])
     }
 
-    /// Where the rays of `side` by `side` pixels, rim to rim, meet the shell at an eye depth of the
-    /// faces, relative to the centre. The eye is inside it.
+    /// Intersections of the rays of `side` by `side` pixels, border to border, with the shell at an
+    /// eye depth of the faces, relative to the centre. The eye is inside it.
     pub(super) fn points_on_shell(&self, depth: f64, side: usize) -> impl Iterator<Item = DVec3> {
         let unproject = self.rows.inverse();
         let at =
@@ -141,13 +141,13 @@ impl Photograph {
         [self.width as f32, self.height as f32]
     }
 
-    /// Whether any pixel shows the backdrop.
+    /// Returns true if any pixel shows background.
     pub(super) fn has_backdrop(&self) -> bool {
         self.has_backdrop
     }
 
-    /// Whether the pixels at sixteen positions show the backdrop; of positions outside the picture
-    /// this means nothing.
+    /// Mask of those of sixteen positions that show background; arbitrary for positions outside the
+    /// image.
     #[inline(always)]
     pub(super) fn show_backdrop<S: Simd>(&self, [x, y]: [f32x16<S>; 2]) -> mask32x16<S> {
         let last = [self.width as u32 - 1, self.height as u32 - 1];

@@ -1,4 +1,4 @@
-//! Which pixels of a shell's face a photograph shows.
+//! Part of a shell's face that a photograph sees.
 
 use glam::{Vec2, Vec3};
 use std::ops::Range;
@@ -21,7 +21,8 @@ pub(super) fn common<'a>(
         .map_or(0..0, |&start| start..ends[last].max(start))
 }
 
-/// What is at least 0 where a picture of a size shows a point that has x w, y w, w.
+/// Values that are non-negative where an image of a size contains the point with homogeneous
+/// position (x w, y w, w).
 fn bounds(h: Vec3, [width, height]: [f32; 2]) -> [f32; 5] {
     [h.z, h.x, h.y, width * h.z - h.x, height * h.z - h.y]
 }

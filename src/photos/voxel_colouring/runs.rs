@@ -30,7 +30,7 @@ struct Run {
 pub(super) struct RunRow {
     start: usize,
     runs: Vec<Run>,
-    /// Whether any of them has not ended.
+    /// True if a run may still be open.
     may_end: bool,
 }
 
@@ -38,7 +38,7 @@ pub(super) struct RunRow {
 const WINDOW: usize = 1;
 
 impl RunRow {
-    /// Whether any run has not ended.
+    /// Returns true if a run may still be open.
     pub(super) fn may_end(&self) -> bool {
         self.may_end
     }
@@ -126,7 +126,7 @@ struct WindowSums {
 }
 
 impl WindowSums {
-    /// Of so many columns from `start` on.
+    /// Evidence of `columns` columns from `start` on.
     fn new(rows: &[EvidenceRow], start: usize, columns: usize) -> Self {
         let length = columns + 2 * WINDOW;
         let mut sums = Self {

@@ -1,5 +1,5 @@
-//! How far apart shells are: so that no photograph sees a candidate move by more than a pixel from
-//! one to the next.
+//! Spacing of shells: no photograph sees a candidate move by more than a pixel from one to the
+//! next.
 
 use super::photograph::Photograph;
 use glam::DVec3;

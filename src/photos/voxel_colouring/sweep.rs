@@ -16,16 +16,16 @@ pub(super) struct Sweep<'a> {
     /// The nearest first.
     photographs: Vec<Photograph>,
     faces: Vec<SweptFace>,
-    /// Whether there may be runs that have not ended.
+    /// True if runs may still be open.
     may_run: bool,
 }
 
 /// One of its faces.
 struct SweptFace {
     face: Face,
-    /// Of every photograph.
+    /// Projection of every photograph.
     projections: Vec<Projection>,
-    /// Of every row.
+    /// Runs of every row.
     runs: Vec<RunRow>,
     kept: Vec<Kept>,
 }

@@ -20,7 +20,7 @@ fn pattern(p: DVec3) -> [u8; 4] {
     [r, g, b, 255]
 }
 
-/// Where a ray from `eye` meets the ball.
+/// Intersects a ray from `eye` with the ball.
 fn meet(eye: DVec3, ray: DVec3) -> Option<DVec3> {
     let (to, radius) = (BALL.0 - eye, BALL.1);
     let along = ray.dot(to) / ray.length_squared();
@@ -137,7 +137,7 @@ impl<'a> Oracle<'a> {
         ) * depth
     }
 
-    /// Where a view sees a point, whether from inside the shell, and the pixel's number.
+    /// Returns the pixel in which a view sees a point from inside the shell.
     fn seen(&self, view: usize, point: DVec3, depth: f64) -> Option<([f64; 2], bool, usize)> {
         let pose = self.views[view].pose;
         let [x, y, _] = self.views[view]

@@ -1,5 +1,4 @@
-//! How a frame was made, painted: sizes of footprints, how often pixels were drawn, and what
-//! clipping left out.
+//! Overlays of rendering effort: footprint sizes, overdraw, and clipping.
 
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
@@ -20,7 +19,7 @@ const CLASSES: [[u8; 3]; 7] = [
     [255, 255, 255],
 ];
 
-/// Where there are no samples.
+/// Colour of pixels without samples.
 pub(super) const NOTHING: [u8; 3] = [20, 20, 20];
 
 /// The largest number of each class but the last.
@@ -29,7 +28,7 @@ pub(super) type Tops = [f32; CLASSES.len() - 1];
 /// Widths of footprints, px: most are between that of a pixel and that of three.
 const WIDTHS_PX: Tops = [1.5, 2.0, 2.5, 3.0, 4.0, 6.0];
 
-/// How often a pixel is drawn.
+/// Upper ends of the colour classes of overdraw.
 const TIMES: Tops = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
 /// The colour of the class of a number that is more than 0.
@@ -117,8 +116,8 @@ pub(super) fn overdraw_legend() -> Vec<Swatch> {
     class_legend("never drawn", &TIMES, "x")
 }
 
-/// Where each face lies in the unfolded cube, in faces from the left and from above: the sides in a
-/// row, +Y above -Z.
+/// Position of each face in the unfolded cube, in faces from the left and from the top: the sides
+/// in a row, +Y above -Z.
 const UNFOLDED: [(Face, [usize; 2]); 6] = [
     (Face::PosY, [1, 0]),
     (Face::NegX, [0, 1]),

@@ -7,7 +7,7 @@ use super::variation::distinct_color;
 use headbox_photos::view_geometry::{GeometryRenderer, Shown, ViewGeometry};
 use headbox_viewer::Swatch;
 
-/// What the pixels show.
+/// Overlays of view-dependent geometry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum GeometryOverlay {
     None,

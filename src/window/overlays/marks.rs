@@ -1,5 +1,4 @@
-//! Where pictures were taken from, and the points that they were aligned by, drawn over whatever is
-//! made of them.
+//! Camera positions of an image set and the sparse points of its alignment, drawn over frames.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -25,7 +24,7 @@ const LINE_PX: f32 = 1.5;
 /// Half of a point's edge, pixels.
 const POINT_PX: i64 = 1;
 
-/// What is drawn over frames.
+/// Kind of marks drawn over frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Over {
     Nothing,
@@ -57,7 +56,7 @@ struct Pyramid {
 }
 
 impl Marks {
-    /// What there is to draw of pictures and of the points that they were aligned by.
+    /// Collects the marks of views and sparse points.
     pub fn new(views: &[View], points: Vec<SparsePoint>) -> Self {
         let eyes: Vec<DVec3> = views.iter().map(|view| view.pose.eye).collect();
         let cameras = views.iter().map(Pyramid::of).collect();
@@ -145,7 +144,7 @@ impl Pyramid {
 
 /// The median distance of an eye from the nearest other one, metres.
 fn spacing_m(eyes: &[DVec3]) -> Option<f64> {
-    /// Of more than so many, some stand for all.
+    /// Largest number of points tested for visibility; these represent all.
     const ASKED: usize = 256;
     let step = eyes.len().div_ceil(ASKED).max(1);
     let nearest = |i: usize| {
@@ -200,7 +199,7 @@ fn paint_point(point: &SparsePoint, camera: &Camera, pixels: &mut [[u8; 4]]) {
     }
 }
 
-/// What is made of pictures, with where they were taken.
+/// Source whose frames are overlaid with marks.
 pub(crate) struct Marked {
     source: Box<dyn FrameSource>,
     marks: Marks,

@@ -1,4 +1,4 @@
-//! What is painted instead of colours.
+//! Overlays of cube LDIs.
 
 use super::effort::swatch;
 use super::variation::Meaning;
@@ -15,26 +15,26 @@ use headbox_viewer::{Figure, Ongoing, Refinement, Swatch};
 use image::{Rgb, RgbImage};
 use std::time::Duration;
 
-/// What the pixels show.
+/// Content of the pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Overlay {
     /// The frame.
     None,
     /// Holes in a colour that no scene has.
     Holes,
-    /// How much of each pixel splats cover.
+    /// Coverage of each pixel by splats.
     Coverage,
     /// Colours of another meaning.
     Recolored(Meaning),
-    /// How wide the footprint in front of each pixel is.
+    /// Width of the nearest footprint in each pixel.
     Footprints,
-    /// How often each pixel was drawn.
+    /// Number of times that each pixel was drawn.
     Overdraw,
-    /// What clipping left out, on the unfolded faces.
+    /// Samples removed by clipping, on the unfolded faces.
     Clipping,
     /// The ray-traced reference.
     Truth,
-    /// How far the frame is from it.
+    /// FLIP error against truth.
     Error,
 }
 
@@ -56,7 +56,7 @@ impl Overlay {
         ("error", Self::Error),
     ];
 
-    /// What the colours of the LDI tell.
+    /// Meaning of the LDI's colours.
     pub(crate) fn meaning(self) -> Meaning {
         if let Self::Recolored(meaning) = self {
             meaning
@@ -65,7 +65,7 @@ impl Overlay {
         }
     }
 
-    /// What its colours mean; nothing if that is plain.
+    /// Legend of its colours; empty if they need none.
     pub(crate) fn legend(self) -> Vec<Swatch> {
         match self {
             Self::None | Self::Truth => Vec::new(),
@@ -89,7 +89,7 @@ impl Overlay {
         }
     }
 
-    /// Whether ray-traced truth is needed.
+    /// Returns true if ray-traced truth is needed.
     pub(crate) fn needs_truth(self) -> bool {
         matches!(self, Self::Truth | Self::Error)
     }
@@ -178,7 +178,7 @@ pub(crate) struct Judge {
     reference: Option<Reference>,
 }
 
-/// How long truth is left to itself between two looks at it.
+/// Interval between two polls of truth.
 const LOOK_AGAIN: Duration = Duration::from_millis(150);
 
 impl Judge {
@@ -189,7 +189,7 @@ impl Judge {
         }
     }
 
-    /// How far truth is, if the overlay shows it.
+    /// Progress of truth, if the overlay shows it.
     pub(crate) fn ongoing(&self, overlay: Overlay) -> Option<Ongoing> {
         self.reference
             .as_ref()

@@ -8,10 +8,10 @@ use headbox_cube::pack::{PackedCube, PackedSegment, Plane, PlaneSet, PlaneTile, 
 use headbox_viewer::Swatch;
 use std::sync::Arc;
 
-/// What the colours of depth pixels tell.
+/// Meaning of the colours of depth pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Meaning {
-    /// What was captured.
+    /// Captured colours.
     #[default]
     Captured,
     /// Distance from the centre of the headbox along the face's axis: red at the headbox to blue at
@@ -19,16 +19,16 @@ pub(crate) enum Meaning {
     Depth,
     /// Number of the layer in its segment, counted from the centre outward.
     Layer,
-    /// Which face.
+    /// Face.
     Face,
     /// Near or far segment.
     Segment,
-    /// Which primitive, and of pictures which plane.
+    /// Primitive; for plane textures, the plane.
     Primitive,
 }
 
 impl Meaning {
-    /// What its colours mean.
+    /// Legend of its colours.
     pub(super) fn legend(self) -> Vec<Swatch> {
         match self {
             Self::Captured => Vec::new(),
@@ -77,7 +77,7 @@ impl Meaning {
     }
 }
 
-/// What is shown of an LDI, and in which colours.
+/// Selection of parts of an LDI, and the meaning of their colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Variation {
     /// In the order of [`Face::ALL`].

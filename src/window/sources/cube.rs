@@ -43,7 +43,7 @@ pub(super) struct CubeSource {
     growing: Option<Growing>,
 }
 
-/// Where an LDI is looked at from.
+/// Default view and headbox of an LDI.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
     pub(super) centre: DVec3,
@@ -53,20 +53,20 @@ pub(super) struct Place {
     pub(super) frame: FileFrame,
 }
 
-/// What is known of a cube LDI that is still being captured.
+/// State of a cube LDI that is still being captured.
 struct Growing {
     growth: Growth,
     begun: Instant,
     /// Shown before there is anything else.
     points: Points,
-    /// Where the button writes it.
+    /// File that the button writes.
     file: PathBuf,
 }
 
 /// Id of the button that saves a growing LDI.
 const SAVE: &str = "save";
 
-/// How long a growing capture is left to itself between two looks at it.
+/// Interval between two polls of a growing capture.
 const LOOK_AGAIN: Duration = Duration::from_millis(250);
 
 impl CubeSource {
@@ -176,7 +176,7 @@ impl CubeSource {
             .map_or_else(|| Ok(Some(growing.growth.stand())), Err)
     }
 
-    /// How to get the scene that an LDI was captured from.
+    /// Returns a loader of the scene that an LDI was captured from.
     fn scene(
         &self,
         cube: &PackedCube,

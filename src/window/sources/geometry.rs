@@ -13,7 +13,7 @@ use headbox_viewer::{
 };
 use std::time::Duration;
 
-/// How long the thread that decodes pictures is left to itself between two looks for what it has.
+/// Interval between two polls of the decoding thread.
 const LOOK_AGAIN: Duration = Duration::from_millis(60);
 
 /// Time for a frame while the eye moves, if nothing else is asked for, ms: thirty a second.

@@ -37,13 +37,13 @@ use std::time::{Duration, Instant};
 /// Memory for backdrops, bytes: those of the file, and those that are built while one walks.
 const BUDGET_BYTES: u64 = 2 << 30;
 
-/// How long the background thread is left to itself between two looks for a backdrop of its making.
+/// Interval between two polls of the background thread.
 const LOOK_AGAIN: Duration = Duration::from_millis(250);
 
-/// What the pixels show: the frame, or where it has holes or shows backdrops.
+/// Overlays: the frame, its holes, or its backdrops.
 const OVERLAYS: [&str; 3] = ["none", "holes", "backdrops"];
 
-/// Of what is found wrong with a model, so much is told in the window.
+/// Largest number of a model's problems shown in the window.
 const MOST_NOTES: usize = 3;
 
 /// Figure: how many backdrops are still to be built for this view.
@@ -53,8 +53,8 @@ const MISSING: &str = "backdrops missing";
 /// be there in a second.
 const BUILTIN_TRIANGLES: usize = 60_000;
 
-/// How finely light is baked, one after the other: a first in a few seconds, and one with a third
-/// of the vertices of the default.
+/// Successive qualities of baked light: a first in a few seconds, and one with a third of the
+/// vertices of the default.
 const LIGHTS: [BakeOptions; 2] = [
     BakeOptions {
         edge_m: 1.0,
@@ -82,7 +82,7 @@ pub(super) struct HouseSource {
     threads: FewerThreads,
     /// The same house with its light baked in, if that is still to come.
     lit: Option<LitLater>,
-    /// What was found wrong with the model.
+    /// Problems of the model.
     notes: Vec<String>,
 }
 
@@ -90,13 +90,13 @@ pub(super) struct HouseSource {
 /// each of [`LIGHTS`].
 struct LitLater {
     houses: Receiver<Result<House, String>>,
-    /// How many have come.
+    /// Number of light bakes received.
     come: usize,
     baking: Arc<Baking>,
     begun: Instant,
 }
 
-/// How far light is.
+/// Progress of baking light.
 #[derive(Default)]
 struct Baking {
     given_up: AtomicBool,

@@ -1,4 +1,4 @@
-//! Which source opens what; the start page.
+//! Registry of sources by kind of file; the start page.
 
 use super::cube::CubeSource;
 use super::geometry::GeometrySource;
@@ -48,7 +48,7 @@ pub enum OpenError {
          .sh3d, .toml), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
     )]
     Kind {
-        /// What was to be opened.
+        /// Name of the file.
         name: String,
     },
     /// The file cannot be read.
@@ -80,7 +80,7 @@ pub fn open(name: &str, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenE
     open_source(SceneSource::new(name), output_dir)
 }
 
-/// As [`open`], where axes and unit of a scene's file may be said.
+/// Same as [`open`], with optional axes and unit of a scene's file.
 ///
 /// # Errors
 /// See [`OpenError`].
@@ -171,7 +171,7 @@ pub fn show_photographs(set: ImageSet, origin: &Path) -> Result<Box<dyn FrameSou
     ))
 }
 
-/// What is made of pictures, where the window can draw marks over it: where they were taken.
+/// Wraps a source of images so that the window can draw camera marks over it.
 pub fn show_marks(source: Box<dyn FrameSource>, marks: Marks) -> Box<dyn FrameSource> {
     Box::new(Marked::new(source, marks))
 }
@@ -182,7 +182,7 @@ fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenErr
 
 /// The built-in scenes, and every kind of file.
 pub struct SceneLibrary {
-    /// Where captures are saved on request.
+    /// Folder for captures that are saved on request.
     pub output_dir: PathBuf,
 }
 

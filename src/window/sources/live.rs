@@ -18,7 +18,7 @@ use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How long the thread that builds is left to itself between two looks for what it has.
+/// Interval between two polls of the building thread.
 const LOOK_AGAIN: Duration = Duration::from_millis(30);
 
 /// Images, walked through by cubes of those nearest.
@@ -30,11 +30,11 @@ pub(super) struct LiveSource {
     shown: CubeSource,
     builder: Builder,
     wish: Wish,
-    /// Which images the cube shown is of, and how long it took, ms.
+    /// Images of the shown cube, and its build time, ms.
     made_of: (String, f64),
 }
 
-/// What is to be shown: from where, by how many images.
+/// View request: camera and number of images.
 type Wish = (Camera, usize);
 
 /// A cube, and which images it is of.

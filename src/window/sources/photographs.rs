@@ -27,13 +27,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How much smaller photographs are made, round by round.
+/// Reduction of the photographs, round by round.
 const ROUNDS: [u32; 4] = [8, 4, 2, 1];
 
 /// Stages of a round: marches outward.
 const STAGES: f64 = 3.0;
 
-/// How long the colouring is left to itself between two looks at it.
+/// Interval between two polls of the colouring.
 const LOOK_AGAIN: Duration = Duration::from_millis(250);
 
 /// Photographs, of which a cube is made while one looks at it.
@@ -178,7 +178,7 @@ impl Colouring {
         Ok(Self(shared))
     }
 
-    /// What is going on; `None` once nothing more will come.
+    /// Work in progress; `None` once it is finished.
     fn ongoing(&self, begun: Instant) -> Option<Ongoing> {
         let state = self.0.lock();
         let [done, all] = state.steps.map(|steps| steps as f64);

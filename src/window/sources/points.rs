@@ -8,7 +8,7 @@ use headbox_scene::scene::Scene;
 use headbox_trace::sampler::{random4, unit_float};
 use std::ops::Range;
 
-/// How many points stand for a scene.
+/// Number of points that represent a scene.
 const POINTS: u32 = 150_000;
 
 /// The widest that a point is drawn, pixels from its middle.

@@ -27,7 +27,7 @@ pub(crate) struct Traced {
     camera: Camera,
     /// Number of entries of [`ROUNDS`] behind it.
     rounds: usize,
-    /// As many pixels as the view has, or one for each square of [`Self::coarseness`] pixels a
+    /// Truth with as many pixels as the view, or one per square of [`Self::coarseness`] pixels a
     /// side.
     pub(crate) truth: Arc<Truth>,
 }
@@ -70,7 +70,7 @@ struct State {
     traced: Vec<Traced>,
     failed: Option<String>,
     closed: bool,
-    /// Whether the scene is there.
+    /// True once the scene is loaded.
     has_scene: bool,
     /// The view being traced and its round, and when tracing of the view began.
     tracing: Option<(Camera, usize, Instant)>,
@@ -117,7 +117,7 @@ impl Reference {
         Ok(state.traced.iter().find(|t| t.camera == *camera).cloned())
     }
 
-    /// How far truth is; none if it is there.
+    /// Progress of truth; `None` once it is finished.
     pub(crate) fn ongoing(&self) -> Option<Ongoing> {
         let state = self.shared.lock();
         if !state.has_scene {

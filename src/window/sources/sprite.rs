@@ -14,7 +14,7 @@ use std::path::Path;
 /// Most steps of gap filling on offer.
 const MAX_FILL_STEPS: u32 = 8;
 
-/// What the pixels can show.
+/// Overlays of sprites.
 const OVERLAYS: [(&str, Overlay); 2] = [("none", Overlay::None), ("holes", Overlay::Holes)];
 
 /// The orbit comes as near to its pivot as this share of the distance of the camera that took the

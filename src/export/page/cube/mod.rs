@@ -25,7 +25,7 @@ pub(super) const MODULES: &[&str] = &[
     include_str!("renderer.js"),
 ];
 
-/// What a page of a cube holds.
+/// Builds the content of a page of a cube.
 pub(super) fn content(cube: &PackedCube) -> Result<Content, ExportError> {
     if cube.depth_pixel_count() == 0
         && cube.planes.tiles.is_empty()
@@ -82,7 +82,7 @@ fn header(cube: &PackedCube) -> Value {
     })
 }
 
-/// Where the view looks at first.
+/// Default viewing direction.
 fn ahead(cube: &PackedCube) -> glam::DVec3 {
     cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z)
 }

@@ -49,7 +49,7 @@ pub(super) fn parts(segment: &PackedSegment) -> Vec<SamplePart> {
     parts
 }
 
-/// Where the samples of a pixel are.
+/// Range of a pixel's samples.
 #[derive(Clone, Copy, Default)]
 struct Pixel {
     start: usize,

@@ -1,6 +1,6 @@
-//! What a page shows first: the scene as it is seen from the middle of the headbox, a small picture
-//! with depth in all directions. Looked at from elsewhere it has parallax and no gaps; nothing
-//! behind what is nearest.
+//! Preview of a page: the scene as seen from the middle of the headbox, a small image with depth in
+//! all directions. From other positions it has parallax and no holes, but nothing behind the
+//! nearest surface.
 
 use super::super::Part;
 use crate::ExportError;
@@ -15,7 +15,7 @@ use serde_json::json;
 
 /// The most pixels a side of a face's picture; captures with smaller faces have as many as those.
 const MAX_PX: u32 = 384;
-/// Of these a side of a square that has one depth.
+/// Side of a square that has one depth, in preview pixels.
 const SQUARE_PX: u32 = 4;
 /// Quality of the JPEG file.
 const QUALITY: u8 = 45;

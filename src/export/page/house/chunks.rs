@@ -19,8 +19,8 @@ use headbox_scene::scene::Scene;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// What positions are rounded to, metres: finer than any frame shows. Places up to 32 km off have
-/// room in 32 bits.
+/// Resolution of positions, metres: finer than any frame shows. Positions up to 32 km away fit in
+/// 32 bits.
 pub(super) const POSITION_STEP_M: f64 = 1.0 / 65_536.0;
 
 /// Triangles of a piece: few enough that a page leaves out what does not show, and that no corner's
@@ -69,7 +69,7 @@ fn cut(house: &House, most: usize) -> Vec<Chunk> {
         .collect()
 }
 
-/// Whether a triangle's positions can be written.
+/// Returns true if a triangle's positions fit.
 fn has_room(scene: &Scene, origin: DVec3, triangle: u32) -> bool {
     let limit = f64::from(i32::MAX / 2) * POSITION_STEP_M;
     scene
@@ -203,7 +203,7 @@ fn is_textured(material: &Material) -> bool {
         || material.cutout.is_some()
 }
 
-/// What each number is more than the one before, wrapping around, the sign in the lowest bit.
+/// Differences between successive numbers, wrapping around, the sign in the lowest bit.
 fn zigzags(numbers: impl Iterator<Item = i32>) -> Vec<u32> {
     let mut before = 0i32;
     let mut zigzag = |number: i32| {
@@ -254,8 +254,8 @@ mod tests {
         }
     }
 
-    /// What of a triangle a page shows: corners in steps, colours, texture coordinates, all as
-    /// bits; and its material.
+    /// Triangle of a page: its material; corners in steps, colours and texture coordinates, all as
+    /// bits.
     type Shown = (u32, [([i32; 3], [u32; 3], [u32; 2]); 3]);
 
     fn read(chunk: &Chunk) -> Vec<Shown> {

@@ -1,4 +1,4 @@
-//! Where somebody may stand in a house: a grid for each storey.
+//! Walkable area of a house: a grid for each storey.
 //!
 //! A place is free if the eye above it is in a room and nothing that reaches to its height is
 //! nearer than a shoulder; and in doors, whose leaves, if the model has them closed, are walked
@@ -19,10 +19,10 @@ const STEP_M: f64 = 0.05;
 const MOST: f64 = 2000.0;
 /// Storeys whose floors are nearer than this are one, metres.
 const STOREY_M: f64 = 0.5;
-/// What is lower than this is no room but a window's niche, metres.
+/// Height below which a place is a window's niche rather than a room, metres.
 const ROOM_M: f64 = 1.8;
-/// What is kept between an eye and what stands beside it, metres; twice this is wider than the
-/// step, so that not even a sheet is passed.
+/// Distance kept between the eye and surfaces beside it, metres; twice this is wider than the step,
+/// so that not even a thin sheet is passed.
 const SHOULDER_M: f32 = 0.15;
 
 /// The places of a storey.
@@ -47,7 +47,7 @@ impl Floor {
     }
 }
 
-/// What a portal is to a walker.
+/// Portal as seen by a walker.
 struct Passage {
     opening: Opening,
     is_door: bool,
@@ -62,7 +62,7 @@ impl Passage {
         Some(Self { opening, is_door })
     }
 
-    /// Whether an eye is in the opening, somewhat away from its jambs.
+    /// Returns true if an eye is in the opening, away from its jambs.
     fn holds(&self, eye: DVec3) -> bool {
         let aside = self.opening.right * f64::from(SHOULDER_M).min(self.opening.half.x / 2.0);
         self.opening.distance_in_front(eye).abs() < REVEAL_M
@@ -145,7 +145,7 @@ fn is_free(house: &House, passages: &[Passage], eye: DVec3) -> bool {
     in_room && (holds(true) || !holds(false) && has_elbow_room(house, eye))
 }
 
-/// Whether nothing is within a shoulder's width of an eye, in eight directions.
+/// Returns true if no surface is within a shoulder's width of an eye, in eight directions.
 fn has_elbow_room(house: &House, eye: DVec3) -> bool {
     let origin = (eye - house.tracer().origin()).as_vec3();
     let diagonal = std::f32::consts::FRAC_1_SQRT_2;

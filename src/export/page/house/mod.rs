@@ -31,7 +31,7 @@ pub(super) const MODULES: &[&str] = &[
     include_str!("renderer.js"),
 ];
 
-/// What a page of a house holds.
+/// Builds the content of a page of a house.
 pub(super) fn content(house: &House, first: &Camera) -> Result<Content, ExportError> {
     let (scene, floors) = (house.scene(), floors::floors(house));
     let mut parts = Vec::new();

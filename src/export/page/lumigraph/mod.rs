@@ -20,7 +20,7 @@ pub(super) const MODULES: &[&str] = &[
 /// Width and height of the frame whose field of view the page begins with.
 const FIRST_PX: [u32; 2] = [1024, 768];
 
-/// What a page of a lumigraph holds.
+/// Builds the content of a page of a lumigraph.
 pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
     let grid = lumigraph.grid();
     let at_least = (grid.camera_count() * grid.picture_pixels()) as u64 / 4;
@@ -97,8 +97,7 @@ struct Shown {
     new: Vec<usize>,
 }
 
-/// How a grid of so many columns and rows comes: its corners first, then with each round what
-/// halves the gaps.
+/// Transfer order of a grid's images: its corners first, then each round halves the gaps.
 fn rounds([columns, rows]: [usize; 2]) -> Vec<Shown> {
     let mut places = [columns, rows].map(|count| {
         if count == 1 {

@@ -69,7 +69,7 @@ mod tests {
     use super::*;
     use headbox_core::random::Rng;
 
-    /// As `field.js` reads it.
+    /// Decodes as `field.js` does.
     fn read(rests: &[u8], width: usize, count: usize, size: usize) -> Vec<i32> {
         let unused = 32 - 8 * size as u32;
         let mut numbers: Vec<i32> = Vec::new();

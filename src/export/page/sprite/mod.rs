@@ -27,7 +27,7 @@ pub(super) const MODULES: &[&str] = &[
     include_str!("renderer.js"),
 ];
 
-/// What a page of sprites holds. It begins where the first of them was taken.
+/// Builds the content of a page of sprites. The view starts at the camera of the first.
 pub(super) fn content(set: &SpriteSet) -> Result<Content, ExportError> {
     let first = set
         .sprites()

@@ -1,9 +1,9 @@
-//! Where the nodes of a frame's grid lie, and the parts of a pixel in which that is said.
+//! Positions of the nodes of a frame's grid, in subpixels.
 
 /// Parts of a pixel that positions of nodes are multiples of.
 pub(crate) const SUBPIXELS: i32 = 256;
 
-/// Where the nodes of a frame's grid lie. They reach one cell beyond the frame on every side.
+/// Grid of nodes over a frame. It extends one cell beyond the frame on every side.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Lattice {
     pub(crate) columns: u32,

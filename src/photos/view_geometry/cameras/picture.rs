@@ -45,7 +45,7 @@ pub(super) struct Level {
 const HALVINGS: usize = 4;
 
 impl Picture {
-    /// Of a view in memory.
+    /// Builds the texture of a view in memory.
     pub(crate) fn new(view: &LoadedView) -> Self {
         let inverse = |i: usize| {
             view.depth
@@ -111,9 +111,9 @@ impl Picture {
         }
     }
 
-    /// What is at a position in pixels of the picture: linear colour, up to [`FULL`], bilinear over
-    /// what is not masked out, and the inverse depth of the nearest texel, 1/m, 0 where it is
-    /// unknown; `None` outside and where all is masked out.
+    /// Samples the image at a position in pixels: linear colour, up to [`FULL`], bilinear over
+    /// unmasked texels, and inverse depth of the nearest texel, 1/m, 0 where unknown; `None`
+    /// outside and where all texels are masked.
     #[inline(always)]
     pub(crate) fn sample(&self, level: usize, x: f32, y: f32) -> Option<([f32; 3], f32)> {
         let level = self.levels.get(level)?;

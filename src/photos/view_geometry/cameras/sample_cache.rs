@@ -24,7 +24,7 @@ const NUMBERS: usize = 16;
 /// The sections of the points.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// What a file says of itself.
+/// Header of a file.
 #[derive(Serialize, Deserialize)]
 struct Header {
     cameras: usize,
@@ -166,9 +166,9 @@ fn camera(numbers: &[f64; NUMBERS], samples: Samples) -> RealCamera {
     }
 }
 
-/// What is done about a camera's samples whenever its picture is read: those in the `file` are read
-/// and held against their checksum, so that no frame waits for a disk or shows what is damaged.
-/// Damaged ones are made anew of the view, and the file goes, to be made anew the next time.
+/// Verifies a camera's samples when its image is read: those in `file` are read and compared with
+/// their checksum, so that no frame waits for a disk or shows damaged data. Damaged ones are
+/// recomputed from the view, and the file is removed, to be rewritten the next time.
 pub(crate) fn check(
     cameras: &[RealCamera],
     grid: SampleGrid,

@@ -10,18 +10,18 @@ use headbox_images::LoadedView;
 use std::ops::Range;
 use std::sync::OnceLock;
 
-/// What stands for a depth image while frames are drawn.
+/// Samples that represent a depth image in frames.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Samples {
     /// Metres from the origin that was given, coarsest level first, rows from top to bottom in
     /// each.
     points: Held,
-    /// How many of the points each level of detail has, the finest first.
+    /// Number of points of each level of detail, the finest first.
     counts: Vec<u32>,
     probes: Probes,
 }
 
-/// Where points lie, an array for each axis.
+/// Storage of the points, an array for each axis.
 #[derive(Clone, Debug)]
 enum Held {
     Memory([Vec<f32>; 3]),
@@ -52,7 +52,7 @@ pub(crate) type Points<'a> = [&'a [f32]; 3];
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Probes {
     pub(crate) axes: [[f32; MAX_PROBES]; 3],
-    /// How many there are.
+    /// Number of probes.
     pub(crate) count: u32,
 }
 
@@ -63,7 +63,7 @@ impl Default for Probes {
 }
 
 impl Probes {
-    /// Of their coordinates.
+    /// Builds probes from their coordinates.
     pub(super) fn new(axes: [[f32; MAX_PROBES]; 3]) -> Self {
         let [x, y, z] = &axes;
         let count = (0..MAX_PROBES)
@@ -73,7 +73,7 @@ impl Probes {
     }
 }
 
-/// How depth images are sampled.
+/// Sampling of depth images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleGrid {
     /// Pixels between samples; at least 1.
@@ -178,7 +178,7 @@ impl Samples {
         }
     }
 
-    /// Of all points.
+    /// Checksum of all points.
     pub(super) fn checksum(&self) -> u32 {
         let mut sum = crc32fast::Hasher::new();
         self.of_level(0)
@@ -198,7 +198,7 @@ impl Samples {
         mapped.checked.get_or_init(replaced).is_none()
     }
 
-    /// What took the place of damaged points.
+    /// Replacement of damaged points.
     pub(crate) fn mended(&self) -> Option<&Self> {
         let Held::Disk(mapped) = &self.points else {
             return None;
@@ -206,7 +206,7 @@ impl Samples {
         mapped.checked.get()?.as_deref()
     }
 
-    /// How many samples each level of detail has, the finest first.
+    /// Number of samples of each level of detail, the finest first.
     pub(super) fn counts(&self) -> &[u32] {
         &self.counts
     }

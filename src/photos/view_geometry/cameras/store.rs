@@ -14,7 +14,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::Instant;
 
-/// Whether a frame waits for pictures.
+/// Waiting behaviour of a frame for missing images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Patience {
     /// Missing pictures are decoded first.
@@ -37,7 +37,7 @@ struct Shared {
     state: Mutex<State>,
 }
 
-/// What else is done with a camera's view once it is in memory.
+/// Callback on a camera's view once it is in memory.
 type WhenRead = Box<dyn Fn(u32, &LoadedView) + Send + Sync>;
 
 #[derive(Default)]
@@ -46,7 +46,7 @@ struct State {
     held: LruCache<u32, AtHand>,
     /// Why pictures cannot be read.
     lost: BTreeMap<u32, String>,
-    /// What the thread has yet to decode.
+    /// Cameras that the thread has yet to decode.
     queued: Vec<u32>,
 }
 
@@ -173,7 +173,7 @@ impl PictureStore {
             .map(|at_hand| Arc::clone(&at_hand.picture))
     }
 
-    /// How long a picture has been at hand, seconds.
+    /// Time since an image was loaded, seconds.
     pub(crate) fn age_s(&self, camera: u32) -> Option<f32> {
         self.shared
             .lock()
@@ -182,7 +182,7 @@ impl PictureStore {
             .map(|at_hand| at_hand.since.elapsed().as_secs_f32())
     }
 
-    /// What could not be read any more: a sentence each.
+    /// Images that can no longer be read: a sentence each.
     pub(crate) fn lost(&self) -> Vec<String> {
         self.shared.lock().lost.values().cloned().collect()
     }

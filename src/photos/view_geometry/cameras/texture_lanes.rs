@@ -5,18 +5,18 @@ use crate::view_geometry::render::scan::LANES;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, u32x4, u32x16};
 
-/// What a picture shows at sixteen places.
+/// Sixteen samples of an image.
 pub(crate) struct Sixteen<S: Simd> {
     /// Linear, up to [`FULL`].
     pub(crate) color: [f32x16<S>; 3],
-    /// Of the nearest texel, 1/m; 0 where it is unknown.
+    /// Inverse depth of the nearest texel, 1/m; 0 where unknown.
     pub(crate) inverse_depth: f32x16<S>,
-    /// Which lanes show anything; what the others hold is finite and nothing else.
+    /// Bit mask of lanes with a sample; the other lanes hold arbitrary finite values.
     pub(crate) known: u64,
 }
 
 impl Picture {
-    /// As [`Self::level_for`].
+    /// Same as [`Self::level_for`], in lanes.
     #[inline(always)]
     pub(crate) fn levels_for<S: Simd>(&self, texels: f32x16<S>) -> u32x16<S> {
         let (one, zero) = (
@@ -32,7 +32,7 @@ impl Picture {
         level
     }
 
-    /// As [`Self::sample`] in the `wanted` lanes.
+    /// Same as [`Self::sample`] in the `wanted` lanes.
     #[inline(always)]
     pub(crate) fn sample_sixteen<S: Simd>(
         &self,
@@ -109,9 +109,9 @@ impl Picture {
     }
 }
 
-/// Of each index the texel there, the one right of it, and the two below, `stride` further on: red
-/// and green, and blue and inverse depth, in the lower and upper halves of two words. `None` if
-/// there are not so many texels.
+/// Gathers for each index the texel there, the one to its right, and the two below, `stride`
+/// further on: red and green, and blue and inverse depth, in the lower and upper halves of two
+/// words. `None` if there are too few texels.
 #[inline(always)]
 fn fours<S: Simd>(
     simd: S,
@@ -132,7 +132,7 @@ fn fours<S: Simd>(
     Some([a, b, c, d])
 }
 
-/// Of pairs of texels, each from an index on, the words of the left ones and of the right ones.
+/// Splits pairs of texels into the words of the left ones and of the right ones.
 #[inline(always)]
 fn left_and_right<S: Simd>(
     simd: S,
@@ -198,7 +198,7 @@ fn bilinear<S: Simd>(
     top + (bottom - top) * y
 }
 
-/// As [`unmasked`], and which lanes have any texel that is not masked out.
+/// Same as [`unmasked`], and a mask of lanes that have an unmasked texel.
 #[inline(always)]
 fn unmasked_sixteen<S: Simd>(
     simd: S,

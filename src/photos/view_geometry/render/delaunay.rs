@@ -234,8 +234,8 @@ pub(super) fn doubled_area([a, b, c]: [[i64; 2]; 3]) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// Whether the quadrilateral (a, b above; c, d below) is to be cut from b down to c, not from a to
-/// d.
+/// Returns true if the quadrilateral (a, b above; c, d below) is split from b down to c instead of
+/// from a to d.
 #[inline]
 fn down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
     let [a, b, c, d] = nodes.map(|node| at(grid, node));
@@ -247,9 +247,9 @@ fn down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
     inside([a, b, c], [b, d, c]) && !in_circle([a, b, c, d])
 }
 
-/// Whether d lies inside the circle through a, b, c, which go from right to down. Exact: sides are
-/// below 2^23 parts of a pixel, so that both factors of each product fit in 48 bits. Between near
-/// nodes all fits in 64.
+/// Returns true if d lies inside the circle through a, b, c, which go from right to down. Exact:
+/// sides are below 2^23 subpixels, so that both factors of each product fit in 48 bits; between
+/// near nodes everything fits in 64.
 #[inline]
 fn in_circle([a, b, c, d]: [[i64; 2]; 4]) -> bool {
     const NEAR: u64 = 1 << 14;

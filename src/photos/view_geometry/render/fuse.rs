@@ -58,7 +58,7 @@ impl Grid {
         self.owner.resize(count, NOBODY);
     }
 
-    /// Whether all corners of a triangle hold a sample.
+    /// Returns true if all corners of a triangle hold a sample.
     #[inline]
     pub(crate) fn holds(&self, corners: &[u32; 3]) -> bool {
         corners
@@ -94,8 +94,8 @@ impl Grid {
     /// Empties nodes behind most of their neighbours: where samples of a near surface lie farther
     /// apart than nodes, what is behind it shows between them.
     pub(super) fn drop_leaks(&mut self, edge: &EdgeRule) {
-        /// Of eight neighbours. A node on the straight rim of what is in front of it has three
-        /// nearer ones, in a corner five.
+        /// Number of nearer neighbours, of eight, that make a node an outlier. A node on a straight
+        /// silhouette has three nearer ones, in a corner five.
         const NEARER: usize = 6;
         let (columns, spacing) = (
             self.lattice.columns as usize,

@@ -28,7 +28,7 @@ pub(super) struct Hit {
 /// A frame's camera as samples are projected by it.
 pub(super) struct Projection {
     level: Level,
-    /// Of the frame, pixels.
+    /// Size of the frame, pixels.
     pub(super) size: [u32; 2],
     /// Relative to the samples' origin, metres.
     eye: Vec3,

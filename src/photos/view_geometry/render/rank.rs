@@ -1,5 +1,4 @@
-//! Which cameras serve a view best (E6): near to its line of sight, looking its way, seeing what it
-//! sees.
+//! Camera ranking (E6): near to the view's line of sight, similar direction, same visible surfaces.
 //!
 //! Each is a penalty from 0 to 1, and their weighted sum orders the cameras (C26: the paper's text
 //! lost the operators; visibility enters as what is *not* seen). Distances are over the largest of
@@ -15,14 +14,14 @@ use crate::view_geometry::cameras::samples::{MAX_PROBES, Probes};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 
-/// How much each penalty counts; only their ratios matter.
+/// Weights of the penalties; only their ratios matter.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct RankWeights {
-    /// Of the distance to the line of sight.
+    /// Weight of the distance to the line of sight.
     pub distance: f64,
-    /// Of the angle between viewing directions.
+    /// Weight of the angle between viewing directions.
     pub angle: f64,
-    /// Of what the camera's samples miss of the frame.
+    /// Weight of the share of the frame that the camera's samples miss.
     pub visibility: f64,
 }
 
@@ -45,8 +44,8 @@ pub(crate) struct Ranked {
     pub penalty: f64,
 }
 
-/// How far a camera may look away although the frame's field of view is narrower, radians: what one
-/// of two cameras sees head-on the other still sees at a cosine of a half.
+/// Largest angle between viewing directions even if the frame's field of view is narrower, radians:
+/// a surface seen head-on by one camera is seen at a cosine of a half by the other.
 const SAME_SURFACES_RAD: f64 = std::f64::consts::FRAC_PI_3;
 
 /// Ranks the cameras that are valid for a frame, the best first; of equals the one with the lower

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// What a frame took.
+/// Statistics of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct GeometryStats {
     /// Cameras that were valid for the frame.
@@ -39,7 +39,7 @@ pub struct GeometryStats {
     pub flips: u64,
     /// Pixels of which nothing is known.
     pub hole_pixels: u64,
-    /// Of the stages, by the clock, ms.
+    /// Wall time of the stages, ms.
     pub rank_ms: f64,
     /// Waiting for pictures, if it was asked to.
     pub fetch_ms: f64,
@@ -61,11 +61,11 @@ pub struct GeometryRenderer {
     pub(crate) grid: Grid,
     pub(crate) mesh: Mesh,
     pub(crate) bins: Bins,
-    /// Of bands that were drawn, for the next ones.
+    /// Buffers of bands, reused by the next ones.
     pub(super) described: Mutex<Vec<Described>>,
     pub(crate) frame: Frame,
-    /// Of the last frame: where it was seen from, its cameras by rank, and when neighbours are of
-    /// different surfaces.
+    /// State of the last frame: its camera, its cameras by rank, and the rule by which neighbours
+    /// are separate surfaces.
     pub(crate) camera: Option<Camera>,
     pub(crate) used: Vec<u32>,
     pub(crate) edge: EdgeRule,

@@ -50,12 +50,12 @@ pub(crate) struct Pixels {
 pub(crate) struct Described {
     /// Row by row, each filled up to whole [`LANES`].
     pub(crate) pixels: Vec<Pixels>,
-    /// Of a row.
+    /// Words per row.
     pub(crate) per_row: usize,
 }
 
 impl Described {
-    /// As if nothing covered these rows.
+    /// Clears these rows.
     fn reset(&mut self, width: u32, rows: u32) {
         const NOTHING: Pixels = Pixels {
             inverse_depth: [0.0; LANES],
@@ -70,7 +70,7 @@ impl Described {
         self.pixels.resize(self.per_row * rows as usize, NOTHING);
     }
 
-    /// As if the best camera owned all of these rows, infinitely far away.
+    /// Assigns these rows to the best camera, infinitely far away.
     pub(super) fn fill(&mut self, width: u32, rows: u32) {
         self.reset(width, rows);
         for pixels in &mut self.pixels {
@@ -79,18 +79,18 @@ impl Described {
     }
 }
 
-/// Which triangles show in which band.
+/// Triangles of each band.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bins {
     /// The first band of each triangle, and the one after its last.
     bands: Vec<[u16; 2]>,
-    /// Where the numbers of each band begin, and end.
+    /// Start of each band's triangle numbers, and their end.
     starts: Vec<u32>,
     numbers: Vec<u32>,
 }
 
 impl Bins {
-    /// As if there were no triangles.
+    /// Removes all triangles.
     pub(super) fn clear(&mut self) {
         self.starts.clear();
     }
@@ -166,7 +166,7 @@ pub(crate) struct Scanner<'a> {
 /// A place on a triangle.
 pub(super) struct Spot<'a> {
     pub(super) triangle: &'a Triangle,
-    /// Of the corners, on the surface; 0 for those of the surface that does not show.
+    /// Weights of the corners on the visible surface; 0 for those of the other surface.
     pub(super) weights: [f32; 3],
     /// 1/m.
     pub(super) inverse_depth: f32,
@@ -182,16 +182,16 @@ pub(super) struct Triangle {
     /// Inverse depths of the corners over the sum of the edge functions, which is the same at all
     /// pixels.
     inverse_per_area: [f32; 3],
-    /// Of the corners: position, pixels; inverse depth, 1/m; rank of the camera.
+    /// Corners: position, pixels; inverse depth, 1/m; rank of the camera.
     pub(super) at: [[f32; 2]; 3],
     pub(super) inverse_depth: [f32; 3],
     pub(super) owners: [u16; 3],
-    /// Which corners belong to the nearer of two surfaces, if there are two.
+    /// Corners of the nearer of two surfaces, if there are two.
     cut: Option<[bool; 3]>,
 }
 
 impl Triangle {
-    /// What the corners weigh on the surface by edge functions: weights in the frame times inverse
+    /// Weights of the corners on the surface by edge functions: weights in the frame times inverse
     /// depths, so that they add up to the inverse depth there.
     #[inline(always)]
     fn weighed(&self, edges: [i64; 3]) -> [f32; 3] {
@@ -315,7 +315,8 @@ impl Scanner<'_> {
         })
     }
 
-    /// Which of three corners belong to the nearer of two surfaces; `None` if they are of one.
+    /// Returns which of three corners belong to the nearer of two surfaces; `None` if they are one
+    /// surface.
     #[inline]
     fn cut(&self, at: [[i32; 2]; 3], inverse: [f32; 3]) -> Option<[bool; 3]> {
         let (near, far) = (

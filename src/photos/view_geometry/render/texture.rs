@@ -126,7 +126,7 @@ fn along<S: Simd>(
     x * right + row + inverse_depth * shift
 }
 
-/// What colours a frame.
+/// Context of colouring a frame.
 pub(super) struct Painter<'a> {
     pub(super) level: Level,
     pub(super) scanner: Scanner<'a>,
@@ -302,7 +302,7 @@ impl Painter<'_> {
     }
 }
 
-/// What the corners that a camera owns weigh together.
+/// Sum of the weights of the corners that a camera owns.
 #[inline(always)]
 fn weight_of<S: Simd>(
     simd: S,

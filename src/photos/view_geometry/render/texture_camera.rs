@@ -1,4 +1,4 @@
-//! How a frame's places are found in a camera's picture.
+//! Mapping from a frame's pixels to a camera's image.
 
 use crate::view_geometry::cameras::picture::Picture;
 use crate::view_geometry::{EdgeRule, RealCamera};
@@ -51,8 +51,7 @@ impl TextureCamera {
         }
     }
 
-    /// As if the camera stood where the frame's does, and looked the same way: the picture alone,
-    /// without depth.
+    /// Creates a camera that stands and looks as the frame's does: the image alone, without depth.
     pub(super) fn pasted(camera: &RealCamera, picture: Arc<Picture>, frame: &Camera) -> Self {
         Self::turned(camera, picture, frame, DMat3::IDENTITY)
     }
@@ -82,16 +81,16 @@ impl TextureCamera {
         (h.z > 0.0).then_some([h.x * per, h.y * per, inverse_depth * per, h.z])
     }
 
-    /// What the camera shows where it would show a place of the frame, if it knows, and how near to
-    /// it that place is, 1/m.
+    /// Inverse depth, 1/m, of the camera's surface where it sees a place of the frame, and that of
+    /// the place; `None` if unknown.
     pub(super) fn depths_at(&self, at: [f32; 2], inverse_depth: f32) -> Option<[f32; 2]> {
         let [u, v, there, _] = self.locate(at, inverse_depth)?;
         let (_, shown) = self.picture.sample(0, u, v)?;
         (shown > 0.0).then_some([shown, there])
     }
 
-    /// Whether the camera shows a place of the frame: what it shows there is neither nearer nor
-    /// farther.
+    /// Returns true if the camera sees a place of the frame: its own surface there is neither
+    /// nearer nor farther.
     pub(crate) fn agrees(&self, at: [f32; 2], inverse_depth: f32) -> bool {
         self.depths_at(at, inverse_depth)
             .is_some_and(|[shown, there]| {
