@@ -1,5 +1,5 @@
-//! Whether a picture shows anything: exit 0 if no colour covers most of it and there are many
-//! colours, 1 if not.
+//! Tests that an image is not blank: exit 0 if no colour covers most of it and there are many
+//! colours, 1 otherwise.
 //!
 //!     not_blank FILE.png
 

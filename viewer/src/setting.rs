@@ -9,11 +9,11 @@ pub struct Setting {
     pub id: &'static str,
     /// Heading under which it is shown.
     pub group: String,
-    /// Whether that heading is folded at first (the first setting under it decides).
+    /// True if the heading is folded at first (the first setting under it decides).
     pub folded: bool,
     /// Text beside the control.
     pub label: String,
-    /// What it does, with the unit: shown when the pointer rests on the control.
+    /// Effect, with the unit: shown when the pointer rests on the control.
     pub tooltip: String,
     /// Kind, range and initial value.
     pub control: Control,
@@ -44,7 +44,7 @@ pub enum Control {
         step: f64,
         /// Unit as it is printed behind the value, or "".
         unit: &'static str,
-        /// Whether the slider is logarithmic.
+        /// True for a logarithmic slider.
         logarithmic: bool,
     },
     /// A button ([`FrameSource::act`](crate::FrameSource::act)).
@@ -150,11 +150,11 @@ impl Setting {
 /// The value of one setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SettingValue {
-    /// Of a toggle.
+    /// State of a toggle.
     Toggle(bool),
-    /// Of a choice: the index of the option.
+    /// Index of the selected option of a choice.
     Choice(usize),
-    /// Of a number.
+    /// Value of a number.
     Number(f64),
 }
 
@@ -188,7 +188,7 @@ pub enum SettingError {
         id: String,
         /// The text given.
         text: String,
-        /// What would be right.
+        /// Valid values.
         expected: String,
     },
 }

@@ -1,4 +1,4 @@
-//! What the window shows: anything that turns a camera into a frame.
+//! Frame sources: anything that turns a camera into a frame.
 
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
@@ -15,10 +15,10 @@ use std::{
 /// Something that can be looked at. Lives on the render thread, which is the only one that calls
 /// it, and may take its time there: the window never waits for it.
 pub trait FrameSource: Send {
-    /// What is shown, for the window's title: a file name and its kind.
+    /// Title of the window: a file name and its kind.
     fn title(&self) -> String;
 
-    /// Where a visitor starts, and where the key "centre" returns to.
+    /// Start pose, to which the key "centre" returns.
     fn start_pose(&self) -> Pose;
 
     /// The box in which the eye may move (the headbox); `None` leaves it free.
@@ -26,7 +26,7 @@ pub trait FrameSource: Send {
         None
     }
 
-    /// How the eye moves.
+    /// Navigation mode.
     fn navigation(&self) -> Navigation {
         Navigation::Fly
     }
@@ -43,8 +43,7 @@ pub trait FrameSource: Send {
         None
     }
 
-    /// What a person should know of the file before looking at it, a sentence each; shown as
-    /// messages when it is opened.
+    /// Notes on the file, a sentence each; shown as messages when it is opened.
     fn notes(&self) -> Vec<String> {
         Vec::new()
     }
@@ -92,10 +91,10 @@ pub trait FrameSource: Send {
     }
 }
 
-/// What can be opened from the window: the start page, drag and drop, the file list. Lives on the
-/// render thread.
+/// Files and scenes that the window can open: the start page, drag and drop, the file list. Lives
+/// on the render thread.
 pub trait Library: Send {
-    /// What the start page offers, in order.
+    /// Entries of the start page, in order.
     fn entries(&self) -> Vec<Entry>;
 
     /// The picture of an entry, 4:3 with straight corners, made when the thread has nothing else to
@@ -123,7 +122,7 @@ pub trait Library: Send {
 /// One offer of the start page.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// What [`Library::open_entry`] is given.
+    /// Argument of [`Library::open_entry`].
     pub id: String,
     /// Short name.
     pub name: String,
@@ -143,7 +142,7 @@ pub struct Thumbnail {
 }
 
 impl Thumbnail {
-    /// As a texture; `None` if its pixels are not as many as it says.
+    /// Uploads it as a texture; `None` if the number of pixels differs from its size.
     pub(crate) fn texture(&self, ctx: &egui::Context, name: &str) -> Option<egui::TextureHandle> {
         let size = [self.width as usize, self.height as usize];
         (size[0] * size[1] == self.pixels.len()).then(|| {
@@ -154,7 +153,7 @@ impl Thumbnail {
     }
 }
 
-/// How the eye moves.
+/// Navigation mode.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Navigation {
     /// Forward is where one looks.
@@ -178,24 +177,23 @@ pub struct FrameRequest {
     pub camera: Camera,
     /// The values of the source's settings.
     pub settings: Arc<SettingValues>,
-    /// Whether the eye is in motion: a source may save work that shows only at rest.
+    /// True if the eye is in motion: a source may skip work that is visible only at rest.
     pub moving: bool,
 }
 
-/// What is known about one rendered frame.
+/// Report on a rendered frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameReport {
     /// Time by stage, in the order of the work; drawn as the rolling chart.
     pub stages: Vec<Stage>,
     /// Further figures.
     pub figures: Vec<Figure>,
-    /// What is known in words, such as the name of the room.
+    /// Facts in words, such as the name of the room.
     pub facts: Vec<Fact>,
-    /// What the colours of the picture mean, if they are not what is seen: shown in a corner of the
-    /// frame.
+    /// Legend of the colours, if they are not those of the scene: shown in a corner of the frame.
     pub legend: Vec<Swatch>,
-    /// Whether the same request, asked again, would give a better frame: the window asks again
-    /// while nothing newer is wanted.
+    /// Tells if the same request would give a better frame: the window repeats it while there is no
+    /// newer one.
     pub refinement: Refinement,
     /// Work in the background that will make it better: shown as a strip over the frame.
     pub ongoing: Option<Ongoing>,
@@ -204,11 +202,11 @@ pub struct FrameReport {
 /// Work that is not done yet.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ongoing {
-    /// What is being done, a few words.
+    /// Description of the work, a few words.
     pub what: String,
     /// Share that is done, 0 to 1.
     pub share: f64,
-    /// How long it will still take, as far as can be told.
+    /// Estimated remaining time, if known.
     pub left: Option<Duration>,
 }
 
@@ -234,13 +232,13 @@ impl Ongoing {
 
 /// A source that is being opened elsewhere: the window shows that it is until there is one.
 pub struct Coming {
-    /// What is being opened.
+    /// Name of the file or scene being opened.
     pub name: String,
     /// The source, or one sentence why there is none.
     pub source: Receiver<Result<Box<dyn FrameSource>, String>>,
 }
 
-/// Whether a frame can still become better.
+/// Potential for improvement of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Refinement {
     /// It is as good as it gets.
@@ -278,7 +276,7 @@ pub struct Figure {
 pub struct Fact {
     /// Name, the same in every frame.
     pub name: &'static str,
-    /// What is known.
+    /// Text of the fact.
     pub text: String,
 }
 
@@ -287,7 +285,7 @@ pub struct Fact {
 pub struct Swatch {
     /// sRGB.
     pub color: [u8; 3],
-    /// What it means, with its unit.
+    /// Meaning, with its unit.
     pub label: String,
 }
 

@@ -1,4 +1,4 @@
-//! What a capture was made of, as kept in the header of its file.
+//! Header of a capture.
 
 use super::parameters::CaptureParameters;
 use glam::DVec3;
@@ -7,7 +7,7 @@ use headbox_core::light_parameters::LightParameters;
 use headbox_core::tone::ToneMap;
 use serde::{Deserialize, Serialize};
 
-/// What a capture was and what it knows of itself; travels in the `.ldi` file.
+/// Header of a capture: its parameters, and figures about itself; stored in the `.ldi` file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CaptureInfo {
     /// The scene, as given on the command line.
@@ -21,38 +21,38 @@ pub struct CaptureInfo {
     pub frame: FileFrame,
     /// Linear radiance times this is what `tone` is of.
     pub exposure: f32,
-    /// What became of exposed radiance before it was stored.
+    /// Tone curve applied to exposed radiance.
     #[serde(default)]
     pub tone: ToneMap,
     /// The scene's light, where it is not its own.
     #[serde(default)]
     pub light: LightParameters,
-    /// Which rays were to be traced, and what became of what they hit.
+    /// Parameters of rays, merging and light.
     #[serde(flatten)]
     pub parameters: CaptureParameters,
     /// Rays traced, all faces.
     pub rays_traced: u64,
     /// Share of the headbox that its centre does not see because geometry is in the way.
     pub blocked_share: f64,
-    /// Where to look by default: the horizontal direction with the most to see, world axes; `None`
-    /// in files made before it was kept.
+    /// Default viewing direction: the horizontal direction with the most to see, world axes; `None`
+    /// in older files.
     #[serde(default)]
     pub ahead: Option<DVec3>,
-    /// What is up by default where it is not +Y, world axes: pictures may be taken with the camera
-    /// on its side.
+    /// Default up direction where it is not +Y, world axes: images may be taken with the camera on
+    /// its side.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub up: Option<DVec3>,
     /// Per face of the ray domain: the estimated probability that one more ray would find a depth
     /// pixel that is not in the LDI (Good 1953: share of samples seen once); `None` where rays were
     /// not random.
     pub missing_estimate: [Option<f64>; 6],
-    /// What frames lack; `None` where nobody looked.
+    /// Missing pixels of frames; `None` if not measured.
     #[serde(default)]
     pub holes: Option<Holes>,
 }
 
-/// What frames of a capture lack, as found by frames from all over the headbox held against rays
-/// ([`headbox_ldi::refine`]).
+/// Missing pixels of frames, measured by comparing test frames from all over the headbox with rays
+/// (`headbox_ldi::refine`).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Holes {
     /// Share of the frames' pixels that show less than rays find there, when they were last looked
@@ -64,6 +64,6 @@ pub struct Holes {
     pub share_before: f64,
     /// Rays that were aimed at what was lacking, and kept.
     pub aimed_rays: u64,
-    /// How often frames were looked at.
+    /// Number of rounds of test frames.
     pub rounds: u32,
 }

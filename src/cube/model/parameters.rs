@@ -1,9 +1,8 @@
-//! What a capture is asked for, stated once: the job, the headers of files, and the command line
-//! hold these types.
+//! Parameters of a capture, embedded in capture specifications and in headers of files.
 
 use serde::{Deserialize, Serialize};
 
-/// Which rays a capture traces.
+/// Sampling of a capture's rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sampler {

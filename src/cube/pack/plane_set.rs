@@ -8,8 +8,8 @@ use rayon::prelude::*;
 /// All pictures on planes of a cube.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlaneSet {
-    /// What each is within, in pixels of the frame that `primitives::Bound` names; 0 if there are
-    /// none.
+    /// Error bound of each plane texture, in pixels of the frame that `planes::Bound` names; 0 if
+    /// there are none.
     pub error_px: f64,
     /// The planes.
     pub planes: Vec<Plane>,

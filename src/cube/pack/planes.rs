@@ -73,7 +73,7 @@ pub struct PlaneTile {
 const _: () = assert!(size_of::<PlaneTile>() == 20, "no padding in files");
 
 impl PlaneTile {
-    /// Where its texels lie among all.
+    /// Range of its texels among all.
     pub fn texel_range(&self) -> std::ops::Range<usize> {
         let first = self.first_texel as usize;
         first..first.saturating_add(self.texel_count())

@@ -1,4 +1,4 @@
-//! How many samples each pixel of a segment holds, in few bytes where most pixels hold none.
+//! Run-length encoding of the number of samples per pixel of a segment.
 //!
 //! Row after row and pixel after pixel: the number of samples, after a 0 the number of pixels more
 //! that hold none; each number in groups of seven bits from the lowest, all bytes but its last with

@@ -1,4 +1,4 @@
-//! What eleven bits can say of a surface's orientation and distance (S20, S22, C10).
+//! 11-bit encoding of a sample's normal and distance (S20, S22, C10).
 //!
 //! Normals are coded in the *face frame*: the eye space of the face's camera, x right, y up, z back
 //! toward the centre. A surface that the centre sees head-on has the normal (0, 0, 1).

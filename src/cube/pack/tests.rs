@@ -1,4 +1,4 @@
-//! What packing keeps, against the layered depth image itself: small cubes, sample by sample.
+//! Round trips through packing: small cubes, sample by sample.
 
 use super::blocks::{BLOCK_COLUMNS, BLOCK_ROWS, BlockIndex};
 use super::file::CUBE_LDI;
@@ -207,7 +207,7 @@ fn blocks_know_the_least_and_the_largest_code_of_what_they_hold() {
     );
 }
 
-/// What [`Split::Auto`] promises to make least, for a cut after some of 64 bins of inverse depth.
+/// Cost that [`Split::Auto`] minimises, for a cut after some of 64 bins of inverse depth.
 fn expected_touches(inverse_depths: &[f64], cut: f64, half_size: f64) -> f64 {
     let range = |samples: &[f64]| {
         let of = |pick: fn(f64, f64) -> f64| samples.iter().copied().reduce(pick).unwrap_or(0.0);
@@ -540,7 +540,7 @@ fn cuts_are_at_depths_and_what_lies_on_them_is_near() {
     assert!(ranges.eq([[0.5, 0.5], [0.8, 1.0]].into_iter().cycle().take(12)));
 }
 
-/// Of few pixels, so that half a one is an angle of seven degrees.
+/// Few pixels, so that half a pixel is an angle of seven degrees.
 #[test]
 fn what_its_pixels_ray_sees_from_the_front_still_faces_it() {
     let (mut random, mut grazing) = (Rng::keyed(2), 0);

@@ -35,12 +35,12 @@ pub enum PackedError {
         face: Face,
         /// Near or far.
         side: SegmentSide,
-        /// What is wrong.
+        /// Problem found.
         problem: SegmentProblem,
     },
 }
 
-/// What can be wrong with a segment.
+/// Problem of a segment.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SegmentProblem {
     /// A segment without samples is left out.

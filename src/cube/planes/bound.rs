@@ -1,5 +1,5 @@
-//! How far in inverse depth a surface may lie from where it is drawn, that nobody in the headbox
-//! sees it elsewhere by more than so many frame pixels. `docs/primitives.md` derives it.
+//! Error bound: the largest error of inverse depth for which no eye in the headbox sees a surface
+//! displaced by more than a number of frame pixels. `docs/primitives.md` derives it.
 
 use glam::DVec3;
 
@@ -76,8 +76,8 @@ impl Bound {
     }
 }
 
-/// How much smaller the inverse depth `q` of a point in a direction of length `d` becomes if the
-/// point moves away by `s`.
+/// Decrease of the inverse depth `q` of a point in a direction of length `d` if the point moves
+/// away by `s`.
 fn from_length(q: f64, d: f64, s: f64) -> f64 {
     q * q * s / (d + q * s)
 }

@@ -1,4 +1,4 @@
-//! What primitives cost, where two hold the bound.
+//! Cost model of primitives, where two satisfy the bound.
 
 /// Bytes of a texel, and of a sample with its share of the tables.
 const BYTES: [f64; 2] = [4.0, 8.5];
@@ -19,14 +19,14 @@ const SAMPLE_NS: f64 = 40.0;
 /// cleared, and read again under the samples.
 const CANVAS_NS: f64 = 0.8;
 
-/// What a picture of some texels costs a frame that shows all of it, nanoseconds.
+/// Time to draw a plane texture completely, nanoseconds.
 fn picture_ns(width: u16, height: u16) -> f64 {
     let (width, height) = (f64::from(width), f64::from(height));
     NS[0] + NS[1] * height * FRAME_PER_FACE_PX.sqrt() + NS[2] * width * height * FRAME_PER_FACE_PX
 }
 
-/// What a picture of some texels saves over the samples that it stands for, by bytes and by time,
-/// each in samples; `None` if it is larger or slower.
+/// Savings of a plane texture over the samples that it replaces, in bytes and in time, each in
+/// samples; `None` if it is larger or slower.
 pub(super) fn saved(samples: usize, width: u16, height: u16) -> Option<f64> {
     let samples = samples as f64;
     let bytes = BYTES[0] * f64::from(width) * f64::from(height) + 20.0;

@@ -7,9 +7,9 @@ use glam::{DMat3, DVec3};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fit {
     origin: [f64; 2],
-    /// Of the products of (1, x, y) with themselves.
+    /// Moments: products of (1, x, y) with themselves.
     moments: [f64; 6],
-    /// Of inverse depth times (1, x, y).
+    /// Inverse depth times (1, x, y).
     values: DVec3,
 }
 
@@ -27,7 +27,7 @@ impl Affine {
         self.at.x + self.at.y * (x - self.origin[0]) + self.at.z * (y - self.origin[1])
     }
 
-    /// How far an inverse depth in the pixel with the middle (x, y) is from all that the plane has
+    /// Distance of an inverse depth in the pixel with centre (x, y) from the range of the plane
     /// within the pixel.
     ///
     /// A sample says in which pixel rays met a surface, not where in it.

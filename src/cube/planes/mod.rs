@@ -1,5 +1,5 @@
-//! Who is drawn as what, and why: a capture's samples become the cheapest primitives that stay
-//! within one bound (inventory S1; `docs/primitives.md`).
+//! Primitive selection: replaces planar samples by textured planes within an error bound (inventory
+//! S1; `docs/primitives.md`).
 //!
 //! * [`bound`]: from an error in frame pixels to one in inverse depth.
 //! * [`fineness`]: how large faces must be for such an error.
@@ -61,7 +61,7 @@ pub fn pack(
     )
 }
 
-/// As [`pack`], with all pictures: for a cube of which portals show parts.
+/// Same as [`pack`], keeping all plane textures: for a cube of which portals show parts.
 ///
 /// # Errors
 /// See [`PackedCube::pack`].
@@ -156,11 +156,11 @@ fn take(ldi: &mut CubeLdi, found: Vec<Chosen>, error_px: f64) -> PlaneSet {
     set
 }
 
-/// What becomes pictures of a face.
+/// Plane textures selected for a face.
 struct Chosen {
     planes: Vec<Plane>,
     pictures: textures::Pictures,
-    /// Of each sample of the face its plane, or [`NOBODY`].
+    /// Plane of each sample of the face, or [`NOBODY`].
     owner: Vec<u32>,
 }
 

@@ -15,7 +15,7 @@ const SEED_STEP: u32 = 4;
 /// Pixels around a seed, to each side, from which its plane is first fitted.
 const SEED_REACH: i64 = 3;
 
-/// Of the 49 pixels about a seed, how many must lie on its plane.
+/// Number of the 49 pixels about a seed that must lie on its plane.
 const SEED_SUPPORT: usize = 24;
 
 /// Relative error of inverse depth, a pixel away, of a plane through a sample by its normal alone:
@@ -36,12 +36,12 @@ pub(super) struct Region {
 /// The samples of a face, and whose they are.
 pub(super) struct Grower<'a> {
     pub(super) face: &'a LayeredDepthImage,
-    /// Of each sample, by how much inverse depth may be wrong, 1/m.
+    /// Tolerance of each sample's inverse depth, 1/m.
     pub(super) tolerance: Vec<f32>,
-    /// Of each sample, the index of its region, or [`NOBODY`].
+    /// Region of each sample, or [`NOBODY`].
     pub(super) owner: Vec<u32>,
     pub(super) regions: Vec<Region>,
-    /// Of each pixel, the last visit.
+    /// Last visit of each pixel.
     visited: Vec<u32>,
     visit: u32,
     queue: Vec<u32>,
@@ -49,7 +49,7 @@ pub(super) struct Grower<'a> {
 
 /// A plane that is worth growing.
 struct Seed {
-    /// How well it fits, and how widely; larger is better.
+    /// Score of its fit and extent; larger is better.
     score: f64,
     pixel: u32,
     affine: Affine,
@@ -109,8 +109,7 @@ impl<'a> Grower<'a> {
         self.owner[i] == NOBODY && affine.distance(x, y, q) <= f64::from(self.tolerance[i])
     }
 
-    /// What is so far away that nobody sees it move belongs to the plane at infinity, wherever it
-    /// is.
+    /// Assigns samples so far away that no eye sees them move to the plane at infinity.
     fn take_infinity(&mut self) {
         let mut pixels = Vec::new();
         for pixel in 0..self.face.size_px.pow(2) {

@@ -18,7 +18,7 @@ pub(super) struct Pictures {
     pub(super) samples: u64,
 }
 
-/// Of the eight pixels around one that no ray reached, how many must be of a region for it to be a
+/// Number of the eight pixels around one without rays that must belong to a region for it to be a
 /// gap in it.
 const GAP_NEIGHBOURS: usize = 6;
 
@@ -80,17 +80,17 @@ impl Square {
     }
 }
 
-/// What is worth drawing of a square.
+/// Squares worth drawing as textures.
 #[derive(Default)]
 struct Choice {
     kept: Vec<Square>,
-    /// What that saves, as [`cost::saved`] counts.
+    /// Savings, as computed by [`cost::saved`].
     saved: f64,
 }
 
-/// Which squares of a face are drawn of one region, by the least ones.
+/// Squares of a face drawn by one region, in units of the smallest squares.
 struct Drawn {
-    /// Of each of the least squares, row by row, the last region.
+    /// Last region of each of the smallest squares, row by row.
     last: Vec<u32>,
     across: i32,
     region: u32,
@@ -311,8 +311,8 @@ impl Painter<'_, '_> {
         Some([r, g, b, alpha])
     }
 
-    /// What a picture has in a pixel that the region does not reach, by the region's colours there
-    /// and in the eight around it.
+    /// Texel in a pixel that the region does not reach, extrapolated from the region's colours
+    /// there and in the eight pixels around it.
     ///
     /// In a gap it goes on. Where it ends, goes on as something else, or is hidden from everywhere,
     /// its alpha falls as a tent's weight does: what lies beside it is added to it, as samples are.

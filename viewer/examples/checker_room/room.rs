@@ -15,7 +15,7 @@ const BALL: (Vec3, f32) = (Vec3::new(0.6, -0.7, -1.8), 0.6);
 /// Rounds after which the "refined" picture is done.
 const ROUNDS: u32 = 8;
 
-/// Which use of a real source the room stands in for.
+/// Use of a real source that the room stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// A headbox in the middle of the room.
@@ -35,7 +35,7 @@ pub(crate) struct CheckerRoom {
     hits: Vec<Hit>,
 }
 
-/// What a pixel sees: face 0 to 5 of the room or 6 for the ball, and how far away.
+/// Surface seen by a pixel: face 0 to 5 of the room or 6 for the ball, and its distance.
 #[derive(Clone, Copy, Default)]
 struct Hit {
     position: Vec3,

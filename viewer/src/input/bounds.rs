@@ -15,7 +15,7 @@ impl EyeBounds {
     /// The share of the half size, next to the wall, in which the eye is slowed down.
     pub const SOFT_SHARE: f64 = 0.15;
 
-    /// Whether `eye` lies in the box (its walls included).
+    /// Returns true if `eye` lies in the box (walls included).
     pub fn contains(&self, eye: DVec3) -> bool {
         (eye - self.centre).abs().cmple(self.half_size).all()
     }
@@ -41,7 +41,7 @@ impl EyeBounds {
         self.centre + DVec3::new(axis(0), axis(1), axis(2))
     }
 
-    /// How hard the edge brakes at `eye`: 0 where the eye moves freely, 1 on a wall or beyond.
+    /// Braking factor of the edge at `eye`: 0 where the eye moves freely, 1 on a wall or beyond.
     pub fn edge_share(&self, eye: DVec3) -> f64 {
         let offset = (eye - self.centre).abs();
         let share = |i: usize| {

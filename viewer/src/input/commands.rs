@@ -1,4 +1,4 @@
-//! What keys, buttons and scripts can ask for, done.
+//! Execution of commands from keys, buttons and scripts.
 
 use crate::input::keymap::Command;
 use crate::playback::eye_path::CameraPath;

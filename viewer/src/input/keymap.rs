@@ -6,7 +6,7 @@ use egui::{InputState, Key};
 use glam::DVec3;
 use std::path::PathBuf;
 
-/// What a key, a button or a script asks of the window.
+/// Command of a key, a button or a script.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Command {
     Centre,
@@ -31,7 +31,7 @@ pub(crate) enum Command {
     Dismiss,
 }
 
-/// What a key does.
+/// Effect of a key.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Effect {
     /// While held, moves the eye: right, up, forward.
@@ -121,7 +121,7 @@ pub(crate) const BINDINGS: &[Binding] = &[
     press(&[Key::F1], Command::ToggleKeys, "This list"),
 ];
 
-/// What the mouse and the modifiers do, for the same list.
+/// Mouse buttons and modifiers, for the same list.
 pub(crate) const MOUSE_HELP: &[(&str, &str)] = &[
     ("Drag", "Look around; circle a sprite"),
     ("Wheel", "Field of view"),

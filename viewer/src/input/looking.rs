@@ -12,8 +12,8 @@ use egui::{CursorIcon, Painter, PointerButton, Pos2, Rect, Response, Sense, Ui, 
 use headbox_core::camera::Camera;
 use std::time::{Duration, Instant};
 
-/// How long after its last movement the eye counts as resting, seconds: a pause between two drags
-/// is not a rest.
+/// Time after the last movement from which on the eye counts as resting, seconds: a pause between
+/// two drags is not a rest.
 const REST_S: f64 = 0.12;
 /// The longest step of time that is simulated at once, seconds: after a stall the eye must not
 /// leap.
@@ -321,7 +321,7 @@ impl Viewer {
 }
 
 impl Wish {
-    /// Whether frames of both wishes should take about as long, moving at full size.
+    /// Returns true if frames of both requests should take about as long, moving at full size.
     fn costs_as(&self, other: &Self) -> bool {
         (self.size_px, self.stereo) == (other.size_px, other.stereo) && self.sets == other.sets
     }

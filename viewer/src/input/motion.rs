@@ -5,7 +5,7 @@ use crate::input::pose::Pose;
 use crate::source::Navigation;
 use glam::DVec3;
 
-/// What the hands did since the last frame.
+/// Input since the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Steering {
     /// Held movement keys: right, up, forward, each -1, 0 or 1.
@@ -20,14 +20,14 @@ pub(crate) struct Steering {
     pub speed_factor: f64,
 }
 
-/// How steering acts; the person's taste and the source's kind.
+/// Response to steering: user preferences and the source's kind.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Handling {
     /// Free flight, walking or orbiting.
     pub navigation: Navigation,
     /// Speed of the eye with a key held, metres per second.
     pub speed_m_per_s: f64,
-    /// Whether a drag moves the scene with the pointer (true) or turns the head with it (false).
+    /// True if a drag moves the scene with the pointer, false if it turns the head with it.
     pub grab_scene: bool,
     /// The box in which the eye stays.
     pub bounds: Option<EyeBounds>,
@@ -57,7 +57,7 @@ const STANDSTILL_SHARE: f64 = 2e-3;
 const MIN_ORBIT_RADIUS_M: f64 = 1e-3;
 
 impl Motion {
-    /// Whether the eye coasts although no key is held.
+    /// Returns true if the eye coasts although no key is held.
     pub(crate) fn is_moving(&self) -> bool {
         *self != Self::default()
     }

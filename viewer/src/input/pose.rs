@@ -1,4 +1,4 @@
-//! Where the eye is and where it looks, as a person steers it.
+//! Pose of the eye, as steered by the user.
 
 use glam::{DMat3, DQuat, DVec3};
 use headbox_core::camera::{Camera, CameraError};
@@ -20,7 +20,7 @@ pub struct Pose {
     pub pitch_rad: f64,
     /// Vertical field of view, degrees.
     pub fov_y_deg: f64,
-    /// What is up, a unit vector.
+    /// Up direction, a unit vector.
     pub up: DVec3,
 }
 
@@ -38,7 +38,7 @@ impl Pose {
         Self::upright(eye, target, DVec3::Y, fov_y_deg)
     }
 
-    /// As [`Self::looking_at`], where `up` is up (+Y if it has no direction).
+    /// Same as [`Self::looking_at`] with up direction `up` (+Y if it is zero).
     pub fn upright(eye: DVec3, target: DVec3, up: DVec3, fov_y_deg: f64) -> Self {
         let up = up.try_normalize().unwrap_or(DVec3::Y);
         let forward = (target - eye)

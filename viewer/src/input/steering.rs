@@ -1,4 +1,4 @@
-//! What the user steers: the eye, and the values of the source's settings.
+//! State steered by the user: the eye, and the values of the source's settings.
 
 use crate::input::motion::Motion;
 use crate::input::pose::Pose;
@@ -20,6 +20,6 @@ pub(crate) struct Eye {
 pub(crate) struct Sets {
     pub a: Arc<SettingValues>,
     pub b: Arc<SettingValues>,
-    /// Which one the panel shows while both are on the screen.
+    /// Settings that the panel shows while both are on the screen.
     pub edits_b: bool,
 }

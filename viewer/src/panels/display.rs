@@ -1,4 +1,4 @@
-//! How the frame is shown: resolution, stereo, comparison.
+//! Display panel: resolution, stereo, comparison.
 
 use crate::input::steering::Sets;
 use crate::window::options::ViewerOptions;

@@ -1,4 +1,4 @@
-//! What the colours of a picture mean, in the corner of the frame.
+//! Legend of an image's colours, in the corner of the frame.
 
 use crate::panels::theme;
 use crate::source::Swatch;

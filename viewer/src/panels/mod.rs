@@ -1,5 +1,5 @@
-//! What surrounds the frame. Each panel is a file: a function of the state it shows, which it
-//! changes in place or asks to change by a [`Command`](crate::input::keymap::Command).
+//! Panels around the frame. Each is a file: a function of the state it shows, which it changes in
+//! place or by a [`Command`](crate::input::keymap::Command).
 
 pub(crate) mod camera;
 pub(crate) mod chart;

@@ -16,7 +16,7 @@ pub(crate) struct OpenList {
     /// Why `dir` cannot be listed.
     error: Option<String>,
     extensions: Vec<String>,
-    /// What is written in the path field.
+    /// Text of the path field.
     path: String,
 }
 

@@ -19,7 +19,7 @@ const CARD_GAP_POINTS: f32 = 24.0;
 /// Width of a row of the files opened last, points.
 const ROW_POINTS: f32 = 420.0;
 
-/// How often the time that opening takes is told anew.
+/// Interval at which the elapsed opening time is updated.
 const SECOND: Duration = Duration::from_secs(1);
 
 /// State of the page.
@@ -37,12 +37,12 @@ impl StartPage {
         }
     }
 
-    /// Whether anything can be opened from this window.
+    /// Returns true if this window can open files.
     pub(crate) fn has_library(&self) -> bool {
         self.has_library
     }
 
-    /// Whether there are entries, and each has its picture.
+    /// Returns true if there are entries and all have thumbnails.
     pub(crate) fn is_pictured(&self) -> bool {
         !self.cards.is_empty() && self.cards.iter().all(|(_, picture)| picture.is_some())
     }

@@ -1,4 +1,4 @@
-//! What the last frame did and cost.
+//! Statistics of the last frame.
 
 use crate::panels::chart;
 use crate::source::Figure;
@@ -71,7 +71,7 @@ pub(crate) fn show(ui: &mut Ui, info: &SourceInfo, shown: Option<&Finished>, his
         });
 }
 
-/// How fast frames come; at rest none do, and there is no rate.
+/// Formats the frame rate; at rest there is none.
 fn rate(history: &History) -> String {
     let latency = history.median(|f| f.latency_ms).unwrap_or(0.0);
     let per_s = history.shown_per_s();

@@ -5,7 +5,7 @@ use crate::playback::tape::Tape;
 use crate::thread::exchange::Finished;
 use egui::{Align, Layout, Ui};
 
-/// Where the eye is, what is rendered, how fast.
+/// Shows the eye's position, the frame's size, and the frame rate.
 pub(crate) fn show(ui: &mut Ui, pose: &Pose, shown: Option<&Finished>, tape: &Tape) {
     ui.horizontal(|ui| {
         let eye = pose.eye;

@@ -35,7 +35,7 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, left: f32, ongoing: &Ongoing)
     );
 }
 
-/// What is being done, how far it is, how long it will still take.
+/// Describes ongoing work: what, progress, remaining time.
 pub(crate) fn sentence(ongoing: &Ongoing) -> String {
     // What is not done does not say 100 %.
     let share = format!(

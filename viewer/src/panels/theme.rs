@@ -7,7 +7,7 @@ use std::num::NonZeroUsize;
 pub(crate) const BACKDROP: Color32 = Color32::from_gray(16);
 /// Behind panels.
 pub(crate) const PANEL: Color32 = Color32::from_rgb(27, 29, 33);
-/// What is chosen, and the eye in the insets.
+/// Selection, and the eye in the insets.
 pub(crate) const ACCENT: Color32 = Color32::from_rgb(96, 165, 250);
 /// Warnings: the edge of the headbox, errors.
 pub(crate) const WARNING: Color32 = Color32::from_rgb(248, 113, 113);

@@ -8,7 +8,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-/// How a run of the window ended; shared with [`run`](crate::run), which outlives the window.
+/// Outcome of a run of the window; shared with [`run`](crate::run), which outlives the window.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Outcome {
     pub summary: Summary,
@@ -31,7 +31,7 @@ enum Stage {
     Closing,
 }
 
-/// What the script looks at after each pass.
+/// State that the script tests after each pass.
 pub(crate) struct Progress<'a> {
     pub frames_shown: u64,
     /// The replay has ended, and its last frame is on the screen in full.
@@ -40,7 +40,7 @@ pub(crate) struct Progress<'a> {
     pub refined: bool,
     /// Every entry of the start page has its picture.
     pub thumbnails_done: bool,
-    /// What a person would have read as an error.
+    /// Error message shown to the user.
     pub error: Option<&'a str>,
 }
 
@@ -54,12 +54,12 @@ impl Automation {
         }
     }
 
-    /// Whether frames must follow each other although nothing changes.
+    /// Returns true if frames must be rendered although nothing changes.
     pub(crate) fn wants_frames(&self) -> bool {
         matches!(self.exit, Exit::AfterFrames(_)) && self.stage == Stage::Running
     }
 
-    /// Whether the window is about to close.
+    /// Returns true if the window is about to close.
     pub(crate) fn is_closing(&self) -> bool {
         self.stage == Stage::Closing
     }

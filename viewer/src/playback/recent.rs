@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Recent {
     paths: Vec<PathBuf>,
-    /// Where the list is kept.
+    /// File of the list.
     file: Option<PathBuf>,
 }
 

@@ -3,7 +3,7 @@
 use crate::input::pose::Pose;
 use crate::playback::eye_path::{CameraPath, Recorder};
 
-/// How a path is replayed.
+/// Replay mode of a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ReplayMode {
     /// At the speed of its times; frames that are not ready in time are left out.
@@ -30,7 +30,7 @@ enum Playback {
     EveryPose { index: usize },
 }
 
-/// What a replay asks of the window in this pass.
+/// Request of a replay to the window in this pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Replay {
     /// Nothing is replayed.
@@ -50,7 +50,7 @@ impl Tape {
         }
     }
 
-    /// Whether the eye is being recorded, and the number of poses so far.
+    /// Number of poses recorded so far, while recording.
     pub(crate) fn recorded(&self) -> Option<usize> {
         self.recorder.as_ref().map(Recorder::len)
     }
@@ -59,8 +59,8 @@ impl Tape {
         self.playback.is_some()
     }
 
-    /// Which pose is waiting to be shown, if every one is: its frame must be made although the pose
-    /// may be the one before.
+    /// Index of the pose waiting to be shown, if every pose is to be shown: its frame must be
+    /// rendered although the pose may equal the one before.
     pub(crate) fn pose_index(&self) -> Option<usize> {
         match self.playback {
             Some(Playback::EveryPose { index }) => Some(index),

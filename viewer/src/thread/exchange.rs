@@ -1,4 +1,4 @@
-//! What the window and its render thread say to each other.
+//! Messages between the window and its render thread.
 
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
@@ -15,7 +15,7 @@ use std::{
     time::Instant,
 };
 
-/// What to open.
+/// File or entry to open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Location {
     /// An entry of the start page, by id.
@@ -49,7 +49,7 @@ pub(crate) struct ExportOrder {
 /// A view to render: for each camera, one picture per setting set.
 #[derive(Clone, Debug)]
 pub(crate) struct Job {
-    /// Which source it was meant for.
+    /// Source for which it was meant.
     pub source_id: u64,
     /// Number of the job, counted by the window.
     pub number: u64,
@@ -62,9 +62,9 @@ pub(crate) struct Job {
     pub scale: f64,
     /// When the window first wished for this view.
     pub issued: Instant,
-    /// How often it was rendered before (a source that converges).
+    /// Number of times it was rendered before (for a source that converges).
     pub round: u32,
-    /// Which pose of a replay it shows, if every one is to be shown.
+    /// Index of the replayed pose, if every pose is to be shown.
     pub replayed: Option<usize>,
 }
 
@@ -82,7 +82,7 @@ pub(crate) struct Finished {
     pub render_ms: f64,
 }
 
-/// What a source says about itself when it is opened.
+/// Description of a source, sent when it is opened.
 #[derive(Clone, Debug)]
 pub(crate) struct SourceInfo {
     pub id: u64,
@@ -136,7 +136,7 @@ pub(crate) enum Event {
     Error(String),
     /// Something was done.
     Done(String),
-    /// What the start page offers, and the extensions of files that can be opened.
+    /// Entries of the start page, and the extensions of files that can be opened.
     Offers {
         entries: Vec<Entry>,
         extensions: Vec<String>,
@@ -147,7 +147,7 @@ pub(crate) enum Event {
     Exported(Option<[usize; 2]>),
 }
 
-/// What both sides hold.
+/// State shared by both sides.
 #[derive(Default)]
 pub(crate) struct Shared {
     pub inbox: Inbox<Order, Job>,
@@ -182,5 +182,5 @@ impl Shared {
     const MAX_POOLED: usize = 8;
 }
 
-/// How a thread tells the window that there is news.
+/// Callback by which the thread notifies the window.
 pub(crate) type Wake = Arc<dyn Fn() + Send + Sync>;

@@ -1,4 +1,5 @@
-//! How many pixels to ask for while the eye moves, so that the frame rate holds.
+//! Dynamic resolution: number of pixels to request while the eye moves, so that the frame rate
+//! holds.
 
 use std::collections::HashMap;
 

@@ -26,8 +26,8 @@ impl<T> Slot<T> {
     }
 }
 
-/// What the render thread is asked to do: orders, each of which counts, and jobs, of which only the
-/// newest does.
+/// Requests to the render thread: orders, each of which counts, and jobs, of which only the newest
+/// does.
 #[derive(Debug)]
 pub(crate) struct Inbox<Order, Job> {
     state: Mutex<InboxState<Order, Job>>,
@@ -41,7 +41,7 @@ struct InboxState<Order, Job> {
     closed: bool,
 }
 
-/// How long [`Inbox::next`] waits for something to do.
+/// Timeout of [`Inbox::next`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Wait {
     No,
@@ -49,7 +49,7 @@ pub(crate) enum Wait {
     Forever,
 }
 
-/// What [`Inbox::next`] found.
+/// Result of [`Inbox::next`].
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Next<Order, Job> {
     /// The oldest order; orders go before jobs.
@@ -89,7 +89,7 @@ impl<Order, Job> Inbox<Order, Job> {
         self.changed.notify_one();
     }
 
-    /// Whether nothing more will be asked for.
+    /// Returns true if no more requests will come.
     pub(crate) fn is_closed(&self) -> bool {
         lock(&self.state).closed
     }

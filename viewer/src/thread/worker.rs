@@ -113,7 +113,7 @@ impl Worker {
         }
     }
 
-    /// How long to wait for something newer.
+    /// Time to wait for a newer request.
     fn patience(&self) -> Wait {
         match &self.again {
             _ if self.export.is_some() || self.wants_thumbnail() => Wait::No,

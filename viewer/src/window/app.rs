@@ -34,9 +34,9 @@ use std::{
 pub(crate) struct Viewer {
     pub session: Session,
     pub options: ViewerOptions,
-    /// What is shown; `None` is the start page.
+    /// Description of the source; `None` for the start page.
     pub info: Option<SourceInfo>,
-    /// What is being opened.
+    /// Source being opened.
     pub opening: Option<Opening>,
     /// Files opened last, newest first.
     pub recent: Recent,
@@ -46,7 +46,7 @@ pub(crate) struct Viewer {
     pub display: Display,
     pub sets: Sets,
     pub tape: Tape,
-    /// Whether a replay ran to its end.
+    /// True once a replay has run to its end.
     pub path_ended: bool,
     /// Frames written and frames in all of a running export.
     pub exporting: Option<[usize; 2]>,
@@ -58,13 +58,13 @@ pub(crate) struct Viewer {
     pub wish: Option<Wish>,
     pub jobs_issued: u64,
     pub show_panels: bool,
-    /// Whether the panel lies over the frame, where the window is too narrow for both.
+    /// True if the panel lies over the frame, where the window is too narrow for both.
     pub unfolded: bool,
     pub show_keys: bool,
     pub full_screen: bool,
     pub open_list: OpenList,
     pub start_page: StartPage,
-    /// What panels and keys asked for in this pass.
+    /// Commands of panels and keys in this pass.
     pub commands: Vec<Command>,
     /// Pictures of the window on their way to a file.
     pub pending_shots: Vec<PendingShot>,
@@ -91,7 +91,7 @@ pub(crate) struct Wish {
 /// When what was shown, for the summary.
 #[derive(Default)]
 struct Clock {
-    /// Whether a pass came before this one.
+    /// True after the first pass.
     passed: bool,
     frames_shown: u64,
     first: Option<Instant>,

@@ -1,4 +1,5 @@
-//! Which panels surround the frame, and what of the window's state each shows and changes.
+//! Layout: the panels around the frame, and the parts of the window's state that each shows and
+//! changes.
 
 use crate::input::keymap::Command;
 use crate::panels::{button, camera, display, record, section, source, statistics, status, theme};
@@ -16,7 +17,7 @@ const NARROW_POINTS: f32 = 640.0;
 const UNFOLD_POINTS: f32 = 30.0;
 pub(crate) const UNFOLD_WIDTH_POINTS: f32 = 60.0;
 
-/// Whether the panel lies over the frame instead of beside it.
+/// Returns true if the panel lies over the frame instead of beside it.
 pub(crate) fn is_narrow(ctx: &Context) -> bool {
     ctx.content_rect().width() < NARROW_POINTS
 }

@@ -14,7 +14,7 @@ pub(crate) enum Kind {
 pub(crate) struct Message {
     pub kind: Kind,
     pub text: String,
-    /// How often it came in a row.
+    /// Number of successive repetitions.
     pub count: u32,
     pub last_s: f64,
 }
@@ -24,7 +24,7 @@ pub(crate) struct Message {
 pub(crate) struct Messages(Vec<Message>);
 
 impl Messages {
-    /// How long a message about something done stays, seconds.
+    /// Display time of a confirmation, seconds.
     pub(crate) const DONE_S: f64 = 6.0;
     /// More than this many at once would hide the frame.
     const MAX_SHOWN: usize = 5;

@@ -1,4 +1,4 @@
-//! How the window is started, and how it ended.
+//! Options of the window, and the summary of a run.
 
 use crate::input::pose::Pose;
 use crate::playback::tape::ReplayMode;
@@ -7,23 +7,23 @@ use crate::window::views::Stereo;
 use serde::Serialize;
 use std::{path::PathBuf, time::Instant};
 
-/// How the window starts and, for scripts, how it ends.
+/// Start options of the window and, for scripts, end conditions.
 pub struct ViewerOptions {
     /// When the program was started, for the time to the first image.
     pub started: Instant,
-    /// What can be opened from the window: without one, the window shows its one source only.
+    /// Files that the window can open; without it, the window shows its one source only.
     pub library: Option<Box<dyn Library>>,
-    /// What is shown as soon as it is there, if no source is given.
+    /// Source that is being opened elsewhere, if no source is given.
     pub coming: Option<Coming>,
     /// The file that is shown at first, if it is one: told among those opened last.
     pub file: Option<PathBuf>,
-    /// Where the names of the files opened last are kept; none: nowhere.
+    /// File of the list of recent files, if it is kept.
     pub recent_file: Option<PathBuf>,
     /// Size of the window's inside, points.
     pub window_size_points: [f32; 2],
-    /// Whether the side panel and the status line are shown at first.
+    /// True to show the side panel and the status line at first.
     pub panels: bool,
-    /// Where the eye starts, instead of the source's start.
+    /// Start pose, instead of the source's.
     pub pose: Option<Pose>,
     /// Settings that differ from the source's initial ones: (id, text), as
     /// [`SettingValues::set_text`] reads them.
@@ -39,7 +39,7 @@ pub struct ViewerOptions {
     pub moving_limit_ms: Option<f64>,
     /// A path file that is replayed at once.
     pub path: Option<PathBuf>,
-    /// How paths are replayed at first.
+    /// Initial replay mode.
     pub replay: ReplayMode,
     /// Folder for saved frames, cameras and paths.
     pub output_dir: PathBuf,
@@ -95,7 +95,7 @@ pub enum Exit {
     AfterThumbnails,
 }
 
-/// What a run of the window measured.
+/// Measurements of a run of the window.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
     /// From [`ViewerOptions::started`] to the first picture of the window handed to the display,

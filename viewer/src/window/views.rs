@@ -1,4 +1,4 @@
-//! Which pictures a frame consists of (two eyes, two setting sets) and where they go on the screen.
+//! Views of a frame (two eyes, two sets of settings) and their places on the screen.
 
 use crate::input::pose::Pose;
 use glam::DVec3;

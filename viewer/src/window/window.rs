@@ -119,7 +119,7 @@ impl App for Desktop {
         self.0.pass(ui, last_pass_ms);
     }
 
-    /// What the frame does not cover. The driver clears to it anyway, so that no panel need be
+    /// Background colour around the frame. The driver clears to it anyway, so that no panel need be
     /// painted behind the frame.
     fn clear_color(&self, _visuals: &egui::Visuals) -> [f32; 4] {
         theme::BACKDROP.to_normalized_gamma_f32()
