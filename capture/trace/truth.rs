@@ -54,7 +54,7 @@ pub fn render(
     progress: &dyn Progress,
 ) -> Truth {
     let width = camera.width();
-        let height = camera.height();
+    let height = camera.height();
     let half = samples.div_ceil(2).max(1);
     progress.begin("truth", "rows", u64::from(height));
     let row = |y: u32| {
@@ -129,7 +129,7 @@ struct TracedPixel {
 
 impl TracedPixel {
     /// Pixel of a cancelled row.
-        const BLACK: Self = Self {
+    const BLACK: Self = Self {
         radiance: [0.0; 3],
         color: [0, 0, 0, 255],
         halves: [[0; 3]; 2],
@@ -143,7 +143,7 @@ pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
         .flat_map(|y| (0..camera.width()).map(move |x| (x, y)))
         .collect();
     let trace_packet = |pixels: &[(u32, u32)]| {
-            // Directions have eye depth 1, so `t` is eye depth.
+        // Directions have eye depth 1, so `t` is eye depth.
         let ray = |&(x, y): &(u32, u32)| {
             let direction = camera
                 .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
@@ -161,7 +161,10 @@ pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
             .map(|lane| hits.hit(lane).map_or(f32::INFINITY, |hit| hit.t))
             .collect::<Vec<f32>>()
     };
-    pixels.par_chunks(PACKET).flat_map_iter(trace_packet).collect()
+    pixels
+        .par_chunks(PACKET)
+        .flat_map_iter(trace_packet)
+        .collect()
 }
 
 /// Returns the coverage of a pixel of which `hits` of `rays` rays hit a surface: full only for all
@@ -220,7 +223,7 @@ impl PixelTracer<'_> {
 
     /// Returns the radiance along a ray; samples from number `first` on form an evenly distributed
     /// sequence, independent of those before.
-        fn ray_radiance(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
+    fn ray_radiance(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
         let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
         let sample = LightSample {
             stream,

@@ -50,7 +50,7 @@ pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-/// Which axis of the file points up.
+/// Parses an up axis.
 pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
     match text {
         "y" => Ok(UpAxis::Y),
@@ -200,8 +200,8 @@ pub(super) struct SceneArgs {
     source: SourceArgs,
 }
 
-/// How a scene is read: the axes and the unit of its file where they are not its format's default,
-/// and its light where it is not its own.
+/// Options of reading a scene: axes and unit of its file where they are not the format's default,
+/// and light where it is not its own.
 #[derive(Args)]
 pub(super) struct SourceArgs {
     /// Axis that points up in the file, y or z; Y in a glTF, guessed from evidence in an OBJ if
@@ -216,12 +216,12 @@ pub(super) struct SourceArgs {
 }
 
 impl SceneArgs {
-    /// What is said of how the scene is read, by its flag.
+    /// Options that were given, by flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 7] {
         self.source.given()
     }
 
-    /// As given.
+    /// Name as given.
     pub(super) fn name(&self) -> &str {
         &self.scene
     }
@@ -249,7 +249,7 @@ impl SourceArgs {
         }
     }
 
-    /// What is said, by its flag.
+    /// Options that were given, by flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 7] {
         let LightArgs {
             sky,
@@ -307,12 +307,12 @@ pub(super) struct CameraArgs {
     pub(super) size: Option<(u32, u32)>,
 }
 
-/// What a camera is where nothing else is said; world metres.
+/// Default camera; world metres.
 pub(super) struct DefaultCamera {
     pub(super) eye: DVec3,
     /// Viewing direction, any length.
     pub(super) forward: DVec3,
-    /// What is up in the image.
+    /// Up direction in the image.
     pub(super) up: DVec3,
     pub(super) fov_y_deg: f64,
     pub(super) size: (u32, u32),
@@ -368,7 +368,7 @@ pub(super) fn vertical_fov_deg(camera: &Camera) -> f64 {
 }
 
 impl CameraArgs {
-    /// What is said, by its flag.
+    /// Options that were given, by flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 5] {
         [
             ("--eye", self.eye.is_some()),

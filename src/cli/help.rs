@@ -1,5 +1,5 @@
-//! What `--help` shows beside the arguments: examples and the names that an argument takes;
-//! completions and the manual.
+//! Additions to `--help`: examples and the names that an argument takes; completions and the
+//! manual.
 
 use clap::{Args, Command};
 use clap_complete::Shell;

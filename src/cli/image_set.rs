@@ -1,4 +1,4 @@
-//! How folders of images are opened, and what is said of that.
+//! Opening folders of images, and the notes on them.
 
 use super::progress::Bar;
 use super::words::UsageError;
@@ -12,7 +12,7 @@ use headbox_images::{
 use headbox_photos::cache;
 use std::path::Path;
 
-/// How image sets are opened.
+/// Options of opening image sets.
 #[derive(Args, Clone, Copy, Default)]
 pub(super) struct SetArgs {
     /// Follow paths in a manifest that lead out of its folder
@@ -120,11 +120,11 @@ fn refine(set: &mut ImageSet) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Of sets whose poses cannot be refined.
+/// Note on sets whose poses cannot be refined.
 const NOT_REFINED: &str =
     "poses: kept as given, for no two views with depth of their own see the same";
 
-/// What refining a set's poses brought, in a sentence.
+/// Describes the result of refining poses, in a sentence.
 fn refinement_words(report: &RefinementReport) -> String {
     let [given, refined] = report.surface_distance.map(|share| share * 100.0);
     let [before, after] = report.levels;
@@ -145,7 +145,7 @@ fn refinement_words(report: &RefinementReport) -> String {
     }
 }
 
-/// What was found of a set's colour cameras, in a sentence or two.
+/// Describes the registration of a set's colour cameras, in a sentence or two.
 fn registration_words(report: &RegistrationReport) -> String {
     let [given, one, each] = report.levels;
     let exposure = format!(

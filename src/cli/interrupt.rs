@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// The exit code of a command that was interrupted, whatever it kept.
 pub(super) const EXIT_CODE: u8 = 130;
 
-/// Whether the command will write what it has.
+/// True if the command writes partial results on an interrupt.
 static KEEPS: AtomicBool = AtomicBool::new(false);
 
-/// Whether it was asked to.
+/// True after an interrupt.
 static ASKED: AtomicBool = AtomicBool::new(false);
 
 /// From now on an interrupt ends the program, without a half-written file; unless the command
@@ -29,7 +29,7 @@ pub(super) fn keep_what_is_done() {
     KEEPS.store(true, Ordering::SeqCst);
 }
 
-/// Whether the command should end soon.
+/// Returns true if the command should end soon.
 pub(super) fn asked() -> bool {
     ASKED.load(Ordering::SeqCst)
 }

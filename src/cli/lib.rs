@@ -6,7 +6,7 @@ macro_rules! println {
     ($($text:tt)*) => { $crate::output::print_text(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-/// As `println` above.
+/// `print!` through the same function as `println!` above.
 macro_rules! print {
     ($($text:tt)*) => { $crate::output::print_text(format_args!($($text)*)) };
 }

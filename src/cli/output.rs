@@ -1,4 +1,4 @@
-//! What goes to standard output, and what the process has used.
+//! Standard output, and the resources used by the process.
 
 use super::words::UsageError;
 use headbox_core::{files, image_file as picture};
@@ -9,7 +9,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether standard output carries a file (`-o -`): words for people then go to standard error.
+/// True if standard output carries a file (`-o -`): messages then go to standard error.
 static STDOUT_IS_OUTPUT: AtomicBool = AtomicBool::new(false);
 
 /// Prints one JSON object on standard output.
@@ -55,7 +55,7 @@ pub(super) fn peak_rss_mb() -> Option<f64> {
     memory_bytes().map(|(peak, _)| peak as f64 / 1_048_576.0)
 }
 
-/// What a kind of output may be called: its ending decides the format.
+/// Extensions of a kind of output: they select the format.
 pub(super) struct Endings {
     what: &'static str,
     allowed: &'static [&'static str],

@@ -22,7 +22,7 @@ pub struct Embree {
     pub version: String,
 }
 
-/// What tracing a frame took.
+/// Time and hits of a traced frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayFrame {
     /// Milliseconds of the fastest way to ask.

@@ -1,5 +1,4 @@
-//! What measuring views left out of a set shares: a row of the report, a frame that is judged, and
-//! errors.
+//! Shared parts of measuring held-out views: a row of the report, a judged frame, and errors.
 
 use crate::stats::{Spread, pooled_psnr_db};
 use crate::table::percent;
@@ -34,11 +33,11 @@ pub enum HoldOutError {
     /// There is nothing to leave out.
     #[error("{found} {what}: at least {least} are needed, so that one can be left out")]
     TooFew {
-        /// How many there are.
+        /// Number found.
         found: usize,
-        /// Of what.
+        /// Kind of item.
         what: &'static str,
-        /// How many are needed.
+        /// Number needed.
         least: usize,
     },
 }
@@ -63,14 +62,14 @@ pub struct HeldOut {
     pub mad_at_edges: f64,
     /// Share of the photograph's pixels that this variant covers.
     pub covered: f64,
-    /// Of the frame, by the clock, ms.
+    /// Wall time of a frame, ms.
     pub frame_ms: f64,
     /// From files to what frames are drawn from, by the clock, ms.
     pub build_ms: f64,
     /// The same from images in memory, for what is made anew as one moves (S24); NaN for what is
     /// not.
     pub rebuild_ms: f64,
-    /// Of that, bytes.
+    /// Memory of that, bytes.
     pub bytes: u64,
 }
 
@@ -82,12 +81,12 @@ impl<'a> Rows<'a> {
         Self(rows.iter().filter(|row| row.variant == variant).collect())
     }
 
-    /// How many views were left out.
+    /// Number of held-out views.
     pub(super) fn count(&self) -> usize {
         self.0.len()
     }
 
-    /// Of the mean of squared errors.
+    /// PSNR of the mean squared error, dB.
     pub(super) fn psnr_db(&self) -> f64 {
         pooled_psnr_db(self.0.iter().map(|row| row.psnr_db))
     }
@@ -109,7 +108,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Where nothing is known of a pixel, in frames that are looked at.
+/// Colour of unknown pixels in stored frames.
 pub(super) const HOLE: [u8; 3] = [255, 0, 255];
 
 /// A pixel counts as covered from this share of 255 on.
@@ -126,8 +125,8 @@ pub(super) struct Drawn {
 }
 
 impl Drawn {
-    /// Of a frame, each channel's levels times its gain, and `hole` where it does not cover a
-    /// pixel, if one is given.
+    /// Prepares a frame for comparison: each channel's levels times its gain, and `hole` where it
+    /// does not cover a pixel, if given.
     pub(super) fn new(frame: &Frame, gain: [f32; 3], hole: Option<[u8; 3]>) -> Self {
         let covers = |i: usize| frame.coverage[i].splat_share() >= COVERED;
         let pixel = |x: u32, y: u32| {
@@ -164,11 +163,11 @@ pub(super) struct Judge<'a> {
     pub(super) scene: String,
     pub(super) view: &'a str,
     pub(super) photograph: &'a RgbImage,
-    /// Where errors are taken.
+    /// Mask of pixels at which errors are measured.
     pub(super) judged: Vec<bool>,
-    /// Of these, those near depth edges.
+    /// Mask of those near depth edges.
     pub(super) at_edges: Vec<bool>,
-    /// What is to be covered.
+    /// Mask of pixels that should be covered.
     pub(super) visible: Vec<bool>,
 }
 
@@ -249,7 +248,7 @@ pub(super) fn camera_of(view: &LoadedView) -> Option<Camera> {
     Some(camera.with_principal_px(pinhole.principal_px))
 }
 
-/// What a view shows on a camera's pixels, and which of these it shows at all.
+/// Reprojects a view to a camera's pixels, with a mask of those that it covers.
 pub(super) fn photograph(view: &LoadedView, camera: &Camera) -> (RgbImage, Vec<bool>) {
     let (mut picture, mut visible) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
     for (x, y, pixel) in picture.enumerate_pixels_mut() {

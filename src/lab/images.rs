@@ -66,7 +66,7 @@ const WEIGHTS: [(&str, [f64; 3]); 7] = [
     ("1 : 1 : 0", [1.0, 1.0, 0.0]),
 ];
 
-/// What the paper's ways of texturing err at its castle's gate, levels of 255 (E-N3).
+/// Errors of the paper's texturing variants at its castle's gate, levels of 255 (E-N3).
 const IN_PAPER: [(Texturing, f64); 4] = [
     (Texturing::Nearest, 26.5),
     (Texturing::Single, 12.8),
@@ -85,11 +85,11 @@ pub fn variants() -> impl Iterator<Item = &'static str> + Clone {
         .chain(Texturing::ALL.into_iter().map(|(name, _)| name))
 }
 
-/// How view-dependent geometry is made and drawn.
+/// Settings of view-dependent geometry.
 pub struct Geometry {
-    /// Of frames; how they are textured does not count.
+    /// Settings of frames; the texturing variant is ignored.
     pub settings: GeometrySettings,
-    /// What the set is opened with.
+    /// Resources for opening the set.
     pub resources: GeometryResources,
 }
 
@@ -342,7 +342,7 @@ impl Bench<'_> {
     }
 }
 
-/// Which of a camera's pixels lie near a depth edge of the view, or near where its depth ends.
+/// Mask of a camera's pixels near a depth edge of the view, or near the border of its depth.
 fn near_edges(view: &LoadedView, camera: &Camera) -> Vec<bool> {
     /// Neighbours whose depths differ by more than this share belong to different surfaces.
     const EDGE: f32 = 0.1;

@@ -1,4 +1,4 @@
-//! Where something was measured, and by which program.
+//! Machine and program of a measurement.
 
 use headbox_core::simd;
 use serde::{Deserialize, Serialize};

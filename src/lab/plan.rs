@@ -1,4 +1,4 @@
-//! What is measured, decided before anything is measured: sizes, and where the eyes are.
+//! Plan of a measurement, fixed beforehand: sizes, and eye positions.
 
 use glam::{DVec3, dvec3};
 use headbox_core::camera::{Camera, CameraError};
@@ -7,7 +7,7 @@ use headbox_trace::sampler::{random4, unit_float};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// How much is measured.
+/// Effort of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quality {
     /// Pixels a side of a face.
@@ -33,19 +33,19 @@ pub struct Quality {
     pub first_samples: u32,
     /// Rays per pixel that truth may grow to.
     pub most_samples: u32,
-    /// How often each eye is drawn for its time, apart from the first.
+    /// Number of timed frames per eye, apart from the first.
     pub rounds: u32,
     /// Cameras of a row and of a column of the walls that lumigraphs are made from.
     pub walls: &'static [usize],
     /// Rays per pixel of their images.
     pub wall_samples: u32,
-    /// Whether the scene is captured again and again, with one thing changed each time, and drawn
-    /// by the slow renderer.
+    /// True to capture the scene again with one parameter changed each time, and to render it with
+    /// the slow renderer.
     pub variations: bool,
 }
 
 impl Quality {
-    /// What `headbox report` measures.
+    /// Effort of `headbox report`.
     pub const FULL: Self = Self {
         face_size_px: 512,
         strata: 32,
@@ -63,7 +63,7 @@ impl Quality {
         wall_samples: 8,
         variations: true,
     };
-    /// What `headbox report --quick` measures: a scene in less than two minutes on two cores.
+    /// Effort of `headbox report --quick`: a scene in less than two minutes on two cores.
     pub const QUICK: Self = Self {
         face_size_px: 96,
         strata: 16,
@@ -81,8 +81,8 @@ impl Quality {
         wall_samples: 2,
         variations: true,
     };
-    /// What `headbox report --real` measures: frames and faces as people use them. Few eyes and one
-    /// capture, as truth of a room that is lit indirectly takes four minutes a frame on two cores.
+    /// Effort of `headbox report --real`: frames and faces of real size. Few eyes and one capture,
+    /// since truth of a room that is lit indirectly takes four minutes a frame on two cores.
     pub const REAL: Self = Self {
         face_size_px: 1024,
         strata: 32,
@@ -102,7 +102,7 @@ impl Quality {
     };
 }
 
-/// Which eyes a row's error is a mean over.
+/// Set of eyes over which a row's error is a mean.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
 )]
@@ -120,7 +120,7 @@ pub enum EyeSet {
 }
 
 impl EyeSet {
-    /// Whether all eyes of another set are among these.
+    /// Returns true if it contains all eyes of another set.
     pub fn holds(self, other: Self) -> bool {
         self == other || (self == Self::All && other == Self::Ahead)
     }
@@ -135,7 +135,7 @@ impl EyeSet {
     }
 }
 
-/// How an eye came to its place.
+/// Origin of an eye position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place {
     /// At random in the headbox, looking anywhere near the horizon.
@@ -163,7 +163,7 @@ impl Place {
 /// One camera of a report.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Eye {
-    /// How it came there.
+    /// Origin of its position.
     pub place: Place,
     /// From the centre, in half-sizes of the headbox.
     pub offset: DVec3,
@@ -172,7 +172,8 @@ pub struct Eye {
 }
 
 impl Eye {
-    /// Whether a row over these eyes counts this one. Eyes of the path count for flicker only.
+    /// Returns true if a row over these eyes includes this one. Eyes of the path count for flicker
+    /// only.
     pub fn belongs_to(&self, set: EyeSet) -> bool {
         match self.place {
             Place::Uniform => set == EyeSet::All,
@@ -192,7 +193,7 @@ pub struct Plan {
     pub centre: DVec3,
     /// Half of its edge, metres.
     pub half_size_m: f64,
-    /// Where eyes on the line look: world axes, unit.
+    /// Viewing direction of the eyes on the line: world axes, unit.
     pub ahead: DVec3,
     /// Seed of eyes and captures.
     pub seed: u64,

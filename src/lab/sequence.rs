@@ -32,7 +32,7 @@ const HOLD_OUT: usize = 3;
 /// most.
 const SAME_WAY: f64 = 0.866;
 
-/// Of these, so many are shown.
+/// Number of frames shown.
 const SHOWN: usize = 6;
 
 /// Ways to show a photograph that was left out.
@@ -47,7 +47,7 @@ const VARIANTS: [&str; 5] = [
 /// Why a sequence could not be measured.
 #[derive(Debug, thiserror::Error)]
 pub enum SequenceError {
-    /// Of views and frames.
+    /// Error of held-out views and frames.
     #[error(transparent)]
     HoldOut(#[from] HoldOutError),
     /// There are no layers.
@@ -58,14 +58,14 @@ pub enum SequenceError {
     Sprite(#[from] SpriteError),
 }
 
-/// How well depth agrees with depth that is known.
+/// Agreement of depth with known depth.
 #[derive(Clone, Debug, Serialize)]
 pub struct DepthRow {
     /// Whose depth: what was `matched`, of the `planes`, of the `layers`.
     pub of: &'static str,
     /// Share of the known pixels that have it.
     pub covered: f64,
-    /// Of these, the shares that are within 1, 2 and 5 %.
+    /// Shares within 1, 2 and 5 %.
     pub within: [f64; 3],
     /// The middle one's error, share of its depth.
     pub median: f64,
@@ -80,7 +80,7 @@ pub struct SequenceReport {
     pub commit: String,
     /// The photographs that were used, the middle one first.
     pub used: Vec<String>,
-    /// How many layers there are.
+    /// Number of layers.
     pub layers: usize,
     /// A row for each photograph and variant.
     pub rows: Vec<HeldOut>,
@@ -256,8 +256,7 @@ fn draw(sprites: &Composition, variant: SpriteVariant, camera: &Camera, build_ms
     Drawn::new(&frame, [1.0; 3], Some(HOLE)).took(frame_ms, build_ms, bytes.sum())
 }
 
-/// What was found of the middle view's depth, and what its layers make of it, beside what its files
-/// say.
+/// Depth found for the middle view, and that of its layers, compared with the depth in its files.
 fn depth_rows(view: &View, layers: &PlanarLayers) -> Result<Vec<DepthRow>, HoldOutError> {
     if !view.has_own_depth() {
         return Ok(Vec::new());

@@ -1,5 +1,4 @@
-//! How far each variant of sprite rendering carries: FLIP against truth over the eye's
-//! displacement.
+//! Range of each variant of sprite rendering: FLIP against truth over the eye's displacement.
 
 use super::chart::{Axis, Chart, ChartPoint, Series};
 use super::report::subject::ReportError;
@@ -24,7 +23,7 @@ const SHARES: [f64; 9] = [0.0, 0.025, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5];
 /// One displacement of the eye.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangePlace {
-    /// How far the eye is from where the sprites were taken, metres.
+    /// Distance of the eye from the sprites' camera, metres.
     pub displacement_m: f64,
     /// Largest way that a point moves against its sprite's plane, pixels of the sprites.
     pub parallax_px: f64,
@@ -32,7 +31,7 @@ pub struct RangePlace {
     pub flips: [f64; SpriteVariant::ALL.len()],
 }
 
-/// What a moving eye finds.
+/// Errors seen by a moving eye.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpriteRange {
     /// From where the sprites were taken outwards.
@@ -175,7 +174,7 @@ impl SpriteRange {
     }
 }
 
-/// Where the viewing axis meets the nearest sprite, metres.
+/// Distance to the nearest sprite along the viewing axis, metres.
 fn distance_ahead(set: &SpriteSet, camera: &Camera) -> Option<f64> {
     let distance = |sprite: &PreparedSprite| {
         let sprite = sprite.sprite();

@@ -19,7 +19,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of any number of values in any order; `None` if there are none.
+    /// Computes the statistics of values in any order; `None` if there are none.
     pub fn of(values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
@@ -58,9 +58,8 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     sum / f64::from(count)
 }
 
-/// Which of some (cost, error) pairs nothing beats: those for which no other costs at most as much
-/// and errs at most as much, one of the two by less. In order of cost; pairs that are not finite
-/// never belong.
+/// Pareto front of (cost, error) pairs: those for which no other costs at most as much and errs at
+/// most as much, one of the two by less. In order of cost; non-finite pairs are ignored.
 pub fn pareto_front(points: &[[f64; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len())
         .filter(|&i| points[i].iter().all(|c| c.is_finite()))

@@ -24,7 +24,7 @@ const TRUTH_FILE: FileKind = FileKind::TRUTH;
 /// traced anew.
 const HALVES: [&str; 2] = ["half 1", "half 2"];
 
-/// What a cached frame says of itself.
+/// Header of a cached frame.
 #[derive(Serialize, Deserialize)]
 struct Header {
     width: u32,

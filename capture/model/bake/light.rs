@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 use headbox_core::color::luminance;
 use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
-use headbox_trace::bvh::extent_of;
+use headbox_trace::bvh::triangle_extent;
 use headbox_trace::light::{Arrival, LightSample, Lighting, LitPoint};
 use headbox_trace::sampler::{random4, unit_float};
 use rayon::prelude::*;
@@ -401,7 +401,7 @@ impl VertexLight<'_> {
             position: (place - self.tracer.origin()).as_vec3(),
             normal: geometric * side,
             shading_normal: normal * side,
-            extent: extent_of(self.tracer.triangle(cut.sources[triangle as usize])),
+            extent: triangle_extent(self.tracer.triangle(cut.sources[triangle as usize])),
         };
         (
             point,

@@ -1,5 +1,5 @@
-//! From a scene to the tree: local triangles, the binary tree of `obvhs`, and its collapse to eight
-//! children a node.
+//! Construction of the tree: local triangles, the binary tree of `obvhs`, and its collapse to eight
+//! children per node.
 
 use super::MAX_COORDINATE;
 use super::cutout::Cutouts;
@@ -13,7 +13,7 @@ use obvhs::{BvhBuildParams, triangle::Triangle};
 use rayon::prelude::*;
 use std::time::Duration;
 
-/// How the binary tree is built (docs/decisions/0021). `pre_split` would put a triangle into
+/// Parameters of the binary tree (docs/decisions/0021). `pre_split` would put a triangle into
 /// several leaves; a hit would then depend on which of them is visited first (rule 3 of [`super`]).
 const PARAMS: BvhBuildParams = BvhBuildParams {
     pre_split: false,
@@ -26,7 +26,8 @@ const PARAMS: BvhBuildParams = BvhBuildParams {
     collapse_traversal_cost: 10.0,
 };
 
-/// Positions of a triangle's vertices relative to `origin`; `None` if an index is out of range.
+/// Returns the positions of a triangle's vertices relative to `origin`; `None` if an index is out
+/// of range.
 pub(super) fn local_triangle(scene: &Scene, origin: DVec3, primitive: u32) -> Option<[Vec3; 3]> {
     let [a, b, c] = scene.triangles.get(primitive as usize)?.vertices;
     let local = |i: u32| {
@@ -38,7 +39,8 @@ pub(super) fn local_triangle(scene: &Scene, origin: DVec3, primitive: u32) -> Op
     Some([local(a)?, local(b)?, local(c)?])
 }
 
-/// Whether a ray can hit the triangle: coordinates in range and some area.
+/// Returns true if a ray can hit the triangle: its coordinates are in range and its area is not
+/// zero.
 fn is_solid(triangle: &[Vec3; 3]) -> bool {
     let in_range = triangle
         .iter()
@@ -89,17 +91,17 @@ struct Collapse<'a> {
     tree: Tree,
 }
 
-/// A subtree of the binary tree that is still to become a node.
+/// A subtree of the binary tree that is not collapsed yet.
 struct Pending {
     binary: u32,
-    /// The node and slot that it hangs from; `None` for the root.
+    /// Parent node and slot; `None` for the root.
     parent: Option<(usize, usize)>,
     depth: usize,
 }
 
 impl Collapse<'_> {
-    /// Depth first, so that a node's subtree lies together in memory. With an explicit stack: a
-    /// binary tree over many coincident triangles may be deep.
+    /// Collapses the tree depth first, so that a node's subtree lies together in memory. With an
+    /// explicit stack: a binary tree over many coincident triangles may be deep.
     fn run(mut self) -> Tree {
         let mut pending = vec![Pending {
             binary: 0,
@@ -143,8 +145,7 @@ impl Collapse<'_> {
         self.tree
     }
 
-    /// Up to eight subtrees that make up the binary tree's node: the largest is opened until there
-    /// are eight.
+    /// Returns up to eight subtrees of a binary node, opening the largest until there are eight.
     fn widen(&self, root: u32) -> Vec<u32> {
         let node = |i: u32| &self.binary.nodes[i as usize];
         let mut children = vec![root];
@@ -187,7 +188,7 @@ impl Collapse<'_> {
         wide.set_bounds(slot, Bounds::of_leaf(members.iter().map(|m| m.1)));
     }
 
-    /// Boxes of inner nodes, from the leaves up: exactly the unions of what they hold, so that
+    /// Computes boxes of inner nodes from the leaves up as exact unions of their children, so that
     /// entering distances never fall on the way down.
     fn fit_bounds(&mut self) {
         for index in (0..self.tree.nodes.len()).rev() {

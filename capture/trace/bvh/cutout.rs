@@ -57,7 +57,7 @@ impl Cutouts {
                     .unwrap_or(Vec2::ZERO)
             });
             let texcoord = a * (1.0 - u - v) + b * u + c * v;
-                        let [.., alpha] = texture.sample(texcoord.x, texcoord.y);
+            let [.., alpha] = texture.sample(texcoord.x, texcoord.y);
             Some(alpha >= cutout.threshold)
         };
         sample().unwrap_or(true)

@@ -1,12 +1,11 @@
-//! What a packet carries, lane by lane: rays, hits, the state of its searches, and rays ready for
-//! traversal.
+//! Structure-of-arrays packets: rays, hits, the state of their searches, and prepared rays.
 
 use super::Ray;
 use super::prepared::{Prepared, Slab, axes_of, each_axis, is_valid, largest, main_axis};
 use super::triangle::Candidate;
 use glam::Vec3;
 
-/// Rays of a packet.
+/// Number of rays of a packet.
 pub const PACKET: usize = 16;
 
 /// 16 rays, best with nearby origins and directions. Any rays are traced correctly; those that do
@@ -18,11 +17,11 @@ pub struct RayPacket {
     pub origin: [[f32; PACKET]; 3],
     /// Directions, `[axis][ray]`; need not be normalised.
     pub direction: [[f32; PACKET]; 3],
-    /// As [`Ray::t_min`].
+    /// [`Ray::t_min`] of each ray.
     pub t_min: [f32; PACKET],
-    /// As [`Ray::t_max`].
+    /// [`Ray::t_max`] of each ray.
     pub t_max: [f32; PACKET],
-    /// Bit k: ray k is to be traced.
+    /// Mask of the rays to trace: bit k for ray k.
     pub active: u16,
 }
 
@@ -36,7 +35,7 @@ impl RayPacket {
         active: 0,
     };
 
-    /// The rays of a slice, the first [`PACKET`] of them, all active.
+    /// Creates a packet of the first [`PACKET`] rays of a slice, all active.
     pub fn from_rays(rays: &[Ray]) -> Self {
         let mut packet = Self::EMPTY;
         for (k, ray) in rays.iter().take(PACKET).enumerate() {
@@ -59,7 +58,7 @@ impl RayPacket {
         }
     }
 
-    /// Ray `k`, or `None` if it is not active.
+    /// Returns ray `k`, or `None` if it is not active.
     #[inline]
     pub fn ray(&self, k: usize) -> Option<Ray> {
         (k < PACKET && self.active >> k & 1 == 1).then(|| Ray {
@@ -75,18 +74,18 @@ impl RayPacket {
 #[repr(C, align(64))]
 #[derive(Clone, Debug, PartialEq)]
 pub struct HitPacket {
-    /// As [`super::Hit::t`]; infinite where the ray hits nothing or is not active.
+    /// [`super::Hit::t`]; infinite where the ray hits nothing or is not active.
     pub t: [f32; PACKET],
-    /// As [`super::Hit::primitive`]; `u32::MAX` where there is no hit.
+    /// [`super::Hit::primitive`]; `u32::MAX` where there is no hit.
     pub primitive: [u32; PACKET],
-    /// As [`super::Hit::u`]; 0 where there is no hit.
+    /// [`super::Hit::u`]; 0 where there is no hit.
     pub u: [f32; PACKET],
-    /// As [`super::Hit::v`]; 0 where there is no hit.
+    /// [`super::Hit::v`]; 0 where there is no hit.
     pub v: [f32; PACKET],
 }
 
 impl HitPacket {
-    /// No hits.
+    /// Packet without hits.
     pub const MISS: Self = Self {
         t: [f32::INFINITY; PACKET],
         primitive: [u32::MAX; PACKET],
@@ -94,7 +93,7 @@ impl HitPacket {
         v: [0.0; PACKET],
     };
 
-    /// The hit of ray `k`, if there is one.
+    /// Returns the hit of ray `k`, if there is one.
     #[inline]
     pub fn hit(&self, k: usize) -> Option<super::Hit> {
         let primitive = *self.primitive.get(k)?;
@@ -107,7 +106,7 @@ impl HitPacket {
     }
 }
 
-/// The state of 16 searches.
+/// State of 16 searches.
 #[repr(C, align(64))]
 pub(super) struct Lanes {
     pub(super) t: [f32; PACKET],

@@ -20,30 +20,30 @@
 //! 4. a cut-out texture, where there is one, is opaque there.
 //!
 //! The closest hit is the smallest (t, primitive index), with coincident triangles resolved by
-//! orientation (`twins`). No operation is contracted or approximated.
+//! orientation (`coincident`). No operation is contracted or approximated.
 
 mod build;
+mod coincident;
 mod cutout;
-mod facts;
 mod lanes;
 mod packet;
 mod prepared;
 mod single;
 mod tree;
 mod triangle;
-mod twins;
+mod triangle_cache;
 
-pub use facts::extent_of;
 pub use lanes::{HitPacket, PACKET, RayPacket};
+pub use triangle_cache::triangle_extent;
 
+use coincident::CoincidentTriangles;
 use cutout::Cutouts;
-use facts::Facts;
 use fearless_simd::{Level, dispatch};
 use glam::{DVec3, Vec3};
 use headbox_scene::scene::{Scene, Surface};
 use std::sync::Arc;
 use tree::Tree;
-use twins::Twins;
+use triangle_cache::CachedTriangle;
 
 /// A ray in the tracer's local frame (world axes, metres, relative to the tracer's origin).
 ///
@@ -94,8 +94,8 @@ pub struct Tracer {
     origin: DVec3,
     tree: Tree,
     cutouts: Cutouts,
-    twins: Twins,
-    facts: Vec<Facts>,
+    coincident: CoincidentTriangles,
+    cached: Vec<CachedTriangle>,
     level: Level,
 }
 
@@ -111,15 +111,15 @@ impl Tracer {
     pub fn with_level(scene: Arc<Scene>, origin: DVec3, level: Level) -> Self {
         let cutouts = Cutouts::new(&scene);
         let tree = build::build(&scene, origin, &cutouts);
-        let twins = Twins::find(&scene, origin);
-        let facts = facts::of_all(&scene, origin);
+        let coincident = CoincidentTriangles::find(&scene, origin);
+        let cached = triangle_cache::cache_triangles(&scene, origin);
         Self {
             scene,
             origin,
             tree,
             cutouts,
-            twins,
-            facts,
+            coincident,
+            cached,
             level,
         }
     }
@@ -143,23 +143,23 @@ impl Tracer {
     /// Returns the cached [`Scene::geometric_normal`]; +Y if there is no such triangle.
     #[inline]
     pub fn geometric_normal(&self, primitive: u32) -> Vec3 {
-        self.facts
+        self.cached
             .get(primitive as usize)
-            .map_or(Vec3::Y, |facts| facts.normal)
+            .map_or(Vec3::Y, |cached| cached.normal)
     }
 
     /// Returns the largest absolute coordinate of a triangle in the local frame, metres; 0 if there
     /// is no such triangle.
     #[inline]
     pub fn extent(&self, primitive: u32) -> f32 {
-        self.facts
+        self.cached
             .get(primitive as usize)
-            .map_or(0.0, |facts| facts.extent)
+            .map_or(0.0, |cached| cached.extent)
     }
 
     /// Returns true if a triangle is visible to a ray along `direction` at barycentric weights `u`
     /// and `v`: not cut out, and not replaced by a coincident triangle that faces the ray.
-        pub fn is_seen(&self, direction: Vec3, primitive: u32, u: f32, v: f32) -> bool {
+    pub fn is_seen(&self, direction: Vec3, primitive: u32, u: f32, v: f32) -> bool {
         let hit = Hit {
             t: 0.0,
             primitive,
@@ -168,7 +168,7 @@ impl Tracer {
         };
         self.cutouts.is_there(&self.scene, primitive, [u, v])
             && self
-                .twins
+                .coincident
                 .facing(direction, hit, |primitive| self.triangle(primitive))
                 .primitive
                 == primitive
@@ -184,9 +184,9 @@ impl Tracer {
     /// triangles, the first that faces the ray, or else the first.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let mut closest = single::Closest::new(ray.t_max);
-                dispatch!(self.level, simd => single::search(simd, self, ray, &mut closest));
-                closest.hit().map(|hit| {
-            self.twins
+        dispatch!(self.level, simd => single::search(simd, self, ray, &mut closest));
+        closest.hit().map(|hit| {
+            self.coincident
                 .facing(ray.direction, hit, |primitive| self.triangle(primitive))
         })
     }
@@ -194,15 +194,15 @@ impl Tracer {
     /// Returns true if the ray hits anything between `t_min` and `t_max`.
     pub fn occluded(&self, ray: &Ray) -> bool {
         let mut occluded = single::Occluded::new(ray.t_max);
-                dispatch!(self.level, simd => single::search(simd, self, ray, &mut occluded));
-                occluded.blocked()
+        dispatch!(self.level, simd => single::search(simd, self, ray, &mut occluded));
+        occluded.blocked()
     }
 
     /// Calls `visit` with every hit on the ray exactly once, in the order of (t, primitive).
     pub fn all_hits(&self, ray: &Ray, visit: &mut dyn FnMut(Hit)) {
         let mut all = single::All::new(ray.t_max);
-                dispatch!(self.level, simd => single::search(simd, self, ray, &mut all));
-                all.into_sorted().into_iter().for_each(visit);
+        dispatch!(self.level, simd => single::search(simd, self, ray, &mut all));
+        all.into_sorted().into_iter().for_each(visit);
     }
 
     /// Returns the closest hits of the active rays of a packet, equal to the bit to those of
@@ -217,7 +217,7 @@ impl Tracer {
     /// Stops at the end of the shorter slice.
     pub fn closest_packets(&self, rays: &[RayPacket], hits: &mut [HitPacket]) {
         dispatch!(self.level, simd => packet::closest(simd, self, rays, hits));
-        if self.twins.is_empty() {
+        if self.coincident.is_empty() {
             return;
         }
         for (rays, hits) in rays.iter().zip(hits) {
@@ -226,7 +226,7 @@ impl Tracer {
                     continue;
                 };
                 let hit = self
-                    .twins
+                    .coincident
                     .facing(ray.direction, hit, |primitive| self.triangle(primitive));
                 (hits.primitive[k], hits.u[k], hits.v[k]) = (hit.primitive, hit.u, hit.v);
             }

@@ -46,7 +46,7 @@ pub fn level_up(pictures_up: Option<DVec3>) -> DVec3 {
 /// Measures the surroundings of a world position (128 directions, evenly spread).
 pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
     let mut distances = Vec::with_capacity(DIRECTIONS as usize);
-        let mut backs = 0;
+    let mut backs = 0;
     for i in 0..DIRECTIONS {
         let y = 1.0 - 2.0 * (i as f32 + 0.5) / DIRECTIONS as f32;
         let (sin, cos) = (i as f32 * 2.399_963_2).sin_cos(); // the golden angle

@@ -1,4 +1,4 @@
-//! Where the headbox goes.
+//! Default placement of the headbox.
 
 use super::view::best_view;
 use super::{Surroundings, cast, look_around};
@@ -12,64 +12,62 @@ use std::sync::Arc;
 
 /// Height of a standing person's eyes above the floor, metres.
 pub const EYE_HEIGHT_M: f64 = 1.6;
-/// A person needs this much from the floor to what is above, metres.
+/// Minimum height above the floor for a standing person, metres.
 const HEADROOM_M: f64 = 1.9;
-/// A floor goes on at its own height so far around a standing person, metres: a table or a shelf
-/// does not.
+/// Radius around a standing person in which a floor must be level, metres: excludes tables and
+/// shelves.
 const STANDING_ROOM_M: f64 = 0.6;
-/// Floors that differ by less are one storey, metres.
+/// Maximum height difference of floors of one storey, metres.
 const STOREY_M: f64 = 0.5;
-/// Seeded tries.
+/// Number of seeded candidate positions.
 const TRIES: u32 = 600;
-/// More clearance than this makes a standing place no better, metres.
+/// Clearance beyond which a standing position does not improve, metres.
 const AMPLE_M: f64 = 1.0;
-/// And what is around farther away than this, metres.
+/// Median distance beyond which a standing position does not improve, metres.
 const ROOMY_M: f64 = 10.0;
 
-/// With less clearance, or half of what is around within arm's length, nobody would stand there,
-/// metres.
+/// Minimum clearance and minimum median distance of a standing position, metres.
 const NARROW_M: f64 = 0.2;
 const ARMS_LENGTH_M: f64 = 1.0;
-/// Of the best places so many are looked from.
+/// Number of best positions whose views are compared.
 const SHORTLIST: usize = 64;
-/// A free place with less clearance than this share of the scene's diagonal is a nook between its
-/// parts.
+/// Minimum clearance of a free position relative to the scene's diagonal; less is a gap between
+/// objects.
 const CRAMPED: f64 = 0.05;
-/// And one with surfaces in fewer directions than this share is beside things rather than within a
-/// room.
+/// Minimum fraction of directions with surfaces inside a room; fewer means next to objects.
 const WITHIN_WALLS: f64 = 0.75;
-/// Where this share of what is seen shows its back, the eye is within a solid.
+/// Fraction of visible back faces from which the eye is inside a solid.
 const WITHIN_A_SOLID: f64 = 0.99;
 
-/// A scene this many of its diagonals away is less than a pixel wide on the largest face: 2/8192 of
-/// its depth.
+/// Maximum distance from the scene, in its diagonals: beyond, it is less than a pixel wide on the
+/// largest face (2/8192 of its depth).
 const MAX_DIAGONALS_AWAY: f64 = 4096.0;
 
-/// Why a headbox cannot be placed.
+/// Error of placing a headbox.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum HeadboxError {
-    /// Its centre is nowhere.
+    /// The centre is not finite.
     #[error("a headbox about {0}; its centre must be three finite numbers")]
     Centre(DVec3),
-    /// Nothing of the scene would be seen from there.
+    /// The scene would be invisible from there.
     #[error(
         "a headbox about {centre}, so far from the scene that nothing of it would be seen; it reaches from {low} to {high} (metres, Y up)"
     )]
     TooFar {
-        /// Its centre, world metres.
+        /// Requested centre, world metres.
         centre: DVec3,
         /// Lowest corner of the scene.
         low: DVec3,
         /// Highest corner of the scene.
         high: DVec3,
     },
-    /// It is too small or too large to be worked with.
+    /// The size is out of range.
     #[error("a headbox of half-size {0} m; it must lie between 1e-9 and 1e9 m")]
     HalfSize(f64),
 }
 
-/// The headbox of a scene, world metres: what is given of it, else what the scene suggests, else
-/// free space.
+/// Returns the headbox of a scene, world metres: the given values, else those of the scene's file,
+/// else [`suggest_headbox`].
 ///
 /// # Errors
 /// [`HeadboxError`] if there is no such box.
@@ -105,9 +103,9 @@ pub fn place_headbox(
     })
 }
 
-/// A half-size for a headbox about a world position: half the clearance (a cube's corner is 1.73
-/// half-sizes away), but at most a twentieth of the scene's diagonal; if the position touches
-/// geometry, a hundredth of the diagonal.
+/// Suggests the half-size of a headbox about a world position: half the clearance (a cube's corner
+/// is 1.73 half-sizes away), but at most a twentieth of the scene's diagonal; if the position
+/// touches geometry, a hundredth of the diagonal.
 pub fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
     let [low, high] = tracer.scene().bounds();
     let diagonal = (high - low).length();
@@ -119,13 +117,12 @@ pub fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
     }
 }
 
-/// The part of a half-size that so many rays can fill: what the eye uncovers on its way from the
-/// centre grows with the headbox's edge, and is found by the rays that are left once every pixel of
-/// the faces has had one.
+/// Reduces a half-size to what a number of rays can fill: disocclusions grow with the headbox, and
+/// are found by the rays left after one for every pixel of the faces.
 ///
-/// `rays_per_pixel` is rays traced over pixels of all faces. With 16, the paper's density, all of
-/// the half-size is kept, with fewer a share that falls with their square root, but at least a
-/// quarter.
+/// `rays_per_pixel` is the number of rays over the pixels of all faces. With 16, the paper's
+/// density, the half-size is unchanged; with fewer it falls with their square root, to a quarter at
+/// least.
 pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
     /// 32^4 strata of 16 rays on faces of 1024 pixels.
     const AMPLE_RAYS_PER_PIXEL: f64 = 16.0;
@@ -135,10 +132,10 @@ pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
             .clamp(0.25, 1.0)
 }
 
-/// A headbox about the eyes of a person who stands on a floor, with as much clearance and as much
-/// to see around as seeded tries find; where no try finds room to stand, about a free place in the
-/// lower part of the scene's box; and of what has no such place within, as a statue, a tree or a
-/// house without ground, before it.
+/// Suggests a headbox at the eyes of a person standing on a floor, at the best of some seeded
+/// positions by clearance and view; without room to stand, at a free position in the lower part of
+/// the scene's box; and without one, as for a statue, a tree or a house without ground, in front of
+/// the scene.
 pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
     let centre = standing_place(tracer)
         .or_else(|| free_place(tracer))
@@ -149,7 +146,7 @@ pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
     }
 }
 
-/// The `i`-th place of the scene's box, evenly spread at random.
+/// Returns the `i`-th random position in a box.
 fn seeded_place(i: u32, low: DVec3, high: DVec3) -> DVec3 {
     let [x, y, z, _] = random4([i, 0xb0c5, 0, 0]).map(|r| f64::from(unit_float(r)));
     low + (high - low) * DVec3::new(x, y, z)
@@ -158,7 +155,7 @@ fn seeded_place(i: u32, low: DVec3, high: DVec3) -> DVec3 {
 fn free_place(tracer: &Tracer) -> Option<DVec3> {
     let [low, high] = tracer.scene().bounds();
     let diagonal = (high - low).length();
-    // The lower part of the box: people look at scenes from near the ground.
+    // The lower part of the box: scenes are usually viewed from near the ground.
     let (lower, upper) = (0.1, 0.6);
     let [floor, ceiling] = [lower, upper].map(|share| low.y + (high.y - low.y) * share);
     let (low, high) = (
@@ -173,45 +170,45 @@ fn free_place(tracer: &Tracer) -> Option<DVec3> {
             0.0
         }
     };
-    best_of(
+    find_best(
         tracer,
         (0..TRIES).map(|i| seeded_place(i, low, high)),
         score,
     )
 }
 
-/// Where a person's eyes are, at the best of the places where one can stand.
+/// Returns the eye position at the best standing position.
 fn standing_place(tracer: &Tracer) -> Option<DVec3> {
     let [low, high] = tracer.scene().bounds();
     let tries = (0..TRIES).map(|i| seeded_place(i, low, high));
     let floors: Vec<DVec3> = tries
-        .filter_map(|place| floor_below(tracer, place))
+        .filter_map(|place| find_floor(tracer, place))
         .collect();
     let storey = busiest_storey(&floors)?;
     let on_storey = floors
         .into_iter()
         .filter(|floor| (floor.y - storey).abs() <= STOREY_M);
-    best_of(
+    find_best(
         tracer,
         on_storey.map(|floor| floor + DVec3::Y * EYE_HEIGHT_M),
         standing_score,
     )
 }
 
-/// How well one stands where this is around: 0 in a nook.
+/// Returns the score of a standing position from its surroundings: 0 in a narrow gap.
 pub(super) fn standing_score(around: Surroundings) -> f64 {
     if around.clearance_m < NARROW_M || around.median_m < ARMS_LENGTH_M {
         return 0.0;
     }
-    // Within walls is within walls: a room with one side open is best seen from that side, not from
+    // Saturates at the threshold: a room with one open side is best seen from that side, not from
     // its far corner.
     let within = (around.enclosed / WITHIN_WALLS).min(1.0);
     around.clearance_m.min(AMPLE_M) * around.median_m.min(ROOMY_M) * within * within
 }
 
-/// Of the places with the highest scores above zero that of which the score times what there is to
-/// see is highest; of equals the first.
-fn best_of(
+/// Returns the position with the highest product of score and interest of its view, among those
+/// with the highest scores above zero; the first of equals.
+fn find_best(
     tracer: &Tracer,
     places: impl Iterator<Item = DVec3>,
     score: impl Fn(Surroundings) -> f64,
@@ -233,8 +230,8 @@ fn best_of(
         .map(|(_, place)| place)
 }
 
-/// A place in front of the scene (+Z) from which all of it fits into a view of 60 degrees: at the
-/// height of a person's eyes, or of its middle if that is lower.
+/// Returns a position in front of the scene (+Z) from which it fits into a view of 60 degrees: at
+/// eye height, or at the height of its centre if that is lower.
 fn place_before(tracer: &Tracer) -> DVec3 {
     let [low, high] = tracer.scene().bounds();
     let (middle, distance) = ((low + high) / 2.0, (high - low).length());
@@ -244,18 +241,18 @@ fn place_before(tracer: &Tracer) -> DVec3 {
     (middle + DVec3::Z * distance).with_y(eye_y)
 }
 
-/// The floor straight below a place, if a person can stand there.
-fn floor_below(tracer: &Tracer, place: DVec3) -> Option<DVec3> {
+/// Returns the floor below a position, if a person can stand there.
+fn find_floor(tracer: &Tracer, place: DVec3) -> Option<DVec3> {
     let down = cast(tracer, place, Vec3::NEG_Y)?;
     let floor = place - DVec3::Y * f64::from(down.t);
     let is_flat = tracer.scene().geometric_normal(down.primitive).y.abs() > 0.9;
     let knee = floor + DVec3::Y * 0.4;
     let headroom = cast(tracer, knee, Vec3::Y).map_or(f64::INFINITY, |up| f64::from(up.t) + 0.4);
-    (is_flat && headroom >= HEADROOM_M && goes_on_around(tracer, floor)).then_some(floor)
+    (is_flat && headroom >= HEADROOM_M && is_level_around(tracer, floor)).then_some(floor)
 }
 
-/// Whether a floor goes on at its own height around a place.
-fn goes_on_around(tracer: &Tracer, floor: DVec3) -> bool {
+/// Returns true if a floor is level around a position.
+fn is_level_around(tracer: &Tracer, floor: DVec3) -> bool {
     const PLACES: u32 = 8;
     (0..PLACES).all(|i| {
         let angle = f64::from(i) / f64::from(PLACES) * std::f64::consts::TAU;

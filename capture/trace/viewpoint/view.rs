@@ -84,8 +84,8 @@ fn interest(tracer: &Tracer, world: DVec3, ahead: DVec3) -> f64 {
     let rays: Vec<ViewRay> = (0..rows * columns)
         .map(|i| {
             let x = position(i % columns, columns) * HALF_VIEW[0];
-                        let y = position(i / columns, rows) * HALF_VIEW[1];
-                        // Solid angle: perspective stretches off-axis pixels.
+            let y = position(i / columns, rows) * HALF_VIEW[1];
+            // Solid angle: perspective stretches off-axis pixels.
             let share = (1.0 + x * x + y * y).powf(-1.5);
             ViewRay {
                 surface: trace_surface(tracer, world, ahead + right * x + DVec3::Y * y),
@@ -106,7 +106,7 @@ fn interest(tracer: &Tracer, world: DVec3, ahead: DVec3) -> f64 {
     let openness = |ray: &ViewRay| {
         ray.share
             * ray.surface.map_or(0.0, |surface| {
-                            (1.0 + (surface.distance_m / far).log10() / 3.0).clamp(0.0, 1.0)
+                (1.0 + (surface.distance_m / far).log10() / 3.0).clamp(0.0, 1.0)
             })
     };
     let open: f64 = rays.iter().map(openness).sum::<f64>() / rays.len() as f64;

@@ -248,7 +248,7 @@ impl InfoCommand {
     }
 }
 
-/// What is shown as pictures on planes, or null.
+/// Describes the plane textures, or null.
 fn planes_json(cube: &PackedCube) -> Option<serde_json::Value> {
     let set = &cube.planes;
     (!set.tiles.is_empty()).then(|| {
@@ -259,8 +259,7 @@ fn planes_json(cube: &PackedCube) -> Option<serde_json::Value> {
     })
 }
 
-/// What there is to know of a sprite; eye, look_at and fov are what an import needs to know of its
-/// camera.
+/// Describes a sprite; eye, look_at and fov are those that an import needs to know of its camera.
 pub(super) fn sprite_json(sprite: &SpriteWithDepth, set: &SpriteSet) -> serde_json::Value {
     let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
     let (columns, rows) = sprite.displacement().size();

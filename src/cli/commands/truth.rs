@@ -126,7 +126,8 @@ impl TruthCommand {
         (tracer, lighting): (&Tracer, &Lighting),
         bar: &Bar,
     ) -> anyhow::Result<u32> {
-        /// Of half of the headbox's edge: nothing is to be seen from its very faces.
+        /// Largest offset of a camera, in half-sizes of the headbox: nothing is visible from its
+        /// very faces.
         const REACH: f64 = 0.9;
         let mut set = SetWriter::new(&self.output);
         let turn = camera.world_from_eye();

@@ -89,7 +89,7 @@ pub(crate) struct ViewCommand {
     json: bool,
 }
 
-/// How two eyes stand beside each other.
+/// Arrangements of two eyes.
 const STEREO: Names<Stereo> = &[
     (
         "cross",
@@ -140,7 +140,7 @@ impl ViewCommand {
         Ok(())
     }
 
-    /// How a file is opened.
+    /// Opens a file.
     ///
     /// # Errors
     /// Options that do not belong to it.
@@ -231,10 +231,10 @@ impl ViewCommand {
 pub(super) struct ToShow {
     pub(super) source: SceneSource,
     pub(super) is_set: bool,
-    /// Of an image set: by cubes of the images nearest to the eye.
+    /// For image sets: show cubes of the images nearest to the eye.
     pub(super) live: bool,
     pub(super) set: SetArgs,
-    /// Of an image set: by view-dependent geometry.
+    /// For image sets: show view-dependent geometry.
     pub(super) texturing: Option<Texturing>,
     pub(super) geometry: GeometryArgs,
 }
@@ -284,7 +284,7 @@ impl ToShow {
     }
 }
 
-/// What is to be shown, or who will bring it.
+/// Source, or one that is being opened.
 enum Opened {
     Already(Box<dyn FrameSource>),
     Later(Coming),
@@ -320,7 +320,7 @@ fn open_soon(
     }
 }
 
-/// Where the names of the files opened last are kept, by the system's custom; none if it has none.
+/// File of the list of recent files, in the system's usual place; `None` if there is none.
 fn recent_file() -> Option<PathBuf> {
     let folder = |key: &str| {
         std::env::var_os(key)

@@ -16,7 +16,7 @@ pub enum Sampler {
     CentreRays,
 }
 
-/// What becomes of samples at similar depth in one pixel: the papers disagree (D1).
+/// Merging of samples at similar depth in one pixel: the papers disagree (D1).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MergeRule {
@@ -31,8 +31,8 @@ pub enum MergeRule {
     ColorsApart,
 }
 
-/// Which rays are traced, what becomes of what they hit, and with how much light: all that decides
-/// a capture's quality but the size of its faces, which an LDI tells by itself.
+/// Parameters of a capture's quality: rays, merging and light, but not the size of its faces, which
+/// an LDI has itself.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CaptureParameters {
     /// Strata along each of the four dimensions of rays (N)
@@ -52,13 +52,13 @@ pub struct CaptureParameters {
     /// or a percentage such as 0.01%); 1 looks for nothing
     #[serde(rename = "most_holes", default = "all")]
     pub holes: f64,
-    /// Which rays
+    /// Sampling of rays
     pub sampler: Sampler,
-    /// What becomes of samples at similar depth
+    /// Merging of samples at similar depth
     pub merge_rule: MergeRule,
 }
 
-/// What captures were asked for that could not look for holes.
+/// Value for captures made before the search for holes existed.
 fn all() -> f64 {
     1.0
 }
@@ -70,7 +70,7 @@ impl Default for CaptureParameters {
 }
 
 impl CaptureParameters {
-    /// What `headbox capture` does where nothing is said: the papers' strata and rays.
+    /// Defaults of `headbox capture`: the papers' strata and rays.
     pub const DEFAULT: Self = Self {
         strata: 32,
         rays_per_stratum: 16,

@@ -32,7 +32,7 @@ impl EncodedNormal {
     /// +Z.
     pub const Z: Self = Self([0, 0]);
 
-    /// Of the two numbers of 16 bits, the first in the lower half.
+    /// Decodes from two 16-bit numbers, the first in the lower half.
     pub fn from_bits(bits: u32) -> Self {
         Self([bits as u16 as i16, (bits >> 16) as i16])
     }
@@ -97,7 +97,7 @@ impl LayeredDepthImage {
 /// Six layered depth images about one centre, and the environment behind them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CubeLdi {
-    /// What it was captured from.
+    /// Header of the capture.
     pub info: CaptureInfo,
     /// In the order of [`Face::ALL`].
     pub faces: Vec<LayeredDepthImage>,

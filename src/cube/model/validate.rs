@@ -103,7 +103,7 @@ pub enum LdiError {
         field: &'static str,
         /// Its value.
         value: f64,
-        /// What it may be.
+        /// Valid values.
         expected: &'static str,
     },
 }

@@ -1,4 +1,4 @@
-//! What clipping asks of a segment: the range of depth in each block of its pixels.
+//! Depth range of each block of a segment's pixels, for clipping.
 
 use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel};
 

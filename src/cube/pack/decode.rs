@@ -64,7 +64,7 @@ impl PackedSegment {
         }
     }
 
-    /// What belongs in [`Self::blocks`].
+    /// Computes the content of [`Self::blocks`].
     pub(super) fn block_index(&self) -> BlockIndex {
         BlockIndex::of_rows([self.x0, self.y0], [self.width, self.height], |y| {
             self.row(y)

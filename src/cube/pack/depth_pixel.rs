@@ -35,7 +35,7 @@ impl PackedDepthPixel {
 /// The largest 20-bit inverse depth code.
 pub const INVERSE_DEPTH_CODE_MAX: u32 = (1 << 20) - 1;
 
-/// What the 11 bits of the splat index say.
+/// Layout of the 11-bit splat index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum SplatIndexLayout {
     /// The paper's: 3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20).

@@ -10,7 +10,7 @@ use crate::model::validate::LdiError;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Where each face is cut into a near and a far segment (S23).
+/// Split of each face into a near and a far segment (S23).
 ///
 /// Clipping keeps, of each segment, the rectangle of rays that a view can reach. A sample of
 /// inverse depth q moves by q times the eye's displacement on the face (in units where a face is 2

@@ -15,7 +15,7 @@ pub struct ExactDepthPixel {
     pub normal: [f32; 3],
     /// sRGB, straight alpha.
     pub color_srgb: [u8; 4],
-    /// As in the packed depth pixel, for the kernel whose sizes are a table over it.
+    /// Splat index as in the packed depth pixel, for the kernel whose sizes are a table over it.
     pub splat_index: u32,
 }
 

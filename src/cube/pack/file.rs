@@ -24,7 +24,7 @@ use std::path::Path;
 /// A cube LDI file.
 pub const CUBE_LDI: FileKind = FileKind::CUBE_LDI;
 
-/// What a cube LDI is but for its arrays.
+/// Header of a cube LDI: everything but its arrays.
 #[derive(Serialize, Deserialize)]
 pub struct CubeHeader {
     info: CaptureInfo,
@@ -36,7 +36,7 @@ pub struct CubeHeader {
     planes: Option<PlanesHeader>,
 }
 
-/// What a set of pictures is but for its arrays.
+/// Header of a set of plane textures: everything but its arrays.
 #[derive(Serialize, Deserialize)]
 struct PlanesHeader {
     error_px: f64,
@@ -60,8 +60,8 @@ struct SegmentHeader {
 }
 
 impl CubeHeader {
-    /// What decides how much memory its arrays take, before any is read: a segment of each face and
-    /// side at most, each a rectangle of a face with something in it.
+    /// Checks the sizes of the arrays before any is read: at most a segment for each face and side,
+    /// each a non-empty rectangle of a face.
     fn check(&self, section: &Section) -> Result<(), FileError> {
         let keys = self
             .segments

@@ -7,7 +7,7 @@ use crate::model::info::CaptureInfo;
 use headbox_core::cube_face::Face;
 use headbox_core::environment::Environment;
 
-/// Which side of the face's split plane a segment holds (S23).
+/// Side of the face's split plane on which a segment lies (S23).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SegmentSide {
     /// Beyond the split plane.
@@ -57,16 +57,16 @@ pub struct PackedSegment {
 /// A packed cube LDI: what a `.ldi` file holds and what the renderer draws.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackedCube {
-    /// What it was captured from.
+    /// Header of the capture.
     pub info: CaptureInfo,
     /// Pixels a side of each face.
     pub face_size_px: u32,
-    /// How to read the splat indices of all segments.
+    /// Layout of the splat indices of all segments.
     pub layout: SplatIndexLayout,
     /// Only segments with samples, ordered by face, far before near.
     pub segments: Vec<PackedSegment>,
     /// Drawn first, behind everything.
     pub environment: Environment,
-    /// What is shown as pictures on planes; the segments hold the rest.
+    /// Plane textures; the segments hold the rest.
     pub planes: PlaneSet,
 }

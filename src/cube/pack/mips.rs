@@ -18,7 +18,7 @@ pub(crate) const LEVELS: usize = 6;
 /// All pictures of a set at one size.
 #[derive(Debug)]
 pub(super) struct Mip {
-    /// Of each picture, its first texel; and the end.
+    /// First texel of each texture, and the end.
     starts: Vec<usize>,
     texels: Vec<[u8; 4]>,
 }
@@ -74,7 +74,7 @@ impl PartialEq for LazyMips {
     }
 }
 
-/// How often a level halves the size.
+/// Number of halvings of the size at a level.
 pub(crate) fn halvings(level: usize) -> usize {
     level / 2
 }
@@ -90,9 +90,9 @@ pub(crate) fn side(length: u16, level: usize) -> usize {
 
 /// Means of neighbours along both axes.
 pub(super) struct Filter {
-    /// Of a texel, of each of its neighbours, and of theirs.
+    /// Weights of a texel, of its neighbours, and of theirs.
     weights: [i32; 3],
-    /// Of every how many texels there is one left.
+    /// Number of texels of which one remains.
     pub(super) step: usize,
 }
 

@@ -5,7 +5,7 @@ use super::row::{Report, Row, SceneFacts, chosen, smallest};
 use super::words::{bytes, list, ms, times};
 use std::fmt::Write;
 
-/// What was measured, and five lines of what came of it. Ranges are over the scenes.
+/// Header of the report, and five lines of results. Ranges are over the scenes.
 pub(super) fn brief(report: &Report) -> String {
     let scenes: Vec<Scene> = report
         .scenes
@@ -53,7 +53,7 @@ pub(super) fn brief(report: &Report) -> String {
     text
 }
 
-/// What the PSNR is without the noise of truth, if that makes a difference.
+/// PSNR without the noise of truth, if that makes a difference.
 fn own_errors(scenes: &[Scene]) -> String {
     /// dB.
     const DIFFERENCE: f64 = 0.5;

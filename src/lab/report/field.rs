@@ -38,12 +38,12 @@ const OPAQUE_PACKING: &str = "depth pixel, opaque rectangles";
 /// The default form in both.
 const PACKED: &str = "8 bytes, 11 bits of normal";
 
-/// What `capture` writes where nothing is said.
+/// Name of the default capture.
 pub(super) const WITH_PLANES: &str = "LDI, what is flat on planes";
 
 /// The default capture, as far as facts need it.
 pub(super) struct DefaultCapture {
-    /// As samples alone, about which most groups are; or as it was given.
+    /// Cube without plane textures, to which most groups refer; or as it was given.
     pub(super) cube: Arc<PackedCube>,
     /// With what is flat on planes, if it was made here.
     pub(super) with_planes: Option<Arc<PackedCube>>,
@@ -378,7 +378,8 @@ impl<'a> ContenderField<'a> {
         Ok(default)
     }
 
-    /// What quantisation costs, one number at a time, by the renderer that needs none.
+    /// Adds rows that measure the cost of quantisation, one quantity at a time, with the renderer
+    /// that needs none.
     fn add_quantised(
         &mut self,
         ldi: &headbox_cube::model::samples::CubeLdi,
@@ -428,7 +429,7 @@ impl<'a> ContenderField<'a> {
             .collect()
     }
 
-    /// What one would do without an LDI.
+    /// Adds alternatives without a representation.
     fn add_without_representation(&mut self, cube: &Arc<PackedCube>, progress: &dyn Progress) {
         let quality = self.plan.quality;
         let (tracer, lighting) = (&self.subject.tracer, &self.subject.lighting);

@@ -69,7 +69,7 @@ enum Cost {
     Bytes,
 }
 
-/// What belongs together in colour: LDIs, points, what traces, the rest.
+/// Colour family of a row: LDIs, points, ray tracing, the rest.
 fn family(row: &Row) -> usize {
     match row.variant.as_str() {
         name if name.starts_with("LDI") => 0,

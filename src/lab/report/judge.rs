@@ -15,7 +15,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// What was measured of one contender.
+/// Measurement of one contender.
 #[derive(Clone, Debug, Default)]
 pub struct Measurement {
     /// Milliseconds by eye and round; empty for eyes that it is not judged by.
@@ -272,7 +272,7 @@ impl View<'_> {
 
     /// PSNR of all eyes' frames without the noise of truth, where it can be told from none.
     fn own_psnr_db(&self) -> Result<Option<f64>, MetricError> {
-        /// So many standard errors at least.
+        /// Smallest number of standard errors.
         const SURE: f64 = 5.0;
         let pictures = self
             .counted()

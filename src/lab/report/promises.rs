@@ -1,4 +1,4 @@
-//! What the README promises, held against the rows of a report.
+//! Promises of the README, tested against the rows of a report.
 
 use super::figures::short;
 use super::row::{Report, Row, SceneFacts};
@@ -8,13 +8,13 @@ use crate::table::{Table, figure};
 pub struct Promise {
     /// Words of the README.
     pub says: &'static str,
-    /// What is measured of each scene.
+    /// Quantity measured in each scene.
     pub what: &'static str,
     /// The figure; `None` where a scene cannot tell.
     pub of: fn(&Report, &SceneFacts) -> Option<f64>,
-    /// What keeps the promise.
+    /// Condition of the promise.
     pub keeps: Keeps,
-    /// Whether the figure is one of time: it is shown, and decides nothing.
+    /// True for a time: it is shown, and decides nothing.
     pub is_time: bool,
 }
 
@@ -28,7 +28,7 @@ pub enum Keeps {
 }
 
 impl Keeps {
-    /// Whether the figures of all scenes keep the promise; none do not.
+    /// Returns true if the figures of all scenes keep the promise; false if there are none.
     pub fn hold(self, figures: &[f64]) -> bool {
         match self {
             Self::Within([least, most]) => {
@@ -157,8 +157,8 @@ pub fn table(report: &Report) -> Table {
     table
 }
 
-/// What the README says of promises that a report can tell of, and that do not hold; those of time
-/// are left to the reader, as a busy machine breaks them.
+/// Names the broken promises of the README; those of time are left to the reader, since a busy
+/// machine breaks them.
 pub fn broken(report: &Report) -> Vec<&'static str> {
     let told = |promise: &&Promise| !promise.figures(report).is_empty();
     let broken = |promise: &&Promise| !promise.keeps.hold(&promise.figures(report));

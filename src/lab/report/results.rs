@@ -15,7 +15,7 @@ use std::fmt::Write;
 struct Claim {
     /// Its number in our list of the papers' numbers.
     id: &'static str,
-    /// What it is.
+    /// Quantity.
     what: &'static str,
     /// The paper's figure.
     theirs: f64,

@@ -1,4 +1,4 @@
-//! What a report says: rows, and all around them that makes them mean something.
+//! Data of a report: rows, and the conditions under which they were measured.
 
 use super::rival::RivalRows;
 use crate::machine::Machine;
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub struct Row {
     /// The scene.
     pub scene: String,
-    /// What the rows of a group have to be compared for.
+    /// Subject of the group's comparison.
     pub group: String,
     /// The setting.
     pub variant: String,
@@ -20,7 +20,7 @@ pub struct Row {
     pub baseline: bool,
     /// True if the variant traces the scene itself, as truth does.
     pub traces: bool,
-    /// Which eyes.
+    /// Set of eyes.
     pub eyes: EyeSet,
     /// Threads that drew.
     pub threads: usize,
@@ -34,7 +34,7 @@ pub struct Row {
     /// Depth pixels that a frame has to look at (of a clipped LDI, those that clipping against the
     /// whole frame leaves), each counted once, mean per frame; 0 where there are none.
     pub depth_pixels_in: f64,
-    /// Of these, millions per second of the median frame.
+    /// Depth pixels in, millions per second of the median frame.
     pub depth_pixels_m_per_s: f64,
     /// Bytes in memory that drawing needs.
     pub bytes: u64,
@@ -87,7 +87,7 @@ pub struct WorstFrame {
 /// Error at one place between the centre and a corner.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Displaced {
-    /// How far the eye is: 0 at the centre, 1 in the corner.
+    /// Distance of the eye: 0 at the centre, 1 in the corner.
     pub share: f64,
     /// FLIP there.
     pub flip: f64,
@@ -112,7 +112,7 @@ pub struct EyeRecord {
     pub truth_psnr_db: f64,
 }
 
-/// What else is known of a scene and its default capture.
+/// Further facts about a scene and its default capture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneFacts {
     /// The scene.
@@ -165,7 +165,7 @@ impl SceneFacts {
 pub struct Report {
     /// Version of this format.
     pub version: u32,
-    /// Where it ran.
+    /// Machine of the measurement.
     pub machine: Machine,
     /// The commit of the program, with `+` if its sources had been changed; `unknown` if there is
     /// no telling.
@@ -174,9 +174,9 @@ pub struct Report {
     pub program: String,
     /// The seed of eyes and captures.
     pub seed: u64,
-    /// Whether sizes were the small ones.
+    /// True for small sizes.
     pub quick: bool,
-    /// Whether they were real ones.
+    /// True for real sizes.
     #[serde(default)]
     pub real: bool,
     /// One entry for each scene.
@@ -293,12 +293,12 @@ fn exact<'a>(rows: &[&'a Row]) -> impl Iterator<Item = &'a Row> {
     drawn().filter(move |row| row.flip <= least * 1.1)
 }
 
-/// What to look around with: the fastest of the exact rows.
+/// Recommended row: the fastest of the exact rows.
 pub(super) fn chosen<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
     exact(rows).min_by(|a, b| a.ms_median.total_cmp(&b.ms_median))
 }
 
-/// What to use where memory is short: the smallest of the exact rows, of equals the fastest.
+/// Recommended row where memory is scarce: the smallest of the exact rows, of equals the fastest.
 pub(super) fn smallest<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
     exact(rows).min_by(|a, b| {
         a.bytes

@@ -1,4 +1,4 @@
-//! What is compared in a scene: the scene itself, and what is given instead of made.
+//! Subjects of a report: the scene itself, and given files.
 
 use headbox_cube::pack::PackedCube;
 use headbox_sprite::SpriteSet;
@@ -38,15 +38,15 @@ pub enum ReportError {
     Metric(#[from] headbox_core::metrics::MetricError),
 }
 
-/// What is compared in a scene.
+/// Subject of a report.
 pub struct Subject {
-    /// How rows call it.
+    /// Name in the rows.
     pub name: String,
     /// The scene, its origin at the centre of the headbox.
     pub tracer: Arc<Tracer>,
     /// Its light.
     pub lighting: Lighting,
-    /// Whether truth is lit.
+    /// True if truth is lit.
     pub lit: bool,
     /// A capture that is given instead of made.
     pub cube: Option<PackedCube>,

@@ -1,4 +1,4 @@
-//! What the rows say, in sentences. Nothing in here is known but from the rows.
+//! Sentences of the summary, derived from the rows alone.
 
 use super::brief::brief;
 use super::figures::short;
@@ -25,7 +25,7 @@ pub fn summary(report: &Report) -> String {
     text
 }
 
-/// Where and how.
+/// Machine and conditions.
 fn preamble(report: &Report) -> String {
     let machine = &report.machine;
     let load = machine.load_hundredths.map_or(String::new(), |load| {
@@ -98,7 +98,7 @@ fn truth_sentence(facts: &SceneFacts) -> String {
     )
 }
 
-/// Which to use when: the front of time and error.
+/// Recommendations: the Pareto front of time and error.
 fn choice(rows: &[&Row]) -> String {
     let at: Vec<[f64; 2]> = rows.iter().map(|row| [row.ms_median, row.flip]).collect();
     let front: Vec<&Row> = pareto_front(&at).into_iter().map(|i| rows[i]).collect();
@@ -134,7 +134,7 @@ fn choice(rows: &[&Row]) -> String {
     text
 }
 
-/// What the steadiest of those that draw adds to the choice, if it is another.
+/// Addition to the recommendation: the steadiest of the renderers, if it is another.
 fn steadier(chosen: &Row, drawn: &[&&Row]) -> String {
     let Some(flicker) = chosen.flicker else {
         return String::new();
@@ -222,8 +222,8 @@ fn displacement(report: &Report, scene: &str) -> String {
     }
 }
 
-/// How far from the centre (0) to a corner (1) a cube map is more exact than the LDI; `None` unless
-/// it is so at first and not at last.
+/// Distance from the centre (0) to a corner (1) up to which a cube map is more exact than the LDI;
+/// `None` unless it is so at first and not at last.
 fn crossing(report: &Report, scene: &str) -> Option<f64> {
     let line = |variant: &str| Some(&report.find(scene, "representation", variant)?.displacement);
     let (ldi, map) = (line("LDI")?, line("cube map")?);
@@ -239,7 +239,7 @@ fn crossing(report: &Report, scene: &str) -> Option<f64> {
     Some(near + (far - near) * before / (before - after))
 }
 
-/// What to use where something else than time is short: memory, capture time.
+/// Recommendations where another resource than time is scarce: memory, capture time.
 fn short_of(report: &Report, scene: &str) -> String {
     let mut text = String::new();
     let rows: Vec<&Row> = report.group(scene, "representation").collect();
@@ -319,7 +319,7 @@ fn steadiness(rows: &[&Row], facts: &SceneFacts) -> String {
     text
 }
 
-/// Which point of a lumigraph's sampling curve is the fastest, and whether all err alike, as they
+/// Fastest point of a lumigraph's sampling curve, and a test that all have the same error, as they
 /// should.
 fn curve(report: &Report, scene: &str) -> String {
     let rows: Vec<&Row> = report.group(scene, CURVE).collect();

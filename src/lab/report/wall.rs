@@ -21,7 +21,7 @@ use std::time::Instant;
 pub(super) const WALL: &str = "from a wall of cameras";
 /// The points of the sampling curve.
 pub(super) const CURVE: &str = "lumigraph's sampling curve (all layers)";
-/// Where layers are put.
+/// Name of the placement of layers.
 const PLACEMENT: &str = "lumigraph's layers, as many as the curve asks for";
 
 /// Vertical field of view of the images, degrees.
@@ -31,7 +31,7 @@ const FRAME_FOV_DEG: f64 = 40.0;
 /// Layers at most, as `headbox lumigraph` has them where nothing is said.
 const LAYERS: usize = 255;
 
-/// Where cameras may stand.
+/// Possible camera positions.
 pub(super) struct Wall {
     parts: GridParts,
     half_size_m: f64,
@@ -119,7 +119,8 @@ impl Wall {
         .collect()
     }
 
-    /// Whether nothing stands between the wall's middle and corners and a place behind it, metres.
+    /// Returns true if nothing occludes the wall's middle and corners from a position behind it,
+    /// metres.
     fn is_seen(&self, tracer: &Tracer, behind: f64) -> bool {
         let axes = self.parts.world_from_eye;
         let eye = self.parts.origin + axes.z_axis * behind;
@@ -218,7 +219,7 @@ fn half(fov_deg: f64) -> f64 {
     fov_deg.to_radians() / 2.0
 }
 
-/// What the cameras see.
+/// Images of the cameras.
 struct Images {
     raw: RawLumigraph,
     cameras: usize,

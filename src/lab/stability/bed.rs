@@ -1,4 +1,4 @@
-//! What the cases share: chance, small captures, small LDIs, comparisons.
+//! Test bed of the cases: random numbers, small captures, small LDIs, comparisons.
 
 use glam::{DVec3, Vec3};
 use headbox_core::camera::{Camera, CameraError};
@@ -134,7 +134,7 @@ impl TestBed {
         look(self.centre + offset * self.half, forward, fov_deg, [64, 48]).ok()
     }
 
-    /// What the camera really sees, without light as the capture is.
+    /// Ray-traced truth of the camera, unlit as the capture is.
     pub(super) fn truth(&self, camera: &Camera) -> RgbImage {
         let lighting = Lighting::of_scene(&self.tracer, 0);
         headbox_trace::truth::render(&self.tracer, &lighting, false, camera, 8, &Silent).rgb()

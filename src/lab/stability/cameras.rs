@@ -10,7 +10,7 @@ use headbox_cube::model::samples::CubeLdi;
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::setup::transfer::Transfer;
 
-/// What faces of 128 px leave of a furnished room.
+/// Error of a furnished room with faces of 128 px, levels.
 const ROOM_LEVELS: f64 = 16.0;
 
 pub(super) fn cases() -> Vec<Case> {

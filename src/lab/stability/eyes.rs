@@ -1,4 +1,4 @@
-//! Where the eye is (hard cases 1, 3, 7, 8; C3, C3b, C15).
+//! Eye positions (hard cases 1, 3, 7, 8; C3, C3b, C15).
 
 use super::Case;
 use super::bed::{Dice, ROOM, differing, draw, kernel, largest, ldi_of, pack, rms_levels, sample};
@@ -351,7 +351,7 @@ fn default() -> RenderSettings {
     RenderSettings::default()
 }
 
-/// What a frame may change where the eye hardly moves, levels.
+/// Largest change of a frame when the eye hardly moves, levels.
 const SAME_LEVELS: f64 = 0.25;
 
 fn through_centre(seed: u64, axis: DVec3, splats: SplatKernel) -> Option<f64> {

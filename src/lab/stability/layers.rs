@@ -216,8 +216,8 @@ fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeLdi {
     })
 }
 
-/// How far pixels are from the wall's colour, times their coverage, of all kernels; holes, kept
-/// open, must be black.
+/// Largest distance of pixels from the wall's colour, times their coverage, over all kernels;
+/// holes, kept open, must be black.
 fn foreign_levels(cube: &PackedCube, camera: &Camera) -> Option<f64> {
     largest(SplatKernel::ALL.map(|(_, splats)| {
         let frame = draw(

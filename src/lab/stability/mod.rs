@@ -22,11 +22,11 @@ use std::ops::Range;
 pub struct Case {
     /// Unique, short.
     pub name: &'static str,
-    /// What is done and what is measured.
+    /// Description of the case.
     pub what: &'static str,
     /// Unit of what is measured.
     pub unit: &'static str,
-    /// What is measured must not exceed this; infinite for a known limit, where it need only be
+    /// Upper bound of the measured value; infinite for a known limit, where it need only be
     /// measurable.
     pub bound: f64,
     /// Why this bound and not another.
@@ -64,7 +64,7 @@ impl Case {
         })
     }
 
-    /// Whether a value is within the bound; NaN and infinity never are.
+    /// Returns true if a value is within the bound; NaN and infinity never are.
     pub fn holds(&self, value: f64) -> bool {
         value.is_finite() && value <= self.bound
     }
@@ -89,8 +89,8 @@ pub fn topics() -> [(&'static str, Vec<Case>); 7] {
     ]
 }
 
-/// What a page says of each case: its name, and whether its bound held. `None` if the text is no
-/// such page.
+/// Parses a page: the name of each case, and whether its bound held. `None` if the text is not such
+/// a page.
 pub fn verdicts(page: &str) -> Option<Vec<(String, bool)>> {
     let rows = page.lines().filter_map(|line| {
         let mut cells = line.strip_prefix("| ")?.split(" | ");
@@ -102,7 +102,7 @@ pub fn verdicts(page: &str) -> Option<Vec<(String, bool)>> {
     (!found.is_empty()).then_some(found)
 }
 
-/// How the verdicts of one page differ from those of another, a line each.
+/// Differences between the verdicts of two pages, a line each.
 pub fn differences(before: &[(String, bool)], now: &[(String, bool)]) -> Vec<String> {
     let word = |verdict: Option<&(String, bool)>| match verdict {
         Some((_, true)) => "held",
@@ -123,7 +123,7 @@ pub fn differences(before: &[(String, bool)], now: &[(String, bool)]) -> Vec<Str
         .collect()
 }
 
-/// What has no case, and why.
+/// Hard cases that are missing, and why.
 const ABSENT: &str = "\n## Hard cases of the papers that have none here\n\nMerging the layers of a light field seen from before its \
     camera plane, ranking cameras none of which is valid, and triangulating grid points in a line: lumigraphs and view-dependent \
     geometry are held to their oracles by tests alone (`src/lumigraph`, `src/view_geometry`).\n";

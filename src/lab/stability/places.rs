@@ -1,4 +1,4 @@
-//! Where the scene is, and how large (design: f32 is ruined at load by large offsets).
+//! Position and size of the scene (design: f32 is ruined at load by large offsets).
 
 use super::Case;
 use super::bed::{Dice, capture, draw, largest, look, pack, rms_levels};

@@ -35,7 +35,7 @@ const WRONG_LEVELS: u8 = 24;
 /// Times by which frames are smaller than those of the walk.
 const SMALLER: u32 = 4;
 
-/// How far a surface may be from its place, pixels.
+/// Tolerance of a surface's position, pixels.
 const OFF_PX: i64 = 1;
 
 /// Exposure errors of one way to draw.
@@ -47,9 +47,9 @@ pub struct ExposureRow {
     pub wrong_share: f64,
     /// The same by a truth of one point a pixel, which lacks surfaces thinner than that.
     pub wrong_by_points_share: f64,
-    /// What that measure says of a perfect frame.
+    /// Value of that measure for a perfect frame.
     pub perfect_by_points_share: f64,
-    /// Of [`Self::wrong_share`], those that show nothing, as a share of the pixels behind portals.
+    /// Part of [`Self::wrong_share`] that shows nothing, as a share of the pixels behind portals.
     pub hole_share: f64,
     /// The largest share of wrong pixels of one pose.
     pub worst_share: f64,

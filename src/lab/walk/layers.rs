@@ -1,4 +1,4 @@
-//! How many samples lie in which layer (R-N2: 72/19/6/3 %, P-N1: 79/20/1 %).
+//! Distribution of samples over layers (R-N2: 72/19/6/3 %, P-N1: 79/20/1 %).
 
 use headbox_cube::pack::PackedSegment;
 use headbox_house::backdrop::{Backdrop, BackdropKind};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 pub struct LayerRow {
     /// Name of the kind.
     pub name: String,
-    /// How many images.
+    /// Number of images.
     pub images: usize,
     /// Samples of one, mean.
     pub samples: f64,

@@ -43,12 +43,12 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What is measured.
+/// Settings of the measurement.
 #[derive(Clone, Debug)]
 pub struct MeasureSettings {
     /// The walk.
     pub path: WalkPath,
-    /// How backdrops are captured.
+    /// Quality of backdrops.
     pub quality: BackdropQuality,
     /// The ways to draw it, [`HouseVariant::ALL`] or fewer; geometry is always measured.
     pub variants: Vec<HouseVariant>,
@@ -96,7 +96,7 @@ pub enum MeasureError {
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-/// What one way to draw the walk took.
+/// Measurements of one way to draw the walk.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VariantRow {
     /// Its name.
@@ -130,7 +130,7 @@ pub struct VariantRow {
     pub clipped_share: f64,
     /// Seconds for one side of one portal.
     pub capture_s: Spread,
-    /// How many were captured.
+    /// Number of captures.
     pub captures: usize,
     /// Samples of one, mean.
     pub samples: f64,
@@ -141,7 +141,7 @@ pub struct VariantRow {
 /// All that was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WalkReport {
-    /// Where it was measured.
+    /// Machine of the measurement.
     pub machine: Machine,
     /// By which program, as in [`commit`].
     pub commit: String,
@@ -157,7 +157,7 @@ pub struct WalkReport {
     pub size: [u32; 2],
     /// Poses of the walk.
     pub poses: usize,
-    /// Of these, compared with truth.
+    /// Number of poses compared with truth.
     pub truth_poses: usize,
     /// Threads.
     pub threads: usize,
@@ -171,7 +171,7 @@ pub struct WalkReport {
     pub exposure: Vec<ExposureRow>,
     /// Samples by layer.
     pub layers: Vec<LayerRow>,
-    /// What threads gain.
+    /// Speed-up by threads.
     pub parallel: Vec<ThreadRow>,
 }
 

@@ -1,4 +1,4 @@
-//! What was found, as a page in Markdown.
+//! Results of a walk as a Markdown page.
 
 use super::{VariantRow, WalkReport};
 use crate::stats::Spread;

@@ -1,6 +1,6 @@
-//! What threads gain against one thread that draws in bands: by the clock, in each [`Division`];
-//! and the sheets of R6 and the fragments of R14 and P5 by how evenly they would divide the samples
-//! among more processors (nothing is lost to anything but imbalance there).
+//! Speed-up by threads over one thread that draws in bands: measured for each [`Division`]; for the
+//! sheets of R6 and the fragments of R14 and P5 derived from how evenly they divide the samples
+//! among more processors (imbalance is the only loss there).
 
 use super::{MeasureError, share};
 use crate::turns::in_turns;
@@ -22,7 +22,8 @@ const POSES: usize = 24;
 /// Frames of each pose, of which the fastest counts.
 const REPEATS: u32 = 3;
 
-/// What is measured by the clock: names of the gain behind portals, and of that of the whole frame.
+/// Measured divisions, with the names of the speed-up behind portals and of that of the whole
+/// frame.
 const DIVISIONS: [(Division, &str, Option<&str>); 3] = [
     (
         Division::Portals,
@@ -40,10 +41,9 @@ const DIVISIONS: [(Division, &str, Option<&str>); 3] = [
 /// A way to divide the work.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ThreadRow {
-    /// What is divided how.
+    /// Division of the work.
     pub division: String,
-    /// Whether the gain was measured by the clock, or follows from the samples that each processor
-    /// gets.
+    /// True if the speed-up was measured; false if it follows from the samples of each processor.
     pub by_the_clock: bool,
     /// Processors.
     pub processors: usize,

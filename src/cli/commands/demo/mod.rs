@@ -77,7 +77,7 @@ const QUICK: Sizes = Sizes {
     truth_samples: 36,
 };
 
-/// Where the eye stands in the headbox, in half-sizes: the centre, and five places off it.
+/// Eye positions in the headbox, in half-sizes: the centre, and five off it.
 const EYES: [(&str, [f64; 3]); 6] = [
     ("centre", [0.0, 0.0, 0.0]),
     ("right", [0.6, 0.0, 0.0]),
@@ -365,8 +365,8 @@ fn print_table(rows: &[Row]) {
     println!("mean PSNR off centre: {off_centre:.2} dB");
 }
 
-/// What a ray-traced cube map of the same face size shows from the centre: the best that any method
-/// without depth can.
+/// Prints the errors of a ray-traced cube map of the same face size, seen from the centre: the best
+/// that any method without depth can do.
 fn print_cube_map_row(
     tracer: &Tracer,
     lighting: &Lighting,

@@ -14,7 +14,7 @@ use headbox_lumigraph::{LUMI_FILE, Lumigraph, Slabs};
 use headbox_sprite::{SPRITE_FILE, SpriteSet};
 use std::path::Path;
 
-/// What is to be exported.
+/// Input of an export.
 pub(crate) enum Exported {
     /// A cube LDI.
     Cube(Box<PackedCube>),
@@ -92,7 +92,7 @@ impl Exported {
         }
     }
 
-    /// How much there is to see.
+    /// Number of primitives, and their name.
     pub(crate) fn amount(&self) -> (u64, &'static str) {
         match self {
             Self::Cube(cube) => (cube.depth_pixel_count() as u64, "depth pixels"),

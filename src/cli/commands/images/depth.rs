@@ -29,7 +29,7 @@ pub(super) struct DepthArgs {
     depth_size: u32,
 }
 
-/// What was found.
+/// Result of the depth search.
 pub(super) struct Outcome {
     views: usize,
     agreement: Agreement,

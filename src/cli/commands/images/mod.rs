@@ -48,8 +48,7 @@ pub(crate) struct ImagesCommand {
 /// Pairs of neighbours that are compared.
 const PAIRS: usize = 16;
 
-/// How a set becomes a cube: by its depth, or, where no view has any, by the colours that its
-/// photographs agree on.
+/// Method of capturing a set: by its depth or, where no view has any, by voxel colouring.
 pub(super) enum SetJob {
     Depth(ImagesJob),
     Photographs(PhotographsJob),
@@ -63,7 +62,7 @@ impl SetJob {
         }
     }
 
-    /// Of the headbox, world metres.
+    /// Centre of the headbox, world metres.
     pub(super) fn centre(&mut self) -> &mut DVec3 {
         match self {
             Self::Depth(job) => &mut job.centre,
@@ -105,7 +104,7 @@ pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<Pa
     cube_of(&set.open_registered(folder)?, bar)
 }
 
-/// As [`cube`], of a set that was opened.
+/// Same as [`cube`], for an open set.
 pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<PackedCube> {
     let ldi = SetJob::suggest(set).run(set, bar)?;
     Ok(planes::pack(
@@ -129,7 +128,7 @@ pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
     Ok(views)
 }
 
-/// Whether a command's argument names an image set instead of a scene.
+/// Returns true if a command's argument names an image set instead of a scene.
 pub(super) fn is_image_set(name: &str) -> bool {
     let path = Path::new(name);
     let manifests = TRANSFORMS.into_iter().chain(["manifest.json"]);
@@ -140,7 +139,7 @@ pub(super) fn is_image_set(name: &str) -> bool {
 }
 
 impl ImagesCommand {
-    /// As `headbox images FOLDER`.
+    /// Creates the command `headbox images FOLDER`.
     pub(super) fn of(folder: &Path, json: bool) -> Self {
         Self {
             folder: folder.into(),
@@ -299,7 +298,7 @@ impl ImagesCommand {
     }
 }
 
-/// How well neighbours agree, of those that see the same.
+/// Prints the agreement of neighbours that see the same surfaces.
 fn print_neighbors(compared: &[Residual]) {
     let mut seen: Vec<&Residual> = compared
         .iter()

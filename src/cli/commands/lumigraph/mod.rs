@@ -49,7 +49,7 @@ pub(crate) struct LumigraphCommand {
     pub(super) json: bool,
 }
 
-/// Where the cameras stand that look at a scene.
+/// Placement of the cameras that look at a scene.
 #[derive(Args)]
 pub(super) struct GridArgs {
     /// Middle of the cameras; the centre of the scene's headbox if absent. Given several times, so
@@ -93,7 +93,7 @@ pub(super) struct GridArgs {
     about: Option<DVec3>,
 }
 
-/// What decides how good images and layers are.
+/// Quality of images and layers.
 #[derive(Args)]
 pub(super) struct LumigraphQualityArgs {
     /// Layers at most; up to 255 take one byte a pixel, more take two
@@ -113,7 +113,7 @@ pub(super) struct LumigraphQualityArgs {
     unlit: bool,
 }
 
-/// Where layers can be put.
+/// Placements of layers.
 const PLACEMENTS: Names<Placement> = &[
     (
         "histogram",
@@ -226,7 +226,7 @@ impl LumigraphCommand {
 }
 
 impl LumigraphQualityArgs {
-    /// What is said of how a scene is traced, by its flag.
+    /// Options of tracing that were given, by flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 3] {
         [
             ("--samples", self.samples.is_some()),
@@ -237,7 +237,7 @@ impl LumigraphQualityArgs {
 }
 
 impl GridArgs {
-    /// What is said, by its flag.
+    /// Options that were given, by flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 11] {
         [
             ("--plane", !self.plane.is_empty()),
@@ -399,7 +399,7 @@ fn usage(text: impl Into<String>) -> anyhow::Error {
     UsageError(text.into()).into()
 }
 
-/// What there is to know of light slabs: of the first, and where the planes of all are.
+/// Describes light slabs: the first, and the planes of all.
 pub(super) fn lumigraph_json(slabs: &Slabs) -> serde_json::Value {
     let lumigraph = slabs.first();
     let (grid, frame) = (lumigraph.grid(), &lumigraph.info.frame);

@@ -1,4 +1,5 @@
-//! What `headbox render` draws: one way to render a pose of anything, and to say what it took.
+//! Content of `headbox render`: one way to render a pose of any representation, with its
+//! statistics.
 
 use super::geometry::{GeometryContent, GeometryRendered};
 use crate::commands::capture::place::{figure, triple};
@@ -37,7 +38,7 @@ impl Rendered {
     }
 }
 
-/// What the files hold, with all that drawing it needs.
+/// Representation and its renderer.
 pub(super) enum Content {
     House(Box<HouseContent>),
     Geometry(Box<GeometryContent>),
@@ -50,7 +51,7 @@ pub(super) enum Content {
         cube: Box<PackedCube>,
         renderer: Box<Renderer>,
         settings: RenderSettings,
-        /// What each level is shown as, where that is another.
+        /// Table from stored to shown levels, if they differ.
         shown: Option<Box<[u8; 256]>>,
     },
     Layers {
@@ -122,7 +123,7 @@ impl Content {
         );
     }
 
-    /// What of it is chosen by `--variant`; of sprites and cubes the sprites'.
+    /// Name of the variant; for sprites with cubes that of the sprites.
     pub(super) fn variant(&self) -> &'static str {
         match self {
             Self::House(house) => house.variant(),

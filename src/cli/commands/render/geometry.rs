@@ -19,11 +19,11 @@ use image::RgbImage;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// What is said of arguments without the variant that they are for.
+/// Message for options that are given without their variant.
 pub(crate) const GEOMETRY_ALONE: &str = "--cameras, --grid, --sample-spacing, --lod and --pictures-memory are for --variant geometry-blended and its kin (-averaged, -multi, \
      -single, -nearest), of a folder of images with depth";
 
-/// How view-dependent geometry is made.
+/// Options of view-dependent geometry.
 #[derive(Args, Clone)]
 pub(crate) struct GeometryArgs {
     /// View-dependent geometry: cameras whose depth samples make a frame; 10 if absent
@@ -45,7 +45,7 @@ pub(crate) struct GeometryArgs {
 }
 
 impl GeometryArgs {
-    /// Whether any of them was given.
+    /// Returns true if any of them was given.
     pub(crate) fn are_given(&self) -> bool {
         let numbers = [self.cameras, self.grid, self.sample_spacing];
         numbers.iter().any(Option::is_some) || self.lod.is_some() || self.pictures_memory.is_some()
@@ -62,7 +62,7 @@ impl GeometryArgs {
         }
     }
 
-    /// What a folder is opened with; samples are kept in the `cache`.
+    /// Resources for opening a folder; samples are cached in `cache`.
     pub(crate) fn resources(&self, cache: Option<PathBuf>) -> GeometryResources {
         let default = GeometryResources::default();
         let spacing_px = self

@@ -156,7 +156,7 @@ fn parse_stops(text: &str) -> Result<f32, String> {
         .ok_or("give stops from -40 to 40".into())
 }
 
-/// How threads can share a frame.
+/// Names of the texture filters.
 const SAMPLINGS: Names<SpriteSampling> = &[
     ("nearest", "The nearest pixel", SpriteSampling::Nearest),
     (
@@ -464,7 +464,7 @@ impl RenderCommand {
         self.fps.unwrap_or(30)
     }
 
-    /// What is shown of what is about the eye.
+    /// Projection of the frame.
     fn view(&self) -> View {
         /// Between the pupils of people, metres.
         const PEOPLE_M: f64 = 0.064;

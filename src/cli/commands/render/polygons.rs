@@ -18,7 +18,7 @@ use std::path::Path;
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct PolygonsArg {
     name: String,
-    /// Where the model's own origin comes to stand, in axes and unit of the first file.
+    /// Position of the model's origin, in axes and unit of the first file.
     at: DVec3,
     /// About the up axis, degrees, from north to east.
     turn_deg: f64,

@@ -8,7 +8,7 @@ use headbox_cube::model::info::CaptureInfo;
 use image::RgbImage;
 use std::path::Path;
 
-/// How 8-bit levels of a capture's frames came from linear radiance.
+/// Relation of a capture's 8-bit levels to linear radiance.
 #[derive(Clone, Copy)]
 pub(super) struct Stored {
     tone: ToneMap,
@@ -23,7 +23,7 @@ impl Stored {
         }
     }
 
-    /// What each level becomes `stops` brighter than it was captured, cut off at white.
+    /// Table of levels `stops` brighter than captured, clipped at white.
     pub(super) fn brighter(self, stops: f32) -> [u8; 256] {
         let level = |level: u8| ToneMap::SrgbClipped.level(self.tone.exposed(level) * stops.exp2());
         std::array::from_fn(|i| level(i as u8))
@@ -43,7 +43,7 @@ impl Stored {
     }
 }
 
-/// Whether a picture's name asks for radiance instead of levels.
+/// Returns true if a file name requests radiance instead of levels.
 pub(crate) fn is_radiance(path: &Path) -> bool {
     path.extension()
         .is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))

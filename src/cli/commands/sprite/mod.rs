@@ -65,7 +65,7 @@ pub(crate) struct SpriteCommand {
     pub(super) json: bool,
 }
 
-/// What decides the quality of sprites captured from a scene.
+/// Quality of sprites captured from a scene.
 #[derive(Args)]
 pub(super) struct SpriteQualityArgs {
     /// Sprites at most: the view is cut at its widest gaps of depth
@@ -106,7 +106,7 @@ struct ImportArgs {
     far: Option<f64>,
 }
 
-/// What depths of a picture can mean.
+/// Storage formats of displacements.
 const DISPLACEMENT_FORMATS: Names<DisplacementFormat> = &[
     (
         "i8",
@@ -366,7 +366,7 @@ impl SpriteCommand {
 }
 
 impl ImportArgs {
-    /// What a stored depth of 1 means.
+    /// Metres per unit of stored depth.
     fn unit(&self, path: &Path, kind: DepthKind) -> f32 {
         let is_exr = path
             .extension()

@@ -14,7 +14,7 @@ use headbox_images::planar_layers::{Frames, LayerJob, Mask, PlanarLayers};
 use headbox_lab::sequence;
 use std::path::{Path, PathBuf};
 
-/// What is said of sprites of a sequence.
+/// Options of sprites of a sequence.
 #[derive(Args)]
 pub(super) struct SequenceArgs {
     /// Of a folder of images: the view whose layers are made, by name or by number from 1; the one

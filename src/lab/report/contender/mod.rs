@@ -1,4 +1,4 @@
-//! What a report compares: anything that turns a camera into a picture.
+//! Contenders of a report: anything that turns a camera into an image.
 //!
 //! To add a representation, implement [`Draw`] (two functions, three where there are depth pixels)
 //! and push a [`Contender`] in `measure::report::field`.
@@ -28,7 +28,7 @@ use image::RgbImage;
 use rayon::ThreadPool;
 use std::sync::Arc;
 
-/// Where a pixel's colour is from.
+/// Origin of a pixel's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shown {
     /// Geometry, at least in part.
@@ -44,7 +44,7 @@ pub enum Shown {
 pub struct JudgedFrame {
     /// Its colours.
     pub color: RgbImage,
-    /// What each pixel shows, row-major; empty if the renderer does not tell.
+    /// Origin of each pixel, row-major; empty if the renderer does not report it.
     pub shown: Vec<Shown>,
 }
 
@@ -94,7 +94,7 @@ pub trait Draw {
         0
     }
 
-    /// What [`Self::draw`] draws, as a picture. Not timed.
+    /// Returns the image that [`Self::draw`] draws. Not timed.
     fn picture(&mut self, camera: &Camera) -> JudgedFrame;
 }
 
@@ -103,11 +103,11 @@ pub struct Contender {
     /// Group, name in the group, and whether it is the group's baseline; one measurement may serve
     /// several groups.
     pub roles: Vec<Role>,
-    /// Which eyes it is judged by.
+    /// Eyes at which it is judged.
     pub eyes: EyeSet,
     /// True if it traces the scene itself: truth need not be better than it.
     pub traces: bool,
-    /// Where it draws.
+    /// Thread pool in which it draws.
     pub pool: Arc<ThreadPool>,
     /// Bytes in memory that drawing needs.
     pub bytes: u64,
@@ -121,14 +121,14 @@ pub struct Contender {
     pub draw: Box<dyn Draw + Send>,
 }
 
-/// What a contender is compared for.
+/// Role of a contender in a comparison.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Role {
     /// The group.
     pub group: &'static str,
     /// The setting's name.
     pub variant: String,
-    /// Whether the others of the group are compared with it.
+    /// True for the baseline of the group.
     pub baseline: bool,
 }
 

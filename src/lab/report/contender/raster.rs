@@ -13,7 +13,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// What a pixel shows: a hit whose `t` is its eye depth.
+/// Content of a pixel: a hit whose `t` is its eye depth.
 type Cell = Option<Hit>;
 
 /// Finds what the pixels of frames show.
@@ -36,7 +36,7 @@ impl Visibility {
         }
     }
 
-    /// What each pixel of a frame shows, row-major.
+    /// Hits of all pixels of a frame, row-major.
     fn cells(&mut self, tracer: &Tracer, camera: &Camera) -> Vec<Cell> {
         let groups = [GroupWindow {
             group: 0,

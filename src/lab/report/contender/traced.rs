@@ -1,4 +1,4 @@
-//! What traces rays for every frame, and the cube map.
+//! Contenders that trace rays for every frame, and the cube map.
 
 use super::{Draw, JudgedFrame};
 use crate::cube_map::CubeMap;

@@ -13,7 +13,7 @@ use headbox_cube::pack::{PackedCube, PackedSegment};
 use headbox_cube::render::setup::transfer::{RowTransfer, Transfer};
 use std::sync::Arc;
 
-/// How positions are found.
+/// Arithmetic of the warp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WarpArithmetic {
     /// Each depth pixel to a point of the world, and that by the camera's matrix, in f64.
@@ -42,7 +42,7 @@ trait RowWarp {
     fn homogeneous(&self, code: u32) -> Vec3;
 }
 
-/// What the incremental warps have in common.
+/// Shared state of the incremental warps.
 struct Incremental {
     transfer: Transfer,
     inverse_depth_min: f64,

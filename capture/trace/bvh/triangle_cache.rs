@@ -1,43 +1,43 @@
-//! What shading asks of a triangle again and again, worked out once: from positions in `f64` it
-//! takes longer than a ray's test of the triangle.
+//! Per-triangle cache of values for shading: computing them from positions in `f64` takes longer
+//! than a ray's test of the triangle.
 
 use super::build::local_triangle;
 use glam::{DVec3, Vec3};
 use headbox_scene::scene::Scene;
 use rayon::prelude::*;
 
-/// What is known of a triangle.
+/// Cached values of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Facts {
+pub(super) struct CachedTriangle {
     /// [`Scene::geometric_normal`].
     pub(super) normal: Vec3,
     /// Largest absolute coordinate in the local frame, metres.
     pub(super) extent: f32,
 }
 
-/// Largest absolute coordinate of a triangle.
-pub fn extent_of(triangle: [Vec3; 3]) -> f32 {
+/// Returns the largest absolute coordinate of a triangle.
+pub fn triangle_extent(triangle: [Vec3; 3]) -> f32 {
     triangle
         .iter()
         .map(|corner| corner.abs().max_element())
         .fold(0.0, f32::max)
 }
 
-/// Of all triangles of a scene; those whose vertices are not there have none of either.
-pub(super) fn of_all(scene: &Scene, origin: DVec3) -> Vec<Facts> {
-    let of = |primitive: u32| match local_triangle(scene, origin, primitive) {
-        Some(triangle) => Facts {
+/// Caches all triangles of a scene; triangles with missing vertices get +Y and 0.
+pub(super) fn cache_triangles(scene: &Scene, origin: DVec3) -> Vec<CachedTriangle> {
+    let cache = |primitive: u32| match local_triangle(scene, origin, primitive) {
+        Some(triangle) => CachedTriangle {
             normal: scene.geometric_normal(primitive),
-            extent: extent_of(triangle),
+            extent: triangle_extent(triangle),
         },
-        None => Facts {
+        None => CachedTriangle {
             normal: Vec3::Y,
             extent: 0.0,
         },
     };
     (0..scene.triangles.len() as u32)
         .into_par_iter()
-        .map(of)
+        .map(cache)
         .collect()
 }
 
@@ -50,7 +50,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn a_tracer_knows_of_triangles_what_the_scene_says() {
+    fn cached_values_match_scene() {
         let positions = vec![
             dvec3(1e5, 0.0, 0.0),
             dvec3(1e5 + 1e-3, 2.0, 0.0),
@@ -75,7 +75,7 @@ mod tests {
             );
             assert_eq!(
                 tracer.extent(primitive),
-                extent_of(tracer.triangle(primitive)),
+                triangle_extent(tracer.triangle(primitive)),
                 "{primitive}"
             );
         }

@@ -1,9 +1,9 @@
-//! Triangles in exactly the same place: which of them a ray sees.
+//! Coincident triangles: visibility by orientation.
 //!
-//! Modellers write a wall that is painted differently on its two sides as two triangles on the same
-//! three points. Which of them is closer along a ray is decided by rounding, and a captured wall is
-//! speckled with the colour of its other side. Here the ray sees the first triangle that turns its
-//! front to it, or, if none does, the first one.
+//! Models represent a wall with differently painted sides as two triangles on the same three
+//! points. Which of them is closer along a ray is decided by rounding, so that a captured wall is
+//! speckled with the colour of its other side. Here the ray hits the first triangle that faces it,
+//! or, if none does, the first one.
 
 use super::Hit;
 use crate::bvh::build;
@@ -11,69 +11,67 @@ use glam::{DVec3, Vec3};
 use headbox_scene::scene::Scene;
 use rustc_hash::FxHashMap;
 
-/// What stands for a triangle that shares its place with others.
+/// Replacement of a triangle by a coincident one.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct Replacement {
     primitive: u32,
-    /// Which of its corners is at each corner of the triangle that was hit.
+    /// Index of its corner at each corner of the triangle that was hit.
     corner: [u8; 3],
 }
 
-/// All triangles that share their place.
+/// All coincident triangles of a scene.
 #[derive(Debug)]
-pub(super) struct Twins {
-    /// For each of them, what stands for it to a ray that meets its front, and to one that meets
-    /// its back.
-    seen: FxHashMap<u32, [Seen; 2]>,
-    /// Bit k of number n: triangle 64 n + k is one of them. Asked at every hit, nearly always to be
-    /// told that it is not.
+pub(super) struct CoincidentTriangles {
+    /// Replacements of each for rays that hit its front and its back.
+    replacements: FxHashMap<u32, [Replacement; 2]>,
+    /// Bit set of the coincident triangles: a fast test at every hit, nearly always false.
     shared: Vec<u64>,
 }
 
 /// A triangle with its corners in a canonical order.
 struct Member {
-    place: [[u32; 3]; 3],
-    /// The place of each of its corners in that order.
+    corners: [[u32; 3]; 3],
+    /// Position of each of its corners in that order.
     rank: [u8; 3],
     primitive: u32,
 }
 
 impl Member {
     fn new(primitive: u32, corners: [Vec3; 3]) -> Self {
-        // Zero has two signs and one place.
+        // Adding zero makes -0 equal to 0.
         let bits = corners.map(|corner| (corner + Vec3::ZERO).to_array().map(f32::to_bits));
         let mut order = [0usize, 1, 2];
         order.sort_by_key(|&i| bits[i]);
         let mut rank = [0; 3];
         (0..)
             .zip(order)
-            .for_each(|(place, corner)| rank[corner] = place);
+            .for_each(|(position, corner)| rank[corner] = position);
         Self {
-            place: order.map(|i| bits[i]),
+            corners: order.map(|i| bits[i]),
             rank,
             primitive,
         }
     }
 
-    /// Whether its corners run the way round of the canonical order, from its front.
+    /// Returns true if the triangle has the orientation of the canonical order.
     fn is_even(&self) -> bool {
         matches!(self.rank, [0, 1, 2] | [1, 2, 0] | [2, 0, 1])
     }
 
-    /// How a hit on `self` is told of `other`, of the same place.
-    fn seen_as(&self, other: &Self) -> Seen {
+    /// Returns the replacement of `self` by the coincident `other`.
+    fn replace_by(&self, other: &Self) -> Replacement {
         let corner = self
             .rank
             .map(|rank| other.rank.iter().position(|&r| r == rank).unwrap_or(0) as u8);
-        Seen {
+        Replacement {
             primitive: other.primitive,
             corner,
         }
     }
 }
 
-impl Twins {
-    /// Finds them. Cut-outs, which may have their holes in different places, are left alone.
+impl CoincidentTriangles {
+    /// Finds coincident triangles, except those with cut-outs, whose holes may differ.
     pub(super) fn find(scene: &Scene, origin: DVec3) -> Self {
         let is_whole = |primitive: &u32| {
             let material = scene.triangles[*primitive as usize].material;
@@ -91,11 +89,11 @@ impl Twins {
                 ))
             })
             .collect();
-        members.sort_unstable_by_key(|member| (member.place, member.primitive));
-        let mut seen = FxHashMap::default();
+        members.sort_unstable_by_key(|member| (member.corners, member.primitive));
+        let mut replacements = FxHashMap::default();
         let mut shared = vec![0; scene.triangles.len().div_ceil(64)];
         for group in members
-            .chunk_by(|a, b| a.place == b.place)
+            .chunk_by(|a, b| a.corners == b.corners)
             .filter(|group| group.len() > 1)
         {
             for member in group {
@@ -106,19 +104,25 @@ impl Twins {
                         .unwrap_or(&group[0])
                 };
                 let sides = [turned(member.is_even()), turned(!member.is_even())];
-                seen.insert(member.primitive, sides.map(|other| member.seen_as(other)));
+                replacements.insert(
+                    member.primitive,
+                    sides.map(|other| member.replace_by(other)),
+                );
                 shared[member.primitive as usize / 64] |= 1 << (member.primitive % 64);
             }
         }
-        Self { seen, shared }
+        Self {
+            replacements,
+            shared,
+        }
     }
 
-    /// True if every triangle has its place to itself.
+    /// Returns true if no triangles coincide.
     pub(super) fn is_empty(&self) -> bool {
-        self.seen.is_empty()
+        self.replacements.is_empty()
     }
 
-    /// Whether a triangle shares its place with another.
+    /// Returns true if a triangle coincides with another.
     #[inline]
     fn is_shared(&self, primitive: u32) -> bool {
         self.shared
@@ -126,8 +130,8 @@ impl Twins {
             .is_some_and(|bits| bits >> (primitive % 64) & 1 == 1)
     }
 
-    /// The hit that a ray sees instead of the one that was found; `corners` are those of a
-    /// triangle.
+    /// Replaces a hit by that on the coincident triangle that faces the ray; `corners` returns
+    /// those of a triangle.
     pub(super) fn facing(
         &self,
         direction: Vec3,
@@ -137,12 +141,12 @@ impl Twins {
         if !self.is_shared(hit.primitive) {
             return hit;
         }
-        let Some(sides) = self.seen.get(&hit.primitive) else {
+        let Some(sides) = self.replacements.get(&hit.primitive) else {
             return hit;
         };
         let [a, b, c] = corners(hit.primitive);
-        let meets_back = (b - a).cross(c - a).dot(direction) > 0.0;
-        let Seen { primitive, corner } = sides[usize::from(meets_back)];
+        let hits_back = (b - a).cross(c - a).dot(direction) > 0.0;
+        let Replacement { primitive, corner } = sides[usize::from(hits_back)];
         let mut weights = [0.0; 3];
         (corner.into_iter().zip([1.0 - hit.u - hit.v, hit.u, hit.v]))
             .for_each(|(i, w)| weights[usize::from(i)] = w);
@@ -164,7 +168,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn a_ray_sees_the_first_triangle_that_turns_its_front_to_it() {
+    fn ray_hits_first_facing_triangle() {
         let orders = [[0, 2, 1], [1, 2, 0], [1, 0, 2], [2, 0, 1]];
         let triangles = orders.map(|vertices| Triangle {
             vertices,
@@ -195,10 +199,10 @@ mod tests {
                 let hit = tracer.closest(&ray).expect("inside the triangle");
                 assert_eq!(hit.primitive, expected);
                 let [a, b, c] = tracer.triangle(expected);
-                let found = a + (b - a) * hit.u + (c - a) * hit.v;
+                let point = a + (b - a) * hit.u + (c - a) * hit.v;
                 assert!(
-                    (found - target).length() < 1e-5,
-                    "{found} {target}: rounding of f32"
+                    (point - target).length() < 1e-5,
+                    "{point} {target}: rounding of f32"
                 );
                 assert_eq!(
                     tracer.closest_packet(&RayPacket::from_rays(&[ray])).hit(0),
