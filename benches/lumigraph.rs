@@ -58,7 +58,7 @@ impl Wall {
         }
     }
 
-    /// So many cameras a side across the headbox.
+    /// Captures `cameras` x `cameras` images across the headbox.
     fn raw(&self, cameras: usize) -> RawLumigraph {
         let places = CameraGrid::evenly(cameras, 2.0 * self.headbox.half_size_m);
         let world_from_eye = CameraGrid::facing(DVec3::NEG_Z, DVec3::Y).expect("a direction");

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// Frame size, px.
 const SIZE: [u32; 2] = [320, 240];
 
-/// How far the eye goes to each side, as a share of the distance to what it looks at.
+/// Distance of the eye to each side, as a share of the distance to the scene.
 const TILT: f64 = 0.15;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -1,10 +1,10 @@
-//! What kept a frame waiting, as far as Linux tells: the program itself, a disk, memory, other
-//! programs, or the host of a virtual machine.
+//! Causes of delays of a frame, as far as Linux reports them: the program itself, a disk, memory,
+//! other programs, or the host of a virtual machine.
 
 use std::fmt;
 use std::fs::read_to_string;
 
-/// What has come together until now; of a frame, the difference.
+/// Delays accumulated so far; for a frame, the difference.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Delays {
     /// Processor time of this program, of all threads, in steps of 10 ms.
@@ -60,7 +60,7 @@ impl Delays {
         }
     }
 
-    /// What has come since an earlier moment.
+    /// Delays since an earlier moment.
     pub(crate) fn since(&self, before: &Self) -> Self {
         Self {
             processor_ms: self.processor_ms - before.processor_ms,

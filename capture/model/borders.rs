@@ -20,8 +20,8 @@ const GRID_M: f64 = 0.1;
 /// Rays at the rim of a border keep this far from its ends, floor and ceiling, metres.
 const RIM_M: f64 = 0.01;
 
-/// How far beyond a border its neighbour may begin, metres: the thickness of a thick wall, where
-/// there is a gap in it.
+/// Largest distance beyond a border at which its neighbour may begin, metres: the thickness of a
+/// thick wall with a gap in it.
 const REACH_M: f64 = 0.4;
 
 /// In steps of this, metres.
@@ -34,8 +34,8 @@ const CLEAR_M: [f64; 4] = [0.3, 0.15, 0.06, 0.02];
 /// Halvings of [`GRID_M`] by which an opening's ends are found.
 const HALVINGS: u32 = 7;
 
-/// What is narrower or lower is a crack, metres: between cells, and to the outside, where frames
-/// end a little before walls do.
+/// Smallest width and height of an opening, metres: between cells, and to the outside, where frames
+/// end a little before walls do. Smaller ones are cracks.
 const LEAST_M: [f64; 2] = [0.04, 0.15];
 
 /// An edge of a cell's space, upright.
@@ -51,11 +51,11 @@ struct Border {
     ceiling: f64,
 }
 
-/// What lies beyond a border at one place of it.
+/// Space beyond a border at one position.
 #[derive(Clone, Copy, PartialEq)]
 struct Beyond {
     cell: u32,
-    /// How far away it begins, metres.
+    /// Distance at which it begins, metres.
     gap: f64,
 }
 
@@ -226,7 +226,7 @@ struct Column {
 }
 
 impl Column {
-    /// Whether both can be parts of one opening.
+    /// Returns true if both can be parts of one opening.
     fn continues(&self, other: &Self) -> bool {
         self.beyond.cell == other.beyond.cell && self.portal.is_some() == other.portal.is_some()
     }
@@ -281,7 +281,7 @@ impl Survey<'_> {
         openings
     }
 
-    /// Where a run of `count` columns from `first` on begins and ends along the border.
+    /// Start and end along the border of a run of `count` columns from `first` on.
     fn span(&self, columns: &[f64], rows: &[f64], first: usize, count: usize) -> [f64; 2] {
         let same_as = |known: f64, s: f64| match (self.column(known, rows), self.column(s, rows)) {
             (Some(known), Some(other)) => known.continues(&other),
@@ -346,7 +346,8 @@ impl Survey<'_> {
         })
     }
 
-    /// What is beyond a place of the border, and the rows whose rays reach it; none if no ray does.
+    /// Space beyond a position of the border, and the rows whose rays reach it; `None` if no ray
+    /// does.
     fn column(&self, s: f64, rows: &[f64]) -> Option<Column> {
         let mut reached = Vec::new();
         let mut portal: Option<[usize; 2]> = None;
@@ -376,7 +377,7 @@ impl Survey<'_> {
         })
     }
 
-    /// Whether there is a portal already, within the reach of a wall.
+    /// Returns true if there is already a portal within the reach of a wall.
     fn is_in_portal(&self, s: f64, y: f64) -> bool {
         let [near, far] = [-CLEAR_M[0], REACH_M + CLEAR_M[0]].map(|out| self.border.at(s, y, out));
         self.polygons
@@ -412,7 +413,7 @@ impl Survey<'_> {
         }
     }
 
-    /// Whether a ray from the cell squarely through the border reaches what is beyond.
+    /// Returns true if a ray from the cell perpendicular to the border reaches the space beyond.
     fn passes(&self, s: f64, y: f64, beyond: Beyond) -> bool {
         let at = |out: f64| self.border.at(s, y, out);
         let clear = |cell: u32, from: f64, side: f64| {
@@ -438,7 +439,8 @@ impl Survey<'_> {
     }
 }
 
-/// Where what holds at `yes`, and not at `no`, ceases to: on the side of `no`, to a hair.
+/// Finds by bisection where a condition that holds at `yes`, and not at `no`, ceases to hold: on
+/// the side of `no`.
 fn bisect(mut yes: f64, mut no: f64, holds: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..HALVINGS {
         let middle = (yes + no) / 2.0;

@@ -1,4 +1,4 @@
-//! What can be wrong with a portal model, each as a sentence, and the mending of what would break a
+//! Problems of portal models, each as a sentence, and the repair of those that would break a
 //! walkthrough.
 
 use super::polygon::{Polygon, Shape, crosses_itself};
@@ -7,7 +7,7 @@ use glam::DVec3;
 use headbox_core::file_frame::FileFrame;
 use std::fmt;
 
-/// How bad a [`Finding`] is.
+/// Severity of a [`Finding`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
     /// The model can be walked, but something may not show as its maker meant.
@@ -67,7 +67,7 @@ pub enum Finding {
         portal: usize,
         /// Its name.
         name: String,
-        /// What is wrong with it.
+        /// Problem of its shape.
         shape: Shape,
     },
     /// The corners run clockwise seen from the first cell.
@@ -91,7 +91,7 @@ pub enum Finding {
         name: String,
         /// Name of the cell, or both names.
         cell: String,
-        /// Whether it touches neither of its cells.
+        /// True if it touches neither of its cells.
         neither: bool,
     },
     /// A cell that is not the outside has no space.
@@ -111,7 +111,7 @@ pub enum Finding {
         name: String,
         /// Index of the prism.
         part: usize,
-        /// What is wrong with it.
+        /// Flaw of the prism.
         flaw: Flaw,
     },
     /// No way leads to a cell.
@@ -133,9 +133,9 @@ pub enum Finding {
     NoWall {
         /// Name of the cell.
         cell: String,
-        /// How wide it is open, metres.
+        /// Width of the opening, metres.
         width: f64,
-        /// How high, metres.
+        /// Height of the opening, metres.
         height: f64,
         /// The middle of what is open, world metres.
         at: DVec3,
@@ -149,9 +149,9 @@ pub enum Finding {
     Joined {
         /// Their names.
         cells: [String; 2],
-        /// How many rays passed.
+        /// Number of rays that passed.
         rays: usize,
-        /// Where one of them was found, world metres.
+        /// Position of one of them, world metres.
         at: DVec3,
     },
     /// Surfaces of different materials lie in one plane over each other.
@@ -179,16 +179,16 @@ pub enum Finding {
         from: String,
         /// Name of the cell that they enter.
         into: String,
-        /// How many rays do.
+        /// Number of such rays.
         rays: usize,
-        /// How many rays were sent from all cells.
+        /// Number of rays sent from all cells.
         of: usize,
-        /// Where one of them was found, world metres.
+        /// Position of one of them, world metres.
         at: DVec3,
     },
 }
 
-/// What can be wrong with a prism.
+/// Flaw of a prism.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Flaw {
     /// Fewer than three corners, or one that is not finite.
@@ -221,7 +221,7 @@ impl Flaw {
 }
 
 impl Finding {
-    /// How bad it is.
+    /// Severity of the finding.
     pub fn severity(&self) -> Severity {
         match self {
             Self::NoCells
@@ -262,8 +262,8 @@ impl Finding {
     }
 }
 
-/// How far before and behind a portal its cells are looked for, metres: beyond a hair of
-/// imprecision, within the reveal of a thin wall.
+/// Distances before and behind a portal at which its cells are looked up, metres: beyond rounding
+/// errors, within the reveal of a thin wall.
 const PROBES_M: [f64; 3] = [0.002, 0.02, 0.06];
 
 impl PortalModel {
@@ -358,13 +358,12 @@ impl PortalModel {
         }
     }
 
-    /// Which cells can be reached from a cell through portals, by index; none if there is no such
-    /// cell.
+    /// Cells reachable from a cell through portals, by index; none if there is no such cell.
     pub fn reachable(&self, from: u32) -> Vec<bool> {
         self.reachable_by(from, &vec![true; self.portals.len()])
     }
 
-    /// As [`Self::reachable`], through those portals alone that are marked.
+    /// Same as [`Self::reachable`], through marked portals only.
     fn reachable_by(&self, from: u32, usable: &[bool]) -> Vec<bool> {
         let mut reached = vec![false; self.cells.len()];
         let mut next: Vec<u32> = reached
@@ -385,7 +384,7 @@ impl PortalModel {
         reached
     }
 
-    /// Where a search begins: the first cell that a marked portal leads out of, else the first.
+    /// Start of the search: the first cell with a marked portal, else the first.
     fn first_cell(&self, usable: &[bool]) -> Option<u32> {
         let count = self.cells.len() as u32;
         let with_a_way_out =

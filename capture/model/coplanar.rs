@@ -26,8 +26,8 @@ struct Flat {
 type Plane = [i64; 4];
 
 impl PortalModel {
-    /// Where triangles of different materials face the same way in one plane, over each other: one
-    /// finding for each cell, with the area and the middle of the largest such place.
+    /// Finds triangles of different materials that overlap in one plane, facing the same way: one
+    /// finding for each cell, with the area and the centre of the largest overlap.
     pub fn coplanar(&self) -> Vec<Finding> {
         let mut planes: HashMap<Plane, Vec<Flat>> = HashMap::new();
         for (cell, it) in (0_u32..).zip(&self.cells) {

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 /// Rays from each cell that look for such sight.
 const RAYS: u32 = 2000;
-/// So many of them, of both cells together, may pass cracks and numbers that were rounded: homes
-/// that are closed have one or two.
+/// Number of stray rays, of both cells together, that may pass cracks and rounding errors: closed
+/// homes have one or two.
 const FEW: usize = 10;
 
 impl PortalModel {

@@ -1,5 +1,4 @@
-//! Whether cells see each other only through portals: found by rays, as a leak is a hole in what
-//! the model says.
+//! Leaks: rays from cell to cell past all portals.
 
 use super::polygon::Polygon;
 use super::{Finding, Portal, PortalModel, distance_to_outline};
@@ -9,8 +8,8 @@ use headbox_trace::sampler::{random4, unit_float};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// How far before a hit the ray's cell is looked up, metres: a wall's face may lie this far off the
-/// border of its cell's space.
+/// Distance before a hit at which the ray's cell is looked up, metres: a wall's face may lie this
+/// far off the border of its cell's space.
 const BEFORE_HIT_M: f64 = 0.03;
 
 /// Portals are grown by this much for the rays of the search, metres: drawn homes leave a few
@@ -56,8 +55,8 @@ impl PortalModel {
             .collect()
     }
 
-    /// How many rays pass from one cell to another past all portals, and where one of them was
-    /// found.
+    /// Counts the rays that pass from one cell to another past all portals, with the position of
+    /// one of them.
     pub(super) fn stray_pairs(
         &self,
         tracer: &Tracer,

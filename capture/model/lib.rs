@@ -37,8 +37,8 @@ pub struct Prism {
 }
 
 impl Prism {
-    /// Whether the prism contains a point (world metres); of two prisms that share a wall, at most
-    /// one contains a point of it in plan.
+    /// Returns true if the prism contains a point (world metres); of two prisms that share a wall,
+    /// at most one contains a point of it in plan.
     pub fn contains(&self, p: DVec3) -> bool {
         if !(self.floor_y..self.ceiling_y).contains(&p.y) {
             return false;
@@ -62,7 +62,7 @@ impl Prism {
 /// A region of space and what stands in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cell {
-    /// How it is called in messages and plans.
+    /// Name in messages and plans.
     pub name: String,
     /// Its space; empty for the outside cell.
     pub space: Vec<Prism>,
@@ -73,7 +73,7 @@ pub struct Cell {
 /// An opening between two cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Portal {
-    /// How it is called in messages and plans.
+    /// Name in messages and plans.
     pub name: String,
     /// The two cells, by index into [`PortalModel::cells`]; they differ.
     pub cells: [u32; 2],
@@ -135,8 +135,8 @@ pub(crate) enum Side {
 }
 
 impl Side {
-    /// How far before and behind a surface its cell is looked for, metres: less than a wall is
-    /// thick.
+    /// Distance before and behind a surface at which its cell is looked up, metres: less than the
+    /// thickness of a wall.
     pub(crate) const PROBE_M: f64 = 0.02;
 }
 
@@ -181,10 +181,10 @@ impl PortalModel {
         }
     }
 
-    /// Where a person would stand in the largest room, if the scene does not say where to look
-    /// from: exposure is measured there.
+    /// Suggests a standing position in the largest room, if the scene suggests none: exposure is
+    /// metered there.
     pub(crate) fn suggest_headbox(&mut self) {
-        /// Of an eye above the floor, and half of a headbox about it, metres.
+        /// Height of an eye above the floor, and half size of a headbox about it, metres.
         const EYE_M: f64 = 1.6;
         const HALF_SIZE_M: f64 = 0.4;
         let doubled_area = |prism: &&Prism| {

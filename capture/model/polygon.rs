@@ -36,7 +36,7 @@ pub(crate) struct Polygon<'a> {
     pub(crate) normal: DVec3,
 }
 
-/// How far a corner may lie off the plane: this share of the polygon's size, or a tenth of a
+/// Largest distance of a corner from the plane: this share of the polygon's size, or a tenth of a
 /// millimetre. Files print centimetres to a few decimals.
 const FLAT_SHARE: f64 = 1e-4;
 const FLAT_M: f64 = 1e-4;
@@ -107,8 +107,7 @@ impl<'a> Polygon<'a> {
         })
     }
 
-    /// Where a ray meets the polygon grown by `margin` metres: its parameter, if it is not
-    /// negative.
+    /// Intersects a ray with the polygon grown by `margin` metres: its parameter, if not negative.
     pub(crate) fn hit(&self, origin: DVec3, direction: DVec3, margin: f64) -> Option<f64> {
         let t = (self.centroid - origin).dot(self.normal) / direction.dot(self.normal);
         let p = origin + direction * t;
@@ -121,7 +120,8 @@ impl<'a> Polygon<'a> {
     }
 }
 
-/// Whether two edges of a closed outline that are not neighbours cross, seen along `normal`.
+/// Returns true if two edges of a closed outline that are not neighbours cross, seen along
+/// `normal`.
 pub(super) fn crosses_itself(corners: &[DVec3], normal: DVec3) -> bool {
     let count = corners.len();
     let side = |a: DVec3, b: DVec3, p: DVec3| (b - a).cross(p - a).dot(normal);

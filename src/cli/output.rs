@@ -61,8 +61,7 @@ pub(super) struct Endings {
     allowed: &'static [&'static str],
 }
 
-/// What frames are written to: levels first, of which all but JPEG keeps every bit, then linear
-/// radiance.
+/// Extensions of frames: levels first, of which all but JPEG keeps every bit, then linear radiance.
 const OF_FRAMES: [&str; 9] = [
     "png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr",
 ];
@@ -122,7 +121,7 @@ pub(super) const PATH: Endings = Endings {
     what: "a camera path",
     allowed: &["json"],
 };
-/// What captures are exported to.
+/// Extensions of exports.
 pub(super) const EXPORT: Endings = Endings {
     what: "an export",
     allowed: &["html", "glb", "ply", "exr"],
@@ -227,7 +226,7 @@ impl Outputs {
         Ok(self)
     }
 
-    /// As [`Self::file`], if there is one.
+    /// Same as [`Self::file`], for an optional output.
     pub(super) fn maybe_file(
         self,
         path: Option<&PathBuf>,
@@ -301,7 +300,7 @@ fn tell_if_waiting(input: &Path) {
     let _ = input;
 }
 
-/// What the rule refuses is a mistake of the user's, all else a failure.
+/// Converts a refusal to a usage error, and any other error to a failure.
 pub(super) fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error {
     let name = match path.to_str() {
         Some("") => "the output".into(),
@@ -343,7 +342,7 @@ pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Resu
     written.map_err(|error| cannot_write(path, error))
 }
 
-/// How what was written is called.
+/// Name of an output in messages.
 pub(super) fn name_of(output: &Path) -> String {
     let is_standard = output.as_os_str() == files::STANDARD_OUTPUT;
     if is_standard {

@@ -1,4 +1,4 @@
-//! How cube LDIs are packed, and what is said of one that is.
+//! Options of packing cube LDIs, and their description.
 
 use super::args::{Names, by_name, parse_length};
 use clap::Args;
@@ -6,7 +6,7 @@ use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_cube::planes::MAX_ERROR_PX;
 
-/// How a cube LDI is packed.
+/// Options of packing a cube LDI.
 #[derive(Args)]
 pub(super) struct PackingArgs {
     /// What the splat index holds: the paper's normal and depth, or all bits for the normal

@@ -1,5 +1,5 @@
-//! How far long work is: one bar over all its stages, with the time left, on a terminal; a line
-//! every ten seconds elsewhere.
+//! Progress of long work: one bar over all stages, with the time left, on a terminal; a line every
+//! ten seconds elsewhere.
 
 use headbox_core::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -17,8 +17,8 @@ const LENGTH: u64 = 1000;
 /// Before this share is done, nobody knows what is left but who planned it.
 const TOO_EARLY: f64 = 0.03;
 
-/// What a bar can expect: a stage, or several that take turns, which begin so many times and take a
-/// share of the time.
+/// Planned stage, or several that alternate: the number of times that they begin, and their share
+/// of the time.
 pub(super) struct Planned {
     pub(super) stages: &'static [&'static str],
     pub(super) times: u32,
@@ -31,18 +31,18 @@ pub(super) struct Bar {
     bar: ProgressBar,
     started: Instant,
     plan: Vec<Planned>,
-    /// Whether weights of the plan are seconds.
+    /// True if the weights of the plan are seconds.
     in_seconds: bool,
     /// Steps of the present stage that are done.
     done: AtomicU64,
     /// When it is time for another look, ms since the start.
     next_look_ms: AtomicU64,
     stage: Mutex<Stage>,
-    /// Whether nobody would see a bar move.
+    /// True if the output is no terminal.
     in_lines: bool,
 }
 
-/// Where the work stands.
+/// Progress of a stage.
 struct Stage {
     name: String,
     total: u64,
@@ -107,7 +107,7 @@ impl Bar {
         self.bar.finish_and_clear();
     }
 
-    /// Where the time went: stages that took at least a tenth of a second, in their order.
+    /// Times of the stages that took at least a tenth of a second, in their order.
     pub(super) fn times(&self) -> String {
         let stage = self.stage();
         let long = stage.ended.iter().filter(|(_, seconds)| *seconds >= 0.1);

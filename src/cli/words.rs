@@ -29,7 +29,7 @@ pub(super) fn sentence(error: &anyhow::Error) -> String {
     }
 }
 
-/// So many of something: `1 file`, `2 files`.
+/// Formats a count: `1 file`, `2 files`.
 pub(super) fn counted(count: impl Into<u64>, thing: &str) -> String {
     let count = count.into();
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })

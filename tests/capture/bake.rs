@@ -338,8 +338,8 @@ fn room_with_a_lamp() -> Scene {
     }
 }
 
-/// What was reflected reaches each surface as the estimator says, though paths share it: without,
-/// or from another surface, the floor or the ceiling would be a fifth off.
+/// Reflected light equals the estimator's, though paths share it: without it, or from another
+/// surface, the floor or the ceiling would be a fifth off.
 #[test]
 fn reflected_light_is_what_the_estimator_says() {
     /// Light of a cell stands for all of it, and 64 samples a vertex are taken over a surface of 16

@@ -20,7 +20,7 @@ impl Folder {
         std::fs::write(path, content).expect("written");
     }
 
-    /// Where a file lies, or would.
+    /// Path of a file in the folder.
     pub(crate) fn path(&self, name: &str) -> std::path::PathBuf {
         self.0.path().join(name)
     }

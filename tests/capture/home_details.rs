@@ -1,6 +1,6 @@
-//! What homes of Sweet Home 3D have besides level rooms between straight walls of one colour:
-//! ceilings that hang from walls or were switched off, bent walls, hidden storeys, pictures and
-//! models with materials of their own.
+//! Sweet Home 3D homes beyond level rooms between straight walls of one colour: ceilings that hang
+//! from walls or were switched off, bent walls, hidden storeys, textures, and models with materials
+//! of their own.
 
 use crate::homes::{home, home_xml, load};
 use glam::DVec3;
@@ -46,7 +46,7 @@ fn walls(attributes: &str) -> String {
     ends.into_iter().enumerate().map(wall).collect()
 }
 
-/// How far it is to the first surface, metres.
+/// Distance to the first surface, metres.
 fn distance(model: &PortalModel, from: [f64; 3], direction: [f32; 3]) -> Option<f32> {
     let tracer = Tracer::new(Arc::new(model.scene.clone()), DVec3::ZERO);
     let direction = glam::Vec3::from(direction).normalize();

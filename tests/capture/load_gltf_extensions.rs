@@ -1,12 +1,11 @@
-//! What glTF files say of meshes that bend or repeat, and of materials in other words than the
-//! usual.
+//! glTF files with skins, morph targets, instances, and other material models.
 
 use crate::folder::Folder;
 use crate::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
 use glam::{DVec3, Vec3, dvec3};
 use headbox_scene::scene::Scene;
 
-/// Whether the scene has a vertex there.
+/// Returns true if the scene has a vertex at a position.
 fn has(scene: &Scene, place: DVec3) -> bool {
     scene
         .positions

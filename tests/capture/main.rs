@@ -1,4 +1,4 @@
-//! What `headbox-capture` promises, one file a promise.
+//! Promises of loading, tracing, light and portal models, one file a promise.
 
 mod bake;
 mod folder;

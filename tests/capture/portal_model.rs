@@ -110,7 +110,7 @@ fn two_rooms() -> PortalModel {
     }
 }
 
-/// What is found wrong with the portal of the two rooms after a change.
+/// Findings on the portal of the two rooms after a change.
 fn found(change: impl Fn(&mut PortalModel)) -> Vec<Finding> {
     let mut model = two_rooms();
     change(&mut model);
@@ -239,8 +239,7 @@ fn mending_turns_a_portal_round() {
     assert_eq!(model.portals[0].polygon, polygon);
 }
 
-/// What is said of portals carries the numbers that they have afterwards; a way that was left out
-/// leads nowhere.
+/// Findings carry the final numbers of portals; a portal that was left out leads nowhere.
 #[test]
 fn portals_that_are_left_out_are_numbered_last() {
     let mut model = two_rooms();

@@ -103,9 +103,9 @@ pub(crate) fn rays_for(random: &mut Rng, count: usize, scale: f64) -> Vec<Ray> {
 pub(crate) struct OracleHit {
     pub(crate) t: f64,
     pub(crate) primitive: u32,
-    /// How far inside the triangle, as the least barycentric weight times how much it faces the
-    /// ray; or the distance from the ray's origin in units of the triangle's size, if that is less.
-    /// Negative for near misses.
+    /// Margin inside the triangle: the least barycentric weight times the cosine at the ray; or the
+    /// distance from the ray's origin in units of the triangle's size, if that is less. Negative
+    /// for near misses.
     pub(crate) margin: f64,
     /// Cosine-like: area seen by the ray over the product of two edges. 0 is edge-on.
     pub(crate) facing: f64,

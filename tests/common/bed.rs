@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3, dvec3};
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::random::Rng;
 
-/// What a ray meets: `origin + t * direction`.
+/// Hit of a ray: `origin + t * direction`.
 pub struct Hit {
     pub t: f64,
     /// Unit, turned toward the ray's origin.

@@ -9,7 +9,7 @@ use headbox_core::random::Rng;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 
-/// What a capture is made with.
+/// Settings of a capture.
 pub struct CaptureSettings {
     pub centre: DVec3,
     pub half: f64,

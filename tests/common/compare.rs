@@ -61,7 +61,7 @@ pub fn cube_map(scene: &Scene, centre: DVec3, face_px: u32) -> Environment {
     }
 }
 
-/// What a camera sees of a cube map.
+/// Resamples a cube map for a camera.
 pub fn resample(map: &Environment, camera: &Camera) -> Frame {
     frame(camera, |x, y| {
         let direction = camera

@@ -1,5 +1,5 @@
-//! What several tests share: analytic scenes whose every ray has a known answer, their capture, and
-//! the comparison of frames.
+//! Shared test bed: analytic scenes whose every ray has a known answer, their capture, and the
+//! comparison of frames.
 #![allow(
     dead_code,
     missing_docs,

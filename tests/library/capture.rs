@@ -468,7 +468,7 @@ fn the_missing_estimate_is_within_a_factor_of_two_of_what_fresh_rays_find() {
     }
 }
 
-/// How many rays in `fresh` fell into depth bins that `known` does not have.
+/// Number of rays in `fresh` that fell into depth bins that `known` does not have.
 fn unknown_rays(fresh: &TileStore, known: &TileStore) -> u64 {
     let mut count = 0;
     for tile in 0..fresh.tile_count() {

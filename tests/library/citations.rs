@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// What looks like an id and is none: the illuminant.
+/// Names that look like ids: the illuminant.
 const NO_IDS: [&str; 1] = ["D65"];
 
 fn root() -> &'static Path {

@@ -190,7 +190,7 @@ fn model_of_boards() -> Polygons {
     Polygons::new(scene).expect("a valid scene")
 }
 
-/// What a scene of unlit surfaces shows, by rays.
+/// Ray-traced frame of a scene of unlit surfaces.
 fn traced(scene: &Arc<Scene>, camera: &Camera) -> image::RgbImage {
     let tracer = Tracer::new(Arc::clone(scene), camera.eye());
     headbox_trace::truth::render(
@@ -204,10 +204,10 @@ fn traced(scene: &Arc<Scene>, camera: &Camera) -> image::RgbImage {
     .rgb()
 }
 
-/// What boards among samples may cost.
+/// Largest loss by boards among samples, dB.
 const BOARDS_DB: f64 = 1.3;
 
-/// What they cost at least if they are pasted over the samples: poles stand before them.
+/// Smallest loss if they are pasted over the samples: poles stand before them.
 const PASTED_DB: f64 = 1.5;
 
 #[test]
@@ -286,8 +286,8 @@ fn polygons_stand_among_samples_as_if_they_had_been_captured() {
     }
 }
 
-/// How a silhouette covers its pixels is known to a quarter, so that light errs there by up to an
-/// eighth of the difference; without parts, by up to half.
+/// Coverage at a silhouette is known to a quarter, so that light is off there by up to an eighth of
+/// the difference; without subpixels by up to half.
 const SILHOUETTES_DB: f64 = 36.0;
 
 #[test]

@@ -102,8 +102,8 @@ fn six_faces_of_the_tracer_give_its_own_ldi_back() {
     }
 }
 
-/// As above, of a scene of triangles, by the product's own tracer, through six pinholes that a
-/// `transforms.json` tells.
+/// Same test, for a scene of triangles, with the product's own tracer, through six pinholes of a
+/// `transforms.json`.
 #[test]
 fn six_pinholes_of_the_tracer_give_its_centre_ray_ldi() {
     const SIDE: u32 = 96;

@@ -1,5 +1,5 @@
-//! What the library promises, one file a promise; `cargo test --test library warp_` runs those of
-//! one name.
+//! Promises of the library, one file a promise; `cargo test --test library warp_` runs those of one
+//! name.
 //!
 //! One program, because each costs a link of all of headbox. Tests of the command line are in
 //! `tests/program`; what watches over allocations needs an allocator of its own, and is in

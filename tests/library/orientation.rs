@@ -1,5 +1,5 @@
-//! Which way is up in an OBJ, and what its unit is, are guessed: right for scenes that others
-//! wrote, and for the built-in ones written in any axes and unit.
+//! Up axis and unit of OBJ files are inferred correctly: for scenes that others wrote, and for the
+//! built-in ones written in any axes and unit.
 
 #![expect(
     clippy::unwrap_used,
@@ -302,8 +302,7 @@ fn groups_named_after_floors_and_walls_say_which_way_is_up_and_how_large_a_room_
     );
 }
 
-/// As somebody writes a room by a script: closed, boxes with corners of their own, no names,
-/// millimetres.
+/// A room as written by a script: closed, boxes with corners of their own, no names, millimetres.
 #[test]
 fn things_that_stand_on_one_floor_tell_up_in_a_closed_room() {
     let boxes = [
@@ -386,8 +385,8 @@ fn patch(text: &mut String, corner: DVec3, [u, v]: [DVec3; 2], rows: u32) {
     }
 }
 
-/// As a program for planning kitchens wrote one: decimetres, far from the origin both ways, no
-/// ceiling, walls with two sides.
+/// A room as written by a kitchen planner: decimetres, far from the origin both ways, no ceiling,
+/// walls with two sides.
 #[test]
 fn a_room_without_a_ceiling_far_from_the_origin_stands_on_its_floor() {
     let [x, y, z] = [DVec3::X * 68.0, DVec3::Y * 40.0, DVec3::Z * 27.0];

@@ -1,5 +1,5 @@
-//! What each way to show a room behind a door promises: squares of its walls where they are, and
-//! the rules of R2, R3, R8, R9.
+//! Promises of each kind of backdrop: squares of the walls in their places, and the rules of R2,
+//! R3, R8, R9.
 
 use crate::common::capture::one_layer;
 use crate::three_rooms::{
@@ -108,8 +108,8 @@ fn backdrops_show_what_is_behind_and_only_there() {
     }
 }
 
-/// What two eyes see at the same places of a door's plane, levels of green; where both look through
-/// it.
+/// Colours seen by two eyes at the same places of a door's plane, levels of green; where both look
+/// through it.
 fn at_the_same_places(house: &House, [first, second]: [(&[[u8; 3]], &Camera); 2]) -> Vec<[u8; 2]> {
     let door = first_door(house);
     let mut seen = Vec::new();

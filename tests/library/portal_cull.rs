@@ -89,7 +89,7 @@ fn line_of_sight(model: &PortalModel, eye: DVec3, direction: DVec3, mut cell: u3
     passed
 }
 
-/// Whether a line crosses a portal out of a cell, by the signs of volumes.
+/// Returns true if a line crosses a portal out of a cell, by the signs of volumes.
 fn passes(portal: &Portal, cell: u32, eye: DVec3, direction: DVec3) -> bool {
     let n = portal.polygon.len();
     (0..n).all(|k| {

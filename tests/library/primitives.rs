@@ -50,9 +50,9 @@ fn taken(all: &CubeLdi, rest: &CubeLdi, face: Face) -> Vec<(u32, u32, DepthPixel
     taken
 }
 
-/// Where a picture shows a sample, and where the sample says that its surface is: two points of one
-/// ray through the sample's pixel. Of the pixel, the place where the picture is nearest to the
-/// sample's depth: a sample does not say where in it rays met.
+/// Position at which a texture shows a sample, and that of the sample's surface: two points of one
+/// ray through the sample's pixel, at the place in the pixel where the texture is nearest to the
+/// sample's depth, since a sample does not record where rays met it.
 fn shown_and_said(
     set: &PlaneSet,
     tile: &PlaneTile,
@@ -201,8 +201,8 @@ fn no_eye_sees_anything_elsewhere_by_more_than_the_bound() {
     }
 }
 
-/// What is one wall is drawn by few pictures, and what is full of holes by smaller ones, which cost
-/// no more than its samples.
+/// A wall is drawn by few textures, a surface full of holes by smaller ones, which cost no more
+/// than its samples.
 #[test]
 fn pictures_are_as_large_as_pays() {
     for (scene, has_large) in [(room(6.0), true), (leaves(6.0), false)] {

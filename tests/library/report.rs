@@ -20,7 +20,7 @@ const WALL: &str = "from a wall of cameras";
 const CURVE: &str = "lumigraph's sampling curve (all layers)";
 const CLIPPING: &str = "clipping (one band, 1 thread)";
 
-/// As small as it can be with every row in it.
+/// Smallest effort with every row.
 const TINY: Quality = Quality {
     face_size_px: 16,
     strata: 4,
@@ -72,7 +72,7 @@ static REPORT: LazyLock<Report> = LazyLock::new(|| {
     }
 });
 
-/// What must not depend on the clock.
+/// Figures that must not depend on the clock.
 fn errors(rows: &[Row]) -> Vec<String> {
     let timeless = |row: &Row| Row {
         ms_median: 0.0,

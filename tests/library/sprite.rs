@@ -201,8 +201,8 @@ fn ramps(size: u32) -> RgbaImage {
     })
 }
 
-/// How a variant's source addresses differ from the exact ones, pixels; those of affine parallax
-/// from what it promises: the third component of the epipole is 0 (S8).
+/// Errors of a variant's source addresses, pixels; those of affine parallax against its own
+/// promise: the third component of the epipole is 0 (S8).
 struct AddressError {
     median: f64,
     max: f64,

@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 const SIZE: u32 = 256;
 
-/// Of the frames by which ranges are judged: enough to tell variants apart.
+/// Size of the frames by which ranges are judged: enough to tell variants apart.
 const RANGE_SIZE: u32 = 144;
 
 /// Half of the plane's edge, metres: all of it is in the picture.

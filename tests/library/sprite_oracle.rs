@@ -1,4 +1,4 @@
-//! What the sprite tests share: sprites with known surfaces, and the slow f64 oracle.
+//! Shared parts of the sprite tests: sprites with known surfaces, and the slow f64 oracle.
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_sprite::{

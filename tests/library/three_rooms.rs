@@ -316,7 +316,7 @@ pub(crate) fn poses() -> [Camera; 4] {
     ]
 }
 
-/// Whether all truth pixels within `reach` of a pixel show one square of a wall.
+/// Returns true if all truth pixels within `reach` of a pixel show one square of a wall.
 fn is_within_a_square(
     truth: &[[u8; 3]],
     [width, height]: [u32; 2],
@@ -345,8 +345,8 @@ fn is_same_square(a: [u8; 3], b: [u8; 3]) -> bool {
     (0..3).all(|c| a[c].abs_diff(b[c]) <= SAME_SQUARE_LEVELS)
 }
 
-/// Of the pixels that `counts` and lie at least `reach` pixels within a square, the share that
-/// shows another one; and how many these are.
+/// Share of wrong pixels among those that `counts` and lie at least `reach` pixels within a square;
+/// and their number.
 pub(crate) fn wrong_squares(
     frame: &Frame,
     truth: &[[u8; 3]],

@@ -16,7 +16,7 @@ fn old(name: &str) -> PathBuf {
         .join(name)
 }
 
-/// What `--strata 3 --rays 3 --light-samples 1` asked for.
+/// Parameters of `--strata 3 --rays 3 --light-samples 1`.
 const ASKED: CaptureParameters = CaptureParameters {
     strata: 3,
     rays_per_stratum: 3,

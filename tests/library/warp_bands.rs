@@ -59,7 +59,7 @@ fn draw(
     (frame.clone(), stats.depth_pixels_in)
 }
 
-/// What clipping has to save over segments that are culled whole: the mean over views inside the
+/// Least saving by clipping over segments that are culled whole: the mean over views inside the
 /// headbox.
 const CLIPPING_SAVES: f64 = 1.5;
 

@@ -27,9 +27,9 @@ const FACE_PX: u32 = 64;
 /// order.
 const DIFFERING_PIXELS: usize = 0;
 
-/// Where the eye is seen from the centre, in the image plane of the face -Z: the epipole inside a
-/// pixel, on a corner of four, on the face's border, far outside, at infinity along an axis and
-/// slanting, nearly there on either side, negative (behind), and none.
+/// Epipoles in the image plane of the face -Z: inside a pixel, on a corner of four, on the face's
+/// border, far outside, at infinity along an axis and slanting, nearly there on either side,
+/// negative (behind), and none.
 fn eyes() -> Vec<(&'static str, DVec3)> {
     let cell = 2.0 / f64::from(FACE_PX);
     vec![

@@ -1,5 +1,4 @@
-//! As `files.rs`, of portal models, of houses with what was captured behind their portals, and of
-//! kept truth.
+//! Mutated portal models, houses with their backdrops, and cached truth.
 
 use crate::mutations::{bytes_of, corpus, corpus_folder, try_mutations};
 use glam::{DVec3, dvec3};
@@ -19,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::TempDir;
 
-/// As small as backdrops can be.
+/// Smallest backdrops.
 const TINY: BackdropQuality = BackdropQuality {
     face_px: 12,
     window_face_px: 12,
@@ -32,7 +31,7 @@ const TINY: BackdropQuality = BackdropQuality {
     rays: 2,
     seed: 0,
 };
-/// What the store may keep; no backdrop of the corpus needs more.
+/// Budget of the store; no backdrop of the corpus needs more.
 const BUDGET_BYTES: u64 = 64 << 20;
 
 /// Reads a portal model whose geometry is the corpus's home, and prepares it to be walked if it is

@@ -295,7 +295,7 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Of an undamaged file.
+    /// Parses an undamaged file.
     pub fn of(file: &[u8]) -> Self {
         let word = |at: usize| {
             u32::from_le_bytes(file[at..at + 4].try_into().expect("four bytes")) as usize

@@ -13,7 +13,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// What the program does in its last step, where `$out` is the folder for models.
+/// Installs a stand-in for COLMAP with a last step, where `$out` is the folder for models.
 fn with_colmap(folder: &Path, last_step: &str) {
     let asked = folder.join("asked");
     let asked = asked.display();
@@ -32,7 +32,7 @@ fn with_colmap(folder: &Path, last_step: &str) {
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
 }
 
-/// What features were asked for with, by the program that stands in COLMAP's place.
+/// Options with which the stand-in for COLMAP was called.
 fn asked(folder: &Path) -> String {
     fs::read_to_string(folder.join("asked")).unwrap()
 }
@@ -86,7 +86,7 @@ fn with_bin(folder: &Path) -> String {
     )
 }
 
-/// What lies among the photographs besides them.
+/// Other files among the photographs.
 fn left(folder: &Path) -> Vec<String> {
     let names = fs::read_dir(folder.join("photos"))
         .unwrap()

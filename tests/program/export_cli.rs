@@ -446,7 +446,7 @@ fn both_eyes_see_all_directions_or_half_of_them() {
     );
 }
 
-/// What is written for compositing comes back as a capture that shows the same.
+/// Deep EXR files come back as a capture that shows the same.
 #[test]
 fn deep_pictures_come_back() {
     let dir = tempfile::tempdir().unwrap();

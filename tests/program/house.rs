@@ -160,7 +160,7 @@ cells = ["above", "garden"]
 polygon = [[1, 3.6, 3], [2, 3.6, 3], [2, 4.6, 3], [1, 4.6, 3]]
 "#;
 
-/// What [`STOREYS`] is made of: a box with a floor between its storeys.
+/// Parts of [`STOREYS`]: a box with a floor between its storeys.
 const HUT: &str = "v 0 0 0\nv 4 0 0\nv 4 0 3\nv 0 0 3\nv 0 2.6 0\nv 4 2.6 0\nv 4 2.6 3\nv 0 2.6 3\n\
                    v 0 5 0\nv 4 5 0\nv 4 5 3\nv 0 5 3\n\
                    f 1 2 3 4\nf 5 6 7 8\nf 9 10 11 12\nf 1 2 10 9\nf 2 3 11 10\nf 3 4 12 11\nf 4 1 9 12\n";

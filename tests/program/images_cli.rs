@@ -18,16 +18,16 @@ fn succeeds(folder: &Path, arguments: &[&str]) -> (String, String) {
     (out, err)
 }
 
-/// Where the walls of the room are, metres from its middle.
+/// Half sizes of the room, metres.
 const HALF: [f64; 3] = [2.0, 1.5, 2.0];
 const SIZE: [u32; 2] = [96, 72];
 const DEPTH_FOCAL: f64 = 90.0;
 
-/// How far cameras of the castle are moved at most, metres.
+/// Largest error of the castle's cameras, metres.
 const STEP_M: f64 = 0.05;
 
-/// What is left of that: their pictures have ten pixels a degree or so less than the sensors that
-/// this is for.
+/// Remaining error: these images have some ten pixels a degree fewer than the sensors for which
+/// this is made.
 const LEFT: f64 = 0.1;
 
 /// Frames of a sensor that turns in a room; its colours are those of a lens of `color_focal`
@@ -700,7 +700,7 @@ fn poses_that_are_slightly_wrong_are_refined() {
     assert_eq!(again, said, "kept");
 }
 
-/// What is wrong with a set's pictures is said in a sentence that names the file, and nothing is
+/// Problems of a set's images are reported in a sentence that names the file, and nothing is
 /// written.
 #[test]
 fn what_is_wrong_with_pictures_is_said() {

@@ -1,4 +1,4 @@
-//! What the command line promises, of the built program as a user runs it.
+//! Promises of the command line, tested on the built program as a user runs it.
 
 mod align_cli;
 mod bad_inputs;

@@ -48,7 +48,7 @@ pub(crate) fn succeeds(folder: &Path, arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// What a command that must succeed writes as JSON.
+/// Parses the JSON output of a command that must succeed.
 pub(crate) fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
     serde_json::from_str(&succeeds(folder, arguments)).unwrap()
 }

@@ -11,7 +11,7 @@ const SMOOTH_COSINE: f32 = 0.866;
 pub(super) struct Corners {
     /// Unit normals toward the front.
     pub(super) normals: Vec<Vec3>,
-    /// Where the triangles around each vertex begin in `around`.
+    /// Index in `around` of each vertex's first triangle.
     first: Vec<u32>,
     /// Triangle and corner.
     around: Vec<(u32, u8)>,

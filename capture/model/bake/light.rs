@@ -44,7 +44,7 @@ const NARROWEST_CELL_M: f64 = 1e-3;
 /// Places from which it is learnt where light comes from, at most.
 const MOST_PLACES: usize = 1 << 14;
 
-/// So many light samples are under way at a time, of so many vertices at most.
+/// Number of light samples in flight.
 const BATCH_SAMPLES: usize = 1 << 19;
 const BATCH_VERTICES: usize = 1 << 16;
 
@@ -56,9 +56,9 @@ pub(super) struct VertexLight<'a> {
     pub(super) tracer: &'a Tracer,
     pub(super) lighting: &'a Lighting,
     pub(super) options: &'a BakeOptions,
-    /// Of triangles of the source scene, the side that is seen; of those beyond its end, any.
+    /// Visible side of each triangle of the source scene; any for those beyond its end.
     pub(super) sides: &'a [Side],
-    /// Whether a place (world metres) may be seen, as far as that is known.
+    /// Returns true if a position (world metres) may be visible, as far as known.
     pub(super) is_open: &'a (dyn Fn(DVec3) -> bool + Sync),
 }
 
@@ -73,7 +73,7 @@ struct Cut<'a> {
 /// Light of a vertex, irradiance / pi.
 #[derive(Clone, Copy, Default)]
 struct Light {
-    /// Of the sun and of lamps without a surface: its shadows have edges.
+    /// Light of the sun and of lamps without a surface: its shadows have edges.
     sharp: Vec3,
     soft: Vec3,
 }
@@ -104,7 +104,7 @@ struct Begun {
     arrival: Arrival,
 }
 
-/// What lies beyond cells of arrivals: radiosity per albedo.
+/// Radiosity per albedo beyond cells of arrivals.
 type Beyond = FxHashMap<u64, Vec3>;
 
 /// Is told how many samples of vertices are taken.
@@ -116,7 +116,7 @@ struct Part<'a> {
     /// Samples before it, and those that it stands for.
     before: usize,
     samples: usize,
-    /// How many things it consists of, and how many are done.
+    /// Number of steps in all.
     things: usize,
     done: AtomicUsize,
 }
@@ -360,9 +360,9 @@ impl VertexLight<'_> {
             .unwrap_or(Side::Any)
     }
 
-    /// Where sample `index` of a vertex is taken, of the triangles around it in turn: half way to
-    /// their far edges at most, so that a vertex on an edge is lit as the surface beside it is;
-    /// nearer to it where that lies in a wall.
+    /// Position of sample `index` of a vertex, on the triangles around it in turn: at most half way
+    /// to their far edges, so that a vertex on an edge is lit as the surface beside it is; nearer
+    /// to the vertex where that lies in a wall.
     fn point(
         &self,
         cut: &Cut<'_>,
@@ -434,7 +434,7 @@ impl VertexLight<'_> {
 struct Sharp {
     sum: Vec3,
     samples: u32,
-    /// Whether one of them was in another light than those before it.
+    /// True if one of them was lit differently from those before it.
     is_shadowed: bool,
 }
 

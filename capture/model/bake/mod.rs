@@ -28,7 +28,7 @@ use light::VertexLight;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-/// How finely light is baked.
+/// Resolution of baked light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BakeOptions {
     /// Edges longer than this are cut, metres.
@@ -37,8 +37,8 @@ pub struct BakeOptions {
     pub max_triangles: usize,
     /// Light samples per vertex.
     pub samples: u32,
-    /// How often soft light (all but the sun's) is averaged with that of the neighbouring vertices
-    /// of the same smooth surface, against the noise of few samples.
+    /// Number of times that soft light (all but the sun's) is averaged with that of the
+    /// neighbouring vertices of the same smooth surface, against the noise of few samples.
     pub smoothing: u32,
     /// Diffuse bounces of light.
     pub bounces: u32,
@@ -89,8 +89,8 @@ pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<
     bake_seen(source, Seen::ALL, Lighting::measure, options, progress)
 }
 
-/// As [`bake`], in the scene's light as it is: nothing is metered, so that the exposure is 1, and
-/// nothing is added where it is dark.
+/// Same as [`bake`], in the scene's light as it is: without metering, so that the exposure is 1,
+/// and without fill light.
 pub fn bake_unmetered(
     source: &Arc<Scene>,
     options: &BakeOptions,
@@ -99,12 +99,12 @@ pub fn bake_unmetered(
     bake_seen(source, Seen::ALL, Lighting::of_scene, options, progress)
 }
 
-/// What is known of where a scene is seen from.
+/// Known visibility of a scene.
 #[derive(Clone, Copy)]
 struct Seen<'a> {
-    /// Of triangles, the side that is seen; of those beyond its end, any.
+    /// Visible side of each triangle; any for those beyond its end.
     sides: &'a [Side],
-    /// Whether a place (world metres) may be seen.
+    /// Returns true if a position (world metres) may be visible.
     is_open: &'a (dyn Fn(DVec3) -> bool + Sync),
 }
 
@@ -116,7 +116,7 @@ impl Seen<'_> {
     };
 }
 
-/// As [`bake`], where it is known what is seen, in the light that `lights` makes of a scene and a
+/// Same as [`bake`], with known visibility, in the light that `lights` computes for a scene and a
 /// number of bounces.
 fn bake_seen(
     source: &Arc<Scene>,

@@ -1,4 +1,4 @@
-//! What homes lack, and are given.
+//! Geometry added to homes.
 //!
 //! Rooms are drawn by hand, and between the floors of two of them a few millimetres may be left
 //! under their door, through which the ground outside shines, as bright as day. So there is a
@@ -10,7 +10,7 @@ use headbox_scene::load::polygon::triangulate;
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Triangle};
 
-/// How far below the floors thresholds lie, metres: a depth buffer tells that apart at a room's
+/// Distance of thresholds below the floors, metres: a depth buffer resolves that at a room's
 /// distance.
 const BELOW_M: f64 = 0.002;
 

@@ -7,7 +7,7 @@ use headbox_scene::load::Group;
 use headbox_scene::scene::{Scene, Triangle};
 use std::collections::HashMap;
 
-/// How a group of triangles goes to cells.
+/// Assignment of a group of triangles to cells.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Portion {
     /// All of it to this cell.
@@ -25,9 +25,9 @@ pub(super) enum Portion {
 /// A surface faces the cell that is this far before it, metres.
 const BEFORE_M: f64 = 0.02;
 
-/// Where a surface faces no room, the room whose outline, in plan, ends no farther from there than
-/// this has it, metres: rooms are drawn by hand and may end a hair before the wall does. The outer
-/// faces of walls are farther off by the wall.
+/// Largest distance of a surface that faces no room from the outline of its room, in plan, metres:
+/// rooms are drawn by hand and may end a hair before the wall does. The outer faces of walls are
+/// farther away by the wall.
 const BESIDE_M: f64 = BEFORE_M;
 
 /// Groups of the scene, and how each goes to cells. Triangles of no group are dealt out as

@@ -1,4 +1,4 @@
-//! How high ceilings hang, and which rooms have one.
+//! Heights of ceilings, and rooms that have one.
 
 use super::home::{Home, Room, Wall};
 use crate::distance_to_outline;
@@ -57,8 +57,8 @@ impl Home {
         }
     }
 
-    /// Where no room of a home has a ceiling, they were switched off to look in from above: rooms
-    /// that walls or other rooms enclose get theirs back. Returns how many these are.
+    /// Restores ceilings that were switched off: where no room of a home has one, rooms enclosed by
+    /// walls or other rooms get theirs. Returns their number.
     pub(super) fn put_ceilings_on(&mut self) -> usize {
         if self.rooms.iter().any(|room| room.covered) {
             return 0;
@@ -108,12 +108,12 @@ impl Home {
 }
 
 impl Wall {
-    /// Whether it stands on the storey of a room.
+    /// Returns true if it stands on the storey of a room.
     fn is_beside(&self, room: &Room) -> bool {
         self.bottom == room.floor
     }
 
-    /// Whether it is more than a parapet to a room.
+    /// Returns true if it is more than a parapet to a room.
     fn is_high_in(&self, room: &Room) -> bool {
         self.heights[0].min(self.heights[1]) >= (room.ceiling() - room.floor) / 2.0
     }

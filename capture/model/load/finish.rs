@@ -1,4 +1,4 @@
-//! What surfaces of a Sweet Home 3D home look like.
+//! Finishes of a Sweet Home 3D home's surfaces.
 
 use super::xml::number;
 use glam::DVec2;
@@ -24,7 +24,7 @@ impl Repeated {
     }
 }
 
-/// What a surface looks like; a picture comes before a colour.
+/// Finish of a surface; a texture takes precedence over a colour.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Finish {
     pub(super) color: Option<[f32; 3]>,
@@ -32,7 +32,7 @@ pub(super) struct Finish {
 }
 
 impl Finish {
-    /// Whether the home says anything.
+    /// Returns true if the home specifies a finish.
     pub(super) fn is_said(&self) -> bool {
         *self != Self::default()
     }

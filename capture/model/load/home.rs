@@ -25,11 +25,11 @@ pub(super) struct Room {
     pub(super) floor: f64,
     /// Height of the ceiling over each corner.
     pub(super) ceilings: Vec<f64>,
-    /// Whether it has a ceiling, and so is a room and not a terrace.
+    /// True if it has a ceiling, and so is a room and not a terrace.
     pub(super) covered: bool,
-    /// Whether the home says that it has none.
+    /// True if the home specifies that it has none.
     pub(super) ceiling_is_new: bool,
-    /// Whether no storey lies above its own.
+    /// True if there is no storey above its own.
     pub(super) is_topmost: bool,
     pub(super) has_floor: bool,
     pub(super) floor_finish: Finish,
@@ -62,9 +62,10 @@ pub(super) struct Wall {
     pub(super) bottom: f64,
     /// Above its bottom, at its start and end.
     pub(super) heights: [f64; 2],
-    /// Of its sides to the left and right of the way from start to end, in a plan with y down.
+    /// Finishes of its sides to the left and right of the way from start to end, in a plan with y
+    /// down.
     pub(super) finishes: [Finish; 2],
-    /// How far it runs on beyond its start and end, into the walls that it is joined to.
+    /// Extension beyond its start and end, into the walls that it is joined to.
     pub(super) extension: [f64; 2],
 }
 
@@ -84,7 +85,7 @@ pub(super) struct Piece {
     pub(super) mirrored: bool,
     /// Turns the model before it is brought to its size.
     pub(super) rotation: Option<DMat3>,
-    /// Of all of it, and of some of its materials.
+    /// Finishes of the whole piece, and of some of its materials.
     pub(super) finish: Finish,
     pub(super) materials: Vec<(String, Finish)>,
 }
@@ -243,8 +244,8 @@ impl Home {
     }
 }
 
-/// Whether a storey is not hidden with all that stands on it. (`visible` says which storeys the
-/// user's window showed last.)
+/// Returns true if a storey and everything on it is visible in 3D. (`visible` records which storeys
+/// the user's window showed last.)
 fn is_viewable(level: &Node) -> bool {
     level.attribute("viewable") != Some("false")
 }

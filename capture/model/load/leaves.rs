@@ -1,4 +1,4 @@
-//! Which parts of a door or window close its opening.
+//! Leaves: parts of a door or window that close its opening.
 
 use crate::Portal;
 use glam::{DVec2, DVec3};
@@ -16,7 +16,7 @@ const CELLS: usize = 48;
 /// across. They are less than half as high as the leaf, which a frame is not.
 const FITTINGS_M: [f64; 2] = [0.03, 0.12];
 
-/// How far outside the wall's faces a closed leaf may lie, metres.
+/// Distance outside the wall's faces up to which a closed leaf may lie, metres.
 const BESIDE_WALL_M: f64 = 0.04;
 
 /// For each of the groups that one door or window consists of, whether it closes the opening

@@ -21,7 +21,7 @@ use headbox_trace::bvh::Tracer;
 use std::path::Path;
 use std::sync::Arc;
 
-/// What the user says about a portal model.
+/// Options of loading a portal model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ModelOptions {
     /// Keep the leaves that close doors and windows.
@@ -34,8 +34,8 @@ pub struct LoadedModel {
     /// The model, mended ([`PortalModel::mend`]). What was met and survived on the way is in its
     /// scene's summary.
     pub model: PortalModel,
-    /// What is, or was, wrong with its cells and portals; those that were left out are numbered on
-    /// from the last portal.
+    /// Problems of its cells and portals; those that were left out are numbered on from the last
+    /// portal.
     pub findings: Vec<Finding>,
 }
 

@@ -39,7 +39,7 @@ const KNOWN_COLORS: [(&str, [f32; 3]); 18] = [
     ("yellowbrt", [1.0, 0.7837, 0.0]),
 ];
 
-/// Of surfaces of which nothing is known.
+/// Colour of surfaces without a finish.
 const NEUTRAL: [f32; 3] = [0.7; 3];
 
 /// Walls and openings are parallel if the sine between them is less than this.
@@ -57,7 +57,7 @@ pub(super) struct PlainHome<'a> {
     pub(super) materials: Vec<MtlMaterial>,
     /// The pictures of its materials by the names of their maps.
     pub(super) pictures: Pictures,
-    /// How many pieces of furniture are boxes.
+    /// Number of pieces of furniture drawn as boxes.
     pub(super) boxes: usize,
     archive: Archive<'a>,
     vertices: usize,
@@ -99,7 +99,7 @@ impl<'a> PlainHome<'a> {
         let _ = writeln!(self.text, "g {name}");
     }
 
-    /// What follows has this material, which is made if it is new.
+    /// Sets the material of the following triangles; creates it if it is new.
     fn paint(&mut self, name: String, material: impl FnOnce() -> MtlMaterial) {
         let _ = writeln!(self.text, "usemtl {name}");
         if self.known.insert(name.clone()) {
@@ -487,7 +487,7 @@ impl<'a> PlainHome<'a> {
     }
 }
 
-/// What gaps leave of a range, from below.
+/// Parts of a range outside gaps, from below.
 fn solid_parts(whole: [f64; 2], gaps: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
     gaps.fold(vec![whole], |parts, [low, high]| {
         let cut = |[from, to]: [f64; 2]| [[from, to.min(low)], [from.max(high), to]];

@@ -18,7 +18,7 @@ pub(super) struct Corner {
 const ON_PLANE_M: f64 = 1e-4;
 
 impl Corner {
-    /// Where the edge to `other` is `t` (0 to 1) of the way.
+    /// Interpolates on the edge to `other`, at `t` (0 to 1) of the way.
     fn toward(&self, other: &Self, t: f64) -> Self {
         let s = t as f32;
         Self {
@@ -66,8 +66,8 @@ pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -
         .collect()
 }
 
-/// Where an edge meets the plane: the same bits from either end, so that two triangles that share
-/// it meet.
+/// Intersects an edge with the plane: the same bits from either end, for two triangles that share
+/// it.
 fn cut_edge((a, at_a): (&Corner, f64), (b, at_b): (&Corner, f64)) -> Corner {
     if a.position.to_array() <= b.position.to_array() {
         a.toward(b, at_a / (at_a - at_b))

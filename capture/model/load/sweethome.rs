@@ -21,8 +21,8 @@ use std::path::{Path, PathBuf};
 /// Metres per unit of a home.
 const UNIT_M: f64 = 0.01;
 
-/// How far beyond the wall's faces a room is looked for, centimetres: rooms are often drawn a
-/// little short of walls.
+/// Distance beyond the wall's faces within which a room is looked for, centimetres: rooms are often
+/// drawn a little short of walls.
 const REACH: f64 = 40.0;
 /// In steps of this, centimetres.
 const STEP: f64 = 1.0;
@@ -145,7 +145,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
 
 /// Sky and ground in the home's own colours, as bright as under the default sun.
 fn surroundings(home: &Home) -> Sky {
-    /// What a home shows that says nothing: Sweet Home 3D's own.
+    /// Default sky of Sweet Home 3D.
     const SKY: [f32; 3] = [0.8, 0.894, 0.988];
     const GROUND: [f32; 3] = [0.659; 3];
     /// Light on level ground under sun and sky, over pi.
@@ -354,7 +354,7 @@ impl Probe<'_> {
         })
     }
 
-    /// Where the portal lies, and the rooms in front of and behind it with their distances from it.
+    /// Position of the portal, and the rooms in front of and behind it with their distances.
     /// Normally that is the middle of the wall; where one room was drawn through the whole wall, it
     /// is where that room ends.
     fn middle_and_rooms(&self) -> (DVec2, [Option<(u32, f64)>; 2]) {
@@ -392,7 +392,7 @@ impl Probe<'_> {
     }
 }
 
-/// Which groups of the export belong to which door or window.
+/// Groups of the export that belong to each door or window.
 struct DoorGroups {
     /// For each group, the opening.
     opening: Vec<Option<usize>>,
@@ -472,7 +472,7 @@ fn piece_key<'a>(name: &'a str, prefix: &str) -> Option<&'a str> {
     (digits > 0).then(|| &name[..prefix.len() + digits])
 }
 
-/// How each group goes to cells.
+/// Assignment of each group to cells.
 fn portions_of(
     model: &PortalModel,
     groups: &[Group],

@@ -243,7 +243,7 @@ fn convert_cell(cell: &FileCell, frame: &FileFrame) -> Cell {
     }
 }
 
-/// Whether a name fits a pattern in which `*` stands for anything.
+/// Returns true if a name matches a pattern in which `*` stands for any text.
 fn matches(pattern: &str, name: &str) -> bool {
     let mut parts = pattern.split('*');
     let first = parts.next().unwrap_or_default();

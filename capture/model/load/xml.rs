@@ -1,4 +1,4 @@
-//! What is asked of a home's XML.
+//! Helpers for a home's XML.
 
 use roxmltree::Node;
 
