@@ -15,7 +15,7 @@ use headbox_core::progress::Silent;
 use headbox_images::traced_view;
 use headbox_images::{ImageSet, ImageSetOptions, SetWriter, View};
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, TimeBudget,
+    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, WaitPolicy, TimeBudget,
     ViewGeometry,
 };
 use headbox_trace::bvh::Tracer;
@@ -99,7 +99,7 @@ fn best(
             geometry,
             camera,
             &GeometrySettings::default(),
-            Patience::Wait,
+            WaitPolicy::Wait,
         );
         best = Some(best.map_or(now, |best| GeometryStats {
             rank_ms: best.rank_ms.min(now.rank_ms),
@@ -132,7 +132,7 @@ fn walk(geometry: &ViewGeometry) {
         // Past all cameras in a minute, back and forth.
         let camera = on_the_way(geometry, at_s / 60.0, [1024, 768]);
         let (_, stats) =
-            renderer.render(geometry, &camera, &budget.settings(&full), Patience::Never);
+            renderer.render(geometry, &camera, &budget.settings(&full), WaitPolicy::Never);
         budget.took(stats.frame_ms);
         let ms = frame.elapsed().as_secs_f64() * 1e3;
         frames.push(Walked {

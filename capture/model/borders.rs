@@ -53,7 +53,7 @@ struct Border {
 
 /// Space beyond a border at one position.
 #[derive(Clone, Copy, PartialEq)]
-struct Beyond {
+struct SpaceBeyond {
     cell: u32,
     /// Distance at which it begins, metres.
     gap: f64,
@@ -61,8 +61,8 @@ struct Beyond {
 
 /// Part of a border that is open.
 #[derive(Clone, Copy)]
-struct Opening {
-    beyond: Beyond,
+struct BorderOpening {
+    beyond: SpaceBeyond,
     /// Along the border, metres from its beginning.
     span: [f64; 2],
     heights: [f64; 2],
@@ -115,10 +115,10 @@ impl PortalModel {
     fn add_opening(
         &mut self,
         border: &Border,
-        opening: &Opening,
+        opening: &BorderOpening,
         borders: &mut VecDeque<Border>,
     ) -> Option<Finding> {
-        let Opening {
+        let BorderOpening {
             beyond,
             span,
             heights: [low, high],
@@ -219,7 +219,7 @@ struct Survey<'a> {
 
 /// A column of a border: what is beyond, and which of its rows are open to it.
 struct Column {
-    beyond: Beyond,
+    beyond: SpaceBeyond,
     open: Vec<usize>,
     /// The first and the last row that lies in a portal.
     portal: Option<[usize; 2]>,
@@ -233,7 +233,7 @@ impl Column {
 }
 
 impl Survey<'_> {
-    fn openings(&self) -> Vec<Opening> {
+    fn openings(&self) -> Vec<BorderOpening> {
         let (columns, rows) = (
             places(0.0, self.border.length),
             places(self.border.floor, self.border.ceiling),
@@ -312,12 +312,12 @@ impl Survey<'_> {
         run: &[&Column],
         open: &[Vec<usize>],
         span: [f64; 2],
-    ) -> Option<Opening> {
+    ) -> Option<BorderOpening> {
         let gap = run
             .iter()
             .map(|column| column.beyond.gap)
             .fold(0.0, f64::max);
-        let beyond = Beyond {
+        let beyond = SpaceBeyond {
             gap,
             ..run.first()?.beyond
         };
@@ -339,7 +339,7 @@ impl Survey<'_> {
         });
         let least = LEAST_M[usize::from(self.model.is_outside(beyond.cell))];
         let is_large = span[1] - span[0] >= least && high - low >= least;
-        is_large.then_some(Opening {
+        is_large.then_some(BorderOpening {
             beyond,
             span,
             heights: [low, high],
@@ -387,7 +387,7 @@ impl Survey<'_> {
 
     /// The nearest other cell beyond the border, else the outside; none where the border is inside
     /// of its own cell, or of another that has the better claim to what is before it.
-    fn beyond(&self, s: f64, y: f64) -> Option<Beyond> {
+    fn beyond(&self, s: f64, y: f64) -> Option<SpaceBeyond> {
         let cell_at = |out: f64| self.model.cell_at(self.border.at(s, y, out));
         let own = Some(self.border.cell);
         if cell_at(-STEP_M) != own || cell_at(STEP_M) == own {
@@ -400,13 +400,13 @@ impl Survey<'_> {
             .find_map(|out| Some((out, cell_at(out).filter(|&cell| is_room(cell))?)));
         match room {
             // Closer than a step there is no gap.
-            Some((out, cell)) => Some(Beyond {
+            Some((out, cell)) => Some(SpaceBeyond {
                 cell,
                 gap: if out <= STEP_M { 0.0 } else { out },
             }),
             // The other side of a thin part of its own cell.
             None if steps.clone().any(|out| cell_at(out) == own) => None,
-            None => Some(Beyond {
+            None => Some(SpaceBeyond {
                 cell: self.model.outside?,
                 gap: 0.0,
             }),
@@ -414,7 +414,7 @@ impl Survey<'_> {
     }
 
     /// Returns true if a ray from the cell perpendicular to the border reaches the space beyond.
-    fn passes(&self, s: f64, y: f64, beyond: Beyond) -> bool {
+    fn passes(&self, s: f64, y: f64, beyond: SpaceBeyond) -> bool {
         let at = |out: f64| self.border.at(s, y, out);
         let clear = |cell: u32, from: f64, side: f64| {
             let mut distances = CLEAR_M.into_iter().map(|clear| from + side * clear);

@@ -19,7 +19,7 @@ const TOO_EARLY: f64 = 0.03;
 
 /// Planned stage, or several that alternate: the number of times that they begin, and their share
 /// of the time.
-pub(super) struct Planned {
+pub(super) struct PlannedStage {
     pub(super) stages: &'static [&'static str],
     pub(super) times: u32,
     /// Seconds; or anything, where only the shares are known.
@@ -30,7 +30,7 @@ pub(super) struct Planned {
 pub(super) struct Bar {
     bar: ProgressBar,
     started: Instant,
-    plan: Vec<Planned>,
+    plan: Vec<PlannedStage>,
     /// True if the weights of the plan are seconds.
     in_seconds: bool,
     /// Steps of the present stage that are done.
@@ -66,7 +66,7 @@ impl Bar {
     }
 
     /// A bar over stages that come in this order.
-    pub(super) fn planned(plan: Vec<Planned>, in_seconds: bool) -> Self {
+    pub(super) fn planned(plan: Vec<PlannedStage>, in_seconds: bool) -> Self {
         let bar = ProgressBar::new(LENGTH);
         if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:30}] {percent:>3} %  {msg}")
         {
@@ -131,7 +131,7 @@ impl Bar {
         let total: f64 = self.plan.iter().map(|planned| planned.weight).sum();
         let in_part = stage.planned.map_or(0.0, |(i, ended)| {
             let before: f64 = self.plan[..i].iter().map(|planned| planned.weight).sum();
-            let Planned { times, weight, .. } = self.plan[i];
+            let PlannedStage { times, weight, .. } = self.plan[i];
             before + weight * ((f64::from(ended) + of_stage) / f64::from(times.max(1))).min(1.0)
         });
         let [part, parts] = stage.parts;
@@ -288,7 +288,7 @@ mod tests {
 
     #[test]
     fn a_stage_that_was_not_planned_so_long_is_never_done_before_its_end() {
-        let plan = vec![Planned {
+        let plan = vec![PlannedStage {
             stages: &["truth"],
             times: 1,
             weight: 1.0,
@@ -328,17 +328,17 @@ mod tests {
     #[test]
     fn a_planned_bar_goes_from_beginning_to_end() {
         let plan = vec![
-            Planned {
+            PlannedStage {
                 stages: &["pilot", "trace"],
                 times: 2,
                 weight: 1.0,
             },
-            Planned {
+            PlannedStage {
                 stages: &["look"],
                 times: 4,
                 weight: 2.0,
             },
-            Planned {
+            PlannedStage {
                 stages: &["light"],
                 times: 1,
                 weight: 1.0,

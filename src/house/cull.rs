@@ -144,7 +144,7 @@ pub struct CellView {
 }
 
 /// Effect of a portal on a window.
-enum Passage {
+enum PortalVisibility {
     /// It shows nothing.
     Closed,
     /// It is too near for its outline to be trusted.
@@ -182,9 +182,9 @@ pub fn visible_cells(
                     continue;
                 }
                 let window = match passage(model, camera.eye(), portal, view.cell, limits) {
-                    Passage::Closed => None,
-                    Passage::Touching => Some(view.window.clone()),
-                    Passage::Outline(outline) => view.window.clip(&outline),
+                    PortalVisibility::Closed => None,
+                    PortalVisibility::Touching => Some(view.window.clone()),
+                    PortalVisibility::Outline(outline) => view.window.clip(&outline),
                 };
                 let Some(window) = window else { continue };
                 let next = CellView {
@@ -204,7 +204,7 @@ pub fn visible_cells(
 }
 
 /// Tests how a portal of `cell` is seen from a point in the cell.
-fn passage(model: &PortalModel, eye: DVec3, portal: usize, cell: u32, limits: &Limits) -> Passage {
+fn passage(model: &PortalModel, eye: DVec3, portal: usize, cell: u32, limits: &Limits) -> PortalVisibility {
     let portal = &model.portals[portal];
     let mut outline: Vec<DVec3> = portal.polygon.iter().map(|corner| *corner - eye).collect();
     if portal.cells[0] != cell {
@@ -218,18 +218,18 @@ fn passage(model: &PortalModel, eye: DVec3, portal: usize, cell: u32, limits: &L
         .map(|(a, b)| a.cross(*b))
         .sum::<DVec3>();
     let (Some(normal), Some(corner)) = (normal.try_normalize(), outline.first()) else {
-        return Passage::Closed;
+        return PortalVisibility::Closed;
     };
     let in_front = -normal.dot(*corner);
     if in_front.abs() <= limits.touching_m
         && distance_to_outline(&outline, normal) <= limits.touching_m
     {
-        return Passage::Touching;
+        return PortalVisibility::Touching;
     }
     if in_front <= 0.0 {
-        Passage::Closed
+        PortalVisibility::Closed
     } else {
-        Passage::Outline(outline)
+        PortalVisibility::Outline(outline)
     }
 }
 

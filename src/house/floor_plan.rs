@@ -43,7 +43,7 @@ pub struct FloorPlan {
     /// Line segments of the cut at the given height and, before these, of a lower one that shows
     /// low furniture.
     cuts: [Vec<[DVec2; 2]>; 2],
-    openings: Vec<Opening>,
+    openings: Vec<PlanOpening>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -56,7 +56,7 @@ struct Room {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-struct Opening {
+struct PlanOpening {
     number: String,
     ends: [DVec2; 2],
     label: DVec2,
@@ -244,7 +244,7 @@ impl Room {
     }
 }
 
-impl Opening {
+impl PlanOpening {
     fn color(&self) -> [u8; 3] {
         if self.to_outside {
             [20, 90, 200]
@@ -340,7 +340,7 @@ fn opening(
     index: usize,
     portal: &Portal,
     to_px: impl Fn(DVec2) -> DVec2,
-) -> Opening {
+) -> PlanOpening {
     let corners: Vec<DVec2> = portal.polygon.iter().map(in_plan).collect();
     // The two corners that are farthest apart: a level portal is drawn as its diagonal.
     let pairs = corners
@@ -351,7 +351,7 @@ fn opening(
         .unwrap_or_default()
         .map(to_px);
     let to_outside = portal.cells.iter().any(|&cell| model.outside == Some(cell));
-    Opening {
+    PlanOpening {
         number: index.to_string(),
         ends,
         label: (ends[0] + ends[1]) / 2.0,

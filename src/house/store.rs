@@ -86,18 +86,18 @@ impl Store {
 /// after the capture at hand.
 #[derive(Debug)]
 pub struct BackdropBuilder {
-    desk: Arc<Desk>,
+    desk: Arc<BuildQueue>,
     thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Debug, Default)]
-struct Desk {
-    orders: Mutex<Orders>,
+struct BuildQueue {
+    orders: Mutex<QueueState>,
     changed: Condvar,
 }
 
 #[derive(Debug, Default)]
-struct Orders {
+struct QueueState {
     wanted: VecDeque<Key>,
     /// Bytes of those that were taken from the front of the list since it was written.
     kept_bytes: u64,
@@ -107,7 +107,7 @@ struct Orders {
     stop: bool,
 }
 
-impl Orders {
+impl QueueState {
     fn in_hand(&self) -> bool {
         self.busy || !self.wanted.is_empty()
     }
@@ -116,7 +116,7 @@ impl Orders {
 impl BackdropBuilder {
     /// Starts the thread.
     pub fn new(house: Arc<House>, store: Arc<Store>, quality: BackdropQuality) -> Self {
-        let desk = Arc::new(Desk::default());
+        let desk = Arc::new(BuildQueue::default());
         let at_desk = Arc::clone(&desk);
         let thread = std::thread::spawn(move || work(&at_desk, &house, &store, &quality));
         Self {
@@ -162,7 +162,7 @@ impl Drop for BackdropBuilder {
     }
 }
 
-fn work(desk: &Desk, house: &House, store: &Store, quality: &BackdropQuality) {
+fn work(desk: &BuildQueue, house: &House, store: &Store, quality: &BackdropQuality) {
     // Without a pool of its own it would borrow the threads of the frames.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().ok();
     let mut orders = lock(&desk.orders);

@@ -20,7 +20,7 @@ use super::store::Store;
 use super::visit::{BackedPortal, union, visit};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
-use headbox_raster::{Marker, RasterOutput, RasterView, Rasterizer, Seen};
+use headbox_raster::{Marker, RasterOutput, RasterView, Rasterizer, PixelContent};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
@@ -245,7 +245,7 @@ impl<'a> BackdropArea<'a> {
         for (y, row) in self.rows.clone().zip(0..) {
             for (x, column) in self.columns.clone().zip(0..) {
                 let at = y as usize * output.frame.width as usize + x as usize;
-                if output.seen(at) == Seen::Marker(self.number) {
+                if output.seen(at) == PixelContent::Marker(self.number) {
                     let from = row as usize * drawn.width as usize + column as usize;
                     (output.frame.color[at], output.frame.coverage[at]) =
                         (drawn.color[from], drawn.coverage[from]);
@@ -272,7 +272,7 @@ fn touched(
     let mut found: Option<[Range<u32>; 2]> = None;
     for y in rows.clone() {
         let start = y as usize * output.frame.width as usize;
-        let shows = |x: &u32| output.seen(start + *x as usize) == Seen::Marker(number);
+        let shows = |x: &u32| output.seen(start + *x as usize) == PixelContent::Marker(number);
         let (Some(first), Some(last)) = (
             columns.clone().find(shows),
             columns.clone().rev().find(shows),

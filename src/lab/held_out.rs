@@ -115,7 +115,7 @@ pub(super) const HOLE: [u8; 3] = [255, 0, 255];
 const COVERED: u8 = 128;
 
 /// A frame that is judged.
-pub(super) struct Drawn {
+pub(super) struct GainedFrame {
     pub(super) picture: RgbImage,
     pub(super) covered: Vec<bool>,
     pub(super) frame_ms: f64,
@@ -124,7 +124,7 @@ pub(super) struct Drawn {
     pub(super) bytes: u64,
 }
 
-impl Drawn {
+impl GainedFrame {
     /// Prepares a frame for comparison: each channel's levels times its gain, and `hole` where it
     /// does not cover a pixel, if given.
     pub(super) fn new(frame: &Frame, gain: [f32; 3], hole: Option<[u8; 3]>) -> Self {
@@ -159,7 +159,7 @@ impl Drawn {
 }
 
 /// A photograph that was left out, and over which of its pixels frames are judged.
-pub(super) struct Judge<'a> {
+pub(super) struct HeldOutComparison<'a> {
     pub(super) scene: String,
     pub(super) view: &'a str,
     pub(super) photograph: &'a RgbImage,
@@ -171,14 +171,14 @@ pub(super) struct Judge<'a> {
     pub(super) visible: Vec<bool>,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> HeldOutComparison<'a> {
     /// Judges where all frames show something; `edges` are the pixels near depth edges.
     pub(super) fn where_all_show(
         scene: &str,
         view: &'a str,
         photograph: &'a RgbImage,
         (visible, edges): (&[bool], &[bool]),
-        drawn: &[Drawn],
+        drawn: &[GainedFrame],
     ) -> Self {
         let judged: Vec<bool> = (0..visible.len())
             .map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p]))
@@ -199,7 +199,7 @@ impl<'a> Judge<'a> {
     }
 
     /// The row of a frame.
-    pub(super) fn row(&self, variant: &'static str, drawn: &Drawn) -> HeldOut {
+    pub(super) fn row(&self, variant: &'static str, drawn: &GainedFrame) -> HeldOut {
         let (psnr_db, flip) = errors(self.photograph, &drawn.picture, &self.judged);
         let mad = |pixels: &[bool]| mean_difference(self.photograph, &drawn.picture, pixels);
         let covered = drawn

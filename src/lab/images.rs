@@ -9,7 +9,7 @@
 //! camera stood is estimated with that of the others, as is usual for sets without surveyed
 //! cameras.
 
-use super::held_out::{Drawn, HOLE, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
+use super::held_out::{GainedFrame, HOLE, HeldOut, HoldOutError, HeldOutComparison, Rows, camera_of, photograph};
 use crate::machine::{Machine, commit};
 use crate::table::{Table, figure, percent};
 use glam::DVec3;
@@ -21,7 +21,7 @@ use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_images::{ImageSet, LoadedView, Registration, View};
 use headbox_ldi::from_images::{ImagesJob, NearImages};
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, Patience, RankWeights, Texturing,
+    GeometryRenderer, GeometryResources, GeometrySettings, WaitPolicy, RankWeights, Texturing,
     ViewGeometry,
 };
 use image::RgbImage;
@@ -178,7 +178,7 @@ struct Bench<'a> {
 }
 
 /// A cube, and how long it took.
-struct Built {
+struct SetCube {
     cube: PackedCube,
     /// From files.
     build_ms: f64,
@@ -187,7 +187,7 @@ struct Built {
 }
 
 impl Bench<'_> {
-    fn cube(&self, centre: DVec3, views: &[&View]) -> Result<Built, HoldOutError> {
+    fn cube(&self, centre: DVec3, views: &[&View]) -> Result<SetCube, HoldOutError> {
         let started = Instant::now();
         let job = ImagesJob {
             centre,
@@ -195,7 +195,7 @@ impl Bench<'_> {
         };
         let cube: CubeLdi = job.run(self.set, views, self.progress)?;
         let cube = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?;
-        Ok(Built {
+        Ok(SetCube {
             cube,
             build_ms: started.elapsed().as_secs_f64() * 1e3,
             rebuild_ms: f64::NAN,
@@ -203,7 +203,7 @@ impl Bench<'_> {
     }
 
     /// The cube of images near a view: from files, and once more from memory.
-    fn near(&self, near: &mut NearImages, chosen: &[usize]) -> Result<Built, HoldOutError> {
+    fn near(&self, near: &mut NearImages, chosen: &[usize]) -> Result<SetCube, HoldOutError> {
         let views: Vec<&View> = chosen.iter().map(|&i| &near.views()[i]).collect();
         let centre = views
             .first()
@@ -212,7 +212,7 @@ impl Bench<'_> {
         near.cube(chosen)?;
         let started = Instant::now();
         let cube = PackedCube::pack(&near.cube(chosen)?, SplatIndexLayout::Normal, Split::Auto)?;
-        Ok(Built {
+        Ok(SetCube {
             cube,
             rebuild_ms: started.elapsed().as_secs_f64() * 1e3,
             ..from_files
@@ -223,7 +223,7 @@ impl Bench<'_> {
         &mut self,
         i: usize,
         near: &mut NearImages,
-        all: &Built,
+        all: &SetCube,
         show: &mut dyn FnMut(SideBySide),
     ) -> Result<(), HoldOutError> {
         let view = self.views[i];
@@ -246,7 +246,7 @@ impl Bench<'_> {
         let (photograph, visible) = photograph(&held, &camera);
         let chosen = near.nearest(&camera, NearImages::COUNT);
         let [alone, few] = [self.near(near, &chosen[..1])?, self.near(near, &chosen)?];
-        let mut drawn: Vec<Drawn> = [&alone, &few, all]
+        let mut drawn: Vec<GainedFrame> = [&alone, &few, all]
             .into_iter()
             .map(|cube| self.draw(cube, &camera, gain))
             .collect();
@@ -286,7 +286,7 @@ impl Bench<'_> {
             ),
         ] {
             let judge =
-                Judge::where_all_show(&scene, &view.name, &photograph, (&visible, &edges), drawn);
+                HeldOutComparison::where_all_show(&scene, &view.name, &photograph, (&visible, &edges), drawn);
             to.extend(
                 names
                     .iter()
@@ -304,7 +304,7 @@ impl Bench<'_> {
     }
 
     /// Draws a cube.
-    fn draw(&mut self, built: &Built, camera: &Camera, gain: [f32; 3]) -> Drawn {
+    fn draw(&mut self, built: &SetCube, camera: &Camera, gain: [f32; 3]) -> GainedFrame {
         let cube = &built.cube;
         let settings = RenderSettings {
             hole_color_srgb: HOLE,
@@ -315,8 +315,8 @@ impl Bench<'_> {
         self.renderer.render(cube, camera, &settings);
         let (frame, stats) = self.renderer.render_with_stats(cube, camera, &settings);
         let drawn =
-            Drawn::new(frame, gain, Some(HOLE)).took(stats.frame_ms, built.build_ms, cube.bytes());
-        Drawn {
+            GainedFrame::new(frame, gain, Some(HOLE)).took(stats.frame_ms, built.build_ms, cube.bytes());
+        GainedFrame {
             rebuild_ms: built.rebuild_ms,
             ..drawn
         }
@@ -328,13 +328,13 @@ impl Bench<'_> {
         settings: GeometrySettings,
         camera: &Camera,
         gain: [f32; 3],
-    ) -> Drawn {
+    ) -> GainedFrame {
         self.geometry_renderer
-            .render(&self.geometry, camera, &settings, Patience::Wait);
+            .render(&self.geometry, camera, &settings, WaitPolicy::Wait);
         let (frame, stats) =
             self.geometry_renderer
-                .render(&self.geometry, camera, &settings, Patience::Wait);
-        Drawn::new(frame, gain, Some(HOLE)).took(
+                .render(&self.geometry, camera, &settings, WaitPolicy::Wait);
+        GainedFrame::new(frame, gain, Some(HOLE)).took(
             stats.frame_ms,
             self.geometry_ms,
             self.geometry.bytes(),

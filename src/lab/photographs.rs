@@ -10,7 +10,7 @@
 //! shows the object or any of them shows anything, and holes are black; elsewhere where all show
 //! something.
 
-use super::held_out::{Drawn, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
+use super::held_out::{GainedFrame, HeldOut, HoldOutError, HeldOutComparison, Rows, camera_of, photograph};
 use super::machine::{Machine, commit};
 use super::table::{Table, figure};
 use glam::DVec3;
@@ -23,7 +23,7 @@ use headbox_images::dense_depth::DenseDepth;
 use headbox_images::{ImageSet, ImagesError, LoadedView, View};
 use headbox_ldi::from_images::ImagesJob;
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, Patience, Texturing, ViewGeometry,
+    GeometryRenderer, GeometryResources, GeometrySettings, WaitPolicy, Texturing, ViewGeometry,
 };
 use headbox_photos::voxel_colouring::PhotographsJob;
 use image::{Rgb, RgbImage};
@@ -128,7 +128,7 @@ pub fn measure(
             .zip(&visible)
             .map(|(pixel, visible)| *visible && shows(pixel))
             .collect();
-        let judge = Judge {
+        let judge = HeldOutComparison {
             scene: set.folder.display().to_string(),
             view: &view.name,
             photograph: &truth,
@@ -156,7 +156,7 @@ pub fn measure(
 }
 
 /// A photograph on the plane through `focus` that faces it.
-pub(super) fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Drawn {
+pub(super) fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> GainedFrame {
     let (mut picture, mut covered) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
     let started = Instant::now();
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
@@ -166,7 +166,7 @@ pub(super) fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Draw
         *pixel = Rgb(color.unwrap_or_default().map(|level| (level + 0.5) as u8));
     }
     let frame_ms = started.elapsed().as_secs_f64() * 1e3;
-    Drawn {
+    GainedFrame {
         picture,
         covered,
         frame_ms,
@@ -184,7 +184,7 @@ fn by_found_depth(
     centres: [DVec3; 2],
     camera: &Camera,
     progress: &dyn Progress,
-) -> Result<Vec<Drawn>, HoldOutError> {
+) -> Result<Vec<GainedFrame>, HoldOutError> {
     let folder = tempfile::tempdir().map_err(HoldOutError::Folder)?;
     let views = others
         .iter()
@@ -225,9 +225,9 @@ fn by_found_depth(
             texturing,
             ..GeometrySettings::default()
         };
-        renderer.render(&geometry, camera, &settings, Patience::Wait);
-        let (frame, stats) = renderer.render(&geometry, camera, &settings, Patience::Wait);
-        drawn.push(Drawn::new(frame, [1.0; 3], None).took(
+        renderer.render(&geometry, camera, &settings, WaitPolicy::Wait);
+        let (frame, stats) = renderer.render(&geometry, camera, &settings, WaitPolicy::Wait);
+        drawn.push(GainedFrame::new(frame, [1.0; 3], None).took(
             stats.frame_ms,
             build_ms,
             geometry.bytes(),
@@ -241,7 +241,7 @@ fn ldi(
     build: impl FnOnce() -> Result<CubeLdi, ImagesError>,
     before_ms: f64,
     camera: &Camera,
-) -> Result<Drawn, HoldOutError> {
+) -> Result<GainedFrame, HoldOutError> {
     let started = Instant::now();
     let cube = PackedCube::pack(&build()?, SplatIndexLayout::Normal, Split::Auto)?;
     let build_ms = before_ms + started.elapsed().as_secs_f64() * 1e3;
@@ -252,7 +252,7 @@ fn ldi(
     let mut renderer = Renderer::new();
     renderer.render(&cube, camera, &settings);
     let (frame, stats) = renderer.render_with_stats(&cube, camera, &settings);
-    Ok(Drawn::new(frame, [1.0; 3], None).took(stats.frame_ms, build_ms, cube.bytes()))
+    Ok(GainedFrame::new(frame, [1.0; 3], None).took(stats.frame_ms, build_ms, cube.bytes()))
 }
 
 impl PhotographsReport {

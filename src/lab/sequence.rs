@@ -7,7 +7,7 @@
 //! off its plane; by `layers` and `layers-with-depth`, a sprite a layer, likewise. Errors are taken
 //! where all show something.
 
-use super::held_out::{Drawn, HOLE, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
+use super::held_out::{GainedFrame, HOLE, HeldOut, HoldOutError, HeldOutComparison, Rows, camera_of, photograph};
 use super::machine::{Machine, commit};
 use super::photographs::on_plane;
 use super::table::{Table, figure, percent};
@@ -168,7 +168,7 @@ pub fn measure(
         masks: Vec::new(),
         ..job.clone()
     }
-    .layers(frames)?;
+    .segment(frames)?;
     let composition = |layers: &PlanarLayers| -> Result<Composition, SpriteError> {
         let sprites = sprites_of_layers(layers, DisplacementFormat::default())?;
         Ok(Composition::new(SpriteSet::new(sprites), Vec::new()))
@@ -210,7 +210,7 @@ pub fn measure(
         }
         let scene = set.folder.display().to_string();
         let nowhere = vec![false; visible.len()];
-        let judge = Judge::where_all_show(&scene, &view.name, &truth, (&visible, &nowhere), &drawn);
+        let judge = HeldOutComparison::where_all_show(&scene, &view.name, &truth, (&visible, &nowhere), &drawn);
         rows.extend(
             VARIANTS
                 .into_iter()
@@ -235,7 +235,7 @@ pub fn measure(
 }
 
 /// A frame of sprites, magenta where nothing is known.
-fn draw(sprites: &Composition, variant: SpriteVariant, camera: &Camera, build_ms: f64) -> Drawn {
+fn draw(sprites: &Composition, variant: SpriteVariant, camera: &Camera, build_ms: f64) -> GainedFrame {
     let (mut composer, mut frame) = (Composer::default(), Frame::default());
     let options = RenderOptions {
         variant,
@@ -253,7 +253,7 @@ fn draw(sprites: &Composition, variant: SpriteVariant, camera: &Camera, build_ms
         sprite.sprite().color().len() + (columns * rows) as usize
     });
     let frame_ms = stats.sprites_ms + stats.cubes_ms + stats.compose_ms;
-    Drawn::new(&frame, [1.0; 3], Some(HOLE)).took(frame_ms, build_ms, bytes.sum())
+    GainedFrame::new(&frame, [1.0; 3], Some(HOLE)).took(frame_ms, build_ms, bytes.sum())
 }
 
 /// Depth found for the middle view, and that of its layers, compared with the depth in its files.

@@ -33,12 +33,12 @@ pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettin
             lumigraph.grid().rows().len(),
         );
         match ray.shows(&layers, settings.blend, &steps) {
-            Shows::Color(linear) => {
+            RayResult::Color(linear) => {
                 let [r, g, b] = linear.map(|c| srgb8_from_linear(c as f32));
                 (*color, *coverage) = ([r, g, b, 255], Coverage::FULL);
             }
-            Shows::Hidden => {}
-            Shows::Nothing => {
+            RayResult::Hidden => {}
+            RayResult::Nothing => {
                 if let Some([r, g, b]) = lumigraph.environment.sample(direction.as_vec3()) {
                     (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
                 }
@@ -49,7 +49,7 @@ pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettin
 }
 
 /// Result of a ray.
-enum Shows {
+enum RayResult {
     /// Linear red, green and blue, 1 for white.
     Color([f64; 3]),
     /// Its cameras see what hides it.
@@ -74,9 +74,9 @@ struct Neighbour {
 impl Ray<'_> {
     /// Traces the ray for the cameras of its cell or, if they see an occluder, for those of
     /// neighbouring cells.
-    fn shows(&self, layers: &[MergedLayer], blend: Blend, steps: &[Step]) -> Shows {
+    fn shows(&self, layers: &[MergedLayer], blend: Blend, steps: &[Step]) -> RayResult {
         if let Some(color) = self.color(layers, blend, Step::FIRST) {
-            return Shows::Color(color);
+            return RayResult::Color(color);
         }
         let grid = self.lumigraph.grid();
         let (eye, along) = (
@@ -87,7 +87,7 @@ impl Ray<'_> {
             .last()
             .filter(|_| along.z > super::grid::LEAST_FORWARD)
         else {
-            return Shows::Nothing;
+            return RayResult::Nothing;
         };
         let far = self.eye + self.direction * 1e12;
         let neighbours = self.neighbours(eye - along * (eye.z / along.z), [0, 0]);
@@ -95,12 +95,12 @@ impl Ray<'_> {
             .iter()
             .filter_map(|neighbour| self.image(neighbour, far, infinity.level));
         if images.filter(|image| image.nearest()[3] > 0).count() == 0 {
-            return Shows::Nothing;
+            return RayResult::Nothing;
         }
         steps
             .iter()
             .find_map(|step| self.color(layers, blend, *step))
-            .map_or(Shows::Hidden, Shows::Color)
+            .map_or(RayResult::Hidden, RayResult::Color)
     }
 
     /// Linear red, green and blue, 1 for white; `None` if no camera of a cell shows what the ray

@@ -37,7 +37,7 @@ use headbox_core::environment::Environment;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::simd;
 use rayon::prelude::*;
-use scan::{Drawn, DrawnRows};
+use scan::{DrawnTriangle, DrawnRows};
 use std::ops::Range;
 use std::time::Instant;
 use view::LocalCamera;
@@ -47,7 +47,7 @@ const LANES: usize = 16;
 
 /// Content of a pixel of a [`RasterOutput`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Seen {
+pub enum PixelContent {
     /// Nothing but the surroundings.
     Nothing,
     /// A triangle of the scene.
@@ -56,7 +56,7 @@ pub enum Seen {
     Marker(u32),
 }
 
-/// The surface of a pixel in 32 bits; see [`Seen`].
+/// The surface of a pixel in 32 bits; see [`PixelContent`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub(crate) struct SurfaceId(u32);
@@ -102,11 +102,11 @@ impl SurfaceId {
 
     /// Identifier of the marker.
     #[inline]
-    fn seen(self) -> Seen {
+    fn seen(self) -> PixelContent {
         match self.0 {
-            u32::MAX => Seen::Nothing,
-            id if id & Self::MARKER != 0 => Seen::Marker(id & !Self::MARKER),
-            id => Seen::Triangle(id),
+            u32::MAX => PixelContent::Nothing,
+            id if id & Self::MARKER != 0 => PixelContent::Marker(id & !Self::MARKER),
+            id => PixelContent::Triangle(id),
         }
     }
 }
@@ -127,7 +127,7 @@ pub struct GroupWindow {
 pub struct Marker {
     /// Its corners, world metres.
     pub polygon: Vec<DVec3>,
-    /// Number of the marker in [`Seen::Marker`]; below 2^31 - 1.
+    /// Number of the marker in [`PixelContent::Marker`]; below 2^31 - 1.
     pub number: u32,
 }
 
@@ -157,10 +157,10 @@ pub struct RasterOutput {
 impl RasterOutput {
     /// Content of the pixel at this index (row-major).
     #[inline]
-    pub fn seen(&self, pixel: usize) -> Seen {
+    pub fn seen(&self, pixel: usize) -> PixelContent {
         self.surface
             .get(pixel)
-            .map_or(Seen::Nothing, |id| id.seen())
+            .map_or(PixelContent::Nothing, |id| id.seen())
     }
 }
 
@@ -190,7 +190,7 @@ pub struct Rasterizer {
     stats: RasterStats,
     visible: Vec<VisibleCluster>,
     /// For each band, the triangles that it may show.
-    drawn: Vec<Vec<Drawn>>,
+    drawn: Vec<Vec<DrawnTriangle>>,
 }
 
 impl Default for Rasterizer {

@@ -28,13 +28,13 @@ pub(super) struct DrawnRows<'a> {
     pub(super) inverse_depth: &'a mut [f32],
     pub(super) surface: &'a mut [SurfaceId],
     /// The triangles that were nearest somewhere when they were drawn.
-    pub(super) drawn: &'a mut Vec<Drawn>,
+    pub(super) drawn: &'a mut Vec<DrawnTriangle>,
     pub(super) stats: RasterStats,
 }
 
 /// A triangle, and the columns and rows of the target that it can show in.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Drawn {
+pub(super) struct DrawnTriangle {
     pub(super) id: SurfaceId,
     pub(super) columns: Range<u32>,
     pub(super) rows: Range<u32>,
@@ -238,13 +238,13 @@ impl DrawnRows<'_> {
             _ => self.wide(simd, &columns, &rows, edges, &plane, id, cutout),
         }
         if self.stats.pixels_written > before {
-            self.list(Drawn { id, columns, rows });
+            self.list(DrawnTriangle { id, columns, rows });
         }
     }
 
     /// Notes a triangle; the pieces of a clipped one, which follow each other, together.
     #[inline(always)]
-    fn list(&mut self, drawn: Drawn) {
+    fn list(&mut self, drawn: DrawnTriangle) {
         match self.drawn.last_mut() {
             Some(last) if last.id == drawn.id => {
                 last.columns = last.columns.start.min(drawn.columns.start)

@@ -9,10 +9,10 @@
 
 use super::mesh::{MeshMaterial, RasterMesh, Vertex};
 use super::mip::MipTexture;
-use super::scan::{Drawn, DrawnRows};
+use super::scan::{DrawnTriangle, DrawnRows};
 use super::view::LocalCamera;
 use super::weights::{CornerWeights, Slopes, mixed};
-use super::{LANES, Seen, SurfaceId};
+use super::{LANES, PixelContent, SurfaceId};
 use fearless_simd::dispatch;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};
@@ -90,9 +90,9 @@ impl PixelShader<'_> {
                 }
                 for (i, surface) in surfaces.iter().enumerate() {
                     match surface.seen() {
-                        Seen::Marker(_) => target.stats.marker_pixels += 1,
-                        Seen::Triangle(_) => coverages[i] = Coverage::FULL,
-                        Seen::Nothing => {
+                        PixelContent::Marker(_) => target.stats.marker_pixels += 1,
+                        PixelContent::Triangle(_) => coverages[i] = Coverage::FULL,
+                        PixelContent::Nothing => {
                             self.environment_at(x + i as u32, y, &mut colors[i], &mut coverages[i])
                         }
                     }
@@ -117,8 +117,8 @@ impl PixelShader<'_> {
             count: 0,
             pixels: [0; LANES],
         };
-        for Drawn { id, columns, rows } in target.drawn.iter() {
-            let Seen::Triangle(primitive) = id.seen() else {
+        for DrawnTriangle { id, columns, rows } in target.drawn.iter() {
+            let PixelContent::Triangle(primitive) = id.seen() else {
                 continue;
             };
             let mut shading = None;

@@ -17,7 +17,7 @@ use headbox_house::opening::Opening;
 use headbox_house::settings::{Near, WalkSettings};
 use headbox_house::store::Store;
 use headbox_house::walk::Walker;
-use headbox_raster::Seen;
+use headbox_raster::PixelContent;
 use std::sync::Arc;
 
 /// The door from the first room to the second, as seen from the first.
@@ -28,7 +28,7 @@ fn first_door(house: &House) -> Opening {
 }
 
 fn is_behind(walker: &Walker, pixel: usize) -> bool {
-    matches!(walker.last().seen(pixel), Seen::Marker(_))
+    matches!(walker.last().seen(pixel), PixelContent::Marker(_))
 }
 
 fn with(kind: BackdropKind, near: Near) -> WalkSettings {

@@ -16,7 +16,7 @@ use headbox_house::visit::likely;
 use headbox_house::walk::Walker;
 use headbox_house::walk_path::WalkPath;
 use headbox_model::PortalModel;
-use headbox_raster::Seen;
+use headbox_raster::PixelContent;
 use std::sync::Arc;
 
 #[test]
@@ -424,7 +424,7 @@ fn a_wall_is_a_sprite_and_a_room_or_a_pillar_is_not() {
         "{stats:?}"
     );
     let (frame, shown) = (frame.clone(), walker.last().clone());
-    let behind = |i: usize| matches!(shown.seen(i), Seen::Marker(_));
+    let behind = |i: usize| matches!(shown.seen(i), PixelContent::Marker(_));
     let expected = truth(&wall, &camera);
     let shown: Vec<usize> = (0..frame.color.len())
         .filter(|&i| behind(i) && !frame.coverage[i].is_hole())

@@ -8,7 +8,7 @@ use headbox_core::environment::Environment;
 use headbox_core::random::Rng;
 use headbox_core::simd;
 use headbox_raster::{
-    GroupWindow, Marker, RasterMesh, RasterOutput, RasterStats, RasterView, Rasterizer, Seen,
+    GroupWindow, Marker, RasterMesh, RasterOutput, RasterStats, RasterView, Rasterizer, PixelContent,
 };
 use headbox_scene::material::{Cutout, Material, Texture};
 use headbox_scene::scene::Scene;
@@ -153,8 +153,8 @@ fn compare_with_tracer(scene: Scene, camera: &Camera) -> usize {
         let (x, y) = (pixel as u32 % camera.width(), pixel as u32 / camera.width());
         let (px, py) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
         let seen_at = |dx: f64, dy: f64| match hit(&tracer, camera, px + dx, py + dy) {
-            Some(hit) => Seen::Triangle(hit.primitive),
-            None => Seen::Nothing,
+            Some(hit) => PixelContent::Triangle(hit.primitive),
+            None => PixelContent::Nothing,
         };
         let seen = frame.seen(pixel);
         if seen == seen_at(0.0, 0.0) {
@@ -315,7 +315,7 @@ fn neighbours_leave_no_pixel_out_and_share_few() {
             times
                 .iter_mut()
                 .enumerate()
-                .for_each(|(i, n)| *n += u32::from(frame.seen(i) != Seen::Nothing));
+                .for_each(|(i, n)| *n += u32::from(frame.seen(i) != PixelContent::Nothing));
         }
         assert!(times.iter().all(|&n| n >= 1), "side {side}, reach {reach}");
         // A centre in 256 lies on an edge that runs through its pixel.
@@ -456,7 +456,7 @@ fn colours_are_those_of_the_surface_that_the_tracer_meets() {
             f64::from(pixel as u32 / 97) + 0.5,
         );
         let Some(hit) = hit(&tracer, &camera, x, y)
-            .filter(|hit| frame.seen(pixel) == Seen::Triangle(hit.primitive))
+            .filter(|hit| frame.seen(pixel) == PixelContent::Triangle(hit.primitive))
         else {
             continue;
         };
@@ -509,7 +509,7 @@ fn a_floor_just_under_the_eye_has_its_colours_in_their_places() {
         let frame = draw(&scene, &camera).0;
         let mut compared = 0;
         for pixel in
-            (0..frame.inverse_depth.len()).filter(|pixel| frame.seen(*pixel) != Seen::Nothing)
+            (0..frame.inverse_depth.len()).filter(|pixel| frame.seen(*pixel) != PixelContent::Nothing)
         {
             let d = camera.direction(
                 f64::from(pixel as u32 % 61) + 0.5,
@@ -581,7 +581,7 @@ fn minified_textures_turn_grey_and_cut_outs_have_holes() {
     let (frame, _) = draw(&Arc::new(scene), &camera);
     for pixel in 0..64 {
         let left = pixel % 8 < 4;
-        assert_eq!(frame.seen(pixel) != Seen::Nothing, left, "pixel {pixel}");
+        assert_eq!(frame.seen(pixel) != PixelContent::Nothing, left, "pixel {pixel}");
     }
 }
 
@@ -620,7 +620,7 @@ fn markers_are_hidden_by_what_is_nearer_and_hide_what_is_farther() {
     assert_eq!(stats.marker_pixels, 30);
     for pixel in 0..60 {
         let right = pixel % 10 >= 5;
-        assert_eq!(frame.seen(pixel) == Seen::Marker(5), !right);
+        assert_eq!(frame.seen(pixel) == PixelContent::Marker(5), !right);
         assert_eq!(frame.frame.coverage[pixel].is_hole(), !right);
     }
 }
@@ -650,7 +650,7 @@ fn nothing_breaks_on_the_smallest_frames_and_on_triangles_without_area() {
             &camera(DVec3::ZERO, dvec3(0.0, 0.0, -1.0), width, height),
         );
         let all =
-            (0..(width * height) as usize).all(|pixel| frame.seen(pixel) == Seen::Triangle(4));
+            (0..(width * height) as usize).all(|pixel| frame.seen(pixel) == PixelContent::Triangle(4));
         assert!(all, "{width}x{height}");
     }
     let mesh = RasterMesh::new(

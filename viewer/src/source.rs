@@ -231,7 +231,7 @@ impl Ongoing {
 }
 
 /// A source that is being opened elsewhere: the window shows that it is until there is one.
-pub struct Coming {
+pub struct PendingSource {
     /// Name of the file or scene being opened.
     pub name: String,
     /// The source, or one sentence why there is none.

@@ -63,7 +63,7 @@ pub(super) struct VertexLight<'a> {
 }
 
 /// The cut scene whose vertices are lit.
-struct Cut<'a> {
+struct SubdividedScene<'a> {
     scene: &'a Scene,
     corners: &'a Corners,
     /// For each triangle that of the tracer's scene which it is a piece of.
@@ -80,7 +80,7 @@ struct Light {
 
 /// The samples of a vertex so far.
 #[derive(Clone, Copy, Default)]
-struct Gathered {
+struct VertexSums {
     sharp: Sharp,
     /// Sum of the soft light of `samples`.
     soft: Vec3,
@@ -89,7 +89,7 @@ struct Gathered {
     side: f32,
 }
 
-impl Gathered {
+impl VertexSums {
     fn light(&self) -> Light {
         Light {
             sharp: self.sharp.mean(),
@@ -105,13 +105,13 @@ struct Begun {
 }
 
 /// Radiosity per albedo beyond cells of arrivals.
-type Beyond = FxHashMap<u64, Vec3>;
+type BeyondCells = FxHashMap<u64, Vec3>;
 
 /// Is told how many samples of vertices are taken.
 type Told<'a> = dyn Fn(usize) -> ControlFlow<()> + Sync + 'a;
 
 /// A part of a batch, told of while it is done.
-struct Part<'a> {
+struct VertexBatch<'a> {
     told: &'a Told<'a>,
     /// Samples before it, and those that it stands for.
     before: usize,
@@ -121,7 +121,7 @@ struct Part<'a> {
     done: AtomicUsize,
 }
 
-impl<'a> Part<'a> {
+impl<'a> VertexBatch<'a> {
     /// A part is told of so often, about.
     const TIMES: usize = 64;
 
@@ -158,7 +158,7 @@ impl VertexLight<'_> {
     ) -> u32 {
         let corners = separate_creases(scene);
         let count = scene.positions.len();
-        let cut = Cut {
+        let cut = SubdividedScene {
             scene,
             corners: &corners,
             sources,
@@ -179,7 +179,7 @@ impl VertexLight<'_> {
             ..*self
         }
         .gather(&cut, &told);
-        let mut lights: Vec<Light> = gathered.iter().map(Gathered::light).collect();
+        let mut lights: Vec<Light> = gathered.iter().map(VertexSums::light).collect();
         for _ in 0..self.options.smoothing {
             lights = smooth(scene, &corners, &lights);
         }
@@ -196,7 +196,7 @@ impl VertexLight<'_> {
     }
 
     /// Places all over the scene.
-    fn places(&self, cut: &Cut<'_>) -> Vec<LitPoint> {
+    fn places(&self, cut: &SubdividedScene<'_>) -> Vec<LitPoint> {
         let step = (cut.scene.positions.len() / MOST_PLACES).max(1);
         let vertices: Vec<usize> = (0..cut.scene.positions.len()).step_by(step).collect();
         let lit = vertices
@@ -208,12 +208,12 @@ impl VertexLight<'_> {
 
     /// The light of all vertices, round after round and batch after batch: what is known of what
     /// lies beyond cells does not depend on threads.
-    fn gather(&self, cut: &Cut<'_>, told: &Told<'_>) -> Vec<Gathered> {
+    fn gather(&self, cut: &SubdividedScene<'_>, told: &Told<'_>) -> Vec<VertexSums> {
         let count = cut.scene.positions.len();
         let cell_m =
             (self.options.edge_m * CELL_SHARE).clamp(NARROWEST_CELL_M, WIDEST_CELL_M) as f32;
         let (samples, mut done) = (self.options.samples.max(1), 0);
-        let (mut vertices, mut beyond) = (vec![Gathered::default(); count], Beyond::default());
+        let (mut vertices, mut beyond) = (vec![VertexSums::default(); count], BeyondCells::default());
         let first = samples.min(FIRST_ROUND);
         for round in [0..first, first..samples] {
             let many = round.len();
@@ -222,15 +222,15 @@ impl VertexLight<'_> {
                 // Half of the work of a batch is to begin its samples, about, and half to look
                 // beyond.
                 let half = batched.len() * many / 2;
-                let beginning = Part::new(told, done, half, batched.len());
-                let begin = |(i, vertex): (usize, &mut Gathered)| {
+                let beginning = VertexBatch::new(told, done, half, batched.len());
+                let begin = |(i, vertex): (usize, &mut VertexSums)| {
                     let begun = self.begin(cut, number * batch + i, vertex, round.clone(), cell_m);
                     beginning.one_more();
                     begun
                 };
                 let begun: Vec<Vec<Begun>> =
                     batched.par_iter_mut().enumerate().map(begin).collect();
-                let looking = |cells| Part::new(told, done + half, half, cells);
+                let looking = |cells| VertexBatch::new(told, done + half, half, cells);
                 self.look_beyond(&mut beyond, begun.iter().flatten(), looking);
                 batched
                     .par_iter_mut()
@@ -255,9 +255,9 @@ impl VertexLight<'_> {
     /// those that share what lies beyond their first ray are put aside.
     fn begin(
         &self,
-        cut: &Cut<'_>,
+        cut: &SubdividedScene<'_>,
         vertex: usize,
-        gathered: &mut Gathered,
+        gathered: &mut VertexSums,
         round: Range<u32>,
         cell_m: f32,
     ) -> Vec<Begun> {
@@ -293,9 +293,9 @@ impl VertexLight<'_> {
     /// them.
     fn look_beyond<'b, 't>(
         &self,
-        beyond: &mut Beyond,
+        beyond: &mut BeyondCells,
         begun: impl Iterator<Item = &'b Begun>,
-        part: impl FnOnce(usize) -> Part<'t>,
+        part: impl FnOnce(usize) -> VertexBatch<'t>,
     ) {
         let unknown = begun.filter(|begun| !beyond.contains_key(&begun.cell));
         // Any fixed order that has nothing to do with places will do to draw those that stand for
@@ -327,7 +327,7 @@ impl VertexLight<'_> {
     }
 
     /// The side of a vertex that is lit: 1 for the front, -1 for the back.
-    fn side(&self, cut: &Cut<'_>, vertex: usize) -> f32 {
+    fn side(&self, cut: &SubdividedScene<'_>, vertex: usize) -> f32 {
         let side_of = |&(triangle, _): &(u32, u8)| self.side_of(cut, triangle);
         let seen = cut
             .corners
@@ -353,7 +353,7 @@ impl VertexLight<'_> {
     }
 
     /// The side of a triangle that is known to be seen.
-    fn side_of(&self, cut: &Cut<'_>, triangle: u32) -> Side {
+    fn side_of(&self, cut: &SubdividedScene<'_>, triangle: u32) -> Side {
         self.sides
             .get(cut.sources[triangle as usize] as usize)
             .copied()
@@ -365,7 +365,7 @@ impl VertexLight<'_> {
     /// to the vertex where that lies in a wall.
     fn point(
         &self,
-        cut: &Cut<'_>,
+        cut: &SubdividedScene<'_>,
         vertex: usize,
         index: u32,
         side: f32,

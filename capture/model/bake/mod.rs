@@ -86,7 +86,7 @@ pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
 pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
-    bake_seen(source, Seen::ALL, Lighting::measure, options, progress)
+    bake_seen(source, KnownVisibility::ALL, Lighting::measure, options, progress)
 }
 
 /// Same as [`bake`], in the scene's light as it is: without metering, so that the exposure is 1,
@@ -96,19 +96,19 @@ pub fn bake_unmetered(
     options: &BakeOptions,
     progress: &BakeProgress<'_>,
 ) -> Baked {
-    bake_seen(source, Seen::ALL, Lighting::of_scene, options, progress)
+    bake_seen(source, KnownVisibility::ALL, Lighting::of_scene, options, progress)
 }
 
 /// Known visibility of a scene.
 #[derive(Clone, Copy)]
-struct Seen<'a> {
+struct KnownVisibility<'a> {
     /// Visible side of each triangle; any for those beyond its end.
     sides: &'a [Side],
     /// Returns true if a position (world metres) may be visible.
     is_open: &'a (dyn Fn(DVec3) -> bool + Sync),
 }
 
-impl Seen<'_> {
+impl KnownVisibility<'_> {
     /// Nothing.
     const ALL: Self = Self {
         sides: &[],
@@ -120,7 +120,7 @@ impl Seen<'_> {
 /// number of bounces.
 fn bake_seen(
     source: &Arc<Scene>,
-    Seen { sides, is_open }: Seen<'_>,
+    KnownVisibility { sides, is_open }: KnownVisibility<'_>,
     lights: impl FnOnce(&Tracer, u32) -> Lighting,
     options: &BakeOptions,
     progress: &BakeProgress<'_>,
@@ -185,7 +185,7 @@ pub fn bake_model(
             .iter()
             .any(|(bounds, prism)| is_near(bounds) && prism.contains(place))
     };
-    let seen = Seen {
+    let seen = KnownVisibility {
         sides: &sides,
         is_open: &is_in_a_room,
     };

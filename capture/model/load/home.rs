@@ -71,7 +71,7 @@ pub(super) struct Wall {
 
 /// A piece of furniture, a lamp, or a door or window, as a model.
 #[derive(Clone, Debug)]
-pub(super) struct Piece {
+pub(super) struct FurniturePiece {
     /// Name of the model in the archive.
     pub(super) model: Option<String>,
     pub(super) is_opening: bool,
@@ -126,7 +126,7 @@ pub(super) struct Home {
     pub(super) rooms: Vec<Room>,
     pub(super) openings: Vec<Opening>,
     pub(super) walls: Vec<Wall>,
-    pub(super) pieces: Vec<Piece>,
+    pub(super) pieces: Vec<FurniturePiece>,
     /// Colours of the sky and of the ground around it, sRGB from 0 to 1.
     pub(super) sky_color: Option<[f32; 3]>,
     pub(super) ground_color: Option<[f32; 3]>,
@@ -331,7 +331,7 @@ impl Wall {
     }
 }
 
-fn piece(node: Node, level: Level, is_opening: bool) -> Option<Piece> {
+fn piece(node: Node, level: Level, is_opening: bool) -> Option<FurniturePiece> {
     let positive = |attribute: &str| number(node, attribute).filter(|&value| value > 0.0);
     let rotation = node.attribute("modelRotation").and_then(|text| {
         let numbers: Vec<f64> = text
@@ -343,7 +343,7 @@ fn piece(node: Node, level: Level, is_opening: bool) -> Option<Piece> {
     });
     let materials = elements(node, "material");
     let material = |m: Node| Some((m.attribute("name")?.to_owned(), finish(m, "color", None)));
-    Some(Piece {
+    Some(FurniturePiece {
         model: node.attribute("model").map(str::to_owned),
         is_opening,
         centre: DVec2::new(number(node, "x")?, number(node, "y")?),

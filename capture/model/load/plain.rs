@@ -9,7 +9,7 @@
 
 use super::archive::{Archive, Corner, FaceGroup, Model};
 use super::finish::{Finish, Repeated};
-use super::home::{Home, Opening, Piece, Room, Wall};
+use super::home::{Home, Opening, FurniturePiece, Room, Wall};
 use glam::{Affine2, DMat3, DVec2, DVec3};
 use headbox_scene::load::mtl::{Map, MtlMaterial};
 use headbox_scene::load::obj::Pictures;
@@ -347,7 +347,7 @@ impl<'a> PlainHome<'a> {
         }
     }
 
-    fn piece(&mut self, index: usize, piece: &Piece) {
+    fn piece(&mut self, index: usize, piece: &FurniturePiece) {
         let kind = if piece.is_opening { "door" } else { "piece" };
         let turn = DMat3::from_rotation_y(-piece.angle);
         let place = |p: DVec3| {
@@ -426,7 +426,7 @@ impl<'a> PlainHome<'a> {
     /// says nothing, as the model does.
     fn paint_part(
         &mut self,
-        piece: &Piece,
+        piece: &FurniturePiece,
         name: &str,
         model: &Model,
         faces: &FaceGroup,
@@ -460,7 +460,7 @@ impl<'a> PlainHome<'a> {
         None
     }
 
-    fn cuboid(&mut self, piece: &Piece, place: impl Fn(DVec3) -> DVec3, turn: DMat3) {
+    fn cuboid(&mut self, piece: &FurniturePiece, place: impl Fn(DVec3) -> DVec3, turn: DMat3) {
         let half = piece.size / 2.0;
         for axis in 0..3 {
             let [u, v] = [

@@ -184,10 +184,10 @@ mod tests {
     }
 
     /// Corners, and of the middle colour, light, normal, and whether it is there.
-    type Shown = ([DVec3; 3], [f32; 3], [f32; 3], Vec3, bool);
+    type TriangleAttributes = ([DVec3; 3], [f32; 3], [f32; 3], Vec3, bool);
 
     /// What each triangle shows, by material: corners, and at its middle colour, light, normal, and whether it is there.
-    fn shown(scene: &Scene) -> Vec<Shown> {
+    fn shown(scene: &Scene) -> Vec<TriangleAttributes> {
         let mut order: Vec<u32> = (0..scene.triangles.len() as u32).collect();
         order.sort_by_key(|&i| scene.triangles[i as usize].material);
         order

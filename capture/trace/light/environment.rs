@@ -6,17 +6,16 @@ use headbox_core::environment::Environment;
 use headbox_scene::scene::Sky;
 
 impl Lighting {
-    /// The sky's radiance under this exposure, in faces of `size_px` texels; `reached` tells by a
-    /// texel's index (see [`Environment::texels`]) whether a miss reached it.
+    /// Renders the sky's radiance under this exposure into faces of `size_px` texels; `reached`
+    /// returns true for the index of a texel (see [`Environment::texels`]) that a miss reached.
     pub fn environment_where(
         &self,
         size_px: u32,
         reached: impl Fn(usize) -> bool + Sync,
     ) -> Environment {
-        /// Directions along each side of a texel.
+        /// Number of samples along each side of a texel.
         const SUPERSAMPLING: u32 = 4;
-        // A picture of the sky may be finer than this map: each texel is the mean of what it
-        // covers.
+        // The sky image may be finer than this map: each texel is the mean over its footprint.
         let side = if matches!(self.sky, Some(Sky::Picture(_))) {
             SUPERSAMPLING
         } else {
@@ -31,11 +30,11 @@ impl Lighting {
         Environment::from_radiance(size_px, side, stored, reached)
     }
 
-    /// The whole sky; of size 0 where there is none.
+    /// Renders the whole sky; of size 0 without a sky.
     pub fn environment(&self) -> Environment {
         let size_px = match &self.sky {
             None => return Environment::default(),
-            // A smooth gradient needs no more.
+            // Sufficient for a smooth gradient.
             Some(Sky::Gradient(_)) => 128,
             Some(Sky::Picture(_)) => 512,
         };

@@ -1,4 +1,4 @@
-//! A look around before there is light, by which exposure and fill light are measured.
+//! Pilot rays, traced before lighting to measure exposure and fill light.
 
 use super::LitPoint;
 use crate::bvh::{Ray, Tracer};
@@ -6,7 +6,7 @@ use crate::sampler::{random4, unit_float};
 use crate::viewpoint;
 use glam::Vec3;
 
-/// What a ray met.
+/// Surface hit by a pilot ray.
 pub(super) struct PilotPoint {
     pub(super) point: LitPoint,
     pub(super) albedo: [f32; 3],
@@ -14,18 +14,18 @@ pub(super) struct PilotPoint {
     pub(super) distance_m: f32,
 }
 
-/// What is seen from seeded points in the suggested headbox, in directions spread evenly over the
-/// sphere.
+/// Hits and misses of rays from seeded points in the suggested headbox, in directions evenly spread
+/// over the sphere.
 pub(super) struct Pilot {
     pub(super) surfaces: Vec<PilotPoint>,
     pub(super) misses: Vec<Vec3>,
-    /// Window of the view (see [`Self::WINDOWS`]) of each surface, then of each miss.
+    /// Direction window (see [`Self::WINDOWS`]) of each surface, then of each miss.
     windows: Vec<usize>,
 }
 
 impl Pilot {
-    /// Windows a side into which all directions are cut, by height and by azimuth; all of equal
-    /// solid angle.
+    /// Number of windows by height and by azimuth into which all directions are divided, with equal
+    /// solid angles.
     const WINDOWS: usize = 8;
 
     pub(super) fn new(tracer: &Tracer) -> Self {
@@ -79,9 +79,9 @@ impl Pilot {
         }
     }
 
-    /// Geometric mean over the windows of the mean luminance in each; `seen` is in the order of
-    /// `windows`. The mean inside a window tames the noise of single samples, which a logarithm
-    /// would take for darkness.
+    /// Returns the geometric mean over the windows of the mean luminance in each; `seen` is in the
+    /// order of `windows`. The mean inside a window reduces the noise of single samples, which
+    /// would bias a logarithm toward black.
     pub(super) fn logarithmic_mean(&self, seen: &[f32]) -> f32 {
         let mut sums = [(0.0f64, 0u32); Self::WINDOWS * Self::WINDOWS];
         for (&window, &level) in self.windows.iter().zip(seen) {
@@ -99,7 +99,7 @@ impl Pilot {
     }
 }
 
-/// The value below which a share of all lies; 0 of none.
+/// Returns the value at a quantile; 0 for no values.
 pub(super) fn percentile(values: &mut [f32], share: f64) -> f32 {
     if values.is_empty() {
         return 0.0;

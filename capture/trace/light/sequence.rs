@@ -1,14 +1,13 @@
-//! The (0, 2)-sequence of Sobol in base 2, scrambled as Owen does: of any 2^k points that follow
-//! each other from a multiple of 2^k on, each of the boxes into which the unit square is cut by
-//! halving holds one.
+//! Owen-scrambled Sobol (0, 2)-sequence in base 2: of 2^k consecutive points starting at a multiple
+//! of 2^k, each elementary interval of area 2^-k of the unit square contains one.
 //!
 //! Scrambling is by a hash of the bits above each bit (Burley 2020, "Practical Hash-based Owen
 //! Scrambling"; the hash is Laine and Karras's of 2011). A second use of the sequence for another
 //! decision takes the points in another order, which is scrambled likewise, so that blocks of 2^k
 //! points stay together and decisions have nothing to do with each other.
 
-/// Point `index` of the sequence that `seeds` name: the order of the points, the scrambling of the
-/// two coordinates. In units of 2^-32.
+/// Returns point `index` of the sequence given by three seeds: the order of the points and the
+/// scrambling of the two coordinates. In units of 2^-32.
 #[inline]
 pub(super) fn point(index: u32, [order, first, second]: [u32; 3]) -> [u32; 2] {
     let index = scrambled(index.reverse_bits(), order).reverse_bits();
@@ -16,7 +15,7 @@ pub(super) fn point(index: u32, [order, first, second]: [u32; 3]) -> [u32; 2] {
     [scrambled(index, first), scrambled(pascal(index), second)].map(u32::reverse_bits)
 }
 
-/// The first coordinate of [`point`].
+/// Returns the first coordinate of [`point`].
 #[inline]
 pub(super) fn first(index: u32, [order, first]: [u32; 2]) -> u32 {
     let index = scrambled(index.reverse_bits(), order).reverse_bits();
@@ -34,7 +33,7 @@ fn pascal(mut index: u32) -> u32 {
     index ^ index >> 16
 }
 
-/// A permutation of the numbers that decides each bit by those below it (Laine and Karras 2011,
+/// Permutes numbers such that each bit depends on those below it (Laine and Karras 2011,
 /// with the constants of Vegdahl 2021).
 #[inline]
 fn scrambled(mut x: u32, seed: u32) -> u32 {
@@ -51,7 +50,7 @@ mod tests {
     use crate::sampler::random4;
 
     #[test]
-    fn every_box_holds_one_point() {
+    fn elementary_intervals_have_one_point() {
         const BITS: u32 = 8;
         let [order, first, second, _] = random4([1, 2, 3, 4]);
         for block in [0u32, 3, 1 << 20] {
@@ -74,14 +73,14 @@ mod tests {
     }
 
     #[test]
-    fn a_first_coordinate_is_that_of_the_point() {
+    fn first_matches_point() {
         for index in [0, 1, 77, u32::MAX] {
             assert_eq!(first(index, [5, 6]), point(index, [5, 6, 7])[0]);
         }
     }
 
     #[test]
-    fn decisions_have_nothing_to_do_with_each_other() {
+    fn decisions_independent() {
         const COUNT: u32 = 1 << 14;
         let at = |i: u32, seed: u32| {
             let [order, first, second, _] = random4([seed, 0, 0, 0]);

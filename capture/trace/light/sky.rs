@@ -1,8 +1,8 @@
-//! Light straight from a picture of the sky: by the sky's own directions and by those of a path's
-//! rays together.
+//! Direct light from a sky image: multiple importance sampling of the sky's directions and of a
+//! path's rays.
 //!
-//! Both estimators find the same light; each sample counts by the balance heuristic (Veach and
-//! Guibas 1995, "Optimally combining sampling techniques for Monte Carlo rendering"), so that
+//! Both estimators have the same expectation; samples are weighted by the balance heuristic (Veach
+//! and Guibas 1995, "Optimally combining sampling techniques for Monte Carlo rendering"), so that
 //! neither a small bright spot nor a wide dim half makes noise. A sky that is a gradient has the
 //! path's rays alone.
 
@@ -21,7 +21,7 @@ impl Lighting {
         }
     }
 
-    /// Radiosity per albedo by a direction that the sky's picture suggests.
+    /// Estimates radiosity per albedo by a direction sampled from the sky image.
     pub(super) fn sky_light(
         &self,
         tracer: &Tracer,
@@ -53,8 +53,7 @@ impl Lighting {
             * (cos / PI / (picture.density(radiance) + directions.density(direction, cos)))
     }
 
-    /// Radiosity per albedo by a ray in one of these directions, in which nothing but the sky was
-    /// met.
+    /// Estimates radiosity per albedo by a path's ray that missed all surfaces.
     pub(super) fn sky_by_chance(
         &self,
         point: &LitPoint,

@@ -1,28 +1,28 @@
-//! A density over the unit square, constant in each bin of a grid.
+//! Piecewise constant density over a grid in the unit square.
 
-/// Bins a side.
+/// Number of bins along each side.
 pub(super) const BINS: usize = 16;
 
-/// A density over the unit square whose mean is 1.
+/// Density over the unit square with a mean of 1.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct SquareDensity {
-    /// Share of all that lies in each row and those below it.
+    /// Cumulative distribution of the rows.
     rows: [f32; BINS],
-    /// Share of a row that lies in each of its bins and those before it.
+    /// Cumulative distribution of the bins of each row.
     columns: [[f32; BINS]; BINS],
 }
 
-/// The bin in which a coordinate lies.
+/// Returns the bin of a coordinate.
 pub(super) fn bin(coordinate: f32) -> usize {
     ((coordinate * BINS as f32) as usize).min(BINS - 1)
 }
 
-/// What bin number `bin` adds to the shares below it.
+/// Returns the probability of a bin.
 fn share(cumulative: &[f32; BINS], bin: usize) -> f32 {
     cumulative[bin] - if bin == 0 { 0.0 } else { cumulative[bin - 1] }
 }
 
-/// The bin in which a share lies, and the coordinate that has so much below it.
+/// Inverts a cumulative distribution: the bin and the coordinate of a value.
 fn coordinate_of(cumulative: &[f32; BINS], at: f32) -> (usize, f32) {
     let found = cumulative
         .partition_point(|&share| share <= at)
@@ -35,14 +35,14 @@ fn coordinate_of(cumulative: &[f32; BINS], at: f32) -> (usize, f32) {
         },
         share(cumulative, found),
     );
-    // So far below 1 that the sum with a bin's number is no next bin, rounded.
+    // The largest fraction whose sum with a bin's index does not round to the next bin.
     const BELOW_NEXT: f32 = 1.0 - BINS as f32 * f32::EPSILON;
     let inside = ((at - below) / wide).clamp(0.0, BELOW_NEXT);
     (found, (found as f32 + inside) / BINS as f32)
 }
 
 impl SquareDensity {
-    /// In proportion to `weights`, row after row, none of them zero.
+    /// Creates a density proportional to `weights`, row by row, none of them zero.
     pub(super) fn new(weights: &[f32; BINS * BINS]) -> Self {
         let (mut rows, mut columns) = ([0.0; BINS], [[0.0; BINS]; BINS]);
         let mut all = 0.0;
@@ -60,15 +60,14 @@ impl SquareDensity {
         Self { rows, columns }
     }
 
-    /// A point that is drawn by the density, from one that is drawn evenly: points that are spread
-    /// evenly stay so.
+    /// Warps a uniform point to one distributed by the density; stratification is preserved.
     pub(super) fn warp(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         let (row, y) = coordinate_of(&self.rows, v);
         let (_, x) = coordinate_of(&self.columns[row], u);
         [x, y]
     }
 
-    /// The density at a point.
+    /// Returns the density at a point.
     pub(super) fn at(&self, [x, y]: [f32; 2]) -> f32 {
         let row = bin(y);
         share(&self.rows, row) * share(&self.columns[row], bin(x)) * (BINS * BINS) as f32
@@ -86,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn points_are_drawn_as_often_as_the_density_says() {
+    fn warped_points_follow_density() {
         const SIDE: usize = 1024;
         let (weights, density) = (weights(), SquareDensity::new(&weights()));
         let mut counts = [0_u32; BINS * BINS];
@@ -106,7 +105,7 @@ mod tests {
                 .copied()
                 .map(f64::from)
                 .sum();
-            // A bin is so many rows of the grid high and so many columns wide, give or take one.
+            // Rounding of a bin's extent to rows and columns of the grid, up to one.
             let (high, wide) = (row / all, f64::from(weight) / row);
             let tolerance = (high + wide) / SIDE as f64 + 1.0 / (SIDE * SIDE) as f64;
             assert!(
@@ -124,13 +123,12 @@ mod tests {
     }
 
     #[test]
-    fn no_point_is_carried_into_the_next_bin() {
+    fn warp_stays_in_bin() {
         for heavy in [1, 8, 15] {
             let mut weights = [1e-3; BINS * BINS];
             weights[heavy * BINS] = 1e3;
             let density = SquareDensity::new(&weights);
-            // The last number before the heavy row is full, of which there are few in a row that is
-            // nearly all.
+            // The last number before the end of the dominant row, where few numbers are left.
             let (row, y) = coordinate_of(&density.rows, density.rows[heavy].next_down());
             assert!(
                 row == heavy && bin(y) == heavy && y < 1.0,
@@ -140,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn an_even_density_changes_nothing() {
+    fn uniform_density_is_identity() {
         let density = SquareDensity::new(&[2.5; BINS * BINS]);
         for point in [
             [0.0, 0.0],

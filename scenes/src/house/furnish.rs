@@ -271,7 +271,7 @@ fn programme(purpose: Purpose) -> &'static [Kind] {
 }
 
 /// A box in plan that is taken between two heights.
-struct Taken {
+struct OccupiedSpan {
     low: DVec2,
     high: DVec2,
     heights: [f64; 2],
@@ -283,7 +283,7 @@ pub(super) struct Furnishing<'a> {
     /// Visible faces of the walls.
     low: DVec2,
     high: DVec2,
-    taken: Vec<Taken>,
+    taken: Vec<OccupiedSpan>,
 }
 
 impl<'a> Furnishing<'a> {
@@ -321,12 +321,12 @@ impl<'a> Furnishing<'a> {
     /// Marks part of a wall as taken.
     fn take(&mut self, wall: &Wall, [from, to]: [f64; 2], depth: f64, heights: [f64; 2]) {
         let [low, high] = footprint(wall, [from, to], depth);
-        self.taken.push(Taken { low, high, heights });
+        self.taken.push(OccupiedSpan { low, high, heights });
     }
 
     /// Keeps a box about a point of the plan free between two heights.
     pub(super) fn keep_free(&mut self, centre: DVec2, half: f64, heights: [f64; 2]) {
-        self.taken.push(Taken {
+        self.taken.push(OccupiedSpan {
             low: centre - half,
             high: centre + half,
             heights,
@@ -334,7 +334,7 @@ impl<'a> Furnishing<'a> {
     }
 
     fn is_free(&self, low: DVec2, high: DVec2, heights: [f64; 2]) -> bool {
-        let clear = |t: &Taken| {
+        let clear = |t: &OccupiedSpan| {
             low.cmpge(t.high).any()
                 || high.cmple(t.low).any()
                 || heights[0] >= t.heights[1]
@@ -405,7 +405,7 @@ impl<'a> Furnishing<'a> {
         let at = found
             .into_iter()
             .find(|&at| self.is_free(at - half, at + half, heights))?;
-        self.taken.push(Taken {
+        self.taken.push(OccupiedSpan {
             low: at - half,
             high: at + half,
             heights,

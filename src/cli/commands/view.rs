@@ -15,7 +15,7 @@ use headbox_images::{ImageSet, View, read_sparse_points};
 use headbox_ldi::from_images::{ImagesJob, NearImages};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_photos::view_geometry::{GeometrySettings, Texturing};
-use headbox_viewer::{Coming, Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
+use headbox_viewer::{PendingSource, Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
 use headbox_window::{
     Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks,
     show_photographs,
@@ -127,8 +127,8 @@ impl ViewCommand {
         let mut source = None;
         if let Some(file) = &self.file {
             match open_soon(file, self.opener(file)?)? {
-                Opened::Already(it) => source = Some(it),
-                Opened::Later(coming) => options.coming = Some(coming),
+                OpenedSource::Already(it) => source = Some(it),
+                OpenedSource::Later(coming) => options.coming = Some(coming),
             }
         }
         let summary = headbox_viewer::run(source, options)?;
@@ -285,9 +285,9 @@ impl ToShow {
 }
 
 /// Source, or one that is being opened.
-enum Opened {
+enum OpenedSource {
     Already(Box<dyn FrameSource>),
-    Later(Coming),
+    Later(PendingSource),
 }
 
 /// Opens something; if that takes longer than a person waits for a window, elsewhere, and the
@@ -295,7 +295,7 @@ enum Opened {
 fn open_soon(
     name: &str,
     open: impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static,
-) -> anyhow::Result<Opened> {
+) -> anyhow::Result<OpenedSource> {
     /// Whatever opens within this needs no window that says so, and its errors none to be read in.
     const PATIENCE: Duration = Duration::from_millis(100);
     // Without room in between, what nobody waits for here any more comes back to its sender.
@@ -312,8 +312,8 @@ fn open_soon(
         .spawn(work)
         .context("cannot start a thread")?;
     match soon.recv_timeout(PATIENCE) {
-        Ok(opened) => Ok(Opened::Already(opened?)),
-        Err(_) => Ok(Opened::Later(Coming {
+        Ok(opened) => Ok(OpenedSource::Already(opened?)),
+        Err(_) => Ok(OpenedSource::Later(PendingSource {
             name: name.to_owned(),
             source: later,
         })),

@@ -78,7 +78,7 @@ pub fn pack_in_parts(
 
 fn pack_found(
     mut ldi: CubeLdi,
-    found: Vec<Chosen>,
+    found: Vec<SelectedTextures>,
     layout: SplatIndexLayout,
     split: Split,
     error_px: f64,
@@ -109,7 +109,7 @@ pub fn choose(ldi: &mut CubeLdi, error_px: f64) -> PlaneSet {
 }
 
 /// The pictures of each face.
-fn find(ldi: &CubeLdi, error_px: f64) -> Vec<Chosen> {
+fn find(ldi: &CubeLdi, error_px: f64) -> Vec<SelectedTextures> {
     if error_px.is_nan() || error_px <= 0.0 {
         return Vec::new();
     }
@@ -122,7 +122,7 @@ fn find(ldi: &CubeLdi, error_px: f64) -> Vec<Chosen> {
 }
 
 /// Takes the samples of pictures from a cube, and makes a set of these.
-fn take(ldi: &mut CubeLdi, found: Vec<Chosen>, error_px: f64) -> PlaneSet {
+fn take(ldi: &mut CubeLdi, found: Vec<SelectedTextures>, error_px: f64) -> PlaneSet {
     if found
         .iter()
         .all(|of_face| of_face.pictures.tiles.is_empty())
@@ -140,7 +140,7 @@ fn take(ldi: &mut CubeLdi, found: Vec<Chosen>, error_px: f64) -> PlaneSet {
         error_px,
         ..PlaneSet::default()
     };
-    for Chosen {
+    for SelectedTextures {
         planes, pictures, ..
     } in found
     {
@@ -157,19 +157,19 @@ fn take(ldi: &mut CubeLdi, found: Vec<Chosen>, error_px: f64) -> PlaneSet {
 }
 
 /// Plane textures selected for a face.
-struct Chosen {
+struct SelectedTextures {
     planes: Vec<Plane>,
     pictures: textures::Pictures,
     /// Plane of each sample of the face, or [`NOBODY`].
     owner: Vec<u32>,
 }
 
-fn choose_on(face: &LayeredDepthImage, error_px: f64, half_size_m: f64) -> Chosen {
+fn choose_on(face: &LayeredDepthImage, error_px: f64, half_size_m: f64) -> SelectedTextures {
     let mut grower = Grower::new(face, &Bound::new(error_px, half_size_m, face.size_px));
     grower.grow_all(LEAST_SAMPLES);
     let pictures = textures::draw(&mut grower, 0);
     let planes = grower.regions.iter().map(|region| region.plane).collect();
-    Chosen {
+    SelectedTextures {
         planes,
         pictures,
         owner: grower.owner,

@@ -26,15 +26,15 @@ const GAP_NEIGHBOURS: usize = 6;
 pub(super) fn draw(grower: &mut Grower, first_plane: u32) -> Pictures {
     let mut pictures = Pictures::default();
     let regions = std::mem::take(&mut grower.regions);
-    let mut drawn = Drawn::new(grower.face.size_px);
+    let mut drawn = TileCover::new(grower.face.size_px);
     let mut freed = Vec::new();
     for (id, region) in regions.iter().enumerate() {
-        let painter = Painter {
+        let painter = TexturePainter {
             grower,
             region,
             id: id as u32,
         };
-        let kept: Vec<Square> = painter
+        let kept: Vec<TextureTile> = painter
             .squares()
             .into_iter()
             .flat_map(|square| painter.choose(square).kept)
@@ -63,13 +63,13 @@ pub(super) fn draw(grower: &mut Grower, first_plane: u32) -> Pictures {
 
 /// A square of face pixels, of which a tile may be.
 #[derive(Clone, Copy)]
-struct Square {
+struct TextureTile {
     x: i32,
     y: i32,
     side: i32,
 }
 
-impl Square {
+impl TextureTile {
     fn quarters(&self) -> [Self; 4] {
         let side = self.side / 2;
         [(0, 0), (side, 0), (0, side), (side, side)].map(|(x, y)| Self {
@@ -82,21 +82,21 @@ impl Square {
 
 /// Squares worth drawing as textures.
 #[derive(Default)]
-struct Choice {
-    kept: Vec<Square>,
+struct TileSelection {
+    kept: Vec<TextureTile>,
     /// Savings, as computed by [`cost::saved`].
     saved: f64,
 }
 
 /// Squares of a face drawn by one region, in units of the smallest squares.
-struct Drawn {
+struct TileCover {
     /// Last region of each of the smallest squares, row by row.
     last: Vec<u32>,
     across: i32,
     region: u32,
 }
 
-impl Drawn {
+impl TileCover {
     fn new(size_px: u32) -> Self {
         let across = (size_px as i32).div_euclid(LEAST_PX) + 1;
         Self {
@@ -111,7 +111,7 @@ impl Drawn {
         self.region += 1;
     }
 
-    fn add(&mut self, square: &Square) {
+    fn add(&mut self, square: &TextureTile) {
         for y in (square.y..square.y + square.side).step_by(LEAST_PX as usize) {
             for x in (square.x..square.x + square.side).step_by(LEAST_PX as usize) {
                 if let Some(at) = self.index(x, y) {
@@ -134,7 +134,7 @@ impl Drawn {
 
     /// A cell between four texels belongs to the tile of its upper left one. If that is not drawn,
     /// its neighbour draws the cell: by how many texels a tile begins further left and up.
-    fn lacks_beside(&self, Square { x, y, side }: &Square) -> [i32; 2] {
+    fn lacks_beside(&self, TextureTile { x, y, side }: &TextureTile) -> [i32; 2] {
         let along = || (0..*side).step_by(LEAST_PX as usize);
         [
             along().any(|k| !self.holds(x - 1, y + k)),
@@ -152,19 +152,19 @@ struct Rectangle {
     height: u16,
 }
 
-struct Painter<'a, 'b> {
+struct TexturePainter<'a, 'b> {
     grower: &'a Grower<'b>,
     region: &'a Region,
     id: u32,
 }
 
-impl Painter<'_, '_> {
+impl TexturePainter<'_, '_> {
     fn size(&self) -> i32 {
         self.grower.face.size_px as i32
     }
 
     /// The largest squares that hold pixels of the region, in order.
-    fn squares(&self) -> Vec<Square> {
+    fn squares(&self) -> Vec<TextureTile> {
         let mut squares = Vec::new();
         for &pixel in &self.region.pixels {
             let square = [pixel as i32 / self.size(), pixel as i32 % self.size()]
@@ -177,7 +177,7 @@ impl Painter<'_, '_> {
         squares.dedup();
         squares
             .into_iter()
-            .map(|[y, x]| Square {
+            .map(|[y, x]| TextureTile {
                 x,
                 y,
                 side: LARGEST_PX,
@@ -186,22 +186,22 @@ impl Painter<'_, '_> {
     }
 
     /// The tiles, of a square or of parts of it, that save most.
-    fn choose(&self, square: Square) -> Choice {
+    fn choose(&self, square: TextureTile) -> TileSelection {
         let samples = self.home_samples(&square).count();
         if samples == 0 {
-            return Choice::default();
+            return TileSelection::default();
         }
         let saved = self
             .tile(&square, [0; 2])
             .and_then(|t| cost::saved(samples, t.width, t.height));
-        let whole = saved.map_or(Choice::default(), |saved| Choice {
+        let whole = saved.map_or(TileSelection::default(), |saved| TileSelection {
             kept: vec![square],
             saved,
         });
         if square.side == LEAST_PX {
             return whole;
         }
-        let mut parts = Choice::default();
+        let mut parts = TileSelection::default();
         for quarter in square.quarters().map(|quarter| self.choose(quarter)) {
             parts.kept.extend(quarter.kept);
             parts.saved += quarter.saved;
@@ -226,7 +226,7 @@ impl Painter<'_, '_> {
     }
 
     /// The region's samples that lie in a square.
-    fn home_samples(&self, square: &Square) -> impl Iterator<Item = usize> {
+    fn home_samples(&self, square: &TextureTile) -> impl Iterator<Item = usize> {
         let of = |start: i32| start..(start + square.side).min(self.size());
         let columns = of(square.x);
         of(square.y).flat_map(move |y| columns.clone().flat_map(move |x| self.own(x, y)))
@@ -234,7 +234,7 @@ impl Painter<'_, '_> {
 
     /// The texels of a square that are of any use; the tile begins so many texels further left and
     /// up.
-    fn tile(&self, square: &Square, more: [i32; 2]) -> Option<Rectangle> {
+    fn tile(&self, square: &TextureTile, more: [i32; 2]) -> Option<Rectangle> {
         let of = |start: i32, more: i32| [start - more, (start + square.side).min(self.size())];
         let ([left, right], [top, bottom]) = (of(square.x, more[0]), of(square.y, more[1]));
         let mut bounds: Option<[i32; 4]> = None;

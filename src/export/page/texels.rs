@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 /// A picture among the texels of several.
-pub(super) struct Picture {
+pub(super) struct TexelImage {
     /// Range of its texels, row by row.
     pub(super) texels: Range<usize>,
     pub(super) width: usize,
@@ -14,9 +14,9 @@ pub(super) struct Picture {
 /// Green, red - green and blue - green of each texel, one after the other, then the alphas of the
 /// pictures that are not opaque: each less that of the texel on the left or, in the first column,
 /// above.
-pub(super) fn rests(texels: &[[u8; 4]], pictures: impl IntoIterator<Item = Picture>) -> Vec<u8> {
+pub(super) fn rests(texels: &[[u8; 4]], pictures: impl IntoIterator<Item = TexelImage>) -> Vec<u8> {
     let (mut colors, mut alphas) = (vec![0; texels.len() * 3], Vec::new());
-    for Picture {
+    for TexelImage {
         texels: range,
         width,
         opaque,

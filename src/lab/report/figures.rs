@@ -160,7 +160,7 @@ const LINES: [(&str, &str, &str); 6] = [
 fn displacement_chart(report: &Report, scene: &str) -> Option<Chart> {
     let lines = LINES.iter().filter_map(|(group, variant, name)| {
         let row = report.find(scene, group, variant)?;
-        let point = |d: &super::row::Displaced| ChartPoint {
+        let point = |d: &super::row::DisplacementError| ChartPoint {
             at: [d.share, d.flip],
             name: String::new(),
             spread: None,

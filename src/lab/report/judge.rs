@@ -1,7 +1,7 @@
 //! Timing contenders in turns, and judging their pictures by truth.
 
 use super::contender::{Contender, JudgedFrame};
-use super::row::{Displaced, Row, WorstFrame};
+use super::row::{DisplacementError, Row, WorstFrame};
 use crate::plan::EyeSet;
 use crate::plan::{Eye, Place};
 use crate::stats::{Spread, mean, pooled_psnr_db, psnr_of_mse};
@@ -101,7 +101,7 @@ pub fn draw_in_turns(
 }
 
 /// Comparisons of one contender's pictures with truth, by eye.
-type Judged = Vec<Option<Comparison>>;
+type EyeComparisons = Vec<Option<Comparison>>;
 
 /// The rows of contenders that were measured with these truths, one for each role, groups together
 /// and in the order in which they first occur.
@@ -115,7 +115,7 @@ pub fn rows(
     eyes: &[Eye],
     truths: &[Truth],
 ) -> Result<Vec<Row>, MetricError> {
-    let judge = |found: &Measurement| -> Result<Judged, MetricError> {
+    let judge = |found: &Measurement| -> Result<EyeComparisons, MetricError> {
         let pairs = found.pictures.iter().zip(truths);
         pairs
             .map(|(p, t)| {
@@ -125,7 +125,7 @@ pub fn rows(
             })
             .collect()
     };
-    let judged: Vec<Judged> = measured.par_iter().map(judge).collect::<Result<_, _>>()?;
+    let judged: Vec<EyeComparisons> = measured.par_iter().map(judge).collect::<Result<_, _>>()?;
     let mut rows = Vec::new();
     let mut groups: Vec<&str> = Vec::new();
     for role in contenders.iter().flat_map(|c| &c.roles) {
@@ -181,7 +181,7 @@ struct View<'a> {
     eyes: &'a [Eye],
     set: EyeSet,
     truths: &'a [Truth],
-    judged: &'a Judged,
+    judged: &'a EyeComparisons,
     found: &'a Measurement,
 }
 
@@ -220,7 +220,7 @@ impl View<'_> {
         let displacement = self
             .counted()
             .filter_map(|(i, c)| match self.eyes[i].place {
-                Place::Line(share) => Some(Displaced {
+                Place::Line(share) => Some(DisplacementError {
                     share,
                     flip: c.flip,
                     psnr_db: c.psnr_db,

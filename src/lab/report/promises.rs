@@ -13,21 +13,21 @@ pub struct Promise {
     /// The figure; `None` where a scene cannot tell.
     pub of: fn(&Report, &SceneFacts) -> Option<f64>,
     /// Condition of the promise.
-    pub keeps: Keeps,
+    pub keeps: PromiseCondition,
     /// True for a time: it is shown, and decides nothing.
     pub is_time: bool,
 }
 
 /// When figures keep a promise.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Keeps {
+pub enum PromiseCondition {
     /// Each scene's lies between these.
     Within([f64; 2]),
     /// The largest of all scenes is at most so many times the least.
     Alike(f64),
 }
 
-impl Keeps {
+impl PromiseCondition {
     /// Returns true if the figures of all scenes keep the promise; false if there are none.
     pub fn hold(self, figures: &[f64]) -> bool {
         match self {
@@ -62,7 +62,7 @@ pub const PROMISES: [Promise; 6] = [
         says: "without holes",
         what: "share of the LDI's pixels that are holes, %",
         of: |report, facts| Some(ldi(report, facts)?.hole_fraction? * 100.0),
-        keeps: Keeps::Within([f64::NEG_INFINITY, 0.1]),
+        keeps: PromiseCondition::Within([f64::NEG_INFINITY, 0.1]),
         is_time: false,
     },
     Promise {
@@ -75,7 +75,7 @@ pub const PROMISES: [Promise; 6] = [
                     / corner(report.find(&facts.scene, "representation", "cube map")?)?,
             )
         },
-        keeps: Keeps::Within([0.0, 1.0]),
+        keeps: PromiseCondition::Within([0.0, 1.0]),
         is_time: false,
     },
     Promise {
@@ -85,7 +85,7 @@ pub const PROMISES: [Promise; 6] = [
             let row = report.find(&facts.scene, "threads", "1 thread")?;
             Some(row.ms_median * 1e6 / row.depth_pixels_in)
         },
-        keeps: Keeps::Alike(4.0),
+        keeps: PromiseCondition::Alike(4.0),
         is_time: true,
     },
     Promise {
@@ -98,21 +98,21 @@ pub const PROMISES: [Promise; 6] = [
                     .time_ratio,
             )
         },
-        keeps: Keeps::Within([0.9, 1.1]),
+        keeps: PromiseCondition::Within([0.9, 1.1]),
         is_time: true,
     },
     Promise {
         says: "traced until its own error lies 10 dB below what is measured",
         what: "by how much it does, dB",
         of: |_, facts| Some(facts.margin_db),
-        keeps: Keeps::Within([10.0, f64::INFINITY]),
+        keeps: PromiseCondition::Within([10.0, f64::INFINITY]),
         is_time: false,
     },
     Promise {
         says: "a built-in scene of half a million triangles",
         what: "triangles of builtin:tree",
         of: |_, facts| (facts.scene == "builtin:tree").then_some(facts.triangles as f64),
-        keeps: Keeps::Within([5e5, f64::INFINITY]),
+        keeps: PromiseCondition::Within([5e5, f64::INFINITY]),
         is_time: false,
     },
 ];
@@ -177,10 +177,10 @@ mod tests {
 
     #[test]
     fn promises_can_be_broken() {
-        let at_most = Keeps::Within([f64::NEG_INFINITY, 0.1]);
+        let at_most = PromiseCondition::Within([f64::NEG_INFINITY, 0.1]);
         assert!(at_most.hold(&[0.0, 0.1]) && !at_most.hold(&[0.0, 0.11]) && !at_most.hold(&[]));
         assert!(!at_most.hold(&[f64::NAN]));
-        assert!(Keeps::Alike(3.0).hold(&[1.0, 2.9]) && !Keeps::Alike(3.0).hold(&[1.0, 3.1, 2.0]));
-        assert!(!Keeps::Alike(3.0).hold(&[]) && !Keeps::Alike(3.0).hold(&[f64::NAN]));
+        assert!(PromiseCondition::Alike(3.0).hold(&[1.0, 2.9]) && !PromiseCondition::Alike(3.0).hold(&[1.0, 3.1, 2.0]));
+        assert!(!PromiseCondition::Alike(3.0).hold(&[]) && !PromiseCondition::Alike(3.0).hold(&[f64::NAN]));
     }
 }

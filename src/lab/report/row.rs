@@ -69,7 +69,7 @@ pub struct Row {
     #[serde(with = "infinite_as_null")]
     pub psnr_to_baseline_db: f64,
     /// Error as the eye goes from the centre to a corner.
-    pub displacement: Vec<Displaced>,
+    pub displacement: Vec<DisplacementError>,
 }
 
 /// The frame with the largest error.
@@ -86,7 +86,7 @@ pub struct WorstFrame {
 
 /// Error at one place between the centre and a corner.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Displaced {
+pub struct DisplacementError {
     /// Distance of the eye: 0 at the centre, 1 in the corner.
     pub share: f64,
     /// FLIP there.

@@ -67,7 +67,7 @@ static HOUSE: LazyLock<Option<House>> =
     LazyLock::new(|| House::new(headbox_scenes::house(0, 5_000)).ok());
 
 /// A portal to look at.
-struct Opening<'a> {
+struct PortalOpening<'a> {
     corners: &'a [DVec3],
     middle: DVec3,
     /// Unit, horizontal in a door or window.
@@ -81,7 +81,7 @@ struct Opening<'a> {
 fn looks(
     seed: u64,
     stream: u64,
-    aim: impl Fn(&mut Dice, &Opening) -> (DVec3, DVec3),
+    aim: impl Fn(&mut Dice, &PortalOpening) -> (DVec3, DVec3),
 ) -> Option<f64> {
     const LOOKS: usize = 6;
     const MOST_TRIES: usize = 200;
@@ -94,7 +94,7 @@ fn looks(
         let normal = (corners[1] - corners[0])
             .cross(corners[2] - corners[0])
             .normalize_or_zero();
-        let opening = Opening {
+        let opening = PortalOpening {
             corners,
             middle: corners.iter().sum::<DVec3>() / corners.len() as f64,
             normal,

@@ -24,7 +24,7 @@ use headbox_house::store::Store;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk::Walker;
 use headbox_model::PortalModel;
-use headbox_raster::Seen;
+use headbox_raster::PixelContent;
 use headbox_trace::sampler::random4;
 use serde::{Deserialize, Serialize};
 
@@ -118,7 +118,7 @@ fn row(
             .0;
         let stats = walker.frame(house, &store, camera, &drawn).1.clone();
         let shown = walker.last();
-        let behind = |pixel: usize| matches!(shown.seen(pixel), Seen::Marker(_));
+        let behind = |pixel: usize| matches!(shown.seen(pixel), PixelContent::Marker(_));
         let of_pose = wrong_pixels(&shown.frame, truth, behind);
         by_points += wrong_pixels(&shown.frame, &points, behind);
         perfect_by_points += wrong_pixels(&averaged(truth), &points, behind);

@@ -36,7 +36,7 @@ use headbox_house::store::Store;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk::Walker;
 use headbox_house::walk_path::WalkPath;
-use headbox_raster::Seen;
+use headbox_raster::PixelContent;
 use headbox_trace::truth;
 use image::{Rgb, RgbImage};
 use serde::{Deserialize, Serialize};
@@ -363,7 +363,7 @@ fn errors_of_pose(
         course.samples += stats.backdrop.samples;
         course.samples_in += stats.backdrop.depth_pixels_in;
         if behind.is_empty() {
-            let seen = |i| matches!(course.walker.last().seen(i), Seen::Marker(_));
+            let seen = |i| matches!(course.walker.last().seen(i), PixelContent::Marker(_));
             behind = (0..frame.color.len()).map(seen).collect();
         }
         let mut sums = [0.0; 2];

@@ -9,7 +9,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 /// A camera of a set.
 #[derive(Clone, Debug)]
-pub(super) struct Stand<'a> {
+pub(super) struct CameraPose<'a> {
     /// Name of the view in its set.
     pub(super) name: &'a str,
     pub(super) pose: Pose,
@@ -46,7 +46,7 @@ const MOST_ASKED: usize = 1024;
 ///
 /// # Errors
 /// [`FromImagesError`] that names the camera that is in no grid, or the places without a camera.
-pub(super) fn find_grid(stands: &[Stand], frame: &FileFrame) -> Result<FoundGrid, FromImagesError> {
+pub(super) fn find_grid(stands: &[CameraPose], frame: &FileFrame) -> Result<FoundGrid, FromImagesError> {
     let count = stands.len() as f64;
     let middle = stands.iter().map(|stand| stand.pose.eye).sum::<DVec3>() / count;
     let neighbours = neighbours(stands, middle)?;
@@ -117,7 +117,7 @@ fn turns(finder: &Finder, image_axes: &DMat3, neighbours: &[DVec3]) -> Vec<f64> 
 }
 
 /// From each camera, or from some that lie all over the set, to the nearest other.
-fn neighbours(stands: &[Stand], middle: DVec3) -> Result<Vec<DVec3>, FromImagesError> {
+fn neighbours(stands: &[CameraPose], middle: DVec3) -> Result<Vec<DVec3>, FromImagesError> {
     let extent = stands
         .iter()
         .map(|stand| stand.pose.eye.distance(middle))
@@ -147,7 +147,7 @@ fn neighbours(stands: &[Stand], middle: DVec3) -> Result<Vec<DVec3>, FromImagesE
 }
 
 struct Finder<'a> {
-    stands: &'a [Stand<'a>],
+    stands: &'a [CameraPose<'a>],
     frame: &'a FileFrame,
     middle: DVec3,
     /// Largest distance of a camera from its grid position, metres.

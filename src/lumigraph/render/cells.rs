@@ -58,14 +58,14 @@ impl Buckets {
 
 /// Layers of a square and of its neighbours.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Square {
+struct LayerSquare {
     /// Bit set of layers.
     set: u64,
     /// The lowest and the highest index.
     range: [u16; 2],
 }
 
-impl Square {
+impl LayerSquare {
     /// No pixel at all.
     const EMPTY: Self = Self {
         set: 0,
@@ -185,12 +185,12 @@ fn smallest(
     image: Level,
     indices: impl Iterator<Item = u16>,
     by_index: &[u64],
-) -> Vec<Square> {
-    let mut own = vec![Square::EMPTY; scale.columns * scale.rows];
+) -> Vec<LayerSquare> {
+    let mut own = vec![LayerSquare::EMPTY; scale.columns * scale.rows];
     for (i, index) in indices.take(image.width * image.height).enumerate() {
         let (x, y) = (i % image.width / EDGE_PX + 1, i / image.width / EDGE_PX + 1);
         let square = &mut own[y * scale.columns + x];
-        *square = square.with(Square {
+        *square = square.with(LayerSquare {
             set: by_index[usize::from(index)],
             range: [index; 2],
         });
@@ -200,7 +200,7 @@ fn smallest(
         let (x, y) = (at % scale.columns, at / scale.columns);
         let cut = x == 0 || y == 0 || x * EDGE_PX > image.width || y * EDGE_PX > image.height;
         *square = if cut {
-            square.with(Square::BESIDE)
+            square.with(LayerSquare::BESIDE)
         } else {
             *square
         };
@@ -209,8 +209,8 @@ fn smallest(
 }
 
 /// Squares of twice the edge.
-fn doubled(own: &[Square], from: &Scale, to: &Scale) -> Vec<Square> {
-    let mut found = vec![Square::EMPTY; to.columns * to.rows];
+fn doubled(own: &[LayerSquare], from: &Scale, to: &Scale) -> Vec<LayerSquare> {
+    let mut found = vec![LayerSquare::EMPTY; to.columns * to.rows];
     let halves = |at: usize, count: usize| (2 * at).saturating_sub(1)..(2 * at + 1).min(count);
     for (at, square) in found.iter_mut().enumerate() {
         let (columns, rows) = (
@@ -220,15 +220,15 @@ fn doubled(own: &[Square], from: &Scale, to: &Scale) -> Vec<Square> {
         let cut = columns.len() < 2 || rows.len() < 2;
         let parts = rows.flat_map(|y| columns.clone().map(move |x| own[y * from.columns + x]));
         *square = parts.fold(
-            if cut { Square::BESIDE } else { Square::EMPTY },
-            Square::with,
+            if cut { LayerSquare::BESIDE } else { LayerSquare::EMPTY },
+            LayerSquare::with,
         );
     }
     found
 }
 
 /// Each square with the next ones to the right, below, and right below.
-fn with_next<'a>(own: &'a [Square], scale: &'a Scale) -> impl Iterator<Item = Square> + 'a {
+fn with_next<'a>(own: &'a [LayerSquare], scale: &'a Scale) -> impl Iterator<Item = LayerSquare> + 'a {
     own.iter().enumerate().map(|(at, square)| {
         let (x, y) = (at % scale.columns, at / scale.columns);
         let of = |x: usize, y: usize| {
@@ -236,7 +236,7 @@ fn with_next<'a>(own: &'a [Square], scale: &'a Scale) -> impl Iterator<Item = Sq
             if is_there {
                 own[y * scale.columns + x]
             } else {
-                Square::BESIDE
+                LayerSquare::BESIDE
             }
         };
         square
@@ -271,7 +271,7 @@ pub(super) struct Batch {
 
 /// Layers of a batch that may be visible.
 #[derive(Default)]
-pub(super) struct Near {
+pub(super) struct BatchLayers {
     /// A bit for each layer, from the nearest.
     pub(super) layers: u32,
     /// The four cameras' squares, layer by layer, if there are any as large as the bundle.
@@ -296,8 +296,8 @@ impl Batch {
     }
 
     /// All layers, with no squares.
-    pub(super) fn all(&self) -> Near {
-        Near {
+    pub(super) fn all(&self) -> BatchLayers {
+        BatchLayers {
             layers: (1u32 << self.layers.len()) - 1,
             squares: None,
         }
@@ -311,7 +311,7 @@ impl Batch {
         cells: &Cells,
         bundle: &Bundle,
         loose: bool,
-    ) -> Near {
+    ) -> BatchLayers {
         let [[left, right], [low, high]] = bundle.slopes;
         let extent = (right - left).max(high - low) * self.largest_scale + 2.0 * ROUNDING_PX;
         // Squares are no smaller than texels, so that these lie in one.
@@ -353,7 +353,7 @@ impl Batch {
             let near = of(0) | of(1) | of(2) | of(3);
             layers |= u32::from(near & layer.sets[usize::from(loose)] != 0) << i;
         }
-        Near {
+        BatchLayers {
             layers,
             squares: Some(at),
         }

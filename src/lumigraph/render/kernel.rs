@@ -33,7 +33,7 @@ const LANE_COLUMNS: [f32; LANES] = [
 const LEAST_OPEN: f32 = 1.0 / 256.0;
 
 /// A part of a frame.
-pub(super) struct Block<'a> {
+pub(super) struct FrameBlock<'a> {
     pub(super) lumigraph: &'a Lumigraph,
     pub(super) plan: &'a LumigraphPlan,
     /// The layers that may show in it, near ones first.
@@ -59,12 +59,12 @@ pub(super) enum Pass<'a> {
 
 /// Draws a block on rows of the frame, of which the first is the block's: straight colours, with
 /// alpha 255 where anything is, else 0 or [`HIDDEN`]. Returns whether any pixel is hidden.
-pub(super) fn draw(block: &Block, pass: Pass, colors: &mut [[u8; 4]], level: SimdLevel) -> bool {
+pub(super) fn draw(block: &FrameBlock, pass: Pass, colors: &mut [[u8; 4]], level: SimdLevel) -> bool {
     dispatch!(level, simd => draw_block(simd, block, pass, colors))
 }
 
 #[inline(always)]
-fn draw_block<S: Simd>(simd: S, block: &Block, pass: Pass, colors: &mut [[u8; 4]]) -> bool {
+fn draw_block<S: Simd>(simd: S, block: &FrameBlock, pass: Pass, colors: &mut [[u8; 4]]) -> bool {
     let mut any_hidden = false;
     for y in block.rows.clone().step_by(TILE) {
         let starts = starts(block, y);
@@ -74,7 +74,7 @@ fn draw_block<S: Simd>(simd: S, block: &Block, pass: Pass, colors: &mut [[u8; 4]
                 TILE.min(block.columns.end - x),
                 TILE.min(block.rows.end - y),
             ];
-            let tile = Tile {
+            let tile = PixelTile {
                 first,
                 width: block.width,
                 inside,
@@ -94,7 +94,7 @@ fn draw_block<S: Simd>(simd: S, block: &Block, pass: Pass, colors: &mut [[u8; 4]
 }
 
 /// Directions of the left border of four rows, as lanes have them.
-fn starts(block: &Block, y: usize) -> [[f32; LANES]; 3] {
+fn starts(block: &FrameBlock, y: usize) -> [[f32; LANES]; 3] {
     let view = &block.plan.view;
     let mut starts = [[0.0; LANES]; 3];
     for lane in 0..LANES {
@@ -106,7 +106,7 @@ fn starts(block: &Block, y: usize) -> [[f32; LANES]; 3] {
 }
 
 /// Sixteen pixels, a lane each, row by row.
-struct Tile {
+struct PixelTile {
     /// The first of them in the block's rows.
     first: usize,
     /// Width of the frame.
@@ -115,7 +115,7 @@ struct Tile {
     inside: [usize; 2],
 }
 
-impl Tile {
+impl PixelTile {
     /// Those that are the block's, a bit each.
     #[inline(always)]
     fn pixels(&self) -> u64 {
@@ -167,7 +167,7 @@ impl Tile {
 }
 
 /// Results of sixteen pixels.
-struct Found<S: Simd> {
+struct TileResults<S: Simd> {
     color: [f32x16<S>; 3],
     /// Share of the pixel that is not taken yet.
     open: f32x16<S>,
@@ -179,7 +179,7 @@ struct Found<S: Simd> {
 #[inline(always)]
 fn sixteen<S: Simd>(
     simd: S,
-    block: &Block,
+    block: &FrameBlock,
     pass: Pass,
     wanted: u64,
     starts: &[[f32; LANES]; 3],
@@ -191,7 +191,7 @@ fn sixteen<S: Simd>(
     let ahead = forward.simd_gt(LEAST_FORWARD as f32) & mask32x16::from_bitmask(simd, wanted);
     let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
     let open = ahead.select(one, zero);
-    let mut found = Found {
+    let mut found = TileResults {
         color: [zero; 3],
         open,
         pending: Pending::new(simd, block.lumigraph.pyramid.levels[0]),
@@ -232,10 +232,10 @@ fn sixteen<S: Simd>(
 #[inline(always)]
 fn look_beside<S: Simd>(
     simd: S,
-    block: &Block,
+    block: &FrameBlock,
     steps: &[Step],
     slopes: [f32x16<S>; 2],
-    found: &mut Found<S>,
+    found: &mut TileResults<S>,
 ) {
     for step in steps {
         // The same cell again shows the same.
@@ -258,7 +258,7 @@ fn look_beside<S: Simd>(
 
 /// Lanes for which a camera of the cell that looks at infinity sees an occluder.
 #[inline(always)]
-fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> mask32x16<S> {
+fn hides<S: Simd>(simd: S, block: &FrameBlock, rays: &Rays<S>, of: mask32x16<S>) -> mask32x16<S> {
     let none = mask32x16::from_bitmask(simd, 0);
     let Some(infinity) = block
         .plan
@@ -285,7 +285,7 @@ fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> m
 
 /// Returns true if a shift leads out of the grid for all rays: nearer cells were tested before.
 #[inline(always)]
-fn leads_away<S: Simd>(block: &Block, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> bool {
+fn leads_away<S: Simd>(block: &FrameBlock, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> bool {
     let (view, places) = (&block.plan.view, [&block.plan.columns, &block.plan.rows]);
     let eye = view.eye.as_vec3().to_array();
     for axis in 0..2 {
@@ -308,7 +308,7 @@ fn leads_away<S: Simd>(block: &Block, slopes: [f32x16<S>; 2], shift: [i32; 2]) -
 /// Adds what the rays meet in the block's layers, from near to far, until nothing is left to see
 /// behind.
 #[inline(always)]
-fn draw_layers<S: Simd>(simd: S, block: &Block, loose: bool, rays: &Rays<S>, found: &mut Found<S>) {
+fn draw_layers<S: Simd>(simd: S, block: &FrameBlock, loose: bool, rays: &Rays<S>, found: &mut TileResults<S>) {
     'layers: for batch in block.batches {
         let near = match &rays.bundle {
             Some(bundle) if block.plan.skip => {
@@ -345,12 +345,12 @@ fn draw_layers<S: Simd>(simd: S, block: &Block, loose: bool, rays: &Rays<S>, fou
 #[inline(always)]
 fn draw_layer<S: Simd>(
     simd: S,
-    block: &Block,
+    block: &FrameBlock,
     layer: &LayerInView,
     ranges: [[u16; 2]; 4],
     loose: bool,
     rays: &Rays<S>,
-    found: &mut Found<S>,
+    found: &mut TileResults<S>,
 ) -> bool {
     let indices = if loose {
         layer.with_neighbours
@@ -419,7 +419,7 @@ fn draw_layer<S: Simd>(
 #[inline(always)]
 fn resolve<S: Simd>(
     simd: S,
-    found: &Found<S>,
+    found: &TileResults<S>,
     ahead: mask32x16<S>,
     behind: mask32x16<S>,
 ) -> ([[u8; 4]; LANES], bool) {

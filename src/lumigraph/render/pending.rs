@@ -2,7 +2,7 @@
 
 use super::plan::Paint;
 use super::pyramid::{Level, Pyramid};
-use super::rays::{Places, Rays};
+use super::rays::{TexelPositions, Rays};
 use super::show::Show;
 use super::taps::{LANES, add_taps, nearest};
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*, u32x16};
@@ -54,7 +54,7 @@ impl<S: Simd> Pending<S> {
         rays: mask32x16<S>,
         level: Level,
         indices: [u16; 2],
-        places: &Places<S>,
+        places: &TexelPositions<S>,
         weight: [f32x16<S>; 4],
         taken: f32x16<S>,
     ) {

@@ -148,10 +148,10 @@ impl<S: Simd> Rays<S> {
 
     /// Positions of a layer's texels in the images of the four cameras.
     #[inline(always)]
-    pub(super) fn places(&self, layer: &LayerInView) -> Places<S> {
+    pub(super) fn places(&self, layer: &LayerInView) -> TexelPositions<S> {
         let u = self.slopes[0] * layer.scale + layer.add[0];
         let v = self.slopes[1] * -layer.scale + layer.add[1];
-        Places {
+        TexelPositions {
             u: [
                 u - self.across.place[0] * layer.shift,
                 u - self.across.place[1] * layer.shift,
@@ -184,12 +184,12 @@ fn bundle<S: Simd>(
 }
 
 /// Texel positions in four cameras: of low and high columns, and of low and high rows.
-pub(super) struct Places<S: Simd> {
+pub(super) struct TexelPositions<S: Simd> {
     pub(super) u: [f32x16<S>; 2],
     pub(super) v: [f32x16<S>; 2],
 }
 
-impl<S: Simd> Places<S> {
+impl<S: Simd> TexelPositions<S> {
     /// Position in the `k`-th camera, in the order of [`Rays::weight`].
     #[inline(always)]
     pub(super) fn of(&self, k: usize) -> [f32x16<S>; 2] {

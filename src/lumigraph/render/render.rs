@@ -6,7 +6,7 @@
 //! agree whether there is a surface, [`Blend::Shared`](crate::Blend::Shared) goes on behind it.
 
 use super::cells::Batch;
-use super::kernel::{Block, HIDDEN, Pass};
+use super::kernel::{FrameBlock, HIDDEN, Pass};
 use super::merge::Merger;
 use super::plan::{LumigraphPlan, WIDER};
 use super::taps::LANES;
@@ -152,7 +152,7 @@ fn draw_band(
         let batches =
             |beside: usize| plan.layers_of(&lumigraph.cells, &columns, rows, beside, level);
         let mut draw = |batches: &[Batch], pass: Pass| {
-            let block = Block {
+            let block = FrameBlock {
                 lumigraph,
                 plan,
                 batches,

@@ -75,7 +75,7 @@ pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
 
 /// Origin of a cacheable result.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Was {
+pub struct CacheOrigin {
     /// True if it was read from the cache.
     pub kept: bool,
     /// Why what was kept could not be used: a sentence.
@@ -89,7 +89,7 @@ fn kept_or_made<T, E>(
     open: impl FnOnce(&Path) -> Result<T, FileError>,
     make: impl FnOnce() -> Result<T, E>,
     write: impl FnOnce(&Path, &T) -> Result<(), FileError>,
-) -> Result<(T, Was), E> {
+) -> Result<(T, CacheOrigin), E> {
     let file = folder.zip(name).map(|(folder, name)| folder.join(name));
     let (kept, note) = file
         .as_deref()
@@ -97,7 +97,7 @@ fn kept_or_made<T, E>(
     if let Some(kept) = kept {
         // It was read: that it cannot be marked as used does no harm.
         let _ = file.as_deref().map(InUse::of);
-        return Ok((kept, Was { kept: true, note }));
+        return Ok((kept, CacheOrigin { kept: true, note }));
     }
     let made = make()?;
     // A cache that cannot be written costs time, and no more.
@@ -106,7 +106,7 @@ fn kept_or_made<T, E>(
     {
         evict_to(folder, MOST_BYTES);
     }
-    Ok((made, Was { kept: false, note }))
+    Ok((made, CacheOrigin { kept: false, note }))
 }
 
 /// Reads a cached file, if present; an unreadable one yields the reason in a sentence.

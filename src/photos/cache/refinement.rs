@@ -1,6 +1,6 @@
 //! Refined poses of a set's views, kept so that they are found once.
 
-use super::{Was, kept_or_made, of_views};
+use super::{CacheOrigin, kept_or_made, of_views};
 use glam::{DMat3, DVec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_images::{ImageSet, ImagesError, Pose, RefinementReport, RefinementStep};
@@ -39,7 +39,7 @@ struct OfReport {
 struct Report(#[serde(with = "OfReport")] RefinementReport);
 
 /// Report on a set, or `None`, and the pose of each of its views.
-type Found = (Option<RefinementReport>, Vec<Pose>);
+type CachedPoses = (Option<RefinementReport>, Vec<Pose>);
 
 /// Refines the poses of a set's views, as [`ImageSet::refine_poses`] does, or as was found when it
 /// was last done, which is kept in `folder`.
@@ -50,7 +50,7 @@ pub fn refine_poses(
     set: &mut ImageSet,
     folder: Option<&Path>,
     look: &(dyn Fn(RefinementStep) + Sync),
-) -> Result<(Option<RefinementReport>, Was), ImagesError> {
+) -> Result<(Option<RefinementReport>, CacheOrigin), ImagesError> {
     let name = of_views("poses", HOW, &set.views);
     let views = set.views.len();
     let make = || {
@@ -65,7 +65,7 @@ pub fn refine_poses(
     Ok((report, was))
 }
 
-fn write(path: &Path, (report, poses): &Found) -> Result<(), FileError> {
+fn write(path: &Path, (report, poses): &CachedPoses) -> Result<(), FileError> {
     let header = Header {
         views: poses.len(),
         report: report.clone().map(Report),
@@ -78,7 +78,7 @@ fn write(path: &Path, (report, poses): &Found) -> Result<(), FileError> {
 }
 
 /// Reads the poses of `views` views.
-fn open(path: &Path, views: usize) -> Result<Found, FileError> {
+fn open(path: &Path, views: usize) -> Result<CachedPoses, FileError> {
     let file = Container::open(path, FileKind::POSES)?;
     let info = file.section("info")?;
     let header: Header = info.json()?;
@@ -136,7 +136,7 @@ mod tests {
         };
         let (report, first, refined) = refine(&views);
         assert!(
-            report.as_ref().is_some_and(|report| report.is_applied) && first == Was::default(),
+            report.as_ref().is_some_and(|report| report.is_applied) && first == CacheOrigin::default(),
             "{report:?} {first:?}"
         );
         assert!(

@@ -1,6 +1,6 @@
 //! Cached registration of a set's views.
 
-use super::{Was, kept_or_made, of_views};
+use super::{CacheOrigin, kept_or_made, of_views};
 use glam::{DMat3, DVec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_images::{
@@ -28,7 +28,7 @@ struct Header {
 }
 
 /// Report on a set, or `None`, and the registration of each of its views.
-type Found = (Option<RegistrationReport>, Vec<Option<Registration>>);
+type CachedRegistration = (Option<RegistrationReport>, Vec<Option<Registration>>);
 
 /// Registers a set's views, as [`ImageSet::register`] does, or as was found when it was last done,
 /// which is kept in `folder`.
@@ -39,7 +39,7 @@ pub fn register(
     set: &mut ImageSet,
     folder: Option<&Path>,
     look: &(dyn Fn(RegistrationStep) + Sync),
-) -> Result<(Option<RegistrationReport>, Was), ImagesError> {
+) -> Result<(Option<RegistrationReport>, CacheOrigin), ImagesError> {
     let name = of_views("registration", HOW, &set.views);
     let views = set.views.len();
     let make = || {
@@ -58,7 +58,7 @@ pub fn register(
     Ok((report, was))
 }
 
-fn write(path: &Path, (report, registrations): &Found) -> Result<(), FileError> {
+fn write(path: &Path, (report, registrations): &CachedRegistration) -> Result<(), FileError> {
     let header = Header {
         views: registrations.len(),
         is_found: report.is_some(),
@@ -73,7 +73,7 @@ fn write(path: &Path, (report, registrations): &Found) -> Result<(), FileError> 
 }
 
 /// Reads the registration of `views` views.
-fn open(path: &Path, views: usize) -> Result<Found, FileError> {
+fn open(path: &Path, views: usize) -> Result<CachedRegistration, FileError> {
     let file = Container::open(path, FileKind::REGISTRATION)?;
     let info = file.section("info")?;
     let header: Header = info.json()?;
@@ -269,11 +269,11 @@ mod tests {
             sampled_views: 48,
             views: 50,
         };
-        let found: Found = (Some(report), vec![Some(some(0)), None, Some(some(2))]);
+        let found: CachedRegistration = (Some(report), vec![Some(some(0)), None, Some(some(2))]);
         write(&path, &found).expect("written");
         assert_eq!(open(&path, 3).expect("read"), found);
         assert!(open(&path, 4).is_err(), "of other views");
-        let nothing: Found = (None, vec![None; 3]);
+        let nothing: CachedRegistration = (None, vec![None; 3]);
         write(&path, &nothing).expect("written");
         assert_eq!(open(&path, 3).expect("read"), nothing);
         write(&path, &found).expect("written");
@@ -309,12 +309,12 @@ mod tests {
             (report, was, set.views)
         };
         let (report, first, registered) = register(&views);
-        assert!(report.is_some() && first == Was::default(), "{first:?}");
+        assert!(report.is_some() && first == CacheOrigin::default(), "{first:?}");
         assert!(registered.iter().all(|view| view.registration.is_some()));
         let (again, second, same) = register(&views);
         assert!(
             second
-                == Was {
+                == CacheOrigin {
                     kept: true,
                     note: None
                 }

@@ -33,7 +33,7 @@ fn traced<const N: usize>(places: [f64; N]) -> [LoadedView; N] {
 
 /// Error of a part of a frame against truth.
 #[derive(Clone, Copy, Debug)]
-struct Off {
+struct RegionError {
     /// Mean absolute difference where both show something, levels.
     shown: f64,
     /// The same over all of the part, its holes black.
@@ -42,7 +42,7 @@ struct Off {
     covered: f64,
 }
 
-impl Off {
+impl RegionError {
     fn of(frame: &Frame, truth: &LoadedView, columns: Range<usize>, rows: Range<usize>) -> Self {
         let (mut shown, mut hidden, mut covered, mut all) = (0.0, 0.0, 0.0, 0.0);
         for i in rows.flat_map(|y| columns.clone().map(move |x| y * SIZE[0] as usize + x)) {
@@ -93,8 +93,8 @@ fn a_view_that_was_taken_away_comes_back_nearer_than_in_the_paper() {
         };
         let (frame, _) = frame(&geometry, &camera, &settings);
         // The gate, and the whole (C28).
-        let gate = Off::of(&frame, &truth, GATE.0, GATE.1);
-        let whole = Off::of(&frame, &truth, 0..SIZE[0] as usize, 0..SIZE[1] as usize);
+        let gate = RegionError::of(&frame, &truth, GATE.0, GATE.1);
+        let whole = RegionError::of(&frame, &truth, 0..SIZE[0] as usize, 0..SIZE[1] as usize);
         println!("{:20} gate {gate:.3?} whole {whole:.3?}", texturing.name());
         (gate, whole)
     });

@@ -3,14 +3,14 @@
 
 use super::{GeometryRenderer, ViewGeometry};
 use crate::view_geometry::render::scan::{
-    BAND_ROWS, Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, UNCOVERED,
+    BAND_ROWS, BandBuffers, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, UNCOVERED,
 };
 use crate::view_geometry::render::texture_camera::TextureCamera;
 use rayon::prelude::*;
 
 /// Pixel of the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shown {
+pub struct PixelTriangle {
     /// The camera, an index into the set's, of the corners that weigh most there.
     pub camera: u32,
     /// Number of cameras that own the triangle's corners.
@@ -22,7 +22,7 @@ pub struct Shown {
 impl GeometryRenderer {
     /// Triangle of each pixel of the last frame; `None` where there is none, so everywhere in a
     /// frame of [`super::Texturing::Nearest`].
-    pub fn shown(&self) -> Vec<Option<Shown>> {
+    pub fn shown(&self) -> Vec<Option<PixelTriangle>> {
         // Without pictures, sides of depth edges are told by their corners.
         let pixels = self.each_pixel(&[], |pixels, lane, _| self.at(pixels, lane));
         let triangle = |i: usize| pixels.get(i).map(|(triangle, _)| *triangle);
@@ -34,7 +34,7 @@ impl GeometryRenderer {
         };
         (0..pixels.len())
             .map(|i| {
-                pixels[i].1.map(|shown| Shown {
+                pixels[i].1.map(|shown| PixelTriangle {
                     on_rim: on_rim(i),
                     ..shown
                 })
@@ -89,7 +89,7 @@ impl GeometryRenderer {
         };
         let band = |number: u32| {
             let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);
-            let mut described = Described::default();
+            let mut described = BandBuffers::default();
             scanner.describe(number, width, &rows, &mut described);
             let row = |(pixels, y): (&[Pixels], u32)| -> Vec<T> {
                 (0..width)
@@ -111,7 +111,7 @@ impl GeometryRenderer {
     }
 
     /// The triangle of a pixel, and what it shows but for its rim.
-    fn at(&self, pixels: &Pixels, lane: usize) -> (u32, Option<Shown>) {
+    fn at(&self, pixels: &Pixels, lane: usize) -> (u32, Option<PixelTriangle>) {
         let owners = pixels.owners[lane];
         if owners == UNCOVERED {
             return (UNCOVERED, None);
@@ -133,7 +133,7 @@ impl GeometryRenderer {
         let camera = most.and_then(|rank| self.used.get(rank)).copied();
         (
             pixels.triangles[lane],
-            camera.map(|camera| Shown {
+            camera.map(|camera| PixelTriangle {
                 camera,
                 owners: count,
                 on_rim: false,
@@ -145,7 +145,7 @@ impl GeometryRenderer {
 #[cfg(test)]
 mod tests {
     pub(crate) use super::super::tests::{frame_at, opened, plane_view, view_of};
-    use super::super::{GeometrySettings, Patience, SampleGrid, Texturing};
+    use super::super::{GeometrySettings, WaitPolicy, SampleGrid, Texturing};
     use super::*;
     use glam::DVec3;
 
@@ -162,7 +162,7 @@ mod tests {
             by_sight: false,
             ..GeometrySettings::default()
         };
-        renderer.render(&geometry, &camera, &settings, Patience::Wait);
+        renderer.render(&geometry, &camera, &settings, WaitPolicy::Wait);
         let shown = renderer.shown();
         let covered = renderer
             .frame()
@@ -174,7 +174,7 @@ mod tests {
             "the same pixels"
         );
         let count =
-            |of: &dyn Fn(&Shown) -> bool| shown.iter().flatten().filter(|shown| of(shown)).count();
+            |of: &dyn Fn(&PixelTriangle) -> bool| shown.iter().flatten().filter(|shown| of(shown)).count();
         assert_eq!(count(&|shown| shown.camera == 1), 0, "it was left out");
         assert!(
             [0, 2]
@@ -196,7 +196,7 @@ mod tests {
             texturing: Texturing::Nearest,
             ..settings
         };
-        renderer.render(&geometry, &camera, &pasted, Patience::Wait);
+        renderer.render(&geometry, &camera, &pasted, WaitPolicy::Wait);
         assert!(
             renderer.shown().iter().all(Option::is_none),
             "no triangle was drawn"
@@ -214,7 +214,7 @@ mod tests {
             &geometry,
             &frame,
             &GeometrySettings::default(),
-            Patience::Wait,
+            WaitPolicy::Wait,
         );
         let seen = renderer.seen_by(&geometry);
         // Of the wall, 3 m away, each camera sees half of its width to either side of itself.
@@ -231,7 +231,7 @@ mod tests {
             texturing: Texturing::Nearest,
             ..GeometrySettings::default()
         };
-        renderer.render(&geometry, &frame, &pasted, Patience::Wait);
+        renderer.render(&geometry, &frame, &pasted, WaitPolicy::Wait);
         assert!(
             renderer.seen_by(&geometry).iter().all(Option::is_none),
             "no triangle was drawn"
@@ -269,7 +269,7 @@ mod tests {
             &geometry,
             &frame,
             &GeometrySettings::default(),
-            Patience::Wait,
+            WaitPolicy::Wait,
         );
         let seen = renderer.seen_by(&geometry);
         // From the left the post hides the wall from 0.84 to 1.56 m right of the middle.

@@ -26,11 +26,11 @@ mod settings;
 pub mod tests;
 
 pub use crate::view_geometry::cameras::samples::SampleGrid;
-pub use crate::view_geometry::cameras::store::Patience;
+pub use crate::view_geometry::cameras::store::WaitPolicy;
 pub use crate::view_geometry::render::rank::RankWeights;
 pub use crate::view_geometry::render::renderer::{GeometryRenderer, GeometryStats};
 pub use effort::TimeBudget;
-pub use inspect::Shown;
+pub use inspect::PixelTriangle;
 pub use set::{GeometryError, GeometryResources, RealCamera, ViewGeometry};
 pub use settings::{GeometrySettings, Texturing};
 

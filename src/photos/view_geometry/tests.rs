@@ -66,7 +66,7 @@ pub fn frame(
     settings: &GeometrySettings,
 ) -> (Frame, GeometryStats) {
     let mut renderer = GeometryRenderer::new();
-    let (frame, stats) = renderer.render(geometry, camera, settings, Patience::Wait);
+    let (frame, stats) = renderer.render(geometry, camera, settings, WaitPolicy::Wait);
     (frame.clone(), stats)
 }
 
@@ -169,7 +169,7 @@ fn pixels_are_those_of_the_slow_way() {
         ..settings(Texturing::Blended)
     };
     let mut renderer = GeometryRenderer::new();
-    renderer.render(&geometry, &camera, &settings, Patience::Wait);
+    renderer.render(&geometry, &camera, &settings, WaitPolicy::Wait);
     let by_rank: Vec<&LoadedView> = renderer
         .ranked
         .iter()
@@ -310,7 +310,7 @@ fn the_same_bytes_on_any_number_of_threads_at_every_level() {
             let mut renderer = GeometryRenderer::with(level);
             pool.install(|| {
                 renderer
-                    .render(&geometry, &camera, &settings(texturing), Patience::Wait)
+                    .render(&geometry, &camera, &settings(texturing), WaitPolicy::Wait)
                     .0
                     .clone()
             })
@@ -339,7 +339,7 @@ fn frames_after_others_hold_nothing_of_them() {
         for texturing in [Texturing::Blended, Texturing::Nearest, Texturing::Multi] {
             let (expected, _) = frame(&geometry, &camera, &settings(texturing));
             let (found, _) =
-                renderer.render(&geometry, &camera, &settings(texturing), Patience::Wait);
+                renderer.render(&geometry, &camera, &settings(texturing), WaitPolicy::Wait);
             assert!(*found == expected, "{texturing:?} from {eye}");
         }
     }
@@ -515,7 +515,7 @@ fn a_walk_past_many_cameras_stays_within_its_budget_and_never_waits() {
     let mut served = 0;
     for step in 0..300 {
         let camera = frame_at(DVec3::X * (0.04 * f64::from(step)), [48, 36]);
-        let (_, stats) = renderer.render(&geometry, &camera, &settings, Patience::Never);
+        let (_, stats) = renderer.render(&geometry, &camera, &settings, WaitPolicy::Never);
         served += u32::from(stats.cameras_used > 0);
         // One more may come in while the others are being counted.
         assert!(
@@ -528,7 +528,7 @@ fn a_walk_past_many_cameras_stays_within_its_budget_and_never_waits() {
     assert!(served > 250, "{served} frames showed something");
     let camera = frame_at(DVec3::X * 12.0, [48, 36]);
     let (expected, _) = frame(&geometry, &camera, &settings);
-    let (still, stats) = renderer.render(&geometry, &camera, &settings, Patience::Never);
+    let (still, stats) = renderer.render(&geometry, &camera, &settings, WaitPolicy::Never);
     assert!(
         *still == expected && stats.pictures_missing == 0,
         "{stats:?}"
@@ -584,7 +584,7 @@ fn coarser_settings_are_faster_and_still_show_the_scene() {
             ..settings(Texturing::Blended)
         };
         let mut renderer = GeometryRenderer::new();
-        let (frame, stats) = renderer.render(&geometry, &camera, &settings, Patience::Wait);
+        let (frame, stats) = renderer.render(&geometry, &camera, &settings, WaitPolicy::Wait);
         let (worst, holes) = off_the_pattern(frame, &camera, -3.0);
         assert!(
             worst <= 3 && holes < 96 * 72 / 3,

@@ -7,7 +7,7 @@ use super::evidence::EvidenceRow;
 
 /// A candidate that was kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Kept {
+pub(super) struct KeptCandidates {
     /// Number of the pixel on its face.
     pub(super) pixel: u32,
     /// 1/m.
@@ -53,7 +53,7 @@ impl RunRow {
         side: usize,
         inverse_depth: f32,
         pass: &Pass,
-    ) -> Vec<Kept> {
+    ) -> Vec<KeptCandidates> {
         let own = row
             .checked_sub(first)
             .and_then(|i| evidence.get(i))
@@ -89,7 +89,7 @@ impl RunRow {
             let ends = run.length > 0 && (agreed.is_none() || run.length == pass.longest_run);
             if ends {
                 let pixel = (row * side + column) as u32;
-                kept.push(Kept {
+                kept.push(KeptCandidates {
                     pixel,
                     inverse_depth: run.inverse_depth,
                     color_srgb: run.color_srgb,

@@ -2,7 +2,7 @@
 
 use super::evidence::{EvidenceRow, Witnesses};
 use super::photograph::{Photograph, Projection};
-use super::runs::{Kept, RunRow};
+use super::runs::{KeptCandidates, RunRow};
 use super::{Pass, PhotographsJob};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
@@ -27,7 +27,7 @@ struct SweptFace {
     projections: Vec<Projection>,
     /// Runs of every row.
     runs: Vec<RunRow>,
-    kept: Vec<Kept>,
+    kept: Vec<KeptCandidates>,
 }
 
 impl<'a> Sweep<'a> {
@@ -138,13 +138,13 @@ impl SweptFace {
                 runs.step(evidence, first, row, side, (1.0 / depth) as f32, pass)
             }
         };
-        let kept: Vec<Vec<Kept>> = self.runs.par_iter_mut().enumerate().map(step).collect();
+        let kept: Vec<Vec<KeptCandidates>> = self.runs.par_iter_mut().enumerate().map(step).collect();
         kept.into_iter().for_each(|row| self.kept.extend(row));
     }
 }
 
 /// A face of what was kept.
-fn layers(face: Face, face_px: u32, mut kept: Vec<Kept>, similar: f32) -> LayeredDepthImage {
+fn layers(face: Face, face_px: u32, mut kept: Vec<KeptCandidates>, similar: f32) -> LayeredDepthImage {
     // By pixel, the farthest first.
     kept.sort_by(|a, b| {
         a.pixel

@@ -28,7 +28,7 @@ use headbox_cube::render::{RenderSettings, Renderer};
 use order::CubePoints;
 use rayon::prelude::*;
 use serde::Serialize;
-use stand::Stand;
+use stand::PolygonRaster;
 use std::time::Instant;
 
 /// A layer of a [`Composition`].
@@ -94,7 +94,7 @@ pub struct Composer {
     cubes: Renderer,
     /// One sprite.
     layer: SpriteLayer,
-    polygons: Stand,
+    polygons: PolygonRaster,
     /// Image of each layer, where depths are compared.
     pictures: Vec<LayerPicture>,
 }

@@ -18,31 +18,31 @@ const PARTS: u32 = 2;
 
 /// All polygons of a frame, nearest first.
 #[derive(Default)]
-pub(super) struct Stand {
+pub(super) struct PolygonRaster {
     rasterizer: Rasterizer,
     /// Columns and rows of the frame that may show polygons.
     window: [Range<u32>; 2],
     /// Colour and inverse depth (1/m, 0 for none) of each subpixel of the window.
-    parts: Picture,
+    parts: SubpixelImage,
     /// Pixels of the window.
-    pixels: Picture,
+    pixels: SubpixelImage,
 }
 
 /// Row-major.
 #[derive(Default)]
-struct Picture {
+struct SubpixelImage {
     colors: Vec<[u8; 4]>,
     inverse_depth: Vec<f32>,
 }
 
-impl Picture {
+impl SubpixelImage {
     fn resize(&mut self, count: usize) {
         self.colors.resize(count, [0; 4]);
         self.inverse_depth.resize(count, 0.0);
     }
 }
 
-impl Stand {
+impl PolygonRaster {
     /// Draws polygons, each where it is nearer than the others.
     pub(super) fn draw(&mut self, polygons: &[Polygons], camera: &Camera) {
         self.window = window(polygons, camera);
@@ -129,7 +129,7 @@ impl Stand {
 
     /// Returns the polygons drawn last.
     pub(super) fn standing(&self) -> Standing<'_> {
-        let Picture {
+        let SubpixelImage {
             colors,
             inverse_depth,
         } = &self.pixels;
@@ -222,7 +222,7 @@ mod tests {
             let (eye, focal_px) = (middle + DVec3::Z * (away * 0.3), f64::from(size[0]));
             let camera = Camera::from_parts(eye, DMat3::IDENTITY, focal_px, size[0], size[1])
                 .expect("valid");
-            let mut stand = Stand::default();
+            let mut stand = PolygonRaster::default();
             stand.draw(&polygons, &camera);
             assert!(
                 stand.window[0].len() > size[0] as usize / 2,

@@ -57,10 +57,10 @@ impl SpriteSet {
     /// where that leaves a choice (or contradicts itself, as overlapping sprites can), the one
     /// whose middle is farther is drawn first.
     pub fn back_to_front(&self, eye: DVec3) -> Vec<usize> {
-        let shapes: Vec<Shape> = self
+        let shapes: Vec<SpriteExtent> = self
             .sprites
             .iter()
-            .map(|s| Shape::new(s.sprite(), eye))
+            .map(|s| SpriteExtent::new(s.sprite(), eye))
             .collect();
         let mut left: Vec<usize> = (0..shapes.len()).collect();
         left.sort_by(|&a, &b| {
@@ -104,7 +104,7 @@ impl SpriteSet {
 }
 
 /// Extent of a sprite's visible part, for ordering.
-struct Shape {
+struct SpriteExtent {
     /// Points of the visible surface, world.
     points: Vec<DVec3>,
     /// Unit normal towards the eye, and offset, of its plane.
@@ -134,7 +134,7 @@ pub fn visible_points(sprite: &SpriteWithDepth) -> Vec<DVec3> {
     cells.filter_map(point).collect()
 }
 
-impl Shape {
+impl SpriteExtent {
     fn new(sprite: &SpriteWithDepth, eye: DVec3) -> Self {
         let points = visible_points(sprite);
         let plane = sprite.sprite().plane().facing(eye);

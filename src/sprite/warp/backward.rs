@@ -112,7 +112,7 @@ fn rows<S: Simd, const NEAREST: bool>(
 ) {
     let cells = Cells::of(view.parallax);
     let mut footprints = Footprints::new();
-    let mut found = Found::new();
+    let mut found = BlockLookups::new();
     let mut drawn = [0; BLOCK];
     // Tile by tile: what a row reads the next reads again, from the nearest cache while rows are
     // short.
@@ -124,7 +124,7 @@ fn rows<S: Simd, const NEAREST: bool>(
             while x < right {
                 let pixels = one_level(view, [x, y], right - x);
                 let out = &mut row[x..x + pixels];
-                let place = Block::new(view, cells, [x, y], pixels);
+                let place = PixelBlock::new(view, cells, [x, y], pixels);
                 x += pixels;
                 let Some(place) = place else {
                     out.fill(0);
@@ -170,7 +170,7 @@ fn one_level(view: &BackwardPlan, [x, y]: [usize; 2], pixels: usize) -> usize {
 
 /// Values computed once per block in f64: positions are relative to a whole texel near the block
 /// (the *anchor*), so that f32 resolves them to 1e-5 px.
-struct Block<'a> {
+struct PixelBlock<'a> {
     /// (x3 w, y3 w, w) relative to the anchor at the first pixel, over `normalizer`.
     start: [f32; 3],
     /// Its change from pixel to pixel.
@@ -205,7 +205,7 @@ struct Lookup<'a> {
 /// Anchors further out than this serve no precision; they keep integers small.
 const FARTHEST_ANCHOR: f64 = 131_072.0;
 
-impl<'a> Block<'a> {
+impl<'a> PixelBlock<'a> {
     /// `None` if no pixel of the block shows anything.
     #[inline(always)]
     fn new(
@@ -400,7 +400,7 @@ impl<'a> Lookup<'a> {
 #[inline(always)]
 fn on_plane<S: Simd>(
     simd: S,
-    place: &Block,
+    place: &PixelBlock,
     first: usize,
 ) -> ([f32x16<S>; 2], mask32x16<S>, f32x16<S>) {
     let lanes = f32x16::load_array_ref(simd, &LANE_NUMBERS) + first as f32;
@@ -415,7 +415,7 @@ fn on_plane<S: Simd>(
 #[inline(always)]
 fn straight<S: Simd, const NEAREST: bool>(
     simd: S,
-    place: &Block,
+    place: &PixelBlock,
     count: usize,
     footprints: &mut Footprints,
 ) {
@@ -431,7 +431,7 @@ fn straight<S: Simd, const NEAREST: bool>(
 
 /// A block's positions on the plane and the cells found there; aligned as cache lines are.
 #[repr(align(64))]
-struct Found {
+struct BlockLookups {
     x: [f32; BLOCK],
     y: [f32; BLOCK],
     share: [f32; BLOCK],
@@ -442,7 +442,7 @@ struct Found {
     cell: [u32; BLOCK],
 }
 
-impl Found {
+impl BlockLookups {
     fn new() -> Self {
         let zero = [0.0; BLOCK];
         Self {
@@ -462,9 +462,9 @@ impl Found {
 fn displaced<S: Simd, const NEAREST: bool>(
     simd: S,
     parallax: Parallax,
-    place: &Block,
+    place: &PixelBlock,
     count: usize,
-    found: &mut Found,
+    found: &mut BlockLookups,
     footprints: &mut Footprints,
 ) {
     let Some(lookup) = &place.lookup else { return };
@@ -598,10 +598,10 @@ fn displacement<S: Simd>(coding: &Coding, cells: u32x16<S>, offset: [f32x16<S>; 
 #[inline(always)]
 fn find_cells<S: Simd, const INSIDE: bool>(
     simd: S,
-    place: &Block,
+    place: &PixelBlock,
     lookup: &Lookup,
     first: usize,
-    found: &mut Found,
+    found: &mut BlockLookups,
 ) {
     let (position, in_front, share) = on_plane(simd, place, first);
     let mut inside = in_front;

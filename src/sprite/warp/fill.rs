@@ -10,9 +10,9 @@ const LANES: usize = 16;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Gaps {
     /// Blocks with gaps, ascending.
-    blocks: Vec<Block>,
+    blocks: Vec<CellBlock>,
     /// Those of them that still have gaps after a step.
-    open: Vec<Block>,
+    open: Vec<CellBlock>,
     /// First cells of blocks that a step changes, and their cells after it.
     filled: Vec<(u32, [u32; LANES])>,
 }
@@ -20,7 +20,7 @@ pub(super) struct Gaps {
 /// [`LANES`] cells of a row; all of a row that is shorter. Blocks begin with rows; the last of a
 /// row ends with it, and shares cells with the one before.
 #[derive(Clone, Copy, Debug)]
-struct Block {
+struct CellBlock {
     /// Its first cell.
     start: u32,
     /// [`FIRST`] and [`LAST`] if the row begins or ends with it.
@@ -68,7 +68,7 @@ pub(super) fn fill<S: Simd>(
 
 /// The blocks of which some cells are empty.
 #[inline(always)]
-fn find_gaps<S: Simd>(simd: S, cells: &[u32], width: usize, blocks: &mut Vec<Block>) {
+fn find_gaps<S: Simd>(simd: S, cells: &[u32], width: usize, blocks: &mut Vec<CellBlock>) {
     blocks.clear();
     for (y, row) in cells.chunks_exact(width).enumerate() {
         let mut whole = row.chunks_exact(LANES);
@@ -77,7 +77,7 @@ fn find_gaps<S: Simd>(simd: S, cells: &[u32], width: usize, blocks: &mut Vec<Blo
             |x: usize| if x == 0 { FIRST } else { 0 } | if x + LANES >= width { LAST } else { 0 };
         for block in &mut whole {
             if u32x16::from_slice(simd, block).simd_eq(0).any_true() {
-                blocks.push(Block {
+                blocks.push(CellBlock {
                     start: (y * width + x) as u32,
                     ends: ends(x),
                 });
@@ -86,7 +86,7 @@ fn find_gaps<S: Simd>(simd: S, cells: &[u32], width: usize, blocks: &mut Vec<Blo
         }
         if whole.remainder().contains(&0) {
             let x = width.saturating_sub(LANES);
-            blocks.push(Block {
+            blocks.push(CellBlock {
                 start: (y * width + x) as u32,
                 ends: ends(x),
             });

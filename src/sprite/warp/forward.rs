@@ -11,7 +11,7 @@ use super::fill::{Gaps, fill};
 use super::patches::{BLOCK_SIDE, GROUP, PatchGroup, TILE};
 use super::planes::{Setups, draw_patch, set_up, slope_units};
 use super::pure_parallax::{
-    CellBand, Encoding, FirstPass, NEAREST_DEPTH_SHARE, PureParallax, Stored, moved,
+    CellBand, Encoding, FirstPass, NEAREST_DEPTH_SHARE, PureParallax, StoredValue, moved,
 };
 use super::sampling::COPIES;
 use super::transfer::SpriteTransfer;
@@ -187,7 +187,7 @@ fn move_square_at<S: Simd>(
             let position = [x as f32 + 0.5, y as f32 + 0.5];
             let (moved, magnified) = move_cells(simd, parallax, block, position, band);
             scatter(simd, moved, band.cells);
-            if magnified != 0 && parallax.stored == Stored::Corrected {
+            if magnified != 0 && parallax.stored == StoredValue::Corrected {
                 let whole = set_up(
                     simd,
                     parallax,
@@ -249,7 +249,7 @@ fn cells_as_patches(
 
 /// Sixteen indices into a band and the cells to put there; an index beyond every band where there
 /// is nothing to put.
-type Moved<S> = (u32x16<S>, u32x16<S>);
+type MovedCells<S> = (u32x16<S>, u32x16<S>);
 
 /// Places in groups of four neighbours.
 const IN_STEP: [u32; 16] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
@@ -257,7 +257,7 @@ const IN_STEP: [u32; 16] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
 /// The nearer of what is there and what comes. Where a surface is smooth most groups of four stay
 /// neighbours, and go to memory together.
 #[inline(always)]
-fn scatter<S: Simd>(simd: S, (indices, values): Moved<S>, cells: &mut [u32]) {
+fn scatter<S: Simd>(simd: S, (indices, values): MovedCells<S>, cells: &mut [u32]) {
     let firsts = indices.swizzle_dyn_within_blocks(u8x64::load_array_ref(simd, &COPIES[0]));
     let in_step = (indices - firsts)
         .simd_eq(u32x16::load_array_ref(simd, &IN_STEP))
@@ -302,7 +302,7 @@ fn move_cells<S: Simd>(
     cells: u32x16<S>,
     position: [f32; 2],
     band: &CellBand,
-) -> (Moved<S>, u64) {
+) -> (MovedCells<S>, u64) {
     let (d, slope_x, slope_y) = decode(cells, &parallax.source_coding);
     let [ex, ey, ez] = parallax.epipole;
     let x = f32x16::load_array_ref(simd, &BLOCK_COLUMNS) + position[0];
@@ -320,8 +320,8 @@ fn move_cells<S: Simd>(
     let y3 = (y + d * ey) * share;
     let (column, row) = (x3.floor(), y3.floor());
     let (value, factor) = match parallax.stored {
-        Stored::Corrected => (d * share, both * w3),
-        Stored::AsPrinted => (d, both * w3 * w3 * w3),
+        StoredValue::Corrected => (d * share, both * w3),
+        StoredValue::AsPrinted => (d, both * w3 * w3 * w3),
     };
     let (slope_x, slope_y) = (slope_x * factor, slope_y * factor);
     let value = value + slope_x * (column + 0.5 - x3) + slope_y * (row + 0.5 - y3);
@@ -432,7 +432,7 @@ mod tests {
             let (mut out, mut memory) = (Field::empty(), Vec::new());
             let pass = FirstPass {
                 cell_px: [1.0; 2],
-                stored: Stored::Corrected,
+                stored: StoredValue::Corrected,
                 fill_steps: 5,
             };
             pool.install(|| forward(Level::new(), &field, &transfer, pass, &mut out, &mut memory));

@@ -1,7 +1,7 @@
 //! Patches of planes in the first pass: a plane moves whole, to a parallelogram.
 
 use super::patches::{GROUP, PatchGroup};
-use super::pure_parallax::{CellBand, Encoding, NEAREST_DEPTH_SHARE, PureParallax, Stored};
+use super::pure_parallax::{CellBand, Encoding, NEAREST_DEPTH_SHARE, PureParallax, StoredValue};
 use super::sampling::LANE_NUMBERS;
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 
@@ -136,7 +136,7 @@ fn set_up_at<S: Simd>(
         & last_row.simd_lt(parallax.height)
         & least.min(most).simd_ge(1.0)
         & least.max(most).simd_lt(32768.0);
-    if parallax.stored == Stored::AsPrinted {
+    if parallax.stored == StoredValue::AsPrinted {
         return 0;
     }
 

@@ -11,7 +11,7 @@ pub const NEAREST_DEPTH_SHARE: f32 = 1.0 / 16.0;
 
 /// Value that the first pass stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stored {
+pub(super) enum StoredValue {
     /// d1 / w3: right with a first term of the second pass that is divided by its third component
     /// (C5).
     Corrected,
@@ -24,7 +24,7 @@ pub(super) enum Stored {
 pub(super) struct FirstPass {
     /// The size of a cell in pixels.
     pub cell_px: [f64; 2],
-    pub stored: Stored,
+    pub stored: StoredValue,
     /// Cells by which gaps are filled.
     pub fill_steps: u32,
 }
@@ -32,7 +32,7 @@ pub(super) struct FirstPass {
 /// Pure parallax in units of displacement cells.
 pub(super) struct PureParallax {
     pub(super) epipole: [f32; 3],
-    pub(super) stored: Stored,
+    pub(super) stored: StoredValue,
     /// Added to the column (row) of a cell in the source to find it in the output.
     pub(super) origin: [f32; 2],
     pub(super) width: f32,
@@ -64,7 +64,7 @@ impl PureParallax {
         (out.x0, out.y0) = (x0, y0);
         (out.width, out.height) = ((x1 - x0) as u32, (y1 - y0) as u32);
         let share = |d: f32| {
-            if pass.stored == Stored::Corrected {
+            if pass.stored == StoredValue::Corrected {
                 d / (1.0 + d * epipole[2])
             } else {
                 d

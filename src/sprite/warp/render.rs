@@ -3,7 +3,7 @@
 use super::backward::{BackwardPlan, Parallax, backward};
 use super::field::Field;
 use super::forward::{BandMemory, forward};
-use super::pure_parallax::{FirstPass, Stored};
+use super::pure_parallax::{FirstPass, StoredValue};
 use super::sampling::SpriteSampling;
 use super::splat::splat;
 use super::transfer::{Outcome, SpriteTransfer};
@@ -214,9 +214,9 @@ impl SpriteRenderer {
         if moves {
             let as_printed = options.variant == SpriteVariant::AsPrinted;
             let stored = if as_printed {
-                Stored::AsPrinted
+                StoredValue::AsPrinted
             } else {
-                Stored::Corrected
+                StoredValue::Corrected
             };
             let pass = FirstPass {
                 cell_px: *cell_px,

@@ -4,7 +4,7 @@
 use super::effort::{NOTHING, Tops, class_color, class_legend, opaque, swatch, tinted};
 use super::overlay::{HOLE_COLOR, Overlay, paint_holes};
 use super::variation::distinct_color;
-use headbox_photos::view_geometry::{GeometryRenderer, Shown, ViewGeometry};
+use headbox_photos::view_geometry::{GeometryRenderer, PixelTriangle, ViewGeometry};
 use headbox_viewer::Swatch;
 
 /// Overlays of view-dependent geometry.
@@ -117,7 +117,7 @@ const AGES_S: Tops = [0.1, 0.5, 2.0, 10.0, 60.0, 600.0];
 fn paint(
     renderer: &GeometryRenderer,
     pixels: &mut [[u8; 4]],
-    color: impl Fn(usize, Shown) -> [u8; 3],
+    color: impl Fn(usize, PixelTriangle) -> [u8; 3],
 ) {
     for (i, (pixel, shown)) in pixels.iter_mut().zip(renderer.shown()).enumerate() {
         *pixel = opaque(shown.map_or([0; 3], |shown| color(i, shown)));

@@ -26,14 +26,14 @@ const POINT_PX: i64 = 1;
 
 /// Kind of marks drawn over frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Over {
+enum MarkKind {
     Nothing,
     Cameras,
     Points,
     Both,
 }
 
-impl Over {
+impl MarkKind {
     const ALL: [(&'static str, Self); 4] = [
         ("nothing", Self::Nothing),
         ("cameras", Self::Cameras),
@@ -68,13 +68,13 @@ impl Marks {
     }
 
     /// Draws what was asked for over what a camera shows.
-    fn draw(&self, over: Over, camera: &Camera, pixels: &mut [[u8; 4]]) {
-        if matches!(over, Over::Points | Over::Both) {
+    fn draw(&self, over: MarkKind, camera: &Camera, pixels: &mut [[u8; 4]]) {
+        if matches!(over, MarkKind::Points | MarkKind::Both) {
             self.points
                 .iter()
                 .for_each(|point| paint_point(point, camera, pixels));
         }
-        if matches!(over, Over::Cameras | Over::Both) {
+        if matches!(over, MarkKind::Cameras | MarkKind::Both) {
             self.draw_cameras(camera, pixels);
         }
     }
@@ -200,19 +200,19 @@ fn paint_point(point: &SparsePoint, camera: &Camera, pixels: &mut [[u8; 4]]) {
 }
 
 /// Source whose frames are overlaid with marks.
-pub(crate) struct Marked {
+pub(crate) struct MarkedSource {
     source: Box<dyn FrameSource>,
     marks: Marks,
 }
 
-impl Marked {
+impl MarkedSource {
     /// A source whose frames can show marks.
     pub(crate) fn new(source: Box<dyn FrameSource>, marks: Marks) -> Self {
         Self { source, marks }
     }
 }
 
-impl FrameSource for Marked {
+impl FrameSource for MarkedSource {
     fn title(&self) -> String {
         self.source.title()
     }
@@ -255,7 +255,7 @@ impl FrameSource for Marked {
             "Drawn over it",
             "Where the pictures were taken, as pyramids that open to what each shows, and the points that they were aligned by (of a COLMAP \
              model); both also where something hides them.",
-            &Over::ALL.map(|(name, _)| name),
+            &MarkKind::ALL.map(|(name, _)| name),
         );
         self.source.settings().into_iter().chain([marks]).collect()
     }
@@ -266,11 +266,11 @@ impl FrameSource for Marked {
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String> {
         let mut report = self.source.render(request, pixels)?;
-        let chosen = Over::ALL
+        let chosen = MarkKind::ALL
             .get(request.settings.choice("marks")?)
-            .map_or(Over::Nothing, |(_, over)| *over);
+            .map_or(MarkKind::Nothing, |(_, over)| *over);
         self.marks.draw(chosen, &request.camera, pixels);
-        if matches!(chosen, Over::Cameras | Over::Both) {
+        if matches!(chosen, MarkKind::Cameras | MarkKind::Both) {
             let label = format!("where {} pictures were taken", self.marks.cameras.len());
             report.legend.push(Swatch {
                 color: CAMERA,
@@ -309,7 +309,7 @@ mod tests {
         Marks::new(&views, vec![at(-4.0, [1, 2, 3]), at(9.0, [7; 3]), nowhere])
     }
 
-    fn drawn(over: Over, eye: DVec3) -> (Camera, Vec<[u8; 4]>) {
+    fn drawn(over: MarkKind, eye: DVec3) -> (Camera, Vec<[u8; 4]>) {
         let camera = Camera::from_parts(eye, DMat3::IDENTITY, 80.0, SIZE[0], SIZE[1]).unwrap();
         let mut pixels = vec![[200, 100, 50, 255]; (SIZE[0] * SIZE[1]) as usize];
         marks().draw(over, &camera, &mut pixels);
@@ -330,20 +330,20 @@ mod tests {
     fn cameras_open_to_what_they_see_and_points_lie_where_they_are() {
         let eye = DVec3::new(0.0, 0.0, 3.0);
         let background = |color: [u8; 3]| color == [200, 100, 50];
-        let (_, nothing) = drawn(Over::Nothing, eye);
+        let (_, nothing) = drawn(MarkKind::Nothing, eye);
         assert!(
             nothing
                 .iter()
                 .all(|&[r, g, b, a]| background([r, g, b]) && a == 255)
         );
-        let (camera, points) = drawn(Over::Points, eye);
+        let (camera, points) = drawn(MarkKind::Points, eye);
         assert_eq!(at(&camera, &points, DVec3::new(0.5, -0.5, -4.0)), [1, 2, 3]);
         assert_eq!(
             count(&points, |color| !background(color)),
             4,
             "what is behind the eye or nowhere is not drawn"
         );
-        let (camera, cameras) = drawn(Over::Cameras, eye);
+        let (camera, cameras) = drawn(MarkKind::Cameras, eye);
         // Eyes are a metre apart.
         let marks = marks();
         assert!((marks.length_m - 0.4).abs() < 1e-12);
@@ -357,7 +357,7 @@ mod tests {
                 );
             }
         }
-        let (_, both) = drawn(Over::Both, eye);
+        let (_, both) = drawn(MarkKind::Both, eye);
         let changed = |pixels: &[[u8; 4]]| count(pixels, |color| !background(color));
         assert!(changed(&both) > changed(&cameras) && changed(&both) <= changed(&cameras) + 4);
     }
@@ -365,7 +365,7 @@ mod tests {
     #[test]
     fn nothing_is_drawn_of_the_camera_that_one_looks_through_nor_of_what_lies_behind() {
         let changed = |eye: DVec3| {
-            count(&drawn(Over::Cameras, eye).1, |color| {
+            count(&drawn(MarkKind::Cameras, eye).1, |color| {
                 color != [200, 100, 50]
             })
         };

@@ -10,7 +10,7 @@ use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::metrics;
-use headbox_raster::{RasterOutput, Seen};
+use headbox_raster::{RasterOutput, PixelContent};
 use headbox_viewer::{Figure, Ongoing, Refinement, Swatch};
 use image::{Rgb, RgbImage};
 use std::time::Duration;
@@ -117,7 +117,7 @@ pub(crate) fn paint_holes(frame: &Frame, pixels: &mut [[u8; 4]]) {
 pub(crate) fn paint_backdrops(walk: &RasterOutput, pixels: &mut [[u8; 4]]) {
     for (i, (pixel, &[r, g, b, a])) in pixels.iter_mut().zip(&walk.frame.color).enumerate() {
         let grey = ((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8;
-        *pixel = if matches!(walk.seen(i), Seen::Marker(_)) {
+        *pixel = if matches!(walk.seen(i), PixelContent::Marker(_)) {
             [r, g, b, a]
         } else {
             [grey, grey, grey, a]
@@ -174,14 +174,14 @@ pub(crate) fn paint_epipole(camera: &Camera, centre: DVec3, pixels: &mut [[u8; 4
 
 /// Compares frames with ray-traced truth of their views.
 #[derive(Default)]
-pub(crate) struct Judge {
+pub(crate) struct TruthComparison {
     reference: Option<Reference>,
 }
 
 /// Interval between two polls of truth.
 const LOOK_AGAIN: Duration = Duration::from_millis(150);
 
-impl Judge {
+impl TruthComparison {
     /// No truth is needed until the next view asks.
     pub(crate) fn rest(&self) {
         if let Some(reference) = &self.reference {

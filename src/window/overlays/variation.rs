@@ -147,7 +147,7 @@ impl Variation {
                 .get(tile.plane as usize)
                 .copied()
                 .unwrap_or_default();
-            let picture = Picture {
+            let picture = PlaneImage {
                 tile,
                 plane,
                 face_px: cube.face_size_px,
@@ -224,14 +224,14 @@ pub(super) fn distinct_color(number: u32) -> [u8; 3] {
 }
 
 /// A picture on a plane whose colours are to tell something else.
-struct Picture<'a> {
+struct PlaneImage<'a> {
     tile: &'a PlaneTile,
     plane: Plane,
     face_px: u32,
     half_size_m: f64,
 }
 
-impl Picture<'_> {
+impl PlaneImage<'_> {
     fn recolor(&self, texel: usize, color: [u8; 4], meaning: Meaning) -> [u8; 4] {
         let [r, g, b] = match meaning {
             Meaning::Captured => return color,

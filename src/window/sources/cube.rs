@@ -6,7 +6,7 @@ use crate::background::FewerThreads;
 use crate::facts::{axes_fact, simd_fact};
 use crate::file_name::file_name;
 use crate::overlays::effort;
-use crate::overlays::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
+use crate::overlays::overlay::{TruthComparison, Overlay, paint_coverage, paint_epipole, paint_holes};
 use crate::overlays::variation::{FACE_NAMES, Variation, Variations};
 use crate::terms::TERMS;
 use glam::DVec3;
@@ -39,7 +39,7 @@ pub(super) struct CubeSource {
     variations: Variations,
     renderer: Renderer,
     threads: FewerThreads,
-    judge: Judge,
+    judge: TruthComparison,
     growing: Option<Growing>,
 }
 
@@ -142,7 +142,7 @@ impl CubeSource {
         growing: Option<Growing>,
     ) -> Self {
         let (variations, renderer, judge) =
-            (Variations::default(), Renderer::new(), Judge::default());
+            (Variations::default(), Renderer::new(), TruthComparison::default());
         Self {
             title,
             cube,
@@ -205,17 +205,17 @@ impl CubeSource {
 }
 
 /// Further figures, and whether the picture can become better.
-type Painted = (Vec<Figure>, Refinement);
+type OverlayReport = (Vec<Figure>, Refinement);
 
 /// Paints a frame with its overlay.
 fn paint(
-    judge: &mut Judge,
+    judge: &mut TruthComparison,
     frame: &Frame,
     request: &FrameRequest,
     overlay: Overlay,
     scene: impl FnOnce() -> Result<LitScene, String> + Send + 'static,
     pixels: &mut [[u8; 4]],
-) -> Result<Painted, String> {
+) -> Result<OverlayReport, String> {
     match overlay {
         Overlay::Holes => paint_holes(frame, pixels),
         Overlay::Coverage => paint_coverage(frame, pixels),

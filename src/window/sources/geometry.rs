@@ -5,7 +5,7 @@ use crate::overlays::geometry_overlay::GeometryOverlay;
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometrySettings, GeometryStats, Patience, Texturing, TimeBudget,
+    GeometryRenderer, GeometrySettings, GeometryStats, WaitPolicy, Texturing, TimeBudget,
     ViewGeometry,
 };
 use headbox_viewer::{
@@ -145,7 +145,7 @@ impl FrameSource for GeometrySource {
         } = self;
         let draw = || {
             renderer
-                .render(geometry, &request.camera, &settings, Patience::Never)
+                .render(geometry, &request.camera, &settings, WaitPolicy::Never)
                 .1
         };
         let stats = threads.install(&request.settings, draw)?;

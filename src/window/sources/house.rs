@@ -92,13 +92,13 @@ struct LitLater {
     houses: Receiver<Result<House, String>>,
     /// Number of light bakes received.
     come: usize,
-    baking: Arc<Baking>,
+    baking: Arc<BakeProgress>,
     begun: Instant,
 }
 
 /// Progress of baking light.
 #[derive(Default)]
-struct Baking {
+struct BakeProgress {
     given_up: AtomicBool,
     /// Light samples that are taken, and all, of the present light.
     samples: [AtomicUsize; 2],
@@ -222,7 +222,7 @@ impl LitLater {
     /// Begins to bake the light of a model.
     fn begin(model: PortalModel) -> Result<Self, String> {
         let (sender, houses) = mpsc::channel();
-        let baking = Arc::new(Baking::default());
+        let baking = Arc::new(BakeProgress::default());
         let watched = Arc::clone(&baking);
         let pool = background::pool("light")?;
         let work = move || {
@@ -267,7 +267,7 @@ impl LitLater {
     }
 }
 
-impl Baking {
+impl BakeProgress {
     /// Takes down how far light is; ends the work when nobody wants it.
     fn note(&self, done: usize, all: usize) -> ControlFlow<()> {
         self.samples[0].fetch_max(done, Ordering::Relaxed);

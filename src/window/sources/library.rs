@@ -8,7 +8,7 @@ use super::lumigraph::LumigraphSource;
 use super::photographs::PhotographsSource;
 use super::sprite::SpriteSource;
 use crate::file_name::file_name;
-use crate::overlays::marks::{Marked, Marks};
+use crate::overlays::marks::{MarkedSource, Marks};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
@@ -173,7 +173,7 @@ pub fn show_photographs(set: ImageSet, origin: &Path) -> Result<Box<dyn FrameSou
 
 /// Wraps a source of images so that the window can draw camera marks over it.
 pub fn show_marks(source: Box<dyn FrameSource>, marks: Marks) -> Box<dyn FrameSource> {
-    Box::new(Marked::new(source, marks))
+    Box::new(MarkedSource::new(source, marks))
 }
 
 fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {

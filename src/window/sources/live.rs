@@ -29,16 +29,16 @@ pub(super) struct LiveSource {
     /// Draws the newest cube.
     shown: CubeSource,
     builder: Builder,
-    wish: Wish,
+    wish: ViewRequest,
     /// Images of the shown cube, and its build time, ms.
     made_of: (String, f64),
 }
 
 /// View request: camera and number of images.
-type Wish = (Camera, usize);
+type ViewRequest = (Camera, usize);
 
 /// A cube, and which images it is of.
-struct Built {
+struct LiveCube {
     cube: PackedCube,
     images: Vec<usize>,
     names: String,
@@ -58,7 +58,7 @@ impl LiveSource {
     ) -> Result<Self, String> {
         let wish = (*start, NearImages::COUNT);
         let nearest = near.nearest(start, NearImages::COUNT);
-        let Built {
+        let LiveCube {
             cube,
             images,
             names,
@@ -79,7 +79,7 @@ impl LiveSource {
     }
 }
 
-fn build(near: &mut NearImages, images: Vec<usize>) -> Result<Built, String> {
+fn build(near: &mut NearImages, images: Vec<usize>) -> Result<LiveCube, String> {
     let started = Instant::now();
     let ldi = near.cube(&images).map_err(|error| error.to_string())?;
     let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)
@@ -89,7 +89,7 @@ fn build(near: &mut NearImages, images: Vec<usize>) -> Result<Built, String> {
         .map(|&i| near.views()[i].name.as_str())
         .collect::<Vec<_>>()
         .join(", ");
-    Ok(Built {
+    Ok(LiveCube {
         cube,
         images,
         names,
@@ -100,21 +100,21 @@ fn build(near: &mut NearImages, images: Vec<usize>) -> Result<Built, String> {
 /// The thread that builds cubes. Dropping it ends the thread after the cube in hand; nobody waits
 /// for it.
 struct Builder {
-    shared: Arc<Shared>,
+    shared: Arc<LiveShared>,
 }
 
 #[derive(Default)]
-struct Shared {
-    state: Mutex<State>,
+struct LiveShared {
+    state: Mutex<LiveState>,
     wished: Condvar,
 }
 
 #[derive(Default)]
-struct State {
-    wish: Option<Wish>,
+struct LiveState {
+    wish: Option<ViewRequest>,
     /// A wish is being looked into.
     busy: bool,
-    newest: Option<Built>,
+    newest: Option<LiveCube>,
     failed: Option<String>,
     closed: bool,
 }
@@ -123,7 +123,7 @@ impl Builder {
     /// `images` is what the cube that is shown already was built of.
     fn start(near: NearImages, images: Vec<usize>) -> Result<Self, String> {
         let pool = background::pool("images")?;
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::new(LiveShared::default());
         let spawned = std::thread::Builder::new().name("images".into()).spawn({
             let shared = Arc::clone(&shared);
             move || {
@@ -141,7 +141,7 @@ impl Builder {
         Ok(Self { shared })
     }
 
-    fn wish(&self, wish: Wish) {
+    fn wish(&self, wish: ViewRequest) {
         self.shared.lock().wish = Some(wish);
         self.shared.wished.notify_one();
     }
@@ -150,7 +150,7 @@ impl Builder {
     ///
     /// # Errors
     /// Why one could not be built, told once.
-    fn look(&self) -> Result<(Option<Built>, bool), String> {
+    fn look(&self) -> Result<(Option<LiveCube>, bool), String> {
         let mut state = self.shared.lock();
         match state.failed.take() {
             Some(failed) => Err(failed),
@@ -166,9 +166,9 @@ impl Drop for Builder {
     }
 }
 
-impl Shared {
+impl LiveShared {
     /// A panic elsewhere leaves whole values here, so a poisoned lock is still good.
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, LiveState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -190,7 +190,7 @@ impl Shared {
         }
     }
 
-    fn next_wish(&self) -> Option<Wish> {
+    fn next_wish(&self) -> Option<ViewRequest> {
         let mut state = self.lock();
         loop {
             state.busy = false;
@@ -259,7 +259,7 @@ impl FrameSource for LiveSource {
             self.wish = wish;
         }
         let (newest, may_come) = self.builder.look()?;
-        if let Some(Built {
+        if let Some(LiveCube {
             cube, names, ms, ..
         }) = newest
         {

@@ -134,16 +134,16 @@ impl Flat {
 }
 
 /// The thread that colours. Dropping it gives the work up; nobody waits for it.
-struct Colouring(Arc<Shared>);
+struct Colouring(Arc<ColouringShared>);
 
 #[derive(Default)]
-struct Shared {
-    state: Mutex<State>,
+struct ColouringShared {
+    state: Mutex<ColouringState>,
     cancelled: AtomicBool,
 }
 
 #[derive(Default)]
-struct State {
+struct ColouringState {
     newest: Option<PackedCube>,
     rounds_done: usize,
     /// Stages of this round begun.
@@ -157,7 +157,7 @@ struct State {
 impl Colouring {
     fn start(set: ImageSet, job: PhotographsJob) -> Result<Self, String> {
         let pool = background::pool("photographs")?;
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::new(ColouringShared::default());
         let spawned = std::thread::Builder::new()
             .name("photographs".into())
             .spawn({
@@ -209,9 +209,9 @@ impl Drop for Colouring {
     }
 }
 
-impl Shared {
+impl ColouringShared {
     /// A panic elsewhere leaves whole values here, so a poisoned lock is still good.
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, ColouringState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -240,7 +240,7 @@ impl Shared {
     }
 }
 
-impl Progress for Shared {
+impl Progress for ColouringShared {
     fn begin(&self, _: &str, _: &str, total: u64) {
         let mut state = self.lock();
         state.stages += 1;

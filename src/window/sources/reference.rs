@@ -52,19 +52,19 @@ impl Traced {
 /// Traces truth for the views asked for. Dropping it ends that; nobody waits for the thread, which
 /// ends by itself.
 pub(crate) struct Reference {
-    shared: Arc<Shared>,
+    shared: Arc<ReferenceShared>,
 }
 
 #[derive(Default)]
-struct Shared {
-    state: Mutex<State>,
+struct ReferenceShared {
+    state: Mutex<ReferenceState>,
     changed: Condvar,
     /// Rows of the present round that are done, and all.
     rows: [AtomicU64; 2],
 }
 
 #[derive(Default)]
-struct State {
+struct ReferenceState {
     /// The last views asked for, newest first, with repetitions.
     asked: VecDeque<Camera>,
     traced: Vec<Traced>,
@@ -84,7 +84,7 @@ impl Reference {
     pub(crate) fn start(
         scene: impl FnOnce() -> Result<LitScene, String> + Send + 'static,
     ) -> Result<Self, String> {
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::new(ReferenceShared::default());
         let pool = background::pool("error map")?;
         let spawned = std::thread::Builder::new().name("error map".into()).spawn({
             let shared = Arc::clone(&shared);
@@ -111,7 +111,7 @@ impl Reference {
         }
         state.asked.push_front(*camera);
         state.asked.truncate(VIEWS);
-        let State { asked, traced, .. } = &mut *state;
+        let ReferenceState { asked, traced, .. } = &mut *state;
         traced.retain(|t| asked.contains(&t.camera));
         self.shared.changed.notify_all();
         Ok(state.traced.iter().find(|t| t.camera == *camera).cloned())
@@ -159,9 +159,9 @@ impl Drop for Reference {
     }
 }
 
-impl Shared {
+impl ReferenceShared {
     /// A panic elsewhere leaves whole values here, so a poisoned lock is still good.
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, ReferenceState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -275,7 +275,7 @@ fn coarser(camera: &Camera, side: u32) -> Option<Camera> {
 
 /// Gives up once nobody asks for the view any more.
 struct StillWanted<'a> {
-    shared: &'a Shared,
+    shared: &'a ReferenceShared,
     camera: Camera,
 }
 

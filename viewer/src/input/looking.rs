@@ -2,11 +2,11 @@
 
 use crate::input::keymap;
 use crate::input::keymap::Command;
-use crate::input::motion::{Handling, Steering};
+use crate::input::motion::{SteeringResponse, Steering};
 use crate::panels;
 use crate::playback::tape::Replay;
 use crate::thread::exchange::Job;
-use crate::window::app::{Viewer, Wish};
+use crate::window::app::{Viewer, FrameWishes};
 use crate::window::{layout, views};
 use egui::{CursorIcon, Painter, PointerButton, Pos2, Rect, Response, Sense, Ui, pos2, vec2};
 use headbox_core::camera::Camera;
@@ -115,14 +115,14 @@ impl Viewer {
             .advance(&self.eye.pose, &steering, &handling, dt_s);
     }
 
-    fn handling(&self, rect: Rect) -> Handling {
+    fn handling(&self, rect: Rect) -> SteeringResponse {
         let info = self.info.as_ref();
         let apart = if self.display.stereo.places() > 1 {
             self.display.separation_m / 2.0
         } else {
             0.0
         };
-        Handling {
+        SteeringResponse {
             navigation: info.map(|info| info.navigation).unwrap_or_default(),
             speed_m_per_s: self.eye.speed_m_per_s,
             grab_scene: self.eye.grab_scene,
@@ -148,7 +148,7 @@ impl Viewer {
             1.0
         };
         let (stereo, separation) = (self.display.stereo, self.display.separation_m);
-        let wish = Wish {
+        let wish = FrameWishes {
             pose: self.eye.pose,
             size_px,
             scale,
@@ -320,7 +320,7 @@ impl Viewer {
     }
 }
 
-impl Wish {
+impl FrameWishes {
     /// Returns true if frames of both requests should take about as long, moving at full size.
     fn costs_as(&self, other: &Self) -> bool {
         (self.size_px, self.stereo) == (other.size_px, other.stereo) && self.sets == other.sets

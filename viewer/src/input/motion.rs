@@ -22,7 +22,7 @@ pub(crate) struct Steering {
 
 /// Response to steering: user preferences and the source's kind.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Handling {
+pub(crate) struct SteeringResponse {
     /// Free flight, walking or orbiting.
     pub navigation: Navigation,
     /// Speed of the eye with a key held, metres per second.
@@ -67,7 +67,7 @@ impl Motion {
         &mut self,
         pose: &Pose,
         steering: &Steering,
-        handling: &Handling,
+        handling: &SteeringResponse,
         dt_s: f64,
     ) -> Pose {
         let speed = handling.speed_m_per_s * steering.speed_factor;
@@ -183,8 +183,8 @@ mod tests {
         nearest: 1.0,
     };
 
-    fn handling(navigation: Navigation) -> Handling {
-        Handling {
+    fn handling(navigation: Navigation) -> SteeringResponse {
+        SteeringResponse {
             navigation,
             speed_m_per_s: 2.0,
             grab_scene: false,
@@ -207,7 +207,7 @@ mod tests {
 
     fn simulate(
         steering: &Steering,
-        handling: &Handling,
+        handling: &SteeringResponse,
         seconds: f64,
         fps: u32,
     ) -> (Pose, Motion) {
@@ -288,7 +288,7 @@ mod tests {
             (pose.pitch_rad - 30_f64.to_radians()).abs() < 1e-12,
             "and up"
         );
-        let grabbing = Handling {
+        let grabbing = SteeringResponse {
             grab_scene: true,
             ..handling(Navigation::Fly)
         };
@@ -333,7 +333,7 @@ mod tests {
             half_size: DVec3::splat(0.25),
         };
         for navigation in [Navigation::Fly, Navigation::Walk, ORBIT] {
-            let handling = Handling {
+            let handling = SteeringResponse {
                 bounds: Some(bounds),
                 ..handling(navigation)
             };

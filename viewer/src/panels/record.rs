@@ -2,14 +2,14 @@
 
 use super::{button, enabled_button};
 use crate::input::keymap::Command;
-use crate::playback::tape::{ReplayMode, Tape};
+use crate::playback::tape::{ReplayMode, PathRecorder};
 use egui::{Checkbox, ProgressBar, TextEdit, Ui};
 use std::path::{Path, PathBuf};
 
 /// The controls.
 pub(crate) fn show(
     ui: &mut Ui,
-    tape: &mut Tape,
+    tape: &mut PathRecorder,
     exporting: Option<[usize; 2]>,
     output_dir: &Path,
     now_s: f64,
@@ -78,7 +78,7 @@ pub(crate) fn show(
 
 fn path_files(
     ui: &mut Ui,
-    tape: &Tape,
+    tape: &PathRecorder,
     exporting: Option<[usize; 2]>,
     commands: &mut Vec<Command>,
 ) {

@@ -1,12 +1,12 @@
 //! The line below the frame.
 
 use crate::input::pose::Pose;
-use crate::playback::tape::Tape;
-use crate::thread::exchange::Finished;
+use crate::playback::tape::PathRecorder;
+use crate::thread::exchange::FinishedFrame;
 use egui::{Align, Layout, Ui};
 
 /// Shows the eye's position, the frame's size, and the frame rate.
-pub(crate) fn show(ui: &mut Ui, pose: &Pose, shown: Option<&Finished>, tape: &Tape) {
+pub(crate) fn show(ui: &mut Ui, pose: &Pose, shown: Option<&FinishedFrame>, tape: &PathRecorder) {
     ui.horizontal(|ui| {
         let eye = pose.eye;
         ui.monospace(format!("eye {:8.3} {:8.3} {:8.3} m", eye.x, eye.y, eye.z))

@@ -15,7 +15,7 @@ pub enum ReplayMode {
 
 /// The path in hand, and what is done with it.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Tape {
+pub(crate) struct PathRecorder {
     pub path: Option<CameraPath>,
     pub mode: ReplayMode,
     /// Start again at the end.
@@ -41,7 +41,7 @@ pub(crate) enum Replay {
     Ended(Pose),
 }
 
-impl Tape {
+impl PathRecorder {
     /// Without a path yet.
     pub(crate) fn new(mode: ReplayMode) -> Self {
         Self {
@@ -161,7 +161,7 @@ mod tests {
     use crate::playback::eye_path::TimedPose;
     use glam::DVec3;
 
-    fn tape(mode: ReplayMode) -> Tape {
+    fn tape(mode: ReplayMode) -> PathRecorder {
         let pose = |i: u32| Pose {
             eye: DVec3::X * f64::from(i),
             yaw_rad: 0.0,
@@ -175,10 +175,10 @@ mod tests {
                 pose: pose(i),
             })
             .collect();
-        Tape {
+        PathRecorder {
             path: CameraPath::new(poses).ok(),
             mode,
-            ..Tape::default()
+            ..PathRecorder::default()
         }
     }
 
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn repeating_starts_again() {
         for mode in [ReplayMode::InTime, ReplayMode::EveryPose] {
-            let mut tape = Tape {
+            let mut tape = PathRecorder {
                 repeat: true,
                 ..tape(mode)
             };
@@ -255,6 +255,6 @@ mod tests {
         });
         assert!(tape.stop_recording());
         assert_eq!(tape.path.as_ref().unwrap().poses().len(), 10);
-        assert!(!Tape::default().play(0.0), "nothing to play");
+        assert!(!PathRecorder::default().play(0.0), "nothing to play");
     }
 }

@@ -76,7 +76,7 @@ pub(crate) struct Picture {
 }
 
 /// A finished frame; pictures in the order cameras x sets.
-pub(crate) struct Finished {
+pub(crate) struct FinishedFrame {
     pub job: Job,
     pub pictures: Vec<Picture>,
     pub render_ms: f64,
@@ -151,7 +151,7 @@ pub(crate) enum Event {
 #[derive(Default)]
 pub(crate) struct Shared {
     pub inbox: Inbox<Order, Job>,
-    pub finished: Slot<Finished>,
+    pub finished: Slot<FinishedFrame>,
     pool: Mutex<Vec<Vec<Color32>>>,
 }
 
@@ -183,4 +183,4 @@ impl Shared {
 }
 
 /// Callback by which the thread notifies the window.
-pub(crate) type Wake = Arc<dyn Fn() + Send + Sync>;
+pub(crate) type WakeCallback = Arc<dyn Fn() + Send + Sync>;

@@ -4,8 +4,8 @@
 //! the other. Everything slow (opening, rendering, writing path frames, thumbnails) happens on the
 //! thread.
 
-use crate::source::{Coming, FrameSource, Library};
-use crate::thread::exchange::{Event, Finished, Job, Order, Picture, Shared, Wake};
+use crate::source::{PendingSource, FrameSource, Library};
+use crate::thread::exchange::{Event, FinishedFrame, Job, Order, Picture, Shared, WakeCallback};
 use crate::thread::worker::Worker;
 use std::{
     sync::{Arc, mpsc},
@@ -33,7 +33,7 @@ pub(crate) struct Session {
     shared: Arc<Shared>,
     sender: mpsc::Sender<Event>,
     events: mpsc::Receiver<Event>,
-    wake: Wake,
+    wake: WakeCallback,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -41,9 +41,9 @@ impl Session {
     /// Starts the thread; `wake` is called whenever there is news.
     pub(crate) fn start(
         source: Option<Box<dyn FrameSource>>,
-        coming: Option<Coming>,
+        coming: Option<PendingSource>,
         library: Option<Box<dyn Library>>,
-        wake: Wake,
+        wake: WakeCallback,
     ) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let (sender, events) = mpsc::channel();
@@ -78,7 +78,7 @@ impl Session {
     }
 
     /// The latest finished frame, if it was not taken before.
-    pub(crate) fn latest(&self) -> Option<Finished> {
+    pub(crate) fn latest(&self) -> Option<FinishedFrame> {
         self.shared.finished.take()
     }
 

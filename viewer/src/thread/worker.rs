@@ -2,9 +2,9 @@
 
 use crate::playback::export;
 use crate::setting::SettingValues;
-use crate::source::{Coming, Entry, FrameRequest, FrameSource, Library, Refinement};
+use crate::source::{PendingSource, Entry, FrameRequest, FrameSource, Library, Refinement};
 use crate::thread::exchange::{
-    Event, ExportOrder, Finished, Job, Location, Order, Picture, Shared, SourceInfo, Wake,
+    Event, ExportOrder, FinishedFrame, Job, Location, Order, Picture, Shared, SourceInfo, WakeCallback,
 };
 use crate::thread::slot::{Next, Wait};
 use egui::ColorImage;
@@ -20,9 +20,9 @@ use std::{
 pub(crate) struct Worker {
     shared: Arc<Shared>,
     events: mpsc::Sender<Event>,
-    wake: Wake,
+    wake: WakeCallback,
     source: Option<Box<dyn FrameSource>>,
-    coming: Option<Coming>,
+    coming: Option<PendingSource>,
     /// Counts sources, so that jobs meant for an earlier one are known.
     source_id: u64,
     library: Option<Box<dyn Library>>,
@@ -43,9 +43,9 @@ impl Worker {
     pub(crate) fn new(
         shared: Arc<Shared>,
         events: mpsc::Sender<Event>,
-        wake: Wake,
+        wake: WakeCallback,
         source: Option<Box<dyn FrameSource>>,
-        coming: Option<Coming>,
+        coming: Option<PendingSource>,
         library: Option<Box<dyn Library>>,
     ) -> Self {
         let (unpictured, again, export) = (Vec::new(), None, None);
@@ -95,7 +95,7 @@ impl Worker {
     }
 
     /// Waits for a source that is opened elsewhere, or for the end of the window.
-    fn await_source(&mut self, coming: &Coming) {
+    fn await_source(&mut self, coming: &PendingSource) {
         /// Between two looks at whether the window was closed.
         const LOOK: Duration = Duration::from_millis(50);
         while !self.shared.inbox.is_closed() {
@@ -208,7 +208,7 @@ impl Worker {
             .iter()
             .filter_map(|p| due(p.report.refinement))
             .min();
-        if let Some(unseen) = self.shared.finished.put(Finished {
+        if let Some(unseen) = self.shared.finished.put(FinishedFrame {
             job: job.clone(),
             pictures,
             render_ms,

@@ -12,10 +12,10 @@ use crate::panels::start::StartPage;
 use crate::playback::automation::{Automation, Outcome, Progress};
 use crate::playback::camera_file;
 use crate::playback::recent::Recent;
-use crate::playback::tape::Tape;
+use crate::playback::tape::PathRecorder;
 use crate::setting::SettingValues;
 use crate::source::Refinement;
-use crate::thread::exchange::{Event, Finished, SourceInfo};
+use crate::thread::exchange::{Event, FinishedFrame, SourceInfo};
 use crate::thread::history::{FrameTimes, History, add_stages};
 use crate::thread::resolution::ResolutionPolicy;
 use crate::thread::session::{Opening, Session};
@@ -45,17 +45,17 @@ pub(crate) struct Viewer {
     pub eye: Eye,
     pub display: Display,
     pub sets: Sets,
-    pub tape: Tape,
+    pub tape: PathRecorder,
     /// True once a replay has run to its end.
     pub path_ended: bool,
     /// Frames written and frames in all of a running export.
     pub exporting: Option<[usize; 2]>,
     pub messages: Messages,
     pub history: History,
-    pub shown: Option<Finished>,
+    pub shown: Option<FinishedFrame>,
     pub textures: Vec<TextureHandle>,
     pub policy: ResolutionPolicy,
-    pub wish: Option<Wish>,
+    pub wish: Option<FrameWishes>,
     pub jobs_issued: u64,
     pub show_panels: bool,
     /// True if the panel lies over the frame, where the window is too narrow for both.
@@ -78,7 +78,7 @@ pub(crate) type PendingShot = (PathBuf, Arc<Mutex<Option<Result<(), String>>>>);
 
 /// A view as it was last asked for.
 #[derive(Clone, PartialEq)]
-pub(crate) struct Wish {
+pub(crate) struct FrameWishes {
     pub pose: Pose,
     pub size_px: [u32; 2],
     pub scale: f64,
@@ -129,7 +129,7 @@ impl Viewer {
             eye,
             display,
             sets: Sets::default(),
-            tape: Tape::new(options.replay),
+            tape: PathRecorder::new(options.replay),
             path_ended: false,
             exporting: None,
             messages: Messages::default(),
@@ -266,7 +266,7 @@ impl Viewer {
         self.eye.pose = self.options.pose.take().unwrap_or(info.start_pose);
         self.eye.motion.stop();
         self.eye.speed_m_per_s = info.speed_m_per_s;
-        self.tape = Tape::new(self.tape.mode);
+        self.tape = PathRecorder::new(self.tape.mode);
         (self.opening, self.wish, self.exporting) = (None, None, None);
         if let Some(file) = self.opening_file.take() {
             self.recent.add(&file);
@@ -299,7 +299,7 @@ impl Viewer {
     }
 
     /// Takes over a finished frame: its pictures become textures, its times go into the history.
-    fn show_frame(&mut self, ctx: &Context, finished: Finished, now_s: f64) {
+    fn show_frame(&mut self, ctx: &Context, finished: FinishedFrame, now_s: f64) {
         let Some(info) = self
             .info
             .as_ref()
@@ -401,7 +401,7 @@ impl Viewer {
             .find(|m| m.kind == Kind::Error)
             .map(|m| m.text.as_str());
         let path_done = self.path_ended && settled && !self.tape.is_playing();
-        let done = |shown: &Finished| {
+        let done = |shown: &FinishedFrame| {
             shown
                 .pictures
                 .iter()

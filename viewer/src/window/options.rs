@@ -2,7 +2,7 @@
 
 use crate::input::pose::Pose;
 use crate::playback::tape::ReplayMode;
-use crate::source::{Coming, Library};
+use crate::source::{PendingSource, Library};
 use crate::window::views::Stereo;
 use serde::Serialize;
 use std::{path::PathBuf, time::Instant};
@@ -14,7 +14,7 @@ pub struct ViewerOptions {
     /// Files that the window can open; without it, the window shows its one source only.
     pub library: Option<Box<dyn Library>>,
     /// Source that is being opened elsewhere, if no source is given.
-    pub coming: Option<Coming>,
+    pub coming: Option<PendingSource>,
     /// The file that is shown at first, if it is one: told among those opened last.
     pub file: Option<PathBuf>,
     /// File of the list of recent files, if it is kept.

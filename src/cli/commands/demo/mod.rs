@@ -6,7 +6,7 @@ use crate::commands::capture::place::place_headbox;
 use crate::commands::demo::sprites::print_sprite_rows;
 use crate::output::{Outputs, peak_rss_mb, save_picture, write_text};
 use crate::packing::what_is_kept;
-use crate::progress::{Bar, Planned};
+use crate::progress::{Bar, PlannedStage};
 use clap::Args;
 use glam::{DVec3, dvec3};
 use headbox_core::camera::{Camera, CameraError};
@@ -297,7 +297,7 @@ fn render_rows(
     const REPEATS: usize = 9;
     let mut renderer = Renderer::new();
     let settings = RenderSettings::default();
-    let of_all = Planned {
+    let of_all = PlannedStage {
         stages: &["truth"],
         times: EYES.len() as u32,
         weight: 1.0,

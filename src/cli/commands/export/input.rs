@@ -15,7 +15,7 @@ use headbox_sprite::{SPRITE_FILE, SpriteSet};
 use std::path::Path;
 
 /// Input of an export.
-pub(crate) enum Exported {
+pub(crate) enum ExportInput {
     /// A cube LDI.
     Cube(Box<PackedCube>),
     /// Sprites with depth.
@@ -26,7 +26,7 @@ pub(crate) enum Exported {
     Lumigraph(Box<Lumigraph>),
 }
 
-impl Exported {
+impl ExportInput {
     /// Opens a file; of other files of ours it is said what can be exported.
     pub(crate) fn open(path: &Path) -> anyhow::Result<Self> {
         let found = Container::peek_kind(path).ok().flatten();

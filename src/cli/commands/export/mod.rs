@@ -2,7 +2,7 @@
 
 pub(crate) mod input;
 
-use crate::commands::export::input::Exported;
+use crate::commands::export::input::ExportInput;
 use crate::output::{EXPORT, Outputs, print_json};
 use crate::words::UsageError;
 use anyhow::Context;
@@ -79,7 +79,7 @@ impl ExportCommand {
                 return Err(UsageError(format!("{name} is for .{wanted} files")).into());
             }
         }
-        let exported = Exported::open(&self.file)?;
+        let exported = ExportInput::open(&self.file)?;
         let (amount, of_what) = exported.amount();
         let mut told = json!({"output": self.output, of_what.replace(' ', "_"): amount});
         self.write_as(ending.to_str(), exported, &mut told)?;
@@ -101,7 +101,7 @@ impl ExportCommand {
     fn write_as(
         &self,
         ending: Option<&str>,
-        exported: Exported,
+        exported: ExportInput,
         told: &mut Value,
     ) -> anyhow::Result<()> {
         let of_file = || self.file.display().to_string();

@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use std::time::Instant;
 
 /// One rendered pose.
-pub(super) struct Rendered {
+pub(super) struct RenderedPose {
     pub(super) image: RgbImage,
     pub(super) ms: Vec<f64>,
     pub(super) stages: Value,
@@ -28,7 +28,7 @@ pub(super) struct Rendered {
     pub(super) hole_pixels: u64,
 }
 
-impl Rendered {
+impl RenderedPose {
     pub(super) fn ms_median(&self) -> f64 {
         median(self.ms.iter().copied()).unwrap_or(f64::NAN)
     }
@@ -64,7 +64,7 @@ pub(super) enum Content {
 
 impl Content {
     /// Renders a pose `repeat` times.
-    pub(super) fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
+    pub(super) fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<RenderedPose> {
         match self {
             Self::House(house) => render_house(house, camera, repeat),
             Self::Geometry(geometry) => render_geometry(geometry, camera, repeat),
@@ -137,7 +137,7 @@ impl Content {
         }
     }
 
-    pub(super) fn summary(&self, rendered: &Rendered) -> String {
+    pub(super) fn summary(&self, rendered: &RenderedPose) -> String {
         match self {
             Self::House(house) => format!("{}, {} splats", house.variant(), rendered.splatted),
             Self::Geometry(geometry) => {
@@ -187,10 +187,10 @@ fn render_house(
     house: &mut HouseContent,
     camera: &Camera,
     repeat: u32,
-) -> anyhow::Result<Rendered> {
+) -> anyhow::Result<RenderedPose> {
     let walked = house.render(camera, repeat)?;
     let stats = walked.stats;
-    Ok(Rendered {
+    Ok(RenderedPose {
         image: walked.image,
         ms: walked.ms,
         stages: json!({"geometry_ms": stats.geometry_ms, "backdrop_ms": stats.backdrop_ms}),
@@ -205,9 +205,9 @@ fn render_geometry(
     geometry: &mut GeometryContent,
     camera: &Camera,
     repeat: u32,
-) -> anyhow::Result<Rendered> {
+) -> anyhow::Result<RenderedPose> {
     let GeometryRendered { image, ms, stats } = geometry.render(camera, repeat)?;
-    Ok(Rendered {
+    Ok(RenderedPose {
         image,
         ms,
         stages: json!({
@@ -227,13 +227,13 @@ fn render_lumigraph(
     camera: &Camera,
     settings: &LumigraphSettings,
     repeat: u32,
-) -> anyhow::Result<Rendered> {
+) -> anyhow::Result<RenderedPose> {
     let mut ms = Vec::with_capacity(repeat as usize);
     loop {
         let (frame, stats) = renderer.render(slabs, camera, settings);
         ms.push(stats.frame_ms);
         if ms.len() >= repeat as usize {
-            return Ok(Rendered {
+            return Ok(RenderedPose {
                 image: frame.to_rgb()?,
                 ms,
                 stages: json!({"plan_ms": stats.plan_ms, "draw_ms": stats.frame_ms - stats.plan_ms}),
@@ -252,14 +252,14 @@ fn render_cube(
     camera: &Camera,
     settings: &RenderSettings,
     repeat: u32,
-) -> anyhow::Result<Rendered> {
+) -> anyhow::Result<RenderedPose> {
     let mut ms = Vec::with_capacity(repeat as usize);
     loop {
         let start = Instant::now();
         let (frame, stats) = renderer.render_with_stats(cube, camera, settings);
         ms.push(start.elapsed().as_secs_f64() * 1e3);
         if ms.len() >= repeat as usize {
-            let mut rendered = Rendered {
+            let mut rendered = RenderedPose {
                 image: frame.to_rgb()?,
                 ms,
                 stages: json!({"clear_ms": stats.clear_ms, "warp_ms": stats.warp_ms, "finish_ms": stats.finish_ms}),
@@ -282,14 +282,14 @@ fn render_layers(
     settings: &ComposeSettings,
     frame: &mut Frame,
     repeat: u32,
-) -> anyhow::Result<Rendered> {
+) -> anyhow::Result<RenderedPose> {
     let mut ms = Vec::with_capacity(repeat as usize);
     loop {
         let start = Instant::now();
         let stats = layers.render(composer, camera, settings, frame);
         ms.push(start.elapsed().as_secs_f64() * 1e3);
         if ms.len() >= repeat as usize {
-            return Ok(Rendered {
+            return Ok(RenderedPose {
                 image: frame.to_rgb()?,
                 ms,
                 stages: json!({

@@ -12,7 +12,7 @@ use headbox_core::file_frame::FileFrame;
 use headbox_images::ImageSet;
 use headbox_photos::cache;
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, SampleGrid,
+    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, WaitPolicy, SampleGrid,
     Texturing, ViewGeometry,
 };
 use image::RgbImage;
@@ -162,7 +162,7 @@ impl GeometryContent {
             let started = Instant::now();
             let (frame, stats) =
                 self.renderer
-                    .render(&self.geometry, camera, &self.settings, Patience::Wait);
+                    .render(&self.geometry, camera, &self.settings, WaitPolicy::Wait);
             ms.push(started.elapsed().as_secs_f64() * 1e3);
             if ms.len() < repeat as usize {
                 continue;

@@ -17,7 +17,7 @@ use crate::commands::render::geometry::{
     GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_of,
 };
 use crate::commands::render::polygons::PolygonsArg;
-use crate::commands::render::radiance::{Stored, is_radiance};
+use crate::commands::render::radiance::{StoredLevels, is_radiance};
 use crate::image_set::SetArgs;
 use crate::output::{DEPTH, FILM, FRAME, Outputs, PICTURE, print_json, save_picture};
 use crate::progress::Bar;
@@ -533,7 +533,7 @@ impl RenderCommand {
                 "--exposure is for pictures; an .exr holds the light itself".into(),
             )),
             (Content::Cube { cube, shown, .. }, Some(stops)) => {
-                *shown = Some(Box::new(Stored::of(&cube.info).brighter(stops)));
+                *shown = Some(Box::new(StoredLevels::of(&cube.info).brighter(stops)));
                 Ok(())
             }
             (Content::Cube { .. }, None) => Ok(()),
@@ -547,7 +547,7 @@ impl RenderCommand {
     fn save(&self, content: &Content, frame: &RgbImage) -> anyhow::Result<()> {
         match content {
             Content::Cube { cube, .. } if is_radiance(&self.output) => {
-                Stored::of(&cube.info).save(&self.output, frame)
+                StoredLevels::of(&cube.info).save(&self.output, frame)
             }
             _ => save_picture(&self.output, frame),
         }

@@ -1,7 +1,7 @@
 //! `headbox render --path`: a film, or a picture for each pose.
 
 use super::RenderCommand;
-use crate::commands::render::content::{Content, Rendered};
+use crate::commands::render::content::{Content, RenderedPose};
 use crate::output::{print_json, save_picture, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
@@ -92,7 +92,7 @@ impl RenderCommand {
                 &rendered.image,
             )?;
             let ms = rendered.ms_median();
-            let Rendered {
+            let RenderedPose {
                 depth_pixels_in,
                 splatted,
                 hole_pixels,

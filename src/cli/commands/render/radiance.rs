@@ -10,12 +10,12 @@ use std::path::Path;
 
 /// Relation of a capture's 8-bit levels to linear radiance.
 #[derive(Clone, Copy)]
-pub(super) struct Stored {
+pub(super) struct StoredLevels {
     tone: ToneMap,
     exposure: f32,
 }
 
-impl Stored {
+impl StoredLevels {
     pub(super) fn of(info: &CaptureInfo) -> Self {
         Self {
             tone: info.tone,

@@ -9,7 +9,7 @@ use crate::commands::render::geometry::GeometryArgs;
 use crate::commands::report::images as images_report;
 use crate::image_set::SetArgs;
 use crate::output::{NO_INPUTS, Outputs, PAGE, write_text};
-use crate::progress::{Bar, Planned};
+use crate::progress::{Bar, PlannedStage};
 use crate::words::UsageError;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -364,9 +364,9 @@ impl ReportCommand {
 
 /// The stages of a scene's measurement, with shares of its time as they are in the middle: captures
 /// that differ in one thing each, frames in turns, and truth for each eye, for some more than once.
-fn plan_of_a_scene() -> Vec<Planned> {
+fn plan_of_a_scene() -> Vec<PlannedStage> {
     vec![
-        Planned {
+        PlannedStage {
             stages: &[
                 "pilot",
                 "trace",
@@ -377,12 +377,12 @@ fn plan_of_a_scene() -> Vec<Planned> {
             times: 40,
             weight: 0.4,
         },
-        Planned {
+        PlannedStage {
             stages: &["frames"],
             times: 1,
             weight: 0.2,
         },
-        Planned {
+        PlannedStage {
             stages: &["truth"],
             times: 24,
             weight: 0.4,

@@ -38,7 +38,7 @@ const XYZ_FROM_RGB: DMat3 = DMat3::from_cols(
 );
 
 /// Row filtered by the contrast sensitivity of the eye: planes of padded rows.
-pub(super) struct Seen {
+pub(super) struct FilteredRow {
     /// Blurred opponent color: luminance, red-green, blue-yellow.
     pub(super) opponent: [Vec<f32>; 3],
     /// First derivatives of luminance: across, down.
@@ -164,8 +164,8 @@ impl ColorSpace {
 pub(super) fn row_errors<S: Simd>(
     simd: S,
     space: &ColorSpace,
-    reference: &Seen,
-    test: &Seen,
+    reference: &FilteredRow,
+    test: &FilteredRow,
     errors: &mut [f32],
 ) {
     let lanes = S::f32s::LEN;
@@ -190,7 +190,7 @@ pub(super) fn row_errors<S: Simd>(
 
 /// The blurred color of the pixels from `first` on.
 #[inline(always)]
-fn opponent<S: Simd>(simd: S, seen: &Seen, first: usize) -> Triple<S::f32s> {
+fn opponent<S: Simd>(simd: S, seen: &FilteredRow, first: usize) -> Triple<S::f32s> {
     let [luminance, red_green, blue_yellow] = &seen.opponent;
     [
         load(simd, luminance, first),

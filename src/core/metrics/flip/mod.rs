@@ -19,7 +19,7 @@ use fearless_simd::{Level, dispatch};
 use image::RgbImage;
 use rayon::prelude::*;
 
-use self::color::{ColorSpace, Seen, row_errors};
+use self::color::{ColorSpace, FilteredRow, row_errors};
 use self::weights::FilterWeights;
 use super::comparable::{MAX_PIXELS_PER_DEGREE, MIN_PIXELS_PER_DEGREE, MetricError, check_sizes};
 use super::rows::{RowRing, across, derive, padded_len, smooth};
@@ -170,7 +170,7 @@ struct Side<'a> {
     padded: [Vec<f32>; 3],
     ring: RowRing<f32>,
     /// The row that has been filtered both ways.
-    seen: Seen,
+    seen: FilteredRow,
     /// A row for intermediate results.
     scratch: Vec<f32>,
 }
@@ -184,7 +184,7 @@ impl<'a> Side<'a> {
             image,
             padded: std::array::from_fn(|_| vec![0.0; len + 2 * radius]),
             ring: RowRing::new(radius, plane::COUNT, len),
-            seen: Seen {
+            seen: FilteredRow {
                 opponent: [row(), row(), row()],
                 slope: [row(), row()],
                 curvature: [row(), row()],
@@ -249,7 +249,7 @@ impl<'a> Side<'a> {
     /// Filters the ring down about row `y`, into [`Side::seen`].
     fn filter_down(&mut self, stage: &Stage, y: isize) {
         let Stage { level, weights, .. } = stage;
-        let Seen {
+        let FilteredRow {
             opponent: [luminance, red_green, blue_yellow],
             slope,
             curvature,

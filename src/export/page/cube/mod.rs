@@ -4,7 +4,7 @@
 mod samples;
 mod shell;
 
-use super::texels::{Picture, rests};
+use super::texels::{TexelImage, rests};
 use super::{Content, MAX_PAGE_BYTES, Part, environment, poster};
 use crate::ExportError;
 use headbox_core::cube_face::Face;
@@ -126,7 +126,7 @@ fn normals(cube: &PackedCube) -> Part {
 fn planes(set: &PlaneSet) -> Part {
     let mut bytes = bytemuck::cast_slice(&set.planes).to_vec();
     bytes.extend_from_slice(bytemuck::cast_slice(&set.tiles));
-    let pictures = set.tiles.iter().map(|tile| Picture {
+    let pictures = set.tiles.iter().map(|tile| TexelImage {
         texels: tile.texel_range(),
         width: usize::from(tile.width),
         opaque: tile.opaque != 0,

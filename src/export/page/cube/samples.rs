@@ -33,7 +33,7 @@ pub(super) struct SamplePart {
 
 /// All samples of a segment.
 pub(super) fn parts(segment: &PackedSegment) -> Vec<SamplePart> {
-    let (mut parts, mut part) = (Vec::new(), Part::default());
+    let (mut parts, mut part) = (Vec::new(), SegmentBytes::default());
     let blocks = |first: u32, length: u32| first / BLOCK_PX..(first + length).div_ceil(BLOCK_PX);
     for row in blocks(segment.y0, segment.height) {
         for column in blocks(segment.x0, segment.width) {
@@ -64,7 +64,7 @@ impl Pixel {
 }
 
 #[derive(Default)]
-struct Part {
+struct SegmentBytes {
     blocks: Vec<u8>,
     counts: Vec<u8>,
     codes: Vec<i32>,
@@ -74,7 +74,7 @@ struct Part {
     color: [Vec<u8>; 4],
 }
 
-impl Part {
+impl SegmentBytes {
     fn add(&mut self, segment: &PackedSegment, column: u32, row: u32) {
         let (counts, samples) = (self.counts.len(), self.samples.len());
         let side = BLOCK_PX as usize;

@@ -256,9 +256,9 @@ mod tests {
 
     /// Triangle of a page: its material; corners in steps, colours and texture coordinates, all as
     /// bits.
-    type Shown = (u32, [([i32; 3], [u32; 3], [u32; 2]); 3]);
+    type PageTriangle = (u32, [([i32; 3], [u32; 3], [u32; 2]); 3]);
 
-    fn read(chunk: &Chunk) -> Vec<Shown> {
+    fn read(chunk: &Chunk) -> Vec<PageTriangle> {
         let mut reader = Reader {
             bytes: &chunk.bytes,
             at: 0,
@@ -324,14 +324,14 @@ mod tests {
             .zip(&scene.materials)
             .map(|(number, material)| (number, is_textured(material)))
             .collect();
-        let plain = |(material, corners): Shown| {
+        let plain = |(material, corners): PageTriangle| {
             let keep = textured[&material];
             (
                 material,
                 corners.map(|(p, c, t)| (p, c, if keep { t } else { [0; 2] })),
             )
         };
-        let mut found: Vec<Shown> = all.iter().flat_map(read).map(plain).collect();
+        let mut found: Vec<PageTriangle> = all.iter().flat_map(read).map(plain).collect();
         let vertex = |v: u32| {
             let position = ((scene.positions[v as usize] - origin) / POSITION_STEP_M).round();
             let color = scene.colors.get(v as usize).copied().unwrap_or(Vec3::ONE);
@@ -344,7 +344,7 @@ mod tests {
                 texcoord.to_array().map(f32::to_bits),
             )
         };
-        let mut expected: Vec<Shown> = scene
+        let mut expected: Vec<PageTriangle> = scene
             .triangles
             .iter()
             .map(|t| plain((t.material, t.vertices.map(vertex))))

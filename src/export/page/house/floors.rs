@@ -48,12 +48,12 @@ impl Floor {
 }
 
 /// Portal as seen by a walker.
-struct Passage {
+struct WalkablePortal {
     opening: Opening,
     is_door: bool,
 }
 
-impl Passage {
+impl WalkablePortal {
     fn new(house: &House, portal: &Portal) -> Option<Self> {
         let opening = Opening::new(portal, 0)?;
         let is_door = portal.cells.iter().all(|cell| {
@@ -87,11 +87,11 @@ pub(super) fn floors(house: &House) -> Vec<Floor> {
     let mut heights: Vec<f64> = rooms().map(|prism| prism.floor_y).collect();
     heights.sort_by(f64::total_cmp);
     heights.dedup_by(|next, kept| *next - *kept < STOREY_M);
-    let passages: Vec<Passage> = house
+    let passages: Vec<WalkablePortal> = house
         .plan()
         .portals
         .iter()
-        .filter_map(|portal| Passage::new(house, portal))
+        .filter_map(|portal| WalkablePortal::new(house, portal))
         .collect();
     let of_height = |height: &f64| {
         let here: Vec<&Prism> = rooms()
@@ -102,7 +102,7 @@ pub(super) fn floors(house: &House) -> Vec<Floor> {
     heights.iter().filter_map(of_height).collect()
 }
 
-fn floor(house: &House, passages: &[Passage], rooms: &[&Prism], eye_y: f64) -> Option<Floor> {
+fn floor(house: &House, passages: &[WalkablePortal], rooms: &[&Prism], eye_y: f64) -> Option<Floor> {
     let corners = || {
         rooms
             .iter()
@@ -133,7 +133,7 @@ fn floor(house: &House, passages: &[Passage], rooms: &[&Prism], eye_y: f64) -> O
     })
 }
 
-fn is_free(house: &House, passages: &[Passage], eye: DVec3) -> bool {
+fn is_free(house: &House, passages: &[WalkablePortal], eye: DVec3) -> bool {
     let in_room = house
         .cell_of_eye(eye)
         .is_some_and(|cell| house.plan().outside != Some(cell));
@@ -230,11 +230,11 @@ mod tests {
         let left_out: Vec<usize> = (0..entered.len()).filter(|cell| !entered[*cell]).collect();
         assert_eq!(left_out, [outside], "of {} cells", entered.len());
         // From each place to those beside it there is no wall but closed leaves in doors.
-        let passages: Vec<Passage> = house
+        let passages: Vec<WalkablePortal> = house
             .plan()
             .portals
             .iter()
-            .filter_map(|p| Passage::new(&house, p))
+            .filter_map(|p| WalkablePortal::new(&house, p))
             .collect();
         for i in reached {
             let from = at(i);
@@ -273,7 +273,7 @@ mod tests {
             .plan()
             .portals
             .iter()
-            .map(|p| (p, Passage::new(&house, p).expect("an area")));
+            .map(|p| (p, WalkablePortal::new(&house, p).expect("an area")));
         let (doors, windows): (Vec<_>, Vec<_>) = passages.partition(|(_, passage)| passage.is_door);
         assert!(
             doors.len() > 10 && windows.len() > 10,
@@ -281,7 +281,7 @@ mod tests {
             doors.len(),
             windows.len()
         );
-        let high = |(_, passage): &(&Portal, Passage)| passage.opening.half.y * 2.0 > 1.9;
+        let high = |(_, passage): &(&Portal, WalkablePortal)| passage.opening.half.y * 2.0 > 1.9;
         assert!(
             doors.iter().all(high)
                 && windows

@@ -90,7 +90,7 @@ pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
 }
 
 /// Cameras that a page shows from a time on: a grid of their own.
-struct Shown {
+struct ImageRound {
     /// Numbers of its columns and rows.
     places: [Vec<usize>; 2],
     /// Those of its cameras that come with it.
@@ -98,7 +98,7 @@ struct Shown {
 }
 
 /// Transfer order of a grid's images: its corners first, then each round halves the gaps.
-fn rounds([columns, rows]: [usize; 2]) -> Vec<Shown> {
+fn rounds([columns, rows]: [usize; 2]) -> Vec<ImageRound> {
     let mut places = [columns, rows].map(|count| {
         if count == 1 {
             vec![0]
@@ -119,7 +119,7 @@ fn rounds([columns, rows]: [usize; 2]) -> Vec<Shown> {
         let new = cameras
             .filter(|camera| !std::mem::replace(&mut known[*camera], true))
             .collect();
-        rounds.push(Shown {
+        rounds.push(ImageRound {
             places: places.clone(),
             new,
         });
@@ -176,7 +176,7 @@ mod tests {
     fn corners_come_first_and_every_camera_once() {
         for [columns, rows] in [[1, 1], [1, 5], [2, 2], [4, 4], [8, 3], [7, 9]] {
             let (mut known, rounds) = (Vec::new(), rounds([columns, rows]));
-            for Shown { places, new } in &rounds {
+            for ImageRound { places, new } in &rounds {
                 known.extend(new);
                 assert!(
                     !new.is_empty()

@@ -6,7 +6,7 @@
 
 mod displacements;
 
-use super::texels::{Picture, rests};
+use super::texels::{TexelImage, rests};
 use super::{Content, MAX_PAGE_BYTES, Part, environment};
 use crate::of_sprites::half_size_m;
 use crate::{ExportError, POSTER_PX, jpeg};
@@ -91,7 +91,7 @@ fn part(sprite: &PreparedSprite, centre: DVec3) -> Part {
         .map(|pixel| if pixel.0[3] > 0 { pixel.0 } else { [0; 4] })
         .collect();
     let opaque = texels.iter().all(|texel| texel[3] == 255);
-    let all = Picture {
+    let all = TexelImage {
         texels: 0..texels.len(),
         width: color.width() as usize,
         opaque,

@@ -3,7 +3,7 @@
 //! static scene, with one ray per pixel ([`BakedRays`]) or with a rasteriser
 //! ([`super::RasterDraw`]).
 
-use super::{Draw, JudgedFrame, Shown};
+use super::{Draw, JudgedFrame, PixelOrigin};
 use glam::Vec3;
 use headbox_core::camera::Camera;
 use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
@@ -201,9 +201,9 @@ impl Draw for BakedRays {
         for y in 0..camera.height() {
             self.baked.row_hits(camera, y, |_, _, hit| {
                 shown.push(if hit.is_some() {
-                    Shown::Surface
+                    PixelOrigin::Surface
                 } else {
-                    Shown::Environment
+                    PixelOrigin::Environment
                 });
             });
         }

@@ -30,7 +30,7 @@ use std::sync::Arc;
 
 /// Origin of a pixel's colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shown {
+pub enum PixelOrigin {
     /// Geometry, at least in part.
     Surface,
     /// The far surroundings alone.
@@ -45,7 +45,7 @@ pub struct JudgedFrame {
     /// Its colours.
     pub color: RgbImage,
     /// Origin of each pixel, row-major; empty if the renderer does not report it.
-    pub shown: Vec<Shown>,
+    pub shown: Vec<PixelOrigin>,
 }
 
 impl JudgedFrame {
@@ -53,11 +53,11 @@ impl JudgedFrame {
     pub fn of_frame(frame: &Frame) -> Self {
         let shown = frame.coverage.iter().map(|coverage| {
             if coverage.splat_share() > 0 {
-                Shown::Surface
+                PixelOrigin::Surface
             } else if coverage.is_hole() {
-                Shown::Nothing
+                PixelOrigin::Nothing
             } else {
-                Shown::Environment
+                PixelOrigin::Environment
             }
         });
         let pixel = |x: u32, y: u32| {
@@ -73,10 +73,10 @@ impl JudgedFrame {
     /// Share of pixels that show nothing, or the environment where truth shows geometry alone.
     /// `truth`: its coverages. `None` if the renderer does not tell.
     pub fn hole_fraction(&self, truth: &[Coverage]) -> Option<f64> {
-        let is_hole = |(shown, truth): &(&Shown, &Coverage)| match shown {
-            Shown::Surface => false,
-            Shown::Environment => **truth == Coverage::FULL,
-            Shown::Nothing => true,
+        let is_hole = |(shown, truth): &(&PixelOrigin, &Coverage)| match shown {
+            PixelOrigin::Surface => false,
+            PixelOrigin::Environment => **truth == Coverage::FULL,
+            PixelOrigin::Nothing => true,
         };
         let holes = self.shown.iter().zip(truth).filter(is_hole).count();
         (!self.shown.is_empty()).then(|| holes as f64 / self.shown.len() as f64)
@@ -160,10 +160,10 @@ mod tests {
     fn holes_are_what_shows_nothing_or_the_sky_before_geometry() {
         let color = RgbImage::new(2, 2);
         let shown = vec![
-            Shown::Surface,
-            Shown::Environment,
-            Shown::Environment,
-            Shown::Nothing,
+            PixelOrigin::Surface,
+            PixelOrigin::Environment,
+            PixelOrigin::Environment,
+            PixelOrigin::Nothing,
         ];
         let picture = JudgedFrame {
             color: color.clone(),

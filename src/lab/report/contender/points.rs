@@ -2,7 +2,7 @@
 //! an afternoon. Every point is projected, in any order, and the nearest one of each pixel
 //! overwrites the others.
 
-use super::{Draw, JudgedFrame, Shown};
+use super::{Draw, JudgedFrame, PixelOrigin};
 use glam::{Mat4, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
@@ -107,9 +107,9 @@ impl NearestColors {
                 .iter()
                 .enumerate()
                 .map(|(index, cell)| match cell.load(Ordering::Relaxed) {
-                    0 if known(index) => Shown::Environment,
-                    0 => Shown::Nothing,
-                    _ => Shown::Surface,
+                    0 if known(index) => PixelOrigin::Environment,
+                    0 => PixelOrigin::Nothing,
+                    _ => PixelOrigin::Surface,
                 });
         let shown = shown.collect();
         JudgedFrame {

@@ -3,11 +3,11 @@
 //! shows, and baked light colours it.
 
 use super::baked::BakedLight;
-use super::{Draw, JudgedFrame, Shown};
+use super::{Draw, JudgedFrame, PixelOrigin};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
-use headbox_raster::{GroupWindow, RasterMesh, RasterView, Rasterizer, Seen};
+use headbox_raster::{GroupWindow, RasterMesh, RasterView, Rasterizer, PixelContent};
 use headbox_trace::bvh::{Hit, Ray, Tracer};
 use image::RgbImage;
 use rayon::prelude::*;
@@ -53,7 +53,7 @@ impl Visibility {
             .draw(&self.mesh, camera, &view, &Environment::default());
         let eye = camera.eye() - tracer.origin();
         let cell = |pixel: u32| {
-            let Seen::Triangle(primitive) = frame.seen(pixel as usize) else {
+            let PixelContent::Triangle(primitive) = frame.seen(pixel as usize) else {
                 return None;
             };
             let [x, y] =
@@ -141,9 +141,9 @@ impl Draw for RasterDraw {
         let cells = self.visibility.cells(self.baked.tracer(), camera);
         let shown = |cell: &Cell| {
             if cell.is_some() {
-                Shown::Surface
+                PixelOrigin::Surface
             } else {
-                Shown::Environment
+                PixelOrigin::Environment
             }
         };
         JudgedFrame {

@@ -4,7 +4,7 @@
 //! Cameras need not look the same way, nor have one lens: each picture is brought onto the image
 //! plane that all share (`reproject`).
 
-use super::find_grid::{FoundGrid, Stand, find_grid};
+use super::find_grid::{FoundGrid, CameraPose, find_grid};
 use super::from_images_error::{FromImagesError, MOST_TURNED_DEG};
 use super::raw::{RawLumigraph, RawPicture};
 use super::reproject::reproject;
@@ -54,9 +54,9 @@ impl RawLumigraph {
         if let Some(view) = views.iter().find(|view| view.depth.is_none()) {
             return Err(FromImagesError::NoDepth(view.name.clone()));
         }
-        let stands: Vec<Stand> = views
+        let stands: Vec<CameraPose> = views
             .iter()
-            .map(|view| Stand {
+            .map(|view| CameraPose {
                 name: &view.name,
                 pose: view.color_pose(),
             })

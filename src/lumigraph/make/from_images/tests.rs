@@ -468,7 +468,7 @@ proptest! {
             for x in &columns {
                 let eye = DVec3::new(100.0, -3.0, 7.0) + grid * DVec3::new(x + shake(), y + shake(), shake());
                 let world_from_eye = grid * DMat3::from_rotation_z(roll) * DMat3::from_rotation_x(0.2);
-                stands.push(Stand { name: "", pose: headbox_images::Pose { eye, world_from_eye } });
+                stands.push(CameraPose { name: "", pose: headbox_images::Pose { eye, world_from_eye } });
             }
         }
         stands.reverse();

@@ -15,7 +15,7 @@ use std::sync::OnceLock;
 pub(crate) struct Samples {
     /// Metres from the origin that was given, coarsest level first, rows from top to bottom in
     /// each.
-    points: Held,
+    points: PointStorage,
     /// Number of points of each level of detail, the finest first.
     counts: Vec<u32>,
     probes: Probes,
@@ -23,7 +23,7 @@ pub(crate) struct Samples {
 
 /// Storage of the points, an array for each axis.
 #[derive(Clone, Debug)]
-enum Held {
+enum PointStorage {
     Memory([Vec<f32>; 3]),
     Disk(Mapped),
 }
@@ -38,7 +38,7 @@ struct Mapped {
     checked: OnceLock<Option<Box<Samples>>>,
 }
 
-impl Default for Held {
+impl Default for PointStorage {
     fn default() -> Self {
         Self::Memory(Default::default())
     }
@@ -150,7 +150,7 @@ impl Samples {
             (0..3).for_each(|axis| spread[axis][i] = point[axis]);
         }
         Self {
-            points: Held::Memory(points),
+            points: PointStorage::Memory(points),
             counts,
             probes: Probes::new(spread),
         }
@@ -172,7 +172,7 @@ impl Samples {
             checked: OnceLock::new(),
         };
         Self {
-            points: Held::Disk(mapped),
+            points: PointStorage::Disk(mapped),
             counts,
             probes,
         }
@@ -191,7 +191,7 @@ impl Samples {
     /// first time; if they are damaged, those of `anew` take their place. Returns whether they are
     /// whole.
     pub(crate) fn check(&self, anew: impl FnOnce() -> Self) -> bool {
-        let Held::Disk(mapped) = &self.points else {
+        let PointStorage::Disk(mapped) = &self.points else {
             return true;
         };
         let replaced = || (self.checksum() != mapped.checksum).then(|| Box::new(anew()));
@@ -200,7 +200,7 @@ impl Samples {
 
     /// Replacement of damaged points.
     pub(crate) fn mended(&self) -> Option<&Self> {
-        let Held::Disk(mapped) = &self.points else {
+        let PointStorage::Disk(mapped) = &self.points else {
             return None;
         };
         mapped.checked.get()?.as_deref()
@@ -223,8 +223,8 @@ impl Samples {
             .copied()
             .unwrap_or(0) as usize;
         let all: Points = match &self.points {
-            Held::Memory(axes) => axes.each_ref().map(Vec::as_slice),
-            Held::Disk(Mapped { axes, points, .. }) => axes
+            PointStorage::Memory(axes) => axes.each_ref().map(Vec::as_slice),
+            PointStorage::Disk(Mapped { axes, points, .. }) => axes
                 .each_ref()
                 .map(|axis| axis.values().get(points.clone()).unwrap_or_default()),
         };
@@ -239,8 +239,8 @@ impl Samples {
     /// Bytes in memory, without what is mapped.
     pub(crate) fn bytes(&self) -> usize {
         let points = match &self.points {
-            Held::Memory(axes) => axes.iter().map(|axis| size_of_val(axis.as_slice())).sum(),
-            Held::Disk(_) => self.mended().map_or(0, Self::bytes),
+            PointStorage::Memory(axes) => axes.iter().map(|axis| size_of_val(axis.as_slice())).sum(),
+            PointStorage::Disk(_) => self.mended().map_or(0, Self::bytes),
         };
         points + size_of::<Self>()
     }

@@ -16,7 +16,7 @@ use std::time::Instant;
 
 /// Waiting behaviour of a frame for missing images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Patience {
+pub enum WaitPolicy {
     /// Missing pictures are decoded first.
     Wait,
     /// The next best cameras serve until they are.
@@ -25,25 +25,25 @@ pub enum Patience {
 
 /// Pictures of views.
 pub(crate) struct PictureStore {
-    shared: Arc<Shared>,
+    shared: Arc<StoreShared>,
     /// To the thread that decodes, once somebody could not wait.
     worker: OnceLock<Sender<()>>,
 }
 
-struct Shared {
+struct StoreShared {
     views: Vec<View>,
     budget: usize,
     when_read: OnceLock<WhenRead>,
-    state: Mutex<State>,
+    state: Mutex<StoreState>,
 }
 
 /// Callback on a camera's view once it is in memory.
 type WhenRead = Box<dyn Fn(u32, &LoadedView) + Send + Sync>;
 
 #[derive(Default)]
-struct State {
+struct StoreState {
     /// Moments are fetches.
-    held: LruCache<u32, AtHand>,
+    held: LruCache<u32, LoadedImage>,
     /// Why pictures cannot be read.
     lost: BTreeMap<u32, String>,
     /// Cameras that the thread has yet to decode.
@@ -51,14 +51,14 @@ struct State {
 }
 
 #[derive(Clone)]
-struct AtHand {
+struct LoadedImage {
     picture: Arc<Picture>,
     since: Instant,
 }
 
 impl PictureStore {
     pub(crate) fn new(views: Vec<View>, budget: usize) -> Self {
-        let shared = Shared {
+        let shared = StoreShared {
             views,
             budget,
             when_read: OnceLock::new(),
@@ -94,11 +94,11 @@ impl PictureStore {
         &self,
         ranked: impl Iterator<Item = u32>,
         count: usize,
-        patience: Patience,
+        patience: WaitPolicy,
     ) -> (Vec<(u32, Arc<Picture>)>, usize) {
         let ranked: Vec<u32> = ranked.collect();
         self.shared.lock().held.next_tick();
-        if patience == Patience::Wait {
+        if patience == WaitPolicy::Wait {
             self.decode_missing(&ranked, count);
         }
         let mut state = self.shared.lock();
@@ -125,7 +125,7 @@ impl PictureStore {
         if to_come > 0 {
             let worker = self
                 .worker
-                .get_or_init(|| Shared::start(Arc::clone(&self.shared)));
+                .get_or_init(|| StoreShared::start(Arc::clone(&self.shared)));
             // The thread ends with the store alone.
             let _ = worker.send(());
         }
@@ -137,7 +137,7 @@ impl PictureStore {
         loop {
             let missing: Vec<u32> = {
                 let mut state = self.shared.lock();
-                let State { held, lost, .. } = &mut *state;
+                let StoreState { held, lost, .. } = &mut *state;
                 let readable = ranked
                     .iter()
                     .copied()
@@ -193,8 +193,8 @@ impl PictureStore {
     }
 }
 
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, State> {
+impl StoreShared {
+    fn lock(&self) -> MutexGuard<'_, StoreState> {
         // A panic elsewhere leaves the state whole: each change is one insertion or removal.
         self.state
             .lock()
@@ -243,12 +243,12 @@ impl Shared {
     }
 }
 
-impl State {
+impl StoreState {
     fn hold(&mut self, camera: u32, picture: Picture) {
         let bytes = picture.bytes() as u64;
         self.held.put(
             camera,
-            AtHand {
+            LoadedImage {
                 picture: Arc::new(picture),
                 since: Instant::now(),
             },
@@ -294,7 +294,7 @@ mod tests {
         let one = Picture::new(&views[0].load().expect("loads")).bytes();
         let store = PictureStore::new(views, 3 * one);
         let fetch =
-            |ranked: &[u32]| cameras(&store.fetch(ranked.iter().copied(), 2, Patience::Wait));
+            |ranked: &[u32]| cameras(&store.fetch(ranked.iter().copied(), 2, WaitPolicy::Wait));
         assert_eq!(fetch(&[0, 1, 2]), [0, 1]);
         assert_eq!(fetch(&[2, 0]), [2, 0]);
         assert_eq!(fetch(&[3, 4]), [3, 4]);
@@ -319,7 +319,7 @@ mod tests {
         let views = views(3, folder.path());
         std::fs::remove_file(&views[1].color).expect("removed");
         let store = PictureStore::new(views, usize::MAX);
-        for patience in [Patience::Wait, Patience::Never] {
+        for patience in [WaitPolicy::Wait, WaitPolicy::Never] {
             assert_eq!(
                 cameras(&store.fetch([0, 1, 2].into_iter(), 2, patience)),
                 [0, 2]
@@ -336,13 +336,13 @@ mod tests {
     fn who_cannot_wait_takes_what_is_at_hand_and_has_the_rest_soon() {
         let folder = tempfile::tempdir().expect("a folder");
         let store = PictureStore::new(views(4, folder.path()), usize::MAX);
-        store.fetch([3].into_iter(), 1, Patience::Wait);
+        store.fetch([3].into_iter(), 1, WaitPolicy::Wait);
         assert_eq!(
-            cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, Patience::Never)),
+            cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, WaitPolicy::Never)),
             [3]
         );
         let started = Instant::now();
-        while cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, Patience::Never)) != [0, 1] {
+        while cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, WaitPolicy::Never)) != [0, 1] {
             assert!(started.elapsed().as_secs() < 60, "the thread decodes");
             std::thread::yield_now();
         }

@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, u32x4, u32x16};
 
 /// Sixteen samples of an image.
-pub(crate) struct Sixteen<S: Simd> {
+pub(crate) struct TextureSamples<S: Simd> {
     /// Linear, up to [`FULL`].
     pub(crate) color: [f32x16<S>; 3],
     /// Inverse depth of the nearest texel, 1/m; 0 where unknown.
@@ -40,9 +40,9 @@ impl Picture {
         level: u32,
         [x, y]: [f32x16<S>; 2],
         wanted: u64,
-    ) -> Sixteen<S> {
+    ) -> TextureSamples<S> {
         let zero = f32x16::splat(simd, 0.0);
-        let nothing = Sixteen {
+        let nothing = TextureSamples {
             color: [zero; 3],
             inverse_depth: zero,
             known: 0,
@@ -101,7 +101,7 @@ impl Picture {
             }
             known &= rest;
         }
-        Sixteen {
+        TextureSamples {
             color,
             inverse_depth,
             known,
@@ -250,7 +250,7 @@ mod tests {
         at: [&[f32; LANES]; 2],
     ) -> ([[f32; LANES]; 3], [f32; LANES], u64) {
         let [x, y] = at.map(|axis| f32x16::load_array_ref(simd, axis));
-        let Sixteen {
+        let TextureSamples {
             color: [r, g, b],
             inverse_depth,
             known,

@@ -49,7 +49,7 @@ impl Mesh {
             .par_chunks_mut(half_edges)
             .zip(self.twins.par_chunks_mut(half_edges));
         let strips = strips.enumerate().map(|(number, (corners, twins))| {
-            let mut part = Part {
+            let mut part = MeshPart {
                 grid,
                 corners,
                 twins,
@@ -63,7 +63,7 @@ impl Mesh {
             (part.finish(first_row, (number * half_edges) as u32), flips)
         });
         let seams: Vec<(Seams, u64)> = strips.collect();
-        let mut whole = Part {
+        let mut whole = MeshPart {
             grid,
             corners: &mut self.corners,
             twins: &mut self.twins,
@@ -93,7 +93,7 @@ struct Seams {
 }
 
 /// Some triangles of a mesh, whose half-edges are numbered from 0.
-struct Part<'a> {
+struct MeshPart<'a> {
     grid: &'a Grid,
     corners: &'a mut [u32],
     twins: &'a mut [u32],
@@ -102,7 +102,7 @@ struct Part<'a> {
     flips: u64,
 }
 
-impl Part<'_> {
+impl MeshPart<'_> {
     /// Two triangles for each quadrilateral of neighbouring nodes, from a row of these on.
     fn lattice(&mut self, first_row: usize) {
         let columns = self.grid.lattice.columns as usize;

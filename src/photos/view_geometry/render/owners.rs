@@ -52,14 +52,14 @@ pub(super) fn settle(grid: &mut Grid, cameras: &[TextureCamera]) {
 mod tests {
     pub(crate) use crate::view_geometry::tests::{frame_at, opened, plane_view, view_of};
     use crate::view_geometry::{
-        GeometryRenderer, GeometrySettings, Patience, SampleGrid, Shown, ViewGeometry,
+        GeometryRenderer, GeometrySettings, WaitPolicy, SampleGrid, PixelTriangle, ViewGeometry,
     };
     use glam::DVec3;
 
     fn shown(
         geometry: &ViewGeometry,
         settings: &GeometrySettings,
-    ) -> (Vec<u32>, Vec<Option<Shown>>) {
+    ) -> (Vec<u32>, Vec<Option<PixelTriangle>>) {
         let mut renderer = GeometryRenderer::new();
         // Finer than samples are, so that nodes are filled by several cameras.
         let settings = GeometrySettings {
@@ -70,7 +70,7 @@ mod tests {
             geometry,
             &frame_at(DVec3::ZERO, [96, 72]),
             &settings,
-            Patience::Wait,
+            WaitPolicy::Wait,
         );
         (renderer.used().to_vec(), renderer.shown())
     }
@@ -87,7 +87,7 @@ mod tests {
         };
         let share_of_best = |settings: &GeometrySettings| {
             let (used, shown) = shown(&geometry, settings);
-            let is_best = |shown: &&Shown| shown.camera == used[0] && shown.owners == 1;
+            let is_best = |shown: &&PixelTriangle| shown.camera == used[0] && shown.owners == 1;
             shown.iter().flatten().filter(is_best).count() as f64
                 / shown.iter().flatten().count() as f64
         };

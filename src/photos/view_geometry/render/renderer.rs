@@ -4,14 +4,14 @@ use super::delaunay::Mesh;
 use super::fuse::Grid;
 use super::project::{Hit, Projection};
 use super::rank::Ranked;
-use super::scan::{BAND_ROWS, Bins, Described, MOST_CAMERAS, Scanner};
-use super::texture::{Band, Painter};
+use super::scan::{BAND_ROWS, Bins, BandBuffers, MOST_CAMERAS, Scanner};
+use super::texture::{Band, FramePainter};
 use super::texture_camera::TextureCamera;
 use crate::view_geometry::cameras::samples::Points;
 use crate::view_geometry::render::fuse;
 use crate::view_geometry::render::owners;
 use crate::view_geometry::render::rank;
-use crate::view_geometry::{EdgeRule, GeometrySettings, Patience, Texturing, ViewGeometry};
+use crate::view_geometry::{EdgeRule, GeometrySettings, WaitPolicy, Texturing, ViewGeometry};
 use fearless_simd::Level;
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
@@ -62,7 +62,7 @@ pub struct GeometryRenderer {
     pub(crate) mesh: Mesh,
     pub(crate) bins: Bins,
     /// Buffers of bands, reused by the next ones.
-    pub(super) described: Mutex<Vec<Described>>,
+    pub(super) described: Mutex<Vec<BandBuffers>>,
     pub(crate) frame: Frame,
     /// State of the last frame: its camera, its cameras by rank, and the rule by which neighbours
     /// are separate surfaces.
@@ -117,7 +117,7 @@ impl GeometryRenderer {
         geometry: &ViewGeometry,
         camera: &Camera,
         settings: &GeometrySettings,
-        patience: Patience,
+        patience: WaitPolicy,
     ) -> (&Frame, GeometryStats) {
         let started = Instant::now();
         let mut last = started;
@@ -216,7 +216,7 @@ impl GeometryRenderer {
             cameras,
             edge,
         };
-        let painter = Painter {
+        let painter = FramePainter {
             level: *level,
             scanner,
             texturing: settings.texturing,

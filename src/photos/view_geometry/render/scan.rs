@@ -47,14 +47,14 @@ pub(crate) struct Pixels {
 
 /// Rows of a frame, described.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Described {
+pub(crate) struct BandBuffers {
     /// Row by row, each filled up to whole [`LANES`].
     pub(crate) pixels: Vec<Pixels>,
     /// Words per row.
     pub(crate) per_row: usize,
 }
 
-impl Described {
+impl BandBuffers {
     /// Clears these rows.
     fn reset(&mut self, width: u32, rows: u32) {
         const NOTHING: Pixels = Pixels {
@@ -208,7 +208,7 @@ impl Triangle {
 
 impl Scanner<'_> {
     /// Describes the rows of a band of a frame that is so wide.
-    pub(crate) fn describe(&self, band: u32, width: u32, rows: &Range<u32>, to: &mut Described) {
+    pub(crate) fn describe(&self, band: u32, width: u32, rows: &Range<u32>, to: &mut BandBuffers) {
         to.reset(width, rows.len() as u32);
         for &number in self.bins.of(band) {
             let Some(triangle) = self.set_up(number, width, rows) else {

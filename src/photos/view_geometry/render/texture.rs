@@ -8,7 +8,7 @@
 //! The paper projects textures through whatever stands between. Here each texel knows its depth: a
 //! camera that shows something nearer does not see the pixel's point and has no say in it.
 
-use super::scan::{Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, Spot, UNCOVERED};
+use super::scan::{BandBuffers, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, Spot, UNCOVERED};
 use super::texture_camera::TextureCamera;
 use crate::view_geometry::Texturing;
 use fearless_simd::prelude::*;
@@ -30,7 +30,7 @@ const COLUMNS: [f32; LANES] = [
 
 /// Places of neighbouring pixels.
 #[derive(Clone, Copy)]
-struct Places<S: Simd> {
+struct TexturePositions<S: Simd> {
     /// Pixels, of their centres.
     x: f32x16<S>,
     y: f32,
@@ -60,7 +60,7 @@ impl<S: Simd> Sums<S> {
         &mut self,
         simd: S,
         camera: &TextureCamera,
-        places: &Places<S>,
+        places: &TexturePositions<S>,
         wanted: u64,
         weight: f32x16<S>,
     ) {
@@ -75,11 +75,11 @@ impl<S: Simd> Sums<S> {
         &mut self,
         simd: S,
         camera: &TextureCamera,
-        places: &Places<S>,
+        places: &TexturePositions<S>,
         wanted: u64,
         weight: f32x16<S>,
     ) {
-        let &Places {
+        let &TexturePositions {
             x,
             y,
             inverse_depth,
@@ -127,7 +127,7 @@ fn along<S: Simd>(
 }
 
 /// Context of colouring a frame.
-pub(super) struct Painter<'a> {
+pub(super) struct FramePainter<'a> {
     pub(super) level: Level,
     pub(super) scanner: Scanner<'a>,
     pub(super) texturing: Texturing,
@@ -142,9 +142,9 @@ pub(super) struct Band<'a> {
     pub(super) coverage: &'a mut [Coverage],
 }
 
-impl Painter<'_> {
+impl FramePainter<'_> {
     /// Colours what the mesh covers of a band.
-    pub(super) fn paint(&self, band: &mut Band, described: &mut Described) {
+    pub(super) fn paint(&self, band: &mut Band, described: &mut BandBuffers) {
         match self.texturing {
             Texturing::Nearest => described.fill(band.width, band.rows.len() as u32),
             _ => self
@@ -155,7 +155,7 @@ impl Painter<'_> {
     }
 
     #[inline(always)]
-    fn color<S: Simd>(&self, simd: S, band: &mut Band, described: &Described) {
+    fn color<S: Simd>(&self, simd: S, band: &mut Band, described: &BandBuffers) {
         let width = band.width as usize;
         let rows = band
             .colors
@@ -192,7 +192,7 @@ impl Painter<'_> {
         if covered == 0 {
             return;
         }
-        let places = Places {
+        let places = TexturePositions {
             x: f32x16::load_array_ref(simd, &COLUMNS) + (x as f32 + 0.5),
             y: y as f32 + 0.5,
             inverse_depth: f32x16::load_array_ref(simd, &pixels.inverse_depth),
@@ -235,7 +235,7 @@ impl Painter<'_> {
 
     /// The sums of what the cameras show of the covered lanes.
     #[inline(always)]
-    fn sums<S: Simd>(&self, simd: S, pixels: &Pixels, places: &Places<S>, covered: u64) -> Sums<S> {
+    fn sums<S: Simd>(&self, simd: S, pixels: &Pixels, places: &TexturePositions<S>, covered: u64) -> Sums<S> {
         let mut sums = Sums::new(simd);
         let one = f32x16::splat(simd, 1.0);
         let cameras = self.scanner.cameras;
