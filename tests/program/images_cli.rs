@@ -508,7 +508,7 @@ fn depth_of_photographs_is_found_kept_and_compared() {
     );
     let (said, notes) = succeeds(dir.path(), &["images", "ball"]);
     assert!(
-        said.contains("7 with depth") && notes.contains("found from the pictures"),
+        said.contains("7 with depth") && notes.contains("estimated from the images"),
         "{said}{notes}"
     );
     // Two metres from the eyes, a radius of 0.4.

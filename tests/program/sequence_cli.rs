@@ -81,7 +81,7 @@ fn a_folder_of_photographs_becomes_sprites() {
         .unwrap();
     refused(1, &["--masks", "masks"], "is 9x9 pixels");
     refused(1, &["--masks", "nowhere"], "nowhere");
-    refused(1, &["--view", "5"], "there are 4 views");
+    refused(1, &["--view", "5"], "choose one of the 4 views");
     refused(2, &["--eye", "0,0,0"], "--eye has no meaning for images");
     fails(
         dir.path(),

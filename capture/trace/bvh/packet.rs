@@ -1,24 +1,24 @@
-//! Traversal by 16 coherent rays at a time.
+//! Packet traversal: 16 coherent rays at a time.
 //!
 //! A node's eight boxes are first tested against the packet as a whole: intervals around its
 //! origins and reciprocal directions give one conservative test for all rays, eight boxes at a
-//! time. A box that passes is tested against the 16 rays when its turn comes, so that hits found
-//! meanwhile count. Where few rays agree, each goes on alone ([`super::single`]): the same box and
-//! triangle tests, so the same bits.
+//! time. A box that passes is tested against the 16 rays when it is popped, so that hits found in
+//! the meantime cull it. If few rays enter a box, each continues by single-ray traversal
+//! ([`super::single`]), whose box and triangle tests are the same, and so are the resulting bits.
 
-use super::Tracer;
 use super::lanes::{HitPacket, Lanes, PACKET, PreparedPacket, RayPacket};
 use super::prepared::{Prepared, axes_of, each_axis};
-use super::single::{Closest, Occluded, relative};
+use super::single::{self, Closest, Occluded, relative};
 use super::tree::{BLOCK, Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
 use super::triangle::{Candidate, edges, exact};
-use crate::bvh::single;
+use super::Tracer;
 use fearless_simd::{Simd, f32x8, f32x16, mask32x16, prelude::*, u32x16};
 
-/// Where at most this many rays enter a box, each goes on alone. Measured: see `benches/trace.rs`.
+/// Maximum number of rays entering a box for which the packet splits into single rays. Measured by
+/// `benches/trace.rs`.
 const ALONE: u32 = 4;
 
-/// Closest hits of each packet.
+/// Finds the closest hits of each packet.
 #[inline(always)]
 pub(super) fn closest<S: Simd>(
     simd: S,
@@ -26,7 +26,8 @@ pub(super) fn closest<S: Simd>(
     rays: &[RayPacket],
     hits: &mut [HitPacket],
 ) {
-    let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
+    let mut small = [Entry::EMPTY; SMALL_STACK];
+    let mut large = Vec::new();
     let stack = tracer.tree.stack(&mut small, &mut large);
     for (rays, hits) in rays.iter().zip(hits) {
         let mut found = Lanes::new(rays);
@@ -35,10 +36,11 @@ pub(super) fn closest<S: Simd>(
     }
 }
 
-/// Blocked rays of each packet.
+/// Finds the occluded rays of each packet.
 #[inline(always)]
 pub(super) fn occluded<S: Simd>(simd: S, tracer: &Tracer, rays: &[RayPacket], blocked: &mut [u16]) {
-    let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
+    let mut small = [Entry::EMPTY; SMALL_STACK];
+    let mut large = Vec::new();
     let stack = tracer.tree.stack(&mut small, &mut large);
     for (rays, blocked) in rays.iter().zip(blocked) {
         let mut found = Lanes::new(rays);
@@ -47,19 +49,19 @@ pub(super) fn occluded<S: Simd>(simd: S, tracer: &Tracer, rays: &[RayPacket], bl
     }
 }
 
-/// Everything that the traversal of a packet reads.
+/// Read-only inputs of a packet's traversal.
 struct Walk<'a, S: Simd> {
     simd: S,
     tracer: &'a Tracer,
     rays: &'a RayPacket,
     prepared: &'a PreparedPacket,
-    /// Rows of a node's planes through which the rays enter, by axis.
+    /// Rows of [`Node::planes`] through which the rays enter, by axis.
     near_rows: [usize; 3],
-    /// The axes of the shear if all rays share them.
+    /// Axes of the shear, if all rays share them.
     axes: Option<[usize; 3]>,
 }
 
-/// Traces a packet; `ANY` is for occlusion.
+/// Traces a packet for closest hits, or for occlusion if `ANY`.
 #[inline(always)]
 fn trace<S: Simd, const ANY: bool>(
     simd: S,
@@ -105,7 +107,7 @@ fn trace<S: Simd, const ANY: bool>(
 }
 
 impl<S: Simd> Walk<'_, S> {
-    /// Traverses the subtree of `node` by each of the rays `lanes` by itself.
+    /// Traverses the subtree of `node` with each of the rays `lanes` separately.
     #[inline(always)]
     fn alone<const ANY: bool>(
         &self,
@@ -135,7 +137,7 @@ impl<S: Simd> Walk<'_, S> {
         }
     }
 
-    /// Traverses the tree by the rays `active` together.
+    /// Traverses the tree with the rays `active` together.
     #[inline(always)]
     fn together<const ANY: bool>(&self, active: u32, found: &mut Lanes, stack: &mut [Entry]) {
         let nodes = &self.tracer.tree.nodes;
@@ -148,7 +150,8 @@ impl<S: Simd> Walk<'_, S> {
             if entry.enter() > limit {
                 continue;
             }
-            let (parent, slot) = (entry.name() as usize / WIDTH, entry.name() as usize % WIDTH);
+            let parent = entry.name() as usize / WIDTH;
+            let slot = entry.name() as usize % WIDTH;
             let (enter, entered) = self.enter(&nodes[parent], slot, found);
             let entered = entered & active;
             if entered == 0 {
@@ -170,7 +173,7 @@ impl<S: Simd> Walk<'_, S> {
     }
 
     /// Tests the rays `lanes` against the triangles of a leaf, whose box they enter at `enter`.
-    /// Whether anything was hit.
+    /// Returns true if a ray hit one.
     #[inline(always)]
     fn intersect_leaf<const ANY: bool>(
         &self,
@@ -191,7 +194,8 @@ impl<S: Simd> Walk<'_, S> {
         hit
     }
 
-    /// The farthest distance that any ray still cares about; minus infinity if all are blocked.
+    /// Returns the greatest distance at which any ray still accepts hits; minus infinity if all are
+    /// occluded.
     #[inline(always)]
     fn limit(&self, active: u32, found: &Lanes) -> f32 {
         self.greatest(active, &found.t)
@@ -207,7 +211,7 @@ impl<S: Simd> Walk<'_, S> {
         mask32x16::from_bitmask(self.simd, u64::from(lanes))
     }
 
-    /// The greatest value of the rays `active`.
+    /// Returns the greatest value of the rays `active`.
     #[inline(always)]
     fn greatest(&self, active: u32, row: &[f32; PACKET]) -> f32 {
         self.mask(active)
@@ -215,7 +219,7 @@ impl<S: Simd> Walk<'_, S> {
             .reduce_max()
     }
 
-    /// The least value of the rays `active`.
+    /// Returns the least value of the rays `active`.
     #[inline(always)]
     fn least(&self, active: u32, row: &[f32; PACKET]) -> f32 {
         self.mask(active)
@@ -223,8 +227,8 @@ impl<S: Simd> Walk<'_, S> {
             .reduce_min()
     }
 
-    /// Which rays enter the box of a child before their limits, and where (not before their
-    /// `t_min`).
+    /// Tests the box of a child: returns the entry distances (at least `t_min`) and the mask of the
+    /// rays that enter it before their limits.
     #[inline(always)]
     fn enter(&self, node: &Node, slot: usize, found: &Lanes) -> (f32x16<S>, u32) {
         let p = self.prepared;
@@ -243,8 +247,8 @@ impl<S: Simd> Walk<'_, S> {
         (enter, enter.simd_le(leave).to_bitmask() as u32)
     }
 
-    /// Tests the rays `lanes` against a triangle. `enter` is where they enter its leaf's box.
-    /// Whether any hit it.
+    /// Tests the rays `lanes` against a triangle. `enter` is the distance at which they enter its
+    /// leaf's box. Returns true if a ray hit it.
     #[inline(always)]
     fn intersect<const ANY: bool>(
         &self,
@@ -268,7 +272,7 @@ impl<S: Simd> Walk<'_, S> {
         let degenerate = (inside & determinant.simd_eq(zero)).to_bitmask() as u32;
         let primitive = block.primitives[slot];
         let inside = inside & t.simd_ge(self.load(&self.rays.t_min));
-        // As `Candidate::t_from`.
+        // Like `Candidate::t_from`.
         let t = t.simd_gt(enter).select(t, enter) + zero;
         let best = self.load(&found.t);
         let best_primitive = u32x16::load_array_ref(self.simd, &found.primitive);
@@ -313,8 +317,8 @@ impl<S: Simd> Walk<'_, S> {
         true
     }
 
-    /// The rare end of [`Self::intersect`]: cut-outs, and triangles whose edge functions all round
-    /// to zero.
+    /// Scalar tail of [`Self::intersect`] for rare cases: cut-outs, and triangles whose edge
+    /// functions all round to zero.
     #[inline(never)]
     fn one_by_one<const ANY: bool>(
         &self,
@@ -360,16 +364,16 @@ impl<S: Simd> Walk<'_, S> {
                     candidate.barycentric(),
                 );
             hit |= opaque;
-            match (opaque, ANY) {
-                (false, _) => {}
-                (true, true) => found.block(k),
-                (true, false) => found.set(k, primitive, candidate),
+            if opaque && ANY {
+                found.block(k);
+            } else if opaque {
+                found.set(k, primitive, candidate);
             }
         }
         hit
     }
 
-    /// A coordinate of a vertex relative to each ray's origin.
+    /// Returns a coordinate of a vertex relative to each ray's origin.
     #[inline(always)]
     fn relative_coordinate(
         &self,
@@ -382,7 +386,8 @@ impl<S: Simd> Walk<'_, S> {
             - self.load(&self.rays.origin[axis])
     }
 
-    /// A triangle's vertices relative to each ray's origin, on the axes of each ray's shear.
+    /// Returns a triangle's vertices relative to each ray's origin, in the order of each ray's shear
+    /// axes.
     #[inline(always)]
     fn relative(&self, block: &Block, slot: usize) -> [[f32x16<S>; 3]; 3] {
         if let Some(axes) = self.axes {
@@ -400,7 +405,7 @@ impl<S: Simd> Walk<'_, S> {
     }
 }
 
-/// [`single::traverse`] as a function of its own in code compiled for the SIMD level.
+/// Calls [`single::traverse`] out of line, compiled for the SIMD level.
 #[inline(always)]
 fn traverse_alone<S: Simd, F: single::Found>(
     simd: S,
@@ -416,14 +421,14 @@ fn traverse_alone<S: Simd, F: single::Found>(
     );
 }
 
-/// Intervals around the rays of a packet, in every lane.
+/// Intervals around the rays of a packet, splatted to all lanes.
 struct Beam<S: Simd> {
     simd: S,
     near_rows: [usize; 3],
-    /// The extreme `near_origin` and `far_origin` that enter earliest and leave latest.
+    /// Extreme `near_origin` and `far_origin`: the earliest entry and the latest exit.
     near_origin: [f32x8<S>; 3],
     far_origin: [f32x8<S>; 3],
-    /// Least and greatest reciprocal direction.
+    /// Minimum and maximum of the reciprocal direction.
     inverse: [[f32x8<S>; 2]; 3],
     t_min: f32x8<S>,
 }
@@ -431,7 +436,8 @@ struct Beam<S: Simd> {
 impl<S: Simd> Beam<S> {
     #[inline(always)]
     fn new(walk: &Walk<'_, S>, active: u32) -> Self {
-        let (simd, p) = (walk.simd, walk.prepared);
+        let simd = walk.simd;
+        let p = walk.prepared;
         let positive = each_axis!(a => walk.near_rows[a] == a);
         Self {
             simd,
@@ -452,9 +458,9 @@ impl<S: Simd> Beam<S> {
         }
     }
 
-    /// Which of a node's children any ray may enter before `limit`, and a lower bound of where.
-    /// Each operation is monotone in its arguments, so the bounds hold for the rounded results of
-    /// every ray.
+    /// Tests the boxes of a node's children conservatively: returns lower bounds of the entry
+    /// distances and the mask of the children that any ray may enter before `limit`. Each operation
+    /// is monotone in its arguments, so the bounds hold for the rounded results of every ray.
     #[inline(always)]
     fn enter(&self, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
         let near = each_axis!(a => {
@@ -472,8 +478,7 @@ impl<S: Simd> Beam<S> {
         (enter.to_array(), enter.simd_le(leave).to_bitmask() as u32)
     }
 
-    /// Pushes the children that any ray may enter, the nearest last, and returns the stack's new
-    /// length.
+    /// Pushes the children that any ray may enter, nearest last, and returns the new stack length.
     #[inline(always)]
     fn push_children(
         &self,
@@ -484,7 +489,7 @@ impl<S: Simd> Beam<S> {
         base: usize,
     ) -> usize {
         let (enter, entered) = self.enter(node, limit);
-        // The child's box is tested later, so its entry is named by where it hangs.
+        // The child's box is tested when popped, so the payload is the parent's slot, not the child.
         push_sorted(stack, base, entered, |slot| {
             Entry::new(enter[slot % WIDTH], index * WIDTH as u32 + slot as u32)
         })

@@ -1,4 +1,4 @@
-//! Traversal by one ray, eight boxes or eight triangles at a time.
+//! Single-ray traversal: tests eight boxes or eight triangles at a time.
 
 use super::prepared::{Prepared, each_axis};
 use super::tree::{Block, Child, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
@@ -6,21 +6,21 @@ use super::triangle::{Candidate, edges, exact};
 use super::{Hit, Ray, Tracer};
 use fearless_simd::{Simd, f32x8, prelude::*};
 
-/// What a traversal looks for.
+/// Query of a traversal: decides which hits to keep and when to stop.
 pub(super) trait Found {
-    /// Nothing beyond this distance is wanted.
+    /// Returns the distance beyond which no hit is accepted.
     fn limit(&self) -> f32;
-    /// Whether a hit at `t`, which is at least the ray's `t_min`, is wanted.
+    /// Returns true if a hit at `t` is accepted; `t` is at least the ray's `t_min`.
     fn wants(&self, t: f32, primitive: u32) -> bool;
-    /// Takes a hit that is wanted.
+    /// Records an accepted hit.
     fn take(&mut self, primitive: u32, candidate: Candidate);
-    /// Whether the traversal can stop.
+    /// Returns true if the traversal can stop.
     fn done(&self) -> bool {
         false
     }
 }
 
-/// The closest hit.
+/// Query for the closest hit.
 pub(super) struct Closest {
     pub(super) primitive: u32,
     pub(super) candidate: Candidate,
@@ -75,7 +75,7 @@ impl Found for Closest {
     }
 }
 
-/// Any hit at all.
+/// Query for any hit.
 pub(super) struct Occluded {
     t_max: f32,
     blocked: bool,
@@ -118,7 +118,7 @@ impl Found for Occluded {
     }
 }
 
-/// Every hit.
+/// Query for all hits.
 pub(super) struct All {
     t_max: f32,
     hits: Vec<Hit>,
@@ -156,14 +156,15 @@ impl Found for All {
     }
 }
 
-/// Searches the whole tree by one ray.
+/// Traverses the whole tree with one ray.
 #[inline(always)]
 pub(super) fn search<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Ray, found: &mut F) {
     let Some(ray) = Prepared::new(ray) else {
         return;
     };
     if !tracer.tree.nodes.is_empty() {
-        let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
+        let mut small = [Entry::EMPTY; SMALL_STACK];
+        let mut large = Vec::new();
         traverse(
             simd,
             tracer,
@@ -175,7 +176,7 @@ pub(super) fn search<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Ray, fou
     }
 }
 
-/// Traverses the subtree of node `root`, nearer children first.
+/// Traverses the subtree of node `root`, nearest children first.
 #[inline(always)]
 pub(super) fn traverse<S: Simd, F: Found>(
     simd: S,
@@ -187,7 +188,8 @@ pub(super) fn traverse<S: Simd, F: Found>(
 ) {
     let nodes = &tracer.tree.nodes;
     let boxes = BoxTest::new(simd, ray);
-    let (mut node, mut len) = (&nodes[root as usize], 0);
+    let mut node = &nodes[root as usize];
+    let mut len = 0;
     loop {
         let (enter, entered) = boxes.enter(simd, node, found.limit());
         let next = push_all_but_nearest(stack, &mut len, node, entered, &enter);
@@ -212,8 +214,8 @@ pub(super) fn traverse<S: Simd, F: Found>(
     }
 }
 
-/// Pushes the children whose bits are set in `entered`, except the nearest, which it returns. One
-/// or two children, the usual case, need no branch that depends on their order.
+/// Pushes the children whose bits are set in `entered`, except the nearest, which it returns. The
+/// usual case of one or two children needs no branch that depends on their order.
 #[inline(always)]
 fn push_all_but_nearest(
     stack: &mut [Entry],
@@ -241,7 +243,7 @@ fn push_all_but_nearest(
     Some(stack[*len])
 }
 
-/// The nearest entry that is not beyond `limit`.
+/// Pops the nearest entry that is not beyond `limit`.
 #[inline(always)]
 fn pop(stack: &[Entry], len: &mut usize, limit: f32) -> Option<Entry> {
     while *len > 0 {
@@ -253,7 +255,7 @@ fn pop(stack: &[Entry], len: &mut usize, limit: f32) -> Option<Entry> {
     None
 }
 
-/// The constants of the box test, in every lane.
+/// Constants of the box test, splatted to all lanes.
 struct BoxTest<S: Simd> {
     near_rows: [usize; 3],
     near_origin: [f32x8<S>; 3],
@@ -274,7 +276,8 @@ impl<S: Simd> BoxTest<S> {
         }
     }
 
-    /// Which of a node's children the ray enters before `limit`, and where (not before `t_min`).
+    /// Tests the boxes of a node's children: returns the entry distances (at least `t_min`) and the
+    /// mask of the children that the ray enters before `limit`.
     #[inline(always)]
     fn enter(&self, simd: S, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
         let near = each_axis!(a => (node.row(simd, self.near_rows[a]) - self.near_origin[a]) * self.inverse[a]);
@@ -287,7 +290,7 @@ impl<S: Simd> BoxTest<S> {
     }
 }
 
-/// Tests the triangles of a leaf. `enter` is where the ray enters the leaf's box.
+/// Tests the triangles of a leaf. `enter` is the distance at which the ray enters the leaf's box.
 #[inline(always)]
 fn intersect_leaf<S: Simd, F: Found>(
     simd: S,
@@ -305,7 +308,7 @@ fn intersect_leaf<S: Simd, F: Found>(
     }
 }
 
-/// Tests the triangles of a block. `enter` is where the ray enters the leaf's box.
+/// Tests the triangles of a block. `enter` is the distance at which the ray enters the leaf's box.
 #[inline(always)]
 fn intersect<S: Simd, F: Found>(
     simd: S,
@@ -333,12 +336,10 @@ fn intersect<S: Simd, F: Found>(
     let inverse_main = ray.inverse_main();
     let (determinant, t) = edges.determinant_and_t(f32x8::splat(simd, inverse_main));
     let [_, v, w] = edges.weights;
-    let (determinant, t, v, w) = (
-        determinant.to_array(),
-        t.to_array(),
-        v.to_array(),
-        w.to_array(),
-    );
+    let determinant = determinant.to_array();
+    let t = t.to_array();
+    let v = v.to_array();
+    let w = w.to_array();
     while inside != 0 {
         let slot = inside.trailing_zeros() as usize;
         inside &= inside - 1;
@@ -355,7 +356,7 @@ fn intersect<S: Simd, F: Found>(
             candidate = exact;
         }
         let primitive = block.primitives[slot];
-        let in_range = candidate.t >= ray.t_min; // not so for NaN
+        let in_range = candidate.t >= ray.t_min; // false for NaN
         if !in_range {
             continue;
         }
@@ -373,7 +374,8 @@ fn intersect<S: Simd, F: Found>(
     }
 }
 
-/// The vertices of a block's triangle relative to the ray's origin, on the axes of its shear.
+/// Returns the vertices of a block's triangle relative to the ray's origin, in the order of its
+/// shear axes.
 #[inline(always)]
 pub(super) fn relative(block: &Block, slot: usize, ray: &Prepared) -> [[f32; 3]; 3] {
     each_axis!(vertex => each_axis!(i => block.vertices[vertex][ray.axes[i]][slot] - ray.origin[i]))

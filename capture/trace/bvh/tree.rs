@@ -1,29 +1,29 @@
-//! Nodes of eight children and blocks of eight triangles, in the order of traversal.
+//! Tree layout: nodes of eight children and blocks of eight triangles, in the order of traversal.
 
 use super::prepared::GROWTH;
 use fearless_simd::{Simd, f32x8, prelude::*};
 use glam::Vec3;
 
-/// Children of a node.
+/// Number of children of a node.
 pub(super) const WIDTH: usize = 8;
 
-/// Triangles of a block.
+/// Maximum number of triangles of a block.
 pub(super) const BLOCK: usize = 8;
 
-/// Eight boxes and what is in them. Unused slots are inside out, so that no ray enters them.
+/// Eight bounding boxes and their children. Unused slots are inverted boxes, which no ray enters.
 #[repr(C, align(64))]
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     /// Lower planes on x, y, z, then upper planes on x, y, z.
     pub(super) planes: [[f32; WIDTH]; 6],
-    /// What is in each box.
+    /// Child in each box.
     pub(super) child: [Child; WIDTH],
 }
 
 const _: () = assert!(size_of::<Node>() == 256, "four cache lines");
 
 impl Node {
-    /// A node without children.
+    /// Node without children.
     pub(super) const EMPTY: Self = Self {
         planes: [
             [f32::INFINITY; WIDTH],
@@ -44,7 +44,7 @@ impl Node {
         }
     }
 
-    /// The box around all children.
+    /// Returns the bounding box of all children.
     pub(super) fn bounds(&self) -> Bounds {
         let over =
             |row: [f32; WIDTH], f: fn(f32, f32) -> f32, start| row.into_iter().fold(start, f);
@@ -55,20 +55,20 @@ impl Node {
         }
     }
 
-    /// A row of planes as a vector.
+    /// Loads a row of planes as a vector.
     #[inline(always)]
     pub(super) fn row<S: Simd>(&self, simd: S, row: usize) -> f32x8<S> {
         f32x8::load_array_ref(simd, &self.planes[row])
     }
 }
 
-/// The row of planes on the other side of the box.
+/// Returns the row of planes on the opposite side of the box.
 #[inline]
 pub(super) fn opposite(row: usize) -> usize {
     if row < 3 { row + 3 } else { row - 3 }
 }
 
-/// An axis-aligned box.
+/// Axis-aligned bounding box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds {
     pub(super) min: Vec3,
@@ -76,7 +76,7 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    /// The box around the vertices of a leaf's triangles, grown as [`super::prepared`] requires.
+    /// Computes the bounding box of a leaf's triangles, enlarged as [`super::prepared`] requires.
     pub(super) fn of_leaf(triangles: impl Iterator<Item = [Vec3; 3]>) -> Self {
         let empty = Self {
             min: Vec3::INFINITY,
@@ -94,26 +94,26 @@ impl Bounds {
     }
 }
 
-/// Up to eight triangles. Unused slots are NaN, which no ray hits.
+/// Block of up to eight triangles. Unused slots are NaN, which no ray hits.
 #[repr(C, align(64))]
 #[derive(Clone, Debug)]
 pub(super) struct Block {
-    /// `[vertex][axis][slot]`, local metres.
+    /// Vertex positions, `[vertex][axis][slot]`, local metres.
     pub(super) vertices: [[[f32; BLOCK]; 3]; 3],
     /// Indices into the scene's triangles.
     pub(super) primitives: [u32; BLOCK],
-    /// Bit k: the triangle in slot k has a cut-out.
+    /// Mask of the triangles with a cut-out: bit k for slot k.
     pub(super) cutouts: u32,
     /// Number of triangles.
     pub(super) len: u16,
-    /// Whether the next block belongs to the same leaf.
+    /// True if the next block belongs to the same leaf.
     pub(super) more: bool,
 }
 
 const _: () = assert!(size_of::<Block>() == 384, "six cache lines");
 
 impl Block {
-    /// A block without triangles.
+    /// Block without triangles.
     pub(super) const EMPTY: Self = Self {
         vertices: [[[f32::NAN; BLOCK]; 3]; 3],
         primitives: [u32::MAX; BLOCK],
@@ -139,21 +139,22 @@ impl Block {
     }
 }
 
-/// The tree. Node 0 is the root; children come after their parents. No nodes: nothing to hit.
+/// Bounding volume hierarchy. Node 0 is the root; children come after their parents. Without nodes
+/// there is nothing to hit.
 #[derive(Debug, Default)]
 pub(super) struct Tree {
     pub(super) nodes: Vec<Node>,
     pub(super) blocks: Vec<Block>,
-    /// The most entries a traversal's stack can hold.
+    /// Maximum number of entries on a traversal's stack.
     pub(super) stack_len: usize,
 }
 
-/// What a box holds: the index of a node, or with the highest bit set that of a leaf's first block.
+/// Reference to a child: the index of a node or, with the highest bit set, of a leaf's first block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Child(u32);
 
 impl Child {
-    /// In unused slots, which no ray enters. (Node 0 is nobody's child.)
+    /// Value of unused slots, which no ray enters. (The root, node 0, is never a child.)
     pub(super) const NONE: Self = Self(0);
     const LEAF: u32 = 1 << 31;
 
@@ -165,7 +166,7 @@ impl Child {
         Self(first_block as u32 | Self::LEAF)
     }
 
-    /// The first block, if this is a leaf.
+    /// Returns the first block, if this is a leaf.
     #[inline]
     pub(super) fn first_block(self) -> Option<usize> {
         if self.0 & Self::LEAF == 0 {
@@ -175,7 +176,7 @@ impl Child {
         }
     }
 
-    /// The node, if this is not a leaf.
+    /// Returns the node's index; call only if this is not a leaf.
     #[inline]
     pub(super) fn index(self) -> u32 {
         self.0
@@ -186,30 +187,30 @@ impl Child {
         Self(name)
     }
 
-    /// Its name in an [`Entry`].
+    /// Returns the payload for an [`Entry`].
     #[inline]
     pub(super) fn name(self) -> u32 {
         self.0
     }
 }
 
-/// An entry of a traversal's stack: a box, named by 32 bits, and where the ray (or the first ray of
-/// a packet) enters it. In one word, so that entries sort by distance: the bits of a non-negative
-/// `f32`, read as an integer, keep its order. (With the parts in a struct, moving an entry stalled
-/// on loads wider than the stores before them.)
+/// Entry of a traversal's stack: a payload of 32 bits that identifies a box, and the distance at
+/// which the ray (or the first ray of a packet) enters it. Both are packed into one word that sorts
+/// by distance: the bits of a non-negative `f32`, read as an integer, keep its order. (As two
+/// fields of a struct, moving an entry stalled on loads wider than the stores before them.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Entry(u64);
 
 impl Entry {
     pub(super) const EMPTY: Self = Self(0);
 
-    /// `enter` is not negative.
+    /// Creates an entry; `enter` must not be negative.
     #[inline]
     pub(super) fn new(enter: f32, name: u32) -> Self {
         Self(u64::from(enter.to_bits()) << 32 | u64::from(name))
     }
 
-    /// Where the box is entered.
+    /// Returns the entry distance.
     #[inline]
     pub(super) fn enter(self) -> f32 {
         f32::from_bits((self.0 >> 32) as u32)
@@ -221,7 +222,7 @@ impl Entry {
     }
 }
 
-/// Pushes an entry for each bit of `slots`, from far to near, and returns the stack's new length.
+/// Pushes an entry for each bit set in `slots`, from far to near, and returns the new stack length.
 #[inline(always)]
 pub(super) fn push_sorted(
     stack: &mut [Entry],
@@ -233,23 +234,23 @@ pub(super) fn push_sorted(
     while slots != 0 {
         let new = entry(slots.trailing_zeros() as usize);
         slots &= slots - 1;
-        let mut at = len;
-        while at > base && stack[at - 1] < new {
-            stack[at] = stack[at - 1];
-            at -= 1;
+        let mut position = len;
+        while position > base && stack[position - 1] < new {
+            stack[position] = stack[position - 1];
+            position -= 1;
         }
-        stack[at] = new;
+        stack[position] = new;
         len += 1;
     }
     len
 }
 
-/// Entries that a traversal keeps without allocating; enough for a tree 13 levels deep (8^13 leaves
-/// if balanced).
+/// Stack length that needs no allocation; enough for a tree 13 levels deep (8^13 leaves if
+/// balanced).
 pub(super) const SMALL_STACK: usize = 96;
 
 impl Tree {
-    /// A stack long enough for this tree: `small` if that will do.
+    /// Returns a stack long enough for this tree: `small` if that suffices.
     #[inline(always)]
     pub(super) fn stack<'a>(
         &self,

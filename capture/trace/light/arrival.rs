@@ -1,49 +1,48 @@
-//! Light samples cut in two after their first ray, so that what lies beyond can be shared between
-//! samples that arrive close together.
+//! Path space filtering: light samples split after their first segment, so that nearby samples
+//! share the remainder of a path.
 //!
-//! Light that a path finds beyond its first bounce hardly changes over a few centimetres of the
-//! surface on which it bounces, and a capture sends millions of paths there. So their ends are
-//! filed by cells of space (Binder, Fricke and Keller 2018, "Fast Path Space Filtering by Jittered
-//! Spatial Hashing"; Christensen 1999, "Faster Photon Map Global Illumination"), and a few paths a
-//! cell stand for all.
+//! Light that a path gathers beyond its first bounce hardly changes over a few centimetres of the
+//! surface on which it bounces, and a capture sends millions of paths there. Their ends are
+//! therefore hashed into cells of space (Binder, Fricke and Keller 2018, "Fast Path Space Filtering by Jittered
+//! Spatial Hashing"; Christensen 1999, "Faster Photon Map Global Illumination"), and a few paths per
+//! cell represent all.
 
 use super::{LightSample, Lighting, LitPoint, Path};
 use crate::bvh::Tracer;
 use glam::Vec3;
 use headbox_scene::material::floor;
 
-/// Cells are at least this share of their distance from the local origin wide, and at most twice of
-/// it.
+/// Minimum width of a cell as a fraction of its distance from the local origin; the maximum is
+/// twice that.
 const CELL_SHARE: f32 = 1.0 / 64.0;
 
-/// A path that came closer than this many cells' widths takes no part: it would see its own corner
-/// through a cell.
+/// Minimum length of a path's first segment, in cell widths. Shorter paths are not filtered: the
+/// cell would be a large part of the view from their start (contact shadows).
 const FARTHEST_CELLS: f32 = 2.0;
 
-/// Cells of one width that are so many cells apart, less one, are still told apart.
+/// Mask of a cell's coordinate in [`Arrival::cell_of_width`]: cells wrap around after 2^18.
 const FARTHEST_APART: u32 = (1 << 18) - 1;
 
-/// Paths are followed with at least this albedo: where a surface is black, what it would reflect
-/// elsewhere is still wanted.
+/// Minimum albedo with which a remainder is traced: other samples of the cell may arrive on a
+/// brighter part of the surface.
 const LEAST_ALBEDO: f32 = 0.05;
 
-/// Where the first ray of a light sample met a surface.
+/// End of the first segment of a light sample's path, on a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrival {
-    /// The place.
+    /// Surface point.
     pub(super) point: LitPoint,
-    /// Its albedo.
+    /// Albedo of the surface.
     albedo: Vec3,
-    /// How much the ray counts: 1 but for rays that were drawn by where light comes from.
+    /// Importance weight of the ray: 1 unless its direction was guided.
     pub weight: f32,
     /// Length of the ray, metres.
     pub distance_m: f32,
 }
 
 impl Arrival {
-    /// The cell in which this arrival lies: arrivals in one cell lie close together, and their
-    /// surfaces are turned alike. `None` if the ray was so short that the cell is no small part of
-    /// what its start sees.
+    /// Returns the hash key of the arrival's cell, by position and normal. `None` if the segment is
+    /// so short that the cell is not a small part of the view from its start.
     pub fn cell(&self) -> Option<u64> {
         let (exponent, width_m) =
             power_of_two_above(self.point.position.abs().max_element() * CELL_SHARE);
@@ -51,7 +50,7 @@ impl Arrival {
         Some(x | y << 8 | z << 16 | u64::from(exponent) << 24 | self.point.turned() << 32)
     }
 
-    /// As [`Self::cell`], where all cells are `width_m` metres wide.
+    /// Returns the key like [`Self::cell`], for cells that are all `width_m` metres wide.
     pub fn cell_of_width(&self, width_m: f32) -> Option<u64> {
         let [x, y, z] = self
             .place_in_cells(width_m)?
@@ -68,17 +67,19 @@ impl Arrival {
         })
     }
 
-    /// What the sample brings of the light that reaches the place ([`Lighting::beyond`]).
+    /// Returns the sample's contribution from the radiosity per albedo that reaches the point
+    /// ([`Lighting::beyond`]).
     pub fn brings(&self, light: Vec3) -> Vec3 {
         self.albedo * self.weight * light
     }
 }
 
-/// The least power of two that is not below `length`, by its exponent (modulo 256) and itself.
+/// Returns the exponent (modulo 256) and the value of the least power of two that is at least
+/// `length`.
 pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
-    // A float is its exponent, and beneath it what is beyond that power.
+    // Adding the full mantissa carries into the exponent unless the mantissa is zero.
     const MANTISSA: u32 = (1 << 23) - 1;
-    // What is no number is small.
+    // NaN is treated as small.
     let length = if length > 1e-30 {
         length.min(1e30)
     } else {
@@ -92,9 +93,9 @@ pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
 }
 
 impl Lighting {
-    /// The beginning of a sample of [`Self::soft_radiosity`]: what it finds before its first ray
-    /// meets a surface, and where that is, if it meets one. What it [brings](Arrival::brings) of
-    /// one sample of [`Self::beyond`] is still to be added.
+    /// Traces the first segment of a sample of [`Self::soft_radiosity`]: returns the light gathered
+    /// before its ray hits a surface, and the arrival there, if any. The caller adds the
+    /// [contribution](Arrival::brings) of one sample of [`Self::beyond`].
     pub fn before(
         &self,
         tracer: &Tracer,
@@ -120,7 +121,7 @@ impl Lighting {
         )
     }
 
-    /// The rest of a sample: radiosity per albedo where its first ray arrived.
+    /// Traces the remainder of a sample: returns the radiosity per albedo at its arrival.
     pub fn beyond(&self, tracer: &Tracer, arrival: &Arrival, sample: &LightSample) -> Vec3 {
         let throughput = arrival.albedo.max(Vec3::splat(LEAST_ALBEDO));
         let mut path = Path {
@@ -193,14 +194,13 @@ mod tests {
                 .all(|other| other.is_some() && *other != cell(0.01, Vec3::Y)),
             "{others:?}"
         );
-        // Far away cells do not come round again, as those of a capture would (8 bits): 16 km are
-        // 2^17 of them.
+        // Distant cells do not wrap around, as those of `cell` would (8 bits): 16 km are 2^17 cells.
         assert_ne!(cell(0.01, Vec3::Y), cell(32.01, Vec3::Y));
         assert_ne!(cell(0.01, Vec3::Y), cell(16_000.01, Vec3::Y));
         assert_eq!(
             arrival(Vec3::ONE, Vec3::Y, 0.2).cell_of_width(WIDTH_M),
             None,
-            "it would see its own corner"
+            "segment shorter than two cells"
         );
     }
 }
