@@ -1,4 +1,4 @@
-//! One error for all that the library does.
+//! The error of the library.
 
 use headbox_core::camera::CameraError;
 use headbox_core::container::FileError;
@@ -9,10 +9,12 @@ use headbox_house::backdrop::BackdropError;
 use headbox_house::file::HouseFileError;
 use headbox_house::house::HouseError;
 use headbox_ldi::scene_source::SceneSourceError;
+use headbox_ldi::spec::RangeError;
 use headbox_sprite::SpriteError;
 use headbox_trace::viewpoint::HeadboxError;
 
-/// Why something could not be done. The sentence says which file, which value and what was expected; nothing panics on input.
+/// Error of any operation of the library. Its message names the file or the value, and what was
+/// expected; invalid input never panics.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -22,32 +24,32 @@ pub enum Error {
     /// A headbox cannot be placed.
     #[error(transparent)]
     Headbox(#[from] HeadboxError),
-    /// A capture was asked for what cannot be.
+    /// A parameter of a capture is out of range.
     #[error("{name} is {value}; it must be from {} to {}", .allowed[0], .allowed[1])]
     Parameter {
-        /// Which parameter.
+        /// The parameter.
         name: &'static str,
         /// Its value.
         value: f64,
-        /// The least and the most that it may be.
+        /// Minimum and maximum.
         allowed: [f64; 2],
     },
-    /// A capture was given up, or its temporary files failed.
+    /// A capture was cancelled, or its temporary files failed.
     #[error("the capture failed: {0}")]
     Capture(#[from] std::io::Error),
     /// A capture cannot be packed.
     #[error(transparent)]
     Pack(#[from] PackError),
-    /// There is no such camera.
+    /// A camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// A file of ours cannot be read or written.
+    /// A file of this library cannot be read or written.
     #[error(transparent)]
     File(#[from] FileError),
     /// A frame cannot be saved.
     #[error(transparent)]
     Frame(#[from] FrameError),
-    /// Sprites cannot be made.
+    /// Sprites cannot be captured.
     #[error(transparent)]
     Sprite(#[from] SpriteError),
     /// A house cannot be opened or walked.
@@ -56,10 +58,25 @@ pub enum Error {
     /// A `.house` file cannot be read or written.
     #[error(transparent)]
     HouseFile(#[from] HouseFileError),
-    /// What is behind a portal cannot be captured.
+    /// A backdrop of a portal cannot be captured.
     #[error(transparent)]
     Backdrop(#[from] BackdropError),
-    /// Pictures cannot be compared.
+    /// Images cannot be compared.
     #[error(transparent)]
     Metric(#[from] MetricError),
+}
+
+impl From<RangeError> for Error {
+    fn from(error: RangeError) -> Self {
+        let RangeError {
+            name,
+            value,
+            allowed,
+        } = error;
+        Self::Parameter {
+            name,
+            value,
+            allowed,
+        }
+    }
 }

@@ -1,5 +1,6 @@
-//! `headbox`: image-based rendering with depth. A scene is ray-traced once into cube layered depth images (LDIs) and
-//! then shown from anywhere inside a *headbox*, on a CPU, at a frame rate that does not depend on its geometry.
+//! `headbox`: image-based rendering with depth. A scene is ray-traced once into cube layered depth
+//! images (LDIs) and then shown from anywhere inside a *headbox*, on a CPU, at a frame rate that
+//! does not depend on its geometry.
 //!
 //! ```
 //! use headbox::{Camera, Capture, DVec3, Renderer, Scene};
@@ -8,32 +9,36 @@
 //! # let folder = tempfile::tempdir().expect("a folder");
 //! # let frame_png = folder.path().join("frame.png");
 //! let scene = Scene::open("builtin:miniature")?;
-//! let ldi = Capture::new(&scene).face_size(64).strata(6).run()?; // free space, light and packing by default
-//! let at = ldi.center() + DVec3::NEG_Z;
-//! let camera = Camera::look_at(ldi.center(), at, DVec3::Y, 60.0, [640, 480])?;
+//! let ldi = Capture::new(&scene).face_size(64).strata(6).run()?;
+//! let target = ldi.center() + DVec3::NEG_Z;
+//! let camera = Camera::look_at(ldi.center(), target, DVec3::Y, 60.0, [640, 480])?;
 //! Renderer::new().render(&ldi, &camera, &Default::default()).save(&frame_png)?;
 //! # assert!(frame_png.is_file());
 //! # Ok(())
 //! # }
 //! ```
 //!
-//! * Cube LDIs: a [`Scene`] is captured ([`Capture`]) into a [`CubeLdi`], which a [`Renderer`] draws into a [`Frame`].
-//! * Sprites with depth: [`SpriteCapture`] makes a [`SpriteSet`]; a [`Composition`] lays sprites and cube LDIs over each other.
-//! * Houses of cells and portals: a [`Walker`] draws a [`House`], with the [`Backdrops`] of a store behind its portals.
+//! * Cube LDIs: a [`Scene`] is captured ([`Capture`]) into a [`CubeLdi`], which a [`Renderer`]
+//!   draws into a [`Frame`].
+//! * Sprites with depth: [`SpriteCapture`] makes a [`SpriteSet`]; a [`Composition`] combines
+//!   sprites and cube LDIs in one frame.
+//! * Houses of cells and portals: a [`Walker`] draws a [`House`], with [`Backdrops`] behind its
+//!   portals.
 //!
-//! All drawing and capturing is done on the current rayon thread pool, and gives the same bytes on any number of threads and
-//! at every SIMD level. Conventions: world metres, right-handed, Y up; cameras look down -Z; row 0 of a picture is on top; pictures
-//! are 8-bit sRGB with straight alpha; depths of frames are eye depths in metres. Scene files have axes and a unit of their own,
-//! which [`FileFrame`] maps to the world's.
+//! All rendering and capturing runs on the current rayon thread pool, and gives the same bytes on
+//! any number of threads and at every SIMD level. Conventions: world metres, right-handed, Y up;
+//! cameras look down -Z; row 0 of an image is the top; images are 8-bit sRGB with straight alpha;
+//! depths of frames are eye depths in metres. Scene files have axes and a unit of their own, which
+//! [`FileFrame`] maps to the world's.
 //!
-//! Features: `cli` (default) is the command line with its charts, `viewer` (default) the window. A library needs neither:
-//! `headbox = { default-features = false, .. }`.
+//! Features: `cli` (default) is the command line, `viewer` (default) its window. A library needs
+//! neither: `headbox = { default-features = false, .. }`.
 
-mod capturing;
+mod capture;
 mod error;
 mod scene;
 
-pub use capturing::{Capture, SpriteCapture};
+pub use capture::{Capture, SpriteCapture};
 pub use error::Error;
 pub use glam::DVec3;
 pub use headbox_core::camera::Camera;

@@ -1,7 +1,6 @@
-//! A scene, opened.
+//! Scenes in memory.
 
 use crate::Error;
-
 use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::headbox::Headbox;
@@ -10,7 +9,7 @@ use headbox_scene::load::LoadOptions;
 use headbox_trace::viewpoint::place_headbox;
 use std::sync::Arc;
 
-/// Triangles, materials and lights in memory, and the name they came from. Cheap to clone.
+/// A scene in memory: triangles, materials and lights, and its name. Cheap to clone.
 ///
 /// ```
 /// # fn main() -> Result<(), headbox::Error> {
@@ -35,8 +34,8 @@ impl Scene {
         Self::open_with(name, None, None)
     }
 
-    /// The same, for a file of which more is known than it says: the axis that points up, and metres per unit. What is `None`
-    /// is Y and 1 in a glTF, as its format rules, and guessed from evidence in an OBJ ([`Self::notes`] tells).
+    /// Opens a file with a given up axis and metres per unit. `None` means Y and 1 in a glTF, as
+    /// its format rules, and a guess in an OBJ, which [`Self::notes`] reports.
     ///
     /// # Errors
     /// [`Error::Scene`].
@@ -58,22 +57,23 @@ impl Scene {
         &self.source.name
     }
 
-    /// What the loader met and survived, a sentence each.
+    /// Notes of the loader about problems in the file, a sentence each.
     pub fn notes(&self) -> &[String] {
         &self.loaded.summary.notes
     }
 
-    /// The corners of its bounding box, world metres.
+    /// The corners of the bounding box, world metres.
     pub fn bounds(&self) -> [DVec3; 2] {
         self.loaded.bounds()
     }
 
-    /// How the file's axes and unit map to the world.
+    /// The mapping of the file's axes and unit to the world.
     pub fn frame(&self) -> FileFrame {
         self.loaded.frame
     }
 
-    /// Where one can look around in it: the box that the scene suggests, else free space with much to see around it.
+    /// The suggested headbox: that of the scene itself, else one in free space with much to see
+    /// around it.
     ///
     /// # Errors
     /// [`Error::Headbox`] if the scene is so small or so large that there is none.
@@ -81,15 +81,13 @@ impl Scene {
         Ok(place_headbox(&self.loaded, None, None)?)
     }
 
-    /// The source, to open it again.
-    #[doc(hidden)]
-    pub fn source(&self) -> &SceneSource {
+    /// The source, from which the scene can be opened again.
+    pub(crate) fn source(&self) -> &SceneSource {
         &self.source
     }
 
-    /// The triangles.
-    #[doc(hidden)]
-    pub fn loaded(&self) -> &Arc<headbox_scene::scene::Scene> {
+    /// The scene of the capture crates.
+    pub(crate) fn loaded(&self) -> &Arc<headbox_scene::scene::Scene> {
         &self.loaded
     }
 }

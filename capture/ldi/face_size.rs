@@ -1,10 +1,12 @@
-//! How fine faces must be for the frames that are to be made of them, and no finer (inventory S1; `docs/primitives.md`).
+//! Chooses the size of faces: as fine as the frames that are to be rendered from them, and no finer
+//! (inventory S1; `docs/primitives.md`).
 //!
-//! A face pixel on the axis is 2 / size wide at depth 1, and from the centre 2 f / size pixels of a frame of focal length f. An eye at b sees
-//! what the centre sees at P larger by |P| / |P - b|. What a sample shows lies within half of its width, so that with a width of
-//! 2 E frame pixels nothing is sampled coarser than E; what is narrower than that, no frame can tell.
+//! A face pixel on the axis is 2 / size wide at depth 1, and from the centre 2 f / size pixels of a
+//! frame of focal length f. An eye at b sees a point P larger than the centre does by |P| / |P -
+//! b|. A sample lies within half of its width, so with a width of 2 E frame pixels nothing is
+//! sampled coarser than E; finer faces would not show in any frame.
 
-use crate::job::CaptureJob;
+use crate::spec::CaptureSpec;
 use glam::Vec3;
 use headbox_core::random::Rng;
 use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
@@ -12,67 +14,71 @@ use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_trace::bvh::{Ray, Tracer};
 use headbox_trace::sampler::Strata;
 
-/// Eyes and directions that are asked.
+/// Number of sampled pairs of an eye and a direction.
 const PAIRS: usize = 4096;
 
-/// Faces have multiples of so many pixels.
+/// Faces have multiples of this number of pixels.
 const STEP_PX: f64 = 16.0;
 
-/// Of what eyes all over the headbox see, this share is no wider in the frame than asked for; the rest is so close to some of them that
-/// faces for it would have many times the pixels.
+/// Share of these pairs for which faces are fine enough. The remaining surfaces are so close to
+/// some eyes that faces for them would have many times the pixels.
 const SHARE: f64 = 0.9;
 
-/// Pixels a side of faces of which frames of this focal length, pixels, show nothing coarser than `error_px`, from nearly anywhere in a
-/// headbox about the tracer's origin. A pure function of the scene and the headbox.
+/// Pixels along a side of faces of which frames with this focal length, pixels, show nothing
+/// coarser than `error_px`, from nearly anywhere in a headbox about the tracer's origin. A pure
+/// function of the scene and the headbox.
 fn face_size_px(tracer: &Tracer, half_size_m: f64, focal_px: f64, error_px: f64) -> u32 {
     let mut random = Rng::keyed(0xface);
-    let mut larger: Vec<f64> = (0..PAIRS)
+    let mut magnifications: Vec<f64> = (0..PAIRS)
         .map(|_| {
-            let (toward, eye) = (
-                random.in_ball().normalize_or_zero(),
-                random.in_cube(half_size_m),
-            );
+            let direction = random.in_ball().normalize_or_zero();
+            let eye = random.in_cube(half_size_m);
             let ray = Ray {
                 origin: Vec3::ZERO,
-                direction: toward.as_vec3(),
+                direction: direction.as_vec3(),
                 t_min: 0.0,
                 t_max: f32::INFINITY,
             };
-            let hit = tracer.closest(&ray);
-            // What nothing hides is at infinity, where no step makes it larger.
-            hit.map_or(1.0, |hit| {
-                let point = toward * f64::from(hit.t);
+            // A direction without a surface is at infinity, where no movement magnifies anything.
+            tracer.closest(&ray).map_or(1.0, |hit| {
+                let point = direction * f64::from(hit.t);
                 point.length() / (point - eye).length()
             })
         })
-        .filter(|larger| larger.is_finite())
+        .filter(|magnification| magnification.is_finite())
         .collect();
-    let rank = ((larger.len() as f64 * SHARE) as usize).min(larger.len().saturating_sub(1));
-    let larger = if larger.is_empty() {
+    let count = magnifications.len();
+    let rank = ((count as f64 * SHARE) as usize).min(count.saturating_sub(1));
+    let magnification = if magnifications.is_empty() {
         1.0
     } else {
-        *larger.select_nth_unstable_by(rank, f64::total_cmp).1
+        *magnifications
+            .select_nth_unstable_by(rank, f64::total_cmp)
+            .1
     };
-    let size_px = focal_px * larger / error_px;
+    let size_px = focal_px * magnification / error_px;
     ((size_px / STEP_PX).ceil() * STEP_PX).clamp(STEP_PX, f64::from(MAX_FACE_SIZE_PX)) as u32
 }
 
-/// Makes the faces of a capture that large, with as many rays for each of their pixels. With an error that is no positive number, the usual one.
-pub fn settle(job: &mut CaptureJob, tracer: &Tracer, focal_px: f64, error_px: f64) {
+/// Sets the face size of a capture for frames with this focal length, pixels, and its strata so
+/// that each face pixel has as many rays as before. An error that is not positive means the
+/// default.
+pub fn choose_face_size(spec: &mut CaptureSpec, tracer: &Tracer, focal_px: f64, error_px: f64) {
     let error_px = if error_px > 0.0 {
         error_px
     } else {
         DEFAULT_ERROR_PX
     };
-    let size_px = face_size_px(tracer, job.half_size_m, focal_px, error_px);
-    job.parameters.strata = strata_for(job.parameters.strata, job.face_size_px, size_px);
-    job.face_size_px = size_px;
+    let size_px = face_size_px(tracer, spec.half_size_m, focal_px, error_px);
+    spec.parameters.strata = scaled_strata(spec.parameters.strata, spec.face_size_px, size_px);
+    spec.face_size_px = size_px;
 }
 
-/// Strata along each dimension that leave as many rays for a face pixel as `strata` of them give faces of `of_px`.
-fn strata_for(strata: u32, of_px: u32, size_px: u32) -> u32 {
+/// Strata along each dimension that give faces of `size_px` as many rays for each pixel as `strata`
+/// give faces of `old_size_px`.
+fn scaled_strata(strata: u32, old_size_px: u32, size_px: u32) -> u32 {
     // Rays grow with the fourth power of strata, face pixels with the second of a face's side.
-    let strata = f64::from(strata) * (f64::from(size_px) / f64::from(of_px.max(1))).sqrt();
+    let strata = f64::from(strata) * (f64::from(size_px) / f64::from(old_size_px.max(1))).sqrt();
     strata
         .round()
         .clamp(1.0, f64::from(Strata::MAX_PER_DIMENSION)) as u32
@@ -87,7 +93,7 @@ mod tests {
     use headbox_scene::scene::Triangle;
     use std::sync::Arc;
 
-    /// A closed cube of two metres about the origin, scaled.
+    /// A closed cube about the origin with this half edge, metres.
     fn room(half_m: f64) -> Tracer {
         let positions = (0..8).map(|i| {
             DVec3::from_array([0, 1, 2].map(|axis| f64::from((i >> axis & 1) * 2 - 1) * half_m))
@@ -118,27 +124,24 @@ mod tests {
     }
 
     #[test]
-    fn faces_are_as_fine_as_frames() {
-        // From the centre a face pixel is 2 f / size frame pixels wide: 2 E of them where nothing comes nearer.
-        let [from_afar, finer] =
-            [0.5, 0.25].map(|error_px| face_size_px(&room(1e6), 0.4, 665.0, error_px));
-        assert_eq!(
-            (from_afar, finer),
-            (1344, 2672),
-            "665 / E, to multiples of 16"
-        );
+    fn face_size_follows_frames_and_distance() {
+        // From the centre a face pixel is 2 f / size frame pixels wide: 2 E of them where nothing
+        // comes nearer.
+        let sizes = [0.5, 0.25].map(|error_px| face_size_px(&room(1e6), 0.4, 665.0, error_px));
+        assert_eq!(sizes, [1344, 2672], "665 / E, to multiples of 16");
         assert_eq!(face_size_px(&room(1e6), 0.4, 415.7, 0.5), 832);
-        // Walls 2 m away, eyes within 0.4 m: up to 1.25 times as wide straight ahead, and at the worst 1.53 times.
+        // Walls 2 m away, eyes within 0.4 m: magnified up to 1.25 times straight ahead, and at
+        // worst 1.53 times.
         let near = face_size_px(&room(2.0), 0.4, 665.0, 0.5);
         assert!((1400..1330 * 5 / 4).contains(&near), "{near}");
         assert_eq!(face_size_px(&room(1e6), 0.4, 1e9, 0.5), MAX_FACE_SIZE_PX);
     }
 
     #[test]
-    fn rays_for_each_pixel_stay() {
+    fn strata_keep_rays_per_pixel() {
         for (size, strata) in [(1024, 32), (256, 16), (4096, 64), (2048, 45), (1, 1)] {
-            assert_eq!(strata_for(32, 1024, size), strata);
+            assert_eq!(scaled_strata(32, 1024, size), strata);
         }
-        assert_eq!(strata_for(128, 1024, 8192), 128, "as many as there may be");
+        assert_eq!(scaled_strata(128, 1024, 8192), 128, "the maximum");
     }
 }

@@ -5,41 +5,40 @@ pub use headbox_core::light_parameters::{LightParameters, SunPlace};
 use headbox_core::file_frame::FileFrame;
 use headbox_model::load::load_scene;
 use headbox_scene::load::{LoadError, LoadOptions};
-use headbox_scene::scene::Scene;
-use headbox_scene::scene::{Sky, SkyError};
+use headbox_scene::scene::{Scene, Sky, SkyError};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// A scene as named on the command line; enough to open it again when shards are merged.
+/// A scene as named on the command line, with all that is needed to open it again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneSource {
     /// A path, or `builtin:NAME`.
     pub name: String,
-    /// Its axes and unit, where they are not the format's default.
+    /// Axes and unit, where they differ from the format's default.
     #[serde(flatten)]
     pub options: LoadOptions,
-    /// Its light, where it is not the scene's own.
+    /// Light, where it differs from the scene's own.
     #[serde(default)]
     pub light: LightParameters,
 }
 
-/// Why a scene could not be opened.
+/// Error while a scene is opened.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneSourceError {
-    /// No such built-in scene.
+    /// There is no built-in scene of this name.
     #[error("there is no built-in scene \"{name}\"{tip}; the built-in scenes are: {known}")]
     NoSuchBuiltin {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// The name that is nearest to it, if one is near.
+        /// A suggestion of the most similar name, if one is similar.
         tip: String,
-        /// What there is.
+        /// The names of all built-in scenes.
         known: String,
     },
-    /// The name of a built-in scene without what says so.
+    /// The name of a built-in scene without its prefix.
     #[error("{name}: there is no such file; did you mean builtin:{name}?")]
     MeansBuiltin {
-        /// What was asked for.
+        /// The requested name.
         name: String,
     },
     /// The file could not be loaded.
@@ -53,15 +52,15 @@ pub enum SceneSourceError {
 impl SceneSource {
     /// A scene in its format's own frame.
     pub fn new(name: impl Into<String>) -> Self {
-        Self::in_frame_or_own(name, LoadOptions::default())
+        Self::with_options(name, LoadOptions::default())
     }
 
     /// A scene whose axes and unit are known.
     pub fn in_frame(name: impl Into<String>, frame: FileFrame) -> Self {
-        Self::in_frame_or_own(name, frame.into())
+        Self::with_options(name, frame.into())
     }
 
-    fn in_frame_or_own(name: impl Into<String>, options: LoadOptions) -> Self {
+    fn with_options(name: impl Into<String>, options: LoadOptions) -> Self {
         Self {
             name: name.into(),
             options,
@@ -69,19 +68,19 @@ impl SceneSource {
         }
     }
 
-    /// The same scene in this light.
+    /// Replaces the light.
     #[must_use]
     pub fn lit_by(self, light: LightParameters) -> Self {
         Self { light, ..self }
     }
 
-    /// Loads or builds the scene, in its light.
+    /// Loads or builds the scene with its light.
     ///
     /// # Errors
     /// See [`SceneSourceError`].
     pub fn open(&self) -> Result<Scene, SceneSourceError> {
         let mut scene = match self.name.strip_prefix("builtin:") {
-            None if names_builtin(&self.name) && !Path::new(&self.name).exists() => {
+            None if is_builtin(&self.name) && !Path::new(&self.name).exists() => {
                 return Err(SceneSourceError::MeansBuiltin {
                     name: self.name.clone(),
                 });
@@ -104,25 +103,26 @@ impl SceneSource {
     }
 }
 
-fn names_builtin(name: &str) -> bool {
+fn is_builtin(name: &str) -> bool {
     headbox_scenes::all().iter().any(|scene| scene.name == name)
 }
 
-/// The built-in scene that a misspelt name means, as a question.
+/// A suggestion of the built-in scene with the most similar name; empty if none is similar.
 fn tip(name: &str) -> String {
-    /// As the command line has it for its own words.
-    const NEAR: f64 = 0.7;
-    let near = |scene: &headbox_scenes::BuiltinScene| strsim::jaro(name, scene.name);
+    /// Minimum similarity, as for flags of the command line.
+    const MIN_SIMILARITY: f64 = 0.7;
+    let similarity = |scene: &headbox_scenes::BuiltinScene| strsim::jaro(name, scene.name);
     let best = headbox_scenes::all()
         .iter()
-        .max_by(|a, b| near(a).total_cmp(&near(b)))
-        .filter(|best| near(best) > NEAR);
+        .max_by(|a, b| similarity(a).total_cmp(&similarity(b)))
+        .filter(|best| similarity(best) > MIN_SIMILARITY);
     best.map_or(String::new(), |best| {
         format!(" (did you mean builtin:{}?)", best.name)
     })
 }
 
-/// A checksum of a scene's geometry, materials and picture of the sky: tells whether two processes see the same scene.
+/// Checksum of a scene's geometry, materials and sky picture, by which processes check that they
+/// have the same scene.
 pub fn fingerprint(scene: &Scene) -> u32 {
     let mut hash = crc32fast::Hasher::new();
     hash.update(bytemuck::cast_slice(&scene.positions));

@@ -8,6 +8,7 @@
 //!   depth images.
 //! * [`file`](mod@file): the `.house` file, a model with its captures.
 //! * [`store`]: backdrops in memory, built in the background.
+//! * [`make`]: makes a house from a model: light, backdrops.
 //! * [`visit`]: which cells a frame draws as geometry, and where backdrops begin.
 //! * [`walk`]: a frame of all of this; [`variant`]: the ways to draw it; [`tour`]: with backdrops
 //!   built ahead of need.
@@ -19,6 +20,7 @@ pub mod cull;
 pub mod file;
 pub mod floor_plan;
 pub mod house;
+pub mod make;
 pub mod opening;
 pub mod settings;
 pub mod store;

@@ -3,7 +3,7 @@
 use super::backdrop::{Backdrop, BackdropKind, PortalSide};
 use super::cull::CellView;
 use super::house::House;
-use super::settings::{WalkSettings, WalkStats};
+use super::settings::WalkSettings;
 use super::store::{Key, Store};
 use crate::cull;
 use headbox_core::camera::Camera;
@@ -19,27 +19,40 @@ pub(super) struct BackedPortal {
     pub(super) window: [Range<u32>; 2],
 }
 
-/// The cells to be drawn as geometry, and the portals where backdrops begin.
+/// The cells and portals that a frame draws.
+pub(super) struct Visit {
+    /// Cells to be drawn as geometry.
+    pub(super) groups: Vec<GroupWindow>,
+    /// Portals where backdrops begin.
+    pub(super) boundaries: Vec<BackedPortal>,
+    /// Portals that were passed because their backdrop is missing.
+    pub(super) missing: Vec<PortalSide>,
+}
+
+/// Visits the cells seen from the eye's cell; all cells are drawn as geometry if the eye is in
+/// none.
 pub(super) fn visit(
     house: &House,
     store: &Store,
     camera: &Camera,
     settings: &WalkSettings,
-    stats: &mut WalkStats,
-) -> (Vec<GroupWindow>, Vec<BackedPortal>) {
-    let Some(cell) = stats.cell else {
+    cell: Option<u32>,
+) -> Visit {
+    let mut boundaries: Vec<BackedPortal> = Vec::new();
+    let mut missing = Vec::new();
+    let Some(cell) = cell else {
         let all = 0..house.mesh().group_count() as u32;
-        return (
-            all.map(|group| GroupWindow {
-                group,
-                window: None,
-            })
-            .collect(),
-            Vec::new(),
-        );
+        let whole = |group| GroupWindow {
+            group,
+            window: None,
+        };
+        return Visit {
+            groups: all.map(whole).collect(),
+            boundaries,
+            missing,
+        };
     };
     let near = settings.near.distance_m(camera);
-    let mut boundaries: Vec<BackedPortal> = Vec::new();
     let views = cull::visible_cells(
         house.plan(),
         camera,
@@ -64,7 +77,7 @@ pub(super) fn visit(
                 return false;
             }
             let Some(backdrop) = store.get((at, kind)) else {
-                stats.missing.push(at);
+                missing.push(at);
                 return true;
             };
             boundaries.push(BackedPortal {
@@ -75,7 +88,11 @@ pub(super) fn visit(
             false
         },
     );
-    (groups(&views, camera), boundaries)
+    Visit {
+        groups: groups(&views, camera),
+        boundaries,
+        missing,
+    }
 }
 
 /// The side of a portal that looks into a cell.

@@ -17,7 +17,7 @@ use super::backdrop::{
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::Store;
-use super::visit::{BackedPortal, union, visit};
+use super::visit::{BackedPortal, Visit, union, visit};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
 use headbox_raster::{Marker, RasterOutput, RasterView, Rasterizer, PixelContent};
@@ -92,12 +92,8 @@ impl Walker {
         camera: &Camera,
         settings: &WalkSettings,
     ) -> Vec<PortalSide> {
-        let mut stats = WalkStats {
-            cell: house.cell_of_eye(camera.eye()),
-            ..WalkStats::default()
-        };
-        visit(house, store, camera, settings, &mut stats);
-        stats.missing
+        let cell = house.cell_of_eye(camera.eye());
+        visit(house, store, camera, settings, cell).missing
     }
 
     /// The backdrops that a frame uses.
@@ -107,12 +103,9 @@ impl Walker {
         camera: &Camera,
         settings: &WalkSettings,
     ) -> Vec<Arc<Backdrop>> {
-        let mut stats = WalkStats {
-            cell: house.cell_of_eye(camera.eye()),
-            ..WalkStats::default()
-        };
-        let (_, boundaries) = visit(house, store, camera, settings, &mut stats);
-        boundaries
+        let cell = house.cell_of_eye(camera.eye());
+        visit(house, store, camera, settings, cell)
+            .boundaries
             .into_iter()
             .map(|boundary| boundary.backdrop)
             .collect()
@@ -128,11 +121,17 @@ impl Walker {
         settings: &WalkSettings,
     ) -> (&Frame, &WalkStats) {
         let started = Instant::now();
+        let cell = house.cell_of_eye(camera.eye());
+        let Visit {
+            groups,
+            boundaries,
+            missing,
+        } = visit(house, store, camera, settings, cell);
         let mut stats = WalkStats {
-            cell: house.cell_of_eye(camera.eye()),
+            cell,
+            missing,
             ..WalkStats::default()
         };
-        let (groups, boundaries) = visit(house, store, camera, settings, &mut stats);
         let markers: Vec<Marker> = (0..)
             .zip(&boundaries)
             .filter_map(|(n, b)| marker(house, n, b))

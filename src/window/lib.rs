@@ -5,7 +5,7 @@
 //! |---|---|
 //! | `library` | which source opens what; the start page |
 //! | `cube` | a cube LDI, from a file or growing; its overlays |
-//! | `growth` | the progressive capture of a scene, in rounds on a thread of low priority |
+//! | `progressive_capture` | the progressive capture of a scene, in rounds on a thread of low priority |
 //! | `photographs` | a folder of photographs without depth, coloured into cube LDIs in the background, coarse ones first |
 //! | `points` | a scene as points, until its first round is captured |
 //! | `reference` | ray-traced truth of the current view, refined in the background |

@@ -11,26 +11,22 @@ use headbox_core::camera::Camera;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::cube_face::Face;
 use headbox_core::headbox::Headbox;
-use headbox_core::progress::Silent;
 use headbox_core::random::Rng;
-use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::model::parameters::{CaptureParameters, Sampler};
+use headbox_cube::model::parameters::{CaptureParameters, MergeRule, Sampler};
 use headbox_cube::model::samples::CubeLdi;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
-use headbox_ldi::accumulate::shard;
-use headbox_ldi::accumulate::shard::ShardInfo;
+use headbox_ldi::accumulate::shard::{self, ShardInfo};
 use headbox_ldi::accumulate::tiles::TileStore;
-use headbox_ldi::job::CaptureJob;
-use headbox_ldi::rays::trace;
-use headbox_ldi::rays::trace::Tracing;
-use headbox_ldi::refine;
-use headbox_ldi::scene_source::{SceneSource, fingerprint};
-use headbox_ldi::settings::Resources;
+use headbox_ldi::capture::SceneCapture;
+use headbox_ldi::rays::trace::{self, Tracing};
+use headbox_ldi::scene_source::SceneSource;
+use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::{LightSample, Lighting, LitPoint};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A scene put together from boxes.
@@ -82,8 +78,8 @@ fn room() -> Arc<Scene> {
     )
 }
 
-fn job() -> CaptureJob {
-    CaptureJob {
+fn spec() -> CaptureSpec {
+    CaptureSpec {
         face_size_px: 48,
         parameters: CaptureParameters {
             seed: 7,
@@ -92,21 +88,34 @@ fn job() -> CaptureJob {
             light_samples: 2,
             ..CaptureParameters::unlit(8, 8)
         },
-        ..CaptureJob::new(SceneSource::new("test"), DVec3::ZERO, 0.3)
+        ..CaptureSpec::new(SceneSource::new("test"), DVec3::ZERO, 0.3)
     }
 }
 
-/// The job with a change.
-fn asked(change: impl FnOnce(&mut CaptureParameters)) -> CaptureJob {
-    let mut job = job();
-    change(&mut job.parameters);
-    job
+/// The spec with changed parameters.
+fn spec_with(change: impl FnOnce(&mut CaptureParameters)) -> CaptureSpec {
+    let mut spec = spec();
+    change(&mut spec.parameters);
+    spec
 }
 
-fn capture(job: &CaptureJob, scene: &Arc<Scene>, resources: &Resources) -> CubeLdi {
-    let tracer = Tracer::new(Arc::clone(scene), job.centre);
-    let lighting = Lighting::measure(&tracer, job.parameters.bounces);
-    job.run(&tracer, &lighting, resources, &Silent).unwrap().0
+fn capture(spec: &CaptureSpec, scene: &Arc<Scene>) -> CubeLdi {
+    capture_within(spec, scene, None)
+}
+
+fn capture_within(
+    spec: &CaptureSpec,
+    scene: &Arc<Scene>,
+    budget: Option<(u64, PathBuf)>,
+) -> CubeLdi {
+    let tracer = Tracer::new(Arc::clone(scene), spec.centre);
+    let lighting = Lighting::measure(&tracer, spec.parameters.bounces);
+    let options = RunOptions {
+        budget,
+        ..RunOptions::default()
+    };
+    let capture = SceneCapture::new(spec, &tracer, &lighting, &options);
+    capture.run().unwrap().0
 }
 
 fn file_bytes(ldi: &CubeLdi) -> Vec<u8> {
@@ -120,60 +129,44 @@ fn file_bytes(ldi: &CubeLdi) -> Vec<u8> {
 }
 
 #[test]
-fn one_thread_two_threads_a_small_budget_and_four_shards_give_the_same_bytes() {
-    let (scene, job) = (room(), job());
-    let on = |threads: usize| {
+fn bytes_are_independent_of_threads_budget_and_shards() {
+    let scene = room();
+    let spec = spec();
+    let on_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
             .unwrap();
-        pool.install(|| file_bytes(&capture(&job, &scene, &Resources::default())))
+        pool.install(|| file_bytes(&capture(&spec, &scene)))
     };
-    let expected = on(1);
-    assert!(expected == on(2), "two threads");
-    assert!(expected == on(5), "five threads");
+    let expected = on_threads(1);
+    assert!(expected == on_threads(2), "two threads");
+    assert!(expected == on_threads(5), "five threads");
     let dir = tempfile::tempdir().unwrap();
     let budget = Some((1 << 20, dir.path().to_path_buf()));
-    assert!(
-        expected
-            == file_bytes(&capture(
-                &job,
-                &scene,
-                &Resources {
-                    budget: budget.clone()
-                }
-            )),
-        "spilled to disk"
-    );
-    assert!(
-        expected == file_bytes(&merged_from_shards(&job, &scene, budget)),
-        "four shards"
-    );
+    let spilled = capture_within(&spec, &scene, budget.clone());
+    assert!(expected == file_bytes(&spilled), "spilled to disk");
+    let merged = merged_from_shards(&spec, &scene, budget);
+    assert!(expected == file_bytes(&merged), "four shards");
 }
 
 fn merged_from_shards(
-    job: &CaptureJob,
+    spec: &CaptureSpec,
     scene: &Arc<Scene>,
-    budget: Option<(u64, std::path::PathBuf)>,
+    budget: Option<(u64, PathBuf)>,
 ) -> CubeLdi {
     let dir = tempfile::tempdir().unwrap();
-    let tracer = Tracer::new(Arc::clone(scene), job.centre);
+    let tracer = Tracer::new(Arc::clone(scene), spec.centre);
+    let lighting = Lighting::measure(&tracer, spec.parameters.bounces);
     let mut infos = Vec::new();
     for part in [2, 0, 3, 1] {
-        let tracing = trace::trace(
-            &tracer,
-            &job.settings(&Resources::default(), (part, 4)),
-            &Silent,
-        )
-        .unwrap();
-        let info = ShardInfo {
-            job: job.clone(),
-            scene_fingerprint: fingerprint(scene),
-            triangles: scene.triangles.len() as u32,
-            part,
-            parts: 4,
-            rays: tracing.rays,
+        let options = RunOptions {
+            shard: (part, 4),
+            ..RunOptions::default()
         };
+        let capture = SceneCapture::new(spec, &tracer, &lighting, &options);
+        let tracing = capture.trace().unwrap();
+        let info = ShardInfo::new(&capture, &tracing);
         let path = dir.path().join(format!("{part}.shard"));
         shard::write(&path, &info, &tracing).unwrap();
         infos.push((path, info));
@@ -185,15 +178,18 @@ fn merged_from_shards(
         .unwrap_err()
         .to_string();
     assert!(twice.contains("given twice: 2/4"), "{twice}");
-    let mut merged: Tracing = infos[0].1.empty_tracing(budget).unwrap();
+    let options = RunOptions {
+        budget,
+        ..RunOptions::default()
+    };
+    let mut merged = Tracing::empty(spec, &options).unwrap();
     for (path, info) in &infos {
         assert_eq!(shard::read_info(path).unwrap(), *info);
         shard::absorb(path, info, &mut merged).unwrap();
     }
-    let lighting = Lighting::measure(&tracer, job.parameters.bounces);
-    refine::close(job, &mut merged, &tracer, &lighting, &Silent).unwrap();
-    job.finish(&merged, &tracer, &lighting, &Resources::default(), &Silent)
-        .unwrap()
+    let capture = SceneCapture::new(spec, &tracer, &lighting, &options);
+    capture.fill_holes(&mut merged).unwrap();
+    capture.light_and_merge(&merged).unwrap()
 }
 
 /// Share of the pixels of frames from all over the headbox that nothing or little covers; the room
@@ -218,43 +214,38 @@ fn open_share(ldi: &CubeLdi) -> f64 {
 }
 
 #[test]
-fn a_capture_that_looks_at_itself_closes_its_holes_whoever_traced_it() {
+fn holes_are_filled_on_any_threads_and_shards() {
     const LIMIT: f64 = 0.002;
     let scene = room();
-    let blind = asked(|p| (p.strata, p.rays_per_stratum) = (6, 4));
-    let looking = asked(|p| (p.strata, p.rays_per_stratum, p.holes) = (6, 4, LIMIT));
+    let unfilled = spec_with(|p| (p.strata, p.rays_per_stratum) = (6, 4));
+    let filled = spec_with(|p| (p.strata, p.rays_per_stratum, p.holes) = (6, 4, LIMIT));
     let tracer = Tracer::new(Arc::clone(&scene), DVec3::ZERO);
     let lighting = Lighting::measure(&tracer, 1);
-    let on = |threads: usize| {
+    let options = RunOptions::default();
+    let run = SceneCapture::new(&filled, &tracer, &lighting, &options);
+    let on_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
             .unwrap();
-        pool.install(|| {
-            refine::capture(&looking, &tracer, &lighting, &Resources::default(), &Silent)
-                .unwrap()
-                .0
-        })
+        pool.install(|| run.run().unwrap().0)
     };
-    let ldi = on(1);
+    let ldi = on_threads(1);
     let holes = ldi.info.holes.unwrap();
     assert!(holes.share + holes.standard_error <= LIMIT, "{holes:?}");
     assert!(
         holes.share_before > 5.0 * LIMIT && holes.aimed_rays > 0 && holes.rounds > 1,
         "{holes:?}"
     );
-    let [before, after] = [
-        open_share(&capture(&blind, &scene, &Resources::default())),
-        open_share(&ldi),
-    ];
+    let [before, after] = [open_share(&capture(&unfilled, &scene)), open_share(&ldi)];
     assert!(
         before > 5.0 * LIMIT && after < 2.0 * LIMIT,
         "{before} {after}: other eyes see the same"
     );
     let bytes = file_bytes(&ldi);
-    assert!(bytes == file_bytes(&on(3)), "three threads");
+    assert!(bytes == file_bytes(&on_threads(3)), "three threads");
     assert!(
-        bytes == file_bytes(&merged_from_shards(&looking, &scene, None)),
+        bytes == file_bytes(&merged_from_shards(&filled, &scene, None)),
         "four shards"
     );
 }
@@ -272,9 +263,9 @@ fn a_floor_seen_edge_on_has_few_gaps_from_higher_up() {
         dvec3(300.0, 1.0, 300.0),
         grey,
     );
-    let mut job = asked(|p| (p.strata, p.rays_per_stratum, p.light_samples) = (12, 8, 0));
-    (job.face_size_px, job.half_size_m) = (128, HALF_SIZE_M);
-    let cube = capture(&job, &Arc::new(ground.0), &Resources::default());
+    let mut spec = spec_with(|p| (p.strata, p.rays_per_stratum, p.light_samples) = (12, 8, 0));
+    (spec.face_size_px, spec.half_size_m) = (128, HALF_SIZE_M);
+    let cube = capture(&spec, &Arc::new(ground.0));
     let cube = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto).unwrap();
     let mut renderer = Renderer::new();
     for turn in 0..8 {
@@ -317,9 +308,8 @@ fn normals_for_shading_that_lean_leave_no_gaps_in_walls() {
             .collect();
         Arc::new(scene)
     };
-    let unlit = asked(|p| p.light_samples = 0);
-    let [flat, leaning] =
-        [flat, leaning].map(|scene| capture(&unlit, &scene, &Resources::default()));
+    let unlit = spec_with(|p| p.light_samples = 0);
+    let [flat, leaning] = [flat, leaning].map(|scene| capture(&unlit, &scene));
     let [of_flat, of_leaning] = [&flat, &leaning].map(open_share);
     assert!(
         of_leaning == of_flat,
@@ -352,9 +342,8 @@ fn every_sampler_and_merge_rule_gives_a_valid_ldi() {
             MergeRule::ColorsApart,
         ] {
             let ldi = capture(
-                &asked(|p| (p.sampler, p.merge_rule) = (sampler, merge_rule)),
+                &spec_with(|p| (p.sampler, p.merge_rule) = (sampler, merge_rule)),
                 &scene,
-                &Resources::default(),
             );
             assert_eq!(ldi.validate(), Ok(()), "{sampler:?} {merge_rule:?}");
             let samples: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
@@ -376,9 +365,8 @@ fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
         boxes.add(DVec3::ZERO, DVec3::splat(half), wall)
     });
     let ldi = capture(
-        &asked(|p| p.sampler = Sampler::CentreRays),
+        &spec_with(|p| p.sampler = Sampler::CentreRays),
         &Arc::new(boxes.0),
-        &Resources::default(),
     );
     // Half a bin of parallax 1 px over sqrt(3) * 24 px and half-size 0.3 m.
     let tolerance = 1.0 / (3f32.sqrt() * 24.0 * 0.3);
@@ -407,9 +395,8 @@ fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
 #[test]
 fn a_pixel_of_a_closed_room_without_samples_is_one_that_no_ray_met() {
     let ldi = capture(
-        &asked(|p| (p.rays_per_stratum, p.novelty) = (32, 0.0)),
+        &spec_with(|p| (p.rays_per_stratum, p.novelty) = (32, 0.0)),
         &room(),
-        &Resources::default(),
     );
     let empty: usize = ldi
         .faces
@@ -422,7 +409,7 @@ fn a_pixel_of_a_closed_room_without_samples_is_one_that_no_ray_met() {
 
 #[test]
 fn depths_are_those_of_the_walls() {
-    let ldi = capture(&job(), &room(), &Resources::default());
+    let ldi = capture(&spec(), &room());
     // The ceiling, 1.5 m above, away from the lamp: every depth pixel of the +Y face's rim rows.
     let face = &ldi.faces[Face::PosY.index()];
     // Half a merged cluster: two bins of parallax 1 px over sqrt(3) * 24 px and half-size 0.3 m.
@@ -440,26 +427,20 @@ fn depths_are_those_of_the_walls() {
 }
 
 #[test]
-fn the_missing_estimate_is_within_a_factor_of_two_of_what_fresh_rays_find() {
+fn missing_estimate_matches_fresh_rays() {
     let scene = room();
     for novelty in [0.0, 0.3] {
-        let job = asked(|p| p.novelty = novelty);
-        let tracer = Tracer::new(Arc::clone(&scene), job.centre);
-        let known = trace::trace(
-            &tracer,
-            &job.settings(&Resources::default(), (0, 1)),
-            &Silent,
-        )
-        .unwrap();
+        let spec = spec_with(|p| p.novelty = novelty);
+        let fresh_spec = spec_with(|p| (p.seed, p.rays_per_stratum, p.novelty) = (99, 4, 0.0));
+        let tracer = Tracer::new(Arc::clone(&scene), spec.centre);
+        let lighting = Lighting::of_scene(&tracer, 0);
+        let options = RunOptions::default();
+        let [known, fresh] = [&spec, &fresh_spec].map(|spec| {
+            let capture = SceneCapture::new(spec, &tracer, &lighting, &options);
+            capture.trace().unwrap()
+        });
         let estimates = known.plan.missing_estimate(&known.store).unwrap();
         let estimate = estimates.iter().sum::<f64>() / 6.0;
-        let fresh_job = asked(|p| (p.seed, p.rays_per_stratum, p.novelty) = (99, 4, 0.0));
-        let fresh = trace::trace(
-            &tracer,
-            &fresh_job.settings(&Resources::default(), (0, 1)),
-            &Silent,
-        )
-        .unwrap();
         let new = unknown_rays(&fresh.store, &known.store) as f64 / fresh.rays as f64;
         assert!(
             estimate < 2.0 * new && new < 2.0 * estimate,
@@ -575,11 +556,7 @@ fn what_bounces_lights_its_own_place() {
             .add(dvec3(0.0, -1.4, 0.0), dvec3(0.3, 0.04, 0.3), lamp)
             .0,
     );
-    let ldi = capture(
-        &asked(|p| p.light_samples = 16),
-        &scene,
-        &Resources::default(),
-    );
+    let ldi = capture(&spec_with(|p| p.light_samples = 16), &scene);
     let tracer = Tracer::new(scene, DVec3::ZERO);
     let lighting = Lighting::measure(&tracer, 1);
     let face = &ldi.faces[Face::PosY.index()];
@@ -617,11 +594,7 @@ fn a_dark_room_gets_fill_light_and_an_open_scene_does_not() {
     let closed = Arc::new(boxes.add(DVec3::ZERO, DVec3::splat(2.0), grey).0);
     let lighting = Lighting::measure(&Tracer::new(Arc::clone(&closed), DVec3::ZERO), 1);
     assert!(lighting.fill.radiance > 0.0 && lighting.exposure.is_finite());
-    let ldi = capture(
-        &asked(|p| p.light_samples = 16),
-        &closed,
-        &Resources::default(),
-    );
+    let ldi = capture(&spec_with(|p| p.light_samples = 16), &closed);
     let bright = ldi
         .faces
         .iter()
@@ -641,12 +614,11 @@ fn geometry_inside_the_headbox_is_noticed() {
     let inside = trace::blocked_share(&tracer, 1.9);
     assert!(inside > 0.02 && inside < 0.6, "{inside}");
     let ldi = capture(
-        &CaptureJob {
+        &CaptureSpec {
             half_size_m: 1.9,
-            ..job()
+            ..spec()
         },
         &room(),
-        &Resources::default(),
     );
     assert_eq!(ldi.validate(), Ok(()));
     assert!(ldi.info.blocked_share > 0.02);
@@ -654,11 +626,7 @@ fn geometry_inside_the_headbox_is_noticed() {
 
 #[test]
 fn an_unlit_capture_shows_albedo() {
-    let ldi = capture(
-        &asked(|p| p.light_samples = 0),
-        &room(),
-        &Resources::default(),
-    );
+    let ldi = capture(&spec_with(|p| p.light_samples = 0), &room());
     let exposure = ldi.info.exposure;
     let wall = [0.7, 0.6, 0.5].map(|c| srgb8_from_linear(c * exposure));
     let corner = ldi.faces[Face::NegX.index()]
@@ -683,12 +651,12 @@ fn no_wall_has_a_gap_of_one_pixel() {
         seed: 7,
         ..CaptureParameters::unlit(4, 192)
     };
-    let job = CaptureJob {
+    let spec = CaptureSpec {
         face_size_px: 96,
         parameters,
-        ..job()
+        ..spec()
     };
-    let ldi = capture(&job, &scene, &Resources::default());
+    let ldi = capture(&spec, &scene);
     let (mut gaps, mut covered) = (0, 0);
     for face in &ldi.faces {
         let normal = |x: u32, y: u32| face.pixel(x, y).first().map(|sample| sample.normal);
@@ -737,13 +705,12 @@ fn the_edge_of_a_shadow_of_the_sun_is_one_pixel_wide() {
         ..CaptureParameters::unlit(8, 24)
     };
     let ldi = capture(
-        &CaptureJob {
+        &CaptureSpec {
             face_size_px: 128,
             parameters,
-            ..job()
+            ..spec()
         },
         &Arc::new(scene),
-        &Resources::default(),
     );
     let face = &ldi.faces[Face::NegY.index()];
     let level = |x: u32, y: u32| {

@@ -13,9 +13,9 @@ use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_cube::render::{RenderSettings, Renderer};
-use headbox_ldi::job::CaptureJob;
+use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::scene_source::SceneSource;
-use headbox_ldi::settings::Resources;
+use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Triangle};
 use headbox_sprite::SpriteSet;
@@ -31,18 +31,14 @@ fn sprites_and_a_cube_are_composed_back_to_front() {
     let scene = Arc::new(source.open().expect("built in"));
     let centre = dvec3(0.0, 0.0, 3.0);
     let tracer = Tracer::new(Arc::clone(&scene), centre);
-    let job = CaptureJob {
+    let spec = CaptureSpec {
         face_size_px: 32,
         parameters: CaptureParameters::unlit(6, 4),
-        ..CaptureJob::new(source, centre, 0.5)
+        ..CaptureSpec::new(source, centre, 0.5)
     };
-    let (ldi, _) = job
-        .run(
-            &tracer,
-            &Lighting::of_scene(&tracer, 0),
-            &Resources::default(),
-            &Silent,
-        )
+    let lighting = Lighting::of_scene(&tracer, 0);
+    let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
+        .run()
         .expect("captured");
     let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packed");
 
@@ -219,15 +215,15 @@ fn polygons_stand_among_samples_as_if_they_had_been_captured() {
     let (scene, both) = (Arc::new(scene), Arc::new(both));
     let centre = scene.headbox.expect("it has one").centre;
     let tracer = Tracer::new(Arc::clone(&scene), centre);
-    let job = CaptureJob {
+    let spec = CaptureSpec {
         face_size_px: 128,
         parameters: CaptureParameters::unlit(8, 8),
-        ..CaptureJob::new(source, centre, 0.5)
+        ..CaptureSpec::new(source, centre, 0.5)
     };
     let lighting = Lighting::of_scene(&tracer, 0);
     for error_px in [0.0, 0.5] {
-        let (ldi, _) = job
-            .run(&tracer, &lighting, &Resources::default(), &Silent)
+        let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
+            .run()
             .expect("captured");
         let cube =
             planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, error_px).expect("packed");

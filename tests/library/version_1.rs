@@ -50,16 +50,16 @@ fn cubes() {
 #[test]
 fn shards() {
     let info = shard::read_info(&old("part.shard")).expect("readable");
-    assert_eq!(info.job.parameters, ASKED);
+    assert_eq!(info.spec.parameters, ASKED);
     assert_eq!(
         (
-            info.job.scene.name.as_str(),
-            info.job.face_size_px,
+            info.spec.scene.name.as_str(),
+            info.spec.face_size_px,
             info.rays
         ),
         ("builtin:miniature", 16, 1125)
     );
-    assert_eq!(info.job.scene.options, Default::default());
+    assert_eq!(info.spec.scene.options, Default::default());
 }
 
 #[test]

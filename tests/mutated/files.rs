@@ -22,10 +22,9 @@ use headbox_lab::report::row::Report;
 use headbox_lab::report::{results, summary};
 use headbox_ldi::accumulate::shard;
 use headbox_ldi::accumulate::shard::ShardInfo;
-use headbox_ldi::job::CaptureJob;
-use headbox_ldi::rays::trace as build;
-use headbox_ldi::scene_source::{SceneSource, fingerprint};
-use headbox_ldi::settings::Resources;
+use headbox_ldi::capture::SceneCapture;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement, Slabs, SlabsRenderer};
 use headbox_model::load::load_scene as load;
 use headbox_scene::camera_path as path;
@@ -43,17 +42,17 @@ use std::sync::Arc;
 /// Broken cubes, where no time is asked for.
 const CASES: u64 = 133;
 
-fn job() -> CaptureJob {
+fn spec() -> CaptureSpec {
     let scene = headbox_scenes::build("bump", 0).expect("built in");
     let headbox = scene.headbox.expect("it has one");
-    CaptureJob {
+    CaptureSpec {
         face_size_px: 7,
         parameters: CaptureParameters {
             novelty: 0.25,
             light_samples: 1,
             ..CaptureParameters::unlit(3, 3)
         },
-        ..CaptureJob::new(
+        ..CaptureSpec::new(
             SceneSource::new("builtin:bump"),
             headbox.centre,
             headbox.half_size_m,
@@ -64,15 +63,15 @@ fn job() -> CaptureJob {
 fn tracer() -> Tracer {
     Tracer::new(
         Arc::new(headbox_scenes::build("bump", 0).expect("built in")),
-        job().centre,
+        spec().centre,
     )
 }
 
 fn cube() -> PackedCube {
     let tracer = tracer();
     let lighting = Lighting::of_scene(&tracer, 0);
-    let (ldi, _) = job()
-        .run(&tracer, &lighting, &Resources::default(), &Silent)
+    let (ldi, _) = SceneCapture::new(&spec(), &tracer, &lighting, &RunOptions::default())
+        .run()
         .expect("captured");
     PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
 }
@@ -207,23 +206,16 @@ fn read_scene(path: &Path) -> bool {
 }
 
 fn shard_bytes() -> Vec<u8> {
-    let (tracer, job) = (tracer(), job());
-    let tracing = build::trace(
-        &tracer,
-        &job.settings(&Resources::default(), (0, 2)),
-        &Silent,
-    )
-    .expect("traced");
-    let scene = tracer.scene();
-    let (scene_fingerprint, triangles) = (fingerprint(scene), scene.triangles.len() as u32);
-    let info = ShardInfo {
-        job,
-        scene_fingerprint,
-        triangles,
-        part: 0,
-        parts: 2,
-        rays: tracing.rays,
+    let spec = spec();
+    let tracer = tracer();
+    let lighting = Lighting::of_scene(&tracer, 0);
+    let options = RunOptions {
+        shard: (0, 2),
+        ..RunOptions::default()
     };
+    let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
+    let tracing = capture.trace().expect("traced");
+    let info = ShardInfo::new(&capture, &tracing);
     bytes_of(|path| shard::write(path, &info, &tracing).expect("written"))
 }
 
@@ -239,7 +231,7 @@ fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
     };
     let sprites = capture_slabs(
         &capture,
-        &camera(job().centre, DVec3::NEG_Z),
+        &camera(spec().centre, DVec3::NEG_Z),
         &[[0.1, 100.0]],
         &Silent,
     );
@@ -272,7 +264,7 @@ fn lumigraph_bytes(slabs: usize, layers: usize) -> Vec<u8> {
     let tracer = tracer();
     let lighting = Lighting::of_scene(&tracer, 0);
     let parts = GridParts {
-        origin: job().centre,
+        origin: spec().centre,
         world_from_eye: glam::DMat3::IDENTITY,
         columns: vec![-0.2, 0.0, 0.1],
         rows: vec![0.0, 0.3],

@@ -529,8 +529,7 @@ fn deep_pictures_come_back() {
         ]
         .concat(),
     );
-    let twice =
-        "--fov has no meaning for it, as its header says what its camera sees; leave it out";
+    let twice = "--fov does not apply, because the header specifies the camera's field of view; leave it out";
     fails(
         dir.path(),
         1,

@@ -475,7 +475,7 @@ fn photographs_without_depth_are_captured_and_measured() {
     );
     let why = String::from_utf8(refused.stderr).unwrap();
     assert!(
-        refused.status.code() == Some(1) && why.contains("agree on nothing"),
+        refused.status.code() == Some(1) && why.contains("agree on no surface"),
         "{why}"
     );
     for wrong in [["--agreement", "0"], ["--backdrop", "dim"]] {
@@ -730,7 +730,7 @@ fn what_is_wrong_with_pictures_is_said() {
             )
             .unwrap();
         }),
-        ("room: its pictures know no depth", &|dir| {
+        ("room: no image has depth", &|dir| {
             depths(dir)
                 .iter()
                 .for_each(|file| black(SIZE[0]).save(file).unwrap());

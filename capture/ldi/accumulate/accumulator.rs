@@ -1,17 +1,16 @@
-//! What capture keeps of the rays: one accumulator per surface met in one depth bin of one pixel.
+//! Samples and accumulators: what capture keeps of the rays.
 //!
-//! Everything in an accumulator is a sum of integers or the minimum of a total order, so that the result does not
-//! depend on the order in which rays arrive, on threads, or on how a capture is cut into shards.
+//! Everything in an accumulator is a sum of integers or the minimum of a total order, so that the
+//! result does not depend on the order in which rays arrive, on threads, or on how a capture is cut
+//! into shards.
 
 use headbox_core::cube_face::Face;
 use headbox_trace::sampler::RayKey;
 
-use headbox_cube::model::depth_bins::DepthBins;
-
-/// One ray's hit, ready to be kept.
+/// The hit of one ray on a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// The face whose frustum holds the hit, whichever face the ray left (C13).
+    /// The face whose frustum contains the hit, whichever face the ray left (C13).
     pub face: Face,
     /// Pixel column on that face.
     pub x: u16,
@@ -29,17 +28,17 @@ pub struct Sample {
     pub primitive: u32,
     /// Barycentric weights of vertices 1 and 2, 16 bits each.
     pub barycentric: [u16; 2],
-    /// Area in m^2 that a ray of unit solid angle covers there: distance squared over cosine (the measure of
-    /// Rafferty's rule "keep the smaller area").
+    /// Area in m^2 that a ray of unit solid angle covers there: distance squared over cosine (the
+    /// measure of Rafferty's rule "keep the smaller area").
     pub area: f32,
-    /// Which ray.
+    /// Identity of the ray.
     pub key: RayKey,
 }
 
-/// A share in 0..=1 in 16 bits, as albedo and barycentric weights are kept.
+/// Quantises 0..=1 to 16 bits, as albedo and barycentric weights are stored.
 #[inline]
-pub(crate) fn sixteen_bits(share: f32) -> u16 {
-    (share * 65_535.0 + 0.5) as u16
+pub(crate) fn to_unorm16(value: f32) -> u16 {
+    (value * 65_535.0 + 0.5) as u16
 }
 
 /// All samples of one class in one depth bin of one pixel.
@@ -52,30 +51,32 @@ pub struct Accumulator {
     pub offset_sum: u64,
     /// Sums of albedo.
     pub albedo_sum: [u64; 3],
-    /// Samples.
+    /// Number of samples.
     pub count: u32,
     /// Area of the representative.
     pub area: f32,
     /// Triangle of the representative.
     pub primitive: u32,
-    /// Where on the triangle the representative lies: barycentric weights of vertices 1 and 2.
+    /// Position of the representative on its triangle: barycentric weights of vertices 1 and 2.
     pub barycentric: [u16; 2],
-    /// In a tile: the next accumulator of the same pixel, or [`Self::NO_NEXT`]. In a sorted run: the pixel.
+    /// In a tile: the next accumulator of the same pixel, or [`Self::NO_NEXT`]. In a sorted run:
+    /// the pixel.
     pub link: u32,
     /// Depth bin.
     pub bin: u16,
-    /// Kind of surface: material, side (front or back) and octant of the normal. Samples of different classes are
-    /// lit apart, so that a depth pixel never takes light from another surface, even where their colours are averaged.
+    /// Kind of surface: material, side (front or back) and octant of the normal. Samples of
+    /// different classes are lit apart, so that a depth pixel never takes light from another
+    /// surface, even where their colours are averaged.
     pub class: u16,
 }
 
-const _: () = assert!(size_of::<Accumulator>() == 64, "one cache line, and no two");
+const _: () = assert!(size_of::<Accumulator>() == 64, "exactly one cache line");
 
 impl Accumulator {
     /// End of a pixel's list.
     pub const NO_NEXT: u32 = u32::MAX;
 
-    /// An accumulator with one sample in it.
+    /// An accumulator of one sample.
     pub fn new(sample: &Sample) -> Self {
         Self {
             key: sample.key,
@@ -105,8 +106,10 @@ impl Accumulator {
             .then(other.key.cmp(&self.key))
             .is_lt()
         {
-            (self.key, self.area) = (other.key, other.area);
-            (self.primitive, self.barycentric) = (other.primitive, other.barycentric);
+            self.key = other.key;
+            self.area = other.area;
+            self.primitive = other.primitive;
+            self.barycentric = other.barycentric;
         }
     }
 
@@ -118,12 +121,12 @@ impl Accumulator {
         (material << 4 | u32::from(back) << 3 | octant) as u16
     }
 
-    /// True if the representative was seen from the back of its triangle.
+    /// Returns true if the representative was hit from the back of its triangle.
     pub fn is_back(&self) -> bool {
         self.class & 8 != 0
     }
 
-    /// What runs are sorted by: pixel (in `link`), bin, class.
+    /// Sort key of runs: pixel (in `link`), bin, class.
     pub fn run_order(&self) -> (u32, u16, u16) {
         (self.link, self.bin, self.class)
     }
@@ -132,6 +135,7 @@ impl Accumulator {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use headbox_cube::model::depth_bins::DepthBins;
 
     #[test]
     fn bins_cover_the_range_and_invert() {
@@ -151,14 +155,14 @@ mod tests {
     }
 
     #[test]
-    fn shares_use_all_sixteen_bits_and_round_to_the_nearest() {
+    fn unorm16_rounds_to_nearest() {
         let step = 1.0 / 65_535.0;
-        let found = [0.0, 0.4 * step, 0.6 * step, 0.5, 1.0 - 0.6 * step, 1.0].map(sixteen_bits);
-        assert_eq!(found, [0, 0, 1, 32_768, 65_534, 65_535]);
+        let values = [0.0, 0.4 * step, 0.6 * step, 0.5, 1.0 - 0.6 * step, 1.0];
+        assert_eq!(values.map(to_unorm16), [0, 0, 1, 32_768, 65_534, 65_535]);
     }
 
     #[test]
-    fn a_class_holds_material_side_and_octant() {
+    fn class_holds_material_side_and_octant() {
         use glam::vec3;
         assert_eq!(
             Accumulator::class(5, true, vec3(-0.1, 0.5, -0.2)),
@@ -188,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn absorbing_does_not_depend_on_order() {
+    fn absorption_is_independent_of_order() {
         let sample = |i: u32| Sample {
             face: Face::PosX,
             x: 0,
@@ -203,8 +207,8 @@ mod tests {
             key: RayKey::new(0, i, 0),
         };
         let fold = |order: &mut dyn Iterator<Item = u32>| {
-            let parts: Vec<_> = order.map(|i| Accumulator::new(&sample(i))).collect();
-            parts.into_iter().reduce(|mut a, b| {
+            let accumulators: Vec<_> = order.map(|i| Accumulator::new(&sample(i))).collect();
+            accumulators.into_iter().reduce(|mut a, b| {
                 a.absorb(&b);
                 a
             })

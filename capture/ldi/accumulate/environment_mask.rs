@@ -1,4 +1,4 @@
-//! Which directions rays left the scene in: the reach of the environment.
+//! The environment mask: directions in which rays left the scene.
 
 use glam::Vec3;
 use headbox_core::cube_face::Face;
@@ -7,14 +7,15 @@ use headbox_scene::scene::Sky;
 use headbox_trace::light::Lighting;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// One bit per texel of an environment cube map, set where a ray left the scene.
-pub struct MissMap {
+/// A bit for each texel of an environment cube map, set where a ray left the scene.
+pub struct EnvironmentMask {
     size_px: u32,
     bits: Vec<AtomicU64>,
 }
 
-impl MissMap {
-    /// A map for faces of `face_size_px` pixels: a quarter of their resolution, the surroundings being smooth.
+impl EnvironmentMask {
+    /// A mask for faces of `face_size_px` pixels: a quarter of their resolution, because
+    /// environments are smooth.
     pub fn new(face_size_px: u32) -> Self {
         let size_px = (face_size_px / 4).clamp(16, 512);
         let words = (6 * size_px as usize * size_px as usize).div_ceil(64);
@@ -24,7 +25,7 @@ impl MissMap {
         }
     }
 
-    /// Texels a side.
+    /// Texels along a side.
     pub fn size_px(&self) -> u32 {
         self.size_px
     }
@@ -35,16 +36,17 @@ impl MissMap {
         let (face, [x, y, depth]) = Face::locate(direction);
         let half = self.size_px as f32 / 2.0;
         let texel = |c: f32| ((half * (1.0 + c / depth)) as u32).min(self.size_px - 1);
-        let at =
-            ((face.index() as u32 * self.size_px + texel(-y)) * self.size_px + texel(x)) as usize;
-        let bit = 1u64 << (at % 64);
-        // Read first: nearly every miss finds its bit set, and a shared read costs no cache line transfer.
-        if self.bits[at / 64].load(Ordering::Relaxed) & bit == 0 {
-            self.bits[at / 64].fetch_or(bit, Ordering::Relaxed);
+        let row = face.index() as u32 * self.size_px + texel(-y);
+        let index = (row * self.size_px + texel(x)) as usize;
+        let bit = 1u64 << (index % 64);
+        // Read first: nearly every miss finds its bit set, and a shared read costs no cache line
+        // transfer.
+        if self.bits[index / 64].load(Ordering::Relaxed) & bit == 0 {
+            self.bits[index / 64].fetch_or(bit, Ordering::Relaxed);
         }
     }
 
-    /// The words of the bit map, to be stored in a shard.
+    /// The words of the mask, as stored in a shard.
     pub fn words(&self) -> Vec<u64> {
         self.bits
             .iter()
@@ -52,15 +54,15 @@ impl MissMap {
             .collect()
     }
 
-    /// Adds the words of another map of the same size.
+    /// Adds the words of another mask of the same size.
     pub fn absorb(&self, words: &[u64]) {
-        for (mine, theirs) in self.bits.iter().zip(words) {
-            mine.fetch_or(*theirs, Ordering::Relaxed);
+        for (bits, word) in self.bits.iter().zip(words) {
+            bits.fetch_or(*word, Ordering::Relaxed);
         }
     }
 
-    /// The environment: the sky's radiance in every direction, alpha 255 where a ray got out; empty if none did. Of a picture of the
-    /// sky twice as many texels a side are kept.
+    /// The environment: the sky's radiance in every direction, with alpha 255 where a ray left the
+    /// scene; empty if none did. Twice as many texels along a side if the sky is a picture.
     pub fn environment(&self, lighting: &Lighting) -> Environment {
         if self.words().iter().all(|&word| word == 0) {
             return Environment {
@@ -74,11 +76,12 @@ impl MissMap {
             1
         };
         let size_px = self.size_px * finer;
-        let reached = |at: usize| {
-            let (x, row) = (at as u32 % size_px / finer, at as u32 / size_px / finer);
-            let at = (row * self.size_px + x) as usize;
-            self.bits[at / 64].load(Ordering::Relaxed) >> (at % 64) & 1 == 1
+        let is_marked = |texel: usize| {
+            let x = texel as u32 % size_px / finer;
+            let row = texel as u32 / size_px / finer;
+            let index = (row * self.size_px + x) as usize;
+            self.bits[index / 64].load(Ordering::Relaxed) >> (index % 64) & 1 == 1
         };
-        lighting.environment_where(size_px, reached)
+        lighting.environment_where(size_px, is_marked)
     }
 }

@@ -1,4 +1,9 @@
-//! Step 2: accumulators of hits, the tiles that store them, shards of them, and the mask of rays that left the scene.
+//! Stage 2: accumulators of hits.
+//!
+//! * [`accumulator`]: one surface in one depth bin of one pixel.
+//! * [`tiles`]: stores accumulators by tiles of a face, and spills them to disk.
+//! * [`environment_mask`]: directions in which rays left the scene.
+//! * [`shard`]: files of accumulators, and their merge.
 
 pub mod accumulator;
 pub mod environment_mask;

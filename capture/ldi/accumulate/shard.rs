@@ -1,66 +1,84 @@
-//! Shard files: the accumulators of one part of a capture, and their merger.
+//! Shard files: the accumulators of one part of a capture, and their merge.
 //!
-//! A shard holds integers and minima only ([`Accumulator`]), so that merging all shards gives exactly what one run
-//! would have given. Light is sampled after the merger, which therefore opens the scene again.
+//! A shard holds integers and minima only ([`Accumulator`]), so that merging all shards gives
+//! exactly the result of one run. Light is sampled after the merge, which therefore opens the scene
+//! again.
 
 use crate::accumulate::accumulator::Accumulator;
-use crate::accumulate::environment_mask::MissMap;
-use crate::accumulate::tiles::TileStore;
-use crate::job::CaptureJob;
+use crate::capture::SceneCapture;
 use crate::rays::ray_plan::RayPlan;
 use crate::rays::trace::Tracing;
+use crate::scene_source::fingerprint;
+use crate::spec::{CaptureSpec, RunOptions};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_core::cube_face::Face;
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A part of a capture.
+/// File kind of a part of a capture.
 pub const SHARD: FileKind = FileKind::SHARD;
 
-/// Into so many shards a capture is cut at most.
+/// Maximum number of shards of a capture.
 pub const MAX_PARTS: u32 = 1024;
 
-/// What a shard says of itself.
+/// Header of a shard.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShardInfo {
     /// The capture.
-    pub job: CaptureJob,
-    /// Checksum of the scene ([`crate::scene_source::fingerprint`]).
+    #[serde(rename = "job")]
+    pub spec: CaptureSpec,
+    /// Checksum of the scene ([`fingerprint`]).
     pub scene_fingerprint: u32,
     /// Triangles of the scene.
     pub triangles: u32,
-    /// Which part, from 0.
+    /// Number of the part, from 0.
     pub part: u32,
-    /// Of how many.
+    /// Number of parts.
     pub parts: u32,
-    /// Rays that this part traced.
+    /// Number of rays that this part traced.
     pub rays: u64,
 }
 
-/// How people number a part: from 1, so that part 0, which holds what is left over, is the last.
-pub fn numbered(part: u32, parts: u32) -> String {
+impl ShardInfo {
+    /// Header of a traced part of a capture.
+    pub fn new(capture: &SceneCapture, tracing: &Tracing) -> Self {
+        let scene = capture.tracer.scene();
+        let (part, parts) = capture.options.shard;
+        Self {
+            spec: capture.spec.clone(),
+            scene_fingerprint: fingerprint(scene),
+            triangles: scene.triangles.len() as u32,
+            part,
+            parts,
+            rays: tracing.rays,
+        }
+    }
+}
+
+/// The label of a part for people, who count from 1: part 0 is the last.
+pub fn part_label(part: u32, parts: u32) -> String {
     format!("{}/{parts}", if part == 0 { parts } else { part })
 }
 
-/// Why shards could not be merged.
+/// Error while shards are merged.
 #[derive(Debug, thiserror::Error)]
 pub enum ShardError {
     /// A file could not be read or written.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The disk failed while accumulators were spilled.
+    /// Accumulators could not be spilled.
     #[error("accumulators could not be written to the temporary file: {0}")]
-    Spill(#[from] io::Error),
-    /// Parts of different captures.
+    SpillFile(#[from] io::Error),
+    /// The shards are parts of different captures.
     #[error("{} and {} are parts of different captures; give all shards of one capture", .0.display(), .1.display())]
     Different(PathBuf, PathBuf),
-    /// Not every part, or one twice.
+    /// A part is missing or was given twice.
     #[error("the capture was cut into {parts} shards; {problem}")]
     Incomplete {
-        /// How many there must be.
+        /// Number of parts of the capture.
         parts: u32,
-        /// What is wrong.
+        /// The missing and the repeated parts.
         problem: String,
     },
 }
@@ -85,13 +103,14 @@ pub fn write(path: &Path, info: &ShardInfo, tracing: &Tracing) -> Result<(), Fil
         Ok(bytemuck::cast_slice(&tracing.plan.more_rays).to_vec())
     });
     writer.section("misses", || {
-        Ok(bytemuck::cast_slice(&tracing.misses.words()).to_vec())
+        Ok(bytemuck::cast_slice(&tracing.environment_mask.words()).to_vec())
     });
     let store = &tracing.store;
     let per_face = store.tile_count() / 6;
     for face in Face::ALL {
         writer.section(SECTIONS[face.index()], move || {
-            let (mut counts, mut samples) = (Vec::new(), Vec::new());
+            let mut counts = Vec::new();
+            let mut samples = Vec::new();
             for tile in face.index() * per_face..(face.index() + 1) * per_face {
                 let run = store.tile_run(tile)?;
                 counts.push(run.len() as u64);
@@ -103,7 +122,7 @@ pub fn write(path: &Path, info: &ShardInfo, tracing: &Tracing) -> Result<(), Fil
     writer.write(path)
 }
 
-/// Reads what a shard says of itself.
+/// Reads the header of a shard.
 ///
 /// # Errors
 /// See [`FileError`].
@@ -112,8 +131,8 @@ pub fn read_info(path: &Path) -> Result<ShardInfo, FileError> {
     let info: ShardInfo = section.json()?;
     let strata = 1..=headbox_trace::sampler::Strata::MAX_PER_DIMENSION;
     let sizes = 1..=headbox_cube::model::validate::MAX_FACE_SIZE_PX;
-    if !strata.contains(&info.job.parameters.strata)
-        || !sizes.contains(&info.job.face_size_px)
+    if !strata.contains(&info.spec.parameters.strata)
+        || !sizes.contains(&info.spec.face_size_px)
         || !(1..=MAX_PARTS).contains(&info.parts)
         || info.part >= info.parts
     {
@@ -133,21 +152,23 @@ pub fn check_complete(infos: &[(PathBuf, ShardInfo)]) -> Result<(), ShardError> 
             problem: "no shard was given".into(),
         });
     };
-    let what = |info: &ShardInfo| (info.job.clone(), info.scene_fingerprint, info.parts);
-    if let Some((path, _)) = infos.iter().find(|(_, info)| what(info) != what(first)) {
+    let capture = |info: &ShardInfo| (info.spec.clone(), info.scene_fingerprint, info.parts);
+    let differs = |info: &ShardInfo| capture(info) != capture(first);
+    if let Some((path, _)) = infos.iter().find(|(_, info)| differs(info)) {
         return Err(ShardError::Different(first_path.clone(), path.clone()));
     }
-    let mut seen = vec![0u32; first.parts as usize];
-    infos
-        .iter()
-        .for_each(|(_, info)| seen[info.part as usize] += 1);
-    let numbers = |wanted: fn(u32) -> bool| -> Vec<String> {
-        let chosen = seen.iter().enumerate().filter(|(_, count)| wanted(**count));
-        chosen
-            .map(|(part, _)| numbered(part as u32, first.parts))
+    let mut counts = vec![0u32; first.parts as usize];
+    for (_, info) in infos {
+        counts[info.part as usize] += 1;
+    }
+    let labels = |selected: fn(u32) -> bool| -> Vec<String> {
+        (0..first.parts)
+            .filter(|&part| selected(counts[part as usize]))
+            .map(|part| part_label(part, first.parts))
             .collect()
     };
-    let (missing, twice) = (numbers(|n| n == 0), numbers(|n| n > 1));
+    let missing = labels(|count| count == 0);
+    let twice = labels(|count| count > 1);
     if missing.is_empty() && twice.is_empty() {
         return Ok(());
     }
@@ -173,7 +194,7 @@ pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut Tracing) -> Result<()
     let mut plan = file.section("plan")?;
     let more_rays: Vec<u32> = plan.array(tracing.plan.groups.count())?;
     plan.end()?;
-    let most = info.job.parameters.rays_per_stratum - tracing.plan.pilot_rays;
+    let most = info.spec.parameters.rays_per_stratum - tracing.plan.pilot_rays;
     if more_rays.iter().any(|&rays| rays > most) {
         return Err(plan
             .damaged(format!("at most {most} more rays in each stratum"), "more")
@@ -183,10 +204,10 @@ pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut Tracing) -> Result<()
         more_rays,
         ..tracing.plan.clone()
     };
-    let mut misses = file.section("misses")?;
-    let words: Vec<u64> = misses.array(tracing.misses.words().len())?;
-    misses.end()?;
-    tracing.misses.absorb(&words);
+    let mut mask = file.section("misses")?;
+    let words: Vec<u64> = mask.array(tracing.environment_mask.words().len())?;
+    mask.end()?;
+    tracing.environment_mask.absorb(&words);
     tracing.rays += info.rays;
     let per_face = tracing.store.tile_count() / 6;
     for face in Face::ALL {
@@ -212,40 +233,16 @@ pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut Tracing) -> Result<()
     Ok(())
 }
 
-/// Checks a shard whole, as a merger would; the number of its accumulators.
+/// Checks a whole shard as a merge does. Returns the number of its accumulators.
 ///
 /// # Errors
 /// See [`ShardError`].
 pub fn check(path: &Path, info: &ShardInfo) -> Result<u64, ShardError> {
-    let mut tracing = info.empty_tracing(None)?;
+    let mut tracing = Tracing::empty(&info.spec, &RunOptions::default())?;
     absorb(path, info, &mut tracing)?;
     let mut accumulators = 0;
     for tile in 0..tracing.store.tile_count() {
         accumulators += tracing.store.tile_run(tile)?.len() as u64;
     }
     Ok(accumulators)
-}
-
-impl ShardInfo {
-    /// An empty tracing into which all parts of the capture can be absorbed.
-    ///
-    /// # Errors
-    /// If the spill file cannot be made.
-    pub fn empty_tracing(&self, budget: Option<(u64, PathBuf)>) -> io::Result<Tracing> {
-        let settings = self
-            .job
-            .settings(&crate::settings::Resources { budget }, (0, 1));
-        let budget = settings
-            .resources
-            .budget
-            .as_ref()
-            .map(|(bytes, dir)| (*bytes, dir.as_path()));
-        Ok(Tracing {
-            store: TileStore::new(self.job.face_size_px, budget)?,
-            misses: MissMap::new(self.job.face_size_px),
-            plan: RayPlan::full(crate::settings::strata_of(&settings.parameters), 6),
-            rays: 0,
-            holes: None,
-        })
-    }
 }

@@ -1,5 +1,5 @@
-//! Where accumulators live during a capture: tiles of face pixels, each behind its own lock, spilled to disk when the
-//! memory budget is used up.
+//! Storage of accumulators during a capture: tiles of face pixels, each behind its own lock,
+//! spilled to disk when the memory budget is used up.
 
 use crate::accumulate::accumulator::{Accumulator, Sample};
 use headbox_core::cube_face::Face;
@@ -14,14 +14,14 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Pixels along a side of a tile.
 pub const TILE_PX: u32 = 32;
 
-/// Accumulators are allocated this many at a time, so that a growing tile is never copied.
+/// Number of accumulators that are allocated at a time, so that a growing tile is never copied.
 const CHUNK: usize = 64;
 
-/// Accumulators in the list of a pixel, at most.
+/// Maximum number of accumulators in the list of a pixel.
 const LIST_LIMIT: u32 = 16;
 
-/// So many samples' pixels are [touched](Tile::touch) before these samples are added.
-const TOUCHED: usize = 32;
+/// Number of samples whose pixels are [prefetched](Tile::prefetch) before these samples are added.
+const PREFETCH: usize = 32;
 
 /// All accumulators of a capture.
 pub struct TileStore {
@@ -29,43 +29,44 @@ pub struct TileStore {
     tiles: Vec<Mutex<Tile>>,
     chunks_in_memory: AtomicUsize,
     chunk_budget: usize,
-    spill: Mutex<Option<Spill>>,
+    spill: Mutex<Option<SpillFile>>,
 }
 
-/// The accumulators of `TILE_PX` x `TILE_PX` pixels: a linked list per pixel, and a table for those that found the list
-/// of their pixel full.
+/// The accumulators of `TILE_PX` x `TILE_PX` pixels: a linked list per pixel, and an overflow table
+/// for pixels whose list is full.
 ///
-/// Lists alone are not enough: a plane through the centre of the headbox puts all of itself into one row of pixels,
-/// hundreds of bins in each. A table alone needs more of the cache. (docs/decisions/0006.)
+/// Lists alone are not enough: a plane through the centre of the headbox lies in one row of pixels,
+/// with hundreds of bins in each. A table alone needs more of the cache (docs/decisions/0006).
 #[derive(Default)]
 struct Tile {
     /// First accumulator of each pixel; empty until the first sample.
     heads: Vec<u32>,
-    /// Numbers of the accumulators beyond [`LIST_LIMIT`] of a pixel, by pixel, bin and class.
-    beyond: FxHashMap<(u32, u16, u16), u32>,
+    /// Indices of the accumulators beyond [`LIST_LIMIT`] of a pixel, by pixel, bin and class.
+    overflow: FxHashMap<(u32, u16, u16), u32>,
     chunks: Vec<Box<[Accumulator]>>,
     len: usize,
 }
 
 /// Runs of accumulators on disk, in a file that vanishes with the process.
-struct Spill {
+struct SpillFile {
     file: File,
     end: u64,
-    /// Per tile: where its runs start and how long they are.
+    /// Byte offset and length of each run, per tile.
     runs: Vec<Vec<(u64, usize)>>,
 }
 
 impl TileStore {
-    /// A store for six faces of `face_size_px` pixels a side. Once accumulators take more than `budget_bytes`, they
-    /// are written to an unnamed file in `spill_dir`; without a budget they stay in memory.
+    /// An empty store for six faces of `face_size_px` pixels along a side. Once accumulators take
+    /// more bytes than the budget, they are written to an unnamed file in its folder; without a
+    /// budget they stay in memory.
     ///
     /// # Errors
-    /// If the spill file cannot be made.
+    /// If the spill file cannot be created.
     pub fn new(face_size_px: u32, budget: Option<(u64, &Path)>) -> io::Result<Self> {
         let tiles_per_side = face_size_px.div_ceil(TILE_PX);
         let count = 6 * (tiles_per_side as usize).pow(2);
         let spill = match budget {
-            Some((_, dir)) => Some(Spill {
+            Some((_, dir)) => Some(SpillFile {
                 file: tempfile::tempfile_in(dir)?,
                 end: 0,
                 runs: vec![Vec::new(); count],
@@ -84,7 +85,7 @@ impl TileStore {
         })
     }
 
-    /// Number of tiles, all faces.
+    /// Number of tiles of all faces.
     pub fn tile_count(&self) -> usize {
         self.tiles.len()
     }
@@ -95,28 +96,29 @@ impl TileStore {
     }
 
     /// Face and upper left pixel of a tile.
-    pub fn tile_place(&self, tile: usize) -> (Face, u32, u32) {
+    pub fn tile_origin(&self, tile: usize) -> (Face, u32, u32) {
         let per_face = (self.tiles_per_side as usize).pow(2);
-        let (face, rest) = (tile / per_face, (tile % per_face) as u32);
+        let in_face = (tile % per_face) as u32;
         (
-            Face::ALL[face],
-            rest % self.tiles_per_side * TILE_PX,
-            rest / self.tiles_per_side * TILE_PX,
+            Face::ALL[tile / per_face],
+            in_face % self.tiles_per_side * TILE_PX,
+            in_face / self.tiles_per_side * TILE_PX,
         )
     }
 
-    fn tile_of(&self, sample: &Sample) -> usize {
-        let (tx, ty) = (u32::from(sample.x) / TILE_PX, u32::from(sample.y) / TILE_PX);
-        ((sample.face.index() as u32 * self.tiles_per_side + ty) * self.tiles_per_side + tx)
-            as usize
+    fn tile_index(&self, sample: &Sample) -> usize {
+        let tx = u32::from(sample.x) / TILE_PX;
+        let ty = u32::from(sample.y) / TILE_PX;
+        let row = sample.face.index() as u32 * self.tiles_per_side + ty;
+        (row * self.tiles_per_side + tx) as usize
     }
 
-    /// Keeps a batch of samples, in any order.
+    /// Adds a batch of samples, in any order.
     ///
     /// # Errors
     /// If spilling to disk fails.
     pub fn insert(&self, samples: &[Sample], scratch: &mut InsertScratch) -> io::Result<()> {
-        scratch.sort_by_tile(samples.iter().map(|s| self.tile_of(s)), self.tiles.len());
+        scratch.sort_by_tile(samples.iter().map(|s| self.tile_index(s)), self.tiles.len());
         let mut order = scratch.order.as_slice();
         while let Some(&first) = order.first() {
             let tile_index = scratch.tiles[first as usize];
@@ -128,14 +130,14 @@ impl TileStore {
             order = rest;
             let mut tile = lock(&self.tiles[tile_index as usize]);
             let before = tile.chunks.len();
-            for batch in batch.chunks(TOUCHED) {
+            for batch in batch.chunks(PREFETCH) {
                 let batch = || {
                     batch
                         .iter()
                         .map(|&i| &samples[i as usize])
                         .map(|sample| (pixel_in_tile(sample), sample))
                 };
-                tile.touch(batch().map(|(pixel, _)| pixel));
+                tile.prefetch(batch().map(|(pixel, _)| pixel));
                 batch().for_each(|(pixel, sample)| tile.add(pixel, &Accumulator::new(sample)));
             }
             self.chunks_in_memory
@@ -199,8 +201,8 @@ impl TileStore {
         Ok(())
     }
 
-    /// No fewer than the accumulators of a tile.
-    pub fn most_in_tile(&self, tile: usize) -> usize {
+    /// An upper bound on the number of accumulators of a tile.
+    pub fn max_in_tile(&self, tile: usize) -> usize {
         let in_memory = lock(&self.tiles[tile]).len;
         let spilled: usize = lock(&self.spill).as_ref().map_or(0, |spill| {
             spill.runs[tile].iter().map(|(_, len)| *len).sum()
@@ -208,25 +210,25 @@ impl TileStore {
         in_memory + spilled
     }
 
-    /// All accumulators of a tile, sorted by [`Accumulator::run_order`], each (pixel, bin, class) once; the link of each
-    /// is its pixel in the tile, row-major.
+    /// All accumulators of a tile, sorted by [`Accumulator::run_order`], each (pixel, bin, class)
+    /// once. The link of each is its pixel in the tile, row-major.
     ///
     /// # Errors
     /// If the spill file cannot be read.
     pub fn tile_run(&self, tile: usize) -> io::Result<Vec<Accumulator>> {
-        self.tile_run_of(tile, |_| true)
+        self.tile_run_where(tile, |_| true)
     }
 
-    /// As [`Self::tile_run`], of those pixels of the tile only for which `wanted` says so.
+    /// The [run](Self::tile_run) of the pixels of a tile that `is_selected` accepts.
     ///
     /// # Errors
-    /// As [`Self::tile_run`].
-    pub fn tile_run_of(
+    /// If the spill file cannot be read.
+    pub fn tile_run_where(
         &self,
         tile: usize,
-        wanted: impl Fn(u32) -> bool,
+        is_selected: impl Fn(u32) -> bool,
     ) -> io::Result<Vec<Accumulator>> {
-        let mut run = lock(&self.tiles[tile]).run(&wanted);
+        let mut run = lock(&self.tiles[tile]).run(&is_selected);
         let mut spill = lock(&self.spill);
         if let Some(spill) = spill.as_mut() {
             for &(start, len) in &spill.runs[tile] {
@@ -239,12 +241,12 @@ impl TileStore {
             }
         }
         drop(spill);
-        run.retain(|acc| wanted(acc.link)); // spilled runs are whole
+        run.retain(|acc| is_selected(acc.link)); // spilled runs hold all pixels
         combine(&mut run);
         Ok(run)
     }
 
-    /// Forgets a tile's accumulators in memory.
+    /// Drops a tile's accumulators in memory.
     pub fn clear_tile(&self, tile: usize) {
         let mut tile = lock(&self.tiles[tile]);
         self.chunks_in_memory
@@ -253,15 +255,15 @@ impl TileStore {
     }
 }
 
-/// Sorts accumulators by [`Accumulator::run_order`] and adds up those of equal order.
+/// Sorts accumulators by [`Accumulator::run_order`] and sums those of equal order.
 pub fn combine(run: &mut Vec<Accumulator>) {
     run.sort_unstable_by_key(Accumulator::run_order);
-    run.dedup_by(|next, kept| {
-        let same = next.run_order() == kept.run_order();
-        if same {
-            kept.absorb(next);
+    run.dedup_by(|next, last| {
+        let is_same = next.run_order() == last.run_order();
+        if is_same {
+            last.absorb(next);
         }
-        same
+        is_same
     });
 }
 
@@ -271,9 +273,9 @@ fn pixel_in_tile(sample: &Sample) -> u32 {
 }
 
 impl Tile {
-    /// Reads the first accumulator of each of these pixels, so that it is in the cache when it is wanted: these reads wait for memory
-    /// together, those of one sample after the other each by itself.
-    fn touch(&self, pixels: impl Iterator<Item = u32>) {
+    /// Reads the first accumulator of each pixel into the cache. These reads wait for memory
+    /// together; without them, each sample would wait by itself.
+    fn prefetch(&self, pixels: impl Iterator<Item = u32>) {
         let mut read = 0;
         for head in pixels.filter_map(|pixel| self.heads.get(pixel as usize)) {
             let first = self
@@ -291,14 +293,15 @@ impl Tile {
             self.heads = vec![Accumulator::NO_NEXT; (TILE_PX * TILE_PX) as usize];
         }
         let head = self.heads[pixel as usize];
-        let (mut at, mut length) = (head, 0);
-        while at != Accumulator::NO_NEXT {
-            let here = &mut self.chunks[at as usize / CHUNK][at as usize % CHUNK];
-            if (here.bin, here.class) == (new.bin, new.class) {
-                here.absorb(new);
+        let mut index = head;
+        let mut length = 0;
+        while index != Accumulator::NO_NEXT {
+            let acc = &mut self.chunks[index as usize / CHUNK][index as usize % CHUNK];
+            if (acc.bin, acc.class) == (new.bin, new.class) {
+                acc.absorb(new);
                 return;
             }
-            at = here.link;
+            index = acc.link;
             length += 1;
         }
         if length < LIST_LIMIT {
@@ -306,19 +309,19 @@ impl Tile {
             return;
         }
         let next = self.len as u32;
-        match self.beyond.entry((pixel, new.bin, new.class)) {
-            Entry::Occupied(at) => {
-                let at = *at.get() as usize;
-                self.chunks[at / CHUNK][at % CHUNK].absorb(new);
+        match self.overflow.entry((pixel, new.bin, new.class)) {
+            Entry::Occupied(entry) => {
+                let index = *entry.get() as usize;
+                self.chunks[index / CHUNK][index % CHUNK].absorb(new);
             }
-            Entry::Vacant(free) => {
-                free.insert(next);
+            Entry::Vacant(entry) => {
+                entry.insert(next);
                 self.push(*new);
             }
         }
     }
 
-    /// Appends an accumulator and returns its number.
+    /// Appends an accumulator and returns its index.
     fn push(&mut self, new: Accumulator) -> u32 {
         let index = self.len;
         if index.is_multiple_of(CHUNK) {
@@ -329,27 +332,26 @@ impl Tile {
         index as u32
     }
 
-    /// The accumulators of the pixels for which `wanted` says so, pixel by pixel, each sorted, and then those beyond the lists: nearly in
-    /// the order that [`combine`] gives them, which takes little time then.
-    fn run(&self, wanted: impl Fn(u32) -> bool) -> Vec<Accumulator> {
+    /// The accumulators of the selected pixels, pixel by pixel, each sorted, and then the overflow:
+    /// nearly in the order of [`combine`], which then takes little time.
+    fn run(&self, is_selected: impl Fn(u32) -> bool) -> Vec<Accumulator> {
         let mut run = Vec::with_capacity(self.len);
-        let at = |number: u32| self.chunks[number as usize / CHUNK][number as usize % CHUNK];
-        for (pixel, &head) in (0..).zip(&self.heads).filter(|(pixel, _)| wanted(*pixel)) {
-            let (mut next, before) = (head, run.len());
+        let get = |index: u32| self.chunks[index as usize / CHUNK][index as usize % CHUNK];
+        let heads = (0..).zip(&self.heads);
+        for (pixel, &head) in heads.filter(|(pixel, _)| is_selected(*pixel)) {
+            let before = run.len();
+            let mut next = head;
             while next != Accumulator::NO_NEXT {
-                let here = at(next);
-                run.push(Accumulator {
-                    link: pixel,
-                    ..here
-                });
-                next = here.link;
+                let acc = get(next);
+                run.push(Accumulator { link: pixel, ..acc });
+                next = acc.link;
             }
             run[before..].sort_unstable_by_key(Accumulator::run_order);
         }
-        let beyond = self.beyond.iter().filter(|(of, _)| wanted(of.0));
-        run.extend(beyond.map(|(&(pixel, ..), &number)| Accumulator {
+        let overflow = self.overflow.iter().filter(|(key, _)| is_selected(key.0));
+        run.extend(overflow.map(|(&(pixel, ..), &index)| Accumulator {
             link: pixel,
-            ..at(number)
+            ..get(index)
         }));
         run
     }
@@ -364,7 +366,7 @@ pub struct InsertScratch {
 }
 
 impl InsertScratch {
-    /// Counting sort of sample numbers by tile.
+    /// Sorts sample indices by tile, by counting.
     fn sort_by_tile(&mut self, tiles: impl Iterator<Item = usize>, tile_count: usize) {
         self.starts.clear();
         self.starts.resize(tile_count + 1, 0);
@@ -379,14 +381,15 @@ impl InsertScratch {
         self.order.clear();
         self.order.resize(self.tiles.len(), 0);
         for (i, &tile) in self.tiles.iter().enumerate() {
-            let place = &mut self.starts[tile as usize];
-            self.order[*place as usize] = i as u32;
-            *place += 1;
+            let next = &mut self.starts[tile as usize];
+            self.order[*next as usize] = i as u32;
+            *next += 1;
         }
     }
 }
 
-/// A panic on another thread ends the capture anyway; its half-done tile is never read.
+/// Locks a mutex even if it is poisoned: a panic on another thread ends the capture, and its
+/// half-done tile is never read.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -423,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn spilling_and_order_of_arrival_change_nothing() {
+    fn runs_are_independent_of_spilling_and_order() {
         let samples = random_samples(200_000);
         let in_memory = TileStore::new(70, None).unwrap();
         in_memory
@@ -437,7 +440,7 @@ mod tests {
         }
         assert!(
             lock(&spilling.spill).as_ref().is_some_and(|s| s.end > 0),
-            "the budget was meant to be exceeded"
+            "the test must exceed the budget"
         );
         let expected = runs(&in_memory);
         assert_eq!(expected, runs(&spilling));
@@ -446,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn crowded_pixels_keep_every_accumulator_apart() {
+    fn overflowing_pixel_keeps_all_accumulators() {
         let store = TileStore::new(70, None).unwrap();
         let crowded = |bin: u16| Sample {
             x: 3,
@@ -461,7 +464,7 @@ mod tests {
             .insert(&samples, &mut InsertScratch::default())
             .unwrap();
         let runs = runs(&store);
-        let found: Vec<_> = runs
+        let accumulators: Vec<_> = runs
             .iter()
             .flatten()
             .map(|acc| (acc.link, acc.bin, acc.class, acc.count))
@@ -469,24 +472,28 @@ mod tests {
         let expected: Vec<_> = (0..1000)
             .map(|bin| (5 * TILE_PX + 3, bin, bin % 3, 3))
             .collect();
-        assert_eq!(found, expected);
+        assert_eq!(accumulators, expected);
     }
 
     #[test]
-    fn samples_land_in_the_tile_and_pixel_that_hold_them() {
+    fn sample_lands_in_its_tile_and_pixel() {
         let store = TileStore::new(70, None).unwrap();
-        let mut sample = random_samples(1)[0];
-        (sample.face, sample.x, sample.y) = (Face::PosZ, 69, 33);
+        let sample = Sample {
+            face: Face::PosZ,
+            x: 69,
+            y: 33,
+            ..random_samples(1)[0]
+        };
         store
             .insert(&[sample], &mut InsertScratch::default())
             .unwrap();
-        let found: Vec<_> = (0..store.tile_count())
+        let tiles: Vec<_> = (0..store.tile_count())
             .filter(|&t| !store.tile_run(t).unwrap().is_empty())
             .collect();
-        assert_eq!(found.len(), 1);
-        assert_eq!(store.tile_place(found[0]), (Face::PosZ, 64, 32));
-        assert_eq!(store.tile_run(found[0]).unwrap()[0].link, TILE_PX + 5);
-        store.clear_tile(found[0]);
-        assert!(store.tile_run(found[0]).unwrap().is_empty());
+        assert_eq!(tiles.len(), 1);
+        assert_eq!(store.tile_origin(tiles[0]), (Face::PosZ, 64, 32));
+        assert_eq!(store.tile_run(tiles[0]).unwrap()[0].link, TILE_PX + 5);
+        store.clear_tile(tiles[0]);
+        assert!(store.tile_run(tiles[0]).unwrap().is_empty());
     }
 }

@@ -1,23 +1,24 @@
-//! Where the camera of a deep picture stands and what it sees: by the picture's header, or by who brings the picture.
+//! The camera of a deep image: from the image's header, or from arguments.
 
 use super::{DeepPlace, FromDeepError};
 use glam::{DMat4, DVec3, DVec4};
 use headbox_core::camera::Camera;
 use headbox_images::deep_exr::{DeepImage, DeepView};
 
-/// How points lead to pixels of a camera's picture.
+/// Projection of points to pixels of a camera's image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lens {
-    /// World to the picture, whose columns and rows go from 0 to 1.
-    ndc: DMat4,
+    /// World to image, whose columns and rows go from 0 to 1.
+    ndc_from_world: DMat4,
     /// World metres.
     pub(super) eye: DVec3,
-    /// Where it looks; unit vectors.
+    /// Viewing direction, a unit vector.
     pub(super) ahead: DVec3,
+    /// Direction to the right, a unit vector.
     right: DVec3,
 }
 
-/// From -1 to 1, y up, to 0 to 1, y down.
+/// Maps -1 to 1, y up, to 0 to 1, y down.
 const UNIT_FROM_SCREEN: DMat4 = DMat4::from_cols(
     DVec4::new(0.5, 0.0, 0.0, 0.0),
     DVec4::new(0.0, -0.5, 0.0, 0.0),
@@ -26,43 +27,42 @@ const UNIT_FROM_SCREEN: DMat4 = DMat4::from_cols(
 );
 
 impl Lens {
-    /// The camera of a picture; none of an environment map, which has all directions.
+    /// The camera of an image; `None` for an environment map, which has all directions.
     ///
     /// # Errors
-    /// [`FromDeepError::View`] if nobody says where it stands, [`FromDeepError::Told`] if two do, [`FromDeepError::Camera`],
-    /// [`FromDeepError::Lens`].
-    pub(super) fn of(image: &DeepImage, place: &DeepPlace) -> Result<Option<Self>, FromDeepError> {
+    /// [`FromDeepError::View`] if neither header nor arguments specify the camera,
+    /// [`FromDeepError::Redundant`] if both do, [`FromDeepError::Camera`], [`FromDeepError::Lens`].
+    pub(super) fn new(image: &DeepImage, place: &DeepPlace) -> Result<Option<Self>, FromDeepError> {
         let DeepView {
             cube,
             world_to_camera,
             world_to_ndc,
         } = image.view;
         let matrix = |m: [f32; 16]| DMat4::from_cols_array(&m.map(f64::from));
-        let refuse = |given: &[(&'static str, bool)], says| match given
-            .iter()
-            .find(|(_, is_given)| *is_given)
-        {
-            Some((flag, _)) => Err(FromDeepError::Told(flag, says)),
-            None => Ok(()),
+        let refuse = |flags: &[(&'static str, bool)], statement| {
+            let given = flags.iter().find(|(_, is_given)| *is_given);
+            given.map_or(Ok(()), |(flag, _)| {
+                Err(FromDeepError::Redundant(flag, statement))
+            })
         };
-        let lens = ("--fov", place.fov_y_deg.is_some());
+        let fov = ("--fov", place.fov_y_deg.is_some());
         let pose = [
             ("--center", place.centre.is_some()),
             ("--look-at", place.look_at.is_some()),
         ];
         if cube {
-            refuse(&[lens, pose[1]], "is that of an environment map")?;
+            refuse(&[fov, pose[1]], "is that of an environment map")?;
             return Ok(None);
         }
         if world_to_camera.is_some() {
-            refuse(&pose, "says where its camera stands")?;
+            refuse(&pose, "specifies the camera's position")?;
         }
         if let Some((camera, ndc)) = world_to_camera.zip(world_to_ndc) {
-            refuse(&[lens], "says what its camera sees")?;
-            return Self::of_matrices(matrix(camera), matrix(ndc)).map(Some);
+            refuse(&[fov], "specifies the camera's field of view")?;
+            return Self::from_matrices(matrix(camera), matrix(ndc)).map(Some);
         }
         let fov_y_deg = place.fov_y_deg.ok_or(FromDeepError::View)?;
-        let [eye, at, up] = match world_to_camera {
+        let [eye, target, up] = match world_to_camera {
             Some(camera) => {
                 let world = matrix(camera).inverse();
                 [
@@ -76,32 +76,27 @@ impl Lens {
                 [eye, place.look_at.unwrap_or(eye + DVec3::NEG_Z), DVec3::Y]
             }
         };
-        Ok(Some(Self::of_camera(&Camera::look_at(
-            eye,
-            at,
-            up,
-            fov_y_deg,
-            image.size_px,
-        )?)))
+        let camera = Camera::look_at(eye, target, up, fov_y_deg, image.size_px)?;
+        Ok(Some(Self::from_camera(&camera)))
     }
 
-    fn of_camera(camera: &Camera) -> Self {
+    fn from_camera(camera: &Camera) -> Self {
         let size = DVec3::new(f64::from(camera.width()), f64::from(camera.height()), 1.0);
-        let ndc = DMat4::from_scale(size.recip()) * camera.image_from_world();
         Self {
-            ndc,
+            ndc_from_world: DMat4::from_scale(size.recip()) * camera.image_from_world(),
             eye: camera.eye(),
             ahead: camera.forward(),
             right: camera.world_from_eye().x_axis,
         }
     }
 
-    /// Of `worldToCamera` and `worldToNDC`, for column vectors.
+    /// The camera of `worldToCamera` and `worldToNDC`, for column vectors.
     ///
-    /// By the letter of OpenEXR's *Standard Attributes* the camera looks along +z of its axes, and NDC go from 0 to 1, y down. Some renderers
-    /// write cameras that look along -z, and RenderMan's screen space, from -1 to 1, y up: the axis is in front where w is above 0, and
-    /// leads to the middle of the picture.
-    fn of_matrices(camera: DMat4, ndc: DMat4) -> Result<Self, FromDeepError> {
+    /// By the letter of OpenEXR's *Standard Attributes*, the camera looks along +z of its axes, and
+    /// NDC go from 0 to 1, y down. Some renderers write cameras that look along -z, and RenderMan's
+    /// screen space, from -1 to 1, y up: the viewing axis is the one where w is above 0, and it
+    /// leads to the middle of the image.
+    fn from_matrices(camera: DMat4, ndc: DMat4) -> Result<Self, FromDeepError> {
         let world = camera.inverse();
         let eye = world.project_point3(DVec3::ZERO);
         let unit = |v: DVec3| {
@@ -110,7 +105,8 @@ impl Lens {
                 .try_normalize()
                 .ok_or(FromDeepError::Camera)
         };
-        let (forward, right) = (unit(DVec3::Z)?, unit(DVec3::X)?);
+        let forward = unit(DVec3::Z)?;
+        let right = unit(DVec3::X)?;
         let in_ndc = |direction: DVec3| ndc * (eye + direction).extend(1.0);
         let ahead = [forward, -forward]
             .into_iter()
@@ -125,7 +121,7 @@ impl Lens {
             ndc
         };
         let lens = Self {
-            ndc,
+            ndc_from_world: ndc,
             eye,
             ahead,
             right,
@@ -138,23 +134,25 @@ impl Lens {
         }
     }
 
-    /// Position in a picture of this size, px, of a direction from the eye, and how deep it goes along the camera's axis.
-    pub(super) fn place(&self, direction: DVec3, [width, height]: [f64; 2]) -> [f64; 3] {
-        let at = self.ndc * (self.eye + direction).extend(1.0);
+    /// Position in an image of this size, pixels, of a direction from the eye, and its depth along
+    /// the camera's axis.
+    pub(super) fn project(&self, direction: DVec3, [width, height]: [f64; 2]) -> [f64; 3] {
+        let ndc = self.ndc_from_world * (self.eye + direction).extend(1.0);
         [
-            at.x / at.w * width,
-            at.y / at.w * height,
+            ndc.x / ndc.w * width,
+            ndc.y / ndc.w * height,
             direction.dot(self.ahead),
         ]
     }
 
-    /// Pixels of a picture of this size for a unit aside at depth 1, in its middle.
+    /// Focal length in the middle of an image of this size, pixels.
     pub(super) fn focal_px(&self, size_px: [f64; 2]) -> Option<f64> {
-        /// A step aside that is small beside the depth and large beside what f32 matrices round.
-        const ASIDE: f64 = 1e-2;
-        let [x0, y0, _] = self.place(self.ahead, size_px);
-        let [x1, y1, _] = self.place(self.ahead + self.right * ASIDE, size_px);
-        let focal_px = (x1 - x0).hypot(y1 - y0) / ASIDE;
+        /// Step to the side, small against the depth and large against the rounding of f32
+        /// matrices.
+        const STEP: f64 = 1e-2;
+        let [x0, y0, _] = self.project(self.ahead, size_px);
+        let [x1, y1, _] = self.project(self.ahead + self.right * STEP, size_px);
+        let focal_px = (x1 - x0).hypot(y1 - y0) / STEP;
         focal_px.is_finite().then_some(focal_px)
     }
 }
@@ -174,7 +172,7 @@ mod tests {
         .expect("a camera")
     }
 
-    fn picture(view: DeepView) -> DeepImage {
+    fn image(view: DeepView) -> DeepImage {
         let size_px = [40, 30];
         DeepImage {
             size_px,
@@ -186,8 +184,8 @@ mod tests {
         }
     }
 
-    /// By the camera's own projection, which knows nothing of NDC.
-    fn holds(lens: &Lens, camera: &Camera) {
+    /// Compares a lens with the camera's own projection, which does not use NDC.
+    fn assert_projects_like(lens: &Lens, camera: &Camera) {
         for [x, y, z] in [
             [0.0, 0.0, 0.0],
             [9.0, -3.0, -7.0],
@@ -196,18 +194,18 @@ mod tests {
         ] {
             let point = DVec3::new(x, y, z);
             let expected = camera.project(point);
-            let found = lens.place(point - camera.eye(), [40.0, 30.0]);
+            let projected = lens.project(point - camera.eye(), [40.0, 30.0]);
             match expected {
-                // What f32 matrices round, seen at a focal length of 32 px.
+                // Rounding of f32 matrices, at a focal length of 32 px.
                 Some(expected) => {
                     (0..3).for_each(|i| {
                         assert!(
-                            (found[i] - expected[i]).abs() < 2e-4,
-                            "{found:?} {expected:?}"
+                            (projected[i] - expected[i]).abs() < 2e-4,
+                            "{projected:?} {expected:?}"
                         )
                     });
                 }
-                None => assert!(found[2] <= 1e-6, "{found:?}"),
+                None => assert!(projected[2] <= 1e-6, "{projected:?}"),
             }
         }
         assert!((lens.focal_px([40.0, 30.0]).expect("finite") - camera.focal_px()).abs() < 1e-3);
@@ -218,30 +216,28 @@ mod tests {
     }
 
     #[test]
-    fn a_header_says_what_a_camera_sees() {
+    fn header_matrices_give_the_camera() {
         let camera = camera();
         let standard = DeepView::from_camera(&camera);
-        holds(
-            &Lens::of(&picture(standard), &DeepPlace::default())
+        assert_projects_like(
+            &Lens::new(&image(standard), &DeepPlace::default())
                 .expect("read")
                 .expect("a camera"),
             &camera,
         );
-        // Forward is +z and the picture's corner on the left above is (0, 0): OpenEXR's own words.
+        // Forward is +z and the image's upper left corner is (0, 0), as OpenEXR specifies.
         let matrix =
             |m: Option<[f32; 16]>| DMat4::from_cols_array(&m.expect("written").map(f64::from));
         let point = camera.eye() + camera.forward() * 2.0;
-        let (in_camera, in_ndc) = (
-            matrix(standard.world_to_camera),
-            matrix(standard.world_to_ndc),
-        );
+        let in_camera = matrix(standard.world_to_camera);
+        let in_ndc = matrix(standard.world_to_ndc);
         assert!((in_camera.transform_point3(point) - DVec3::new(0.0, 0.0, 2.0)).length() < 1e-5);
         assert!(
             (in_ndc.project_point3(point).truncate() - glam::DVec2::splat(0.5)).length() < 1e-5
         );
         let above = in_ndc.project_point3(point + camera.world_from_eye().y_axis * 0.1);
         assert!(above.y < 0.5, "y points down");
-        // As others write it: right-handed, and -1 to 1.
+        // The variants of other renderers: right-handed, and -1 to 1.
         let back = DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0)) * in_camera;
         let screen = UNIT_FROM_SCREEN.inverse() * in_ndc;
         let array = |m: DMat4| Some(m.as_mat4().to_cols_array());
@@ -251,14 +247,14 @@ mod tests {
                 world_to_camera: array(camera_matrix),
                 world_to_ndc: array(ndc),
             };
-            holds(
-                &Lens::of(&picture(view), &DeepPlace::default())
+            assert_projects_like(
+                &Lens::new(&image(view), &DeepPlace::default())
                     .expect("read")
                     .expect("a camera"),
                 &camera,
             );
         }
-        // What it sees is missing, or all of it.
+        // Without a field of view, and without any camera.
         let place = DeepPlace {
             fov_y_deg: Some(50.0),
             ..DeepPlace::default()
@@ -267,8 +263,8 @@ mod tests {
             world_to_ndc: None,
             ..standard
         };
-        holds(
-            &Lens::of(&picture(pose), &place)
+        assert_projects_like(
+            &Lens::new(&image(pose), &place)
                 .expect("read")
                 .expect("a camera"),
             &camera,
@@ -278,8 +274,8 @@ mod tests {
             look_at: Some(DVec3::new(4.0, 1.0, -2.0)),
             ..place
         };
-        holds(
-            &Lens::of(&picture(DeepView::default()), &place)
+        assert_projects_like(
+            &Lens::new(&image(DeepView::default()), &place)
                 .expect("read")
                 .expect("a camera"),
             &camera,
@@ -287,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn who_says_what_a_header_says_is_told() {
+    fn arguments_that_repeat_the_header_are_refused() {
         let standard = DeepView::from_camera(&camera());
         let cube = DeepView {
             cube: true,
@@ -305,7 +301,7 @@ mod tests {
             look_at: Some(DVec3::ONE),
             ..DeepPlace::default()
         };
-        let said = |view, place: &DeepPlace| Lens::of(&picture(view), place).expect_err("refused");
+        let error = |view, place: &DeepPlace| Lens::new(&image(view), place).expect_err("refused");
         for (view, place, flag) in [
             (cube, &fov, "--fov"),
             (cube, &look_at, "--look-at"),
@@ -321,18 +317,18 @@ mod tests {
             ),
         ] {
             assert!(
-                matches!(said(view, place), FromDeepError::Told(told, _) if told == flag),
+                matches!(error(view, place), FromDeepError::Redundant(given, _) if given == flag),
                 "{flag}"
             );
         }
-        assert!(Lens::of(&picture(cube), &centre).expect("read").is_none());
-        assert_eq!(said(DeepView::default(), &centre), FromDeepError::View);
+        assert!(Lens::new(&image(cube), &centre).expect("read").is_none());
+        assert_eq!(error(DeepView::default(), &centre), FromDeepError::View);
         let wide = DeepPlace {
             fov_y_deg: Some(180.0),
             ..DeepPlace::default()
         };
         assert!(matches!(
-            said(DeepView::default(), &wide),
+            error(DeepView::default(), &wide),
             FromDeepError::Lens(_)
         ));
     }

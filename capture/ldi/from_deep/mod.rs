@@ -1,8 +1,10 @@
-//! A deep picture as a cube LDI: all samples of each pixel, as a film renderer or [`headbox_export::deep`] wrote them.
+//! Cube LDIs from deep images: all samples of each pixel, as written by a film renderer or by
+//! [`headbox_export::deep`].
 //!
-//! A deep picture is of one eye: an environment map of six faces, or the picture of a camera. Its samples know colour, alpha and depth,
-//! but no surface: normals are those of planes through neighbouring samples. What is so far that no eye in the headbox sees it elsewhere
-//! becomes environment.
+//! A deep image is of one eye: an environment map of six faces, or the image of a camera. Its
+//! samples have colour, alpha and depth, but no surface: normals are those of planes through
+//! neighbouring samples. Samples so far that no eye in the headbox sees them move become
+//! environment.
 
 mod lens;
 
@@ -18,128 +20,131 @@ use headbox_images::deep_exr::DeepImage;
 use lens::Lens;
 use rayon::prelude::*;
 
-/// Half of the headbox's edge over the distance of what is nearest, if nobody says more: one eye has seen it all.
+/// Default of half of the headbox's edge, as a share of the distance of the nearest sample: a
+/// single eye has seen all samples.
 const HEADBOX_SHARE: f64 = 0.15;
-/// What moves by less than this share of a face pixel in the headbox lies at infinity.
-const STILL_PX: f64 = 0.5;
-/// The widest face, px, of a camera's picture.
-const MAX_PICTURE_FACE_PX: u32 = 2048;
-/// The widest face of the environment, px.
-const MAX_SKY_PX: u32 = 512;
 
-/// Why a deep picture is no cube LDI.
+/// Parallax in the headbox, face pixels, below which a sample lies at infinity.
+const STILL_PX: f64 = 0.5;
+
+/// Maximum size of faces from a camera's image, pixels.
+const MAX_CAMERA_FACE_PX: u32 = 2048;
+
+/// Maximum size of faces of the environment, pixels.
+const MAX_ENVIRONMENT_PX: u32 = 512;
+
+/// Error while a deep image becomes a cube LDI.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum FromDeepError {
     /// A channel is missing.
-    #[error("it has no channel {0}; colours (R, G, B) and depth (Z) are needed")]
+    #[error("no channel {0}; colours (R, G, B) and depth (Z) are needed")]
     Channel(&'static str),
-    /// An environment map is not one of six faces.
-    #[error(
-        "it is an environment map of {0}x{1} pixels; six square faces one above another are read"
-    )]
+    /// The environment map does not consist of six faces.
+    #[error("an environment map of {0}x{1} pixels, not of six square faces one above another")]
     Faces(u32, u32),
-    /// Nothing says where the camera stands.
+    /// The camera is unknown.
     #[error(
-        "its header says neither that it is a cubic environment map (envmap) nor where its camera stands and what it sees (worldToCamera, \
-         worldToNDC); give --fov, and --center and --look-at where the camera is not at the origin looking along -Z"
+        "the header specifies neither a cubic environment map (envmap) nor a camera (worldToCamera, worldToNDC); give --fov, and \
+         --center and --look-at unless the camera is at the origin looking along -Z"
     )]
     View,
-    /// What a header says is said once more.
-    #[error("{0} has no meaning for it, as its header {1}; leave it out")]
-    Told(&'static str, &'static str),
-    /// There is no such camera.
+    /// An argument specifies what the header specifies: the flag, and the header's statement.
+    #[error("{0} does not apply, because the header {1}; leave it out")]
+    Redundant(&'static str, &'static str),
+    /// The specified camera is invalid.
     #[error(transparent)]
     Lens(#[from] CameraError),
-    /// The matrices are no camera's.
-    #[error("its worldToCamera and worldToNDC are not those of a camera that looks at its picture")]
+    /// The matrices are not those of a camera.
+    #[error("worldToCamera and worldToNDC are not those of a camera that looks at its image")]
     Camera,
     /// No sample has a depth.
-    #[error("it has no sample with a depth above 0 and an alpha above 0")]
+    #[error("no sample with a depth above 0 and an alpha above 0")]
     Empty,
 }
 
-/// What of a capture a deep picture does not tell.
+/// Properties of a capture that the header of a deep image may lack.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DeepPlace {
-    /// Where it was taken, world metres, if it does not say so itself; the origin if absent.
+    /// Position of the eye, world metres, unless the header specifies it; the origin if absent.
     pub centre: Option<DVec3>,
-    /// Where its camera looked, world metres, if it does not say so itself; along -Z if absent.
+    /// Target of the camera, world metres, unless the header specifies it; along -Z if absent.
     pub look_at: Option<DVec3>,
-    /// Degrees between the top and the bottom edge of a camera's picture that does not say so itself.
+    /// Vertical field of view in degrees, unless the header specifies it.
     pub fov_y_deg: Option<f64>,
-    /// Half of the headbox's edge, metres; by the nearest sample if absent.
+    /// Half of the headbox's edge, metres; from the nearest sample if absent.
     pub half_size_m: Option<f64>,
-    /// What it is called.
+    /// Name of the image.
     pub name: String,
 }
 
-/// The cube. Depths are taken for metres.
+/// Builds a cube LDI from a deep image, whose depths are taken as metres.
 ///
 /// # Errors
 /// [`FromDeepError`].
 pub fn cube(image: &DeepImage, place: DeepPlace) -> Result<CubeLdi, FromDeepError> {
-    let picture = Picture::new(image, &place)?;
-    let nearest = picture.nearest().ok_or(FromDeepError::Empty)?;
+    let sampler = DeepSampler::new(image, &place)?;
+    let nearest = sampler.nearest().ok_or(FromDeepError::Empty)?;
     let half_size_m = place.half_size_m.unwrap_or(HEADBOX_SHARE * nearest);
-    let face_px = picture.face_px;
-    // What is beyond moves by less.
+    let face_px = sampler.face_px;
+    // Samples beyond this inverse depth move by less than `STILL_PX`.
     let still = STILL_PX * 2.0 / (f64::from(face_px) * half_size_m);
     let faces = Face::ALL
         .into_par_iter()
-        .map(|face| face_of(&picture, face, still))
+        .map(|face| build_face(&sampler, face, still))
         .collect();
     let info = CaptureInfo {
         scene: place.name,
-        centre: picture
+        centre: sampler
             .lens
             .map(|lens| lens.eye)
             .or(place.centre)
             .unwrap_or_default(),
         half_size_m,
         exposure: 1.0,
-        ahead: picture.lens.map(|lens| lens.ahead),
+        ahead: sampler.lens.map(|lens| lens.ahead),
         ..CaptureInfo::default()
     };
     Ok(CubeLdi {
         info,
         faces,
-        environment: sky(&picture, still),
+        environment: build_environment(&sampler, still),
     })
 }
 
-/// A sample about the eye.
+/// A deep sample as seen from the eye.
 #[derive(Clone, Copy)]
-struct Sample {
+struct DeepSample {
     /// 1 / eye depth for a direction of eye depth 1, 1/m; 0 at infinity.
-    pub inverse_depth: f64,
+    inverse_depth: f64,
     color_srgb: [u8; 4],
 }
 
-/// A deep picture as it is asked.
-struct Picture<'a> {
+/// Lookup of deep samples by direction.
+struct DeepSampler<'a> {
     image: &'a DeepImage,
     /// Red, green, blue, depth.
     channels: [&'a [f32]; 4],
     alpha: Option<&'a [f32]>,
-    /// Of a camera; none for six faces.
+    /// Lens of a camera; `None` for six faces.
     lens: Option<Lens>,
+    /// Pixels along a side of the cube's faces.
     face_px: u32,
 }
 
-impl<'a> Picture<'a> {
+impl<'a> DeepSampler<'a> {
     fn new(image: &'a DeepImage, place: &DeepPlace) -> Result<Self, FromDeepError> {
         let channel = |name| image.channel(name).ok_or(FromDeepError::Channel(name));
         let channels = [channel("R")?, channel("G")?, channel("B")?, channel("Z")?];
         let alpha = image.channel("A");
         let [width, height] = image.size_px;
-        let lens = Lens::of(image, place)?;
+        let lens = Lens::new(image, place)?;
         let face_px = match &lens {
-            // A face pixel in the middle is as wide as one of the picture's.
+            // A face pixel in the middle is as wide as one of the image's.
             Some(lens) => {
                 let focal_px = lens
                     .focal_px(image.size_px.map(f64::from))
                     .ok_or(FromDeepError::Camera)?;
-                ((2.0 * focal_px).round() as u32).clamp(16, MAX_PICTURE_FACE_PX)
+                ((2.0 * focal_px).round() as u32).clamp(16, MAX_CAMERA_FACE_PX)
             }
             None if u64::from(height) != 6 * u64::from(width)
                 || width == 0
@@ -158,20 +163,21 @@ impl<'a> Picture<'a> {
         })
     }
 
-    /// Position in the picture, px, of a direction from the eye, and how deep it goes in the camera's axes.
-    fn place(&self, direction: DVec3) -> Option<[f64; 3]> {
+    /// Position in the image, pixels, of a direction from the eye, and its depth in the camera's
+    /// axes.
+    fn project(&self, direction: DVec3) -> Option<[f64; 3]> {
         let [x, y, depth] = match &self.lens {
             None => {
                 let face = Face::containing(direction);
                 let [x, y, depth] = face.project(direction, self.face_px);
                 [x, y + f64::from(self.face_px) * face.index() as f64, depth]
             }
-            Some(lens) => lens.place(direction, self.image.size_px.map(f64::from)),
+            Some(lens) => lens.project(direction, self.image.size_px.map(f64::from)),
         };
         (depth > 0.0 && x.is_finite() && y.is_finite()).then_some([x, y, depth])
     }
 
-    /// Distance of what is nearest, metres, along the picture's own depth.
+    /// Distance of the nearest sample, metres, along the image's own depth.
     fn nearest(&self) -> Option<f64> {
         let alpha = |i: usize| self.alpha.map_or(1.0, |values| values[i]);
         let depths = self.channels[3]
@@ -181,16 +187,16 @@ impl<'a> Picture<'a> {
         depths.map(|(_, z)| f64::from(*z)).min_by(f64::total_cmp)
     }
 
-    /// What is seen in a direction from the eye, farthest first.
-    fn samples(&self, direction: DVec3) -> Vec<Sample> {
-        let Some([x, y, depth]) = self.place(direction) else {
+    /// The samples in a direction from the eye, farthest first.
+    fn samples(&self, direction: DVec3) -> Vec<DeepSample> {
+        let Some([x, y, depth]) = self.project(direction) else {
             return Vec::new();
         };
         let [width, height] = self.image.size_px.map(f64::from);
         if !(0.0..width).contains(&x) || !(0.0..height).contains(&y) {
             return Vec::new();
         }
-        let mut samples: Vec<Sample> = self
+        let mut samples: Vec<DeepSample> = self
             .image
             .samples_at(x as u32, y as u32)
             .filter_map(|i| self.sample(i, depth))
@@ -199,8 +205,8 @@ impl<'a> Picture<'a> {
         samples
     }
 
-    /// A sample in a direction that goes so deep in the picture's axes.
-    fn sample(&self, i: usize, depth: f64) -> Option<Sample> {
+    /// Sample `i` in a direction with this depth in the image's axes.
+    fn sample(&self, i: usize, depth: f64) -> Option<DeepSample> {
         let [r, g, b, z] = self.channels.map(|values| values[i]);
         let alpha = self.alpha.map_or(1.0, |values| values[i]).min(1.0);
         let level = (alpha * 255.0).round() as u8;
@@ -208,24 +214,24 @@ impl<'a> Picture<'a> {
             return None;
         }
         let [r, g, b] = [r, g, b].map(|c| srgb8_from_linear(c / alpha));
-        Some(Sample {
+        Some(DeepSample {
             inverse_depth: depth / f64::from(z),
             color_srgb: [r, g, b, level],
         })
     }
 }
 
-fn face_of(picture: &Picture, face: Face, still: f64) -> LayeredDepthImage {
-    let face_px = picture.face_px;
-    let rows: Vec<Vec<Vec<Sample>>> = (0..face_px)
+fn build_face(sampler: &DeepSampler, face: Face, still: f64) -> LayeredDepthImage {
+    let face_px = sampler.face_px;
+    let rows: Vec<Vec<Vec<DeepSample>>> = (0..face_px)
         .into_par_iter()
         .map(|y| {
-            let at = |x: u32| {
-                picture.samples(face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px))
+            let samples = |x: u32| {
+                sampler.samples(face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px))
             };
             (0..face_px)
                 .map(|x| {
-                    at(x)
+                    samples(x)
                         .into_iter()
                         .filter(|sample| sample.inverse_depth > still)
                         .collect()
@@ -234,8 +240,9 @@ fn face_of(picture: &Picture, face: Face, still: f64) -> LayeredDepthImage {
         })
         .collect();
     let mut image = LayeredDepthImage::empty(face, face_px);
-    for at in 0..face_px * face_px {
-        let (x, y) = ((at % face_px) as usize, (at / face_px) as usize);
+    for pixel in 0..face_px * face_px {
+        let x = (pixel % face_px) as usize;
+        let y = (pixel / face_px) as usize;
         image
             .samples
             .extend(rows[y][x].iter().map(|sample| DepthPixel {
@@ -245,13 +252,14 @@ fn face_of(picture: &Picture, face: Face, still: f64) -> LayeredDepthImage {
                 ),
                 color_srgb: sample.color_srgb,
             }));
-        image.offsets[at as usize + 1] = image.samples.len() as u32;
+        image.offsets[pixel as usize + 1] = image.samples.len() as u32;
     }
     image
 }
 
-/// The normal of the plane through a sample and its neighbours, toward the eye: on a plane n . P = 1 inverse depth is n . direction.
-fn normal(rows: &[Vec<Vec<Sample>>], face: Face, [x, y]: [usize; 2], q: f64) -> DVec3 {
+/// The normal of the plane through a sample and its neighbours, toward the eye: on a plane n . P =
+/// 1, inverse depth is n . direction.
+fn normal(rows: &[Vec<Vec<DeepSample>>], face: Face, [x, y]: [usize; 2], q: f64) -> DVec3 {
     let nearest = |x: Option<usize>, y: Option<usize>| {
         let samples = rows
             .get(y?)?
@@ -287,28 +295,22 @@ fn normal(rows: &[Vec<Vec<Sample>>], face: Face, [x, y]: [usize; 2], q: f64) -> 
     -(face.right() * across + face.up() * up + face.normal() * ahead).normalize_or(direction)
 }
 
-/// What lies at infinity; of size 0 if nothing does.
-fn sky(picture: &Picture, still: f64) -> Environment {
-    let size_px = picture.face_px.min(MAX_SKY_PX);
+/// The environment of all samples at infinity; empty if there are none.
+fn build_environment(sampler: &DeepSampler, still: f64) -> Environment {
+    let size_px = sampler.face_px.min(MAX_ENVIRONMENT_PX);
     let per_face = size_px * size_px;
-    let texel = |at: u32| {
-        let (x, y) = (at % per_face % size_px, at % per_face / size_px);
-        let direction = Face::ALL[(at / per_face) as usize].direction(
-            f64::from(x) + 0.5,
-            f64::from(y) + 0.5,
-            size_px,
-        );
-        let far = picture
+    let texel = |index: u32| {
+        let x = index % per_face % size_px;
+        let y = index % per_face / size_px;
+        let face = Face::ALL[(index / per_face) as usize];
+        let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px);
+        let far = sampler
             .samples(direction)
             .into_iter()
             .find(|sample| sample.inverse_depth <= still);
         far.map_or([0; 4], |sample| {
-            [
-                sample.color_srgb[0],
-                sample.color_srgb[1],
-                sample.color_srgb[2],
-                255,
-            ]
+            let [r, g, b, _] = sample.color_srgb;
+            [r, g, b, 255]
         })
     };
     let texels: Vec<[u8; 4]> = (0..6 * per_face).into_par_iter().map(texel).collect();
@@ -326,9 +328,10 @@ mod tests {
 
     /// Six faces of `n` pixels: a room of walls at 2 m, half open before a sky at infinity on +Y.
     fn room(n: u32) -> DeepImage {
-        let (mut offsets, mut values) = (vec![0u32], [const { Vec::new() }; 5]);
-        for at in 0..6 * n * n {
-            let face = Face::ALL[(at / (n * n)) as usize];
+        let mut offsets = vec![0u32];
+        let mut values = [const { Vec::new() }; 5];
+        for pixel in 0..6 * n * n {
+            let face = Face::ALL[(pixel / (n * n)) as usize];
             let stack: &[[f32; 5]] = match face {
                 Face::PosY => &[
                     [f32::INFINITY, 0.0, 0.0, 1.0, 1.0],
@@ -351,13 +354,11 @@ mod tests {
             values,
         };
         let channels = names.into_iter().zip(values).map(channel).collect();
-        let (size_px, view) = (
-            [n, 6 * n],
-            DeepView {
-                cube: true,
-                ..DeepView::default()
-            },
-        );
+        let size_px = [n, 6 * n];
+        let view = DeepView {
+            cube: true,
+            ..DeepView::default()
+        };
         DeepImage {
             size_px,
             origin_px: [0, 0],
@@ -369,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn a_room_with_half_a_roof() {
+    fn half_open_room_becomes_a_cube() {
         let place = DeepPlace {
             centre: Some(DVec3::new(1.0, 2.0, 3.0)),
             ..DeepPlace::default()
@@ -381,7 +382,7 @@ mod tests {
             assert_eq!(
                 image.samples.len(),
                 256,
-                "{:?}: a sample a pixel, the sky apart",
+                "{:?}: one sample per pixel, without the sky",
                 image.face
             );
             for sample in &image.samples {
@@ -392,28 +393,23 @@ mod tests {
                     "{:?}",
                     sample.normal.decode()
                 );
-                let (color, roof) = (sample.color_srgb, image.face == Face::PosY);
-                // Half of red over alpha of half is red; 128 of 255 is half.
-                assert_eq!(
-                    color,
-                    if roof {
-                        [255, 0, 0, 128]
-                    } else {
-                        [124, 170, 203, 255]
-                    }
-                );
+                // Half of red over an alpha of half is red; 128 of 255 is half.
+                let expected = if image.face == Face::PosY {
+                    [255, 0, 0, 128]
+                } else {
+                    [124, 170, 203, 255]
+                };
+                assert_eq!(sample.color_srgb, expected);
             }
         }
-        let sky = cube.environment.sample(glam::Vec3::Y);
-        assert_eq!(
-            (sky, cube.environment.sample(glam::Vec3::X)),
-            (Some([0, 0, 255]), None)
-        );
+        let environment = &cube.environment;
+        assert_eq!(environment.sample(glam::Vec3::Y), Some([0, 0, 255]));
+        assert_eq!(environment.sample(glam::Vec3::X), None);
     }
 
     #[test]
-    fn what_is_no_such_picture_is_told() {
-        let with = |change: &dyn Fn(&mut DeepImage)| {
+    fn unusable_images_are_refused() {
+        let error = |change: &dyn Fn(&mut DeepImage)| {
             let mut image = room(4);
             change(&mut image);
             cube(&image, DeepPlace::default())
@@ -421,23 +417,23 @@ mod tests {
                 .expect_err("refused")
         };
         assert_eq!(
-            with(&|image| image.channels.retain(|channel| channel.name != "Z")),
+            error(&|image| image.channels.retain(|channel| channel.name != "Z")),
             FromDeepError::Channel("Z")
         );
-        assert_eq!(with(&|image| image.view.cube = false), FromDeepError::View);
+        assert_eq!(error(&|image| image.view.cube = false), FromDeepError::View);
         assert_eq!(
-            with(&|image| image.size_px = [4, 8]),
+            error(&|image| image.size_px = [4, 8]),
             FromDeepError::Faces(4, 8)
         );
-        let no_camera = Some([0.0; 16]);
+        let singular = Some([0.0; 16]);
         let view = DeepView {
             cube: false,
-            world_to_camera: no_camera,
-            world_to_ndc: no_camera,
+            world_to_camera: singular,
+            world_to_ndc: singular,
         };
-        assert_eq!(with(&|image| image.view = view), FromDeepError::Camera);
+        assert_eq!(error(&|image| image.view = view), FromDeepError::Camera);
         assert_eq!(
-            with(&|image| image.channels[0].values.fill(f32::NAN)),
+            error(&|image| image.channels[0].values.fill(f32::NAN)),
             FromDeepError::Empty
         );
     }

@@ -1,11 +1,12 @@
-//! Samples of many images, or of rays, merged pixel by pixel into layers (S12, R11, P2, D1, D2, C11).
+//! Merges samples of many images, or of rays, pixel by pixel into layers (S12, R11, P2, D1, D2,
+//! C11).
 //!
-//! *Similar depth* is measured in inverse depth, so that it needs no tuning per model (D2). Samples come image by image and are
-//! merged in this order, whatever the threads do.
+//! *Similar depth* is measured in inverse depth, so that it needs no tuning per model (D2). Samples
+//! are merged image by image, in this order on any number of threads.
 
-use super::piles::{RowSamples, Sample};
+use super::row_samples::{ImageSample, RowSamples};
 use crate::merge::clusters::SAME_COLOR_LEVELS;
-use crate::surfaces::rows::pieces;
+use crate::surfaces::rows::split_lengths;
 use glam::Vec3;
 use headbox_core::cube_face::Face;
 use headbox_core::srgb_table::encode_srgb;
@@ -13,36 +14,36 @@ use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use rayon::prelude::*;
 
-/// A depth pixel in the making.
+/// A depth pixel while samples are merged.
 #[derive(Clone, Copy, Debug)]
 struct Layer {
     inverse_depth: f32,
     normal: EncodedNormal,
-    /// Linear.
+    /// Linear colour.
     color: Vec3,
     weight: f32,
     area: f32,
     image: u32,
-    /// Another layer of its pixel, an earlier one, or [`NONE`].
+    /// The previous layer of its pixel, or [`NONE`].
     next: u32,
 }
 
-/// No layer.
+/// Absence of a layer.
 const NONE: u32 = u32::MAX;
 
-/// The layers of a cube, which grow as samples come.
+/// The layers of a cube while samples are merged.
 pub struct LayerCube {
     face_px: u32,
-    conflict: Conflict,
-    /// Of each row of each face.
+    policy: MergePolicy,
+    /// Layers of each row of each face.
     rows: Vec<LayerRow>,
 }
 
-/// What becomes of samples that meet.
+/// Policy for samples of one pixel.
 #[derive(Clone, Copy)]
-struct Conflict {
+struct MergePolicy {
     rule: MergeRule,
-    /// The difference of inverse depths that counts as similar, 1/m.
+    /// Difference of inverse depths that counts as similar, 1/m.
     tolerance: f32,
 }
 
@@ -60,24 +61,26 @@ impl LayerCube {
         let rows = vec![LayerRow::default(); 6 * face_px as usize];
         Self {
             face_px,
-            conflict: Conflict { rule, tolerance },
+            policy: MergePolicy { rule, tolerance },
             rows,
         }
     }
 
-    /// Merges samples into the layers, pile after pile. One that is cut into other piles gives the same layers.
-    pub fn add(&mut self, piles: &[RowSamples]) {
-        let (face_px, conflict) = (self.face_px as usize, self.conflict);
+    /// Merges batches of samples into the layers, in order. The layers do not depend on how samples
+    /// are divided into batches.
+    pub fn add(&mut self, batches: &[RowSamples]) {
+        let face_px = self.face_px as usize;
+        let policy = self.policy;
         self.rows
             .par_iter_mut()
             .enumerate()
             .for_each(|(number, row)| {
                 if row.heads.is_empty() {
-                    row.expect(piles, number);
+                    row.reserve(batches, number);
                 }
-                for pile in piles {
-                    for samples in pile.row(number) {
-                        row.add(samples, pile.image, conflict, face_px);
+                for batch in batches {
+                    for samples in batch.row(number) {
+                        row.add(samples, batch.image, policy, face_px);
                     }
                 }
             });
@@ -86,26 +89,27 @@ impl LayerCube {
     /// The six faces.
     pub fn finish(self) -> Vec<LayeredDepthImage> {
         let side = self.face_px as usize;
-        let finished = |(&face, rows): (&Face, &[LayerRow])| {
+        let finish_face = |(&face, rows): (&Face, &[LayerRow])| {
             let mut image = LayeredDepthImage::empty(face, self.face_px);
             let total = rows.iter().map(|row| row.layers.len()).sum();
-            let nothing = DepthPixel {
+            let unset = DepthPixel {
                 inverse_depth: 0.0,
                 normal: EncodedNormal::Z,
                 color_srgb: [0; 4],
             };
-            image.samples = vec![nothing; total];
-            let places = pieces(&mut image.samples, rows.iter().map(|row| row.layers.len()));
-            let (mut before, mut parts) = (0, Vec::with_capacity(side));
+            image.samples = vec![unset; total];
+            let places = split_lengths(&mut image.samples, rows.iter().map(|row| row.layers.len()));
+            let mut before = 0;
+            let mut pending = Vec::with_capacity(side);
             for ((row, samples), ends) in rows
                 .iter()
                 .zip(places)
                 .zip(image.offsets[1..].chunks_exact_mut(side))
             {
-                parts.push((row, ends, before, samples));
+                pending.push((row, ends, before, samples));
                 before += row.layers.len() as u32;
             }
-            parts
+            pending
                 .into_par_iter()
                 .for_each(|(row, ends, before, samples)| row.finish(before, ends, samples));
             image
@@ -113,27 +117,28 @@ impl LayerCube {
         Face::ALL
             .par_iter()
             .zip(self.rows.par_chunks(side))
-            .map(finished)
+            .map(finish_face)
             .collect()
     }
 }
 
 impl LayerRow {
-    /// Makes room for the first image's samples of row `number`: as others see the same, most of what comes later falls onto these.
-    fn expect(&mut self, piles: &[RowSamples], number: usize) {
-        let Some(image) = piles.first().map(|pile| pile.image) else {
+    /// Reserves memory for the first image's samples of row `number`. Most later samples merge with
+    /// these, because other images see the same surfaces.
+    fn reserve(&mut self, batches: &[RowSamples], number: usize) {
+        let Some(image) = batches.first().map(|batch| batch.image) else {
             return;
         };
-        let of_first = piles.iter().take_while(|pile| pile.image == image);
-        let count: usize = of_first
-            .flat_map(|pile| pile.row(number))
-            .map(<[Sample]>::len)
+        let first_image = batches.iter().take_while(|batch| batch.image == image);
+        let count: usize = first_image
+            .flat_map(|batch| batch.row(number))
+            .map(<[ImageSample]>::len)
             .sum();
         self.layers.reserve(count + count / 2);
     }
 
     /// Merges samples of an image into the layers.
-    fn add(&mut self, samples: &[Sample], image: u32, conflict: Conflict, face_px: usize) {
+    fn add(&mut self, samples: &[ImageSample], image: u32, policy: MergePolicy, face_px: usize) {
         if self.heads.is_empty() {
             self.heads = vec![NONE; face_px];
         }
@@ -141,29 +146,31 @@ impl LayerRow {
             let Some(head) = self.heads.get_mut(sample.column as usize) else {
                 continue;
             };
-            insert(&mut self.layers, head, sample, image, conflict);
+            insert(&mut self.layers, head, sample, image, policy);
         }
     }
 
-    /// Writes depth pixels, by pixel and farthest first, and where those of each pixel end, if so many come before the row.
+    /// Writes depth pixels, by pixel and farthest first, and the end offset of each pixel; `before`
+    /// is the number of depth pixels before the row.
     fn finish(&self, before: u32, ends: &mut [u32], samples: &mut [DepthPixel]) {
-        let (mut done, mut of_pixel) = (0, Vec::new());
+        let mut done = 0;
+        let mut pixel = Vec::new();
         if self.heads.is_empty() {
             ends.fill(before);
             return;
         }
         for (&head, end) in self.heads.iter().zip(ends) {
-            of_pixel.clear();
-            let mut at = head;
-            while let Some(layer) = self.layers.get(at as usize) {
-                of_pixel.push(layer);
-                at = layer.next;
+            pixel.clear();
+            let mut index = head;
+            while let Some(layer) = self.layers.get(index as usize) {
+                pixel.push(layer);
+                index = layer.next;
             }
-            if of_pixel.len() > 1 {
-                of_pixel.reverse();
-                of_pixel.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
+            if pixel.len() > 1 {
+                pixel.reverse();
+                pixel.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
             }
-            for layer in &of_pixel {
+            for layer in &pixel {
                 samples[done] = layer.finish();
                 done += 1;
             }
@@ -172,23 +179,27 @@ impl LayerRow {
     }
 }
 
-/// Adds a sample to the layers of its pixel, of which the last is `head`. Samples come image by image, the central one first.
+/// Adds a sample to the layers of its pixel, of which the last is `head`. Samples must be added
+/// image by image, the central one first.
 #[inline]
 fn insert(
     layers: &mut Vec<Layer>,
     head: &mut u32,
-    sample: &Sample,
+    sample: &ImageSample,
     image: u32,
-    conflict: Conflict,
+    policy: MergePolicy,
 ) {
-    let (mut nearest, mut least, mut at) = (NONE, conflict.tolerance, *head);
-    while let Some(layer) = layers.get(at as usize) {
-        let apart = (layer.inverse_depth - sample.inverse_depth).abs();
-        // Of equals the earliest, which comes last.
-        if apart <= least {
-            (nearest, least) = (at, apart);
+    let mut nearest = NONE;
+    let mut least = policy.tolerance;
+    let mut index = *head;
+    while let Some(layer) = layers.get(index as usize) {
+        let difference = (layer.inverse_depth - sample.inverse_depth).abs();
+        // Of equal differences the earliest layer, which comes last.
+        if difference <= least {
+            nearest = index;
+            least = difference;
         }
-        at = layer.next;
+        index = layer.next;
     }
     let mut push = |layers: &mut Vec<Layer>| {
         let last = std::mem::replace(head, layers.len() as u32);
@@ -197,10 +208,10 @@ fn insert(
     let Some(layer) = layers.get_mut(nearest as usize) else {
         return push(layers);
     };
-    match conflict.rule {
+    match policy.rule {
         MergeRule::Average => layer.average(sample),
-        // Samples of one image are all kept: a surface nearly parallel to the pixel's ray. Those of the central image are
-        // never displaced.
+        // Samples of one image are all kept: a surface nearly parallel to the pixel's ray. Those of
+        // the central image are never displaced.
         MergeRule::SmallerArea if layer.image == image => push(layers),
         MergeRule::SmallerArea if layer.image != 0 && sample.area < layer.area => {
             *layer = Layer::new(sample, image, layer.next);
@@ -217,8 +228,8 @@ fn insert(
 }
 
 impl Layer {
-    fn new(sample: &Sample, image: u32, next: u32) -> Self {
-        let &Sample {
+    fn new(sample: &ImageSample, image: u32, next: u32) -> Self {
+        let &ImageSample {
             inverse_depth,
             normal,
             color,
@@ -237,7 +248,7 @@ impl Layer {
         }
     }
 
-    fn average(&mut self, sample: &Sample) {
+    fn average(&mut self, sample: &ImageSample) {
         let total = self.weight + sample.weight;
         let share = sample.weight / total;
         self.inverse_depth += (sample.inverse_depth - self.inverse_depth) * share;
@@ -260,62 +271,55 @@ impl Layer {
 
 #[cfg(test)]
 mod tests {
-    use super::super::piles::Light;
+    use super::super::row_samples::LinearColor16;
     use super::*;
     use headbox_core::color::linear_from_srgb8;
 
-    /// A sample of an image.
-    type OfImage = (u32, Sample);
+    /// An image number and a sample.
+    type NumberedSample = (u32, ImageSample);
 
-    fn sample(image: u32, inverse_depth: f32, grey: u8, area: f32) -> OfImage {
-        let color = Light::new(Vec3::splat(linear_from_srgb8(grey)));
+    fn sample(image: u32, inverse_depth: f32, grey: u8, area: f32) -> NumberedSample {
+        let color = LinearColor16::new(Vec3::splat(linear_from_srgb8(grey)));
         (
             image,
-            Sample {
+            ImageSample {
                 inverse_depth,
                 color,
                 weight: 1.0,
                 area,
-                ..Sample::NONE
+                ..ImageSample::NONE
             },
         )
     }
 
-    /// A pile for each run of samples of one image, of a cube of `face_px` pixels a side; pixels are numbered in `column`.
-    fn piles(samples: &[OfImage], face_px: u32) -> Vec<RowSamples> {
-        let pile = |run: &[OfImage]| {
-            let mut pile = RowSamples::new(face_px, run[0].0);
+    /// A batch for each run of samples of one image, of a cube of `face_px` pixels along a side;
+    /// `column` holds the number of the pixel.
+    fn batches(samples: &[NumberedSample], face_px: u32) -> Vec<RowSamples> {
+        let batch = |run: &[NumberedSample]| {
+            let mut batch = RowSamples::new(face_px, run[0].0);
             for &(_, sample) in run {
-                let (row, column) = (
-                    u32::from(sample.column) / face_px,
-                    u32::from(sample.column) % face_px,
-                );
-                pile.push(
-                    row,
-                    Sample {
-                        column: column as u16,
-                        ..sample
-                    },
-                );
+                let pixel = u32::from(sample.column);
+                let column = (pixel % face_px) as u16;
+                batch.push(pixel / face_px, ImageSample { column, ..sample });
             }
-            pile
+            batch
         };
-        samples.chunk_by(|a, b| a.0 == b.0).map(pile).collect()
+        samples.chunk_by(|a, b| a.0 == b.0).map(batch).collect()
     }
 
-    fn merged(rule: MergeRule, samples: &[OfImage]) -> Vec<(f32, u8)> {
+    fn merge(rule: MergeRule, samples: &[NumberedSample]) -> Vec<(f32, u8)> {
         let mut cube = LayerCube::new(1, rule, 0.01);
-        cube.add(&piles(samples, 1));
+        cube.add(&batches(samples, 1));
         let faces = cube.finish();
         faces[0]
             .samples
             .iter()
-            .map(|kept| (kept.inverse_depth, kept.color_srgb[0]))
+            .map(|layer| (layer.inverse_depth, layer.color_srgb[0]))
             .collect()
     }
 
     #[test]
-    fn the_conflict_rules_of_three_papers() {
+    fn merge_rules_follow_the_papers() {
         let near_and_far = [sample(0, 0.5, 100, 1.0), sample(1, 0.2, 200, 1.0)];
         for rule in [
             MergeRule::Average,
@@ -323,55 +327,53 @@ mod tests {
             MergeRule::ColorsApart,
         ] {
             assert_eq!(
-                merged(rule, &near_and_far),
+                merge(rule, &near_and_far),
                 [(0.2, 200), (0.5, 100)],
                 "{rule:?}: different depths never meet"
             );
         }
-        let (pinned, better, same) = (
-            sample(0, 0.5, 10, 3.0),
-            sample(1, 0.504, 30, 1.0),
-            sample(1, 0.502, 30, 2.0),
-        );
+        let pinned = sample(0, 0.5, 10, 3.0);
+        let better = sample(1, 0.504, 30, 1.0);
+        let same = sample(1, 0.502, 30, 2.0);
         assert_eq!(
-            merged(MergeRule::SmallerArea, &[pinned, better]),
+            merge(MergeRule::SmallerArea, &[pinned, better]),
             [(0.5, 10)],
             "the central image stays"
         );
         assert_eq!(
-            merged(MergeRule::SmallerArea, &[same, sample(2, 0.5, 40, 1.0)]),
+            merge(MergeRule::SmallerArea, &[same, sample(2, 0.5, 40, 1.0)]),
             [(0.5, 40)],
             "smaller area"
         );
         assert_eq!(
-            merged(MergeRule::SmallerArea, &[sample(2, 0.5, 40, 1.0), same]),
+            merge(MergeRule::SmallerArea, &[sample(2, 0.5, 40, 1.0), same]),
             [(0.5, 40)],
             "in either order"
         );
         assert_eq!(
-            merged(MergeRule::SmallerArea, &[same, better]).len(),
+            merge(MergeRule::SmallerArea, &[same, better]).len(),
             2,
             "one image keeps all of its samples"
         );
         assert_eq!(
-            merged(MergeRule::ColorsApart, &[pinned, sample(1, 0.504, 12, 1.0)]),
+            merge(MergeRule::ColorsApart, &[pinned, sample(1, 0.504, 12, 1.0)]),
             [(0.5, 10)],
             "the first stays"
         );
         assert_eq!(
-            merged(MergeRule::ColorsApart, &[pinned, better]).len(),
+            merge(MergeRule::ColorsApart, &[pinned, better]).len(),
             2,
             "unless colours differ"
         );
-        let [(depth, _)] = merged(MergeRule::Average, &[pinned, better])[..] else {
+        let [(depth, _)] = merge(MergeRule::Average, &[pinned, better])[..] else {
             panic!("one layer")
         };
         assert!((depth - 0.502).abs() < 1e-6, "{depth}");
     }
 
     #[test]
-    fn piles_may_be_cut_anywhere() {
-        let samples: Vec<OfImage> = (0..600u32)
+    fn layers_are_independent_of_batches() {
+        let samples: Vec<NumberedSample> = (0..600u32)
             .map(|i| {
                 let pixel = i.wrapping_mul(2_654_435_761) % 54;
                 let (image, sample) = sample(
@@ -382,7 +384,7 @@ mod tests {
                 );
                 (
                     image,
-                    Sample {
+                    ImageSample {
                         column: pixel as u16,
                         ..sample
                     },
@@ -394,24 +396,25 @@ mod tests {
             MergeRule::SmallerArea,
             MergeRule::ColorsApart,
         ] {
-            let of = |cuts: &[usize]| {
+            let merge_cut = |cuts: &[usize]| {
                 let mut cube = LayerCube::new(3, rule, 0.015);
                 let mut start = 0;
                 for &end in cuts {
-                    cube.add(&piles(&samples[start..end], 3));
+                    cube.add(&batches(&samples[start..end], 3));
                     start = end;
                 }
                 cube.finish()
             };
-            assert_eq!(of(&[600]), of(&[1, 77, 300, 301, 600]), "{rule:?}");
+            let whole = merge_cut(&[600]);
+            assert_eq!(whole, merge_cut(&[1, 77, 300, 301, 600]), "{rule:?}");
             let mut cube = LayerCube::new(3, rule, 0.015);
             cube.add(
-                &[piles(&samples[..250], 3), piles(&samples[250..], 3)]
+                &[batches(&samples[..250], 3), batches(&samples[250..], 3)]
                     .into_iter()
                     .flatten()
                     .collect::<Vec<_>>(),
             );
-            assert_eq!(of(&[600]), cube.finish(), "{rule:?}");
+            assert_eq!(whole, cube.finish(), "{rule:?}");
         }
     }
 }

@@ -1,23 +1,31 @@
-//! A cube LDI from depth images of many cameras (S12, C1, C24, D1, D2).
+//! Cube LDIs from depth images of many cameras (S12, C1, C24, D1, D2).
 //!
-//! Every image is warped into the cube by one path: its pixels become patches of surface (`surface`),
-//! these cover face pixels (`footprint`), and what several images say of one pixel is merged by one of the papers' rules
-//! (`layers`, [`MergeRule`]). Images are loaded one after the other, so that thousands need no memory beyond the cube's own.
+//! Every image is warped into the cube by one path. Images are loaded one after the other, so that
+//! thousands need no memory beyond the cube's own.
 //!
-//! *Similar depth* is a parallax of one pixel inside the headbox, or three standard deviations of the sensor's noise if that
-//! is more. Noise of structured light and stereo is constant in inverse depth: sigma(Z) = sigma(1/Z) Z^2.
+//! * `depth_rows`: pixels of a depth image become patches of surface.
+//! * `face_patches`: patches projected onto a face of the cube.
+//! * `footprint`: patches cover face pixels.
+//! * `color_queue`: interpolates the colours of samples.
+//! * [`row_samples`]: samples by row of the cube.
+//! * [`layers`]: samples of all images are merged by one of the papers' rules ([`MergeRule`]).
+//! * `nearest`: the images nearest to a view, as a cube.
+//!
+//! *Similar depth* is a parallax of one pixel inside the headbox, or three standard deviations of
+//! the sensor's noise if that is more. Noise of structured light and stereo is constant in inverse
+//! depth: sigma(Z) = sigma(1/Z) Z^2.
 
+mod color_queue;
+mod depth_rows;
+mod face_patches;
 mod footprint;
 pub mod layers;
-mod near;
-mod on_face;
+mod nearest;
 #[cfg(test)]
 mod oracle;
-pub mod piles;
-mod queue;
-mod surface;
+pub mod row_samples;
 
-pub use near::NearImages;
+pub use nearest::NearImages;
 
 use footprint::WarpTarget;
 use glam::DVec3;
@@ -26,38 +34,37 @@ use headbox_core::progress::{Progress, Silent};
 use headbox_core::simd;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::parameters::CaptureParameters;
-use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::model::parameters::{CaptureParameters, MergeRule};
 use headbox_cube::model::samples::CubeLdi;
 use headbox_images::{ImageSet, ImagesError, LoadedView, View};
 use layers::LayerCube;
-use piles::SparePiles;
 use rayon::prelude::*;
+use row_samples::RowSamplePool;
 use std::sync::Arc;
 
-/// How images become a cube LDI.
+/// A capture of an image set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImagesJob {
     /// Centre of the headbox, world metres.
     pub centre: DVec3,
     /// Half of its edge, metres.
     pub half_size_m: f64,
-    /// Pixels a side of a face.
+    /// Pixels along a side of a face.
     pub face_size_px: u32,
-    /// What becomes of samples at similar depth.
+    /// Rule for samples at similar depth.
     pub merge_rule: MergeRule,
     /// Standard deviation of the images' inverse depths, 1/m; 0 for rendered depth.
     pub depth_noise: f32,
 }
 
-/// Views whose samples are in memory at once.
+/// Number of views whose samples are in memory at once.
 const BATCH: usize = 4;
 
-/// The view of a number, in memory.
+/// Loads the view of an index.
 type Load<'a> = dyn Fn(usize) -> Result<Arc<LoadedView>, ImagesError> + Sync + 'a;
 
-/// The mean direction of views, if they have one.
-fn ahead(views: &[&View]) -> Option<DVec3> {
+/// Mean direction of views; `None` if they look in all directions.
+fn mean_direction(views: &[&View]) -> Option<DVec3> {
     let sum: DVec3 = views
         .iter()
         .map(|view| -view.color_pose().world_from_eye.z_axis)
@@ -66,9 +73,11 @@ fn ahead(views: &[&View]) -> Option<DVec3> {
 }
 
 impl ImagesJob {
-    /// A cube about the eye nearest to the middle of a set's views (an original camera suits best: fewer pixels are resampled
-    /// twice), as fine as the views, and so large that it holds most of their eyes. Of photographs, whose depth was found, which may stand all around
-    /// an object: about the one that has the most others near it, reaching half-way to the nearest.
+    /// Suggests a cube about the eye nearest to the middle of a set's views (an original camera
+    /// suits best, because fewer pixels are resampled twice), as fine as the views, and so large
+    /// that it contains most of their eyes. Photographs with computed depth may stand all around an
+    /// object: for them, a cube about the view that has the most others near it, reaching half-way
+    /// to the nearest.
     pub fn suggest(set: &ImageSet) -> Self {
         let suggested = Self::for_most_eyes(set);
         match set.densest_view().filter(|_| set.has_estimated_depth()) {
@@ -101,7 +110,7 @@ impl ImagesJob {
             .map(|view| view.lens.pixels_per_radian(view.size_px))
             .collect();
         focal.sort_by(f64::total_cmp);
-        // In the middle of a face a radian has half as many pixels as its side.
+        // In the middle of a face, a radian has half as many pixels as its side.
         let side = focal
             .get(focal.len() / 2)
             .map_or(1024.0, |focal| (2.0 * focal).ceil());
@@ -131,7 +140,7 @@ impl ImagesJob {
         Ok(self.cube(set, views, merged))
     }
 
-    /// As [`Self::run`], of views that are in memory.
+    /// [`Self::run`] for views that are in memory.
     fn run_loaded(
         &self,
         set: &ImageSet,
@@ -142,15 +151,16 @@ impl ImagesJob {
         Ok(self.cube(set, views, merged))
     }
 
-    /// Warps so many views, each of which `load` gives by its number, and merges them in their order.
+    /// Warps `count` views, which `load` loads by index, and merges them in order.
     fn merge(
         &self,
         count: usize,
         load: &Load<'_>,
         progress: &dyn Progress,
     ) -> Result<LayerCube, ImagesError> {
-        let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
-        let tolerance = similar.max(3.0 * self.depth_noise);
+        let parallax =
+            DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
+        let tolerance = parallax.max(3.0 * self.depth_noise);
         let target = WarpTarget {
             centre: self.centre,
             face_px: self.face_size_px,
@@ -159,41 +169,43 @@ impl ImagesJob {
             level: simd::level(),
         };
         let mut cube = LayerCube::new(self.face_size_px, self.merge_rule, tolerance);
-        let spare = SparePiles::default();
+        let pool = RowSamplePool::default();
         for first in (0..count).step_by(BATCH) {
             if progress.is_cancelled() {
                 break;
             }
-            // Decoding takes longer than warping: a batch of pictures is read side by side.
+            // Decoding takes longer than warping, so a batch of images is read in parallel.
             let batch = (first..count.min(first + BATCH)).into_par_iter();
             let warped = batch.map(|i| {
-                let piles = target.warp(&*load(i)?, i as u32, &spare);
+                let samples = target.warp(&*load(i)?, i as u32, &pool);
                 progress.advance(1);
-                Ok(piles)
+                Ok(samples)
             });
-            let piles = warped
+            let samples = warped
                 .collect::<Result<Vec<_>, _>>()?
                 .into_iter()
                 .flatten()
                 .collect::<Vec<_>>();
-            cube.add(&piles);
-            spare.keep(piles);
+            cube.add(&samples);
+            pool.put_back(samples);
         }
         Ok(cube)
     }
 
-    /// What was merged of views of a set.
+    /// The cube LDI of merged views.
     fn cube(&self, set: &ImageSet, views: &[&View], merged: LayerCube) -> CubeLdi {
-        // Cameras around an object look all ways; one looks at it as the nearest does.
-        let apart = |view: &&&View| view.color_pose().eye.distance_squared(self.centre);
+        // Cameras around an object look in all directions; the nearest one is the default.
+        let distance = |view: &&&View| view.color_pose().eye.distance_squared(self.centre);
         let nearest = views
             .iter()
-            .min_by(|a, b| apart(a).total_cmp(&apart(b)))
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
             .filter(|_| set.has_estimated_depth());
         let nearest = nearest.map(|view| view.color_pose().world_from_eye);
         let info = CaptureInfo {
-            ahead: nearest.map(|held| -held.z_axis).or_else(|| ahead(views)),
-            up: nearest.map(|held| held.y_axis).or_else(|| set.up()),
+            ahead: nearest
+                .map(|axes| -axes.z_axis)
+                .or_else(|| mean_direction(views)),
+            up: nearest.map(|axes| axes.y_axis).or_else(|| set.up()),
             parameters: CaptureParameters {
                 merge_rule: self.merge_rule,
                 ..CaptureParameters::unlit(0, 0)
@@ -208,7 +220,7 @@ impl ImagesJob {
     }
 }
 
-/// Header fields of a capture made of an image set, whose images contain their light and exposure.
+/// Header fields of a capture from an image set, whose images contain their light and exposure.
 pub fn image_set_info(set: &ImageSet, centre: DVec3, half_size_m: f64) -> CaptureInfo {
     CaptureInfo {
         scene: set.folder.display().to_string(),

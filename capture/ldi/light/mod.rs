@@ -1,4 +1,8 @@
-//! Step 5: light of surface samples, taken once per sample and pooled over surfaces.
+//! Stage 5: light on surface samples.
+//!
+//! * [`shade`]: surface samples from accumulators, and the points where light is sampled.
+//! * [`illuminate`]: takes the light samples of a face.
+//! * [`pool`]: averages soft light over surfaces.
 
 pub(crate) mod illuminate;
 pub(crate) mod pool;

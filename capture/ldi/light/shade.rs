@@ -1,39 +1,35 @@
-//! Light at kept hits: `K` light samples per depth pixel, taken after merging.
+//! Surface samples: what is lit, from one accumulator each.
 //!
-//! The alternative is one light sample per ray. What decides is that a depth pixel is met by anything from one to
-//! hundreds of rays. Light per ray spends most samples where they are least needed and leaves depth pixels that few rays
-//! reach (the disoccluded ones, and all of them once novelty stopping saves rays) with a single noisy sample. Light per
-//! depth pixel gives each the same error, and can be pooled over a surface ([`super::pool`]).
+//! Light is sampled `K` times per depth pixel, after tracing. The alternative is one light sample
+//! per ray. A depth pixel is met by anything from one to hundreds of rays, so light per ray spends
+//! most samples where they are least needed, and leaves depth pixels that few rays reach (the
+//! disoccluded ones, and all of them once novelty stopping saves rays) with a single noisy sample.
+//! Light per depth pixel gives each the same error, and can be pooled over a surface
+//! ([`super::pool`]).
 //!
-//! Albedo is averaged over all rays, and, where a triangle has a texture, over a grid of points in its part of the pixel.
-//! Without the grid an LDI with half of the rays aliases (docs/decisions/0007).
+//! Albedo is averaged over all rays, and, where a triangle has a texture, over a grid of points in
+//! its part of the pixel. Without the grid, an LDI with half of the rays aliases
+//! (docs/decisions/0007).
 
-use crate::accumulate::accumulator::{Accumulator, sixteen_bits};
+use crate::accumulate::accumulator::{Accumulator, to_unorm16};
+use crate::capture::SceneCapture;
 use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
 use headbox_scene::material::Texture;
 use headbox_scene::scene::Paint;
-use headbox_trace::bvh::Tracer;
-use headbox_trace::light::{LightSample, Lighting, LitPoint};
+use headbox_trace::light::{LightSample, LitPoint};
 use headbox_trace::sampler::RayKey;
 
-/// Lights accumulators of one capture.
+/// Makes surface samples from the accumulators of a capture.
 pub(crate) struct Shader<'a> {
-    /// The scene, its origin at the centre of the headbox.
-    pub tracer: &'a Tracer,
-    /// The lights.
-    pub lighting: &'a Lighting,
-    /// Light samples per depth pixel (K); 0 leaves surfaces unlit: their colour is albedo plus emission.
-    pub samples: u32,
-    /// Leaves out colours too.
-    pub shape_only: bool,
-    /// Pixels a side of a face.
-    pub face_size_px: u32,
+    pub capture: SceneCapture<'a>,
+    /// Leaves out light and albedo, for the geometry pass.
+    pub geometry_only: bool,
 }
 
-/// A lit accumulator: one kind of surface in one depth bin of one pixel.
+/// A surface sample: one kind of surface in one depth bin of one pixel, with its light.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable)]
-pub(crate) struct LitPart {
+pub(crate) struct SurfaceSample {
     /// As [`Accumulator::key`].
     pub key: RayKey,
     /// As [`Accumulator::count`].
@@ -54,17 +50,19 @@ pub(crate) struct LitPart {
     pub albedo: [u16; 3],
     /// Radiance that the surface emits. Linear, exposed.
     pub emission: Vec3,
-    /// Radiosity per albedo straight from the sun and from lamps without a surface, whose shadows have edges. Linear, exposed.
+    /// Radiosity per albedo straight from the sun and from lamps without a surface, whose shadows
+    /// have edges. Linear, exposed.
     pub sun: Vec3,
-    /// Radiosity per albedo from everything else, which varies slowly over a surface. Linear, exposed.
+    /// Radiosity per albedo from everything else, which varies slowly over a surface. Linear,
+    /// exposed.
     pub soft: Vec3,
-    /// Unit normal of the triangle's plane, on the seen side.
+    /// Unit normal of the triangle's plane, on the side that rays hit.
     pub plane_normal: Vec3,
     /// Distance of the triangle's plane from the centre, metres.
     pub plane_distance: f32,
 }
 
-impl LitPart {
+impl SurfaceSample {
     /// Radiance toward any viewer, linear, exposed.
     pub(crate) fn color(&self) -> Vec3 {
         self.emission
@@ -74,14 +72,32 @@ impl LitPart {
 }
 
 impl Shader<'_> {
-    /// The part that an accumulator in pixel (x, y) of a face becomes, still dark; without light samples, evenly lit.
-    pub(crate) fn part(&self, acc: &Accumulator, face: Face, x: u32, y: u32) -> LitPart {
+    /// Light samples per depth pixel (K); 0 leaves surfaces unlit: their colour is albedo plus
+    /// emission.
+    pub(crate) fn light_samples(&self) -> u32 {
+        if self.geometry_only {
+            0
+        } else {
+            self.capture.spec.parameters.light_samples
+        }
+    }
+
+    /// The surface sample of an accumulator in pixel (x, y) of a face: not lit yet, or evenly lit
+    /// in a capture without light samples.
+    pub(crate) fn surface_sample(
+        &self,
+        acc: &Accumulator,
+        face: Face,
+        x: u32,
+        y: u32,
+    ) -> SurfaceSample {
+        let tracer = self.capture.tracer;
         let side = if acc.is_back() { -1.0 } else { 1.0 };
-        let front = self.tracer.geometric_normal(acc.primitive);
+        let front = tracer.geometric_normal(acc.primitive);
         let plane_normal = front * side;
-        let triangle = self.tracer.triangle(acc.primitive);
-        let exposure = self.lighting.exposure;
-        LitPart {
+        let triangle = tracer.triangle(acc.primitive);
+        let exposure = self.capture.lighting.exposure;
+        SurfaceSample {
             key: acc.key,
             count: acc.count,
             area: acc.area,
@@ -91,14 +107,14 @@ impl Shader<'_> {
                 as f32,
             primitive: acc.primitive,
             barycentric: acc.barycentric,
-            albedo: if self.shape_only {
+            albedo: if self.geometry_only {
                 [0; 3]
             } else {
                 self.filtered_albedo(acc, face, x, y, triangle)
             },
             emission: self.filtered_emission(acc, face, x, y, triangle) * exposure,
             sun: Vec3::ZERO,
-            soft: if self.samples == 0 {
+            soft: if self.light_samples() == 0 {
                 Vec3::splat(exposure)
             } else {
                 Vec3::ZERO
@@ -108,24 +124,28 @@ impl Shader<'_> {
         }
     }
 
-    /// Where light samples of a part are to be taken.
-    pub(crate) fn spot(&self, part: &LitPart) -> Spot {
-        let [u, v] = part.barycentric.map(|c| f32::from(c) / 65_535.0);
-        let scene = self.tracer.scene();
-        let triangle @ [a, b, c] = self.tracer.triangle(part.primitive);
-        let smooth = scene.shading_normal(part.primitive, part.plane_normal, u, v);
-        let representative = a + (b - a) * u + (c - a) * v;
-        Spot {
+    /// The area over which the light of a sample is taken.
+    pub(crate) fn sampling_area(&self, sample: &SurfaceSample) -> SamplingArea {
+        let tracer = self.capture.tracer;
+        let [u, v] = sample.barycentric.map(|c| f32::from(c) / 65_535.0);
+        let triangle @ [a, b, c] = tracer.triangle(sample.primitive);
+        SamplingArea {
             triangle,
-            representative,
-            normal: part.plane_normal,
-            shading_normal: smooth,
-            extent: self.tracer.extent(part.primitive),
+            representative: a + (b - a) * u + (c - a) * v,
+            normal: sample.plane_normal,
+            shading_normal: tracer.scene().shading_normal(
+                sample.primitive,
+                sample.plane_normal,
+                u,
+                v,
+            ),
+            extent: tracer.extent(sample.primitive),
         }
     }
 
-    /// Albedo over a pixel: the mean over the rays, and, where they are few and the triangle has a texture, over a grid of
-    /// points of the pixel, of which those beside the triangle or in a hole of it count as the rays' mean.
+    /// Albedo over a pixel: the mean over the rays, and, where they are few and the triangle has a
+    /// texture, over a grid of points of the pixel. Points beside the triangle or in a hole of it
+    /// count as the rays' mean.
     fn filtered_albedo(
         &self,
         acc: &Accumulator,
@@ -134,21 +154,21 @@ impl Shader<'_> {
         y: u32,
         triangle: [Vec3; 3],
     ) -> [u16; 3] {
-        /// As many random rays err about as much as the grid does.
+        /// Number of random rays whose mean has about the error of the grid.
         const WORTH_OF_GRID: u32 = 8;
         let mean = acc
             .albedo_sum
             .map(|sum| (sum / u64::from(acc.count.max(1))) as u16);
-        let paint = self.tracer.scene().paint(acc.primitive);
+        let paint = self.capture.tracer.scene().paint(acc.primitive);
         let Some(texture) = paint.texture().filter(|_| acc.count < 2 * WORTH_OF_GRID) else {
             return mean;
         };
-        let pixel = PixelOnTriangle::new(face, [x, y], self.face_size_px, triangle);
+        let pixel = PixelOnTriangle::new(face, [x, y], self.capture.spec.face_size_px, triangle);
         let points = pixel.points(&paint, texture);
         let count = points.len() as u32;
         let mut sum = mean.map(|c| acc.count * count * u32::from(c));
-        for on_it in points {
-            let albedo = on_it.map_or(mean, |[u, v]| paint.albedo(u, v).map(sixteen_bits));
+        for point in points {
+            let albedo = point.map_or(mean, |[u, v]| paint.albedo(u, v).map(to_unorm16));
             sum.iter_mut()
                 .zip(albedo)
                 .for_each(|(sum, c)| *sum += WORTH_OF_GRID * u32::from(c));
@@ -156,8 +176,8 @@ impl Shader<'_> {
         sum.map(|sum| (sum / (count * (acc.count + WORTH_OF_GRID))) as u16)
     }
 
-    /// Emission over a pixel: where a texture says what emits, the mean over a grid of points of the pixel, of which those beside the
-    /// triangle or in a hole of it count as the representative.
+    /// Emission over a pixel: with a texture of emission, the mean over a grid of points of the
+    /// pixel. Points beside the triangle or in a hole of it count as the representative.
     fn filtered_emission(
         &self,
         acc: &Accumulator,
@@ -166,35 +186,35 @@ impl Shader<'_> {
         y: u32,
         triangle: [Vec3; 3],
     ) -> Vec3 {
-        let scene = self.tracer.scene();
+        let scene = self.capture.tracer.scene();
         let emission = |[u, v]: [f32; 2]| Vec3::from_array(scene.emission(acc.primitive, u, v));
         let here = emission(acc.barycentric.map(|c| f32::from(c) / 65_535.0));
         let Some(texture) = scene.emission_texture(acc.primitive) else {
             return here;
         };
         let paint = scene.paint(acc.primitive);
-        let pixel = PixelOnTriangle::new(face, [x, y], self.face_size_px, triangle);
+        let pixel = PixelOnTriangle::new(face, [x, y], self.capture.spec.face_size_px, triangle);
         let points = pixel.points(&paint, texture);
         let count = points.len() as f32;
         points
-            .map(|on_it| on_it.map_or(here, emission))
+            .map(|point| point.map_or(here, emission))
             .sum::<Vec3>()
             / count
     }
 }
 
-/// Where light samples of a part are taken: over the part of its triangle that the pixel shows (as seen from the centre), so that
-/// edges of shadows are smooth.
-pub(crate) struct Spot {
+/// The area over which the light of a surface sample is taken: the part of its triangle that the
+/// pixel shows, as seen from the centre, so that edges of shadows are smooth.
+pub(crate) struct SamplingArea {
     triangle: [Vec3; 3],
-    /// A point of the surface, for where the pixel shows something beside the triangle.
+    /// A point of the surface, used where the pixel shows something beside the triangle.
     representative: Vec3,
     normal: Vec3,
     shading_normal: Vec3,
     extent: f32,
 }
 
-impl Spot {
+impl SamplingArea {
     /// The point for a sample in pixel (x, y) of a face.
     pub(crate) fn point(
         &self,
@@ -223,8 +243,8 @@ impl Spot {
     }
 }
 
-/// A pixel, seen from the centre, on a triangle's plane. Homogeneous barycentric weights are linear in the pixel; in f64, for
-/// small triangles far away.
+/// A pixel, seen from the centre, on a triangle's plane. Homogeneous barycentric weights are linear
+/// in the pixel; in f64, for small triangles far away.
 struct PixelOnTriangle {
     /// Weights of the three corners at the pixel's upper left corner.
     first: DVec3,
@@ -239,24 +259,26 @@ impl PixelOnTriangle {
         let side = a.dot(planes[0]).signum(); // of the plane, on which the centre lies
         let weights =
             |direction: DVec3| DVec3::from(planes.map(|plane| plane.dot(direction))) * side;
-        let at = |dx: u32, dy: u32| {
+        let corner = |dx: u32, dy: u32| {
             weights(face.direction(f64::from(x + dx), f64::from(y + dy), size_px))
         };
-        let first = at(0, 0);
+        let first = corner(0, 0);
         Self {
             first,
-            steps: [at(1, 0) - first, at(0, 1) - first],
+            steps: [corner(1, 0) - first, corner(0, 1) - first],
         }
     }
 
-    /// Barycentric weights of the second and third corner at a position in the pixel, 0..1; `None` beside the triangle.
+    /// Barycentric weights of the second and third corner at a position in the pixel, 0..1; `None`
+    /// beside the triangle.
     fn weights(&self, [x, y]: [f64; 2]) -> Option<[f32; 2]> {
         let weights = self.first + self.steps[0] * x + self.steps[1] * y;
         (weights.min_element() >= 0.0 && weights.element_sum() > 0.0)
             .then(|| second_and_third(weights))
     }
 
-    /// The points that tell what a texture of the triangle is like in the pixel, as [`Self::weights`]; `None` also in holes.
+    /// Grid points at which a texture of the triangle is sampled in the pixel, as
+    /// [`Self::weights`]; `None` also in holes.
     fn points<'a>(
         &'a self,
         paint: &'a Paint,
@@ -264,29 +286,30 @@ impl PixelOnTriangle {
     ) -> impl ExactSizeIterator<Item = Option<[f32; 2]>> + 'a {
         let [columns, rows] = self.grid(paint, texture);
         (0..columns * rows).map(move |i| {
-            let at = [(i % columns, columns), (i / columns, rows)]
+            let position = [(i % columns, columns), (i / columns, rows)]
                 .map(|(i, side)| (f64::from(i) + 0.5) / f64::from(side));
-            self.weights(at).filter(|&[u, v]| paint.is_solid(u, v))
+            self.weights(position)
+                .filter(|&[u, v]| paint.is_solid(u, v))
         })
     }
 
-    /// How many columns and rows of points tell what a texture of the triangle is like in the pixel: one for each texel that they pass, within
-    /// limits. Within a texel a texture is so smooth that its middle tells.
+    /// Columns and rows of the grid: one for each texel that the pixel spans, within limits. Within
+    /// a texel, a texture is so smooth that one sample is enough.
     fn grid(&self, paint: &Paint, texture: &Texture) -> [u32; 2] {
-        const MOST: f32 = 3.0;
+        const MAX_SIDE: f32 = 3.0;
         let [here, right, below] = [
             self.first,
             self.first + self.steps[0],
             self.first + self.steps[1],
         ]
-        .map(|at| paint.texel_at(texture, second_and_third(at)));
-        // A NaN is one.
+        .map(|weights| paint.texel_at(texture, second_and_third(weights)));
+        // NaN gives 1.
         [right, below].map(|there| {
             (there - here)
                 .abs()
                 .max_element()
                 .ceil()
-                .clamp(1.0, MOST)
+                .clamp(1.0, MAX_SIDE)
                 .max(1.0) as u32
         })
     }
@@ -298,8 +321,8 @@ fn second_and_third(homogeneous: DVec3) -> [f32; 2] {
     [(homogeneous.y / sum) as f32, (homogeneous.z / sum) as f32]
 }
 
-/// Where the ray from the local origin along `direction` meets a triangle, if it does: the weights of its second and third
-/// corner.
+/// Intersects the ray from the local origin along `direction` with a triangle. Returns the weights
+/// of its second and third corner.
 fn on_triangle(direction: Vec3, [a, b, c]: [Vec3; 3]) -> Option<[f32; 2]> {
     let (e1, e2) = (b - a, c - a);
     let p = direction.cross(e2);
@@ -316,9 +339,13 @@ fn on_triangle(direction: Vec3, [a, b, c]: [Vec3; 3]) -> Option<[f32; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene_source::SceneSource;
+    use crate::spec::{CaptureSpec, RunOptions};
+    use headbox_trace::bvh::Tracer;
+    use headbox_trace::light::Lighting;
 
     #[test]
-    fn a_pixel_finds_its_points_on_a_triangle() {
+    fn pixel_points_lie_on_the_triangle() {
         let triangle = [
             Vec3::new(-1.0, -1.0, -2.0),
             Vec3::new(1.0, -1.0, -2.0),
@@ -327,16 +354,21 @@ mod tests {
         for triangle in [triangle, [triangle[0], triangle[2], triangle[1]]] {
             let (mut inside, size_px) = (0, 64);
             for i in 0..size_px * size_px {
-                let (pixel, at) = ([i % size_px, i / size_px], [0.3, 0.8]);
-                let found = PixelOnTriangle::new(Face::NegZ, pixel, size_px, triangle).weights(at);
-                let [x, y] = [0, 1].map(|axis| f64::from(pixel[axis]) + at[axis]);
+                let pixel = [i % size_px, i / size_px];
+                let position = [0.3, 0.8];
+                let weights =
+                    PixelOnTriangle::new(Face::NegZ, pixel, size_px, triangle).weights(position);
+                let [x, y] = [0, 1].map(|axis| f64::from(pixel[axis]) + position[axis]);
                 let expected = on_triangle(Face::NegZ.direction(x, y, size_px).as_vec3(), triangle);
-                assert_eq!(found.is_some(), expected.is_some());
-                let difference = found
+                assert_eq!(weights.is_some(), expected.is_some());
+                let difference = weights
                     .zip(expected)
-                    .map_or(0.0, |(f, e)| (f[0] - e[0]).abs().max((f[1] - e[1]).abs()));
-                assert!(difference < 1e-6, "{found:?} {expected:?}: rounding of f32");
-                inside += u32::from(found.is_some());
+                    .map_or(0.0, |(w, e)| (w[0] - e[0]).abs().max((w[1] - e[1]).abs()));
+                assert!(
+                    difference < 1e-6,
+                    "{weights:?} {expected:?}: rounding of f32"
+                );
+                inside += u32::from(weights.is_some());
             }
             assert!(
                 (inside.cast_signed() - 768).abs() < 32,
@@ -346,11 +378,12 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_has_as_many_points_as_it_passes_texels() {
+    fn grid_has_a_point_for_each_texel() {
         use glam::Vec2;
         use headbox_scene::material::Material;
         use headbox_scene::scene::{Scene, Triangle};
-        // Two metres at 2 m: 64 pixels of the face; the texture runs along them, across more slowly.
+        // Two metres at 2 m: 64 pixels of the face; the texture runs along them, across more
+        // slowly.
         let grid = |texels: u32| {
             let material = Material {
                 albedo_texture: Some(0),
@@ -394,17 +427,17 @@ mod tests {
         assert_eq!(
             PixelOnTriangle::new(Face::NegZ, [0, 0], 8, edge_on).grid(&flat.paint(0), &texture),
             [1, 1],
-            "of what is no number"
+            "NaN"
         );
     }
 
     #[test]
-    fn a_pixel_shows_the_mean_of_what_a_texture_emits_in_it() {
+    fn emission_is_the_mean_of_its_texture() {
         use glam::{Vec2, dvec3};
         use headbox_scene::material::Material;
         use headbox_scene::scene::{Scene, Triangle};
         use headbox_trace::sampler::random4;
-        // A wall of four metres at 2 m whose texels are lamps or not, by chance, some thirty to a pixel.
+        // A wall of four metres at 2 m whose texels emit or not, at random, some thirty to a pixel.
         let scene = Scene {
             positions: vec![
                 dvec3(-6.0, -2.0, -2.0),
@@ -432,12 +465,13 @@ mod tests {
         };
         let tracer = Tracer::new(std::sync::Arc::new(scene), DVec3::ZERO);
         let lighting = Lighting::of_scene(&tracer, 0);
+        let mut spec = CaptureSpec::new(SceneSource::new("lamps"), DVec3::ZERO, 0.5);
+        spec.face_size_px = 32;
+        spec.parameters.light_samples = 0;
+        let options = RunOptions::default();
         let shader = Shader {
-            tracer: &tracer,
-            lighting: &lighting,
-            samples: 0,
-            shape_only: false,
-            face_size_px: 32,
+            capture: SceneCapture::new(&spec, &tracer, &lighting, &options),
+            geometry_only: false,
         };
         let emitted = |p: u32| {
             let [u, v, ..] = random4([p, 3, 4, 5]).map(|bits| (bits >> 17) as u16);
@@ -446,18 +480,20 @@ mod tests {
                 count: 1,
                 ..bytemuck::Zeroable::zeroed()
             };
-            shader.part(&acc, Face::NegZ, p % 32, p / 32).emission.x
+            let sample = shader.surface_sample(&acc, Face::NegZ, p % 32, p / 32);
+            sample.emission.x
         };
         let pixels =
             (0..32 * 32).filter(|p| (8..24).contains(&(p % 32)) && (4..20).contains(&(p / 32)));
         let squares: Vec<f32> = pixels.map(|p| (emitted(p) - 0.5).powi(2)).collect();
         let error = (squares.iter().sum::<f32>() / squares.len() as f32).sqrt();
-        // Of nine bilinear points of one half on average and in variance a ninth; of one they would be off by three times that.
+        // Nine bilinear points have a mean of one half and a ninth of the variance; a single point
+        // would be off by three times that.
         assert!(error < 0.17, "{error}");
     }
 
     #[test]
-    fn light_is_sampled_on_the_triangle_itself() {
+    fn ray_from_the_centre_hits_the_triangle() {
         let triangle = [
             Vec3::new(-1.0, -1.0, -2.0),
             Vec3::new(1.0, -1.0, -2.0),

@@ -1,15 +1,17 @@
-//! How much of its pixel a depth pixel hides: its alpha.
+//! Coverage: the alpha of a depth pixel.
 //!
-//! A ray that meets a surface anywhere in a pixel makes a sample that stands for the whole pixel. Where the surface ends
-//! inside the pixel, or is smaller than it, as a leaf is, the sample must let through what is behind it, and no more than that:
-//! behind a crown of leaves lie more leaves, some of which no ray has met. So [`PACKET`] rays from the centre go through
-//! each pixel that holds the rim of a surface, and the alpha of a sample is the share of the rays that reach it which
-//! end at it. Seen from the centre, the pixel then has exactly the mixture of colours that the rays have. What the
-//! centre does not see gets the share of the pixel that it fills, whatever is in front of it.
+//! A ray that meets a surface anywhere in a pixel makes a sample that stands for the whole pixel.
+//! Where the surface ends inside the pixel, or is smaller than it, as a leaf is, the sample must
+//! let through the background, and no more than that: behind a crown of leaves lie more leaves,
+//! some of which no ray has met. So [`PACKET`] rays from the centre go through each pixel that
+//! contains the rim of a surface, and the alpha of a sample is the share of the rays reaching it
+//! that end at it. Seen from the centre, the pixel then has exactly the mixture of colours that the
+//! rays have. A sample that the centre does not see gets the share of the pixel that it fills,
+//! whatever is in front of it.
 //!
-//! Only where none of a surface was found in some neighbouring pixel has it a rim; everything else hides its whole pixel.
-//!
-//! Cheaper estimates cannot tell a rim from a surface that few rays met (docs/decisions/0020).
+//! A surface has a rim only where some neighbouring pixel has no sample of it; everything else
+//! covers its whole pixel. Cheaper estimates cannot distinguish a rim from a surface that few rays
+//! met (docs/decisions/0020).
 
 use glam::Vec3;
 use headbox_cube::model::depth_bins::DepthBins;
@@ -21,40 +23,39 @@ use rayon::prelude::*;
 /// First and last depth bin of the samples that a depth pixel was merged from.
 pub(crate) type BinSpan = [u16; 2];
 
-/// A face whose alphas are to be measured.
+/// Measurement of the alphas of a face.
 pub(crate) struct AlphaMeasure<'a> {
     pub(crate) tracer: &'a Tracer,
     pub(crate) bins: &'a DepthBins,
     /// Half of the headbox's edge, metres: rays start where it ends.
     pub(crate) half_size_m: f64,
     pub(crate) face: &'a LayeredDepthImage,
-    /// Of the face's samples.
+    /// Bin spans of the face's samples.
     pub(crate) spans: &'a [BinSpan],
 }
 
-/// Fewer rays than this that reach a sample say too little of it.
+/// Minimum number of rays that must reach a sample for its share of them to count.
 const ENOUGH_RAYS: u32 = 4;
 
+/// Maximum gap, in bins, between samples that follow each other in depth.
 const DEPTH_RUN_GAP: u16 = 2;
 
-/// A surface that the centre sees edge-on leaves its bins before it crosses the pixel: its share is of that part, but at
-/// least of this.
+/// Minimum share of a pixel over which a surface stays within its bins. A surface that the centre
+/// sees edge-on leaves them before it crosses the pixel.
 const LEAST_REACHABLE: f64 = 0.05;
 
 impl AlphaMeasure<'_> {
-    /// The alphas of all samples, in their order: measured in the pixels (x, y) for which `wanted` says so, as they are elsewhere.
-    pub(crate) fn alphas(&self, wanted: impl Fn(u32, u32) -> bool + Sync) -> Vec<u8> {
+    /// The alphas of all samples, in their order: measured in the pixels (x, y) that `is_selected`
+    /// accepts, unchanged elsewhere.
+    pub(crate) fn alphas(&self, is_selected: impl Fn(u32, u32) -> bool + Sync) -> Vec<u8> {
         let row = |y: u32| {
             let mut alphas = Vec::new();
             for x in 0..self.face.size_px {
-                match wanted(x, y) {
-                    true => self.pixel(x, y, &mut alphas),
-                    false => alphas.extend(
-                        self.face
-                            .pixel(x, y)
-                            .iter()
-                            .map(|sample| sample.color_srgb[3]),
-                    ),
+                if is_selected(x, y) {
+                    self.measure_pixel(x, y, &mut alphas);
+                } else {
+                    let samples = self.face.pixel(x, y);
+                    alphas.extend(samples.iter().map(|sample| sample.color_srgb[3]));
                 }
             }
             alphas
@@ -63,44 +64,45 @@ impl AlphaMeasure<'_> {
         rows.concat()
     }
 
-    /// Adds the alphas of a pixel's samples to those of the samples before them.
-    fn pixel(&self, x: u32, y: u32, alphas: &mut Vec<u8>) {
+    /// Appends the alphas of a pixel's samples.
+    fn measure_pixel(&self, x: u32, y: u32, alphas: &mut Vec<u8>) {
         let samples = self.face.pixel(x, y);
         let before = alphas.len();
         alphas.resize(before + samples.len(), 255);
-        let is_at_rim = |sample: &DepthPixel| self.at_rim(x, y, sample);
-        if !samples.iter().any(is_at_rim) {
+        let is_rim = |sample: &DepthPixel| self.is_rim(x, y, sample);
+        if !samples.iter().any(is_rim) {
             return;
         }
         let first = self.face.offsets[(y * self.face.size_px + x) as usize] as usize;
         let spans = &self.spans[first..first + samples.len()];
-        let ends = self.visible_from_centre(x, y, spans);
+        let visible_counts = self.count_visible_from_centre(x, y, spans);
         let mut reaching = PACKET as u32;
         for i in (0..samples.len()).rev() {
-            if reaching >= ENOUGH_RAYS || is_at_rim(&samples[i]) {
-                let share = match reaching >= ENOUGH_RAYS {
-                    true => (f64::from(ends[i]) + 0.5) / f64::from(reaching),
-                    false => self.filled_share(x, y, spans[i]),
+            if reaching >= ENOUGH_RAYS || is_rim(&samples[i]) {
+                let share = if reaching >= ENOUGH_RAYS {
+                    (f64::from(visible_counts[i]) + 0.5) / f64::from(reaching)
+                } else {
+                    self.filled_share(x, y, spans[i])
                 };
-                let edge_on = self.is_in_depth_run(spans, i);
-                let share = share
-                    / if edge_on {
-                        self.reachable(x, y, &samples[i], spans[i])
-                    } else {
-                        1.0
-                    };
-                let share = share.min(1.0);
-                alphas[before + i] = (share * 255.0).round() as u8;
+                let reachable = if is_in_depth_run(spans, i) {
+                    self.reachable_share(x, y, &samples[i], spans[i])
+                } else {
+                    1.0
+                };
+                let alpha = (share / reachable).min(1.0);
+                alphas[before + i] = (alpha * 255.0).round() as u8;
             }
-            reaching -= ends[i];
+            reaching -= visible_counts[i];
         }
     }
 
-    /// True if one of the eight neighbours of pixel (x, y) has no sample near the depth of `sample`. Beyond the face, a
-    /// surface is taken to go on.
-    fn at_rim(&self, x: u32, y: u32, sample: &DepthPixel) -> bool {
-        let (face, q) = (self.face, f64::from(sample.inverse_depth));
-        // A bin, and the change over a pixel (2 / size) of a surface at 50 degrees. Too small a reach costs time only.
+    /// Returns true if one of the eight neighbours of pixel (x, y) has no sample near the depth of
+    /// `sample`. Surfaces are assumed to continue beyond the face.
+    fn is_rim(&self, x: u32, y: u32, sample: &DepthPixel) -> bool {
+        let face = self.face;
+        let q = f64::from(sample.inverse_depth);
+        // A bin, and the change over a pixel (2 / size) of a surface at 50 degrees. Too small a
+        // reach only costs time.
         let reach = self.bins.inverse_depth(1.0) + q * 2.4 / f64::from(face.size_px);
         let continues = |other: &DepthPixel| (f64::from(other.inverse_depth) - q).abs() <= reach;
         [
@@ -121,29 +123,29 @@ impl AlphaMeasure<'_> {
         })
     }
 
-    /// How many of the pixel's rays end at each sample. A ray that ends at nothing the LDI holds counts for the sample
-    /// nearest to that depth.
-    fn visible_from_centre(&self, x: u32, y: u32, spans: &[BinSpan]) -> Vec<u32> {
+    /// Counts the pixel's rays that end at each sample. A ray that ends at a surface without a
+    /// sample counts for the sample nearest to that depth.
+    fn count_visible_from_centre(&self, x: u32, y: u32, spans: &[BinSpan]) -> Vec<u32> {
         let mut hits = [HitPacket::MISS];
         self.tracer.closest_packets(
             &[self.rays(x, y, self.half_size_m as f32, f32::INFINITY)],
             &mut hits,
         );
-        let mut ends = vec![0; spans.len()];
+        let mut counts = vec![0; spans.len()];
         for t in hits[0].t.into_iter().filter(|t| t.is_finite()) {
             let bin = self.bins.place(1.0 / t).0;
-            let apart =
+            let distance =
                 |[first, last]: &BinSpan| first.saturating_sub(bin).max(bin.saturating_sub(*last));
-            if let Some(nearest) = (0..spans.len()).min_by_key(|&i| apart(&spans[i])) {
-                ends[nearest] += 1;
+            if let Some(nearest) = (0..spans.len()).min_by_key(|&i| distance(&spans[i])) {
+                counts[nearest] += 1;
             }
         }
-        ends
+        counts
     }
 
-    /// Share of the pixel's rays that meet something within the span, 1/2 of a ray at least.
+    /// Share of the pixel's rays that hit something within the span; at least half a ray's.
     fn filled_share(&self, x: u32, y: u32, span: BinSpan) -> f64 {
-        let [t_max, t_min] = self.ends(span).map(|q| (1.0 / q) as f32);
+        let [t_max, t_min] = self.inverse_depth_range(span).map(|q| (1.0 / q) as f32);
         let hits = self
             .tracer
             .occluded_packet(&self.rays(x, y, t_min, t_max))
@@ -152,40 +154,25 @@ impl AlphaMeasure<'_> {
     }
 
     /// Least and largest inverse depth of a span.
-    fn ends(&self, [first, last]: BinSpan) -> [f64; 2] {
+    fn inverse_depth_range(&self, [first, last]: BinSpan) -> [f64; 2] {
         [f64::from(first), f64::from(last) + 1.0].map(|position| self.bins.inverse_depth(position))
     }
 
-    /// True if sample `i` is one of three or more that follow each other in depth without a gap.
-    fn is_in_depth_run(&self, spans: &[BinSpan], i: usize) -> bool {
-        let follows =
-            |far: &BinSpan, near: &BinSpan| near[0].saturating_sub(far[1]) <= DEPTH_RUN_GAP;
-        let before = spans[..=i]
-            .windows(2)
-            .rev()
-            .take_while(|pair| follows(&pair[0], &pair[1]))
-            .count();
-        let after = spans[i..]
-            .windows(2)
-            .take_while(|pair| follows(&pair[0], &pair[1]))
-            .count();
-        before + after >= 2
-    }
-
     /// Share of the pixel over which the tangent plane of a sample stays within the span.
-    fn reachable(&self, x: u32, y: u32, sample: &DepthPixel, span: BinSpan) -> f64 {
+    fn reachable_share(&self, x: u32, y: u32, sample: &DepthPixel, span: BinSpan) -> f64 {
         let slope = self.face.inverse_depth_slope(
             f64::from(x) + 0.5,
             f64::from(y) + 0.5,
             sample,
             f64::INFINITY,
         );
-        let [least, largest] = self.ends(span);
+        let [least, largest] = self.inverse_depth_range(span);
         let over_pixel = f64::from(sample.inverse_depth) * slope.abs().element_sum();
         ((largest - least) / over_pixel).clamp(LEAST_REACHABLE, 1.0)
     }
 
-    /// The rays from the centre through a pixel. Their directions have eye depth 1, so that t is eye depth.
+    /// The rays from the centre through a pixel. Their directions have eye depth 1, so that `t` is
+    /// eye depth.
     fn rays(&self, x: u32, y: u32, t_min: f32, t_max: f32) -> RayPacket {
         // An additive-recurrence set (R2, Roberts 2018), shifted at random.
         const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
@@ -209,4 +196,20 @@ impl AlphaMeasure<'_> {
         }
         packet
     }
+}
+
+/// Returns true if sample `i` is one of three or more that follow each other in depth without a
+/// gap.
+fn is_in_depth_run(spans: &[BinSpan], i: usize) -> bool {
+    let follows = |pair: &[BinSpan]| pair[1][0].saturating_sub(pair[0][1]) <= DEPTH_RUN_GAP;
+    let before = spans[..=i]
+        .windows(2)
+        .rev()
+        .take_while(|pair| follows(pair))
+        .count();
+    let after = spans[i..]
+        .windows(2)
+        .take_while(|pair| follows(pair))
+        .count();
+    before + after >= 2
 }

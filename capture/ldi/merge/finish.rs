@@ -1,165 +1,151 @@
-//! The end of a capture: light at kept hits, pooled over surfaces, merged into depth pixels, face by face.
+//! The last stages of a capture: unlit surface samples, light, and depth pixels, face by face.
 
 use super::merged_face::MergedFace;
-use crate::light::illuminate::{FaceSamples, ROUNDS, pool, sample};
+use crate::capture::{SceneCapture, stage};
+use crate::light::illuminate::{FaceLightSamples, ROUNDS, pool, sample};
 use crate::light::shade::Shader;
-use crate::merge::clusters::depth_pixels_of;
-use crate::rays::trace::Tracing;
-use crate::settings::CaptureSettings;
-use crate::surfaces::surface_samples::FaceParts;
-use crate::surfaces::unlit::Dark;
+use crate::merge::clusters::merge_pixel;
+use crate::rays::trace::{Tracing, blocked_share};
+use crate::surfaces::surface_samples::FaceSurfaces;
+use crate::surfaces::unlit::UnlitFaces;
 use glam::Vec3;
 use headbox_core::cube_face::Face;
-use headbox_core::progress::{Progress, check_cancelled};
-use headbox_cube::model::depth_bins::DepthBins;
+use headbox_core::progress::check_cancelled;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::parameters::Sampler;
 use headbox_cube::model::samples::CubeLdi;
-use headbox_trace::bvh::Tracer;
-use headbox_trace::light::Lighting;
+use headbox_trace::viewpoint::suggest_view;
 use std::collections::VecDeque;
 use std::io;
 
-/// Lights and merges what was traced into a cube LDI. `info` is completed with the rays and the missing estimate.
+/// Lights and merges traced rays into a cube LDI.
 ///
 /// # Errors
-/// If spilled accumulators cannot be read.
-pub(crate) fn finish(
-    run: &Tracing,
-    mut info: CaptureInfo,
-    tracer: &Tracer,
-    lighting: &Lighting,
-    settings: &CaptureSettings,
-    progress: &dyn Progress,
-) -> io::Result<CubeLdi> {
-    if settings.parameters.sampler != Sampler::CentreRays {
-        let missing = run.plan.missing_estimate(&run.store)?;
-        info.missing_estimate
-            .iter_mut()
-            .zip(missing)
-            .for_each(|(slot, estimate)| *slot = Some(estimate));
-    }
-    (info.rays_traced, info.holes) = (run.rays, run.holes);
-    if settings.resources.budget.is_some() {
-        run.store.spill_all()?; // the LDI that now grows needs the memory
-    }
-    progress.begin(
-        "light and merge",
-        "rows",
-        6 * (ROUNDS + 1) * u64::from(settings.face_size_px),
-    );
-    let samples = settings.parameters.light_samples;
-    let shader = Shader {
+/// If spilled accumulators cannot be read, or if the capture was cancelled.
+pub(crate) fn light_and_merge(capture: &SceneCapture, tracing: &Tracing) -> io::Result<CubeLdi> {
+    let SceneCapture {
+        spec,
         tracer,
         lighting,
-        samples,
-        shape_only: false,
-        face_size_px: settings.face_size_px,
+        options,
+    } = *capture;
+    let info = complete_info(capture, tracing)?;
+    if options.budget.is_some() {
+        tracing.store.spill_all()?; // the LDI that now grows needs the memory
+    }
+    let face_rows = u64::from(spec.face_size_px);
+    options
+        .progress
+        .begin(stage::LIGHT, "rows", 6 * (ROUNDS + 1) * face_rows);
+    let shader = Shader {
+        capture: *capture,
+        geometry_only: false,
     };
-    merge(run, info, &shader, settings, progress)
-}
-
-fn merge(
-    run: &Tracing,
-    info: CaptureInfo,
-    shader: &Shader,
-    settings: &CaptureSettings,
-    progress: &dyn Progress,
-) -> io::Result<CubeLdi> {
-    let Shader {
-        tracer, lighting, ..
-    } = *shader;
-    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
-    let dark = Dark {
-        run,
-        shader,
-        settings,
-        bins: &bins,
-        progress,
+    let unlit = UnlitFaces {
+        tracing,
+        shader: &shader,
     };
-    let mut light = if shader.samples == 0 {
+    let mut light = if shader.light_samples() == 0 {
         None
     } else {
-        Some(dark.sampled()?)
+        Some(CubeLight::sample(&unlit)?)
     };
-    let rows_done = if light.is_some() { 1 } else { ROUNDS + 1 } * u64::from(settings.face_size_px);
+    let rows_per_face = if light.is_some() { 1 } else { ROUNDS + 1 } * face_rows;
+    let bins = spec.depth_bins();
+    let rule = spec.parameters.merge_rule;
     let mut faces = Vec::with_capacity(6);
     for face in Face::ALL {
-        let parts = match &mut light {
-            None => dark.face(face, None)?,
-            Some(light) => dark.lit(face, light)?,
+        let surfaces = match &mut light {
+            None => unlit.build(face, None)?,
+            Some(light) => light.next_face(&unlit, face)?,
         };
-        check_cancelled(progress)?;
-        progress.advance(rows_done);
-        let rule = settings.parameters.merge_rule;
-        let mut merged = MergedFace::of(face, parts.size_px, |x, y, out| {
-            depth_pixels_of(parts.pixel(x, y), rule, lighting.tone, &bins, out);
+        check_cancelled(options.progress)?;
+        options.progress.advance(rows_per_face);
+        let mut merged = MergedFace::new(face, surfaces.size_px, |x, y, out| {
+            merge_pixel(surfaces.pixel(x, y), rule, lighting.tone, &bins, out);
         });
-        drop(parts);
-        merged.measure_alphas(tracer, &bins, settings.half_size_m, |_, _| true);
+        drop(surfaces);
+        merged.measure_alphas(tracer, &bins, spec.half_size_m, |_, _| true);
         faces.push(merged.ldi);
     }
     Ok(CubeLdi {
         info,
         faces,
-        environment: run.misses.environment(lighting),
+        environment: tracing.environment_mask.environment(lighting),
     })
 }
 
-/// Light samples of all faces, before any of them is pooled.
-struct Sampled {
-    samples: Vec<FaceSamples>,
-    /// Of those that are not pooled yet.
-    waiting: VecDeque<Waiting>,
+/// The header of the LDI.
+fn complete_info(capture: &SceneCapture, tracing: &Tracing) -> io::Result<CaptureInfo> {
+    let SceneCapture { spec, tracer, .. } = *capture;
+    let mut info = CaptureInfo {
+        rays_traced: tracing.rays,
+        holes: tracing.holes,
+        blocked_share: blocked_share(tracer, spec.half_size_m),
+        ahead: Some(suggest_view(tracer, spec.centre)),
+        ..capture.info()
+    };
+    if spec.parameters.sampler != Sampler::CentreRays {
+        let estimates = tracing.plan.missing_estimate(&tracing.store)?;
+        for (slot, estimate) in info.missing_estimate.iter_mut().zip(estimates) {
+            *slot = Some(estimate);
+        }
+    }
+    Ok(info)
 }
 
-/// What is kept of a face's parts while other faces are sampled.
-enum Waiting {
+/// Light samples of all faces. They are taken before any are pooled, because walls continue across
+/// the borders of faces.
+struct CubeLight {
+    samples: Vec<FaceLightSamples>,
+    /// Surface samples of the faces that are not pooled yet.
+    pending: VecDeque<PendingFace>,
+}
+
+/// What is kept of a face's surface samples while other faces are sampled.
+enum PendingFace {
     /// All of them.
-    Parts(FaceParts),
-    /// Where memory is short: the light straight from the sun; the rest is made again.
+    Surfaces(FaceSurfaces),
+    /// Where memory is short: only the direct light of the sun; the rest is built again.
     Sun(Vec<Vec3>),
 }
 
-impl Dark<'_> {
-    /// Samples the light of all faces: walls go on across their borders.
-    fn sampled(&self) -> io::Result<Sampled> {
-        let is_short = self.settings.resources.budget.is_some();
-        let mut sampled = Sampled {
+impl CubeLight {
+    /// Samples the light of all faces.
+    fn sample(unlit: &UnlitFaces) -> io::Result<Self> {
+        let options = unlit.shader.capture.options;
+        let mut light = Self {
             samples: Vec::with_capacity(6),
-            waiting: VecDeque::with_capacity(6),
+            pending: VecDeque::with_capacity(6),
         };
         for face in Face::ALL {
-            let mut parts = self.face(face, None)?;
-            sampled
-                .samples
-                .push(sample(&mut parts, face, self.shader, self.progress));
-            check_cancelled(self.progress)?;
-            sampled.waiting.push_back(match is_short {
-                true => Waiting::Sun(parts.parts.iter().map(|part| part.sun).collect()),
-                false => Waiting::Parts(parts),
+            let mut surfaces = unlit.build(face, None)?;
+            let samples = sample(&mut surfaces, face, unlit.shader);
+            light.samples.push(samples);
+            check_cancelled(options.progress)?;
+            light.pending.push_back(if options.budget.is_some() {
+                PendingFace::Sun(surfaces.samples.iter().map(|sample| sample.sun).collect())
+            } else {
+                PendingFace::Surfaces(surfaces)
             });
         }
-        Ok(sampled)
+        Ok(light)
     }
 
-    /// The parts of a face in its light.
-    fn lit(&self, face: Face, light: &mut Sampled) -> io::Result<FaceParts> {
-        let mut parts = match light.waiting.pop_front() {
-            Some(Waiting::Parts(parts)) => parts,
-            waiting => {
-                let mut parts = self.face(face, None)?;
-                if let Some(Waiting::Sun(sun)) = waiting {
-                    parts
-                        .parts
-                        .iter_mut()
-                        .zip(sun)
-                        .for_each(|(part, sun)| part.sun = sun);
+    /// The lit surface samples of the next face in order.
+    fn next_face(&mut self, unlit: &UnlitFaces, face: Face) -> io::Result<FaceSurfaces> {
+        let mut surfaces = match self.pending.pop_front() {
+            Some(PendingFace::Surfaces(surfaces)) => surfaces,
+            Some(PendingFace::Sun(sun)) => {
+                let mut surfaces = unlit.build(face, None)?;
+                for (sample, sun) in surfaces.samples.iter_mut().zip(sun) {
+                    sample.sun = sun;
                 }
-                parts
+                surfaces
             }
+            None => unlit.build(face, None)?,
         };
-        pool(&mut parts, face, &mut light.samples);
-        Ok(parts)
+        pool(&mut surfaces, face, &mut self.samples);
+        Ok(surfaces)
     }
 }

@@ -1,4 +1,4 @@
-//! A face whose parts are merged, with what its alphas are measured by.
+//! A face of depth pixels, with the bin spans by which their alphas are measured.
 
 use super::coverage::{AlphaMeasure, BinSpan};
 use crate::surfaces::rows;
@@ -8,28 +8,31 @@ use headbox_cube::model::samples::{DepthPixel, LayeredDepthImage};
 use headbox_trace::bvh::Tracer;
 use rayon::prelude::*;
 
-/// A face whose parts are merged.
+/// A face of depth pixels, merged from surface samples.
 pub(crate) struct MergedFace {
     pub(crate) ldi: LayeredDepthImage,
-    /// Of its samples.
+    /// Bin span of each depth pixel.
     pub(crate) spans: Vec<BinSpan>,
 }
 
 impl MergedFace {
-    /// A face of the depth pixels that `depth_pixels` appends for each pixel (x, y), farthest first.
-    pub(crate) fn of(
+    /// Builds a face from the depth pixels that `merge_pixel` appends for each pixel (x, y),
+    /// farthest first.
+    pub(crate) fn new(
         face: Face,
         size_px: u32,
-        depth_pixels: impl Fn(u32, u32, &mut Vec<(DepthPixel, BinSpan)>) + Sync,
+        merge_pixel: impl Fn(u32, u32, &mut Vec<(DepthPixel, BinSpan)>) + Sync,
     ) -> Self {
         let row = |y: u32| {
-            let (mut found, mut counts) = (Vec::new(), Vec::with_capacity(size_px as usize));
+            let mut depth_pixels = Vec::new();
+            let mut counts = Vec::with_capacity(size_px as usize);
             for x in 0..size_px {
-                let before = found.len();
-                depth_pixels(x, y, &mut found);
-                counts.push((found.len() - before) as u32);
+                let before = depth_pixels.len();
+                merge_pixel(x, y, &mut depth_pixels);
+                counts.push((depth_pixels.len() - before) as u32);
             }
-            let (samples, spans): (Vec<DepthPixel>, Vec<BinSpan>) = found.into_iter().unzip();
+            let (samples, spans): (Vec<DepthPixel>, Vec<BinSpan>) =
+                depth_pixels.into_iter().unzip();
             (samples, spans, counts)
         };
         let rows: Vec<_> = (0..size_px).into_par_iter().map(row).collect();
@@ -57,13 +60,13 @@ impl MergedFace {
             .zip(self.spans[first..].iter().copied())
     }
 
-    /// Measures the alphas of the pixels (x, y) for which `wanted` says so.
+    /// Measures the alphas of the pixels (x, y) that `is_selected` accepts.
     pub(crate) fn measure_alphas(
         &mut self,
         tracer: &Tracer,
         bins: &DepthBins,
         half_size_m: f64,
-        wanted: impl Fn(u32, u32) -> bool + Sync,
+        is_selected: impl Fn(u32, u32) -> bool + Sync,
     ) {
         let alphas = AlphaMeasure {
             tracer,
@@ -72,11 +75,9 @@ impl MergedFace {
             face: &self.ldi,
             spans: &self.spans,
         }
-        .alphas(wanted);
-        self.ldi
-            .samples
-            .iter_mut()
-            .zip(alphas)
-            .for_each(|(sample, alpha)| sample.color_srgb[3] = alpha);
+        .alphas(is_selected);
+        for (sample, alpha) in self.ldi.samples.iter_mut().zip(alphas) {
+            sample.color_srgb[3] = alpha;
+        }
     }
 }

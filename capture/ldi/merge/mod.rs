@@ -1,7 +1,11 @@
-//! Step 6: surface samples become depth pixels; coverage is measured, pinholes are repaired.
+//! Stage 6: surface samples become depth pixels with coverage.
+//!
+//! * `clusters`: surface samples of one pixel become depth pixels.
+//! * `merged_face`: a face of depth pixels.
+//! * `coverage`: the alpha of a depth pixel.
+//! * `finish`: runs stages 3, 5 and 6 for all faces.
 
 pub(crate) mod clusters;
 pub(crate) mod coverage;
 pub(crate) mod finish;
 pub(crate) mod merged_face;
-pub(crate) mod repair;

@@ -1,11 +1,12 @@
-//! Where the remaining rays go: a pilot round over all strata shows where new depth pixels are still being found.
+//! The plan of the rays after the pilot: rays go where new depth pixels are still being found.
 //!
-//! After the pilot, a depth pixel that was met by a single ray of the whole capture is evidence of others not met at
-//! all: the probability that the next ray of a population finds something new is estimated by the share of its rays
-//! that found something seen once (Good 1953, "The population frequencies of species and the estimation of population
-//! parameters"; the estimate is Turing's). The population is a *group* of strata: one direction cell and a block of
-//! position cells. The plan is a pure function of the pilot's accumulators, which every shard traces whole, so that all
-//! shards agree on it.
+//! After the pilot, a depth pixel that was met by a single ray of the whole capture is evidence of
+//! others not met at all: the probability that the next ray of a population finds something new is
+//! estimated by the share of its rays that found something seen once (Good 1953, "The population
+//! frequencies of species and the estimation of population parameters"; the estimate is Turing's).
+//! The population is a *group* of strata: one direction cell and a block of position cells. The
+//! plan is a pure function of the pilot's accumulators. Every shard traces the whole pilot, so that
+//! all shards agree on the plan.
 
 use crate::accumulate::accumulator::Accumulator;
 use crate::accumulate::tiles::TileStore;
@@ -13,10 +14,10 @@ use headbox_trace::sampler::{RayKey, Strata};
 use rayon::prelude::*;
 use std::io;
 
-/// Position cells are pooled into at most this many blocks a side.
+/// Maximum number of blocks along a side into which position cells are pooled.
 const MAX_BLOCKS: u32 = 8;
 
-/// Pilot rays that a group should have: a share of singles below a few per cent cannot be told from fewer.
+/// Pilot rays that a group should have: fewer cannot resolve a share of singles of a few per cent.
 const PILOT_RAYS_PER_GROUP: u32 = 64;
 
 /// Strata that share an estimate.
@@ -28,7 +29,7 @@ pub struct Groups {
 }
 
 impl Groups {
-    /// The groups of `domains` ray domains.
+    /// Groups of `domains` ray domains.
     pub fn new(strata: Strata, domains: u32) -> Self {
         let pilot_rays = strata.position_cells() * RayPlan::pilot_share(&strata);
         let blocks = (pilot_rays / PILOT_RAYS_PER_GROUP)
@@ -50,9 +51,9 @@ impl Groups {
         self.strata.direction_cells() * self.blocks * self.blocks
     }
 
-    /// The group of a position cell in a direction cell.
+    /// Index of the group of a position cell in a direction cell.
     #[inline]
-    pub fn of_cell(&self, domain: u8, direction_cell: u32, position_cell: u32) -> usize {
+    pub fn index(&self, domain: u8, direction_cell: u32, position_cell: u32) -> usize {
         let n = self.strata.per_dimension;
         let block = |i: u32| i * self.blocks / n;
         let blocks = block(position_cell / n) * self.blocks + block(position_cell % n);
@@ -62,18 +63,18 @@ impl Groups {
             + blocks) as usize
     }
 
-    fn of_key(&self, key: RayKey) -> usize {
+    fn index_of_ray(&self, key: RayKey) -> usize {
         let cells = self.strata.position_cells();
-        self.of_cell(key.domain(), key.stratum() / cells, key.stratum() % cells)
+        self.index(key.domain(), key.stratum() / cells, key.stratum() % cells)
     }
 }
 
-/// How many rays each stratum has been given so far, by group.
+/// Number of rays of each stratum, by group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RayPlan {
     /// The groups.
     pub groups: Groups,
-    /// Rays per stratum of the pilot round: the first so many of each stratum.
+    /// Rays per stratum of the pilot round: the first of each stratum.
     pub pilot_rays: u32,
     /// Rays per stratum after the pilot, by group.
     pub more_rays: Vec<u32>,
@@ -85,7 +86,7 @@ impl RayPlan {
         strata.rays.div_ceil(4)
     }
 
-    /// Every stratum gets all its rays (novelty stopping off).
+    /// The plan in which every stratum gets all its rays (novelty stopping off).
     pub fn full(strata: Strata, domains: u32) -> Self {
         let groups = Groups::new(strata, domains);
         let pilot_rays = Self::pilot_share(&strata);
@@ -96,9 +97,10 @@ impl RayPlan {
         }
     }
 
-    /// The plan that follows from a pilot: a group where the next ray is new with probability `novelty` or more gets
-    /// all its rays, one where it is less likely gets proportionally fewer, but one more per stratum at least: those
-    /// were not chosen by what they found, so that [`Self::missing_estimate`] may rely on them.
+    /// The plan that follows from a pilot. A group in which the next ray is new with probability
+    /// `novelty` or more gets all its rays; one in which it is less likely gets proportionally
+    /// fewer, but at least one more per stratum: these are not chosen by what they found, so that
+    /// [`Self::missing_estimate`] may rely on them.
     ///
     /// # Errors
     /// If spilled accumulators cannot be read.
@@ -128,18 +130,19 @@ impl RayPlan {
         Ok(plan)
     }
 
-    /// Rays that the plan traces in one domain's direction cell.
+    /// Number of rays that the plan traces in a direction cell.
     pub fn rays_in_cell(&self, domain: u8, direction_cell: u32) -> u64 {
         let cells = 0..self.groups.strata.position_cells();
-        let more = |cell| self.more_rays[self.groups.of_cell(domain, direction_cell, cell)];
+        let more = |cell| self.more_rays[self.groups.index(domain, direction_cell, cell)];
         cells
             .map(|cell| u64::from(self.pilot_rays + more(cell)))
             .sum()
     }
 
-    /// Per domain: the estimated probability that a fresh ray, uniform over the domain's strata, would find a depth
-    /// pixel that the store does not hold. Counts singles among the rays after the pilot only: where the pilot chanced
-    /// to find little, it was given fewer rays, and its own share of singles is too low.
+    /// Estimates, for each domain, the probability that a fresh ray, uniform over the domain's
+    /// strata, would find a depth pixel that the store does not hold. Counts singles among the rays
+    /// after the pilot only: where the pilot happened to find little, the plan gives fewer rays,
+    /// and the pilot's own share of singles is too low.
     ///
     /// # Errors
     /// If spilled accumulators cannot be read.
@@ -170,19 +173,19 @@ impl RayPlan {
     }
 }
 
-/// Sum over the strata of each group of what `per_stratum` says for the group.
+/// Number of rays of each group, if each of its strata has `per_stratum` of the group.
 fn group_rays(groups: &Groups, per_stratum: impl Fn(usize) -> u32) -> Vec<u64> {
     let mut strata_in_block = vec![0u64; (groups.blocks * groups.blocks) as usize];
     for cell in 0..groups.strata.position_cells() {
-        strata_in_block[groups.of_cell(0, 0, cell)] += 1;
+        strata_in_block[groups.index(0, 0, cell)] += 1;
     }
     (0..groups.count())
         .map(|g| strata_in_block[g % strata_in_block.len()] * u64::from(per_stratum(g)))
         .collect()
 }
 
-/// Number of depth bins met by exactly one ray, by the group of that ray; counts rays numbered `first` and up, and only those of
-/// the plan: rays that were aimed say nothing of others.
+/// Counts depth bins met by exactly one ray, by the group of that ray. Counts rays numbered `first`
+/// and up, and only those of the plan: aimed rays are no evidence of others.
 fn count_singles(groups: &Groups, first: u32, store: &TileStore) -> io::Result<Vec<u32>> {
     let count_tile = |mut counts: Vec<u32>, tile: usize| {
         for bin in store
@@ -193,7 +196,7 @@ fn count_singles(groups: &Groups, first: u32, store: &TileStore) -> io::Result<V
                 && key.ray() >= first
                 && u32::from(key.domain()) < groups.domains
             {
-                counts[groups.of_key(*key)] += 1;
+                counts[groups.index_of_ray(*key)] += 1;
             }
         }
         Ok(counts)

@@ -1,16 +1,18 @@
-//! Capture: rays from every face of the headbox, hits into accumulators, accumulators into a cube LDI.
+//! Traces rays from every face of the headbox and accumulates their hits.
 //!
-//! The rounds are: a pilot over all strata, the plan that follows from it, the planned rays. All six faces are traced in
-//! one run; a hit goes to the face whose frustum contains it, whichever face its ray left (C13).
+//! A pilot round over all strata comes first; the plan that follows from it says how many more rays
+//! each stratum gets. All six faces are traced in one run. A hit goes to the face whose frustum
+//! contains it, whichever face its ray left (C13).
 
 use super::ray_plan::RayPlan;
-use crate::accumulate::accumulator::{Accumulator, Sample, sixteen_bits};
-use crate::accumulate::environment_mask::MissMap;
+use crate::accumulate::accumulator::{Accumulator, Sample, to_unorm16};
+use crate::accumulate::environment_mask::EnvironmentMask;
 use crate::accumulate::tiles::{InsertScratch, TileStore};
-use crate::settings::{CaptureSettings, strata_of};
+use crate::capture::{SceneCapture, stage};
+use crate::spec::{CaptureSpec, RunOptions};
 use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
-use headbox_core::progress::{Progress, check_cancelled};
+use headbox_core::progress::check_cancelled;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::info::Holes;
 use headbox_cube::model::parameters::Sampler;
@@ -20,158 +22,176 @@ use rayon::prelude::*;
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Rays traced and kept, not yet lit and merged: what a shard file holds.
+/// Number of ray domains: the faces of the headbox.
+const DOMAINS: u32 = 6;
+
+/// Traced rays, not yet lit and merged: the content of a shard file.
 pub struct Tracing {
-    /// Accumulators.
+    /// Accumulators of the hits.
     pub store: TileStore,
     /// Directions in which rays left the scene.
-    pub misses: MissMap,
-    /// How many rays each stratum got.
+    pub environment_mask: EnvironmentMask,
+    /// Number of rays of each stratum.
     pub plan: RayPlan,
-    /// Rays traced (in a shard: by this shard, its repetition of the pilot not counted).
+    /// Number of traced rays (in a shard, by this shard, without its repetition of the pilot).
     pub rays: u64,
-    /// What frames were found to lack, where they were looked at.
+    /// What test views lack; `None` if holes were not searched.
     pub holes: Option<Holes>,
 }
 
-/// Traces the rays of `settings` (or of its shard).
+impl Tracing {
+    /// A tracing without rays, whose plan is all rays of the spec.
+    ///
+    /// # Errors
+    /// If the spill file cannot be created.
+    pub fn empty(spec: &CaptureSpec, options: &RunOptions) -> io::Result<Self> {
+        Ok(Self {
+            store: TileStore::new(spec.face_size_px, options.spill_budget())?,
+            environment_mask: EnvironmentMask::new(spec.face_size_px),
+            plan: RayPlan::full(spec.strata(), DOMAINS),
+            rays: 0,
+            holes: None,
+        })
+    }
+}
+
+/// Traces the rays of a capture, or of its shard.
 ///
 /// # Errors
-/// If spilling to disk fails.
-pub fn trace(
-    tracer: &Tracer,
-    settings: &CaptureSettings,
-    progress: &dyn Progress,
-) -> io::Result<Tracing> {
-    let new_store = || {
-        let budget = settings
-            .resources
-            .budget
-            .as_ref()
-            .map(|(bytes, dir)| (*bytes, dir.as_path()));
-        TileStore::new(settings.face_size_px, budget)
-    };
-    let strata = strata_of(&settings.parameters);
-    let (part, parts) = settings.shard;
-    let mut run = Tracing {
-        store: new_store()?,
-        misses: MissMap::new(settings.face_size_px),
-        plan: RayPlan::full(strata, 6),
-        rays: 0,
-        holes: None,
-    };
-    if settings.parameters.sampler == Sampler::CentreRays {
-        run.rays = pierce_from_centre(tracer, settings, &run, progress)?;
-        return Ok(run);
+/// If accumulators cannot be spilled, or if the capture was cancelled.
+pub(crate) fn trace(capture: &SceneCapture) -> io::Result<Tracing> {
+    let SceneCapture { spec, options, .. } = *capture;
+    let strata = spec.strata();
+    let (part, parts) = options.shard;
+    let mut tracing = Tracing::empty(spec, options)?;
+    if spec.parameters.sampler == Sampler::CentreRays {
+        tracing.rays = pierce_from_centre(capture, &tracing)?;
+        return Ok(tracing);
     }
-    let total = |plan: &RayPlan, job: &(u8, u32)| plan.rays_in_cell(job.0, job.1);
-    let jobs: Vec<(u8, u32)> = (0..6)
+    let all_cells: Vec<DomainCell> = (0..DOMAINS as u8)
         .flat_map(|domain| (0..strata.direction_cells()).map(move |cell| (domain, cell)))
         .collect();
-    let mine: Vec<(u8, u32)> = jobs
+    let own_cells: Vec<DomainCell> = all_cells
         .iter()
         .copied()
         .skip(part as usize)
         .step_by(parts as usize)
         .collect();
-    let planned = settings.parameters.novelty > 0.0 && strata.rays > 1;
-    if planned {
-        let pilot = run.plan.pilot_rays;
-        let count = jobs.len() as u64 * u64::from(strata.position_cells()) * u64::from(pilot);
-        progress.begin("pilot", "rays", count);
-        trace_jobs(tracer, settings, &run, &jobs, |_| 0..pilot, progress)?;
-        run.plan = RayPlan::from_pilot(strata, 6, &run.store, settings.parameters.novelty)?;
+    let has_pilot = spec.parameters.novelty > 0.0 && strata.rays > 1;
+    if has_pilot {
+        let pilot = tracing.plan.pilot_rays;
+        let strata_count = all_cells.len() as u64 * u64::from(strata.position_cells());
+        options
+            .progress
+            .begin(stage::PILOT, "rays", strata_count * u64::from(pilot));
+        trace_cells(capture, &tracing, &all_cells, |_| 0..pilot)?;
+        tracing.plan =
+            RayPlan::from_pilot(strata, DOMAINS, &tracing.store, spec.parameters.novelty)?;
     }
-    let pilot_done = planned && parts == 1;
-    if planned && !pilot_done {
-        // The other shards' share of the pilot is theirs to report.
-        (run.store, run.misses) = (new_store()?, MissMap::new(settings.face_size_px));
+    let keeps_pilot = has_pilot && parts == 1;
+    if has_pilot && !keeps_pilot {
+        // The other shards report their own share of the pilot.
+        tracing = Tracing {
+            plan: tracing.plan,
+            ..Tracing::empty(spec, options)?
+        };
     }
-    run.rays = mine.iter().map(|job| total(&run.plan, job)).sum();
-    let first = if pilot_done { run.plan.pilot_rays } else { 0 };
-    let traced_before = mine.len() as u64 * u64::from(strata.position_cells()) * u64::from(first);
-    progress.begin("trace", "rays", run.rays - traced_before);
-    let range = |group: usize| first..run.plan.pilot_rays + run.plan.more_rays[group];
-    trace_jobs(tracer, settings, &run, &mine, range, progress)?;
-    Ok(run)
+    tracing.rays = own_cells
+        .iter()
+        .map(|&(domain, cell)| tracing.plan.rays_in_cell(domain, cell))
+        .sum();
+    let first = if keeps_pilot {
+        tracing.plan.pilot_rays
+    } else {
+        0
+    };
+    let traced_before =
+        own_cells.len() as u64 * u64::from(strata.position_cells()) * u64::from(first);
+    options
+        .progress
+        .begin(stage::TRACE, "rays", tracing.rays - traced_before);
+    let plan = &tracing.plan;
+    let range = |group: usize| first..plan.pilot_rays + plan.more_rays[group];
+    trace_cells(capture, &tracing, &own_cells, range)?;
+    Ok(tracing)
 }
 
-/// Traces, of every stratum of the given (domain, direction cell) pairs, the rays in the range for its group.
-fn trace_jobs(
-    tracer: &Tracer,
-    settings: &CaptureSettings,
-    run: &Tracing,
-    jobs: &[(u8, u32)],
+/// A ray domain and one of its direction cells.
+type DomainCell = (u8, u32);
+
+/// Traces, for every stratum of the cells, the rays in the range of its group.
+fn trace_cells(
+    capture: &SceneCapture,
+    tracing: &Tracing,
+    cells: &[DomainCell],
     range: impl Fn(usize) -> std::ops::Range<u32> + Sync,
-    progress: &dyn Progress,
 ) -> io::Result<()> {
-    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
-    let strata = strata_of(&settings.parameters);
-    jobs.par_iter()
-        .try_for_each_init(JobBuffers::default, |buffers, &(domain, cell)| {
-            check_cancelled(progress)?;
-            let job = DirectionCell {
-                domain: RayDomain::cube_face(Face::ALL[usize::from(domain)], settings.half_size_m),
+    let SceneCapture { spec, options, .. } = *capture;
+    let strata = spec.strata();
+    let router = HitRouter::new(capture, &tracing.environment_mask);
+    cells
+        .par_iter()
+        .try_for_each_init(CellBuffers::default, |buffers, &(domain, cell)| {
+            check_cancelled(options.progress)?;
+            let direction_cell = DirectionCell {
+                domain: RayDomain::cube_face(Face::ALL[usize::from(domain)], spec.half_size_m),
                 domain_number: domain,
                 strata,
                 cell,
             };
-            buffers.names.clear();
+            buffers.rays.clear();
             for position_cell in 0..strata.position_cells() {
-                let rays = range(run.plan.groups.of_cell(domain, cell, position_cell));
-                buffers.names.extend(rays.map(|ray| (position_cell, ray)));
+                let group = tracing.plan.groups.index(domain, cell, position_cell);
+                let rays = range(group).map(|ray| (position_cell, ray));
+                buffers.rays.extend(rays);
             }
-            let router = Router {
-                tracer,
-                bins,
-                size_px: settings.face_size_px,
-                misses: &run.misses,
-            };
-            buffers.trace(&job, &router);
-            run.store.insert(&buffers.samples, &mut buffers.scratch)?;
-            progress.advance(buffers.names.len() as u64);
+            buffers.trace(&direction_cell, &router);
+            tracing
+                .store
+                .insert(&buffers.samples, &mut buffers.scratch)?;
+            options.progress.advance(buffers.rays.len() as u64);
             Ok(())
         })
 }
 
-/// Buffers that a thread reuses from job to job.
+/// Buffers that a thread reuses from cell to cell.
 #[derive(Default)]
-struct JobBuffers {
-    names: Vec<(u32, u32)>,
+struct CellBuffers {
+    /// The rays to trace: position cell and number in its stratum.
+    rays: Vec<(u32, u32)>,
     packets: Vec<RayPacket>,
     hits: Vec<HitPacket>,
     samples: Vec<Sample>,
     scratch: InsertScratch,
 }
 
-impl JobBuffers {
-    /// Traces all named rays of a job into `samples`.
-    fn trace(&mut self, job: &DirectionCell, router: &Router) {
+impl CellBuffers {
+    /// Traces the rays of a direction cell into `samples`.
+    fn trace(&mut self, direction_cell: &DirectionCell, router: &HitRouter) {
         /// Packets in flight: 64 of 16 rays and their hits stay in the level 2 cache.
         const BATCH: usize = 64;
         self.samples.clear();
         self.packets.resize(BATCH, RayPacket::EMPTY);
         self.hits.resize(BATCH, HitPacket::MISS);
-        for names in self.names.chunks(BATCH * PACKET) {
-            let count = names.len().div_ceil(PACKET);
-            for (names, packet) in names.chunks(PACKET).zip(&mut self.packets) {
-                job.fill_packet(names, packet);
+        for rays in self.rays.chunks(BATCH * PACKET) {
+            let count = rays.len().div_ceil(PACKET);
+            for (rays, packet) in rays.chunks(PACKET).zip(&mut self.packets) {
+                direction_cell.fill_packet(rays, packet);
             }
             router
                 .tracer
                 .closest_packets(&self.packets[..count], &mut self.hits[..count]);
-            for (names, (packet, hits)) in names
-                .chunks(PACKET)
-                .zip(self.packets.iter().zip(&self.hits))
+            for (rays, (packet, hits)) in
+                rays.chunks(PACKET).zip(self.packets.iter().zip(&self.hits))
             {
-                for (lane, &(position_cell, ray)) in names.iter().enumerate() {
-                    let (Some(ray_here), key) = (packet.ray(lane), job.key(position_cell, ray))
-                    else {
+                for (lane, &(position_cell, ray_number)) in rays.iter().enumerate() {
+                    let key = direction_cell.key(position_cell, ray_number);
+                    let Some(ray) = packet.ray(lane) else {
                         continue;
                     };
                     match hits.hit(lane) {
-                        Some(hit) => self.samples.push(router.sample(&ray_here, &hit, key)),
-                        None => router.misses.mark(ray_here.direction),
+                        Some(hit) => self.samples.push(router.sample(&ray, &hit, key)),
+                        None => router.environment_mask.mark(ray.direction),
                     }
                 }
             }
@@ -179,18 +199,30 @@ impl JobBuffers {
     }
 }
 
-/// Turns hits into samples of the face that contains them; misses are marked in the environment.
-pub(crate) struct Router<'a> {
+/// Turns hits into samples of the face that contains them.
+pub(crate) struct HitRouter<'a> {
     pub(crate) tracer: &'a Tracer,
     pub(crate) bins: DepthBins,
-    /// Pixels a side of a face.
+    /// Pixels along a side of a face.
     pub(crate) size_px: u32,
-    pub(crate) misses: &'a MissMap,
+    /// Receives rays that hit nothing.
+    pub(crate) environment_mask: &'a EnvironmentMask,
 }
 
-impl Router<'_> {
+impl<'a> HitRouter<'a> {
+    pub(crate) fn new(capture: &SceneCapture<'a>, environment_mask: &'a EnvironmentMask) -> Self {
+        Self {
+            tracer: capture.tracer,
+            bins: capture.spec.depth_bins(),
+            size_px: capture.spec.face_size_px,
+            environment_mask,
+        }
+    }
+
     /// The sample of a hit. The ray's direction has unit length.
-    #[inline(always)] // the one caller that matters builds rays and hits from lanes, and would wait for them to reach memory
+    // Inlined into its one hot caller, which builds rays and hits from lanes and would otherwise
+    // wait for them to reach memory.
+    #[inline(always)]
     pub(crate) fn sample(&self, ray: &Ray, hit: &Hit, key: RayKey) -> Sample {
         let (face, [right, up, eye_depth]) = Face::locate(ray.origin + ray.direction * hit.t);
         let inverse_depth = 1.0 / eye_depth;
@@ -213,36 +245,33 @@ impl Router<'_> {
             albedo: scene
                 .paint(hit.primitive)
                 .albedo(hit.u, hit.v)
-                .map(sixteen_bits),
+                .map(to_unorm16),
             primitive: hit.primitive,
-            barycentric: [hit.u, hit.v].map(sixteen_bits),
+            barycentric: [hit.u, hit.v].map(to_unorm16),
             area: hit.t * hit.t / cos.abs().max(1e-6),
             key,
         }
     }
 }
 
-/// Sampler [`Sampler::CentreRays`]: every hit beyond the headbox on the ray through each pixel's centre.
-fn pierce_from_centre(
-    tracer: &Tracer,
-    settings: &CaptureSettings,
-    run: &Tracing,
-    progress: &dyn Progress,
-) -> io::Result<u64> {
-    let size = settings.face_size_px;
-    let bins = DepthBins::new(settings.half_size_m, size);
-    let router = Router {
+/// Sampler [`Sampler::CentreRays`]: keeps every hit beyond the headbox on the ray through each
+/// pixel's centre. Returns the number of rays.
+fn pierce_from_centre(capture: &SceneCapture, tracing: &Tracing) -> io::Result<u64> {
+    let SceneCapture {
+        spec,
         tracer,
-        bins,
-        size_px: size,
-        misses: &run.misses,
-    };
-    let (part, parts) = settings.shard;
+        options,
+        ..
+    } = *capture;
+    let size = spec.face_size_px;
+    let router = HitRouter::new(capture, &tracing.environment_mask);
+    let (part, parts) = options.shard;
     let rows: Vec<u32> = (0..6 * size)
         .skip(part as usize)
         .step_by(parts as usize)
         .collect();
-    progress.begin("trace", "rays", rows.len() as u64 * u64::from(size));
+    let rays = rows.len() as u64 * u64::from(size);
+    options.progress.begin(stage::TRACE, "rays", rays);
     rows.par_iter().try_for_each_init(
         InsertScratch::default,
         |scratch, &row| -> io::Result<()> {
@@ -252,12 +281,11 @@ fn pierce_from_centre(
                 let direction = face
                     .direction(f64::from(x) + 0.5, f64::from(row % size) + 0.5, size)
                     .as_vec3();
-                // Directions have eye depth 1, so the headbox ends at t = half size.
-                let t_min = settings.half_size_m as f32;
                 let ray = Ray {
                     origin: Vec3::ZERO,
                     direction,
-                    t_min,
+                    // Directions have eye depth 1, so the headbox ends at t = half size.
+                    t_min: spec.half_size_m as f32,
                     t_max: f32::INFINITY,
                 };
                 let before = samples.len();
@@ -266,28 +294,28 @@ fn pierce_from_centre(
                     samples.push(router.sample(&ray, &hit, key))
                 });
                 if samples.len() == before {
-                    run.misses.mark(direction);
+                    tracing.environment_mask.mark(direction);
                 }
             }
-            progress.advance(u64::from(size));
-            run.store.insert(&samples, scratch)
+            options.progress.advance(u64::from(size));
+            tracing.store.insert(&samples, scratch)
         },
     )?;
-    Ok(rows.len() as u64 * u64::from(size))
+    Ok(rays)
 }
 
-/// Share of the headbox that its centre does not see: geometry inside it or across it hides the scene from there.
-/// Capture works all the same; rays start on the headbox's faces.
+/// Share of the headbox that its centre does not see, because geometry inside it or across it is in
+/// the way. Capture works all the same, because rays start on the headbox's faces.
 pub fn blocked_share(tracer: &Tracer, half_size_m: f64) -> f64 {
     const SIDE: u32 = 24;
     let blocked = AtomicU64::new(0);
     (0..SIDE.pow(3)).into_par_iter().for_each(|i| {
         let cell = |k: u32| (f64::from(k) + 0.5) / f64::from(SIDE) * 2.0 - 1.0;
-        let place =
+        let position =
             DVec3::new(cell(i % SIDE), cell(i / SIDE % SIDE), cell(i / SIDE / SIDE)) * half_size_m;
         let ray = Ray {
             origin: Vec3::ZERO,
-            direction: place.as_vec3(),
+            direction: position.as_vec3(),
             t_min: 0.0,
             t_max: 1.0,
         };

@@ -1,154 +1,133 @@
-//! What the rays so far have found, without light and colours, for a look at it; made anew only where rays have come since.
+//! The geometry pass: depth pixels of all rays so far, without light and colour, for test views.
+//! After more rays, only the pixels that they hit are rebuilt.
 
 use super::pixel_set::PixelSet;
 use crate::accumulate::accumulator::Sample;
+use crate::capture::SceneCapture;
 use crate::light::shade::Shader;
-use crate::merge::clusters::depth_pixels_of;
+use crate::merge::clusters::merge_pixel;
 use crate::merge::coverage::BinSpan;
 use crate::merge::merged_face::MergedFace;
 use crate::rays::trace::Tracing;
-use crate::settings::CaptureSettings;
-use crate::surfaces::unlit::Dark;
+use crate::surfaces::unlit::UnlitFaces;
 use headbox_core::cube_face::Face;
-use headbox_core::progress::{Progress, check_cancelled};
-use headbox_cube::model::depth_bins::DepthBins;
-use headbox_cube::model::info::CaptureInfo;
+use headbox_core::progress::check_cancelled;
 use headbox_cube::model::samples::{CubeLdi, LayeredDepthImage};
-use headbox_trace::bvh::Tracer;
-use headbox_trace::light::Lighting;
 use std::io;
 
-/// What the rays so far have found, without light and colours.
-pub(crate) struct Shape {
+/// Depth pixels of all rays so far, without light and colour.
+pub(crate) struct GeometryCube {
     cube: CubeLdi,
-    /// Of the samples of each face.
+    /// Bin spans of the depth pixels of each face.
     spans: Vec<Vec<BinSpan>>,
 }
 
-/// What shapes are made of.
-pub(crate) struct ShapeSource<'a> {
-    /// The scene.
-    pub tracer: &'a Tracer,
-    /// The lights, of which the sky is seen.
-    pub lighting: &'a Lighting,
-    /// Of the capture.
-    pub settings: &'a CaptureSettings,
-    /// Is asked whether the capture was given up, and told nothing.
-    pub progress: &'a dyn Progress,
-}
-
-impl ShapeSource<'_> {
-    /// The shape of all rays so far.
+impl GeometryCube {
+    /// Builds the geometry of all rays so far.
     ///
     /// # Errors
-    /// If spilled accumulators cannot be read, or the capture was given up.
-    pub(crate) fn shape(&self, run: &Tracing, info: CaptureInfo) -> io::Result<Shape> {
+    /// If spilled accumulators cannot be read, or if the capture was cancelled.
+    pub(crate) fn build(capture: &SceneCapture, tracing: &Tracing) -> io::Result<Self> {
         let faces = Face::ALL
             .map(|face| LayeredDepthImage::empty(face, 0))
             .into();
-        let cube = CubeLdi {
-            info,
-            faces,
-            environment: run.misses.environment(self.lighting),
-        };
-        let mut shape = Shape {
-            cube,
+        let mut geometry = Self {
+            cube: CubeLdi {
+                info: capture.info(),
+                faces,
+                environment: tracing.environment_mask.environment(capture.lighting),
+            },
             spans: vec![Vec::new(); Face::ALL.len()],
         };
-        Face::ALL
-            .into_iter()
-            .try_for_each(|face| self.make(&mut shape, run, face, None))?;
-        Ok(shape)
+        for face in Face::ALL {
+            geometry.build_face(capture, tracing, face, None)?;
+        }
+        Ok(geometry)
     }
 
-    /// Makes anew what `samples`, which are in `run` now and were not when the shape was made, have changed: it is then what
-    /// [`Self::shape`] gives.
+    /// Rebuilds what `samples` have changed, which came into `tracing` since the last build. The
+    /// result equals that of [`Self::build`].
     ///
     /// # Errors
-    /// As [`Self::shape`].
-    pub(crate) fn renew(
-        &self,
-        shape: &mut Shape,
-        run: &Tracing,
+    /// See [`Self::build`].
+    pub(crate) fn update(
+        &mut self,
+        capture: &SceneCapture,
+        tracing: &Tracing,
         samples: &[Sample],
     ) -> io::Result<()> {
-        shape.cube.environment = run.misses.environment(self.lighting);
+        self.cube.environment = tracing.environment_mask.environment(capture.lighting);
         for face in Face::ALL {
-            let mut hit = PixelSet::new(self.settings.face_size_px);
-            let mut here = samples
+            let mut hit = PixelSet::new(capture.spec.face_size_px);
+            let mut on_face = samples
                 .iter()
                 .filter(|sample| sample.face == face)
                 .peekable();
-            if here.peek().is_some() {
-                here.for_each(|sample| hit.insert(sample.x.into(), sample.y.into()));
-                self.make(shape, run, face, Some(&hit))?;
+            if on_face.peek().is_some() {
+                on_face.for_each(|sample| hit.insert(sample.x.into(), sample.y.into()));
+                self.build_face(capture, tracing, face, Some(&hit))?;
             }
         }
         Ok(())
     }
 
-    /// Makes a face, or what new samples in the pixels `hit` have changed: these, by mending the pixels around them, and the alphas of
-    /// those around these, which may have been rims.
-    fn make(
-        &self,
-        shape: &mut Shape,
-        run: &Tracing,
+    /// Builds a face, or only what new samples in the pixels `hit` have changed. They change the
+    /// pixels around them through repair of pinholes, and the alphas one pixel farther, where a rim
+    /// may have been.
+    fn build_face(
+        &mut self,
+        capture: &SceneCapture,
+        tracing: &Tracing,
         face: Face,
         hit: Option<&PixelSet>,
     ) -> io::Result<()> {
-        let Self {
+        let SceneCapture {
+            spec,
             tracer,
             lighting,
-            settings,
-            progress,
-        } = *self;
-        let (size_px, rule) = (settings.face_size_px, settings.parameters.merge_rule);
-        let bins = DepthBins::new(settings.half_size_m, size_px);
+            options,
+        } = *capture;
+        let size_px = spec.face_size_px;
+        let rule = spec.parameters.merge_rule;
+        let bins = spec.depth_bins();
         let shader = Shader {
-            tracer,
-            lighting,
-            samples: 0,
-            shape_only: true,
-            face_size_px: size_px,
+            capture: *capture,
+            geometry_only: true,
         };
-        let merged = hit.map(PixelSet::grown);
-        let around = merged.as_ref().map(PixelSet::grown);
+        let merged = hit.map(PixelSet::dilated);
+        let measured = merged.as_ref().map(PixelSet::dilated);
         let is_in = |set: &Option<PixelSet>, x: u32, y: u32| {
             set.as_ref().is_none_or(|set| set.contains(x, y))
         };
-        let parts = Dark {
-            run,
+        let unlit = UnlitFaces {
+            tracing,
             shader: &shader,
-            settings,
-            bins: &bins,
-            progress,
-        }
-        .face(face, around.as_ref())?;
-        check_cancelled(progress)?;
-        let (old, spans) = (
-            &mut shape.cube.faces[face.index()],
-            &mut shape.spans[face.index()],
-        );
-        let ldi = std::mem::replace(old, LayeredDepthImage::empty(face, 0));
-        let before = MergedFace {
-            ldi,
-            spans: std::mem::take(spans),
         };
-        let mut made = MergedFace::of(face, size_px, |x, y, out| match is_in(&merged, x, y) {
-            true => depth_pixels_of(parts.pixel(x, y), rule, lighting.tone, &bins, out),
-            false => out.extend(before.pixel(x, y)),
+        let surfaces = unlit.build(face, measured.as_ref())?;
+        check_cancelled(options.progress)?;
+        let face_ldi = &mut self.cube.faces[face.index()];
+        let face_spans = &mut self.spans[face.index()];
+        let before = MergedFace {
+            ldi: std::mem::replace(face_ldi, LayeredDepthImage::empty(face, 0)),
+            spans: std::mem::take(face_spans),
+        };
+        let mut after = MergedFace::new(face, size_px, |x, y, out| {
+            if is_in(&merged, x, y) {
+                merge_pixel(surfaces.pixel(x, y), rule, lighting.tone, &bins, out);
+            } else {
+                out.extend(before.pixel(x, y));
+            }
         });
-        drop((parts, before));
-        made.measure_alphas(tracer, &bins, settings.half_size_m, |x, y| {
-            is_in(&around, x, y)
+        drop((surfaces, before));
+        after.measure_alphas(tracer, &bins, spec.half_size_m, |x, y| {
+            is_in(&measured, x, y)
         });
-        (*old, *spans) = (made.ldi, made.spans);
+        *face_ldi = after.ldi;
+        *face_spans = after.spans;
         Ok(())
     }
-}
 
-impl Shape {
-    /// As a cube.
+    /// The geometry as a cube LDI.
     pub(crate) fn cube(&self) -> &CubeLdi {
         &self.cube
     }
@@ -158,21 +137,19 @@ impl Shape {
 mod tests {
     use super::*;
     use crate::accumulate::tiles::InsertScratch;
-    use crate::job::CaptureJob;
-    use crate::rays::trace;
-    use crate::rays::trace::Router;
+    use crate::rays::trace::HitRouter;
     use crate::scene_source::SceneSource;
-    use crate::settings::Resources;
+    use crate::spec::{CaptureSpec, RunOptions};
     use glam::Vec3;
-    use headbox_core::progress::Silent;
     use headbox_core::random::Rng;
-    use headbox_trace::bvh::Ray;
+    use headbox_trace::bvh::{Ray, Tracer};
+    use headbox_trace::light::Lighting;
     use headbox_trace::sampler::RayKey;
     use headbox_trace::viewpoint::place_headbox;
     use std::sync::Arc;
 
-    /// What rays from the centre meet; other rays than those of a capture.
-    fn more_samples(router: &Router, count: u64) -> Vec<Sample> {
+    /// Hits of random rays from the centre, which are none of the capture's own.
+    fn random_samples(router: &HitRouter, count: u64) -> Vec<Sample> {
         let mut random = Rng::new(5);
         let sample = |number: u64| {
             let direction = Vec3::from_array([(); 3].map(|()| random.unit() as f32 - 0.5));
@@ -190,57 +167,38 @@ mod tests {
     }
 
     #[test]
-    fn a_renewed_shape_is_the_shape_of_all_rays() {
+    fn updated_geometry_equals_a_full_build() {
         let scene_source = SceneSource::new("builtin:miniature");
         let scene = Arc::new(scene_source.open().unwrap());
         let headbox = place_headbox(&scene, None, None).unwrap();
-        let mut job = CaptureJob::new(scene_source, headbox.centre, headbox.half_size_m);
-        (
-            job.face_size_px,
-            job.parameters.strata,
-            job.parameters.rays_per_stratum,
-        ) = (70, 6, 4);
+        let mut spec = CaptureSpec::new(scene_source, headbox.centre, headbox.half_size_m);
+        spec.face_size_px = 70;
+        spec.parameters.strata = 6;
+        spec.parameters.rays_per_stratum = 4;
         let tracer = Tracer::new(Arc::clone(&scene), headbox.centre);
-        let (lighting, settings) = (
-            Lighting::of_scene(&tracer, 1),
-            job.settings(&Resources::default(), (0, 1)),
-        );
-        let run = trace::trace(&tracer, &settings, &Silent).unwrap();
-        let source = ShapeSource {
-            tracer: &tracer,
-            lighting: &lighting,
-            settings: &settings,
-            progress: &Silent,
-        };
-        let whole = || {
-            source
-                .shape(&run, job.shape_info(&tracer, &lighting))
-                .unwrap()
-        };
-        let mut shape = whole();
+        let lighting = Lighting::of_scene(&tracer, 1);
+        let options = RunOptions::default();
+        let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
+        let tracing = capture.trace().unwrap();
+        let router = HitRouter::new(&capture, &tracing.environment_mask);
+        let mut geometry = GeometryCube::build(&capture, &tracing).unwrap();
         for count in [40, 0, 400] {
-            let bins = DepthBins::new(job.half_size_m, job.face_size_px);
-            let router = Router {
-                tracer: &tracer,
-                bins,
-                size_px: job.face_size_px,
-                misses: &run.misses,
-            };
-            let samples = more_samples(&router, count);
-            let before = shape.cube.clone();
-            run.store
+            let samples = random_samples(&router, count);
+            let before = geometry.cube.clone();
+            tracing
+                .store
                 .insert(&samples, &mut InsertScratch::default())
                 .unwrap();
-            source.renew(&mut shape, &run, &samples).unwrap();
-            let expected = whole();
+            geometry.update(&capture, &tracing, &samples).unwrap();
+            let expected = GeometryCube::build(&capture, &tracing).unwrap();
             assert!(
-                shape.cube == expected.cube && shape.spans == expected.spans,
+                geometry.cube == expected.cube && geometry.spans == expected.spans,
                 "{count} more rays"
             );
             assert_eq!(
-                shape.cube != before,
+                geometry.cube != before,
                 count > 0,
-                "the rays were meant to find something"
+                "more rays change the geometry"
             );
         }
     }

@@ -1,9 +1,9 @@
-//! Slices by rows, so that each is written by one thread.
+//! Slices by rows of a face, so that each row is written by one thread.
 
 use rayon::prelude::*;
 
-/// The pieces of a slice that have these lengths, one after the other from its beginning; they must fit into it.
-pub(crate) fn pieces<T>(
+/// Splits a slice into consecutive pieces of the given lengths, from its beginning. They must fit.
+pub(crate) fn split_lengths<T>(
     mut slice: &mut [T],
     lengths: impl IntoIterator<Item = usize>,
 ) -> Vec<&mut [T]> {
@@ -15,31 +15,40 @@ pub(crate) fn pieces<T>(
     lengths.into_iter().map(piece).collect()
 }
 
-/// What a face has in a row of pixels: where it starts in all that the face has, and the row.
+/// Elements of a face in one row of pixels: the index of the first in the whole face, and the row.
 pub(crate) type Row<'a, T> = (usize, &'a mut [T]);
 
-/// What `all` holds for each row of `size_px` pixels of a face, whose `offsets` are those of a face's pixels.
-pub(crate) fn of_face<'a, T>(offsets: &[u32], size_px: u32, all: &'a mut [T]) -> Vec<Row<'a, T>> {
+/// Splits `all` into the rows of a face of `size_px` pixels. `offsets` are the prefix sums of the
+/// face's pixels.
+pub(crate) fn split_rows<'a, T>(
+    offsets: &[u32],
+    size_px: u32,
+    all: &'a mut [T],
+) -> Vec<Row<'a, T>> {
     let starts: Vec<usize> = offsets
         .iter()
         .step_by(size_px.max(1) as usize)
         .map(|&offset| offset as usize)
         .collect();
     let lengths = starts.windows(2).map(|ends| ends[1] - ends[0]);
-    starts.iter().copied().zip(pieces(all, lengths)).collect()
+    starts
+        .iter()
+        .copied()
+        .zip(split_lengths(all, lengths))
+        .collect()
 }
 
-/// Puts rows one after the other, side by side in memory that nothing has touched yet.
+/// Concatenates rows in parallel, into memory that was not touched before.
 pub(crate) fn concat<T: Copy + Send + Sync + bytemuck::Zeroable, R: Sync>(
     rows: &[R],
     row: impl Fn(&R) -> &[T] + Sync,
 ) -> Vec<T> {
-    let mut all = bytemuck::zeroed_vec(rows.iter().map(|of| row(of).len()).sum());
-    let pieces = pieces(&mut all, rows.iter().map(|of| row(of).len()));
+    let mut all = bytemuck::zeroed_vec(rows.iter().map(|r| row(r).len()).sum());
+    let pieces = split_lengths(&mut all, rows.iter().map(|r| row(r).len()));
     pieces
         .into_par_iter()
         .zip(rows)
-        .for_each(|(piece, of)| piece.copy_from_slice(row(of)));
+        .for_each(|(piece, r)| piece.copy_from_slice(row(r)));
     all
 }
 
@@ -48,11 +57,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_faces_rows_are_what_its_offsets_say() {
-        // 3x3 pixels that hold 1, 0, 2 | 0, 0, 0 | 3, 1, 0 things.
+    fn face_splits_into_rows_by_offsets() {
+        // 3x3 pixels with 1, 0, 2 | 0, 0, 0 | 3, 1, 0 elements.
         let offsets = [0, 1, 1, 3, 3, 3, 3, 6, 7, 7];
         let mut all = [0, 1, 2, 3, 4, 5, 6];
-        let rows: Vec<(usize, Vec<i32>)> = of_face(&offsets, 3, &mut all)
+        let rows: Vec<(usize, Vec<i32>)> = split_rows(&offsets, 3, &mut all)
             .into_iter()
             .map(|(start, row)| (start, row.to_vec()))
             .collect();
@@ -61,13 +70,13 @@ mod tests {
             [(0, vec![0, 1, 2]), (3, vec![]), (3, vec![3, 4, 5, 6])]
         );
         assert!(
-            of_face(&[0], 0, &mut [0; 0]).is_empty(),
+            split_rows(&[0], 0, &mut [0; 0]).is_empty(),
             "a face without pixels"
         );
     }
 
     #[test]
-    fn rows_follow_each_other() {
+    fn rows_concatenate_in_order() {
         let rows: Vec<Vec<u32>> = (0..40)
             .map(|y| (0..y * 7 % 11).map(|x| 100 * y + x).collect())
             .collect();
@@ -75,9 +84,9 @@ mod tests {
         assert!(concat(&[] as &[Vec<u32>], |row| row).is_empty());
         let mut all: Vec<u32> = (0..10).collect();
         assert_eq!(
-            pieces(&mut all, [2, 0, 5]),
+            split_lengths(&mut all, [2, 0, 5]),
             [&[0, 1][..], &[], &[2, 3, 4, 5, 6]],
-            "and the rest is left"
+            "the rest is not split"
         );
     }
 }

@@ -1,46 +1,46 @@
-//! The lit parts of a face.
+//! The surface samples of a face.
 
-use crate::light::shade::LitPart;
+use crate::light::shade::SurfaceSample;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The lit parts of a face, by pixel.
-pub(crate) struct FaceParts {
-    /// Pixels a side.
+/// The surface samples of a face, by pixel.
+pub(crate) struct FaceSurfaces {
+    /// Pixels along a side.
     pub size_px: u32,
     /// Prefix sums over the pixels in row-major order.
     pub offsets: Vec<u32>,
-    /// All parts; of a pixel sorted by bin and class.
-    pub parts: Vec<LitPart>,
+    /// All samples; those of a pixel are sorted by bin and class.
+    pub samples: Vec<SurfaceSample>,
 }
 
-impl FaceParts {
-    /// The parts of pixel (x, y).
-    pub(crate) fn pixel(&self, x: u32, y: u32) -> &[LitPart] {
-        &self.parts[self.range(x, y)]
+impl FaceSurfaces {
+    /// The samples of pixel (x, y).
+    pub(crate) fn pixel(&self, x: u32, y: u32) -> &[SurfaceSample] {
+        &self.samples[self.range(x, y)]
     }
 
-    /// The numbers of the parts of pixel (x, y).
+    /// The indices of the samples of pixel (x, y).
     pub(crate) fn range(&self, x: u32, y: u32) -> Range<usize> {
-        let p = y as usize * self.size_px as usize + x as usize;
-        self.offsets[p] as usize..self.offsets[p + 1] as usize
+        let pixel = y as usize * self.size_px as usize + x as usize;
+        self.offsets[pixel] as usize..self.offsets[pixel + 1] as usize
     }
 
-    /// The class of every part.
+    /// The class of every sample.
     pub(crate) fn classes(&self) -> Vec<u16> {
-        self.parts.par_iter().map(|part| part.class).collect()
+        self.samples.par_iter().map(|sample| sample.class).collect()
     }
 
-    /// The pixel of every part.
+    /// The pixel of every sample.
     pub(crate) fn pixels(&self) -> Vec<[u16; 2]> {
-        let mut pixels = Vec::with_capacity(self.parts.len());
+        let mut pixels = Vec::with_capacity(self.samples.len());
         for (y, row) in (0..).zip(
             self.offsets
                 .windows(self.size_px as usize + 1)
                 .step_by(self.size_px as usize),
         ) {
-            for (x, run) in (0..).zip(row.windows(2)) {
-                pixels.extend(std::iter::repeat_n([x, y], (run[1] - run[0]) as usize));
+            for (x, ends) in (0..).zip(row.windows(2)) {
+                pixels.extend(std::iter::repeat_n([x, y], (ends[1] - ends[0]) as usize));
             }
         }
         pixels

@@ -1,138 +1,139 @@
-//! The parts of a face before any light is on them.
+//! Builds the unlit surface samples of a face from accumulators.
 
 use super::pixel_set::PixelSet;
-use super::rows::pieces;
+use super::repair::PinholeRepair;
+use super::rows::split_lengths;
 use crate::accumulate::tiles::TILE_PX;
-use crate::light::shade::{LitPart, Shader};
-use crate::merge::repair::Mender;
+use crate::light::shade::{Shader, SurfaceSample};
 use crate::rays::trace::Tracing;
-use crate::settings::CaptureSettings;
-use crate::surfaces::surface_samples::FaceParts;
+use crate::surfaces::surface_samples::FaceSurfaces;
 use headbox_core::cube_face::Face;
-use headbox_core::progress::{Progress, check_cancelled};
-use headbox_cube::model::depth_bins::DepthBins;
+use headbox_core::progress::check_cancelled;
 use headbox_cube::model::parameters::Sampler;
 use rayon::prelude::*;
 use std::io;
 
-/// Makes the parts of faces.
-pub(crate) struct Dark<'a> {
-    pub(crate) run: &'a Tracing,
+/// Builds the unlit surface samples of faces.
+pub(crate) struct UnlitFaces<'a> {
+    pub(crate) tracing: &'a Tracing,
     pub(crate) shader: &'a Shader<'a>,
-    pub(crate) settings: &'a CaptureSettings,
-    pub(crate) bins: &'a DepthBins,
-    pub(crate) progress: &'a dyn Progress,
 }
 
-impl Dark<'_> {
-    /// The parts of a face, its gaps mended: of all pixels, or only of some.
-    pub(crate) fn face(&self, face: Face, only: Option<&PixelSet>) -> io::Result<FaceParts> {
-        let mut parts = self.unmended(face, only)?;
-        if self.settings.parameters.sampler != Sampler::CentreRays {
-            let half_size_m = self.settings.half_size_m as f32;
-            Mender {
+impl UnlitFaces<'_> {
+    /// Builds the samples of a face with its pinholes repaired: of all pixels, or only of a set.
+    pub(crate) fn build(&self, face: Face, only: Option<&PixelSet>) -> io::Result<FaceSurfaces> {
+        let spec = self.shader.capture.spec;
+        let mut surfaces = self.build_unrepaired(face, only)?;
+        if spec.parameters.sampler != Sampler::CentreRays {
+            PinholeRepair {
                 face,
                 shader: self.shader,
-                bins: self.bins,
-                half_size_m,
+                bins: spec.depth_bins(),
+                half_size_m: spec.half_size_m as f32,
             }
-            .mend(&mut parts);
+            .repair(&mut surfaces);
         }
-        Ok(parts)
+        Ok(surfaces)
     }
 
-    /// Makes parts of the accumulators of a face, and forgets them unless only their shape is looked at: a few rows of tiles at a time,
-    /// so that the parts of a face are in memory only once.
-    fn unmended(&self, face: Face, only: Option<&PixelSet>) -> io::Result<FaceParts> {
-        let (store, size_px) = (&self.run.store, self.shader.face_size_px);
+    /// Builds samples from the accumulators of a face, and clears these unless it is a geometry
+    /// pass. A few rows of tiles are built at a time, so that a face is in memory only once.
+    fn build_unrepaired(&self, face: Face, only: Option<&PixelSet>) -> io::Result<FaceSurfaces> {
+        let store = &self.tracing.store;
+        let capture = &self.shader.capture;
         let per_row = store.tiles_per_side() as usize;
         let first = face.index() * per_row * per_row;
-        let most: usize = match only {
+        let capacity: usize = match only {
             None => (first..first + per_row * per_row)
-                .map(|tile| store.most_in_tile(tile))
+                .map(|tile| store.max_in_tile(tile))
                 .sum(),
             Some(_) => 0,
         };
-        // Memory that is not touched until a thread puts its rows there. Mending adds a few.
-        let parts = bytemuck::zeroed_vec(most + most / 64);
-        let mut made = FaceParts {
-            size_px,
+        let mut surfaces = FaceSurfaces {
+            size_px: capture.spec.face_size_px,
             offsets: vec![0],
-            parts,
+            // Untouched memory until a thread writes its rows there. Repair adds a few samples.
+            samples: bytemuck::zeroed_vec(capacity + capacity / 64),
         };
         for tile_row in (0..per_row).step_by(TILE_ROWS_AT_ONCE) {
-            check_cancelled(self.progress)?;
+            check_cancelled(capture.options.progress)?;
             let end = per_row.min(tile_row + TILE_ROWS_AT_ONCE);
             let tiles = first + tile_row * per_row..first + end * per_row;
-            let tiles: io::Result<Vec<TileParts>> = tiles
+            let tiles: io::Result<Vec<TileSurfaces>> = tiles
                 .into_par_iter()
-                .map(|tile| self.tile_parts(tile, only))
+                .map(|tile| self.build_tile(tile, only))
                 .collect();
-            append(&mut made, &tiles?, per_row);
+            append(&mut surfaces, &tiles?, per_row);
         }
-        let count = made.offsets.last().map_or(0, |&end| end as usize);
-        made.parts.truncate(count);
-        Ok(made)
+        let count = surfaces.offsets.last().map_or(0, |&end| end as usize);
+        surfaces.samples.truncate(count);
+        Ok(surfaces)
     }
 
-    fn tile_parts(&self, tile: usize, only: Option<&PixelSet>) -> io::Result<TileParts> {
-        let Self { run, shader, .. } = *self;
-        let (face, x0, y0) = run.store.tile_place(tile);
-        let place = |pixel: u32| (x0 + pixel % TILE_PX, y0 + pixel / TILE_PX);
+    fn build_tile(&self, tile: usize, only: Option<&PixelSet>) -> io::Result<TileSurfaces> {
+        let Self { tracing, shader } = *self;
+        let (face, x0, y0) = tracing.store.tile_origin(tile);
+        let position = |pixel: u32| (x0 + pixel % TILE_PX, y0 + pixel / TILE_PX);
         let accumulators = match only {
-            None => run.store.tile_run(tile)?,
-            Some(only) => run.store.tile_run_of(tile, |pixel| {
-                let (x, y) = place(pixel);
+            None => tracing.store.tile_run(tile)?,
+            Some(only) => tracing.store.tile_run_where(tile, |pixel| {
+                let (x, y) = position(pixel);
                 only.contains(x, y)
             })?,
         };
-        if !shader.shape_only {
-            run.store.clear_tile(tile);
+        if !shader.geometry_only {
+            tracing.store.clear_tile(tile);
         }
-        let mut made = TileParts {
-            parts: Vec::with_capacity(accumulators.len()),
-            ..TileParts::default()
+        let mut surfaces = TileSurfaces {
+            samples: Vec::with_capacity(accumulators.len()),
+            ..TileSurfaces::default()
         };
         for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
-            let (number, (x, y)) = (pixel[0].link as usize, place(pixel[0].link));
-            made.counts[number] = pixel.len() as u32;
-            made.parts
-                .extend(pixel.iter().map(|acc| shader.part(acc, face, x, y)));
+            let (x, y) = position(pixel[0].link);
+            surfaces.counts[pixel[0].link as usize] = pixel.len() as u32;
+            surfaces.samples.extend(
+                pixel
+                    .iter()
+                    .map(|acc| shader.surface_sample(acc, face, x, y)),
+            );
         }
-        Ok(made)
+        Ok(surfaces)
     }
 }
 
-/// Rows of tiles whose parts are made before they move to the end of the face: enough tiles for many threads.
+/// Rows of tiles that are built before their samples move to the end of the face: enough tiles for
+/// many threads.
 const TILE_ROWS_AT_ONCE: usize = 4;
 
-/// Pixels a side of a tile.
+/// Pixels along a side of a tile.
 const SIDE: usize = TILE_PX as usize;
 
-/// The parts of one tile, row-major.
-struct TileParts {
-    /// Number of parts of each pixel.
+/// The surface samples of one tile, row-major.
+struct TileSurfaces {
+    /// Number of samples of each pixel.
     counts: [u32; SIDE * SIDE],
-    parts: Vec<LitPart>,
+    samples: Vec<SurfaceSample>,
 }
 
-impl Default for TileParts {
+impl Default for TileSurfaces {
     fn default() -> Self {
         Self {
             counts: [0; SIDE * SIDE],
-            parts: Vec::new(),
+            samples: Vec::new(),
         }
     }
 }
 
-/// Copies whole rows of tiles, of `per_row` each, to the end of the face, row of pixels by row of pixels.
-fn append(face: &mut FaceParts, tiles: &[TileParts], per_row: usize) {
-    let (size, before) = (face.size_px as usize, face.offsets.len() - 1);
-    let used = face.offsets[before] as usize;
-    let mut rest: Vec<&[LitPart]> = tiles.iter().map(|tile| &*tile.parts).collect();
-    let mut rows: Vec<Vec<&[LitPart]>> = Vec::new();
-    let mut total = used as u32;
-    for y in 0..(tiles.len() / per_row * SIDE).min(size - before / size) {
+/// Copies whole rows of tiles, `per_row` tiles each, to the end of the face, row of pixels by row
+/// of pixels.
+fn append(face: &mut FaceSurfaces, tiles: &[TileSurfaces], per_row: usize) {
+    let size = face.size_px as usize;
+    let pixels_before = face.offsets.len() - 1;
+    let samples_before = face.offsets[pixels_before] as usize;
+    let mut rest: Vec<&[SurfaceSample]> = tiles.iter().map(|tile| &*tile.samples).collect();
+    let mut rows: Vec<Vec<&[SurfaceSample]>> = Vec::new();
+    let mut total = samples_before as u32;
+    for y in 0..(tiles.len() / per_row * SIDE).min(size - pixels_before / size) {
         let in_row = y / SIDE * per_row..(y / SIDE + 1) * per_row;
         let counts = tiles[in_row.clone()]
             .iter()
@@ -153,22 +154,21 @@ fn append(face: &mut FaceParts, tiles: &[TileParts], per_row: usize) {
         };
         face.offsets.extend(counts.flatten().take(size).map(offset));
     }
-    if face.parts.len() < total as usize {
-        face.parts
+    if face.samples.len() < total as usize {
+        face.samples
             .resize(total as usize, bytemuck::Zeroable::zeroed());
     }
-    let lengths = rows.iter().map(|row| row.iter().map(|of| of.len()).sum());
-    let places = pieces(&mut face.parts[used..], lengths);
+    let lengths = rows.iter().map(|row| row.iter().map(|run| run.len()).sum());
+    let places = split_lengths(&mut face.samples[samples_before..], lengths);
     places.into_par_iter().zip(&rows).for_each(|(place, row)| {
-        let of_tiles = pieces(place, row.iter().map(|of| of.len()));
-        of_tiles
-            .into_iter()
+        let runs = split_lengths(place, row.iter().map(|run| run.len()));
+        runs.into_iter()
             .zip(row)
-            .for_each(|(place, of)| place.copy_from_slice(of));
+            .for_each(|(place, run)| place.copy_from_slice(run));
     });
 }
 
-fn take_first<'a>((from, count): (&mut &'a [LitPart], usize)) -> &'a [LitPart] {
+fn take_first<'a>((from, count): (&mut &'a [SurfaceSample], usize)) -> &'a [SurfaceSample] {
     from.split_off(..count).unwrap_or_default()
 }
 
@@ -177,7 +177,7 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
 
-    /// How many parts a pixel has; those beyond the face have none.
+    /// Number of samples of a pixel; 0 beyond the face.
     fn count(x: usize, y: usize, size: usize) -> usize {
         if x < size && y < size {
             (x * 7 + y * 3) % 4
@@ -186,35 +186,35 @@ mod tests {
         }
     }
 
-    /// Part `number` of a pixel, told from all others by its name.
-    fn part(x: usize, y: usize, number: usize) -> LitPart {
-        LitPart {
+    /// Sample `number` of a pixel; its primitive identifies it.
+    fn sample(x: usize, y: usize, number: usize) -> SurfaceSample {
+        SurfaceSample {
             primitive: ((y * 1000 + x) * 10 + number) as u32,
-            ..LitPart::zeroed()
+            ..SurfaceSample::zeroed()
         }
     }
 
     #[test]
-    fn parts_of_tiles_follow_each_other_pixel_by_pixel() {
-        let size = 3 * SIDE - 5; // no whole number of tiles
+    fn appended_tiles_are_in_pixel_order() {
+        let size = 3 * SIDE - 5; // not a whole number of tiles
         let tile = |tx: usize, ty: usize| {
-            let mut made = TileParts::default();
+            let mut made = TileSurfaces::default();
             for pixel in 0..SIDE * SIDE {
                 let (x, y) = (tx * SIDE + pixel % SIDE, ty * SIDE + pixel / SIDE);
                 let count = count(x, y, size);
                 made.counts[pixel] = count as u32;
-                made.parts
-                    .extend((0..count).map(|number| part(x, y, number)));
+                made.samples
+                    .extend((0..count).map(|number| sample(x, y, number)));
             }
             made
         };
-        let mut face = FaceParts {
+        let mut face = FaceSurfaces {
             size_px: size as u32,
             offsets: vec![0],
-            parts: Vec::new(),
+            samples: Vec::new(),
         };
         for rows in [0..2, 2..3] {
-            let tiles: Vec<TileParts> = rows
+            let tiles: Vec<TileSurfaces> = rows
                 .flat_map(|ty| (0..3).map(move |tx| (tx, ty)))
                 .map(|(x, y)| tile(x, y))
                 .collect();
@@ -223,12 +223,12 @@ mod tests {
         assert_eq!(face.offsets.len(), size * size + 1);
         for y in 0..size {
             for x in 0..size {
-                let expected: Vec<LitPart> = (0..count(x, y, size))
-                    .map(|number| part(x, y, number))
+                let expected: Vec<SurfaceSample> = (0..count(x, y, size))
+                    .map(|number| sample(x, y, number))
                     .collect();
                 assert_eq!(face.pixel(x as u32, y as u32), expected, "pixel {x}, {y}");
             }
         }
-        assert_eq!(face.parts.len(), face.offsets[size * size] as usize);
+        assert_eq!(face.samples.len(), face.offsets[size * size] as usize);
     }
 }

@@ -1,6 +1,6 @@
 //! `headbox info`.
 
-use super::capture::aimed;
+use super::capture::describe_aimed_rays;
 use super::images::{ImagesCommand, is_image_set};
 use crate::args::vertical_fov_deg;
 use crate::commands::capture::deep as capture_deep;
@@ -133,7 +133,7 @@ impl InfoCommand {
             );
             println!(
                 "              {}, in {}",
-                aimed(&holes),
+                describe_aimed_rays(&holes),
                 counted(holes.rounds, "round")
             );
         }
@@ -227,13 +227,13 @@ impl InfoCommand {
         if self.json {
             print_json(&json!({
                 "kind": SHARD.name, "bytes": bytes, "rays": info.rays, "part": info.part, "parts": info.parts,
-                "depth_pixels": samples, "faces": [], "job": info.job, "ok": true,
+                "depth_pixels": samples, "faces": [], "job": info.spec, "ok": true,
             }));
         } else {
             let (scene, rays, part) = (
-                &info.job.scene.name,
+                &info.spec.scene.name,
                 info.rays,
-                shard::numbered(info.part, info.parts),
+                shard::part_label(info.part, info.parts),
             );
             println!(
                 "{}: {} {part} of {scene}, {rays} rays, {bytes} bytes",

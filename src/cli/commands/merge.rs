@@ -1,6 +1,6 @@
 //! `headbox merge`.
 
-use super::capture::{budget, warn_if_blocked};
+use super::capture::{spill_budget, warn_if_blocked};
 use crate::output::{CUBE, Outputs, name_of, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, what_is_kept};
 use crate::progress::Bar;
@@ -8,9 +8,10 @@ use crate::words::{UsageError, counted};
 use anyhow::{Context, ensure};
 use clap::Args;
 use headbox_ldi::accumulate::shard;
-use headbox_ldi::refine;
+use headbox_ldi::capture::SceneCapture;
+use headbox_ldi::rays::trace::Tracing;
 use headbox_ldi::scene_source::fingerprint;
-use headbox_ldi::settings::Resources;
+use headbox_ldi::spec::RunOptions;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use serde_json::json;
@@ -25,13 +26,13 @@ pub(crate) struct MergeCommand {
     /// The .ldi file to write; `-` for standard output
     #[arg(short, long)]
     output: PathBuf,
-    /// Where the scene is now, if it is no longer where the shards were captured
+    /// New path of the scene, if it has moved since the shards were captured
     #[arg(long)]
     scene: Option<String>,
-    /// Where the picture of the sky is now, if it is no longer where the shards were captured
+    /// New path of the sky's picture, if it has moved since the shards were captured
     #[arg(long, value_name = "FILE.hdr|.exr")]
     sky: Option<PathBuf>,
-    /// Memory to keep within, MiB
+    /// Memory limit, MiB
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
     #[command(flatten)]
@@ -50,15 +51,17 @@ impl MergeCommand {
         }
         shard::check_complete(&infos)?;
         let (_, first) = &infos[0];
-        // The file says where the scene and its sky are now, for whoever opens it.
-        let mut job = first.job.clone();
-        let source = &mut job.scene;
+        // The header of the LDI has the new paths, from which the window opens the scene.
+        let mut spec = first.spec.clone();
+        let source = &mut spec.scene;
         if let Some(name) = &self.scene {
             source.name.clone_from(name);
         }
         match (&self.sky, &mut source.light.sky) {
             (Some(_), None) => {
-                return Err(UsageError("--sky: the shards were captured without one".into()).into());
+                return Err(
+                    UsageError("--sky: the shards were captured without one".into()).into(),
+                );
             }
             (Some(moved), Some(sky)) => sky.clone_from(moved),
             (None, _) => {}
@@ -71,37 +74,44 @@ impl MergeCommand {
             fingerprint(&scene) == first.scene_fingerprint
                 && scene.triangles.len() as u32 == first.triangles,
             "{} has changed since the shards were captured; capture them again",
-            job.scene.name
+            spec.scene.name
         );
-        let tracer = Tracer::new(Arc::new(scene), job.centre);
-        let parameters = &job.parameters;
+        let tracer = Tracer::new(Arc::new(scene), spec.centre);
+        let parameters = &spec.parameters;
         let lighting = Lighting::prepare(&tracer, parameters.bounces, parameters.light_samples > 0);
-        let resources = Resources {
-            budget: budget(self.memory, &self.output),
+        let bar = Bar::new();
+        let options = RunOptions {
+            budget: spill_budget(self.memory, &self.output),
+            progress: &bar,
+            ..RunOptions::default()
         };
-        let mut tracing = first.empty_tracing(resources.budget.clone())?;
+        let mut tracing = Tracing::empty(&spec, &options)?;
         for (path, info) in &infos {
             shard::absorb(path, info, &mut tracing)?;
         }
-        let bar = Bar::new();
-        refine::close(&job, &mut tracing, &tracer, &lighting, &bar)?;
-        let ldi = job.finish(&tracing, &tracer, &lighting, &resources, &bar)?;
+        let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
+        capture.fill_holes(&mut tracing)?;
+        let ldi = capture.light_and_merge(&tracing)?;
         drop((tracing, tracer));
         let packed = self.packing.pack(ldi)?;
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
-        let (count, rays) = (packed.depth_pixel_count(), packed.info.rays_traced);
+        let rays = packed.info.rays_traced;
         if self.json {
             print_json(&json!({
-                "shards": infos.len(), "rays": rays, "depth_pixels": count,
-                "samples_on_planes": packed.planes.samples, "bytes": packed.bytes(),
+                "shards": infos.len(),
+                "rays": rays,
+                "depth_pixels": packed.depth_pixel_count(),
+                "samples_on_planes": packed.planes.samples,
+                "bytes": packed.bytes(),
                 "peak_rss_mb": peak_rss_mb(),
             }));
         } else {
-            let (output, kept) = (name_of(&self.output), what_is_kept(&packed));
             println!(
-                "{output}: {kept} from {rays} rays in {}",
+                "{}: {} from {rays} rays in {}",
+                name_of(&self.output),
+                what_is_kept(&packed),
                 counted(infos.len() as u64, "shard")
             );
         }

@@ -1,7 +1,7 @@
 //! `headbox walk`.
 
 use crate::args::parse_size;
-use crate::commands::house::file::{say_unvisited, variant_by_name};
+use crate::commands::house::file::{note_unvisited, variant_by_name};
 use crate::output::{Outputs, print_json, save_picture, write_text};
 use crate::progress::Bar;
 use crate::words::UsageError;
@@ -60,7 +60,7 @@ impl WalkCommand {
             seed: self.seed,
             ..WalkPath::default()
         };
-        say_unvisited(&path, &house);
+        note_unvisited(&path, &house);
         let settings = MeasureSettings {
             path,
             quality,

@@ -25,7 +25,7 @@ use headbox_cube::model::samples::{CubeLdi, EncodedNormal};
 use headbox_cube::pack::{PackError, PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_ldi::from_images::layers::LayerCube;
-use headbox_ldi::from_images::piles::{Light, RowSamples, Sample};
+use headbox_ldi::from_images::row_samples::{ImageSample, LinearColor16, RowSamples};
 use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket};
 use rayon::prelude::*;
 
@@ -45,7 +45,7 @@ const ERROR_PX: f64 = 0.25;
 const ENVIRONMENT_PX: u32 = 64;
 
 /// A sample with its row: face and row of it, in this order of significance.
-type RowSample = (u32, Sample);
+type RowSample = (u32, ImageSample);
 
 /// Rays that are traced together, in the tracer's local frame.
 #[derive(Default)]
@@ -162,8 +162,8 @@ impl CubeJob<'_> {
                     inverse_depth += shift.max(-most).min(most);
                 }
                 let normal = EncodedNormal::new(normal);
-                let (column, color) = ((pixel % self.face_px) as u16, Light::new(color));
-                let sample = Sample {
+                let (column, color) = ((pixel % self.face_px) as u16, LinearColor16::new(color));
+                let sample = ImageSample {
                     column,
                     inverse_depth,
                     normal,

@@ -12,10 +12,9 @@ use headbox_cube::model::parameters::{CaptureParameters, Sampler};
 use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
-use headbox_ldi::job::CaptureJob;
-use headbox_ldi::refine;
+use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::scene_source::SceneSource;
-use headbox_ldi::settings::Resources;
+use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -61,10 +60,10 @@ pub struct Captures<'a> {
 }
 
 impl Captures<'_> {
-    /// The default job.
-    fn job(&self) -> CaptureJob {
+    /// The default capture.
+    fn spec(&self) -> CaptureSpec {
         let quality = self.plan.quality;
-        CaptureJob {
+        CaptureSpec {
             face_size_px: quality.face_size_px,
             parameters: CaptureParameters {
                 strata: quality.strata,
@@ -78,7 +77,7 @@ impl Captures<'_> {
                 },
                 ..CaptureParameters::DEFAULT
             },
-            ..CaptureJob::new(
+            ..CaptureSpec::new(
                 SceneSource::new(&self.subject.name),
                 self.plan.centre,
                 self.plan.half_size_m,
@@ -86,22 +85,27 @@ impl Captures<'_> {
         }
     }
 
-    /// The default job with a change.
+    /// Makes the default capture with a change.
     ///
     /// # Errors
     /// [`ReportError::Capture`].
     pub fn make(
         &self,
-        change: impl FnOnce(&mut CaptureJob),
+        change: impl FnOnce(&mut CaptureSpec),
         progress: &dyn Progress,
     ) -> Result<Made, ReportError> {
-        let mut job = self.job();
-        change(&mut job);
+        let mut spec = self.spec();
+        change(&mut spec);
+        let options = RunOptions {
+            progress,
+            ..RunOptions::default()
+        };
         let run = || {
             let start = Instant::now();
-            let (tracer, lighting) = (&self.subject.tracer, &self.subject.lighting);
-            let (ldi, _) =
-                refine::capture(&job, tracer, lighting, &Resources::default(), progress)?;
+            let Subject {
+                tracer, lighting, ..
+            } = self.subject;
+            let (ldi, _) = SceneCapture::new(&spec, tracer, lighting, &options).run()?;
             Ok::<_, ReportError>(Made {
                 ldi,
                 seconds: start.elapsed().as_secs_f64(),
@@ -157,19 +161,19 @@ impl Captures<'_> {
     ) -> Result<Vec<(Vec<Role>, Made)>, ReportError> {
         let (strata, rays) = (self.plan.quality.strata, self.plan.quality.rays);
         let mut made = Vec::new();
-        let mut add = |roles, change: &dyn Fn(&mut CaptureJob)| -> Result<(), ReportError> {
+        let mut add = |roles, change: &dyn Fn(&mut CaptureSpec)| -> Result<(), ReportError> {
             made.push((roles, self.make(change, progress)?));
             Ok(())
         };
-        add(vec![Role::other("aimed rays", "none")], &|job| {
-            job.parameters.holes = 1.0
+        add(vec![Role::other("aimed rays", "none")], &|spec| {
+            spec.parameters.holes = 1.0
         })?;
-        add(vec![Role::other("novelty stopping", "off")], &|job| {
-            job.parameters.novelty = 0.0
+        add(vec![Role::other("novelty stopping", "off")], &|spec| {
+            spec.parameters.novelty = 0.0
         })?;
         // What random rays find is compared alone.
         let all_rays =
-            |job: &mut CaptureJob| (job.parameters.novelty, job.parameters.holes) = (0.0, 1.0);
+            |spec: &mut CaptureSpec| (spec.parameters.novelty, spec.parameters.holes) = (0.0, 1.0);
         add(
             vec![
                 Role::baseline("sampler", "stratified"),
@@ -181,9 +185,9 @@ impl Captures<'_> {
             ("white noise", Sampler::WhiteNoise),
             ("centre rays", Sampler::CentreRays),
         ] {
-            add(vec![Role::other("sampler", name)], &|job| {
-                all_rays(job);
-                job.parameters.sampler = sampler;
+            add(vec![Role::other("sampler", name)], &|spec| {
+                all_rays(spec);
+                spec.parameters.sampler = sampler;
             })?;
         }
         for (n, m) in [
@@ -193,24 +197,24 @@ impl Captures<'_> {
             (strata, rays * 4),
         ] {
             let m = m.max(1);
-            add(vec![Role::other("rays", format!("{n}^4 x {m}"))], &|job| {
-                all_rays(job);
-                (job.parameters.strata, job.parameters.rays_per_stratum) = (n, m);
+            add(vec![Role::other("rays", format!("{n}^4 x {m}"))], &|spec| {
+                all_rays(spec);
+                (spec.parameters.strata, spec.parameters.rays_per_stratum) = (n, m);
             })?;
         }
         for (name, rule) in [
             ("keep the smaller area", MergeRule::SmallerArea),
             ("keep both if colours differ", MergeRule::ColorsApart),
         ] {
-            add(vec![Role::other("merging", name)], &|job| {
-                job.parameters.merge_rule = rule
+            add(vec![Role::other("merging", name)], &|spec| {
+                spec.parameters.merge_rule = rule
             })?;
         }
         if self.subject.lit {
             for samples in [1, 16] {
                 let name = format!("{samples} per depth pixel");
-                add(vec![Role::other("light samples", name)], &|job| {
-                    job.parameters.light_samples = samples
+                add(vec![Role::other("light samples", name)], &|spec| {
+                    spec.parameters.light_samples = samples
                 })?;
             }
         }

@@ -13,9 +13,9 @@ use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDe
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
-use headbox_ldi::job::CaptureJob;
+use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::scene_source::SceneSource;
-use headbox_ldi::settings::Resources;
+use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
@@ -75,21 +75,20 @@ fn capture_with(
     face_size_px: u32,
     (strata, rays): (u32, u32),
 ) -> Option<CubeLdi> {
-    let job = CaptureJob {
+    let spec = CaptureSpec {
         face_size_px,
         parameters: CaptureParameters {
             seed: 1,
             ..CaptureParameters::unlit(strata, rays)
         },
-        ..CaptureJob::new(SceneSource::new("stability"), centre, half_size_m)
+        ..CaptureSpec::new(SceneSource::new("stability"), centre, half_size_m)
     };
     let tracer = Tracer::new(scene, centre);
     let lighting = Lighting::of_scene(&tracer, 0);
-    Some(
-        job.run(&tracer, &lighting, &Resources::default(), &Silent)
-            .ok()?
-            .0,
-    )
+    let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
+        .run()
+        .ok()?;
+    Some(ldi)
 }
 
 /// Packs in the default layout.

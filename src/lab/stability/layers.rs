@@ -5,16 +5,15 @@ use super::bed::{Dice, draw, kernel, largest, ldi_of, look, pack, sample, sample
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
-use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::samples::{CubeLdi, DepthPixel};
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_ldi::job::CaptureJob;
+use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::scene_source::SceneSource;
-use headbox_ldi::settings::Resources;
+use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Triangle};
 use headbox_trace::bvh::Tracer;
@@ -373,22 +372,21 @@ fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
 }
 
 fn captured(seed: u64, scene: Scene, merge_rule: MergeRule) -> Option<CubeLdi> {
-    let job = CaptureJob {
+    let spec = CaptureSpec {
         face_size_px: FACE_PX,
         parameters: CaptureParameters {
             seed,
             merge_rule,
             ..CaptureParameters::unlit(6, 8)
         },
-        ..CaptureJob::new(SceneSource::new("stability"), DVec3::ZERO, 0.5)
+        ..CaptureSpec::new(SceneSource::new("stability"), DVec3::ZERO, 0.5)
     };
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let lighting = Lighting::of_scene(&tracer, 0);
-    Some(
-        job.run(&tracer, &lighting, &Resources::default(), &Silent)
-            .ok()?
-            .0,
-    )
+    let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
+        .run()
+        .ok()?;
+    Some(ldi)
 }
 
 #[cfg(test)]

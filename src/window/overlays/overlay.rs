@@ -3,7 +3,7 @@
 use super::effort::swatch;
 use super::variation::Meaning;
 use crate::overlays::effort;
-use crate::sources::growth::LitScene;
+use crate::sources::progressive_capture::LitScene;
 use crate::sources::reference::{Reference, Traced};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;

@@ -350,11 +350,10 @@ const _: () = assert!(FACE_NAMES.len() == Face::ALL.len(), "a name each");
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use headbox_core::progress::Silent;
     use headbox_cube::model::parameters::CaptureParameters;
     use headbox_cube::pack::{SplatIndexLayout, Split};
-    use headbox_ldi::job::CaptureJob;
-    use headbox_ldi::settings::Resources;
+    use headbox_ldi::capture::SceneCapture;
+    use headbox_ldi::spec::{CaptureSpec, RunOptions};
 
     /// A small capture with several layers in its only segment of each face.
     pub(crate) fn cube() -> Arc<PackedCube> {
@@ -362,14 +361,14 @@ pub(super) mod tests {
         let scene = Arc::new(source.open().unwrap());
         let headbox = scene.headbox.unwrap();
         let tracer = headbox_trace::bvh::Tracer::new(scene, headbox.centre);
-        let job = CaptureJob {
+        let spec = CaptureSpec {
             face_size_px: 24,
             parameters: CaptureParameters::unlit(6, 4),
-            ..CaptureJob::new(source, headbox.centre, headbox.half_size_m)
+            ..CaptureSpec::new(source, headbox.centre, headbox.half_size_m)
         };
         let lighting = headbox_trace::light::Lighting::of_scene(&tracer, 0);
-        let (ldi, _) = job
-            .run(&tracer, &lighting, &Resources::default(), &Silent)
+        let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
+            .run()
             .unwrap();
         Arc::new(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap())
     }

@@ -1,7 +1,7 @@
 //! A cube LDI in the window, from a file or growing.
 
-use super::growth::{Growth, LitScene, Stand};
 use super::points::Points;
+use super::progressive_capture::{CaptureStatus, LitScene, ProgressiveCapture};
 use crate::background::FewerThreads;
 use crate::facts::{axes_fact, simd_fact};
 use crate::file_name::file_name;
@@ -55,7 +55,7 @@ pub(super) struct Place {
 
 /// State of a cube LDI that is still being captured.
 struct Growing {
-    growth: Growth,
+    capture: ProgressiveCapture,
     begun: Instant,
     /// Shown before there is anything else.
     points: Points,
@@ -101,7 +101,7 @@ impl CubeSource {
             file_name(Path::new(&source.name))
         };
         let title = format!("{name} (live capture)");
-        let (growth, found) = Growth::start(source)?;
+        let (capture, found) = ProgressiveCapture::start(source)?;
         let scene = found.tracer.scene();
         let (centre, half_size_m) = (found.headbox.centre, found.headbox.half_size_m);
         let ahead = suggest_view(&found.tracer, centre);
@@ -122,7 +122,7 @@ impl CubeSource {
             place,
             None,
             Some(Growing {
-                growth,
+                capture,
                 begun,
                 points,
                 file,
@@ -162,18 +162,18 @@ impl CubeSource {
     }
 
     /// Takes over what a growing capture has become, and tells how far it is.
-    fn grow(&mut self) -> Result<Option<Stand>, String> {
+    fn grow(&mut self) -> Result<Option<CaptureStatus>, String> {
         let Some(growing) = &self.growing else {
             return Ok(None);
         };
-        if let Some(newer) = growing.growth.newer_than(self.cube.as_ref()) {
+        if let Some(newer) = growing.capture.newer_than(self.cube.as_ref()) {
             self.cube = Some(newer);
             self.variations.clear();
         }
         growing
-            .growth
-            .failure()
-            .map_or_else(|| Ok(Some(growing.growth.stand())), Err)
+            .capture
+            .take_error()
+            .map_or_else(|| Ok(Some(growing.capture.status())), Err)
     }
 
     /// Returns a loader of the scene that an LDI was captured from.
@@ -184,7 +184,7 @@ impl CubeSource {
         let in_hand = self
             .growing
             .as_ref()
-            .map(|growing| growing.growth.lit_scene());
+            .map(|growing| growing.capture.lit_scene());
         let info = cube.info.clone();
         move || match in_hand {
             Some(scene) => scene(),
@@ -193,12 +193,12 @@ impl CubeSource {
     }
 
     /// Work that is going on, and how far it is.
-    fn ongoing(&self, stand: &Stand) -> Option<Ongoing> {
-        let growing = self.growing.as_ref().filter(|_| !stand.ended)?;
-        let [done, all] = stand.rounds;
+    fn ongoing(&self, status: &CaptureStatus) -> Option<Ongoing> {
+        let growing = self.growing.as_ref().filter(|_| !status.ended)?;
+        let [done, all] = status.rounds;
         Some(Ongoing::since(
             format!("capturing, round {} of {all}", done + 1),
-            stand.share,
+            status.share,
             growing.begun,
         ))
     }
@@ -422,8 +422,8 @@ impl FrameSource for CubeSource {
         let overlay = Overlay::ALL
             .get(request.settings.choice("overlay")?)
             .map_or(Overlay::None, |&(_, o)| o);
-        let growth = self.grow()?;
-        let ongoing = growth.and_then(|stand| self.ongoing(&stand));
+        let status = self.grow()?;
+        let ongoing = status.and_then(|status| self.ongoing(&status));
         let Some(whole) = self.cube.clone() else {
             if let Some(growing) = &mut self.growing {
                 growing.points.paint(&request.camera, pixels);
@@ -475,7 +475,7 @@ impl FrameSource for CubeSource {
         match &self.growing {
             Some(growing) if action == SAVE => {
                 let newest = growing
-                    .growth
+                    .capture
                     .newer_than(self.cube.as_ref())
                     .or_else(|| self.cube.clone());
                 let cube =

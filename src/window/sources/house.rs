@@ -9,10 +9,12 @@ use crate::overlays::overlay::{Overlay, paint_backdrops, paint_holes};
 use crate::terms::TERMS;
 use glam::{DVec2, DVec3};
 use headbox_core::file_frame::FileFrame;
+use headbox_core::progress::{Progress, Silent};
 use headbox_house::backdrop::BackdropQuality;
 use headbox_house::file;
 use headbox_house::file::HouseFileError;
 use headbox_house::house::House;
+use headbox_house::make::{MadeHouse, MakeOptions, make_house};
 use headbox_house::opening::Opening;
 use headbox_house::settings::WalkStats;
 use headbox_house::store::Store;
@@ -20,17 +22,16 @@ use headbox_house::tour::Tour;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk_path::WalkPath;
 use headbox_model::PortalModel;
-use headbox_model::bake::{BakeOptions, bake_model};
+use headbox_model::bake::BakeOptions;
 use headbox_model::load::{LoadedModel, ModelOptions, load_model};
 use headbox_scenes as scenes;
 use headbox_viewer::{
     Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Ongoing, Pose,
     Refinement, Room, RoomMap, Setting, Stage,
 };
-use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::time::{Duration, Instant};
 
@@ -86,27 +87,52 @@ pub(super) struct HouseSource {
     notes: Vec<String>,
 }
 
+/// Options of a house without backdrops, which are built during the walk.
+fn make_options(light: Option<BakeOptions>) -> MakeOptions {
+    MakeOptions {
+        light,
+        backdrops: Vec::new(),
+        quality: BackdropQuality::default(),
+        budget_bytes: BUDGET_BYTES,
+    }
+}
+
 /// A house whose light is baked on a thread of low priority, for as long as this lives: once for
 /// each of [`LIGHTS`].
 struct LitLater {
-    houses: Receiver<Result<House, String>>,
+    houses: Receiver<Result<MadeHouse, String>>,
     /// Number of light bakes received.
     come: usize,
     baking: Arc<BakeProgress>,
     begun: Instant,
 }
 
-/// Progress of baking light.
+/// Progress of the present light.
 #[derive(Default)]
 struct BakeProgress {
-    given_up: AtomicBool,
-    /// Light samples that are taken, and all, of the present light.
-    samples: [AtomicUsize; 2],
+    cancelled: AtomicBool,
+    samples_done: AtomicU64,
+    samples: AtomicU64,
+}
+
+impl Progress for BakeProgress {
+    fn begin(&self, _: &str, _: &str, total: u64) {
+        self.samples_done.store(0, Ordering::Relaxed);
+        self.samples.store(total, Ordering::Relaxed);
+    }
+
+    fn advance(&self, steps: u64) {
+        self.samples_done.fetch_add(steps, Ordering::Relaxed);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Relaxed)
+    }
 }
 
 impl Drop for LitLater {
     fn drop(&mut self) {
-        self.baking.given_up.store(true, Ordering::Relaxed);
+        self.baking.cancelled.store(true, Ordering::Relaxed);
     }
 }
 
@@ -161,14 +187,11 @@ impl HouseSource {
     /// A model in plain colours at first; its light is baked meanwhile, and its backdrops are built
     /// as one walks.
     fn of_model(title: String, model: PortalModel) -> Result<Self, String> {
-        let house = House::new(model.clone()).map_err(|error| error.to_string())?;
+        let options = make_options(None);
+        let plain = make_house(model.clone(), &options, &Silent);
+        let MadeHouse { house, store, .. } = plain.map_err(|error| error.to_string())?;
         let lit = Some(LitLater::begin(model)?);
-        let plain = Self::new(
-            title,
-            house,
-            Store::new(BUDGET_BYTES),
-            BackdropQuality::default(),
-        );
+        let plain = Self::new(title, house, store, options.quality);
         Ok(Self { lit, ..plain })
     }
 
@@ -196,20 +219,20 @@ impl HouseSource {
         let Some(lit) = &mut self.lit else {
             return Ok(false);
         };
-        let house = match lit.houses.try_recv() {
+        let made = match lit.houses.try_recv() {
             Err(TryRecvError::Empty) => return Ok(true),
             Err(TryRecvError::Disconnected) => {
                 Err("Light could not be baked because of an error in the program.".into())
             }
-            Ok(house) => house,
+            Ok(made) => made,
         };
         lit.come += 1;
-        if lit.come == LIGHTS.len() || house.is_err() {
+        if lit.come == LIGHTS.len() || made.is_err() {
             self.lit = None;
         }
-        let store = Store::new(BUDGET_BYTES);
+        let MadeHouse { house, store, .. } = made?;
         self.tour = Tour::new(
-            Arc::new(house?),
+            Arc::new(house),
             Arc::new(store),
             BackdropQuality::default(),
             self.tour.settings,
@@ -226,20 +249,15 @@ impl LitLater {
         let watched = Arc::clone(&baking);
         let pool = background::pool("light")?;
         let work = move || {
-            for light in &LIGHTS {
-                watched
-                    .samples
-                    .iter()
-                    .for_each(|count| count.store(0, Ordering::Relaxed));
-                let (lit, _) = pool.install(|| {
-                    bake_model(model.clone(), light, &|done, all| watched.note(done, all))
-                });
-                if watched.given_up.load(Ordering::Relaxed) {
+            for light in LIGHTS {
+                watched.begin("", "", 0);
+                let options = make_options(Some(light));
+                let made = pool.install(|| make_house(model.clone(), &options, &*watched));
+                if watched.is_cancelled() {
                     return;
                 }
-                let house = pool.install(|| House::new(lit));
                 // The window may show something else by now.
-                let _ = sender.send(house.map_err(|error| error.to_string()));
+                let _ = sender.send(made.map_err(|error| error.to_string()));
             }
         };
         let thread = std::thread::Builder::new().name("light".into()).spawn(work);
@@ -253,8 +271,9 @@ impl LitLater {
     }
 
     fn ongoing(&self) -> Ongoing {
-        let [done, all] = [0, 1].map(|i| self.baking.samples[i].load(Ordering::Relaxed) as f64);
-        let share = if all > 0.0 { done / all } else { 0.0 };
+        let done = self.baking.samples_done.load(Ordering::Relaxed);
+        let all = self.baking.samples.load(Ordering::Relaxed);
+        let share = (done as f64 / all.max(1) as f64).min(1.0);
         // Of a flat of three rooms the first light takes a third of the time: to learn where light
         // comes from takes as long as for the second.
         let [first, second] = [0.33, 0.67];
@@ -264,19 +283,6 @@ impl LitLater {
             first + second * share
         };
         Ongoing::since("computing light", share, self.begun)
-    }
-}
-
-impl BakeProgress {
-    /// Takes down how far light is; ends the work when nobody wants it.
-    fn note(&self, done: usize, all: usize) -> ControlFlow<()> {
-        self.samples[0].fetch_max(done, Ordering::Relaxed);
-        self.samples[1].store(all, Ordering::Relaxed);
-        if self.given_up.load(Ordering::Relaxed) {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
     }
 }
 

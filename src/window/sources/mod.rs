@@ -2,12 +2,12 @@
 
 mod cube;
 mod geometry;
-pub(crate) mod growth;
 mod house;
 pub(crate) mod library;
 mod live;
 mod lumigraph;
 mod photographs;
 mod points;
+pub(crate) mod progressive_capture;
 pub(crate) mod reference;
 mod sprite;

@@ -1,6 +1,6 @@
 //! Ray-traced truth of the current view, refined in the background.
 
-use super::growth::LitScene;
+use super::progressive_capture::LitScene;
 use crate::background;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;

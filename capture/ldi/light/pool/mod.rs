@@ -1,132 +1,134 @@
-//! Soft light pooled over a surface: neighbouring depth pixels of one plane share their light samples.
+//! Pools soft light over surfaces: neighbouring depth pixels of one plane share their light
+//! samples.
 //!
-//! Light from the sky, from lamps and from bounces varies slowly over a surface but is noisy per sample. So it is kept apart from
-//! albedo, and each part takes the mean over a window of its surface: parts of the same kind
-//! ([`crate::accumulate::accumulator::Accumulator::class`]: material, side, octant) in the same plane, in whatever layer and on whatever face. How
-//! wide the window is, is decided part by part, from narrow to wide:
+//! Light from the sky, from lamps and from bounces varies slowly over a surface but is noisy per
+//! sample. So it is kept apart from albedo, and each surface sample takes the mean over a window of
+//! its surface: surface samples of the same class
+//! ([`Accumulator::class`](crate::accumulate::accumulator::Accumulator::class): material, side,
+//! octant) in the same plane, in any layer and on any face. The width of the window is chosen for
+//! each surface sample, from narrow to wide:
 //!
-//! * The wider window's mean counts as far as it agrees with the narrower one's within the noise of both (Katkovnik 1999, "A new
-//!   method for varying adaptive bandwidth selection": intersecting confidence intervals). Edges of shadows stay.
-//! * It counts as far as what irradiance may change over it is less than the noise of the narrower one: by the harmonic mean of
-//!   the distances to what light comes from, with which Ward, Rubinstein and Clear (1988, "A ray tracing solution for diffuse
-//!   interreflection") bound the gradient of irradiance. Contact shadows stay.
+//! * The wider window's mean counts as far as it agrees with the narrower one's within the noise of
+//!   both (Katkovnik 1999, "A new method for varying adaptive bandwidth selection": intersecting
+//!   confidence intervals). Edges of shadows stay.
+//! * It counts as far as the possible change of irradiance over it is less than the noise of the
+//!   narrower one: by the harmonic mean of the distances to where light comes from, with which
+//!   Ward, Rubinstein and Clear (1988, "A ray tracing solution for diffuse interreflection") bound
+//!   the gradient of irradiance. Contact shadows stay.
 //!
-//! The same windows say, block by block, where samples are wanted ([`survey`]). They are chosen for some places at a time ([`beside`]).
+//! The narrowest window on large surfaces is a sum over dilated rows and columns, as in the a-trous
+//! wavelet transform (Dammertz et al. 2010, "Edge-avoiding a-trous wavelet transform for fast
+//! global illumination filtering"). All others are computed once for a block of pixels, each of
+//! twice the width of the one before, and cross the borders of faces. Sunlight, whose shadows have
+//! edges, and albedo are never pooled.
 //!
-//! Where light comes from so near that nothing wider would count, it is averaged along the line across which light changes ([`along`]).
-//!
-//! The narrowest window on large surfaces is a sum over dilated rows and columns ([`narrow`]), as in the a-trous wavelet transform
-//! (Dammertz et al. 2010, "Edge-avoiding a-trous wavelet transform for fast global illumination filtering"); all others are made once
-//! for a block of pixels ([`blocks`], [`around`]), each of twice the width of the one before, and know no borders of faces.
-//! Sunlight, whose shadows have edges, and albedo are never pooled.
+//! * `surface_key`: which samples lie on one surface.
+//! * `blocks`: sums over blocks of pixels, block by block and surface by surface.
+//! * `block_windows`: windows over the blocks of all faces.
+//! * `narrow_windows`: the narrowest window of each surface sample.
+//! * `isoline`: averages narrow windows along lines of equal nearness, where light comes from so
+//!   near that no wider window would count.
+//! * `window`: the choice among windows, in lanes.
+//! * `lanes`: pools the light of many points, in lanes.
+//! * `block_survey`: how many samples the surfaces of a block request.
 
-mod along;
-mod around;
-mod beside;
+mod block_survey;
+mod block_windows;
 mod blocks;
-mod narrow;
-mod surface;
-mod survey;
+mod isoline;
+mod lanes;
+mod narrow_windows;
+mod surface_key;
 #[cfg(test)]
 mod tests;
 mod window;
 
-pub(super) use around::Windows;
-use beside::{Place, pooled};
+pub(super) use block_survey::BlockSurvey;
+pub(super) use block_windows::BlockWindows;
 pub(super) use blocks::Blocks;
-pub(crate) use surface::same_surface;
-pub(super) use survey::Survey;
+pub(crate) use surface_key::same_surface;
 
-use crate::surfaces::surface_samples::FaceParts;
+use crate::surfaces::surface_samples::FaceSurfaces;
 use glam::Vec3;
 use headbox_core::color::luminance;
 use headbox_core::cube_face::Face;
+use lanes::{PoolingPoint, pool_points};
 use rayon::prelude::*;
-use surface::Surface;
+use surface_key::SurfaceKey;
 use window::FEW_SAMPLES;
 
-/// What the light samples of a part found.
+/// Sums over the light samples of a surface sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Gathered {
+pub(super) struct GatheredLight {
     /// Sum of the samples, exposed.
     pub(super) light: Vec3,
     /// Sum of their squared luminances.
     pub(super) squares: f32,
-    /// Sum of one over the distance to what each sample's first ray met, 1/m.
+    /// Sum of one over the distance to the hit of each sample's first ray, 1/m.
     pub(super) nearness: f32,
-    /// How many there are.
+    /// Number of samples.
     pub(super) samples: f32,
 }
 
-/// What pooling made of them.
+/// Light pooled over the chosen window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Pooled {
+pub(super) struct PooledLight {
     /// Radiosity per albedo.
     pub(super) light: Vec3,
-    /// Variance of the luminance of a single sample.
+    /// Variance of the luminance of a single light sample.
     pub(super) variance: f32,
-    /// Samples of the window, about.
+    /// Approximate number of light samples in the window.
     pub(super) samples: f32,
-    /// Parts of the window, about: those over which the mean is as good as that over all of a box.
-    pub(super) parts: f32,
+    /// Support of the window: the number of surface samples whose plain mean would be as good.
+    pub(super) support: f32,
 }
 
-/// Windows over the second smallest blocks: some 500 pixels.
+/// Level of the windows over the second smallest blocks: some 500 pixels.
 const SMALL_LEVEL: usize = 1;
 
-/// How the soft light of a face is pooled.
+/// Pooling of the soft light of a face.
 pub(super) struct Pooling<'a> {
-    parts: &'a FaceParts,
-    /// Of each part.
+    surfaces: &'a FaceSurfaces,
+    /// Pixel of each surface sample.
     pixels: Vec<[u16; 2]>,
-    surfaces: Vec<Surface>,
-    /// Width of the parts' pixels on their surfaces, metres.
+    /// Key of each surface sample.
+    keys: Vec<SurfaceKey>,
+    /// Width of the pixel of each surface sample on its surface, metres.
     widths: Vec<f32>,
 }
 
 impl<'a> Pooling<'a> {
-    pub(super) fn new(parts: &'a FaceParts, face: Face) -> Self {
-        let surfaces: Vec<Surface> = parts.parts.par_iter().map(Surface::of).collect();
-        let (size_px, pixels) = (parts.size_px, parts.pixels());
-        let width = |(surface, pixel): (&Surface, &[u16; 2])| {
-            surface.pixel_width(face, middle(*pixel), size_px)
-        };
-        let widths = surfaces.par_iter().zip(&pixels).map(width).collect();
+    pub(super) fn new(surfaces: &'a FaceSurfaces, face: Face) -> Self {
+        let keys: Vec<SurfaceKey> = surfaces.samples.par_iter().map(SurfaceKey::new).collect();
+        let size_px = surfaces.size_px;
+        let pixels = surfaces.pixels();
+        let width =
+            |(key, pixel): (&SurfaceKey, &[u16; 2])| key.pixel_width(face, middle(*pixel), size_px);
+        let widths = keys.par_iter().zip(&pixels).map(width).collect();
         Self {
-            parts,
-            pixels,
             surfaces,
+            pixels,
+            keys,
             widths,
         }
     }
 
-    /// The light of each part over its window, by what was gathered on the face and windows over blocks; samples of a class vary as is
-    /// `expected` of it.
+    /// Pools the light of each surface sample over its window. `expected` is the expected variance
+    /// of light samples by class.
     pub(super) fn pool(
         &self,
-        gathered: &[Gathered],
-        windows: &Windows,
+        gathered: &[GatheredLight],
+        windows: &BlockWindows,
         expected: &[f32],
-    ) -> Vec<Pooled> {
-        let place = |part: usize| {
-            let (surface, position, width_m) = (
-                &self.surfaces[part],
-                middle(self.pixels[part]),
-                self.widths[part],
-            );
-            Place {
-                surface,
-                position,
-                width_m,
-                expected: expected[surface.class as usize],
-            }
+    ) -> Vec<PooledLight> {
+        let point = |i: usize| PoolingPoint {
+            key: &self.keys[i],
+            position: middle(self.pixels[i]),
+            width_m: self.widths[i],
+            expected: expected[self.keys[i].class as usize],
         };
-        pooled(
-            self.surfaces.len(),
-            place,
-            windows,
-            Some(&self.narrow(gathered)),
-        )
+        let narrow = self.narrow_windows(gathered);
+        pool_points(self.keys.len(), point, windows, Some(&narrow))
     }
 }
 
@@ -135,13 +137,13 @@ fn middle(pixel: [u16; 2]) -> [f32; 2] {
     pixel.map(|c| f32::from(c) + 0.5)
 }
 
-/// What samples found by class of surface.
-pub(super) struct Classes {
-    /// Samples, light, squares.
+/// Statistics of light samples by class of surface.
+pub(super) struct ClassStatistics {
+    /// Number, sum of luminances, and sum of squared luminances of each class.
     sums: Vec<[f64; 3]>,
 }
 
-impl Default for Classes {
+impl Default for ClassStatistics {
     fn default() -> Self {
         Self {
             sums: vec![[0.0; 3]; 1 << 16],
@@ -149,46 +151,50 @@ impl Default for Classes {
     }
 }
 
-impl Classes {
-    /// What parts of these classes have gathered.
-    pub(super) fn of(classes: &[u16], gathered: &[Gathered]) -> Self {
-        let mut all = Self::default();
+impl ClassStatistics {
+    /// Statistics of the light samples of surface samples with these classes.
+    pub(super) fn new(classes: &[u16], gathered: &[GatheredLight]) -> Self {
+        let mut statistics = Self::default();
         for (&class, g) in classes
             .iter()
             .zip(gathered)
             .filter(|(_, g)| g.samples > 0.0)
         {
-            let found = [g.samples, luminance(g.light.to_array()), g.squares].map(f64::from);
-            let sums = &mut all.sums[usize::from(class)];
-            sums.iter_mut()
-                .zip(found)
-                .for_each(|(sum, found)| *sum += found);
+            let values = [g.samples, luminance(g.light.to_array()), g.squares].map(f64::from);
+            let sums = &mut statistics.sums[usize::from(class)];
+            for (sum, value) in sums.iter_mut().zip(values) {
+                *sum += value;
+            }
         }
-        all
+        statistics
     }
 
-    /// Adds those of another face.
+    /// Adds the statistics of another face.
     pub(super) fn absorb(&mut self, other: &Self) {
         for (sums, others) in self.sums.iter_mut().zip(&other.sums) {
-            sums.iter_mut()
-                .zip(others)
-                .for_each(|(sum, other)| *sum += other);
+            for (sum, other) in sums.iter_mut().zip(others) {
+                *sum += other;
+            }
         }
     }
 
-    /// Variance of the luminance of single samples by class of surface, and of all where there are few of a class.
+    /// Variance of the luminance of single light samples by class of surface; where a class has
+    /// few, mixed with that of all classes.
     pub(super) fn variances(&self) -> Vec<f32> {
         let mut all = [0.0f64; 3];
         for sums in &self.sums {
-            all.iter_mut().zip(sums).for_each(|(all, sum)| *all += sum);
+            for (all, sum) in all.iter_mut().zip(sums) {
+                *all += sum;
+            }
         }
         let variance = |[samples, light, squares]: [f64; 3]| {
             let per_sample = 1.0 / samples.max(1e-20);
             (squares * per_sample - (light * per_sample).powi(2)).max(0.0)
         };
         let few = f64::from(FEW_SAMPLES);
-        let of_class =
-            |of: &[f64; 3]| ((variance(*of) * of[0] + variance(all) * few) / (of[0] + few)) as f32;
-        self.sums.iter().map(of_class).collect()
+        let class_variance = |sums: &[f64; 3]| {
+            ((variance(*sums) * sums[0] + variance(all) * few) / (sums[0] + few)) as f32
+        };
+        self.sums.iter().map(class_variance).collect()
     }
 }

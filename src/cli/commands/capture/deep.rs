@@ -1,4 +1,4 @@
-//! `headbox capture F.exr`: deep pictures of film renderers as cube LDIs, and what they hold.
+//! `headbox capture F.exr`: deep images of film renderers as cube LDIs, and their description.
 
 use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, what_is_kept};
@@ -9,7 +9,7 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
 
-/// Whether a scene's name is that of a deep picture.
+/// Returns true if a scene's name is that of a deep image.
 pub(crate) fn is_deep_picture(name: &str) -> bool {
     !name.starts_with("builtin:")
         && Path::new(name)
@@ -17,7 +17,7 @@ pub(crate) fn is_deep_picture(name: &str) -> bool {
             .is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
 }
 
-/// Reads a deep picture and writes its cube. Positions and lengths are metres, Y up.
+/// Reads a deep image and writes its cube. Positions and lengths are metres, Y up.
 pub(super) fn run(
     name: &str,
     output: &Path,
@@ -32,15 +32,19 @@ pub(super) fn run(
     let packed = packing.pack(cube(&image, place).with_context(|| name.to_owned())?)?;
     if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
         bail!(
-            "{name}: all of it is so far that nothing moves within the headbox; give a larger --half-size"
+            "{name}: all samples are so far that nothing moves within the headbox; give a larger --half-size"
         );
     }
     packed.write(output)?;
     let total_s = start.elapsed().as_secs_f64();
     if as_json {
         print_json(&json!({
-            "samples": samples, "total_s": total_s, "peak_rss_mb": peak_rss_mb(), "depth_pixels": packed.depth_pixel_count(),
-            "bytes": packed.bytes(), "face_size": packed.face_size_px,
+            "samples": samples,
+            "total_s": total_s,
+            "peak_rss_mb": peak_rss_mb(),
+            "depth_pixels": packed.depth_pixel_count(),
+            "bytes": packed.bytes(),
+            "face_size": packed.face_size_px,
         }));
         return Ok(());
     }
@@ -56,7 +60,7 @@ pub(super) fn run(
     Ok(())
 }
 
-/// Says what a deep picture holds: `headbox images F.exr`, `headbox info F.exr`.
+/// Describes a deep image: `headbox images F.exr`, `headbox info F.exr`.
 pub(crate) fn describe(path: &Path, as_json: bool) -> anyhow::Result<()> {
     let image = DeepImage::read(path)?;
     let samples = image.offsets.last().copied().unwrap_or_default();
@@ -88,21 +92,27 @@ pub(crate) fn describe(path: &Path, as_json: bool) -> anyhow::Result<()> {
     } = image.view;
     let (camera, needs) = match (cube, world_to_camera.is_some(), world_to_ndc.is_some()) {
         (true, ..) => ("all directions: six faces, one above another", ""),
-        (false, true, true) => ("as the header says (worldToCamera, worldToNDC)", ""),
+        (false, true, true) => ("in the header (worldToCamera, worldToNDC)", ""),
         (false, true, false) => (
-            "stands as the header says (worldToCamera), which says not how wide it sees",
+            "position in the header (worldToCamera), without a field of view",
             " --fov DEG",
         ),
         (false, false, _) => (
-            "not in the header: at the origin looking along -Z unless told",
+            "not in the header: at the origin looking along -Z unless specified",
             " --fov DEG",
         ),
     };
     let [width, height] = image.size_px;
     if as_json {
         print_json(&json!({
-            "kind": "deep EXR", "size": image.size_px, "samples": samples, "most_in_a_pixel": most, "channels": channels,
-            "depth": range, "cube": cube, "knows_camera": needs.is_empty(),
+            "kind": "deep EXR",
+            "size": image.size_px,
+            "samples": samples,
+            "most_in_a_pixel": most,
+            "channels": channels,
+            "depth": range,
+            "cube": cube,
+            "knows_camera": needs.is_empty(),
         }));
         return Ok(());
     }
@@ -111,7 +121,7 @@ pub(crate) fn describe(path: &Path, as_json: bool) -> anyhow::Result<()> {
     println!("  channels    {}", channels.join(", "));
     match range {
         Some([near, far]) => println!("  depth       from {near:.3} to {far:.3}"),
-        None => println!("  depth       of no sample is known (channel Z)"),
+        None => println!("  depth       unknown (channel Z)"),
     }
     println!("  camera      {camera}");
     println!(

@@ -1,132 +1,147 @@
-//! What a capture will cost, said before it begins: by a rehearsal.
+//! Estimate of the time and space of a capture, by a rehearsal before it starts.
 //!
-//! What a ray, a light sample and a look for holes take depends on the scene and the machine by factors of four, which no constants
-//! know. So the whole capture is made once in small, with as many rays for each pixel of its faces and as much light, in some tenths of a
-//! second; each stage is timed and grows by its own law. What is captured afterwards knows nothing of it.
+//! The time of a ray, of a light sample and of the search for holes depends on the scene and the
+//! machine by factors of four, which no constants can predict. So the whole capture is made at a
+//! small size, with as many rays for each pixel of its faces and as much light, in some tenths of a
+//! second; each stage is timed and scaled by its own law. The rehearsal does not influence the
+//! capture.
 
 use crate::output::memory_bytes;
 use crate::packing::PackingArgs;
 use crate::progress::PlannedStage;
-use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::Sampler;
-use headbox_ldi::job::CaptureJob;
-use headbox_ldi::rays::trace as build;
-use headbox_ldi::refine;
-use headbox_ldi::settings::Resources;
+use headbox_ldi::capture::{SceneCapture, stage};
+use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use std::fmt;
 use std::time::Instant;
 
-/// Pixels a side of the rehearsal's faces, unless the capture's have fewer than so many times of it.
+/// Maximum size of the rehearsal's faces, pixels.
 const FACE_PX: u32 = 96;
-const SMALLER: u32 = 4;
 
-/// A ray of the capture takes this share of the time of one in the rehearsal, whose threads have hardly begun when they end.
+/// Minimum ratio of the capture's face size to the rehearsal's.
+const REDUCTION: u32 = 4;
+
+/// Time of a ray of the capture, as a share of one in the rehearsal, whose threads end shortly
+/// after they start.
 const RAY_SHARE: f64 = 0.75;
-/// A depth pixel likewise takes this share of the time to be lit, merged and packed: on larger faces light is pooled over more of them.
+
+/// Time in which a depth pixel of the capture is lit, merged and packed, as a share of that in the
+/// rehearsal: on larger faces light is pooled over more of them.
 const LIGHT_SHARE: f64 = 0.65;
-/// So many rounds of looking for holes for each of the rehearsal's; at least two are needed to know that there are none.
+
+/// Rounds of the search for holes for each round of the rehearsal.
 const ROUNDS_SHARE: f64 = 1.5;
-const FEWEST_ROUNDS: f64 = 2.0;
-/// A file takes this share of the bytes in memory, which grow by this power of the faces' size: pictures on planes need fewer borders.
+
+/// Minimum number of these rounds: two are needed to find that there are no holes.
+const MIN_ROUNDS: f64 = 2.0;
+
+/// Bytes of the file as a share of those in memory.
 const FILE_SHARE: f64 = 0.78;
+
+/// Power of the face size by which the file grows: plane textures of larger faces have fewer
+/// borders.
 const FILE_POWER: f64 = 1.87;
-/// Bytes of memory for each depth pixel at the widest point, where the parts of all faces wait to be lit: 242 to 366 in six scenes.
+
+/// Peak memory for each depth pixel, bytes, when the surface samples of all faces wait to be lit:
+/// 242 to 366 in six scenes.
 const MEMORY_BYTES: f64 = 290.0;
 
-/// Time and space of a capture, roughly.
+/// Estimated time and space of a capture.
 pub(super) struct Estimate {
-    /// What loading and the rehearsal took.
+    /// Time of loading and of the rehearsal.
     before_s: f64,
     rays: f64,
-    /// Share of the rays that the pilot traces.
-    pilot: f64,
+    /// Share of the rays in the pilot round.
+    pilot_share: f64,
     trace_s: f64,
-    look_s: f64,
-    rounds: u32,
+    holes_s: f64,
+    hole_rounds: u32,
     light_s: f64,
-    /// Of a whole capture.
+    /// Size of the file; `None` for a shard.
     file_bytes: Option<f64>,
     memory_bytes: f64,
 }
 
 impl Estimate {
-    /// Of a job on which work has `begun` by loading its scene, made in so many `parts`; of one of these nothing is lit.
+    /// Rehearses a capture, or one of its `parts`, of which none is lit. `start` is when the
+    /// command started.
     ///
     /// # Errors
-    /// Those of the capture.
-    pub(super) fn of(
-        job: &CaptureJob,
+    /// The errors of the capture.
+    pub(super) fn new(
+        spec: &CaptureSpec,
         tracer: &Tracer,
         lighting: &Lighting,
         packing: &PackingArgs,
         parts: u32,
-        begun: Instant,
+        start: Instant,
     ) -> anyhow::Result<Self> {
-        let used_before = memory_bytes().map_or([60e6; 2], |(most, now)| {
-            [most, now].map(|bytes| bytes as f64)
-        });
-        let small = in_small(job, parts == 1);
-        let wider = f64::from(job.face_size_px) / f64::from(small.face_size_px);
-        let resources = Resources::default();
+        let [peak_memory, used_memory] =
+            memory_bytes().map_or([60e6; 2], |(peak, now)| [peak as f64, now as f64]);
+        let is_whole = parts == 1;
+        let small = rehearsal(spec, is_whole);
+        let scale = f64::from(spec.face_size_px) / f64::from(small.face_size_px);
+        let options = RunOptions::default();
+        let capture = SceneCapture::new(&small, tracer, lighting, &options);
 
-        let start = Instant::now();
-        let mut tracing = build::trace(tracer, &small.settings(&resources, (0, 1)), &Silent)?;
-        let rays_wider = rays_of(job) / rays_of(&small) / f64::from(parts);
-        let rays = tracing.rays as f64 * rays_wider;
-        let trace_s = start.elapsed().as_secs_f64() * rays_wider * RAY_SHARE;
-        let is_planned =
+        let stage_start = Instant::now();
+        let mut tracing = capture.trace()?;
+        let ray_scale = spec.max_rays() / small.max_rays() / f64::from(parts);
+        let rays = tracing.rays as f64 * ray_scale;
+        let trace_s = stage_start.elapsed().as_secs_f64() * ray_scale * RAY_SHARE;
+        let has_pilot =
             small.parameters.novelty > 0.0 && small.parameters.sampler != Sampler::CentreRays;
-        let pilot = if is_planned {
-            (0.25 * rays_of(&small) / tracing.rays as f64).min(1.0)
+        let pilot_share = if has_pilot {
+            (0.25 * small.max_rays() / tracing.rays as f64).min(1.0)
         } else {
             0.0
         };
 
-        let start = Instant::now();
-        refine::close(&small, &mut tracing, tracer, lighting, &Silent)?;
-        let looked = f64::from(tracing.holes.map_or(0, |holes| holes.rounds));
-        let rounds = if looked > 0.0 {
-            (looked * ROUNDS_SHARE).max(FEWEST_ROUNDS).round()
+        let stage_start = Instant::now();
+        capture.fill_holes(&mut tracing)?;
+        let small_rounds = f64::from(tracing.holes.map_or(0, |holes| holes.rounds));
+        let hole_rounds = if small_rounds > 0.0 {
+            (small_rounds * ROUNDS_SHARE).max(MIN_ROUNDS).round()
         } else {
             0.0
         };
-        // Of a round, frames cost as much as they have pixels, which is little in small ones, and samples as there are: together about
-        // as the width of the faces.
-        let look_s = start.elapsed().as_secs_f64() / looked.max(1.0) * rounds * wider;
+        // A round costs time for the pixels of its views, which is little for small ones, and for
+        // the samples: together roughly in proportion to the width of the faces.
+        let round_s = stage_start.elapsed().as_secs_f64() / small_rounds.max(1.0);
+        let holes_s = round_s * hole_rounds * scale;
 
-        let start = Instant::now();
-        let ldi = small.finish(&tracing, tracer, lighting, &resources, &Silent)?;
+        let stage_start = Instant::now();
+        let ldi = capture.light_and_merge(&tracing)?;
         let samples: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
         let packed = packing.pack(ldi)?;
-        let light_s = start.elapsed().as_secs_f64() * wider * wider * LIGHT_SHARE;
-        let needed = samples as f64 * wider * wider * MEMORY_BYTES;
-        let is_whole = parts == 1;
+        let light_s = stage_start.elapsed().as_secs_f64() * scale * scale * LIGHT_SHARE;
+        let needed_memory = samples as f64 * scale * scale * MEMORY_BYTES;
         Ok(Self {
-            before_s: begun.elapsed().as_secs_f64(),
+            before_s: start.elapsed().as_secs_f64(),
             rays,
-            pilot,
+            pilot_share,
             trace_s,
-            look_s,
-            rounds: rounds as u32,
+            holes_s,
+            hole_rounds: hole_rounds as u32,
             light_s: if is_whole { light_s } else { 0.0 },
             file_bytes: is_whole
-                .then(|| packed.bytes() as f64 * FILE_SHARE * wider.powf(FILE_POWER)),
-            memory_bytes: (used_before[1] + needed).max(used_before[0]),
+                .then(|| packed.bytes() as f64 * FILE_SHARE * scale.powf(FILE_POWER)),
+            memory_bytes: (used_memory + needed_memory).max(peak_memory),
         })
     }
 
-    /// The same where a limit of memory, MiB, is kept within.
-    pub(super) fn within(mut self, memory_mb: Option<u64>) -> Self {
+    /// Limits the memory to that of `--memory`, MiB.
+    pub(super) fn limit_memory(mut self, memory_mb: Option<u64>) -> Self {
         let limit = memory_mb.map_or(f64::INFINITY, |mb| mb as f64 * f64::from(1 << 20));
         self.memory_bytes = self.memory_bytes.min(limit);
         self
     }
 
-    /// Seconds for all of it, from where it has begun.
+    /// Total time from the start of the command, seconds.
     pub(super) fn seconds(&self) -> f64 {
-        self.before_s + self.trace_s + self.look_s + self.light_s
+        self.before_s + self.trace_s + self.holes_s + self.light_s
     }
 
     /// The stages to come.
@@ -136,40 +151,32 @@ impl Estimate {
             times,
             weight,
         };
+        let trace_share = 1.0 - self.pilot_share;
         vec![
-            planned(&["pilot"], 1, self.trace_s * self.pilot),
-            planned(&["trace"], 1, self.trace_s * (1.0 - self.pilot)),
-            planned(&["look for holes"], self.rounds.max(1), self.look_s),
-            planned(&["light and merge"], 1, self.light_s),
+            planned(&[stage::PILOT], 1, self.trace_s * self.pilot_share),
+            planned(&[stage::TRACE], 1, self.trace_s * trace_share),
+            planned(&[stage::HOLES], self.hole_rounds.max(1), self.holes_s),
+            planned(&[stage::LIGHT], 1, self.light_s),
         ]
     }
 }
 
-/// A job in small, with about as many rays for each pixel of its faces. Of a part of a job, rays alone are rehearsed.
-fn in_small(job: &CaptureJob, is_whole: bool) -> CaptureJob {
-    let mut small = job.clone();
-    small.face_size_px = (job.face_size_px / SMALLER).clamp(1, FACE_PX);
-    let share = f64::from(small.face_size_px) / f64::from(job.face_size_px);
-    small.parameters.strata =
-        ((f64::from(job.parameters.strata) * share.sqrt()).round() as u32).max(1);
+/// A small version of a capture with about as many rays for each pixel of its faces. Of a shard,
+/// only the rays are rehearsed.
+fn rehearsal(spec: &CaptureSpec, is_whole: bool) -> CaptureSpec {
+    let mut small = spec.clone();
+    small.face_size_px = (spec.face_size_px / REDUCTION).clamp(1, FACE_PX);
+    let share = f64::from(small.face_size_px) / f64::from(spec.face_size_px);
+    let strata = (f64::from(spec.parameters.strata) * share.sqrt()).round();
+    small.parameters.strata = (strata as u32).max(1);
     if !is_whole {
-        (small.parameters.light_samples, small.parameters.holes) = (0, 1.0);
+        small.parameters.light_samples = 0;
+        small.parameters.holes = 1.0;
     }
     small
 }
 
-/// Rays of a whole job before any are saved.
-pub(super) fn rays_of(job: &CaptureJob) -> f64 {
-    match job.parameters.sampler {
-        Sampler::CentreRays => 6.0 * f64::from(job.face_size_px).powi(2),
-        Sampler::Stratified | Sampler::WhiteNoise => {
-            6.0 * f64::from(job.parameters.strata).powi(4)
-                * f64::from(job.parameters.rays_per_stratum)
-        }
-    }
-}
-
-/// A number of some unit as `9.4 M`, `94 M`, `940 M`: two digits of it count.
+/// Formats a number with two significant digits and a unit prefix: `9.4 M`, `94 M`, `940 M`.
 fn rounded(number: f64) -> String {
     let (scale, prefix) = match number {
         _ if number >= 995e6 => (1e9, "G"),
@@ -177,9 +184,9 @@ fn rounded(number: f64) -> String {
         _ => (1e3, "k"),
     };
     match number / scale {
-        few if few < 9.95 => format!("{few:.1} {prefix}"),
-        some if some < 99.5 => format!("{some:.0} {prefix}"),
-        many => format!("{:.0} {prefix}", (many / 10.0).round() * 10.0),
+        scaled if scaled < 9.95 => format!("{scaled:.1} {prefix}"),
+        scaled if scaled < 99.5 => format!("{scaled:.0} {prefix}"),
+        scaled => format!("{:.0} {prefix}", (scaled / 10.0).round() * 10.0),
     }
 }
 
@@ -201,9 +208,11 @@ impl fmt::Display for Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
+    use headbox_ldi::scene_source::SceneSource;
 
     #[test]
-    fn numbers_have_two_digits_that_count() {
+    fn numbers_have_two_significant_digits() {
         let cases = [
             (40.0, "0.0 k"),
             (2_345.0, "2.3 k"),
@@ -212,22 +221,18 @@ mod tests {
             (47.6e6, "48 M"),
             (1.96e9, "2.0 G"),
         ];
-        for (number, words) in cases {
-            assert_eq!(rounded(number), words);
+        for (number, expected) in cases {
+            assert_eq!(rounded(number), expected);
         }
     }
 
     #[test]
-    fn a_rehearsal_has_as_many_rays_for_a_pixel() {
-        let per_pixel = |job: &CaptureJob| rays_of(job) / f64::from(job.face_size_px).powi(2);
+    fn rehearsal_keeps_rays_per_pixel() {
         for (face_size_px, strata) in [(1024, 32), (512, 24), (256, 16), (512, 16)] {
-            let mut job = CaptureJob::new(
-                headbox_ldi::scene_source::SceneSource::new("a"),
-                glam::DVec3::ZERO,
-                1.0,
-            );
-            (job.face_size_px, job.parameters.strata) = (face_size_px, strata);
-            let ratio = per_pixel(&in_small(&job, true)) / per_pixel(&job);
+            let mut spec = CaptureSpec::new(SceneSource::new("a"), DVec3::ZERO, 1.0);
+            spec.face_size_px = face_size_px;
+            spec.parameters.strata = strata;
+            let ratio = rehearsal(&spec, true).rays_per_pixel() / spec.rays_per_pixel();
             assert!(
                 (0.7..1.4).contains(&ratio),
                 "{face_size_px} {strata}: {ratio}, strata are whole numbers"

@@ -1,23 +1,23 @@
-//! `--face-size`: a number of pixels, or as many as frames need.
+//! `--face-size`: a number of pixels, or the size that frames need.
 
 use crate::packing::PackingArgs;
 use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
-use headbox_ldi::face_size;
-use headbox_ldi::job::CaptureJob;
+use headbox_ldi::face_size::choose_face_size;
+use headbox_ldi::spec::CaptureSpec;
 use headbox_trace::bvh::Tracer;
 use std::fmt;
 use std::str::FromStr;
 
-/// How many pixels a side cube faces have.
+/// Size of cube faces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum FaceSize {
-    /// So many.
+    /// Pixels along a side.
     Px(u32),
-    /// As many as frames need.
+    /// The size that frames need.
     Auto(Frames),
 }
 
-/// Frames that are to be made of a capture.
+/// Frames that are to be rendered from a capture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Frames {
     width: u32,
@@ -26,8 +26,8 @@ pub(super) struct Frames {
 }
 
 impl Frames {
-    /// Those that reports draw, and for which the default size is meant.
-    const USUAL: Self = Self {
+    /// The frames of reports, for which the default face size is chosen.
+    const DEFAULT: Self = Self {
         width: 1024,
         height: 768,
         fov_y_deg: 60.0,
@@ -63,8 +63,11 @@ impl FromStr for FaceSize {
                 .ok()
                 .filter(|size| (1..=MAX_FACE_SIZE_PX).contains(size))
                 .map(Self::Px),
-            Some("") => Some(Self::Auto(Frames::USUAL)),
-            Some(frames) => frames.strip_prefix(':').and_then(frames_of).map(Self::Auto),
+            Some("") => Some(Self::Auto(Frames::DEFAULT)),
+            Some(frames) => frames
+                .strip_prefix(':')
+                .and_then(parse_frames)
+                .map(Self::Auto),
         };
         parsed.ok_or_else(|| {
             format!("give pixels from 1 to {MAX_FACE_SIZE_PX}, auto, or auto:WIDTHxHEIGHT@DEGREES, such as auto:1920x1080@75")
@@ -72,18 +75,18 @@ impl FromStr for FaceSize {
     }
 }
 
-/// Width, height, and the vertical field of view, which may be absent.
-fn frames_of(text: &str) -> Option<Frames> {
+/// Parses width, height, and the vertical field of view, which may be absent.
+fn parse_frames(text: &str) -> Option<Frames> {
     let (size, fov_y_deg) = match text.split_once('@') {
         Some((size, fov)) => (size, fov.parse().ok()?),
-        None => (text, Frames::USUAL.fov_y_deg),
+        None => (text, Frames::DEFAULT.fov_y_deg),
     };
     let (width, height) = size.split_once('x')?;
     let [width, height] = [width.parse().ok()?, height.parse().ok()?];
     let sides = 1..=headbox_core::camera::Camera::MAX_SIDE_PX;
-    let is_sound =
+    let is_valid =
         sides.contains(&width) && sides.contains(&height) && (0.1..=179.0).contains(&fov_y_deg);
-    is_sound.then_some(Frames {
+    is_valid.then_some(Frames {
         width,
         height,
         fov_y_deg,
@@ -91,29 +94,26 @@ fn frames_of(text: &str) -> Option<Frames> {
 }
 
 impl FaceSize {
-    /// The size, or where frames decide, that at which strata are meant until these are asked.
-    pub(super) fn or(self, usual: u32) -> u32 {
+    /// The size, or `auto_px` until frames decide it; strata must be chosen for that size.
+    pub(super) fn or(self, auto_px: u32) -> u32 {
         match self {
             Self::Px(size) => size,
-            Self::Auto(_) => usual,
+            Self::Auto(_) => auto_px,
         }
     }
 
-    /// Makes faces as large as frames need, with as many rays for each of their pixels, and says so.
-    pub(super) fn settle(self, job: &mut CaptureJob, tracer: &Tracer, packing: &PackingArgs) {
+    /// Sets the face size that frames need, with as many rays for each face pixel as before, and
+    /// reports it.
+    pub(super) fn choose(self, spec: &mut CaptureSpec, tracer: &Tracer, packing: &PackingArgs) {
         let Self::Auto(frames) = self else { return };
-        face_size::settle(job, tracer, frames.focal_px(), packing.error_px());
-        let (
-            size,
-            strata,
-            Frames {
-                width,
-                height,
-                fov_y_deg,
-            },
-        ) = (job.face_size_px, job.parameters.strata, frames);
+        choose_face_size(spec, tracer, frames.focal_px(), packing.error_px());
         eprintln!(
-            "faces of {size} px and {strata}^4 strata: as fine as frames of {width}x{height} at {fov_y_deg} degrees show"
+            "faces of {} px and {}^4 strata: as fine as frames of {}x{} at {} degrees show",
+            spec.face_size_px,
+            spec.parameters.strata,
+            frames.width,
+            frames.height,
+            frames.fov_y_deg
         );
     }
 }
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_read_and_written() {
+    fn face_sizes_parse_and_format() {
         for text in ["1", "1024", "auto:1920x1080@75", "auto:640x480@60.5"] {
             assert_eq!(
                 text.parse::<FaceSize>()
@@ -132,8 +132,8 @@ mod tests {
                 Ok(text)
             );
         }
-        assert_eq!("auto".parse(), Ok(FaceSize::Auto(Frames::USUAL)));
-        assert_eq!("auto:1024x768".parse(), Ok(FaceSize::Auto(Frames::USUAL)));
+        assert_eq!("auto".parse(), Ok(FaceSize::Auto(Frames::DEFAULT)));
+        assert_eq!("auto:1024x768".parse(), Ok(FaceSize::Auto(Frames::DEFAULT)));
         for text in [
             "0",
             "-3",

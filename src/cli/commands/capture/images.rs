@@ -1,4 +1,4 @@
-//! `headbox capture FOLDER`: sets of images as cube LDIs.
+//! `headbox capture FOLDER`: image sets as cube LDIs.
 
 use crate::commands::capture::CaptureCommand;
 use crate::commands::images::SetJob;
@@ -11,14 +11,16 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
 
-/// Pairs of neighbours that are looked at while a set is captured; `headbox images` looks at more.
+/// Number of pairs of neighbours that are compared while a set is captured; `headbox images`
+/// compares more.
 const CHECKED_PAIRS: usize = 4;
 
 impl CaptureCommand {
-    /// Warps the depth images of a set into one cube, or colours what its photographs agree on.
+    /// Warps the depth images of a set into one cube, or colours it by the photo-consistency of its
+    /// photographs.
     pub(super) fn run_images(&self) -> anyhow::Result<()> {
         let start = Instant::now();
-        self.refuse("images", &self.flags_of_deep())?;
+        self.refuse("images", &self.deep_flags())?;
         Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
         let set = self.images.open_registered(Path::new(self.scene.name()))?;
         let mut job = SetJob::suggest(&set);
@@ -39,7 +41,8 @@ impl CaptureCommand {
             }
         }
         if let SetJob::Depth(_) = job {
-            // Before the work, so that what is wrong is known at once; views without depth take no part, nor are their files needed.
+            // Before the work, so that problems are reported at once. Views without depth are not
+            // compared, nor are their files needed.
             for warning in check_neighbors(&set, CHECKED_PAIRS, &mut |_| {})?.warnings {
                 eprintln!("warning: {warning}");
             }
@@ -50,9 +53,9 @@ impl CaptureCommand {
         let packed = self.packing.pack(ldi)?;
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
             let why = match job {
-                SetJob::Depth(_) => "its pictures know no depth: all of it is zero, or no numbers",
+                SetJob::Depth(_) => "no image has depth: all values are zero or not numbers",
                 SetJob::Photographs(_) => {
-                    "its photographs agree on nothing; give a larger --agreement, or another --center"
+                    "the photographs agree on no surface; give a larger --agreement, or another --center"
                 }
             };
             bail!("{}: {why}", set.folder.display());
@@ -66,20 +69,23 @@ impl CaptureCommand {
             .sum();
         if self.json {
             print_json(&json!({
-                "images": views.len(), "pixels": pixels, "total_s": total_s, "peak_rss_mb": peak_rss_mb(),
-                "depth_pixels": packed.depth_pixel_count(), "bytes": packed.bytes(), "face_size": packed.face_size_px,
+                "images": views.len(),
+                "pixels": pixels,
+                "total_s": total_s,
+                "peak_rss_mb": peak_rss_mb(),
+                "depth_pixels": packed.depth_pixel_count(),
+                "bytes": packed.bytes(),
+                "face_size": packed.face_size_px,
             }));
             return Ok(());
         }
-        let (output, kept) = (self.output.display(), what_is_kept(&packed));
+        let output = self.output.display();
+        let content = what_is_kept(&packed);
         println!(
-            "{output}: {kept} from {} images, {total_s:.2} s",
+            "{output}: {content} from {} images, {total_s:.2} s",
             views.len()
         );
-        println!(
-            "look at it: headbox render {} -o frame.png",
-            self.output.display()
-        );
+        println!("look at it: headbox render {output} -o frame.png");
         Ok(())
     }
 }

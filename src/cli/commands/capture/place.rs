@@ -1,4 +1,4 @@
-//! Where a headbox goes, in the axes and the unit of its scene's file.
+//! The headbox in the axes and the unit of its scene's file.
 
 use crate::words::UsageError;
 use glam::DVec3;
@@ -9,7 +9,8 @@ use headbox_trace::viewpoint;
 use headbox_trace::viewpoint::HeadboxError;
 use std::sync::Arc;
 
-/// Where the headbox goes: what the user said, in the file's own axes and unit, else what the scene suggests, else free space.
+/// Places the headbox: as requested, in the file's axes and unit, else as the scene suggests, else
+/// in free space.
 pub(crate) fn place_headbox(
     scene: &Arc<Scene>,
     center: Option<DVec3>,
@@ -18,16 +19,16 @@ pub(crate) fn place_headbox(
     let centre = center.map(|center| scene.frame.world_from_file(center));
     let half_size_m = half_size.map(|half_size| half_size * scene.frame.unit_m);
     viewpoint::place_headbox(scene, centre, half_size_m)
-        .map_err(|error| UsageError(misplaced(&error, &scene.frame)))
+        .map_err(|error| UsageError(in_file_units(&error, &scene.frame)))
 }
 
-/// What is wrong with a headbox, in the file's axes and unit.
-fn misplaced(error: &HeadboxError, frame: &FileFrame) -> String {
+/// The message of an error in the file's axes and unit.
+fn in_file_units(error: &HeadboxError, frame: &FileFrame) -> String {
     match *error {
         HeadboxError::TooFar { centre, low, high } => {
             let [centre, low, high] = [centre, low, high].map(|point| frame.file_from_world(point));
             format!(
-                "a headbox about {} is so far from the scene that nothing of it would be seen; choose a place near it: it reaches \
+                "a headbox about {} is so far from the scene that nothing is visible; choose a place near the scene, which reaches \
                  from {} to {} (in the file's axes and unit)",
                 triple(centre),
                 triple(low.min(high)),
@@ -45,15 +46,15 @@ fn misplaced(error: &HeadboxError, frame: &FileFrame) -> String {
     }
 }
 
-/// A length with four digits that count.
+/// Rounds a length to four significant digits.
 fn rounded(length: f64) -> f64 {
     let digits = (3.0 - length.abs().max(f64::MIN_POSITIVE).log10().floor()).clamp(0.0, 12.0);
     let scale = 10_f64.powf(digits);
-    // Zero has no sign to people.
+    // Adding zero drops the sign of -0.
     (length * scale).round() / scale + 0.0
 }
 
-/// The same as text, with an exponent where there would be many zeros.
+/// Formats a length with four significant digits, and an exponent where there would be many zeros.
 pub(crate) fn figure(length: f64) -> String {
     match length.abs() {
         1e7.. => format!("{length:.3e}").replace(".000e", "e"),
@@ -62,7 +63,7 @@ pub(crate) fn figure(length: f64) -> String {
     }
 }
 
-/// A position as the command line takes it.
+/// Formats a position as the command line takes it.
 pub(crate) fn triple(position: DVec3) -> String {
     position.to_array().map(figure).join(",")
 }

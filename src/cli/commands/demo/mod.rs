@@ -21,10 +21,9 @@ use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_lab::cube_map::CubeMap;
-use headbox_ldi::job::CaptureJob;
-use headbox_ldi::refine;
+use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::scene_source::SceneSource;
-use headbox_ldi::settings::Resources;
+use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::truth;
@@ -116,13 +115,13 @@ impl DemoCommand {
             2.0 * half_size_m
         );
         let tracer = Tracer::new(scene, centre);
-        let job = job(&sizes, source, centre, half_size_m);
+        let spec = spec(&sizes, source, centre, half_size_m);
         let lighting = Lighting::prepare(
             &tracer,
-            job.parameters.bounces,
-            job.parameters.light_samples > 0,
+            spec.parameters.bounces,
+            spec.parameters.light_samples > 0,
         );
-        let cube = self.capture(&job, &tracer, &lighting)?;
+        let cube = self.capture(&spec, &tracer, &lighting)?;
         let rows = render_rows(&cube, &tracer, &lighting, &sizes)?;
         self.save(&rows)?;
         print_table(&rows);
@@ -157,14 +156,17 @@ impl DemoCommand {
 
     fn capture(
         &self,
-        job: &CaptureJob,
+        spec: &CaptureSpec,
         tracer: &Tracer,
         lighting: &Lighting,
     ) -> anyhow::Result<PackedCube> {
         let start = Instant::now();
         let bar = Bar::new();
-        let (ldi, trace_time) =
-            refine::capture(job, tracer, lighting, &Resources::default(), &bar)?;
+        let options = RunOptions {
+            progress: &bar,
+            ..RunOptions::default()
+        };
+        let (ldi, trace_time) = SceneCapture::new(spec, tracer, lighting, &options).run()?;
         bar.finish();
         let cube = planes::pack(
             ldi,
@@ -245,8 +247,8 @@ impl DemoCommand {
     }
 }
 
-fn job(sizes: &Sizes, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {
-    CaptureJob {
+fn spec(sizes: &Sizes, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureSpec {
+    CaptureSpec {
         face_size_px: sizes.face_size_px,
         parameters: CaptureParameters {
             strata: sizes.strata,
@@ -254,7 +256,7 @@ fn job(sizes: &Sizes, scene: SceneSource, centre: DVec3, half_size_m: f64) -> Ca
             light_samples: sizes.light_samples,
             ..CaptureParameters::DEFAULT
         },
-        ..CaptureJob::new(scene, centre, half_size_m)
+        ..CaptureSpec::new(scene, centre, half_size_m)
     }
 }
 

@@ -1,9 +1,12 @@
 //! `headbox house`.
+//!
+//! * `write`: writes `.house` files and walks.
+//! * [`file`]: `.house` files in other commands.
 
 pub(crate) mod file;
+mod write;
 
 use crate::args::LightArgs;
-use crate::commands::house::file::HouseFileArgs;
 use crate::output::{Outputs, PLAN, print_json, write_text};
 use crate::words::UsageError;
 use clap::Args;
@@ -15,10 +18,12 @@ use headbox_trace::bvh::Tracer;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use write::HouseFileArgs;
 
 #[derive(Args)]
 pub(crate) struct HouseCommand {
-    /// A Sweet Home 3D .sh3d, or Home.xml with its OBJ export beside it, a .toml model, or builtin:house
+    /// A Sweet Home 3D .sh3d, or Home.xml with its OBJ export beside it, a .toml model, or
+    /// builtin:house
     model: String,
     /// Draw the plan of each storey; those above the first are numbered: plan.svg, plan_2.svg
     #[arg(long, value_name = "PLAN.svg")]
@@ -29,13 +34,13 @@ pub(crate) struct HouseCommand {
     /// Keep the leaves that close doors and windows
     #[arg(long)]
     keep_doors: bool,
-    /// Triangles of builtin:house, at most
+    /// Maximum number of triangles of builtin:house
     #[arg(long, value_name = "N", default_value_t = headbox_scenes::HOUSE_TRIANGLES)]
     triangles: usize,
-    /// Seed of builtin:house, and of the rays that look for leaks
+    /// Seed of builtin:house, and of the rays that search for leaks
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
-    /// Rays from each cell that look for leaks
+    /// Rays from each cell that search for leaks
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=1 << 20))]
     rays: u32,
     #[command(flatten)]
@@ -47,7 +52,7 @@ pub(crate) struct HouseCommand {
     json: bool,
 }
 
-/// What the command found out.
+/// A loaded model with the findings about it.
 struct Survey {
     model: PortalModel,
     findings: Vec<Finding>,
@@ -57,8 +62,8 @@ impl HouseCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let outputs =
             Outputs::new(self.json, [&self.model]).maybe_file(self.plan.as_ref(), &PLAN)?;
-        let outputs = self.file.outputs(outputs)?;
-        let writes = self.file.wanted()?;
+        let outputs = self.file.add_outputs(outputs)?;
+        let writes = self.file.check()?;
         let LoadedModel {
             mut model,
             mut findings,
@@ -79,23 +84,23 @@ impl HouseCommand {
         let plans = self
             .plan
             .as_ref()
-            .map(|path| self.draw(&survey.model, path))
+            .map(|path| self.write_plans(&survey.model, path))
             .transpose()?
             .unwrap_or_default();
-        let mut found = survey.to_json();
-        found["plans"] = json!(plans);
+        let mut report = survey.to_json();
+        report["plans"] = json!(plans);
         if !self.json {
             survey.print();
         }
         if writes {
-            let file = self.file.write(survey.model)?;
+            let written = self.file.write(survey.model)?;
             if !self.json {
-                self.file.print(&file);
+                self.file.print(&written);
             }
-            found["file"] = file;
+            report["file"] = serde_json::to_value(&written)?;
         }
         if self.json {
-            print_json(&found);
+            print_json(&report);
         }
         Ok(())
     }
@@ -120,11 +125,12 @@ impl HouseCommand {
         }
     }
 
-    /// One plan for each storey; those above the first have their number in their name. Returns what was written.
-    fn draw(&self, model: &PortalModel, path: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    /// Writes a plan for each storey; those above the first have their number in their name.
+    /// Returns the paths.
+    fn write_plans(&self, model: &PortalModel, path: &Path) -> anyhow::Result<Vec<PathBuf>> {
         let mut written = Vec::new();
         for (storey, floor) in (1..).zip(storeys(model)) {
-            let path = of_storey(path, storey);
+            let path = storey_path(path, storey);
             write_text(&path, &FloorPlan::new(model, floor + self.cut).to_svg())?;
             written.push(path);
         }
@@ -132,8 +138,8 @@ impl HouseCommand {
     }
 }
 
-/// Returns `plan.svg` for the first storey, `plan_2.svg` for the second.
-fn of_storey(path: &Path, storey: usize) -> PathBuf {
+/// The path of a storey's plan: `plan.svg` for the first, `plan_2.svg` for the second.
+fn storey_path(path: &Path, storey: usize) -> PathBuf {
     match (storey, path.file_stem(), path.extension()) {
         (2.., Some(stem), Some(ending)) => path.with_file_name(format!(
             "{}_{storey}.{}",
@@ -145,14 +151,14 @@ fn of_storey(path: &Path, storey: usize) -> PathBuf {
 }
 
 impl Survey {
-    fn name(&self, cell: u32) -> &str {
+    fn cell_name(&self, cell: u32) -> &str {
         self.model
             .cells
             .get(cell as usize)
             .map_or("?", |cell| &cell.name)
     }
 
-    /// Names of the cells that no way leads to.
+    /// Names of the unreachable cells.
     fn unreachable(&self) -> Vec<&str> {
         let name = |finding: &Finding| match finding {
             Finding::Unreachable { cell, .. } => Some(*cell),
@@ -161,7 +167,7 @@ impl Survey {
         self.findings
             .iter()
             .filter_map(name)
-            .map(|cell| self.name(cell))
+            .map(|cell| self.cell_name(cell))
             .collect()
     }
 
@@ -177,7 +183,8 @@ impl Survey {
     }
 
     fn print(&self) {
-        let (cells, portals) = (&self.model.cells, &self.model.portals);
+        let cells = &self.model.cells;
+        let portals = &self.model.portals;
         println!(
             "{} cells, {} portals, {} triangles",
             cells.len(),
@@ -186,12 +193,10 @@ impl Survey {
         );
         println!("\n cell  triangles  floor m2  portals  name");
         for (index, cell) in (0_u32..).zip(cells) {
-            let (count, floor) = (
-                self.model.portals_of(index).count(),
-                floor_area(&self.model, index),
-            );
-            let floor = if floor > 0.0 {
-                format!("{floor:.1}")
+            let count = self.model.portals_of(index).count();
+            let area = floor_area(&self.model, index);
+            let floor = if area > 0.0 {
+                format!("{area:.1}")
             } else {
                 "-".into()
             };
@@ -204,7 +209,7 @@ impl Survey {
         println!("\nportal  width x height  cells");
         for (index, portal) in portals.iter().enumerate() {
             let [width, height] = extent(portal);
-            let [a, b] = portal.cells.map(|cell| self.name(cell));
+            let [a, b] = portal.cells.map(|cell| self.cell_name(cell));
             println!(
                 "{index:6}   {width:4.2} x {height:4.2} m  {a} | {b}  ({})",
                 portal.name
@@ -223,7 +228,7 @@ impl Survey {
             list(&self.touching_no_cell())
         );
         for finding in &self.findings {
-            // What cannot be used is left out, as from any other scene, and the rest is shown.
+            // Unusable parts are left out, as in any other scene, and the rest is shown.
             let kind = if finding.severity() == Severity::Error {
                 "warning"
             } else {
@@ -237,19 +242,33 @@ impl Survey {
         let cells: Vec<Value> = (0_u32..)
             .zip(&self.model.cells)
             .map(|(index, cell)| {
+                let portals = self.model.portals_of(index).map(|(portal, _)| portal);
                 json!({
-                    "name": cell.name, "triangles": cell.triangles.len(), "floor_m2": floor_area(&self.model, index),
-                    "portals": self.model.portals_of(index).map(|(portal, _)| portal).collect::<Vec<_>>(),
+                    "name": cell.name,
+                    "triangles": cell.triangles.len(),
+                    "floor_m2": floor_area(&self.model, index),
+                    "portals": portals.collect::<Vec<_>>(),
                     "outside": self.model.outside == Some(index),
                 })
             })
             .collect();
         let portal = |portal: &headbox_model::Portal| {
             let [width, height] = extent(portal);
-            json!({"name": portal.name, "cells": portal.cells, "width_m": width, "height_m": height,
-                   "polygon": portal.polygon.iter().map(|p| p.to_array()).collect::<Vec<_>>()})
+            let polygon = portal.polygon.iter().map(|p| p.to_array());
+            json!({
+                "name": portal.name,
+                "cells": portal.cells,
+                "width_m": width,
+                "height_m": height,
+                "polygon": polygon.collect::<Vec<_>>(),
+            })
         };
-        let finding = |finding: &Finding| json!({"severity": finding.severity().to_string(), "text": finding.to_string()});
+        let finding = |finding: &Finding| {
+            json!({
+                "severity": finding.severity().to_string(),
+                "text": finding.to_string(),
+            })
+        };
         json!({
             "cells": cells,
             "portals": self.model.portals.iter().map(portal).collect::<Vec<_>>(),

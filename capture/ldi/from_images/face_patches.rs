@@ -1,35 +1,35 @@
-//! Patches of surface as a face of the cube sees them, sixteen at a time.
+//! Surface patches projected onto a face of the cube, sixteen at a time.
 
-use super::surface::{Patches, Vectors};
+use super::depth_rows::{SurfacePatches, Vectors};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 
-/// Sixteen patches on a face.
-pub(super) struct OnFace<S: Simd> {
-    /// Number of the face.
+/// Sixteen patches projected onto a face.
+pub(super) struct FacePatches<S: Simd> {
+    /// Index of the face.
     pub(super) face: u32,
-    /// The patches before the face, a bit each. What is said of the others means nothing.
+    /// Bits of the patches in front of the face; the other lanes are undefined.
     pub(super) ahead: u64,
     /// Position, face pixels: right and down.
-    pub(super) at: [f32x16<S>; 2],
-    /// What a step to the next pixel of the image, right and down, adds to it.
+    pub(super) position: [f32x16<S>; 2],
+    /// Change of the position over one pixel of the image, right and down.
     steps: [[f32x16<S>; 2]; 2],
     pub(super) inverse_depth: f32x16<S>,
-    /// What the two steps add to the inverse depth.
+    /// Change of the inverse depth over the two steps.
     slopes: [f32x16<S>; 2],
-    /// Of the two steps: the area of their parallelogram, with its sign.
+    /// Signed area of the parallelogram of the two steps.
     pub(super) determinant: f32x16<S>,
     reciprocal: f32x16<S>,
-    /// Where the steps are not parallel.
+    /// Lanes whose steps are not parallel.
     pub(super) regular: mask32x16<S>,
 }
 
-/// An axis of a face: which of the world's, and along or against it.
+/// An axis of a face: index of the world axis, and 1 along or -1 against it.
 type Axis = (usize, f32);
 
 /// Right, up and normal of each face.
 const fn axes(face: u32) -> [Axis; 3] {
-    // As `Face::eye_space` has them; a test compares.
+    // As in `Face::eye_space`; compared in a test.
     match face {
         0 => [(2, 1.0), (1, 1.0), (0, 1.0)],
         1 => [(2, -1.0), (1, 1.0), (0, -1.0)],
@@ -40,9 +40,9 @@ const fn axes(face: u32) -> [Axis; 3] {
     }
 }
 
-impl<S: Simd> OnFace<S> {
+impl<S: Simd> FacePatches<S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, face: u32, patches: &Patches<S>, face_px: u32) -> Self {
+    pub(super) fn new(simd: S, face: u32, patches: &SurfacePatches<S>, face_px: u32) -> Self {
         let axes = axes(face);
         let half = face_px as f32 / 2.0;
         let [right, up, depth] = along(&axes, &patches.point);
@@ -62,7 +62,7 @@ impl<S: Simd> OnFace<S> {
             face,
             // False for NaN.
             ahead: depth.simd_gt(1e-6).to_bitmask(),
-            at: [u * half + half, half - v * half],
+            position: [u * half + half, half - v * half],
             steps,
             inverse_depth: q,
             slopes,
@@ -72,7 +72,8 @@ impl<S: Simd> OnFace<S> {
         }
     }
 
-    /// How far footprints reach from their middles, right and down, pixels, if they are `overlap` times as large as they are.
+    /// Distance that footprints, enlarged by `overlap`, reach from their middles, right and down,
+    /// pixels.
     #[inline(always)]
     pub(super) fn reach(&self, overlap: f32) -> [f32x16<S>; 2] {
         let [a, b] = self.steps;
@@ -82,10 +83,10 @@ impl<S: Simd> OnFace<S> {
         ]
     }
 
-    /// The footprints that reach over the edge of the face, a bit each.
+    /// Bits of the footprints that reach over the edge of the face.
     #[inline(always)]
     pub(super) fn reaching_over(&self, reach: [f32x16<S>; 2], face_px: u32) -> u64 {
-        let [x, y] = self.at;
+        let [x, y] = self.position;
         let size = face_px as f32;
         let over = (x - reach[0]).simd_lt(0.0)
             | (y - reach[1]).simd_lt(0.0)
@@ -94,7 +95,7 @@ impl<S: Simd> OnFace<S> {
         over.to_bitmask()
     }
 
-    /// How many of each step make up an offset on the face.
+    /// Coordinates of an offset on the face in steps.
     #[inline(always)]
     pub(super) fn steps_to(&self, [x, y]: [f32x16<S>; 2]) -> [f32x16<S>; 2] {
         let [a, b] = self.steps;
@@ -104,9 +105,9 @@ impl<S: Simd> OnFace<S> {
         ]
     }
 
-    /// What so many of each step add to the inverse depth.
+    /// Change of the inverse depth over numbers of steps.
     #[inline(always)]
-    pub(super) fn deeper(&self, steps: [f32x16<S>; 2]) -> f32x16<S> {
+    pub(super) fn inverse_depth_change(&self, steps: [f32x16<S>; 2]) -> f32x16<S> {
         self.slopes[0] * steps[0] + self.slopes[1] * steps[1]
     }
 }
@@ -121,15 +122,15 @@ fn along<S: Simd>(axes: &[Axis; 3], vectors: &Vectors<S>) -> Vectors<S> {
     ]
 }
 
-/// The numbers of the faces whose frusta hold points, as [`Face::locate`] has them.
+/// Indices of the faces whose frusta contain points, as in [`Face::locate`].
 #[inline(always)]
 pub(super) fn home_faces<S: Simd>([x, y, z]: Vectors<S>) -> u32x16<S> {
     let (a, b, c) = (x.abs(), y.abs(), z.abs());
     let (one, zero) = (u32x16::splat(x.token(), 1), u32x16::splat(x.token(), 0));
-    let of_x = x.simd_lt(0.0).select(one, zero);
-    let of_y = y.simd_lt(0.0).select(one, zero) + 2;
-    let of_z = z.simd_lt(0.0).select(one, zero) + 4;
-    (a.simd_ge(b) & a.simd_ge(c)).select(of_x, c.simd_gt(b).select(of_z, of_y))
+    let x_face = x.simd_lt(0.0).select(one, zero);
+    let y_face = y.simd_lt(0.0).select(one, zero) + 2;
+    let z_face = z.simd_lt(0.0).select(one, zero) + 4;
+    (a.simd_ge(b) & a.simd_ge(c)).select(x_face, c.simd_gt(b).select(z_face, y_face))
 }
 
 #[cfg(test)]
@@ -141,14 +142,14 @@ mod tests {
     use headbox_core::simd;
 
     #[test]
-    fn faces_and_their_axes_are_those_of_the_rig() {
+    fn face_axes_match_the_cube() {
         for face in Face::ALL {
-            let of = |axis: DVec3| {
+            let encode = |axis: DVec3| {
                 (0..3)
                     .find(|&i| axis[i] != 0.0)
                     .map(|i| (i, axis[i] as f32))
             };
-            let expected = [face.right(), face.up(), face.normal()].map(of);
+            let expected = [face.right(), face.up(), face.normal()].map(encode);
             assert_eq!(axes(face.index() as u32).map(Some), expected, "{face:?}");
         }
         for point in (0..343u16)

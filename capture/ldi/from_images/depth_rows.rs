@@ -1,4 +1,4 @@
-//! What pixels of a depth image know of their surfaces, sixteen at a time: how these are tilted, and whether there is one at all.
+//! Surfaces at the pixels of a depth image, sixteen at a time: their position, tilt and validity.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, u32x16};
@@ -12,55 +12,58 @@ pub(super) const LANES: usize = 16;
 pub(super) type Vectors<S> = [f32x16<S>; 3];
 
 /// The surfaces at sixteen pixels of a row, relative to the cube's centre, metres, world axes.
-pub(super) struct Patches<S: Simd> {
-    /// The pixels that see a surface, a bit each. What is said of the others means nothing.
+pub(super) struct SurfacePatches<S: Simd> {
+    /// Bits of the pixels that see a surface; the other lanes are undefined.
     pub(super) known: u64,
     /// The points that the pixels see.
     pub(super) point: Vectors<S>,
-    /// What a step of one pixel to the right adds to them.
+    /// Change of the points over one pixel to the right.
     pub(super) across: Vectors<S>,
-    /// What a step of one pixel down adds to them.
+    /// Change of the points over one pixel down.
     pub(super) down: Vectors<S>,
     /// Unit normals, toward the eye.
     pub(super) normal: Vectors<S>,
-    /// Z^3 / |n . p|: the areas of the pixels' patches up to the focal length of the image (C10).
+    /// Areas of the pixels' patches up to the focal length of the image, Z^3 / |n . p| (C10).
     pub(super) area: f32x16<S>,
-    /// Cosines between the normals and the ways to the eye, over the squares of the distances from it.
+    /// Cosines between the normals and the directions to the eye, over the squared distances from
+    /// it.
     pub(super) weight: f32x16<S>,
 }
 
-/// A few rows of a depth image, gone through one by one.
-pub(super) struct Surfaces<'a> {
+/// A few rows of a depth image, visited one by one.
+pub(super) struct DepthRows<'a> {
     view: &'a LoadedView,
     /// The eye, relative to the cube's centre.
     eye: Vec3,
     /// The first of the rows.
     first: u32,
-    /// Columns up to whole blocks.
+    /// Columns, rounded up to whole blocks.
     columns: usize,
-    /// Rays through the pixels of a row and of the one below, and of one more on the right: X, Y and Z, world axes.
+    /// Rays through the pixels of a row and of the one below, and of one more on the right: X, Y
+    /// and Z, world axes.
     rays: [[Vec<f32>; 3]; 2],
-    /// Of the pixels of these rows and of one around: inverse depths as multiples of the rays, NaN if unknown or outside.
+    /// Inverse depths, as multiples of the rays, of the pixels of these rows and a border of one;
+    /// NaN if unknown or outside.
     inverse_depths: Vec<f32>,
-    /// Inverse depths of one surface part by no more than this from pixel to pixel, relative to a fronto-parallel plane: by
-    /// noise of the sensor, in 1/m, and by a share of the inverse depth.
+    /// Maximum change of inverse depth from pixel to pixel on one surface, relative to a
+    /// fronto-parallel plane: by noise of the sensor, in 1/m, and by a share of the inverse depth.
     tolerance: [f32; 2],
     has_noise: bool,
 }
 
-/// The steepest surface that counts as one: its inverse depth may change by this share from a pixel to the next for each
+/// Steepest slope of a surface: the relative change of inverse depth from a pixel to the next, per
 /// radian of a pixel's width.
 pub(super) const STEEPEST: f32 = 12.0;
 
-/// A pixel with fewer neighbours than this (of eight) on its own surface is a flying one: a mixture of what lies before and
-/// behind an edge.
+/// Minimum number of neighbours (of eight) on a pixel's own surface. A pixel with fewer is a flying
+/// pixel, a mixture of both sides of an edge.
 pub(super) const LEAST_NEIGHBORS: u32 = 3;
 
-/// Of a sensor's depth, surfaces that are seen at a cosine below this are left out: their depth is that of an edge.
+/// Minimum cosine at which a sensor must see a surface; below it, its depth is that of an edge.
 pub(super) const LEAST_COSINE: f32 = 0.03;
 
-impl<'a> Surfaces<'a> {
-    /// Of some rows. `noise`: standard deviation of inverse depth, 1/m.
+impl<'a> DepthRows<'a> {
+    /// Some rows of an image. `noise` is the standard deviation of inverse depth, 1/m.
     #[inline(always)]
     pub(super) fn new(view: &'a LoadedView, rows: Range<u32>, centre: DVec3, noise: f32) -> Self {
         let [width, height] = view.size_px;
@@ -78,7 +81,7 @@ impl<'a> Surfaces<'a> {
             for ((inverse_depth, &depth), color) in
                 row[1..].iter_mut().zip(depths).zip(&view.color[start..])
             {
-                // As `LoadedView::depth_at` has it.
+                // As in `LoadedView::depth_at`.
                 let known = depth > 0.0 && color[3] > 0;
                 *inverse_depth = if known {
                     1.0 / depth.min(FARTHEST_M)
@@ -102,7 +105,7 @@ impl<'a> Surfaces<'a> {
         surfaces
     }
 
-    /// Goes to row `y`, which follows the last.
+    /// Advances to row `y`, which follows the last.
     #[inline(always)]
     pub(super) fn next_row(&mut self, y: u32) {
         self.rays.swap(0, 1);
@@ -112,9 +115,10 @@ impl<'a> Surfaces<'a> {
         fill_with_rays(self.view, y + 1, &mut self.rays[1]);
     }
 
-    /// The surfaces of sixteen pixels from (x, y) on, `y` being the row last gone to; `None` if all are unknown.
+    /// The surfaces of sixteen pixels from (x, y) on, where `y` is the current row; `None` if all
+    /// are unknown.
     #[inline(always)]
-    pub(super) fn patches<S: Simd>(&self, simd: S, x: u32, y: u32) -> Option<Patches<S>> {
+    pub(super) fn patches<S: Simd>(&self, simd: S, x: u32, y: u32) -> Option<SurfacePatches<S>> {
         let stride = self.columns + 2;
         let before = (y - self.first) as usize * stride + x as usize;
         let rows = [before, before + stride, before + 2 * stride];
@@ -126,29 +130,30 @@ impl<'a> Surfaces<'a> {
         }
         let tolerance = own * self.tolerance[1] + self.tolerance[0];
         let changes = [
-            Change::new(simd, &self.inverse_depths[rows[1]..], own, tolerance),
-            Change::new(simd, &self.inverse_depths[rows[1] + 2..], own, tolerance),
-            Change::new(simd, &self.inverse_depths[rows[0] + 1..], own, tolerance),
-            Change::new(simd, &self.inverse_depths[rows[2] + 1..], own, tolerance),
+            NeighborChange::new(simd, &self.inverse_depths[rows[1]..], own, tolerance),
+            NeighborChange::new(simd, &self.inverse_depths[rows[1] + 2..], own, tolerance),
+            NeighborChange::new(simd, &self.inverse_depths[rows[0] + 1..], own, tolerance),
+            NeighborChange::new(simd, &self.inverse_depths[rows[2] + 1..], own, tolerance),
         ];
-        // Rendered depth is of one surface in each pixel.
+        // Rendered depth has one surface in each pixel.
         if self.has_noise {
             let mut neighbors =
-                ((changes[0].one + changes[1].one) + changes[2].one) + changes[3].one;
+                ((changes[0].same + changes[1].same) + changes[2].same) + changes[3].same;
             for corner in [rows[0], rows[0] + 2, rows[2], rows[2] + 2] {
-                neighbors += Change::new(simd, &self.inverse_depths[corner..], own, tolerance).one;
+                neighbors +=
+                    NeighborChange::new(simd, &self.inverse_depths[corner..], own, tolerance).same;
             }
             known &= neighbors.simd_ge(LEAST_NEIGHBORS);
         }
         let [left, right, above, below] = changes;
         let slopes = [slope(left, right), slope(above, below)];
         let [here, under] = [&self.rays[0], &self.rays[1]];
-        let at = x as usize;
-        let ray = load(simd, here, at);
+        let column = x as usize;
+        let ray = load(simd, here, column);
         let depth = 1.0 / own;
-        // Of point = ray / q: d point = (d ray - ray dq / q) / q.
-        let across = step(load(simd, here, at + 1), ray, slopes[0], depth);
-        let down = step(load(simd, under, at), ray, slopes[1], depth);
+        // From point = ray / q: d point = (d ray - ray dq / q) / q.
+        let across = step(load(simd, here, column + 1), ray, slopes[0], depth);
+        let down = step(load(simd, under, column), ray, slopes[1], depth);
         let normal = cross(down, across);
         let area = dot(normal, normal).sqrt();
         let reciprocal = 1.0 / area;
@@ -164,7 +169,7 @@ impl<'a> Surfaces<'a> {
             known &= against.simd_ge(length * LEAST_COSINE);
         }
         let eye = self.eye;
-        Some(Patches {
+        Some(SurfacePatches {
             known: known.to_bitmask(),
             point: [
                 ray[0] * depth + eye.x,
@@ -180,7 +185,8 @@ impl<'a> Surfaces<'a> {
     }
 }
 
-/// Rays through the pixels of a row and beyond, world axes. Those of a pinhole are affine in the pixel.
+/// Fills in the rays through the pixels of a row and beyond, world axes. Those of a pinhole are
+/// affine in the pixel.
 #[inline(always)]
 fn fill_with_rays(view: &LoadedView, y: u32, rays: &mut [Vec<f32>; 3]) {
     let ray = |x: usize| {
@@ -191,7 +197,8 @@ fn fill_with_rays(view: &LoadedView, y: u32, rays: &mut [Vec<f32>; 3]) {
     };
     match view.lens {
         Lens::Pinhole(_) => {
-            let (start, step) = (ray(0), ray(1) - ray(0));
+            let start = ray(0);
+            let step = ray(1) - start;
             for (axis, rays) in rays.iter_mut().enumerate() {
                 for (x, to) in (0u32..).zip(rays) {
                     *to = (start[axis] + step[axis] * f64::from(x)) as f32;
@@ -207,26 +214,26 @@ fn fill_with_rays(view: &LoadedView, y: u32, rays: &mut [Vec<f32>; 3]) {
     }
 }
 
-/// From pixels to their neighbours on one side.
+/// Change from pixels to their neighbours on one side.
 #[derive(Clone, Copy)]
-struct Change<S: Simd> {
-    /// What is added to the inverse depth, 0 where the neighbour is of another surface.
+struct NeighborChange<S: Simd> {
+    /// Change of inverse depth; 0 where the neighbour is of another surface.
     change: f32x16<S>,
-    /// 1 where it is of this surface, otherwise 0.
-    one: u32x16<S>,
+    /// 1 where the neighbour is of the same surface, otherwise 0.
+    same: u32x16<S>,
 }
 
-impl<S: Simd> Change<S> {
+impl<S: Simd> NeighborChange<S> {
     #[inline(always)]
     fn new(simd: S, neighbors: &[f32], own: f32x16<S>, tolerance: f32x16<S>) -> Self {
         let change = f32x16::from_slice(simd, &neighbors[..LANES]) - own;
-        // Not so of NaN.
-        let same = change.abs().simd_le(tolerance);
+        // False for NaN.
+        let is_same = change.abs().simd_le(tolerance);
         let [change, one] = [change, f32x16::splat(simd, f32::from_bits(1))].map(bits);
         let zero = u32x16::splat(simd, 0);
         Self {
-            change: same.select(change, zero).bitcast(),
-            one: same.select(one, zero),
+            change: is_same.select(change, zero).bitcast(),
+            same: is_same.select(one, zero),
         }
     }
 }
@@ -236,19 +243,20 @@ fn bits<S: Simd>(values: f32x16<S>) -> u32x16<S> {
     values.bitcast()
 }
 
-/// What inverse depth changes by from pixel to pixel, from the neighbours on both sides if they are of this surface.
+/// Change of inverse depth from pixel to pixel, from the neighbours on both sides if they are of
+/// the same surface.
 #[inline(always)]
-fn slope<S: Simd>(before: Change<S>, after: Change<S>) -> f32x16<S> {
+fn slope<S: Simd>(before: NeighborChange<S>, after: NeighborChange<S>) -> f32x16<S> {
     let sum = after.change - before.change;
-    (before.one & after.one).simd_eq(1).select(sum * 0.5, sum)
+    (before.same & after.same).simd_eq(1).select(sum * 0.5, sum)
 }
 
 #[inline(always)]
-fn load<S: Simd>(simd: S, axes: &[Vec<f32>; 3], at: usize) -> Vectors<S> {
+fn load<S: Simd>(simd: S, axes: &[Vec<f32>; 3], first: usize) -> Vectors<S> {
     [
-        f32x16::from_slice(simd, &axes[0][at..at + LANES]),
-        f32x16::from_slice(simd, &axes[1][at..at + LANES]),
-        f32x16::from_slice(simd, &axes[2][at..at + LANES]),
+        f32x16::from_slice(simd, &axes[0][first..first + LANES]),
+        f32x16::from_slice(simd, &axes[1][first..first + LANES]),
+        f32x16::from_slice(simd, &axes[2][first..first + LANES]),
     ]
 }
 
@@ -286,9 +294,10 @@ fn scaled<S: Simd>(a: Vectors<S>, by: f32x16<S>) -> Vectors<S> {
     [a[0] * by, a[1] * by, a[2] * by]
 }
 
-/// The bits of [`EncodedNormal`](headbox_cube::model::samples::EncodedNormal) of sixteen unit vectors.
+/// Encodes sixteen unit vectors as the bits of
+/// [`EncodedNormal`](headbox_cube::model::samples::EncodedNormal).
 #[inline(always)]
-pub(super) fn encoded<S: Simd>([x, y, z]: Vectors<S>) -> u32x16<S> {
+pub(super) fn encode_normals<S: Simd>([x, y, z]: Vectors<S>) -> u32x16<S> {
     let reciprocal = 1.0 / ((x.abs() + y.abs()) + z.abs());
     let (x, y) = (x * reciprocal, y * reciprocal);
     let one = f32x16::splat(z.token(), 1.0);
@@ -297,12 +306,12 @@ pub(super) fn encoded<S: Simd>([x, y, z]: Vectors<S>) -> u32x16<S> {
         behind.select((1.0 - y.abs()) * one.copysign(x), x),
         behind.select((1.0 - x.abs()) * one.copysign(y), y),
     );
-    (sixteen_bits(u) & 0xffff) | (sixteen_bits(v) << 16)
+    (to_snorm16(u) & 0xffff) | (to_snorm16(v) << 16)
 }
 
-/// From -1..1, the nearest.
+/// Quantises -1..1 to 16 bits, to the nearest.
 #[inline(always)]
-fn sixteen_bits<S: Simd>(share: f32x16<S>) -> u32x16<S> {
-    i32x16::truncate_from(share * 32767.0 + f32x16::splat(share.token(), 0.5).copysign(share))
+fn to_snorm16<S: Simd>(value: f32x16<S>) -> u32x16<S> {
+    i32x16::truncate_from(value * 32767.0 + f32x16::splat(value.token(), 0.5).copysign(value))
         .bitcast()
 }

@@ -1,55 +1,68 @@
-//! Windows over blocks of all faces.
+//! Windows over the blocks of all faces.
 //!
-//! A window that is many pixels wide is nearly the same for neighbours, so it is made once for a block of pixels: of three by three
-//! blocks, of which the middle counts most ([1 2 1] / 4 each way), and read between the middles of blocks. Beyond a face's border
-//! its plane goes on: a block there holds what that block of another face holds through which its middle is seen. So faces that
-//! meet on a wall read the same sums on either side of their border.
+//! A window that is many pixels wide is nearly the same for neighbours, so it is computed once for
+//! a block of pixels: over three by three blocks, of which the middle counts most ([1 2 1] / 4 in
+//! each direction), and interpolated between the middles of blocks. Beyond a face's border its
+//! plane continues: a block there has the content of the block of another face through which its
+//! middle is seen. So faces that meet on a wall read the same sums on either side of their border.
 
-use super::blocks::{Blocks, Lattice, Level};
-use super::surface::Surface;
-use super::window::{Sums, parts_within};
+use super::blocks::{BlockLevel, Blocks, Lattice};
+use super::surface_key::SurfaceKey;
+use super::window::{Sums, gaussian_support};
 use headbox_core::cube_face::Face;
 use rayon::prelude::*;
 
-/// Standard deviation of a window in each direction, widths of its blocks: of a box, of [1 2 1] / 4, and of a tent.
+/// Standard deviation of a window in each direction, widths of its blocks: of a box, of [1 2 1] /
+/// 4, and of a tent.
 const RADIUS: f32 = 0.866;
 
 /// Windows of a face, in all sizes.
-pub(crate) struct Windows {
+pub(crate) struct BlockWindows {
     pub(super) levels: Vec<WindowLevel>,
 }
 
-impl Windows {
-    /// Windows of `face`, whose blocks are `own`, over these and those of the `others` that are known, by number of the face.
+impl BlockWindows {
+    /// Windows of `face`, whose blocks are `own`, over these and the known ones of the `others`, by
+    /// index of the face.
     pub(crate) fn new(
         face: Face,
         size_px: u32,
         own: &Blocks,
         others: [Option<&Blocks>; 6],
     ) -> Self {
-        let level = |(number, own): (usize, &Level)| {
+        let level = |(number, own): (usize, &BlockLevel)| {
             let mut faces = others.map(|blocks| blocks.map(|blocks| &blocks.levels[number]));
             faces[face.index()] = Some(own);
-            let (blocks, size_px) = (own.blocks, size_px as f32);
+            let surrounding = SurroundingBlocks {
+                faces,
+                face,
+                blocks: own.blocks,
+                size_px: size_px as f32,
+            };
             WindowLevel {
-                blocks,
-                size_px,
-                lattice: Around {
-                    faces,
-                    face,
-                    blocks,
-                    size_px,
-                }
-                .windows(),
+                blocks: own.blocks,
+                size_px: size_px as f32,
+                lattice: surrounding.windows(),
             }
         };
         Self {
             levels: own.levels.iter().enumerate().map(level).collect(),
         }
     }
+
+    /// A reader for each size.
+    pub(super) fn readers(&self) -> Vec<WindowReader<'_>> {
+        let reader = |level| WindowReader {
+            level,
+            last: (usize::MAX, SurfaceKey::NONE),
+            cells: [None; 4],
+        };
+        self.levels.iter().map(reader).collect()
+    }
 }
 
-/// Windows of one size: about each block of a face, and about those of one more row and column at each side.
+/// Windows of one size: about each block of a face, and about those of one more row and column at
+/// each side.
 pub(super) struct WindowLevel {
     blocks: u32,
     size_px: f32,
@@ -66,48 +79,36 @@ impl WindowLevel {
         RADIUS * self.width_px()
     }
 
-    /// See [`parts_within`].
-    pub(super) fn parts(&self) -> f32 {
-        parts_within(self.radius_px())
+    /// See [`gaussian_support`].
+    pub(super) fn support(&self) -> f32 {
+        gaussian_support(self.radius_px())
     }
 }
 
-/// Reads windows of one size at one part after the other: parts that follow on each other mostly lie on one surface among the same
-/// four blocks.
-pub(super) struct Reader<'a> {
+/// Reads windows of one size at one surface sample after another. Consecutive samples mostly lie on
+/// one surface among the same four blocks, so these are cached.
+pub(super) struct WindowReader<'a> {
     pub(super) level: &'a WindowLevel,
-    /// The first of the four blocks and the surface that were read last...
-    last: (usize, Surface),
-    /// ...and what is found of it in each.
-    found: [Option<&'a Sums>; 4],
+    /// The first of the four blocks and the surface that were read last.
+    last: (usize, SurfaceKey),
+    /// The sums of that surface in each of the four blocks.
+    cells: [Option<&'a Sums>; 4],
 }
 
-impl Windows {
-    /// Readers of all sizes.
-    pub(super) fn readers(&self) -> Vec<Reader<'_>> {
-        let reader = |level| Reader {
-            level,
-            last: (usize::MAX, Surface::NONE),
-            found: [None; 4],
-        };
-        self.levels.iter().map(reader).collect()
-    }
-}
-
-impl Reader<'_> {
+impl WindowReader<'_> {
     /// The window of a surface about a position, pixels.
     #[inline]
-    pub(super) fn at(&mut self, surface: &Surface, position: [f32; 2]) -> Sums {
+    pub(super) fn read(&mut self, key: &SurfaceKey, position: [f32; 2]) -> Sums {
         let level = self.level;
         let [x, y] = position.map(|c| c / level.width_px() + 0.5);
         let (column, row) = (x as usize, y as usize);
         let (right, down) = (x - column as f32, y - row as f32);
         let side = level.blocks as usize + 2;
         let first = row * side + column;
-        if self.last != (first, *surface) {
+        if self.last != (first, *key) {
             let cells = [first, first + 1, first + side, first + side + 1];
-            self.found = cells.map(|cell| level.lattice.find(cell, surface));
-            self.last = (first, *surface);
+            self.cells = cells.map(|cell| level.lattice.find(cell, key));
+            self.last = (first, *key);
         }
         let weights = [
             (1.0 - right) * (1.0 - down),
@@ -115,27 +116,29 @@ impl Reader<'_> {
             (1.0 - right) * down,
             right * down,
         ];
-        let mut all = Sums::default();
-        for (sums, weight) in self.found.iter().zip(weights) {
+        let mut total = Sums::default();
+        for (sums, weight) in self.cells.iter().zip(weights) {
             if let Some(sums) = sums {
-                all.iter_mut()
+                total
+                    .iter_mut()
                     .zip(*sums)
-                    .for_each(|(all, value)| *all += weight * value);
+                    .for_each(|(total, value)| *total += weight * value);
             }
         }
-        all
+        total
     }
 }
 
-/// The blocks of one size of all faces, as one face sees them: its own, and those beyond its border.
-struct Around<'a> {
-    faces: [Option<&'a Level>; 6],
+/// The blocks of one size of all faces, as one face sees them: its own, and those beyond its
+/// border.
+struct SurroundingBlocks<'a> {
+    faces: [Option<&'a BlockLevel>; 6],
     face: Face,
     blocks: u32,
     size_px: f32,
 }
 
-impl<'a> Around<'a> {
+impl<'a> SurroundingBlocks<'a> {
     /// The lattice and the cell of a block of the face, or of one beyond it.
     fn block(&self, x: i32, y: i32) -> Option<(&'a Lattice, usize)> {
         let side = self.blocks.cast_signed();
@@ -156,23 +159,22 @@ impl<'a> Around<'a> {
     fn windows(&self) -> Lattice {
         let side = self.blocks.cast_signed();
         let cells = |y: i32| (-1..=side).map(|x| self.windows_about(x, y)).collect();
-        Lattice::of_rows((-1..=side).into_par_iter().map(cells).collect())
+        Lattice::from_rows((-1..=side).into_par_iter().map(cells).collect())
     }
 
     /// The window of each surface about a block.
-    fn windows_about(&self, x: i32, y: i32) -> Vec<(Surface, Sums)> {
+    fn windows_about(&self, x: i32, y: i32) -> Vec<(SurfaceKey, Sums)> {
         let Some((lattice, cell)) = self.block(x, y) else {
             return Vec::new();
         };
-        let window = |surface: &Surface| (*surface, Sums::default());
-        let mut windows: Vec<(Surface, Sums)> = lattice.surfaces[lattice.cell(cell)]
+        let mut windows: Vec<(SurfaceKey, Sums)> = lattice.keys[lattice.cell(cell)]
             .iter()
-            .map(window)
+            .map(|key| (*key, Sums::default()))
             .collect();
         if windows.is_empty() {
             return windows;
         }
-        // Of sums, means over pixels.
+        // Turns sums into means over pixels.
         let per_pixel = (self.blocks as f32 / self.size_px).powi(2);
         for (dy, weight_y) in [(-1, 0.25), (0, 0.5), (1, 0.25)] {
             for (dx, weight_x) in [(-1, 0.25), (0, 0.5), (1, 0.25)] {
@@ -180,9 +182,9 @@ impl<'a> Around<'a> {
                     continue;
                 };
                 for other in lattice.cell(cell) {
-                    let (surface, sums) = (&lattice.surfaces[other], &lattice.sums[other]);
-                    for (_, window) in windows.iter_mut().filter(|(here, _)| here.is_same(surface))
-                    {
+                    let key = &lattice.keys[other];
+                    let sums = &lattice.sums[other];
+                    for (_, window) in windows.iter_mut().filter(|(own, _)| own.is_same(key)) {
                         let weight = weight_x * weight_y * per_pixel;
                         window
                             .iter_mut()

@@ -1,42 +1,49 @@
-//! Samples that wait for their colours, which are found sixteen at a time.
+//! Queue of samples without colour, whose colours are interpolated sixteen at a time.
 
-use super::piles::{Light, RowSamples, Sample};
-use super::surface::LANES;
+use super::depth_rows::LANES;
+use super::row_samples::{ImageSample, LinearColor16, RowSamples};
 use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
 use headbox_core::texels::{between, fours, place};
 use headbox_images::LoadedView;
 
-/// Up to sixteen samples of an image without their colours.
-pub(super) struct Queue<'a> {
+/// Up to sixteen samples of an image without colour.
+pub(super) struct ColorQueue<'a> {
     view: &'a LoadedView,
     /// Linear light of every level.
     linear: &'static [u16; 256],
-    /// Where they go.
-    pile: &'a mut RowSamples,
+    /// Receives the samples.
+    rows_out: &'a mut RowSamples,
     count: usize,
     rows: [u32; LANES],
-    samples: [Sample; LANES],
-    /// Where their colours are in the picture: columns and rows of pixels, whose middles are at whole numbers.
+    samples: [ImageSample; LANES],
+    /// Positions of their colours in the image: columns and rows of pixels, whose middles are at
+    /// whole numbers.
     positions: [[f32; LANES]; 2],
 }
 
-impl<'a> Queue<'a> {
-    pub(super) fn new(view: &'a LoadedView, pile: &'a mut RowSamples) -> Self {
+impl<'a> ColorQueue<'a> {
+    pub(super) fn new(view: &'a LoadedView, rows_out: &'a mut RowSamples) -> Self {
         Self {
             view,
-            linear: Light::of_levels(),
-            pile,
+            linear: LinearColor16::srgb_table(),
+            rows_out,
             count: 0,
             rows: [0; LANES],
-            samples: [Sample::NONE; LANES],
+            samples: [ImageSample::NONE; LANES],
             positions: [[0.0; LANES]; 2],
         }
     }
 
-    /// Adds a sample of a row of the cube, whose colour is at a position in the picture.
+    /// Adds a sample of a row of the cube, whose colour is at a position in the image.
     #[inline(always)]
-    pub(super) fn add<S: Simd>(&mut self, simd: S, row: u32, sample: Sample, [x, y]: [f32; 2]) {
+    pub(super) fn add<S: Simd>(
+        &mut self,
+        simd: S,
+        row: u32,
+        sample: ImageSample,
+        [x, y]: [f32; 2],
+    ) {
         let i = self.count % LANES;
         self.rows[i] = row;
         self.samples[i] = sample;
@@ -48,7 +55,7 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// Sends all on their way.
+    /// Interpolates all colours and pushes the samples.
     pub(super) fn flush<S: Simd>(&mut self, simd: S) {
         simd.vectorize(
             #[inline(always)]
@@ -70,18 +77,18 @@ impl<'a> Queue<'a> {
                     known.simd_eq(0).to_bitmask(),
                 )
             }
-            // A picture of one pixel a side.
+            // An image of one pixel along a side.
             None => ([0; LANES], u64::MAX),
         };
         for i in 0..std::mem::take(&mut self.count).min(LANES) {
             let [r, g, b, _] = match masked >> i & 1 {
                 0 => colors[i].to_le_bytes(),
-                _ => self.beside_the_mask(i),
+                _ => self.masked_color(i),
             };
-            let color = Light([r, g, b].map(|level| self.linear[usize::from(level)]));
-            self.pile.push(
+            let color = LinearColor16([r, g, b].map(|level| self.linear[usize::from(level)]));
+            self.rows_out.push(
                 self.rows[i],
-                Sample {
+                ImageSample {
                     color,
                     ..self.samples[i]
                 },
@@ -89,16 +96,16 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// The colour of a sample where some of the four pixels around may be masked out.
+    /// The colour of a sample where some of the four surrounding pixels may be masked out.
     #[cold]
-    fn beside_the_mask(&self, i: usize) -> [u8; 4] {
+    fn masked_color(&self, i: usize) -> [u8; 4] {
         let position = [self.positions[0][i], self.positions[1][i]].map(|c| f64::from(c) + 0.5);
         let [width, height] = self.view.size_px.map(f64::from);
         let inside = [
             position[0].clamp(0.0, width),
             position[1].clamp(0.0, height),
         ];
-        // Never unknown: the pixel that sees the sample's surface is one of the four.
+        // Always known: the pixel that sees the sample's surface is one of the four.
         let [r, g, b] = self
             .view
             .color_at(inside)

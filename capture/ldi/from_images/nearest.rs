@@ -1,12 +1,14 @@
-//! The images nearest to a view, and a cube of them alone, made anew as one moves (S24).
+//! The images nearest to a view, and a cube of them alone, rebuilt as the view moves (S24).
 //!
-//! Of pictures all around an object the paper takes the three "whose direction is closest". What that does is to keep small the angles by
-//! which what is seen moves from those pictures to the frame, and these are what is ranked by here, so that pictures taken
-//! within a room, which may look one way from many places, are told apart as well: the angle between the viewing directions, and that under
-//! which the way from eye to eye is seen from as far as the pictures see. Around an object the order is the paper's.
+//! From images all around an object, the paper takes the three "whose direction is closest". That
+//! keeps small the angles by which surfaces move from those images to the frame. Here images are
+//! ranked by these angles, so that images taken within a room, which may look one way from many
+//! places, are ranked as well: the angle between the viewing directions, plus the angle under which
+//! the way from eye to eye is seen from the depth of the images. Around an object, the order is the
+//! paper's.
 //!
-//! The cube lies about the eye of the nearest image, whose pixels are then resampled once. Images that were read stay in memory, those used last
-//! first, so that most rebuilds read none or one.
+//! The cube lies about the eye of the nearest image, whose pixels are then resampled once. Loaded
+//! images stay in an LRU cache, so that most rebuilds load none or one.
 
 use super::ImagesJob;
 use headbox_core::camera::Camera;
@@ -16,31 +18,32 @@ use headbox_images::{ImageSet, ImagesError, Lens, LoadedView, View};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// A set of images with depth, of which those near a view become a cube.
+/// A set of images with depth, of which those nearest to a view become a cube.
 pub struct NearImages {
     set: ImageSet,
     job: ImagesJob,
-    /// Numbers of the views that have depth.
+    /// Indices of the views that have depth.
     with_depth: Vec<usize>,
-    /// How far the images see, metres: the median.
+    /// Median depth of the images, metres.
     depth_m: f64,
-    /// Views in memory, by number; those used last come last.
-    held: Vec<(usize, Arc<LoadedView>)>,
+    /// Loaded views by index, the most recently used last.
+    cache: Vec<(usize, Arc<LoadedView>)>,
+    /// Bytes for the cache.
     budget: usize,
 }
 
 impl NearImages {
-    /// Images that make up a cube (S24).
+    /// Number of images in a cube (S24).
     pub const COUNT: usize = 3;
 
-    /// Bytes for images that stay in memory.
+    /// Default of the cache's bytes.
     pub const DEFAULT_BUDGET: usize = 1 << 30;
 
-    /// Images that are asked how far they see.
-    const ASKED: usize = 8;
+    /// Number of images whose depth is sampled.
+    const DEPTH_IMAGES: usize = 8;
 
-    /// Of the views of a set that have depth. `job` says how cubes are made; their centres follow the view. At most `budget` bytes of images
-    /// stay in memory beside those of the last cube.
+    /// The views of a set that have depth. Cubes are built by `job`, but their centres follow the
+    /// view. At most `budget` bytes of images stay in memory besides those of the last cube.
     ///
     /// # Errors
     /// [`ImagesError`] of a view that cannot be loaded.
@@ -48,9 +51,9 @@ impl NearImages {
         let with_depth: Vec<usize> = (0..set.views.len())
             .filter(|&i| set.views[i].depth.is_some())
             .collect();
-        let asked: Vec<usize> = with_depth
+        let sampled: Vec<usize> = with_depth
             .iter()
-            .step_by(with_depth.len().div_ceil(Self::ASKED).max(1))
+            .step_by(with_depth.len().div_ceil(Self::DEPTH_IMAGES).max(1))
             .copied()
             .collect();
         let mut near = Self {
@@ -58,36 +61,37 @@ impl NearImages {
             job,
             with_depth,
             depth_m: 1.0,
-            held: Vec::new(),
+            cache: Vec::new(),
             budget,
         };
-        let medians = near.load(&asked)?;
-        near.depth_m = median(medians.iter().filter_map(|view| median_depth(view))).unwrap_or(1.0);
+        let views = near.load(&sampled)?;
+        near.depth_m = median(views.iter().filter_map(|view| median_depth(view))).unwrap_or(1.0);
         Ok(near)
     }
 
-    /// The views that [`Self::nearest`] counts.
+    /// The views that [`Self::nearest`] indexes.
     pub fn views(&self) -> &[View] {
         &self.set.views
     }
 
-    /// How far the images see, metres: the median of some of them.
+    /// Median depth of the images, metres, from some of them.
     pub fn depth_m(&self) -> f64 {
         self.depth_m
     }
 
-    /// Numbers of the `count` views with depth that are nearest to a view, the nearest first; of equals that of the lower number.
+    /// Indices of the `count` views with depth that are nearest to a view, the nearest first; of
+    /// equals, the lower index.
     pub fn nearest(&self, camera: &Camera, count: usize) -> Vec<usize> {
         let mut ranked: Vec<(f64, usize)> = self
             .with_depth
             .iter()
-            .map(|&i| (turned_rad(&self.set.views[i], camera, self.depth_m), i))
+            .map(|&i| (rotation_rad(&self.set.views[i], camera, self.depth_m), i))
             .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         ranked.into_iter().take(count).map(|(_, i)| i).collect()
     }
 
-    /// The cube of these views, about the eye of the first.
+    /// Builds the cube of these views, about the eye of the first.
     ///
     /// # Errors
     /// [`ImagesError`] of a view that cannot be loaded.
@@ -104,46 +108,48 @@ impl NearImages {
         .run_loaded(&self.set, &views, &loaded)
     }
 
-    /// Views in memory, which then count as used last.
+    /// Loads views, which then are the most recently used.
     fn load(&mut self, chosen: &[usize]) -> Result<Vec<Arc<LoadedView>>, ImagesError> {
         let Self {
-            set, held, budget, ..
+            set, cache, budget, ..
         } = self;
-        let at_hand = |i: usize| {
-            held.iter()
-                .find(|(number, _)| *number == i)
+        let cached = |i: usize| {
+            cache
+                .iter()
+                .find(|(index, _)| *index == i)
                 .map(|(_, view)| Arc::clone(view))
         };
-        let load = |&i: &usize| at_hand(i).map_or_else(|| set.views[i].load().map(Arc::new), Ok);
+        let load = |&i: &usize| cached(i).map_or_else(|| set.views[i].load().map(Arc::new), Ok);
         let loaded: Vec<Arc<LoadedView>> = chosen.par_iter().map(load).collect::<Result<_, _>>()?;
-        held.retain(|(number, _)| !chosen.contains(number));
-        held.extend(chosen.iter().copied().zip(loaded.iter().map(Arc::clone)));
-        let mut bytes: usize = held.iter().map(|(_, view)| bytes_of(view)).sum();
-        let old = held.len() - chosen.len();
-        let dropped = held[..old].iter().take_while(|(_, view)| {
-            let over = bytes > *budget;
-            bytes -= bytes_of(view);
-            over
+        cache.retain(|(index, _)| !chosen.contains(index));
+        cache.extend(chosen.iter().copied().zip(loaded.iter().map(Arc::clone)));
+        let mut bytes: usize = cache.iter().map(|(_, view)| memory_bytes(view)).sum();
+        let old = cache.len() - chosen.len();
+        let evicted = cache[..old].iter().take_while(|(_, view)| {
+            let exceeds = bytes > *budget;
+            bytes -= memory_bytes(view);
+            exceeds
         });
-        let dropped = dropped.count();
-        held.drain(..dropped);
+        let evicted = evicted.count();
+        cache.drain(..evicted);
         Ok(loaded)
     }
 }
 
-/// By how much what a camera looks at turns from a view's picture to its own, radians, if it is as far as `depth_m`.
-fn turned_rad(view: &View, camera: &Camera, depth_m: f64) -> f64 {
+/// Angle by which a surface at depth `depth_m` turns from a view's image to a camera's frame,
+/// radians.
+fn rotation_rad(view: &View, camera: &Camera, depth_m: f64) -> f64 {
     let pose = view.color_pose();
-    let turned = match view.lens {
+    let turn = match view.lens {
         Lens::Equirectangular => 0.0, // sees all directions
         Lens::Pinhole(_) => (-pose.world_from_eye.z_axis).angle_between(camera.forward()),
     };
-    turned + pose.eye.distance(camera.eye()) / depth_m
+    turn + pose.eye.distance(camera.eye()) / depth_m
 }
 
-/// The median depth of the pixels in some of its rows and columns.
+/// Median depth of the pixels in some rows and columns.
 fn median_depth(view: &LoadedView) -> Option<f64> {
-    /// Pixels from one that is looked at to the next.
+    /// Pixels between sampled rows and columns.
     const STEP: usize = 8;
     let [width, height] = view.size_px;
     let pixels = (0..height)
@@ -156,14 +162,13 @@ fn median_depth(view: &LoadedView) -> Option<f64> {
     )
 }
 
-fn bytes_of(view: &LoadedView) -> usize {
+fn memory_bytes(view: &LoadedView) -> usize {
     size_of_val(view.color.as_slice()) + size_of_val(view.depth.as_slice())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::from_images::ImagesJob;
     use glam::{DMat3, DVec3};
     use headbox_core::progress::Silent;
     use headbox_fixtures::{frame_at, plane_view, saved, set_of};
@@ -172,7 +177,7 @@ mod tests {
 
     const SIZE: [u32; 2] = [48, 36];
 
-    /// A plane at Z = -3, seen from these eyes.
+    /// Images of a plane at Z = -3 from these eyes.
     fn set(eyes: &[DVec3]) -> (TempDir, ImageSet) {
         let folder = tempfile::tempdir().expect("a folder");
         let view = |(i, eye): (usize, &DVec3)| {
@@ -191,17 +196,17 @@ mod tests {
         NearImages::new(set.clone(), ImagesJob::suggest(set), budget).expect("opens")
     }
 
-    fn spread(count: u32) -> Vec<DVec3> {
-        let part = |n: u32, of: u32| f64::from(n % of) / f64::from(of) - 0.5;
+    fn scattered_eyes(count: u32) -> Vec<DVec3> {
+        let share = |n: u32, of: u32| f64::from(n % of) / f64::from(of) - 0.5;
         (0..count)
-            .map(|i| DVec3::new(part(i * 7, 13), part(i * 5, 11), 0.2 * part(i, 3)))
+            .map(|i| DVec3::new(share(i * 7, 13), share(i * 5, 11), 0.2 * share(i, 3)))
             .collect()
     }
 
-    /// The definition, one image after the other.
+    /// Selects the nearest views by definition, one after the other.
     fn oracle(views: &[View], camera: &Camera, depth: f64, count: usize) -> Vec<usize> {
         let ahead = camera.forward();
-        let turned = |view: &View| {
+        let rotation = |view: &View| {
             let axis = view.pose.world_from_eye * DVec3::NEG_Z;
             let angle = (axis.dot(ahead) / (axis.length() * ahead.length()))
                 .clamp(-1.0, 1.0)
@@ -219,7 +224,7 @@ mod tests {
         while chosen.len() < count && !left.is_empty() {
             let mut best = 0;
             for candidate in 1..left.len() {
-                if turned(&views[left[candidate]]) < turned(&views[left[best]]) {
+                if rotation(&views[left[candidate]]) < rotation(&views[left[best]]) {
                     best = candidate;
                 }
             }
@@ -229,14 +234,14 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_are_those_of_the_definition() {
-        let (_folder, mut set) = set(&spread(20));
+    fn nearest_views_match_the_definition() {
+        let (_folder, mut set) = set(&scattered_eyes(20));
         for (i, view) in set.views.iter_mut().enumerate() {
             view.pose.world_from_eye = DMat3::from_rotation_y(0.3 * (i as f64 * 1.7).sin());
         }
         set.views[4].depth = None;
         let near = near(&set, usize::MAX);
-        for (i, eye) in spread(9).into_iter().enumerate() {
+        for (i, eye) in scattered_eyes(9).into_iter().enumerate() {
             let camera = frame_at(eye * 1.3, SIZE);
             for count in [0, 1, 3, i, 19, 100] {
                 assert_eq!(
@@ -249,10 +254,10 @@ mod tests {
     }
 
     #[test]
-    fn around_an_object_the_nearest_are_the_papers() {
-        let (_folder, mut set) = set(&spread(24));
+    fn nearest_views_around_an_object_match_the_paper() {
+        let (_folder, mut set) = set(&scattered_eyes(24));
         for (i, view) in set.views.iter_mut().enumerate() {
-            // On a turntable, in no order, 15 degrees apart.
+            // On a turntable, shuffled, 15 degrees apart.
             let turn = DMat3::from_rotation_y((15.0 * f64::from(i as u32 * 7 % 24)).to_radians());
             view.pose = Pose {
                 eye: turn * DVec3::Z * 3.0,
@@ -271,40 +276,40 @@ mod tests {
     }
 
     #[test]
-    fn the_cube_is_that_of_the_same_images_from_files() {
-        let (_folder, set) = set(&spread(7));
+    fn cube_equals_that_of_a_job_from_files() {
+        let (_folder, set) = set(&scattered_eyes(7));
         let mut near = near(&set, usize::MAX);
         for chosen in [vec![2, 0, 5], vec![5, 2, 0], vec![6], vec![]] {
-            let found = near.cube(&chosen).expect("built");
+            let cube = near.cube(&chosen).expect("built");
             let views: Vec<&View> = chosen.iter().map(|&i| &set.views[i]).collect();
             let job = ImagesJob::suggest(&set);
             let centre = views.first().map_or(job.centre, |view| view.pose.eye);
             let expected = ImagesJob { centre, ..job }
                 .run(&set, &views, &Silent)
                 .expect("built");
-            assert!(found == expected, "{chosen:?}");
+            assert!(cube == expected, "{chosen:?}");
             assert_eq!(
-                found.faces.iter().all(|face| face.samples.is_empty()),
+                cube.faces.iter().all(|face| face.samples.is_empty()),
                 chosen.is_empty()
             );
         }
     }
 
     #[test]
-    fn images_used_last_stay_and_what_is_gone_is_an_error() {
-        let (_folder, set) = set(&spread(6));
-        let one = bytes_of(&set.views[0].load().expect("loads"));
+    fn cache_keeps_the_most_recently_used() {
+        let (_folder, set) = set(&scattered_eyes(6));
+        let one = memory_bytes(&set.views[0].load().expect("loads"));
         let mut near = near(&set, 3 * one);
-        let held = |near: &NearImages| near.held.iter().map(|(i, _)| *i).collect::<Vec<_>>();
+        let cached = |near: &NearImages| near.cache.iter().map(|(i, _)| *i).collect::<Vec<_>>();
         assert_eq!(
-            held(&near),
+            cached(&near),
             [0, 1, 2, 3, 4, 5],
             "beyond the budget while they are used"
         );
         near.cube(&[1, 3]).expect("built");
-        assert_eq!(held(&near), [5, 1, 3]);
+        assert_eq!(cached(&near), [5, 1, 3]);
         near.cube(&[0]).expect("built");
-        assert_eq!(held(&near), [1, 3, 0]);
+        assert_eq!(cached(&near), [1, 3, 0]);
         std::fs::remove_file(&set.views[2].color).expect("removed");
         std::fs::remove_file(&set.views[3].color).expect("removed");
         let error = near.cube(&[3, 2]).expect_err("gone").to_string();
@@ -313,8 +318,8 @@ mod tests {
     }
 
     #[test]
-    fn a_set_without_depth_has_nothing_near() {
-        let (_folder, mut set) = set(&spread(2));
+    fn set_without_depth_has_no_nearest_views() {
+        let (_folder, mut set) = set(&scattered_eyes(2));
         set.views.iter_mut().for_each(|view| view.depth = None);
         let near = near(&set, usize::MAX);
         assert!(near.nearest(&frame_at(DVec3::ZERO, SIZE), 3).is_empty() && near.depth_m() == 1.0);

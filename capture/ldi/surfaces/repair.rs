@@ -1,0 +1,152 @@
+//! Fills pinholes: gaps of one pixel in a surface, where a ray is aimed at the missing sample.
+//!
+//! Rays are random. The last few depth pixels of a wall are found late, after thousands of rays for
+//! each, and a missing one is a speck through which the background shows (docs/decisions/0017).
+//! Where both neighbours of a pixel lie on one surface and the pixel itself has no sample of it,
+//! one ray from the centre, limited to the depth where the surface must be, decides. Its hit
+//! becomes a surface sample like any other.
+
+use super::surface_samples::FaceSurfaces;
+use crate::accumulate::accumulator::{Accumulator, Sample, to_unorm16};
+use crate::light::pool::same_surface;
+use crate::light::shade::{Shader, SurfaceSample};
+use glam::Vec3;
+use headbox_core::cube_face::Face;
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_trace::bvh::Ray;
+use headbox_trace::sampler::RayKey;
+use rayon::prelude::*;
+
+/// Range before and behind the neighbours' plane in which a missing sample is searched, as a share
+/// of its distance: twice the tolerance of [`same_surface`].
+const REACH: f32 = 2e-3;
+
+/// Repair of one face.
+pub(crate) struct PinholeRepair<'a> {
+    pub face: Face,
+    pub shader: &'a Shader<'a>,
+    /// Depth bins of the capture.
+    pub bins: DepthBins,
+    /// Half of the headbox's edge, metres; nothing inside it is a depth pixel.
+    pub half_size_m: f32,
+}
+
+/// A sample to insert: its pixel in row-major order, its rank among the samples of that pixel, and
+/// the sample.
+type Insertion = (u32, u32, SurfaceSample);
+
+impl PinholeRepair<'_> {
+    /// Adds the missing samples of the face.
+    pub(crate) fn repair(&self, surfaces: &mut FaceSurfaces) {
+        let rows = (0..surfaces.size_px)
+            .into_par_iter()
+            .map(|y| self.missing_in_row(surfaces, y));
+        let insertions: Vec<Insertion> = rows.flatten_iter().collect();
+        insert(surfaces, &insertions);
+    }
+
+    /// The missing samples of row `y`, in order.
+    fn missing_in_row(&self, surfaces: &FaceSurfaces, y: u32) -> Vec<Insertion> {
+        let last = surfaces.size_px - 1;
+        let mut missing: Vec<Insertion> = Vec::new();
+        for x in 0..surfaces.size_px {
+            let first_of_pixel = missing.len();
+            let here = surfaces.pixel(x, y);
+            let across =
+                (x > 0 && x < last).then(|| [surfaces.pixel(x - 1, y), surfaces.pixel(x + 1, y)]);
+            let down =
+                (y > 0 && y < last).then(|| [surfaces.pixel(x, y - 1), surfaces.pixel(x, y + 1)]);
+            for [before, after] in across.into_iter().chain(down) {
+                for neighbour in before {
+                    let is_same = |other: &SurfaceSample| same_surface(neighbour, other);
+                    let is_gap = !here.iter().any(is_same) && after.iter().any(is_same);
+                    if is_gap
+                        && !missing[first_of_pixel..]
+                            .iter()
+                            .any(|(.., sample)| is_same(sample))
+                        && let Some(sample) = self.trace_missing(neighbour, x, y)
+                    {
+                        let rank = here
+                            .partition_point(|p| (p.bin, p.class) < (sample.bin, sample.class))
+                            as u32;
+                        missing.push((y * surfaces.size_px + x, rank, sample));
+                    }
+                }
+            }
+            missing[first_of_pixel..]
+                .sort_by_key(|(_, rank, sample)| (*rank, sample.bin, sample.class));
+        }
+        missing
+    }
+
+    /// Traces the sample of a neighbour's surface in the middle of pixel (x, y).
+    fn trace_missing(&self, neighbour: &SurfaceSample, x: u32, y: u32) -> Option<SurfaceSample> {
+        let tracer = self.shader.capture.tracer;
+        let size_px = self.shader.capture.spec.face_size_px;
+        let direction = self
+            .face
+            .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px)
+            .as_vec3();
+        // The direction has eye depth 1, so that `t` is an eye depth. For an edge-on plane it is
+        // infinite or NaN.
+        let t = neighbour.plane_distance / neighbour.plane_normal.dot(direction);
+        if !(t.is_finite() && t > self.half_size_m) {
+            return None;
+        }
+        let hit = tracer.closest(&Ray {
+            origin: Vec3::ZERO,
+            direction,
+            t_min: (t * (1.0 - REACH)).max(self.half_size_m),
+            t_max: t * (1.0 + REACH),
+        })?;
+        let (bin, offset) = self.bins.place(1.0 / hit.t);
+        let scene = tracer.scene();
+        let distance = hit.t * direction.length();
+        let cos = neighbour.plane_normal.dot(direction) / direction.length();
+        let hit_sample = Sample {
+            face: self.face,
+            x: x as u16,
+            y: y as u16,
+            bin,
+            offset,
+            class: neighbour.class,
+            albedo: scene
+                .paint(hit.primitive)
+                .albedo(hit.u, hit.v)
+                .map(to_unorm16),
+            primitive: hit.primitive,
+            barycentric: [hit.u, hit.v].map(to_unorm16),
+            area: distance * distance / cos.abs().max(1e-6),
+            key: RayKey(u64::MAX),
+        };
+        let material = scene.triangles[hit.primitive as usize].material;
+        let acc = Accumulator::new(&hit_sample);
+        let sample = self.shader.surface_sample(&acc, self.face, x, y);
+        let class = Accumulator::class(material, acc.is_back(), sample.plane_normal);
+        (class == neighbour.class && same_surface(neighbour, &sample)).then_some(sample)
+    }
+}
+
+/// Inserts samples from the last to the first, so that each sample of the face moves once and the
+/// face is in memory only once.
+fn insert(surfaces: &mut FaceSurfaces, insertions: &[Insertion]) {
+    let Some((_, _, any)) = insertions.first() else {
+        return;
+    };
+    let mut end = surfaces.samples.len();
+    surfaces.samples.resize(end + insertions.len(), *any);
+    for (before, (pixel, rank, sample)) in insertions.iter().enumerate().rev() {
+        let index = (surfaces.offsets[*pixel as usize] + rank) as usize;
+        surfaces.samples.copy_within(index..end, index + before + 1);
+        surfaces.samples[index + before] = *sample;
+        end = index;
+    }
+    let mut added = 0;
+    let mut rest = insertions;
+    for (pixel, offset) in (0..).zip(&mut surfaces.offsets) {
+        let passed = rest.partition_point(|(insertion_pixel, ..)| *insertion_pixel < pixel);
+        added += passed as u32;
+        rest = &rest[passed..];
+        *offset += added;
+    }
+}

@@ -1,0 +1,203 @@
+//! Arguments that decide the quality of a capture.
+
+use super::face_size::FaceSize;
+use crate::args::{Names, by_name};
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use headbox_cube::model::parameters::{CaptureParameters, MergeRule, Sampler};
+use headbox_ldi::scene_source::SceneSource;
+use headbox_ldi::spec::CaptureSpec;
+use headbox_trace::sampler::Strata;
+
+/// Quality of a capture.
+#[derive(Args)]
+pub(super) struct QualityArgs {
+    /// Preset of faces, strata, rays and light, each overridden by its own flag [default: best]
+    #[arg(long)]
+    pub(super) quality: Option<Preset>,
+    /// Pixels along a side of each cube face; or auto, or auto:WIDTHxHEIGHT@DEGREES: as fine as
+    /// such frames (1024x768@60) show to within --error-px, with strata to match
+    #[arg(long, value_name = "PX", default_value_t = FaceSize::Px(CaptureSpec::DEFAULT_FACE_SIZE_PX))]
+    pub(super) face_size: FaceSize,
+    #[command(flatten)]
+    pub(super) parameters: ParameterArgs,
+}
+
+/// Rays, merging and light of a capture.
+#[derive(Args)]
+pub(super) struct ParameterArgs {
+    /// Strata along each of the four dimensions of rays (N)
+    #[arg(long, value_name = "N", default_value_t = CaptureParameters::DEFAULT.strata,
+        value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_PER_DIMENSION)))]
+    strata: u32,
+    /// Rays in each stratum (M)
+    #[arg(long = "rays", value_name = "M", default_value_t = CaptureParameters::DEFAULT.rays_per_stratum,
+        value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_RAYS)))]
+    rays_per_stratum: u32,
+    /// Diffuse bounces of light beyond direct light
+    #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces,
+        value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: u32,
+    /// Light samples per depth pixel; 0 shows albedo and emission without light
+    #[arg(long, value_name = "K", default_value_t = CaptureParameters::DEFAULT.light_samples,
+        value_parser = clap::value_parser!(u32).range(0..=65_535))]
+    light_samples: u32,
+    /// Random seed
+    #[arg(long, value_name = "K", default_value_t = CaptureParameters::DEFAULT.seed)]
+    seed: u64,
+    /// Trace fewer rays where the next one is new with a probability below X; 0 traces all
+    #[arg(long, value_name = "X", default_value_t = CaptureParameters::DEFAULT.novelty,
+        value_parser = parse_probability, allow_hyphen_values = true)]
+    novelty: f64,
+    /// Aim rays at holes until the share of frame pixels with holes, plus its standard error, is
+    /// below X (a share, or a percentage such as 0.01%); 1 does not search for holes
+    #[arg(long, value_name = "X", default_value_t = CaptureParameters::DEFAULT.holes,
+        value_parser = parse_holes, allow_hyphen_values = true)]
+    pub(super) holes: f64,
+    /// Distribution of the rays
+    #[arg(long, default_value = "stratified", value_parser = by_name(SAMPLERS))]
+    sampler: Sampler,
+    /// Rule for samples at similar depth
+    #[arg(long = "merge", default_value = "average", value_parser = by_name(MERGE_RULES))]
+    pub(super) merge_rule: MergeRule,
+}
+
+const SAMPLERS: Names<Sampler> = &[
+    ("stratified", "Jittered in 4-D strata", Sampler::Stratified),
+    (
+        "white-noise",
+        "Independent over the whole domain",
+        Sampler::WhiteNoise,
+    ),
+    (
+        "centre-rays",
+        "One ray through the centre of each pixel, from the centre of the cube",
+        Sampler::CentreRays,
+    ),
+];
+
+const MERGE_RULES: Names<MergeRule> = &[
+    (
+        "average",
+        "One depth pixel with their mean depth and colour",
+        MergeRule::Average,
+    ),
+    (
+        "smaller-area",
+        "The surface that was sampled with the smallest area",
+        MergeRule::SmallerArea,
+    ),
+    (
+        "colors-apart",
+        "A depth pixel for each colour",
+        MergeRule::ColorsApart,
+    ),
+];
+
+impl ParameterArgs {
+    /// The parameters that these arguments specify.
+    fn parameters(&self) -> CaptureParameters {
+        CaptureParameters {
+            strata: self.strata,
+            rays_per_stratum: self.rays_per_stratum,
+            bounces: self.bounces,
+            light_samples: self.light_samples,
+            seed: self.seed,
+            novelty: self.novelty,
+            holes: self.holes,
+            sampler: self.sampler,
+            merge_rule: self.merge_rule,
+        }
+    }
+}
+
+fn parse_probability(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(probability) if (0.0..=1.0).contains(&probability) => Ok(probability),
+        _ => Err("give a probability from 0 to 1".into()),
+    }
+}
+
+fn parse_holes(text: &str) -> Result<f64, String> {
+    let (number, unit) = text
+        .strip_suffix('%')
+        .map_or((text, 1.0), |number| (number, 0.01));
+    match number.parse::<f64>().map(|number| number * unit) {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        _ => Err("give a share from 0 to 1, or a percentage such as 0.01%".into()),
+    }
+}
+
+/// Quality presets; their numbers are in [`Preset::NUMBERS`].
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Preset {
+    /// To check the place of the headbox
+    Draft,
+    /// To look around
+    Good,
+    /// The paper's quality, to keep
+    Best,
+}
+
+impl Preset {
+    /// Defaults of arguments under the presets draft and good. Those of best are the arguments'
+    /// own.
+    pub(crate) const NUMBERS: [(&str, [&str; 2]); 4] = [
+        ("face_size", ["256", "512"]),
+        ("strata", ["16", "24"]),
+        ("rays_per_stratum", ["8", "8"]),
+        ("light_samples", ["1", "2"]),
+    ];
+
+    /// Face size, pixels, for which the strata of a preset are chosen.
+    fn face_size(preset: Option<Self>) -> u32 {
+        let [(_, [draft, good]), ..] = Self::NUMBERS;
+        let size = match preset {
+            Some(Self::Draft) => draft,
+            Some(Self::Good) => good,
+            Some(Self::Best) | None => "",
+        };
+        size.parse().unwrap_or(CaptureSpec::DEFAULT_FACE_SIZE_PX)
+    }
+}
+
+impl QualityArgs {
+    /// Flags of rays and light, each with true if it differs from the default.
+    pub(super) fn given_flags(&self) -> [(&'static str, bool); 9] {
+        let CaptureParameters {
+            strata,
+            rays_per_stratum,
+            bounces,
+            light_samples,
+            seed,
+            novelty,
+            holes,
+            sampler,
+            ..
+        } = self.parameters.parameters();
+        let default = CaptureParameters::DEFAULT;
+        let default_face_size = FaceSize::Px(CaptureSpec::DEFAULT_FACE_SIZE_PX);
+        [
+            ("--face-size", self.face_size != default_face_size),
+            ("--strata", strata != default.strata),
+            ("--rays", rays_per_stratum != default.rays_per_stratum),
+            ("--bounces", bounces != default.bounces),
+            ("--light-samples", light_samples != default.light_samples),
+            ("--seed", seed != default.seed),
+            ("--novelty", novelty != default.novelty),
+            ("--holes", holes != default.holes),
+            ("--sampler", sampler != default.sampler),
+        ]
+    }
+
+    /// The capture of a headbox (world metres) with this quality.
+    pub(super) fn spec(&self, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureSpec {
+        CaptureSpec {
+            scene,
+            centre,
+            half_size_m,
+            face_size_px: self.face_size.or(Preset::face_size(self.quality)),
+            parameters: self.parameters.parameters(),
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! Writes `.house` files and walks: `headbox house -o F.house --walk PATH.json`.
+
+use crate::commands::house::file::{kind_by_name, note_unvisited};
+use crate::interrupt;
+use crate::output::{HOUSE, Outputs, PATH, write_text};
+use crate::progress::{Bar, duration};
+use crate::words::UsageError;
+use clap::Args;
+use headbox_core::camera::Camera;
+use headbox_core::progress::Progress;
+use headbox_house::backdrop::{BackdropKind, BackdropQuality};
+use headbox_house::file;
+use headbox_house::house::House;
+use headbox_house::make::{MakeError, MakeOptions, make_house};
+use headbox_house::walk_path::{PAPER_POSES, WalkPath};
+use headbox_model::PortalModel;
+use headbox_model::bake::BakeOptions;
+use headbox_scene::camera_path::{CameraRecord, PathRecord};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Memory for backdrops, bytes.
+const BUDGET: u64 = 4 << 30;
+
+#[derive(Args)]
+pub(super) struct HouseFileArgs {
+    /// Write the model with the backdrops of its portals to this .house file
+    #[arg(short, long, value_name = "F.house")]
+    output: Option<PathBuf>,
+    /// Backdrops to capture behind both sides of every portal, or `none`; a wrong name prints the
+    /// list
+    #[arg(
+        long,
+        value_name = "NAME,...",
+        value_delimiter = ',',
+        default_value = "window-ldi"
+    )]
+    backdrops: Vec<String>,
+    /// Keep the model's colours instead of baking its light into the vertices
+    #[arg(long)]
+    unlit: bool,
+    /// Maximum length of edges of the baked model, metres
+    #[arg(long, value_name = "M", default_value_t = BakeOptions::default().edge_m)]
+    edge: f64,
+    /// Light samples per vertex
+    #[arg(long, value_name = "N", default_value_t = BakeOptions::default().samples,
+        value_parser = clap::value_parser!(u32).range(1..=4096))]
+    light_samples: u32,
+    /// Write a walk through every room to this JSON file
+    #[arg(long, value_name = "PATH.json")]
+    walk: Option<PathBuf>,
+    /// Number of poses of the walk
+    #[arg(long, value_name = "N", default_value_t = PAPER_POSES, value_parser = parse_poses)]
+    poses: usize,
+}
+
+fn parse_poses(text: &str) -> Result<usize, String> {
+    text.parse()
+        .ok()
+        .filter(|poses| (1..=100_000).contains(poses))
+        .ok_or("give a number from 1 to 100000".into())
+}
+
+/// The files that `headbox house` wrote.
+#[derive(Debug, Serialize)]
+pub(super) struct WrittenFiles {
+    walk: Option<PathBuf>,
+    #[serde(flatten)]
+    house: Option<WrittenHouse>,
+}
+
+/// A `.house` file that was written.
+#[derive(Debug, Serialize)]
+struct WrittenHouse {
+    output: PathBuf,
+    /// Size of the file; `None` if it was streamed.
+    bytes: Option<u64>,
+    captures: usize,
+    #[serde(rename = "captures_asked")]
+    requested: usize,
+    capture_s: f64,
+    light_samples: u32,
+    interrupted: bool,
+}
+
+/// A bar whose work is cancelled by an interrupt.
+struct InterruptibleBar(Bar);
+
+impl Progress for InterruptibleBar {
+    fn begin(&self, stage: &str, unit: &str, total: u64) {
+        self.0.begin(stage, unit, total);
+    }
+
+    fn advance(&self, steps: u64) {
+        self.0.advance(steps);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        interrupt::asked()
+    }
+}
+
+impl HouseFileArgs {
+    /// Checks the arguments. Returns true if a file is to be written.
+    pub(super) fn check(&self) -> Result<bool, UsageError> {
+        self.kinds()?;
+        if self.edge.is_nan() || self.edge < 0.01 {
+            return Err(UsageError(format!(
+                "--edge {}: give a length of at least 0.01 m",
+                self.edge
+            )));
+        }
+        Ok(self.output.is_some() || self.walk.is_some())
+    }
+
+    /// Adds the files to the outputs.
+    pub(super) fn add_outputs(&self, outputs: Outputs) -> anyhow::Result<Outputs> {
+        outputs
+            .maybe_file(self.output.as_ref(), &HOUSE)?
+            .maybe_file(self.walk.as_ref(), &PATH)
+    }
+
+    fn kinds(&self) -> Result<Vec<BackdropKind>, UsageError> {
+        let names = self.backdrops.iter().filter(|name| *name != "none");
+        names.map(|name| kind_by_name(name)).collect()
+    }
+
+    /// Makes the house and writes the files. Ends the program if it is interrupted before there is
+    /// any light.
+    pub(super) fn write(&self, mut model: PortalModel) -> anyhow::Result<WrittenFiles> {
+        let is_sound = model.scene.validate().is_ok();
+        if self.output.is_some() && is_sound {
+            interrupt::keep_what_is_done();
+            if self.unlit {
+                model.stitch();
+            }
+        }
+        let bar = InterruptibleBar(Bar::new());
+        let options = self.make_options()?;
+        let made = make_house(model, &options, &bar);
+        bar.0.finish();
+        if let Err(MakeError::NoLight) = &made {
+            eprintln!("error: {}", MakeError::NoLight);
+            interrupt::end();
+        }
+        let made = made?;
+        for portal in &made.oversized {
+            eprintln!(
+                "note: the backdrop of portal {portal} is larger than {BUDGET} bytes and left out"
+            );
+        }
+        if let Some(path) = &self.walk {
+            self.write_walk(&made.house, path)?;
+        }
+        let mut written = WrittenFiles {
+            walk: self.walk.clone(),
+            house: None,
+        };
+        if let Some(path) = &self.output {
+            file::write(path, &made.house, &made.store, &options.quality)?;
+            let file = std::fs::metadata(path)
+                .ok()
+                .filter(std::fs::Metadata::is_file);
+            written.house = Some(WrittenHouse {
+                output: path.clone(),
+                bytes: file.map(|file| file.len()),
+                captures: made.captures,
+                requested: made.requested,
+                capture_s: made.capture_time.as_secs_f64(),
+                light_samples: made.light_samples,
+                interrupted: interrupt::asked(),
+            });
+        }
+        Ok(written)
+    }
+
+    /// Light and backdrops of a `.house` file; none for a walk alone.
+    fn make_options(&self) -> Result<MakeOptions, UsageError> {
+        let is_written = self.output.is_some();
+        let light = BakeOptions {
+            edge_m: self.edge,
+            samples: self.light_samples,
+            ..BakeOptions::default()
+        };
+        Ok(MakeOptions {
+            light: (is_written && !self.unlit).then_some(light),
+            backdrops: if is_written {
+                self.kinds()?
+            } else {
+                Vec::new()
+            },
+            quality: BackdropQuality::default(),
+            budget_bytes: BUDGET,
+        })
+    }
+
+    /// Prints the result of [`Self::write`].
+    pub(super) fn print(&self, written: &WrittenFiles) {
+        if let Some(path) = &written.walk {
+            println!("{}: a walk of {} poses", path.display(), self.poses);
+        }
+        let Some(house) = &written.house else { return };
+        let output = house.output.display();
+        let captures = house.captures;
+        let size = house.bytes.map_or(String::new(), |bytes| {
+            format!(", {:.1} MB", bytes as f64 / 1e6)
+        });
+        println!(
+            "{output}: {captures} captures in {}{size}",
+            duration(house.capture_s)
+        );
+        if house.interrupted {
+            println!(
+                "interrupted: {captures} of {} captures are in it, the others are made during a walk;",
+                house.requested
+            );
+            if !self.unlit {
+                println!(
+                    "each vertex has at least {} of {} samples of light",
+                    house.light_samples, self.light_samples
+                );
+            }
+        }
+        println!("walk through it: headbox view {output}");
+    }
+
+    fn write_walk(&self, house: &House, path: &Path) -> anyhow::Result<()> {
+        let walk = WalkPath {
+            poses: self.poses,
+            ..WalkPath::default()
+        };
+        let frame = house.scene().frame;
+        let record = |camera: &Camera| {
+            let up = camera.world_from_eye().y_axis;
+            CameraRecord::new(camera.eye(), camera.forward(), up, walk.fov_y_deg, &frame)
+        };
+        let poses = walk.cameras(house)?.iter().map(record).collect();
+        note_unvisited(&walk, house);
+        let text = serde_json::to_string(&PathRecord {
+            size: Some(walk.size),
+            poses,
+        })?;
+        write_text(path, &text)
+    }
+}

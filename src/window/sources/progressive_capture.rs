@@ -1,0 +1,522 @@
+//! Progressive capture: a coarse cube LDI in about a second, finer ones while the user looks around
+//! (like the barnyard of the papers, sampled in rounds). Until the first is ready, the scene's
+//! surfaces are shown as points.
+//!
+//! Every round is a whole capture, about four times as expensive as the one before: all rounds
+//! together take a third longer than the last alone. The last round is the capture of `headbox
+//! capture` with the same settings, to the byte. Earlier rounds do not search for holes, which
+//! would delay the first image, and take the headbox of the last round.
+
+use crate::background;
+use headbox_core::headbox::Headbox;
+use headbox_core::progress::Progress;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::planes;
+use headbox_cube::planes::DEFAULT_ERROR_PX;
+use headbox_ldi::capture::{SceneCapture, stage};
+use headbox_ldi::scene_source::SceneSource;
+use headbox_ldi::spec::{CaptureSpec, RunOptions};
+use headbox_scene::scene::Scene;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use headbox_trace::viewpoint;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+/// A scene with its light, ready for rays from its headbox.
+#[derive(Clone)]
+pub(crate) struct LitScene {
+    pub(super) tracer: Arc<Tracer>,
+    pub(super) lighting: Arc<Lighting>,
+    /// False shows albedo and emission, like a capture without light.
+    pub(super) lit: bool,
+    /// True if path guiding was learnt.
+    pub(super) guided: bool,
+}
+
+impl LitScene {
+    /// Learns path guiding, if the scene is lit and it was not learnt before.
+    pub(super) fn guide(&mut self) {
+        if self.lit && !self.guided {
+            self.lighting = Arc::new(Lighting::clone(&self.lighting).guided(&self.tracer));
+            self.guided = true;
+        }
+    }
+}
+
+/// Settings of one round of a progressive capture.
+#[derive(Clone, Copy)]
+struct Round {
+    face_size_px: u32,
+    strata: u32,
+    rays: u32,
+    light_samples: u32,
+    /// See [`CaptureParameters::holes`].
+    holes: f64,
+}
+
+/// The rounds. The last has the face size and light of the default of `headbox capture` with a
+/// fifth of its rays, so that it is complete in about a minute.
+const ROUNDS: [Round; 3] = [
+    Round {
+        face_size_px: 192,
+        strata: 12,
+        rays: 8,
+        light_samples: 1,
+        holes: 1.0,
+    },
+    Round {
+        face_size_px: 512,
+        strata: 16,
+        rays: 16,
+        light_samples: 2,
+        holes: 1.0,
+    },
+    Round {
+        face_size_px: 1024,
+        strata: 24,
+        rays: 10,
+        light_samples: 4,
+        holes: CaptureParameters::DEFAULT.holes,
+    },
+];
+
+/// Face size from which accumulators are spilled to a temporary file, pixels. Smaller faces never
+/// need as much memory.
+const SPILL_FACE_PX: u32 = 1000;
+
+/// Memory for accumulators of such faces, bytes.
+const SPILL_BUDGET: u64 = 1 << 30;
+
+impl Round {
+    /// Work of the round in an arbitrary unit: rays, and light at the depth pixels that they
+    /// become.
+    fn work(&self) -> f64 {
+        /// Approximate number of depth pixels per face pixel.
+        const LAYERS: f64 = 1.5;
+        let rays = f64::from(self.strata).powi(4) * f64::from(self.rays);
+        rays + f64::from(self.face_size_px).powi(2) * LAYERS * f64::from(self.light_samples)
+    }
+
+    fn spec(&self, source: &SceneSource, headbox: &Headbox) -> CaptureSpec {
+        CaptureSpec {
+            face_size_px: self.face_size_px,
+            parameters: CaptureParameters {
+                strata: self.strata,
+                rays_per_stratum: self.rays,
+                light_samples: self.light_samples,
+                holes: self.holes,
+                ..CaptureParameters::DEFAULT
+            },
+            ..CaptureSpec::new(source.clone(), headbox.centre, headbox.half_size_m)
+        }
+    }
+}
+
+/// The half size of the headbox that the last round captures.
+fn fitted_headbox(
+    rounds: &[Round],
+    source: &SceneSource,
+    scene: &Scene,
+    headbox: Headbox,
+) -> Headbox {
+    let Some(last) = rounds.last() else {
+        return headbox;
+    };
+    let mut spec = last.spec(source, &headbox);
+    spec.fit_half_size(scene);
+    Headbox {
+        half_size_m: spec.half_size_m,
+        ..headbox
+    }
+}
+
+/// A capture in rounds on its own thread. Dropping it cancels the capture; the thread then ends by
+/// itself.
+pub(super) struct ProgressiveCapture {
+    shared: Arc<Shared>,
+}
+
+/// State that the thread and the window share.
+struct Shared {
+    rounds: &'static [Round],
+    state: Mutex<State>,
+    changed: Condvar,
+    cancelled: AtomicBool,
+    /// Completed steps of the present stage.
+    steps_done: AtomicU64,
+}
+
+#[derive(Default)]
+struct State {
+    scene: Option<LitScene>,
+    newest: Option<Arc<PackedCube>>,
+    rounds_done: usize,
+    stage: StageProgress,
+    ended: bool,
+    error: Option<String>,
+}
+
+/// The part of a round, measured in stages, that the present stage covers.
+#[derive(Clone, Copy, Default)]
+struct StageProgress {
+    /// Index of the stage in [`stage::ALL`].
+    index: usize,
+    start: f64,
+    length: f64,
+    steps: u64,
+}
+
+impl StageProgress {
+    /// Starts a stage. Each round of the search for holes covers half of the rest of its stage,
+    /// because their number is not known.
+    fn begin(&mut self, name: &str, steps: u64) {
+        let index = stage::ALL.iter().position(|known| *known == name);
+        let index = index.unwrap_or(self.index);
+        let repeats = self.length > 0.0 && index == self.index;
+        self.start = if repeats {
+            self.start + self.length
+        } else {
+            index as f64
+        };
+        if name == stage::HOLES {
+            self.length = (index as f64 + 1.0 - self.start) / 2.0;
+        } else {
+            self.length = index as f64 + 1.0 - self.start;
+        }
+        self.index = index;
+        self.steps = steps;
+    }
+
+    /// Share of the round that is done, 0 to 1.
+    fn share(&self, steps_done: u64) -> f64 {
+        let in_stage = (steps_done as f64 / self.steps.max(1) as f64).min(1.0);
+        (self.start + self.length * in_stage) / stage::ALL.len() as f64
+    }
+}
+
+/// Status of a progressive capture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct CaptureStatus {
+    /// Number of completed rounds, and of all rounds.
+    pub(super) rounds: [usize; 2],
+    /// Approximate share of all work that is done, 0 to 1.
+    pub(super) share: f64,
+    /// True if no further cube will come.
+    pub(super) ended: bool,
+}
+
+/// The headbox of a capture, known before anything is traced.
+pub(super) struct CapturePlace {
+    pub(super) tracer: Arc<Tracer>,
+    pub(super) headbox: Headbox,
+}
+
+impl ProgressiveCapture {
+    /// Loads a scene and starts its capture.
+    ///
+    /// # Errors
+    /// A sentence, if the scene cannot be opened or no thread can be started.
+    pub(super) fn start(source: SceneSource) -> Result<(Self, CapturePlace), String> {
+        Self::start_rounds(source, &ROUNDS)
+    }
+
+    fn start_rounds(
+        source: SceneSource,
+        rounds: &'static [Round],
+    ) -> Result<(Self, CapturePlace), String> {
+        let scene = Arc::new(source.open().map_err(|error| error.to_string())?);
+        let headbox =
+            viewpoint::place_headbox(&scene, None, None).map_err(|error| error.to_string())?;
+        let headbox = fitted_headbox(rounds, &source, &scene, headbox);
+        let tracer = Arc::new(Tracer::new(scene, headbox.centre));
+        let pool = background::pool("capture")?;
+        let shared = Arc::new(Shared {
+            rounds,
+            state: Mutex::default(),
+            changed: Condvar::new(),
+            cancelled: AtomicBool::new(false),
+            steps_done: AtomicU64::new(0),
+        });
+        let spawned = std::thread::Builder::new().name("capture".into()).spawn({
+            let shared = Arc::clone(&shared);
+            let tracer = Arc::clone(&tracer);
+            move || {
+                let run_all = || pool.install(|| shared.run_all(&source, tracer, &headbox));
+                let panicked =
+                    |_| Err("The capture stopped because of an error in the program.".into());
+                shared.end(catch_unwind(AssertUnwindSafe(run_all)).unwrap_or_else(panicked));
+            }
+        });
+        spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
+        Ok((Self { shared }, CapturePlace { tracer, headbox }))
+    }
+
+    /// A function that waits for the scene with its light.
+    pub(super) fn lit_scene(&self) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
+        let shared = Arc::clone(&self.shared);
+        move || {
+            let state = shared.wait_while(|state| state.scene.is_none() && !state.ended);
+            let scene = state.scene.clone();
+            scene.ok_or_else(|| "The capture ended before there was light.".into())
+        }
+    }
+
+    /// The finest cube so far, if it is not `shown`.
+    pub(super) fn newer_than(&self, shown: Option<&Arc<PackedCube>>) -> Option<Arc<PackedCube>> {
+        let state = self.shared.lock();
+        state
+            .newest
+            .as_ref()
+            .filter(|newest| shown.is_none_or(|shown| !Arc::ptr_eq(newest, shown)))
+            .map(Arc::clone)
+    }
+
+    /// The error of a later round, returned once.
+    pub(super) fn take_error(&self) -> Option<String> {
+        self.shared.lock().error.take()
+    }
+
+    /// The progress of the capture.
+    pub(super) fn status(&self) -> CaptureStatus {
+        let state = self.shared.lock();
+        let rounds = self.shared.rounds;
+        let work = |rounds: &[Round]| rounds.iter().map(Round::work).sum::<f64>();
+        let (before, rest) = rounds.split_at(state.rounds_done.min(rounds.len()));
+        let steps_done = self.shared.steps_done.load(Ordering::Relaxed);
+        let current = rest
+            .first()
+            .map_or(0.0, |round| round.work() * state.stage.share(steps_done));
+        CaptureStatus {
+            rounds: [state.rounds_done, rounds.len()],
+            share: (work(before) + current) / work(rounds),
+            ended: state.ended,
+        }
+    }
+}
+
+impl Drop for ProgressiveCapture {
+    fn drop(&mut self) {
+        self.shared.cancelled.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Shared {
+    /// Locks the state. A panic elsewhere leaves it whole, so a poisoned lock is still good.
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits while the condition holds.
+    fn wait_while(&self, condition: impl Fn(&State) -> bool) -> MutexGuard<'_, State> {
+        self.changed
+            .wait_while(self.lock(), |state| condition(state))
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Prepares the light and captures all rounds.
+    fn run_all(
+        &self,
+        source: &SceneSource,
+        tracer: Arc<Tracer>,
+        headbox: &Headbox,
+    ) -> Result<(), String> {
+        let bounces = CaptureParameters::DEFAULT.bounces;
+        let scene = LitScene {
+            lighting: Arc::new(Lighting::prepare(&tracer, bounces, true)),
+            tracer,
+            lit: true,
+            guided: true,
+        };
+        self.lock().scene = Some(scene.clone());
+        self.changed.notify_all();
+        self.rounds
+            .iter()
+            .try_for_each(|round| self.run(&round.spec(source, headbox), &scene))
+    }
+
+    /// Captures one round.
+    fn run(&self, spec: &CaptureSpec, scene: &LitScene) -> Result<(), String> {
+        let options = RunOptions {
+            budget: (spec.face_size_px >= SPILL_FACE_PX)
+                .then(|| (SPILL_BUDGET, std::env::temp_dir())),
+            progress: self,
+            ..RunOptions::default()
+        };
+        let capture = SceneCapture::new(spec, &scene.tracer, &scene.lighting, &options);
+        let (ldi, _) = capture
+            .run()
+            .map_err(|error| format!("The capture failed: {error}."))?;
+        let packed = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
+        let packed = packed.map_err(|error| format!("The capture cannot be packed: {error}."))?;
+        let mut state = self.lock();
+        state.newest = Some(Arc::new(packed));
+        state.rounds_done += 1;
+        state.stage = StageProgress::default();
+        self.changed.notify_all();
+        Ok(())
+    }
+
+    fn end(&self, result: Result<(), String>) {
+        let mut state = self.lock();
+        state.ended = true;
+        state.error = result
+            .err()
+            .filter(|_| !self.cancelled.load(Ordering::Relaxed));
+        self.changed.notify_all();
+    }
+}
+
+impl Progress for Shared {
+    fn begin(&self, stage: &str, _: &str, total: u64) {
+        let mut state = self.lock();
+        self.steps_done.store(0, Ordering::Relaxed);
+        state.stage.begin(stage, total);
+    }
+
+    fn advance(&self, steps: u64) {
+        self.steps_done.fetch_add(steps, Ordering::Relaxed);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two small rounds; the second searches for holes.
+    const SMALL_ROUNDS: [Round; 2] = [
+        Round {
+            face_size_px: 24,
+            strata: 4,
+            rays: 4,
+            light_samples: 1,
+            holes: 1.0,
+        },
+        Round {
+            face_size_px: 64,
+            strata: 5,
+            rays: 4,
+            light_samples: 1,
+            holes: 1e-3,
+        },
+    ];
+
+    /// The capture of `headbox capture` with the settings of a round.
+    fn command_capture(source: &SceneSource, round: &Round) -> PackedCube {
+        let scene = Arc::new(source.open().unwrap());
+        let headbox = viewpoint::place_headbox(&scene, None, None).unwrap();
+        let mut spec = round.spec(source, &headbox);
+        spec.fit_half_size(&scene);
+        let tracer = Tracer::new(scene, headbox.centre);
+        let lighting = Lighting::prepare(&tracer, spec.parameters.bounces, true);
+        let options = RunOptions::default();
+        let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &options)
+            .run()
+            .unwrap();
+        planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap()
+    }
+
+    fn file_bytes(cube: &PackedCube) -> Vec<u8> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ldi");
+        cube.write(&path).unwrap();
+        std::fs::read(path).unwrap()
+    }
+
+    /// A floor and a box in the open, without a headbox of its own.
+    fn write_open_scene(path: &std::path::Path) {
+        let corners = [[-9, 0, -9], [9, 0, -9], [9, 0, 9], [-9, 0, 9]];
+        let walls = [[-3, 0, -4], [3, 0, -4], [3, 4, -4], [-3, 4, -4]];
+        let mut text = String::new();
+        for [x, y, z] in corners.into_iter().chain(walls) {
+            text += &format!("v {x} {y} {z}\n");
+        }
+        text += "f 1 4 3\nf 1 3 2\nf 5 6 7\nf 5 7 8\n";
+        std::fs::write(path, text).unwrap();
+    }
+
+    #[test]
+    fn last_round_equals_the_command_to_the_byte() {
+        let folder = tempfile::tempdir().unwrap();
+        let open_scene = folder.path().join("open.obj");
+        write_open_scene(&open_scene);
+        let mut fitted = Vec::new();
+        for source in [
+            SceneSource::new("builtin:miniature"),
+            SceneSource::new(open_scene.to_str().unwrap()),
+        ] {
+            let (capture, place) =
+                ProgressiveCapture::start_rounds(source.clone(), &SMALL_ROUNDS).unwrap();
+            let state = capture.shared.wait_while(|state| !state.ended);
+            assert_eq!(state.error, None);
+            let finished = state.newest.clone().unwrap();
+            drop(state);
+            assert_eq!(capture.status().share, 1.0);
+            let expected = command_capture(&source, &SMALL_ROUNDS[1]);
+            assert!(
+                file_bytes(&finished) == file_bytes(&expected),
+                "{}",
+                source.name
+            );
+            assert_eq!(finished.info.half_size_m, place.headbox.half_size_m);
+            let holes = finished.info.holes.expect("holes were searched");
+            assert!(holes.rounds > 0);
+            let scene = place.tracer.scene();
+            let suggested = viewpoint::place_headbox(scene, None, None).unwrap();
+            fitted.push(finished.info.half_size_m < suggested.half_size_m);
+        }
+        assert_eq!(
+            fitted,
+            [false, true],
+            "only a headbox in free space shrinks"
+        );
+    }
+
+    #[test]
+    fn dropping_cancels_the_capture() {
+        let source = SceneSource::new("builtin:miniature");
+        let (capture, _) = ProgressiveCapture::start(source).unwrap();
+        let state = capture
+            .shared
+            .wait_while(|state| state.newest.is_none() && !state.ended);
+        assert!(state.scene.is_some() && state.newest.is_some());
+        drop(state);
+        let status = capture.status();
+        assert!(status.rounds[0] >= 1 && status.share > 0.0 && status.share < 1.0);
+        let shared = Arc::clone(&capture.shared);
+        drop(capture);
+        let state = shared.wait_while(|state| !state.ended);
+        assert_eq!(state.error, None, "cancelled without an error");
+    }
+
+    #[test]
+    fn stages_advance_to_the_end_of_a_round() {
+        let mut progress = StageProgress::default();
+        let mut shares = vec![progress.share(0)];
+        let rounds_of_holes = [stage::HOLES; 5];
+        let names = [stage::PILOT, stage::TRACE]
+            .into_iter()
+            .chain(rounds_of_holes)
+            .chain([stage::LIGHT]);
+        for name in names {
+            progress.begin(name, 10);
+            shares.extend([progress.share(0), progress.share(10)]);
+        }
+        assert!(shares.is_sorted(), "{shares:?}");
+        assert_eq!(shares.last(), Some(&1.0));
+    }
+
+    #[test]
+    fn unknown_scene_is_named_in_the_error() {
+        let error = ProgressiveCapture::start(SceneSource::new("builtin:nonsense"))
+            .err()
+            .unwrap();
+        assert!(error.contains("nonsense"), "{error}");
+    }
+}
