@@ -15,8 +15,8 @@ use headbox_core::progress::Silent;
 use headbox_images::traced_view;
 use headbox_images::{ImageSet, ImageSetOptions, SetWriter, View};
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, WaitPolicy, TimeBudget,
-    ViewGeometry,
+    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, TimeBudget, ViewGeometry,
+    WaitPolicy,
 };
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
@@ -131,8 +131,12 @@ fn walk(geometry: &ViewGeometry) {
         let frame = Instant::now();
         // Past all cameras in a minute, back and forth.
         let camera = on_the_way(geometry, at_s / 60.0, [1024, 768]);
-        let (_, stats) =
-            renderer.render(geometry, &camera, &budget.settings(&full), WaitPolicy::Never);
+        let (_, stats) = renderer.render(
+            geometry,
+            &camera,
+            &budget.settings(&full),
+            WaitPolicy::Never,
+        );
         budget.took(stats.frame_ms);
         let ms = frame.elapsed().as_secs_f64() * 1e3;
         frames.push(Walked {

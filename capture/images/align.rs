@@ -377,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn folder_with_model_or_without_photographs_refused() {
+    fn align_refuses_unsuitable_folders() {
         let folder = tempfile::tempdir().unwrap();
         let silent = &mut |_, _, _| ();
         let error = align(folder.path(), silent).unwrap_err();

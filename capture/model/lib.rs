@@ -231,7 +231,7 @@ mod tests {
     /// An L-shaped room: points in its two arms are inside, the notch is not, and of two rooms that
     /// share a wall exactly one contains a point of it.
     #[test]
-    fn an_l_shaped_room_contains_its_arms_only() {
+    fn l_shaped_prism_contains_arms_only() {
         let corners = [
             [0.0, 0.0],
             [4.0, 0.0],

@@ -303,14 +303,14 @@ mod tests {
     }
 
     #[test]
-    fn a_recorded_path_is_read_too() {
+    fn recorded_path_is_read() {
         let text = r#"{"size": [8, 4], "poses": [{"time_s": 0.5, "eye": [0, 0, 0], "look_at": [0, 1, 0]}]}"#;
         let cameras = read_text(text).unwrap();
         assert_eq!((cameras[0].width(), cameras[0].height()), (8, 4));
     }
 
     #[test]
-    fn a_saved_camera_is_a_path_of_one_pose() {
+    fn saved_camera_is_path_of_one_pose() {
         let frame = FileFrame {
             up: UpAxis::Z,
             unit_m: 0.01,
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_of_nerfstudio_is_read() {
+    fn nerfstudio_path_is_read() {
         // Right is +X, up +Z, back -Y of the file: it looks along +Y, which is -Z of the world.
         let pose = r#"{"camera_to_world": [1,0,0,100, 0,0,-1,0, 0,1,0,200, 0,0,0,1], "fov": 50, "aspect": 2}"#;
         let text = format!(
@@ -401,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn an_animated_camera_of_gltf_is_a_path() {
+    fn animated_gltf_camera_is_path() {
         let cameras = read_gltf(&arm("LINEAR"), 4.0).unwrap();
         assert_eq!(
             (cameras.len(), cameras[0].width(), cameras[0].height()),

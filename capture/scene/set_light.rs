@@ -46,7 +46,7 @@ mod tests {
     use headbox_core::light_parameters::SunPlace;
 
     #[test]
-    fn the_sun_keeps_its_colour_and_takes_its_strength() {
+    fn sun_keeps_colour_takes_strength() {
         let mut scene = Scene {
             sun: Some(Sun::default()),
             ..Scene::default()

@@ -427,7 +427,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_files_have_of_no_radiance_is_made_one() {
+    fn invalid_radiance_is_sanitised() {
         let found = [-1e-3, 0.0, 0.5, f32::INFINITY, f32::NEG_INFINITY].map(radiance);
         assert_eq!(found, [0.0, 0.0, 0.5, 65_504.0, 0.0]);
         assert!(radiance(f32::NAN).is_nan(), "which is an error");

@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_on_an_edge_splits_it_where_it_lies() {
+    fn stitch_splits_edge_at_corner() {
         let mut scene = one_beside_two();
         assert_eq!(t_junctions(&scene), 1);
         let pieces = scene.stitch();
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_cut_unevenly_meets_again() {
+    fn stitch_joins_uneven_subdivisions() {
         let mut scene = one_beside_two();
         subdivide(&mut scene, 0.15, 100_000).unwrap();
         assert!(t_junctions(&scene) > 5);

@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_is_material_times_texture_times_vertex_colour() {
+    fn albedo_is_material_times_texture_times_vertex() {
         let mut scene = scene();
         assert_eq!(scene.validate(), Ok(()));
         let s = scene.surface(0, 0.5, 0.0);

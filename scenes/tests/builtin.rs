@@ -179,7 +179,7 @@ fn the_hard_cases_are_hard() {
 }
 
 #[test]
-fn the_interior_has_textures_a_lamp_and_windows_to_the_sky() {
+fn interior_has_textures_lamp_and_windows() {
     let interior = headbox_scenes::build("interior", 1).expect("built in");
     assert!(interior.textures.len() >= 10, "{}", interior.textures.len());
     assert!(interior.materials.iter().any(|m| m.emission != [0.0; 3]));

@@ -29,7 +29,7 @@ fn it_has_the_cells_and_portals_of_the_paper() {
 }
 
 #[test]
-fn runs_of_triangles_cover_the_scene_without_overlap() {
+fn triangle_runs_cover_scene_once() {
     let model = house(1, BUDGET);
     let mut end = 0;
     for cell in &model.cells {
@@ -131,14 +131,14 @@ fn no_triangle_crosses_into_another_cell() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_house_and_another_another() {
+fn house_depends_on_seed_only() {
     let positions = |seed| house(seed, 20_000).scene.positions;
     assert!(positions(5) == positions(5));
     assert!(positions(5) != positions(6));
 }
 
 #[test]
-fn it_is_sound_and_cells_see_each_other_through_portals_alone() {
+fn house_is_sound_and_leak_free() {
     for budget in [0, 100_000] {
         let model = house(2, budget);
         assert_eq!(model.check(), []);

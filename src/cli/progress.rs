@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stage_that_was_not_planned_so_long_is_never_done_before_its_end() {
+    fn overlong_stage_never_completes_early() {
         let plan = vec![PlannedStage {
             stages: &["truth"],
             times: 1,
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn a_planned_bar_goes_from_beginning_to_end() {
+    fn planned_bar_runs_from_start_to_end() {
         let plan = vec![
             PlannedStage {
                 stages: &["pilot", "trace"],

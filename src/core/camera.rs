@@ -217,7 +217,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn image_from_world_agrees_with_project_and_direction() {
+    fn image_from_world_agrees_with_project() {
         let eye = dvec3(0.3, -1.0, 2.0);
         let camera = Camera::look_at(eye, dvec3(4.0, 0.5, -3.0), DVec3::Y, 50.0, [320, 200])
             .expect("valid camera");
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cropped_camera_sees_the_same_shifted() {
+    fn cropped_camera_sees_shifted_image() {
         let camera = Camera::look_at(
             DVec3::ZERO,
             dvec3(1.0, 0.2, -3.0),

@@ -153,7 +153,7 @@ mod tests {
     use glam::dvec3;
 
     #[test]
-    fn every_direction_projects_into_the_face_that_contains_it() {
+    fn direction_projects_into_containing_face() {
         for (i, face) in Face::ALL.into_iter().enumerate() {
             assert_eq!(face.index(), i);
             assert_eq!(
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn locate_is_containing_and_the_eye_space_coordinates() {
+    fn locate_gives_face_and_eye_coordinates() {
         for i in 0..343 {
             let point = dvec3(
                 f64::from(i % 7) - 3.0,

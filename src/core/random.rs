@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn streams_are_reproducible_independent_and_uniform() {
+    fn streams_reproducible_independent_uniform() {
         let mut a = Rng::new(1);
         let fork_before = a.fork(3).unit();
         let mean = (0..10_000).map(|_| a.unit()).sum::<f64>() / 10_000.0;

@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_outside_is_the_last_that_has_all_four_or_nothing() {
+    fn gather_clamps_to_last_complete_quad() {
         let texels: Vec<[u8; 4]> = (0..6u32).map(u32::to_ne_bytes).collect();
         let none = [[0; LANES]; 2];
         for level in simd::levels() {

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_level_comes_back_from_the_light_it_stands_for() {
+    fn levels_round_trip_through_light() {
         for tone in [ToneMap::SrgbClipped, ToneMap::SrgbCompressed] {
             assert!(
                 (0..=255).all(|level| tone.level(tone.exposed(level)) == level),
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_light_is_black_and_what_is_too_bright_is_white() {
+    fn nan_is_black_and_overflow_is_white() {
         for tone in [ToneMap::SrgbClipped, ToneMap::SrgbCompressed] {
             assert_eq!(
                 [f32::NAN, -1.0, 0.0].map(|x| tone.level(x)),

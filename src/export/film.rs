@@ -236,7 +236,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_gif_keeps_time() {
+    fn gif_keeps_time() {
         for fps in [1, 7, 24, 30, 50, 60, 240] {
             let (mut number, mut hundredths, mut shown) = (0, 0, 0u32);
             while number < fps {

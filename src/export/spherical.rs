@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panorama_says_so_and_its_media_is_still_found() {
+    fn panorama_metadata_keeps_media_offsets() {
         for (view, stereo, beside, codec) in [
             (View::Panorama, 0, 0, b"avc1"),
             (View::StereoPanorama(0.06), 1, 0, b"vp09"),
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_film_is_told() {
+    fn damaged_film_is_refused() {
         let mut short = film(b"avc1");
         short.truncate(60);
         for film in [Vec::new(), vec![0; 40], short] {

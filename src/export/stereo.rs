@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn both_eyes_of_all_columns_see_a_pole_where_the_turned_head_does() {
+    fn stereo_columns_match_turned_head() {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 256]).unwrap();
         let (distance_m, height) = (0.3, 256u32);
         for azimuth in [0.0f64, 1.0, -2.2, 3.0] {

@@ -204,7 +204,13 @@ pub fn visible_cells(
 }
 
 /// Tests how a portal of `cell` is seen from a point in the cell.
-fn passage(model: &PortalModel, eye: DVec3, portal: usize, cell: u32, limits: &Limits) -> PortalVisibility {
+fn passage(
+    model: &PortalModel,
+    eye: DVec3,
+    portal: usize,
+    cell: u32,
+    limits: &Limits,
+) -> PortalVisibility {
     let portal = &model.portals[portal];
     let mut outline: Vec<DVec3> = portal.polygon.iter().map(|corner| *corner - eye).collect();
     if portal.cells[0] != cell {

@@ -122,7 +122,7 @@ mod tests {
     use glam::dvec3;
 
     #[test]
-    fn a_door_has_two_sides() {
+    fn door_has_two_sides() {
         let polygon = vec![
             dvec3(1.0, 0.0, 5.0),
             dvec3(2.0, 0.0, 5.0),

@@ -158,7 +158,7 @@ mod tests {
     const TILT: f64 = 1e-4;
 
     #[test]
-    fn doors_open_where_the_default_backdrops_samples_come_apart() {
+    fn near_doors_open_where_samples_separate() {
         let Near::ProjectedError {
             spacing_px,
             face_px,

@@ -20,7 +20,7 @@ use super::store::Store;
 use super::visit::{BackedPortal, Visit, union, visit};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
-use headbox_raster::{Marker, RasterOutput, RasterView, Rasterizer, PixelContent};
+use headbox_raster::{Marker, PixelContent, RasterOutput, RasterView, Rasterizer};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;

@@ -9,7 +9,9 @@
 //! camera stood is estimated with that of the others, as is usual for sets without surveyed
 //! cameras.
 
-use super::held_out::{GainedFrame, HOLE, HeldOut, HoldOutError, HeldOutComparison, Rows, camera_of, photograph};
+use super::held_out::{
+    GainedFrame, HOLE, HeldOut, HeldOutComparison, HoldOutError, Rows, camera_of, photograph,
+};
 use crate::machine::{Machine, commit};
 use crate::table::{Table, figure, percent};
 use glam::DVec3;
@@ -21,8 +23,8 @@ use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_images::{ImageSet, LoadedView, Registration, View};
 use headbox_ldi::from_images::{ImagesJob, NearImages};
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, WaitPolicy, RankWeights, Texturing,
-    ViewGeometry,
+    GeometryRenderer, GeometryResources, GeometrySettings, RankWeights, Texturing, ViewGeometry,
+    WaitPolicy,
 };
 use image::RgbImage;
 use serde::Serialize;
@@ -285,8 +287,13 @@ impl Bench<'_> {
                 &mut self.weights,
             ),
         ] {
-            let judge =
-                HeldOutComparison::where_all_show(&scene, &view.name, &photograph, (&visible, &edges), drawn);
+            let judge = HeldOutComparison::where_all_show(
+                &scene,
+                &view.name,
+                &photograph,
+                (&visible, &edges),
+                drawn,
+            );
             to.extend(
                 names
                     .iter()
@@ -314,8 +321,11 @@ impl Bench<'_> {
         self.renderer.render(cube, camera, &settings);
         self.renderer.render(cube, camera, &settings);
         let (frame, stats) = self.renderer.render_with_stats(cube, camera, &settings);
-        let drawn =
-            GainedFrame::new(frame, gain, Some(HOLE)).took(stats.frame_ms, built.build_ms, cube.bytes());
+        let drawn = GainedFrame::new(frame, gain, Some(HOLE)).took(
+            stats.frame_ms,
+            built.build_ms,
+            cube.bytes(),
+        );
         GainedFrame {
             rebuild_ms: built.rebuild_ms,
             ..drawn

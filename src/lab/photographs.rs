@@ -10,7 +10,9 @@
 //! shows the object or any of them shows anything, and holes are black; elsewhere where all show
 //! something.
 
-use super::held_out::{GainedFrame, HeldOut, HoldOutError, HeldOutComparison, Rows, camera_of, photograph};
+use super::held_out::{
+    GainedFrame, HeldOut, HeldOutComparison, HoldOutError, Rows, camera_of, photograph,
+};
 use super::machine::{Machine, commit};
 use super::table::{Table, figure};
 use glam::DVec3;
@@ -23,7 +25,7 @@ use headbox_images::dense_depth::DenseDepth;
 use headbox_images::{ImageSet, ImagesError, LoadedView, View};
 use headbox_ldi::from_images::ImagesJob;
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, WaitPolicy, Texturing, ViewGeometry,
+    GeometryRenderer, GeometryResources, GeometrySettings, Texturing, ViewGeometry, WaitPolicy,
 };
 use headbox_photos::voxel_colouring::PhotographsJob;
 use image::{Rgb, RgbImage};

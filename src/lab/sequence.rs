@@ -7,7 +7,9 @@
 //! off its plane; by `layers` and `layers-with-depth`, a sprite a layer, likewise. Errors are taken
 //! where all show something.
 
-use super::held_out::{GainedFrame, HOLE, HeldOut, HoldOutError, HeldOutComparison, Rows, camera_of, photograph};
+use super::held_out::{
+    GainedFrame, HOLE, HeldOut, HeldOutComparison, HoldOutError, Rows, camera_of, photograph,
+};
 use super::machine::{Machine, commit};
 use super::photographs::on_plane;
 use super::table::{Table, figure, percent};
@@ -210,7 +212,13 @@ pub fn measure(
         }
         let scene = set.folder.display().to_string();
         let nowhere = vec![false; visible.len()];
-        let judge = HeldOutComparison::where_all_show(&scene, &view.name, &truth, (&visible, &nowhere), &drawn);
+        let judge = HeldOutComparison::where_all_show(
+            &scene,
+            &view.name,
+            &truth,
+            (&visible, &nowhere),
+            &drawn,
+        );
         rows.extend(
             VARIANTS
                 .into_iter()
@@ -235,7 +243,12 @@ pub fn measure(
 }
 
 /// A frame of sprites, magenta where nothing is known.
-fn draw(sprites: &Composition, variant: SpriteVariant, camera: &Camera, build_ms: f64) -> GainedFrame {
+fn draw(
+    sprites: &Composition,
+    variant: SpriteVariant,
+    camera: &Camera,
+    build_ms: f64,
+) -> GainedFrame {
     let (mut composer, mut frame) = (Composer::default(), Frame::default());
     let options = RenderOptions {
         variant,

@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_spread_says_what_the_values_are() {
+    fn spread_describes_values() {
         assert_eq!(Spread::of(&[]), None);
         let spread = Spread::of(&[4.0, 1.0, 2.0, 13.0]).expect("values");
         assert_eq!((spread.median, spread.mean, spread.worst), (3.0, 5.0, 13.0));

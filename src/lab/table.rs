@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_table_has_a_line_a_row() {
+    fn table_has_one_line_per_row() {
         let mut table = Table::new(["a", "b"]);
         table.row(["1", "2|3"]);
         assert_eq!(

@@ -258,7 +258,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn truth_is_traced_once_and_again_for_another_camera_or_light() {
+    fn truth_cache_keys_camera_and_light() {
         let scene = Arc::new(headbox_scenes::build("bump", 0).expect("built in"));
         let headbox = scene.headbox.expect("it has one");
         let tracer = Tracer::new(scene, headbox.centre);
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_is_known_without_the_noise_of_truth() {
+    fn error_excludes_truth_noise() {
         let scene = Arc::new(headbox_scenes::build("interior", 0).expect("built in"));
         let centre = scene.headbox.expect("it has one").centre;
         let tracer = Tracer::new(scene, centre);

@@ -88,7 +88,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn two_cameras_disagree_by_the_bound_at_a_layers_ends_and_by_less_between(
+        fn error_reaches_bound_at_layer_ends(
             near in 0.5..5.0f64, depth in 0.1..20.0f64, spacing in 0.01..2.0f64, share in 0.0..1.0f64,
             eye in -3.0..3.0f64, x in -5.0..5.0f64, behind in -0.45..30.0f64, focal in 0.5..2000.0f64,
         ) {
@@ -107,7 +107,7 @@ mod tests {
         }
 
         #[test]
-        fn on_the_curve_the_error_on_the_plane_is_the_detail(
+        fn curve_error_on_plane_equals_detail(
             spacing in 0.01..2.0f64, min in 0.0..2.0f64, width in 0.01..3.0f64, focal in 1.0..1000.0f64, pixel in 0.1..4.0f64,
         ) {
             let range = [min, min + width];
@@ -128,7 +128,7 @@ mod tests {
         }
 
         #[test]
-        fn a_wider_layer_never_errs_less(
+        fn wider_layer_never_errs_less(
             min in 0.01..2.0f64, width in 0.0..3.0f64, more in 0.0..1.0f64, behind in -0.15..30.0f64,
         ) {
             let bound = ErrorBound { focal: 1.0, spacing: 1.0, behind, tolerance: 1.0 };
@@ -146,7 +146,7 @@ mod tests {
     ];
 
     #[test]
-    fn the_papers_scenes_need_the_layers_that_were_derived() {
+    fn paper_scenes_need_derived_layers() {
         let layers = [[22.7, 7.6, 3.2], [49.5, 16.5, 7.1], [79.8, 26.6, 11.4]];
         let cameras = [23.7, 50.5, 80.8];
         for (([uv, st, f, near, far], layers), cameras) in
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_layer_that_the_eye_is_in_or_has_passed_is_never_within_the_bound() {
+    fn layer_at_or_behind_eye_exceeds_bound() {
         let bound = ErrorBound {
             focal: 1.0,
             spacing: 1.0,

@@ -370,7 +370,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn slopes_and_disparities_find_the_pixels_that_cameras_see() {
+    fn slope_and_disparity_find_pixel() {
         let grid = any_grid();
         let eye = grid.origin() + grid.world_from_eye() * DVec3::new(0.2, 0.1, 0.7);
         let at = eye - grid.world_from_eye().z_axis + DVec3::new(0.1, 0.2, 0.0);
@@ -408,7 +408,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_scale_of_a_parallel_frame_is_its_focal_length_and_a_turned_ones_is_larger() {
+    fn turned_frame_has_larger_scale() {
         let grid = any_grid();
         let ahead = -grid.world_from_eye().z_axis;
         let frame = |look: DVec3| {

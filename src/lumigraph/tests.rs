@@ -187,7 +187,7 @@ fn frames_are_those_of_rays_one_by_one() {
 }
 
 #[test]
-fn levels_threads_and_what_is_left_out_change_no_bit() {
+fn levels_threads_and_skipping_change_no_bit() {
     let bed = Bed::usual();
     let lumigraph = bed.lumigraph();
     for blend in [Blend::Shared, Blend::Whole] {
@@ -227,7 +227,7 @@ fn levels_threads_and_what_is_left_out_change_no_bit() {
 }
 
 #[test]
-fn what_hides_something_is_no_sky_and_other_cameras_see_behind_it() {
+fn occluders_reveal_background_from_others() {
     // Four cameras in a row before a wall at 4 m with a post at 1 m, which hides another part of it
     // from each.
     let bed = Bed::new(vec![-0.6, -0.1, 0.1, 0.6], vec![0.0], [256, 64]);
@@ -343,7 +343,7 @@ fn the_first_view_shows_what_the_images_show() {
 }
 
 #[test]
-fn a_frame_from_a_cameras_place_is_its_picture() {
+fn frame_at_camera_equals_its_image() {
     let bed = Bed::usual();
     let lumigraph = bed.lumigraph();
     let settings = LumigraphSettings {
@@ -484,7 +484,7 @@ fn more_layers_and_more_cameras_err_less() {
 }
 
 #[test]
-fn one_camera_one_depth_nothing_and_very_many_layers() {
+fn degenerate_lumigraphs_render() {
     let single = Bed::new(vec![0.0], vec![0.0], [40, 30]);
     let lumigraph = single.lumigraph();
     let frame = render(
@@ -574,7 +574,7 @@ fn one_camera_one_depth_nothing_and_very_many_layers() {
 }
 
 #[test]
-fn what_cannot_be_captured_is_said_and_a_capture_can_be_given_up() {
+fn capture_errors_and_cancellation() {
     let bed = Bed::new(vec![0.0], vec![0.0], [8, 8]);
     let away = CameraGrid::facing(DVec3::Z, DVec3::Y).expect("a direction");
     let parts = GridParts {

@@ -37,7 +37,7 @@ use headbox_core::environment::Environment;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::simd;
 use rayon::prelude::*;
-use scan::{DrawnTriangle, DrawnRows};
+use scan::{DrawnRows, DrawnTriangle};
 use std::ops::Range;
 use std::time::Instant;
 use view::LocalCamera;

@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_level_is_the_texture_and_the_last_its_mean() {
+    fn mip_levels_run_from_texture_to_mean() {
         let texture = Texture::from_fn(5, 3, |x, y| {
             if (x + y) % 2 == 0 {
                 [255; 4]

@@ -9,7 +9,7 @@
 
 use super::mesh::{MeshMaterial, RasterMesh, Vertex};
 use super::mip::MipTexture;
-use super::scan::{DrawnTriangle, DrawnRows};
+use super::scan::{DrawnRows, DrawnTriangle};
 use super::view::LocalCamera;
 use super::weights::{CornerWeights, Slopes, mixed};
 use super::{LANES, PixelContent, SurfaceId};

@@ -194,7 +194,7 @@ mod tests {
     use crate::overlays::overlay::Overlay;
 
     #[test]
-    fn every_term_has_one_sentence_and_every_overlay_a_term() {
+    fn every_overlay_has_a_term() {
         for (i, (term, sentence)) in TERMS.iter().enumerate() {
             assert!(
                 sentence.ends_with(['.', ')']) && sentence.len() > 20,

@@ -74,7 +74,7 @@ fn figure(report: &FrameReport, name: &str) -> Option<f64> {
 }
 
 #[test]
-fn a_growing_capture_is_saved_and_opened_again_and_judged_against_truth() {
+fn live_capture_saves_and_compares() {
     let dir = tempfile::tempdir().unwrap();
     let mut growing = open("builtin:miniature", dir.path()).unwrap();
     let start = growing.start_pose();
@@ -220,7 +220,7 @@ fn pose_of(camera: &Camera) -> Pose {
 }
 
 #[test]
-fn a_house_is_walked_from_room_to_room() {
+fn house_is_walked_between_rooms() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("bare.house");
     let house = write_house(&file);
@@ -282,7 +282,7 @@ fn a_house_is_walked_from_room_to_room() {
 }
 
 #[test]
-fn the_built_in_house_is_walked_at_once_and_lit_later() {
+fn built_in_house_is_lit_later() {
     let mut source = open("builtin:house", Path::new(".")).unwrap();
     assert_eq!(source.navigation(), Navigation::Walk);
     let (start, plan) = (source.start_pose(), source.plan().unwrap());
@@ -299,7 +299,7 @@ fn the_built_in_house_is_walked_at_once_and_lit_later() {
 
 /// Writes frames of a path as the window does, and as the command line does.
 #[test]
-fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
+fn path_frames_match_command_line() {
     let dir = tempfile::tempdir().unwrap();
     let mut growing = open("builtin:miniature", dir.path()).unwrap();
     first_round(&mut *growing);
@@ -354,7 +354,7 @@ fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
 }
 
 #[test]
-fn every_way_to_draw_a_house_shows_backdrops_once_they_are_built() {
+fn every_house_variant_shows_backdrops() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("bare.house");
     write_house(&file);
@@ -403,7 +403,7 @@ fn every_way_to_draw_a_house_shows_backdrops_once_they_are_built() {
 }
 
 #[test]
-fn a_lumigraph_starts_where_its_cameras_look_and_tells_its_layers() {
+fn lumigraph_starts_at_its_cameras() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("a.lumi");
     let scene = Arc::new(SceneSource::new("builtin:bump").open().unwrap());
@@ -459,7 +459,7 @@ fn a_lumigraph_starts_where_its_cameras_look_and_tells_its_layers() {
 }
 
 #[test]
-fn a_file_that_is_no_house_is_refused_in_one_sentence() {
+fn damaged_house_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("damaged.house");
     std::fs::write(&file, "not a house").unwrap();
@@ -474,7 +474,7 @@ fn a_file_that_is_no_house_is_refused_in_one_sentence() {
 }
 
 #[test]
-fn a_folder_of_images_is_walked_through() {
+fn image_folder_is_shown() {
     let eyes = [DVec3::ZERO, DVec3::X * 0.2, DVec3::Y * 0.2];
     let views = eyes.map(|eye| plane_view(eye, 3.0, [96, 64]));
     let folder = tempfile::tempdir().unwrap();
@@ -594,7 +594,7 @@ fn cubes_of_the_nearest_images_follow_the_eye() {
 }
 
 #[test]
-fn an_image_that_is_gone_is_told_once_and_the_last_cube_stays() {
+fn vanished_image_reported_once() {
     let folder = tempfile::tempdir().unwrap();
     let set = six_images(folder.path());
     // Nothing stays in memory but what was used last.

@@ -126,7 +126,7 @@ fn pieces_cover_their_triangles() {
 }
 
 #[test]
-fn a_limit_on_triangles_makes_edges_longer() {
+fn triangle_limit_lengthens_edges() {
     let source = uneven_grid();
     let limit = BakeOptions {
         max_triangles: 200,
@@ -467,7 +467,7 @@ fn cells_keep_their_surfaces() {
 }
 
 #[test]
-fn a_jamb_that_lies_in_the_wall_is_lit_where_it_stands_out_of_it() {
+fn jamb_in_wall_is_lit_outside_it() {
     // A room of 2 m; its wall at z = 0 reaches to z = 0.1 behind it; a jamb's side, at x = 1,
     // stands 1 cm out of the wall.
     let mut scene = Scene {
@@ -579,7 +579,7 @@ fn a_jamb_that_lies_in_the_wall_is_lit_where_it_stands_out_of_it() {
 }
 
 #[test]
-fn a_bake_that_is_broken_off_keeps_its_first_round() {
+fn cancelled_bake_keeps_first_round() {
     let source = Arc::new(uneven_grid());
     let options = BakeOptions {
         samples: 32,
@@ -615,7 +615,7 @@ fn a_bake_that_is_broken_off_keeps_its_first_round() {
 }
 
 #[test]
-fn a_bake_tells_how_far_it_is_all_along() {
+fn bake_reports_progress() {
     let source = Arc::new(uneven_grid());
     let shares = std::sync::Mutex::new(Vec::new());
     let whole = bake(

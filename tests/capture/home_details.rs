@@ -95,7 +95,7 @@ fn walls_are_cut_at_ceilings() {
 }
 
 #[test]
-fn ceilings_of_the_topmost_storey_hang_from_its_walls() {
+fn topmost_ceilings_hang_from_walls() {
     // Higher than the home says; counters and parapets do not count.
     let counter =
         "<wall id='c' xStart='200' yStart='5' xEnd='200' yEnd='200' height='100' thickness='10'/>";

@@ -86,7 +86,7 @@ fn from_texel(width: u32, y: u32) -> f64 {
 }
 
 #[test]
-fn a_white_floor_in_a_white_furnace_is_as_bright_as_the_sky() {
+fn white_furnace_floor_equals_sky() {
     for width in [2, 6, 64] {
         let (light, error) = light_on(under(picture(width, |_, _| [2.0, 1.0, 0.5])), Vec3::ZERO);
         // Directions that the sky suggests lie below the floor half of the time: a sample varies by
@@ -110,7 +110,7 @@ fn a_white_floor_in_a_white_furnace_is_as_bright_as_the_sky() {
 }
 
 #[test]
-fn a_single_bright_texel_lights_by_its_solid_angle_and_cosine() {
+fn bright_texel_lights_by_solid_angle() {
     const WIDTH: u32 = 512;
     for y in [2, 60, 120] {
         let bright = 1e5;
@@ -138,7 +138,7 @@ fn a_single_bright_texel_lights_by_its_solid_angle_and_cosine() {
 }
 
 #[test]
-fn a_picture_lights_from_where_it_is_seen() {
+fn sky_image_lights_from_its_direction() {
     // One bright texel in the middle row of the upper half, a quarter of a turn east of the middle:
     // a wall that faces east is lit.
     let sky = |turn: f64| {
@@ -192,7 +192,7 @@ fn draws_are_as_dense_as_they_say() {
 }
 
 #[test]
-fn a_sun_in_the_picture_lights_as_a_sun() {
+fn sun_in_sky_image_lights_as_sun() {
     const WIDTH: u32 = 1024;
     let (sun_y, size) = (100, 3);
     let is_sun = |x: u32, y: u32| x.abs_diff(300) < size && y.abs_diff(sun_y) < size;
@@ -251,7 +251,7 @@ fn a_sun_in_the_picture_lights_as_a_sun() {
 }
 
 #[test]
-fn a_sky_is_made_smaller_and_brighter_without_losing_light() {
+fn sky_scaling_keeps_energy() {
     let sky = picture(90, |x, y| [(x + y) as f32, 1.0, 3.0]);
     let mean = |sky: &SkyPicture| {
         sky.texels().iter().map(|t| f64::from(t[0])).sum::<f64>() / sky.texels().len() as f64
@@ -291,7 +291,7 @@ fn exr(width: usize, height: usize, value: f32) -> Vec<u8> {
 }
 
 #[test]
-fn skies_are_read_and_what_is_none_is_refused_in_one_sentence() {
+fn skies_are_read_or_refused() {
     let folder = Folder::new();
     // 2^(129 - 136) times 128: a radiance of 1.
     let read = |name: &str, bytes: Vec<u8>| {
@@ -476,7 +476,7 @@ const LAMPS: &str = r#"{"asset":{"version":"2.0"},"extensionsUsed":["KHR_lights_
 "buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}"#;
 
 #[test]
-fn lamps_of_a_gltf_take_the_place_of_the_default_sun() {
+fn gltf_lamps_replace_default_sun() {
     let folder = Folder::new();
     folder.write("lamps.gltf", LAMPS);
     let options = LoadOptions {

@@ -42,7 +42,7 @@ fn gltf_and_glb_and_an_external_buffer_agree() {
 }
 
 #[test]
-fn node_transforms_are_composed_in_double_precision() {
+fn node_transforms_composed_in_f64() {
     let nodes = r#""scene":0,"scenes":[{"nodes":[0]}],"nodes":[
         {"translation":[100000,0,0],"children":[1]},
         {"rotation":[0,0.70710678,0,0.70710678],"scale":[2,2,2],"children":[2,3]},
@@ -97,7 +97,7 @@ fn strips_and_fans_keep_their_winding() {
 }
 
 #[test]
-fn all_number_formats_and_sparse_accessors_are_read() {
+fn number_formats_and_sparse_accessors_read() {
     let mut asset = Asset::default();
     let quantized: Vec<u8> = CORNERS
         .iter()
@@ -231,7 +231,7 @@ fn texture_transforms_scale_turn_and_move() {
 }
 
 #[test]
-fn embedded_images_are_decoded_and_missing_ones_are_notes() {
+fn embedded_images_decoded_missing_noted() {
     let folder = Folder::new();
     folder.write_image("x.png", &[RED]);
     let png = folder.read("x.png");
@@ -403,7 +403,7 @@ fn damaged_parts_are_left_out_and_counted() {
 }
 
 #[test]
-fn claims_beyond_the_data_are_refused_before_memory_is_taken() {
+fn oversized_counts_refused_before_allocation() {
     let claim = |accessor: &str| {
         let rest =
             format!(r#"{NODE},"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}]"#);
@@ -468,7 +468,7 @@ fn room_with_z_up(scale: f32) -> Asset {
 }
 
 #[test]
-fn what_speaks_against_y_up_and_metres_is_told_and_not_taken() {
+fn gltf_z_up_evidence_is_noted_only() {
     let text = |scale: f32, node: &str| {
         room_with_z_up(scale).gltf(&format!(
             r#""nodes":[{{"mesh":0{node}}}],"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}]"#

@@ -53,7 +53,7 @@ const JOINTS: &str = r#""scenes":[{"nodes":[0,1]}],"nodes":[{"mesh":0,"skin":0,"
     {"translation":[0,0,2],"children":[2]},{"translation":[0,4,0]}]"#;
 
 #[test]
-fn skins_are_bent_to_where_the_nodes_put_their_joints() {
+fn skins_follow_joint_nodes() {
     let asset = skinned_square(1.0);
     let load = |skin: &str| {
         load_text(asset.gltf(&format!(r#"{JOINTS},{SKINNED},"skins":[{skin}]"#))).expect("survives")
@@ -161,7 +161,7 @@ fn instances_stand_where_their_attributes_say() {
 }
 
 #[test]
-fn instances_without_bytes_are_refused_before_memory_is_taken() {
+fn oversized_instances_are_refused() {
     let mut asset = square();
     asset
         .accessors
@@ -188,7 +188,7 @@ fn albedo(material: &str, textures: &str) -> [f32; 3] {
 }
 
 #[test]
-fn materials_of_specular_colour_and_gloss_keep_their_diffuse_colour() {
+fn specular_gloss_keeps_diffuse_colour() {
     let with = |usual: &str, older: &str| {
         let material = format!(
             r#"{{{usual}"extensions":{{"KHR_materials_pbrSpecularGlossiness":{{{older}}}}}}}"#
@@ -237,7 +237,7 @@ fn textures_may_have_their_image_by_an_extension() {
 }
 
 #[test]
-fn textures_for_a_gpu_alone_are_told_with_what_to_do() {
+fn gpu_only_textures_are_reported() {
     let material = r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}"#;
     let texture = r#"{"extensions":{"KHR_texture_basisu":{"source":0}}}"#;
     let rest = format!(

@@ -10,7 +10,7 @@ use std::fs;
 use std::sync::Arc;
 
 #[test]
-fn a_home_becomes_cells_and_portals() {
+fn home_becomes_cells_and_portals() {
     let folder = home(ROOMS, DOOR);
     let LoadedModel { model, findings } = load(&folder, "Home.xml");
     assert_eq!(model.scene.validate(), Ok(()));
@@ -115,7 +115,7 @@ fn leaves_are_kept_where_asked_for() {
 }
 
 #[test]
-fn an_archive_is_read_like_its_plan() {
+fn archive_equals_plan() {
     let folder = home(ROOMS, DOOR);
     let path = folder.path().join("flat.sh3d");
     let mut archive = zip::ZipWriter::new(fs::File::create(&path).expect("created"));
@@ -157,7 +157,7 @@ const WALLS: &str = "<wall id='a' wallAtEnd='b' xStart='-5' yStart='0' xEnd='800
 const TABLE: &str = "v 0 0 0\nv 2 1 0\nv 2 0 4\nusemtl top\nf 1 2 3\n";
 
 #[test]
-fn an_archive_alone_is_built_from_its_plan() {
+fn archive_without_export_is_built() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut archive =
         zip::ZipWriter::new(fs::File::create(folder.path().join("flat.sh3d")).expect("created"));
@@ -325,7 +325,7 @@ fn files_that_are_no_homes_say_so() {
 /// A home is captured and traced as any scene, without the leaves of its doors; files keep the
 /// frame in which it is opened again.
 #[test]
-fn a_home_is_a_scene() {
+fn home_is_scene() {
     let folder = home(ROOMS, DOOR);
     let path = folder.path().join("Home.xml");
     let model = load(&folder, "Home.xml").model;

@@ -110,7 +110,7 @@ proptest! {
     }
 
     #[test]
-    fn mutated_material_files_never_harm_the_geometry(changes in proptest::collection::vec(change(), 1..6)) {
+    fn mutated_mtl_keeps_geometry(changes in proptest::collection::vec(change(), 1..6)) {
         let folder = folder();
         folder.write("a.obj", OBJ.replace("usemtl m\n", ""));
         folder.write("m.mtl", mutate(MTL.into(), &changes));

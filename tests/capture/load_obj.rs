@@ -31,7 +31,7 @@ fn with_material(mtl: &str, images: &[(&str, &[[u8; 4]])]) -> Scene {
 }
 
 #[test]
-fn a_clean_file_has_no_notes_and_the_default_light() {
+fn clean_obj_has_no_notes() {
     let scene = obj(TRIANGLE).expect("clean");
     assert_eq!(scene.summary.notes, Vec::<String>::new());
     assert_eq!(
@@ -134,7 +134,7 @@ fn errors_name_file_cause_and_line() {
 }
 
 #[test]
-fn what_is_no_obj_is_told() {
+fn non_obj_is_refused() {
     assert_eq!(
         notes(&format!("{TRIANGLE}# end\n\ns off\ncstype bezier\n")),
         [""; 0]
@@ -175,7 +175,7 @@ fn relative_and_forward_indices_work() {
 }
 
 #[test]
-fn attributes_that_only_some_faces_have_stay_with_them() {
+fn partial_attributes_stay_with_faces() {
     let scene =
         obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.5 0.25\nvn 1 0 1\nf 1 2 3\nf 1/1/1 3/1/1 2/1/1\n")
             .expect("survives");
@@ -191,7 +191,7 @@ fn attributes_that_only_some_faces_have_stay_with_them() {
 }
 
 #[test]
-fn vertices_that_are_not_finite_drop_their_triangles() {
+fn non_finite_vertices_drop_triangles() {
     for word in [
         "nan",
         "-nan(ind)",
@@ -227,7 +227,7 @@ fn triangles_without_area_are_dropped() {
 }
 
 #[test]
-fn duplicates_are_kept_and_counted_in_any_rotation_and_winding() {
+fn duplicate_triangles_kept_and_counted() {
     let text = format!("{TRIANGLE}v 0 0 0\nv -0.0 1 0\nf 2 3 1\nf 3 2 1\nf 4 2 5\n");
     let scene = obj(&text).expect("survives");
     assert_eq!(scene.triangles.len(), 4);
@@ -238,7 +238,7 @@ fn duplicates_are_kept_and_counted_in_any_rotation_and_winding() {
 }
 
 #[test]
-fn empty_groups_short_faces_and_other_elements_are_counted() {
+fn ignored_elements_are_counted() {
     let text = "g default\nv 0 0 0\nv 1 0 0\nv 0 1 0\no whole\ng part\nf 1 2 3\ng hollow\ng also hollow\no last\nf 1 2\nf\nl 1 2\np 1\n";
     let expected = [
         "2 elements left out, as points, lines and curves have no surface",
@@ -249,7 +249,7 @@ fn empty_groups_short_faces_and_other_elements_are_counted() {
 }
 
 #[test]
-fn polygons_are_cut_without_leaving_their_outline() {
+fn polygons_triangulate_inside_outline() {
     let scene =
         obj("v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\nf 3 4 5 6 1 2\nf 1 2 3 4\n")
             .expect("clean");
@@ -266,7 +266,7 @@ fn polygons_are_cut_without_leaving_their_outline() {
 }
 
 #[test]
-fn old_line_ends_tabs_comments_and_continuations_are_read() {
+fn line_ends_comments_continuations_read() {
     let scene = obj(
         "\u{feff}v\t0 0 0 # here\r  v 1 0 \\\r 0\rv 0 1 0 1.0\rusemtl\tm # 1\rf 1/ 2// 3 # there\r",
     )
@@ -279,7 +279,7 @@ fn old_line_ends_tabs_comments_and_continuations_are_read() {
 }
 
 #[test]
-fn vertex_colours_are_srgb_and_white_where_missing() {
+fn vertex_colours_srgb_white_where_missing() {
     let scene = obj("v 0 0 0 1 0.2 0\nv 1 0 0\nv 0 1 0 x y z\nf 1 2 3\n").expect("survives");
     let expected = Vec3::new(1.0, linear_from_srgb8(51), 0.0);
     assert!((scene.colors[0] - expected).length() < 1e-6);
@@ -299,7 +299,7 @@ fn missing_material_files_and_materials_are_grey() {
 }
 
 #[test]
-fn several_material_files_and_names_with_spaces_are_found() {
+fn several_mtl_files_and_spaced_names_found() {
     let folder = Folder::new();
     folder.write(
         "a.obj",
@@ -357,7 +357,7 @@ fn unreadable_textures_leave_the_plain_colour() {
 }
 
 #[test]
-fn maps_that_cannot_be_read_leave_surfaces_grey_and_dark() {
+fn unreadable_maps_leave_grey_surfaces() {
     let material =
         |mtl: &str| with_material(&format!("newmtl m\n{mtl}\n"), &[]).materials[0].clone();
     let grey = material("").albedo;
@@ -485,7 +485,7 @@ fn dissolve_below_one_half_is_see_through() {
 }
 
 #[test]
-fn cut_outs_come_from_map_d_and_from_alpha_that_is_meant() {
+fn cutouts_from_map_d_and_alpha() {
     let two: &[[u8; 4]] = &[RED, HOLE];
     let cut = |mtl: &str, images: &[(&str, &[[u8; 4]])]| {
         let scene = with_material(&format!("newmtl m\n{mtl}\n"), images);
@@ -523,7 +523,7 @@ fn cut_outs_come_from_map_d_and_from_alpha_that_is_meant() {
 }
 
 #[test]
-fn light_comes_from_ke_or_from_an_ambient_above_one() {
+fn emission_from_ke_or_bright_ambient() {
     let scene = with_material("newmtl m\nKe 2 3 4\nKa 20 20 20\n", &[]);
     assert_eq!(scene.materials[0].emission, [2.0, 3.0, 4.0]);
     let scene = with_material("newmtl m\nKe 0 0 0\nKa 20 20 20\nKd 1 1 1\n", &[]);
@@ -562,7 +562,7 @@ fn every_image_format_is_read() {
 }
 
 #[test]
-fn the_result_does_not_depend_on_the_number_of_threads() {
+fn result_independent_of_threads() {
     let folder = Folder::new();
     let faces: String = (0..20).map(|i| format!("usemtl m{i}\nf 1 2 3\n")).collect();
     folder.write(

@@ -60,7 +60,7 @@ fn toml_folder(text: &str) -> TempDir {
 }
 
 #[test]
-fn a_toml_model_points_at_groups() {
+fn toml_model_refers_to_groups() {
     let LoadedModel { model, findings } = load(&toml_folder(TOML), "flat.toml");
     assert_eq!(model.scene.name, "flat");
     assert_eq!(cells(&model), [("left", 2), ("right", 4), ("Outside", 2)]);
@@ -96,7 +96,7 @@ const GLTF: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0
     "buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAAAAAAAAAAIC/AACAPwAAAAAAAAAA"}]}"#;
 
 #[test]
-fn a_toml_model_points_at_nodes_of_a_gltf() {
+fn toml_model_refers_to_gltf_nodes() {
     let text = r#"
         scene = "flat.gltf"
         cell = [{ name = "left", groups = ["left*"] }, { name = "right", groups = ["right floor"] }]

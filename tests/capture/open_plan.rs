@@ -138,7 +138,7 @@ fn between(model: &PortalModel, a: &str, b: &str) -> Vec<[i32; 2]> {
 }
 
 #[test]
-fn a_wide_passage_and_an_open_kitchen_are_portals() {
+fn wide_openings_are_portals() {
     let LoadedModel { model, findings } = closed().load();
     assert_eq!(
         between(&model, "Corridor", "Living room"),
@@ -194,7 +194,7 @@ fn a_wide_passage_and_an_open_kitchen_are_portals() {
 }
 
 #[test]
-fn a_missing_wall_is_named_and_seen_through() {
+fn missing_wall_is_reported() {
     let LoadedModel { model, findings } = four_bedrooms().load();
     let named: Vec<_> = findings
         .iter()

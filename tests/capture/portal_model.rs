@@ -128,7 +128,7 @@ fn found(change: impl Fn(&mut PortalModel)) -> Vec<Finding> {
 }
 
 #[test]
-fn a_sound_model_has_nothing_wrong_but_its_unreachable_outside() {
+fn sound_model_has_no_findings() {
     let findings = two_rooms().check();
     let names: Vec<String> = findings.iter().map(ToString::to_string).collect();
     assert_eq!(
@@ -213,7 +213,7 @@ fn every_defect_of_a_portal_is_named() {
 }
 
 #[test]
-fn corners_on_an_edge_and_a_hair_of_bend_are_accepted() {
+fn small_polygon_defects_are_accepted() {
     let on_edge = [
         [4.0, 0.0, 1.0],
         [4.0, 0.0, 1.5],

@@ -3,7 +3,10 @@
 //! how to record sums.
 
 #![cfg(unix)] // commands are lines of a POSIX shell
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -45,12 +48,18 @@ struct Sum {
 impl Suite {
     fn parse(text: &str) -> Self {
         let mut suite = Self::default();
-        for line in text.lines().filter(|line| !line.is_empty() && !line.starts_with('#')) {
+        for line in text
+            .lines()
+            .filter(|line| !line.is_empty() && !line.starts_with('#'))
+        {
             let words = || line.split_whitespace().skip(1).map(str::to_owned);
             match (line.split(' ').next().unwrap(), suite.cases.last_mut()) {
                 ("volatile", None) => suite.volatile.extend(words()),
                 ("unrecorded", None) => suite.unrecorded.extend(words()),
-                ("case", _) => suite.cases.push(Case { name: words().collect(), ..Case::default() }),
+                ("case", _) => suite.cases.push(Case {
+                    name: words().collect(),
+                    ..Case::default()
+                }),
                 ("needs", Some(case)) => case.needs.extend(words()),
                 (_, Some(case)) => writeln!(case.script, "{line}").unwrap(),
                 (_, None) => panic!("commands.txt: before the first case: {line}"),
@@ -70,8 +79,14 @@ impl Suite {
             _ => None,
         };
         let bytes = filtered.as_ref().map_or(bytes, String::as_bytes);
-        let sha256 = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-        Some(Sum { sha256, size: bytes.len() })
+        let sha256 = Sha256::digest(bytes)
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect();
+        Some(Sum {
+            sha256,
+            size: bytes.len(),
+        })
     }
 
     /// JSON without volatile keys; `None` if it has none, so that its bytes count as they are.
@@ -87,9 +102,13 @@ impl Suite {
                 let count = fields.len();
                 fields.retain(|key, _| !matches(&self.volatile, key));
                 let removed = fields.len() < count;
-                fields.values_mut().fold(removed, |removed, field| self.remove_keys(field) | removed)
+                fields
+                    .values_mut()
+                    .fold(removed, |removed, field| self.remove_keys(field) | removed)
             }
-            Value::Array(items) => items.iter_mut().fold(false, |removed, item| self.remove_keys(item) | removed),
+            Value::Array(items) => items
+                .iter_mut()
+                .fold(false, |removed, item| self.remove_keys(item) | removed),
             _ => false,
         }
     }
@@ -107,7 +126,10 @@ impl Suite {
         };
         let header = cells(text.lines().next()?);
         let filter = |line| {
-            let kept = header.iter().zip(cells(line)).filter(|(column, _)| !matches(&self.volatile, column));
+            let kept = header
+                .iter()
+                .zip(cells(line))
+                .filter(|(column, _)| !matches(&self.volatile, column));
             kept.map(|(_, cell)| cell).collect::<Vec<_>>().join(",")
         };
         Some(text.lines().map(filter).collect::<Vec<_>>().join("\n"))
@@ -116,10 +138,12 @@ impl Suite {
 
 /// Returns true if a name matches one of some patterns, which may have one `*`.
 fn matches(patterns: &[String], name: &str) -> bool {
-    patterns.iter().any(|pattern| match pattern.split_once('*') {
-        Some((start, end)) => name.starts_with(start) && name.ends_with(end),
-        None => name == pattern,
-    })
+    patterns
+        .iter()
+        .any(|pattern| match pattern.split_once('*') {
+            Some((start, end)) => name.starts_with(start) && name.ends_with(end),
+            None => name == pattern,
+        })
 }
 
 /// Folder in which the cases run, with the files that are in it so far.
@@ -132,7 +156,8 @@ struct Workspace {
 impl Workspace {
     /// Makes an empty folder that the repository's `tests` and `../shared` are linked into.
     fn new(folder: PathBuf) -> Self {
-        let program = env::var_os("HEADBOX").unwrap_or_else(|| env!("CARGO_BIN_EXE_headbox").into());
+        let program =
+            env::var_os("HEADBOX").unwrap_or_else(|| env!("CARGO_BIN_EXE_headbox").into());
         let program = fs::canonicalize(program).unwrap();
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(&folder).unwrap();
@@ -140,7 +165,11 @@ impl Workspace {
             let target = Path::new(env!("CARGO_MANIFEST_DIR")).join(target);
             std::os::unix::fs::symlink(target, folder.join(name)).unwrap();
         }
-        Self { folder, program, files: HashMap::new() }
+        Self {
+            folder,
+            program,
+            files: HashMap::new(),
+        }
     }
 
     /// Runs a case. Returns the files that it has written, and what went wrong.
@@ -157,15 +186,30 @@ impl Workspace {
         let (mut written, mut problems) = (Vec::new(), String::new());
         if !output.status.success() {
             let messages = String::from_utf8_lossy(&output.stderr);
-            write!(problems, "case {} failed: {messages}\n{}", case.name, case.script).unwrap();
+            write!(
+                problems,
+                "case {} failed: {messages}\n{}",
+                case.name, case.script
+            )
+            .unwrap();
         }
         for path in files_below(&self.folder) {
             let modified = path.metadata().unwrap().modified().unwrap();
-            let file = path.strip_prefix(&self.folder).unwrap().to_str().unwrap().to_owned();
+            let file = path
+                .strip_prefix(&self.folder)
+                .unwrap()
+                .to_str()
+                .unwrap()
+                .to_owned();
             match self.files.insert(path, modified) {
                 None => written.push(file),
                 Some(before) if before == modified => {}
-                Some(_) => writeln!(problems, "case {} overwrites {file} of an earlier case", case.name).unwrap(),
+                Some(_) => writeln!(
+                    problems,
+                    "case {} overwrites {file} of an earlier case",
+                    case.name
+                )
+                .unwrap(),
             }
         }
         (written, problems)
@@ -174,25 +218,49 @@ impl Workspace {
 
 /// Lists the files in a folder and its folders. Links and hidden folders are not entered.
 fn files_below(folder: &Path) -> Vec<PathBuf> {
-    let mut paths: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    paths.retain(|path| !path.is_symlink() && !path.file_name().unwrap().to_string_lossy().starts_with('.'));
-    paths.into_iter().flat_map(|path| if path.is_dir() { files_below(&path) } else { vec![path] }).collect()
+    let mut paths: Vec<_> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    paths.retain(|path| {
+        !path.is_symlink() && !path.file_name().unwrap().to_string_lossy().starts_with('.')
+    });
+    paths
+        .into_iter()
+        .flat_map(|path| {
+            if path.is_dir() {
+                files_below(&path)
+            } else {
+                vec![path]
+            }
+        })
+        .collect()
 }
 
 fn parse_sums(text: &str) -> Sums {
     let sum = |line: &str| {
         let mut words = line.splitn(3, ' ');
-        let sum = Sum { sha256: words.next()?.to_owned(), size: words.next()?.parse().ok()? };
+        let sum = Sum {
+            sha256: words.next()?.to_owned(),
+            size: words.next()?.parse().ok()?,
+        };
         Some((words.next()?.to_owned(), sum))
     };
-    text.lines().map(|line| sum(line).unwrap_or_else(|| panic!("sums.txt: {line}"))).collect()
+    text.lines()
+        .map(|line| sum(line).unwrap_or_else(|| panic!("sums.txt: {line}")))
+        .collect()
 }
 
 /// Names of outputs that differ from the recorded ones, or that only one side has.
 fn differences(expected: &Sums, actual: &Sums) -> Vec<String> {
     let differ = |name: &&String| expected.get(*name) != actual.get(*name);
     let added = actual.keys().filter(|name| !expected.contains_key(*name));
-    expected.keys().chain(added).filter(differ).cloned().collect()
+    expected
+        .keys()
+        .chain(added)
+        .filter(differ)
+        .cloned()
+        .collect()
 }
 
 #[test]
@@ -206,13 +274,25 @@ fn outputs_equal_recorded_sums() {
     let place = |folder: &str, file: &str, sum: Option<&Sum>| {
         let path = golden.join(folder).join(file);
         let is_it = fs::read(&path).is_ok_and(|bytes| suite.sum(file, &bytes).as_ref() == sum);
-        let place = if is_it { path.display().to_string() } else { "not stored".into() };
-        sum.map_or("none".into(), |sum| format!("{} ({} bytes), {place}", sum.sha256, sum.size))
+        let place = if is_it {
+            path.display().to_string()
+        } else {
+            "not stored".into()
+        };
+        sum.map_or("none".into(), |sum| {
+            format!("{} ({} bytes), {place}", sum.sha256, sum.size)
+        })
     };
     for case in &suite.cases {
         let prefix = format!("{}/", case.name);
-        let expected: Sums = recorded.extract_if(.., |name, _| name.starts_with(&prefix)).collect();
-        if let Some(absent) = case.needs.iter().find(|path| !workspace.folder.join(path).exists()) {
+        let expected: Sums = recorded
+            .extract_if(.., |name, _| name.starts_with(&prefix))
+            .collect();
+        if let Some(absent) = case
+            .needs
+            .iter()
+            .find(|path| !workspace.folder.join(path).exists())
+        {
             println!("skipped {}: there is no {absent}", case.name);
             all.extend(expected);
             continue;
@@ -229,17 +309,28 @@ fn outputs_equal_recorded_sums() {
         let differ = differences(&expected, &actual);
         if !differ.is_empty() {
             let counts = format!("{} of {} outputs differ", differ.len(), expected.len());
-            write!(report, "case {}: {counts}, written by\n{}", case.name, case.script).unwrap();
+            write!(
+                report,
+                "case {}: {counts}, written by\n{}",
+                case.name, case.script
+            )
+            .unwrap();
         }
         for name in &differ {
             let file = &name[prefix.len()..];
             let [expected, actual] = [("expected", &expected), ("actual", &actual)]
                 .map(|(folder, sums)| place(folder, file, sums.get(name)));
-            writeln!(report, "  {file}\n    expected {expected}\n    actual   {actual}").unwrap();
+            writeln!(
+                report,
+                "  {file}\n    expected {expected}\n    actual   {actual}"
+            )
+            .unwrap();
         }
         all.extend(actual);
     }
-    recorded.keys().for_each(|name| writeln!(report, "{name} is recorded, but there is no such case").unwrap());
+    recorded.keys().for_each(|name| {
+        writeln!(report, "{name} is recorded, but there is no such case").unwrap()
+    });
     assert!(failures.is_empty(), "\n{failures}");
     if bless {
         let line = |(name, sum): (&String, &Sum)| format!("{} {} {name}\n", sum.sha256, sum.size);
@@ -252,9 +343,14 @@ fn outputs_equal_recorded_sums() {
 #[test]
 fn flipped_bit_is_a_difference() {
     let suite = Suite::parse("volatile ms\n");
-    let sums = |file: &str, bytes: &[u8]| Sums::from([(file.into(), suite.sum(file, bytes).unwrap())]);
+    let sums =
+        |file: &str, bytes: &[u8]| Sums::from([(file.into(), suite.sum(file, bytes).unwrap())]);
     let json = r#"{"ms": 1, "flip": [{"ms": 2, "at": 3}]}"#;
-    for (file, text) in [("a.ldi", "HEADBOX"), ("a.json", json), ("a.csv", "pose,ms,holes\n0,1,2\n")] {
+    for (file, text) in [
+        ("a.ldi", "HEADBOX"),
+        ("a.json", json),
+        ("a.csv", "pose,ms,holes\n0,1,2\n"),
+    ] {
         let expected = sums(file, text.as_bytes());
         let mut flipped = text.to_owned().into_bytes();
         let last = flipped.iter().rposition(u8::is_ascii_alphanumeric).unwrap();
@@ -270,7 +366,13 @@ fn flipped_bit_is_a_difference() {
 fn volatile_part_is_no_difference() {
     let suite = Suite::parse("volatile ms *_ms\nunrecorded *.svg\n");
     let sum = |file: &str, text: &str| suite.sum(file, text.as_bytes());
-    assert_eq!(sum("a.json", r#"{"a": [{"ms": 2, "b": 3}]}"#), sum("a.json", r#"{"a": [{"ms": [4], "b": 3}]}"#));
-    assert_eq!(sum("a.csv", "\"a,b\",warp_ms,c\n0,1,2\n"), sum("a.csv", "\"a,b\",warp_ms,c\n0,3,2\n"));
+    assert_eq!(
+        sum("a.json", r#"{"a": [{"ms": 2, "b": 3}]}"#),
+        sum("a.json", r#"{"a": [{"ms": [4], "b": 3}]}"#)
+    );
+    assert_eq!(
+        sum("a.csv", "\"a,b\",warp_ms,c\n0,1,2\n"),
+        sum("a.csv", "\"a,b\",warp_ms,c\n0,3,2\n")
+    );
     assert_eq!(sum("chart.svg", "<svg/>"), None);
 }

@@ -129,7 +129,7 @@ fn file_bytes(ldi: &CubeLdi) -> Vec<u8> {
 }
 
 #[test]
-fn bytes_are_independent_of_threads_budget_and_shards() {
+fn bytes_independent_of_threads_budget_shards() {
     let scene = room();
     let spec = spec();
     let on_threads = |threads: usize| {
@@ -253,7 +253,7 @@ fn holes_are_filled_on_any_threads_and_shards() {
 /// A floor that the centre sees nearly edge-on, from above its centre: the rows of its samples lie
 /// up to twice as far apart there.
 #[test]
-fn a_floor_seen_edge_on_has_few_gaps_from_higher_up() {
+fn grazing_floor_has_few_gaps() {
     const HALF_SIZE_M: f64 = 0.25;
     const BELOW_M: f64 = 0.3;
     let mut boxes = Boxes::default();
@@ -296,7 +296,7 @@ fn a_floor_seen_edge_on_has_few_gaps_from_higher_up() {
 /// Exporters of boxes often share normals at their corners, which lean by 55 degrees from each
 /// wall. Footprints are of walls.
 #[test]
-fn normals_for_shading_that_lean_leave_no_gaps_in_walls() {
+fn tilted_shading_normals_leave_no_gaps() {
     let flat = room();
     let leaning = {
         let mut scene = Scene::clone(&flat);
@@ -329,7 +329,7 @@ fn normals_for_shading_that_lean_leave_no_gaps_in_walls() {
 }
 
 #[test]
-fn every_sampler_and_merge_rule_gives_a_valid_ldi() {
+fn every_sampler_and_rule_gives_valid_ldi() {
     let scene = room();
     for sampler in [
         Sampler::Stratified,
@@ -357,7 +357,7 @@ fn every_sampler_and_merge_rule_gives_a_valid_ldi() {
 }
 
 #[test]
-fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
+fn centre_rays_keep_every_outer_hit() {
     let mut boxes = Boxes::default();
     let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
     let shells = [0.2, 1.0, 2.0, 4.0];
@@ -393,7 +393,7 @@ fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
 }
 
 #[test]
-fn a_pixel_of_a_closed_room_without_samples_is_one_that_no_ray_met() {
+fn closed_room_gaps_are_unmet_pixels() {
     let ldi = capture(
         &spec_with(|p| (p.rays_per_stratum, p.novelty) = (32, 0.0)),
         &room(),
@@ -517,7 +517,7 @@ fn light_agrees_with_closed_forms() {
 }
 
 #[test]
-fn a_closed_furnace_is_everywhere_equally_bright() {
+fn closed_furnace_is_uniform() {
     // Walls of albedo 0.5 that emit 1: radiance is 1 / (1 - 0.5) = 2 in the limit of many bounces,
     // 2 - 0.5^n after n terms. Emission reaches a point by next-event estimation only, so radiosity
     // per albedo must be 2 - 0.5^bounces.
@@ -539,7 +539,7 @@ fn a_closed_furnace_is_everywhere_equally_bright() {
 }
 
 #[test]
-fn what_bounces_lights_its_own_place() {
+fn bounced_light_stays_in_place() {
     // A red wall and a green one, and a lamp under a plate on the floor: the ceiling has all of its
     // light from walls and floor.
     let mut boxes = Boxes::default();
@@ -588,7 +588,7 @@ fn what_bounces_lights_its_own_place() {
 }
 
 #[test]
-fn a_dark_room_gets_fill_light_and_an_open_scene_does_not() {
+fn fill_light_only_in_dark_rooms() {
     let mut boxes = Boxes::default();
     let grey = boxes.material([0.5; 3], [0.0; 3]);
     let closed = Arc::new(boxes.add(DVec3::ZERO, DVec3::splat(2.0), grey).0);
@@ -625,7 +625,7 @@ fn geometry_inside_the_headbox_is_noticed() {
 }
 
 #[test]
-fn an_unlit_capture_shows_albedo() {
+fn unlit_capture_shows_albedo() {
     let ldi = capture(&spec_with(|p| p.light_samples = 0), &room());
     let exposure = ldi.info.exposure;
     let wall = [0.7, 0.6, 0.5].map(|c| srgb8_from_linear(c * exposure));
@@ -680,7 +680,7 @@ fn no_wall_has_a_gap_of_one_pixel() {
 }
 
 #[test]
-fn the_edge_of_a_shadow_of_the_sun_is_one_pixel_wide() {
+fn sun_shadow_edge_is_one_pixel() {
     // A floor 1 m below the headbox's centre, and a slab that shades half of it: the sun stands in
     // the plane x = 0.
     let mut boxes = Boxes::default();

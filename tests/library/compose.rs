@@ -84,7 +84,7 @@ fn sprites_and_a_cube_are_composed_back_to_front() {
 }
 
 #[test]
-fn a_cube_that_is_composed_with_nothing_is_its_own_frame() {
+fn lone_cube_composes_to_own_frame() {
     let scene = headbox::Scene::open("builtin:poles").expect("built in");
     let cube = Capture::new(&scene)
         .face_size(64)
@@ -207,7 +207,7 @@ const BOARDS_DB: f64 = 1.3;
 const PASTED_DB: f64 = 1.5;
 
 #[test]
-fn polygons_stand_among_samples_as_if_they_had_been_captured() {
+fn polygons_match_captured_samples() {
     let source = SceneSource::new("builtin:poles");
     let scene = source.open().expect("built in");
     let mut both = scene.clone();
@@ -321,7 +321,7 @@ fn silhouettes_of_polygons_are_smooth() {
 }
 
 #[test]
-fn a_cube_and_sprites_and_polygons_share_a_frame_by_depth() {
+fn cube_sprites_polygons_share_depth() {
     // Two cards that cross each other at x = 0, and a board between the left parts of both.
     let (left_near, right_near) = (dvec3(1.0, 0.0, 1.0), dvec3(-1.0, 0.0, 1.0));
     let cards = || {
@@ -382,7 +382,7 @@ fn a_cube_and_sprites_and_polygons_share_a_frame_by_depth() {
 const LIT_SHARE: f64 = 0.125;
 
 #[test]
-fn polygons_are_lit_by_what_the_cube_shows_about_them() {
+fn polygons_lit_by_surrounding_cube() {
     let opened = headbox::Scene::open("builtin:interior").expect("built in");
     let mut cube = Capture::new(&opened)
         .face_size(96)

@@ -105,7 +105,7 @@ fn six_faces_of_the_tracer_give_its_own_ldi_back() {
 /// Same test, for a scene of triangles, with the product's own tracer, through six pinholes of a
 /// `transforms.json`.
 #[test]
-fn six_pinholes_of_the_tracer_give_its_centre_ray_ldi() {
+fn six_pinholes_give_centre_ray_ldi() {
     const SIDE: u32 = 96;
     let scene = Arc::new(headbox_scenes::build("castle", 0).expect("a built-in scene"));
     let centre = scene.headbox.expect("it suggests one").centre;
@@ -189,7 +189,7 @@ fn as_panorama(scene: &Scene, width: u32, folder: &Path) -> ImageSet {
 }
 
 #[test]
-fn a_panorama_of_the_tracer_gives_its_centre_ray_ldi() {
+fn panorama_gives_centre_ray_ldi() {
     /// A sample is moved to the middle of its pixel along a plane through its neighbours; spheres
     /// curve away from it, and at edges a pixel of the panorama may show the other surface.
     const RELATIVE_DEPTH: f32 = 2e-3;
@@ -215,7 +215,7 @@ fn a_panorama_of_the_tracer_gives_its_centre_ray_ldi() {
 }
 
 #[test]
-fn magnified_images_leave_no_gap_and_minified_ones_are_averaged() {
+fn magnified_no_gaps_minified_averaged() {
     let cube = centre_rays(&room(20.0), 48);
     let folder = tempfile::tempdir().expect("a folder");
     let set = as_pictures(&cube, folder.path());
@@ -238,7 +238,7 @@ fn magnified_images_leave_no_gap_and_minified_ones_are_averaged() {
 }
 
 #[test]
-fn the_order_of_threads_and_batches_does_not_matter() {
+fn thread_and_batch_order_do_not_matter() {
     let cube = centre_rays(&room(20.0), 40);
     let folder = tempfile::tempdir().expect("a folder");
     let set = as_pictures(&cube, folder.path());

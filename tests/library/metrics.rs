@@ -57,7 +57,7 @@ fn psnr_is_that_of_scikit_image() {
 }
 
 #[test]
-fn ssim_of_small_images_is_its_definition_over_reflected_borders() {
+fn ssim_matches_definition_with_reflection() {
     /// Moments of 8-bit values are below 2^17, and their differences lose at most that many of 53
     /// bits.
     const CANCELLATION: f64 = 1e-10;

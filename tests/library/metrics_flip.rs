@@ -84,7 +84,7 @@ fn default_viewing_condition_is_the_authors() {
 }
 
 #[test]
-fn equal_images_have_no_error_and_opposite_ones_the_largest() {
+fn flip_range_from_equal_to_opposite() {
     let map =
         |a: [u8; 3], b: [u8; 3]| flip_map(&constant(9, 21, a), &constant(9, 21, b), 67.0).unwrap();
     let image = pattern(33, 18);

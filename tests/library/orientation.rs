@@ -52,7 +52,7 @@ fn guess(text: &str) -> (FileFrame, Vec<String>) {
 }
 
 #[test]
-fn a_room_stands_upright_however_it_is_written() {
+fn room_is_upright_in_any_axes() {
     let scene = headbox_scenes::build("interior", 0).unwrap();
     for up in [UpAxis::Y, UpAxis::Z] {
         for unit_m in [1.0, 0.01, 0.001] {
@@ -77,7 +77,7 @@ fn a_room_stands_upright_however_it_is_written() {
 }
 
 #[test]
-fn houses_and_trees_stand_upright_with_names_and_without() {
+fn houses_and_trees_are_upright() {
     for name in ["house", "tree"] {
         let scene = headbox_scenes::build(name, 0).unwrap();
         for (up, unit_m) in [
@@ -96,7 +96,7 @@ fn houses_and_trees_stand_upright_with_names_and_without() {
 }
 
 #[test]
-fn a_relief_that_says_how_it_stands_is_not_laid_down() {
+fn named_relief_stays_upright() {
     for name in [
         "bump",
         "sprites",
@@ -114,7 +114,7 @@ fn a_relief_that_says_how_it_stands_is_not_laid_down() {
 }
 
 #[test]
-fn what_a_file_says_of_itself_counts() {
+fn exporter_comment_counts() {
     let scene = headbox_scenes::build("interior", 0).unwrap();
     let text = obj_text(&scene, &FileFrame::default(), false);
     assert_eq!(
@@ -131,7 +131,7 @@ fn what_a_file_says_of_itself_counts() {
 }
 
 #[test]
-fn what_the_user_says_is_not_guessed() {
+fn user_options_override_inference() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("scene.obj");
     let scene = headbox_scenes::build("interior", 0).unwrap();
@@ -174,7 +174,7 @@ fn what_the_user_says_is_not_guessed() {
 }
 
 #[test]
-fn real_scenes_stand_upright_however_they_are_written() {
+fn real_scenes_upright_in_any_axes() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let known = [
         ("small_house/small_house.obj", UpAxis::Z, 1.0),
@@ -236,7 +236,7 @@ fn coarse_box([x, y, z]: [f64; 3]) -> String {
 }
 
 #[test]
-fn a_coarse_room_is_as_high_as_its_walls() {
+fn coarse_room_height_is_its_walls() {
     let (frame, notes) = guess(&coarse_box([400.0, 270.0, 500.0]));
     assert_eq!(
         frame,
@@ -279,7 +279,7 @@ fn named_room(lengths: [f64; 3], kind: &str) -> String {
 }
 
 #[test]
-fn groups_named_after_floors_and_walls_say_which_way_is_up_and_how_large_a_room_is() {
+fn group_names_give_up_and_unit() {
     for kind in ["g", "o"] {
         let (frame, notes) = guess(&named_room([260.0, 260.0, 260.0], kind));
         assert_eq!(
@@ -304,7 +304,7 @@ fn groups_named_after_floors_and_walls_say_which_way_is_up_and_how_large_a_room_
 
 /// A room as written by a script: closed, boxes with corners of their own, no names, millimetres.
 #[test]
-fn things_that_stand_on_one_floor_tell_up_in_a_closed_room() {
+fn objects_on_floor_give_up() {
     let boxes = [
         ([-100.0, -100.0, -200.0], [8100.0, 4100.0, 0.0]),
         ([-100.0, -100.0, 2600.0], [8100.0, 4100.0, 2750.0]),
@@ -356,7 +356,7 @@ fn things_that_stand_on_one_floor_tell_up_in_a_closed_room() {
 }
 
 #[test]
-fn where_nothing_tells_it_is_told_that_y_was_taken() {
+fn no_evidence_warns_and_takes_y() {
     let (frame, notes) = guess(&coarse_box([3.0, 3.0, 3.0]));
     assert_eq!(frame, FileFrame::default());
     assert!(
@@ -388,7 +388,7 @@ fn patch(text: &mut String, corner: DVec3, [u, v]: [DVec3; 2], rows: u32) {
 /// A room as written by a kitchen planner: decimetres, far from the origin both ways, no ceiling,
 /// walls with two sides.
 #[test]
-fn a_room_without_a_ceiling_far_from_the_origin_stands_on_its_floor() {
+fn open_far_room_is_upright() {
     let [x, y, z] = [DVec3::X * 68.0, DVec3::Y * 40.0, DVec3::Z * 27.0];
     let corner = DVec3::new(82.0, 119.0, -0.5);
     let mut text = String::new();
@@ -425,7 +425,7 @@ fn a_room_without_a_ceiling_far_from_the_origin_stands_on_its_floor() {
 }
 
 #[test]
-fn flat_ground_lies_where_its_name_says_so_and_a_picture_stands() {
+fn named_ground_is_flat_painting_upright() {
     let flat = |name: &str| {
         let mut text = format!("g {name}\n");
         patch(

@@ -113,7 +113,7 @@ fn the_automatic_split_cuts_where_it_helps() {
 }
 
 #[test]
-fn an_empty_ldi_packs_to_nothing() {
+fn empty_ldi_packs_to_nothing() {
     let empty = one_layer(DVec3::ZERO, 4, &[], |_, _, _| None);
     let cube = PackedCube::pack(&empty, SplatIndexLayout::Paper, Split::Auto).expect("packs");
     cube.validate().expect("valid");
@@ -284,7 +284,7 @@ fn every_broken_promise_of_the_ldi_is_named() {
 }
 
 #[test]
-fn every_broken_promise_of_the_packed_ldi_is_named() {
+fn every_broken_invariant_is_named() {
     use SegmentProblem as P;
     let whole = PackedCube::pack(&small_ldi(), SplatIndexLayout::Normal, Split::AtDepth(2.0))
         .expect("packs");

@@ -174,7 +174,7 @@ fn one_texture_is_a_painting_on_the_wall() {
 }
 
 #[test]
-fn of_many_textures_each_eye_gets_the_one_taken_nearest_to_it() {
+fn nearest_texture_is_used() {
     let (house, mut walker) = (house(), Walker::new());
     let door = first_door(&house);
     let [one, many] =
@@ -208,7 +208,7 @@ fn of_many_textures_each_eye_gets_the_one_taken_nearest_to_it() {
 }
 
 #[test]
-fn a_near_door_is_open_and_a_far_one_shows_its_image() {
+fn near_door_open_far_door_backdrop() {
     let (house, mut walker, store) = (house(), Walker::new(), Store::new(1 << 30));
     // The second door has no image: when the first is open, all that shows is geometry.
     let image =
@@ -249,7 +249,7 @@ fn a_near_door_is_open_and_a_far_one_shows_its_image() {
 }
 
 #[test]
-fn holes_keep_what_was_there_and_nothing_else_does() {
+fn holes_keep_previous_content() {
     let house = house();
     let store = stocked(&house, BackdropKind::Image);
     let door = first_door(&house);
@@ -310,7 +310,7 @@ fn wall_from(centre: DVec3, color: [u8; 3], covers: impl Fn(f64) -> bool) -> Pac
 }
 
 #[test]
-fn of_two_images_the_nearer_goes_over_the_other_and_no_third_is_drawn() {
+fn nearer_of_two_images_is_on_top() {
     let [red, green, blue]: [[u8; 3]; 3] = [[200, 0, 0], [0, 200, 0], [0, 0, 200]];
     let nearest = wall_from(dvec3(0.1, 0.0, 0.0), red, |x| x < -0.3);
     let second = wall_from(dvec3(0.0, 0.0, 0.6), green, |x| x < 0.6);

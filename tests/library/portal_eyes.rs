@@ -7,7 +7,7 @@ use headbox_house::walk_path::WalkPath;
 /// Eyes where walls of the built-in house meet, in planes of portals and a hair off; and every eye
 /// of a walk.
 #[test]
-fn an_eye_where_walls_meet_is_in_a_wall() {
+fn eye_at_wall_junction_is_in_wall() {
     let house = House::new(headbox_scenes::house(0, 5_000)).expect("a valid model");
     let in_walls = [
         dvec3(10.4823, 1.025, 0.400001),
@@ -35,7 +35,7 @@ fn an_eye_where_walls_meet_is_in_a_wall() {
 
 /// Files often turn their surfaces the wrong way round, which must not make walls of rooms.
 #[test]
-fn rooms_whose_surfaces_are_turned_round_are_rooms() {
+fn inverted_rooms_are_rooms() {
     let model = headbox_scenes::house(0, 5_000);
     let mut turned = model.clone();
     turned

@@ -32,7 +32,7 @@ fn geometry_alone_is_truth() {
 }
 
 #[test]
-fn frames_do_not_depend_on_how_threads_share_them() {
+fn frames_independent_of_division() {
     let house = house();
     let store = stocked(&house, BackdropKind::WindowLdi);
     let camera = poses()[1];
@@ -63,7 +63,7 @@ fn frames_do_not_depend_on_how_threads_share_them() {
 }
 
 #[test]
-fn a_missing_backdrop_is_geometry_and_a_builder_brings_it() {
+fn missing_backdrop_is_geometry_until_built() {
     let house = Arc::new(house());
     let store = Arc::new(Store::new(1 << 30));
     let mut walker = Walker::new();
@@ -110,7 +110,7 @@ fn a_missing_backdrop_is_geometry_and_a_builder_brings_it() {
 }
 
 #[test]
-fn crossing_a_door_changes_the_cell_once_and_no_pixel_is_wrong() {
+fn crossing_door_changes_cell_once() {
     let house = house();
     let store = stocked(&house, BackdropKind::Texture);
     let mut walker = Walker::new();
@@ -143,7 +143,7 @@ fn crossing_a_door_changes_the_cell_once_and_no_pixel_is_wrong() {
 }
 
 #[test]
-fn an_eye_in_a_wall_or_outside_sees_all_geometry() {
+fn eye_in_wall_sees_all_geometry() {
     let (house, store, mut walker) = (house(), Store::new(0), Walker::new());
     for eye in [dvec3(2.0, 9.0, 2.0), dvec3(-1.0, 1.0, 2.0)] {
         let camera = camera(eye, dvec3(6.0, 1.0, 2.1));
@@ -154,7 +154,7 @@ fn an_eye_in_a_wall_or_outside_sees_all_geometry() {
 }
 
 #[test]
-fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
+fn house_file_round_trips() {
     let house = house();
     let store = stocked(&house, BackdropKind::Textures);
     for (key, backdrop) in stocked(&house, BackdropKind::WindowLdi).all() {
@@ -311,7 +311,7 @@ fn bad_models_and_numbers_are_refused() {
 }
 
 #[test]
-fn a_path_enters_every_room() {
+fn path_enters_every_room() {
     let house = house();
     let path = WalkPath {
         poses: 90,
@@ -348,7 +348,7 @@ fn a_path_enters_every_room() {
 }
 
 #[test]
-fn a_tour_orders_what_it_lacks_and_stays_within_its_budget() {
+fn tour_requests_missing_within_budget() {
     let one = Backdrop::capture(
         &house(),
         PortalSide { portal: 0, side: 0 },
@@ -389,7 +389,7 @@ fn a_tour_orders_what_it_lacks_and_stays_within_its_budget() {
 }
 
 #[test]
-fn a_wall_is_a_sprite_and_a_room_or_a_pillar_is_not() {
+fn only_smooth_views_become_sprites() {
     let wall = rooms(Some([dvec3(3.45, 0.0, 0.1), dvec3(3.65, 2.45, 3.9)]));
     let wall = House::new(wall).expect("a valid model");
     let at = PortalSide { portal: 0, side: 1 };

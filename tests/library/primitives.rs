@@ -101,7 +101,7 @@ fn dome() -> Scene {
 /// Samples: what is left is drawn from where it is. Planes: in the room, among leaves, and where
 /// the bound decides, in the dome. A picture at infinity: the mountains.
 #[test]
-fn no_eye_sees_anything_elsewhere_by_more_than_the_bound() {
+fn plane_textures_stay_within_bound() {
     const ERROR_PX: f64 = 0.5;
     const PAIRS: usize = 10_000;
     for (name, scene) in [
@@ -225,7 +225,7 @@ fn pictures_are_as_large_as_pays() {
 /// A frame that shows next to no picture pays for a canvas all the same; a portal that shows the
 /// disk shows little else.
 #[test]
-fn few_pictures_are_left_out_where_frames_look_all_around() {
+fn few_textures_skipped_in_wide_frames() {
     let disk = Shape::Disk {
         centre: dvec3(0.0, 0.0, -3.0),
         normal: DVec3::Z,
@@ -378,7 +378,7 @@ fn threads_bands_and_levels_change_no_bit() {
 }
 
 #[test]
-fn what_a_picture_hides_shows_in_no_band_of_any_kernel() {
+fn textures_occlude_in_every_band() {
     // A green picture 1.1 m ahead, before all that is there.
     const SIDE: u16 = 150;
     let mut cube = PackedCube::pack(
@@ -468,7 +468,7 @@ const FRESH_FRAMES: usize = 600;
 const FRESH_SECONDS: u64 = 240;
 
 #[test]
-fn tasks_that_need_the_same_smaller_pictures_do_not_wait_for_each_other() {
+fn mip_requests_do_not_block() {
     let cube = mixed(&quick(&room(6.0), FACE_PX), 0.5);
     let camera = |size| {
         Camera::look_at(
@@ -532,7 +532,7 @@ fn depths_are_those_of_the_scene() {
 }
 
 #[test]
-fn files_keep_pictures_and_files_without_them_are_as_before() {
+fn texture_files_round_trip() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.ldi");
     let ldi = quick(&room(6.0), 96);
@@ -556,7 +556,7 @@ fn files_keep_pictures_and_files_without_them_are_as_before() {
 }
 
 #[test]
-fn no_bound_means_no_pictures_and_a_wide_one_harms_nobody() {
+fn zero_and_wide_bounds() {
     let ldi = quick(&room(6.0), 96);
     for error_px in [0.0, -1.0, f64::NAN] {
         let mut rest = ldi.clone();
@@ -584,7 +584,7 @@ fn no_bound_means_no_pictures_and_a_wide_one_harms_nobody() {
 }
 
 #[test]
-fn planes_seen_edge_on_and_from_behind_are_drawn_or_left_out() {
+fn edge_on_and_back_facing_planes() {
     let cube = mixed(&quick(&room(6.0), 96), 0.5);
     // In the plane of the floor, below it, and beyond a wall.
     for eye in [

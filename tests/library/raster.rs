@@ -8,7 +8,8 @@ use headbox_core::environment::Environment;
 use headbox_core::random::Rng;
 use headbox_core::simd;
 use headbox_raster::{
-    GroupWindow, Marker, RasterMesh, RasterOutput, RasterStats, RasterView, Rasterizer, PixelContent,
+    GroupWindow, Marker, PixelContent, RasterMesh, RasterOutput, RasterStats, RasterView,
+    Rasterizer,
 };
 use headbox_scene::material::{Cutout, Material, Texture};
 use headbox_scene::scene::Scene;
@@ -383,7 +384,7 @@ fn no_crack_opens_where_corners_lie_on_edges() {
 }
 
 #[test]
-fn the_same_bytes_whatever_the_bands_threads_and_instructions() {
+fn same_bytes_for_bands_threads_levels() {
     // Textures in copies of several sizes, and triangles with holes.
     let mut scene = painted(soup(900), 0.7);
     scene.materials.push(Material {
@@ -508,8 +509,8 @@ fn a_floor_just_under_the_eye_has_its_colours_in_their_places() {
     for camera in [camera(DVec3::Y), camera(-DVec3::Y)] {
         let frame = draw(&scene, &camera).0;
         let mut compared = 0;
-        for pixel in
-            (0..frame.inverse_depth.len()).filter(|pixel| frame.seen(*pixel) != PixelContent::Nothing)
+        for pixel in (0..frame.inverse_depth.len())
+            .filter(|pixel| frame.seen(*pixel) != PixelContent::Nothing)
         {
             let d = camera.direction(
                 f64::from(pixel as u32 % 61) + 0.5,
@@ -581,7 +582,11 @@ fn minified_textures_turn_grey_and_cut_outs_have_holes() {
     let (frame, _) = draw(&Arc::new(scene), &camera);
     for pixel in 0..64 {
         let left = pixel % 8 < 4;
-        assert_eq!(frame.seen(pixel) != PixelContent::Nothing, left, "pixel {pixel}");
+        assert_eq!(
+            frame.seen(pixel) != PixelContent::Nothing,
+            left,
+            "pixel {pixel}"
+        );
     }
 }
 
@@ -649,8 +654,8 @@ fn nothing_breaks_on_the_smallest_frames_and_on_triangles_without_area() {
             &scene,
             &camera(DVec3::ZERO, dvec3(0.0, 0.0, -1.0), width, height),
         );
-        let all =
-            (0..(width * height) as usize).all(|pixel| frame.seen(pixel) == PixelContent::Triangle(4));
+        let all = (0..(width * height) as usize)
+            .all(|pixel| frame.seen(pixel) == PixelContent::Triangle(4));
         assert!(all, "{width}x{height}");
     }
     let mesh = RasterMesh::new(

@@ -76,6 +76,6 @@ pub use crate::window::views::Stereo;
 pub use crate::window::window::run;
 pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 pub use source::{
-    PendingSource, Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation,
-    Ongoing, Refinement, Room, RoomMap, Stage, Swatch, Thumbnail,
+    Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Ongoing,
+    PendingSource, Refinement, Room, RoomMap, Stage, Swatch, Thumbnail,
 };

@@ -213,7 +213,8 @@ impl VertexLight<'_> {
         let cell_m =
             (self.options.edge_m * CELL_SHARE).clamp(NARROWEST_CELL_M, WIDEST_CELL_M) as f32;
         let (samples, mut done) = (self.options.samples.max(1), 0);
-        let (mut vertices, mut beyond) = (vec![VertexSums::default(); count], BeyondCells::default());
+        let (mut vertices, mut beyond) =
+            (vec![VertexSums::default(); count], BeyondCells::default());
         let first = samples.min(FIRST_ROUND);
         for round in [0..first, first..samples] {
             let many = round.len();

@@ -86,7 +86,13 @@ pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
 pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
-    bake_seen(source, KnownVisibility::ALL, Lighting::measure, options, progress)
+    bake_seen(
+        source,
+        KnownVisibility::ALL,
+        Lighting::measure,
+        options,
+        progress,
+    )
 }
 
 /// Same as [`bake`], in the scene's light as it is: without metering, so that the exposure is 1,
@@ -96,7 +102,13 @@ pub fn bake_unmetered(
     options: &BakeOptions,
     progress: &BakeProgress<'_>,
 ) -> Baked {
-    bake_seen(source, KnownVisibility::ALL, Lighting::of_scene, options, progress)
+    bake_seen(
+        source,
+        KnownVisibility::ALL,
+        Lighting::of_scene,
+        options,
+        progress,
+    )
 }
 
 /// Known visibility of a scene.

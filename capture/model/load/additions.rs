@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn thresholds_face_upward_whichever_way_they_are_drawn() {
+    fn thresholds_face_upward() {
         let outline = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
         let mut scene = Scene::default();
         threshold(&mut scene, outline, 3.0);
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn ceilings_face_downward_and_cover_what_is_not_convex() {
+    fn ceilings_face_down_and_cover_concave_rooms() {
         let outline = [
             [0.0, 0.0],
             [4.0, 0.0],

@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_model_is_read_by_group_and_material() {
+    fn model_read_by_group_and_material() {
         let model = Model::parse(
             "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 1\ng a b\nusemtl red\nf 1/1/5 2//7 3\nusemtl blue\nf -3/-1 -2/9 -1\n",
         );

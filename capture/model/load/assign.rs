@@ -294,7 +294,7 @@ mod tests {
     /// A wall of 4 m before a room that is drawn 1 cm shorter; its outer face; and a wall 10 cm
     /// beyond the room.
     #[test]
-    fn a_wall_that_ends_a_hair_after_its_room_is_all_of_the_room() {
+    fn wall_slightly_longer_than_room_belongs_to_it() {
         let outline = [[0.0, 0.0], [3.99, 0.0], [3.99, 3.0], [0.0, 3.0]]
             .map(DVec2::from)
             .to_vec();

@@ -9,7 +9,7 @@
 
 use super::archive::{Archive, Corner, FaceGroup, Model};
 use super::finish::{Finish, Repeated};
-use super::home::{Home, Opening, FurniturePiece, Room, Wall};
+use super::home::{FurniturePiece, Home, Opening, Room, Wall};
 use glam::{Affine2, DMat3, DVec2, DVec3};
 use headbox_scene::load::mtl::{Map, MtlMaterial};
 use headbox_scene::load::obj::Pictures;

@@ -268,7 +268,7 @@ mod tests {
     use super::matches;
 
     #[test]
-    fn a_star_stands_for_anything() {
+    fn star_matches_anything() {
         for (pattern, name, fits) in [
             ("hall", "hall", true),
             ("hall", "hallway", false),

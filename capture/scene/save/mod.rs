@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_saved_shows_the_same_when_it_is_read_back() {
+    fn saved_scene_round_trips() {
         let (scene, folder) = (scene(), tempfile::tempdir().expect("a folder"));
         let expected = shown(&scene);
         for (name, count, off_m) in [("far.obj", 5, 0.0), ("far.glb", 1, 1e-6)] {

@@ -6,12 +6,12 @@
 //! the meantime cull it. If few rays enter a box, each continues by single-ray traversal
 //! ([`super::single`]), whose box and triangle tests are the same, and so are the resulting bits.
 
+use super::Tracer;
 use super::lanes::{HitPacket, Lanes, PACKET, PreparedPacket, RayPacket};
 use super::prepared::{Prepared, axes_of, each_axis};
 use super::single::{self, Closest, Occluded, relative};
 use super::tree::{BLOCK, Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
 use super::triangle::{Candidate, edges, exact};
-use super::Tracer;
 use fearless_simd::{Simd, f32x8, f32x16, mask32x16, prelude::*, u32x16};
 
 /// Maximum number of rays entering a box for which the packet splits into single rays. Measured by

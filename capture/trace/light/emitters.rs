@@ -1,10 +1,10 @@
-//! Emissive triangles, and light straight from them: by points drawn on them and by a path's rays
-//! that meet one.
+//! Emissive triangles and their direct light: by points sampled on them (next-event estimation) and
+//! by rays of a path that hit one.
 //!
-//! Each sample counts by the balance heuristic, as with the sky ([`super::sky`]): no point that is
-//! drawn on a lamp then counts more than the lamp is bright (four times that, where rays are
-//! guided), however close to it the lit place lies, where points alone are rare and thousands of
-//! times too bright. At the last vertex of a path, whose rays meet nothing, points are alone.
+//! Both are combined by the balance heuristic, as for the sky ([`super::sky`]): a sampled point then
+//! never contributes more than the lamp's radiance (four times that with guided rays), however close
+//! the lit point is, where points alone would be rare and thousands of times too bright. At the last
+//! vertex of a path, whose rays are not tested for emitters, only points are used.
 
 use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};
@@ -15,15 +15,15 @@ use headbox_core::color::luminance;
 use headbox_scene::scene::Surface;
 use std::f32::consts::PI;
 
-/// All emissive triangles of a scene.
+/// Emissive triangles of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Emitters {
-    /// By which they are drawn; lights have the numbers of their triangles.
+    /// Sampling structure; the lights' ids are triangle indices.
     tree: LightTree,
 }
 
 impl Emitters {
-    pub(super) fn of(tracer: &Tracer) -> Self {
+    pub(super) fn new(tracer: &Tracer) -> Self {
         let scene = tracer.scene();
         let leaf = |primitive: u32| {
             let material = &scene.materials[scene.triangles[primitive as usize].material as usize];
@@ -49,14 +49,14 @@ impl Emitters {
     }
 }
 
-/// Of a triangle, square metres.
+/// Returns the area of a triangle, square metres.
 fn area([a, b, c]: [Vec3; 3]) -> f32 {
     0.5 * (b - a).cross(c - a).length()
 }
 
 impl Lighting {
-    /// Radiosity per albedo straight from one emissive triangle, by a point on it; its share if
-    /// rays in the `shared` directions find the rest ([`Self::emitter_by_chance`]).
+    /// Samples radiosity per albedo from a point on one emissive triangle, with the balance heuristic
+    /// if rays in the `shared` directions sample emitters too ([`Self::emitter_by_chance`]).
     pub(super) fn emitter_light(
         &self,
         tracer: &Tracer,
@@ -74,7 +74,7 @@ impl Lighting {
             return Vec3::ZERO;
         };
         let [s, t] = sample.pair(dimension + 1);
-        // Uniform on the triangle: fold the far half of the square back (no square root needed).
+        // Uniform on the triangle: folds the far half of the square back (no square root needed).
         let (u, v) = if s + t > 1.0 {
             (1.0 - s, 1.0 - t)
         } else {
@@ -87,7 +87,7 @@ impl Lighting {
         let distance2 = offset.length_squared();
         let direction = offset / distance2.sqrt();
         let cos_here = direction.dot(point.shading_normal);
-        // `is_nan`: the sample fell on the very point that it lights.
+        // `is_nan`: the sampled point coincides with the lit point.
         if cos_here <= 0.0 || cos_here.is_nan() || direction.dot(point.normal) <= 0.0 {
             return Vec3::ZERO;
         }
@@ -96,8 +96,7 @@ impl Lighting {
         if cos_there <= 0.0 || !tracer.is_seen(direction, primitive, u, v) {
             return Vec3::ZERO;
         }
-        // Stop short of the light itself by as much as the ray starts above its own surface, or as
-        // would do there.
+        // Ends the shadow ray above the light's surface, by an offset like that of the ray's origin.
         let normal = if direction.dot(normal) > 0.0 {
             -normal
         } else {
@@ -126,7 +125,8 @@ impl Lighting {
         Vec3::from_array(emission) * (cos_here / PI / (density + by_chance))
     }
 
-    /// Radiosity per albedo by a ray in one of these directions that met an emissive triangle.
+    /// Returns radiosity per albedo along a ray, sampled from `directions`, that hit an emissive
+    /// triangle; weighted by the balance heuristic.
     pub(super) fn emitter_by_chance(
         &self,
         tracer: &Tracer,
@@ -159,7 +159,7 @@ mod tests {
     use headbox_scene::scene::{Scene, Triangle};
     use std::sync::Arc;
 
-    /// A square lamp of 1 m^2 of this radiance in the plane y = 0, in so many pieces a side; its
+    /// Returns a square lamp of 1 m^2 in the plane y = 0, split into `pieces` quads per side; its
     /// texture coordinates are x and z.
     fn lamp_scene(radiance: f32, pieces: u32) -> Scene {
         let materials = vec![Material {
@@ -206,8 +206,8 @@ mod tests {
         Tracer::new(Arc::new(lamp_scene(radiance, pieces)), DVec3::ZERO)
     }
 
-    /// The mean of many light samples at a place at height `y` above or below the lamp's middle,
-    /// which looks at it.
+    /// Returns the mean of many light samples at height `y` above or below the lamp's centre, on a
+    /// surface that faces it.
     fn light_at(scene: Scene, y: f64, bounces: u32) -> f64 {
         const SAMPLES: u32 = 1 << 14;
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
@@ -230,8 +230,8 @@ mod tests {
             / f64::from(SAMPLES)
     }
 
-    /// Share of what a place sees that a parallel square of 1 m^2 fills, h metres away and right
-    /// above it: four corners of 1/2 m.
+    /// Returns the form factor of a parallel square of 1 m^2 centred h metres above a point: four
+    /// corners of 1/2 m.
     fn form_factor(h: f64) -> f64 {
         let corner = 0.5 / (0.25 + h * h).sqrt();
         4.0 / std::f64::consts::PI * corner * corner.atan()
@@ -268,7 +268,7 @@ mod tests {
             };
             let mean = (0..SAMPLES).map(light).sum::<f64>() / f64::from(SAMPLES);
             let expected = 3.0 * form_factor(h);
-            // Samples vary by at most the lamp's radiance; evenly spread ones err by less than
+            // Samples vary by at most the lamp's radiance; stratified ones have a smaller error than
             // random ones.
             let tolerance = 3.0 * expected / f64::from(SAMPLES).sqrt();
             assert!(
@@ -281,7 +281,7 @@ mod tests {
     #[test]
     fn holes_of_a_lamp_do_not_shine() {
         let mut scene = lamp_scene(3.0, 1);
-        // Opaque to its middle, between the middles of its texels.
+        // Opaque up to its centre, halfway between the two texel centres.
         scene.textures = vec![Texture::from_fn(2, 1, |x, _| {
             [255, 255, 255, if x == 0 { 255 } else { 0 }]
         })];
@@ -290,10 +290,8 @@ mod tests {
             threshold: 0.5,
         });
         for bounces in [0, 1] {
-            let (found, expected) = (
-                light_at(scene.clone(), -1.0, bounces),
-                1.5 * form_factor(1.0),
-            );
+            let found = light_at(scene.clone(), -1.0, bounces);
+            let expected = 1.5 * form_factor(1.0);
             assert!(
                 (found - expected).abs() < 0.03 * expected,
                 "{found}, not {expected}"
@@ -325,7 +323,7 @@ mod tests {
                 "{y}: {found}, not {expected}"
             );
         }
-        // A lamp with a dark back.
+        // A lamp with an unlit back side.
         let [below, above] = [-1.0, 1.0].map(|y| light_at(turned(1), y, 1));
         assert_eq!(below.min(above), 0.0);
         assert!(
@@ -374,10 +372,11 @@ mod tests {
         scene.materials[0].emission_texture = Some(0);
         const STEPS: u32 = 200;
         let step = |i: u32| (f64::from(i) + 0.5) / f64::from(STEPS) - 0.5;
-        // What each small square brings to the place a metre below: cosines here and there over
-        // squared distance.
+        // Light from each small square to a point a metre below: both cosines over the squared
+        // distance.
         let brings = |(i, j): (u32, u32)| {
-            let (x, z) = (step(i), step(j));
+            let x = step(i);
+            let z = step(j);
             let texel = scene.textures[0].sample(x as f32 + 0.5, 0.5)[0];
             3.0 * f64::from(texel) / (std::f64::consts::PI * (1.0 + x * x + z * z).powi(2))
         };
@@ -386,7 +385,7 @@ mod tests {
             .map(brings)
             .sum::<f64>();
         let expected = all / f64::from(STEPS * STEPS);
-        // By points alone, as where a path ends.
+        // By points alone, like at the last vertex of a path.
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
         let lighting = Lighting::of_scene(&tracer, 1);
         let point = LitPoint {

@@ -1,12 +1,11 @@
-//! Directions drawn by where light came from: path guiding.
+//! Path guiding: ray directions sampled from the learned distribution of incident light.
 //!
-//! A room is lit through its windows, and few cosine-weighted rays find one. So places on surfaces
-//! are filed by cells of space and by where they face, and for each cell a density over the unit
-//! square is learnt, the square from which cosine-weighted directions are drawn: high where bright
-//! light came in. Rays drawn by it count one over it, so that no mean changes but that of what is
-//! cut as too bright (Jensen 1995, "Importance Driven Path Tracing using the Photon Map"; Mueller
-//! et al. 2017, "Practical Path Guiding"), and what is learnt is the root of the mean square of the
-//! light, by which the variance of one ray is least (Rath et al. 2020, "Variance-Aware Path
+//! A room is lit through its windows, and few cosine-weighted rays hit one. Surface points are
+//! therefore hashed into cells by position and normal, and each cell learns a density over the unit
+//! square from which cosine-weighted directions are warped: high where bright light arrived. Guided
+//! rays are weighted by its reciprocal, so that no mean changes except that of clamped light (Jensen 1995, "Importance Driven Path Tracing using the Photon Map"; Mueller
+//! et al. 2017, "Practical Path Guiding"), and the density is proportional to the root mean
+//! square of the light, which minimises the variance of one ray (Rath et al. 2020, "Variance-Aware Path
 //! Guiding").
 
 use super::arrival::power_of_two_above;
@@ -25,43 +24,45 @@ use std::f32::consts::{PI, TAU};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Cells are at least this share of their distance from the local origin wide, and at most twice of
-/// it.
+/// Minimum width of a cell as a fraction of its distance from the local origin; the maximum is
+/// twice that.
 const CELL_SHARE: f32 = 1.0 / 8.0;
 
-/// Cells are at least this share of the median distance of all places wide.
+/// Minimum width of a cell as a fraction of the median distance of all training points.
 const NARROWEST_SHARE: f32 = 1.0 / 16.0;
 
-/// Paths that teach a cell, and those after which it is given up where rays need no guide.
+/// Maximum number of training paths of a cell.
 const LESSONS: u32 = 512;
+
+/// Number of training paths after which a cell that gains nothing is abandoned.
 const FIRST_LESSONS: u32 = 128;
 
-/// Places that a cell needs to be taught.
+/// Minimum number of training points of a cell.
 const FEWEST_PLACES: usize = 2;
 
-/// Share of the rays that are drawn by what was learnt; the others are cosine-weighted, in case
-/// something was overlooked.
+/// Fraction of the rays that are sampled from the learned density; the others are cosine-weighted,
+/// in case training missed a light.
 const GUIDED: f32 = 0.75;
 
-/// A guide is worth the look if it takes this share of a light sample's variance: in its cell, and,
-/// as every point is looked up in every guide, of all places together. Where none is worth it, rays
-/// cost a fifth less.
+/// Minimum variance reduction, as a fraction of a light sample's variance, for which guiding is
+/// used: within a cell, and, since every point pays for the lookup, over all training points
+/// together. Without a guide rays cost a fifth less.
 const WORTH: f64 = 0.25;
 
-/// Rays from the local origin whose ends, and the ends of one ray from each, are the places to be
-/// learnt.
+/// Number of rays from the local origin whose hits, and the hits of one ray from each of these, are
+/// the training points.
 const PLACES: u32 = 4096;
 
-/// Where light comes from, by cells of space.
+/// Incident light distributions, by cells of position and normal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Guide {
     cells: FxHashMap<u64, SquareDensity>,
-    /// Width of the narrowest cells, metres.
+    /// Minimum width of a cell, metres.
     narrowest_m: f32,
 }
 
 impl Guide {
-    /// The cell in which a point lies: points in one cell lie close together, and face alike.
+    /// Returns the hash key of a point's cell, by position and normal.
     fn cell(&self, point: &LitPoint) -> u64 {
         let wanted = (point.position.abs().max_element() * CELL_SHARE).max(self.narrowest_m);
         let (exponent, width_m) = power_of_two_above(wanted);
@@ -71,7 +72,7 @@ impl Guide {
         x | y << 8 | z << 16 | u64::from(exponent) << 24 | point.turned() << 32
     }
 
-    /// Where light comes from at a point, if that is worth to know.
+    /// Returns the density at a point, if its cell is guided.
     fn density(&self, point: &LitPoint) -> Option<&SquareDensity> {
         if self.cells.is_empty() {
             None
@@ -81,16 +82,16 @@ impl Guide {
     }
 }
 
-/// How rays are drawn that leave a point: cosine-weighted about its shading normal, or as a guide
-/// says.
+/// Distribution of the rays that leave a point: cosine-weighted about its shading normal, or
+/// guided.
 pub(super) struct Directions<'a> {
-    /// From +Z to the shading normal.
+    /// Rotation from +Z to the shading normal.
     turn: Quat,
     guide: Option<&'a SquareDensity>,
 }
 
 impl Directions<'_> {
-    /// A unit direction from two numbers in [0, 1), and how much a ray there counts: 1 where it is
+    /// Maps two numbers in [0, 1) to a unit direction and its importance weight: 1 if
     /// cosine-weighted.
     pub(super) fn draw(&self, pair: [f32; 2]) -> (Vec3, f32) {
         let (pair, weight) = self.guide.map_or((pair, 1.0), |guide| {
@@ -103,8 +104,8 @@ impl Directions<'_> {
         )
     }
 
-    /// How densely directions are drawn about one, per steradian; `cos` of its angle with the
-    /// shading normal, above 0.
+    /// Returns the probability density of a direction, per steradian; `cos`, above 0, is that of its
+    /// angle with the shading normal.
     pub(super) fn density(&self, direction: Vec3, cos: f32) -> f32 {
         let guided = self.guide.map_or(1.0, |guide| {
             let local = self.turn.inverse() * direction;
@@ -115,7 +116,7 @@ impl Directions<'_> {
 }
 
 impl Lighting {
-    /// How rays leave a point.
+    /// Returns the distribution of rays that leave a point.
     pub(super) fn directions(&self, point: &LitPoint) -> Directions<'_> {
         Directions {
             turn: Quat::from_rotation_arc(Vec3::Z, point.shading_normal),
@@ -123,9 +124,9 @@ impl Lighting {
         }
     }
 
-    /// Learns where light comes from at the surfaces that are seen from the tracer's origin, and
-    /// those that are seen from these: two million paths at most. Samples are less noisy for it in
-    /// rooms lit through windows; no mean changes.
+    /// Trains the guide at the surfaces visible from the tracer's origin and at those visible from
+    /// these, with at most two million paths. Reduces noise in rooms lit through windows; no mean
+    /// changes.
     pub fn guided(mut self, tracer: &Tracer) -> Self {
         let seen = |index: u32| {
             let [u, v] = LightSample {
@@ -164,8 +165,8 @@ impl Lighting {
         self
     }
 
-    /// Learns where light comes from at places such as these. `told` hears how many lessons, of how
-    /// many at most, were given; after a `Break` nothing is learnt.
+    /// Trains the guide at given points. `progress` receives the number of training paths traced and
+    /// their maximum; after a `Break` there is no guide.
     pub fn learn(
         &mut self,
         tracer: &Tracer,
@@ -181,8 +182,7 @@ impl Lighting {
             narrowest_m: percentile(&mut distances, 0.5) * NARROWEST_SHARE,
             ..Guide::default()
         };
-        // Any fixed order that has nothing to do with places will do to take those of a cell in
-        // turn.
+        // Shuffles the points of a cell by a fixed order that is independent of position.
         let filed =
             |(i, place): (u32, &LitPoint)| (guide.cell(place), i.wrapping_mul(0x9e37_79b9), *place);
         let mut filed: Vec<(u64, u32, LitPoint)> = (0..).zip(places).map(filed).collect();
@@ -194,7 +194,8 @@ impl Lighting {
         let mut lessons: Vec<Lessons> = std::iter::repeat_with(Lessons::default)
             .take(cells.len())
             .collect();
-        let (given, all) = (AtomicUsize::new(0), cells.len() * LESSONS as usize);
+        let given = AtomicUsize::new(0);
+        let all = cells.len() * LESSONS as usize;
         for (many, more) in [
             (FIRST_LESSONS, FIRST_LESSONS),
             (LESSONS, LESSONS - FIRST_LESSONS),
@@ -204,7 +205,7 @@ impl Lighting {
                 .zip(&mut lessons)
                 .try_for_each(|(places, lessons)| {
                     self.teach(tracer, places, lessons, many);
-                    // Lessons that a cell does not need count, too.
+                    // Paths that a cell skips count, too.
                     told(
                         given.fetch_add(more as usize, Ordering::Relaxed) + more as usize,
                         all,
@@ -218,7 +219,7 @@ impl Lighting {
                 .zip(&lessons)
                 .map(|(places, lessons)| (places.len(), lessons.learnt()));
             if !worth_the_look(counted) {
-                return; // few lessons make more of a guide than there is, if anything
+                return; // few paths overestimate the gain, if anything
             }
         }
         let kept = |(places, lessons): (&&[(u64, u32, LitPoint)], &Lessons)| {
@@ -228,8 +229,8 @@ impl Lighting {
         self.guide = guide;
     }
 
-    /// Lessons at the places of one cell until there are so `many`, or until it has had some and
-    /// gains nothing.
+    /// Traces training paths from the points of one cell up to a total of `many`; none if the cell
+    /// has had some and gains nothing.
     fn teach(
         &self,
         tracer: &Tracer,
@@ -248,7 +249,7 @@ impl Lighting {
         }
     }
 
-    /// One light sample, and from where its first ray brought light.
+    /// Traces one training path and records the light along its first ray by direction.
     fn lesson(
         &self,
         tracer: &Tracer,
@@ -279,9 +280,10 @@ impl Lighting {
     }
 }
 
-/// Whether cells, each with the number of its places, gain enough together.
+/// Returns true if cells, each with its number of points, gain enough together.
 fn worth_the_look(cells: impl Iterator<Item = (usize, Learnt)>) -> bool {
-    let (mut variance, mut saved) = (0.0, 0.0);
+    let mut variance = 0.0;
+    let mut saved = 0.0;
     for (places, learnt) in cells {
         variance += places as f64 * learnt.variance * learnt.shows;
         saved += places as f64 * learnt.saved * learnt.shows;
@@ -289,23 +291,23 @@ fn worth_the_look(cells: impl Iterator<Item = (usize, Learnt)>) -> bool {
     saved > WORTH * variance
 }
 
-/// What light samples of a cell have found.
+/// Statistics of a cell's training paths.
 struct Lessons {
-    /// Sums of the squares of what first rays brought, and their number, by bins of the square from
-    /// which these were drawn.
+    /// Sums of the squared light along first rays, by bins of the unit square.
     squares: [f32; BINS * BINS],
+    /// Number of first rays, by bins of the unit square.
     counts: [f32; BINS * BINS],
+    /// Light along first rays.
     by_rays: Moments,
-    /// What was found beside first rays.
+    /// Light by next-event estimation at first vertices.
     by_points: Moments,
 }
 
 impl Default for Lessons {
     fn default() -> Self {
-        let (squares, counts) = ([0.0; BINS * BINS], [0.0; BINS * BINS]);
         Self {
-            squares,
-            counts,
+            squares: [0.0; BINS * BINS],
+            counts: [0.0; BINS * BINS],
             by_rays: Moments::default(),
             by_points: Moments::default(),
         }
@@ -313,14 +315,15 @@ impl Default for Lessons {
 }
 
 impl Lessons {
-    /// By which first rays should be drawn, if that would make samples less noisy by much.
+    /// Estimates the density of first rays and its gain.
     fn learnt(&self) -> Learnt {
         let variance = self.by_rays.variance() + self.by_points.variance();
         let shows = f64::from(shown_slope(
             (self.by_rays.mean() + self.by_points.mean()) as f32,
         ))
         .powi(2);
-        let (squares, counts) = (blurred(&self.squares), blurred(&self.counts));
+        let squares = blurred(&self.squares);
+        let counts = blurred(&self.counts);
         let mean_squares: [f32; BINS * BINS] =
             std::array::from_fn(|i| squares[i] / counts[i].max(1e-3));
         let roots = mean_squares.map(f32::sqrt);
@@ -359,20 +362,20 @@ impl Lessons {
     }
 }
 
-/// What is known of a cell.
+/// Estimated gain and density of a cell.
 struct Learnt {
     /// Variance of a light sample whose first ray is cosine-weighted.
     variance: f64,
-    /// How much of a variance is seen: less where it is bright. Beside a lamp samples vary by more
-    /// than in all of the room that it lights.
+    /// Visible fraction of the variance: less in bright areas. Next to a lamp samples vary more than
+    /// in the entire room that it lights.
     shows: f64,
-    /// What of it a guide takes.
+    /// Variance removed by guiding.
     saved: f64,
-    /// The guide, if it is worth the look.
+    /// Density of first rays, if guiding reduces the variance enough.
     density: Option<SquareDensity>,
 }
 
-/// Sums of values and of their squares.
+/// Sums of values and of their squares, for mean and variance.
 #[derive(Default)]
 struct Moments {
     sum: f64,
@@ -396,7 +399,7 @@ impl Moments {
     }
 }
 
-/// Sums over 3x3 bins, with weights of 1, 2, 1 each way.
+/// Blurs over 3x3 bins, with weights of 1, 2, 1 along each axis (not normalised).
 fn blurred(values: &[f32; BINS * BINS]) -> [f32; BINS * BINS] {
     let along = |values: &[f32; BINS * BINS], step: usize| -> [f32; BINS * BINS] {
         std::array::from_fn(|i| {
@@ -440,8 +443,8 @@ mod tests {
         }
     }
 
-    /// A closed room of 4 m about the origin but for a window of 0.8 m in its ceiling's corner; its
-    /// second material is a lamp's.
+    /// Returns a room of 4 m around the origin, closed except for a window of 0.8 m in a corner of its
+    /// ceiling; its second material is a lamp's.
     fn room(sky: Sky) -> Scene {
         let lamp = Material {
             emission: [2.0; 3],
@@ -503,7 +506,7 @@ mod tests {
 
     const SAMPLES: u32 = 1 << 18;
 
-    /// Mean and variance of samples at a place on the floor.
+    /// Returns mean and variance of samples at a point on the floor.
     fn floor_light(lighting: &Lighting, tracer: &Tracer) -> (f64, f64) {
         let point = LitPoint {
             position: Vec3::new(-0.5, -2.0, -0.7),
@@ -522,13 +525,13 @@ mod tests {
         (moments.sum / f64::from(SAMPLES), moments.variance())
     }
 
-    /// Variance of samples at the floor as they are, and guided, of one mean.
+    /// Returns the variances of samples at the floor without and with guiding; checks that the means
+    /// agree.
     fn variances(tracer: &Tracer, bounces: u32) -> [f64; 2] {
         let lighting = Lighting::of_scene(tracer, bounces);
         let (mean, variance) = floor_light(&lighting, tracer);
         let (guided_mean, guided_variance) = floor_light(&lighting.guided(tracer), tracer);
-        // Two standard errors of samples that would be independent: these are spread evenly, and
-        // err by less.
+        // Two standard errors of independent samples; stratified samples have a smaller error.
         let tolerance = 2.0 * (variance / f64::from(SAMPLES)).sqrt();
         assert!(
             (guided_mean - mean).abs() < tolerance,
@@ -539,7 +542,7 @@ mod tests {
 
     #[test]
     fn guided_rays_find_a_window_and_change_no_mean() {
-        // Light that bounced comes from all over the room.
+        // Bounced light comes from all over the room.
         for (bounces, most) in [(0, 0.4), (2, 0.6)] {
             let [variance, guided] = variances(&tracer(room(white_sky())), bounces);
             assert!(
@@ -583,7 +586,8 @@ mod tests {
                 .expect("threads");
             pool.install(|| Lighting::of_scene(&tracer, 1).guided(&tracer).guide)
         };
-        let (one, three) = (learnt(1), learnt(3));
+        let one = learnt(1);
+        let three = learnt(3);
         assert!(!one.cells.is_empty() && one == three);
     }
 
@@ -611,11 +615,11 @@ mod tests {
             !worth_the_look([cells(4, 4.0, 2.0), cells(6, 4.0, 0.0)].into_iter()),
             "8 of 40"
         );
-        // Most gain, but not those from which the noise comes.
+        // Most cells gain, but not those that are noisy.
         assert!(!worth_the_look(
             [cells(8, 4.0, 2.0), cells(2, 40.0, 0.0)].into_iter()
         ));
-        // Unless it comes from where light is so bright that it does not show.
+        // Noise is invisible where light is bright.
         assert!(worth_the_look(
             [cells(8, 4.0, 2.0), shown(0.01)(2, 40.0, 0.0)].into_iter()
         ));
@@ -634,11 +638,11 @@ mod tests {
         };
         assert!(
             lessons(0.9) < 9.1 * lessons(0.3) && lessons(0.3) > lessons(0.1),
-            "less than as the square of the light"
+            "grows less than the square of the light"
         );
         assert!(
             lessons(2.0) < lessons(0.9) && lessons(0.0) == 0.0,
-            "what is white is white"
+            "noise above white is hardly visible"
         );
     }
 

@@ -1,11 +1,11 @@
-//! Diffuse, view-independent light: sun, sky, emissive triangles and bounces, by path tracing; and
-//! what an eye sees of it, mirrored by glossy surfaces (`gloss`).
+//! Diffuse, view-independent light by path tracing: sun, sky, emissive triangles and bounces; and
+//! the view-dependent reflection of glossy surfaces (`gloss`).
 //!
-//! One estimator serves capture and truth alike. At a surface point it returns one sample of
+//! Capture and truth share one estimator. At a surface point it returns one sample of
 //! *radiosity per albedo* (irradiance / pi): the radiance that leaves the surface is that times its
-//! albedo, plus its emission. Next-event estimation for the sun, lamps, emissive triangles and
-//! pictures of the sky; these two (and the next bounce) also by one ray, cosine-weighted or guided;
-//! Russian roulette beyond three bounces.
+//! albedo, plus its emission. Next-event estimation samples the sun, lamps, emissive triangles and
+//! sky images; the last two (and the next bounce) are also sampled by one ray, cosine-weighted or
+//! guided, with multiple importance sampling. Russian roulette ends paths beyond three bounces.
 
 mod arrival;
 mod emitters;
@@ -34,45 +34,45 @@ use headbox_scene::scene::{Sky, Sun};
 use pilot::{Pilot, PilotPoint, percentile};
 use sharp::LocalLamp;
 
-/// Paths beyond this many bounces are ended at random (Russian roulette).
+/// Number of bounces after which Russian roulette starts.
 const ROULETTE_BOUNCES: u32 = 3;
 
-/// Light that reaches every open place from nowhere in particular: what a cosine-weighted ray sees
-/// that meets nothing within `reach_m`, fading in from nothing at zero distance. Stands in for the
-/// lamps that a model of a closed room lacks; zero unless [`Lighting::measure`] finds a scene
-/// mostly black without it.
+/// Ambient fill light, attenuated by obscurance: radiance along a cosine-weighted ray that hits
+/// nothing within `reach_m`, falling to zero at zero distance. Replaces the lamps that a model of a
+/// closed room lacks; zero unless [`Lighting::measure`] finds that a scene is mostly black without
+/// it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FillLight {
     /// Radiance, grey.
     pub radiance: f32,
-    /// Distance from which the fill counts in full, metres.
+    /// Distance from which the fill light is at its full radiance, metres.
     pub reach_m: f32,
 }
 
-/// Everything that lights a scene, and the exposure under which it is stored: a function of the
-/// scene and of where the tracer has its origin (not of how large the headbox is, or of what it
-/// shows), so that a capture and a truth frame agree.
+/// Light sources of a scene and the exposure under which it is stored. A function of the scene and
+/// of the tracer's origin only (not of the headbox's size or content), so that a capture and a
+/// truth frame agree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
-    /// The sun.
+    /// Sun.
     pub sun: Option<Sun>,
-    /// The sky.
+    /// Sky.
     pub sky: Option<Sky>,
-    /// Lamps without a surface, in the tracer's local frame.
+    /// Punctual lamps (without a surface), in the tracer's local frame.
     lamps: Vec<LocalLamp>,
     emitters: Emitters,
     guide: Guide,
     /// Fill light.
     pub fill: FillLight,
-    /// Diffuse bounces of a path beyond direct light.
+    /// Number of diffuse bounces of a path beyond direct light.
     pub bounces: u32,
-    /// Linear radiance times this is what `tone` is of.
+    /// Factor from linear radiance to the input of `tone`.
     pub exposure: f32,
-    /// What becomes of exposed radiance before it is stored.
+    /// Tone map from exposed radiance to stored levels.
     pub tone: ToneMap,
 }
 
-/// A point to be lit, in the tracer's local frame.
+/// Surface point at which light is estimated, in the tracer's local frame.
 #[derive(Clone, Copy, Debug)]
 pub struct LitPoint {
     /// Position, metres.
@@ -87,7 +87,8 @@ pub struct LitPoint {
 }
 
 impl LitPoint {
-    /// The point where `ray` met the scene, on the side that the ray came from.
+    /// Creates the point at a hit of `ray`, on the side that faces the ray's origin; also returns the
+    /// surface.
     pub fn from_hit(
         tracer: &Tracer,
         ray: &Ray,
@@ -101,7 +102,8 @@ impl LitPoint {
         };
         let position = ray.origin + ray.direction * hit.t;
         let extent = tracer.extent(hit.primitive);
-        let (normal, shading_normal) = (surface.normal * flip, surface.shading_normal * flip);
+        let normal = surface.normal * flip;
+        let shading_normal = surface.shading_normal * flip;
         (
             Self {
                 position,
@@ -113,10 +115,10 @@ impl LitPoint {
         )
     }
 
-    /// How the surface is turned, in 9 bits.
+    /// Quantises the normal to 9 bits, for hash keys.
     fn turned(&self) -> u64 {
-        // Rounded halves: twice a component of a unit vector, without the call into libm that
-        // `round` is on processors before SSE4.1.
+        // Rounds twice a component of a unit vector, without the libm call that `round` needs on
+        // processors before SSE4.1.
         let halves = |c: f32| {
             let size = i32::from(c.abs() >= 0.25) + i32::from(c.abs() >= 0.75);
             if c < 0.0 { -size } else { size }
@@ -128,8 +130,8 @@ impl LitPoint {
         x | y << 3 | z << 6
     }
 
-    /// Where rays from this point start: lifted off its surface by more than the rounding error of
-    /// the position.
+    /// Returns the origin of rays that leave this point: offset along the normal by more than the
+    /// rounding error of the position.
     fn lifted(&self) -> Vec3 {
         /// Rounding of a hit position is a few units in the last place (2^-24) of the triangle's
         /// largest coordinate and of the point's own; 2^-18 is a factor of 64 above that.
@@ -138,35 +140,36 @@ impl LitPoint {
     }
 }
 
-/// Names one light sample: its numbers depend on nothing else.
+/// Identifier of a light sample: its random numbers depend on nothing else.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample {
-    /// Stream: samples of one stream are spread evenly together.
+    /// Stream: the samples of one stream are stratified together.
     pub stream: u32,
-    /// Number of the sample in its stream: 2^k samples that follow each other from a multiple of
-    /// 2^k on are spread evenly.
+    /// Index of the sample in its stream: 2^k consecutive samples starting at a multiple of 2^k are
+    /// stratified.
     pub index: u32,
 }
 
-/// What one bounce of one sample may add, in exposed units (1 is white). Where a path ends close to
-/// a small lamp, the inverse square makes rare samples thousands of times too bright, which no
-/// affordable number of samples averages out. Capture and truth are cut alike. What rays find of
-/// the sky by chance is not cut (of a picture's bright spots it is a small share), nor is fill
-/// light.
+/// Maximum contribution of one bounce of one sample, in exposed units (1 is white). Where a path
+/// ends close to a small lamp, the inverse square makes rare samples thousands of times too bright,
+/// which no affordable number of samples averages out. Capture and truth are clamped alike. Sky
+/// light along rays is not clamped (bright spots of a sky image are a small part of it), nor is
+/// fill light.
 const BRIGHTEST_BOUNCE: f32 = 4.0;
 
-/// So many looks at most until the exposure is one under which no light was cut.
+/// Maximum number of metering iterations until the exposure is one under which no light was
+/// clamped.
 const MOST_METERINGS: u32 = 8;
 
-/// A light sample under way.
+/// State of a light path.
 struct Path {
-    /// The vertex at which it is.
+    /// Current vertex.
     point: LitPoint,
-    /// Albedos on the way.
+    /// Product of the albedos so far.
     throughput: Vec3,
-    /// How much its rays count that were drawn by a guide.
+    /// Product of the importance weights of guided rays.
     weight: f32,
-    /// What it found so far.
+    /// Light gathered so far.
     sum: Vec3,
 }
 
@@ -180,43 +183,44 @@ impl Path {
         }
     }
 
-    /// Adds light, each colour by so much at most.
+    /// Adds light at the current vertex; each channel of its contribution is at most `brightest`.
     fn add(&mut self, light: Vec3, brightest: f32) {
         self.sum += (self.throughput * light).min(Vec3::splat(brightest)) * self.weight;
     }
 }
 
-/// Decisions at each point of a path: sun, emitter, direction, survival.
+/// Number of random decisions at each vertex of a path: sun, emitter, direction, survival.
 const DECISIONS: u32 = 4;
 
-/// The decision for the direction of a path's first ray; those of later points follow.
+/// Dimension of the direction of a path's first ray.
 const FIRST_DIRECTION: u32 = 2;
 
-/// Dimension of a single number beside the pair of the same decision, and of the position in the
-/// pixel.
+/// Offset from the dimension of a decision's pair of numbers to that of its single number.
 const SINGLE: u32 = 1 << 30;
+
+/// Dimension of the position in the pixel.
 const JITTER: u32 = 1 << 31;
 
-/// 2^32 / g, / g^2, / g^3, / g^4 with g^5 = g + 1: steps of the R4 sequence; integer overflow is
-/// the wrap to [0, 1).
+/// Steps of the R4 sequence: 2^32 divided by g, g^2, g^3, g^4 with g^5 = g + 1. Integer overflow
+/// wraps to [0, 1).
 const R4_STEPS: [u32; 4] = [0xdb4f_0b91, 0xbbe0_5633, 0xa0f2_ec77, 0x89e1_8285];
 
-/// Position in the pixel, [0, 1) each way, of camera ray `index` through pixel (x, y): dimensions 1
-/// and 2 of the sequence whose dimensions 3 and 4 sample light.
+/// Returns the position in the pixel, [0, 1) along each axis, of camera ray `index` through pixel
+/// (x, y): dimensions 1 and 2 of the sequence whose dimensions 3 and 4 sample light.
 pub fn pixel_jitter(x: u32, y: u32, index: u32) -> [f32; 2] {
     let random = random4([x, y, 0x7247, 0]);
     [0, 1].map(|i| unit_float(random[i].wrapping_add(R4_STEPS[i].wrapping_mul(index))))
 }
 
 impl LightSample {
-    /// Two numbers in [0, 1) for decision `dimension` of the path, evenly spread over the samples
+    /// Returns two numbers in [0, 1) for decision `dimension` of the path, stratified over the samples
     /// of the stream ([`sequence`]) and independent of all other decisions.
     fn pair(&self, dimension: u32) -> [f32; 2] {
         let [order, first, second, _] = self.seeds(dimension);
         sequence::point(self.index, [order, first, second]).map(unit_float)
     }
 
-    /// One number in [0, 1), as [`Self::pair`] gives two, and independent of those.
+    /// Returns one number in [0, 1), stratified like [`Self::pair`] and independent of it.
     fn single(&self, dimension: u32) -> f32 {
         let [order, first, ..] = self.seeds(dimension + SINGLE);
         unit_float(sequence::first(self.index, [order, first]))
@@ -226,59 +230,60 @@ impl LightSample {
         random4([self.stream, dimension, 0x9e37_79b9, 0x7f4a_7c15])
     }
 
-    /// A position in the sample's pixel, [0, 1) each way, independent of all decisions of the path.
+    /// Returns a position in the sample's pixel, [0, 1) along each axis, independent of all decisions
+    /// of the path.
     pub fn jitter(&self) -> [f32; 2] {
         self.pair(JITTER)
     }
 }
 
 impl Lighting {
-    /// The lights of `scene` with `bounces` diffuse bounces, no fill and an exposure of 1.
+    /// Creates the lighting of the tracer's scene with `bounces` diffuse bounces, no fill light and an
+    /// exposure of 1.
     pub fn of_scene(tracer: &Tracer, bounces: u32) -> Self {
         let scene = tracer.scene();
-        let (emitters, lamps) = (Emitters::of(tracer), sharp::local_lamps(tracer));
-        let (sun, sky, fill) = (scene.sun, scene.sky.clone(), FillLight::default());
-        let (guide, exposure, tone) = (Guide::default(), 1.0, scene.tone);
         Self {
-            sun,
-            sky,
-            lamps,
-            emitters,
-            guide,
-            fill,
+            sun: scene.sun,
+            sky: scene.sky.clone(),
+            lamps: sharp::local_lamps(tracer),
+            emitters: Emitters::new(tracer),
+            guide: Guide::default(),
+            fill: FillLight::default(),
             bounces,
-            exposure,
-            tone,
+            exposure: 1.0,
+            tone: scene.tone,
         }
     }
 
-    /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen, sky included,
-    /// from seeded points in the headbox that the scene suggests (or
-    /// [`crate::viewpoint::suggest_headbox`] finds). The logarithmic mean of luminance is exposed
-    /// to a middle grey, as a photographer's meter does (Reinhard et al. 2002, "Photographic tone
-    /// reproduction", without the compression), unless the scene says otherwise
-    /// ([`headbox_core::exposure::Exposure`]). If more than a third of the surfaces seen get under
-    /// 1 % of the brightest tenth, a fill light of a tenth of it (or 1 in total darkness) is added.
+    /// Creates the lighting of the tracer's scene with exposure and fill light measured by pilot rays
+    /// (sky included) from seeded points in the scene's headbox, or else that of
+    /// [`crate::viewpoint::suggest_headbox`]. The logarithmic mean of luminance is exposed to middle
+    /// grey, like a photographer's meter (Reinhard et al. 2002, "Photographic tone reproduction",
+    /// without the compression), unless the scene specifies an exposure
+    /// ([`headbox_core::exposure::Exposure`]). If more than a third of the visible surfaces receive
+    /// less than 1 % of the 90th percentile, a fill light of a tenth of it (or 1 in total darkness) is
+    /// added.
     pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
         let mut lighting = Self::of_scene(tracer, bounces);
         let pilot = Pilot::new(tracer);
         let mut exposed = lighting.meter(tracer, &pilot);
-        // Light brighter than white many times over is cut ([`BRIGHTEST_BOUNCE`]) by an exposure
-        // that is not known yet: a scene lit by sunlight in lux is looked at again, exposed as was
-        // found.
+        // Very bright light is clamped ([`BRIGHTEST_BOUNCE`]) according to an exposure that is not
+        // known yet: a scene lit by sunlight in lux is metered again with the exposure just measured.
         for _ in 0..MOST_METERINGS {
             if exposed >= 0.5 * lighting.exposure {
                 break;
             }
-            (lighting.exposure, lighting.fill) = (exposed, FillLight::default());
+            lighting.exposure = exposed;
+            lighting.fill = FillLight::default();
             exposed = lighting.meter(tracer, &pilot);
         }
         lighting.exposure = tracer.scene().exposure.factor(exposed);
         lighting
     }
 
-    /// As [`Self::measure`], and [guided](Self::guided), if anything will be `lit`; else surfaces
-    /// are as bright as their textures (an exposure of 1, and the stops that the scene asks for).
+    /// Creates the lighting of a capture: [measured](Self::measure) and [guided](Self::guided) if
+    /// `lit`; otherwise surfaces are as bright as their textures (an exposure of 1, shifted by the
+    /// stops that the scene specifies).
     pub fn prepare(tracer: &Tracer, bounces: u32, lit: bool) -> Self {
         if lit {
             return Self::measure(tracer, bounces).guided(tracer);
@@ -289,7 +294,7 @@ impl Lighting {
         }
     }
 
-    /// The exposure that what a pilot sees asks for; adds fill light if it has to.
+    /// Measures the exposure from pilot points; adds fill light if they are mostly dark.
     fn meter(&mut self, tracer: &Tracer, pilot: &Pilot) -> f32 {
         /// 125 of 255 in sRGB.
         const MIDDLE_GREY: f32 = 0.21;
@@ -339,20 +344,20 @@ impl Lighting {
         pilot.par_iter().enumerate().map(light).collect()
     }
 
-    /// What is stored of linear radiance.
+    /// Converts linear radiance to stored levels.
     pub fn stored(&self, radiance: Vec3) -> [u8; 3] {
         self.tone.levels(radiance * self.exposure)
     }
 
-    /// What a ray sees that leaves the scene in the unit direction `direction`: linear radiance.
-    /// The sun's disk is not drawn: it would be a single saturated texel.
+    /// Returns the linear radiance along a ray that leaves the scene in the unit direction
+    /// `direction`. Excludes the sun's disk, which would be a single saturated texel.
     pub fn miss_radiance(&self, direction: Vec3) -> [f32; 3] {
         self.sky
             .as_ref()
             .map_or([0.0; 3], |sky| sky.seen(direction))
     }
 
-    /// One sample of irradiance / pi at `point`.
+    /// Returns one sample of irradiance / pi at `point`.
     pub fn radiosity_per_albedo(
         &self,
         tracer: &Tracer,
@@ -363,14 +368,15 @@ impl Lighting {
             .to_array()
     }
 
-    /// The rest of [`Self::radiosity_per_albedo`]: sky, emissive triangles, bounces.
+    /// Returns one sample of the part of [`Self::radiosity_per_albedo`] that comes from the sky, from
+    /// emissive triangles and from bounces.
     pub fn soft_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
         let mut path = Path::new(point);
         self.follow(tracer, &mut path, 0, sample);
         path.sum
     }
 
-    /// Follows a path from its vertex number `bounce` on.
+    /// Traces a path from its vertex `bounce` on.
     fn follow(&self, tracer: &Tracer, path: &mut Path, bounce: u32, sample: &LightSample) {
         for bounce in bounce..=self.bounces {
             if self.vertex(tracer, path, bounce, sample).is_none() {
@@ -379,9 +385,8 @@ impl Lighting {
         }
     }
 
-    /// Radiosity per albedo by points and directions drawn among the lights at vertex number
-    /// `bounce`: of the sky and of emissive triangles the share that rays in `directions` leave, if
-    /// there are any and they look for these.
+    /// Next-event estimation of radiosity per albedo at vertex `bounce`. Light from the sky and from
+    /// emissive triangles is weighted against rays in `directions`, if these sample it too.
     fn direct(
         &self,
         tracer: &Tracer,
@@ -403,7 +408,7 @@ impl Lighting {
         direct
     }
 
-    /// What a point shows of a bounce at most, each colour.
+    /// Returns the maximum contribution of a bounce, per channel.
     fn brightest(&self, bounce: u32) -> f32 {
         if bounce > 0 {
             BRIGHTEST_BOUNCE / self.exposure
@@ -412,14 +417,14 @@ impl Lighting {
         }
     }
 
-    /// Whether the ray from vertex number `bounce` looks for the sky alone. The last of a path that
-    /// has bounced does: points drawn on lamps are all that it sees of these.
+    /// Returns true if the ray from vertex `bounce` samples only the sky. This is so for the last ray
+    /// of a path that has bounced: its emitters are sampled by next-event estimation only.
     fn meets_nothing(&self, bounce: u32) -> bool {
         bounce > 0 && bounce == self.bounces && self.fill.radiance == 0.0
     }
 
-    /// Adds what a path finds at its vertex number `bounce`, and moves it on to where its ray meets
-    /// a surface. How long the way there was; `None` if the path ends.
+    /// Adds the light at the path's vertex `bounce` and moves the path to the next hit. Returns the
+    /// distance to it, metres; `None` if the path ends.
     fn vertex(
         &self,
         tracer: &Tracer,
@@ -427,7 +432,7 @@ impl Lighting {
         bounce: u32,
         sample: &LightSample,
     ) -> Option<f32> {
-        // A last ray that looks for the sky alone is not drawn where there is none.
+        // A last ray that samples only the sky is not traced in a scene without one.
         let goes_on = self.sky.is_some() || !self.meets_nothing(bounce);
         let directions = goes_on.then(|| self.directions(&path.point));
         let direct = self.direct(tracer, &path.point, sample, bounce, directions.as_ref());
@@ -435,7 +440,8 @@ impl Lighting {
         self.onward(tracer, path, bounce, sample, &directions?)
     }
 
-    /// The part of [`Self::vertex`] that comes along the ray by which the path goes on.
+    /// Traces the ray that continues the path, adds the light along it, and moves the path to its hit
+    /// (see [`Self::vertex`]).
     fn onward(
         &self,
         tracer: &Tracer,
@@ -445,7 +451,8 @@ impl Lighting {
         directions: &Directions<'_>,
     ) -> Option<f32> {
         let dimension = bounce * DECISIONS;
-        let (point, brightest) = (path.point, self.brightest(bounce));
+        let point = path.point;
+        let brightest = self.brightest(bounce);
         let (direction, weight) = directions.draw(sample.pair(dimension + FIRST_DIRECTION));
         path.weight *= weight;
         if direction.dot(point.normal) <= 0.0 {
@@ -458,7 +465,7 @@ impl Lighting {
             t_max: f32::INFINITY,
         };
         let hit = if self.meets_nothing(bounce) {
-            // Of what the last ray meets, nothing matters but whether it is there.
+            // The last ray is only an occlusion test.
             if tracer.occluded(&ray) {
                 return None;
             }
@@ -493,9 +500,9 @@ impl Lighting {
     }
 }
 
-/// By how many sRGB levels, as a share of all, a picture changes with its linear light where it is
-/// so bright, about: the slope of the sRGB curve. What is brighter than white is shown as white,
-/// and its noise hardly.
+/// Returns the approximate slope of the sRGB curve at a linear level: change of the encoded value
+/// (0..1) per change of linear light. Reduced above white, where the image saturates and noise is
+/// hardly visible.
 pub fn shown_slope(level: f32) -> f32 {
     0.44 * level.max(0.005).powf(-0.58) * if level > 1.0 { 0.25 } else { 1.0 }
 }

@@ -15,7 +15,7 @@ use headbox_images::{ImageSet, View, read_sparse_points};
 use headbox_ldi::from_images::{ImagesJob, NearImages};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_photos::view_geometry::{GeometrySettings, Texturing};
-use headbox_viewer::{PendingSource, Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
+use headbox_viewer::{Exit, FrameSource, PendingSource, ReplayMode, Stereo, ViewerOptions};
 use headbox_window::{
     Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks,
     show_photographs,

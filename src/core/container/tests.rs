@@ -43,7 +43,7 @@ fn sections_come_back() {
 }
 
 #[test]
-fn every_flipped_bit_and_every_truncation_is_found() {
+fn flipped_bits_and_truncations_are_detected() {
     let dir = tempfile::tempdir().unwrap();
     let path = write(dir.path());
     let good = std::fs::read(&path).unwrap();
@@ -108,7 +108,7 @@ fn errors_name_the_file_and_the_expectation() {
 }
 
 #[test]
-fn a_section_that_fails_to_be_made_leaves_no_file() {
+fn failing_section_leaves_no_file() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = ContainerWriter::new(KIND);
     writer.section("broken", || Err(io::Error::other("out of ideas")));

@@ -163,7 +163,7 @@ mod tests {
     const WEIGHT_LEVELS: u8 = 2;
 
     #[test]
-    fn sixteen_samples_are_those_of_one_by_one_at_every_level() {
+    fn lanes_equal_scalar_samples_at_every_level() {
         let patchy = by_direction(16, |d| {
             let c = |v: f64| (127.5 + 127.0 * v).round() as u8;
             [

@@ -234,7 +234,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_smooth_environment_is_smooth_across_edges() {
+    fn smooth_environment_is_smooth_across_edges() {
         let ramp = |d: DVec3| {
             let c = |v: f64| (127.5 + 127.0 * v).round() as u8;
             [c(d.x), c(d.y), c(d.z), 255]

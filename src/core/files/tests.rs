@@ -15,7 +15,7 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+fn failed_write_keeps_old_file() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("frame.png");
     put(&path, "old").unwrap();
@@ -35,7 +35,7 @@ fn a_failed_write_leaves_the_old_file_and_nothing_else() {
 }
 
 #[test]
-fn missing_folders_are_made_when_there_is_something_to_put_in_them() {
+fn folders_are_created_on_first_write() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a/b/frame.png");
     check(&path).unwrap();
@@ -96,7 +96,7 @@ fn inputs_are_refused_by_whatever_name() {
 /// Inodes are used again: what was an input once protects no other file that comes to have its
 /// identity.
 #[test]
-fn an_input_that_is_gone_protects_nothing() {
+fn deleted_input_protects_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let (gone, kept) = (dir.path().join("gone.obj"), dir.path().join("kept.obj"));
     write(&gone, "x").unwrap();
@@ -119,7 +119,7 @@ mod unix {
     }
 
     #[test]
-    fn permissions_are_kept_and_read_only_files_refused() {
+    fn permissions_kept_read_only_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.png");
         put(&path, "old").unwrap();
@@ -166,7 +166,7 @@ mod unix {
     }
 
     #[test]
-    fn a_fifo_stays_and_is_streamed_to() {
+    fn fifo_is_streamed_to() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("pipe");
         assert!(
@@ -189,7 +189,7 @@ mod unix {
 
     /// A character device of our own with the numbers of the null device; only root can make one.
     #[test]
-    fn a_device_stays_and_is_streamed_to() {
+    fn device_is_streamed_to() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("null");
         let made = Command::new("mknod")
@@ -213,7 +213,7 @@ mod unix {
     }
 
     #[test]
-    fn a_socket_is_refused() {
+    fn socket_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("socket");
         let _socket = std::os::unix::net::UnixListener::bind(&path).unwrap();

@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn twenty_bits_are_the_depth_and_eleven_the_index() {
+    fn geometry_word_is_depth_and_index() {
         let found = |geometry: u32| {
             (
                 pixel(geometry).inverse_depth_code(),
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_run_evenly_from_the_least_inverse_depth_to_the_largest() {
+    fn depth_codes_are_linear_over_range() {
         let segment = segment();
         for (share, exact) in [(0.0, 0.25), (0.25, 0.6875), (0.5, 1.125), (1.0, 2.0)] {
             let code = (share * f64::from(INVERSE_DEPTH_CODE_MAX)) as u32;
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_have_their_own_samples_and_none_lies_outside() {
+    fn pixels_decode_to_their_own_samples() {
         let segment = segment();
         let codes = |x: u32, y: u32| -> Vec<u32> {
             segment
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn faces_get_their_own_samples_back_and_bytes_are_counted_once() {
+    fn faces_unpack_and_bytes_counted_once() {
         let (face_px, mut faces) = (4, Vec::new());
         for (face, samples) in Face::ALL.into_iter().zip([1, 0, 2, 0, 0, 3]) {
             let mut ldi = LayeredDepthImage::empty(face, face_px);

@@ -85,7 +85,7 @@ mod tests {
     use crate::pack::mips::{LEVELS, halvings, side};
 
     #[test]
-    fn smaller_pictures_have_the_same_corners_and_ramps() {
+    fn mips_keep_corners_and_ramps() {
         let tile = PlaneTile {
             plane: 0,
             first_texel: 0,
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn what_half_as_many_texels_cannot_show_is_gone() {
+    fn mips_remove_high_frequencies() {
         let tile = PlaneTile {
             plane: 0,
             first_texel: 0,

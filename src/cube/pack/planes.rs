@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_plane_is_the_same_on_every_face() {
+    fn plane_is_same_on_every_face() {
         let n = DVec3::new(0.3, -0.7, 0.21);
         let plane = Plane {
             normal_per_distance: n.as_vec3(),

@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_is_coded_alike_whatever_came_before_it() {
+    fn coding_is_independent_of_predecessors() {
         let range = DepthCodeRange {
             nearest_m: 1.0,
             farthest_m: 100.0,
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn what_faces_the_centre_edge_on_still_does_when_it_is_coded() {
+    fn edge_on_normal_stays_edge_on() {
         let range = DepthCodeRange {
             nearest_m: 1.0,
             farthest_m: 100.0,
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_that_rounds_to_a_whole_one_stays_in_its_ring() {
+    fn full_turn_stays_in_ring() {
         let range = DepthCodeRange {
             nearest_m: 1.0,
             farthest_m: 100.0,

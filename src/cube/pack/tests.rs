@@ -79,7 +79,7 @@ const HALF_CODE: f64 = 0.5 * 1.8 / ((1 << 20) - 1) as f64 + 2e-7;
 const NORMAL_DEG: [f32; 2] = [2.9 + 3.6, 30.0];
 
 #[test]
-fn unpacked_cubes_hold_the_samples_that_were_packed() {
+fn packing_round_trips_samples() {
     let ldi = scattered();
     for (layout, normal_deg) in LAYOUTS.into_iter().zip(NORMAL_DEG) {
         for (split, segments) in [(Split::None, 6), (Split::AtDepth(1.25), 12)] {
@@ -128,7 +128,7 @@ fn unpacked_cubes_hold_the_samples_that_were_packed() {
 }
 
 #[test]
-fn samples_that_are_not_packed_are_those_of_their_places() {
+fn exact_samples_keep_positions() {
     for layout in LAYOUTS {
         let ldi = scattered();
         let exact = ExactCube::pack(&ldi, layout, Split::AtDepth(1.25)).expect("packs");
@@ -155,7 +155,7 @@ fn samples_that_are_not_packed_are_those_of_their_places() {
 }
 
 #[test]
-fn blocks_know_the_least_and_the_largest_code_of_what_they_hold() {
+fn blocks_bound_their_depth_codes() {
     // Across two borders of blocks in each direction; every third pixel holds a sample, every ninth
     // two.
     let ([x0, y0], [width, height]) = ([70, 23], [130, 36]);
@@ -274,7 +274,7 @@ fn the_automatic_cut_is_the_cheapest_of_all() {
 }
 
 #[test]
-fn a_cut_that_saves_little_is_not_made() {
+fn split_that_saves_little_is_omitted() {
     let flat = ldi(20, |face, x, _| match face {
         Face::PosX => vec![sample(&mut Rng::keyed(1), face, 0.5 + 0.01 * f64::from(x))],
         _ => Vec::new(),
@@ -366,7 +366,7 @@ fn files_give_back_what_was_written() {
 }
 
 #[test]
-fn texels_are_colours_times_alpha_rounded_to_the_nearest() {
+fn texels_are_premultiplied_and_rounded() {
     for alpha in 0..=255 {
         for c in 0..=255 {
             let exact = (f64::from(c) * f64::from(alpha) / 255.0).round() as u8;
@@ -519,7 +519,7 @@ fn bytes_are_those_of_all_arrays() {
 }
 
 #[test]
-fn cuts_are_at_depths_and_what_lies_on_them_is_near() {
+fn split_plane_samples_are_near() {
     let ldi = ldi(4, |face, _, _| {
         [0.5, 0.8, 1.0]
             .map(|q| sample(&mut Rng::keyed(1), face, q))
@@ -542,7 +542,7 @@ fn cuts_are_at_depths_and_what_lies_on_them_is_near() {
 
 /// Few pixels, so that half a pixel is an angle of seven degrees.
 #[test]
-fn what_its_pixels_ray_sees_from_the_front_still_faces_it() {
+fn front_facing_normal_stays_front_facing() {
     let (mut random, mut grazing) = (Rng::keyed(2), 0);
     let mut ldi = ldi(8, |face, _, _| vec![sample(&mut Rng::keyed(1), face, 0.5)]);
     for face in &mut ldi.faces {

@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn no_eye_sees_a_point_farther_off_than_the_bound() {
+    fn no_eye_exceeds_error_bound() {
         const ERROR_PX: f64 = 0.5;
         let (half_size_m, face_px) = (0.5, 1024);
         let bound = Bound::new(ERROR_PX, half_size_m, face_px);

@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_is_kept_if_it_is_neither_larger_nor_slower() {
+    fn texture_kept_if_smaller_and_faster() {
         // 64x64 texels have the bytes of 1,930 samples, and count as long as 1,936.
         assert_eq!(saved(1935, 64, 64), None);
         assert!(saved(1936, 64, 64).is_some_and(|saved| saved > 0.0));

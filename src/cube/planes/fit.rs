@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn affine_depths_are_found_and_lines_are_not_planes() {
+    fn fit_finds_affine_depth_not_lines() {
         let q = |x: f64, y: f64| 0.4 + 0.002 * x - 0.013 * y;
         let mut fit = Fit::new([900.5, 30.5]);
         for (x, y) in [

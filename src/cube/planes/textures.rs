@@ -366,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn ramps_and_borders_stay_and_steps_grow_within_bytes() {
+    fn sharpening_keeps_ramps_and_borders() {
         let ramp = [110, 90, 80, 120].map(|level| Some(grey(level)));
         assert_eq!(sharpened(grey(100), ramp), grey(100));
         assert_eq!(sharpened(grey(100), [None; 4]), grey(100));

@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_capture_is_no_page() {
+    fn empty_capture_is_refused() {
         let cube = PackedCube {
             info: Default::default(),
             face_size_px: 8,

@@ -246,7 +246,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_hit_counts_with_the_depth_of_its_plane_in_the_middle_of_its_pixel() {
+    fn hit_depth_is_plane_at_pixel_centre() {
         let (normal, point) = (Vec3::new(0.6, 0.64, 0.48), Vec3::new(0.7, -1.1, 3.0));
         let (face, [right, up, depth]) = Face::locate(point);
         let pixel = texel(face, right / depth, up / depth, 8);

@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_between_its_neighbours_comes_back_and_nothing_else() {
+    fn repair_fills_gaps_between_neighbours_only() {
         let house = House::new(headbox_scenes::house(0, 5_000)).expect("a built-in scene");
         let (mut removed, mut restored, mut beside) = (0, 0, 0);
         for centre in (0..4).filter_map(|cell| house.middle_of(cell)) {

@@ -180,7 +180,13 @@ mod tests {
         let at_most = PromiseCondition::Within([f64::NEG_INFINITY, 0.1]);
         assert!(at_most.hold(&[0.0, 0.1]) && !at_most.hold(&[0.0, 0.11]) && !at_most.hold(&[]));
         assert!(!at_most.hold(&[f64::NAN]));
-        assert!(PromiseCondition::Alike(3.0).hold(&[1.0, 2.9]) && !PromiseCondition::Alike(3.0).hold(&[1.0, 3.1, 2.0]));
-        assert!(!PromiseCondition::Alike(3.0).hold(&[]) && !PromiseCondition::Alike(3.0).hold(&[f64::NAN]));
+        assert!(
+            PromiseCondition::Alike(3.0).hold(&[1.0, 2.9])
+                && !PromiseCondition::Alike(3.0).hold(&[1.0, 3.1, 2.0])
+        );
+        assert!(
+            !PromiseCondition::Alike(3.0).hold(&[])
+                && !PromiseCondition::Alike(3.0).hold(&[f64::NAN])
+        );
     }
 }

@@ -454,7 +454,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_known_window_depth_is_a_known_depth() {
+    fn window_depth_converts_to_eye_depth() {
         let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [1, 1]).expect("valid");
         // near 1, far 3: Z = 1.5 has z = (1 - 2/3) / (2/3) = 0.5.
         let sprite =

@@ -394,7 +394,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_foreign_colour_would_be_found() {
+    fn foreign_colour_is_detected() {
         let cube = pack(&ldi_of(8, &[Face::NegZ], |face, x, _| {
             vec![sample(face, 1.0, if x < 4.0 { WALL } else { [1, 2, 3] })]
         }))

@@ -250,7 +250,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mixtures_of_neighbours_are_right_and_other_colours_and_holes_are_wrong() {
+    fn neighbour_mixtures_are_no_exposure_errors() {
         let mut truth = Frame::default();
         truth.reset(8, 3, [20, 20, 20]);
         truth
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_thinner_than_a_pixel_is_there() {
+    fn thin_surface_counts_as_present() {
         let mut truth = Frame::default();
         truth.reset(8 * SMALLER, 4 * SMALLER, [20, 20, 20]);
         let width = truth.width as usize;

@@ -46,7 +46,10 @@ const MOST_ASKED: usize = 1024;
 ///
 /// # Errors
 /// [`FromImagesError`] that names the camera that is in no grid, or the places without a camera.
-pub(super) fn find_grid(stands: &[CameraPose], frame: &FileFrame) -> Result<FoundGrid, FromImagesError> {
+pub(super) fn find_grid(
+    stands: &[CameraPose],
+    frame: &FileFrame,
+) -> Result<FoundGrid, FromImagesError> {
     let count = stands.len() as f64;
     let middle = stands.iter().map(|stand| stand.pose.eye).sum::<DVec3>() / count;
     let neighbours = neighbours(stands, middle)?;

@@ -183,7 +183,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_disparity_lies_in_its_layer_and_layers_follow_each_other(
+        fn disparities_lie_in_consecutive_layers(
             disparities in proptest::collection::vec(0.01f32..5.0, 1..60), count in 1usize..20,
         ) {
             for placement in [Placement::Uniform, Placement::Histogram] {
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_one_depth_and_what_lies_between_layers() {
+    fn layers_of_empty_and_constant_depth() {
         assert!(place(&[], 4, Placement::Histogram).is_empty());
         assert!(place(&[0.0, f32::NAN, -1.0], 4, Placement::Uniform).is_empty());
         for placement in [Placement::Uniform, Placement::Histogram] {

@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_smooth_and_the_nearest_slab_has_most() {
+    fn slab_shares_are_smooth() {
         let (_, slabs) = three(16);
         let of = |shares: &[SlabShare], slab: usize| {
             shares
@@ -276,7 +276,7 @@ mod tests {
     const FADE: f64 = 2.5;
 
     #[test]
-    fn no_frame_jumps_where_one_slab_hands_over_to_the_next() {
+    fn slab_hand_over_is_smooth() {
         let (_, slabs) = three(96);
         // Merged layers move textures by up to a pixel as they change, which a frame of 72 pixels
         // shows more than what is looked for.
@@ -341,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_two_slabs_are_those_of_rays_one_by_one_and_show_the_scene() {
+    fn two_slab_frames_match_oracle() {
         let (bed, slabs) = three(128);
         for degrees in [0.0, 13.0, 15.0, 17.5] {
             let camera = camera(degrees, 64);
@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_slab_does_not_know_the_other_shows() {
+    fn slabs_fill_each_others_holes() {
         let (_, mut slabs) = three(64);
         let camera = camera(15.0, 48);
         // Of the third slab nothing is known.
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn files_keep_all_slabs_and_one_slab_is_written_as_ever() {
+    fn slab_files_round_trip() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("a.lumi");
         let (_, slabs) = three(24);

@@ -220,7 +220,11 @@ fn doubled(own: &[LayerSquare], from: &Scale, to: &Scale) -> Vec<LayerSquare> {
         let cut = columns.len() < 2 || rows.len() < 2;
         let parts = rows.flat_map(|y| columns.clone().map(move |x| own[y * from.columns + x]));
         *square = parts.fold(
-            if cut { LayerSquare::BESIDE } else { LayerSquare::EMPTY },
+            if cut {
+                LayerSquare::BESIDE
+            } else {
+                LayerSquare::EMPTY
+            },
             LayerSquare::with,
         );
     }
@@ -228,7 +232,10 @@ fn doubled(own: &[LayerSquare], from: &Scale, to: &Scale) -> Vec<LayerSquare> {
 }
 
 /// Each square with the next ones to the right, below, and right below.
-fn with_next<'a>(own: &'a [LayerSquare], scale: &'a Scale) -> impl Iterator<Item = LayerSquare> + 'a {
+fn with_next<'a>(
+    own: &'a [LayerSquare],
+    scale: &'a Scale,
+) -> impl Iterator<Item = LayerSquare> + 'a {
     own.iter().enumerate().map(|(at, square)| {
         let (x, y) = (at % scale.columns, at / scale.columns);
         let of = |x: usize, y: usize| {
@@ -389,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn a_layer_is_near_where_it_shows_and_nowhere_else() {
+    fn layer_cells_match_visibility() {
         let grid = any_grid();
         let [width, height] = grid.size_px().map(|side| side as usize);
         let mut pictures = vec![

@@ -59,7 +59,12 @@ pub(super) enum Pass<'a> {
 
 /// Draws a block on rows of the frame, of which the first is the block's: straight colours, with
 /// alpha 255 where anything is, else 0 or [`HIDDEN`]. Returns whether any pixel is hidden.
-pub(super) fn draw(block: &FrameBlock, pass: Pass, colors: &mut [[u8; 4]], level: SimdLevel) -> bool {
+pub(super) fn draw(
+    block: &FrameBlock,
+    pass: Pass,
+    colors: &mut [[u8; 4]],
+    level: SimdLevel,
+) -> bool {
     dispatch!(level, simd => draw_block(simd, block, pass, colors))
 }
 
@@ -308,7 +313,13 @@ fn leads_away<S: Simd>(block: &FrameBlock, slopes: [f32x16<S>; 2], shift: [i32; 
 /// Adds what the rays meet in the block's layers, from near to far, until nothing is left to see
 /// behind.
 #[inline(always)]
-fn draw_layers<S: Simd>(simd: S, block: &FrameBlock, loose: bool, rays: &Rays<S>, found: &mut TileResults<S>) {
+fn draw_layers<S: Simd>(
+    simd: S,
+    block: &FrameBlock,
+    loose: bool,
+    rays: &Rays<S>,
+    found: &mut TileResults<S>,
+) {
     'layers: for batch in block.batches {
         let near = match &rays.bundle {
             Some(bundle) if block.plan.skip => {

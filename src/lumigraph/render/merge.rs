@@ -158,7 +158,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn greedy_is_the_fewest_and_every_layer_is_in_one(layers in any_layers(), bound in any_bound()) {
+        fn greedy_merge_is_minimal_partition(layers in any_layers(), bound in any_bound()) {
             let merged = merge(&layers, &bound);
             prop_assert_eq!(&merged, &step_by_step(&layers, &bound));
             prop_assert_eq!(merged.len(), fewest(&layers, &bound));
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_scenes_merge_to_the_layers_that_were_derived() {
+    fn paper_scenes_merge_to_derived_layers() {
         // UV plane, ST plane, F, depths; merged layers at 0, 1, 2, 4 and 8 focal lengths behind 4x4
         // images.
         let scenes = [
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn one_layer_none_and_a_bound_that_allows_nothing() {
+    fn merge_of_none_one_and_strict_bound() {
         let bound = |tolerance, behind| ErrorBound {
             focal: 1.0,
             spacing: 1.0,
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_like_the_last_asks_little() {
+    fn similar_frame_needs_few_tests() {
         let layers = uniform([0.1, 1.0], 4096);
         let mut merger = Merger::default();
         let bound = |behind| ErrorBound {

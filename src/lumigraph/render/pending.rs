@@ -2,7 +2,7 @@
 
 use super::plan::Paint;
 use super::pyramid::{Level, Pyramid};
-use super::rays::{TexelPositions, Rays};
+use super::rays::{Rays, TexelPositions};
 use super::show::Show;
 use super::taps::{LANES, add_taps, nearest};
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*, u32x16};

@@ -112,7 +112,7 @@ mod tests {
     pub(crate) use crate::view_geometry::tests::{plane_view, saved, set_of};
 
     #[test]
-    fn poses_are_refined_once_as_long_as_the_files_are_the_same() {
+    fn poses_cached_until_files_change() {
         let (pictures, cache) = (
             tempfile::tempdir().expect("a folder"),
             tempfile::tempdir().expect("a folder"),
@@ -136,7 +136,8 @@ mod tests {
         };
         let (report, first, refined) = refine(&views);
         assert!(
-            report.as_ref().is_some_and(|report| report.is_applied) && first == CacheOrigin::default(),
+            report.as_ref().is_some_and(|report| report.is_applied)
+                && first == CacheOrigin::default(),
             "{report:?} {first:?}"
         );
         assert!(

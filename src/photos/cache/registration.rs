@@ -170,31 +170,31 @@ fn registration(numbers: &[f64; NUMBERS]) -> Option<Registration> {
 fn report_numbers(report: &RegistrationReport) -> [f64; REPORT] {
     let RegistrationReport {
         levels: [given, shared, per_view],
-                applied,
-                focal_px: [given_focal, estimated_focal],
-                offset: [angle, distance],
-                gain,
-                sampled_views,
-                views,
-            } = *report;
-            let applied = match applied {
+        applied,
+        focal_px: [given_focal, estimated_focal],
+        offset: [angle, distance],
+        gain,
+        sampled_views,
+        views,
+    } = *report;
+    let applied = match applied {
         RegistrationModel::AsGiven => 0.0,
         RegistrationModel::SharedOffset => 1.0,
         RegistrationModel::PerView => 2.0,
     };
     let [low, high] = gain.map(f64::from);
-        [
-            given,
-            shared,
-            per_view,
-            applied,
-            given_focal,
-            estimated_focal,
-            angle,
-            distance,
-            low,
-            high,
-            sampled_views as f64,
+    [
+        given,
+        shared,
+        per_view,
+        applied,
+        given_focal,
+        estimated_focal,
+        angle,
+        distance,
+        low,
+        high,
+        sampled_views as f64,
         views as f64,
     ]
 }
@@ -202,16 +202,16 @@ fn report_numbers(report: &RegistrationReport) -> [f64; REPORT] {
 fn report_of(numbers: [f64; REPORT]) -> Option<RegistrationReport> {
     let [
         given,
-                shared,
-                per_view,
-                applied,
-                given_focal,
-                estimated_focal,
-                angle,
-                distance,
-                low,
-                high,
-                sampled_views,
+        shared,
+        per_view,
+        applied,
+        given_focal,
+        estimated_focal,
+        angle,
+        distance,
+        low,
+        high,
+        sampled_views,
         views,
     ] = numbers;
     let applied = match applied {
@@ -222,11 +222,11 @@ fn report_of(numbers: [f64; REPORT]) -> Option<RegistrationReport> {
     };
     Some(RegistrationReport {
         levels: [given, shared, per_view],
-                applied,
-                focal_px: [given_focal, estimated_focal],
-                offset: [angle, distance],
-                gain: [low, high].map(|gain| gain as f32),
-                sampled_views: sampled_views as usize,
+        applied,
+        focal_px: [given_focal, estimated_focal],
+        offset: [angle, distance],
+        gain: [low, high].map(|gain| gain as f32),
+        sampled_views: sampled_views as usize,
         views: views as usize,
     })
 }
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_found_comes_back_to_the_last_bit_and_damage_is_told() {
+    fn registration_cache_round_trips() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("file");
         let report = RegistrationReport {
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_set_is_registered_once_as_long_as_its_files_are_the_same() {
+    fn registration_cached_until_files_change() {
         let (pictures, cache) = (
             tempfile::tempdir().expect("a folder"),
             tempfile::tempdir().expect("a folder"),
@@ -309,7 +309,10 @@ mod tests {
             (report, was, set.views)
         };
         let (report, first, registered) = register(&views);
-        assert!(report.is_some() && first == CacheOrigin::default(), "{first:?}");
+        assert!(
+            report.is_some() && first == CacheOrigin::default(),
+            "{first:?}"
+        );
         assert!(registered.iter().all(|view| view.registration.is_some()));
         let (again, second, same) = register(&views);
         assert!(

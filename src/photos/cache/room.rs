@@ -78,7 +78,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn what_was_used_longest_ago_makes_room_unless_it_is_in_use() {
+    fn least_recently_used_removed_unless_in_use() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = |number: u64| folder.path().join(format!("{number:032x}.samples"));
         for number in 0..5 {

@@ -67,7 +67,7 @@ impl RegionError {
 }
 
 #[test]
-fn a_view_that_was_taken_away_comes_back_nearer_than_in_the_paper() {
+fn held_out_view_beats_paper() {
     let [truth, views @ ..] = traced([0.0, -0.6, -0.3, 0.3, 0.6]);
     let views: [LoadedView; 4] = views;
     let (_folder, geometry) = opened(

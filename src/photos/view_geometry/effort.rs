@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_in_time_shows_the_least_and_comes_back() {
+    fn slow_frames_reduce_effort_and_recover() {
         let full = GeometrySettings {
             cameras: 10,
             grid_px: 4.0,

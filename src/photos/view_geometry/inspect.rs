@@ -145,12 +145,12 @@ impl GeometryRenderer {
 #[cfg(test)]
 mod tests {
     pub(crate) use super::super::tests::{frame_at, opened, plane_view, view_of};
-    use super::super::{GeometrySettings, WaitPolicy, SampleGrid, Texturing};
+    use super::super::{GeometrySettings, SampleGrid, Texturing, WaitPolicy};
     use super::*;
     use glam::DVec3;
 
     #[test]
-    fn what_is_shown_is_what_was_drawn() {
+    fn inspection_matches_frame() {
         let eyes = [-0.4, 0.0, 0.4].map(|x| DVec3::new(x, 0.0, 0.0));
         let views = eyes.map(|eye| plane_view(eye, 3.0, [96, 72]));
         let (_folder, mut geometry) = opened(&views, &SampleGrid::default());
@@ -173,8 +173,9 @@ mod tests {
             shown.iter().map(Option::is_some).eq(covered),
             "the same pixels"
         );
-        let count =
-            |of: &dyn Fn(&PixelTriangle) -> bool| shown.iter().flatten().filter(|shown| of(shown)).count();
+        let count = |of: &dyn Fn(&PixelTriangle) -> bool| {
+            shown.iter().flatten().filter(|shown| of(shown)).count()
+        };
         assert_eq!(count(&|shown| shown.camera == 1), 0, "it was left out");
         assert!(
             [0, 2]
@@ -204,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_counted_by_the_cameras_that_see_them() {
+    fn visibility_counts_match_cameras() {
         let views = [-0.4, 0.4].map(|x| plane_view(DVec3::new(x, 0.0, 0.0), 3.0, [96, 72]));
         let (_folder, geometry) = opened(&views, &SampleGrid::default());
         let frame = frame_at(DVec3::ZERO, [101, 71]);

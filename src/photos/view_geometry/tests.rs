@@ -93,7 +93,7 @@ fn off_the_pattern(frame: &Frame, camera: &Camera, plane_z: f64) -> (u8, u64) {
 }
 
 #[test]
-fn a_plane_is_shown_as_it_is_from_between_its_cameras() {
+fn plane_is_exact_between_cameras() {
     let eyes = [
         DVec3::ZERO,
         DVec3::new(0.4, 0.1, 0.1),
@@ -257,7 +257,7 @@ fn square_before_wall(eye: DVec3) -> LoadedView {
 }
 
 #[test]
-fn no_skin_spans_a_depth_edge_and_the_rim_is_where_it_is() {
+fn no_skin_spans_depth_edge() {
     let eyes = [-0.3, 0.0, 0.3].map(|x| DVec3::new(x, 0.0, 0.0));
     let (_folder, geometry) = opened(&eyes.map(square_before_wall), &DEFAULT);
     let camera = frame_at(DVec3::new(0.12, 0.04, 0.0), LARGE);
@@ -289,7 +289,7 @@ fn no_skin_spans_a_depth_edge_and_the_rim_is_where_it_is() {
 }
 
 #[test]
-fn the_same_bytes_on_any_number_of_threads_at_every_level() {
+fn same_bytes_on_any_threads_and_level() {
     let eyes = [-0.3, 0.0, 0.3].map(|x| DVec3::new(x, 0.0, 0.0));
     let mut views = eyes.map(square_before_wall);
     // Masked out in one of them, so that some texels have no neighbours.
@@ -418,7 +418,7 @@ fn hard_sets_give_a_frame() {
 }
 
 #[test]
-fn sets_that_hold_nothing_to_draw_from_are_refused_in_a_sentence() {
+fn sets_without_depth_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut view = saved(&plane_view(DVec3::ZERO, 3.0, SIZE), folder.path(), "a");
     view.depth = None;
@@ -445,7 +445,7 @@ fn sets_that_hold_nothing_to_draw_from_are_refused_in_a_sentence() {
 }
 
 #[test]
-fn what_vanishes_from_disk_is_replaced_by_the_next_best_camera() {
+fn vanished_camera_is_replaced_by_next_best() {
     let folder = tempfile::tempdir().expect("a folder");
     let eyes = [0.0, 0.1, 0.2].map(|x| DVec3::new(x, 0.0, 0.0));
     let views: Vec<View> = eyes
@@ -489,7 +489,7 @@ fn what_vanishes_from_disk_is_replaced_by_the_next_best_camera() {
 }
 
 #[test]
-fn a_walk_past_many_cameras_stays_within_its_budget_and_never_waits() {
+fn walk_stays_within_budget_without_waiting() {
     let folder = tempfile::tempdir().expect("a folder");
     let eyes: Vec<DVec3> = (0..120u32)
         .map(|i| DVec3::X * (0.1 * f64::from(i)))
@@ -570,7 +570,7 @@ fn left_out_cameras_take_no_part() {
 }
 
 #[test]
-fn coarser_settings_are_faster_and_still_show_the_scene() {
+fn coarser_settings_still_show_scene() {
     let (_folder, geometry) = opened(
         &[DVec3::ZERO, DVec3::X * 0.2].map(|eye| plane_view(eye, 3.0, SIZE)),
         &DEFAULT,

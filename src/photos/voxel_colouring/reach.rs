@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_left_out_is_in_no_picture() {
+    fn skipped_pixels_are_in_no_photograph() {
         let (side, size) = (23, [40.0, 30.0]);
         let inside = |h: Vec3| {
             h.z > 0.0 && h.x >= 0.0 && h.y >= 0.0 && h.x < size[0] * h.z && h.y < size[1] * h.z

@@ -138,13 +138,19 @@ impl SweptFace {
                 runs.step(evidence, first, row, side, (1.0 / depth) as f32, pass)
             }
         };
-        let kept: Vec<Vec<KeptCandidates>> = self.runs.par_iter_mut().enumerate().map(step).collect();
+        let kept: Vec<Vec<KeptCandidates>> =
+            self.runs.par_iter_mut().enumerate().map(step).collect();
         kept.into_iter().for_each(|row| self.kept.extend(row));
     }
 }
 
 /// A face of what was kept.
-fn layers(face: Face, face_px: u32, mut kept: Vec<KeptCandidates>, similar: f32) -> LayeredDepthImage {
+fn layers(
+    face: Face,
+    face_px: u32,
+    mut kept: Vec<KeptCandidates>,
+    similar: f32,
+) -> LayeredDepthImage {
     // By pixel, the farthest first.
     kept.sort_by(|a, b| {
         a.pixel

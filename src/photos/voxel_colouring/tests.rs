@@ -299,7 +299,7 @@ fn the_sweep_is_what_its_definition_says() {
 }
 
 #[test]
-fn a_ball_is_found_where_it_is() {
+fn ball_is_reconstructed() {
     let (job, views) = (job(140), photographs());
     let faces = colored(&job, &views);
     let face = &faces[Face::NegZ.index()];
@@ -353,7 +353,7 @@ fn threads_do_not_matter() {
 }
 
 #[test]
-fn what_shows_nothing_gives_an_empty_cube() {
+fn blank_photographs_give_empty_cube() {
     let black = LoadedView {
         color: vec![[0, 0, 0, 255]; (SIZE[0] * SIZE[1]) as usize],
         ..photograph(0.0)
@@ -384,15 +384,15 @@ fn what_shows_nothing_gives_an_empty_cube() {
 }
 
 #[test]
-fn photographs_for_which_there_is_no_room_are_told() {
+fn omitted_photographs_are_reported() {
     let view = |i: u32, size_px| {
-            let pose = Pose {
-                eye: DVec3::X * f64::from(i),
-                world_from_eye: DMat3::IDENTITY,
-            };
-            let lens = photograph(0.0).lens;
-            View::new(i.to_string(), size_px, lens, pose, "none.png".into(), None)
+        let pose = Pose {
+            eye: DVec3::X * f64::from(i),
+            world_from_eye: DMat3::IDENTITY,
         };
+        let lens = photograph(0.0).lens;
+        View::new(i.to_string(), size_px, lens, pose, "none.png".into(), None)
+    };
     let told = |count: u32, size_px: [u32; 2]| {
         let views: Vec<View> = (0..count).map(|i| view(i, size_px)).collect();
         job(16).left_out(&views.iter().collect::<Vec<_>>())

@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn what_covers_a_part_lets_the_farther_through() {
+    fn partial_coverage_lets_farther_through() {
         let half = |color: [u8; 3]| [color[0], color[1], color[2], 128];
         let layers = [([255; 3], 3.0), ([0; 3], 2.0), ([255, 0, 0], 1.0)].map(|(color, depth)| {
             LayerPicture {

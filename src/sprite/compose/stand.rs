@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_is_the_light_of_its_parts() {
+    fn pixel_is_mean_light_of_subpixels() {
         let light = LinearLight::tables();
         let (white, black, nothing) = (([255; 4], 2.0), ([0, 0, 0, 255], 3.0), ([77; 4], 0.0));
         assert_eq!(joined(light, [nothing; 4]), ([0; 4], 0.0));

@@ -177,7 +177,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_slanted_plane_is_found_among_outliers() {
+    fn slanted_plane_found_among_outliers() {
         let camera = Camera::look_at(
             DVec3::new(100.0, 2.0, 5.0),
             DVec3::new(100.3, 1.0, 0.0),

@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn ramps_lose_their_stairs_whatever_their_slope_and_edges_stay() {
+    fn smoothing_removes_stairs_keeps_edges() {
         // Two ramps, of 0.3 to 3.5 steps a cell, and a cliff of 40 steps between them.
         const WIDTH: u32 = 60;
         for slope in [0.3f32, 1.5, 3.5] {

@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_take_the_background_and_grow_step_by_step() {
+    fn gaps_take_background_step_by_step() {
         let coding = Coding::new(0.0, 1.0, 0.0, 1.0);
         let (near, far) = (
             coding.pack(true, 0.9, [0.0; 2]),
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_smooth_surface_is_continued_along_its_slope() {
+    fn fill_continues_slope() {
         let coding = Coding::new(0.0, 1.0, 0.1, 1.0);
         let cell = |x: f32| coding.pack(true, 0.2 + 0.01 * x, [0.01, 0.0]);
         let cells = filled(3, vec![cell(0.0), 0, cell(2.0)], &coding, 1);

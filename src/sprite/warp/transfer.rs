@@ -180,7 +180,7 @@ mod tests {
     const ROUNDING: f64 = 1e-9;
 
     #[test]
-    fn agrees_with_the_papers_matrices_when_both_hats_share_the_plane_row() {
+    fn transfer_agrees_with_paper_matrices() {
         let (sprite, target) = setup();
         let transfer = SpriteTransfer::new(&sprite, &target).expect("in front");
         let hat = |camera: &Camera| {
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_partly_before_the_eye_is_drawn() {
+    fn partly_visible_sprite_is_drawn() {
         let (sprite, _) = setup();
         let corner = |x, y| {
             let ray = sprite.camera().direction(x, y);
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_without_an_inverse_or_a_finite_epipole_are_none() {
+    fn singular_transfer_is_none() {
         let finite = DVec3::new(1.0, 2.0, 3.0);
         assert!(SpriteTransfer::from_parts(DMat3::IDENTITY, finite, 1.0).is_some());
         for value in [f64::INFINITY, f64::NAN] {

@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn what_clipping_leaves_out_is_not_on_the_frame() {
+    fn clipped_samples_are_outside_frame() {
         const MARK: [u8; 4] = [255, 0, 220, 255];
         let cube = cube();
         let (mut renderer, settings) = (Renderer::new(), RenderSettings::default());
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_are_touched_where_the_frame_shows_footprints() {
+    fn touched_pixels_match_footprints() {
         let cube = cube();
         let mut renderer = Renderer::new();
         for (camera, (name, kernel)) in views(&cube).into_iter().zip(SplatKernel::ALL) {

@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_open_to_what_they_see_and_points_lie_where_they_are() {
+    fn camera_marks_and_points_project_correctly() {
         let eye = DVec3::new(0.0, 0.0, 3.0);
         let background = |color: [u8; 3]| color == [200, 100, 50];
         let (_, nothing) = drawn(MarkKind::Nothing, eye);
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_drawn_of_the_camera_that_one_looks_through_nor_of_what_lies_behind() {
+    fn own_camera_and_background_have_no_marks() {
         let changed = |eye: DVec3| {
             count(&drawn(MarkKind::Cameras, eye).1, |color| {
                 color != [200, 100, 50]

@@ -10,7 +10,7 @@ use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::metrics;
-use headbox_raster::{RasterOutput, PixelContent};
+use headbox_raster::{PixelContent, RasterOutput};
 use headbox_viewer::{Figure, Ongoing, Refinement, Swatch};
 use image::{Rgb, RgbImage};
 use std::time::Duration;

@@ -374,7 +374,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn variations_are_valid_ldis_of_the_same_geometry() {
+    fn variations_are_valid_ldis() {
         let cube = cube();
         for meaning in [
             Meaning::Depth,
@@ -427,7 +427,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn faces_and_segments_are_left_out_and_the_last_two_variations_are_kept() {
+    fn variations_omit_parts_and_cache_two() {
         let cube = cube();
         let mut variations = Variations::default();
         let without = |face: usize| {

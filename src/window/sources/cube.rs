@@ -6,7 +6,9 @@ use crate::background::FewerThreads;
 use crate::facts::{axes_fact, simd_fact};
 use crate::file_name::file_name;
 use crate::overlays::effort;
-use crate::overlays::overlay::{TruthComparison, Overlay, paint_coverage, paint_epipole, paint_holes};
+use crate::overlays::overlay::{
+    Overlay, TruthComparison, paint_coverage, paint_epipole, paint_holes,
+};
 use crate::overlays::variation::{FACE_NAMES, Variation, Variations};
 use crate::terms::TERMS;
 use glam::DVec3;
@@ -141,8 +143,11 @@ impl CubeSource {
         cube: Option<Arc<PackedCube>>,
         growing: Option<Growing>,
     ) -> Self {
-        let (variations, renderer, judge) =
-            (Variations::default(), Renderer::new(), TruthComparison::default());
+        let (variations, renderer, judge) = (
+            Variations::default(),
+            Renderer::new(),
+            TruthComparison::default(),
+        );
         Self {
             title,
             cube,

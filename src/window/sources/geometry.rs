@@ -5,8 +5,8 @@ use crate::overlays::geometry_overlay::GeometryOverlay;
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometrySettings, GeometryStats, WaitPolicy, Texturing, TimeBudget,
-    ViewGeometry,
+    GeometryRenderer, GeometrySettings, GeometryStats, Texturing, TimeBudget, ViewGeometry,
+    WaitPolicy,
 };
 use headbox_viewer::{
     Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, Stage,

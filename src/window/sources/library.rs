@@ -315,7 +315,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_shown_is_said() {
+    fn unsupported_files_are_refused() {
         let here = Path::new(".");
         let message = |name: &str| open(name, here).err().unwrap().to_string();
         assert!(
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn every_entry_has_a_picture_with_something_in_it() {
+    fn every_entry_has_thumbnail() {
         let mut library = SceneLibrary {
             output_dir: ".".into(),
         };

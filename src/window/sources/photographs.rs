@@ -369,8 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn the_photograph_stands_there_until_a_coarse_cube_and_finer_ones_follow_to_that_of_a_capture()
-    {
+    fn photographs_refine_to_captured_cube() {
         let (folder, set) = photographs();
         let mut source = PhotographsSource::new(set.clone(), folder.path()).unwrap();
         let request = request(&source);
@@ -429,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn a_photograph_that_cannot_be_read_is_named() {
+    fn unreadable_photograph_is_named() {
         let (folder, set) = photographs();
         set.views
             .iter()

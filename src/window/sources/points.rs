@@ -146,7 +146,7 @@ mod tests {
     use headbox_ldi::scene_source::SceneSource;
 
     #[test]
-    fn a_closed_room_is_covered_from_its_middle() {
+    fn points_cover_closed_room() {
         let scene = SceneSource::new("builtin:interior").open().unwrap();
         let centre = scene.headbox.unwrap().centre;
         let mut points = Points::new(&scene, centre);
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_without_surfaces_is_its_sky() {
+    fn scene_without_surfaces_shows_sky() {
         let mut points = Points::new(&Scene::default(), DVec3::ZERO);
         let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [8, 8]).unwrap();
         let mut pixels = vec![[0; 4]; 64];

@@ -2,11 +2,11 @@
 
 use crate::input::keymap;
 use crate::input::keymap::Command;
-use crate::input::motion::{SteeringResponse, Steering};
+use crate::input::motion::{Steering, SteeringResponse};
 use crate::panels;
 use crate::playback::tape::Replay;
 use crate::thread::exchange::Job;
-use crate::window::app::{Viewer, FrameWishes};
+use crate::window::app::{FrameWishes, Viewer};
 use crate::window::{layout, views};
 use egui::{CursorIcon, Painter, PointerButton, Pos2, Rect, Response, Sense, Ui, pos2, vec2};
 use headbox_core::camera::Camera;

@@ -2,7 +2,7 @@
 
 use super::{button, enabled_button};
 use crate::input::keymap::Command;
-use crate::playback::tape::{ReplayMode, PathRecorder};
+use crate::playback::tape::{PathRecorder, ReplayMode};
 use egui::{Checkbox, ProgressBar, TextEdit, Ui};
 use std::path::{Path, PathBuf};
 

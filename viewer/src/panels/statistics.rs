@@ -7,7 +7,12 @@ use crate::thread::history::{History, add_stages};
 use egui::{Grid, Ui};
 
 /// The rate, the chart, and the figures that the source reports (a column each for A and B).
-pub(crate) fn show(ui: &mut Ui, info: &SourceInfo, shown: Option<&FinishedFrame>, history: &History) {
+pub(crate) fn show(
+    ui: &mut Ui,
+    info: &SourceInfo,
+    shown: Option<&FinishedFrame>,
+    history: &History,
+) {
     ui.label(rate(history)).on_hover_text(
         "Frames shown per second while something moves; median over the frames of the chart of the milliseconds from the \
          wish for a view to its image.",

@@ -4,7 +4,7 @@
 //! the other. Everything slow (opening, rendering, writing path frames, thumbnails) happens on the
 //! thread.
 
-use crate::source::{PendingSource, FrameSource, Library};
+use crate::source::{FrameSource, Library, PendingSource};
 use crate::thread::exchange::{Event, FinishedFrame, Job, Order, Picture, Shared, WakeCallback};
 use crate::thread::worker::Worker;
 use std::{

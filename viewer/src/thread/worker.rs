@@ -2,9 +2,10 @@
 
 use crate::playback::export;
 use crate::setting::SettingValues;
-use crate::source::{PendingSource, Entry, FrameRequest, FrameSource, Library, Refinement};
+use crate::source::{Entry, FrameRequest, FrameSource, Library, PendingSource, Refinement};
 use crate::thread::exchange::{
-    Event, ExportOrder, FinishedFrame, Job, Location, Order, Picture, Shared, SourceInfo, WakeCallback,
+    Event, ExportOrder, FinishedFrame, Job, Location, Order, Picture, Shared, SourceInfo,
+    WakeCallback,
 };
 use crate::thread::slot::{Next, Wait};
 use egui::ColorImage;

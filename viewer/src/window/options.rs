@@ -2,7 +2,7 @@
 
 use crate::input::pose::Pose;
 use crate::playback::tape::ReplayMode;
-use crate::source::{PendingSource, Library};
+use crate::source::{Library, PendingSource};
 use crate::window::views::Stereo;
 use serde::Serialize;
 use std::{path::PathBuf, time::Instant};

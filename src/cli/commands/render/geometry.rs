@@ -12,8 +12,8 @@ use headbox_core::file_frame::FileFrame;
 use headbox_images::ImageSet;
 use headbox_photos::cache;
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, WaitPolicy, SampleGrid,
-    Texturing, ViewGeometry,
+    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, SampleGrid, Texturing,
+    ViewGeometry, WaitPolicy,
 };
 use image::RgbImage;
 use std::path::{Path, PathBuf};

@@ -116,7 +116,7 @@ mod tests {
     use crate::metrics::{DEFAULT_PIXELS_PER_DEGREE, MAX_PIXELS_PER_DEGREE, MIN_PIXELS_PER_DEGREE};
 
     #[test]
-    fn filters_are_normalised_over_the_whole_range_of_viewing_conditions() {
+    fn filters_normalised_for_all_viewing_conditions() {
         /// Taps are rounded to f32 one by one: at most 2^-24 of their sum, which is 1.
         const ROUNDING: f64 = 1e-7;
         for ppd in [
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn default_radii_are_those_of_the_authors_evaluator() {
+    fn default_radii_match_reference_evaluator() {
         let weights = FilterWeights::new(f64::from(DEFAULT_PIXELS_PER_DEGREE));
         assert_eq!((weights.luminance.len(), weights.feature.len()), (11, 10));
     }

@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_square_has_the_depth_of_most_of_it() {
+    fn preview_square_takes_majority_depth() {
         let mut depths_m = vec![f32::INFINITY; 16 * 16];
         // The second square, but for its first row, is at 2 m; one pixel of the third is at 1 m.
         for y in 1..4 {

@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn all_triangles_are_read_again_by_the_pages_rule() {
+    fn triangles_round_trip_through_page() {
         let mut model = headbox_scenes::house(0, 6_000);
         model.mend();
         let house = House::new(model).expect("a house");

@@ -102,7 +102,12 @@ pub(super) fn floors(house: &House) -> Vec<Floor> {
     heights.iter().filter_map(of_height).collect()
 }
 
-fn floor(house: &House, passages: &[WalkablePortal], rooms: &[&Prism], eye_y: f64) -> Option<Floor> {
+fn floor(
+    house: &House,
+    passages: &[WalkablePortal],
+    rooms: &[&Prism],
+    eye_y: f64,
+) -> Option<Floor> {
     let corners = || {
         rooms
             .iter()
@@ -195,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn doors_lead_to_every_room_and_nothing_leads_through_walls() {
+    fn walk_grid_reaches_rooms_not_through_walls() {
         let mut model = headbox_scenes::house(0, 6_000);
         model.mend();
         let house = House::new(model).expect("a house");

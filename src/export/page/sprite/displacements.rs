@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn what_goes_up_and_down_is_expected() {
+    fn displacement_prediction_round_trips() {
         // Whole numbers up to 127, which 8 bits keep as they are.
         let slope: Vec<f32> = (0..64 * 64)
             .map(|i| (2 * (i % 64) + 1) as f32 - (i / 64) as f32)

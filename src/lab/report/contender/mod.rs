@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn holes_are_what_shows_nothing_or_the_sky_before_geometry() {
+    fn holes_are_unknown_or_sky_before_geometry() {
         let color = RgbImage::new(2, 2);
         let shown = vec![
             PixelOrigin::Surface,

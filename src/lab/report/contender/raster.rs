@@ -7,7 +7,7 @@ use super::{Draw, JudgedFrame, PixelOrigin};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
-use headbox_raster::{GroupWindow, RasterMesh, RasterView, Rasterizer, PixelContent};
+use headbox_raster::{GroupWindow, PixelContent, RasterMesh, RasterView, Rasterizer};
 use headbox_trace::bvh::{Hit, Ray, Tracer};
 use image::RgbImage;
 use rayon::prelude::*;

@@ -269,7 +269,7 @@ mod tests {
     use crate::stability::room;
 
     #[test]
-    fn three_arithmetics_draw_the_points_of_the_cloud() {
+    fn three_arithmetics_draw_same_points() {
         let cube = Arc::new(room().expect("captured").clone());
         let eye = cube.info.centre + DVec3::new(0.1, -0.05, 0.08);
         let camera = Camera::look_at(

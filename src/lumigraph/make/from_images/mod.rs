@@ -4,7 +4,7 @@
 //! Cameras need not look the same way, nor have one lens: each picture is brought onto the image
 //! plane that all share (`reproject`).
 
-use super::find_grid::{FoundGrid, CameraPose, find_grid};
+use super::find_grid::{CameraPose, FoundGrid, find_grid};
 use super::from_images_error::{FromImagesError, MOST_TURNED_DEG};
 use super::raw::{RawLumigraph, RawPicture};
 use super::reproject::reproject;

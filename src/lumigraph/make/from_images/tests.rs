@@ -95,7 +95,7 @@ fn plate() -> Bed {
 }
 
 #[test]
-fn pictures_of_a_scene_give_the_scenes_own_lumigraph() {
+fn images_give_same_lumigraph_as_scene() {
     let raw = plate().raw();
     let mut shots = shots_of(&raw);
     let sky = raw
@@ -182,7 +182,7 @@ fn smooth(bed: &Bed, camera: Camera) -> Shot {
 }
 
 #[test]
-fn cameras_that_look_elsewhere_through_other_lenses_give_the_same_images() {
+fn other_lenses_give_same_images() {
     let bed = Bed::new(vec![-0.5, 0.1, 0.5], vec![-0.3, 0.3], [120, 90]);
     // The grid as a whole is turned about where it looks, and each camera in its own way, by up to
     // some ten degrees.
@@ -227,7 +227,7 @@ fn cameras_that_look_elsewhere_through_other_lenses_give_the_same_images() {
 }
 
 #[test]
-fn frames_from_an_uneven_grid_of_pictures_are_as_good_as_from_the_scene() {
+fn uneven_grid_frames_match_scene_quality() {
     let bed = Bed::new(
         vec![-0.5, -0.2, 0.05, 0.5],
         vec![-0.4, 0.0, 0.1, 0.4],
@@ -253,7 +253,7 @@ fn frames_from_an_uneven_grid_of_pictures_are_as_good_as_from_the_scene() {
 }
 
 #[test]
-fn what_one_picture_does_not_know_others_show_and_what_none_knows_is_a_hole() {
+fn unknown_pixels_filled_from_others_or_hole() {
     let bed = Bed::new(vec![-0.3, 0.0, 0.3], vec![0.0], [120, 90]);
     let mut shots = shots_of(&bed.raw());
     let centre = |i: usize| (40..50).contains(&(i / 120)) && (50..62).contains(&(i % 120));
@@ -344,7 +344,7 @@ fn places(columns: &[f64], rows: &[f64]) -> Vec<DVec3> {
 }
 
 #[test]
-fn sets_that_are_no_grid_are_refused_in_a_sentence_that_says_where() {
+fn sets_without_grid_are_refused() {
     let full = places(&[0.0, 0.2, 0.5], &[0.0, 0.3]);
     let straight = |places: &[DVec3]| wall_from(places, DMat3::IDENTITY);
     assert!(made_of(&straight(&full)).is_ok());
@@ -399,7 +399,7 @@ fn sets_that_are_no_grid_are_refused_in_a_sentence_that_says_where() {
 }
 
 #[test]
-fn a_camera_may_be_off_its_place_by_what_nobody_sees() {
+fn camera_offset_below_visibility_accepted() {
     // Something at 1 m before a wall at 2 m: half a unit of disparity, 20 px of focal length.
     let near = |places: &[DVec3]| {
         let mut shots = wall_from(places, DMat3::IDENTITY);

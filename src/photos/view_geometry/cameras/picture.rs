@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn depth_comes_back_and_what_is_masked_does_not_count() {
+    fn texture_keeps_depth_ignores_masked() {
         let mut view = view();
         let width = view.size_px[0] as usize;
         view.color[3 * width + 5][3] = 0;
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_infinitely_far_is_known() {
+    fn infinite_depth_is_known() {
         let depth = |x: u32, _| [f32::NAN, 1.0, f32::INFINITY, 1e5][x as usize % 4];
         let picture = Picture::new(&view_of(DVec3::ZERO, depth, |_, _| [90; 3], [8, 4]));
         let found = [0, 1, 2, 3].map(|x| shown(&picture, x as f32 + 0.5, 1.5));

@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_set_opened_again_shows_the_same_without_a_picture_read() {
+    fn reopened_set_needs_no_image() {
         let (pictures, cache) = (
             tempfile::tempdir().expect("a folder"),
             tempfile::tempdir().expect("a folder"),
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_changed_is_sampled_anew() {
+    fn changed_view_is_resampled() {
         let (pictures, cache) = (
             tempfile::tempdir().expect("a folder"),
             tempfile::tempdir().expect("a folder"),
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_file_is_as_none_and_written_anew() {
+    fn damaged_cache_file_is_rewritten() {
         let (pictures, cache) = (
             tempfile::tempdir().expect("a folder"),
             tempfile::tempdir().expect("a folder"),
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_points_are_found_when_their_camera_is_used_and_made_anew() {
+    fn damaged_points_are_recomputed() {
         let (pictures, cache) = (
             tempfile::tempdir().expect("a folder"),
             tempfile::tempdir().expect("a folder"),
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_that_are_gone_since_it_was_opened_are_passed_over() {
+    fn vanished_images_are_skipped() {
         let (pictures, cache) = (
             tempfile::tempdir().expect("a folder"),
             tempfile::tempdir().expect("a folder"),

@@ -239,7 +239,9 @@ impl Samples {
     /// Bytes in memory, without what is mapped.
     pub(crate) fn bytes(&self) -> usize {
         let points = match &self.points {
-            PointStorage::Memory(axes) => axes.iter().map(|axis| size_of_val(axis.as_slice())).sum(),
+            PointStorage::Memory(axes) => {
+                axes.iter().map(|axis| size_of_val(axis.as_slice())).sum()
+            }
             PointStorage::Disk(_) => self.mended().map_or(0, Self::bytes),
         };
         points + size_of::<Self>()
@@ -277,7 +279,7 @@ mod tests {
     pub(crate) use crate::view_geometry::tests::{plane_view, view_of};
 
     #[test]
-    fn a_level_of_detail_is_the_beginning_of_the_list_and_has_a_quarter_of_the_finer_one() {
+    fn level_of_detail_is_prefix_of_quarter_size() {
         let view = plane_view(DVec3::ZERO, 2.0, [64, 64]);
         let samples = Samples::new(
             &view,
@@ -302,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_lie_where_the_depth_says_and_outliers_do_not_count() {
+    fn samples_follow_depth_without_outliers() {
         let depth = |x: u32, y: u32| if (x, y) == (10, 10) { 0.1 } else { 3.0 };
         let view = view_of(DVec3::new(1.0, 2.0, 3.0), depth, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(

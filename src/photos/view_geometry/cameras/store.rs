@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_that_is_gone_is_passed_over_and_told() {
+    fn vanished_image_is_skipped_and_reported() {
         let folder = tempfile::tempdir().expect("a folder");
         let views = views(3, folder.path());
         std::fs::remove_file(&views[1].color).expect("removed");
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn who_cannot_wait_takes_what_is_at_hand_and_has_the_rest_soon() {
+    fn no_wait_uses_loaded_images_first() {
         let folder = tempfile::tempdir().expect("a folder");
         let store = PictureStore::new(views(4, folder.path()), usize::MAX);
         store.fetch([3].into_iter(), 1, WaitPolicy::Wait);

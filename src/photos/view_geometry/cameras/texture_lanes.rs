@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_places_are_those_of_one_by_one_at_every_level() {
+    fn texture_lanes_equal_scalar_at_every_level() {
         let mut random = Rng::keyed(5);
         let mut view = view_of(
             DVec3::ZERO,

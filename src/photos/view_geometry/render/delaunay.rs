@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_cover_the_grid_once_and_no_corner_lies_in_their_circles() {
+    fn mesh_is_delaunay_cover_of_grid() {
         for (size, spacing, seed) in [
             ([64, 40], 4.0, 1),
             ([1, 1], 4.0, 2),

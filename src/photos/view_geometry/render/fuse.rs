@@ -274,7 +274,7 @@ mod tests {
     const POSITION: f64 = 0.01;
 
     #[test]
-    fn nodes_hold_the_nearest_sample_where_the_camera_sees_it() {
+    fn nodes_hold_nearest_visible_sample() {
         let frame = frame_at(DVec3::new(0.1, -0.2, 0.5), [64, 48]);
         let points: Vec<Vec3> = (0..900u32)
             .map(|i| {
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn a_better_camera_keeps_its_node_within_the_margin() {
+    fn better_camera_keeps_node_within_margin() {
         let frame = frame_at(DVec3::ZERO, [64, 48]);
         let at = |depth: f32| vec![Vec3::new(0.01, 0.01, -depth)];
         let owner = |cameras: &[Vec<Vec3>], margin| {
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_farther_apart_than_nodes_leave_no_lattice_of_holes() {
+    fn sparse_samples_leave_no_holes() {
         let frame = frame_at(DVec3::ZERO, [96, 72]);
         let focal = frame.focal_px() as f32;
         // Every third node, and every fourth, both ways.
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_are_closed_by_what_is_on_both_sides_or_by_what_is_behind() {
+    fn holes_filled_from_both_sides_or_behind() {
         let mut grid = rows_of(&[1.0, 1.0, 0.0, 0.0, 1.3, 1.3, 1.3]);
         grid.close_holes(2, &EdgeRule::new(5.0, 0.0));
         assert!(
@@ -462,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn what_shows_between_samples_of_a_nearer_surface_is_dropped() {
+    fn background_leaks_are_dropped() {
         let mut grid = rows_of(&[1.0, 1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0]);
         let before = grid.clone();
         let edge = EdgeRule::new(50.0, 0.0);

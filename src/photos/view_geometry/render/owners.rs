@@ -52,7 +52,7 @@ pub(super) fn settle(grid: &mut Grid, cameras: &[TextureCamera]) {
 mod tests {
     pub(crate) use crate::view_geometry::tests::{frame_at, opened, plane_view, view_of};
     use crate::view_geometry::{
-        GeometryRenderer, GeometrySettings, WaitPolicy, SampleGrid, PixelTriangle, ViewGeometry,
+        GeometryRenderer, GeometrySettings, PixelTriangle, SampleGrid, ViewGeometry, WaitPolicy,
     };
     use glam::DVec3;
 
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn the_best_camera_owns_what_it_sees_whoever_sampled_it() {
+    fn best_camera_owns_visible_nodes() {
         // Samples are three pixels apart, of other cameras one and two further on.
         let views = [[0.0, 0.0], [-0.04, 0.04], [0.08, -0.08]];
         let views = views.map(|[x, y]| plane_view(DVec3::new(x + 0.005, y, 0.0), 3.0, [96, 72]));
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_hidden_from_the_best_camera_is_not_its() {
+    fn best_camera_owns_no_occluded_nodes() {
         // A post a metre away hides part of a wall three metres away, from each place another part.
         let eyes = [0.12, -0.6];
         let size = [96, 72];

@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_that_look_away_or_see_nothing_of_the_frame_are_not_valid() {
+    fn blind_cameras_are_invalid() {
         let frame = frame_at(DVec3::ZERO, [64, 48]);
         assert!(
             ranked(&[DVec3::new(100.0, 0.0, 0.0)], &frame).is_empty(),
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn identical_poses_keep_their_order_and_have_no_nan() {
+    fn identical_poses_keep_order_without_nan() {
         let found = ranked(&[DVec3::ZERO; 3], &frame_at(DVec3::ZERO, [64, 48]));
         assert_eq!(
             found.iter().map(|ranked| ranked.camera).collect::<Vec<_>>(),

@@ -235,7 +235,13 @@ impl FramePainter<'_> {
 
     /// The sums of what the cameras show of the covered lanes.
     #[inline(always)]
-    fn sums<S: Simd>(&self, simd: S, pixels: &Pixels, places: &TexturePositions<S>, covered: u64) -> Sums<S> {
+    fn sums<S: Simd>(
+        &self,
+        simd: S,
+        pixels: &Pixels,
+        places: &TexturePositions<S>,
+        covered: u64,
+    ) -> Sums<S> {
         let mut sums = Sums::new(simd);
         let one = f32x16::splat(simd, 1.0);
         let cameras = self.scanner.cameras;

@@ -50,7 +50,7 @@ fn narrow_ring(step_deg: f64, count: u32) -> Vec<LoadedView> {
 }
 
 #[test]
-fn cameras_around_an_object_serve_each_other_whatever_their_field_of_view() {
+fn surrounding_cameras_serve_each_other() {
     let views = narrow_ring(22.5, 16);
     let (_folder, mut geometry) = opened(
         &views,
