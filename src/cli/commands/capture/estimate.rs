@@ -8,7 +8,7 @@
 
 use crate::output::memory_bytes;
 use crate::packing::PackingArgs;
-use crate::progress::Planned;
+use crate::progress::PlannedStage;
 use headbox_cube::model::parameters::Sampler;
 use headbox_ldi::capture::{SceneCapture, stage};
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
@@ -145,8 +145,8 @@ impl Estimate {
     }
 
     /// The stages to come.
-    pub(super) fn plan(&self) -> Vec<Planned> {
-        let planned = |stages, times, weight| Planned {
+    pub(super) fn plan(&self) -> Vec<PlannedStage> {
+        let planned = |stages, times, weight| PlannedStage {
             stages,
             times,
             weight,
