@@ -1,9 +1,9 @@
-//! Ray rates of the tracer on one thread, by criterion: `cargo bench -p headbox-capture --bench
+//! Ray rates of the tracer on one thread, by criterion: `cargo bench -p headbox-trace --bench
 //! trace`.
 //!
-//! The scene is 500,000 triangles of bumpy ground in a closed room. The rays are those of one cube
-//! face at N = 32, M = 16 (a part of them, evenly spread), stratum by stratum; bounce rays leave
-//! their hits in random directions, and shadow rays go from the hits toward one light. Making rays
+//! The scene is 500,000 triangles of bumpy ground in a closed room. The rays are an evenly spaced
+//! subset of those of one cube face at N = 32, M = 16, stratum by stratum; bounce rays leave their
+//! hits in scattered directions, and shadow rays go from the hits toward one light. Generating rays
 //! is not timed, loading them into packets is. `examples/rays` compares with other tracers on
 //! scenes from files.
 
@@ -14,19 +14,18 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use cube::{Rays, cube_rays, load_packet, load_ray};
 use glam::{DVec3, Vec3, dvec3};
 use headbox_scene::material::Material;
-use headbox_scene::scene::Scene;
-use headbox_scene::scene::Triangle;
+use headbox_scene::scene::{Scene, Triangle};
 use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket, Tracer};
 use std::hint::black_box;
 use std::sync::Arc;
 
-/// Quads along each side of the ground.
+/// Number of quads along each side of the ground.
 const SIDE: u32 = 500;
 
-/// Of the 1,024 groups of strata that share two coordinates, one in this many is traced.
+/// Step between the traced groups of strata; there are 1,024 groups that share two coordinates.
 const PART: usize = 64;
 
-/// Bumpy ground of 20 m by 20 m and a room around it.
+/// Returns a bumpy ground of 20 m by 20 m and a room around it.
 fn scene() -> Scene {
     let height = |x: f64, z: f64| {
         0.5 * (0.9 * x).sin() * (0.7 * z).cos() + 0.02 * (53.0 * x).sin() * (47.0 * z).sin()
@@ -45,9 +44,9 @@ fn scene() -> Scene {
         scene.triangles.extend(shifted);
     };
     let line = SIDE + 1;
-    let at = |i: u32| -10.0 + 20.0 * f64::from(i) / f64::from(SIDE);
+    let coordinate = |i: u32| -10.0 + 20.0 * f64::from(i) / f64::from(SIDE);
     let ground = (0..line * line)
-        .map(|k| (at(k % line), at(k / line)))
+        .map(|k| (coordinate(k % line), coordinate(k / line)))
         .map(|(x, z)| dvec3(x, height(x, z), z));
     let quad = |i: u32| [[i, i + 1, i + line + 1], [i, i + line + 1, i + line]];
     add(
@@ -82,14 +81,14 @@ fn scene() -> Scene {
     scene
 }
 
-/// The evenly spread part of one face's rays.
+/// Returns an evenly spaced subset of one face's rays.
 fn stratified() -> Rays {
     let group = 32 * 32 * 16;
     let rays = cube_rays(dvec3(0.0, 1.7, 0.0), 0.5, 32, 16, "0");
     rays.map(|row| row.chunks(group).step_by(PART).flatten().copied().collect())
 }
 
-/// Rays from the hits of `rays`, a little above the surface: toward a light, and in scattered
+/// Returns rays from points slightly above the hits of `rays`: toward a light, and in scattered
 /// directions.
 fn secondary(tracer: &Tracer, rays: &Rays) -> (Vec<Ray>, Vec<Ray>) {
     let light = Vec3::new(2.0, 6.5, -3.0);
@@ -97,8 +96,9 @@ fn secondary(tracer: &Tracer, rays: &Rays) -> (Vec<Ray>, Vec<Ray>) {
         .filter_map(|i| {
             let ray = load_ray(rays, i);
             let origin = ray.origin + ray.direction * (tracer.closest(&ray)?.t * 0.999);
-            // A golden-angle spiral over the sphere: neighbours point apart.
-            let (angle, z) = (i as f32 * 2.399_963, 1.0 - (i % 997) as f32 / 498.5);
+            // A golden-angle spiral over the sphere: neighbouring rays diverge.
+            let angle = i as f32 * 2.399_963;
+            let z = 1.0 - (i % 997) as f32 / 498.5;
             let scattered = Vec3::new(angle.cos(), angle.sin(), 0.0)
                 * (1.0 - z * z).max(0.0).sqrt()
                 + Vec3::Z * z;

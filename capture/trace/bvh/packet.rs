@@ -386,8 +386,8 @@ impl<S: Simd> Walk<'_, S> {
             - self.load(&self.rays.origin[axis])
     }
 
-    /// Returns a triangle's vertices relative to each ray's origin, in the order of each ray's shear
-    /// axes.
+    /// Returns a triangle's vertices relative to each ray's origin, in the order of each ray's
+    /// shear axes.
     #[inline(always)]
     fn relative(&self, block: &Block, slot: usize) -> [[f32x16<S>; 3]; 3] {
         if let Some(axes) = self.axes {
@@ -489,7 +489,8 @@ impl<S: Simd> Beam<S> {
         base: usize,
     ) -> usize {
         let (enter, entered) = self.enter(node, limit);
-        // The child's box is tested when popped, so the payload is the parent's slot, not the child.
+        // The child's box is tested when popped, so the payload is the parent's slot, not the
+        // child.
         push_sorted(stack, base, entered, |slot| {
             Entry::new(enter[slot % WIDTH], index * WIDTH as u32 + slot as u32)
         })

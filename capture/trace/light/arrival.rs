@@ -3,9 +3,9 @@
 //!
 //! Light that a path gathers beyond its first bounce hardly changes over a few centimetres of the
 //! surface on which it bounces, and a capture sends millions of paths there. Their ends are
-//! therefore hashed into cells of space (Binder, Fricke and Keller 2018, "Fast Path Space Filtering by Jittered
-//! Spatial Hashing"; Christensen 1999, "Faster Photon Map Global Illumination"), and a few paths per
-//! cell represent all.
+//! therefore hashed into cells of space (Binder, Fricke and Keller 2018, "Fast Path Space Filtering
+//! by Jittered Spatial Hashing"; Christensen 1999, "Faster Photon Map Global Illumination"), and a
+//! few paths per cell represent all.
 
 use super::{LightSample, Lighting, LitPoint, Path};
 use crate::bvh::Tracer;
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn powers_of_two_are_the_least_that_are_not_below() {
+    fn power_of_two_is_least_upper_bound() {
         for (length, expected) in [
             (1.0, 1.0),
             (1.000_000_1, 2.0),
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_of_one_width_hold_what_lies_close_together_and_is_turned_alike() {
+    fn fixed_width_cells_group_by_position_and_normal() {
         const WIDTH_M: f32 = 0.125;
         let cell = |x: f32, normal: Vec3| {
             arrival(Vec3::new(x, 1.0, -2.0), normal, 3.0).cell_of_width(WIDTH_M)
@@ -194,7 +194,8 @@ mod tests {
                 .all(|other| other.is_some() && *other != cell(0.01, Vec3::Y)),
             "{others:?}"
         );
-        // Distant cells do not wrap around, as those of `cell` would (8 bits): 16 km are 2^17 cells.
+        // Distant cells do not wrap around, as those of `cell` would (8 bits): 16 km are 2^17
+        // cells.
         assert_ne!(cell(0.01, Vec3::Y), cell(32.01, Vec3::Y));
         assert_ne!(cell(0.01, Vec3::Y), cell(16_000.01, Vec3::Y));
         assert_eq!(

@@ -1,10 +1,10 @@
 //! Emissive triangles and their direct light: by points sampled on them (next-event estimation) and
 //! by rays of a path that hit one.
 //!
-//! Both are combined by the balance heuristic, as for the sky ([`super::sky`]): a sampled point then
-//! never contributes more than the lamp's radiance (four times that with guided rays), however close
-//! the lit point is, where points alone would be rare and thousands of times too bright. At the last
-//! vertex of a path, whose rays are not tested for emitters, only points are used.
+//! Both are combined by the balance heuristic, as for the sky ([`super::sky`]): a sampled point
+//! then never contributes more than the lamp's radiance (four times that with guided rays), however
+//! close the lit point is, where points alone would be rare and thousands of times too bright. At
+//! the last vertex of a path, whose rays are not tested for emitters, only points are used.
 
 use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};
@@ -55,8 +55,9 @@ fn area([a, b, c]: [Vec3; 3]) -> f32 {
 }
 
 impl Lighting {
-    /// Samples radiosity per albedo from a point on one emissive triangle, with the balance heuristic
-    /// if rays in the `shared` directions sample emitters too ([`Self::emitter_by_chance`]).
+    /// Samples radiosity per albedo from a point on one emissive triangle, with the balance
+    /// heuristic if rays in the `shared` directions sample emitters too
+    /// ([`Self::emitter_by_chance`]).
     pub(super) fn emitter_light(
         &self,
         tracer: &Tracer,
@@ -96,7 +97,8 @@ impl Lighting {
         if cos_there <= 0.0 || !tracer.is_seen(direction, primitive, u, v) {
             return Vec3::ZERO;
         }
-        // Ends the shadow ray above the light's surface, by an offset like that of the ray's origin.
+        // Ends the shadow ray above the light's surface, by an offset like that of the ray's
+        // origin.
         let normal = if direction.dot(normal) > 0.0 {
             -normal
         } else {
@@ -238,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_close_by_brings_what_it_fills_of_the_view_and_no_sample_is_brighter() {
+    fn near_lamp_matches_form_factor_within_bound() {
         const SAMPLES: u32 = 1 << 14;
         for (h, pieces, bounces) in [
             (0.01, 1, 1),
@@ -268,8 +270,8 @@ mod tests {
             };
             let mean = (0..SAMPLES).map(light).sum::<f64>() / f64::from(SAMPLES);
             let expected = 3.0 * form_factor(h);
-            // Samples vary by at most the lamp's radiance; stratified ones have a smaller error than
-            // random ones.
+            // Samples vary by at most the lamp's radiance; stratified ones have a smaller error
+            // than random ones.
             let tolerance = 3.0 * expected / f64::from(SAMPLES).sqrt();
             assert!(
                 (mean - expected).abs() < tolerance,
@@ -279,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_of_a_lamp_do_not_shine() {
+    fn cutouts_of_lamp_emit_nothing() {
         let mut scene = lamp_scene(3.0, 1);
         // Opaque up to its centre, halfway between the two texel centres.
         scene.textures = vec![Texture::from_fn(2, 1, |x, _| {
@@ -300,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn lamps_in_the_same_place_are_one() {
+    fn coincident_lamps_count_once() {
         let turned = |material: u32| {
             let mut scene = lamp_scene(3.0, 2);
             scene.materials.push(Material {
@@ -333,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sheet_right_before_a_lamp_hides_it() {
+    fn sheet_in_front_of_lamp_occludes_it() {
         let with_sheet = |y: f64| {
             let mut scene = lamp_scene(3.0, 1);
             scene.materials.push(Material {
@@ -364,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_that_is_dark_in_its_middle_shines_by_its_rim() {
+    fn textured_lamp_emits_from_bright_rim() {
         let mut scene = lamp_scene(3.0, 1);
         scene.textures = vec![Texture::from_fn(6, 1, |x, _| {
             [if (1..5).contains(&x) { 0 } else { 255 }; 4]

@@ -1,8 +1,8 @@
-//! What an eye sees: diffuse light, emission, and what glossy surfaces mirror toward it.
+//! View-dependent radiance: diffuse light, emission and glossy reflection.
 //!
-//! Gloss is the normalised Phong lobe f = ks (n + 2) / (2 pi) cos^n about the mirrored direction
-//! (Lafortune and Willems 1994, Eq. 2). The sun and lamps without a surface are met by asking for
-//! them; whatever else the lobe sees by one ray drawn from it.
+//! Gloss is the normalised Phong lobe f = ks (n + 2) / (2 pi) cos^n about the mirror direction
+//! (Lafortune and Willems 1994, Eq. 2). The sun and punctual lamps are sampled by shadow rays, all
+//! other light by one ray sampled from the lobe.
 
 use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::{Hit, Ray, Tracer};
@@ -11,12 +11,12 @@ use glam::{Quat, Vec3};
 use headbox_scene::material::Gloss;
 use std::f32::consts::TAU;
 
-/// The decision by which a lobe's direction is drawn, beyond those of paths.
+/// Dimension of the lobe's direction, beyond those of paths.
 const LOBE: u32 = 1 << 29;
 
 impl Lighting {
-    /// Radiance toward the start of a ray of an eye, linear: of what it met, or of the sky.
-    /// `sample` names the light sample; without one there are albedo and emission alone.
+    /// Returns the linear radiance along a ray of an eye: of its hit, or of the sky. `sample`
+    /// identifies the light sample; without one the result is albedo plus emission.
     pub fn seen(
         &self,
         tracer: &Tracer,
@@ -41,7 +41,8 @@ impl Lighting {
         }
     }
 
-    /// One sample of the radiance that a glossy surface mirrors toward the start of `ray`.
+    /// Returns one sample of the radiance that a glossy surface reflects toward the origin of
+    /// `ray`.
     fn mirrored(
         &self,
         tracer: &Tracer,
@@ -53,7 +54,7 @@ impl Lighting {
         let mirrored = ray.direction.normalize().reflect(point.shading_normal);
         let exponent = gloss.exponent.max(0.0);
         let share = |direction: Vec3| mirrored.dot(direction).max(0.0).powf(exponent);
-        // What `sharp_rays` brings is irradiance / pi.
+        // The light of `sharp_rays` is irradiance / pi.
         let sharp = self
             .sharp_rays(point, sample)
             .filter(|(ray, _)| !tracer.occluded(ray));
@@ -65,7 +66,7 @@ impl Lighting {
         let direction = Quat::from_rotation_arc(Vec3::Z, mirrored) * lobe_direction(u, v, exponent);
         let cos = direction.dot(point.shading_normal);
         if cos > 0.0 && direction.dot(point.normal) > 0.0 {
-            // Of the density (n + 1) / (2 pi) cos^n.
+            // Lobe over the density (n + 1) / (2 pi) cos^n.
             let weight = cos * (exponent + 2.0) / (exponent + 1.0);
             let ray = Ray {
                 origin: point.lifted(),
@@ -78,8 +79,8 @@ impl Lighting {
         Vec3::from_array(gloss.reflectance) * radiance
     }
 
-    /// One sample of the radiance along a ray that a surface sends: what mirrors itself in it
-    /// mirrors nothing.
+    /// Returns one sample of the diffuse radiance along a reflected ray; reflections in reflections
+    /// are omitted.
     fn diffuse_along(&self, tracer: &Tracer, ray: &Ray, sample: &LightSample) -> Vec3 {
         let Some(hit) = tracer.closest(ray) else {
             return Vec3::from_array(self.miss_radiance(ray.direction));
@@ -95,7 +96,7 @@ impl Lighting {
     }
 }
 
-/// A direction about +Z of the density (n + 1) / (2 pi) cos^n.
+/// Samples a direction about +Z with the density (n + 1) / (2 pi) cos^n.
 fn lobe_direction(u: f32, v: f32, exponent: f32) -> Vec3 {
     let z = (1.0 - u)
         .max(f32::MIN_POSITIVE)
@@ -113,7 +114,7 @@ mod tests {
     use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
     use std::sync::Arc;
 
-    /// A glossy floor under a sky or a sun, a metre below the origin.
+    /// Returns a glossy floor under a sky or a sun, a metre below the origin.
     fn floor(gloss: Gloss, sun: Option<Sun>, sky: Option<Sky>) -> (Tracer, Lighting) {
         let positions = [[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]
             .map(|[x, z]| DVec3::new(x, 0.0, z));
@@ -159,7 +160,7 @@ mod tests {
         (0..count).map(one).sum::<Vec3>() / count as f32
     }
 
-    /// The lobe over a hemisphere of radiance 1, by midpoints of a grid of directions, in `f64`.
+    /// Integrates the lobe times `light` over the hemisphere, by the midpoint rule in `f64`.
     fn integral(mirrored: Vec3, exponent: f64, light: impl Fn(DVec3) -> f64) -> f64 {
         const STEPS: u32 = 400;
         let step = |i: u32| (f64::from(i) + 0.5) / f64::from(STEPS);
@@ -178,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lobe_under_an_even_sky_mirrors_its_integral() {
+    fn lobe_under_uniform_sky_reflects_its_integral() {
         for (exponent, direction) in [
             (1.0, -Vec3::Y),
             (20.0, Vec3::new(0.6, -0.8, 0.0)),
@@ -197,18 +198,21 @@ mod tests {
             let found = mean(&floor(gloss, None, Some(sky)), direction, 4096);
             let mirrored = direction.reflect(Vec3::Y);
             let expected = integral(mirrored, f64::from(exponent), |_| 1.0) as f32;
-            // 4096 well spread samples of a smooth integrand.
+            // 4096 stratified samples of a smooth integrand.
             assert!(
                 (found.x - 0.5 * expected).abs() < 2e-3 && (found.y - 0.25 * expected).abs() < 1e-3,
                 "{found} {expected}"
             );
             assert_eq!(found.z, 0.0);
-            assert!(expected <= 1.001, "no more than comes in: {expected}");
+            assert!(
+                expected <= 1.001,
+                "reflects more than the incident light: {expected}"
+            );
         }
     }
 
     #[test]
-    fn the_suns_highlight_is_where_it_mirrors_and_moves_with_the_eye() {
+    fn sun_highlight_follows_mirror_direction() {
         let toward = Vec3::new(0.3, 0.8, 0.2).normalize();
         let sun = Sun {
             direction: toward,
@@ -236,15 +240,15 @@ mod tests {
     }
 
     #[test]
-    fn lobes_have_their_density() {
+    fn lobe_directions_follow_density() {
         for exponent in [0.0, 3.0, 100.0] {
             let count = 256;
-            let at = |i: u32| (i as f32 + 0.5) / count as f32;
+            let midpoint = |i: u32| (i as f32 + 0.5) / count as f32;
             let mean = (0..count)
-                .map(|i| lobe_direction(at(i), 0.3, exponent).z)
+                .map(|i| lobe_direction(midpoint(i), 0.3, exponent).z)
                 .sum::<f32>()
                 / count as f32;
-            // The mean of the cosine under that density.
+            // Mean of the cosine under the lobe's density.
             let expected = (exponent + 1.0) / (exponent + 2.0);
             assert!((mean - expected).abs() < 1e-3, "{mean} {expected}");
         }

@@ -3,10 +3,10 @@
 //! A room is lit through its windows, and few cosine-weighted rays hit one. Surface points are
 //! therefore hashed into cells by position and normal, and each cell learns a density over the unit
 //! square from which cosine-weighted directions are warped: high where bright light arrived. Guided
-//! rays are weighted by its reciprocal, so that no mean changes except that of clamped light (Jensen 1995, "Importance Driven Path Tracing using the Photon Map"; Mueller
-//! et al. 2017, "Practical Path Guiding"), and the density is proportional to the root mean
-//! square of the light, which minimises the variance of one ray (Rath et al. 2020, "Variance-Aware Path
-//! Guiding").
+//! rays are weighted by its reciprocal, so that no mean changes except that of clamped light
+//! (Jensen 1995, "Importance Driven Path Tracing using the Photon Map"; Mueller et al. 2017,
+//! "Practical Path Guiding"), and the density is proportional to the root mean square of the light,
+//! which minimises the variance of one ray (Rath et al. 2020, "Variance-Aware Path Guiding").
 
 use super::arrival::power_of_two_above;
 use super::pilot::percentile;
@@ -104,8 +104,8 @@ impl Directions<'_> {
         )
     }
 
-    /// Returns the probability density of a direction, per steradian; `cos`, above 0, is that of its
-    /// angle with the shading normal.
+    /// Returns the probability density of a direction, per steradian; `cos`, above 0, is that of
+    /// its angle with the shading normal.
     pub(super) fn density(&self, direction: Vec3, cos: f32) -> f32 {
         let guided = self.guide.map_or(1.0, |guide| {
             let local = self.turn.inverse() * direction;
@@ -165,13 +165,13 @@ impl Lighting {
         self
     }
 
-    /// Trains the guide at given points. `progress` receives the number of training paths traced and
-    /// their maximum; after a `Break` there is no guide.
+    /// Trains the guide at given points. `progress` receives the number of training paths traced
+    /// and their maximum; after a `Break` there is no guide.
     pub fn learn(
         &mut self,
         tracer: &Tracer,
         places: &[LitPoint],
-        told: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
+        progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
     ) {
         self.guide = Guide::default();
         let mut distances: Vec<f32> = places
@@ -206,7 +206,7 @@ impl Lighting {
                 .try_for_each(|(places, lessons)| {
                     self.teach(tracer, places, lessons, many);
                     // Paths that a cell skips count, too.
-                    told(
+                    progress(
                         given.fetch_add(more as usize, Ordering::Relaxed) + more as usize,
                         all,
                     )
@@ -366,8 +366,8 @@ impl Lessons {
 struct Learnt {
     /// Variance of a light sample whose first ray is cosine-weighted.
     variance: f64,
-    /// Visible fraction of the variance: less in bright areas. Next to a lamp samples vary more than
-    /// in the entire room that it lights.
+    /// Visible fraction of the variance: less in bright areas. Next to a lamp samples vary more
+    /// than in the entire room that it lights.
     shows: f64,
     /// Variance removed by guiding.
     saved: f64,
@@ -443,8 +443,8 @@ mod tests {
         }
     }
 
-    /// Returns a room of 4 m around the origin, closed except for a window of 0.8 m in a corner of its
-    /// ceiling; its second material is a lamp's.
+    /// Returns a room of 4 m around the origin, closed except for a window of 0.8 m in a corner of
+    /// its ceiling; its second material is a lamp's.
     fn room(sky: Sky) -> Scene {
         let lamp = Material {
             emission: [2.0; 3],
@@ -525,8 +525,8 @@ mod tests {
         (moments.sum / f64::from(SAMPLES), moments.variance())
     }
 
-    /// Returns the variances of samples at the floor without and with guiding; checks that the means
-    /// agree.
+    /// Returns the variances of samples at the floor without and with guiding; checks that the
+    /// means agree.
     fn variances(tracer: &Tracer, bounces: u32) -> [f64; 2] {
         let lighting = Lighting::of_scene(tracer, bounces);
         let (mean, variance) = floor_light(&lighting, tracer);
@@ -541,7 +541,7 @@ mod tests {
     }
 
     #[test]
-    fn guided_rays_find_a_window_and_change_no_mean() {
+    fn guiding_keeps_mean_and_reduces_variance() {
         // Bounced light comes from all over the room.
         for (bounces, most) in [(0, 0.4), (2, 0.6)] {
             let [variance, guided] = variances(&tracer(room(white_sky())), bounces);
@@ -553,7 +553,7 @@ mod tests {
     }
 
     #[test]
-    fn lamps_and_pictures_of_the_sky_share_their_light_with_guided_rays() {
+    fn guiding_keeps_mean_with_lamps_and_sky_image() {
         for bounces in [0, 1] {
             let texels = (0..32 * 16)
                 .map(|i| [if i % 7 == 0 { 20.0 } else { 3.0 }; 3])
@@ -577,7 +577,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_learnt_does_not_depend_on_threads() {
+    fn guide_is_independent_of_thread_count() {
         let tracer = tracer(room(white_sky()));
         let learnt = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new()
@@ -592,7 +592,7 @@ mod tests {
     }
 
     #[test]
-    fn few_places_that_gain_are_not_worth_the_look() {
+    fn few_gaining_cells_are_not_worthwhile() {
         let shown = |shows: f64| {
             move |many: usize, variance: f64, saved: f64| {
                 (
@@ -627,7 +627,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_shows_less_where_it_is_bright() {
+    fn noise_is_less_visible_in_bright_areas() {
         let lessons = |light: f64| {
             let mut lessons = Lessons::default();
             for level in [0.5 * light, 1.5 * light] {
@@ -647,7 +647,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_learnt_where_light_comes_from_everywhere() {
+    fn uniform_light_trains_no_guide() {
         let mut scene = Scene {
             materials: vec![Material::default()],
             ..Scene::default()

@@ -1,56 +1,55 @@
-//! Which emissive triangle a light sample goes to, drawn by about what each would bring to the
-//! place that is lit: a tree of lights (Conty Estevez and Kulla 2018, "Importance Sampling of Many
+//! Light tree: samples an emissive triangle approximately in proportion to its contribution at the
+//! lit point (Conty Estevez and Kulla 2018, "Importance Sampling of Many
 //! Lights with Adaptive Tree Splitting"; emission is two-sided here, so that lights have no cones).
 
 use super::LitPoint;
 use glam::Vec3;
 
-/// A light where no bound of its cosine is above this still is drawn as if its cosine were this:
-/// bounds are rounded.
+/// Minimum of the cosine bound of a light: bounds are rounded, so that no light may get probability
+/// zero.
 const LEAST_COSINE: f32 = 1e-3;
 
-/// A light to be put into the tree.
+/// Light to insert into the tree.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Leaf {
-    /// Its bounding box.
+    /// Bounding box.
     pub(super) bounds: [Vec3; 2],
     pub(super) power: f32,
-    /// Whatever the caller knows it by.
+    /// Identifier chosen by the caller.
     pub(super) name: u32,
 }
 
-/// Nodes right below one.
+/// Maximum number of children of a node.
 const WIDTH: usize = 8;
 
-/// Boxes around lights, side by side: they are weighed against each other together, and hundreds of
-/// lights are a few steps away.
+/// Node with its children's bounds as structure of arrays: their weights are computed together, and
+/// hundreds of lights are a few levels deep.
 #[derive(Clone, Debug, PartialEq)]
 struct Node {
-    /// Of the boxes, `[axis][box]`.
+    /// Centres of the boxes, `[axis][box]`.
     middle: [[f32; WIDTH]; 3],
-    /// Of the spheres around the boxes.
+    /// Radii of the boxes' bounding spheres.
     radius: [f32; WIDTH],
     power: [f32; WIDTH],
-    /// The number of the first light of each, in the order of the tree; beyond the last box that of
-    /// none.
+    /// Index of each box's first light, in the order of the tree; `u32::MAX` in unused slots.
     first: [u32; WIDTH],
     below: [Below; WIDTH],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Below {
-    /// The light of this name.
+    /// Light, by its identifier.
     Light(u32),
-    /// The node of this number.
+    /// Node, by its index.
     Node(u32),
 }
 
-/// All lights of a scene.
+/// Tree of all lights of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct LightTree {
-    /// Each before what lies below it.
+    /// Nodes, parents before children.
     nodes: Vec<Node>,
-    /// The name of each light and its number in the order of the tree, by name.
+    /// Identifier of each light and its index in the order of the tree, sorted by identifier.
     numbers: Vec<(u32, u32)>,
 }
 
@@ -69,8 +68,8 @@ impl LightTree {
         tree
     }
 
-    /// Adds a node for lights, the first of which has this number, and all below it. Its own
-    /// number.
+    /// Adds a node for lights, the first of which has the index `first`, and all nodes below it.
+    /// Returns its index.
     fn push(&mut self, leaves: &mut [Leaf], mut first: u32) -> u32 {
         let number = self.nodes.len();
         self.nodes.push(Node::EMPTY);
@@ -89,14 +88,15 @@ impl LightTree {
         self.nodes.is_empty()
     }
 
-    /// The light for a number in [0, 1), and the probability with which it is drawn. `None` where
-    /// there is none.
+    /// Samples a light from a number in [0, 1): returns its identifier and its probability, or
+    /// `None` if the tree is empty.
     pub(super) fn draw(&self, point: &LitPoint, mut number: f32) -> Option<(u32, f32)> {
-        let (mut at, mut probability) = (0, 1.0);
+        let mut index = 0;
+        let mut probability = 1.0;
         loop {
-            let node = self.nodes.get(at)?;
+            let node = self.nodes.get(index)?;
             let shares = node.shares(point);
-            // Rounding may leave a number behind the last box that counts.
+            // Rounding may leave the number beyond the last box of nonzero probability.
             let mut chosen = None;
             for (i, share) in shares
                 .into_iter()
@@ -111,38 +111,41 @@ impl LightTree {
                 number -= of_box;
             }
             let (i, of_box) = chosen?;
-            (number, probability) = (number.min(of_box * BELOW_ONE), of_box);
+            number = number.min(of_box * BELOW_ONE);
+            probability = of_box;
             match node.below[i] {
                 Below::Light(name) => return Some((name, probability)),
-                Below::Node(below) => at = below as usize,
+                Below::Node(below) => index = below as usize,
             }
         }
     }
 
-    /// The probability with which [`Self::draw`] gives the light of this name; 0 if there is none.
+    /// Returns the probability with which [`Self::draw`] samples a light; 0 if there is no such
+    /// light.
     pub(super) fn probability(&self, point: &LitPoint, name: u32) -> f32 {
-        let Ok(place) = self.numbers.binary_search_by_key(&name, |&(name, _)| name) else {
+        let Ok(position) = self.numbers.binary_search_by_key(&name, |&(name, _)| name) else {
             return 0.0;
         };
-        let number = self.numbers[place].1;
-        let (mut at, mut probability) = (0, 1.0);
+        let number = self.numbers[position].1;
+        let mut index = 0;
+        let mut probability = 1.0;
         loop {
-            let node = &self.nodes[at];
+            let node = &self.nodes[index];
             let i = node.first.partition_point(|&first| first <= number) - 1;
             probability *= node.shares(point)[i];
             match node.below[i] {
                 Below::Light(_) => return probability,
-                Below::Node(below) => at = below as usize,
+                Below::Node(below) => index = below as usize,
             }
         }
     }
 }
 
-/// The largest number below 1.
+/// Largest number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// Cuts lights into [`WIDTH`] groups, or so many as there are lights: the largest box in two, again
-/// and again.
+/// Splits lights into [`WIDTH`] groups, or into single lights if there are fewer, by repeatedly
+/// splitting the group with the largest box.
 fn groups(leaves: &mut [Leaf]) -> Vec<&mut [Leaf]> {
     let mut groups = vec![leaves];
     while groups.len() < WIDTH {
@@ -168,7 +171,7 @@ fn groups(leaves: &mut [Leaf]) -> Vec<&mut [Leaf]> {
     groups
 }
 
-/// The lower corner and the edges of the box around lights.
+/// Returns the lower corner and the size of the bounding box of lights.
 fn extent(leaves: &[Leaf]) -> (Vec3, Vec3) {
     let around =
         |[low, high]: [Vec3; 2], leaf: &Leaf| [low.min(leaf.bounds[0]), high.max(leaf.bounds[1])];
@@ -178,8 +181,8 @@ fn extent(leaves: &[Leaf]) -> (Vec3, Vec3) {
     (low, high - low)
 }
 
-/// Two halves of more than one light, cut across the longest edge of their box in its middle, so
-/// that what lies apart is apart at once.
+/// Splits two or more lights at the middle of the longest edge of their box, so that distant lights
+/// are separated early.
 fn halves(leaves: &mut [Leaf]) -> (&mut [Leaf], &mut [Leaf]) {
     let (low, edges) = extent(leaves);
     let axis = edges.max_position();
@@ -203,28 +206,28 @@ impl Node {
         below: [Below::Light(u32::MAX); WIDTH],
     };
 
-    /// Makes box `i` one around lights, the first of which has this number.
+    /// Sets box `i` to the bounds of lights, the first of which has the index `first`.
     fn set(&mut self, i: usize, leaves: &[Leaf], first: u32) {
         let (low, edges) = extent(leaves);
         (0..3).for_each(|axis| self.middle[axis][i] = low[axis] + edges[axis] / 2.0);
         self.radius[i] = edges.length() / 2.0;
         self.power[i] = leaves.iter().map(|leaf| leaf.power).sum();
-        (self.first[i], self.below[i]) = (first, Below::Light(leaves[0].name));
+        self.first[i] = first;
+        self.below[i] = Below::Light(leaves[0].name);
     }
 
-    /// How often each box is drawn: by about what its lights would bring to a point, power over
-    /// squared distance, times a bound of the cosine there. No point of a sphere lies higher above
-    /// the horizon than its middle and radius together; a root and a division are all that it
-    /// costs.
+    /// Returns the probability of each box: approximately proportional to its contribution at a
+    /// point, power over squared distance times a bound of the cosine there. No point of a sphere
+    /// is higher above the horizon than its centre's height plus its radius, so the bound costs
+    /// only a square root and a division.
     #[inline]
     fn shares(&self, point: &LitPoint) -> [f32; WIDTH] {
-        let (position, normal) = (point.position, point.shading_normal);
+        let position = point.position;
+        let normal = point.shading_normal;
         let mut shares = [0.0; WIDTH];
         for (i, share) in shares.iter_mut().enumerate() {
-            let (x, y) = (
-                self.middle[0][i] - position.x,
-                self.middle[1][i] - position.y,
-            );
+            let x = self.middle[0][i] - position.x;
+            let y = self.middle[1][i] - position.y;
             let z = self.middle[2][i] - position.z;
             let distance2 = (x * x + y * y + z * z).max(self.radius[i] * self.radius[i]);
             let distance = distance2.sqrt();
@@ -237,7 +240,7 @@ impl Node {
             shares.iter_mut().for_each(|share| *share *= scale);
             return shares;
         }
-        // Where a light is as small as a point, and that is it, nothing can be told of any.
+        // Weights overflow if a point-sized light coincides with the point: fall back to uniform.
         let count = self
             .first
             .iter()
@@ -276,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn lights_are_drawn_as_often_as_they_say() {
+    fn light_frequency_matches_probability() {
         const DRAWS: u32 = 1 << 16;
         for count in [1, 2, 3, 50] {
             let tree = LightTree::new(leaves(count));
@@ -291,8 +294,8 @@ mod tests {
             }
             for (times, probability) in &drawn {
                 let off = (*times as f32 / DRAWS as f32 - probability).abs();
-                // Numbers are spread evenly: a light's are one run, whose ends are rounded at each
-                // of up to 6 nodes.
+                // Numbers are evenly spaced: those of a light are one interval, whose ends are
+                // rounded at each of up to 6 nodes.
                 assert!(
                     off < 2e-4,
                     "{count}: drawn {times} times, for {probability}"
@@ -301,7 +304,7 @@ mod tests {
             let sum: f32 = drawn.iter().map(|(_, probability)| probability).sum();
             assert!(
                 (sum - 1.0).abs() < 1e-2,
-                "{count}: all that can matter are drawn: {sum}"
+                "{count}: probabilities sum to {sum}"
             );
         }
         let none = LightTree::new(Vec::new());
@@ -312,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_near_light_is_drawn_before_a_thousand_far_ones() {
+    fn near_light_outweighs_thousand_far_lights() {
         let mut all = leaves(1000);
         all.iter_mut()
             .for_each(|leaf| leaf.bounds = leaf.bounds.map(|corner| corner + Vec3::X * 100.0));
@@ -334,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn lights_as_small_as_points_are_lights() {
+    fn point_sized_lights_have_probability() {
         let leaf = |name| Leaf {
             bounds: [point().position; 2],
             power: 1.0,

@@ -87,8 +87,8 @@ pub struct LitPoint {
 }
 
 impl LitPoint {
-    /// Creates the point at a hit of `ray`, on the side that faces the ray's origin; also returns the
-    /// surface.
+    /// Creates the point at a hit of `ray`, on the side that faces the ray's origin; also returns
+    /// the surface.
     pub fn from_hit(
         tracer: &Tracer,
         ray: &Ray,
@@ -213,8 +213,8 @@ pub fn pixel_jitter(x: u32, y: u32, index: u32) -> [f32; 2] {
 }
 
 impl LightSample {
-    /// Returns two numbers in [0, 1) for decision `dimension` of the path, stratified over the samples
-    /// of the stream ([`sequence`]) and independent of all other decisions.
+    /// Returns two numbers in [0, 1) for decision `dimension` of the path, stratified over the
+    /// samples of the stream ([`sequence`]) and independent of all other decisions.
     fn pair(&self, dimension: u32) -> [f32; 2] {
         let [order, first, second, _] = self.seeds(dimension);
         sequence::point(self.index, [order, first, second]).map(unit_float)
@@ -230,16 +230,16 @@ impl LightSample {
         random4([self.stream, dimension, 0x9e37_79b9, 0x7f4a_7c15])
     }
 
-    /// Returns a position in the sample's pixel, [0, 1) along each axis, independent of all decisions
-    /// of the path.
+    /// Returns a position in the sample's pixel, [0, 1) along each axis, independent of all
+    /// decisions of the path.
     pub fn jitter(&self) -> [f32; 2] {
         self.pair(JITTER)
     }
 }
 
 impl Lighting {
-    /// Creates the lighting of the tracer's scene with `bounces` diffuse bounces, no fill light and an
-    /// exposure of 1.
+    /// Creates the lighting of the tracer's scene with `bounces` diffuse bounces, no fill light and
+    /// an exposure of 1.
     pub fn of_scene(tracer: &Tracer, bounces: u32) -> Self {
         let scene = tracer.scene();
         Self {
@@ -255,20 +255,21 @@ impl Lighting {
         }
     }
 
-    /// Creates the lighting of the tracer's scene with exposure and fill light measured by pilot rays
-    /// (sky included) from seeded points in the scene's headbox, or else that of
-    /// [`crate::viewpoint::suggest_headbox`]. The logarithmic mean of luminance is exposed to middle
-    /// grey, like a photographer's meter (Reinhard et al. 2002, "Photographic tone reproduction",
-    /// without the compression), unless the scene specifies an exposure
+    /// Creates the lighting of the tracer's scene with exposure and fill light measured by pilot
+    /// rays (sky included) from seeded points in the scene's headbox, or else that of
+    /// [`crate::viewpoint::suggest_headbox`]. The logarithmic mean of luminance is exposed to
+    /// middle grey, like a photographer's meter (Reinhard et al. 2002, "Photographic tone
+    /// reproduction", without the compression), unless the scene specifies an exposure
     /// ([`headbox_core::exposure::Exposure`]). If more than a third of the visible surfaces receive
-    /// less than 1 % of the 90th percentile, a fill light of a tenth of it (or 1 in total darkness) is
-    /// added.
+    /// less than 1 % of the 90th percentile, a fill light of a tenth of it (or 1 in total darkness)
+    /// is added.
     pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
         let mut lighting = Self::of_scene(tracer, bounces);
         let pilot = Pilot::new(tracer);
         let mut exposed = lighting.meter(tracer, &pilot);
         // Very bright light is clamped ([`BRIGHTEST_BOUNCE`]) according to an exposure that is not
-        // known yet: a scene lit by sunlight in lux is metered again with the exposure just measured.
+        // known yet: a scene lit by sunlight in lux is metered again with the exposure just
+        // measured.
         for _ in 0..MOST_METERINGS {
             if exposed >= 0.5 * lighting.exposure {
                 break;
@@ -368,8 +369,8 @@ impl Lighting {
             .to_array()
     }
 
-    /// Returns one sample of the part of [`Self::radiosity_per_albedo`] that comes from the sky, from
-    /// emissive triangles and from bounces.
+    /// Returns one sample of the part of [`Self::radiosity_per_albedo`] that comes from the sky,
+    /// from emissive triangles and from bounces.
     pub fn soft_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
         let mut path = Path::new(point);
         self.follow(tracer, &mut path, 0, sample);
@@ -385,8 +386,8 @@ impl Lighting {
         }
     }
 
-    /// Next-event estimation of radiosity per albedo at vertex `bounce`. Light from the sky and from
-    /// emissive triangles is weighted against rays in `directions`, if these sample it too.
+    /// Next-event estimation of radiosity per albedo at vertex `bounce`. Light from the sky and
+    /// from emissive triangles is weighted against rays in `directions`, if these sample it too.
     fn direct(
         &self,
         tracer: &Tracer,
@@ -417,8 +418,8 @@ impl Lighting {
         }
     }
 
-    /// Returns true if the ray from vertex `bounce` samples only the sky. This is so for the last ray
-    /// of a path that has bounced: its emitters are sampled by next-event estimation only.
+    /// Returns true if the ray from vertex `bounce` samples only the sky. This is so for the last
+    /// ray of a path that has bounced: its emitters are sampled by next-event estimation only.
     fn meets_nothing(&self, bounce: u32) -> bool {
         bounce > 0 && bounce == self.bounces && self.fill.radiance == 0.0
     }
@@ -440,8 +441,8 @@ impl Lighting {
         self.onward(tracer, path, bounce, sample, &directions?)
     }
 
-    /// Traces the ray that continues the path, adds the light along it, and moves the path to its hit
-    /// (see [`Self::vertex`]).
+    /// Traces the ray that continues the path, adds the light along it, and moves the path to its
+    /// hit (see [`Self::vertex`]).
     fn onward(
         &self,
         tracer: &Tracer,

@@ -1,4 +1,4 @@
-//! Light whose shadows have edges: of the sun and of lamps without a surface.
+//! Light with sharp shadows: the sun and punctual lamps.
 
 use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::{PACKET, Ray, RayPacket, Tracer};
@@ -8,19 +8,19 @@ use headbox_core::color::luminance;
 use headbox_scene::scene::{Lamp, Reach, Sun};
 use std::f32::consts::PI;
 
-/// A lamp in the tracer's local frame.
+/// Punctual lamp in the tracer's local frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LocalLamp {
     intensity: Vec3,
-    /// Toward a lamp at infinity; the place of any other.
-    place: Vec3,
+    /// Direction toward a lamp at infinity; position of any other, metres.
+    position: Vec3,
     reach: Reach,
 }
 
-/// The lamps of a scene.
+/// Converts a scene's lamps to the tracer's local frame.
 pub(super) fn local_lamps(tracer: &Tracer) -> Vec<LocalLamp> {
     let local = |lamp: &Lamp| {
-        let place = match lamp.reach {
+        let position = match lamp.reach {
             Reach::Distant { direction } => direction,
             Reach::Point { position, .. } | Reach::Spot { position, .. } => {
                 (position - tracer.origin()).as_vec3()
@@ -28,7 +28,7 @@ pub(super) fn local_lamps(tracer: &Tracer) -> Vec<LocalLamp> {
         };
         LocalLamp {
             intensity: lamp.intensity.into(),
-            place,
+            position,
             reach: lamp.reach,
         }
     };
@@ -36,19 +36,20 @@ pub(super) fn local_lamps(tracer: &Tracer) -> Vec<LocalLamp> {
 }
 
 impl LocalLamp {
-    /// What the lamp brings to a point if nothing is in the way, and the ray there.
+    /// Returns the shadow ray from a point to the lamp and the lamp's unoccluded contribution;
+    /// `None` if that is zero.
     fn ray(&self, point: &LitPoint) -> Option<(Ray, Vec3)> {
         let origin = point.lifted();
         let (to_lamp, range_m) = match self.reach {
-            Reach::Distant { .. } => (self.place, f32::INFINITY),
+            Reach::Distant { .. } => (self.position, f32::INFINITY),
             Reach::Point { range_m, .. } | Reach::Spot { range_m, .. } => {
-                (self.place - origin, range_m)
+                (self.position - origin, range_m)
             }
         };
         let distance = to_lamp.length();
         let direction = to_lamp / distance;
         let cos = direction.dot(point.shading_normal);
-        // `is_nan`: the lamp hangs in the very point.
+        // `is_nan`: the lamp coincides with the point.
         if cos <= 0.0 || cos.is_nan() || direction.dot(point.normal) <= 0.0 {
             return None;
         }
@@ -60,7 +61,7 @@ impl LocalLamp {
                 cosines: [inner, outer],
                 ..
             } => {
-                // The specification's: a squared ramp of the cosine.
+                // KHR_lights_punctual: a squared ramp of the cosine.
                 let ramp = (-direction.dot(axis) - outer) / (inner - outer).max(1e-3);
                 (
                     1.0,
@@ -81,12 +82,14 @@ impl LocalLamp {
     }
 }
 
-/// One over the squared distance, let down to 0 at the range as KHR_lights_punctual recommends.
+/// Returns the distance attenuation of KHR_lights_punctual: the inverse square, windowed to 0 at
+/// the range.
 fn window(distance: f32, range_m: f32) -> f32 {
     (1.0 - (distance / range_m).powi(4)).clamp(0.0, 1.0) / (distance * distance)
 }
 
-/// The ray from a point toward the sun, and what it brings if nothing is in its way.
+/// Returns a shadow ray from a point toward a sample of the sun's disk and its unoccluded
+/// contribution; `None` if the sun is below the horizon.
 fn sun_ray(sun: &Sun, point: &LitPoint, [u, v]: [f32; 2]) -> Option<(Ray, Vec3)> {
     let [x, y] = disk_from_square(u, v);
     let spread = sun.angular_radius_rad;
@@ -106,13 +109,13 @@ fn sun_ray(sun: &Sun, point: &LitPoint, [u, v]: [f32; 2]) -> Option<(Ray, Vec3)>
 }
 
 impl Lighting {
-    /// Whether there is any light with sharp shadows.
+    /// Returns true if there is any light with sharp shadows.
     pub fn is_sharp(&self) -> bool {
         self.sun.is_some() || !self.lamps.is_empty()
     }
 
-    /// The part of [`Self::radiosity_per_albedo`] that comes straight from the sun and from lamps
-    /// without a surface: its shadows have edges.
+    /// Returns one sample of the part of [`Self::radiosity_per_albedo`] that comes directly from
+    /// the sun and from punctual lamps, whose shadows are sharp.
     pub fn sharp_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
         let brought = |(ray, light): (Ray, Vec3)| {
             if tracer.occluded(&ray) {
@@ -124,8 +127,8 @@ impl Lighting {
         self.sharp_rays(point, sample).map(brought).sum()
     }
 
-    /// The rays toward the sun and lamps without a surface, and what each brings if nothing is in
-    /// its way.
+    /// Returns the shadow rays toward the sun and punctual lamps, with the unoccluded contribution
+    /// of each.
     pub(super) fn sharp_rays<'a>(
         &'a self,
         point: &'a LitPoint,
@@ -139,8 +142,8 @@ impl Lighting {
             .chain(self.lamps.iter().filter_map(|lamp| lamp.ray(point)))
     }
 
-    /// As [`Self::sharp_radiosity`] of each request, to the bit: rays of neighbours toward one
-    /// light are nearly parallel and travel in packets.
+    /// Returns [`Self::sharp_radiosity`] of each request, equal to the bit: neighbouring rays
+    /// toward one light are nearly parallel and are traced in packets.
     pub fn sharp_radiosities(
         &self,
         tracer: &Tracer,
@@ -162,7 +165,7 @@ impl Lighting {
         light
     }
 
-    /// Radiosity per albedo straight from the sun.
+    /// Samples radiosity per albedo directly from the sun.
     pub(super) fn sun_light(
         &self,
         tracer: &Tracer,
@@ -178,8 +181,8 @@ impl Lighting {
             .map_or(Vec3::ZERO, |(_, light)| light)
     }
 
-    /// Radiosity per albedo straight from lamps without a surface, by one of them: drawn by what it
-    /// would bring if nothing were in the way.
+    /// Samples radiosity per albedo directly from one punctual lamp, chosen in proportion to its
+    /// unoccluded contribution.
     pub(super) fn one_lamp(
         &self,
         tracer: &Tracer,
@@ -205,7 +208,7 @@ impl Lighting {
     }
 }
 
-/// Adds what rays bring that nothing is in the way of.
+/// Adds the contributions of the shadow rays that are not occluded.
 fn add_in_packets(
     tracer: &Tracer,
     rays: impl Iterator<Item = Option<(Ray, Vec3)>>,

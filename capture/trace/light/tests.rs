@@ -1,13 +1,12 @@
-//! Light, cut in two ways and in one.
+//! Consistency of light samples: split and whole, single and in packets.
 
 use super::*;
 use glam::{DVec3, dvec3};
 use headbox_scene::material::Material;
-use headbox_scene::scene::Scene;
-use headbox_scene::scene::Triangle;
+use headbox_scene::scene::{Scene, Triangle};
 use std::sync::Arc;
 
-/// Random triangles, some of them lamps, under sun and sky.
+/// Returns random triangles, some of them lamps, under sun and sky.
 fn tracer() -> Tracer {
     let material = |emission: f32| Material {
         emission: [emission; 3],
@@ -21,8 +20,10 @@ fn tracer() -> Tracer {
     };
     for i in 0..300 {
         let random = |k: u32| random4([i, k, 7, 7]).map(|r| f64::from(unit_float(r)) - 0.5);
-        let ([x, y, z, _], [a, b, c, d]) = (random(0), random(1));
-        let (corner, first) = (dvec3(x, y, z) * 6.0, scene.positions.len() as u32);
+        let [x, y, z, _] = random(0);
+        let [a, b, c, d] = random(1);
+        let corner = dvec3(x, y, z) * 6.0;
+        let first = scene.positions.len() as u32;
         scene
             .positions
             .extend([corner, corner + dvec3(a, b, c), corner + dvec3(d, a, b)]);
@@ -59,7 +60,7 @@ fn requests(tracer: &Tracer) -> Vec<(LitPoint, LightSample)> {
 }
 
 #[test]
-fn a_sample_is_the_sum_of_its_parts() {
+fn split_sample_sums_to_whole() {
     let tracer = tracer();
     for bounces in [0, 1, 5] {
         let lighting = Lighting::of_scene(&tracer, bounces).guided(&tracer);
@@ -76,17 +77,16 @@ fn a_sample_is_the_sum_of_its_parts() {
                 "{before} + {beyond}: {whole}"
             );
         }
-        // Also without bounces: how near things are tells how far light can be pooled.
+        // Arrivals are required without bounces too: their distances limit the pooling of light.
         assert!(arrived > 100, "{arrived}");
     }
 }
 
 #[test]
-fn without_light_surfaces_are_as_bright_as_they_are_painted() {
-    let exposure = |lit: bool, asked: &str| {
-        let asked = asked.parse().expect("an exposure");
+fn unlit_exposure_is_specified_stops() {
+    let exposure = |lit: bool, specified: &str| {
         let scene = Scene {
-            exposure: asked,
+            exposure: specified.parse().expect("an exposure"),
             ..Scene::clone(tracer().scene())
         };
         Lighting::prepare(&Tracer::new(Arc::new(scene), DVec3::ZERO), 0, lit).exposure
@@ -99,7 +99,7 @@ fn without_light_surfaces_are_as_bright_as_they_are_painted() {
         ],
         [1.0, 2.0, 0.25]
     );
-    // This scene is not one that happens to be exposed so.
+    // The metered exposure of this scene differs from 1.
     assert!(
         (exposure(true, "auto") - 1.0).abs() > 0.1,
         "{}",
@@ -108,9 +108,10 @@ fn without_light_surfaces_are_as_bright_as_they_are_painted() {
 }
 
 #[test]
-fn packets_see_the_sun_that_single_rays_see() {
+fn packet_sunlight_matches_single_rays() {
     let tracer = tracer();
-    let (lighting, requests) = (Lighting::of_scene(&tracer, 0), requests(&tracer));
+    let lighting = Lighting::of_scene(&tracer, 0);
+    let requests = requests(&tracer);
     let light = lighting.sharp_radiosities(&tracer, &requests);
     let single = |(point, sample): &(LitPoint, LightSample)| {
         lighting.sharp_radiosity(&tracer, point, sample)

@@ -1,8 +1,7 @@
 use super::*;
 use glam::dvec3;
 use headbox_scene::material::Material;
-use headbox_scene::scene::Scene;
-use headbox_scene::scene::Triangle;
+use headbox_scene::scene::{Scene, Triangle};
 use std::sync::Arc;
 
 /// Appends the twelve triangles of a box.
@@ -37,8 +36,8 @@ fn push_box(scene: &mut Scene, low: DVec3, high: DVec3, material: u32) {
     }
 }
 
-/// A church: a nave 30 m high, 12 m wide and 40 m long, with pews along it and a shelf full of
-/// things at its far end (+X).
+/// Returns a church: a nave 30 m high, 12 m wide and 40 m long, with pews along it and a shelf full
+/// of objects at its far end (+X).
 fn church() -> Tracer {
     let material = |albedo: f32| Material {
         albedo: [albedo; 3],
@@ -54,7 +53,8 @@ fn church() -> Tracer {
         push_box(&mut scene, dvec3(x, 0.0, 1.0), dvec3(x + 0.4, 0.9, 4.5), 1);
     }
     for thing in 0..60 {
-        let (y, z) = (f64::from(thing / 10) * 0.8, 1.0 + f64::from(thing % 10));
+        let y = f64::from(thing / 10) * 0.8;
+        let z = 1.0 + f64::from(thing % 10);
         push_box(
             &mut scene,
             dvec3(38.0, y, z),
@@ -66,7 +66,7 @@ fn church() -> Tracer {
 }
 
 #[test]
-fn in_a_church_the_eye_is_a_standing_persons_and_looks_to_where_something_is() {
+fn church_view_is_at_eye_height_toward_detail() {
     let tracer = church();
     let headbox = suggest_headbox(&tracer);
     assert!(
@@ -77,13 +77,13 @@ fn in_a_church_the_eye_is_a_standing_persons_and_looks_to_where_something_is() {
         headbox.half_size_m > 0.3 && headbox.half_size_m < 0.9,
         "{headbox:?}"
     );
-    assert_eq!(headbox, suggest_headbox(&tracer), "seeded");
+    assert_eq!(headbox, suggest_headbox(&tracer), "not reproducible");
     let ahead = suggest_view(&tracer, dvec3(32.0, 1.6, 6.0));
     assert!(ahead.dot(DVec3::X) > 0.7, "{ahead}");
 }
 
 #[test]
-fn where_nobody_can_stand_free_space_is_found() {
+fn low_box_places_headbox_in_free_space() {
     let mut scene = Scene {
         materials: vec![Material::default()],
         ..Scene::default()
@@ -97,8 +97,7 @@ fn where_nobody_can_stand_free_space_is_found() {
     );
 }
 
-/// A closed surface without anything in it: a solid. Its triangles face outward, as `push_box`'s
-/// need not.
+/// Returns a closed, empty ball: a solid. Its triangles face outward, unlike those of `push_box`.
 fn ball(radius: f64, middle: DVec3) -> Scene {
     const RINGS: u32 = 24;
     let mut scene = Scene {
@@ -106,9 +105,9 @@ fn ball(radius: f64, middle: DVec3) -> Scene {
         ..Scene::default()
     };
     for ring in 0..=RINGS {
-        for place in 0..2 * RINGS {
+        for column in 0..2 * RINGS {
             let [polar, around] =
-                [ring, place].map(|i| f64::from(i) / f64::from(RINGS) * std::f64::consts::PI);
+                [ring, column].map(|i| f64::from(i) / f64::from(RINGS) * std::f64::consts::PI);
             let direction = dvec3(
                 polar.sin() * around.cos(),
                 polar.cos(),
@@ -118,13 +117,13 @@ fn ball(radius: f64, middle: DVec3) -> Scene {
         }
     }
     for ring in 0..RINGS {
-        for place in 0..2 * RINGS {
-            let at = |ring: u32, place: u32| ring * 2 * RINGS + place % (2 * RINGS);
+        for column in 0..2 * RINGS {
+            let vertex = |ring: u32, column: u32| ring * 2 * RINGS + column % (2 * RINGS);
             let [a, b, c, d] = [
-                at(ring, place),
-                at(ring + 1, place),
-                at(ring + 1, place + 1),
-                at(ring, place + 1),
+                vertex(ring, column),
+                vertex(ring + 1, column),
+                vertex(ring + 1, column + 1),
+                vertex(ring, column + 1),
             ];
             for vertices in [[a, b, c], [a, c, d]] {
                 scene.triangles.push(Triangle {
@@ -138,7 +137,7 @@ fn ball(radius: f64, middle: DVec3) -> Scene {
 }
 
 #[test]
-fn a_solid_is_looked_at_from_before_it() {
+fn solid_is_viewed_from_front() {
     for (radius, middle) in [
         (0.5, DVec3::ZERO),
         (3.0, dvec3(7.0, 3.0, -2.0)),
@@ -146,13 +145,13 @@ fn a_solid_is_looked_at_from_before_it() {
     ] {
         let tracer = Tracer::new(Arc::new(ball(radius, middle)), middle);
         let headbox = suggest_headbox(&tracer);
-        let way = headbox.centre - middle;
+        let offset = headbox.centre - middle;
         assert!(
-            way.z > 2.0 * radius && way.x.abs() < 1e-9 && way.length() < 5.0 * radius,
+            offset.z > 2.0 * radius && offset.x.abs() < 1e-9 && offset.length() < 5.0 * radius,
             "{radius} m: {headbox:?}"
         );
         assert!(
-            way.length() - 2.0 * headbox.half_size_m > radius,
+            offset.length() - 2.0 * headbox.half_size_m > radius,
             "{radius} m: {headbox:?}"
         );
         let ahead = suggest_view(&tracer, headbox.centre);
@@ -161,7 +160,7 @@ fn a_solid_is_looked_at_from_before_it() {
 }
 
 #[test]
-fn a_room_with_its_walls_turned_outward_is_no_solid() {
+fn furnished_room_with_outward_walls_is_not_solid() {
     let mut scene = ball(3.0, DVec3::ZERO);
     push_box(
         &mut scene,
@@ -174,7 +173,7 @@ fn a_room_with_its_walls_turned_outward_is_no_solid() {
 }
 
 #[test]
-fn nobody_stands_in_a_nook() {
+fn nook_scores_zero() {
     let score = |clearance_m, median_m| {
         place::standing_score(Surroundings {
             clearance_m,
@@ -183,14 +182,14 @@ fn nobody_stands_in_a_nook() {
             backs: 0.0,
         })
     };
-    // On the balcony of a half-timbered house, among its beams; in a cupboard; in a small and in a
-    // large room.
+    // The balcony of a half-timbered house, among its beams; a cupboard.
     assert_eq!([score(0.3, 0.9), score(0.1, 2.0)], [0.0, 0.0]);
+    // A small and a large room.
     assert!(0.0 < score(0.6, 1.5) && score(0.6, 1.5) < score(1.2, 3.0));
 }
 
 #[test]
-fn of_two_rooms_the_one_with_things_in_it_is_shown() {
+fn furnished_room_is_preferred_to_empty() {
     let mut scene = Scene {
         materials: vec![Material::default()],
         ..Scene::default()
@@ -198,7 +197,8 @@ fn of_two_rooms_the_one_with_things_in_it_is_shown() {
     push_box(&mut scene, DVec3::ZERO, dvec3(6.0, 3.0, 6.0), 0);
     push_box(&mut scene, dvec3(8.0, 0.0, 0.0), dvec3(14.0, 3.0, 6.0), 0);
     for thing in 0..40 {
-        let (y, z) = (f64::from(thing / 8) * 0.6, 0.5 + 0.6 * f64::from(thing % 8));
+        let y = f64::from(thing / 8) * 0.6;
+        let z = 0.5 + 0.6 * f64::from(thing % 8);
         push_box(
             &mut scene,
             dvec3(8.1, y, z),
@@ -211,7 +211,7 @@ fn of_two_rooms_the_one_with_things_in_it_is_shown() {
 }
 
 #[test]
-fn fewer_rays_fill_a_smaller_headbox() {
+fn half_size_shrinks_with_fewer_rays() {
     assert_eq!(fitting_half_size(0.8, 16.0), 0.8);
     assert_eq!(fitting_half_size(0.8, 4.0), 0.4);
     assert_eq!(fitting_half_size(0.8, 0.0), 0.2);

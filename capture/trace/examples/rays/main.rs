@@ -1,17 +1,17 @@
-//! Ray rates on stratified cube-face rays, and a file of those rays for other tracers to trace the
-//! very same.
+//! Ray rates on stratified cube-face rays, written to a file so that other tracers can trace the
+//! same rays.
 //!
 //! ```text
-//! cargo run --release -p headbox-capture --example rays -- SCENE.obj RAYS.bin \
+//! cargo run --release -p headbox-trace --example rays -- SCENE.obj RAYS.bin \
 //!     [cx cy cz half] [strata=32] [rays-per-stratum=16] [faces=0] [repetitions=3]
 //! ```
 //!
 //! The rays start on the faces of the cube (centre c, half size `half`, in the file's axes),
 //! cosine-weighted about the face's outward normal, stratum by stratum: the order of a capture. The
 //! file holds a little-endian u64 count, then origin x, y, z and direction x, y, z as six arrays of
-//! f32. Making, writing and reading rays is not timed; loading them into packets, tracing, and
-//! storing t and the triangle's number is. Rates are Mrays/s as median (least to most), for one and
-//! two threads.
+//! f32. Generating, writing and reading rays is not timed; loading them into packets, tracing, and
+//! storing t and the triangle's index is. Rates are Mrays/s as median (minimum to maximum), for one
+//! and two threads.
 
 mod cube;
 
@@ -24,10 +24,10 @@ use std::io::Write;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-/// Rays that a thread takes at a time.
+/// Number of rays that a thread traces at a time.
 const CHUNK: usize = 16_384;
 
-/// Packets that are traced by one call.
+/// Number of packets traced by one call.
 const BATCH: usize = 64;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -37,11 +37,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let number = |i: usize, default: f64| args.get(i).map_or(Ok(default), |s| s.parse::<f64>());
     let centre = DVec3::new(number(3, 0.0)?, number(4, 0.0)?, number(5, 2.0)?);
-    let (half, n, m) = (
-        number(6, 0.5)?,
-        number(7, 32.0)? as u32,
-        number(8, 16.0)? as u32,
-    );
+    let half = number(6, 0.5)?;
+    let n = number(7, 32.0)? as u32;
+    let m = number(8, 16.0)? as u32;
     let faces = args.get(9).map_or("0", String::as_str);
     let repetitions = number(10, 3.0)? as usize;
 
@@ -49,7 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let rays = cube_rays(centre, half, n, m, faces);
     write_rays(file, &rays)?;
     let start = Instant::now();
-    // The file's own frame, so that every tracer sees the same numbers.
+    // The file's own frame, so that every tracer gets the same coordinates.
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     println!(
         "{} triangles, {} rays; built in {:.2?}",
@@ -73,7 +71,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 })
                 .collect();
             rates.sort_by(f64::total_cmp);
-            let (least, most) = (rates[0], rates[repetitions - 1]);
+            let least = rates[0];
+            let most = rates[repetitions - 1];
             println!(
                 "{name}, {threads} thread(s): {:.2} Mrays/s ({least:.2} to {most:.2})",
                 rates[repetitions / 2]
@@ -83,7 +82,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Positions and faces of an OBJ, in the file's frame.
+/// Reads positions and faces of an OBJ file, in the file's frame.
 fn read_obj(path: &str) -> Result<Scene, Box<dyn std::error::Error>> {
     let options = tobj::LoadOptions {
         triangulate: true,
@@ -117,12 +116,13 @@ fn write_rays(path: &str, rays: &Rays) -> std::io::Result<()> {
     file.flush()
 }
 
-/// What other tracers must agree on.
+/// Prints the hit fraction and mean distance, on which other tracers must agree.
 fn report(tracer: &Tracer, rays: &Rays) {
-    let (mut hits, mut sum) = (0_u64, 0.0);
+    let mut hits = 0_u64;
+    let mut sum = 0.0;
     for start in (0..rays[0].len()).step_by(PACKET) {
-        let found = tracer.closest_packet(&load_packet(rays, start));
-        for t in found.t.into_iter().filter(|t| t.is_finite()) {
+        let packet = tracer.closest_packet(&load_packet(rays, start));
+        for t in packet.t.into_iter().filter(|t| t.is_finite()) {
             hits += 1;
             sum += f64::from(t);
         }
@@ -134,10 +134,10 @@ fn report(tracer: &Tracer, rays: &Rays) {
     );
 }
 
-/// Traces the rays from `start` on, as many as the results hold.
+/// Function that traces the rays from `start` on, as many as the result slices hold.
 type TraceChunk = fn(&Tracer, &Rays, usize, &mut [f32], &mut [u32]);
 
-/// Seconds of one pass over all rays. The results' memory has been touched before.
+/// Measures one pass over all rays, seconds. The results' memory must have been touched before.
 fn timed_pass(
     tracer: &Tracer,
     rays: &Rays,
