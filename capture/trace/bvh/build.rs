@@ -185,7 +185,7 @@ impl Collapse<'_> {
         }
         let wide = &mut self.tree.nodes[node];
         wide.child[slot] = Child::leaf(first);
-        wide.set_bounds(slot, Bounds::of_leaf(members.iter().map(|m| m.1)));
+        wide.set_bounds(slot, Bounds::from_triangles(members.iter().map(|m| m.1)));
     }
 
     /// Computes boxes of inner nodes from the leaves up as exact unions of their children, so that

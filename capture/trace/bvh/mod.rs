@@ -183,7 +183,7 @@ impl Tracer {
     /// Returns the closest hit of a ray, the smallest (t, primitive) of all its hits; of coincident
     /// triangles, the first that faces the ray, or else the first.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
-        let mut closest = single::Closest::new(ray.t_max);
+        let mut closest = single::ClosestQuery::new(ray.t_max);
         dispatch!(self.level, simd => single::search(simd, self, ray, &mut closest));
         closest.hit().map(|hit| {
             self.coincident
@@ -193,14 +193,14 @@ impl Tracer {
 
     /// Returns true if the ray hits anything between `t_min` and `t_max`.
     pub fn occluded(&self, ray: &Ray) -> bool {
-        let mut occluded = single::Occluded::new(ray.t_max);
+        let mut occluded = single::OcclusionQuery::new(ray.t_max);
         dispatch!(self.level, simd => single::search(simd, self, ray, &mut occluded));
         occluded.blocked()
     }
 
     /// Calls `visit` with every hit on the ray exactly once, in the order of (t, primitive).
     pub fn all_hits(&self, ray: &Ray, visit: &mut dyn FnMut(Hit)) {
-        let mut all = single::All::new(ray.t_max);
+        let mut all = single::AllHitsQuery::new(ray.t_max);
         dispatch!(self.level, simd => single::search(simd, self, ray, &mut all));
         all.into_sorted().into_iter().for_each(visit);
     }

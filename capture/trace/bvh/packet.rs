@@ -9,14 +9,14 @@
 use super::Tracer;
 use super::lanes::{HitPacket, Lanes, PACKET, PreparedPacket, RayPacket};
 use super::prepared::{Prepared, axes_of, each_axis};
-use super::single::{self, Closest, Occluded, relative};
+use super::single::{self, ClosestQuery, OcclusionQuery, relative};
 use super::tree::{BLOCK, Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
 use super::triangle::{Candidate, edges, exact};
 use fearless_simd::{Simd, f32x8, f32x16, mask32x16, prelude::*, u32x16};
 
 /// Maximum number of rays entering a box for which the packet splits into single rays. Measured by
 /// `benches/trace.rs`.
-const ALONE: u32 = 4;
+const SINGLE_RAY_THRESHOLD: u32 = 4;
 
 /// Finds the closest hits of each packet.
 #[inline(always)]
@@ -50,7 +50,7 @@ pub(super) fn occluded<S: Simd>(simd: S, tracer: &Tracer, rays: &[RayPacket], bl
 }
 
 /// Read-only inputs of a packet's traversal.
-struct Walk<'a, S: Simd> {
+struct PacketTraversal<'a, S: Simd> {
     simd: S,
     tracer: &'a Tracer,
     rays: &'a RayPacket,
@@ -85,7 +85,7 @@ fn trace<S: Simd, const ANY: bool>(
     let main = prepared.main_axis[active.trailing_zeros() as usize];
     let same_main =
         u32x16::load_array_ref(simd, &prepared.main_axis).simd_eq(u32x16::splat(simd, main));
-    let walk = Walk {
+    let walk = PacketTraversal {
         simd,
         tracer,
         rays,
@@ -98,7 +98,10 @@ fn trace<S: Simd, const ANY: bool>(
         },
     };
     let agree = |bits: u32| bits == 0 || bits == active;
-    if agree(negative[0]) && agree(negative[1]) && agree(negative[2]) && active.count_ones() > ALONE
+    if agree(negative[0])
+        && agree(negative[1])
+        && agree(negative[2])
+        && active.count_ones() > SINGLE_RAY_THRESHOLD
     {
         walk.together::<ANY>(active, found, stack);
     } else {
@@ -106,7 +109,7 @@ fn trace<S: Simd, const ANY: bool>(
     }
 }
 
-impl<S: Simd> Walk<'_, S> {
+impl<S: Simd> PacketTraversal<'_, S> {
     /// Traverses the subtree of `node` with each of the rays `lanes` separately.
     #[inline(always)]
     fn alone<const ANY: bool>(
@@ -121,13 +124,13 @@ impl<S: Simd> Walk<'_, S> {
             lanes &= lanes - 1;
             let ray = self.prepared.ray(self.rays, k);
             if ANY {
-                let mut search = Occluded::new(found.t[k]);
+                let mut search = OcclusionQuery::new(found.t[k]);
                 traverse_alone(self.simd, self.tracer, &ray, &mut search, node, stack);
                 if search.blocked() {
                     found.block(k);
                 }
             } else {
-                let mut search = Closest {
+                let mut search = ClosestQuery {
                     primitive: found.primitive[k],
                     candidate: found.candidate(k),
                 };
@@ -162,7 +165,7 @@ impl<S: Simd> Walk<'_, S> {
                 if self.intersect_leaf::<ANY>(block, entered, enter, found) {
                     limit = self.limit(active, found);
                 }
-            } else if entered.count_ones() <= ALONE {
+            } else if entered.count_ones() <= SINGLE_RAY_THRESHOLD {
                 self.alone::<ANY>(entered, found, child.index(), &mut stack[len..]);
                 limit = self.limit(active, found);
             } else {
@@ -286,7 +289,7 @@ impl<S: Simd> Walk<'_, S> {
                 w.to_array(),
                 determinant.to_array(),
             ];
-            return self.one_by_one::<ANY>(
+            return self.intersect_scalar::<ANY>(
                 block,
                 slot,
                 wanted,
@@ -320,7 +323,7 @@ impl<S: Simd> Walk<'_, S> {
     /// Scalar tail of [`Self::intersect`] for rare cases: cut-outs, and triangles whose edge
     /// functions all round to zero.
     #[inline(never)]
-    fn one_by_one<const ANY: bool>(
+    fn intersect_scalar<const ANY: bool>(
         &self,
         block: &Block,
         slot: usize,
@@ -407,7 +410,7 @@ impl<S: Simd> Walk<'_, S> {
 
 /// Calls [`single::traverse`] out of line, compiled for the SIMD level.
 #[inline(always)]
-fn traverse_alone<S: Simd, F: single::Found>(
+fn traverse_alone<S: Simd, F: single::HitQuery>(
     simd: S,
     tracer: &Tracer,
     ray: &Prepared,
@@ -435,7 +438,7 @@ struct Beam<S: Simd> {
 
 impl<S: Simd> Beam<S> {
     #[inline(always)]
-    fn new(walk: &Walk<'_, S>, active: u32) -> Self {
+    fn new(walk: &PacketTraversal<'_, S>, active: u32) -> Self {
         let simd = walk.simd;
         let p = walk.prepared;
         let positive = each_axis!(a => walk.near_rows[a] == a);

@@ -7,7 +7,7 @@ use super::{Hit, Ray, Tracer};
 use fearless_simd::{Simd, f32x8, prelude::*};
 
 /// Query of a traversal: decides which hits to keep and when to stop.
-pub(super) trait Found {
+pub(super) trait HitQuery {
     /// Returns the distance beyond which no hit is accepted.
     fn limit(&self) -> f32;
     /// Returns true if a hit at `t` is accepted; `t` is at least the ray's `t_min`.
@@ -21,12 +21,12 @@ pub(super) trait Found {
 }
 
 /// Query for the closest hit.
-pub(super) struct Closest {
+pub(super) struct ClosestQuery {
     pub(super) primitive: u32,
     pub(super) candidate: Candidate,
 }
 
-impl Closest {
+impl ClosestQuery {
     #[inline(always)]
     pub(super) fn new(t_max: f32) -> Self {
         Self {
@@ -55,7 +55,7 @@ fn hit(primitive: u32, candidate: Candidate) -> Hit {
     }
 }
 
-impl Found for Closest {
+impl HitQuery for ClosestQuery {
     #[inline]
     fn limit(&self) -> f32 {
         self.candidate.t
@@ -76,12 +76,12 @@ impl Found for Closest {
 }
 
 /// Query for any hit.
-pub(super) struct Occluded {
+pub(super) struct OcclusionQuery {
     t_max: f32,
     blocked: bool,
 }
 
-impl Occluded {
+impl OcclusionQuery {
     #[inline(always)]
     pub(super) fn new(t_max: f32) -> Self {
         Self {
@@ -96,7 +96,7 @@ impl Occluded {
     }
 }
 
-impl Found for Occluded {
+impl HitQuery for OcclusionQuery {
     #[inline]
     fn limit(&self) -> f32 {
         self.t_max
@@ -119,12 +119,12 @@ impl Found for Occluded {
 }
 
 /// Query for all hits.
-pub(super) struct All {
+pub(super) struct AllHitsQuery {
     t_max: f32,
     hits: Vec<Hit>,
 }
 
-impl All {
+impl AllHitsQuery {
     pub(super) fn new(t_max: f32) -> Self {
         Self {
             t_max,
@@ -139,7 +139,7 @@ impl All {
     }
 }
 
-impl Found for All {
+impl HitQuery for AllHitsQuery {
     #[inline]
     fn limit(&self) -> f32 {
         self.t_max
@@ -158,7 +158,7 @@ impl Found for All {
 
 /// Traverses the whole tree with one ray.
 #[inline(always)]
-pub(super) fn search<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Ray, found: &mut F) {
+pub(super) fn search<S: Simd, F: HitQuery>(simd: S, tracer: &Tracer, ray: &Ray, found: &mut F) {
     let Some(ray) = Prepared::new(ray) else {
         return;
     };
@@ -178,7 +178,7 @@ pub(super) fn search<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Ray, fou
 
 /// Traverses the subtree of node `root`, nearest children first.
 #[inline(always)]
-pub(super) fn traverse<S: Simd, F: Found>(
+pub(super) fn traverse<S: Simd, F: HitQuery>(
     simd: S,
     tracer: &Tracer,
     ray: &Prepared,
@@ -197,7 +197,7 @@ pub(super) fn traverse<S: Simd, F: Found>(
             return;
         };
         loop {
-            let child = Child::from_name(next.name());
+            let child = Child::from_bits(next.name());
             let Some(block) = child.first_block() else {
                 node = &nodes[child.index() as usize];
                 break;
@@ -292,7 +292,7 @@ impl<S: Simd> BoxTest<S> {
 
 /// Tests the triangles of a leaf. `enter` is the distance at which the ray enters the leaf's box.
 #[inline(always)]
-fn intersect_leaf<S: Simd, F: Found>(
+fn intersect_leaf<S: Simd, F: HitQuery>(
     simd: S,
     tracer: &Tracer,
     ray: &Prepared,
@@ -310,7 +310,7 @@ fn intersect_leaf<S: Simd, F: Found>(
 
 /// Tests the triangles of a block. `enter` is the distance at which the ray enters the leaf's box.
 #[inline(always)]
-fn intersect<S: Simd, F: Found>(
+fn intersect<S: Simd, F: HitQuery>(
     simd: S,
     tracer: &Tracer,
     ray: &Prepared,

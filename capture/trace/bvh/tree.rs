@@ -77,7 +77,7 @@ pub(super) struct Bounds {
 
 impl Bounds {
     /// Computes the bounding box of a leaf's triangles, enlarged as [`super::prepared`] requires.
-    pub(super) fn of_leaf(triangles: impl Iterator<Item = [Vec3; 3]>) -> Self {
+    pub(super) fn from_triangles(triangles: impl Iterator<Item = [Vec3; 3]>) -> Self {
         let empty = Self {
             min: Vec3::INFINITY,
             max: Vec3::NEG_INFINITY,
@@ -183,7 +183,7 @@ impl Child {
     }
 
     #[inline]
-    pub(super) fn from_name(name: u32) -> Self {
+    pub(super) fn from_bits(name: u32) -> Self {
         Self(name)
     }
 

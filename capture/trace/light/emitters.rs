@@ -57,7 +57,7 @@ fn area([a, b, c]: [Vec3; 3]) -> f32 {
 impl Lighting {
     /// Samples radiosity per albedo from a point on one emissive triangle, with the balance
     /// heuristic if rays in the `shared` directions sample emitters too
-    /// ([`Self::emitter_by_chance`]).
+    /// ([`Self::emitter_light_from_hit`]).
     pub(super) fn emitter_light(
         &self,
         tracer: &Tracer,
@@ -129,7 +129,7 @@ impl Lighting {
 
     /// Returns radiosity per albedo along a ray, sampled from `directions`, that hit an emissive
     /// triangle; weighted by the balance heuristic.
-    pub(super) fn emitter_by_chance(
+    pub(super) fn emitter_light_from_hit(
         &self,
         tracer: &Tracer,
         point: &LitPoint,

@@ -32,22 +32,22 @@ const CELL_SHARE: f32 = 1.0 / 8.0;
 const NARROWEST_SHARE: f32 = 1.0 / 16.0;
 
 /// Maximum number of training paths of a cell.
-const LESSONS: u32 = 512;
+const MAX_TRAINING_PATHS: u32 = 512;
 
 /// Number of training paths after which a cell that gains nothing is abandoned.
-const FIRST_LESSONS: u32 = 128;
+const INITIAL_TRAINING_PATHS: u32 = 128;
 
 /// Minimum number of training points of a cell.
-const FEWEST_PLACES: usize = 2;
+const MIN_CELL_POINTS: usize = 2;
 
 /// Fraction of the rays that are sampled from the learned density; the others are cosine-weighted,
 /// in case training missed a light.
-const GUIDED: f32 = 0.75;
+const GUIDED_FRACTION: f32 = 0.75;
 
 /// Minimum variance reduction, as a fraction of a light sample's variance, for which guiding is
 /// used: within a cell, and, since every point pays for the lookup, over all training points
 /// together. Without a guide rays cost a fifth less.
-const WORTH: f64 = 0.25;
+const MIN_VARIANCE_REDUCTION: f64 = 0.25;
 
 /// Number of rays from the local origin whose hits, and the hits of one ray from each of these, are
 /// the training points.
@@ -189,16 +189,19 @@ impl Lighting {
         filed.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
         let cells: Vec<&[(u64, u32, LitPoint)]> = filed
             .chunk_by(|a, b| a.0 == b.0)
-            .filter(|places| places.len() >= FEWEST_PLACES)
+            .filter(|places| places.len() >= MIN_CELL_POINTS)
             .collect();
-        let mut lessons: Vec<Lessons> = std::iter::repeat_with(Lessons::default)
+        let mut lessons: Vec<CellStatistics> = std::iter::repeat_with(CellStatistics::default)
             .take(cells.len())
             .collect();
         let given = AtomicUsize::new(0);
-        let all = cells.len() * LESSONS as usize;
+        let all = cells.len() * MAX_TRAINING_PATHS as usize;
         for (many, more) in [
-            (FIRST_LESSONS, FIRST_LESSONS),
-            (LESSONS, LESSONS - FIRST_LESSONS),
+            (INITIAL_TRAINING_PATHS, INITIAL_TRAINING_PATHS),
+            (
+                MAX_TRAINING_PATHS,
+                MAX_TRAINING_PATHS - INITIAL_TRAINING_PATHS,
+            ),
         ] {
             let taught = cells
                 .par_iter()
@@ -218,11 +221,11 @@ impl Lighting {
                 .iter()
                 .zip(&lessons)
                 .map(|(places, lessons)| (places.len(), lessons.learnt()));
-            if !worth_the_look(counted) {
+            if !is_worthwhile(counted) {
                 return; // few paths overestimate the gain, if anything
             }
         }
-        let kept = |(places, lessons): (&&[(u64, u32, LitPoint)], &Lessons)| {
+        let kept = |(places, lessons): (&&[(u64, u32, LitPoint)], &CellStatistics)| {
             Some((places[0].0, lessons.learnt().density?))
         };
         guide.cells = cells.iter().zip(&lessons).filter_map(kept).collect();
@@ -235,7 +238,7 @@ impl Lighting {
         &self,
         tracer: &Tracer,
         places: &[(u64, u32, LitPoint)],
-        lessons: &mut Lessons,
+        lessons: &mut CellStatistics,
         many: u32,
     ) {
         if lessons.by_rays.count > 0 && lessons.learnt().density.is_none() {
@@ -255,7 +258,7 @@ impl Lighting {
         tracer: &Tracer,
         place: &LitPoint,
         sample: LightSample,
-        lessons: &mut Lessons,
+        lessons: &mut CellStatistics,
     ) {
         let directions = self.directions(place);
         let level = |light: Vec3| luminance((light * self.exposure).to_array());
@@ -268,7 +271,7 @@ impl Lighting {
         )));
         let mut path = Path::new(place);
         if self
-            .onward(tracer, &mut path, 0, &sample, &directions)
+            .trace_next_ray(tracer, &mut path, 0, &sample, &directions)
             .is_some()
         {
             self.follow(tracer, &mut path, 1, &sample);
@@ -281,18 +284,18 @@ impl Lighting {
 }
 
 /// Returns true if cells, each with its number of points, gain enough together.
-fn worth_the_look(cells: impl Iterator<Item = (usize, Learnt)>) -> bool {
+fn is_worthwhile(cells: impl Iterator<Item = (usize, CellEstimate)>) -> bool {
     let mut variance = 0.0;
     let mut saved = 0.0;
     for (places, learnt) in cells {
         variance += places as f64 * learnt.variance * learnt.shows;
         saved += places as f64 * learnt.saved * learnt.shows;
     }
-    saved > WORTH * variance
+    saved > MIN_VARIANCE_REDUCTION * variance
 }
 
 /// Statistics of a cell's training paths.
-struct Lessons {
+struct CellStatistics {
     /// Sums of the squared light along first rays, by bins of the unit square.
     squares: [f32; BINS * BINS],
     /// Number of first rays, by bins of the unit square.
@@ -303,7 +306,7 @@ struct Lessons {
     by_points: Moments,
 }
 
-impl Default for Lessons {
+impl Default for CellStatistics {
     fn default() -> Self {
         Self {
             squares: [0.0; BINS * BINS],
@@ -314,9 +317,9 @@ impl Default for Lessons {
     }
 }
 
-impl Lessons {
+impl CellStatistics {
     /// Estimates the density of first rays and its gain.
-    fn learnt(&self) -> Learnt {
+    fn learnt(&self) -> CellEstimate {
         let variance = self.by_rays.variance() + self.by_points.variance();
         let shows = f64::from(shown_slope(
             (self.by_rays.mean() + self.by_points.mean()) as f32,
@@ -329,14 +332,14 @@ impl Lessons {
         let roots = mean_squares.map(f32::sqrt);
         let mean = roots.iter().sum::<f32>() / roots.len() as f32;
         if mean <= 0.0 || !mean.is_finite() {
-            return Learnt {
+            return CellEstimate {
                 variance,
                 shows,
                 saved: 0.0,
                 density: None,
             };
         }
-        let densities = roots.map(|root| 1.0 - GUIDED + GUIDED * root / mean);
+        let densities = roots.map(|root| 1.0 - GUIDED_FRACTION + GUIDED_FRACTION * root / mean);
         let today: f32 = mean_squares.iter().sum();
         let guided: f32 = mean_squares
             .iter()
@@ -344,15 +347,15 @@ impl Lessons {
             .map(|(square, density)| square / density)
             .sum();
         let saved = f64::from((today - guided) / (BINS * BINS) as f32);
-        if saved > WORTH * variance {
-            Learnt {
+        if saved > MIN_VARIANCE_REDUCTION * variance {
+            CellEstimate {
                 variance,
                 shows,
                 saved,
                 density: Some(SquareDensity::new(&densities)),
             }
         } else {
-            Learnt {
+            CellEstimate {
                 variance,
                 shows,
                 saved: 0.0,
@@ -363,7 +366,7 @@ impl Lessons {
 }
 
 /// Estimated gain and density of a cell.
-struct Learnt {
+struct CellEstimate {
     /// Variance of a light sample whose first ray is cosine-weighted.
     variance: f64,
     /// Visible fraction of the variance: less in bright areas. Next to a lamp samples vary more
@@ -597,7 +600,7 @@ mod tests {
             move |many: usize, variance: f64, saved: f64| {
                 (
                     many,
-                    Learnt {
+                    CellEstimate {
                         variance,
                         shows,
                         saved,
@@ -608,28 +611,28 @@ mod tests {
         };
         let cells = shown(1.0);
         assert!(
-            worth_the_look([cells(6, 4.0, 2.0), cells(4, 4.0, 0.0)].into_iter()),
+            is_worthwhile([cells(6, 4.0, 2.0), cells(4, 4.0, 0.0)].into_iter()),
             "12 of 40"
         );
         assert!(
-            !worth_the_look([cells(4, 4.0, 2.0), cells(6, 4.0, 0.0)].into_iter()),
+            !is_worthwhile([cells(4, 4.0, 2.0), cells(6, 4.0, 0.0)].into_iter()),
             "8 of 40"
         );
         // Most cells gain, but not those that are noisy.
-        assert!(!worth_the_look(
+        assert!(!is_worthwhile(
             [cells(8, 4.0, 2.0), cells(2, 40.0, 0.0)].into_iter()
         ));
         // Noise is invisible where light is bright.
-        assert!(worth_the_look(
+        assert!(is_worthwhile(
             [cells(8, 4.0, 2.0), shown(0.01)(2, 40.0, 0.0)].into_iter()
         ));
-        assert!(!worth_the_look(std::iter::empty()));
+        assert!(!is_worthwhile(std::iter::empty()));
     }
 
     #[test]
     fn noise_is_less_visible_in_bright_areas() {
         let lessons = |light: f64| {
-            let mut lessons = Lessons::default();
+            let mut lessons = CellStatistics::default();
             for level in [0.5 * light, 1.5 * light] {
                 lessons.by_rays.add(level as f32);
             }

@@ -25,7 +25,7 @@ const WIDTH: usize = 8;
 /// Node with its children's bounds as structure of arrays: their weights are computed together, and
 /// hundreds of lights are a few levels deep.
 #[derive(Clone, Debug, PartialEq)]
-struct Node {
+struct LightNode {
     /// Centres of the boxes, `[axis][box]`.
     middle: [[f32; WIDTH]; 3],
     /// Radii of the boxes' bounding spheres.
@@ -33,22 +33,22 @@ struct Node {
     power: [f32; WIDTH],
     /// Index of each box's first light, in the order of the tree; `u32::MAX` in unused slots.
     first: [u32; WIDTH],
-    below: [Below; WIDTH],
+    below: [NodeChild; WIDTH],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Below {
+enum NodeChild {
     /// Light, by its identifier.
     Light(u32),
     /// Node, by its index.
-    Node(u32),
+    LightNode(u32),
 }
 
 /// Tree of all lights of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct LightTree {
     /// Nodes, parents before children.
-    nodes: Vec<Node>,
+    nodes: Vec<LightNode>,
     /// Identifier of each light and its index in the order of the tree, sorted by identifier.
     numbers: Vec<(u32, u32)>,
 }
@@ -72,12 +72,12 @@ impl LightTree {
     /// Returns its index.
     fn push(&mut self, leaves: &mut [Leaf], mut first: u32) -> u32 {
         let number = self.nodes.len();
-        self.nodes.push(Node::EMPTY);
+        self.nodes.push(LightNode::EMPTY);
         for (i, group) in groups(leaves).into_iter().enumerate() {
             self.nodes[number].set(i, group, first);
             let count = group.len() as u32;
             if count > 1 {
-                self.nodes[number].below[i] = Below::Node(self.push(group, first));
+                self.nodes[number].below[i] = NodeChild::LightNode(self.push(group, first));
             }
             first += count;
         }
@@ -114,8 +114,8 @@ impl LightTree {
             number = number.min(of_box * BELOW_ONE);
             probability = of_box;
             match node.below[i] {
-                Below::Light(name) => return Some((name, probability)),
-                Below::Node(below) => index = below as usize,
+                NodeChild::Light(name) => return Some((name, probability)),
+                NodeChild::LightNode(below) => index = below as usize,
             }
         }
     }
@@ -134,8 +134,8 @@ impl LightTree {
             let i = node.first.partition_point(|&first| first <= number) - 1;
             probability *= node.shares(point)[i];
             match node.below[i] {
-                Below::Light(_) => return probability,
-                Below::Node(below) => index = below as usize,
+                NodeChild::Light(_) => return probability,
+                NodeChild::LightNode(below) => index = below as usize,
             }
         }
     }
@@ -197,13 +197,13 @@ fn halves(leaves: &mut [Leaf]) -> (&mut [Leaf], &mut [Leaf]) {
     leaves.split_at_mut(half)
 }
 
-impl Node {
+impl LightNode {
     const EMPTY: Self = Self {
         middle: [[0.0; WIDTH]; 3],
         radius: [0.0; WIDTH],
         power: [0.0; WIDTH],
         first: [u32::MAX; WIDTH],
-        below: [Below::Light(u32::MAX); WIDTH],
+        below: [NodeChild::Light(u32::MAX); WIDTH],
     };
 
     /// Sets box `i` to the bounds of lights, the first of which has the index `first`.
@@ -213,7 +213,7 @@ impl Node {
         self.radius[i] = edges.length() / 2.0;
         self.power[i] = leaves.iter().map(|leaf| leaf.power).sum();
         self.first[i] = first;
-        self.below[i] = Below::Light(leaves[0].name);
+        self.below[i] = NodeChild::Light(leaves[0].name);
     }
 
     /// Returns the probability of each box: approximately proportional to its contribution at a

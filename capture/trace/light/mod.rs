@@ -155,11 +155,11 @@ pub struct LightSample {
 /// which no affordable number of samples averages out. Capture and truth are clamped alike. Sky
 /// light along rays is not clamped (bright spots of a sky image are a small part of it), nor is
 /// fill light.
-const BRIGHTEST_BOUNCE: f32 = 4.0;
+const MAX_BOUNCE_RADIANCE: f32 = 4.0;
 
 /// Maximum number of metering iterations until the exposure is one under which no light was
 /// clamped.
-const MOST_METERINGS: u32 = 8;
+const MAX_METERING_ITERATIONS: u32 = 8;
 
 /// State of a light path.
 struct Path {
@@ -267,10 +267,10 @@ impl Lighting {
         let mut lighting = Self::of_scene(tracer, bounces);
         let pilot = Pilot::new(tracer);
         let mut exposed = lighting.meter(tracer, &pilot);
-        // Very bright light is clamped ([`BRIGHTEST_BOUNCE`]) according to an exposure that is not
+        // Very bright light is clamped ([`MAX_BOUNCE_RADIANCE`]) according to an exposure that is not
         // known yet: a scene lit by sunlight in lux is metered again with the exposure just
         // measured.
-        for _ in 0..MOST_METERINGS {
+        for _ in 0..MAX_METERING_ITERATIONS {
             if exposed >= 0.5 * lighting.exposure {
                 break;
             }
@@ -397,14 +397,14 @@ impl Lighting {
         directions: Option<&Directions<'_>>,
     ) -> Vec3 {
         let dimension = bounce * DECISIONS;
-        let shared = directions.filter(|_| !self.meets_nothing(bounce));
+        let shared = directions.filter(|_| !self.samples_only_sky(bounce));
         let mut direct = self.emitter_light(tracer, point, sample, dimension, shared);
         if let Some(directions) = directions {
             direct += self.sky_light(tracer, point, sample, dimension, directions);
         }
         if bounce > 0 {
             direct += self.sun_light(tracer, point, sample, dimension);
-            direct += self.one_lamp(tracer, point, sample, dimension);
+            direct += self.lamp_light(tracer, point, sample, dimension);
         }
         direct
     }
@@ -412,7 +412,7 @@ impl Lighting {
     /// Returns the maximum contribution of a bounce, per channel.
     fn brightest(&self, bounce: u32) -> f32 {
         if bounce > 0 {
-            BRIGHTEST_BOUNCE / self.exposure
+            MAX_BOUNCE_RADIANCE / self.exposure
         } else {
             f32::INFINITY
         }
@@ -420,7 +420,7 @@ impl Lighting {
 
     /// Returns true if the ray from vertex `bounce` samples only the sky. This is so for the last
     /// ray of a path that has bounced: its emitters are sampled by next-event estimation only.
-    fn meets_nothing(&self, bounce: u32) -> bool {
+    fn samples_only_sky(&self, bounce: u32) -> bool {
         bounce > 0 && bounce == self.bounces && self.fill.radiance == 0.0
     }
 
@@ -434,16 +434,16 @@ impl Lighting {
         sample: &LightSample,
     ) -> Option<f32> {
         // A last ray that samples only the sky is not traced in a scene without one.
-        let goes_on = self.sky.is_some() || !self.meets_nothing(bounce);
+        let goes_on = self.sky.is_some() || !self.samples_only_sky(bounce);
         let directions = goes_on.then(|| self.directions(&path.point));
         let direct = self.direct(tracer, &path.point, sample, bounce, directions.as_ref());
         path.add(direct, self.brightest(bounce));
-        self.onward(tracer, path, bounce, sample, &directions?)
+        self.trace_next_ray(tracer, path, bounce, sample, &directions?)
     }
 
     /// Traces the ray that continues the path, adds the light along it, and moves the path to its
     /// hit (see [`Self::vertex`]).
-    fn onward(
+    fn trace_next_ray(
         &self,
         tracer: &Tracer,
         path: &mut Path,
@@ -465,7 +465,7 @@ impl Lighting {
             t_min: 0.0,
             t_max: f32::INFINITY,
         };
-        let hit = if self.meets_nothing(bounce) {
+        let hit = if self.samples_only_sky(bounce) {
             // The last ray is only an occlusion test.
             if tracer.occluded(&ray) {
                 return None;
@@ -476,7 +476,7 @@ impl Lighting {
         };
         let Some(hit) = hit else {
             path.add(
-                self.sky_by_chance(&point, direction, directions) + self.fill.radiance,
+                self.sky_light_from_miss(&point, direction, directions) + self.fill.radiance,
                 f32::INFINITY,
             );
             return None;
@@ -486,7 +486,8 @@ impl Lighting {
             path.add(Vec3::splat(self.fill.radiance * open * open), f32::INFINITY);
         }
         let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
-        let by_chance = self.emitter_by_chance(tracer, &point, &ray, &hit, &surface, directions);
+        let by_chance =
+            self.emitter_light_from_hit(tracer, &point, &ray, &hit, &surface, directions);
         path.add(by_chance, brightest);
         path.point = next;
         path.throughput *= Vec3::from_array(surface.albedo);

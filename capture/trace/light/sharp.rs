@@ -183,7 +183,7 @@ impl Lighting {
 
     /// Samples radiosity per albedo directly from one punctual lamp, chosen in proportion to its
     /// unoccluded contribution.
-    pub(super) fn one_lamp(
+    pub(super) fn lamp_light(
         &self,
         tracer: &Tracer,
         point: &LitPoint,

@@ -54,7 +54,7 @@ impl Lighting {
     }
 
     /// Estimates radiosity per albedo by a path's ray that missed all surfaces.
-    pub(super) fn sky_by_chance(
+    pub(super) fn sky_light_from_miss(
         &self,
         point: &LitPoint,
         direction: Vec3,
