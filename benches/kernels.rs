@@ -52,12 +52,7 @@ fn kernels() -> Vec<SplatKernel> {
     let known = SplatKernel::ALL;
     names
         .split(',')
-        .filter_map(|name| {
-            known
-                .iter()
-                .find(|(known, _)| *known == name)
-                .map(|(_, kernel)| *kernel)
-        })
+        .filter_map(|name| known.into_iter().find(|kernel| kernel.name() == name))
         .collect()
 }
 

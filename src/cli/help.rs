@@ -126,7 +126,10 @@ fn names_for(command: &str) -> String {
     let houses = HouseVariant::names();
     match command {
         "render" => {
-            let cubes: Vec<&str> = SplatKernel::ALL.iter().map(|(name, _)| *name).collect();
+            let cubes: Vec<&str> = SplatKernel::ALL
+                .iter()
+                .map(|kernel| kernel.name())
+                .collect();
             let sprites: Vec<&str> = SpriteVariant::ALL
                 .iter()
                 .map(|variant| variant.name())

@@ -3,7 +3,7 @@
 use super::backdrop::{BackdropKind, BackdropQuality, BackdropStats, PortalSide};
 use super::cull::Limits;
 use headbox_core::camera::Camera;
-use headbox_cube::render::{Parallel, RenderSettings};
+use headbox_cube::render::RenderSettings;
 use headbox_raster::RasterStats;
 use serde::Serialize;
 
@@ -75,8 +75,6 @@ pub enum Division {
     Bands,
     /// Each portal's backdrop, a sheet of R6, by one thread.
     Portals,
-    /// Each backdrop in the fragments of P5 and P6 for each thread.
-    Fragments,
 }
 
 impl Division {
@@ -91,10 +89,6 @@ impl Division {
             },
             Self::Portals => RenderSettings {
                 band_rows: rows,
-                ..*warp
-            },
-            Self::Fragments => RenderSettings {
-                parallel: Parallel::Fragments(threads),
                 ..*warp
             },
         }

@@ -12,8 +12,10 @@
 //! (ray-traced frames, kept from run to run), [`stats`], [`table`] and [`chart`] (what people
 //! read), [`machine`] (where and by which commit). [`cube_map`] is the rival that every panorama
 //! viewer is, [`embree`] that of a frame; [`sprite_range`] says how far sprites carry. [`images`]
-//! and [`photographs`] leave views out of sets; [`held_out`] is what they share.
+//! and [`photographs`] leave views out of sets; [`held_out`] is what they share. [`baselines`] has
+//! methods of the papers that lost to the product.
 
+pub mod baselines;
 pub mod chart;
 pub mod cube_map;
 

@@ -424,7 +424,8 @@ fn textures_occlude_in_every_band() {
             [101, 75],
         );
         let camera = camera.expect("valid");
-        for (name, kernel) in SplatKernel::ALL {
+        for kernel in SplatKernel::ALL {
+            let name = kernel.name();
             let settings = RenderSettings {
                 kernel,
                 depth: true,

@@ -251,7 +251,7 @@ fn a_part_of_a_frame_is_drawn_as_in_the_whole() {
     )
     .expect("packs");
     let mut random = Rng::keyed(7);
-    for (_, kernel) in SplatKernel::ALL {
+    for kernel in SplatKernel::ALL {
         let settings = RenderSettings {
             kernel,
             ..RenderSettings::default()

@@ -1,4 +1,5 @@
-//! Fragments between epipolar lines (P5, P6, C16) against the serial warp: one band on one thread.
+//! Fragments between epipolar lines (P5, P6, C16), a baseline of the laboratory, against one band
+//! on one thread.
 
 use crate::common::bed::{leaves, room};
 use crate::common::capture::{one_layer, quick};
@@ -8,27 +9,29 @@ use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
 use headbox_core::random::Rng;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{PackedCube, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_cube::render::{FrameStats, Parallel, RenderSettings, Renderer};
+use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
+use headbox_lab::baselines::fragments::{FragmentRenderer, FragmentStats};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-const KERNELS: [SplatKernel; 4] = [
+const KERNELS: [SplatKernel; 5] = [
     SplatKernel::Tent,
     SplatKernel::Opaque,
     SplatKernel::Paper,
     SplatKernel::Plus,
+    SplatKernel::Ellipse,
 ];
 
 const FACE_PX: u32 = 64;
 
-/// Pixels that may differ from the serial warp. None: the mask holds every pixel that footprints of
-/// two fragments touch, and the extended buffer zone everything that touches the mask, in drawing
-/// order.
+/// Pixels that may differ from the serial warp. None: the mask contains every pixel that footprints
+/// of two fragments touch, and the extended buffer zone everything that touches the mask, in
+/// drawing order.
 const DIFFERING_PIXELS: usize = 0;
 
-/// Epipoles in the image plane of the face -Z: inside a pixel, on a corner of four, on the face's
-/// border, far outside, at infinity along an axis and slanting, nearly there on either side,
+/// Eyes whose epipole on the face -Z is inside a pixel, on a corner of four, on the face's border,
+/// far outside, at infinity along an axis and obliquely, almost at infinity on either side,
 /// negative (behind), and none.
 fn eyes() -> Vec<(&'static str, DVec3)> {
     let cell = 2.0 / f64::from(FACE_PX);
@@ -39,21 +42,21 @@ fn eyes() -> Vec<(&'static str, DVec3)> {
         ("on the border", dvec3(1.0, 0.2, -1.0) * 0.3),
         ("far away", dvec3(0.4, 0.3, -0.01)),
         ("at infinity, to the right", dvec3(0.4, 0.0, 0.0)),
-        ("at infinity, slanting", dvec3(-0.3, 0.2, 0.0)),
-        ("nearly at infinity", dvec3(0.3, -0.2, 1e-18)),
+        ("at infinity, oblique", dvec3(-0.3, 0.2, 0.0)),
+        ("almost at infinity", dvec3(0.3, -0.2, 1e-18)),
         (
             "negative, inside a pixel",
             dvec3(3.3 * cell, 1.2 * cell, 1.0) * 0.4,
         ),
         ("negative, on a corner", dvec3(cell, -cell, 1.0) * 0.4),
         ("negative, far away", dvec3(-0.4, 0.3, 0.01)),
-        ("nowhere: no parallax", DVec3::ZERO),
-        ("nowhere, nearly", DVec3::splat(1e-300)),
+        ("none: no parallax", DVec3::ZERO),
+        ("almost none", DVec3::splat(1e-300)),
         ("behind the first surfaces", dvec3(1.1, 0.4, -2.3)),
     ]
 }
 
-/// Both scenes as cubes, and with the face -Z alone: the single-camera LDI of the papers.
+/// Packs both scenes as cubes, and with the face -Z alone: the single-camera LDI of the papers.
 fn cubes() -> Vec<PackedCube> {
     let mut cubes = Vec::new();
     for (scene, split) in [(room(6.0), Split::Auto), (leaves(6.0), Split::None)] {
@@ -84,10 +87,10 @@ fn differing(a: &Frame, b: &Frame) -> usize {
     a.zip(b).filter(|(a, b)| a != b).count()
 }
 
-/// Draws frames serially and in fragments, with renderers that remember all earlier ones.
+/// Renderers of serial frames and of fragments, used for many frames.
 struct Pair {
     serial: Renderer,
-    fragments: Renderer,
+    fragments: FragmentRenderer,
     pools: [ThreadPool; 3],
 }
 
@@ -95,12 +98,12 @@ impl Pair {
     fn new() -> Self {
         Self {
             serial: Renderer::new(),
-            fragments: Renderer::new(),
+            fragments: FragmentRenderer::default(),
             pools: pools(),
         }
     }
 
-    /// The statistics of both, for a number of fragments.
+    /// Compares frames; returns the statistics of the fragments for each number of fragments.
     fn compare(
         &mut self,
         name: &str,
@@ -108,33 +111,26 @@ impl Pair {
         camera: &Camera,
         settings: RenderSettings,
         counts: &[u32],
-    ) -> Vec<[FrameStats; 2]> {
+    ) -> Vec<FragmentStats> {
         let serial = RenderSettings {
             band_rows: camera.height(),
             ..settings
         };
-        let (expected, of_serial) =
+        let (expected, serial_stats) =
             self.pools[0].install(|| self.serial.render_with_stats(cube, camera, &serial));
         let one = |(&count, pool): (&u32, &ThreadPool)| {
-            let settings = RenderSettings {
-                parallel: Parallel::Fragments(count),
-                ..settings
-            };
-            let (found, stats) =
-                pool.install(|| self.fragments.render_with_stats(cube, camera, &settings));
-            let differing = differing(expected, found);
+            let (frame, stats) =
+                pool.install(|| self.fragments.render(cube, camera, &settings, count));
             let title = format!("{name}, {:?}, {count} fragments", settings.kernel);
-            assert!(
-                differing == DIFFERING_PIXELS,
-                "{title}: {differing} pixels differ"
-            );
-            assert_eq!(stats.hole_pixels, of_serial.hole_pixels, "{title}");
-            let first_pass = stats.depth_pixels_in - stats.redone_depth_pixels;
+            assert_eq!(differing(expected, frame), DIFFERING_PIXELS, "{title}");
+            assert!(frame == expected, "{title}: depths differ");
+            assert_eq!(stats.frame.hole_pixels, serial_stats.hole_pixels, "{title}");
+            let first_pass = stats.frame.depth_pixels_in - stats.redone_depth_pixels;
             assert_eq!(
-                first_pass, of_serial.depth_pixels_in,
+                first_pass, serial_stats.depth_pixels_in,
                 "{title}: each depth pixel in one fragment"
             );
-            [*of_serial, *stats]
+            stats
         };
         counts
             .iter()
@@ -144,14 +140,33 @@ impl Pair {
     }
 }
 
+/// Checks the statistics of a frame in several fragments.
+fn check_stats(stats: &FragmentStats, pixels: u64) {
+    let FrameStats {
+        clear_ms,
+        warp_ms,
+        finish_ms,
+        frame_ms,
+        imbalance,
+        ..
+    } = stats.frame;
+    assert!(clear_ms > 0.0 && warp_ms > 0.0 && finish_ms > 0.0 && frame_ms > 0.0);
+    assert!(imbalance > 1.0 - 1e-9, "{imbalance}: slowest over mean");
+    assert!(stats.redone_pixels <= pixels);
+    assert!(stats.redone_depth_pixels <= stats.frame.depth_pixels_in);
+    assert!(stats.largest_fragment <= stats.frame.depth_pixels_in);
+}
+
 #[test]
-fn fragments_give_the_serial_frame() {
+fn fragments_give_serial_frame() {
     // Wide enough for most pixels to lie outside of all masks.
     const WIDTH: u32 = 203;
     const HEIGHT: u32 = 121;
     let mut pair = Pair::new();
     let mut random = Rng::keyed(3);
-    let (mut pixels, mut redone, mut passes) = (0, 0, [0; 2]);
+    let mut pixels = 0;
+    let mut redone = 0;
+    let mut passes = [0; 2];
     for (c, cube) in cubes().iter().enumerate() {
         for (i, (name, eye)) in eyes().into_iter().enumerate() {
             // Every other time with an epipole in the middle of the frame, if there is one.
@@ -169,13 +184,12 @@ fn fragments_give_the_serial_frame() {
                     depth: true,
                     ..RenderSettings::default()
                 };
-                for [_, stats] in pair.compare(name, cube, &camera, settings, &[1, 2, 3, 4, 7]) {
+                for stats in pair.compare(name, cube, &camera, settings, &[1, 2, 3, 4, 7]) {
+                    check_stats(&stats, u64::from(WIDTH * HEIGHT));
                     pixels += u64::from(WIDTH * HEIGHT);
                     redone += stats.redone_pixels;
-                    passes = [
-                        passes[0] + stats.depth_pixels_in,
-                        passes[1] + stats.redone_depth_pixels,
-                    ];
+                    passes[0] += stats.frame.depth_pixels_in;
+                    passes[1] += stats.redone_depth_pixels;
                 }
             }
         }
@@ -192,7 +206,7 @@ fn fragments_give_the_serial_frame() {
 }
 
 #[test]
-fn eyes_and_views_at_random_and_every_depth_pixel_warped() {
+fn random_cropped_views_give_serial_frame() {
     let mut pair = Pair::new();
     let mut random = Rng::keyed(21);
     let cubes = cubes();
@@ -201,9 +215,16 @@ fn eyes_and_views_at_random_and_every_depth_pixel_warped() {
         let fov = [5.0, 60.0, 100.0, 170.0][i % 4];
         let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, [83, 59])
             .expect("valid");
+        // Every fourth view with an off-centre principal point.
+        let camera = if i % 4 == 3 {
+            camera.cropped(5..70, 20..59).expect("a part")
+        } else {
+            camera
+        };
+        let kernel = KERNELS[i % KERNELS.len()];
         let settings = RenderSettings {
-            kernel: KERNELS[i % KERNELS.len()],
-            unclipped: i % 5 == 0,
+            kernel,
+            unclipped: i % 7 == 0,
             ..RenderSettings::default()
         };
         let name = format!("{i}: eye {eye}, {fov} degrees");
@@ -212,7 +233,7 @@ fn eyes_and_views_at_random_and_every_depth_pixel_warped() {
 }
 
 #[test]
-fn frames_of_every_size_and_more_fragments_than_there_can_be() {
+fn odd_sizes_give_serial_frame() {
     let mut pair = Pair::new();
     let cubes = cubes();
     for [width, height] in [
@@ -262,33 +283,28 @@ fn frames_of_every_size_and_more_fragments_than_there_can_be() {
     );
 }
 
-/// The largest fragment's share of the depth pixels may exceed the mean by this factor: weights are
-/// counted in every fourth row, in pieces of 16 columns, which near an epipole are wide. A bound,
-/// not a measurement.
+/// Bound of the largest fragment over the mean: samples are counted in every fourth row, in runs of
+/// 16 columns, which are wide near an epipole.
 const UNEVEN: f64 = 1.25;
 
 #[test]
-fn fragments_have_about_equally_many_depth_pixels() {
+fn fragments_have_similar_sample_counts() {
     let cube = &cubes()[0];
-    let mut renderer = Renderer::new();
+    let mut renderer = FragmentRenderer::default();
     for (name, eye) in eyes().into_iter().take(10) {
         let camera = Camera::look_at(eye, dvec3(eye.x, eye.y, -3.0), DVec3::Y, 90.0, [97, 61])
             .expect("valid");
-        let settings = RenderSettings {
-            parallel: Parallel::Fragments(4),
-            ..RenderSettings::default()
-        };
-        let (_, stats) = renderer.render_with_stats(cube, &camera, &settings);
-        let mean = (stats.depth_pixels_in - stats.redone_depth_pixels) as f64 / 4.0;
+        let (_, stats) = renderer.render(cube, &camera, &RenderSettings::default(), 4);
+        let mean = (stats.frame.depth_pixels_in - stats.redone_depth_pixels) as f64 / 4.0;
         let largest = stats.largest_fragment as f64;
         assert!(largest <= UNEVEN * mean, "{name}: {largest} of {mean}");
     }
 }
 
-/// On a face of an odd number of pixels, the middle one lies on the baseline of an eye at the
+/// On a face with an odd number of pixels, the middle one lies on the baseline of an eye at the
 /// centre, and has no angle.
 #[test]
-fn a_pixel_on_the_baseline_takes_no_neighbours_along() {
+fn pixel_on_baseline_belongs_to_one_fragment() {
     let mut pair = Pair::new();
     let forwards = [
         dvec3(-0.113_878_676_628, -0.057_211_210_838, 0.991_846_018_475),
@@ -314,20 +330,46 @@ fn a_pixel_on_the_baseline_takes_no_neighbours_along() {
                     kernel,
                     ..RenderSettings::default()
                 };
-                let expected = pair.serial.render(&cube, &camera, &settings);
-                for count in [2, 3, 7] {
-                    let settings = RenderSettings {
-                        parallel: Parallel::Fragments(count),
-                        ..settings
-                    };
-                    let found = pair.fragments.render(&cube, &camera, &settings);
-                    assert_eq!(
-                        differing(expected, found),
-                        DIFFERING_PIXELS,
-                        "{face_px} px, {kernel:?}, {count}"
-                    );
-                }
+                pair.compare(
+                    &format!("{face_px} px"),
+                    &cube,
+                    &camera,
+                    settings,
+                    &[2, 3, 7],
+                );
             }
         }
     }
+}
+
+#[test]
+fn cubes_with_plane_textures_are_drawn_in_bands() {
+    let ldi = quick(&room(6.0), FACE_PX);
+    let mut cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    let tile = PlaneTile {
+        plane: 0,
+        first_texel: 0,
+        x0: 20,
+        y0: 20,
+        width: 20,
+        height: 20,
+        face: Face::NegZ.index() as u16,
+        opaque: 1,
+    };
+    cube.planes = PlaneSet {
+        error_px: 1.0,
+        planes: vec![Plane {
+            normal_per_distance: (Face::NegZ.normal() / 1.1).as_vec3(),
+        }],
+        tiles: vec![tile],
+        texels: vec![[0, 255, 0, 255]; 400],
+        ..PlaneSet::default()
+    };
+    let camera =
+        Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 90.0, [64, 48]).expect("valid");
+    let settings = RenderSettings::default();
+    let mut renderer = FragmentRenderer::default();
+    let (frame, _) = renderer.render(&cube, &camera, &settings, 3);
+    assert!(frame == Renderer::new().render(&cube, &camera, &settings));
+    assert!(frame.color.contains(&[0, 255, 0, 255]));
 }

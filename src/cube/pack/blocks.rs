@@ -6,7 +6,7 @@ use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel};
 pub const BLOCK_COLUMNS: u32 = 64;
 
 /// Rows of a block; blocks start at multiples of it on the face.
-pub(crate) const BLOCK_ROWS: u32 = 16;
+pub const BLOCK_ROWS: u32 = 16;
 
 /// Least and largest inverse depth code of every block of [`BLOCK_COLUMNS`] x [`BLOCK_ROWS`] face
 /// pixels that a segment's rectangle touches. Made from the depth pixels, and not stored in files;

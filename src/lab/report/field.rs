@@ -2,8 +2,8 @@
 
 use super::captures::{Captures, DEFAULT, Made, PRIMITIVES, REPACKED};
 use super::contender::{
-    BakedLight, BakedRays, Contender, CubeMapDraw, ExactDraw, LdiDraw, OracleDraw, PathTraced,
-    PointCloud, RasterDraw, Role, SpriteDraw, WarpArithmetic, WarpOnly, sprite_bytes,
+    BakedLight, BakedRays, Contender, CubeMapDraw, ExactDraw, FragmentDraw, LdiDraw, OracleDraw,
+    PathTraced, PointCloud, RasterDraw, Role, SpriteDraw, WarpArithmetic, WarpOnly, sprite_bytes,
 };
 use super::subject::{ReportError, Subject, scene_bytes};
 use super::wall::{WALL, Wall};
@@ -14,8 +14,8 @@ use headbox_core::camera::Camera;
 use headbox_core::progress::{Progress, Silent};
 use headbox_cube::pack::{ExactCube, PackedCube, SplatIndexLayout, Split};
 use headbox_cube::planes::DEFAULT_ERROR_PX;
+use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_cube::render::{Parallel, RenderSettings};
 use headbox_sprite::compose::Composition;
 use headbox_sprite::{
     Displacement, DisplacementFormat, PreparedSprite, RenderOptions, SlabCapture, SpriteSampling,
@@ -226,16 +226,9 @@ impl<'a> ContenderField<'a> {
             (0, "fragments along epipolar lines, one a thread"),
             (8, "eight such fragments"),
         ] {
-            let fragments = RenderSettings {
-                parallel: Parallel::Fragments(count),
-                ..default
-            };
-            self.contenders.push(self.ldi(
-                vec![Role::other(PARALLEL, name)],
-                cube,
-                fragments,
-                capture_s,
-            ));
+            let like = self.ldi(vec![Role::other(PARALLEL, name)], cube, default, capture_s);
+            let draw = Box::new(FragmentDraw::new(Arc::clone(cube), count));
+            self.contenders.push(Contender { draw, ..like });
         }
         let one = self.ldi(
             vec![Role::baseline("threads", "1 thread")],

@@ -66,7 +66,6 @@ pub(super) fn measure(
     let version = embree.version.clone();
     let default = RenderSettings::default().kernel;
     let others = SplatKernel::ALL
-        .map(|(_, kernel)| kernel)
         .into_iter()
         .filter(|kernel| *kernel != default);
     let samples = std::iter::once(default)

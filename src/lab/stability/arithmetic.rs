@@ -253,11 +253,11 @@ fn f32_along_rows(seed: u64) -> Option<f64> {
     for row in [0, 1023, 2048, dice.below(SIZE), SIZE - 1] {
         for column in (0..SIZE).step_by(3) {
             let block = column - column % BLOCK;
-            let at = transfer.anchored(block, row, min, step);
+            let at = transfer.anchor(block, row, min, step);
             for code in [0, 77_777, INVERSE_DEPTH_CODE_MAX] {
                 let k = (column - block) as f32;
                 let found = (at.anchor + at.step * k) + at.per_code * code as f32;
-                let exact = transfer.at(f64::from(column) + 0.5, f64::from(row) + 0.5)
+                let exact = transfer.map_infinite(f64::from(column) + 0.5, f64::from(row) + 0.5)
                     + transfer.inverse_depth * (min + f64::from(code) * step);
                 let (x, y) = (exact.x / exact.z, exact.y / exact.z);
                 let half = f64::from(SIZE) / 2.0;

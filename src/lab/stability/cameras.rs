@@ -179,7 +179,7 @@ pub(super) fn cases() -> Vec<Case> {
                     } = random_transfer(&mut dice)?;
                     let [x, y] = [0, 1].map(|_| dice.between(0.0, f64::from(size)));
                     let q = dice.between(0.01, 2.0);
-                    let there = transfer.at(x, y) + transfer.inverse_depth * q;
+                    let there = transfer.map_infinite(x, y) + transfer.inverse_depth * q;
                     let principal = camera.principal_px();
                     let by_matrix = [
                         there.x / there.z + principal[0],

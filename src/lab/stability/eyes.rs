@@ -2,13 +2,14 @@
 
 use super::Case;
 use super::bed::{Dice, ROOM, differing, draw, kernel, largest, ldi_of, pack, rms_levels, sample};
+use crate::baselines::fragments::FragmentRenderer;
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::samples::CubeLdi;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_cube::render::{Parallel, RenderSettings, Renderer};
+use headbox_cube::render::{RenderSettings, Renderer};
 
 pub(super) fn cases() -> Vec<Case> {
     vec![
@@ -270,11 +271,9 @@ fn fragments_against_bands(seed: u64) -> Option<f64> {
                 let camera = super::bed::look(eye, dice.direction(), 75.0, [64, 48]).ok()?;
                 let expected = draw(cube, &camera, &default());
                 largest([1, 2, 3, 7, 16].map(|count| {
-                    let settings = RenderSettings {
-                        parallel: Parallel::Fragments(count),
-                        ..default()
-                    };
-                    Some(differing(&expected, &draw(cube, &camera, &settings), 0) as f64)
+                    let mut renderer = FragmentRenderer::default();
+                    let (frame, _) = renderer.render(cube, &camera, &default(), count);
+                    Some(differing(&expected, frame, 0) as f64)
                 }))
             }),
     )

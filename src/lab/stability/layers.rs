@@ -218,7 +218,7 @@ fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeLdi {
 /// Largest distance of pixels from the wall's colour, times their coverage, over all kernels;
 /// holes, kept open, must be black.
 fn foreign_levels(cube: &PackedCube, camera: &Camera) -> Option<f64> {
-    largest(SplatKernel::ALL.map(|(_, splats)| {
+    largest(SplatKernel::ALL.map(|splats| {
         let frame = draw(
             cube,
             camera,

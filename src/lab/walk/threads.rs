@@ -3,6 +3,7 @@
 //! among more processors (imbalance is the only loss there).
 
 use super::{MeasureError, share};
+use crate::baselines::fragments::FragmentRenderer;
 use crate::turns::in_turns;
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -13,8 +14,12 @@ use headbox_house::settings::{Division, WalkSettings};
 use headbox_house::store::Store;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk::Walker;
+use headbox_raster::PixelContent;
 use rayon::ThreadPool;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use std::time::Instant;
 
 /// Poses at most: a gain is a ratio of sums, which a few poses tell.
 const POSES: usize = 24;
@@ -22,17 +27,17 @@ const POSES: usize = 24;
 /// Frames of each pose, of which the fastest counts.
 const REPEATS: u32 = 3;
 
-/// Measured divisions, with the names of the speed-up behind portals and of that of the whole
-/// frame.
-const DIVISIONS: [(Division, &str, Option<&str>); 3] = [
+/// Measured divisions of the walker, or `None` for fragments, with the names of the speed-up behind
+/// portals and of that of the whole frame.
+const DIVISIONS: [(Option<Division>, &str, Option<&str>); 3] = [
     (
-        Division::Portals,
+        Some(Division::Portals),
         "portals: each portal's backdrop on a thread",
         None,
     ),
-    (Division::Fragments, "fragments of each backdrop", None),
+    (None, "fragments of each backdrop", None),
     (
-        Division::Bands,
+        Some(Division::Bands),
         "tiles: bands of each backdrop",
         Some("whole frame, backdrops in bands"),
     ),
@@ -80,21 +85,14 @@ pub(super) fn gains(
         .collect();
     let threads = rayon::current_num_threads();
     let [alone, together] = [pool(1)?, pool(threads)?];
-    let all = DIVISIONS.map(|(division, ..)| {
-        (
-            &together,
-            WalkSettings {
-                division,
-                ..settings
-            },
-        )
-    });
-    let times = times(
-        house,
-        store,
-        &cameras,
-        &[[(&alone, settings)].as_slice(), &all].concat(),
-    );
+    let way = |pool, division| Way {
+        pool,
+        division,
+        fragments: Vec::new(),
+    };
+    let mut ways = vec![way(&alone, Some(Division::Bands))];
+    ways.extend(DIVISIONS.map(|(division, ..)| way(&together, division)));
+    let times = times(house, store, &cameras, &settings, &mut ways);
     let clock = |division: &str, speedup| ThreadRow {
         division: division.into(),
         by_the_clock: true,
@@ -141,23 +139,98 @@ fn pool(threads: usize) -> Result<ThreadPool, rayon::ThreadPoolBuildError> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build()
 }
 
-/// Backdrops and whole frames of all poses in each of several ways, ms: the best of a pose's in
-/// turns, summed.
+/// A way to draw backdrops.
+struct Way<'a> {
+    pool: &'a ThreadPool,
+    /// `None` for fragments, which are drawn without the walker and not copied into the frame.
+    division: Option<Division>,
+    /// One for each backdrop.
+    fragments: Vec<FragmentRenderer>,
+}
+
+impl Way<'_> {
+    /// Draws a frame of `settings`; returns the times of the backdrops and of the frame, ms.
+    /// `views`: the backdrops of the frame.
+    fn draw(
+        &mut self,
+        (house, store, camera): (&House, &Store, &Camera),
+        settings: &WalkSettings,
+        walker: &mut Walker,
+        views: &[(Arc<Backdrop>, Camera)],
+    ) -> [f64; 2] {
+        if let Some(division) = self.division {
+            let settings = WalkSettings {
+                division,
+                ..*settings
+            };
+            return self.pool.install(|| {
+                let stats = walker.frame(house, store, camera, &settings).1;
+                [stats.backdrop_ms, stats.frame_ms]
+            });
+        }
+        let count = self.pool.current_num_threads() as u32;
+        self.fragments.resize_with(
+            views.len().max(self.fragments.len()),
+            FragmentRenderer::default,
+        );
+        let started = Instant::now();
+        self.pool.install(|| {
+            let renderers = self.fragments.par_iter_mut().zip(views).with_max_len(1);
+            renderers.for_each(|(renderer, (backdrop, camera))| {
+                let Backdrop::Cubes(cubes) = &**backdrop else {
+                    return;
+                };
+                for cube in cubes {
+                    renderer.render(cube, camera, &settings.warp, count);
+                }
+            });
+        });
+        let ms = started.elapsed().as_secs_f64() * 1e3;
+        [ms, ms]
+    }
+}
+
+/// Returns the backdrops of a walker's last frame, each with a camera cropped to its pixels.
+fn views(
+    house: &House,
+    store: &Store,
+    camera: &Camera,
+    settings: &WalkSettings,
+    walker: &Walker,
+) -> Vec<(Arc<Backdrop>, Camera)> {
+    let width = camera.width();
+    let backdrops = (0..).zip(Walker::shown(house, store, camera, settings));
+    let visible = backdrops.filter_map(|(number, backdrop)| {
+        let mut columns = u32::MAX..0;
+        let mut rows = u32::MAX..0;
+        let marker = PixelContent::Marker(number);
+        let pixels = 0..width * camera.height();
+        for i in pixels.filter(|i| walker.last().seen(*i as usize) == marker) {
+            let (x, y) = (i % width, i / width);
+            columns = columns.start.min(x)..columns.end.max(x + 1);
+            rows = rows.start.min(y)..rows.end.max(y + 1);
+        }
+        Some((backdrop, camera.cropped(columns, rows).ok()?))
+    });
+    visible.collect()
+}
+
+/// Times of the backdrops and of the whole frames of all poses in each of several ways, ms: the
+/// least of a pose's in turns, summed.
 fn times(
     house: &House,
     store: &Store,
     cameras: &[Camera],
-    ways: &[(&ThreadPool, WalkSettings)],
+    settings: &WalkSettings,
+    ways: &mut [Way],
 ) -> Vec<[f64; 2]> {
     let mut walker = Walker::new();
-    let mut ways = ways.to_vec();
     let mut sums = vec![[0.0; 2]; ways.len()];
     for camera in cameras {
-        let times = in_turns(&mut ways, REPEATS, |_, (pool, settings)| {
-            Some(pool.install(|| {
-                let stats = walker.frame(house, store, camera, settings).1;
-                [stats.backdrop_ms, stats.frame_ms]
-            }))
+        walker.frame(house, store, camera, settings);
+        let views = views(house, store, camera, settings, &walker);
+        let times = in_turns(ways, REPEATS, |_, way| {
+            Some(way.draw((house, store, camera), settings, &mut walker, &views))
         });
         for (sum, times) in sums.iter_mut().zip(times) {
             for (i, sum) in sum.iter_mut().enumerate() {

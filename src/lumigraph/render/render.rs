@@ -17,7 +17,7 @@ use fearless_simd::Level as SimdLevel;
 use headbox_core::camera::Camera;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::simd;
-use headbox_cube::render::resolve::finish::{Background, Pixels};
+use headbox_cube::render::resolve::composite::{EnvironmentBackground, Pixels};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -68,7 +68,7 @@ impl LumigraphRenderer {
         let plan = LumigraphPlan::new(lumigraph, camera, settings, &mut self.merger);
         let plan_ms = started.elapsed().as_secs_f64() * 1e3;
         self.frame.resize(camera.width(), camera.height(), false);
-        let background = Background {
+        let background = EnvironmentBackground {
             environment: &lumigraph.environment,
             camera,
             hole_color_srgb: settings.hole_color_srgb,
@@ -104,7 +104,7 @@ impl LumigraphRenderer {
                         depths_m: &mut [],
                         inverse_depths: &mut [],
                     };
-                    let mut open = background.put_under(y as u32, pixels);
+                    let mut open = background.composite_row(y as u32, pixels);
                     // What something hides is no sky.
                     for x in hidden {
                         open += u64::from(!coverages[x].is_hole());

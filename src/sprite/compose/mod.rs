@@ -23,7 +23,7 @@ use headbox_core::frame::Frame;
 use headbox_core::simd;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::canvas::linear::LinearLight;
-use headbox_cube::render::resolve::finish::{Background, Pixels};
+use headbox_cube::render::resolve::composite::{EnvironmentBackground, Pixels};
 use headbox_cube::render::{RenderSettings, Renderer};
 use order::CubePoints;
 use rayon::prelude::*;
@@ -198,7 +198,7 @@ impl Composition {
         if by_depth {
             lay_by_depth(&composer.pictures, &mut frame.color);
         }
-        let background = Background {
+        let background = EnvironmentBackground {
             environment: &self.environment,
             camera,
             hole_color_srgb: settings.cubes.hole_color_srgb,
@@ -210,8 +210,8 @@ impl Composition {
             .par_chunks_mut(width)
             .zip(frame.coverage.par_chunks_mut(width))
             .enumerate();
-        let put_under = |(y, (colors, coverages)): (usize, (_, _))| {
-            background.put_under(
+        let composite_row = |(y, (colors, coverages)): (usize, (_, _))| {
+            background.composite_row(
                 y as u32,
                 Pixels {
                     colors,
@@ -221,7 +221,7 @@ impl Composition {
                 },
             )
         };
-        stats.hole_pixels = rows.map(put_under).sum();
+        stats.hole_pixels = rows.map(composite_row).sum();
         stats.compose_ms = started.elapsed().as_secs_f64() * 1e3
             - stats.sprites_ms
             - stats.cubes_ms
@@ -276,9 +276,9 @@ impl Composition {
                 };
                 let (drawn, cube_stats) = match self.polygons.is_empty() {
                     true => composer.cubes.render_with_stats(cube, camera, &cubes),
-                    false => composer.cubes.render_among(
+                    false => composer.cubes.render_with_layer(
                         cube,
-                        &composer.polygons.standing(),
+                        &composer.polygons.layer(),
                         camera,
                         &cubes,
                     ),
@@ -298,10 +298,10 @@ impl Composition {
                 stats.cubes_ms += started.elapsed().as_secs_f64() * 1e3;
             }
             Layer::Polygons => {
-                let (standing, width) = (composer.polygons.standing(), camera.width() as usize);
+                let (layer, width) = (composer.polygons.layer(), camera.width() as usize);
                 let pixels = (0..frame.color.len())
                     .into_par_iter()
-                    .map(|i| standing.pixel(i % width, i / width));
+                    .map(|i| layer.pixel(i % width, i / width));
                 let colors = pixels.clone().map(|(color, _)| color);
                 match picture {
                     Some(picture) => {

@@ -1,5 +1,5 @@
 //! Rasterised polygons of a frame: at twice the frame's resolution where they may be visible, so
-//! that silhouettes have partial coverage, and with a depth for each pixel ([`Standing`]).
+//! that silhouettes have partial coverage, and with a depth for each pixel ([`DepthLayer`]).
 
 use super::AT_LEAST;
 use super::polygons::Polygons;
@@ -7,7 +7,7 @@ use headbox_core::camera::{Camera, CameraError};
 use headbox_core::color::linear_from_srgb8;
 use headbox_core::environment::Environment;
 use headbox_core::tone::ToneMap;
-use headbox_cube::render::Standing;
+use headbox_cube::render::DepthLayer;
 use headbox_cube::render::canvas::linear::LinearLight;
 use headbox_raster::{GroupWindow, RasterView, Rasterizer};
 use rayon::prelude::*;
@@ -128,12 +128,12 @@ impl PolygonRaster {
     }
 
     /// Returns the polygons drawn last.
-    pub(super) fn standing(&self) -> Standing<'_> {
+    pub(super) fn layer(&self) -> DepthLayer<'_> {
         let SubpixelImage {
             colors,
             inverse_depth,
         } = &self.pixels;
-        Standing {
+        DepthLayer {
             window: self
                 .window
                 .each_ref()
@@ -229,8 +229,8 @@ mod tests {
                 "{:?}",
                 stand.window
             );
-            let (standing, [width, height]) = (stand.standing(), size.map(|side| side as usize));
-            standing.pixel(width / 2, height / 2)
+            let (layer, [width, height]) = (stand.layer(), size.map(|side| side as usize));
+            layer.pixel(width / 2, height / 2)
         });
         assert!(
             shown

@@ -3,8 +3,8 @@
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
 use headbox_cube::pack::{PackedCube, PackedSegment, SegmentSide};
-use headbox_cube::render::canvas::touched::Touched;
-use headbox_cube::render::reference::inspect::{Fate, Kept};
+use headbox_cube::render::reference::inspect::{ClipOutcome, ClippedSegment};
+use headbox_cube::render::reference::overdraw::Overdraw;
 use headbox_viewer::{Figure, Swatch};
 
 /// Colours of seven classes: the "viridis" map by van der Walt and Smith (2015), whose lightness
@@ -73,10 +73,10 @@ fn figure(name: &'static str, value: f64, unit: &'static str) -> Figure {
 
 /// Paints the width of the footprint in front of each pixel, by classes; returns how wide they are
 /// on the mean.
-pub(crate) fn paint_footprints(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+pub(crate) fn paint_footprints(overdraw: &[Overdraw], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
     let (mut sum_px, mut count) = (0.0, 0.0_f64);
-    for (pixel, touched) in pixels.iter_mut().zip(touched) {
-        let width_px = touched.width_px;
+    for (pixel, overdraw) in pixels.iter_mut().zip(overdraw) {
+        let width_px = overdraw.width_px;
         *pixel = opaque(if width_px > 0.0 {
             class_color(width_px, &WIDTHS_PX)
         } else {
@@ -93,10 +93,10 @@ pub(super) fn footprint_legend() -> Vec<Swatch> {
 }
 
 /// Paints how many footprints were drawn on each pixel, by classes; returns how many that are.
-pub(crate) fn paint_overdraw(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+pub(crate) fn paint_overdraw(overdraw: &[Overdraw], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
     let (mut sum, mut drawn, mut most) = (0_u64, 0_u64, 0);
-    for (pixel, touched) in pixels.iter_mut().zip(touched) {
-        let times = touched.footprints;
+    for (pixel, overdraw) in pixels.iter_mut().zip(overdraw) {
+        let times = overdraw.footprints;
         *pixel = opaque(if times > 0 {
             class_color(times as f32, &TIMES)
         } else {
@@ -134,7 +134,7 @@ const HIDDEN_COLOR: [u8; 3] = [86, 180, 233];
 /// rest in the colour of the test that left it out.
 pub(crate) fn paint_clipping(
     cube: &PackedCube,
-    kept: &[Kept],
+    clipped: &[ClippedSegment],
     frame: &Frame,
     pixels: &mut [[u8; 4]],
 ) -> Vec<Figure> {
@@ -146,7 +146,7 @@ pub(crate) fn paint_clipping(
     let corner = [(width - 4 * side) / 2, (height - 3 * side) / 2];
     for (face, place) in UNFOLDED {
         // Near segments hide far ones.
-        let mut segments: Vec<_> = kept
+        let mut segments: Vec<_> = clipped
             .iter()
             .filter_map(|k| Some((k, cube.segments.get(k.segment)?)))
             .filter(|(_, s)| s.face == face)
@@ -159,28 +159,28 @@ pub(crate) fn paint_clipping(
         for (row, y) in (0..side).map(|i| (i, on_face(i))) {
             let row = &mut pixels[(top + row) * width + left..][..side];
             for (i, pixel) in row.iter_mut().enumerate() {
-                *pixel = opaque(fate_color(&segments, on_face(i), y));
+                *pixel = opaque(clip_color(&segments, on_face(i), y));
             }
         }
     }
-    clipping_figures(cube, kept)
+    clipping_figures(cube, clipped)
 }
 
 /// The colour of a face pixel: of the first segment that has samples there.
-fn fate_color(segments: &[(&Kept, &PackedSegment)], x: u32, y: u32) -> [u8; 3] {
-    let seen = segments.iter().find_map(|(kept, segment)| {
+fn clip_color(segments: &[(&ClippedSegment, &PackedSegment)], x: u32, y: u32) -> [u8; 3] {
+    let seen = segments.iter().find_map(|(clipped, segment)| {
         let [column, row] = [x.checked_sub(segment.x0)?, y.checked_sub(segment.y0)?];
         let inside = column < segment.width && row < segment.height;
         let nearest = inside.then(|| segment.pixel(column, row).last())??;
-        Some((kept.fate(x, y), nearest.color_srgb))
+        Some((clipped.outcome(x, y), nearest.color_srgb))
     });
-    let Some((fate, [r, g, b, _])) = seen else {
+    let Some((outcome, [r, g, b, _])) = seen else {
         return NOTHING;
     };
-    let tint = match fate {
-        Fate::Drawn => return [r, g, b],
-        Fate::OutsideRectangle => OUTSIDE_COLOR,
-        Fate::HiddenBlock => HIDDEN_COLOR,
+    let tint = match outcome {
+        ClipOutcome::Drawn => return [r, g, b],
+        ClipOutcome::OutsideRectangle => OUTSIDE_COLOR,
+        ClipOutcome::HiddenBlock => HIDDEN_COLOR,
     };
     tinted(tint, [r, g, b])
 }
@@ -192,21 +192,21 @@ pub(super) fn tinted(tint: [u8; 3], [r, g, b]: [u8; 3]) -> [u8; 3] {
 }
 
 /// Depth pixels by what becomes of them.
-fn clipping_figures(cube: &PackedCube, kept: &[Kept]) -> Vec<Figure> {
+fn clipping_figures(cube: &PackedCube, clipped: &[ClippedSegment]) -> Vec<Figure> {
     let [mut drawn, mut outside, mut hidden] = [0_u64; 3];
-    for (kept, segment) in kept
+    for (clipped, segment) in clipped
         .iter()
         .filter_map(|k| Some((k, cube.segments.get(k.segment)?)))
     {
         for row in 0..segment.height {
             let (_, counts) = segment.row(row);
-            kept.for_each_run(segment, segment.y0 + row, |fate, columns| {
+            clipped.for_each_run(segment, segment.y0 + row, |outcome, columns| {
                 let at = |column: u32| counts.get(column as usize).copied().unwrap_or(0);
                 let count = u64::from(at(columns.end).saturating_sub(at(columns.start)));
-                match fate {
-                    Fate::Drawn => drawn += count,
-                    Fate::OutsideRectangle => outside += count,
-                    Fate::HiddenBlock => hidden += count,
+                match outcome {
+                    ClipOutcome::Drawn => drawn += count,
+                    ClipOutcome::OutsideRectangle => outside += count,
+                    ClipOutcome::HiddenBlock => hidden += count,
                 }
             });
         }
@@ -252,11 +252,11 @@ mod tests {
         let cube = cube();
         let (mut renderer, settings) = (Renderer::new(), RenderSettings::default());
         for camera in views(&cube) {
-            let kept = renderer.kept(&cube, &camera, &settings);
+            let clipped = renderer.clipped_segments(&cube, &camera, &settings);
             let mut marked = (*cube).clone();
             let (mut left_out, mut all) = (0, 0);
-            for kept in &kept {
-                let segment = &mut marked.segments[kept.segment];
+            for clipped in &clipped {
+                let segment = &mut marked.segments[clipped.segment];
                 for (x, y) in
                     (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y)))
                 {
@@ -265,7 +265,7 @@ mod tests {
                         (segment.row_offsets[y as usize] + segment.row_counts[row + i]) as usize
                     });
                     all += end - start;
-                    if kept.fate(segment.x0 + x, segment.y0 + y) != Fate::Drawn {
+                    if clipped.outcome(segment.x0 + x, segment.y0 + y) != ClipOutcome::Drawn {
                         left_out += end - start;
                         segment.depth_pixels[start..end]
                             .iter_mut()
@@ -273,7 +273,7 @@ mod tests {
                     }
                 }
             }
-            let counted: f64 = clipping_figures(&cube, &kept)[1..]
+            let counted: f64 = clipping_figures(&cube, &clipped)[1..]
                 .iter()
                 .map(|figure| figure.value)
                 .sum();
@@ -286,9 +286,9 @@ mod tests {
             unclipped: true,
             ..settings
         };
-        let kept = renderer.kept(&cube, &views(&cube)[0], &unclipped);
+        let clipped = renderer.clipped_segments(&cube, &views(&cube)[0], &unclipped);
         assert_eq!(
-            clipping_figures(&cube, &kept)[0].value,
+            clipping_figures(&cube, &clipped)[0].value,
             cube.depth_pixel_count() as f64
         );
     }
@@ -297,27 +297,28 @@ mod tests {
     fn touched_pixels_match_footprints() {
         let cube = cube();
         let mut renderer = Renderer::new();
-        for (camera, (name, kernel)) in views(&cube).into_iter().zip(SplatKernel::ALL) {
+        for (camera, kernel) in views(&cube).into_iter().zip(SplatKernel::ALL) {
+            let name = kernel.name();
             let settings = RenderSettings {
                 kernel,
                 ..RenderSettings::default()
             };
-            let touched = renderer.touched(&cube, &camera, &settings);
+            let overdraw = renderer.overdraw(&cube, &camera, &settings);
             let unclipped = RenderSettings {
                 unclipped: true,
                 ..settings
             };
             assert!(
-                touched == renderer.touched(&cube, &camera, &unclipped),
+                overdraw == renderer.overdraw(&cube, &camera, &unclipped),
                 "{name}: clipping changes nothing"
             );
             let frame = renderer.render(&cube, &camera, &settings);
-            for (i, (touched, coverage)) in touched.iter().zip(&frame.coverage).enumerate() {
-                assert_eq!(touched.footprints > 0, touched.width_px > 0.0);
+            for (i, (overdraw, coverage)) in overdraw.iter().zip(&frame.coverage).enumerate() {
+                assert_eq!(overdraw.footprints > 0, overdraw.width_px > 0.0);
                 // The paper's squares lie about the pixel of a sample rather than about the sample.
                 let shows = coverage.splat_share() > 0;
                 assert!(
-                    kernel == SplatKernel::Paper || !shows || touched.footprints > 0,
+                    kernel == SplatKernel::Paper || !shows || overdraw.footprints > 0,
                     "{name}: pixel {i}"
                 );
             }
@@ -332,10 +333,10 @@ mod tests {
             let eye = cube.info.centre;
             let camera =
                 Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 55.0, [size.0, size.1]).unwrap();
-            let kept = renderer.kept(&cube, &camera, &settings);
+            let clipped = renderer.clipped_segments(&cube, &camera, &settings);
             let frame = renderer.render(&cube, &camera, &settings).clone();
             let mut pixels = vec![[0; 4]; frame.color.len()];
-            paint_clipping(&cube, &kept, &frame, &mut pixels);
+            paint_clipping(&cube, &clipped, &frame, &mut pixels);
             assert!(pixels.iter().all(|p| p[3] == 255), "{size:?}");
         }
     }

@@ -244,14 +244,14 @@ fn paint_effort(
 ) -> Vec<Figure> {
     match overlay {
         Overlay::Footprints => {
-            effort::paint_footprints(&renderer.touched(cube, camera, settings), pixels)
+            effort::paint_footprints(&renderer.overdraw(cube, camera, settings), pixels)
         }
         Overlay::Overdraw => {
-            effort::paint_overdraw(&renderer.touched(cube, camera, settings), pixels)
+            effort::paint_overdraw(&renderer.overdraw(cube, camera, settings), pixels)
         }
         Overlay::Clipping => {
-            let kept = renderer.kept(cube, camera, settings);
-            effort::paint_clipping(cube, &kept, renderer.frame(), pixels)
+            let clipped = renderer.clipped_segments(cube, camera, settings);
+            effort::paint_clipping(cube, &clipped, renderer.frame(), pixels)
         }
         _ => Vec::new(),
     }
@@ -284,7 +284,8 @@ fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
 fn render_settings(values: &SettingValues) -> Result<RenderSettings, String> {
     let kernel = SplatKernel::ALL
         .get(values.choice("kernel")?)
-        .map_or(SplatKernel::default(), |&(_, kernel)| kernel);
+        .copied()
+        .unwrap_or_default();
     let unclipped = !values.toggle("clip")?;
     Ok(RenderSettings {
         kernel,
@@ -359,7 +360,7 @@ impl FrameSource for CubeSource {
     }
 
     fn settings(&self) -> Vec<Setting> {
-        let kernels = SplatKernel::ALL.map(|(name, _)| name);
+        let kernels = SplatKernel::ALL.map(SplatKernel::name);
         let overlays = Overlay::ALL.map(|(name, _)| name);
         let mut settings = vec![
             Setting::choice(

@@ -11,6 +11,7 @@ use headbox_core::frame::Frame;
 use headbox_core::statistics::median;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_lab::baselines::fragments::{FragmentRenderer, FragmentStats};
 use headbox_lumigraph::{LumigraphSettings, Slabs, SlabsRenderer};
 use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use image::RgbImage;
@@ -49,7 +50,7 @@ pub(super) enum Content {
     },
     Cube {
         cube: Box<PackedCube>,
-        renderer: Box<Renderer>,
+        renderer: Box<CubeRenderer>,
         settings: RenderSettings,
         /// Table from stored to shown levels, if they differ.
         shown: Option<Box<[u8; 256]>>,
@@ -60,6 +61,53 @@ pub(super) enum Content {
         settings: ComposeSettings,
         frame: Frame,
     },
+}
+
+/// Division of a cube LDI's frame among threads; all give the same frame.
+#[derive(Clone, Copy, Default)]
+pub(super) enum Division {
+    #[default]
+    Bands,
+    Fragments,
+}
+
+/// Renderer of a single cube LDI.
+pub(super) enum CubeRenderer {
+    Bands(Renderer),
+    Fragments(FragmentRenderer),
+}
+
+impl CubeRenderer {
+    pub(super) fn new(division: Division) -> Self {
+        match division {
+            Division::Bands => Self::Bands(Renderer::new()),
+            Division::Fragments => Self::Fragments(FragmentRenderer::default()),
+        }
+    }
+
+    /// Returns the last frame.
+    pub(super) fn frame(&self) -> &Frame {
+        match self {
+            Self::Bands(renderer) => renderer.frame(),
+            Self::Fragments(renderer) => renderer.frame(),
+        }
+    }
+
+    fn render(
+        &mut self,
+        cube: &PackedCube,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> (&Frame, FragmentStats) {
+        match self {
+            Self::Bands(renderer) => {
+                let (frame, stats) = renderer.render_with_stats(cube, camera, settings);
+                (frame, (*stats).into())
+            }
+            // One a thread.
+            Self::Fragments(renderer) => renderer.render(cube, camera, settings, 0),
+        }
+    }
 }
 
 impl Content {
@@ -247,7 +295,7 @@ fn render_lumigraph(
 }
 
 fn render_cube(
-    renderer: &mut Renderer,
+    renderer: &mut CubeRenderer,
     cube: &PackedCube,
     camera: &Camera,
     settings: &RenderSettings,
@@ -256,20 +304,21 @@ fn render_cube(
     let mut ms = Vec::with_capacity(repeat as usize);
     loop {
         let start = Instant::now();
-        let (frame, stats) = renderer.render_with_stats(cube, camera, settings);
+        let (frame, all_stats) = renderer.render(cube, camera, settings);
+        let stats = &all_stats.frame;
         ms.push(start.elapsed().as_secs_f64() * 1e3);
         if ms.len() >= repeat as usize {
             let mut rendered = RenderedPose {
                 image: frame.to_rgb()?,
                 ms,
                 stages: json!({"clear_ms": stats.clear_ms, "warp_ms": stats.warp_ms, "finish_ms": stats.finish_ms}),
-                statistics: serde_json::to_value(stats)?,
+                statistics: serde_json::to_value(all_stats)?,
                 depth_pixels_in: stats.depth_pixels_in,
                 splatted: stats.splatted,
                 hole_pixels: stats.hole_pixels,
             };
-            rendered.statistics["clipping"] =
-                serde_json::to_value(renderer.clip_counts(cube, camera, settings))?;
+            let clipping = Renderer::new().clip_counts(cube, camera, settings);
+            rendered.statistics["clipping"] = serde_json::to_value(clipping)?;
             return Ok(rendered);
         }
     }

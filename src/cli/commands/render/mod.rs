@@ -12,7 +12,7 @@ use super::images::is_image_set;
 use crate::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
 use crate::commands::house::file::HouseContent;
 use crate::commands::images;
-use crate::commands::render::content::Content;
+use crate::commands::render::content::{Content, CubeRenderer, Division};
 use crate::commands::render::geometry::{
     GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_of,
 };
@@ -31,7 +31,6 @@ use headbox_core::frame::Frame;
 use headbox_core::simd;
 use headbox_cube::pack::PackedCube;
 use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_cube::render::{Parallel, Renderer};
 use headbox_export::film;
 use headbox_export::stereo::View;
 use headbox_house::file::HOUSE_FILE;
@@ -131,9 +130,10 @@ pub(crate) struct RenderCommand {
     /// right where they reach through each other. With a model it is always so
     #[arg(long)]
     by_depth: bool,
-    /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
+    /// How threads share the frame of a single .ldi without plane textures (all others are drawn
+    /// in bands); the frame is the same in any case; bands if absent
     #[arg(long, value_name = "WAY", value_parser = by_name(WAYS))]
-    parallel: Option<Parallel>,
+    parallel: Option<Division>,
     /// Render each frame so many times and report the median
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     repeat: u32,
@@ -166,12 +166,13 @@ const SAMPLINGS: Names<SpriteSampling> = &[
     ),
 ];
 
-const WAYS: Names<Parallel> = &[
-    ("bands", "Bands of rows of the frame", Parallel::Bands),
+/// Names of the divisions of a frame among threads.
+const WAYS: Names<Division> = &[
+    ("bands", "Bands of rows of the frame", Division::Bands),
     (
         "fragments",
         "Fragments of the LDI between epipolar lines, one a thread",
-        Parallel::Fragments(0),
+        Division::Fragments,
     ),
 ];
 
@@ -288,7 +289,7 @@ impl RenderCommand {
         let content = match (sprites, cubes.len()) {
             (None, 1) if polygons.is_empty() => Content::Cube {
                 cube: Box::new(cubes.remove(0)),
-                renderer: Box::new(Renderer::new()),
+                renderer: Box::new(CubeRenderer::new(self.parallel.unwrap_or_default())),
                 settings: settings.cubes,
                 shown: None,
             },
@@ -423,22 +424,21 @@ impl RenderCommand {
         }
         settings.cubes.keep_holes = self.keep_holes;
         settings.by_depth = self.by_depth;
-        settings.cubes.parallel = self.parallel.unwrap_or_default();
         let Some(wanted) = &self.variant else {
             return Ok(settings);
         };
         let kernel = SplatKernel::ALL
-            .iter()
-            .find(|(name, _)| name == wanted)
+            .into_iter()
+            .find(|kernel| kernel.name() == wanted)
             .filter(|_| cubes);
         match (SpriteVariant::from_name(wanted).filter(|_| sprites), kernel) {
             (Some(variant), _) => settings.sprites.variant = variant,
-            (None, Some(&(_, kernel))) => settings.cubes.kernel = kernel,
+            (None, Some(kernel)) => settings.cubes.kernel = kernel,
             (None, None) => {
                 let kernels = SplatKernel::ALL
                     .iter()
                     .filter(|_| cubes)
-                    .map(|(name, _)| *name);
+                    .map(|kernel| kernel.name());
                 let variants = SpriteVariant::ALL
                     .iter()
                     .filter(|_| sprites)

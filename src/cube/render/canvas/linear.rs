@@ -1,19 +1,18 @@
-//! Blending by share in linear light, on 8-bit sRGB colours.
+//! Blending by coverage in linear light, on 8-bit sRGB colours.
 //!
-//! What a pixel holds of a leaf and of the sky behind it adds up as light does. Blended as sRGB values, dark rims over a bright
-//! background come out too dark (docs/decisions/0046).
+//! Radiance of a partly covered pixel adds up linearly. Blended as sRGB values, dark rims over a
+//! bright background are too dark (docs/decisions/0046).
 
-use crate::render::footprint::splat;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use std::sync::LazyLock;
 
-/// The two transfer curves as tables, 12 bits for linear light.
+/// The two sRGB transfer curves as tables, 12 bits for linear light.
 pub struct LinearLight {
     linear: [u16; 256],
     srgb: [u8; LinearLight::MAX as usize + 1],
 }
 
-static RECIPROCALS: [u64; 256] = splat::reciprocals();
+static RECIPROCALS: [u64; 256] = reciprocals();
 
 static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
     linear: std::array::from_fn(|c| {
@@ -26,18 +25,18 @@ impl LinearLight {
     /// Linear light of white.
     pub const MAX: u16 = 4095;
 
-    /// The tables.
+    /// Returns the tables.
     pub fn tables() -> &'static Self {
         &TABLES
     }
 
-    /// The sRGB value of linear light up to [`Self::MAX`]; of more, that of white.
+    /// Converts linear light to sRGB; more than [`Self::MAX`] is white.
     #[inline(always)]
     pub fn srgb(&self, linear: u32) -> u8 {
         self.srgb[(linear as usize).min(usize::from(Self::MAX))]
     }
 
-    /// The mean of some colours with integer weights, whose sum is 1 to 255.
+    /// Computes the mean of colours with integer weights whose sum is 1 to 255.
     #[inline(always)]
     pub fn mix<const N: usize>(&self, colors: [[u8; 3]; N], weights: [u32; N]) -> [u8; 3] {
         let total = weights.iter().sum::<u32>().max(1);
@@ -55,7 +54,7 @@ impl LinearLight {
         mixed
     }
 
-    /// A straight colour over another, each with the share of 255 that it covers.
+    /// Composites a straight colour over another, each with its coverage, 0..255.
     #[inline(always)]
     pub fn over(&self, front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
         let share = u32::from(front[3]);
@@ -66,12 +65,25 @@ impl LinearLight {
     }
 }
 
+/// Returns 2^32 / divisor, rounded up, for the divisors below `N`; 0 for 0. `n * reciprocal >> 32`
+/// is `n / divisor` for all n below 2^32 / N: n times the excess, which is less than 1, stays below
+/// 2^32 / divisor.
+pub(crate) const fn reciprocals<const N: usize>() -> [u64; N] {
+    let mut reciprocals = [0; N];
+    let mut divisor = 1;
+    while divisor < N {
+        reciprocals[divisor] = (1u64 << 32).div_ceil(divisor as u64);
+        divisor += 1;
+    }
+    reciprocals
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_colour_mixed_with_itself_is_itself() {
+    fn colour_mixed_with_itself_is_unchanged() {
         for c in 0..=255 {
             for shares in [[1, 0], [77, 13], [0, 255], [128, 127]] {
                 assert_eq!(LinearLight::tables().mix([[c; 3], [c; 3]], shares), [c; 3]);
@@ -79,19 +91,19 @@ mod tests {
         }
     }
 
-    /// 12 bits of linear light are a step of 0.8 levels in the darkest colours.
+    /// Step of 12-bit linear light in the darkest colours, rounded up: 0.8 levels.
     const MIX_LEVELS: f32 = 1.0;
 
     #[test]
-    fn mixes_are_those_of_light() {
+    fn mixes_add_linear_light() {
         for (a, b, share) in [(0, 255, 128), (30, 210, 51), (200, 90, 204), (4, 9, 100)] {
             let exact = (linear_from_srgb8(a) * share as f32
                 + linear_from_srgb8(b) * (255 - share) as f32)
                 / 255.0;
-            let found = LinearLight::tables().mix([[a; 3], [b; 3]], [share, 255 - share])[1];
+            let mixed = LinearLight::tables().mix([[a; 3], [b; 3]], [share, 255 - share])[1];
             assert!(
-                (f32::from(found) - f32::from(srgb8_from_linear(exact))).abs() <= MIX_LEVELS,
-                "{a}, {b}: {found}"
+                (f32::from(mixed) - f32::from(srgb8_from_linear(exact))).abs() <= MIX_LEVELS,
+                "{a}, {b}: {mixed}"
             );
         }
         assert_eq!(

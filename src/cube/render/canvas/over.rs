@@ -1,58 +1,59 @@
-//! Each splat over what is there, in 8-bit integers (S21, C12).
+//! Canvas that blends each splat *over* its pixels, in 8-bit integers (S21, C12).
 
-use super::linear::LinearLight;
-use crate::render::Spans;
+use super::linear::{LinearLight, reciprocals};
+use super::{Canvas, Tolerance};
 use crate::render::footprint::size::LANES;
-use crate::render::footprint::splat;
-use crate::render::footprint::splat::{Canvas, Splats, ceil_to_i32, covered_lanes, load};
-use crate::render::planes::PlaneCanvas;
+use crate::render::footprint::splat::{Splats, ceil_to_i32, covered_pixels_lanes, load};
+use crate::render::planes::PlaneLayer;
 use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, i32x16, prelude::*, u8x16, u16x16};
 use std::ops::Range;
 
-/// An image in which every splat is blended over the ones before it.
+/// Canvas in which every splat is blended over the ones before it.
 ///
-/// A pixel keeps its colour times the share of it that is covered, so that one blend serves all four bytes, and the
-/// environment can be put *under* the finished image, where it shows, instead of being drawn first, everywhere.
+/// Colours are premultiplied by coverage, so that one blend serves all four bytes, and the
+/// environment can be composited *under* the finished image, where it is visible, instead of being
+/// drawn first, everywhere.
 #[derive(Default)]
 pub(crate) struct OverCanvas {
     width: u32,
-    /// Rows of the frame that it holds.
+    /// Rows of the frame.
     rows: Range<u32>,
-    /// Red, green and blue times coverage, and coverage; rows of `stride` pixels, of which [`MARGIN`] lie to the left of
-    /// the frame and as many to the right, for stamps that reach out of it.
+    /// Red, green and blue times coverage, and coverage; rows of `stride` pixels, of which
+    /// [`MARGIN`] lie to the left of the frame and as many to the right, for stamps that reach out
+    /// of it.
     pixels: Vec<[u8; 4]>,
-    ground: PlaneCanvas,
-    /// What a splat looks like.
-    pub(crate) shape: Shape,
+    background: PlaneLayer,
+    shape: SplatShape,
 }
 
-/// What a splat looks like.
+/// Pixels that a splat covers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Shape {
+pub(crate) enum SplatShape {
     /// A rectangle of alpha 1.
     #[default]
     Rectangle,
-    /// The pixel that holds the sample.
+    /// The pixel that contains the sample.
     Point,
-    /// The pixel that holds the sample, and its neighbours in the row and the column, as far as the rectangle reaches.
+    /// The pixel that contains the sample, and the rest of its row and column inside the rectangle.
     Plus,
-    /// The paper's squares, which fade toward their rims.
-    Soft,
+    /// The paper's squares, whose alpha falls toward their borders.
+    PaperSquare,
 }
 
-/// Pixels beside the frame: half of the widest stamp on both sides of the farthest splat that touches the frame, and what a
-/// blend of whole registers adds to it.
+/// Pixels outside the frame on either side: half of the widest stamp beyond the farthest splat that
+/// touches the frame, and the excess of a blend of whole registers.
 const MARGIN: usize = 16;
 
 /// Pixels that are blended at once.
 const PIXELS: usize = 4;
 
-/// A coverage that is taken for whole: blends by a quarter come to rest at 254.
-const WHOLE: u8 = 252;
+/// Least coverage that counts as opaque: blends by a quarter converge to 254.
+const OPAQUE: u8 = 252;
 
-/// Weights of the paper's footprints in 1/128, for 1, 3, 5 and 7 pixels, by distance from the middle row, from the left
-/// column on, each four times for the channels. A Gaussian of sigma = width / 4, rounded to 1, 1/2 and 1/4 in the
-/// logarithm (C12); the 3x3 one is the centre 1, edges 1/2, corners 1/4.
+/// Weights of the paper's footprints in 1/128, for 1, 3, 5 and 7 pixels, by distance from the
+/// middle row, from the left column on, each four times for the channels. A Gaussian of sigma =
+/// width / 4, rounded to 1, 1/2 and 1/4 in the logarithm (C12); the 3x3 one is the centre 1, edges
+/// 1/2, corners 1/4.
 static STAMPS: [[[[u16; 4 * PIXELS]; 2]; 4]; 4] = {
     const SHIFTS: [[[u8; 4]; 4]; 4] = [
         [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
@@ -78,21 +79,29 @@ static STAMPS: [[[[u16; 4 * PIXELS]; 2]; 4]; 4] = {
     stamps
 };
 
-/// `d + (s - d) * weight / 256`, rounded to the nearest, ties toward `s`. That is the rounding that neither darkens nor
-/// brightens: over many blends, rounding down darkens by 1.6 levels, and ties that go up brighten by 0.5 (see the test).
+/// Computes `d + (s - d) * weight / 256`, rounded to the nearest, ties toward `s`. This rounding
+/// has no bias: over many blends, rounding down darkens by 1.6 levels, and ties that go up brighten
+/// by 0.5 (see the test).
 #[inline(always)]
 fn blend<S: Simd>(simd: S, pixels: &mut [[u8; 4]; PIXELS], source: u16x16<S>, weight: u16x16<S>) {
     let (low, high) = u8x16::load_array(simd, bytemuck::cast(*pixels)).widen();
-    let there = simd.combine_u16x8(low, high);
+    let destination = simd.combine_u16x8(low, high);
     let half = source
-        .simd_gt(there)
+        .simd_gt(destination)
         .select(u16x16::splat(simd, 128), u16x16::splat(simd, 127));
     let rest = u16x16::splat(simd, 256) - weight;
-    let (low, high) = simd.split_u16x16((there * rest + source * weight + half) >> 8);
+    let (low, high) = simd.split_u16x16((destination * rest + source * weight + half) >> 8);
     *pixels = bytemuck::cast(simd.narrow_u16x8(low, high).to_array());
 }
 
 impl OverCanvas {
+    pub(crate) fn new(shape: SplatShape) -> Self {
+        Self {
+            shape,
+            ..Self::default()
+        }
+    }
+
     fn stride(&self) -> usize {
         self.width as usize + 2 * MARGIN
     }
@@ -100,44 +109,52 @@ impl OverCanvas {
     #[inline(always)]
     fn draw_all<S: Simd>(&mut self, simd: S, splats: &Splats) {
         match self.shape {
-            Shape::Soft => self.draw_stamps(simd, splats),
-            Shape::Point => self.draw_points(simd, splats),
-            Shape::Rectangle => self.draw_rectangles::<_, false>(simd, splats),
-            Shape::Plus => self.draw_rectangles::<_, true>(simd, splats),
+            SplatShape::PaperSquare => self.draw_paper_squares(simd, splats),
+            SplatShape::Point => self.draw_points(simd, splats),
+            SplatShape::Rectangle => self.draw_rectangles::<_, false>(simd, splats),
+            SplatShape::Plus => self.draw_rectangles::<_, true>(simd, splats),
         }
     }
 
-    /// Blends a splat over [`PIXELS`] pixels from an index on.
+    /// Blends a splat over [`PIXELS`] pixels from index `start` on.
     #[inline(always)]
-    fn blend_at<S: Simd>(&mut self, simd: S, at: usize, source: u16x16<S>, weight: u16x16<S>) {
+    fn blend_pixels<S: Simd>(
+        &mut self,
+        simd: S,
+        start: usize,
+        source: u16x16<S>,
+        weight: u16x16<S>,
+    ) {
         if let Some(pixels) = self
             .pixels
-            .get_mut(at..)
+            .get_mut(start..)
             .and_then(|pixels| pixels.first_chunk_mut())
         {
             blend(simd, pixels, source, weight);
         }
     }
 
-    /// Single pixels.
+    /// Draws single pixels.
     #[inline(always)]
     fn draw_points<S: Simd>(&mut self, simd: S, splats: &Splats) {
-        let (stride, rows) = (self.stride() as i32, self.rows.len() as i32);
+        let stride = self.stride() as i32;
+        let rows = self.rows.len() as i32;
         for start in (0..splats.count()).step_by(LANES) {
             let row = i32x16::truncate_from(load(simd, &splats.y, start).floor())
                 - self.rows.start as i32;
             let column = i32x16::truncate_from(load(simd, &splats.x, start).floor());
-            let at = row * stride + column + MARGIN as i32;
+            let index = row * stride + column + MARGIN as i32;
             let inside = row.simd_ge(0) & row.simd_lt(rows);
-            // Nothing is there.
-            let at = inside.select(at, i32x16::splat(simd, -1)).to_array();
-            for (i, at) in (start..splats.count()).zip(at) {
+            // -1 is no pixel's index.
+            let index = inside.select(index, i32x16::splat(simd, -1)).to_array();
+            for (i, index) in (start..splats.count()).zip(index) {
                 let color = splats.color[i].to_ne_bytes();
-                match self.pixels.get_mut(at as usize) {
+                match self.pixels.get_mut(index as usize) {
                     Some(pixel) if color[3] == 255 => *pixel = color,
                     Some(_) => {
-                        let (source, alpha) = source_of(simd, splats.color[i]);
-                        self.blend_at(simd, at as usize, source, weights_of(simd, alpha, 1));
+                        let (source, alpha) = blend_source(simd, splats.color[i]);
+                        let weights = leading_weights(simd, alpha, 1);
+                        self.blend_pixels(simd, index as usize, source, weights);
                     }
                     None => {}
                 }
@@ -145,24 +162,25 @@ impl OverCanvas {
         }
     }
 
-    /// The paper's squares, centred on the pixels that hold the samples.
+    /// Draws the paper's squares, centred on the pixels that contain the samples.
     #[inline(always)]
-    fn draw_stamps<S: Simd>(&mut self, simd: S, splats: &Splats) {
-        let (stride, rows) = (self.stride(), self.rows.start as i32..self.rows.end as i32);
-        let (mut columns, mut middles) = ([0; Splats::ROOM], [0; Splats::ROOM]);
+    fn draw_paper_squares<S: Simd>(&mut self, simd: S, splats: &Splats) {
+        let stride = self.stride();
+        let rows = self.rows.start as i32..self.rows.end as i32;
+        let mut columns = [0; Splats::CAPACITY];
+        let mut middles = [0; Splats::CAPACITY];
         for i in 0..splats.count() {
             // Rounded down.
-            (columns[i], middles[i]) = (-ceil_to_i32(-splats.x[i]), -ceil_to_i32(-splats.y[i]));
+            columns[i] = -ceil_to_i32(-splats.x[i]);
+            middles[i] = -ceil_to_i32(-splats.y[i]);
         }
         for i in 0..splats.count() {
             let class = (splats.radius_x[i] as usize).min(3);
             let reach = class as i32;
-            let (source, alpha) = source_of(simd, splats.color[i]);
+            let (source, alpha) = blend_source(simd, splats.color[i]);
             let first = (columns[i] - reach + MARGIN as i32) as usize;
-            let (top, bottom) = (
-                (middles[i] - reach).max(rows.start),
-                (middles[i] + reach + 1).min(rows.end),
-            );
+            let top = (middles[i] - reach).max(rows.start);
+            let bottom = (middles[i] + reach + 1).min(rows.end);
             for row in top..bottom {
                 let start = (row - rows.start) as usize * stride + first;
                 if class == 0 && alpha == 256 {
@@ -173,47 +191,39 @@ impl OverCanvas {
                 }
                 let weights = &STAMPS[class][((row - middles[i]).unsigned_abs() as usize).min(3)];
                 // In 1/256: at most 128 * 256 / 128.
-                self.blend_at(
-                    simd,
-                    start,
-                    source,
-                    (u16x16::load_array(simd, weights[0]) * alpha) >> 7,
-                );
+                let left = (u16x16::load_array(simd, weights[0]) * alpha) >> 7;
+                self.blend_pixels(simd, start, source, left);
                 if class > 1 {
-                    self.blend_at(
-                        simd,
-                        start + PIXELS,
-                        source,
-                        (u16x16::load_array(simd, weights[1]) * alpha) >> 7,
-                    );
+                    let right = (u16x16::load_array(simd, weights[1]) * alpha) >> 7;
+                    self.blend_pixels(simd, start + PIXELS, source, right);
                 }
             }
         }
     }
 
-    /// Rectangles that cover the pixels whose centres they contain, large ones where the ground does not hide them; with `PLUS`, of each the
-    /// row and the column that hold the sample.
+    /// Draws rectangles, on the pixels whose centres they contain; large ones are tested against
+    /// the background pixel by pixel. With `PLUS`, draws only the row and the column that contain
+    /// the sample.
     #[inline(always)]
     fn draw_rectangles<S: Simd, const PLUS: bool>(&mut self, simd: S, splats: &Splats) {
-        let (across, down) = (
-            [0.0, self.width as f32],
-            [self.rows.start as f32, self.rows.end as f32],
-        );
-        let has_ground = !self.ground.is_empty();
+        let columns = [0.0, self.width as f32];
+        let rows = [self.rows.start as f32, self.rows.end as f32];
+        let has_background = !self.background.is_empty();
         for start in (0..splats.count()).step_by(LANES) {
-            let [left, right] = covered_lanes(simd, [&splats.x, &splats.radius_x], start, across);
-            let [top, bottom] = covered_lanes(simd, [&splats.y, &splats.radius_y], start, down);
-            let (left, right, top, bottom) = (
-                left.to_array(),
-                right.to_array(),
-                top.to_array(),
-                bottom.to_array(),
-            );
+            let [left, right] =
+                covered_pixels_lanes(simd, [&splats.x, &splats.radius_x], start, columns);
+            let [top, bottom] =
+                covered_pixels_lanes(simd, [&splats.y, &splats.radius_y], start, rows);
+            let left = left.to_array();
+            let right = right.to_array();
+            let top = top.to_array();
+            let bottom = bottom.to_array();
             for (lane, i) in (start..splats.count().min(start + LANES)).enumerate() {
-                let (columns, rows) = (left[lane]..right[lane], top[lane]..bottom[lane]);
+                let columns = left[lane]..right[lane];
+                let rows = top[lane]..bottom[lane];
                 let is_small = (1..=2).contains(&columns.len()) && (1..=2).contains(&rows.len());
-                if has_ground && splats.is_large(i) {
-                    self.draw_seen::<_, PLUS>(simd, splats, i, columns, rows);
+                if has_background && splats.is_large(i) {
+                    self.draw_depth_tested::<_, PLUS>(simd, splats, i, columns, rows);
                 } else if is_small && !PLUS && splats.color[i].to_ne_bytes()[3] == 255 {
                     self.fill_corners(columns, rows, splats.color[i]);
                 } else {
@@ -223,9 +233,9 @@ impl OverCanvas {
         }
     }
 
-    /// As [`Self::draw_rectangle`], where the ground does not hide the splat.
+    /// As [`Self::draw_rectangle`], on the pixels whose background does not hide the splat.
     #[inline(always)]
-    fn draw_seen<S: Simd, const PLUS: bool>(
+    fn draw_depth_tested<S: Simd, const PLUS: bool>(
         &mut self,
         simd: S,
         splats: &Splats,
@@ -235,7 +245,7 @@ impl OverCanvas {
     ) {
         for (row, column) in rows.flat_map(|row| columns.clone().map(move |column| (row, column))) {
             if !self
-                .ground
+                .background
                 .hides([column as f32, row as f32], splats.inverse_depth[i])
             {
                 self.draw_rectangle::<_, PLUS>(simd, splats, i, column..column + 1, row..row + 1);
@@ -243,16 +253,17 @@ impl OverCanvas {
         }
     }
 
-    /// Writes the corners of a rectangle, which are all of one that is at most two pixels wide and high: without the loops, whose
-    /// ends no processor foresees (docs/decisions/0050).
+    /// Fills a rectangle at most two pixels wide and high by writing its corners, without loops
+    /// whose trip counts would be mispredicted (docs/decisions/0050).
     #[inline(always)]
     fn fill_corners(&mut self, columns: Range<i32>, rows: Range<i32>, color: u32) {
-        let at = (rows.start - self.rows.start as i32) as usize * self.stride()
+        let first = (rows.start - self.rows.start as i32) as usize * self.stride()
             + columns.start as usize
             + MARGIN;
-        let (right, below) = (columns.len() - 1, (rows.len() - 1) * self.stride());
-        for at in [at, at + right, at + below, at + below + right] {
-            if let Some(pixel) = self.pixels.get_mut(at) {
+        let right = columns.len() - 1;
+        let below = (rows.len() - 1) * self.stride();
+        for index in [first, first + right, first + below, first + below + right] {
+            if let Some(pixel) = self.pixels.get_mut(index) {
                 *pixel = color.to_ne_bytes();
             }
         }
@@ -269,12 +280,14 @@ impl OverCanvas {
         rows: Range<i32>,
     ) {
         // Rounded down.
-        let (column, middle) = (-ceil_to_i32(-splats.x[i]), -ceil_to_i32(-splats.y[i]));
-        let (source, alpha) = source_of(simd, splats.color[i]);
+        let column = -ceil_to_i32(-splats.x[i]);
+        let middle = -ceil_to_i32(-splats.y[i]);
+        let (source, alpha) = blend_source(simd, splats.color[i]);
         for row in rows {
-            let [left, right] = match PLUS && row != middle {
-                true => [column.max(columns.start), (column + 1).min(columns.end)],
-                false => [columns.start, columns.end],
+            let [left, right] = if PLUS && row != middle {
+                [column.max(columns.start), (column + 1).min(columns.end)]
+            } else {
+                [columns.start, columns.end]
             };
             let width = (right - left).max(0) as usize;
             let start =
@@ -285,29 +298,26 @@ impl OverCanvas {
                 }
                 continue;
             }
-            for at in (0..width).step_by(PIXELS) {
-                self.blend_at(
-                    simd,
-                    start + at,
-                    source,
-                    weights_of(simd, alpha, width - at),
-                );
+            for offset in (0..width).step_by(PIXELS) {
+                let weights = leading_weights(simd, alpha, width - offset);
+                self.blend_pixels(simd, start + offset, source, weights);
             }
         }
     }
 }
 
-/// What a splat of a colour blends in: the colour as if it were opaque, for [`PIXELS`] pixels, and its alpha in 1/256.
+/// Returns the blend operands of a colour: the colour as if it were opaque, for [`PIXELS`] pixels,
+/// and its alpha in 1/256.
 #[inline(always)]
-fn source_of<S: Simd>(simd: S, color: u32) -> (u16x16<S>, u16) {
+fn blend_source<S: Simd>(simd: S, color: u32) -> (u16x16<S>, u16) {
     let [r, g, b, alpha] = color.to_ne_bytes().map(u16::from);
     let source = [r, g, b, 255, r, g, b, 255, r, g, b, 255, r, g, b, 255];
     (u16x16::load_array(simd, source), alpha + (alpha >> 7))
 }
 
-/// One weight for the first `pixels` of [`PIXELS`], and 0 for the others.
+/// Returns `weight` for the first `pixels` of [`PIXELS`], and 0 for the others.
 #[inline(always)]
-fn weights_of<S: Simd>(simd: S, weight: u16, pixels: usize) -> u16x16<S> {
+fn leading_weights<S: Simd>(simd: S, weight: u16, pixels: usize) -> u16x16<S> {
     let mut weights = [0; 4 * PIXELS];
     for (i, weights) in weights.as_chunks_mut::<4>().0.iter_mut().enumerate() {
         *weights = [if i < pixels { weight } else { 0 }; 4];
@@ -315,41 +325,38 @@ fn weights_of<S: Simd>(simd: S, weight: u16, pixels: usize) -> u16x16<S> {
     u16x16::load_array(simd, weights)
 }
 
-/// Writes [`straight`] of each pixel.
+/// Applies [`unpremultiply`] to each pixel.
 #[inline(always)]
-fn straight_all<S: Simd>(_: S, from: &[[u8; 4]], to: &mut [[u8; 4]]) {
+fn unpremultiply_all<S: Simd>(_: S, from: &[[u8; 4]], to: &mut [[u8; 4]]) {
     for (to, from) in to.iter_mut().zip(from) {
-        *to = straight(*from);
+        *to = unpremultiply(*from);
     }
 }
 
 impl Canvas for OverCanvas {
-    fn clear(&mut self, width: u32, rows: Range<u32>) {
-        (self.width, self.rows) = (width, rows);
+    fn clear(&mut self, width: u32, rows: Range<u32>, _: Tolerance) {
+        self.width = width;
+        self.rows = rows;
         let pixels = self.stride() * self.rows.len();
         self.pixels.clear();
         self.pixels.resize(pixels, [0; 4]);
     }
 
-    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
-        if (self.width, &self.rows) != (width, &(0..height)) {
-            self.clear(width, 0..height);
-        }
+    fn background(&self) -> &PlaneLayer {
+        &self.background
+    }
+
+    fn background_mut(&mut self) -> &mut PlaneLayer {
+        &mut self.background
+    }
+
+    fn set_background(&mut self) {
         let stride = self.stride();
-        splat::clear_spans(&mut self.pixels, stride, MARGIN, [0; 4], spans);
-    }
-
-    fn ground(&self) -> &PlaneCanvas {
-        &self.ground
-    }
-
-    fn ground_mut(&mut self) -> &mut PlaneCanvas {
-        &mut self.ground
-    }
-
-    fn lay(&mut self) {
-        let stride = self.stride();
-        for (pixels, (colors, _)) in self.pixels.chunks_mut(stride).zip(self.ground.rows()) {
+        for (pixels, (colors, _)) in self
+            .pixels
+            .chunks_mut(stride)
+            .zip(self.background.visible_rows())
+        {
             for (pixel, color) in pixels[MARGIN..]
                 .iter_mut()
                 .zip(colors)
@@ -361,13 +368,14 @@ impl Canvas for OverCanvas {
     }
 
     fn add_rims(&mut self, _: Level) {
-        let (light, stride) = (LinearLight::tables(), self.stride());
-        for rim in self.ground.rims() {
+        let light = LinearLight::tables();
+        let stride = self.stride();
+        for rim in self.background.rims() {
             let [column, row] = rim.pixel.map(|v| v as usize);
             if let Some(pixel) = self.pixels.get_mut(row * stride + MARGIN + column) {
-                let [r, g, b, share] = light.over(rim.color, straight(*pixel));
-                let covered = |c: u8| ((u16::from(c) * u16::from(share) + 127) / 255) as u8;
-                *pixel = [covered(r), covered(g), covered(b), share];
+                let [r, g, b, share] = light.over(rim.color, unpremultiply(*pixel));
+                let premultiply = |c: u8| ((u16::from(c) * u16::from(share) + 127) / 255) as u8;
+                *pixel = [premultiply(r), premultiply(g), premultiply(b), share];
             }
         }
     }
@@ -379,27 +387,28 @@ impl Canvas for OverCanvas {
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
         let start = row * self.stride() + MARGIN + column;
         let from = self.pixels.get(start..start + to.len()).unwrap_or(&[]);
-        dispatch!(level, simd => straight_all(simd, from, to));
+        dispatch!(level, simd => unpremultiply_all(simd, from, to));
     }
 }
 
-static RECIPROCALS: [u64; 256] = splat::reciprocals();
+static RECIPROCALS: [u64; 256] = reciprocals();
 
-/// From a colour times coverage, and coverage.
+/// Converts a premultiplied colour to a straight one.
 #[inline(always)]
-fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
+fn unpremultiply([r, g, b, share]: [u8; 4]) -> [u8; 4] {
     if share == 255 || share == 0 {
         return [r, g, b, share];
     }
-    let (half, reciprocal) = (u64::from(share / 2), RECIPROCALS[usize::from(share)]);
+    let half = u64::from(share / 2);
+    let reciprocal = RECIPROCALS[usize::from(share)];
     let [r, g, b] =
         [r, g, b].map(|c| (((u64::from(c) * 255 + half) * reciprocal) >> 32).min(255) as u8);
-    [r, g, b, if share >= WHOLE { 255 } else { share }]
+    [r, g, b, if share >= OPAQUE { 255 } else { share }]
 }
 
 #[cfg(test)]
 mod tests {
-    //! Every shape of splat against a painter that takes one pixel after the other.
+    //! Every shape against a scalar reference, pixel by pixel.
 
     use super::*;
     use headbox_core::random::Rng;
@@ -408,15 +417,13 @@ mod tests {
     const WIDTH: u32 = 40;
     const ROWS: Range<u32> = 5..19;
 
-    /// Splats in and around the band: sizes up to seven pixels, a half of them opaque.
-    fn splats(random: &mut Rng) -> Box<Splats> {
+    /// Creates splats in and around the band: sizes up to seven pixels, half of them opaque.
+    fn random_splats(random: &mut Rng) -> Box<Splats> {
         let mut splats = Box::new(Splats::new());
         splats.len = 3 * LANES - 5;
         for i in 0..splats.len {
-            (splats.x[i], splats.y[i]) = (
-                random.between(-3.0, 43.0) as f32,
-                random.between(2.0, 22.0) as f32,
-            );
+            splats.x[i] = random.between(-3.0, 43.0) as f32;
+            splats.y[i] = random.between(2.0, 22.0) as f32;
             splats.radius_x[i] = 0.5 + random.below(4) as f32 + random.between(0.0, 0.4) as f32;
             splats.radius_y[i] = random.between(0.5, 3.0) as f32;
             let alpha = if random.below(2) == 0 {
@@ -430,20 +437,22 @@ mod tests {
         splats
     }
 
-    /// Of a splat, the share of 256 with which it goes over a pixel, without its own alpha.
-    fn weight(shape: Shape, splats: &Splats, i: usize, [column, row]: [i32; 2]) -> u32 {
+    /// Returns the weight of a splat in a pixel, in 1/256, without the splat's alpha.
+    fn weight(shape: SplatShape, splats: &Splats, i: usize, [column, row]: [i32; 2]) -> u32 {
         let (x, y) = (splats.x[i], splats.y[i]);
-        let (middle_x, middle_y) = (x.floor() as i32, y.floor() as i32);
+        let middle_x = x.floor() as i32;
+        let middle_y = y.floor() as i32;
         let is_inside = (column as f32 + 0.5 - x).abs() < splats.radius_x[i]
             && (row as f32 + 0.5 - y).abs() < splats.radius_y[i];
-        let is_whole = match shape {
-            Shape::Rectangle => is_inside,
-            Shape::Plus => is_inside && (column == middle_x || row == middle_y),
-            Shape::Point => [column, row] == [middle_x, middle_y],
-            Shape::Soft => {
+        let is_covered = match shape {
+            SplatShape::Rectangle => is_inside,
+            SplatShape::Plus => is_inside && (column == middle_x || row == middle_y),
+            SplatShape::Point => [column, row] == [middle_x, middle_y],
+            SplatShape::PaperSquare => {
                 // A Gaussian of a quarter of the width, rounded to 1, 1/2 and 1/4 in the logarithm.
                 let class = (splats.radius_x[i] as i32).min(3);
-                let (dx, dy) = ((column - middle_x).abs(), (row - middle_y).abs());
+                let dx = (column - middle_x).abs();
+                let dy = (row - middle_y).abs();
                 if dx.max(dy) > class {
                     return 0;
                 }
@@ -453,31 +462,36 @@ mod tests {
                 return 256 >> octaves.round().min(2.0) as u32;
             }
         };
-        if is_whole { 256 } else { 0 }
+        if is_covered { 256 } else { 0 }
     }
 
     #[test]
-    fn every_shape_is_painted_as_pixel_after_pixel() {
-        for shape in [Shape::Rectangle, Shape::Plus, Shape::Point, Shape::Soft] {
+    fn every_shape_matches_scalar_reference() {
+        for shape in [
+            SplatShape::Rectangle,
+            SplatShape::Plus,
+            SplatShape::Point,
+            SplatShape::PaperSquare,
+        ] {
             let mut random = Rng::keyed(8);
-            let batches: Vec<Box<Splats>> = (0..6).map(|_| splats(&mut random)).collect();
+            let batches: Vec<Box<Splats>> = (0..6).map(|_| random_splats(&mut random)).collect();
             let mut expected = vec![[0u8; 4]; WIDTH as usize * ROWS.len()];
             for (batch, i) in batches
                 .iter()
                 .flat_map(|batch| (0..batch.count()).map(move |i| (batch, i)))
             {
                 let [r, g, b, alpha] = batch.color[i].to_ne_bytes();
-                let own = u32::from(alpha) + u32::from(alpha >> 7);
-                for (at, pixel) in expected.iter_mut().enumerate() {
-                    let place = [
-                        at as i32 % WIDTH as i32,
-                        at as i32 / WIDTH as i32 + ROWS.start as i32,
+                let alpha = u32::from(alpha) + u32::from(alpha >> 7);
+                for (index, pixel) in expected.iter_mut().enumerate() {
+                    let position = [
+                        index as i32 % WIDTH as i32,
+                        index as i32 / WIDTH as i32 + ROWS.start as i32,
                     ];
-                    // Ties go toward what is blended in.
-                    let weight = weight(shape, batch, i, place) * own / 256;
-                    for (there, source) in pixel.iter_mut().zip([r, g, b, 255]) {
-                        let half = if source > *there { 128 } else { 127 };
-                        *there = ((u32::from(*there) * (256 - weight)
+                    // Ties go toward the source.
+                    let weight = weight(shape, batch, i, position) * alpha / 256;
+                    for (channel, source) in pixel.iter_mut().zip([r, g, b, 255]) {
+                        let half = if source > *channel { 128 } else { 127 };
+                        *channel = ((u32::from(*channel) * (256 - weight)
                             + u32::from(source) * weight
                             + half)
                             >> 8) as u8;
@@ -485,32 +499,29 @@ mod tests {
                 }
             }
             for level in simd::levels() {
-                let mut canvas = OverCanvas {
-                    shape,
-                    ..OverCanvas::default()
-                };
-                canvas.clear(WIDTH, ROWS);
+                let mut canvas = OverCanvas::new(shape);
+                canvas.clear(WIDTH, ROWS, Tolerance::default());
                 batches.iter().for_each(|batch| canvas.draw(batch, level));
                 for row in 0..ROWS.len() {
-                    let mut found = vec![[0; 4]; 31];
-                    canvas.resolve(row, 7, &mut found, level);
+                    let mut resolved = vec![[0; 4]; 31];
+                    canvas.resolve(row, 7, &mut resolved, level);
                     let start = row * WIDTH as usize + 7;
                     let expected = expected[start..start + 31]
                         .iter()
-                        .map(|pixel| straight(*pixel));
-                    assert!(found.into_iter().eq(expected), "{shape:?}, row {row}");
+                        .map(|pixel| unpremultiply(*pixel));
+                    assert!(resolved.into_iter().eq(expected), "{shape:?}, row {row}");
                 }
             }
         }
     }
 
     #[test]
-    fn straight_colours_are_exact_divisions_and_blends_that_came_to_rest_are_whole() {
+    fn unpremultiplied_colours_are_exact_divisions() {
         for share in 1..=255u8 {
             for c in 0..=share {
                 let exact = (f64::from(c) * 255.0 / f64::from(share)).round().min(255.0) as u8;
-                let [r, g, _, alpha] = straight([c, 0, 0, share]);
-                // Halves may go either way.
+                let [r, g, _, alpha] = unpremultiply([c, 0, 0, share]);
+                // Halves may be rounded either way.
                 assert!(
                     r.abs_diff(exact) <= u8::from(u32::from(c) * 510 % u32::from(share) == 0)
                         && g == 0
@@ -518,15 +529,15 @@ mod tests {
                 assert_eq!(alpha, if share >= 252 { 255 } else { share });
             }
         }
-        assert_eq!(straight([9, 8, 7, 0]), [9, 8, 7, 0]);
+        assert_eq!(unpremultiply([9, 8, 7, 0]), [9, 8, 7, 0]);
     }
 
-    /// One pixel blended by a weight in 1/256, and the same pixel by every SIMD level of this machine.
-    fn blended(there: [u8; 4], source: [u8; 4], weight: u16) -> [u8; 4] {
+    /// Blends an opaque colour over a pixel with a weight in 1/256.
+    fn blend_one(pixel: [u8; 4], source: [u8; 4], weight: u16) -> [u8; 4] {
         let level = Level::new();
         dispatch!(level, simd => {
-            let mut pixels = [there; PIXELS];
-            let (source, alpha) = source_of(simd, u32::from_ne_bytes(source));
+            let mut pixels = [pixel; PIXELS];
+            let (source, alpha) = blend_source(simd, u32::from_ne_bytes(source));
             assert_eq!(alpha, 256);
             blend(simd, &mut pixels, source, u16x16::splat(simd, weight));
             assert!(pixels.iter().all(|pixel| *pixel == pixels[0]));
@@ -534,58 +545,63 @@ mod tests {
         })
     }
 
-    /// Levels by which many random blends may lie above or below exact ones, on average: a tenth of the smallest step.
+    /// Tolerated mean deviation of many random blends from exact ones, levels: a tenth of the
+    /// smallest step.
     const MEAN_BIAS_LEVELS: f64 = 0.1;
 
     #[test]
     fn blends_do_not_drift() {
         let mut random = Rng::keyed(1);
-        let (mut exact, mut found, mut bias) = (128.0, [128, 128, 128, 255], 0.0);
+        let mut exact = 128.0;
+        let mut pixel = [128, 128, 128, 255];
+        let mut bias = 0.0;
         const BLENDS: u32 = 100_000;
         for _ in 0..BLENDS {
-            let (source, shift) = (60 + random.below(120) as u8, 1 + random.below(2) as u16);
-            found = blended(found, [source, source, source, 255], 256 >> shift);
+            let source = 60 + random.below(120) as u8;
+            let shift = 1 + random.below(2) as u16;
+            pixel = blend_one(pixel, [source, source, source, 255], 256 >> shift);
             exact += (f64::from(source) - exact) / f64::from(1 << shift);
-            bias += f64::from(found[0]) - exact;
+            bias += f64::from(pixel[0]) - exact;
         }
         let bias = bias / f64::from(BLENDS);
         assert!(bias.abs() < MEAN_BIAS_LEVELS, "{bias}");
     }
 
     #[test]
-    fn blending_a_colour_over_itself_changes_nothing() {
+    fn colour_blended_over_itself_is_unchanged() {
         for c in 0..=255 {
             for weight in [0, 1, 64, 128, 200, 255, 256] {
                 assert_eq!(
-                    blended([c, c, c, 255], [c, c, c, 255], weight),
+                    blend_one([c, c, c, 255], [c, c, c, 255], weight),
                     [c, c, c, 255]
                 );
             }
             assert_eq!(
-                blended([255 - c, 0, c, 77], [c, c, c, 255], 256),
+                blend_one([255 - c, 0, c, 77], [c, c, c, 255], 256),
                 [c, c, c, 255]
             );
             assert_eq!(
-                blended([255 - c, 0, c, 77], [c, c, c, 255], 0),
+                blend_one([255 - c, 0, c, 77], [c, c, c, 255], 0),
                 [255 - c, 0, c, 77]
             );
         }
     }
 
     #[test]
-    fn a_stamp_is_symmetric_and_its_middle_is_opaque() {
+    fn paper_squares_are_symmetric() {
         for (class, rows) in STAMPS.iter().enumerate() {
-            let at = |row: usize, column: usize| rows[row][column / PIXELS][column % PIXELS * 4];
-            assert_eq!(at(0, class), 128);
+            let weight =
+                |row: usize, column: usize| rows[row][column / PIXELS][column % PIXELS * 4];
+            assert_eq!(weight(0, class), 128);
             for row in 0..=class {
                 for column in 0..=2 * class {
-                    assert_eq!(at(row, column), at(row, 2 * class - column));
-                    assert_eq!(at(row, class + row), at(row, class - row));
-                    assert!(at(row, column) >= 32);
+                    assert_eq!(weight(row, column), weight(row, 2 * class - column));
+                    assert_eq!(weight(row, class + row), weight(row, class - row));
+                    assert!(weight(row, column) >= 32);
                 }
                 assert!(
-                    2 * class == 7 || at(row, 2 * class + 1) == 0,
-                    "nothing beyond it"
+                    2 * class == 7 || weight(row, 2 * class + 1) == 0,
+                    "no weight outside"
                 );
             }
         }

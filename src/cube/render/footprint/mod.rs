@@ -1,6 +1,5 @@
-//! Splat footprints: their size, and the weight of each pixel that they cover.
+//! Splat footprints: kernels, sizes in the frame, and the tents of the default kernel.
 
-pub(crate) mod ellipse;
 pub mod rules;
 pub(crate) mod size;
 pub mod splat;

@@ -1,23 +1,24 @@
-//! The numbers by which tents are drawn, for renderers elsewhere that are held to this one's frames.
+//! Constants of the tent kernel, for renderers elsewhere that must reproduce this one's frames.
 
-use super::size::{Size, TangentSize, TangentTable};
+use super::size::{FootprintSize, TangentSize, TangentTable};
 use crate::render::canvas::surface;
 use crate::render::footprint::tent;
 use crate::render::setup::clip;
 
-/// The largest tangent of the angle to its normal under which a sample's plane is believed.
+/// Largest tangent of the angle between a sample's normal and its ray; steeper planes are clamped
+/// to it.
 pub const MAX_SLOPE: f32 = TangentTable::MAX_SLOPE;
-/// The least radius of a tent, px.
-pub const MIN_RADIUS_PX: f32 = crate::render::TENT_MIN_RADIUS_PX;
-/// The largest radius of a tent, px.
-pub const MAX_RADIUS_PX: f32 = <TangentSize<'_> as Size>::MAX_RADIUS_PX;
-/// The least weight in the middle of a tent.
+/// Least radius of a tent, px.
+pub const MIN_RADIUS_PX: f32 = tent::MIN_RADIUS_PX;
+/// Largest radius of a tent, px.
+pub const MAX_RADIUS_PX: f32 = <TangentSize<'_> as FootprintSize>::MAX_RADIUS_PX;
+/// Least weight in the middle of a tent.
 pub const MIN_PEAK: f32 = tent::MIN_PEAK;
-/// The least ratio of the eye depths in the frame and in the LDI that is drawn.
+/// Least ratio of the eye depths in the frame and in the LDI that is drawn.
 pub const W_NEAR: f32 = clip::W_NEAR;
-/// Weights are whole numbers of one over this.
+/// Steps of a weight from 0 to 1.
 pub const WEIGHT_STEPS: u32 = tent::ONE;
-/// The weight at which a surface hides wholly what is behind it.
+/// Weight at which a surface hides everything behind it.
 pub const OPAQUE_WEIGHT: f64 = surface::OPAQUE as f64 / tent::ONE as f64;
-/// The least share of a pixel that a surface has where it has any.
+/// Least share of a pixel that a surface covers if it touches it at all.
 pub const MIN_SHARE: f64 = surface::MIN_SHARE as f64 / 255.0;

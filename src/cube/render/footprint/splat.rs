@@ -1,57 +1,58 @@
-//! Footprints: which there are ([`SplatKernel`]), splats ready to be drawn, and what they are drawn on (S20, S21,
-//! C10, C12).
+//! Splat kernels, and splats in frame coordinates (S20, S21, C10, C12).
 
 use super::size::{EllipseSize, LANES};
-use crate::render::Spans;
-use crate::render::planes::{LARGEST_BY_MIDDLE_PX, PlaneCanvas};
-use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
+use crate::render::planes::{MAX_RADIUS_TESTED_AT_CENTRE_PX, PlaneLayer};
+use crate::render::traverse::batches::BATCH_CAPACITY;
+use fearless_simd::{Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
 
-/// Which footprints are drawn.
+/// Footprint of a sample in the frame, and how overlapping footprints are combined.
 ///
-/// How near to truth each comes, what its table of sizes costs `Paper`, and what else was tried: docs/decisions/0047.
-/// `tests/library/splat_quality.rs` measures it anew.
+/// Errors of each kernel, the loss from `Paper`'s size table, and rejected variants:
+/// docs/decisions/0047, measured by `tests/library/splat_quality.rs`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SplatKernel {
-    /// The paper's: squares of 1, 3, 5 and 7 pixels with the alphas 1, 1/2 and 1/4, each blended over what is there,
-    /// their width from the splat table that is refilled for every frame (S20, S21).
+    /// Squares of 1, 3, 5 and 7 pixels with the alphas 1, 1/2 and 1/4, each blended *over* the
+    /// canvas; widths come from the paper's splat table, which is refilled for every frame (S20,
+    /// S21).
     Paper,
-    /// Opaque rectangles as large as the sample's share of its surface: nearest-neighbour reconstruction.
+    /// Opaque rectangles as large as the sample's area of its surface: nearest-neighbour
+    /// reconstruction.
     Opaque,
-    /// Tents that reach to the neighbouring samples of the surface, averaged by weight per surface: bilinear
-    /// reconstruction, with soft silhouettes.
+    /// Tents that reach to the adjacent samples of the surface, averaged by weight per surface:
+    /// bilinear reconstruction, with soft silhouettes.
     #[default]
     Tent,
-    /// Gaussians that are ellipses, as wide as the sample's share of its surface, averaged by weight per surface in floating
-    /// point and linear light: what one would draw if time were no matter. Three times the time of [`Self::Tent`].
+    /// Elliptical Gaussians as wide as the sample's area of its surface, averaged by weight per
+    /// surface in floating point and linear light: the reference for the integer kernels. Three
+    /// times the time of [`Self::Tent`].
     Ellipse,
-    /// One opaque pixel for every sample.
+    /// One opaque pixel per sample.
     Point,
-    /// An opaque plus of five pixels for every sample, the one that holds it and its four neighbours: the fixed stamp that
-    /// Rafferty et al. find enough for LDIs (R7, R12).
+    /// An opaque plus of five pixels per sample, the one that contains it and the four adjacent
+    /// ones: the fixed stamp that Rafferty et al. consider sufficient for LDIs (R7, R12).
     Plus,
-    /// An opaque square of two pixels a side for every sample (R7).
+    /// An opaque square of two pixels a side per sample (R7).
     Square2,
-    /// An opaque square of three pixels a side for every sample (R7).
+    /// An opaque square of three pixels a side per sample (R7).
     Square3,
 }
 
 impl SplatKernel {
-    /// All kernels with the names under which the command line knows them; the default first.
-    pub const ALL: [(&'static str, Self); 8] = [
-        ("tent", Self::Tent),
-        ("paper", Self::Paper),
-        ("opaque", Self::Opaque),
-        ("ellipse", Self::Ellipse),
-        ("1x1", Self::Point),
-        ("plus", Self::Plus),
-        ("2x2", Self::Square2),
-        ("3x3", Self::Square3),
+    /// All kernels, the default first.
+    pub const ALL: [Self; 8] = [
+        Self::Tent,
+        Self::Paper,
+        Self::Opaque,
+        Self::Ellipse,
+        Self::Point,
+        Self::Plus,
+        Self::Square2,
+        Self::Square3,
     ];
 
-    /// The name in [`Self::ALL`].
+    /// Returns the name on the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tent => "tent",
@@ -65,13 +66,9 @@ impl SplatKernel {
         }
     }
 
-    /// Whether its canvas knows how far what it shows is.
-    pub(crate) fn knows_depths(self) -> bool {
-        matches!(self, Self::Tent | Self::Ellipse)
-    }
-
-    /// The part of a footprint's radius that is the sample's share of its surface alone.
-    pub(crate) fn own_share(self) -> f32 {
+    /// Returns the fraction of a footprint's radius that covers the sample's own area of its
+    /// surface; beyond it, footprints of adjacent samples overlap.
+    pub(crate) fn core_fraction(self) -> f32 {
         match self {
             Self::Tent => 0.5,
             Self::Ellipse => 0.5 / EllipseSize::SCALE,
@@ -84,58 +81,48 @@ impl SplatKernel {
         }
     }
 
-    /// True if its canvas compares the depths of splats, and does not rely on their order alone.
+    /// Returns true if the canvas compares and stores the depths of splats, rather than relying on
+    /// their order alone.
     pub(crate) fn compares_depths(self) -> bool {
         matches!(self, Self::Tent | Self::Ellipse)
     }
 
-    /// Whether what its canvas shows depends on the order in which splats come.
+    /// Returns true if the result depends on the order of the splats.
     pub(crate) fn needs_order(self) -> bool {
         self != Self::Tent
     }
-
-    /// Half of the width of a stamp of fixed size, px; `None` if samples have sizes of their own.
-    pub(crate) fn stamp_radius_px(self) -> Option<f32> {
-        match self {
-            Self::Point => Some(0.5),
-            Self::Square2 => Some(1.0),
-            Self::Plus | Self::Square3 => Some(1.5),
-            Self::Tent | Self::Paper | Self::Opaque | Self::Ellipse => None,
-        }
-    }
 }
 
-/// Splats that are ready to be drawn, in drawing order; each part in an array of its own, so that loops over them are
-/// vectorised.
+/// Splats of a batch in frame coordinates, in drawing order, as a structure of arrays.
 pub(crate) struct Splats {
     /// Number of entries in use.
     pub(crate) len: usize,
-    /// How many are about 1, 3, 5, and 7 or more pixels wide.
+    /// Number of splats about 1, 3, 5, and 7 or more pixels wide.
     pub(crate) by_footprint: [u64; 4],
-    /// Position in frame pixels.
-    pub(crate) x: [f32; Splats::ROOM],
-    /// Position in frame pixels, row 0 on top.
-    pub(crate) y: [f32; Splats::ROOM],
+    /// Horizontal position, frame px.
+    pub(crate) x: [f32; Splats::CAPACITY],
+    /// Vertical position, frame px, row 0 at the top.
+    pub(crate) y: [f32; Splats::CAPACITY],
     /// 1 / eye depth in the frame, 1/m.
-    pub(crate) inverse_depth: [f32; Splats::ROOM],
-    /// Half of the width, px.
-    pub(crate) radius_x: [f32; Splats::ROOM],
-    /// Half of the height, px.
-    pub(crate) radius_y: [f32; Splats::ROOM],
-    /// Weight at the middle, 0..1: such that the weights of a whole surface add up to 1 everywhere.
-    pub(crate) weight: [f32; Splats::ROOM],
-    /// Of x and y along the footprint, if it is an ellipse.
-    pub(crate) correlation: [f32; Splats::ROOM],
-    /// The four bytes of the depth pixel's colour (sRGB, straight alpha), as they lie in memory.
-    pub(crate) color: [u32; Splats::ROOM],
+    pub(crate) inverse_depth: [f32; Splats::CAPACITY],
+    /// Half the width, px.
+    pub(crate) radius_x: [f32; Splats::CAPACITY],
+    /// Half the height, px.
+    pub(crate) radius_y: [f32; Splats::CAPACITY],
+    /// Weight at the centre, 0..1, such that the weights of a surface add up to 1 everywhere.
+    pub(crate) weight: [f32; Splats::CAPACITY],
+    /// Correlation of x and y of elliptical footprints.
+    pub(crate) correlation: [f32; Splats::CAPACITY],
+    /// sRGB and straight alpha, in memory order.
+    pub(crate) color: [u32; Splats::CAPACITY],
 }
 
 impl Splats {
-    /// As many as a batch of depth pixels can make, and room to write a whole register behind the last.
-    pub(crate) const ROOM: usize = crate::render::BATCH_CAPACITY + LANES;
+    /// Splats of a full batch, and space to write a whole register behind the last.
+    pub(crate) const CAPACITY: usize = BATCH_CAPACITY + LANES;
 
     pub(crate) fn new() -> Self {
-        let zero = [0.0; Self::ROOM];
+        let zero = [0.0; Self::CAPACITY];
         Self {
             len: 0,
             by_footprint: [0; 4],
@@ -146,31 +133,32 @@ impl Splats {
             radius_y: zero,
             weight: zero,
             correlation: zero,
-            color: [0; Self::ROOM],
+            color: [0; Self::CAPACITY],
         }
     }
 
-    /// Leaves out what lies behind what pictures on planes show at the middle of a splat, but for [large](Self::is_large) ones.
-    pub(crate) fn retain_in_front(&mut self, planes: &PlaneCanvas) {
+    /// Removes splats whose centre is hidden by the plane layer, except [large](Self::is_large)
+    /// ones.
+    pub(crate) fn cull_hidden(&mut self, planes: &PlaneLayer) {
         if planes.is_empty() {
             return;
         }
-        let mut kept = 0;
+        let mut len = 0;
         for i in 0..self.count() {
             if !self.is_large(i) && planes.hides([self.x[i], self.y[i]], self.inverse_depth[i]) {
                 continue;
             }
-            if kept < i {
-                self.move_to(kept, i);
+            if len < i {
+                self.copy_within(i, len);
             }
-            kept += 1;
+            len += 1;
         }
-        self.len = kept;
+        self.len = len;
     }
 
-    /// Puts a splat in the place of another.
+    /// Overwrites a splat by another.
     #[inline]
-    fn move_to(&mut self, place: usize, i: usize) {
+    fn copy_within(&mut self, from: usize, to: usize) {
         for values in [
             &mut self.x,
             &mut self.y,
@@ -180,119 +168,57 @@ impl Splats {
             &mut self.weight,
             &mut self.correlation,
         ] {
-            values[place] = values[i];
+            values[to] = values[from];
         }
-        self.color[place] = self.color[i];
+        self.color[to] = self.color[from];
     }
 
-    /// Whether a splat is judged pixel by pixel.
+    /// Returns true if a splat is tested against the plane layer pixel by pixel.
     #[inline]
     pub(crate) fn is_large(&self, i: usize) -> bool {
-        self.radius_x[i].max(self.radius_y[i]) > LARGEST_BY_MIDDLE_PX
+        self.radius_x[i].max(self.radius_y[i]) > MAX_RADIUS_TESTED_AT_CENTRE_PX
     }
 
-    /// The number of entries, never more than fit.
+    /// Returns the number of splats, at most [`Self::CAPACITY`].
     #[inline]
     pub(crate) fn count(&self) -> usize {
-        self.len.min(Self::ROOM)
+        self.len.min(Self::CAPACITY)
     }
 }
 
-/// What splats are drawn on.
-pub(crate) trait Canvas {
-    /// Makes it empty, for these rows of a frame that is `width` pixels wide, keeping the memory it has.
-    fn clear(&mut self, width: u32, rows: Range<u32>);
-
-    /// Makes it empty in some columns of each row of a frame of a given width and height; what is elsewhere may be
-    /// anything.
-    fn clear_spans(&mut self, frame_px: [u32; 2], spans: &dyn Fn(u32) -> Spans);
-
-    /// What pictures on planes show, behind all that is drawn.
-    fn ground(&self) -> &PlaneCanvas;
-
-    /// The same, to be drawn before [`Self::lay`].
-    fn ground_mut(&mut self) -> &mut PlaneCanvas;
-
-    /// Puts the ground behind all that is yet to come; the canvas must be empty. Nothing for a canvas that looks there by itself.
-    fn lay(&mut self) {}
-
-    /// Adds what the ground covers in part: where depths are compared, after all splats, and elsewhere before them.
-    fn add_rims(&mut self, level: Level);
-
-    /// Draws splats, in their order, with the instructions of a SIMD level.
-    fn draw(&mut self, splats: &Splats, level: Level);
-
-    /// Ends drawing: all splats and rims have come.
-    fn settle(&mut self, _level: Level) {}
-
-    /// Writes the pixels of a row, counted from its first row on, from a column on: straight colour, and the share of 255
-    /// that splats cover; 0 if none touched it.
-    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level);
-
-    /// Writes 1 / eye depth of what is in front in the same pixels, 0 where nothing is. A canvas that does not know it writes
-    /// nothing.
-    fn tell_depths(&self, _row: usize, _column: usize, _to: &mut [f32]) {}
-}
-
-/// 2^32 / divisor, rounded up, for the divisors below `N`; 0 for 0. `n * reciprocal >> 32` is `n / divisor` for all n below
-/// 2^32 / N: n times the excess, which is less than 1, stays below 2^32 / divisor.
-pub(crate) const fn reciprocals<const N: usize>() -> [u64; N] {
-    let mut reciprocals = [0; N];
-    let mut divisor = 1;
-    while divisor < N {
-        reciprocals[divisor] = (1u64 << 32).div_ceil(divisor as u64);
-        divisor += 1;
-    }
-    reciprocals
-}
-
-/// Fills some columns of each row with a value; `margin` pixels of a row lie left of column 0.
-pub(crate) fn clear_spans<T: Copy>(
-    pixels: &mut [T],
-    stride: usize,
-    margin: usize,
-    value: T,
-    spans: &dyn Fn(u32) -> Spans,
-) {
-    for (y, row) in (0..).zip(pixels.chunks_exact_mut(stride.max(1))) {
-        for span in spans(y) {
-            row[margin..][span.start as usize..span.end as usize].fill(value);
-        }
-    }
-}
-
-/// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `bounds`: the first, and
-/// the one after the last.
+/// Returns the pixels whose centres lie between `position - radius` and `position + radius`,
+/// clipped to the bounds: the first, and the one after the last.
 #[inline(always)]
-pub(crate) fn covered(position: f32, radius: f32, [start, end]: [f32; 2]) -> [i32; 2] {
+pub(crate) fn covered_pixels(position: f32, radius: f32, [start, end]: [f32; 2]) -> [i32; 2] {
     [position - radius, position + radius]
         .map(|border| ceil_to_i32((border - 0.5).max(start).min(end)))
 }
 
-/// [`covered`] for the splats from `start` on, as many as there are lanes.
+/// [`covered_pixels`] for the [`LANES`] splats from `start` on.
 #[inline(always)]
-pub(crate) fn covered_lanes<S: Simd>(
+pub(crate) fn covered_pixels_lanes<S: Simd>(
     simd: S,
-    [position, radius]: [&[f32; Splats::ROOM]; 2],
+    [position, radius]: [&[f32; Splats::CAPACITY]; 2],
     start: usize,
     [first, end]: [f32; 2],
 ) -> [i32x16<S>; 2] {
-    let (position, radius) = (load(simd, position, start), load(simd, radius, start));
-    let (left, right) = (position - radius - 0.5, position + radius - 0.5);
-    let (left, right) = (
-        left.max(first).min(end).ceil(),
-        right.max(first).min(end).ceil(),
-    );
+    let position = load(simd, position, start);
+    let radius = load(simd, radius, start);
+    let left = position - radius - 0.5;
+    let right = position + radius - 0.5;
+    let left = left.max(first).min(end).ceil();
+    let right = right.max(first).min(end).ceil();
     [i32x16::truncate_from(left), i32x16::truncate_from(right)]
 }
 
-/// The values of the splats from `start` on, as many as there are lanes.
+/// Loads the values of the [`LANES`] splats from `start` on.
 #[inline(always)]
-pub(crate) fn load<S: Simd>(simd: S, values: &[f32; Splats::ROOM], start: usize) -> f32x16<S> {
+pub(crate) fn load<S: Simd>(simd: S, values: &[f32; Splats::CAPACITY], start: usize) -> f32x16<S> {
     f32x16::from_slice(simd, &values[start..start + LANES])
 }
 
-/// `v.ceil() as i32` for |v| < 2^24, without the call into libm that `ceil` is on processors before SSE4.1.
+/// Computes `v.ceil() as i32` for |v| < 2^24, without the libm call of `ceil` on processors before
+/// SSE4.1.
 #[inline(always)]
 pub(crate) fn ceil_to_i32(v: f32) -> i32 {
     let truncated = v as i32;

@@ -1,4 +1,4 @@
-//! What of the planes a frame shows, and how.
+//! Per-frame visibility and homographies of plane textures.
 
 use crate::pack::{Plane, PlaneSet, PlaneTile, mips};
 use glam::{DMat3, DVec3};
@@ -6,22 +6,23 @@ use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use std::ops::Range;
 
-/// Least ratio of the eye depth in the frame to that in the face, as for samples.
-const W_NEAR: f64 = 1.0 / 1024.0;
+/// Least ratio of the eye depths in the frame and on the face, as for samples.
+pub(super) const W_NEAR: f64 = 1.0 / 1024.0;
 
-/// By how much of a texel a picture is drawn beyond its border, so that rounding leaves no gap between neighbours.
-const OVERLAP: f64 = 1e-3;
+/// Texels by which a texture is drawn beyond its border, so that rounding leaves no gap between
+/// adjacent textures.
+pub(super) const OVERLAP: f64 = 1e-3;
 
-/// Frame pixels that a texel has at least, before the picture is softened (0.62 pixels a side), and before the softened one gives
-/// way to one of half the size (0.44).
-const LEAST_AREA_PX: [f64; 2] = [0.385, 0.19];
+/// Least area of a texel in the frame, px^2, below which a texture is blurred (0.62 pixels a side),
+/// and below which the blurred one is replaced by one of half the size (0.44).
+pub(super) const LEAST_AREA_PX: [f64; 2] = [0.385, 0.19];
 
-/// All pictures in view, nearest first.
+/// All plane textures in view, nearest first.
 #[derive(Default)]
 pub(crate) struct PlanesInView {
     pub(super) tiles: Vec<TileInView>,
     pub(super) frame: FrameSize,
-    /// Of each plane and face, once it is needed.
+    /// Last face and homography of each plane, computed on demand.
     planes: Vec<Option<(u16, PlaneInView)>>,
 }
 
@@ -32,79 +33,84 @@ pub(super) struct FrameSize {
     pub(super) principal_px: [f64; 2],
 }
 
-/// A plane, from a face to the frame.
+/// Homography of a plane from a face to the frame.
 #[derive(Clone, Copy)]
 struct PlaneInView {
     /// Frame position from the principal point, times w = Z2 / Z1, of a face position (x, y, 1).
     frame_from_face: DMat3,
     /// Face position times 1/w of a frame position (X, Y, 1).
     face_from_frame: DMat3,
-    /// Inverse depth on the face as coefficients of (x, y, 1).
+    /// Inverse depth on the face, 1/m, as coefficients of (x, y, 1).
     inverse_depth: DVec3,
 }
 
-/// A picture in view.
+/// A plane texture in view.
 pub(super) struct TileInView {
-    /// See [`mips`].
+    /// Mip level; see [`mips`].
     pub(super) level: usize,
-    /// Texels at that size.
+    /// Columns of texels at that level.
     pub(super) width: u32,
+    /// Rows of texels at that level.
     pub(super) height: u32,
     pub(super) opaque: bool,
     /// Rows of the frame that it may touch.
     pub(super) rows: Range<u32>,
-    /// Rows of a matrix on frame positions (X, Y, 1): texel column and row times 1/w, 1/w, and inverse depth, 1/m.
-    pub(super) of_frame: [DVec3; 4],
-    sides: [Side; 5],
+    /// Rows of a matrix on frame positions (X, Y, 1): texel column and row times 1/w, 1/w, and
+    /// inverse depth, 1/m.
+    pub(super) from_frame: [DVec3; 4],
+    sides: [HalfPlane; 5],
     /// Largest inverse depth, 1/m.
-    nearest: f64,
+    pub(super) nearest: f64,
+    /// Index in [`PlaneSet::tiles`].
     pub(super) index: u32,
 }
 
-/// Which pixels of a row a picture covers, and what of it they show.
-pub(super) struct Span {
-    /// Of the frame.
+/// Pixels of a row of the frame that a texture covers.
+pub(super) struct TextureSpan {
+    /// Columns of the frame.
     pub(super) columns: Range<u32>,
     /// At the first column: texel column and row times 1/w, 1/w, inverse depth.
     pub(super) start: [f32; 4],
-    /// From column to column.
+    /// Change of the same from column to column.
     pub(super) step: [f32; 4],
 }
 
-/// Where a picture may lie: a half plane of the frame.
+/// A half plane of the frame.
 #[derive(Clone, Copy)]
-struct Side {
-    /// Along a row: the picture lies to the right of the border if it is positive, to the left if it is negative.
+struct HalfPlane {
+    /// Positive if it lies to the right of its border, negative if to the left, 0 if the border is
+    /// a row.
     slope: f64,
-    /// In row y, both from the principal point, the border lies at the column `crossing[0] + crossing[1] y`. If the slope is 0,
-    /// the row lies inside where that is not negative.
+    /// The border crosses row y at the column `crossing[0] + crossing[1] y`, both from the
+    /// principal point. If the slope is 0, a row lies inside where that is not negative.
     crossing: [f64; 2],
 }
 
-impl Side {
-    /// Where a row vector on frame positions (X, Y, 1) is not negative.
+impl HalfPlane {
+    /// Creates the half plane where a row vector on frame positions (X, Y, 1) is not negative.
     fn new(row: DVec3) -> Self {
         let crossing = [-row.z / row.x, -row.y / row.x];
-        match crossing.iter().all(|of| of.is_finite()) {
-            true => Self {
+        if crossing.iter().all(|c| c.is_finite()) {
+            Self {
                 slope: row.x,
                 crossing,
-            },
-            false => Self {
+            }
+        } else {
+            Self {
                 slope: 0.0,
                 crossing: [row.z, row.y],
-            },
+            }
         }
     }
 }
 
 impl PlanesInView {
-    /// Columns and rows of the frame.
+    /// Returns the columns and rows of the frame.
     pub(super) fn size_px(&self) -> [u32; 2] {
         [self.frame.width, self.frame.height]
     }
 
-    /// Finds what a camera sees whose eye is at some place from the centre, world axes.
+    /// Finds the textures that a camera sees. `eye_from_centre`: world axes, metres.
     pub(crate) fn prepare(
         &mut self,
         set: &PlaneSet,
@@ -128,7 +134,7 @@ impl PlanesInView {
                 continue;
             };
             let in_view = match slot {
-                Some((of_face, in_view)) if *of_face == tile.face => *in_view,
+                Some((slot_face, in_view)) if *slot_face == tile.face => *in_view,
                 _ => PlaneInView::new(
                     &set.planes[tile.plane as usize],
                     camera,
@@ -139,7 +145,7 @@ impl PlanesInView {
             };
             *slot = Some((tile.face, in_view));
             self.tiles
-                .extend(in_view.tile(tile, index, set, &self.frame));
+                .extend(in_view.project_tile(tile, index, set, &self.frame));
         }
         for level in 0..=mips::LEVELS {
             if self.tiles.iter().any(|tile| tile.level == level) {
@@ -150,7 +156,7 @@ impl PlanesInView {
             .sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.index.cmp(&b.index)));
     }
 
-    /// Number of pictures in view.
+    /// Returns the number of textures in view.
     pub(crate) fn len(&self) -> usize {
         self.tiles.len()
     }
@@ -186,10 +192,12 @@ impl PlaneInView {
         }
     }
 
-    /// The level ([`mips`]) at which a texel at a place on the face is about as large as a frame pixel, by area.
-    fn level(&self, at: DVec3) -> usize {
-        let h = self.frame_from_face * at;
-        let (x, y) = (self.frame_from_face.x_axis, self.frame_from_face.y_axis);
+    /// Returns the mip level ([`mips`]) at which a texel at a face position has about the area of a
+    /// frame pixel.
+    fn mip_level(&self, position: DVec3) -> usize {
+        let h = self.frame_from_face * position;
+        let x = self.frame_from_face.x_axis;
+        let y = self.frame_from_face.y_axis;
         let [xx, xy, yx, yy] = [
             x.x - x.z * h.x / h.z,
             x.y - x.z * h.y / h.z,
@@ -197,28 +205,29 @@ impl PlaneInView {
             y.y - y.z * h.y / h.z,
         ];
         let area_px = (xx * yy - xy * yx).abs() / (h.z * h.z);
-        let at_level = |level: usize| area_px * f64::from(1 << (2 * mips::halvings(level)));
+        let area_at = |level: usize| area_px * f64::from(1 << (2 * mips::halvings(level)));
         (0..mips::LEVELS)
-            .take_while(|level| at_level(*level) < LEAST_AREA_PX[level % 2])
+            .take_while(|level| area_at(*level) < LEAST_AREA_PX[level % 2])
             .count()
     }
 
-    fn tile(
+    /// Returns a texture's tile if the frame can show it.
+    fn project_tile(
         &self,
         tile: &PlaneTile,
         index: u32,
         set: &PlaneSet,
         frame: &FrameSize,
     ) -> Option<TileInView> {
-        let (x0, y0) = (f64::from(tile.x0) + 0.5, f64::from(tile.y0) + 0.5);
-        let (x1, y1) = (
-            x0 + f64::from(tile.width) - 1.0,
-            y0 + f64::from(tile.height) - 1.0,
-        );
+        let x0 = f64::from(tile.x0) + 0.5;
+        let y0 = f64::from(tile.y0) + 0.5;
+        let x1 = x0 + f64::from(tile.width) - 1.0;
+        let y1 = y0 + f64::from(tile.height) - 1.0;
         let corners = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)].map(|(x, y)| DVec3::new(x, y, 1.0));
         let in_frame = corners.map(|corner| self.frame_from_face * corner);
         let [cx, cy] = frame.principal_px;
-        let (width, height) = (f64::from(frame.width), f64::from(frame.height));
+        let width = f64::from(frame.width);
+        let height = f64::from(frame.height);
         let all = |outside: &dyn Fn(&DVec3) -> bool| in_frame.iter().all(outside);
         if all(&|h| h.z < W_NEAR)
             || all(&|h| h.x < -cx * h.z)
@@ -230,17 +239,14 @@ impl PlaneInView {
             return None;
         }
         let in_front = in_frame.iter().all(|h| h.z >= W_NEAR);
-        let rows = match in_front {
-            true => {
-                let y = in_frame.map(|h| h.y / h.z + cy);
-                let (top, bottom) = (
-                    y.into_iter().fold(height, f64::min),
-                    y.into_iter().fold(0.0, f64::max),
-                );
-                ((top - 0.5 - OVERLAP).ceil().max(0.0) as u32)
-                    ..((bottom + 0.5 + OVERLAP).floor().min(height) as u32)
-            }
-            false => 0..frame.height,
+        let rows = if in_front {
+            let y = in_frame.map(|h| h.y / h.z + cy);
+            let top = y.into_iter().fold(height, f64::min);
+            let bottom = y.into_iter().fold(0.0, f64::max);
+            ((top - 0.5 - OVERLAP).ceil().max(0.0) as u32)
+                ..((bottom + 0.5 + OVERLAP).floor().min(height) as u32)
+        } else {
+            0..frame.height
         };
         let nearest = corners
             .iter()
@@ -254,7 +260,7 @@ impl PlaneInView {
             .get(tile.texel_range())
             .filter(|_| tile.width.min(tile.height) > 1)?;
         let level = if in_front {
-            self.level(DVec3::new((x0 + x1) / 2.0, (y0 + y1) / 2.0, 1.0))
+            self.mip_level(DVec3::new((x0 + x1) / 2.0, (y0 + y1) / 2.0, 1.0))
         } else {
             0
         };
@@ -267,7 +273,7 @@ impl PlaneInView {
             height: mips::side(tile.height, level) as u32,
             opaque: tile.opaque == 1,
             rows,
-            of_frame: [u, v, w, q],
+            from_frame: [u, v, w, q],
             // In front of the eye: w >= 1/1024, so that 1/w <= 1024.
             sides: [
                 u + w * OVERLAP,
@@ -276,7 +282,7 @@ impl PlaneInView {
                 w * (lower + OVERLAP) - v,
                 DVec3::Z / W_NEAR - w,
             ]
-            .map(Side::new),
+            .map(HalfPlane::new),
             nearest,
             index,
         })
@@ -284,19 +290,21 @@ impl PlaneInView {
 }
 
 impl TileInView {
-    /// The columns of a row of the frame that the picture covers, and what [`Self::of_frame`] gives there.
-    pub(super) fn span(&self, y: u32, frame: &FrameSize) -> Option<Span> {
-        let [u, v, w, q] = self.of_frame;
+    /// Returns the span of a row of the frame that the texture covers, with the values of
+    /// [`Self::from_frame`].
+    pub(super) fn span(&self, y: u32, frame: &FrameSize) -> Option<TextureSpan> {
+        let [u, v, w, q] = self.from_frame;
         let [cx, cy] = frame.principal_px;
-        let (x_first, y) = (0.5 - cx, f64::from(y) + 0.5 - cy);
-        let at_first = |row: DVec3| row.x * x_first + row.y * y + row.z;
-        let (mut start, mut end) = (0.0f64, f64::from(frame.width) - 1.0);
-        for Side {
+        let x_first = 0.5 - cx;
+        let y = f64::from(y) + 0.5 - cy;
+        let mut start = 0.0f64;
+        let mut end = f64::from(frame.width) - 1.0;
+        for HalfPlane {
             slope,
-            crossing: [at, per_row],
+            crossing: [constant, per_row],
         } in self.sides
         {
-            let value = at + per_row * y;
+            let value = constant + per_row * y;
             if slope > 0.0 {
                 start = start.max(value - x_first);
             } else if slope < 0.0 {
@@ -309,19 +317,18 @@ impl TileInView {
             return None;
         }
         // Neither is negative: truncation is the floor, which would be a call.
-        let (whole, end) = (start as u32, end as u32 + 1);
-        let first = whole + u32::from(f64::from(whole) < start);
+        let floor = start as u32;
+        let end = end as u32 + 1;
+        let first = floor + u32::from(f64::from(floor) < start);
         if first >= end {
             return None;
         }
-        let at = |row: DVec3| (at_first(row) + row.x * f64::from(first)) as f32;
-        Some(Span {
+        let evaluate =
+            |row: DVec3| (row.x * x_first + row.y * y + row.z + row.x * f64::from(first)) as f32;
+        Some(TextureSpan {
             columns: first..end,
-            start: [at(u), at(v), at(w), at(q)],
+            start: [u, v, w, q].map(evaluate),
             step: [u.x as f32, v.x as f32, w.x as f32, q.x as f32],
         })
     }
 }
-
-#[cfg(test)]
-pub(crate) mod tests;

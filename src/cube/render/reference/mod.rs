@@ -1,5 +1,6 @@
-//! Slow and obvious renderers that the fast one is compared with, and counts of what it did.
+//! Slow references for the renderer, and inspection of a frame: the oracle, clip counts, overdraw.
 
 pub(crate) mod count;
 pub mod inspect;
 pub mod oracle;
+pub mod overdraw;

@@ -1,4 +1,4 @@
-//! The slow, obvious renderer that the fast one is held to: f64, from the unpacked LDI, any order, a depth buffer, and
+//! Reference renderer for tests: f64, from the unpacked LDI, in any order, with a depth buffer and
 //! each sample's exact footprint.
 
 use crate::model::samples::{CubeLdi, DepthPixel, LayeredDepthImage};
@@ -7,18 +7,19 @@ use glam::{DMat3, DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::frame::{Coverage, Frame};
 
-/// The largest tangent of the angle to its normal under which a sample's plane is seen, as in the fast renderer: a
-/// surface that the LDI sees edge-on does not reach across the whole scene.
+/// Largest tangent of the angle between a sample's normal and its ray, as in the fast renderer: a
+/// surface that the LDI sees edge-on does not extend across the whole scene.
 const MAX_SLOPE: f64 = 12.0;
 
-/// The least Z2 / Z1 that is drawn, as in the fast renderer.
+/// Least Z2 / Z1 that is drawn, as in the fast renderer.
 const W_NEAR: f64 = 1.0 / 1024.0;
 
-/// A sample's footprint: the LDI pixel's square on the sample's tangent plane, seen by the camera.
+/// Footprint of a sample: the LDI pixel's square on the sample's tangent plane, in the frame.
 struct Patch {
-    /// Homogeneous position in the frame, from the principal point: `of_face * (1, dx, dy)`, -1/2 <= dx, dy <= 1/2.
-    of_face: DMat3,
-    /// Inverse depth in the LDI is `inverse_depth . (1, dx, dy)`.
+    /// Homogeneous frame position of (1, dx, dy), from the principal point, where -1/2 <= dx, dy <=
+    /// 1/2 are face pixels.
+    frame_from_offset: DMat3,
+    /// Inverse depth in the LDI, 1/m, as coefficients of (1, dx, dy).
     inverse_depth: DVec3,
 }
 
@@ -34,46 +35,49 @@ impl Patch {
         let slope = face.inverse_depth_slope(x, y, sample, MAX_SLOPE);
         let inverse_depth = dvec3(q, q * slope.x, q * slope.y);
         let column = |v: DVec3, q: f64| v + transfer.inverse_depth * q;
-        let of_face = DMat3::from_cols(
-            column(transfer.at(x, y), inverse_depth.x),
+        let frame_from_offset = DMat3::from_cols(
+            column(transfer.map_infinite(x, y), inverse_depth.x),
             column(transfer.x_step, inverse_depth.y),
             column(transfer.y_step, inverse_depth.z),
         );
         Self {
-            of_face,
+            frame_from_offset,
             inverse_depth,
         }
     }
 
-    /// Smallest and largest position in the frame (from the principal point), or `None` if all of it is behind the eye.
+    /// Returns the smallest and largest frame position, px from the principal point, or `None` if
+    /// the patch is completely behind the eye.
     fn bounds(&self) -> Option<[[f64; 2]; 2]> {
         let corners = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
-        let corners = corners.map(|(dx, dy)| self.of_face * dvec3(1.0, dx, dy));
+        let corners = corners.map(|(dx, dy)| self.frame_from_offset * dvec3(1.0, dx, dy));
         if corners.iter().all(|c| c.z < W_NEAR) {
             return None;
         }
         if corners.iter().any(|c| c.z < W_NEAR) {
             return Some([[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]]);
         }
-        let at = corners.map(|c| [c.x / c.z, c.y / c.z]);
+        let positions = corners.map(|c| [c.x / c.z, c.y / c.z]);
         let extreme = |pick: fn(f64, f64) -> f64| {
-            [0, 1].map(|i| at.iter().map(|c| c[i]).reduce(pick).unwrap_or(0.0))
+            [0, 1].map(|i| positions.iter().map(|c| c[i]).reduce(pick).unwrap_or(0.0))
         };
         Some([extreme(f64::min), extreme(f64::max)])
     }
 
-    /// 1 / eye depth in the frame where the patch is seen at (x, y) from the principal point.
-    fn inverse_depth_at(&self, of_frame: &DMat3, x: f64, y: f64) -> Option<f64> {
-        let solution = *of_frame * dvec3(x, y, 1.0);
-        let at = solution / solution.x;
+    /// Returns 1 / eye depth in the frame at (x, y) from the principal point, if the patch covers
+    /// that position.
+    fn inverse_depth_at(&self, offset_from_frame: &DMat3, x: f64, y: f64) -> Option<f64> {
+        let solution = *offset_from_frame * dvec3(x, y, 1.0);
+        let offset = solution / solution.x;
         let inside = |d: f64| d.abs() <= 0.5 + 1e-9;
-        let w = (self.of_face * at).z;
-        (inside(at.y) && inside(at.z) && w >= W_NEAR).then(|| self.inverse_depth.dot(at) / w)
+        let w = (self.frame_from_offset * offset).z;
+        (inside(offset.y) && inside(offset.z) && w >= W_NEAR)
+            .then(|| self.inverse_depth.dot(offset) / w)
     }
 }
 
-/// Draws what `camera` sees of an LDI that [`CubeLdi::validate`] accepts, with depths; splats cover a pixel wholly or not at all.
-/// Time is no object.
+/// Renders an LDI that [`CubeLdi::validate`] accepts, with depths; splats cover a pixel completely
+/// or not at all. Slow.
 pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> Frame {
     let mut frame = Frame::default();
     frame.reset(camera.width(), camera.height(), [0; 3]);
@@ -95,22 +99,22 @@ pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> Frame {
                     f64::from(y) + 0.5,
                     sample,
                 );
-                let of_frame = patch.of_face.inverse();
-                let Some([low, high]) = patch.bounds().filter(|_| of_frame.is_finite()) else {
+                let offset_from_frame = patch.frame_from_offset.inverse();
+                let Some([low, high]) = patch.bounds().filter(|_| offset_from_frame.is_finite())
+                else {
                     continue;
                 };
                 let pixels = |i: usize| {
                     let clip = |v: f64| (v + size[i] / 2.0).clamp(0.0, size[i]);
                     (clip(low[i]).floor() as usize, clip(high[i]).ceil() as usize)
                 };
-                let ((left, right), (top, bottom)) = (pixels(0), pixels(1));
+                let (left, right) = pixels(0);
+                let (top, bottom) = pixels(1);
                 for (py, px) in (top..bottom).flat_map(|py| (left..right).map(move |px| (py, px))) {
-                    let at = [
-                        px as f64 + 0.5 - size[0] / 2.0,
-                        py as f64 + 0.5 - size[1] / 2.0,
-                    ];
+                    let x = px as f64 + 0.5 - size[0] / 2.0;
+                    let y = py as f64 + 0.5 - size[1] / 2.0;
                     let index = py * frame.width as usize + px;
-                    if let Some(q) = patch.inverse_depth_at(&of_frame, at[0], at[1])
+                    if let Some(q) = patch.inverse_depth_at(&offset_from_frame, x, y)
                         && q > inverse_depth[index]
                     {
                         let [r, g, b, _] = sample.color_srgb;
@@ -123,14 +127,16 @@ pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> Frame {
         }
     }
     for (index, (color, coverage)) in frame.color.iter_mut().zip(&mut frame.coverage).enumerate() {
-        let (px, py) = (index % frame.width as usize, index / frame.width as usize);
+        let px = index % frame.width as usize;
+        let py = index / frame.width as usize;
         let direction = camera.direction(px as f64 + 0.5, py as f64 + 0.5).as_vec3();
         if let Some([r, g, b]) = ldi
             .environment
             .sample(direction)
             .filter(|_| coverage.is_hole())
         {
-            (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
+            *color = [r, g, b, 255];
+            *coverage = Coverage::ENVIRONMENT;
         }
     }
     frame.depth_m = inverse_depth.iter().map(|q| (1.0 / q) as f32).collect();

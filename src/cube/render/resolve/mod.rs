@@ -1,4 +1,4 @@
-//! From a canvas to the frame: background, and filling of small holes.
+//! From a canvas to the frame: compositing over the environment, and filling of small holes.
 
-pub(crate) mod fill;
-pub mod finish;
+pub mod composite;
+pub mod holes;

@@ -1,37 +1,51 @@
-//! Which part of a segment a band of the frame can show (S23, C15, C17).
+//! Clipping of a segment against a band of the frame (S23, C15, C17).
 //!
-//! In the LDI's projective coordinates (x, y on the face, inverse depth q) a segment is a box, and every plane of the view is
-//! linear: the transfer's homogeneous position h(x, y, q) is, and a point shows only if `|X| <= W/2 * w`, and so on.
+//! In the LDI's projective coordinates (x, y on the face, inverse depth q) a segment is a box, and
+//! every plane of the view volume is linear: the transfer's homogeneous position h(x, y, q) is, and
+//! a point is visible only if `|X| <= W/2 * w`, and so on.
 
 use super::transfer::Transfer;
 use crate::pack::PackedSegment;
 use crate::pack::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
-use crate::render::footprint::size::Size;
+use crate::render::footprint::size::SegmentSize;
 use glam::{DMat3, DVec3};
+use headbox_core::camera::Camera;
 use std::ops::Range;
 
-/// The least w = Z2 / Z1 that is drawn (C8: w > 0 alone lets splats grow without bound). At it, a sample is 1,024 times
-/// nearer to the eye than to the centre, and f32 has lost 10 of its 24 bits.
+/// Least w = Z2 / Z1 that is drawn (C8: w > 0 alone lets splats grow without bound). At it, a
+/// sample is 1,024 times nearer to the eye than to the centre, and f32 has lost 10 of its 24 bits.
 pub(crate) const W_NEAR: f32 = 1.0 / 1024.0;
 
-/// Some rows of a frame.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Band {
+/// A band: consecutive rows of a frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Band {
     /// Frame width, px.
-    pub(crate) width: u32,
+    pub width: u32,
     /// Frame height, px.
-    pub(crate) height: u32,
-    /// Where the viewing axis meets the frame, px.
-    pub(crate) principal_px: [f64; 2],
-    /// Rows of the band, row 0 on top.
-    pub(crate) rows: Range<u32>,
+    pub height: u32,
+    /// Principal point, px.
+    pub principal_px: [f64; 2],
+    /// Rows of the band, row 0 at the top.
+    pub rows: Range<u32>,
 }
 
 impl Band {
-    /// Left, right, upper and lower bound from the principal point, a radius wider.
+    /// Creates a band of a camera's frame.
+    pub fn new(camera: &Camera, rows: Range<u32>) -> Self {
+        Self {
+            width: camera.width(),
+            height: camera.height(),
+            principal_px: camera.principal_px(),
+            rows,
+        }
+    }
+
+    /// Returns the left, right, upper and lower bound from the principal point, px, widened by a
+    /// radius.
     fn bounds_px(&self, radius_px: f64) -> [f64; 4] {
         let [x, y] = self.principal_px;
-        let (right, bottom) = (f64::from(self.width) - x, f64::from(self.rows.end) - y);
+        let right = f64::from(self.width) - x;
+        let bottom = f64::from(self.rows.end) - y;
         [
             -x - radius_px,
             right + radius_px,
@@ -40,7 +54,8 @@ impl Band {
         ]
     }
 
-    /// Width and height of the smallest frame about the principal point that holds this one.
+    /// Returns width and height of the smallest frame centred on the principal point that contains
+    /// this one.
     fn centred_size(&self) -> [u32; 2] {
         let [x, y] = self.principal_px;
         [(x, self.width), (y, self.height)]
@@ -56,13 +71,15 @@ struct HalfSpace {
 }
 
 impl HalfSpace {
-    fn value(&self, point: DVec3) -> f64 {
+    fn evaluate(&self, point: DVec3) -> f64 {
         self.normal.dot(point) + self.offset
     }
 
-    /// The same in the coordinates of a box: 0..1 along each axis; scaled so that the largest coefficient is 1.
-    fn in_box(&self, [low, high]: [DVec3; 2]) -> Self {
-        let (normal, offset) = (self.normal * (high - low), self.value(low));
+    /// Converts to the coordinates of a box, 0..1 along each axis, scaled so that the largest
+    /// coefficient is 1.
+    fn to_box(self, [low, high]: [DVec3; 2]) -> Self {
+        let normal = self.normal * (high - low);
+        let offset = self.evaluate(low);
         let scale = normal
             .abs()
             .max_element()
@@ -75,16 +92,16 @@ impl HalfSpace {
     }
 }
 
-/// The five half spaces outside of which a splat of `radius_px` cannot touch the band.
-fn half_spaces(transfer: &Transfer, band: &Band, radius_px: f64) -> [HalfSpace; 5] {
+/// Returns the five half spaces outside of which a splat of `radius_px` cannot touch the band.
+fn view_half_spaces(transfer: &Transfer, band: &Band, radius_px: f64) -> [HalfSpace; 5] {
     let [left, right, top, bottom] = band.bounds_px(radius_px);
-    // h . of_h >= least
-    let side = |of_h: DVec3, least: f64| HalfSpace {
+    // h . coefficients >= limit
+    let side = |coefficients: DVec3, limit: f64| HalfSpace {
         normal: DVec3::from(
             [transfer.x_step, transfer.y_step, transfer.inverse_depth]
-                .map(|column| of_h.dot(column)),
+                .map(|column| coefficients.dot(column)),
         ),
-        offset: of_h.dot(transfer.one) - least,
+        offset: coefficients.dot(transfer.one) - limit,
     };
     [
         side(DVec3::new(1.0, 0.0, -left), 0.0),
@@ -95,12 +112,10 @@ fn half_spaces(transfer: &Transfer, band: &Band, radius_px: f64) -> [HalfSpace; 
     ]
 }
 
-/// A segment's box; at least a millionth deep, so that a flat one has an inside.
+/// Returns a segment's box; at least a millionth deep, so that a flat one has an interior.
 fn segment_box(segment: &PackedSegment) -> [DVec3; 2] {
-    let (q_min, q_max) = (
-        f64::from(segment.inverse_depth_min),
-        f64::from(segment.inverse_depth_max),
-    );
+    let q_min = f64::from(segment.inverse_depth_min);
+    let q_max = f64::from(segment.inverse_depth_max);
     let end = |start: u32, length: u32| f64::from(start) + f64::from(length);
     [
         DVec3::new(
@@ -116,30 +131,49 @@ fn segment_box(segment: &PackedSegment) -> [DVec3; 2] {
     ]
 }
 
-/// Columns and rows of the face, inside the segment's rectangle, in which the samples lie whose splats of at most
-/// `radius_px` can touch the band; `None` if there are none.
+/// Returns the columns and rows of a segment, as far as they lie on a face of `face_px`.
+pub(crate) fn face_rectangle(segment: &PackedSegment, face_px: u32) -> [Range<u32>; 2] {
+    let clip =
+        |start: u32, length: u32| start.min(face_px)..start.saturating_add(length).min(face_px);
+    [
+        clip(segment.x0, segment.width),
+        clip(segment.y0, segment.height),
+    ]
+}
+
+/// Returns the number of blocks that a rectangle touches.
+fn block_count([columns, rows]: &[Range<u32>; 2]) -> usize {
+    let blocks = |range: &Range<u32>, length: u32| {
+        (range.end.div_ceil(length) - range.start / length) as usize
+    };
+    blocks(columns, BLOCK_COLUMNS) * blocks(rows, BLOCK_ROWS)
+}
+
+/// Returns the columns and rows of the face, inside the segment's rectangle, that contain all
+/// samples whose splats of at most `radius_px` can touch the band; `None` if there are none.
 ///
 /// Exact (C15): the bounding rectangle of the vertices of the box cut by the five half spaces.
-pub(crate) fn rectangle(
+fn clip_rectangle(
     transfer: &Transfer,
     segment: &PackedSegment,
     band: &Band,
     radius_px: f64,
 ) -> Option<[Range<u32>; 2]> {
     let bounds @ [low, high] = segment_box(segment);
-    let views = half_spaces(transfer, band, radius_px).map(|half_space| half_space.in_box(bounds));
+    let views =
+        view_half_spaces(transfer, band, radius_px).map(|half_space| half_space.to_box(bounds));
     let outside = |half_space: &HalfSpace| {
         half_space.normal.max(DVec3::ZERO).element_sum() + half_space.offset < 0.0
     };
     if views.iter().any(outside) {
         return None;
     }
-    let [least, most] = vertex_bounds(&views)?;
+    let [min, max] = vertex_bounds(&views)?;
     let size = high - low;
     let clip = |axis: usize, start: u32, length: u32| {
         let end = start.saturating_add(length);
-        let first = (low[axis] + least[axis] * size[axis]).floor().max(0.0) as u32;
-        let last = (low[axis] + most[axis] * size[axis]).ceil().max(0.0) as u32;
+        let first = (low[axis] + min[axis] * size[axis]).floor().max(0.0) as u32;
+        let last = (low[axis] + max[axis] * size[axis]).ceil().max(0.0) as u32;
         // One more on both sides: tolerances of the vertices are far below a pixel.
         first.saturating_sub(1).clamp(start, end)..last.saturating_add(1).clamp(start, end)
     };
@@ -153,8 +187,8 @@ pub(crate) fn rectangle(
         .then_some(ranges)
 }
 
-/// Bounds of the part of the unit cube that lies in five (scaled) half spaces: of all points in which three of the eleven planes
-/// meet and that all eleven accept.
+/// Returns the bounds of the part of the unit cube that lies in five (scaled) half spaces: of all
+/// points where three of the eleven planes meet and that lie inside all eleven.
 fn vertex_bounds(views: &[HalfSpace; 5]) -> Option<[DVec3; 2]> {
     const TOLERANCE: f64 = 1e-7;
     let cube = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
@@ -185,7 +219,10 @@ fn vertex_bounds(views: &[HalfSpace; 5]) -> Option<[DVec3; 2]> {
                     continue;
                 }
                 let vertex = rows.inverse() * -DVec3::new(a.offset, b.offset, c.offset);
-                if planes.iter().all(|plane| plane.value(vertex) >= -TOLERANCE) {
+                if planes
+                    .iter()
+                    .all(|plane| plane.evaluate(vertex) >= -TOLERANCE)
+                {
                     let [low, high] = bounds.unwrap_or([vertex; 2]);
                     bounds = Some([low.min(vertex), high.max(vertex)]);
                 }
@@ -195,33 +232,49 @@ fn vertex_bounds(views: &[HalfSpace; 5]) -> Option<[DVec3; 2]> {
     bounds
 }
 
-/// Says of a segment's blocks whether they can touch a band.
-pub(crate) struct BlockClip<'a> {
+/// Clipping of one segment against a band: first its rectangle of face pixels, then block by block.
+pub struct SegmentClip<'a> {
     pub(crate) transfer: &'a Transfer,
     pub(crate) segment: &'a PackedSegment,
     pub(crate) band: &'a Band,
     /// Face size, px.
     pub(crate) face_px: u32,
+    pub(crate) size: SegmentSize<'a>,
+    /// Keeps everything: see
+    /// [`RenderSettings::unclipped`](crate::render::RenderSettings::unclipped).
+    pub(crate) unclipped: bool,
 }
 
-impl BlockClip<'_> {
-    /// Writes to `visible`, row-major, whether each block that the rectangle touches can touch the band.
-    pub(crate) fn blocks(
-        &self,
-        [columns, rows]: &[Range<u32>; 2],
-        size: &impl Size,
-        visible: &mut Vec<bool>,
-    ) {
+impl SegmentClip<'_> {
+    /// Returns the columns and rows of the face that can touch the band, or `None` if there are
+    /// none. Writes to `visible`, row-major, whether each block that the rectangle touches can
+    /// touch the band.
+    pub fn clip(&self, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]> {
+        let whole = face_rectangle(self.segment, self.face_px);
+        if self.unclipped {
+            visible.clear();
+            visible.resize(block_count(&whole), true);
+            return Some(whole);
+        }
+        let radius_px = f64::from(self.size.max_radius_px());
+        let clipped = clip_rectangle(self.transfer, self.segment, self.band, radius_px)?;
+        let rectangle =
+            [0, 1].map(|i| clipped[i].start.min(whole[i].end)..clipped[i].end.min(whole[i].end));
+        self.clip_blocks(&rectangle, visible);
+        Some(rectangle)
+    }
+
+    fn clip_blocks(&self, [columns, rows]: &[Range<u32>; 2], visible: &mut Vec<bool>) {
         visible.clear();
         for row in rows.start / BLOCK_ROWS..rows.end.div_ceil(BLOCK_ROWS) {
             for column in columns.start / BLOCK_COLUMNS..columns.end.div_ceil(BLOCK_COLUMNS) {
-                visible.push(self.is_visible(column, row, size));
+                visible.push(self.is_visible(column, row));
             }
         }
     }
 
-    /// Columns, rows and inverse depths of a block, or `None` if it holds nothing.
-    pub(crate) fn bounds(&self, column: u32, row: u32) -> Option<[[f64; 2]; 3]> {
+    /// Returns the columns, rows and inverse depths of a block, or `None` if it has no samples.
+    pub fn block_bounds(&self, column: u32, row: u32) -> Option<[[f64; 2]; 3]> {
         let codes = self.segment.blocks.codes(column, row)?;
         let ends = |block: u32, length: u32| {
             let start = block * length;
@@ -234,28 +287,27 @@ impl BlockClip<'_> {
         Some([ends(column, BLOCK_COLUMNS), ends(row, BLOCK_ROWS), q])
     }
 
-    /// The homogeneous positions of a block's corners in the frame, the least w of them, and a radius, px, that none of the
-    /// block's footprints exceeds.
-    pub(crate) fn corners(
-        &self,
-        [x, y, q]: &[[f64; 2]; 3],
-        size: &impl Size,
-    ) -> ([DVec3; 8], f64, f64) {
+    /// Returns the homogeneous positions of a block's corners in the frame, the least w of them,
+    /// and an upper bound of the radii of the block's footprints, px.
+    pub fn project_block(&self, [x, y, q]: &[[f64; 2]; 3]) -> ([DVec3; 8], f64, f64) {
         let corners: [DVec3; 8] = std::array::from_fn(|i| {
-            self.transfer.at(x[i & 1], y[i >> 1 & 1]) + self.transfer.inverse_depth * q[i >> 2]
+            self.transfer.map_infinite(x[i & 1], y[i >> 1 & 1])
+                + self.transfer.inverse_depth * q[i >> 2]
         });
         let least_w = corners.iter().map(|h| h.z).fold(f64::INFINITY, f64::min);
-        let radius = size.largest_radius_px(self.transfer, q[1], least_w, self.band.centred_size());
-        (corners, least_w, radius)
+        let radius_px =
+            self.size
+                .radius_bound_px(self.transfer, q[1], least_w, self.band.centred_size());
+        (corners, least_w, radius_px)
     }
 
     /// The homogeneous test of C17: hidden only if all eight corners lie outside one half space.
-    fn is_visible(&self, column: u32, row: u32, size: &impl Size) -> bool {
-        let Some(bounds) = self.bounds(column, row) else {
+    fn is_visible(&self, column: u32, row: u32) -> bool {
+        let Some(bounds) = self.block_bounds(column, row) else {
             return false;
         };
-        let (corners, _, radius) = self.corners(&bounds, size);
-        let [left, right, top, bottom] = self.band.bounds_px(radius);
+        let (corners, _, radius_px) = self.project_block(&bounds);
+        let [left, right, top, bottom] = self.band.bounds_px(radius_px);
         let all = |outside: &dyn Fn(&DVec3) -> bool| corners.iter().all(outside);
         !(all(&|h| h.z < f64::from(W_NEAR))
             || all(&|h| h.x < left * h.z)
@@ -267,26 +319,26 @@ impl BlockClip<'_> {
 
 #[cfg(test)]
 mod tests {
-    //! A camera that looks along a face's axis: what it sees of the face is known in closed form.
+    //! A camera that looks along a face's axis: its view of the face is known in closed form.
     //!
-    //! With the eye at (ex, ey, ez) in the face's axes, z toward the face, a sample of inverse depth q at (dx, dy) of the face (-1 to 1)
-    //! lies at `f (dx - q ex) / w` from the principal point, w = 1 - q ez. So the side at L px is at `dx = L / f w + q ex`, which is
-    //! linear in q.
+    //! With the eye at (ex, ey, ez) in the face's axes, z toward the face, a sample of inverse
+    //! depth q at (dx, dy) of the face (-1 to 1) lies at `f (dx - q ex) / w` from the principal
+    //! point, w = 1 - q ez. So the side at L px is at `dx = L / f w + q ex`, which is linear in q.
 
     use super::*;
     use crate::model::samples::CubeLdi;
-    use crate::pack::tests::{ldi, sample};
+    use crate::pack::tests::{ldi, sample, scattered};
     use crate::pack::{PackedCube, SplatIndexLayout, Split};
-    use crate::render::footprint::size::FixedSize;
-    use headbox_core::camera::Camera;
+    use crate::render::footprint::size::StampSize;
     use headbox_core::cube_face::Face;
     use headbox_core::random::Rng;
 
     const FACE: Face = Face::NegX;
     const FACE_PX: u32 = 200;
 
-    /// One sample in each pixel of a rectangle, nearer to the right and in the lower half.
-    fn slope() -> CubeLdi {
+    /// Builds an LDI with one sample in each pixel of a rectangle, nearer to the right and in the
+    /// lower half.
+    fn sloped_ldi() -> CubeLdi {
         ldi(FACE_PX, |face, x, y| {
             let q = 0.3 + 0.004 * f64::from(x) + if y > 100 { 0.25 } else { 0.0 };
             let inside = face == FACE && (21..170).contains(&x) && (13..181).contains(&y);
@@ -298,37 +350,36 @@ mod tests {
         })
     }
 
-    struct View {
+    struct AxisView {
         eye: DVec3,
         focal_px: f64,
         transfer: Transfer,
         band: Band,
     }
 
-    impl View {
-        /// A frame of 90 x 70 pixels, of which a band shows, whose axis does not meet its middle.
+    impl AxisView {
+        /// Creates a band of a frame of 90 x 70 pixels with an off-centre principal point.
         fn new(eye: [f64; 3], fov_deg: f64, rows: Range<u32>) -> Self {
             let axes = [FACE.right(), FACE.up(), FACE.normal()];
-            let at: DVec3 = axes.iter().zip(eye).map(|(axis, of)| *axis * of).sum();
-            let camera = Camera::look_at(at, at + FACE.normal(), FACE.up(), fov_deg, [90, 70])
-                .expect("valid");
-            let camera = camera.with_principal_px([37.0, 41.0]);
-            let band = Band {
-                width: 90,
-                height: 70,
-                principal_px: camera.principal_px(),
-                rows,
-            };
-            let transfer = Transfer::new(&camera, at, FACE, FACE_PX);
+            let position: DVec3 = axes
+                .iter()
+                .zip(eye)
+                .map(|(axis, along)| *axis * along)
+                .sum();
+            let target = position + FACE.normal();
+            let camera = Camera::look_at(position, target, FACE.up(), fov_deg, [90, 70])
+                .expect("valid")
+                .with_principal_px([37.0, 41.0]);
             Self {
                 eye: DVec3::from(eye),
                 focal_px: camera.focal_px(),
-                transfer,
-                band,
+                transfer: Transfer::new(&camera, position, FACE, FACE_PX),
+                band: Band::new(&camera, rows),
             }
         }
 
-        /// Left, right, upper and lower side of the band, a radius wider, px from the principal point over the focal length.
+        /// Returns the left, right, upper and lower side of the band, widened by a radius: px from
+        /// the principal point over the focal length.
         fn sides(&self, radius_px: f64) -> [f64; 4] {
             let rows = [self.band.rows.start, self.band.rows.end].map(f64::from);
             [
@@ -340,11 +391,13 @@ mod tests {
             .map(|side| side / self.focal_px)
         }
 
-        /// Columns and rows on the face, px, of the band's sides, for an inverse depth.
-        fn on_face(&self, radius_px: f64, q: f64) -> [f64; 4] {
-            let (w, half) = (1.0 - q * self.eye.z, f64::from(FACE_PX) / 2.0);
+        /// Returns the columns and rows on the face, px, of the band's sides at an inverse depth.
+        fn face_sides(&self, radius_px: f64, q: f64) -> [f64; 4] {
+            let w = 1.0 - q * self.eye.z;
+            let half = f64::from(FACE_PX) / 2.0;
             let [left, right, top, bottom] = self.sides(radius_px).map(|side| side * w);
-            let (x, y) = (q * self.eye.x, -q * self.eye.y);
+            let x = q * self.eye.x;
+            let y = -q * self.eye.y;
             [
                 (left + x + 1.0) * half,
                 (right + x + 1.0) * half,
@@ -354,7 +407,7 @@ mod tests {
         }
     }
 
-    fn views() -> impl Iterator<Item = View> {
+    fn views() -> impl Iterator<Item = AxisView> {
         let eyes = [
             [0.0; 3],
             [0.3, -0.2, 0.0],
@@ -365,43 +418,39 @@ mod tests {
         let rows = [0..70, 30..47, 61..70];
         eyes.into_iter().flat_map(move |eye| {
             rows.clone().into_iter().flat_map(move |rows| {
-                [20.0, 55.0].map(|fov_deg| View::new(eye, fov_deg, rows.clone()))
+                [20.0, 55.0].map(|fov_deg| AxisView::new(eye, fov_deg, rows.clone()))
             })
         })
     }
 
     #[test]
-    fn rectangles_are_those_of_the_sides_of_the_view() {
+    fn rectangles_are_bounded_by_sides_of_view() {
         let cube =
-            PackedCube::pack(&slope(), SplatIndexLayout::Normal, Split::None).expect("packs");
+            PackedCube::pack(&sloped_ldi(), SplatIndexLayout::Normal, Split::None).expect("packs");
         let segment = &cube.segments[0];
         let mut clipped = [0; 2];
         for view in views() {
             for radius_px in [0.0, 2.5] {
                 let ends = [segment.inverse_depth_min, segment.inverse_depth_max]
-                    .map(|q| view.on_face(radius_px, f64::from(q)));
+                    .map(|q| view.face_sides(radius_px, f64::from(q)));
                 let range = |axis: usize, start: u32, length: u32| {
-                    let (first, last) = (
-                        ends[0][axis].min(ends[1][axis]),
-                        ends[0][axis + 1].max(ends[1][axis + 1]),
-                    );
+                    let first = ends[0][axis].min(ends[1][axis]);
+                    let last = ends[0][axis + 1].max(ends[1][axis + 1]);
                     let end = start + length;
-                    // A pixel more on both sides, as `rectangle` has it.
-                    let (first, last) = (
-                        (first.floor() - 1.0).max(0.0) as u32,
-                        (last.ceil() + 1.0).max(0.0) as u32,
-                    );
+                    // A pixel more on both sides, as in `clip_rectangle`.
+                    let first = (first.floor() - 1.0).max(0.0) as u32;
+                    let last = (last.ceil() + 1.0).max(0.0) as u32;
                     first.clamp(start, end)..last.clamp(start, end)
                 };
                 let expected = [
                     range(0, segment.x0, segment.width),
                     range(2, segment.y0, segment.height),
                 ];
-                let found = rectangle(&view.transfer, segment, &view.band, radius_px);
-                match expected.iter().any(|range| range.is_empty()) {
-                    true => assert_eq!(found, None),
-                    false => assert_eq!(found, Some(expected.clone())),
-                }
+                let is_empty = expected.iter().any(|range| range.is_empty());
+                assert_eq!(
+                    clip_rectangle(&view.transfer, segment, &view.band, radius_px),
+                    (!is_empty).then(|| expected.clone())
+                );
                 for (count, (range, whole)) in clipped
                     .iter_mut()
                     .zip(expected.iter().zip([segment.width, segment.height]))
@@ -414,26 +463,31 @@ mod tests {
     }
 
     #[test]
-    fn blocks_show_unless_one_side_of_the_view_hides_all_of_them() {
+    fn blocks_are_hidden_only_by_one_side_of_view() {
         let cube =
-            PackedCube::pack(&slope(), SplatIndexLayout::Normal, Split::None).expect("packs");
+            PackedCube::pack(&sloped_ldi(), SplatIndexLayout::Normal, Split::None).expect("packs");
         let segment = &cube.segments[0];
-        let (mut visible, mut counts) = (Vec::new(), [0; 2]);
-        // Also eyes before which some blocks lie wholly, and some in part.
-        for view in views().chain([0.9, 1.4, 2.2].map(|z| View::new([0.1, 0.05, z], 60.0, 0..70))) {
-            let clip = BlockClip {
+        let mut visible = Vec::new();
+        let mut counts = [0; 2];
+        // Also eyes beyond some blocks, completely or partly.
+        for view in
+            views().chain([0.9, 1.4, 2.2].map(|z| AxisView::new([0.1, 0.05, z], 60.0, 0..70)))
+        {
+            let clip = SegmentClip {
                 transfer: &view.transfer,
                 segment,
                 band: &view.band,
                 face_px: FACE_PX,
+                size: SegmentSize::Stamp(StampSize { radius_px: 1.5 }),
+                unclipped: false,
             };
             let rectangle @ [columns, rows] = &[40..165, 30..179];
-            clip.blocks(rectangle, &FixedSize { radius_px: 1.5 }, &mut visible);
+            clip.clip_blocks(rectangle, &mut visible);
             let blocks = [
                 columns.start / 64..columns.end.div_ceil(64),
                 rows.start / 16..rows.end.div_ceil(16),
             ];
-            let mut found = visible.iter();
+            let mut flags = visible.iter();
             for (row, column) in blocks[1]
                 .clone()
                 .flat_map(|row| blocks[0].clone().map(move |column| (row, column)))
@@ -441,28 +495,29 @@ mod tests {
                 let ends = |block: u32, size: u32| {
                     [block * size, ((block + 1) * size).min(FACE_PX)].map(f64::from)
                 };
-                let ([x0, x1], [y0, y1]) = (ends(column, 64), ends(row, 16));
+                let [x0, x1] = ends(column, 64);
+                let [y0, y1] = ends(row, 16);
                 let codes = segment
                     .blocks
                     .codes(column, row)
                     .expect("samples in every block");
-                let of_depth = codes.map(|code| {
+                let outside = codes.map(|code| {
                     let q = segment.inverse_depth(code);
-                    let [left, right, top, bottom] = view.on_face(1.5, q);
+                    let [left, right, top, bottom] = view.face_sides(1.5, q);
                     let behind = 1.0 - q * view.eye.z < f64::from(W_NEAR);
                     [behind, x1 < left, x0 > right, y1 < top, y0 > bottom]
                 });
-                let hidden = (0..5).any(|side| of_depth.iter().all(|of_depth| of_depth[side]));
-                assert_eq!(found.next(), Some(&!hidden), "block {column}, {row}");
+                let hidden = (0..5).any(|side| outside.iter().all(|outside| outside[side]));
+                assert_eq!(flags.next(), Some(&!hidden), "block {column}, {row}");
                 counts[usize::from(hidden)] += 1;
             }
-            assert_eq!(found.next(), None);
+            assert_eq!(flags.next(), None);
         }
         assert!(counts.iter().all(|count| *count > 100), "{counts:?}");
     }
 
     #[test]
-    fn what_holds_a_frame_is_centred_on_its_axis() {
+    fn centred_size_contains_off_centre_frame() {
         let band = |principal_px| Band {
             width: 90,
             height: 70,
@@ -472,5 +527,19 @@ mod tests {
         assert_eq!(band([45.0, 35.0]).centred_size(), [90, 70]);
         assert_eq!(band([37.0, 41.0]).centred_size(), [106, 82]);
         assert_eq!(band([-10.0, 100.25]).centred_size(), [200, 201]);
+    }
+
+    #[test]
+    fn face_rectangle_is_cut_at_face_border() {
+        let cube =
+            PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+        let segment = &cube.segments[0];
+        let x = segment.x0..segment.x0 + segment.width;
+        let y = segment.y0..segment.y0 + segment.height;
+        assert_eq!(face_rectangle(segment, 170), [x.clone(), y.clone()]);
+        assert_eq!(face_rectangle(segment, 30), [30..30, y.start..30]);
+        assert_eq!(block_count(&[x, y]), 2 * 3);
+        assert_eq!(block_count(&[64..65, 15..17]), 2);
+        assert_eq!(block_count(&[0..0, 0..1]), 0);
     }
 }

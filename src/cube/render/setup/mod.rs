@@ -1,5 +1,6 @@
-//! Once per frame and segment: the matrix, the clipping planes and the drawing order.
+//! Work done once per frame: drawing order, transfer matrices, footprint tables, clipping.
 
-pub(crate) mod clip;
-pub(crate) mod order;
+pub mod clip;
+pub mod order;
+pub mod plan;
 pub mod transfer;

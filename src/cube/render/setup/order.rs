@@ -1,35 +1,67 @@
-//! The order in which splats must be drawn so that near ones come after far ones (S19, P4, C3, C3b, C9).
+//! Occlusion-compatible drawing order: near splats after far ones (S19, P4, C3, C3b, C9).
 //!
-//! For any eye and any scene it is enough to draw, without comparing depths,
+//! For any eye and any scene this order needs no depth comparison:
 //!
 //! 1. faces by ascending (eye - centre) . normal;
 //! 2. in a face, first the segment across its split plane from the eye;
-//! 3. in a segment, pixels from the anti-epipole to the epipole: rows toward the epipole's row, which comes last, and in
-//!    each row columns toward the epipole's column, which comes last; all of it reversed if the eye is behind the face
-//!    (where the image point is the anti-epipole);
-//! 4. in a pixel, samples by descending distance from the foot of the eye on the pixel's ray, which is farthest first
-//!    unless the eye is beyond samples.
+//! 3. in a segment, pixels from the anti-epipole to the epipole: rows toward the epipole's row,
+//!    which comes last, and in each row columns toward the epipole's column, which comes last; all
+//!    of it reversed if the eye is behind the face (where the image point is the anti-epipole);
+//! 4. in a pixel, samples by descending distance from the foot of the perpendicular from the eye to
+//!    the pixel's ray, which is farthest first unless the eye is beyond samples.
 
+use crate::pack::blocks::BLOCK_COLUMNS;
 use crate::pack::{PackedSegment, SegmentSide};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
 use std::ops::Range;
 
-/// A run of rows or columns.
+/// A run of rows or columns with a direction.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Run {
-    /// The indices.
-    pub(crate) range: Range<u32>,
+pub struct Run {
+    /// Row or column indices on the face.
+    pub range: Range<u32>,
     /// True if they are visited from the last to the first.
-    pub(crate) descending: bool,
+    pub descending: bool,
+}
+
+impl Run {
+    /// Calls `visit` for each index of the run, in its direction.
+    pub fn for_each(&self, visit: impl FnMut(u32)) {
+        if self.descending {
+            self.range.clone().rev().for_each(visit);
+        } else {
+            self.range.clone().for_each(visit);
+        }
+    }
+
+    /// Splits a run of columns at multiples of [`BLOCK_COLUMNS`] and calls `visit` for each part,
+    /// in its direction.
+    pub fn for_each_block(&self, mut visit: impl FnMut(Run)) {
+        let Range { start, end } = self.range;
+        if start >= end {
+            return;
+        }
+        let blocks = Run {
+            range: start / BLOCK_COLUMNS..end.div_ceil(BLOCK_COLUMNS),
+            descending: self.descending,
+        };
+        blocks.for_each(|block| {
+            let first = block * BLOCK_COLUMNS;
+            visit(Run {
+                range: start.max(first)..end.min(first + BLOCK_COLUMNS),
+                descending: self.descending,
+            });
+        });
+    }
 }
 
 /// The runs of one axis, in drawing order; some may be empty.
-pub(crate) type Runs = [Run; 3];
+pub type Runs = [Run; 3];
 
-/// The eye, as a face sees it.
+/// Eye position relative to the cube's centre, in the frame of a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct EyeInFace {
+pub struct EyeInFace {
     /// Components along the face's right, up and outward normal, metres.
     in_face: DVec3,
     size_px: f64,
@@ -39,35 +71,40 @@ impl EyeInFace {
     pub(crate) fn new(eye_from_centre: DVec3, face: Face, size_px: u32) -> Self {
         let axes = [face.right(), face.up(), face.normal()];
         Self {
-            in_face: DVec3::from(axes.map(|a| a.dot(eye_from_centre))),
+            in_face: DVec3::from(axes.map(|axis| axis.dot(eye_from_centre))),
             size_px: f64::from(size_px),
         }
     }
 
-    /// Rows of `range` in drawing order.
-    pub(crate) fn row_runs(&self, range: Range<u32>) -> Runs {
+    /// Returns the rows of `range` in drawing order.
+    pub fn row_runs(&self, range: Range<u32>) -> Runs {
         self.runs(-self.in_face.y, range)
     }
 
-    /// Columns of `range` in drawing order (inside a row).
-    pub(crate) fn column_runs(&self, range: Range<u32>) -> Runs {
+    /// Returns the columns of `range` in drawing order (inside a row).
+    pub fn column_runs(&self, range: Range<u32>) -> Runs {
         self.runs(self.in_face.x, range)
     }
 
-    /// `component` is the eye's, along the axis in which indices grow.
+    /// Splits `range` at the epipole. `component` is the eye's coordinate along the axis in which
+    /// indices grow, metres.
     fn runs(&self, component: f64, range: Range<u32>) -> Runs {
         let depth = self.in_face.z;
-        // An eye in the plane through the centre (depth 0) has its epipole at infinity in the direction of its
-        // displacement. The sign of a tiny depth does not matter: it moves the epipole to the other end and reverses
-        // the order, which is the same sweep. An eye at the centre sees no parallax, and any order is right.
-        let epipole = match depth == 0.0 {
-            true => f64::INFINITY.copysign(component),
-            false => self.size_px / 2.0 * (1.0 + component / depth),
+        // An eye in the plane through the centre (depth 0) has its epipole at infinity in the
+        // direction of its displacement. The sign of a tiny depth does not matter: it moves the
+        // epipole to the other end and reverses the order, which is the same sweep. An eye at the
+        // centre sees no parallax, and any order is right.
+        let epipole = if depth == 0.0 {
+            f64::INFINITY.copysign(component)
+        } else {
+            self.size_px / 2.0 * (1.0 + component / depth)
         };
-        // Saturating: indices left of the range, in it, or right of it are all that matters. NaN (0/0) cannot occur.
+        // Saturating: it only matters if the epipole is left of the range, in it, or right of it.
+        // NaN (0/0) cannot occur.
         let epipole = epipole.floor().clamp(-1.0, f64::from(u32::MAX)) as i64;
         let clamp = |i: i64| i.clamp(i64::from(range.start), i64::from(range.end)) as u32;
-        let (low, high) = (clamp(epipole), clamp(epipole + 1));
+        let low = clamp(epipole);
+        let high = clamp(epipole + 1);
         let toward = [
             (range.start..low, false),
             (high..range.end, true),
@@ -84,13 +121,14 @@ impl EyeInFace {
         [c, b, a]
     }
 
-    /// Eye depth of the point of the ray through (x, y) that is nearest to the eye.
-    pub(crate) fn foot_on_ray(&self, x: f64, y: f64) -> f64 {
+    /// Returns the face depth, m, of the foot of the perpendicular from the eye to the ray through
+    /// (x, y).
+    pub(crate) fn foot_depth(&self, x: f64, y: f64) -> f64 {
         let ray = self.ray(x, y);
         self.in_face.dot(ray) / ray.length_squared()
     }
 
-    /// The ray through a position in face pixels: right, up, outward; eye depth 1.
+    /// Returns the ray through a position in face pixels: right, up, outward; depth 1.
     fn ray(&self, x: f64, y: f64) -> DVec3 {
         DVec3::new(
             2.0 * x / self.size_px - 1.0,
@@ -99,28 +137,26 @@ impl EyeInFace {
         )
     }
 
-    /// How the samples of a segment's pixels are ordered: by one rule for all if the farthest and nearest sample prove
-    /// it, else pixel by pixel.
+    /// Chooses the sample order of a segment's pixels: one rule for all if the depths of the
+    /// farthest and the nearest sample prove it, else pixel by pixel.
     pub(crate) fn layer_order(&self, segment: &PackedSegment) -> LayerOrder {
         let columns = [segment.x0, segment.x0.saturating_add(segment.width)].map(f64::from);
         let rows = [segment.y0, segment.y0.saturating_add(segment.height)].map(f64::from);
         let rays = [0, 1, 2, 3].map(|i| self.ray(columns[i & 1], rows[i >> 1]));
-        // The foot is eye . ray / |ray|^2: the numerator is linear in the ray, so extreme at a corner of the rectangle;
+        // The foot is eye . ray / |ray|^2: the numerator is linear in the ray, so extreme at a
+        // corner of the rectangle;
         // |ray|^2 lies between 1 and 3.
         let along = rays.map(|ray| self.in_face.dot(ray));
-        let (least, most) = along
+        let (min, max) = along
             .iter()
             .fold((f64::MAX, f64::MIN), |(a, b), &v| (a.min(v), b.max(v)));
-        let bound = |v: f64, outermost: f64| if v * outermost > 0.0 { v } else { v / 3.0 };
-        let (least, most) = (bound(least, -1.0), bound(most, 1.0));
-        let (nearest, farthest) = (
-            1.0 / f64::from(segment.inverse_depth_max),
-            1.0 / f64::from(segment.inverse_depth_min),
-        );
-        // All midpoints of two samples lie between the nearest and the farthest sample.
-        if most <= nearest {
+        let bound = |v: f64, sign: f64| if v * sign > 0.0 { v } else { v / 3.0 };
+        let nearest = 1.0 / f64::from(segment.inverse_depth_max);
+        let farthest = 1.0 / f64::from(segment.inverse_depth_min);
+        // The midpoint of any two samples lies between the nearest and the farthest sample.
+        if bound(max, 1.0) <= nearest {
             LayerOrder::FarthestFirst
-        } else if least >= farthest {
+        } else if bound(min, -1.0) >= farthest {
             LayerOrder::NearestFirst
         } else {
             LayerOrder::PerPixel
@@ -128,7 +164,7 @@ impl EyeInFace {
     }
 }
 
-/// In which order the samples of a pixel are drawn; "far" is far from the LDI's centre.
+/// Drawing order of a pixel's samples; "far" is far from the LDI's centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LayerOrder {
     FarthestFirst,
@@ -137,26 +173,28 @@ pub(crate) enum LayerOrder {
 }
 
 /// Writes the indices of `segments` in drawing order to `order`.
-pub(crate) fn segment_order(
+pub(crate) fn sort_segments(
     segments: &[PackedSegment],
     eye_from_centre: DVec3,
     order: &mut Vec<usize>,
 ) {
-    // Inside a face: the far segment in the middle, the near one after it if the eye is on the near side of the plane
-    // between them (the near segment's farthest sample lies on one that will do), before it otherwise.
-    let rank = |s: &PackedSegment| {
-        let eye_depth = eye_from_centre.dot(s.face.normal());
-        let rank = match s.side {
+    // Inside a face: the far segment in the middle, the near one after it if the eye is on the near
+    // side of the plane between them (the plane of the near segment's farthest sample will do),
+    // before it otherwise.
+    let rank = |segment: &PackedSegment| {
+        let eye_depth = eye_from_centre.dot(segment.face.normal());
+        let rank = match segment.side {
             SegmentSide::Far => 1,
-            SegmentSide::Near if eye_depth * f64::from(s.inverse_depth_min) < 1.0 => 2,
+            SegmentSide::Near if eye_depth * f64::from(segment.inverse_depth_min) < 1.0 => 2,
             SegmentSide::Near => 0,
         };
-        (eye_depth, s.face, rank)
+        (eye_depth, segment.face, rank)
     };
     order.clear();
     order.extend(0..segments.len());
     order.sort_unstable_by(|&a, &b| {
-        let (a, b) = (rank(&segments[a]), rank(&segments[b]));
+        let a = rank(&segments[a]);
+        let b = rank(&segments[b]);
         a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2)))
     });
 }
@@ -165,7 +203,8 @@ pub(crate) fn segment_order(
 mod tests {
     use super::*;
     use crate::pack::{BlockIndex, PackedDepthPixel};
-    use crate::render::traverse::batches::{Batch, SegmentPart, Uncut, traverse, whole};
+    use crate::render::setup::clip::face_rectangle;
+    use crate::render::traverse::batches::{Batch, SegmentPart, traverse};
     use glam::dvec3;
     use headbox_core::random::Rng;
 
@@ -200,24 +239,24 @@ mod tests {
         }
     }
 
-    /// Position in the drawing order of every pixel of every segment.
-    fn ranks(segments: &[PackedSegment], eye: DVec3) -> Vec<Vec<usize>> {
+    /// Returns the position of every pixel of every segment in the drawing order.
+    fn drawing_ranks(segments: &[PackedSegment], eye: DVec3) -> Vec<Vec<usize>> {
         let mut ranks = vec![vec![usize::MAX; (SIZE * SIZE) as usize]; segments.len()];
-        let (mut order, mut next) = (Vec::new(), 0);
-        segment_order(segments, eye, &mut order);
+        let mut order = Vec::new();
+        let mut next = 0;
+        sort_segments(segments, eye, &mut order);
         for i in order {
             let eye = EyeInFace::new(eye, segments[i].face, SIZE);
-            let (visible, [columns, rows]) = ([true; 4], whole(&segments[i], SIZE));
+            let [columns, rows] = face_rectangle(&segments[i], SIZE);
             let part = SegmentPart {
                 segment: &segments[i],
                 depth_pixels: &segments[i].depth_pixels,
                 columns,
                 rows,
-                visible: &visible,
+                visible: &[true; 4],
             };
             traverse(
                 &part,
-                &Uncut,
                 &eye,
                 eye.layer_order(&segments[i]),
                 &mut Batch::new(),
@@ -236,11 +275,13 @@ mod tests {
         ranks
     }
 
-    /// Eyes of hard cases 1 and 3, and seeded ones inside, on the faces, beyond and far outside.
+    /// Eyes of hard cases 1 and 3, and seeded ones inside the headbox, on its faces, beyond and far
+    /// outside.
     fn eyes() -> Vec<DVec3> {
         let cell = 2.0 / f64::from(SIZE);
         let mut eyes = vec![DVec3::ZERO];
-        // Epipole of +Z (and, mirrored, of -Z) at (x, y) * cell from the middle: corner, edges, inside, border, beyond.
+        // Epipole of +Z (mirrored: of -Z) at (x, y) * cell from the middle: corner, edges, inside,
+        // border, beyond.
         for (x, y) in [
             (0.0, 0.0),
             (1.0, 0.5),
@@ -255,7 +296,7 @@ mod tests {
                 eyes.push(dvec3(x * cell, y * cell, 1.0) * depth);
             }
         }
-        // At infinity, and as good as that, on both sides.
+        // Epipole at infinity, and numerically at infinity, on both sides.
         for tiny in [0.0, -0.0, 1e-18, -1e-18, 1e-9, -1e-9] {
             eyes.extend([
                 dvec3(0.3, 0.2, tiny),
@@ -277,9 +318,9 @@ mod tests {
         eyes
     }
 
-    /// The proof of C3 and C3b, by lines of sight: of two points on one line of sight, the farther is drawn first.
+    /// C3 and C3b, by lines of sight.
     #[test]
-    fn along_every_line_of_sight_the_farther_pixel_is_drawn_first() {
+    fn farther_point_on_sight_line_comes_first() {
         let mut random = Rng::keyed(9);
         let segments: Vec<_> = Face::ALL
             .into_iter()
@@ -302,19 +343,17 @@ mod tests {
         };
         let mut compared = 0;
         for eye in eyes() {
-            let ranks = ranks(&segments, eye);
+            let ranks = drawing_ranks(&segments, eye);
             for _ in 0..3000 {
                 let direction = random.in_cube(1.0);
                 let near = (1.0 + random.between(-1.0, 1.0)).powi(3) * 2.0 + 1e-3;
                 let far = near + (1.0 + random.between(-1.0, 1.0)).powi(3) * 3.0;
-                let (a, b) = (
-                    locate(eye + direction * far),
-                    locate(eye + direction * near),
-                );
-                if a != b {
+                let behind = locate(eye + direction * far);
+                let front = locate(eye + direction * near);
+                if behind != front {
                     compared += 1;
                     assert!(
-                        ranks[a.0][a.1] < ranks[b.0][b.1],
+                        ranks[behind.0][behind.1] < ranks[front.0][front.1],
                         "eye {eye}, direction {direction}, {near} to {far}"
                     );
                 }
@@ -323,9 +362,9 @@ mod tests {
         assert!(compared > 200_000, "{compared}");
     }
 
-    /// C9: the samples of a pixel come by descending distance from the eye, as far as the pixel's ray can tell.
+    /// C9, with distances measured to points on the pixel's ray.
     #[test]
-    fn layers_come_by_descending_distance_from_the_eye() {
+    fn layers_come_by_descending_distance() {
         let mut segment = full_segment(Face::NegZ, SegmentSide::Near, 0.2, 2.0);
         const LAYERS: u32 = 20;
         segment.row_offsets.iter_mut().for_each(|o| *o *= LAYERS);
@@ -338,29 +377,28 @@ mod tests {
             .flat_map(|_| (0..LAYERS).map(layer))
             .collect();
         let mut random = Rng::keyed(4);
-        let mut seen = Vec::new();
+        let mut tested_orders = Vec::new();
         for reach in [0.3, 1.0, 3.0, 40.0] {
             for i in 0..40 {
-                // The first one of the far ones looks back at all samples.
+                // The first eye is in front of the face, beyond all samples if far away.
                 let eye = if i == 0 {
                     dvec3(0.1, 0.2, -1.0) * reach
                 } else {
                     random.in_cube(1.0) * reach
                 };
                 let in_face = EyeInFace::new(eye, Face::NegZ, SIZE);
-                seen.push(in_face.layer_order(&segment));
+                tested_orders.push(in_face.layer_order(&segment));
                 let mut before: Option<(u32, u8, f64)> = None;
-                let (visible, [columns, rows]) = ([true; 4], whole(&segment, SIZE));
+                let [columns, rows] = face_rectangle(&segment, SIZE);
                 let part = SegmentPart {
                     segment: &segment,
                     depth_pixels: &segment.depth_pixels,
                     columns,
                     rows,
-                    visible: &visible,
+                    visible: &[true; 4],
                 };
                 traverse(
                     &part,
-                    &Uncut,
                     &in_face,
                     in_face.layer_order(&segment),
                     &mut Batch::new(),
@@ -392,7 +430,7 @@ mod tests {
             LayerOrder::NearestFirst,
             LayerOrder::PerPixel,
         ] {
-            assert!(seen.contains(&order), "{order:?} was not tried");
+            assert!(tested_orders.contains(&order), "{order:?} was not tested");
         }
     }
 }

@@ -1,26 +1,30 @@
-//! The matrix that takes an LDI's pixels to a frame's (S18, C2, C8).
+//! Transfer matrix from LDI pixels with inverse depth to frame pixels (S18, C2, C8).
 
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 
-/// `target_from_reference` of one face, one column for each coordinate of the LDI.
+/// `target_from_reference` matrix of one face, one column for each coordinate of the LDI.
 ///
-/// The position (x, y) in face pixels with inverse depth q maps to the homogeneous position
-/// `one + x * x_step + y * y_step + q * inverse_depth`, whose components are (X w, Y w, w): X, Y in frame pixels
-/// **from the principal point** (so that f32 keeps its digits for the sub-pixel part), w = Z2 / Z1, the ratio of the eye
-/// depths in the frame and in the LDI. w > 0 is in front of the eye.
+/// The position (x, y) in face pixels with inverse depth q maps to the homogeneous position `one +
+/// x * x_step + y * y_step + q * inverse_depth`, whose components are (X w, Y w, w): X, Y in frame
+/// pixels **from the principal point** (so that f32 keeps its digits for the sub-pixel part), w =
+/// Z2 / Z1, the ratio of the eye depths in the frame and in the LDI. w > 0 is in front of the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transfer {
+    /// Column of the constant 1.
     pub one: DVec3,
+    /// Column of x, per face pixel.
     pub x_step: DVec3,
+    /// Column of y, per face pixel.
     pub y_step: DVec3,
+    /// Column of the inverse depth, per 1/m.
     pub inverse_depth: DVec3,
 }
 
 impl Transfer {
-    /// The transfer from a face of `size_px` pixels a side, about a centre from which the eye is at `eye_from_centre`
-    /// (world axes, metres).
+    /// Computes the transfer from a face of `size_px` pixels a side. `eye_from_centre` is the eye's
+    /// position relative to the cube's centre, world axes, metres.
     pub fn new(camera: &Camera, eye_from_centre: DVec3, face: Face, size_px: u32) -> Self {
         let in_eye = camera.world_from_eye().transpose();
         let to_target = |v: DVec3| {
@@ -36,21 +40,21 @@ impl Transfer {
         }
     }
 
-    /// Where the position (x, y) at infinity goes.
-    pub fn at(&self, x: f64, y: f64) -> DVec3 {
+    /// Maps the face position (x, y) at inverse depth 0.
+    pub fn map_infinite(&self, x: f64, y: f64) -> DVec3 {
         self.one + self.x_step * x + self.y_step * y
     }
 
-    /// The transfer of the depth pixels of one row near a column, to be evaluated in f32 as
-    /// `(anchor + k * step) + code * per_code`, k = columns from the anchor.
-    pub fn anchored(
+    /// Returns the transfer of one row re-anchored at a column, to be evaluated in f32 (see
+    /// [`RowTransfer`]).
+    pub fn anchor(
         &self,
         column: u32,
         row: u32,
         inverse_depth_min: f64,
         inverse_depth_step: f64,
     ) -> RowTransfer {
-        let start = self.at(f64::from(column) + 0.5, f64::from(row) + 0.5);
+        let start = self.map_infinite(f64::from(column) + 0.5, f64::from(row) + 0.5);
         RowTransfer {
             anchor: (start + self.inverse_depth * inverse_depth_min).as_vec3(),
             step: self.x_step.as_vec3(),
@@ -59,20 +63,21 @@ impl Transfer {
     }
 }
 
-/// The incremental warp near one anchor. It is evaluated as `(anchor + k * step) + code * per_code`, without fused multiply-adds.
+/// Incremental warp of a row near one anchor: `(anchor + k * step) + code * per_code` for the depth
+/// pixel `k` columns from the anchor, evaluated without fused multiply-adds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RowTransfer {
     /// Homogeneous position of the anchor's pixel centre at the segment's smallest inverse depth.
     pub anchor: Vec3,
-    /// For one column.
+    /// Change from column to column.
     pub step: Vec3,
-    /// For one step of the inverse depth code.
+    /// Change from one inverse depth code to the next.
     pub per_code: Vec3,
 }
 
 #[cfg(test)]
 impl RowTransfer {
-    /// Homogeneous position of the depth pixel `k` columns from the anchor: what [`crate::render::warp::batch`] computes.
+    /// Evaluates the transfer as [`crate::render::warp`] does.
     pub(crate) fn apply(&self, k: f32, code: f32) -> Vec3 {
         (self.anchor + self.step * k) + self.per_code * code
     }
@@ -84,14 +89,16 @@ mod tests {
     use crate::pack::INVERSE_DEPTH_CODE_MAX;
     use crate::pack::blocks::BLOCK_COLUMNS;
 
-    /// f32 keeps 24 bits. The three sums of [`RowTransfer::apply`] act on homogeneous coordinates of at most about
-    /// twice the frame's half width (4096 px here) at w near 1, so each rounds by 2^-24 * 4096 = 2.4e-4 px; the stored
-    /// steps, times 63 columns and 2^20 codes, round by as much each. Seven of these and the division's own stay below
-    /// this. (Without re-anchoring, the paper's running sum drifts by 0.085 px in 2,048 columns: C8.)
+    /// Bound of the f32 position error, px. f32 keeps 24 bits. The three sums of
+    /// [`RowTransfer::apply`] act on homogeneous coordinates of at most about twice the frame's
+    /// half width (4096 px here) at w near 1, so each rounds by 2^-24 * 4096 = 2.4e-4 px; the
+    /// stored steps, times 63 columns and 2^20 codes, round by as much each. Seven of these and the
+    /// division's own stay below this. (Without re-anchoring, the paper's running sum drifts by
+    /// 0.085 px in 2,048 columns: C8.)
     const F32_POSITION_PX: f64 = 2e-3;
 
     #[test]
-    fn f32_positions_along_a_wide_row_agree_with_f64() {
+    fn f32_positions_along_wide_row_agree_with_f64() {
         let size = 4096;
         let eye = DVec3::new(0.21, -0.13, 0.34);
         let camera = Camera::look_at(
@@ -103,23 +110,26 @@ mod tests {
         )
         .expect("valid");
         let transfer = Transfer::new(&camera, eye, Face::NegZ, size);
-        let (min, step) = (0.01, 1.2 / f64::from(INVERSE_DEPTH_CODE_MAX));
-        let (mut worst, mut drift) = (0.0f64, 0.0f64);
+        let min = 0.01;
+        let step = 1.2 / f64::from(INVERSE_DEPTH_CODE_MAX);
+        let mut worst = 0.0f64;
+        let mut drift = 0.0f64;
         for row in [0, 1027, 2048, 4095] {
-            let mut running = transfer.anchored(0, row, min, step).anchor;
+            let mut running = transfer.anchor(0, row, min, step).anchor;
             for column in 0..size {
                 let block = column - column % BLOCK_COLUMNS;
-                let anchored = transfer.anchored(block, row, min, step);
+                let anchored = transfer.anchor(block, row, min, step);
                 for code in [0, 77_777, INVERSE_DEPTH_CODE_MAX] {
-                    let exact = transfer.at(f64::from(column) + 0.5, f64::from(row) + 0.5)
+                    let exact = transfer
+                        .map_infinite(f64::from(column) + 0.5, f64::from(row) + 0.5)
                         + transfer.inverse_depth * (min + f64::from(code) * step);
-                    let found = anchored.apply((column - block) as f32, code as f32);
+                    let position = anchored.apply((column - block) as f32, code as f32);
                     let error =
                         |h: Vec3| (f64::from(h.x) / f64::from(h.z) - exact.x / exact.z).abs();
                     let in_view = (exact.x / exact.z).abs() < 2048.0 && exact.z > 0.0;
                     if in_view {
-                        let x = f64::from(found.x) / f64::from(found.z) - exact.x / exact.z;
-                        let y = f64::from(found.y) / f64::from(found.z) - exact.y / exact.z;
+                        let x = f64::from(position.x) / f64::from(position.z) - exact.x / exact.z;
+                        let y = f64::from(position.y) / f64::from(position.z) - exact.y / exact.z;
                         worst = worst.max(x.abs()).max(y.abs());
                         drift = drift.max(error(running + anchored.per_code * code as f32));
                     }
@@ -135,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn transfer_agrees_with_the_cameras() {
+    fn transfer_agrees_with_cameras() {
         let centre = DVec3::new(10.0, 20.0, -5.0);
         let eye = centre + DVec3::new(0.3, -0.2, 0.1);
         let camera = Camera::look_at(
@@ -149,7 +159,7 @@ mod tests {
         for face in Face::ALL {
             let transfer = Transfer::new(&camera, eye - centre, face, 100);
             for (x, y, depth) in [(3.0, 4.0, 2.0), (50.0, 50.0, 100.0), (99.0, 20.0, 0.9)] {
-                let h = transfer.at(x, y) + transfer.inverse_depth / depth;
+                let h = transfer.map_infinite(x, y) + transfer.inverse_depth / depth;
                 let point = centre + face.direction(x, y, 100) * depth;
                 match camera.project(point) {
                     Some([px, py, eye_depth]) => {

@@ -1,35 +1,35 @@
-//! The forms in which depth pixels can be kept: packed into 8 bytes, or as they were before that (S17, C10).
+//! Formats of depth pixels: packed into 8 bytes, or unquantised (S17, C10).
 
 use crate::pack::{ExactDepthPixel, INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
 use crate::render::footprint::size::{LANES, Normals};
 use fearless_simd::{Simd, SimdCvtFloat, f32x16, prelude::*, u32x16};
 
-/// A form of depth pixels.
+/// A format of depth pixels.
 pub(crate) trait Format: Copy {
-    /// Stands where there is none.
-    const NOTHING: Self;
+    /// Placeholder for unused entries.
+    const EMPTY: Self;
 
-    /// The inverse depth of code 0 and its change from code to code, 1/m.
+    /// Returns the inverse depth of code 0 and its change from code to code, 1/m.
     fn scale(segment: &PackedSegment) -> [f64; 2];
 
-    /// Inverse depth, 1/m.
+    /// Decodes the inverse depth, 1/m.
     fn inverse_depth(&self, segment: &PackedSegment) -> f64;
 
-    /// The first [`LANES`] of some depth pixels; there must be as many.
-    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S>;
+    /// Unpacks the first [`LANES`] of `depth_pixels`, which must have as many.
+    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> DepthPixelLanes<S>;
 }
 
 /// Depth pixels in registers.
-pub(crate) struct Unpacked<S: Simd> {
-    /// Inverse depth, as [`Format::scale`] counts it.
+pub(crate) struct DepthPixelLanes<S: Simd> {
+    /// Inverse depth in units of [`Format::scale`].
     pub(crate) code: f32x16<S>,
     pub(crate) normals: Normals<S>,
-    /// The four bytes as they lie in memory.
+    /// sRGB and alpha, in memory order.
     pub(crate) color: u32x16<S>,
 }
 
 impl Format for PackedDepthPixel {
-    const NOTHING: Self = Self {
+    const EMPTY: Self = Self {
         geometry: 0,
         color_srgb: [0; 4],
     };
@@ -47,15 +47,13 @@ impl Format for PackedDepthPixel {
     }
 
     #[inline(always)]
-    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S> {
+    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> DepthPixelLanes<S> {
         let words: &[u32] = bytemuck::cast_slice(&depth_pixels[..LANES]);
-        let (first, second) = (
-            u32x16::from_slice(simd, &words[..LANES]),
-            u32x16::from_slice(simd, &words[LANES..]),
-        );
+        let first = u32x16::from_slice(simd, &words[..LANES]);
+        let second = u32x16::from_slice(simd, &words[LANES..]);
         let (geometry, color) = simd.deinterleave_u32x16(first, second);
         let code = f32x16::float_from(geometry & INVERSE_DEPTH_CODE_MAX);
-        Unpacked {
+        DepthPixelLanes {
             code,
             normals: Normals::Index(geometry >> 20),
             color,
@@ -64,7 +62,7 @@ impl Format for PackedDepthPixel {
 }
 
 impl Format for ExactDepthPixel {
-    const NOTHING: Self = Self {
+    const EMPTY: Self = Self {
         inverse_depth: 1.0,
         normal: [0.0; 3],
         color_srgb: [0; 4],
@@ -81,15 +79,18 @@ impl Format for ExactDepthPixel {
     }
 
     #[inline(always)]
-    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S> {
-        let (mut code, mut normal) = ([0.0; LANES], [[0.0; LANES]; 3]);
-        let (mut index, mut color) = ([0; LANES], [0; LANES]);
+    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> DepthPixelLanes<S> {
+        let mut code = [0.0; LANES];
+        let mut normal = [[0.0; LANES]; 3];
+        let mut index = [0; LANES];
+        let mut color = [0; LANES];
         for (i, pixel) in depth_pixels[..LANES].iter().enumerate() {
             code[i] = pixel.inverse_depth;
             for (lanes, component) in normal.iter_mut().zip(pixel.normal) {
                 lanes[i] = component;
             }
-            (index[i], color[i]) = (pixel.splat_index, u32::from_ne_bytes(pixel.color_srgb));
+            index[i] = pixel.splat_index;
+            color[i] = u32::from_ne_bytes(pixel.color_srgb);
         }
         let [x, y, z] = normal;
         let normal = [
@@ -97,7 +98,7 @@ impl Format for ExactDepthPixel {
             f32x16::load_array(simd, y),
             f32x16::load_array(simd, z),
         ];
-        Unpacked {
+        DepthPixelLanes {
             code: f32x16::load_array(simd, code),
             normals: Normals::Exact {
                 normal,

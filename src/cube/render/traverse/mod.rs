@@ -1,4 +1,4 @@
-//! Traversal: the depth pixels of a segment, in drawing order, in batches.
+//! Traversal of segments in drawing order, as batches of depth pixels.
 
 pub(crate) mod batches;
 pub(crate) mod format;

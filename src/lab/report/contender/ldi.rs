@@ -1,6 +1,7 @@
 //! Cube LDIs: the renderer, and the slow one in f64.
 
 use super::{Draw, JudgedFrame};
+use crate::baselines::fragments::FragmentRenderer;
 use headbox_core::camera::Camera;
 use headbox_cube::model::samples::CubeLdi;
 use headbox_cube::pack::{ExactCube, PackedCube};
@@ -55,6 +56,48 @@ impl Draw for LdiDraw {
 
     fn picture(&mut self, camera: &Camera) -> JudgedFrame {
         JudgedFrame::of_frame(self.renderer.render(&self.cube, camera, &self.settings))
+    }
+}
+
+/// A packed cube LDI in fragments along epipolar lines.
+pub struct FragmentDraw {
+    cube: Arc<PackedCube>,
+    count: u32,
+    renderer: FragmentRenderer,
+}
+
+impl FragmentDraw {
+    /// Draws `cube` in `count` fragments, or 0 for one a thread.
+    pub fn new(cube: Arc<PackedCube>, count: u32) -> Self {
+        Self {
+            cube,
+            count,
+            renderer: FragmentRenderer::default(),
+        }
+    }
+}
+
+impl Draw for FragmentDraw {
+    fn draw(&mut self, camera: &Camera) {
+        self.renderer
+            .render(&self.cube, camera, &RenderSettings::default(), self.count);
+    }
+
+    fn depth_pixels(&mut self, camera: &Camera) -> u64 {
+        left_by_clipping(
+            &mut Renderer::new(),
+            &self.cube,
+            camera,
+            &RenderSettings::default(),
+        )
+    }
+
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+        JudgedFrame::of_frame(
+            self.renderer
+                .render(&self.cube, camera, &RenderSettings::default(), self.count)
+                .0,
+        )
     }
 }
 

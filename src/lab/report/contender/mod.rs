@@ -13,7 +13,7 @@ mod traced;
 mod warp_only;
 
 pub use baked::{BakedLight, BakedRays};
-pub use ldi::{ExactDraw, LdiDraw, OracleDraw};
+pub use ldi::{ExactDraw, FragmentDraw, LdiDraw, OracleDraw};
 pub use lumigraph::LumigraphDraw;
 pub use points::PointCloud;
 pub use raster::RasterDraw;

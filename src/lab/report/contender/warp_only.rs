@@ -74,9 +74,9 @@ impl Incremental {
         }
     }
 
-    fn anchored(&self, column: u32, row: u32) -> RowTransfer {
+    fn anchor(&self, column: u32, row: u32) -> RowTransfer {
         self.transfer
-            .anchored(column, row, self.inverse_depth_min, self.inverse_depth_step)
+            .anchor(column, row, self.inverse_depth_min, self.inverse_depth_step)
     }
 }
 
@@ -87,7 +87,7 @@ struct RunningSum {
 
 impl RowWarp for RunningSum {
     fn start(&mut self, column: u32, row: u32) {
-        self.at = self.shared.anchored(column, row);
+        self.at = self.shared.anchor(column, row);
     }
 
     #[inline]
@@ -111,7 +111,7 @@ struct Anchored {
 impl RowWarp for Anchored {
     fn start(&mut self, column: u32, row: u32) {
         self.row = row;
-        self.at = self.shared.anchored(column - column % BLOCK_COLUMNS, row);
+        self.at = self.shared.anchor(column - column % BLOCK_COLUMNS, row);
         self.here = self.at.anchor + self.at.step * (column % BLOCK_COLUMNS) as f32;
     }
 
@@ -119,7 +119,7 @@ impl RowWarp for Anchored {
     fn advance(&mut self, column: u32) {
         let from_anchor = column % BLOCK_COLUMNS;
         if from_anchor == 0 {
-            self.at = self.shared.anchored(column, self.row);
+            self.at = self.shared.anchor(column, self.row);
         }
         self.here = self.at.anchor + self.at.step * from_anchor as f32;
     }

@@ -1,42 +1,43 @@
-//! From sums of weighted colours to colours: a surface's mean, and what surfaces behind one another show together.
+//! Resolving of sums: the mean colour of a surface, and the blend of surfaces behind one another.
 
 use crate::render::canvas::linear::LinearLight;
 use crate::render::footprint::tent::ONE;
 use fearless_simd::{Simd, SimdCvtFloat, SimdCvtTruncate, f32x8, prelude::*, u32x8};
 
-/// Pixels of a row at a time.
+/// Pixels of a row that are processed at once.
 pub(super) const BLOCK: usize = 8;
 
-/// Weight at which a surface hides wholly what is behind it: inside a surface, rounded weights add up to [`ONE`] less a few.
+/// Weight at which a surface is opaque: inside a surface, rounded weights add up to slightly less
+/// than [`ONE`].
 pub(crate) const OPAQUE: u32 = 120;
 
-/// The least share of 255 of a pixel that a surface has where it has any.
+/// Least coverage, 0..255, of a surface that touches a pixel.
 pub(crate) const MIN_SHARE: u32 = 13;
 
-const _: () = assert!(OPAQUE < ONE, "a whole surface hides what is behind it");
+const _: () = assert!(OPAQUE < ONE, "a complete surface is opaque");
 
-/// Of each pixel of a block red, green and blue times weight, and weight, added up: whole numbers, so that the order does not matter. There is
-/// room for 131,000 splats of weight 1 in a pixel; where many samples share one, each weighs down to a 28th of that.
+/// Sums of red, green and blue times weight, and of weight, for the pixels of a block. Integers, so
+/// that the order of additions does not matter. A pixel can hold 131,000 splats of weight 1; where
+/// many samples share one, each weighs down to a 28th of that.
 pub(super) type Sums = [[u32; BLOCK]; 4];
 
-/// Nothing.
 pub(super) const NO_SUMS: Sums = [[0; BLOCK]; 4];
 
-/// Of each pixel of a block the mean colour, and the share of 255 of the pixel that it has; 0 where nothing was added.
+/// Computes mean colour and coverage, 0..255, for the pixels of a block; 0 where the weight is 0.
 #[inline(always)]
 pub(super) fn means<S: Simd>(simd: S, sums: &Sums) -> u32x8<S> {
-    let whole_weight = u32x8::load_array(simd, sums[3]);
-    let weight = f32x8::float_from(whole_weight);
+    let integer_weight = u32x8::load_array(simd, sums[3]);
+    let weight = f32x8::float_from(integer_weight);
     let reciprocal = f32x8::splat(simd, 1.0) / weight.max(1.0);
-    let (red, green) = (
-        mean(simd, &sums[0], reciprocal),
-        mean(simd, &sums[1], reciprocal),
-    );
+    let red = mean(simd, &sums[0], reciprocal);
+    let green = mean(simd, &sums[1], reciprocal);
     let blue = mean(simd, &sums[2], reciprocal);
     let share =
         u32x8::truncate_from(weight.min(OPAQUE as f32) * (255.0 / OPAQUE as f32)).max(MIN_SHARE);
     let color = red | (green << 8) | (blue << 16) | (share << 24);
-    whole_weight.simd_eq(0).select(u32x8::splat(simd, 0), color)
+    integer_weight
+        .simd_eq(0)
+        .select(u32x8::splat(simd, 0), color)
 }
 
 #[inline(always)]
@@ -46,20 +47,22 @@ fn mean<S: Simd>(simd: S, sum: &[u32; BLOCK], reciprocal: f32x8<S>) -> u32x8<S> 
     )
 }
 
-/// What three surfaces show, the nearest first, each with the share of 255 of the pixel that it would hide alone.
+/// Blends three surfaces, the nearest first, each with the coverage, 0..255, that it would have
+/// alone.
 ///
-/// The surface behind often ends here only because nobody could see it go on behind the front one, and the weights of
-/// its tents fade toward that border. It is therefore taken to lie in the part of the pixel that the front surface
-/// leaves open: without this the sky shines through every crown of leaves along its branches (docs/decisions/0049).
+/// The second surface often ends in this pixel only because its part behind the front one was not
+/// captured, and the weights of its tents fall toward that border. It is therefore assumed to lie
+/// in the part of the pixel that the front surface leaves open: otherwise the sky shines through
+/// every crown of leaves along its branches (docs/decisions/0049).
 #[inline(always)]
-pub(super) fn together([front, second, rest]: [[u8; 4]; 3], light: &LinearLight) -> [u8; 4] {
-    let of_front = front[3];
-    let of_second = second[3].min(255 - of_front);
-    let of_rest = rest[3].min(255 - of_front - of_second);
+pub(super) fn blend_surfaces([front, second, rest]: [[u8; 4]; 3], light: &LinearLight) -> [u8; 4] {
+    let front_share = front[3];
+    let second_share = second[3].min(255 - front_share);
+    let rest_share = rest[3].min(255 - front_share - second_share);
     let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
-    let shares = [of_front, of_second, of_rest];
+    let shares = [front_share, second_share, rest_share];
     let [r, g, b] = light.mix([front, second, rest].map(rgb), shares.map(u32::from));
-    [r, g, b, of_front + of_second + of_rest]
+    [r, g, b, front_share + second_share + rest_share]
 }
 
 #[cfg(test)]
@@ -69,7 +72,7 @@ mod tests {
     use headbox_core::simd;
 
     #[test]
-    fn means_are_rounded_to_the_nearest_at_every_level() {
+    fn means_are_rounded_to_nearest_at_every_level() {
         for weight in [1u32, 2, 7, 119, 120, 128, 257, 9_999] {
             let reds: [u32; BLOCK] = std::array::from_fn(|i| 255 * weight / 7 * i as u32);
             let blues = [255 * weight; BLOCK];
@@ -78,7 +81,7 @@ mod tests {
                 let colors = dispatch!(level, simd => means(simd, &sums).to_array());
                 for (color, red) in colors.into_iter().zip(reds) {
                     let [r, g, b, share] = color.to_le_bytes();
-                    // Half a level, and what single precision leaves of one.
+                    // Half a level, and single-precision error.
                     assert!(
                         (f64::from(r) - f64::from(red) / f64::from(weight)).abs() <= 0.5 + 1e-4,
                         "{red} / {weight}"
@@ -95,15 +98,18 @@ mod tests {
     }
 
     #[test]
-    fn what_is_behind_takes_the_room_that_is_left() {
+    fn second_surface_fills_remaining_coverage() {
         let light = LinearLight::tables();
         let [red, green, blue] =
             [[200, 0, 0], [0, 200, 0], [0, 0, 200]].map(|[r, g, b]| move |share| [r, g, b, share]);
-        assert_eq!(together([red(255), green(255), blue(255)], light), red(255));
-        assert_eq!(together([red(0), green(0), blue(0)], light)[3], 0);
-        let [r, g, b, share] = together([red(100), green(255), blue(255)], light);
+        assert_eq!(
+            blend_surfaces([red(255), green(255), blue(255)], light),
+            red(255)
+        );
+        assert_eq!(blend_surfaces([red(0), green(0), blue(0)], light)[3], 0);
+        let [r, g, b, share] = blend_surfaces([red(100), green(255), blue(255)], light);
         assert!(share == 255 && r > 0 && g > r && b == 0);
-        let [r, g, b, share] = together([red(100), green(20), blue(50)], light);
+        let [r, g, b, share] = blend_surfaces([red(100), green(20), blue(50)], light);
         assert!(share == 170 && r > b && b > g && g > 0);
     }
 }

@@ -1,4 +1,4 @@
-//! How large the footprint of a sample is in the frame.
+//! Footprint sizes of samples in the frame.
 
 use crate::pack::splat_index::{DEPTH_CODE_COUNT, SPLAT_INDEX_COUNT};
 use crate::pack::{PackedSegment, SplatIndexLayout};
@@ -7,11 +7,11 @@ use fearless_simd::{ExtractToken, Simd, f32x16, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 
-/// Samples that are warped at a time.
+/// Samples that are processed at once.
 pub(crate) const LANES: usize = 16;
 
-/// Samples in the frame, as far as their sizes depend on it.
-pub(crate) struct Lanes<S: Simd> {
+/// Warped samples, input of the size computation.
+pub(crate) struct SampleLanes<S: Simd> {
     /// (X w, Y w, w) from the principal point; see [`Transfer`].
     pub(crate) homogeneous: [f32x16<S>; 3],
     /// 1 / w.
@@ -20,16 +20,17 @@ pub(crate) struct Lanes<S: Simd> {
     pub(crate) inverse_depth: f32x16<S>,
     /// Column on the face, px.
     pub(crate) x: f32x16<S>,
-    /// Row on the face, px, the same for all.
+    /// Row on the face, px, common to all lanes.
     pub(crate) y: f32,
+    /// Surface normals.
     pub(crate) normals: Normals<S>,
 }
 
-/// The normals of lanes.
+/// Surface normals of samples.
 pub(crate) enum Normals<S: Simd> {
-    /// As the 11 bits say.
+    /// Splat indices of 11 bits.
     Index(u32x16<S>),
-    /// Unit vectors in the face's frame, and the 11 bits beside them.
+    /// Unit vectors in the face's frame, with the splat indices of 11 bits.
     Exact {
         normal: [f32x16<S>; 3],
         index: u32x16<S>,
@@ -38,65 +39,103 @@ pub(crate) enum Normals<S: Simd> {
 
 impl<S: Simd> Normals<S> {
     #[inline]
-    fn index(&self) -> [u32; LANES] {
+    fn indices(&self) -> [u32; LANES] {
         match self {
             Self::Index(index) | Self::Exact { index, .. } => index.to_array(),
         }
     }
 }
 
-/// The footprints of lanes, as [`crate::render::Footprint`].
+/// Footprints of samples; see [`Splats`](super::splat::Splats).
 pub(crate) struct FootprintLanes<S: Simd> {
     pub(crate) radius_x: f32x16<S>,
     pub(crate) radius_y: f32x16<S>,
     pub(crate) weight: f32x16<S>,
-    /// Of x and y along the footprint, if it is an ellipse.
+    /// Correlation of x and y of elliptical footprints.
     pub(crate) correlation: f32x16<S>,
 }
 
 impl<S: Simd> FootprintLanes<S> {
-    /// Squares of weight 1.
+    /// Creates squares of weight 1.
     #[inline(always)]
-    fn of_squares(radius: f32x16<S>) -> Self {
+    fn from_squares(radius: f32x16<S>) -> Self {
         let simd = radius.token();
-        let (weight, correlation) = (f32x16::splat(simd, 1.0), f32x16::splat(simd, 0.0));
         Self {
             radius_x: radius,
             radius_y: radius,
-            weight,
-            correlation,
+            weight: f32x16::splat(simd, 1.0),
+            correlation: f32x16::splat(simd, 0.0),
         }
     }
 }
 
-/// A way to know sizes. What works on lanes is inlined into the kernel of the warp, for every SIMD level.
-pub(crate) trait Size {
-    /// Footprints are ellipses, whose correlations are to be kept.
+/// A footprint size computation. Its work on lanes is inlined into the warp kernel, for every SIMD
+/// level.
+pub(crate) trait FootprintSize {
+    /// True for elliptical footprints, whose correlations are written.
     const IS_ELLIPTICAL: bool = false;
 
-    /// No footprint is larger, px.
+    /// Upper bound of all radii, px.
     const MAX_RADIUS_PX: f32;
 
-    /// A radius, px, that no footprint exceeds whose sample has at most the inverse depth `q` and at least the ratio of
-    /// depths `w`, in a frame of the given size.
-    fn largest_radius_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64;
+    /// Returns an upper bound of the radii, px, of samples of at most the inverse depth `q` and at
+    /// least the depth ratio `w`, in a frame of the given size.
+    fn radius_bound_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64;
 
-    /// The footprints of samples. Those of samples behind the eye may be anything.
-    fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S>;
+    /// Computes the footprints of samples; undefined for samples behind the eye.
+    fn footprints<S: Simd>(&self, simd: S, lanes: &SampleLanes<S>) -> FootprintLanes<S>;
 }
 
-/// The paper's table of 2,048 widths, refilled for every segment of every frame (S20, corrected: C10).
+/// Footprint size computation of the frame's kernel, for one segment.
+pub(crate) enum SegmentSize<'a> {
+    Tangent(TangentSize<'a>),
+    Ellipse(EllipseSize<'a>),
+    Paper(&'a PaperSize),
+    Stamp(StampSize),
+}
+
+impl SegmentSize<'_> {
+    /// Returns [`FootprintSize::MAX_RADIUS_PX`].
+    pub(crate) fn max_radius_px(&self) -> f32 {
+        match self {
+            Self::Tangent(_) => TangentSize::MAX_RADIUS_PX,
+            Self::Ellipse(_) => EllipseSize::MAX_RADIUS_PX,
+            Self::Paper(_) => PaperSize::MAX_RADIUS_PX,
+            Self::Stamp(_) => StampSize::MAX_RADIUS_PX,
+        }
+    }
+
+    /// Returns [`FootprintSize::radius_bound_px`].
+    pub(crate) fn radius_bound_px(
+        &self,
+        transfer: &Transfer,
+        q: f64,
+        w: f64,
+        frame_px: [u32; 2],
+    ) -> f64 {
+        match self {
+            Self::Tangent(size) => size.radius_bound_px(transfer, q, w, frame_px),
+            Self::Ellipse(size) => size.radius_bound_px(transfer, q, w, frame_px),
+            Self::Paper(size) => size.radius_bound_px(transfer, q, w, frame_px),
+            Self::Stamp(size) => size.radius_bound_px(transfer, q, w, frame_px),
+        }
+    }
+}
+
+/// Size table of the paper: 2,048 widths, refilled for every segment of every frame (S20,
+/// corrected: C10).
 ///
-/// `sqrt(size) = (1 / w) (f2 / f1) sqrt(cos phi2 / cos phi1)`, phi = angle between the normal and a camera's axis. With
-/// [`SplatIndexLayout::Paper`] the table is multiplied by the eye depth of the index's depth code, and the width is the
-/// entry times the inverse depth in the frame, as in the paper.
+/// `sqrt(size) = (1 / w) (f2 / f1) sqrt(cos phi2 / cos phi1)`, phi = angle between the normal and a
+/// camera's axis. With [`SplatIndexLayout::Paper`] the table is multiplied by the eye depth of the
+/// index's depth code, and the width is the entry times the inverse depth in the frame, as in the
+/// paper.
 pub(crate) struct PaperSize {
     widths: Box<[f32; SPLAT_INDEX_COUNT]>,
     layout: SplatIndexLayout,
 }
 
 impl PaperSize {
-    /// Below this, cosines are taken for this: a surface seen edge-on has no width of its own.
+    /// Lower bound of cosines: the width of a surface seen edge-on is undefined.
     const MIN_COSINE: f32 = 0.1;
 
     pub(crate) fn new() -> Self {
@@ -120,10 +159,8 @@ impl PaperSize {
             (segment.face.world_from_eye().transpose() * -camera.forward()).as_vec3();
         let width = |index: u32| {
             let normal = layout.normal(index);
-            let (cos1, cos2) = (
-                normal.z.max(Self::MIN_COSINE),
-                normal.dot(back_in_face).max(Self::MIN_COSINE),
-            );
+            let cos1 = normal.z.max(Self::MIN_COSINE);
+            let cos2 = normal.dot(back_in_face).max(Self::MIN_COSINE);
             ratio * (cos2 / cos1).sqrt()
         };
         let range = segment.depth_code_range();
@@ -131,12 +168,12 @@ impl PaperSize {
             SplatIndexLayout::Paper => range.decode(code) as f32,
             SplatIndexLayout::Normal => 1.0,
         });
-        let same_normal = match layout {
+        let codes_per_normal = match layout {
             SplatIndexLayout::Paper => DEPTH_CODE_COUNT,
             SplatIndexLayout::Normal => 1,
         };
-        for (i, entries) in self.widths.chunks_exact_mut(same_normal).enumerate() {
-            let width = width((i * same_normal) as u32);
+        for (i, entries) in self.widths.chunks_exact_mut(codes_per_normal).enumerate() {
+            let width = width((i * codes_per_normal) as u32);
             for (entry, depth) in entries.iter_mut().zip(depths) {
                 *entry = width * depth;
             }
@@ -144,20 +181,19 @@ impl PaperSize {
     }
 }
 
-impl Size for PaperSize {
+impl FootprintSize for PaperSize {
     const MAX_RADIUS_PX: f32 = 3.5;
 
-    fn largest_radius_px(&self, _: &Transfer, _: f64, _: f64, _: [u32; 2]) -> f64 {
+    fn radius_bound_px(&self, _: &Transfer, _: f64, _: f64, _: [u32; 2]) -> f64 {
         f64::from(Self::MAX_RADIUS_PX)
     }
 
-    /// Squares of 1, 3, 5 or 7 pixels: the smallest that is at least as wide as the sample. Rounded to the nearest, as C10 has
-    /// it, they leave cracks.
+    /// Squares of 1, 3, 5 or 7 pixels: the smallest at least as wide as the sample. Rounding to the
+    /// nearest, as in C10, leaves cracks.
     #[inline(always)]
-    fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
-        let index = lanes.normals.index();
+    fn footprints<S: Simd>(&self, simd: S, lanes: &SampleLanes<S>) -> FootprintLanes<S> {
         let mut width = [0.0; LANES];
-        for (width, index) in width.iter_mut().zip(index) {
+        for (width, index) in width.iter_mut().zip(lanes.normals.indices()) {
             *width = self.widths[index as usize % SPLAT_INDEX_COUNT];
         }
         let mut width = f32x16::load_array(simd, width) * lanes.reciprocal_w;
@@ -169,37 +205,38 @@ impl Size for PaperSize {
             .max_precise(0.0)
             .min_precise(3.0)
             + 0.5;
-        FootprintLanes::of_squares(radius)
+        FootprintLanes::from_squares(radius)
     }
 }
 
-/// One size for all samples: the fixed stamps of R7.
-pub(crate) struct FixedSize {
+/// Stamps of one size for all samples (R7).
+pub(crate) struct StampSize {
     pub(crate) radius_px: f32,
 }
 
-impl Size for FixedSize {
+impl FootprintSize for StampSize {
     const MAX_RADIUS_PX: f32 = 1.5;
 
-    fn largest_radius_px(&self, _: &Transfer, _: f64, _: f64, _: [u32; 2]) -> f64 {
+    fn radius_bound_px(&self, _: &Transfer, _: f64, _: f64, _: [u32; 2]) -> f64 {
         f64::from(self.radius_px)
     }
 
     #[inline(always)]
-    fn footprints<S: Simd>(&self, simd: S, _: &Lanes<S>) -> FootprintLanes<S> {
-        FootprintLanes::of_squares(f32x16::splat(simd, self.radius_px))
+    fn footprints<S: Simd>(&self, simd: S, _: &SampleLanes<S>) -> FootprintLanes<S> {
+        FootprintLanes::from_squares(f32x16::splat(simd, self.radius_px))
     }
 }
 
 /// Exact sizes from the tangent plane (the differential that S20 approximates).
 ///
-/// On the plane through the sample with normal n, the inverse depth is proportional to n . ray(x, y), which is linear
-/// in the face position (x, y). So `dq/dx = q (n . ray)_x / (n . ray)`, and the derivative of the transfer follows:
-/// where the neighbouring samples of the same surface land, in x and y, to first order. The radii are the lengths of the
-/// rows of this 2x2 Jacobian, which do not change when the face's grid is rotated in the frame.
+/// On the plane through the sample with normal n, the inverse depth is proportional to n . ray(x,
+/// y), which is linear in the face position (x, y). So `dq/dx = q (n . ray)_x / (n . ray)`, and the
+/// derivative of the transfer follows: the frame positions of the adjacent samples of the same
+/// surface, in x and y, to first order. The radii are the lengths of the rows of this 2x2 Jacobian,
+/// which do not change when the face's grid is rotated in the frame.
 ///
-/// The angles of [`PaperSize`] say nothing of a floor seen through a side face (both cosines are 0). What that brings:
-/// docs/decisions/0048.
+/// The angles of [`PaperSize`] fail for a floor seen through a side face (both cosines are 0).
+/// Gain: docs/decisions/0048.
 pub(crate) struct TangentSize<'a> {
     table: &'a TangentTable,
     x_step: Vec3,
@@ -207,11 +244,11 @@ pub(crate) struct TangentSize<'a> {
     per_inverse_depth: Vec3,
 }
 
-/// What [`TangentSize`] knows before it knows the view.
+/// View-independent part of [`TangentSize`]: the planes of all splat indices.
 pub(crate) struct TangentTable {
     /// n . ray(x, y) = plane.x * x + plane.y * y + plane.z
     planes: Box<[Vec3; SPLAT_INDEX_COUNT]>,
-    /// A face pixel, of a face that is 2 wide.
+    /// Size of a pixel on a face of width 2.
     step: f32,
     max_slope: f32,
     scale: f32,
@@ -231,12 +268,14 @@ impl Default for TangentTable {
 }
 
 impl TangentTable {
-    /// Relative change of inverse depth over one face pixel, times half of the face's size, at most. It is the tangent
-    /// of the angle to the surface's normal; beyond it (85 degrees) the quantised normal says little. Less, and a floor seen
-    /// edge-on from the centre, which an eye higher up sees stretched, is drawn with gaps between its rows that no ray can fill.
+    /// Upper bound of the relative change of inverse depth over one face pixel, times half the
+    /// face's size: the tangent of the angle to the surface's normal. Beyond it (85 degrees) the
+    /// quantised normal is unreliable. With a smaller bound, a floor that the centre sees edge-on
+    /// has gaps between its rows, which no ray can fill, when seen from above.
     pub(super) const MAX_SLOPE: f32 = 12.0;
 
-    /// Fills the table of planes. Radii are the spacing of the samples times `scale`, at least `min_radius_px`.
+    /// Fills the table. Radii are the spacing of the samples times `scale`, at least
+    /// `min_radius_px`.
     pub(crate) fn refill(
         &mut self,
         layout: SplatIndexLayout,
@@ -249,13 +288,15 @@ impl TangentTable {
             let n = layout.normal(i as u32);
             *plane = Vec3::new(n.x * step, -n.y * step, -n.x + n.y - n.z);
         }
-        (self.step, self.max_slope) = (step, Self::MAX_SLOPE * step);
-        (self.scale, self.min_radius_px) = (scale, min_radius_px);
+        self.step = step;
+        self.max_slope = Self::MAX_SLOPE * step;
+        self.scale = scale;
+        self.min_radius_px = min_radius_px;
     }
 }
 
 impl<'a> TangentSize<'a> {
-    /// For the samples of one segment.
+    /// Creates the computation for one segment.
     pub(crate) fn new(table: &'a TangentTable, transfer: &Transfer) -> Self {
         Self {
             table,
@@ -266,33 +307,34 @@ impl<'a> TangentSize<'a> {
     }
 }
 
-impl Size for TangentSize<'_> {
+impl FootprintSize for TangentSize<'_> {
     const MAX_RADIUS_PX: f32 = 32.0;
 
-    /// From the largest of each term of [`Self::footprints`]; the slopes are clamped, and positions lie in the frame or at
-    /// most a radius outside.
-    fn largest_radius_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64 {
-        let most = f64::from(Self::MAX_RADIUS_PX);
+    /// Bounds each term of [`Self::footprints`]; slopes are clamped, and positions lie in the frame
+    /// or at most a radius outside.
+    fn radius_bound_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64 {
+        let max_px = f64::from(Self::MAX_RADIUS_PX);
         if w <= 0.0 {
-            return most;
+            return max_px;
         }
         let slope = transfer.inverse_depth.abs() * (q * f64::from(self.table.max_slope));
         let [along_x, along_y] = [transfer.x_step, transfer.y_step].map(|step| step.abs() + slope);
         let radius = |axis: usize| {
-            let reach = f64::from(frame_px[axis]) / 2.0 + most;
+            let reach = f64::from(frame_px[axis]) / 2.0 + max_px;
             let along = |step: DVec3| (step[axis] + reach * step.z) / w;
             along(along_x).hypot(along(along_y)) * f64::from(self.table.scale)
         };
-        // A hair more than f32 can round up to.
+        // Slightly more than f32 rounding can add.
         (radius(0).max(radius(1)) * (1.0 + 1e-5))
             .max(f64::from(self.table.min_radius_px))
-            .min(most)
+            .min(max_px)
     }
 
     #[inline(always)]
-    fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
+    fn footprints<S: Simd>(&self, simd: S, lanes: &SampleLanes<S>) -> FootprintLanes<S> {
         let [[xx, xy], [yx, yy]] = self.jacobian(simd, lanes);
-        let (radius_x, radius_y) = (self.radius(xx, xy), self.radius(yx, yy));
+        let radius_x = self.radius(xx, xy);
+        let radius_y = self.radius(yx, yy);
         let area = (xx * yy - xy * yx).abs();
         let weight = (area / (radius_x * radius_y)).min_precise(1.0);
         FootprintLanes {
@@ -305,29 +347,31 @@ impl Size for TangentSize<'_> {
 }
 
 impl TangentSize<'_> {
-    /// The length of a row of the Jacobian, times the scale of radii, within their bounds.
+    /// Returns the length of a row of the Jacobian, scaled and clamped to the bounds of radii.
     #[inline(always)]
-    fn radius<S: Simd>(&self, of_x: f32x16<S>, of_y: f32x16<S>) -> f32x16<S> {
-        let length = (of_x * of_x + of_y * of_y).sqrt();
+    fn radius<S: Simd>(&self, along_x: f32x16<S>, along_y: f32x16<S>) -> f32x16<S> {
+        let length = (along_x * along_x + along_y * along_y).sqrt();
         (length * self.table.scale)
             .max_precise(self.table.min_radius_px)
             .min_precise(Self::MAX_RADIUS_PX)
     }
 
-    /// Where in the frame, px, the next samples of the same surface land to the right and below: of x to both, and of y.
+    /// Returns the derivative of the frame position, px, along the columns and rows of the face:
+    /// the row of x, and of y.
     #[inline(always)]
-    fn jacobian<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> [[f32x16<S>; 2]; 2] {
+    fn jacobian<S: Simd>(&self, simd: S, lanes: &SampleLanes<S>) -> [[f32x16<S>; 2]; 2] {
         let [plane_x, plane_y, plane_z] = self.planes(simd, &lanes.normals);
         let reciprocal =
             f32x16::splat(simd, 1.0) / (plane_x * lanes.x + plane_y * lanes.y + plane_z);
-        let most = self.table.max_slope;
+        let max = self.table.max_slope;
         // The precise forms also turn the NaN of 0 / 0 into a number.
         let slope_x =
-            (plane_x * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
+            (plane_x * reciprocal).min_precise(max).max_precise(-max) * lanes.inverse_depth;
         let slope_y =
-            (plane_y * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
+            (plane_y * reciprocal).min_precise(max).max_precise(-max) * lanes.inverse_depth;
         let p = self.per_inverse_depth;
-        let (dx, dy) = (self.x_step, self.y_step);
+        let dx = self.x_step;
+        let dy = self.y_step;
         let along_x = [
             slope_x * p.x + dx.x,
             slope_x * p.y + dx.y,
@@ -339,28 +383,33 @@ impl TangentSize<'_> {
             slope_y * p.z + dy.z,
         ];
         let w = lanes.reciprocal_w;
-        let (x, y) = (lanes.homogeneous[0] * w, lanes.homogeneous[1] * w);
-        let of_x = [
+        let x = lanes.homogeneous[0] * w;
+        let y = lanes.homogeneous[1] * w;
+        let row_x = [
             (along_x[0] - x * along_x[2]) * w,
             (along_y[0] - x * along_y[2]) * w,
         ];
-        let of_y = [
+        let row_y = [
             (along_x[1] - y * along_x[2]) * w,
             (along_y[1] - y * along_y[2]) * w,
         ];
-        [of_x, of_y]
+        [row_x, row_y]
     }
 
-    /// The planes of [`TangentTable`].
+    /// Returns the components of the planes; see [`TangentTable`].
     #[inline(always)]
     fn planes<S: Simd>(&self, simd: S, normals: &Normals<S>) -> [f32x16<S>; 3] {
         match normals {
             Normals::Index(index) => {
                 let index = index.to_array();
-                let (mut xs, mut ys, mut zs) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+                let mut xs = [0.0; LANES];
+                let mut ys = [0.0; LANES];
+                let mut zs = [0.0; LANES];
                 for i in 0..LANES {
                     let plane = self.table.planes[index[i] as usize % SPLAT_INDEX_COUNT];
-                    (xs[i], ys[i], zs[i]) = (plane.x, plane.y, plane.z);
+                    xs[i] = plane.x;
+                    ys[i] = plane.y;
+                    zs[i] = plane.z;
                 }
                 [
                     f32x16::load_array(simd, xs),
@@ -378,53 +427,54 @@ impl TangentSize<'_> {
     }
 }
 
-/// Ellipses: Gaussians of half a sample's spacing on its surface, carried into the frame by the same differential, and
-/// blurred by [`Self::BLUR_PX`] so that they are not lost between pixels (Heckbert's elliptical weighted average).
+/// Ellipses: Gaussians of half the sample spacing on the surface, mapped to the frame by the same
+/// differential, and blurred by [`Self::BLUR_PX`] so that they do not fall between pixels
+/// (Heckbert's elliptical weighted average).
 pub(crate) struct EllipseSize<'a>(pub(crate) TangentSize<'a>);
 
 impl EllipseSize<'_> {
-    /// Footprints end at so many standard deviations, where a Gaussian is below 0.05.
+    /// Radius of a footprint in standard deviations; the Gaussian is below 0.05 there.
     pub(crate) const DEVIATIONS: f32 = 2.5;
-    /// Standard deviation of the Gaussian, in spacings. Half of one ripples by 1.4 %, as 2 exp(-2 (pi / 2)^2).
+    /// Standard deviation of the Gaussian in sample spacings. A half ripples by 1.4 %, 2 exp(-2 (pi
+    /// / 2)^2).
     const SPACINGS: f32 = 0.5;
-    /// Spacings to the end of a footprint.
+    /// Radius of a footprint in sample spacings.
     pub(crate) const SCALE: f32 = Self::DEVIATIONS * Self::SPACINGS;
     /// Standard deviation of the blur, px.
     const BLUR_PX: f32 = 0.3;
 
-    /// The radius along one axis of the frame: of a row of the Jacobian, blurred.
+    /// Returns the blurred radius of a row of the Jacobian.
     #[inline(always)]
-    fn radius<S: Simd>(of_x: f32x16<S>, of_y: f32x16<S>) -> f32x16<S> {
-        let (along, blur) = (
-            Self::SCALE * Self::SCALE,
-            (Self::BLUR_PX * Self::DEVIATIONS).powi(2),
-        );
-        ((of_x * of_x + of_y * of_y) * along + blur)
+    fn radius<S: Simd>(along_x: f32x16<S>, along_y: f32x16<S>) -> f32x16<S> {
+        let scale = Self::SCALE * Self::SCALE;
+        let blur = (Self::BLUR_PX * Self::DEVIATIONS).powi(2);
+        ((along_x * along_x + along_y * along_y) * scale + blur)
             .sqrt()
             .min_precise(Self::MAX_RADIUS_PX)
     }
 }
 
-impl Size for EllipseSize<'_> {
+impl FootprintSize for EllipseSize<'_> {
     const IS_ELLIPTICAL: bool = true;
     const MAX_RADIUS_PX: f32 = TangentSize::MAX_RADIUS_PX;
 
-    fn largest_radius_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64 {
+    fn radius_bound_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64 {
         let blur = f64::from(Self::BLUR_PX * Self::DEVIATIONS) * (1.0 + 1e-5);
         self.0
-            .largest_radius_px(transfer, q, w, frame_px)
+            .radius_bound_px(transfer, q, w, frame_px)
             .hypot(blur)
             .min(f64::from(Self::MAX_RADIUS_PX))
     }
 
     #[inline(always)]
-    fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
+    fn footprints<S: Simd>(&self, simd: S, lanes: &SampleLanes<S>) -> FootprintLanes<S> {
         let [[xx, xy], [yx, yy]] = self.0.jacobian(simd, lanes);
-        let along = Self::SCALE * Self::SCALE;
-        let (radius_x, radius_y) = (Self::radius(xx, xy), Self::radius(yx, yy));
+        let scale = Self::SCALE * Self::SCALE;
+        let radius_x = Self::radius(xx, xy);
+        let radius_y = Self::radius(yx, yy);
         let area = (xx * yy - xy * yx).abs();
         let reciprocal = f32x16::splat(simd, 1.0) / (radius_x * radius_y);
-        let correlation = (xx * yx + xy * yy) * along * reciprocal;
+        let correlation = (xx * yx + xy * yy) * scale * reciprocal;
         FootprintLanes {
             radius_x,
             radius_y,

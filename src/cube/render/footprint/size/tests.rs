@@ -1,4 +1,4 @@
-//! Sizes of footprints: the paper's table against areas, and tangent planes against differences.
+//! The paper's table against areas, and tangent planes against finite differences.
 
 use super::*;
 use crate::pack::SegmentSide;
@@ -9,15 +9,17 @@ use headbox_core::cube_face::Face;
 use headbox_core::random::Rng;
 use headbox_core::simd;
 
-/// Face sizes and the cameras of the cases below.
+/// Face size, px.
 const FACE_PX: u32 = 100;
 
-/// The square root of the area, px^2, that the LDI pixel in the middle of a face covers in a frame, where the surface with
-/// a normal (in the face's frame) stands `depth` metres from the centre: the ratio of two areas, C10. The pixel's corners
-/// are taken to a thousandth of it, where perspective bends nothing.
-fn width_px(camera: &Camera, face: Face, normal: DVec3, depth: f64) -> f64 {
+/// Returns the square root of the area, px^2, that the LDI pixel in the middle of a face covers in
+/// a frame, for a surface with a normal (in the face's frame) `depth` metres from the centre: the
+/// ratio of two areas, C10. The area is that of a thousandth of the pixel, within which perspective
+/// is negligible.
+fn pixel_width_px(camera: &Camera, face: Face, normal: DVec3, depth: f64) -> f64 {
     let world = face.world_from_eye();
-    let (normal, middle) = (world * normal, world * dvec3(0.0, 0.0, -depth));
+    let normal = world * normal;
+    let middle = world * dvec3(0.0, 0.0, -depth);
     let corner = |x: f64, y: f64| {
         let half_pixel = 1e-3 / f64::from(FACE_PX);
         let toward = world * dvec3(x * half_pixel, y * half_pixel, -1.0);
@@ -48,11 +50,11 @@ fn segment(face: Face) -> PackedSegment {
     }
 }
 
-/// What a thousandth of a pixel still bends, and f32.
+/// Relative error from the perspective of a thousandth of a pixel, and of f32.
 const TOLERANCE: f64 = 2e-3;
 
 #[test]
-fn the_papers_table_says_the_area_of_a_pixel_on_its_surface() {
+fn paper_table_width_is_root_of_pixel_area() {
     let mut table = PaperSize::new();
     let mut checked = 0;
     for (face, layout) in Face::ALL
@@ -60,28 +62,33 @@ fn the_papers_table_says_the_area_of_a_pixel_on_its_surface() {
         .flat_map(|f| [(f, SplatIndexLayout::Normal), (f, SplatIndexLayout::Paper)])
     {
         let segment = segment(face);
-        let (range, world) = (segment.depth_code_range(), face.world_from_eye());
-        // Eyes off the face's axis, nearer and farther than the centre, with a shorter and a longer focal length.
+        let range = segment.depth_code_range();
+        let world = face.world_from_eye();
+        // Eyes off the face's axis, nearer and farther than the centre, with a shorter and a longer
+        // focal length.
         for (eye, fov) in [
             (dvec3(0.4, 0.3, -0.5), 70.0),
             (dvec3(-1.2, 0.5, 0.4), 20.0),
             (dvec3(0.0, 1.0, -1.0), 5.0),
         ] {
             for index in (0..layout.index_count() as u32).step_by(13) {
-                // The paper's codes hold a depth; the table is right at the depth in a code's middle.
+                // The paper's codes contain a depth; the table is exact at the depth in a code's
+                // middle.
                 let depth = if layout == SplatIndexLayout::Paper {
                     range.decode(index as usize % 32)
                 } else {
                     2.5
                 };
-                let (eye, point) = (world * eye, world * dvec3(0.0, 0.0, -depth));
-                // The sight line is the camera's axis, where the angles to both are one.
+                let eye = world * eye;
+                let point = world * dvec3(0.0, 0.0, -depth);
+                // The sight line is the camera's axis, where the angles to both are equal.
                 let camera = Camera::look_at(eye, point, dvec3(0.3, 0.9, 0.2), fov, [300, 200])
                     .expect("valid");
                 let normal = layout.normal(index).as_dvec3();
-                let (cos1, cos2) = (normal.z, (world * normal).dot((eye - point).normalize()));
-                let flattest = f64::from(PaperSize::MIN_COSINE);
-                if cos1 < flattest || cos2 < flattest {
+                let cos1 = normal.z;
+                let cos2 = (world * normal).dot((eye - point).normalize());
+                let min_cosine = f64::from(PaperSize::MIN_COSINE);
+                if cos1 < min_cosine || cos2 < min_cosine {
                     continue;
                 }
                 table.refill(&camera, &segment, layout, FACE_PX);
@@ -91,11 +98,11 @@ fn the_papers_table_says_the_area_of_a_pixel_on_its_surface() {
                     1.0
                 };
                 let w = (eye - point).length() / depth;
-                let found = f64::from(table.widths[index as usize]) * q / w;
-                let expected = width_px(&camera, face, normal, depth);
+                let width = f64::from(table.widths[index as usize]) * q / w;
+                let expected = pixel_width_px(&camera, face, normal, depth);
                 assert!(
-                    (found / expected - 1.0).abs() < TOLERANCE,
-                    "{face:?} {layout:?} {index}: {found}, not {expected}"
+                    (width / expected - 1.0).abs() < TOLERANCE,
+                    "{face:?} {layout:?} {index}: {width}, not {expected}"
                 );
                 checked += 1;
             }
@@ -104,7 +111,8 @@ fn the_papers_table_says_the_area_of_a_pixel_on_its_surface() {
     assert!(checked > 1000, "{checked}");
 }
 
-/// Radii of samples of which the table says the widths, at w = 1 and inverse depth `q`.
+/// Returns the radii of samples whose table entries are `widths`, at depth ratio `w` and inverse
+/// depth `q`.
 fn radii(layout: SplatIndexLayout, widths: [f32; LANES], w: f32, q: f32) -> [f32; LANES] {
     let mut table = PaperSize {
         layout,
@@ -113,7 +121,7 @@ fn radii(layout: SplatIndexLayout, widths: [f32; LANES], w: f32, q: f32) -> [f32
     table.widths[..LANES].copy_from_slice(&widths);
     dispatch!(Level::new(), simd => {
         let zero = f32x16::splat(simd, 0.0);
-        let lanes = Lanes {
+        let lanes = SampleLanes {
             homogeneous: [zero; 3],
             reciprocal_w: f32x16::splat(simd, 1.0 / w),
             inverse_depth: f32x16::splat(simd, q),
@@ -121,15 +129,15 @@ fn radii(layout: SplatIndexLayout, widths: [f32; LANES], w: f32, q: f32) -> [f32
             y: 0.0,
             normals: Normals::Index(u32x16::load_array(simd, std::array::from_fn(|i| i as u32))),
         };
-        let found = table.footprints(simd, &lanes);
-        assert_eq!(found.radius_x.to_array(), found.radius_y.to_array());
-        assert_eq!(found.weight.to_array(), [1.0; LANES]);
-        found.radius_x.to_array()
+        let footprints = table.footprints(simd, &lanes);
+        assert_eq!(footprints.radius_x.to_array(), footprints.radius_y.to_array());
+        assert_eq!(footprints.weight.to_array(), [1.0; LANES]);
+        footprints.radius_x.to_array()
     })
 }
 
 #[test]
-fn squares_are_the_smallest_that_are_as_wide_as_the_sample() {
+fn squares_are_smallest_that_cover_sample() {
     let widths = [
         0.0,
         0.5,
@@ -152,7 +160,8 @@ fn squares_are_the_smallest_that_are_as_wide_as_the_sample() {
         0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5, 3.5, 0.5,
     ];
     assert_eq!(radii(SplatIndexLayout::Normal, widths, 1.0, 9.0), expected);
-    // Twice as far from the eye as from the centre: half the width. The paper's entries are metres, times inverse depth.
+    // Twice as far from the eye as from the centre: half the width. The paper's entries are metres,
+    // to be multiplied by inverse depth.
     assert_eq!(
         radii(SplatIndexLayout::Normal, widths.map(|w| w * 2.0), 2.0, 9.0),
         expected
@@ -163,22 +172,23 @@ fn squares_are_the_smallest_that_are_as_wide_as_the_sample() {
     );
 }
 
-/// Samples of one row of a face, and a camera that sees them.
-struct Row {
+/// Samples of one row of a face under a camera.
+struct SampleRow {
     transfer: Transfer,
     y: f64,
     x: [f64; LANES],
     q: [f64; LANES],
-    /// Codes of normals in the face's frame.
+    /// Splat indices of normals in the face's frame.
     index: [u32; LANES],
 }
 
-impl Row {
+impl SampleRow {
     fn new(random: &mut Rng) -> Self {
-        let (eye, y) = (random.in_cube(0.4), random.between(20.0, 80.0));
-        let at = eye + Face::PosY.normal() + random.in_cube(0.3);
+        let eye = random.in_cube(0.4);
+        let y = random.between(20.0, 80.0);
+        let target = eye + Face::PosY.normal() + random.in_cube(0.3);
         let camera =
-            Camera::look_at(eye, at, random.in_cube(1.0), 70.0, [300, 200]).expect("valid");
+            Camera::look_at(eye, target, random.in_cube(1.0), 70.0, [300, 200]).expect("valid");
         let encode = |n: DVec3| {
             let range = segment(Face::PosY).depth_code_range();
             SplatIndexLayout::Normal.encode((n + DVec3::Z).normalize(), 1.0, range)
@@ -196,52 +206,50 @@ impl Row {
         SplatIndexLayout::Normal.normal(self.index[i]).as_dvec3()
     }
 
-    /// How far the sample's plane is from being seen edge-on.
-    fn along(&self, i: usize) -> f64 {
+    /// Returns n . ray: 0 for a plane seen edge-on.
+    fn normal_along_ray(&self, i: usize) -> f64 {
         let half = f64::from(FACE_PX) / 2.0;
         self.normal(i)
             .dot(dvec3(self.x[i] / half - 1.0, 1.0 - self.y / half, -1.0))
     }
 
-    /// Position in the frame, from its axis, where the plane of sample `i`, which is no steeper than it may be, is seen some pixels of the
-    /// face beside it.
-    fn beside(&self, i: usize, dx: f64, dy: f64) -> [f64; 2] {
+    /// Returns the frame position, px from the principal point, of the point (dx, dy) face pixels
+    /// away from sample `i` on its plane, whose slope is clamped.
+    fn project_offset(&self, i: usize, dx: f64, dy: f64) -> [f64; 2] {
         let step = 2.0 / f64::from(FACE_PX);
         let [x, y] = [self.normal(i).x, -self.normal(i).y].map(|n| {
-            let most = f64::from(TangentTable::MAX_SLOPE);
-            (n / self.along(i)).clamp(-most, most) * step
+            let max = f64::from(TangentTable::MAX_SLOPE);
+            (n / self.normal_along_ray(i)).clamp(-max, max) * step
         });
         let q = self.q[i] * (1.0 + x * dx + y * dy);
-        let h = self.transfer.at(self.x[i] + dx, self.y + dy) + self.transfer.inverse_depth * q;
+        let h = self.transfer.map_infinite(self.x[i] + dx, self.y + dy)
+            + self.transfer.inverse_depth * q;
         [h.x / h.z, h.y / h.z]
     }
 
-    /// Where the next samples to the right and below land, of x to both and of y, by differences.
+    /// Returns the derivative of the frame position by central differences: the row of x, and of y.
     fn jacobian(&self, i: usize) -> [[f64; 2]; 2] {
         let step = 1e-4;
-        let [right, left] = [step, -step].map(|dx| self.beside(i, dx, 0.0));
-        let [below, above] = [step, -step].map(|dy| self.beside(i, 0.0, dy));
+        let [right, left] = [step, -step].map(|dx| self.project_offset(i, dx, 0.0));
+        let [below, above] = [step, -step].map(|dy| self.project_offset(i, 0.0, dy));
         [0, 1].map(|axis| {
             [right[axis] - left[axis], below[axis] - above[axis]].map(|d| d / (2.0 * step))
         })
     }
 
-    fn w(&self, i: usize) -> f64 {
-        (self.transfer.at(self.x[i], self.y) + self.transfer.inverse_depth * self.q[i]).z
+    fn project(&self, i: usize) -> DVec3 {
+        self.transfer.map_infinite(self.x[i], self.y) + self.transfer.inverse_depth * self.q[i]
     }
 
-    fn lanes<S: Simd>(&self, simd: S, exact: bool) -> Lanes<S> {
-        let load = |of: &dyn Fn(usize) -> f64| {
-            f32x16::load_array(simd, std::array::from_fn(|i| of(i) as f32))
-        };
-        let at = |i: usize| {
-            self.transfer.at(self.x[i], self.y) + self.transfer.inverse_depth * self.q[i]
+    fn lanes<S: Simd>(&self, simd: S, exact: bool) -> SampleLanes<S> {
+        let load = |value: &dyn Fn(usize) -> f64| {
+            f32x16::load_array(simd, std::array::from_fn(|i| value(i) as f32))
         };
         let index = u32x16::load_array(simd, self.index);
         let normal = [0, 1, 2].map(|axis| load(&|i| self.normal(i)[axis]));
-        Lanes {
-            homogeneous: [0, 1, 2].map(|axis| load(&|i| at(i)[axis])),
-            reciprocal_w: load(&|i| 1.0 / at(i).z),
+        SampleLanes {
+            homogeneous: [0, 1, 2].map(|axis| load(&|i| self.project(i)[axis])),
+            reciprocal_w: load(&|i| 1.0 / self.project(i).z),
             inverse_depth: load(&|i| self.q[i]),
             x: load(&|i| self.x[i]),
             y: self.y as f32,
@@ -254,14 +262,16 @@ impl Row {
     }
 }
 
-/// Relative error of radii in f32, of surfaces that are not seen at less than some degrees.
+/// Relative error of radii in f32, of surfaces that are not seen almost edge-on.
 const F32_RADIUS: f64 = 2e-3;
 
 #[test]
-fn radii_are_where_the_next_samples_of_the_same_surface_land() {
-    let (mut random, mut table, mut checked) = (Rng::keyed(12), TangentTable::default(), [0; 2]);
+fn radii_reach_adjacent_samples_of_surface() {
+    let mut random = Rng::keyed(12);
+    let mut table = TangentTable::default();
+    let mut checked = [0; 2];
     for round in 0..60 {
-        let row = Row::new(&mut random);
+        let row = SampleRow::new(&mut random);
         table.refill(SplatIndexLayout::Normal, FACE_PX, 1.15, 0.8);
         let size = TangentSize::new(&table, &row.transfer);
         let ellipse = EllipseSize(TangentSize::new(&table, &row.transfer));
@@ -270,16 +280,19 @@ fn radii_are_where_the_next_samples_of_the_same_surface_land() {
             let exact = round % 2 == 0;
             let ([rx, ry, weight], [ex, ey, e_weight, correlation]) = dispatch!(level, simd => {
                 let lanes = row.lanes(simd, exact);
-                let (a, b) = (size.footprints(simd, &lanes), ellipse.footprints(simd, &lanes));
+                let a = size.footprints(simd, &lanes);
+                let b = ellipse.footprints(simd, &lanes);
                 ([a.radius_x, a.radius_y, a.weight].map(|v| v.to_array().map(f64::from)),
                  [b.radius_x, b.radius_y, b.weight, b.correlation].map(|v| v.to_array().map(f64::from)))
             });
-            for i in (0..LANES).filter(|i| row.w(*i) > 0.1 && row.along(*i).abs() > 0.01) {
+            for i in (0..LANES)
+                .filter(|i| row.project(*i).z > 0.1 && row.normal_along_ray(*i).abs() > 0.01)
+            {
                 let rows @ [[xx, xy], [yx, yy]] = row.jacobian(i);
-                let of_row = |[a, b]: [f64; 2]| (a.hypot(b) * f64::from(1.15f32)).clamp(0.8, 32.0);
-                let expected = rows.map(of_row);
-                let near = |found: f64, expected: f64| {
-                    (found - expected).abs() <= F32_RADIUS * expected.abs().max(0.1)
+                let radius = |[a, b]: [f64; 2]| (a.hypot(b) * f64::from(1.15f32)).clamp(0.8, 32.0);
+                let expected = rows.map(radius);
+                let near = |actual: f64, expected: f64| {
+                    (actual - expected).abs() <= F32_RADIUS * expected.abs().max(0.1)
                 };
                 assert!(
                     near(rx[i], expected[0]) && near(ry[i], expected[1]),
@@ -314,13 +327,14 @@ fn radii_are_where_the_next_samples_of_the_same_surface_land() {
                     );
                     checked[1] += 1;
                 }
-                // No bound on radii is below one of them, where samples lie in the frame.
-                let [x, y] = row.beside(i, 0.0, 0.0);
+                // Bounds hold for samples in the frame.
+                let [x, y] = row.project_offset(i, 0.0, 0.0);
                 if x.abs() < 150.0 && y.abs() < 100.0 {
-                    let (q, w) = (row.q[i], row.w(i));
-                    assert!(size.largest_radius_px(&row.transfer, q, w, frame) >= rx[i].max(ry[i]));
+                    let q = row.q[i];
+                    let w = row.project(i).z;
+                    assert!(size.radius_bound_px(&row.transfer, q, w, frame) >= rx[i].max(ry[i]));
                     assert!(
-                        ellipse.largest_radius_px(&row.transfer, q, w, frame) >= ex[i].max(ey[i])
+                        ellipse.radius_bound_px(&row.transfer, q, w, frame) >= ex[i].max(ey[i])
                     );
                 }
             }
@@ -330,42 +344,35 @@ fn radii_are_where_the_next_samples_of_the_same_surface_land() {
 }
 
 #[test]
-fn bounds_on_radii_are_as_small_as_what_they_add_up() {
-    // From the centre a sample's depth moves nothing: columns of the face are columns of the frame, w is 1.
+fn radius_bounds_are_tight() {
+    // From the centre there is no parallax: columns of the face are columns of the frame, w is 1.
     let camera = Camera::look_at(DVec3::ZERO, DVec3::Y, DVec3::X, 90.0, [200, 200]).expect("valid");
     let transfer = Transfer::new(&camera, DVec3::ZERO, Face::PosY, FACE_PX);
     let mut table = TangentTable::default();
     table.refill(SplatIndexLayout::Normal, FACE_PX, 1.5, 0.5);
     let size = TangentSize::new(&table, &transfer);
     // 200 pixels of the frame for 100 of the face.
-    assert!((size.largest_radius_px(&transfer, 1.0, 1.0, [200, 200]) - 3.0).abs() < 1e-3);
-    assert!((size.largest_radius_px(&transfer, 1.0, 2.0, [200, 200]) - 1.5).abs() < 1e-3);
-    assert_eq!(size.largest_radius_px(&transfer, 1.0, 1e9, [200, 200]), 0.5);
-    assert_eq!(
-        size.largest_radius_px(&transfer, 1.0, 0.0, [200, 200]),
-        32.0
-    );
-    assert_eq!(
-        size.largest_radius_px(&transfer, 1.0, 1e-9, [200, 200]),
-        32.0
-    );
-    let blurred = EllipseSize(size).largest_radius_px(&transfer, 1.0, 1.0, [200, 200]);
+    assert!((size.radius_bound_px(&transfer, 1.0, 1.0, [200, 200]) - 3.0).abs() < 1e-3);
+    assert!((size.radius_bound_px(&transfer, 1.0, 2.0, [200, 200]) - 1.5).abs() < 1e-3);
+    assert_eq!(size.radius_bound_px(&transfer, 1.0, 1e9, [200, 200]), 0.5);
+    assert_eq!(size.radius_bound_px(&transfer, 1.0, 0.0, [200, 200]), 32.0);
+    assert_eq!(size.radius_bound_px(&transfer, 1.0, 1e-9, [200, 200]), 32.0);
+    let blurred = EllipseSize(size).radius_bound_px(&transfer, 1.0, 1.0, [200, 200]);
     assert!((blurred - 3f64.hypot(0.75)).abs() < 1e-3, "{blurred}");
-    // Depth moves samples to the right and a little toward the eye: 12 * 0.02 * 0.5 of it from a pixel to the next, at most, and what
-    // comes nearer moves from as far as 150 and 32 pixels beside the axis.
-    let [one, inverse_depth] = [DVec3::ZERO, dvec3(3.0, 0.0, 0.01)];
+    // Depth moves samples to the right and a little toward the eye, by at most 12 * 0.02 * 0.5 of
+    // it from a pixel to the next. Perspective acts at up to 150 + 32 pixels from the axis.
     let transfer = Transfer {
-        one,
+        one: DVec3::ZERO,
         x_step: dvec3(2.0, 0.0, 0.0),
         y_step: dvec3(0.0, 2.0, 0.0),
-        inverse_depth,
+        inverse_depth: dvec3(3.0, 0.0, 0.01),
     };
     let size = TangentSize::new(&table, &transfer);
-    let of_depth: f64 = 0.12 * 3.0 + 182.0 * 0.12 * 0.01;
-    let expected = (2.0 + of_depth).hypot(of_depth) * 1.5;
-    let found = size.largest_radius_px(&transfer, 0.5, 1.0, [300, 100]);
+    let from_depth: f64 = 0.12 * 3.0 + 182.0 * 0.12 * 0.01;
+    let expected = (2.0 + from_depth).hypot(from_depth) * 1.5;
+    let bound = size.radius_bound_px(&transfer, 0.5, 1.0, [300, 100]);
     assert!(
-        (found / expected - 1.0).abs() < 1e-4 && found > expected,
-        "{found}, not {expected}"
+        (bound / expected - 1.0).abs() < 1e-4 && bound > expected,
+        "{bound}, not {expected}"
     );
 }

@@ -1,24 +1,25 @@
-//! The warp of a batch, sixteen depth pixels at a time: unpack, transfer, cull, size (S18, S20, C8).
+//! Warp of a batch, sixteen depth pixels at a time: unpack, transfer, cull, size (S18, S20, C8).
 //!
-//! One code for every SIMD level, down to plain scalars: IEEE operations in a fixed order, without fused multiply-adds and
-//! approximate reciprocals, so that all levels give the same bits.
+//! One implementation for every SIMD level, down to plain scalars: IEEE operations in a fixed
+//! order, without fused multiply-adds and approximate reciprocals, so that all levels give the same
+//! bits.
 
-use crate::render::footprint::size::{LANES, Lanes, Size};
+use crate::render::footprint::size::{FootprintSize, LANES, SampleLanes, SegmentSize};
 use crate::render::footprint::splat::Splats;
 use crate::render::setup::clip::{Band, W_NEAR};
 use crate::render::setup::transfer::{RowTransfer, Transfer};
 use crate::render::traverse::batches::{BATCH_CAPACITY, Batch};
-use crate::render::traverse::format::{Format, Unpacked};
+use crate::render::traverse::format::{DepthPixelLanes, Format};
 use fearless_simd::{ExtractToken, Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 
-/// What the warp of one segment needs.
+/// Parameters of the warp of one segment.
 pub(crate) struct SegmentWarp<'a> {
     transfer: &'a Transfer,
     /// Inverse depth of code 0 and its change from code to code, 1/m.
     scale: [f64; 2],
     /// Frame width, px.
     width: f32,
-    /// Where the viewing axis meets the frame, px.
+    /// Principal point of the frame, px.
     principal_px: [f32; 2],
     /// First row of the band, and the row after its last.
     rows: [f32; 2],
@@ -26,7 +27,7 @@ pub(crate) struct SegmentWarp<'a> {
 }
 
 impl<'a> SegmentWarp<'a> {
-    /// `scale`: of the depth pixels' inverse depths, as [`Format::scale`] gives it.
+    /// `scale`: that of the depth pixels' inverse depths, from [`Format::scale`].
     pub(crate) fn new(transfer: &'a Transfer, scale: [f64; 2], band: &Band, level: Level) -> Self {
         Self {
             transfer,
@@ -38,31 +39,52 @@ impl<'a> SegmentWarp<'a> {
         }
     }
 
-    /// Warps a batch; depth pixels behind the eye or whose footprint misses the band are left out of `splats`.
-    pub(crate) fn warp<P: Format>(&self, batch: &Batch<P>, size: &impl Size, splats: &mut Splats) {
-        dispatch!(self.level, simd => self.warp_at(simd, batch, size, splats));
+    /// Warps a batch; depth pixels behind the eye or whose footprint misses the band are left out
+    /// of `splats`.
+    pub(crate) fn warp<P: Format>(
+        &self,
+        batch: &Batch<P>,
+        size: &SegmentSize,
+        splats: &mut Splats,
+    ) {
+        match size {
+            SegmentSize::Tangent(size) => self.warp_sized(batch, size, splats),
+            SegmentSize::Ellipse(size) => self.warp_sized(batch, size, splats),
+            SegmentSize::Paper(size) => self.warp_sized(batch, *size, splats),
+            SegmentSize::Stamp(size) => self.warp_sized(batch, size, splats),
+        }
+    }
+
+    fn warp_sized<P: Format>(
+        &self,
+        batch: &Batch<P>,
+        size: &impl FootprintSize,
+        splats: &mut Splats,
+    ) {
+        dispatch!(self.level, simd => self.warp_batch(simd, batch, size, splats));
     }
 
     #[inline(always)]
-    fn warp_at<S: Simd, P: Format>(
+    fn warp_batch<S: Simd, P: Format>(
         &self,
         simd: S,
         batch: &Batch<P>,
-        size: &impl Size,
+        size: &impl FootprintSize,
         splats: &mut Splats,
     ) {
         let row =
             self.transfer
-                .anchored(batch.anchor_column, batch.row, self.scale[0], self.scale[1]);
-        (splats.len, splats.by_footprint) = (0, [0; 4]);
+                .anchor(batch.anchor_column, batch.row, self.scale[0], self.scale[1]);
+        splats.len = 0;
+        splats.by_footprint = [0; 4];
         for start in (0..batch.len.min(BATCH_CAPACITY)).step_by(LANES) {
             self.warp_lanes(simd, &row, batch, start, size, splats);
         }
     }
 
-    /// Warps the depth pixels from `start` on, as many as there are lanes (a batch has room for whole lanes).
+    /// Warps the [`LANES`] depth pixels from `start` on (a batch has room for whole registers).
     #[inline(always)]
-    fn warp_lanes<S: Simd, P: Format, Z: Size>(
+    fn warp_lanes<S: Simd, P: Format, Z: FootprintSize>(
         &self,
         simd: S,
         row: &RowTransfer,
@@ -75,7 +97,7 @@ impl<'a> SegmentWarp<'a> {
         for (column, byte) in columns.iter_mut().zip(&batch.columns[start..start + LANES]) {
             *column = f32::from(*byte);
         }
-        let Unpacked {
+        let DepthPixelLanes {
             code,
             normals,
             color,
@@ -90,7 +112,7 @@ impl<'a> SegmentWarp<'a> {
         let in_front = hz.simd_ge(W_NEAR);
         let reciprocal_w = f32x16::splat(simd, 1.0) / hz;
         let inverse_depth = code * self.scale[1] as f32 + self.scale[0] as f32;
-        let lanes = Lanes {
+        let lanes = SampleLanes {
             homogeneous: [hx, hy, hz],
             reciprocal_w,
             inverse_depth,
@@ -102,34 +124,34 @@ impl<'a> SegmentWarp<'a> {
         let py = hy * reciprocal_w + self.principal_px[1];
         let footprints = size.footprints(simd, &lanes);
         let (rx, ry) = (footprints.radius_x, footprints.radius_y);
-        let touches = (px + rx).simd_gt(0.0)
+        let touches_band = (px + rx).simd_gt(0.0)
             & (px - rx).simd_lt(self.width)
             & (py + ry).simd_gt(self.rows[0])
             & (py - ry).simd_lt(self.rows[1]);
-        let there = mask32x16::from_bitmask(simd, (1u64 << (batch.len - start).min(LANES)) - 1);
-        let shown = in_front & touches & there;
+        let in_batch = mask32x16::from_bitmask(simd, (1u64 << (batch.len - start).min(LANES)) - 1);
+        let visible = in_front & touches_band & in_batch;
         let n = splats.len;
-        keep(px, shown, &mut splats.x, n);
-        keep(py, shown, &mut splats.y, n);
-        keep(
+        append(px, visible, &mut splats.x, n);
+        append(py, visible, &mut splats.y, n);
+        append(
             inverse_depth * reciprocal_w,
-            shown,
+            visible,
             &mut splats.inverse_depth,
             n,
         );
-        keep(rx, shown, &mut splats.radius_x, n);
-        keep(ry, shown, &mut splats.radius_y, n);
-        keep(footprints.weight, shown, &mut splats.weight, n);
+        append(rx, visible, &mut splats.radius_x, n);
+        append(ry, visible, &mut splats.radius_y, n);
+        append(footprints.weight, visible, &mut splats.weight, n);
         if Z::IS_ELLIPTICAL {
-            keep(footprints.correlation, shown, &mut splats.correlation, n);
+            append(footprints.correlation, visible, &mut splats.correlation, n);
         }
-        simd.compress_u32x16(color, shown)
+        simd.compress_u32x16(color, visible)
             .store_slice(&mut splats.color[n..n + LANES]);
         let larger = rx.max_precise(ry);
-        let all = count(shown);
-        let three = count(shown & larger.simd_ge(1.0));
-        let five = count(shown & larger.simd_ge(2.0));
-        let seven = count(shown & larger.simd_ge(3.0));
+        let all = count(visible);
+        let three = count(visible & larger.simd_ge(1.0));
+        let five = count(visible & larger.simd_ge(2.0));
+        let seven = count(visible & larger.simd_ge(3.0));
         splats.by_footprint[0] += all - three;
         splats.by_footprint[1] += three - five;
         splats.by_footprint[2] += five - seven;
@@ -138,15 +160,20 @@ impl<'a> SegmentWarp<'a> {
     }
 }
 
-/// Appends the lanes that are `shown` to the first `n` values of an array.
+/// Writes the lanes set in `visible` behind the first `n` values of an array.
 #[inline(always)]
-fn keep<S: Simd>(values: f32x16<S>, shown: mask32x16<S>, to: &mut [f32; Splats::ROOM], n: usize) {
+fn append<S: Simd>(
+    values: f32x16<S>,
+    visible: mask32x16<S>,
+    to: &mut [f32; Splats::CAPACITY],
+    n: usize,
+) {
     let simd = values.token();
-    simd.compress_f32x16(values, shown)
+    simd.compress_f32x16(values, visible)
         .store_slice(&mut to[n..n + LANES]);
 }
 
-/// How many lanes are set.
+/// Returns the number of lanes that are set.
 #[inline(always)]
 fn count<S: Simd>(mask: mask32x16<S>) -> u64 {
     u64::from(mask.to_bitmask().count_ones())
@@ -154,7 +181,7 @@ fn count<S: Simd>(mask: mask32x16<S>) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    //! Batches of both forms, at every SIMD level, against the transfer in f64.
+    //! Batches of both formats, at every SIMD level, against the transfer in f64.
 
     use super::*;
     use crate::pack::tests::scattered;
@@ -166,23 +193,24 @@ mod tests {
     use headbox_core::random::Rng;
     use headbox_core::simd;
 
-    /// Pixels by which f32 may err (as in `transfer`), and splats that near to a border may show or not.
+    /// Bound of f32 position errors, px (as in `transfer`); splats so near to a border may be
+    /// culled or not.
     const F32_PX: f64 = 2e-3;
 
-    /// Footprints that tell where on the face their samples lie.
-    struct ByPlace {
+    /// Footprints whose radii encode the position of their samples on the face.
+    struct PositionSize {
         radius_px: f32,
     }
 
-    impl Size for ByPlace {
+    impl FootprintSize for PositionSize {
         const MAX_RADIUS_PX: f32 = 4.0;
 
-        fn largest_radius_px(&self, _: &Transfer, _: f64, _: f64, _: [u32; 2]) -> f64 {
+        fn radius_bound_px(&self, _: &Transfer, _: f64, _: f64, _: [u32; 2]) -> f64 {
             4.0
         }
 
         #[inline(always)]
-        fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
+        fn footprints<S: Simd>(&self, simd: S, lanes: &SampleLanes<S>) -> FootprintLanes<S> {
             FootprintLanes {
                 radius_x: lanes.x * (0.01 * self.radius_px),
                 radius_y: f32x16::splat(simd, lanes.y * (0.03 * self.radius_px)),
@@ -192,20 +220,22 @@ mod tests {
         }
     }
 
-    /// x, y, 1 / eye depth, horizontal radius, inverse depth on the face, colour.
-    type Shown = ([f64; 5], u32);
+    /// x, y, 1 / eye depth, horizontal radius, inverse depth on the face; colour.
+    type ExpectedSplat = ([f64; 5], u32);
 
-    /// A batch of some samples of a row; the pixels of a block of columns from 64 on.
+    /// Makes a batch of row 31 in the block of columns from 64 on.
     fn batch<P: Format>(depth_pixels: &[P], columns: impl Fn(usize) -> u8) -> Box<Batch<P>> {
         let mut batch = Box::new(Batch::new());
-        (batch.row, batch.anchor_column, batch.len) = (31, 64, depth_pixels.len());
+        batch.row = 31;
+        batch.anchor_column = 64;
+        batch.len = depth_pixels.len();
         batch.depth_pixels[..depth_pixels.len()].copy_from_slice(depth_pixels);
         (0..depth_pixels.len()).for_each(|i| batch.columns[i] = columns(i));
         batch
     }
 
     #[test]
-    fn splats_lie_where_the_transfer_says_and_all_of_those_that_touch_the_band_are_kept() {
+    fn splats_that_touch_band_have_exact_positions() {
         let exact =
             ExactCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
         let i = exact
@@ -214,37 +244,36 @@ mod tests {
             .iter()
             .position(|segment| segment.face == Face::PosZ)
             .expect("one");
-        let (segment, exact) = (&exact.cube.segments[i], &exact.depth_pixels[i]);
-        let (mut random, mut kept, mut dropped) = (Rng::keyed(6), 0, 0);
+        let segment = &exact.cube.segments[i];
+        let exact = &exact.depth_pixels[i];
+        let mut random = Rng::keyed(6);
+        let mut visible_count = 0;
+        let mut culled_count = 0;
         for length in [1, 15, 16, 17, 50, 49, 48] {
             for (class, radius_px) in [0.5f32, 1.1, 2.2, 3.3].into_iter().enumerate() {
-                // Before the frame's left border, within, and before its right border.
+                // Near the frame's left border, inside, and near its right border.
                 let middle = [3.0, 43.0, 77.0][(class + length) % 3];
                 let columns = |i: usize| (i * 5 % 26) as u8;
-                // Eyes before and behind the samples.
+                // Eyes in front of the samples and beyond them.
                 let eye = random.in_cube(2.0);
                 let ahead = Face::PosZ.direction(75.0, 31.5, 170) - eye * 0.5;
                 let camera =
                     Camera::look_at(eye, eye + ahead, DVec3::Y, 30.0, [80, 60]).expect("valid");
                 let camera = camera.with_principal_px([middle, 26.0]);
-                let band = Band {
-                    width: 80,
-                    height: 60,
-                    principal_px: camera.principal_px(),
-                    rows: 11..47,
-                };
+                let band = Band::new(&camera, 11..47);
                 let transfer = Transfer::new(&camera, eye, Face::PosZ, 170);
-                let (size, radius_y) = (ByPlace { radius_px }, 31.5 * 0.03 * f64::from(radius_px));
-                let (packed, exact) = (&segment.depth_pixels[7..7 + length], &exact[7..7 + length]);
-                // Where each lies, and by how far its footprint reaches into the band and it lies before the eye.
+                let size = PositionSize { radius_px };
+                let radius_y = 31.5 * 0.03 * f64::from(radius_px);
+                let packed = &segment.depth_pixels[7..7 + length];
+                let exact = &exact[7..7 + length];
+                // The splat of a sample, and by how many pixels its footprint reaches into the band
+                // (-1 behind the eye).
                 let place = |i: usize, q: f64| {
                     let column = 64.5 + f64::from(columns(i));
-                    let h = transfer.at(column, 31.5) + transfer.inverse_depth * q;
-                    let (x, y, radius_x) = (
-                        h.x / h.z + middle,
-                        h.y / h.z + 26.0,
-                        column * 0.01 * f64::from(radius_px),
-                    );
+                    let h = transfer.map_infinite(column, 31.5) + transfer.inverse_depth * q;
+                    let x = h.x / h.z + middle;
+                    let y = h.y / h.z + 26.0;
+                    let radius_x = column * 0.01 * f64::from(radius_px);
                     let inside = [
                         x + radius_x,
                         80.0 - x + radius_x,
@@ -267,31 +296,33 @@ mod tests {
                 if !(0..length).all(|i| is_sure(i, packed_q(i)) && is_sure(i, exact_q(i))) {
                     continue;
                 }
-                let shown = |q: &dyn Fn(usize) -> f64| -> Vec<Shown> {
+                let expected = |q: &dyn Fn(usize) -> f64| -> Vec<ExpectedSplat> {
                     let all = (0..length)
                         .map(|i| (place(i, q(i)), u32::from_ne_bytes(exact[i].color_srgb)));
                     all.filter(|((_, inside), _)| *inside > 0.0)
-                        .map(|((of_splat, _), color)| (of_splat, color))
+                        .map(|((splat, _), color)| (splat, color))
                         .collect()
                 };
-                let (of_packed, of_exact) = (shown(&packed_q), shown(&exact_q));
-                (kept, dropped) = (kept + of_exact.len(), dropped + length - of_exact.len());
+                let expected_of_packed = expected(&packed_q);
+                let expected_of_exact = expected(&exact_q);
+                visible_count += expected_of_exact.len();
+                culled_count += length - expected_of_exact.len();
                 for level in simd::levels() {
                     let mut splats = Box::new(Splats::new());
-                    let check = |splats: &Splats, expected: &[Shown]| {
+                    let check = |splats: &Splats, expected: &[ExpectedSplat]| {
                         assert_eq!(splats.len, expected.len());
-                        let of_class = |other| {
+                        let class_count = |other| {
                             if class == other {
                                 expected.len() as u64
                             } else {
                                 0
                             }
                         };
-                        assert_eq!(splats.by_footprint, [0, 1, 2, 3].map(of_class));
+                        assert_eq!(splats.by_footprint, [0, 1, 2, 3].map(class_count));
                         for (i, ([x, y, q, radius_x, q_face], color)) in expected.iter().enumerate()
                         {
-                            let near = |found: f32, exact: f64, within: f64| {
-                                (f64::from(found) - exact).abs() <= within
+                            let near = |actual: f32, exact: f64, tolerance: f64| {
+                                (f64::from(actual) - exact).abs() <= tolerance
                             };
                             assert!(near(splats.x[i], *x, F32_PX) && near(splats.y[i], *y, F32_PX));
                             assert!(near(splats.inverse_depth[i], *q, q * 1e-4), "{q}");
@@ -305,19 +336,22 @@ mod tests {
                         }
                     };
                     SegmentWarp::new(&transfer, PackedDepthPixel::scale(segment), &band, level)
-                        .warp(&batch(packed, columns), &size, &mut splats);
-                    check(&splats, &of_packed);
+                        .warp_sized(&batch(packed, columns), &size, &mut splats);
+                    check(&splats, &expected_of_packed);
                     SegmentWarp::new(&transfer, ExactDepthPixel::scale(segment), &band, level)
-                        .warp(&batch(exact, columns), &size, &mut splats);
-                    check(&splats, &of_exact);
+                        .warp_sized(&batch(exact, columns), &size, &mut splats);
+                    check(&splats, &expected_of_exact);
                 }
             }
         }
-        assert!(kept > 50 && dropped > 50, "{kept} {dropped}");
+        assert!(
+            visible_count > 50 && culled_count > 50,
+            "{visible_count} {culled_count}"
+        );
     }
 
     #[test]
-    fn packed_depth_pixels_have_the_normals_of_their_indices() {
+    fn packed_pixels_unpack_code_and_normal_index() {
         let geometry = |i: u32| ((i * 331 % 2048) << 20) | (i * 65_537 % (1 << 20));
         let pixels: Vec<_> = (0..16)
             .map(|i| PackedDepthPixel {
@@ -327,12 +361,13 @@ mod tests {
             .collect();
         for level in simd::levels() {
             dispatch!(level, simd => {
-                let Unpacked { code, normals: Normals::Index(indices), .. } = PackedDepthPixel::load(simd, &pixels) else {
+                let lanes = PackedDepthPixel::load(simd, &pixels);
+                let Normals::Index(indices) = lanes.normals else {
                     panic!("indices")
                 };
-                let found = code.to_array().into_iter().zip(indices.to_array());
+                let unpacked = lanes.code.to_array().into_iter().zip(indices.to_array());
                 let expected = pixels.iter().map(|p| (p.inverse_depth_code() as f32, p.splat_index()));
-                assert!(found.eq(expected));
+                assert!(unpacked.eq(expected));
             });
         }
     }

@@ -1,55 +1,57 @@
-//! Elliptical Gaussians, averaged per surface in floating point, to measure the integer kernels against.
+//! Canvas of elliptical Gaussians, averaged per surface in floating point: the reference for the
+//! integer kernels.
 //!
-//! The rules are those of [`crate::render::canvas::surface`]; what differs is that nothing is rounded. Footprints are ellipses whose weights
-//! add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.
+//! The rules are those of [`super::surface`], without rounding. Footprints are ellipses whose
+//! weights add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.
 
-use super::size::EllipseSize;
-use super::splat::{Canvas, Splats, covered};
-use crate::render::Spans;
-use crate::render::footprint::splat;
-use crate::render::planes::PlaneCanvas;
+use super::{Canvas, Tolerance};
+use crate::render::footprint::size::EllipseSize;
+use crate::render::footprint::splat::{Splats, covered_pixels};
+use crate::render::planes::PlaneLayer;
 use fearless_simd::{Level, Simd, dispatch};
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use std::ops::Range;
 use std::sync::LazyLock;
 
-/// Weight at which a surface hides wholly what is behind it: cut off Gaussians add up to 4 % less than 1, and ripple.
+/// Weight at which a surface is opaque: truncated Gaussians add up to 4 % less than 1, and ripple.
 const OPAQUE: f32 = 0.92;
 
-/// The least part of a pixel that a surface has where it has any.
+/// Least share of a pixel that a surface covers if it touches it.
 const MIN_SHARE: f32 = 0.05;
 
-/// Correlations are at most this, so that no ellipse is thinner than a twentieth of its length.
+/// Upper bound of correlations, so that no ellipse is thinner than a twentieth of its length.
 const MAX_CORRELATION: f32 = 0.995;
 
-/// A splat weighs at least this in the middle, however small its sample is.
+/// Least weight at the centre of a splat.
 const MIN_PEAK: f32 = 0.036;
 
 static LINEAR: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|c| linear_from_srgb8(c as u8)));
 
-/// One pixel.
+/// One pixel of the canvas.
 #[derive(Clone, Copy, Default)]
 struct Cell {
-    /// Of the front surface: linear light times weight.
+    /// Sum of linear light times weight on the front surface.
     sum: [f32; 3],
+    /// Sum of weights on the front surface.
     weight: f32,
-    /// 1 / eye depth of the front surface, 1/m: the largest in the mean.
+    /// Largest 1 / eye depth on the front surface, 1/m.
     inverse_depth: f32,
-    /// What is behind it: linear light times share, and the share of the pixel that is covered.
+    /// Surfaces behind it: linear light times share, and the share of the pixel that they cover.
     behind: [f32; 4],
 }
 
 impl Cell {
-    /// The front surface over what is behind it, in linear light times share, and share.
-    fn flattened(&self) -> [f32; 4] {
+    /// Composites the front surface over those behind it: linear light times share, and share.
+    fn flatten(&self) -> [f32; 4] {
         if self.weight <= 0.0 {
             return self.behind;
         }
         let share = (self.weight / OPAQUE).clamp(MIN_SHARE, 1.0);
         let front = self.sum.map(|s| s / self.weight * share);
         let [r, g, b, behind] = self.behind;
-        // What is behind goes on behind the front, as in `crate::render::canvas::surface`.
+        // Surfaces behind extend behind the front one, as in `blend_surfaces` of the surface
+        // canvas.
         let filled = (behind / (1.0 - share).max(f32::EPSILON)).min(1.0);
         let rest = if behind > 0.0 {
             (1.0 - share) * filled / behind
@@ -64,12 +66,13 @@ impl Cell {
         ]
     }
 
-    /// Adds a splat.
+    /// Adds a splat. `apart`: tolerated difference of inverse depth, 1/m.
     fn add(&mut self, color: [f32; 3], weight: f32, inverse_depth: f32, apart: f32) {
         if self.inverse_depth < inverse_depth - apart {
-            self.behind = self.flattened();
-            (self.sum, self.weight, self.inverse_depth) =
-                (color.map(|c| c * weight), weight, inverse_depth);
+            self.behind = self.flatten();
+            self.sum = color.map(|c| c * weight);
+            self.weight = weight;
+            self.inverse_depth = inverse_depth;
         } else if self.inverse_depth <= inverse_depth + apart {
             self.sum
                 .iter_mut()
@@ -91,18 +94,15 @@ impl Cell {
     }
 }
 
-/// An image of surfaces, in floating point.
+/// Canvas of elliptical Gaussians, averaged per surface.
 #[derive(Default)]
 pub(crate) struct EllipseCanvas {
     width: u32,
-    /// Rows of the frame that it holds.
+    /// Rows of the frame.
     rows: Range<u32>,
     cells: Vec<Cell>,
-    ground: PlaneCanvas,
-    /// As in [`crate::render::canvas::surface::SurfaceCanvas`].
-    pub(crate) tolerance: f32,
-    /// As in [`crate::render::canvas::surface::SurfaceCanvas`].
-    pub(crate) bin: f32,
+    background: PlaneLayer,
+    tolerance: Tolerance,
 }
 
 impl EllipseCanvas {
@@ -116,18 +116,19 @@ impl EllipseCanvas {
     #[inline(always)]
     fn draw_splat(&mut self, splats: &Splats, i: usize) {
         let bounds = [self.rows.start as f32, self.rows.end as f32];
-        let [left, right] = covered(splats.x[i], splats.radius_x[i], [0.0, self.width as f32]);
-        let [top, bottom] = covered(splats.y[i], splats.radius_y[i], bounds);
+        let [left, right] =
+            covered_pixels(splats.x[i], splats.radius_x[i], [0.0, self.width as f32]);
+        let [top, bottom] = covered_pixels(splats.y[i], splats.radius_y[i], bounds);
         let [r, g, b, alpha] = splats.color[i].to_ne_bytes();
         let color = [r, g, b].map(|c| LINEAR[usize::from(c)]);
         let correlation = splats.correlation[i].clamp(-MAX_CORRELATION, MAX_CORRELATION);
         let uncorrelated = 1.0 - correlation * correlation;
-        // A Gaussian of volume `area`, of which the splat's weight is the part of its bounds.
+        // A Gaussian whose volume is the splat's weight times the area of its bounds.
         let peak = splats.weight[i] * EllipseSize::DEVIATIONS.powi(2)
             / (std::f32::consts::TAU * uncorrelated.sqrt());
         let peak = peak.max(MIN_PEAK) * f32::from(alpha) / 255.0;
         let inverse_depth = splats.inverse_depth[i];
-        let apart = (inverse_depth * self.tolerance).max(self.bin);
+        let apart = self.tolerance.difference(inverse_depth);
         let scale =
             [splats.radius_x[i], splats.radius_y[i]].map(|radius| EllipseSize::DEVIATIONS / radius);
         for row in top..bottom {
@@ -146,40 +147,35 @@ impl EllipseCanvas {
 }
 
 impl Canvas for EllipseCanvas {
-    fn clear(&mut self, width: u32, rows: Range<u32>) {
+    fn clear(&mut self, width: u32, rows: Range<u32>, tolerance: Tolerance) {
         self.width = width;
         self.rows = rows;
+        self.tolerance = tolerance;
         self.cells.clear();
         self.cells
             .resize(width as usize * self.rows.len(), Cell::default());
     }
 
-    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
-        if (self.width, &self.rows) != (width, &(0..height)) {
-            self.clear(width, 0..height);
-        }
-        splat::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
+    fn background(&self) -> &PlaneLayer {
+        &self.background
     }
 
-    fn ground(&self) -> &PlaneCanvas {
-        &self.ground
+    fn background_mut(&mut self) -> &mut PlaneLayer {
+        &mut self.background
     }
 
-    fn ground_mut(&mut self) -> &mut PlaneCanvas {
-        &mut self.ground
-    }
-
-    fn lay(&mut self) {
+    fn set_background(&mut self) {
         for (cells, (colors, inverse_depths)) in self
             .cells
             .chunks_mut(self.width as usize)
-            .zip(self.ground.rows())
+            .zip(self.background.visible_rows())
         {
             for ((cell, [r, g, b, share]), inverse_depth) in
                 cells.iter_mut().zip(colors).zip(inverse_depths)
             {
                 if *share == 255 {
-                    (cell.sum, cell.weight) = ([*r, *g, *b].map(|c| LINEAR[usize::from(c)]), 1.0);
+                    cell.sum = [*r, *g, *b].map(|c| LINEAR[usize::from(c)]);
+                    cell.weight = 1.0;
                     cell.inverse_depth = inverse_depth.max(0.0);
                 }
             }
@@ -187,10 +183,11 @@ impl Canvas for EllipseCanvas {
     }
 
     fn add_rims(&mut self, _: Level) {
-        for rim in self.ground.rims() {
+        for rim in self.background.rims() {
             let q = rim.inverse_depth.max(0.0);
-            let apart = (q * self.tolerance).max(self.bin);
-            let ([r, g, b, share], [column, row]) = (rim.color, rim.pixel.map(|v| v as usize));
+            let apart = self.tolerance.difference(q);
+            let [r, g, b, share] = rim.color;
+            let [column, row] = rim.pixel.map(|v| v as usize);
             if let Some(cell) = self.cells.get_mut(row * self.width as usize + column) {
                 cell.add(
                     [r, g, b].map(|c| LINEAR[usize::from(c)]),
@@ -206,7 +203,7 @@ impl Canvas for EllipseCanvas {
         dispatch!(level, simd => self.draw_all(simd, splats));
     }
 
-    fn tell_depths(&self, row: usize, column: usize, to: &mut [f32]) {
+    fn read_depths(&self, row: usize, column: usize, to: &mut [f32]) {
         let start = row * self.width as usize + column;
         let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
         to.iter_mut()
@@ -218,7 +215,7 @@ impl Canvas for EllipseCanvas {
         let start = row * self.width as usize + column;
         let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
         for (to, cell) in to.iter_mut().zip(from) {
-            let [r, g, b, share] = cell.flattened();
+            let [r, g, b, share] = cell.flatten();
             let [r, g, b] = [r, g, b].map(|c| srgb8_from_linear(c / share.max(f32::MIN_POSITIVE)));
             *to = [r, g, b, (share.min(1.0) * 255.0 + 0.5) as u8];
         }
@@ -227,44 +224,40 @@ impl Canvas for EllipseCanvas {
 
 #[cfg(test)]
 mod tests {
-    //! Gaussians and the rules by which they are averaged, against the formulas.
+    //! Gaussians and the rules of averaging against formulas.
 
     use super::*;
     use headbox_core::simd;
 
-    /// Levels of sRGB by which tables and rounding may err.
+    /// Tolerated error of tables and rounding, levels of sRGB.
     const LEVELS: u8 = 1;
 
     fn canvas() -> EllipseCanvas {
-        let mut canvas = EllipseCanvas {
-            tolerance: 0.01,
-            bin: 0.001,
-            ..EllipseCanvas::default()
+        let mut canvas = EllipseCanvas::default();
+        let tolerance = Tolerance {
+            relative: 0.01,
+            least: 0.001,
         };
-        canvas.clear(20, 4..16);
+        canvas.clear(20, 4..16, tolerance);
         canvas
     }
 
-    fn one(color: [u8; 4], weight: f32, correlation: f32) -> Box<Splats> {
+    fn one_splat(color: [u8; 4], weight: f32, correlation: f32) -> Box<Splats> {
         let mut splats = Box::new(Splats::new());
         splats.len = 1;
-        (
-            splats.x[0],
-            splats.y[0],
-            splats.radius_x[0],
-            splats.radius_y[0],
-        ) = (9.3, 9.8, 6.0, 4.0);
-        (
-            splats.weight[0],
-            splats.correlation[0],
-            splats.inverse_depth[0],
-        ) = (weight, correlation, 0.5);
+        splats.x[0] = 9.3;
+        splats.y[0] = 9.8;
+        splats.radius_x[0] = 6.0;
+        splats.radius_y[0] = 4.0;
+        splats.weight[0] = weight;
+        splats.correlation[0] = correlation;
+        splats.inverse_depth[0] = 0.5;
         splats.color[0] = u32::from_ne_bytes(color);
         splats
     }
 
     #[test]
-    fn a_splat_is_a_gaussian_whose_volume_is_its_weight() {
+    fn splat_is_gaussian_with_volume_of_its_weight() {
         for (weight, correlation, alpha) in [
             (0.4, 0.0, 255),
             (0.7, 0.6, 255),
@@ -273,17 +266,16 @@ mod tests {
         ] {
             for level in simd::levels() {
                 let mut canvas = canvas();
-                canvas.draw(&one([9, 9, 9, alpha], weight, correlation), level);
+                canvas.draw(&one_splat([9, 9, 9, alpha], weight, correlation), level);
                 let mut sum = 0.0;
                 for (i, cell) in canvas.cells.iter().enumerate() {
                     // 2.5 deviations to the border.
-                    let (u, v) = (
-                        ((i % 20) as f32 + 0.5 - 9.3) / 2.4,
-                        ((i / 20) as f32 + 4.5 - 9.8) / 1.6,
-                    );
+                    let u = ((i % 20) as f32 + 0.5 - 9.3) / 2.4;
+                    let v = ((i / 20) as f32 + 4.5 - 9.8) / 1.6;
                     let rest = 1.0 - correlation * correlation;
                     let squared = (u * u + v * v - 2.0 * correlation * u * v) / rest;
-                    // The weight times the area of the bounds of a deviation, over the Gaussian's volume, in spacings of a sample.
+                    // The weight times the area of the bounds of one deviation, over the Gaussian's
+                    // volume, in sample spacings.
                     let peak = (weight * 6.25 / (std::f32::consts::TAU * rest.sqrt())).max(0.036);
                     let expected = if squared < 6.25 {
                         peak * f32::from(alpha) / 255.0 * (-0.5 * squared).exp()
@@ -298,7 +290,7 @@ mod tests {
                     assert!((cell.sum[0] - expected * LINEAR[9]).abs() < 1e-6);
                     sum += cell.weight;
                 }
-                // What 2.5 deviations leave out is exp(-3.125), 4.4 %.
+                // Truncation at 2.5 deviations removes exp(-3.125), 4.4 %.
                 if weight > 0.1 {
                     let volume = weight * 24.0 * f32::from(alpha) / 255.0;
                     assert!(
@@ -311,32 +303,34 @@ mod tests {
     }
 
     #[test]
-    fn correlations_stay_below_one() {
+    fn correlations_are_clamped_below_one() {
         for (correlation, largest) in [(1.5, MAX_CORRELATION), (-1.5, -MAX_CORRELATION)] {
-            let drawn = |correlation| {
+            let weights = |correlation| {
                 let mut canvas = canvas();
-                canvas.draw(&one([9, 9, 9, 255], 0.5, correlation), Level::new());
+                canvas.draw(&one_splat([9, 9, 9, 255], 0.5, correlation), Level::new());
                 canvas
                     .cells
                     .iter()
                     .map(|cell| cell.weight)
                     .collect::<Vec<_>>()
             };
-            let found = drawn(correlation);
-            assert!(found == drawn(largest) && found.iter().any(|weight| *weight > 0.0));
+            let clamped = weights(correlation);
+            assert_eq!(clamped, weights(largest));
+            assert!(clamped.iter().any(|weight| *weight > 0.0));
         }
     }
 
     #[test]
-    fn surfaces_are_apart_by_a_part_of_their_depth_and_a_bin_at_least() {
-        // A hundredth of 0.5 is 0.005; of 0.05 less than a bin of 0.001.
+    fn surfaces_are_separated_by_tolerance_and_bin() {
+        // 1 % of 0.5 is 0.005; 1 % of 0.05 is less than a bin of 0.001.
         for (q, nearer, is_one) in [
             (0.5, 0.504, true),
             (0.5, 0.506, false),
             (0.05, 0.0508, true),
             (0.05, 0.0512, false),
         ] {
-            let (mut canvas, mut splats) = (canvas(), one([9, 9, 9, 255], 0.5, 0.0));
+            let mut canvas = canvas();
+            let mut splats = one_splat([9, 9, 9, 255], 0.5, 0.0);
             for q in [nearer, q] {
                 splats.inverse_depth[0] = q;
                 canvas.draw(&splats, Level::new());
@@ -355,84 +349,81 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_are_averaged_and_lie_over_what_is_behind() {
-        let near = |found: [f32; 4], expected: [f32; 4]| {
+    fn surfaces_are_averaged_and_composited() {
+        let assert_near = |actual: [f32; 4], expected: [f32; 4]| {
             assert!(
-                found
+                actual
                     .iter()
                     .zip(expected)
                     .all(|(a, b)| (a - b).abs() < 1e-5),
-                "{found:?}, not {expected:?}"
+                "{actual:?}, not {expected:?}"
             );
         };
-        let (red, blue) = ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+        let red = [1.0, 0.0, 0.0];
+        let blue = [0.0, 0.0, 1.0];
         let mut cell = Cell::default();
-        near(cell.flattened(), [0.0; 4]);
+        assert_near(cell.flatten(), [0.0; 4]);
         cell.add(red, 0.46, 0.5, 0.01);
-        near(cell.flattened(), [0.5, 0.0, 0.0, 0.5]);
-        // The same surface, from either side of its depth: means by weight.
+        assert_near(cell.flatten(), [0.5, 0.0, 0.0, 0.5]);
+        // The same surface, slightly nearer and farther: weighted means.
         cell.add(blue, 0.23, 0.505, 0.01);
-        near(cell.flattened(), [0.5, 0.0, 0.25, 0.75]);
+        assert_near(cell.flatten(), [0.5, 0.0, 0.25, 0.75]);
         cell.add(blue, 0.23, 0.495, 0.01);
-        near(cell.flattened(), [0.5, 0.0, 0.5, 1.0]);
+        assert_near(cell.flatten(), [0.5, 0.0, 0.5, 1.0]);
         assert_eq!(cell.inverse_depth, 0.505);
-        // Far behind what is whole: nothing.
+        // Far behind an opaque surface: no change.
         cell.add([9.0; 3], 0.9, 0.1, 0.01);
-        near(cell.flattened(), [0.5, 0.0, 0.5, 1.0]);
-        // A nearer one over all of it, which shows where it leaves it open; and at least a twentieth.
+        assert_near(cell.flatten(), [0.5, 0.0, 0.5, 1.0]);
+        // A nearer surface over it, which remains visible where that is open; and at least a
+        // twentieth.
         cell.add(red, 0.23, 0.9, 0.01);
-        near(cell.flattened(), [0.25 + 0.75 * 0.5, 0.0, 0.75 * 0.5, 1.0]);
+        assert_near(cell.flatten(), [0.25 + 0.75 * 0.5, 0.0, 0.75 * 0.5, 1.0]);
         let mut heavy = Cell::default();
         heavy.add(red, 2.5, 0.5, 0.01);
-        near(heavy.flattened(), [1.0, 0.0, 0.0, 1.0]);
-        // Just as far apart as the tolerance is one surface.
+        assert_near(heavy.flatten(), [1.0, 0.0, 0.0, 1.0]);
+        // A difference equal to the tolerance is one surface.
         heavy.add(red, 1.0, 0.75, 0.25);
         assert_eq!((heavy.weight, heavy.behind), (3.5, [0.0; 4]));
         let mut thin = Cell::default();
         thin.add(blue, 1e-3, 0.5, 0.01);
-        near(thin.flattened(), [0.0, 0.0, 0.05, 0.05]);
-        // Behind what is open, later: over what is behind by its share; both together go on behind the front.
+        assert_near(thin.flatten(), [0.0, 0.0, 0.05, 0.05]);
+        // Splats behind an open front: composited over each other by share; the result extends
+        // behind the front.
         let mut open = Cell::default();
         open.add(red, 0.46, 0.5, 0.01);
         open.add(blue, 0.25, 0.1, 0.01);
-        near(open.flattened(), [0.5, 0.0, 0.25, 0.75]);
+        assert_near(open.flatten(), [0.5, 0.0, 0.25, 0.75]);
         open.add(red, 0.5, 0.1, 0.01);
-        near(
-            open.flattened(),
+        assert_near(
+            open.flatten(),
             [0.5 + 0.5 * 0.5 / 0.625, 0.0, 0.5 * 0.125 / 0.625, 1.0],
         );
         let mut green = Cell::default();
         green.add([0.0, 1.0, 0.0], 0.46, 0.5, 0.01);
         green.add([0.0, 0.5, 0.0], 0.25, 0.1, 0.01);
-        near(green.flattened(), [0.0, 0.5 + 0.25 * 0.5, 0.0, 0.75]);
+        assert_near(green.flatten(), [0.0, 0.5 + 0.25 * 0.5, 0.0, 0.75]);
     }
 
     #[test]
-    fn pixels_are_straight_colours_and_shares() {
+    fn pixels_resolve_to_straight_colours_and_shares() {
         let mut canvas = canvas();
         canvas.cells[5 * 20 + 7].add([LINEAR[180], LINEAR[90], LINEAR[20]], 0.46, 0.5, 0.01);
-        let (mut found, mut depths) = ([[0; 4]; 3], [9.0; 3]);
-        canvas.resolve(5, 6, &mut found, Level::new());
-        canvas.tell_depths(5, 6, &mut depths);
+        let mut colors = [[0; 4]; 3];
+        let mut depths = [9.0; 3];
+        canvas.resolve(5, 6, &mut colors, Level::new());
+        canvas.read_depths(5, 6, &mut depths);
         assert_eq!(
-            (found[0], found[2], depths),
+            (colors[0], colors[2], depths),
             ([0; 4], [0; 4], [0.0, 0.5, 0.0])
         );
         assert!(
-            found[1]
+            colors[1]
                 .iter()
                 .zip([180, 90, 20, 128])
                 .all(|(a, b)| a.abs_diff(b) <= LEVELS),
             "{:?}",
-            found[1]
+            colors[1]
         );
-        assert_eq!(found[1][3], 128, "127.5, rounded");
-        canvas.clear_spans([20, 16], &|_| [0..0, 0..0, 0..0]);
-        canvas.cells.fill(Cell {
-            weight: 1.0,
-            ..Cell::default()
-        });
-        canvas.clear_spans([20, 16], &|y| [y..20, 0..0, 0..0]);
-        assert!((0..20 * 16).all(|i| (canvas.cells[i].weight == 0.0) == (i % 20 >= i / 20)));
+        assert_eq!(colors[1][3], 128, "127.5, rounded");
     }
 }

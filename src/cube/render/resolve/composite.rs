@@ -1,8 +1,8 @@
-//! From a canvas to the frame: the environment is put under what splats leave open.
+//! Compositing of the resolved pixels of a canvas over the environment.
 
 use crate::pack::PackedCube;
-use crate::render::FramePlan;
 use crate::render::canvas::linear::LinearLight;
+use crate::render::setup::plan::FramePlan;
 use fearless_simd::{Level, Simd, dispatch, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
@@ -10,20 +10,22 @@ use headbox_core::environment::Environment;
 use headbox_core::frame::Coverage;
 use rayon::prelude::*;
 
-/// Pixels of the frame, row by row. What they hold before does not matter.
+/// Rows of pixels of the frame, to be overwritten.
 pub struct Pixels<'a> {
-    /// From a canvas: straight colour, and the share of 255 that splats cover. In the frame: colour and alpha, 255.
+    /// From a canvas: straight colour, and the share of 255 that splats cover. In the frame: colour
+    /// and alpha, 255.
     pub colors: &'a mut [[u8; 4]],
+    /// Source of each pixel.
     pub coverages: &'a mut [Coverage],
-    /// Eye depth, m, infinite where no splat is. Empty if nobody wants it.
+    /// Eye depth, m, infinite where there is no splat. Empty if not requested.
     pub depths_m: &'a mut [f32],
-    /// 1 / eye depth, for whoever fills holes. Empty if nobody does.
+    /// 1 / eye depth, 1/m, for hole filling. Empty if not requested.
     pub inverse_depths: &'a mut [f32],
 }
 
 impl<'a> Pixels<'a> {
-    /// Its rows, each `width` pixels long.
-    pub(crate) fn rows(self, width: u32) -> impl Iterator<Item = Pixels<'a>> {
+    /// Splits the pixels into rows of `width` pixels.
+    pub fn rows(self, width: u32) -> impl Iterator<Item = Pixels<'a>> {
         let width = width as usize;
         let mut depths_m = self.depths_m.chunks_mut(width);
         let mut inverse_depths = self.inverse_depths.chunks_mut(width);
@@ -31,69 +33,65 @@ impl<'a> Pixels<'a> {
             .colors
             .chunks_mut(width)
             .zip(self.coverages.chunks_mut(width));
-        rows.map(move |(colors, coverages)| {
-            let (depths_m, inverse_depths) = (depths_m.next(), inverse_depths.next());
-            let [depths_m, inverse_depths] =
-                [depths_m, inverse_depths].map(Option::unwrap_or_default);
-            Pixels {
-                colors,
-                coverages,
-                depths_m,
-                inverse_depths,
-            }
+        rows.map(move |(colors, coverages)| Pixels {
+            colors,
+            coverages,
+            depths_m: depths_m.next().unwrap_or_default(),
+            inverse_depths: inverse_depths.next().unwrap_or_default(),
         })
     }
 }
 
-/// The pieces of `depths_m`, or as many empty ones if it is empty.
-pub(crate) fn depth_pieces(
-    depths_m: &mut [f32],
-    piece: usize,
+/// Splits depths into chunks of `size`, or returns `count` empty chunks if there are no depths.
+pub fn depth_chunks(
+    depths: &mut [f32],
+    size: usize,
     count: usize,
 ) -> impl IndexedParallelIterator<Item = &mut [f32]> {
-    let missing = if depths_m.is_empty() { count } else { 0 };
-    depths_m
-        .par_chunks_mut(piece)
+    let missing = if depths.is_empty() { count } else { 0 };
+    depths
+        .par_chunks_mut(size)
         .chain((0..missing).into_par_iter().map(|_| Default::default()))
 }
 
-/// What shows where splats leave a frame open.
-pub struct Background<'a> {
+/// Background of a frame: the environment, and the hole colour where that is unknown.
+pub struct EnvironmentBackground<'a> {
+    /// The environment.
     pub environment: &'a Environment,
+    /// The frame's camera.
     pub camera: &'a Camera,
+    /// Colour of holes, sRGB.
     pub hole_color_srgb: [u8; 3],
+    /// SIMD level; all give the same pixels.
     pub level: Level,
 }
 
-/// Pixels that are finished at a time.
+/// Pixels that are composited at once.
 const CHUNK: usize = 16;
 
-impl<'a> Background<'a> {
-    pub(crate) fn new(plan: &FramePlan, cube: &'a PackedCube, camera: &'a Camera) -> Self {
-        let FramePlan {
-            level,
-            hole_color_srgb,
-            ..
-        } = *plan;
+impl<'a> EnvironmentBackground<'a> {
+    /// Creates the background of a planned frame.
+    pub fn new(plan: &FramePlan, cube: &'a PackedCube, camera: &'a Camera) -> Self {
         Self {
             environment: &cube.environment,
             camera,
-            hole_color_srgb,
-            level,
+            hole_color_srgb: plan.settings.hole_color_srgb,
+            level: plan.level,
         }
     }
 
-    /// Makes the resolved pixels of a canvas in row `y` those of the frame, and returns how many of them are holes.
-    pub fn put_under(&self, y: u32, pixels: Pixels) -> u64 {
+    /// Composites the resolved pixels of frame row `y` over the background, and returns the number
+    /// of holes.
+    pub fn composite_row(&self, y: u32, pixels: Pixels) -> u64 {
         let start = self.camera.direction(0.5, f64::from(y) + 0.5);
         let step = self.camera.direction(1.5, f64::from(y) + 0.5) - start;
-        dispatch!(self.level, simd => self.put_under_row(simd, [start, step], pixels))
+        dispatch!(self.level, simd => self.composite_chunks(simd, [start, step], pixels))
     }
 
-    /// The same for a row that looks along `start + column * step`: [`CHUNK`] pixels at a time, from those of column 0 on, so that
-    /// no pixel depends on where others are open.
+    /// Composites a row whose view directions are `start + column * step`: [`CHUNK`] pixels at a
+    /// time from column 0 on, so that no pixel depends on which others are open.
     #[inline(always)]
-    fn put_under_row<S: Simd>(&self, simd: S, [start, step]: [DVec3; 2], pixels: Pixels) -> u64 {
+    fn composite_chunks<S: Simd>(&self, simd: S, [start, step]: [DVec3; 2], pixels: Pixels) -> u64 {
         let mut holes = 0;
         let Pixels {
             colors,
@@ -107,16 +105,21 @@ impl<'a> Background<'a> {
             if let (Some(colors), Some(coverages)) =
                 (colors.first_chunk_mut(), coverages.first_chunk_mut())
             {
-                holes += self.put_under_chunk(simd, [from, step.as_vec3()], colors, coverages);
+                holes += self.composite_chunk(simd, [from, step.as_vec3()], colors, coverages);
                 continue;
             }
-            // The end of the row: beyond it, as if there were splats.
-            let (mut all, mut all_coverages) = ([[255; 4]; CHUNK], [Coverage::FULL; CHUNK]);
-            all[..colors.len()].copy_from_slice(colors);
-            holes +=
-                self.put_under_chunk(simd, [from, step.as_vec3()], &mut all, &mut all_coverages);
-            colors.copy_from_slice(&all[..colors.len()]);
-            coverages.copy_from_slice(&all_coverages[..coverages.len()]);
+            // The end of the row, padded with covered pixels.
+            let mut padded = [[255; 4]; CHUNK];
+            let mut padded_coverages = [Coverage::FULL; CHUNK];
+            padded[..colors.len()].copy_from_slice(colors);
+            holes += self.composite_chunk(
+                simd,
+                [from, step.as_vec3()],
+                &mut padded,
+                &mut padded_coverages,
+            );
+            colors.copy_from_slice(&padded[..colors.len()]);
+            coverages.copy_from_slice(&padded_coverages[..coverages.len()]);
         }
         for (depth_m, coverage) in depths_m.iter_mut().zip(coverages) {
             if coverage.splat_share() == 0 {
@@ -126,9 +129,9 @@ impl<'a> Background<'a> {
         holes
     }
 
-    /// The same for the colours and coverages of pixels that look along `start + i * step`.
+    /// Composites pixels whose view directions are `start + i * step`.
     #[inline(always)]
-    fn put_under_chunk<S: Simd>(
+    fn composite_chunk<S: Simd>(
         &self,
         simd: S,
         [start, step]: [Vec3; 2],
@@ -142,63 +145,65 @@ impl<'a> Background<'a> {
             *coverages = [Coverage::FULL; CHUNK];
             return 0;
         }
-        let seen = self
+        let sampled = self
             .environment
             .sample_sixteen(simd, open.to_bitmask(), start, step);
-        let seen = u32x16::load_array(simd, bytemuck::cast(seen));
-        let (empty, known) = (share.simd_eq(0), (seen >> ALPHA_SHIFT).simd_ne(0));
+        let sampled = u32x16::load_array(simd, bytemuck::cast(sampled));
+        let empty = share.simd_eq(0);
+        let known = (sampled >> ALPHA_SHIFT).simd_ne(0);
         let [r, g, b] = self.hole_color_srgb;
         let hole = u32x16::splat(simd, u32::from_ne_bytes([r, g, b, 255]));
         let color = empty.select(
-            known.select(seen, hole),
+            known.select(sampled, hole),
             color | u32::from_ne_bytes([0, 0, 0, 255]),
         );
-        let alone = known.select(u32x16::splat(simd, ENVIRONMENT), u32x16::splat(simd, HOLE));
-        let from_splat_share = share.max(u32::from(Coverage::from_splat_share(0).splat_share()));
+        let uncovered = known.select(u32x16::splat(simd, ENVIRONMENT), u32x16::splat(simd, HOLE));
+        let covered = share.max(u32::from(Coverage::from_splat_share(0).splat_share()));
         let shares = share.to_array();
         let mut mixed = (open & !empty & known).to_bitmask();
-        let seen = seen.to_array();
+        let sampled = sampled.to_array();
         *colors = bytemuck::cast(color.to_array());
         for (coverage, byte) in coverages
             .iter_mut()
-            .zip(empty.select(alone, from_splat_share).to_array())
+            .zip(empty.select(uncovered, covered).to_array())
         {
             *coverage = Coverage::from_byte(byte as u8);
         }
         while mixed != 0 {
             let i = mixed.trailing_zeros() as usize;
             mixed &= mixed - 1;
-            let ([r, g, b, _], [sr, sg, sb, _]) = (colors[i], seen[i].to_ne_bytes());
-            let [r, g, b] =
-                LinearLight::tables().mix([[r, g, b], [sr, sg, sb]], [shares[i], 255 - shares[i]]);
+            let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
+            let mixed_colors = [rgb(colors[i]), rgb(sampled[i].to_ne_bytes())];
+            let [r, g, b] = LinearLight::tables().mix(mixed_colors, [shares[i], 255 - shares[i]]);
             colors[i] = [r, g, b, 255];
         }
         u64::from((empty & !known).to_bitmask().count_ones())
     }
 }
 
-/// Where alpha lies in four bytes as they lie in memory.
+/// Bit position of alpha in a colour in memory order.
 const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
 
-/// The bytes of two coverages.
+/// Coverage bytes in lanes.
 const ENVIRONMENT: u32 = Coverage::ENVIRONMENT.byte() as u32;
 const HOLE: u32 = Coverage::HOLE.byte() as u32;
 
 #[cfg(test)]
 mod tests {
-    //! Rows of a frame, put over the environment pixel after pixel.
+    //! Composited rows against a scalar reference.
 
     use super::*;
     use headbox_core::random::Rng;
     use headbox_core::simd;
 
-    /// Levels by which the environment's sixteen samples at a time may differ from one: directions run in f32 along a row.
+    /// Tolerated difference of sixteen environment samples at once from single ones, levels:
+    /// directions are f32 along a row.
     const LEVELS: u8 = 1;
 
     #[test]
-    fn what_splats_leave_open_shows_the_environment_pixel_by_pixel() {
+    fn open_pixels_are_composited_over_environment() {
         let mut random = Rng::keyed(2);
-        // Some texels of it are not known.
+        // Some texels are unknown.
         let texels = (0..6 * 16 * 16).map(|i| {
             if i / 16 % 16 < 3 {
                 [0; 4]
@@ -218,7 +223,9 @@ mod tests {
             [37, 20],
         )
         .expect("valid");
-        let (width, mut mixed, mut all_holes) = (37, 0, 0);
+        let width = 37;
+        let mut mixed = 0;
+        let mut all_holes = 0;
         for y in 0..20 {
             let resolved: Vec<[u8; 4]> = (0..width)
                 .map(|_| {
@@ -235,26 +242,26 @@ mod tests {
             let expected: Vec<([u8; 3], Coverage, bool)> = (0..)
                 .zip(&resolved)
                 .map(|(x, &[r, g, b, share])| {
-                    let seen = environment.sample(
+                    let sampled = environment.sample(
                         camera
                             .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
                             .as_vec3(),
                     );
-                    let from_splat_share = Coverage::from_splat_share(share);
-                    match (share, seen) {
+                    let covered = Coverage::from_splat_share(share);
+                    match (share, sampled) {
                         (255, _) => ([r, g, b], Coverage::FULL, true),
-                        (0, Some(seen)) => (seen, Coverage::ENVIRONMENT, false),
+                        (0, Some(sampled)) => (sampled, Coverage::ENVIRONMENT, false),
                         (0, None) => {
                             holes += 1;
                             ([1, 2, 3], Coverage::HOLE, false)
                         }
-                        (_, None) => ([r, g, b], from_splat_share, true),
-                        (_, Some(seen)) => {
+                        (_, None) => ([r, g, b], covered, true),
+                        (_, Some(sampled)) => {
                             mixed += 1;
                             let shares = [u32::from(share), 255 - u32::from(share)];
                             (
-                                LinearLight::tables().mix([[r, g, b], seen], shares),
-                                from_splat_share,
+                                LinearLight::tables().mix([[r, g, b], sampled], shares),
+                                covered,
                                 true,
                             )
                         }
@@ -262,9 +269,10 @@ mod tests {
                 })
                 .collect();
             for level in simd::levels() {
-                let (mut colors, mut depths_m) = (resolved.clone(), vec![3.0; width]);
+                let mut colors = resolved.clone();
+                let mut depths_m = vec![3.0; width];
                 let mut coverages = vec![Coverage::HOLE; width];
-                let background = Background {
+                let background = EnvironmentBackground {
                     environment: &environment,
                     camera: &camera,
                     hole_color_srgb: [1, 2, 3],
@@ -276,7 +284,7 @@ mod tests {
                     depths_m: &mut depths_m,
                     inverse_depths: &mut [],
                 };
-                assert_eq!(background.put_under(y, pixels), holes);
+                assert_eq!(background.composite_row(y, pixels), holes);
                 for (x, (color, coverage, has_depth)) in expected.iter().enumerate() {
                     assert!(
                         (0..3).all(|c| colors[x][c].abs_diff(color[c]) <= LEVELS),
@@ -296,18 +304,13 @@ mod tests {
     }
 
     #[test]
-    fn pieces_of_depths_are_as_many_as_those_of_colours() {
-        assert_eq!(
-            depth_pieces(&mut [0.0; 10], 4, 3)
-                .map(|piece| piece.len())
-                .collect::<Vec<_>>(),
-            [4, 4, 2]
-        );
-        assert_eq!(
-            depth_pieces(&mut [], 4, 3)
-                .map(|piece| piece.len())
-                .collect::<Vec<_>>(),
-            [0, 0, 0]
-        );
+    fn depth_chunks_match_number_of_color_chunks() {
+        let lengths = |depths: &mut [f32]| -> Vec<usize> {
+            depth_chunks(depths, 4, 3)
+                .map(|chunk| chunk.len())
+                .collect()
+        };
+        assert_eq!(lengths(&mut [0.0; 10]), [4, 4, 2]);
+        assert_eq!(lengths(&mut []), [0, 0, 0]);
     }
 }

@@ -1,0 +1,534 @@
+//! Epipolar half planes through the baseline from an LDI's centre to the eye (P4, P5, C16).
+//!
+//! A depth pixel moves in the half plane that contains its ray, whatever its depth, and so does its
+//! image in the frame. One angle about the baseline therefore names an epipolar line of every face
+//! and of the frame at once, wherever the epipoles are: in the image, on a corner, far away, at
+//! infinity (where the lines are parallel) or behind.
+
+use glam::{DVec2, DVec3};
+use headbox_core::camera::Camera;
+use headbox_core::cube_face::Face;
+use headbox_cube::render::setup::transfer::Transfer;
+use std::ops::Range;
+
+/// Columns of a row of pixels, ascending and disjoint; some may be empty.
+pub(super) type ColumnSpans = [Range<u32>; 3];
+
+/// The baseline.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Baseline {
+    /// Two directions perpendicular to it and to each other.
+    across: [DVec3; 2],
+}
+
+impl Default for Baseline {
+    fn default() -> Self {
+        Self::new(DVec3::ZERO)
+    }
+}
+
+impl Baseline {
+    pub(super) fn new(eye_from_centre: DVec3) -> Self {
+        // An eye at the centre sees no parallax: any line through it is valid.
+        let (u, v) = eye_from_centre
+            .try_normalize()
+            .unwrap_or(DVec3::X)
+            .any_orthonormal_pair();
+        Self { across: [u, v] }
+    }
+
+    /// Projects a vector along the baseline.
+    pub(super) fn project(&self, v: DVec3) -> DVec2 {
+        DVec2::new(self.across[0].dot(v), self.across[1].dot(v))
+    }
+
+    /// Projects the rays `start + x * step` of a row.
+    pub(super) fn project_row(&self, start: DVec3, step: DVec3) -> Rays {
+        Rays {
+            start: self.project(start),
+            step: self.project(step),
+        }
+    }
+
+    /// Projects the rays through a row of a camera's frame.
+    pub(super) fn project_frame_row(&self, camera: &Camera, row: u32) -> Rays {
+        let start = camera.direction(0.0, f64::from(row) + 0.5);
+        self.project_row(start, camera.direction(1.0, f64::from(row) + 0.5) - start)
+    }
+}
+
+/// Rays through a row of pixels, projected along the baseline: `start + x * step`, x in pixels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rays {
+    start: DVec2,
+    step: DVec2,
+}
+
+impl Rays {
+    pub(super) fn evaluate(&self, x: f64) -> DVec2 {
+        self.start + self.step * x
+    }
+}
+
+/// Returns the diamond angle of a vector, 0 to 4: it grows with the angle, and a quarter turn is 1.
+/// (The perimeter of a square instead of a circle, which needs one division.)
+pub(super) fn diamond_angle(v: DVec2) -> f64 {
+    let sum = v.x.abs() + v.y.abs();
+    if sum == 0.0 {
+        return 0.0;
+    }
+    let along = v.y / sum;
+    let angle = match (v.x >= 0.0, v.y >= 0.0) {
+        (true, true) => along,
+        (true, false) => 4.0 + along,
+        (false, _) => 2.0 - along,
+    };
+    if angle < 4.0 { angle } else { 0.0 }
+}
+
+/// Returns the unit vector of a diamond angle.
+fn unit_vector(angle: f64) -> DVec2 {
+    let quarter = angle.floor();
+    let t = angle - quarter;
+    let (x, y) = if quarter % 2.0 == 0.0 {
+        (1.0 - t, t)
+    } else {
+        (-t, 1.0 - t)
+    };
+    DVec2::new(x, y).normalize_or(DVec2::X) * if quarter < 2.0 { 1.0 } else { -1.0 }
+}
+
+/// Histogram of depth pixels over diamond angles.
+#[derive(Default)]
+pub(super) struct AngleHistogram {
+    bins: Vec<u64>,
+}
+
+impl AngleHistogram {
+    /// Number of bins. At 1,024 px, an eighth of a turn is 512 px long.
+    const BINS: usize = 4096;
+
+    pub(super) fn clear(&mut self) {
+        self.bins.clear();
+        self.bins.resize(Self::BINS, 0);
+    }
+
+    pub(super) fn add(&mut self, ray: DVec2, count: u64) {
+        let bin = (diamond_angle(ray) * (Self::BINS / 4) as f64) as usize;
+        if let Some(bin) = self.bins.get_mut(bin) {
+            *bin += count;
+        }
+    }
+
+    /// Writes ascending angles that divide the weight into `count` equal parts; none for a single
+    /// part. One of them lies in the longest empty gap, if there is one.
+    pub(super) fn divide(&self, count: usize, angles: &mut Vec<f64>) {
+        angles.clear();
+        let total: u64 = self.bins.iter().sum();
+        if count < 2 || total == 0 {
+            return;
+        }
+        let bins = self.bins.len();
+        let start = self.middle_of_longest_gap();
+        let angle = |bin: f64| (bin * 4.0 / bins as f64) % 4.0;
+        angles.push(angle(start as f64));
+        let mut before = 0;
+        let mut next = 1;
+        for i in 0..bins {
+            let weight = self.bins[(start + i) % bins];
+            while next < count && (before + weight) * count as u64 > next as u64 * total {
+                let into =
+                    (next as f64 * total as f64 / count as f64 - before as f64) / weight as f64;
+                angles.push(angle((start + i) as f64 + into));
+                next += 1;
+            }
+            before += weight;
+        }
+        angles.sort_unstable_by(f64::total_cmp);
+    }
+
+    /// Returns the bin in the middle of the longest run of empty bins, or else the bin of least
+    /// weight.
+    fn middle_of_longest_gap(&self) -> usize {
+        let bins = self.bins.len();
+        let mut longest = 0;
+        let mut middle = None;
+        let mut length = 0;
+        for i in 0..2 * bins {
+            length = if self.bins[i % bins] == 0 {
+                length + 1
+            } else {
+                0
+            };
+            if length > longest && length <= bins {
+                longest = length;
+                middle = Some((i - length / 2) % bins);
+            }
+        }
+        middle.unwrap_or_else(|| (0..bins).min_by_key(|i| self.bins[*i]).unwrap_or(0))
+    }
+}
+
+/// Epipolar half plane between two fragments.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Boundary {
+    /// Diamond angle.
+    angle: f64,
+    /// Unit vector away from the baseline.
+    direction: DVec2,
+    /// Change of the coordinates across and along the boundary over a frame pixel in x and one in y
+    /// together, at eye depth 1.
+    per_px: DVec2,
+    /// Upper bound of the radii of footprints that touch the boundary in the frame, px.
+    pub(super) radius_px: f64,
+}
+
+/// A box of face positions and inverse depths in the coordinates of a boundary.
+pub(super) struct BoundaryBox {
+    /// Rays of the four corners of the face rectangle: across and along the boundary.
+    rays: [DVec2; 4],
+    /// Ratio w of eye depths at the same corners, at both inverse depths.
+    w: [[f64; 2]; 4],
+}
+
+impl Boundary {
+    pub(super) fn new(angle: f64, baseline: &Baseline, camera: &Camera, radius_px: f64) -> Self {
+        let origin = camera.direction(0.0, 0.0);
+        let step = |x, y| baseline.project(camera.direction(x, y) - origin);
+        let boundary = Self {
+            angle,
+            direction: unit_vector(angle),
+            per_px: DVec2::ONE,
+            radius_px,
+        };
+        Self {
+            per_px: boundary.coordinates(step(1.0, 0.0)).abs()
+                + boundary.coordinates(step(0.0, 1.0)).abs(),
+            ..boundary
+        }
+    }
+
+    /// Returns the coordinates across the boundary and along it.
+    fn coordinates(&self, v: DVec2) -> DVec2 {
+        DVec2::new(self.direction.perp_dot(v), self.direction.dot(v))
+    }
+
+    /// Returns where a row crosses the line of the boundary, px, if it does in one point.
+    fn crossing(&self, rays: &Rays) -> Option<f64> {
+        let x = -self.direction.perp_dot(rays.start) / self.direction.perp_dot(rays.step);
+        x.is_finite().then_some(x)
+    }
+
+    /// Returns the interval of x in which a square of `radius_px` about the frame position of the
+    /// ray x, at the depth ratio `w[0] + x * w[1]`, touches the boundary.
+    fn touching_interval(&self, rays: &Rays, w: [f64; 2], radius_px: f64) -> [f64; 2] {
+        let start = self.coordinates(rays.start);
+        let step = self.coordinates(rays.step);
+        let reach = self.per_px * radius_px;
+        let mut interval = [f64::NEG_INFINITY, f64::INFINITY];
+        let conditions = [
+            [reach.x * w[0] - start.x, reach.x * w[1] - step.x],
+            [reach.x * w[0] + start.x, reach.x * w[1] + step.x],
+            [reach.y * w[0] + start.y, reach.y * w[1] + step.y],
+        ];
+        for [constant, slope] in conditions {
+            if slope > 0.0 {
+                interval[0] = f64::max(interval[0], -constant / slope);
+            } else if slope < 0.0 {
+                interval[1] = f64::min(interval[1], -constant / slope);
+            } else if constant < 0.0 {
+                return [f64::INFINITY, f64::NEG_INFINITY];
+            }
+        }
+        interval
+    }
+
+    /// Returns the pixels of a row of the frame that splats from both sides may touch.
+    pub(super) fn mask(&self, rays: &Rays, width: u32) -> Range<u32> {
+        let [low, high] = self.touching_interval(rays, [1.0, 0.0], self.radius_px);
+        let first = (low - 0.5).ceil().clamp(0.0, f64::from(width)) as u32;
+        let end = ((high - 0.5).floor() + 1.0).clamp(0.0, f64::from(width)) as u32;
+        first..end.max(first)
+    }
+
+    /// Returns the pixels of `range` in a row of a face whose splats, of at most `reach_px`, may
+    /// touch the mask. The largest ratio of eye depths at x is `w[0] + x * w[1]`.
+    pub(super) fn extended_zone(
+        &self,
+        rays: &Rays,
+        w: [f64; 2],
+        reach_px: f64,
+        range: &Range<u32>,
+    ) -> Range<u32> {
+        let [low, high] = self.touching_interval(rays, w, reach_px + self.radius_px);
+        let first = ((low - 0.5).floor().max(0.0) as u32).clamp(range.start, range.end);
+        let end = (((high - 0.5).ceil() + 1.0).max(0.0) as u32).clamp(range.start, range.end);
+        first..end.max(first)
+    }
+
+    /// Transforms a box `[columns, rows, inverse depths]` of a face, px and 1/m.
+    pub(super) fn transform_box(
+        &self,
+        baseline: &Baseline,
+        face: Face,
+        size_px: u32,
+        transfer: &Transfer,
+        bounds: &[[f64; 2]; 3],
+    ) -> BoundaryBox {
+        let corners = [0, 1, 2, 3].map(|i| [bounds[0][i & 1], bounds[1][i >> 1]]);
+        BoundaryBox {
+            rays: corners
+                .map(|[x, y]| self.coordinates(baseline.project(face.direction(x, y, size_px)))),
+            w: corners.map(|[x, y]| {
+                bounds[2].map(|q| transfer.map_infinite(x, y).z + transfer.inverse_depth.z * q)
+            }),
+        }
+    }
+
+    /// Returns false if no square of `radius_px` about a point of the box touches the boundary in
+    /// the frame, because the box lies on one side of it, farther away (as in C17: linear functions
+    /// are extreme at corners).
+    pub(super) fn is_near(&self, bounds: &BoundaryBox, radius_px: f64) -> bool {
+        let reach = self.per_px * radius_px;
+        let any = |inside: &dyn Fn(DVec2, f64) -> bool| {
+            bounds
+                .rays
+                .iter()
+                .zip(&bounds.w)
+                .any(|(ray, w)| w.iter().any(|w| inside(*ray, *w)))
+        };
+        any(&|ray, w| ray.x <= reach.x * w)
+            && any(&|ray, w| -ray.x <= reach.x * w)
+            && any(&|ray, w| -ray.y <= reach.y * w)
+    }
+}
+
+/// Returns the pixels of `range` between boundary `k` and the next one (around the circle); all of
+/// them if there are no boundaries.
+pub(super) fn fragment_spans(
+    boundaries: &[Boundary],
+    k: usize,
+    rays: &Rays,
+    range: &Range<u32>,
+) -> ColumnSpans {
+    let Some(first) = boundaries.get(k) else {
+        return [range.clone(), range.end..range.end, range.end..range.end];
+    };
+    let next = boundaries.get(k + 1);
+    let inside = |angle: f64| match next {
+        Some(next) => first.angle <= angle && angle < next.angle,
+        None => first.angle <= angle || angle < boundaries[0].angle,
+    };
+    let cross = |boundary: &Boundary| match boundary.crossing(rays) {
+        Some(x) => ((x - 0.5).ceil().max(0.0) as u32).clamp(range.start, range.end),
+        None => range.start,
+    };
+    let a = cross(first);
+    let b = cross(next.unwrap_or(&boundaries[0]));
+    // Pixels within rounding of a boundary lie in its mask: either side is valid for them.
+    [
+        range.start..a.min(b),
+        a.min(b)..a.max(b),
+        a.max(b)..range.end,
+    ]
+    .map(|span| {
+        // Between pixels if necessary: a pixel on the baseline itself has no angle.
+        let middle = f64::from(span.start) + f64::from(span.end - span.start) / 2.0;
+        if !span.is_empty() && inside(diamond_angle(rays.evaluate(middle))) {
+            span
+        } else {
+            span.end..span.end
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use headbox_core::random::Rng;
+
+    #[test]
+    fn diamond_angles_grow_with_angle_and_invert() {
+        let mut last = -1.0;
+        for i in 0..400 {
+            let angle = f64::from(i) * std::f64::consts::TAU / 400.0;
+            let diamond = diamond_angle(DVec2::from_angle(angle));
+            assert!(diamond > last && (0.0..4.0).contains(&diamond), "{angle}");
+            // Rounding of a few operations on numbers up to 4.
+            assert!((unit_vector(diamond) - DVec2::from_angle(angle)).length() < 1e-14);
+            last = diamond;
+        }
+        assert_eq!(diamond_angle(DVec2::new(1.0, -1e-300)), 0.0);
+    }
+
+    #[test]
+    fn histogram_is_divided_equally_from_empty_gap() {
+        let mut histogram = AngleHistogram::default();
+        histogram.clear();
+        let mut angles = vec![1.0];
+        histogram.divide(3, &mut angles);
+        assert!(angles.is_empty(), "no weight");
+        for i in 0..1000 {
+            histogram.add(unit_vector(0.5 + f64::from(i) / 1000.0), 7);
+        }
+        histogram.divide(4, &mut angles);
+        // A bin is 4 / BINS wide.
+        let expected = [0.75, 1.0, 1.25, 3.0];
+        assert!(
+            angles.len() == 4
+                && angles
+                    .iter()
+                    .zip(expected)
+                    .all(|(a, b)| (a - b).abs() < 0.002),
+            "{angles:?}"
+        );
+        histogram.divide(1, &mut angles);
+        assert!(angles.is_empty());
+    }
+
+    /// Creates a random camera, its eye and baseline, and a half plane through the baseline.
+    fn random_boundary(random: &mut Rng) -> (Camera, DVec3, Baseline, Boundary) {
+        let eye = random.in_cube(0.5);
+        let forward = random.in_cube(1.0);
+        let fov_deg = random.between(40.0, 100.0);
+        let camera =
+            Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, [64, 48]).expect("valid");
+        let baseline = Baseline::new(eye);
+        let angle = random.between(0.0, 4.0);
+        let boundary = Boundary::new(angle, &baseline, &camera, random.between(0.5, 6.0));
+        (camera, eye, baseline, boundary)
+    }
+
+    /// Rounding error, in units of a direction's coordinates.
+    const ROUNDING: f64 = 1e-9;
+
+    /// A square touches a half plane if its corners lie on both sides of the line, and not all
+    /// behind the baseline.
+    #[test]
+    fn masks_are_pixels_whose_squares_touch_boundary() {
+        let mut random = Rng::keyed(21);
+        let mut inside = 0;
+        let mut outside = 0;
+        for _ in 0..400 {
+            let (camera, _, baseline, boundary) = random_boundary(&mut random);
+            let row = random.below(48) as u32;
+            let mask = boundary.mask(&baseline.project_frame_row(&camera, row), 64);
+            for x in 0..64 {
+                let corners =
+                    [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)].map(|(right, down)| {
+                        let [x, y] = [(x, right), (row, down)]
+                            .map(|(c, side)| f64::from(c) + 0.5 + side * boundary.radius_px);
+                        boundary.coordinates(baseline.project(camera.direction(x, y)))
+                    });
+                let across = corners.map(|corner| corner.x);
+                let least = across.into_iter().fold(f64::MAX, f64::min);
+                let most = across.into_iter().fold(f64::MIN, f64::max);
+                let along = corners
+                    .map(|corner| corner.y)
+                    .into_iter()
+                    .fold(f64::MIN, f64::max);
+                if [least, most, along]
+                    .iter()
+                    .any(|border| border.abs() < ROUNDING)
+                {
+                    continue;
+                }
+                let touches = least < 0.0 && most > 0.0 && along > 0.0;
+                assert_eq!(
+                    mask.contains(&x),
+                    touches,
+                    "{x} of row {row}, {mask:?}, {boundary:?}"
+                );
+                *(if touches { &mut inside } else { &mut outside }) += 1;
+            }
+        }
+        assert!(inside > 500 && outside > 5000, "{inside} {outside}");
+    }
+
+    /// Returns true if a square of `radius_px` about the point `w` times a ray may touch a
+    /// boundary.
+    fn may_touch(boundary: &Boundary, ray: DVec2, w: f64, radius_px: f64) -> bool {
+        let position = boundary.coordinates(ray);
+        let reach = boundary.per_px * radius_px * w;
+        position.x.abs() <= reach.x && position.y >= -reach.y
+    }
+
+    #[test]
+    fn extended_zones_are_tight() {
+        let mut random = Rng::keyed(22);
+        let mut near = 0;
+        let mut far = 0;
+        for _ in 0..400 {
+            let (_, _, baseline, boundary) = random_boundary(&mut random);
+            let size = 64;
+            let face = Face::ALL[random.below(6) as usize];
+            let start = face.direction(0.0, random.between(0.0, 64.0), size);
+            let rays = baseline.project_row(
+                start,
+                face.direction(1.0, 0.0, size) - face.direction(0.0, 0.0, size),
+            );
+            let w = [random.between(0.1, 2.0), random.between(-0.01, 0.01)];
+            let reach_px = random.between(0.0, 3.0);
+            let range = 5..60;
+            let extended = boundary.extended_zone(&rays, w, reach_px, &range);
+            let touches = |x: u32| {
+                let x = f64::from(x) + 0.5;
+                may_touch(
+                    &boundary,
+                    rays.evaluate(x),
+                    w[0] + w[1] * x,
+                    reach_px + boundary.radius_px,
+                )
+            };
+            for x in range.clone() {
+                assert!(
+                    extended.contains(&x) || !touches(x),
+                    "{x} of {extended:?}, {boundary:?}"
+                );
+                near += u32::from(touches(x));
+            }
+            assert!(extended.start >= range.start && extended.end <= range.end);
+            let inner = extended.start + 2..extended.end.saturating_sub(2);
+            assert!(
+                inner.clone().all(touches),
+                "{inner:?} of {extended:?}, {boundary:?}"
+            );
+            far += range.len() - extended.len();
+        }
+        assert!(near > 1000 && far > 5000, "{near} {far}");
+    }
+
+    #[test]
+    fn boxes_with_point_near_boundary_are_near_it() {
+        let mut random = Rng::keyed(23);
+        let mut near = 0;
+        let mut far = 0;
+        for _ in 0..2000 {
+            let (camera, eye, baseline, boundary) = random_boundary(&mut random);
+            let size = 64;
+            let face = Face::ALL[random.below(6) as usize];
+            let transfer = Transfer::new(&camera, eye, face, size);
+            let bounds =
+                [(0.0, 64.0, 16.0), (0.0, 64.0, 16.0), (0.0, 1.0, 0.5)].map(|(from, to, most)| {
+                    let start = random.between(from, to);
+                    [start, start + random.between(0.0, most)]
+                });
+            let radius_px = random.between(0.5, 4.0);
+            let is_near = boundary.is_near(
+                &boundary.transform_box(&baseline, face, size, &transfer, &bounds),
+                radius_px,
+            );
+            for _ in 0..60 {
+                let [x, y, q] = bounds.map(|[from, to]| random.between(from, to));
+                let ray = baseline.project(face.direction(x, y, size));
+                let w = transfer.map_infinite(x, y).z + transfer.inverse_depth.z * q;
+                assert!(
+                    is_near || !may_touch(&boundary, ray, w, radius_px),
+                    "({x}, {y}) at {q} of {bounds:?}"
+                );
+            }
+            *(if is_near { &mut near } else { &mut far }) += 1;
+        }
+        assert!(near > 50 && far > 500, "{near} {far}");
+    }
+}
