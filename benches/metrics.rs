@@ -28,7 +28,7 @@ fn metrics(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("metrics of 1024x768");
     group.sample_size(20);
     group.bench_function("flip", |bench| {
-        bench.iter(|| flip_map(&a, &b, DEFAULT_PIXELS_PER_DEGREE))
+        bench.iter(|| flip_map(&a, &b, DEFAULT_PIXELS_PER_DEGREE));
     });
     group.bench_function("flip, the authors' evaluator", |bench| {
         bench.iter(|| {
@@ -41,7 +41,7 @@ fn metrics(criterion: &mut Criterion) {
     group.bench_function("ssim", |bench| bench.iter(|| ssim(&a, &b)));
     group.bench_function("psnr", |bench| bench.iter(|| psnr_db(&a, &b)));
     group.bench_function("differing fraction", |bench| {
-        bench.iter(|| differing_fraction(&a, &b))
+        bench.iter(|| differing_fraction(&a, &b));
     });
     group.bench_function("all", |bench| bench.iter(|| compare(&a, &b)));
     group.finish();

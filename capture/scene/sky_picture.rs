@@ -412,7 +412,7 @@ fn read_exr(path: &Path) -> Result<Texels, String> {
         path,
         |size, _| (size.x(), vec![[0f32; 3]; size.x() * size.y()]),
         |(stride, texels), at, (r, g, b, _): (f32, f32, f32, f32)| {
-            texels[at.y() * *stride + at.x()] = [r, g, b]
+            texels[at.y() * *stride + at.x()] = [r, g, b];
         },
     );
     let image = image.map_err(|error| PictureError::from(error).to_string())?;

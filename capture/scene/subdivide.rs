@@ -27,7 +27,7 @@ pub fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>
         while let Some((vertices, depth)) = open.pop() {
             match cutter.cut(vertices) {
                 Some(children) if depth < DEEPEST => {
-                    open.extend(children.into_iter().rev().map(|c| (c, depth + 1)))
+                    open.extend(children.into_iter().rev().map(|c| (c, depth + 1)));
                 }
                 _ => pieces.push(Triangle {
                     vertices,

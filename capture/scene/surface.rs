@@ -328,7 +328,7 @@ mod tests {
             s.materials[0].cutout = Some(Cutout {
                 texture: 7,
                 threshold: 0.5,
-            })
+            });
         });
         assert_eq!(
             error,

@@ -58,7 +58,7 @@ pub(crate) fn net(seed: u64) -> Scene {
                 FRAC_PI_2,
                 10,
                 knot,
-            )
+            );
         });
     }
     mesh.finish("net", DVec3::ZERO, 0.5)

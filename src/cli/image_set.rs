@@ -82,7 +82,7 @@ impl SetArgs {
             let bar = Bar::new();
             let look = |step| match step {
                 RegistrationStep::LoadingStarted(views) => {
-                    bar.begin("registering colour with depth", "views", views as u64)
+                    bar.begin("registering colour with depth", "views", views as u64);
                 }
                 RegistrationStep::ViewLoaded => bar.advance(1),
             };
@@ -104,7 +104,7 @@ fn refine(set: &mut ImageSet) -> anyhow::Result<()> {
     let look = |step| match step {
         RefinementStep::LoadingStarted(views) => bar.begin("loading depth", "views", views as u64),
         RefinementStep::SolvingStarted(rounds) => {
-            bar.begin("refining poses", "rounds", rounds as u64)
+            bar.begin("refining poses", "rounds", rounds as u64);
         }
         RefinementStep::ViewLoaded | RefinementStep::RoundSolved => bar.advance(1),
     };

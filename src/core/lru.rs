@@ -93,6 +93,11 @@ impl<K: Ord + Copy, V: Clone> LruCache<K, V> {
         self.bytes
     }
 
+    /// Returns true if there is no value.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
     /// Number of values.
     pub fn len(&self) -> usize {
         self.entries.len()

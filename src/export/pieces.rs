@@ -138,7 +138,7 @@ pub(super) fn with_whole_rims(cube: &PackedCube) -> PackedCube {
     for (place, alpha) in whole {
         match place {
             Place::Segment(segment, i) => {
-                cube.segments[segment].depth_pixels[i].color_srgb[3] = alpha
+                cube.segments[segment].depth_pixels[i].color_srgb[3] = alpha;
             }
             Place::Texel(i) => {
                 let [r, g, b, _] = straight(cube.planes.texels[i]);

@@ -458,7 +458,7 @@ pub(super) mod tests {
             LumigraphError::Size(1, 9)
         );
         let large = refused(|grid| {
-            (grid.columns, grid.size_px) = ((0..300).map(f64::from).collect(), [4096, 4096])
+            (grid.columns, grid.size_px) = ((0..300).map(f64::from).collect(), [4096, 4096]);
         });
         assert!(matches!(large, LumigraphError::TooLarge { .. }));
         assert!(CameraGrid::facing(DVec3::ZERO, DVec3::Y).is_none());

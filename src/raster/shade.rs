@@ -93,7 +93,7 @@ impl PixelShader<'_> {
                         PixelContent::Marker(_) => target.stats.marker_pixels += 1,
                         PixelContent::Triangle(_) => coverages[i] = Coverage::FULL,
                         PixelContent::Nothing => {
-                            self.environment_at(x + i as u32, y, &mut colors[i], &mut coverages[i])
+                            self.environment_at(x + i as u32, y, &mut colors[i], &mut coverages[i]);
                         }
                     }
                 }

@@ -312,19 +312,19 @@ fn formats_read_same_cameras_and_points() {
     let formats: [(&str, Write); 8] = [
         ("RGB-D frames", rgbd),
         ("nerfstudio transforms", |folder| {
-            write_json(folder, "transforms.json", &transforms(folder))
+            write_json(folder, "transforms.json", &transforms(folder));
         }),
         ("nerfstudio transforms", |folder| {
-            write_json(folder, "transforms_train.json", &transforms(folder))
+            write_json(folder, "transforms_train.json", &transforms(folder));
         }),
         ("COLMAP model (text)", colmap_text),
         ("COLMAP model (binary)", colmap_binary),
         ("Middlebury multi-view", middlebury),
         ("Seurat manifest", |folder| {
-            write_json(folder, "manifest.json", &seurat(folder))
+            write_json(folder, "manifest.json", &seurat(folder));
         }),
         ("Seurat manifest", |folder| {
-            write_json(folder, "manifest.json", &unreal_seurat(folder))
+            write_json(folder, "manifest.json", &unreal_seurat(folder));
         }),
     ];
     for (name, write) in formats {
@@ -392,10 +392,10 @@ fn errors_name_file_and_field() {
         (open(folder.path()), folder)
     };
     let camera = |value: &mut Value, key: &str, to: Value| {
-        value["view_groups"][0]["views"][1]["projective_camera"][key] = to
+        value["view_groups"][0]["views"][1]["projective_camera"][key] = to;
     };
     let file = |value: &mut Value, key: &str, to: Value| {
-        value["view_groups"][0]["views"][1]["depth_image_file"][key] = to
+        value["view_groups"][0]["views"][1]["depth_image_file"][key] = to;
     };
     type Change = Box<dyn Fn(&mut Value)>;
     let cases: [(&str, Change); 10] = [
@@ -488,7 +488,7 @@ fn errors_name_file_and_field() {
     let eight_bits = load(&|folder| {
         image::GrayImage::new(32, 24)
             .save(folder.join(depth))
-            .expect("written")
+            .expect("written");
     });
     assert!(eight_bits.contains("8 bits"), "{eight_bits}");
     let pose =

@@ -367,7 +367,7 @@ fn lamps_light_by_the_formula() {
         assert!(
             (found - expected).abs() < 2e-3 * expected,
             "{found} for {expected}"
-        )
+        );
     };
     close(
         lit(Reach::Point {

@@ -329,7 +329,7 @@ fn outputs_equal_recorded_sums() {
         all.extend(actual);
     }
     recorded.keys().for_each(|name| {
-        writeln!(report, "{name} is recorded, but there is no such case").unwrap()
+        writeln!(report, "{name} is recorded, but there is no such case").unwrap();
     });
     assert!(failures.is_empty(), "\n{failures}");
     if bless {

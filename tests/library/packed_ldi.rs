@@ -268,10 +268,10 @@ fn every_broken_promise_of_the_ldi_is_named() {
         ("unit_m", |l| l.info.frame.unit_m = -1.0),
         ("exposure", |l| l.info.exposure = 0.0),
         ("missing_estimate", |l| {
-            l.info.missing_estimate[3] = Some(1.5)
+            l.info.missing_estimate[3] = Some(1.5);
         }),
         ("missing_estimate", |l| {
-            l.info.missing_estimate[0] = Some(f64::NAN)
+            l.info.missing_estimate[0] = Some(f64::NAN);
         }),
     ];
     for (name, damage) in info {

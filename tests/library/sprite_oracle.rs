@@ -93,9 +93,9 @@ pub(crate) fn exact_source(
             for _ in 0..60 {
                 let middle = 0.5 * (a + b);
                 if excess(a) * excess(middle) <= 0.0 {
-                    b = middle
+                    b = middle;
                 } else {
-                    a = middle
+                    a = middle;
                 }
             }
             let [x, y, _] = source(0.5 * (a + b));

@@ -101,9 +101,9 @@ fn a_plus_has_five_pixels_and_squares_have_one_four_and_nine() {
                 [p[1] as usize * WIDTH as usize + p[0] as usize]
                 == [10, 200, 30, 255]));
             if expected.len() == count {
-                inside += 1
+                inside += 1;
             } else {
-                cut += 1
+                cut += 1;
             }
         }
     }

@@ -238,7 +238,7 @@ fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
     bytes_of(|path| {
         SpriteSet::new(sprites.expect("captured"))
             .write(path)
-            .expect("written")
+            .expect("written");
     })
 }
 
@@ -358,7 +358,7 @@ fn depth_pictures() {
     });
     let png = bytes_of(|path| {
         grey.save_with_format(path, image::ImageFormat::Png)
-            .expect("written")
+            .expect("written");
     });
     try_mutations("a.png", &[png], false, read_depth);
 }

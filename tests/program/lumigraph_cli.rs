@@ -254,7 +254,7 @@ fn planes_given_one_by_one_are_light_slabs_of_one_file() {
             2,
             &[SMALL.as_slice(), &planes, more].concat(),
             said,
-        )
+        );
     };
     wrong(
         &["--normal", "0,0,-1", "--normal", "-1,0,0"],

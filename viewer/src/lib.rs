@@ -71,9 +71,9 @@ pub use crate::input::bounds::EyeBounds;
 pub use crate::input::pose::Pose;
 pub use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
 pub use crate::playback::tape::ReplayMode;
+pub use crate::window::desktop::run;
 pub use crate::window::options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use crate::window::views::Stereo;
-pub use crate::window::window::run;
 pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 pub use source::{
     Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Ongoing,

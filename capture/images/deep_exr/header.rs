@@ -312,7 +312,7 @@ pub(super) fn take_values(kind: DeepKind, bytes: &[u8], values: &mut Vec<f32>) {
                 .map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()),
         ),
         DeepKind::Float => {
-            values.extend(bytes.chunks_exact(4).map(|b| f32::from_le_bytes(four(b))))
+            values.extend(bytes.chunks_exact(4).map(|b| f32::from_le_bytes(four(b))));
         }
     }
 }

@@ -106,7 +106,7 @@ impl Affine {
     }
 
     /// Converts to a unit normal and the signed distance of the world's origin, metres.
-    pub(super) fn to_world(&self, canvas: &Canvas) -> (DVec3, f64) {
+    pub(super) fn to_world(self, canvas: &Canvas) -> (DVec3, f64) {
         let camera = &canvas.camera;
         let [cx, cy] = camera.principal_px();
         // The inverse depth of an eye-space direction (x, y, -1) is its product with m; so m . P =

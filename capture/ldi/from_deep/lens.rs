@@ -202,7 +202,7 @@ mod tests {
                         assert!(
                             (projected[i] - expected[i]).abs() < 2e-4,
                             "{projected:?} {expected:?}"
-                        )
+                        );
                     });
                 }
                 None => assert!(projected[2] <= 1e-6, "{projected:?}"),

@@ -291,7 +291,7 @@ fn pierce_from_centre(capture: &SceneCapture, tracing: &Tracing) -> io::Result<u
                 let before = samples.len();
                 let key = RayKey::new(face.index() as u8, row % size * size + x, 0);
                 tracer.all_hits(&ray, &mut |hit| {
-                    samples.push(router.sample(&ray, &hit, key))
+                    samples.push(router.sample(&ray, &hit, key));
                 });
                 if samples.len() == before {
                     tracing.environment_mask.mark(direction);

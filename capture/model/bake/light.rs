@@ -283,7 +283,7 @@ impl VertexLight<'_> {
                 Some(cell) => begun.push(Begun { cell, arrival }),
                 None => {
                     gathered.soft +=
-                        arrival.brings(self.lighting.beyond(self.tracer, &arrival, &sample))
+                        arrival.brings(self.lighting.beyond(self.tracer, &arrival, &sample));
                 }
             }
         }

@@ -56,7 +56,7 @@ impl Assignment<'_> {
                 Some(Portion::LeftOut) => {}
                 Some(Portion::Cell(cell)) => hand(Some(*cell), triangle),
                 Some(Portion::BySide(portal)) => {
-                    hand(side_of(model, *portal, middle(&scene, &triangle)), triangle)
+                    hand(side_of(model, *portal, middle(&scene, &triangle)), triangle);
                 }
                 Some(Portion::Whole(key)) => hand(wholes.get(key.as_str()).copied(), triangle),
                 Some(Portion::Facing) | None => {

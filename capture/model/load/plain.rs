@@ -194,9 +194,9 @@ impl<'a> PlainHome<'a> {
         let corner = |i: usize| (first + i, texcoords.as_ref().map(|texcoords| texcoords[i]));
         let numbers = 0..corners.len();
         if found.dot(normal) < 0.0 {
-            self.face(numbers.rev().map(corner))
+            self.face(numbers.rev().map(corner));
         } else {
-            self.face(numbers.map(corner))
+            self.face(numbers.map(corner));
         }
     }
 
@@ -414,9 +414,9 @@ impl<'a> PlainHome<'a> {
                     .collect();
                 let corners = corners.into_iter();
                 if piece.mirrored {
-                    self.face(corners.rev())
+                    self.face(corners.rev());
                 } else {
-                    self.face(corners)
+                    self.face(corners);
                 }
             }
         }

@@ -31,7 +31,7 @@ impl GroupNames {
             match word {
                 "v" => positions.push(position(rest)),
                 "o" | "g" => {
-                    (is_floor, is_wall) = (is_one_of(rest, &FLOORS), is_one_of(rest, &WALLS))
+                    (is_floor, is_wall) = (is_one_of(rest, &FLOORS), is_one_of(rest, &WALLS));
                 }
                 "f" if is_floor || is_wall => {
                     let area = area(rest, &positions);

@@ -159,6 +159,7 @@ pub fn extension_of(path: &Path) -> String {
         .unwrap_or_default()
 }
 
+/// Reads a file, with an error that names it.
 pub fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
     std::fs::read(path).map_err(|cause| LoadError::Io {
         path: path.to_path_buf(),

@@ -20,19 +20,27 @@ pub struct Map {
 /// One `newmtl`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MtlMaterial {
+    /// Name in the file.
     pub name: String,
     /// Where the file lies: maps are relative to it.
     pub folder: PathBuf,
+    /// `Ka`: ambient colour, linear RGB.
     pub ambient: Option<[f32; 3]>,
+    /// `Kd`: diffuse colour, linear RGB.
     pub diffuse: Option<[f32; 3]>,
+    /// `Ke`: emission, linear RGB.
     pub emissive: Option<[f32; 3]>,
     /// `d`: opacity.
     pub dissolve: Option<f32>,
     /// `Tr`: 1 - opacity, where there is no `d`.
     pub transparency: Option<f32>,
+    /// `illum`.
     pub illumination_model: Option<u32>,
+    /// `map_Kd`.
     pub diffuse_map: Option<Map>,
+    /// `map_Ke`.
     pub emissive_map: Option<Map>,
+    /// `map_d`.
     pub dissolve_map: Option<Map>,
 }
 
@@ -92,7 +100,7 @@ fn statement(material: &mut MtlMaterial, word: &str, rest: &str) -> Option<()> {
         "kd" => material.diffuse = Some(color(rest)?),
         "ke" => material.emissive = Some(color(rest)?),
         "d" => {
-            material.dissolve = Some(words(rest).find(|&word| word != "-halo").and_then(finite)?)
+            material.dissolve = Some(words(rest).find(|&word| word != "-halo").and_then(finite)?);
         }
         "tr" => material.transparency = Some(words(rest).next().and_then(finite)?),
         "illum" => material.illumination_model = Some(words(rest).next()?.parse().ok()?),

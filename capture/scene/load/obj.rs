@@ -187,7 +187,7 @@ fn read_libraries(survey: &Survey, folder: &Path, notes: &mut Notes) -> Vec<MtlM
                     );
                 }
                 Err(cause) => {
-                    notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})"))
+                    notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})"));
                 }
             }
         }

@@ -175,7 +175,7 @@ fn rates(criterion: &mut Criterion) {
         .sample_size(10)
         .throughput(Throughput::Elements(scene.triangles.len() as u64));
     group.bench_function("tree", |bencher| {
-        bencher.iter(|| Tracer::new(scene.clone(), DVec3::ZERO))
+        bencher.iter(|| Tracer::new(scene.clone(), DVec3::ZERO));
     });
     group.finish();
 }

@@ -87,10 +87,10 @@ impl Kind {
             Self::Shelf => furniture::shelf(mesh, back + into_room * 0.016, turn, f, rng),
             Self::Sofa => furniture::sofa(mesh, back + into_room * 0.47, turn - FRAC_PI_2, f),
             Self::LowTable => {
-                furniture::table(mesh, back, turn, dvec3(1.0, 0.4, 0.6), [f.walnut, f.walnut])
+                furniture::table(mesh, back, turn, dvec3(1.0, 0.4, 0.6), [f.walnut, f.walnut]);
             }
             Self::Table { length, chairs } => {
-                add_table(mesh, back, turn, length, chairs, palette, rng)
+                add_table(mesh, back, turn, length, chairs, palette, rng);
             }
             Self::Rug(width, depth) => {
                 let turned = (turn / FRAC_PI_2).round() as i64 % 2 != 0;

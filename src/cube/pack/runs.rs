@@ -74,7 +74,7 @@ pub(crate) fn decode(
                     0 => {
                         empty = take(&mut bytes)
                             .and_then(|n| n.checked_add(1))
-                            .ok_or_else(|| wrong(section))?
+                            .ok_or_else(|| wrong(section))?;
                     }
                     count => sum = sum.checked_add(count).ok_or_else(|| wrong(section))?,
                 }

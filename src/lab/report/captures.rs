@@ -166,10 +166,10 @@ impl Captures<'_> {
             Ok(())
         };
         add(vec![Role::other("aimed rays", "none")], &|spec| {
-            spec.parameters.holes = 1.0
+            spec.parameters.holes = 1.0;
         })?;
         add(vec![Role::other("novelty stopping", "off")], &|spec| {
-            spec.parameters.novelty = 0.0
+            spec.parameters.novelty = 0.0;
         })?;
         // What random rays find is compared alone.
         let all_rays =
@@ -207,14 +207,14 @@ impl Captures<'_> {
             ("keep both if colours differ", MergeRule::ColorsApart),
         ] {
             add(vec![Role::other("merging", name)], &|spec| {
-                spec.parameters.merge_rule = rule
+                spec.parameters.merge_rule = rule;
             })?;
         }
         if self.subject.lit {
             for samples in [1, 16] {
                 let name = format!("{samples} per depth pixel");
                 add(vec![Role::other("light samples", name)], &|spec| {
-                    spec.parameters.light_samples = samples
+                    spec.parameters.light_samples = samples;
                 })?;
             }
         }

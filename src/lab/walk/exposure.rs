@@ -230,7 +230,7 @@ fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) ->
             for x in around(pixel as i64 % width, truth.width) {
                 let other = truth.color[(y * i64::from(truth.width) + x) as usize];
                 (0..3).for_each(|c| {
-                    (least[c], most[c]) = (other[c].min(least[c]), other[c].max(most[c]))
+                    (least[c], most[c]) = (other[c].min(least[c]), other[c].max(most[c]));
                 });
             }
         }

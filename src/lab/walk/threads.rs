@@ -18,6 +18,7 @@ use headbox_raster::PixelContent;
 use rayon::ThreadPool;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -201,8 +202,12 @@ fn views(
     let width = camera.width();
     let backdrops = (0..).zip(Walker::shown(house, store, camera, settings));
     let visible = backdrops.filter_map(|(number, backdrop)| {
-        let mut columns = u32::MAX..0;
-        let mut rows = u32::MAX..0;
+        // Empty, and extended by each pixel.
+        let mut columns = Range {
+            start: u32::MAX,
+            end: 0,
+        };
+        let mut rows = columns.clone();
         let marker = PixelContent::Marker(number);
         let pixels = 0..width * camera.height();
         for i in pixels.filter(|i| walker.last().seen(*i as usize) == marker) {

@@ -140,9 +140,9 @@ fn least_width(sorted: &[f32], count: usize) -> f64 {
     for _ in 0..40 {
         let middle = 0.5 * (too_narrow + wide_enough);
         if fits(middle) {
-            wide_enough = middle
+            wide_enough = middle;
         } else {
-            too_narrow = middle
+            too_narrow = middle;
         }
     }
     wide_enough

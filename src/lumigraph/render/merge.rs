@@ -52,7 +52,7 @@ impl Merger {
         while first < count {
             let hint = self.before.partition_point(|&end| end <= first);
             let hint = self.before.get(hint).copied().unwrap_or(first + 1);
-            let end = self.end_of(count, &allows, first, hint.min(count));
+            let end = self.end_of(count, allows, first, hint.min(count));
             self.merged.push(first..end);
             first = end;
         }
@@ -91,9 +91,9 @@ impl Merger {
         while bad - good > 1 {
             let middle = good + (bad - good) / 2;
             if fits(middle) {
-                good = middle
+                good = middle;
             } else {
-                bad = middle
+                bad = middle;
             }
         }
         good

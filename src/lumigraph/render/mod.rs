@@ -1,9 +1,10 @@
 //! A frame of a lumigraph, in the order of work: `plan` (layers and cameras that the frame needs),
 //! `merge` and `cells` (which layers show where), `rays`, `taps` and `pending` (sixteen rays at a
-//! time), `kernel` (their blend), `render` (threads and the whole frame). `pyramid` has the levels
+//! time), `kernel` (their blend), `frame` (threads and the whole frame). `pyramid` has the levels
 //! of detail.
 
 pub(crate) mod cells;
+pub(crate) mod frame;
 mod kernel;
 pub(crate) mod layer_in_view;
 pub(crate) mod merge;
@@ -11,7 +12,6 @@ mod pending;
 pub mod plan;
 pub(crate) mod pyramid;
 pub(crate) mod rays;
-pub(crate) mod render;
 pub(crate) mod show;
 pub(crate) mod slabs_render;
 mod taps;

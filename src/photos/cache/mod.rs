@@ -69,7 +69,7 @@ pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
         }
     }
     Some(file_name(ending, |hash| {
-        parts.iter().for_each(|part| hash.write(part.as_bytes()))
+        parts.iter().for_each(|part| hash.write(part.as_bytes()));
     }))
 }
 

@@ -91,7 +91,7 @@ impl Default for GeometrySettings {
 /// When two neighbours in a frame belong to different surfaces: if what lies between them would be
 /// seen at a grazing angle and is no noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct EdgeRule {
+pub(crate) struct EdgeRule {
     /// Share of inverse depth for a pixel.
     steepness: f32,
     /// 1/m.

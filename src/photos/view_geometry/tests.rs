@@ -60,7 +60,7 @@ fn settings(texturing: Texturing) -> GeometrySettings {
     }
 }
 
-pub fn frame(
+pub(crate) fn frame(
     geometry: &ViewGeometry,
     camera: &Camera,
     settings: &GeometrySettings,

@@ -305,7 +305,7 @@ impl Composition {
                 let colors = pixels.clone().map(|(color, _)| color);
                 match picture {
                     Some(picture) => {
-                        picture.set(colors, pixels.map(|(_, inverse_depth)| inverse_depth))
+                        picture.set(colors, pixels.map(|(_, inverse_depth)| inverse_depth));
                     }
                     None => lay_over(&mut frame.color, colors),
                 }

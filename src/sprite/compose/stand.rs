@@ -202,7 +202,7 @@ fn store_as(tone: ToneMap, colors: &mut [[u8; 4]]) {
     colors.for_each(|[r, g, b, _]| {
         [r, g, b]
             .into_iter()
-            .for_each(|c| *c = stored[usize::from(*c)])
+            .for_each(|c| *c = stored[usize::from(*c)]);
     });
 }
 

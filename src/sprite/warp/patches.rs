@@ -50,7 +50,7 @@ impl PatchGroup {
 
 /// Patches of a strip of [`TILE`] rows of cells.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Strip {
+pub(crate) struct Strip {
     pub groups: Vec<PatchGroup>,
     /// First column and row of blocks of [`BLOCK_SIDE`] x [`BLOCK_SIDE`] cells, to be moved cell by
     /// cell.
@@ -59,7 +59,7 @@ pub(super) struct Strip {
 
 /// All strips of a field, from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Patches {
+pub(crate) struct Patches {
     pub strips: Vec<Strip>,
     /// By how much a displacement leaves its patch's plane at most.
     pub tolerance: f32,

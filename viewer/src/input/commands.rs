@@ -145,7 +145,7 @@ impl Viewer {
                 .take();
             match &taken {
                 Some(Ok(())) => {
-                    messages.add(Kind::Done, format!("Saved {}.", path.display()), now_s)
+                    messages.add(Kind::Done, format!("Saved {}.", path.display()), now_s);
                 }
                 Some(Err(error)) => messages.add(Kind::Error, error, now_s),
                 None => {}

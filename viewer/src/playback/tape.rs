@@ -251,7 +251,7 @@ mod tests {
                     eye: DVec3::X * f64::from(i),
                     ..pose
                 },
-            )
+            );
         });
         assert!(tape.stop_recording());
         assert_eq!(tape.path.as_ref().unwrap().poses().len(), 10);

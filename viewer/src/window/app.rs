@@ -229,7 +229,7 @@ impl Viewer {
                 self.open_list.set_extensions(extensions);
             }
             Event::Thumbnail { id, thumbnail } => {
-                self.start_page.set_thumbnail(ctx, &id, &thumbnail)
+                self.start_page.set_thumbnail(ctx, &id, &thumbnail);
             }
             Event::Exported(progress) => self.exporting = progress,
         }

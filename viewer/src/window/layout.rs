@@ -32,7 +32,7 @@ impl Viewer {
             return self.over_frame(ui.ctx(), now_s);
         }
         Panel::bottom("status").resizable(false).show(ui, |ui| {
-            status::show(ui, &self.eye.pose, self.shown.as_ref(), &self.tape)
+            status::show(ui, &self.eye.pose, self.shown.as_ref(), &self.tape);
         });
         Panel::left("panel")
             .resizable(true)
@@ -124,7 +124,7 @@ impl Viewer {
             &mut self.commands,
         );
         section(ui, "Statistics", false, |ui| {
-            statistics::show(ui, info, self.shown.as_ref(), &self.history)
+            statistics::show(ui, info, self.shown.as_ref(), &self.history);
         });
         section(ui, "Camera", true, |ui| {
             camera::show(

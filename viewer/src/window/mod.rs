@@ -1,8 +1,8 @@
 //! The window itself: state, layout, start options, messages.
 
 pub(crate) mod app;
+pub(crate) mod desktop;
 pub(crate) mod layout;
 pub(crate) mod messages;
 pub(crate) mod options;
 pub(crate) mod views;
-pub(crate) mod window;

@@ -53,7 +53,7 @@ impl<'a> Buffers<'a> {
             };
             bytes
                 .map_err(|cause| {
-                    notes.add_named(Note::BufferUnreadable, format!("{name} ({cause})"))
+                    notes.add_named(Note::BufferUnreadable, format!("{name} ({cause})"));
                 })
                 .ok()
         };

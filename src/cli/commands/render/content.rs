@@ -74,14 +74,14 @@ pub(super) enum Division {
 /// Renderer of a single cube LDI.
 pub(super) enum CubeRenderer {
     Bands(Renderer),
-    Fragments(FragmentRenderer),
+    Fragments(Box<FragmentRenderer>),
 }
 
 impl CubeRenderer {
     pub(super) fn new(division: Division) -> Self {
         match division {
             Division::Bands => Self::Bands(Renderer::new()),
-            Division::Fragments => Self::Fragments(FragmentRenderer::default()),
+            Division::Fragments => Self::Fragments(Box::default()),
         }
     }
 

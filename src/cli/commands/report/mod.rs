@@ -133,7 +133,7 @@ fn parse_named(text: &str) -> Result<Named, String> {
             "up" => named.up = Some(parse_up(value)?),
             "unit" => {
                 named.unit =
-                    Some(parse_unit(value).map_err(|cause| format!("unit={value}: {cause}"))?)
+                    Some(parse_unit(value).map_err(|cause| format!("unit={value}: {cause}"))?);
             }
             _ => return Err(format!("{key}: give one of {}", KEYS.join("=, "))),
         }
@@ -169,7 +169,7 @@ impl ReportCommand {
             .transpose()?;
         let (page, all_hold) =
             stability::page(self.seed..self.seed.saturating_add(self.seeds), |name| {
-                eprintln!("{name}")
+                eprintln!("{name}");
             });
         write_text(output, &page)?;
         println!("{}: {} seeds a case", output.display(), self.seeds);

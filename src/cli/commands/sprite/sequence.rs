@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 /// Options of sprites of a sequence.
 #[derive(Args)]
-pub(super) struct SequenceArgs {
+pub(crate) struct SequenceArgs {
     /// Of a folder of images: the view whose layers are made, by name or by number from 1; the one
     /// in the middle if absent
     #[arg(long, value_name = "NAME")]

@@ -256,7 +256,7 @@ impl<'a> Side<'a> {
         } = &mut self.seen;
         let ring = &self.ring;
         let blur = |taps: &[f32], plane, out: &mut [f32]| {
-            smooth(*level, taps, &ring.down(y, taps.len() - 1, plane), out)
+            smooth(*level, taps, &ring.down(y, taps.len() - 1, plane), out);
         };
 
         blur(&weights.luminance, plane::LUMINANCE, luminance);

@@ -53,7 +53,7 @@ impl BakedLight {
         let mut hits = Vec::new();
         for y in 0..camera.height() {
             self.row_hits(camera, y, |_, ray, hit| {
-                hits.extend(hit.map(|hit| (ray, hit)))
+                hits.extend(hit.map(|hit| (ray, hit)));
             });
         }
         self.bake(hits);
