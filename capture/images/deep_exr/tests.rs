@@ -154,7 +154,7 @@ fn openexr_samples_match_flat_composite() {
         folder.join("composited.exr"),
         |size, _| (size.x(), vec![[0f32; 4]; size.x() * size.y()]),
         |(stride, pixels), pixel, (r, g, b, a): (f32, f32, f32, f32)| {
-            pixels[pixel.y() * *stride + pixel.x()] = [r, g, b, a]
+            pixels[pixel.y() * *stride + pixel.x()] = [r, g, b, a];
         },
     );
     let layer = flat.expect("reads").layer_data;

@@ -735,24 +735,24 @@ fn every_broken_promise_of_segments_is_named() {
         };
         let max = valid.segments[0].inverse_depth_max;
         check(Some(InverseDepthRange(0.0, max)), &|s| {
-            s.inverse_depth_min = 0.0
+            s.inverse_depth_min = 0.0;
         });
         check(Some(InverseDepthRange(-1.0, max)), &|s| {
-            s.inverse_depth_min = -1.0
+            s.inverse_depth_min = -1.0;
         });
         check(Some(InverseDepthRange(2.0, max)), &|s| {
-            s.inverse_depth_min = 2.0
+            s.inverse_depth_min = 2.0;
         });
         let min = valid.segments[0].inverse_depth_min;
         check(Some(InverseDepthRange(min, f32::INFINITY)), &|s| {
-            s.inverse_depth_max = f32::INFINITY
+            s.inverse_depth_max = f32::INFINITY;
         });
         check(None, &|s| s.inverse_depth_min = s.inverse_depth_max);
         check(Some(SplitPlane), &|s| {
-            s.inverse_depth_max = valid.segments[1].inverse_depth_min
+            s.inverse_depth_max = valid.segments[1].inverse_depth_min;
         });
         check(None, &|s| {
-            s.inverse_depth_max = valid.segments[1].inverse_depth_min.next_down()
+            s.inverse_depth_max = valid.segments[1].inverse_depth_min.next_down();
         });
         check(Some(Rectangle), &|s| s.width = 0);
         check(Some(Rectangle), &|s| s.height = 0);
@@ -780,7 +780,7 @@ fn every_broken_promise_of_segments_is_named() {
         );
         check(Some(RowOffsets(0)), &|s| s.row_offsets[0] = 1);
         check(Some(RowOffsets(rows as u32)), &|s| {
-            s.row_offsets[rows] = all as u32 + 1
+            s.row_offsets[rows] = all as u32 + 1;
         });
         check(Some(RowCounts(0)), &|s| s.row_counts[0] = 1);
         check(Some(RowCounts(1)), &|s| s.row_counts[2 * width + 1] += 1);

@@ -21,7 +21,7 @@ const FLATNESS: f32 = 1.0 / 2048.0;
 /// Sixteen patches of one strip: squares of the displacement grid in which the displacement is
 /// `d + slope . (position - centre)`.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct PatchGroup {
+pub(crate) struct PatchGroup {
     /// Centre, cells.
     pub x: [f32; GROUP],
     pub y: [f32; GROUP],

@@ -73,14 +73,14 @@ pub(super) enum Division {
 
 /// Renderer of a single cube LDI.
 pub(super) enum CubeRenderer {
-    Bands(Renderer),
+    Bands(Box<Renderer>),
     Fragments(Box<FragmentRenderer>),
 }
 
 impl CubeRenderer {
     pub(super) fn new(division: Division) -> Self {
         match division {
-            Division::Bands => Self::Bands(Renderer::new()),
+            Division::Bands => Self::Bands(Box::default()),
             Division::Fragments => Self::Fragments(Box::default()),
         }
     }

@@ -219,7 +219,7 @@ mod tests {
                 rows: 4..4 + rows,
             };
             read_depths_near_holes(&mut depths, &band, has_holes, |row, to| {
-                to.fill(1.0 + row as f32)
+                to.fill(1.0 + row as f32);
             });
             depths
         };
