@@ -1,4 +1,4 @@
-//! What to capture ([`CaptureSpec`]), and how to run a capture ([`RunOptions`]).
+//! Specification of a capture ([`CaptureSpec`]) and options of its run ([`RunOptions`]).
 
 use crate::scene_source::SceneSource;
 use glam::DVec3;
@@ -144,8 +144,8 @@ impl RangeError {
     }
 }
 
-/// How a capture is run, on the current rayon thread pool. Nothing here changes the bytes of the
-/// result.
+/// Options of a run, which takes place on the current rayon thread pool. None of them changes the
+/// bytes of the result.
 #[derive(Clone)]
 pub struct RunOptions<'a> {
     /// Memory for accumulators in bytes, and the folder to which the rest is spilled; no limit by

@@ -67,7 +67,8 @@ impl<'a> DepthRows<'a> {
     #[inline(always)]
     pub(super) fn new(view: &'a LoadedView, rows: Range<u32>, centre: DVec3, noise: f32) -> Self {
         let [width, height] = view.size_px;
-        let (width, columns) = (width as usize, (width as usize).next_multiple_of(LANES));
+        let width = width as usize;
+        let columns = width.next_multiple_of(LANES);
         let mut inverse_depths = vec![f32::NAN; (rows.len() + 2) * (columns + 2)];
         for (y, row) in
             (i64::from(rows.start) - 1..).zip(inverse_depths.chunks_exact_mut(columns + 2))

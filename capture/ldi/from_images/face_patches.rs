@@ -126,7 +126,8 @@ fn along<S: Simd>(axes: &[Axis; 3], vectors: &Vectors<S>) -> Vectors<S> {
 #[inline(always)]
 pub(super) fn home_faces<S: Simd>([x, y, z]: Vectors<S>) -> u32x16<S> {
     let (a, b, c) = (x.abs(), y.abs(), z.abs());
-    let (one, zero) = (u32x16::splat(x.token(), 1), u32x16::splat(x.token(), 0));
+    let one = u32x16::splat(x.token(), 1);
+    let zero = u32x16::splat(x.token(), 0);
     let x_face = x.simd_lt(0.0).select(one, zero);
     let y_face = y.simd_lt(0.0).select(one, zero) + 2;
     let z_face = z.simd_lt(0.0).select(one, zero) + 4;

@@ -303,7 +303,8 @@ impl<S: Simd> PixelSpan<S> {
     #[inline(always)]
     fn longest(&self, lanes: u64) -> i32 {
         let counts = (self.end - self.first).to_array();
-        let (mut longest, mut left) = (0, lanes);
+        let mut longest = 0;
+        let mut left = lanes;
         while left != 0 {
             longest = longest.max(counts[left.trailing_zeros() as usize % LANES]);
             left &= left - 1;

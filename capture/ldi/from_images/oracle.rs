@@ -279,7 +279,8 @@ impl Oracle<'_> {
 fn view(lens: Lens, size_px: [u32; 2], pose: Pose, noise: f32) -> LoadedView {
     let mut random = Rng::new(7);
     let mut unit = move || random.unit() as f32;
-    let (mut color, mut depth) = (Vec::new(), Vec::new());
+    let mut color = Vec::new();
+    let mut depth = Vec::new();
     for (x, y) in (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x, y))) {
         let ray = pose.world_from_eye * lens.ray([f64::from(x) + 0.5, f64::from(y) + 0.5], size_px);
         let plane = |normal: DVec3, distance: f64| {
@@ -510,7 +511,8 @@ fn images_of_one_row_or_column_are_warped() {
 
 #[test]
 fn magnified_images_leave_no_gaps() {
-    let (size_px, face_px) = ([64, 48], 80);
+    let size_px = [64, 48];
+    let face_px = 80;
     for (focal, roll) in [
         (56.0, 0.3),
         (44.0, 1.1),
@@ -529,13 +531,12 @@ fn magnified_images_leave_no_gaps() {
             eye: DVec3::ZERO,
             world_from_eye: DMat3::from_rotation_z(roll),
         };
-        let (color, depth) = (vec![[9, 90, 200, 255]; 64 * 48], vec![2.0; 64 * 48]);
         let view = LoadedView {
             size_px,
             lens,
             pose,
-            color,
-            depth,
+            color: vec![[9, 90, 200, 255]; 64 * 48],
+            depth: vec![2.0; 64 * 48],
         };
         let target = WarpTarget {
             centre: DVec3::ZERO,

@@ -30,21 +30,21 @@ pub(crate) struct Shader<'a> {
 /// A surface sample: one kind of surface in one depth bin of one pixel, with its light.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable)]
 pub(crate) struct SurfaceSample {
-    /// As [`Accumulator::key`].
+    /// See [`Accumulator::key`].
     pub key: RayKey,
-    /// As [`Accumulator::count`].
+    /// See [`Accumulator::count`].
     pub count: u32,
-    /// As [`Accumulator::area`].
+    /// See [`Accumulator::area`].
     pub area: f32,
-    /// As [`Accumulator::bin`].
+    /// See [`Accumulator::bin`].
     pub bin: u16,
-    /// As [`Accumulator::class`].
+    /// See [`Accumulator::class`].
     pub class: u16,
     /// Mean position in bins.
     pub position: f32,
-    /// As [`Accumulator::primitive`].
+    /// See [`Accumulator::primitive`].
     pub primitive: u32,
-    /// As [`Accumulator::barycentric`].
+    /// See [`Accumulator::barycentric`].
     pub barycentric: [u16; 2],
     /// Mean albedo, linear, 16 bits a channel.
     pub albedo: [u16; 3],
@@ -352,7 +352,8 @@ mod tests {
             Vec3::new(0.0, 2.0, -2.0),
         ];
         for triangle in [triangle, [triangle[0], triangle[2], triangle[1]]] {
-            let (mut inside, size_px) = (0, 64);
+            let mut inside = 0;
+            let size_px = 64;
             for i in 0..size_px * size_px {
                 let pixel = [i % size_px, i / size_px];
                 let position = [0.3, 0.8];

@@ -102,11 +102,11 @@ struct CubeLight {
     pending: VecDeque<PendingFace>,
 }
 
-/// What is kept of a face's surface samples while other faces are sampled.
+/// Surface samples of a face while other faces are sampled.
 enum PendingFace {
     /// All of them.
     Surfaces(FaceSurfaces),
-    /// Where memory is short: only the direct light of the sun; the rest is built again.
+    /// Only the direct light of the sun, if memory is short; the rest is built again.
     Sun(Vec<Vec3>),
 }
 

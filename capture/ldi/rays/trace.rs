@@ -35,7 +35,7 @@ pub struct Tracing {
     pub plan: RayPlan,
     /// Number of traced rays (in a shard, by this shard, without its repetition of the pilot).
     pub rays: u64,
-    /// What test views lack; `None` if holes were not searched.
+    /// Share of holes in test views; `None` if holes were not searched.
     pub holes: Option<Holes>,
 }
 

@@ -98,7 +98,7 @@ fn random_in_cube(random: &mut Rng) -> DVec3 {
     dvec3(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0
 }
 
-/// What views lack.
+/// Missing surfaces in test views.
 #[derive(Default)]
 pub(super) struct ViewFindings {
     /// The views, each with its share of lacking pixels.
@@ -221,7 +221,7 @@ impl ViewTest<'_> {
     }
 }
 
-/// What a view shows in a pixel.
+/// A pixel of a test view.
 struct ViewPixel {
     /// Splat coverage, 0..255.
     coverage: u8,

@@ -1,6 +1,6 @@
 //! Windows along isolines: lines on which light comes from equally near.
 //!
-//! Where walls meet, irradiance changes across the corner, within a few pixels, and hardly along
+//! In a corner, irradiance changes across the edge where walls meet, within a few pixels, and hardly along
 //! it: no window wider than the narrowest stays clear of bias there, and that one leaves grain. So
 //! narrow windows are averaged that follow each other along the line of equal harmonic mean
 //! distance, across which irradiance may change the most (Ward and Heckbert 1992, "Irradiance

@@ -78,9 +78,11 @@ fn pool_lanes<S: Simd>(
     readers: &mut [WindowReader],
     narrow: Option<&NarrowWindows>,
 ) -> [PooledLight; LANES] {
-    let (mut widths, mut expected) = ([0.0; LANES], [0.0; LANES]);
+    let mut widths = [0.0; LANES];
+    let mut expected = [0.0; LANES];
     for lane in 0..LANES {
-        (widths[lane], expected[lane]) = (points[lane].width_m, points[lane].expected);
+        widths[lane] = points[lane].width_m;
+        expected[lane] = points[lane].expected;
     }
     let widths = f32x8::load_array(simd, widths);
     let expected = f32x8::load_array(simd, expected);
@@ -152,7 +154,8 @@ fn choose_narrowest<S: Simd>(
     let mut near = choice
         .is_near(widths * reader.level.radius_px())
         .to_bitmask();
-    let (mut supports, mut has_line) = ([1.0; LANES], 0);
+    let mut supports = [1.0; LANES];
+    let mut has_line = 0;
     while near != 0 {
         let lane = near.trailing_zeros() as usize;
         near &= near - 1;
@@ -161,7 +164,8 @@ fn choose_narrowest<S: Simd>(
             .along_isoline(indices[lane], &narrow.sums, reader);
         if let Some((line_sums, support)) = line {
             sums.set(lane, &line_sums);
-            (supports[lane], has_line) = (support, has_line | 1 << lane);
+            supports[lane] = support;
+            has_line |= 1 << lane;
         }
     }
     if has_line != 0 {

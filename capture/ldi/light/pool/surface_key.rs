@@ -1,4 +1,4 @@
-//! Which surface samples lie on one surface.
+//! Identity of surfaces: decides if surface samples lie on one surface.
 
 use crate::light::shade::SurfaceSample;
 use glam::Vec3;

@@ -118,14 +118,13 @@ impl<S: Simd> Window<S> {
     pub(super) fn new(simd: S, sums: &SumLanes, support: f32x8<S>, expected: f32x8<S>) -> Self {
         let samples = sums.load(simd, SAMPLES);
         let per_sample = f32x8::splat(simd, 1.0) / samples.max(1e-20);
-        let (red, green) = (
-            sums.load(simd, 0) * per_sample,
-            sums.load(simd, 1) * per_sample,
-        );
+        let red = sums.load(simd, 0) * per_sample;
+        let green = sums.load(simd, 1) * per_sample;
         let blue = sums.load(simd, 2) * per_sample;
         let level = red * LUMINANCE[0] + green * LUMINANCE[1] + blue * LUMINANCE[2];
         let variance = (sums.load(simd, SQUARES) * per_sample - level * level).max(0.0);
-        let (samples, support) = (samples * support, sums.load(simd, SHARE) * support);
+        let samples = samples * support;
+        let support = sums.load(simd, SHARE) * support;
         // Few samples may have missed what is rare and bright.
         let variance = (variance * samples + expected * FEW_SAMPLES) / (samples + FEW_SAMPLES);
         let nearness = sums.load(simd, NEARNESS) * per_sample;
@@ -224,7 +223,8 @@ impl<S: Simd> WindowChoice<S> {
     /// blends them in.
     #[inline(always)]
     pub(super) fn widen(&mut self, wide: &Window<S>, radius_m: f32x8<S>, where_: mask32x8<S>) {
-        let (last, one) = (self.last, f32x8::splat(radius_m.token(), 1.0));
+        let last = self.last;
+        let one = f32x8::splat(radius_m.token(), 1.0);
         // The narrower window may have missed what is rare and bright, or have met nothing else.
         let variance = wide.variance.max(last.variance);
         let error2 = variance / last.samples.max(1e-3) + last.level * last.level * 1e-8;
