@@ -12,7 +12,7 @@ use headbox_core::camera::Camera;
 use headbox_core::metrics;
 use headbox_core::progress::Silent;
 use headbox_core::statistics::median;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 use headbox_lab::embree::{Embree, PROGRAM};
@@ -80,7 +80,7 @@ fn pool(threads: usize) -> rayon::ThreadPool {
 /// does.
 fn pair(
     pool: &rayon::ThreadPool,
-    cube: &PackedCube,
+    cube: &CubeLdi,
     camera: &Camera,
     settings: &RenderSettings,
 ) -> f64 {
@@ -125,7 +125,7 @@ fn main() {
         .split(':')
         .filter(|path| !path.is_empty())
     {
-        let cube = PackedCube::read(Path::new(path)).expect("an .ldi file");
+        let cube = CubeLdi::read(Path::new(path)).expect("an .ldi file");
         let scene = SceneSource::in_frame(&cube.info.scene, cube.info.frame)
             .open()
             .expect("its scene");
@@ -180,7 +180,7 @@ fn rays(tracer: &Tracer, plan: &Plan) -> Option<f64> {
 }
 
 fn row(
-    cube: &PackedCube,
+    cube: &CubeLdi,
     kernel: SplatKernel,
     plan: &Plan,
     truth: &[RgbImage],

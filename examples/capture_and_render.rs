@@ -8,7 +8,7 @@
 
 use headbox::{Capture, DVec3, Scene};
 use headbox_core::camera::Camera;
-use headbox_cube::pack::layout::PackedCube as CubeLdi;
+use headbox_cube::pack::layout::CubeLdi;
 use headbox_cube::render::{RenderSettings, Renderer};
 use std::path::PathBuf;
 

@@ -5,7 +5,7 @@ use crate::rays::trace::{self, Tracing};
 use crate::refine;
 use crate::spec::{CaptureSpec, RunOptions};
 use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::model::samples::CubeSamples;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use std::io;
@@ -59,7 +59,7 @@ impl<'a> SceneCapture<'a> {
     ///
     /// # Errors
     /// If accumulators cannot be spilled, or if the capture was cancelled.
-    pub fn run(&self) -> io::Result<(CubeLdi, Duration)> {
+    pub fn run(&self) -> io::Result<(CubeSamples, Duration)> {
         let start = Instant::now();
         let mut tracing = self.trace()?;
         let trace_time = start.elapsed();
@@ -87,7 +87,7 @@ impl<'a> SceneCapture<'a> {
     ///
     /// # Errors
     /// If spilled accumulators cannot be read, or if the capture was cancelled.
-    pub fn light_and_merge(&self, tracing: &Tracing) -> io::Result<CubeLdi> {
+    pub fn light_and_merge(&self, tracing: &Tracing) -> io::Result<CubeSamples> {
         finish::light_and_merge(self, tracing)
     }
 

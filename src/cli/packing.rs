@@ -2,7 +2,7 @@
 
 use super::args::{Names, by_name, parse_length};
 use clap::Args;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_cube::planes::MAX_ERROR_PX;
 
@@ -62,8 +62,8 @@ impl PackingArgs {
 
     pub(super) fn pack(
         &self,
-        ldi: headbox_cube::model::samples::CubeLdi,
-    ) -> anyhow::Result<PackedCube> {
+        ldi: headbox_cube::model::samples::CubeSamples,
+    ) -> anyhow::Result<CubeLdi> {
         let split = match self.split {
             Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
             split => split,
@@ -73,7 +73,7 @@ impl PackingArgs {
 }
 
 /// Depth pixels, and what else there is.
-pub(super) fn what_is_kept(cube: &PackedCube) -> String {
+pub(super) fn what_is_kept(cube: &CubeLdi) -> String {
     let (count, planes) = (cube.depth_pixel_count(), &cube.planes);
     match planes.tiles.is_empty() {
         true => format!("{count} depth pixels"),

@@ -16,7 +16,7 @@ use exr::prelude::{
 };
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::cube_face::Face;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_images::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
 use rayon::prelude::*;
 use std::io::{self, Write};
@@ -38,7 +38,7 @@ impl Faces {
         }
     }
 
-    fn view(self, cube: &PackedCube) -> Result<DeepView, CameraError> {
+    fn view(self, cube: &CubeLdi) -> Result<DeepView, CameraError> {
         let Self::One(face) = self else {
             return Ok(DeepView {
                 cube: true,
@@ -70,11 +70,7 @@ pub struct DeepSummary {
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
-pub fn write(
-    cube: &PackedCube,
-    faces: Faces,
-    to: &mut dyn Write,
-) -> Result<DeepSummary, ExportError> {
+pub fn write(cube: &CubeLdi, faces: Faces, to: &mut dyn Write) -> Result<DeepSummary, ExportError> {
     let stacks = stacks(cube, faces)?;
     let mut offsets = vec![0u32];
     for of_face in &stacks {
@@ -125,7 +121,7 @@ pub fn write(
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
 pub fn write_layers(
-    cube: &PackedCube,
+    cube: &CubeLdi,
     faces: Faces,
     layers: usize,
     to: &mut dyn Write,
@@ -168,7 +164,7 @@ pub fn write_layers(
     })
 }
 
-fn stacks(cube: &PackedCube, faces: Faces) -> Result<Vec<Stacks>, ExportError> {
+fn stacks(cube: &CubeLdi, faces: Faces) -> Result<Vec<Stacks>, ExportError> {
     super::check_held(cube)?;
     let cube = &pieces::with_whole_rims(cube);
     let stacks: Vec<Stacks> = faces

@@ -11,8 +11,8 @@ use glam::DVec3;
 use headbox_core::cube_face::Face;
 use headbox_core::headbox::Headbox;
 use headbox_core::image_file::PictureError;
-use headbox_cube::model::samples::CubeLdi;
-use headbox_cube::pack::{PackedCube, Split};
+use headbox_cube::model::samples::CubeSamples;
+use headbox_cube::pack::{CubeLdi, Split};
 use headbox_cube::planes as primitives;
 use headbox_scene::load::HEADBOX_HALF_SIZE;
 use image::ExtendedColorType;
@@ -52,19 +52,15 @@ pub struct GlbSummary {
 ///
 /// # Errors
 /// [`ExportError`].
-pub fn write(
-    cube: &PackedCube,
-    budget: u64,
-    to: &mut dyn Write,
-) -> Result<GlbSummary, ExportError> {
+pub fn write(cube: &CubeLdi, budget: u64, to: &mut dyn Write) -> Result<GlbSummary, ExportError> {
     super::check_held(cube)?;
     let with_planes;
     let cube = if cube.planes.tiles.is_empty() && cube.depth_pixel_count() > 0 {
-        let mut ldi: CubeLdi = cube.unpack();
+        let mut ldi: CubeSamples = cube.unpack();
         let planes = primitives::choose(&mut ldi, PLANES_ERROR_PX);
-        with_planes = PackedCube {
+        with_planes = CubeLdi {
             planes,
-            ..PackedCube::pack(&ldi, cube.layout, Split::None)?
+            ..CubeLdi::pack(&ldi, cube.layout, Split::None)?
         };
         &with_planes
     } else {
@@ -297,7 +293,7 @@ impl File {
     }
 
     /// A box around everything, whose sides are the faces of the environment.
-    fn environment(&mut self, cube: &PackedCube) -> Result<(), ExportError> {
+    fn environment(&mut self, cube: &CubeLdi) -> Result<(), ExportError> {
         let size = cube.environment.size_px;
         let per_face = size as usize * size as usize;
         let distance = surfels::sky(cube);

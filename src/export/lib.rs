@@ -20,7 +20,7 @@ mod surfels;
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::frame::Frame;
 use headbox_core::image_file::PictureError;
-use headbox_cube::pack::{PackError, PackedCube};
+use headbox_cube::pack::{CubeLdi, PackError};
 use headbox_cube::render::Renderer;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -83,7 +83,7 @@ pub enum ExportError {
 const MAX_HELD_BYTES: u64 = 1 << 30;
 
 /// Refuses a capture that is too large to be held several times.
-fn check_held(cube: &PackedCube) -> Result<(), ExportError> {
+fn check_held(cube: &CubeLdi) -> Result<(), ExportError> {
     match cube.bytes() as u64 {
         bytes if bytes > MAX_HELD_BYTES => Err(ExportError::CaptureTooLarge {
             bytes,
@@ -97,7 +97,7 @@ fn check_held(cube: &PackedCube) -> Result<(), ExportError> {
 pub(crate) const POSTER_PX: [u32; 2] = [800, 500];
 
 /// A JPEG file of what the centre of the headbox sees where there is most to see.
-pub fn poster(cube: &PackedCube) -> Result<Vec<u8>, ExportError> {
+pub fn poster(cube: &CubeLdi) -> Result<Vec<u8>, ExportError> {
     let ahead = cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z);
     let up = cube.info.up.unwrap_or(glam::DVec3::Y);
     let camera = Camera::look_at(cube.center(), cube.center() + ahead, up, 60.0, POSTER_PX)?;
@@ -139,8 +139,8 @@ mod tests {
     use headbox_cube::pack::{PlaneSet, SplatIndexLayout};
 
     /// Memory that nobody touches is not there.
-    fn of_texels(count: usize) -> PackedCube {
-        PackedCube {
+    fn of_texels(count: usize) -> CubeLdi {
+        CubeLdi {
             info: Default::default(),
             face_size_px: 8,
             layout: SplatIndexLayout::Normal,

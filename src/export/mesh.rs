@@ -6,7 +6,7 @@ use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet};
 use super::surfels::straight;
 use glam::{DMat3, DVec3, dvec3};
 use headbox_core::cube_face::Face;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use rayon::prelude::*;
 
 /// By how much of a pixel a quadrilateral is larger than its samples, so that neighbours leave no
@@ -51,7 +51,7 @@ fn holds_texels(length_px: f64, [q0, q1]: [f64; 2]) -> bool {
 /// Charts of sheets, whose quadrilaterals show no sample elsewhere by more than `error_px` face
 /// pixels to an eye in the headbox.
 pub(super) fn of_sheets(
-    cube: &PackedCube,
+    cube: &CubeLdi,
     sheets: &[SurfaceSheet],
     error_px: f64,
 ) -> Vec<TexturedQuads> {
@@ -90,7 +90,7 @@ impl Rectangle {
 }
 
 /// Charts of the pictures on planes.
-pub(super) fn of_planes(cube: &PackedCube) -> Vec<TexturedQuads> {
+pub(super) fn of_planes(cube: &CubeLdi) -> Vec<TexturedQuads> {
     let (set, face_px) = (&cube.planes, cube.face_size_px);
     let infinity = super::surfels::infinity(cube);
     let chart = |tile: &headbox_cube::pack::PlaneTile| {
@@ -176,7 +176,7 @@ struct SheetCut<'a> {
     tolerance: f64,
 }
 
-fn sheet_chart(cube: &PackedCube, sheet: &SurfaceSheet, tolerance: f64) -> TexturedQuads {
+fn sheet_chart(cube: &CubeLdi, sheet: &SurfaceSheet, tolerance: f64) -> TexturedQuads {
     let cut = SheetCut {
         sheet,
         face_px: cube.face_size_px,
@@ -336,12 +336,12 @@ impl SheetCut<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+    use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
     use headbox_cube::pack::{SplatIndexLayout, Split};
 
     /// A wall across the right half of a face, two metres away, before one all over it, four metres
     /// away.
-    fn two_walls(face_px: u32) -> PackedCube {
+    fn two_walls(face_px: u32) -> CubeLdi {
         let sample = |depth: f64| DepthPixel {
             inverse_depth: (1.0 / depth) as f32,
             normal: EncodedNormal::new(glam::Vec3::Z),
@@ -361,12 +361,12 @@ mod tests {
         });
         let mut info = headbox_cube::model::info::CaptureInfo::default();
         (info.half_size_m, info.exposure) = (0.4, 1.0);
-        let ldi = CubeLdi {
+        let ldi = CubeSamples {
             info,
             faces: faces.to_vec(),
             environment: Default::default(),
         };
-        PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap()
+        CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap()
     }
 
     #[test]

@@ -6,8 +6,8 @@ use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_sprite::{SpriteSet, SpriteWithDepth};
@@ -41,7 +41,7 @@ pub(super) fn half_size_m(set: &SpriteSet) -> Result<f64, ExportError> {
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Eyes`] if sprites were taken from several places,
 /// [`ExportError::Pack`].
-pub fn cube(set: &SpriteSet) -> Result<PackedCube, ExportError> {
+pub fn cube(set: &SpriteSet) -> Result<CubeLdi, ExportError> {
     let views: Vec<View> = set
         .sprites()
         .iter()
@@ -75,7 +75,7 @@ pub fn cube(set: &SpriteSet) -> Result<PackedCube, ExportError> {
         ahead: Some(first.camera.forward()),
         ..CaptureInfo::default()
     };
-    let ldi = CubeLdi {
+    let ldi = CubeSamples {
         info,
         faces,
         environment: set.environment.clone(),

@@ -5,7 +5,7 @@ use super::surfels::straight;
 use crate::surfels;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
-use headbox_cube::pack::{PackedCube, PlaneSet};
+use headbox_cube::pack::{CubeLdi, PlaneSet};
 use headbox_cube::render::canvas::surface::SurfaceCanvas;
 use rayon::prelude::*;
 
@@ -30,7 +30,7 @@ enum Place {
 }
 
 /// All pieces of a face, in the order of pixels, nearest first.
-pub(super) fn of_face(cube: &PackedCube, face: Face) -> Vec<Piece> {
+pub(super) fn of_face(cube: &CubeLdi, face: Face) -> Vec<Piece> {
     let mut pieces = Vec::new();
     depth_pixels(cube, face, &mut pieces);
     texels(cube, face, &mut pieces);
@@ -42,7 +42,7 @@ pub(super) fn of_face(cube: &PackedCube, face: Face) -> Vec<Piece> {
     pieces
 }
 
-fn depth_pixels(cube: &PackedCube, face: Face, to: &mut Vec<Piece>) {
+fn depth_pixels(cube: &CubeLdi, face: Face, to: &mut Vec<Piece>) {
     for (i, segment) in cube
         .segments
         .iter()
@@ -69,7 +69,7 @@ fn depth_pixels(cube: &PackedCube, face: Face, to: &mut Vec<Piece>) {
     }
 }
 
-fn texels(cube: &PackedCube, face: Face, to: &mut Vec<Piece>) {
+fn texels(cube: &CubeLdi, face: Face, to: &mut Vec<Piece>) {
     let (set, face_px, infinity) = (&cube.planes, cube.face_size_px, surfels::infinity(cube));
     for tile in set
         .tiles
@@ -109,7 +109,7 @@ fn texels(cube: &PackedCube, face: Face, to: &mut Vec<Piece>) {
 /// A cube in which of the pieces that share a pixel on one surface the one that covers most covers
 /// what all do. The renderer adds their shares; what lays them one over another would see through
 /// the crack between two of them.
-pub(super) fn with_whole_rims(cube: &PackedCube) -> PackedCube {
+pub(super) fn with_whole_rims(cube: &CubeLdi) -> CubeLdi {
     let tolerance = f64::from(SurfaceCanvas::tolerance(cube.face_size_px));
     let bin = DepthBins::new(cube.info.half_size_m, cube.face_size_px).inverse_depth(1.0);
     let connects = |a: f64, b: f64| (a - b).abs() <= (a.max(b) * tolerance).max(bin);

@@ -2,14 +2,14 @@
 
 use super::ExportError;
 use crate::surfels;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use std::io::Write;
 
 /// Writes all samples as points with normal and colour, world metres with Y up.
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
-pub fn write_points(cube: &PackedCube, to: &mut dyn Write) -> Result<(), ExportError> {
+pub fn write_points(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportError> {
     let properties = [
         "double x", "double y", "double z", "float nx", "float ny", "float nz",
     ]
@@ -41,7 +41,7 @@ pub fn write_points(cube: &PackedCube, to: &mut dyn Write) -> Result<(), ExportE
 
 pub(super) fn header<'a>(
     to: &mut dyn Write,
-    cube: &PackedCube,
+    cube: &CubeLdi,
     count: u64,
     properties: impl Iterator<Item = &'a str>,
 ) -> Result<(), ExportError> {

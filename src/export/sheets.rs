@@ -7,7 +7,7 @@
 
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
-use headbox_cube::pack::{PackedCube, PackedSegment};
+use headbox_cube::pack::{CubeLdi, PackedSegment};
 use headbox_cube::render::canvas::surface::SurfaceCanvas;
 use headbox_cube::render::footprint::rules::MAX_SLOPE;
 use rayon::prelude::*;
@@ -45,7 +45,7 @@ pub(super) struct SurfaceSheet {
 }
 
 /// All sheets of a cube that hold samples inside their borders.
-pub(super) fn sheets(cube: &PackedCube) -> Vec<SurfaceSheet> {
+pub(super) fn sheets(cube: &CubeLdi) -> Vec<SurfaceSheet> {
     let places = Face::ALL.into_iter().flat_map(|face| {
         let rows = 0..cube.face_size_px.div_ceil(PLACE_ROWS);
         rows.flat_map(move |row| {
@@ -64,7 +64,7 @@ pub(super) fn sheets(cube: &PackedCube) -> Vec<SurfaceSheet> {
         .collect()
 }
 
-fn place(cube: &PackedCube, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
+fn place(cube: &CubeLdi, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
     let segments: Vec<&PackedSegment> = cube
         .segments
         .iter()
@@ -109,7 +109,7 @@ fn place(cube: &PackedCube, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
 
 /// The samples of a face pixel in a segment.
 fn entries<'a>(
-    cube: &'a PackedCube,
+    cube: &'a CubeLdi,
     segment: &'a PackedSegment,
     x: u32,
     y: u32,

@@ -9,7 +9,7 @@ use super::surfels::{Ellipse, Surfel};
 use crate::ply;
 use crate::surfels;
 use glam::{Mat3, Quat, Vec3};
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use std::io::Write;
 
 /// Deviation of a Gaussian, in spacings of samples. Sorted Gaussians are laid over one another, not
@@ -27,7 +27,7 @@ const HARMONIC_0: f32 = 0.282_094_8;
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
-pub fn write_ply(cube: &PackedCube, to: &mut dyn Write) -> Result<(), ExportError> {
+pub fn write_ply(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportError> {
     let names = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let properties: Vec<String> = names
         .split(' ')

@@ -4,7 +4,7 @@ use crate::pieces;
 use crate::surfels;
 use headbox_core::cube_face::Face;
 use headbox_core::tone::ToneMap;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 
 /// One sample of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,7 +45,7 @@ pub(super) struct Stacks {
 
 impl Stacks {
     /// Depth pixels, texels of pictures on planes, and behind all the environment.
-    pub(super) fn of_face(cube: &PackedCube, face: Face) -> Self {
+    pub(super) fn of_face(cube: &CubeLdi, face: Face) -> Self {
         let (face_px, distance, tone) = (cube.face_size_px, surfels::sky(cube), cube.info.tone);
         let pieces = pieces::of_face(cube, face);
         let mut stacks = Self {

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::rules::MAX_SLOPE;
 use std::io;
 
@@ -50,7 +50,7 @@ impl Surfel {
 
 /// Inverse depth, 1/m, at which what is at infinity is put: so far that no eye in the headbox sees
 /// it move by a face pixel.
-pub(super) fn infinity(cube: &PackedCube) -> f64 {
+pub(super) fn infinity(cube: &CubeLdi) -> f64 {
     let farthest = cube
         .segments
         .iter()
@@ -62,7 +62,7 @@ pub(super) fn infinity(cube: &PackedCube) -> f64 {
 
 /// Metres to the environment: behind what is at infinity and not environment, or they would fight
 /// for the same depth.
-pub(super) fn sky(cube: &PackedCube) -> f64 {
+pub(super) fn sky(cube: &CubeLdi) -> f64 {
     1.2 / infinity(cube)
 }
 
@@ -73,7 +73,7 @@ pub(super) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
 }
 
 /// Number of [`for_each`].
-pub(super) fn count(cube: &PackedCube, sky: bool) -> u64 {
+pub(super) fn count(cube: &CubeLdi, sky: bool) -> u64 {
     let mut count = 0;
     // Counting fails nowhere.
     let _ = for_each(cube, sky, &mut |_| {
@@ -86,7 +86,7 @@ pub(super) fn count(cube: &PackedCube, sky: bool) -> u64 {
 /// Hands over all samples, all texels of pictures on planes, and with `sky` those of the
 /// environment, far away.
 pub(super) fn for_each(
-    cube: &PackedCube,
+    cube: &CubeLdi,
     sky: bool,
     to: &mut dyn FnMut(Surfel) -> io::Result<()>,
 ) -> io::Result<()> {
@@ -95,7 +95,7 @@ pub(super) fn for_each(
     if sky { environment(cube, to) } else { Ok(()) }
 }
 
-fn samples(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
+fn samples(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
     let face_px = cube.face_size_px;
     for segment in &cube.segments {
         for y in 0..segment.height {
@@ -123,7 +123,7 @@ fn samples(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> i
     Ok(())
 }
 
-fn texels(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
+fn texels(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
     let (set, face_px, infinity) = (&cube.planes, cube.face_size_px, infinity(cube));
     for tile in &set.tiles {
         let (Some(plane), Some(texels)) = (
@@ -150,7 +150,7 @@ fn texels(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io
     Ok(())
 }
 
-fn environment(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
+fn environment(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
     let (size_px, q) = (cube.environment.size_px, 1.0 / sky(cube));
     let per_face = size_px as usize * size_px as usize;
     let known = cube

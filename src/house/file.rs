@@ -18,7 +18,7 @@ use glam::{DVec2, DVec3, Vec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::headbox::Headbox;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::pack::file::CubeHeader;
 use headbox_model::{Cell, Portal, PortalModel, Prism};
 use headbox_scene::material::{Cutout, Material, Texture};
@@ -174,7 +174,7 @@ pub fn write(
             Ok(match &**backdrop {
                 Backdrop::Cubes(cubes) => cubes
                     .iter()
-                    .map(PackedCube::arrays)
+                    .map(CubeLdi::arrays)
                     .collect::<Vec<_>>()
                     .concat(),
                 Backdrop::Textures(set) => bytemuck::cast_slice(&set.texels).to_vec(),
@@ -251,9 +251,7 @@ fn header(
         at: *at,
         kind: *kind,
         content: match &**backdrop {
-            Backdrop::Cubes(cubes) => {
-                Content::Cubes(cubes.iter().map(PackedCube::header).collect())
-            }
+            Backdrop::Cubes(cubes) => Content::Cubes(cubes.iter().map(CubeLdi::header).collect()),
             Backdrop::Textures(set) => Content::Textures {
                 size: set.size,
                 places: set.places.clone(),
@@ -461,7 +459,7 @@ fn capture(
         Content::Cubes(headers) => {
             let cubes = headers
                 .into_iter()
-                .map(|header| PackedCube::from_arrays(header, &mut section));
+                .map(|header| CubeLdi::from_arrays(header, &mut section));
             Backdrop::Cubes(cubes.collect::<Result<_, _>>()?)
         }
         Content::Sprite(header) => {

@@ -228,7 +228,7 @@ mod tests {
             let info = headbox_cube::model::info::CaptureInfo::default();
             let layout = headbox_cube::pack::SplatIndexLayout::Normal;
             let segments = Vec::new();
-            Arc::new(Backdrop::Cubes(vec![headbox_cube::pack::PackedCube {
+            Arc::new(Backdrop::Cubes(vec![headbox_cube::pack::CubeLdi {
                 info,
                 face_size_px: 8,
                 layout,

@@ -17,8 +17,8 @@ use crate::table::{Table, figure, percent};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
-use headbox_cube::model::samples::CubeLdi;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::CubeSamples;
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_images::{ImageSet, LoadedView, Registration, View};
 use headbox_ldi::from_images::{ImagesJob, NearImages};
@@ -181,7 +181,7 @@ struct Bench<'a> {
 
 /// A cube, and how long it took.
 struct SetCube {
-    cube: PackedCube,
+    cube: CubeLdi,
     /// From files.
     build_ms: f64,
     /// From images in memory; NaN where it is not made anew.
@@ -195,8 +195,8 @@ impl Bench<'_> {
             centre,
             ..self.job.clone()
         };
-        let cube: CubeLdi = job.run(self.set, views, self.progress)?;
-        let cube = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?;
+        let cube: CubeSamples = job.run(self.set, views, self.progress)?;
+        let cube = CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?;
         Ok(SetCube {
             cube,
             build_ms: started.elapsed().as_secs_f64() * 1e3,
@@ -213,7 +213,7 @@ impl Bench<'_> {
         let from_files = self.cube(centre, &views)?;
         near.cube(chosen)?;
         let started = Instant::now();
-        let cube = PackedCube::pack(&near.cube(chosen)?, SplatIndexLayout::Normal, Split::Auto)?;
+        let cube = CubeLdi::pack(&near.cube(chosen)?, SplatIndexLayout::Normal, Split::Auto)?;
         Ok(SetCube {
             cube,
             rebuild_ms: started.elapsed().as_secs_f64() * 1e3,

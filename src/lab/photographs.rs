@@ -18,8 +18,8 @@ use super::table::{Table, figure};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
-use headbox_cube::model::samples::CubeLdi;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::CubeSamples;
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_images::dense_depth::DenseDepth;
 use headbox_images::{ImageSet, ImagesError, LoadedView, View};
@@ -240,12 +240,12 @@ fn by_found_depth(
 
 /// A frame of a cube; `before_ms` is what led up to it.
 fn ldi(
-    build: impl FnOnce() -> Result<CubeLdi, ImagesError>,
+    build: impl FnOnce() -> Result<CubeSamples, ImagesError>,
     before_ms: f64,
     camera: &Camera,
 ) -> Result<GainedFrame, HoldOutError> {
     let started = Instant::now();
-    let cube = PackedCube::pack(&build()?, SplatIndexLayout::Normal, Split::Auto)?;
+    let cube = CubeLdi::pack(&build()?, SplatIndexLayout::Normal, Split::Auto)?;
     let build_ms = before_ms + started.elapsed().as_secs_f64() * 1e3;
     let settings = RenderSettings {
         hole_color_srgb: [0; 3],

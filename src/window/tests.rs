@@ -4,7 +4,7 @@ use super::{open, show_geometry, show_live};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Silent;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_fixtures::{frame_at, plane_view, saved, set_of};
 use headbox_house::backdrop::BackdropQuality;
 use headbox_house::house::House;
@@ -325,7 +325,7 @@ fn path_frames_match_command_line() {
         poses: poses.iter().map(record).collect(),
     };
     std::fs::write(&path, serde_json::to_string(&record).unwrap()).unwrap();
-    let cube = PackedCube::read(&file).unwrap();
+    let cube = CubeLdi::read(&file).unwrap();
     let cameras = headbox_scene::camera_path::read(&path, &frame, 30.0).unwrap();
     let (mut renderer, settings) = (
         headbox_cube::render::Renderer::new(),
@@ -588,7 +588,7 @@ fn cubes_of_the_nearest_images_follow_the_eye() {
     let (mut expected, camera) = (near(), source_pose(4.6).camera(SIZE.0, SIZE.1).unwrap());
     let chosen = expected.nearest(&camera, 2);
     let ldi = expected.cube(&chosen).unwrap();
-    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).unwrap();
+    let cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).unwrap();
     let mut renderer = headbox_cube::render::Renderer::new();
     assert!(pixels == renderer.render(&cube, &camera, &Default::default()).color);
 }

@@ -7,7 +7,7 @@ use headbox_core::cube_face::Face;
 use headbox_core::environment::Environment;
 use headbox_core::random::Rng;
 use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
 
 /// Settings of a capture.
 pub struct CaptureSettings {
@@ -20,7 +20,7 @@ pub struct CaptureSettings {
 }
 
 /// A headbox of half size 0.5 about the origin.
-pub fn quick(scene: &Scene, face_px: u32) -> CubeLdi {
+pub fn quick(scene: &Scene, face_px: u32) -> CubeSamples {
     let settings = CaptureSettings {
         centre: DVec3::ZERO,
         half: 0.5,
@@ -199,7 +199,7 @@ impl Accumulator {
     }
 }
 
-pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeLdi {
+pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeSamples {
     let size = settings.face_px as usize;
     let mut sums = Accumulator {
         size,
@@ -224,7 +224,7 @@ pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeLdi {
         }
     }
     let (faces, environment) = sums.finish(scene, settings);
-    CubeLdi {
+    CubeSamples {
         info: info(settings.centre, settings.half),
         faces,
         environment,
@@ -249,7 +249,7 @@ pub fn one_layer(
     face_px: u32,
     faces: &[Face],
     sample: impl Fn(Face, f64, f64) -> Option<DepthPixel>,
-) -> CubeLdi {
+) -> CubeSamples {
     let face = |face: Face| {
         let mut ldi = LayeredDepthImage::empty(face, face_px);
         for p in 0..face_px * face_px {
@@ -268,7 +268,7 @@ pub fn one_layer(
         size_px: 0,
         texels: vec![],
     };
-    CubeLdi {
+    CubeSamples {
         info: info(centre, 0.5),
         faces: Face::ALL.map(face).into(),
         environment,
@@ -277,7 +277,7 @@ pub fn one_layer(
 
 /// One ray from the centre through the middle of every pixel: a headbox of half size 0.5 about the
 /// origin.
-pub fn centre_rays(scene: &Scene, face_px: u32) -> CubeLdi {
+pub fn centre_rays(scene: &Scene, face_px: u32) -> CubeSamples {
     one_layer(DVec3::ZERO, face_px, &Face::ALL, |face, x, y| {
         let hit = scene.hit(DVec3::ZERO, face.direction(x, y, face_px))?;
         let normal = EncodedNormal::new(hit.normal.as_vec3());

@@ -13,8 +13,8 @@ use headbox_core::cube_face::Face;
 use headbox_core::headbox::Headbox;
 use headbox_core::random::Rng;
 use headbox_cube::model::parameters::{CaptureParameters, MergeRule, Sampler};
-use headbox_cube::model::samples::CubeLdi;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::CubeSamples;
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_ldi::accumulate::shard::{self, ShardInfo};
 use headbox_ldi::accumulate::tiles::TileStore;
@@ -99,7 +99,7 @@ fn spec_with(change: impl FnOnce(&mut CaptureParameters)) -> CaptureSpec {
     spec
 }
 
-fn capture(spec: &CaptureSpec, scene: &Arc<Scene>) -> CubeLdi {
+fn capture(spec: &CaptureSpec, scene: &Arc<Scene>) -> CubeSamples {
     capture_within(spec, scene, None)
 }
 
@@ -107,7 +107,7 @@ fn capture_within(
     spec: &CaptureSpec,
     scene: &Arc<Scene>,
     budget: Option<(u64, PathBuf)>,
-) -> CubeLdi {
+) -> CubeSamples {
     let tracer = Tracer::new(Arc::clone(scene), spec.centre);
     let lighting = Lighting::measure(&tracer, spec.parameters.bounces);
     let options = RunOptions {
@@ -118,10 +118,10 @@ fn capture_within(
     capture.run().unwrap().0
 }
 
-fn file_bytes(ldi: &CubeLdi) -> Vec<u8> {
+fn file_bytes(ldi: &CubeSamples) -> Vec<u8> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.ldi");
-    PackedCube::pack(ldi, SplatIndexLayout::Normal, Split::Auto)
+    CubeLdi::pack(ldi, SplatIndexLayout::Normal, Split::Auto)
         .unwrap()
         .write(&path)
         .unwrap();
@@ -154,7 +154,7 @@ fn merged_from_shards(
     spec: &CaptureSpec,
     scene: &Arc<Scene>,
     budget: Option<(u64, PathBuf)>,
-) -> CubeLdi {
+) -> CubeSamples {
     let dir = tempfile::tempdir().unwrap();
     let tracer = Tracer::new(Arc::clone(scene), spec.centre);
     let lighting = Lighting::measure(&tracer, spec.parameters.bounces);
@@ -194,8 +194,8 @@ fn merged_from_shards(
 
 /// Share of the pixels of frames from all over the headbox that nothing or little covers; the room
 /// is closed, so that all of them should be.
-fn open_share(ldi: &CubeLdi) -> f64 {
-    let cube = PackedCube::pack(ldi, SplatIndexLayout::Normal, Split::Auto).unwrap();
+fn open_share(ldi: &CubeSamples) -> f64 {
+    let cube = CubeLdi::pack(ldi, SplatIndexLayout::Normal, Split::Auto).unwrap();
     let (mut renderer, mut random) = (Renderer::new(), Rng::keyed(11));
     let (mut open, mut all) = (0, 0);
     for _ in 0..60 {
@@ -266,7 +266,7 @@ fn grazing_floor_has_few_gaps() {
     let mut spec = spec_with(|p| (p.strata, p.rays_per_stratum, p.light_samples) = (12, 8, 0));
     (spec.face_size_px, spec.half_size_m) = (128, HALF_SIZE_M);
     let cube = capture(&spec, &Arc::new(ground.0));
-    let cube = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto).unwrap();
+    let cube = CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto).unwrap();
     let mut renderer = Renderer::new();
     for turn in 0..8 {
         let eye = DVec3::Y * HALF_SIZE_M;
@@ -315,7 +315,7 @@ fn tilted_shading_normals_leave_no_gaps() {
         of_leaning == of_flat,
         "{of_leaning} of the frames is open, {of_flat} without such normals"
     );
-    let surfaces = |ldi: &CubeLdi| -> Vec<_> {
+    let surfaces = |ldi: &CubeSamples| -> Vec<_> {
         ldi.faces
             .iter()
             .flat_map(|face| &face.samples)

@@ -10,7 +10,7 @@ use headbox_core::metrics::psnr_db;
 use headbox_core::progress::Silent;
 use headbox_core::tone::ToneMap;
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_ldi::capture::SceneCapture;
@@ -40,7 +40,7 @@ fn sprites_and_a_cube_are_composed_back_to_front() {
     let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
         .run()
         .expect("captured");
-    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packed");
+    let cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packed");
 
     let (before, behind) = (dvec3(1.2, 0.0, 1.8), dvec3(0.0, 0.0, -2.0));
     let set = SpriteSet::new(vec![
@@ -401,7 +401,7 @@ fn polygons_lit_by_surrounding_cube() {
 }
 
 /// A closed box in the middle of a cube has the light that its frames stand for.
-fn assert_box_is_lit(cube: &PackedCube, share: f64) {
+fn assert_box_is_lit(cube: &CubeLdi, share: f64) {
     let centre = cube.info.centre;
     // A closed box: of a surface that is open on both sides the brighter one would count.
     let side = 0.02;
@@ -453,7 +453,7 @@ fn assert_box_is_lit(cube: &PackedCube, share: f64) {
 
 /// Irradiance over pi, green, of what a cube shows from a place: the sum over a frame that looks
 /// along the normal as far as 80 degrees, beyond which cosines leave 3 %.
-fn irradiance_over_pi(cube: &PackedCube, eye: DVec3, normal: DVec3) -> f64 {
+fn irradiance_over_pi(cube: &CubeLdi, eye: DVec3, normal: DVec3) -> f64 {
     let camera = Camera::look_at(
         eye,
         eye + normal,

@@ -8,7 +8,7 @@ use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::model::samples::CubeSamples;
 use headbox_images::traced_view;
 use headbox_images::{DepthPicture, FARTHEST_M, ImageSet, ImageSetOptions, Lens, SetWriter, View};
 use headbox_ldi::from_images::ImagesJob;
@@ -30,7 +30,7 @@ const NAMES: [(Face, &str); 6] = [
 ];
 
 /// Writes the first layer of a cube as six pictures with depth, and opens them.
-fn as_pictures(cube: &CubeLdi, folder: &Path) -> ImageSet {
+fn as_pictures(cube: &CubeSamples, folder: &Path) -> ImageSet {
     for (face, name) in NAMES {
         let image = &cube.faces[face.index()];
         let side = image.size_px;
@@ -56,7 +56,7 @@ fn as_pictures(cube: &CubeLdi, folder: &Path) -> ImageSet {
     ImageSet::open(folder, &ImageSetOptions::default()).expect("opens")
 }
 
-fn job(cube: &CubeLdi, face_size_px: u32, centre: DVec3) -> ImagesJob {
+fn job(cube: &CubeSamples, face_size_px: u32, centre: DVec3) -> ImagesJob {
     let half_size_m = cube.info.half_size_m;
     ImagesJob {
         centre,

@@ -5,11 +5,11 @@ use crate::common::capture::{one_layer, quick};
 use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
 use headbox_core::environment::{Environment, EnvironmentError};
-use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal};
 use headbox_cube::model::validate::LdiError;
 use headbox_cube::pack::validate::SegmentProblem;
 use headbox_cube::pack::{
-    PackError, PackedCube, PackedDepthPixel, PackedError, SegmentSide, SplatIndexLayout, Split,
+    CubeLdi, PackError, PackedDepthPixel, PackedError, SegmentSide, SplatIndexLayout, Split,
 };
 
 /// Half a step of 20 bits over a segment's range of inverse depth, and the rounding of the f32 it
@@ -30,7 +30,7 @@ fn packing_keeps_every_sample() {
     let ldi = quick(&leaves(20.0), 48);
     for layout in [SplatIndexLayout::Paper, SplatIndexLayout::Normal] {
         for split in [Split::Auto, Split::None, Split::AtDepth(2.0)] {
-            let cube = PackedCube::pack(&ldi, layout, split).expect("packs");
+            let cube = CubeLdi::pack(&ldi, layout, split).expect("packs");
             cube.validate().expect("valid");
             assert_eq!(
                 cube.depth_pixel_count(),
@@ -88,7 +88,7 @@ fn packing_keeps_every_sample() {
 #[test]
 fn the_automatic_split_cuts_where_it_helps() {
     let ldi = quick(&room(20.0), 48);
-    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    let cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
     let cut = cube
         .segments
         .iter()
@@ -99,7 +99,7 @@ fn the_automatic_split_cuts_where_it_helps() {
         "a room with furniture near the headbox is cut somewhere"
     );
     let wall = one_layer(DVec3::ZERO, 8, &[Face::PosX], |_, _, _| Some(sample(0.5)));
-    let cube = PackedCube::pack(&wall, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    let cube = CubeLdi::pack(&wall, SplatIndexLayout::Normal, Split::Auto).expect("packs");
     assert_eq!(
         cube.segments.len(),
         1,
@@ -107,7 +107,7 @@ fn the_automatic_split_cuts_where_it_helps() {
     );
     assert_eq!(cube.segments[0].inverse_depth(0), 0.5);
     for depth in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        let packed = PackedCube::pack(&wall, SplatIndexLayout::Normal, Split::AtDepth(depth));
+        let packed = CubeLdi::pack(&wall, SplatIndexLayout::Normal, Split::AtDepth(depth));
         assert!(matches!(packed, Err(PackError::SplitDepth(_))));
     }
 }
@@ -115,7 +115,7 @@ fn the_automatic_split_cuts_where_it_helps() {
 #[test]
 fn empty_ldi_packs_to_nothing() {
     let empty = one_layer(DVec3::ZERO, 4, &[], |_, _, _| None);
-    let cube = PackedCube::pack(&empty, SplatIndexLayout::Paper, Split::Auto).expect("packs");
+    let cube = CubeLdi::pack(&empty, SplatIndexLayout::Paper, Split::Auto).expect("packs");
     cube.validate().expect("valid");
     assert_eq!(
         (cube.segments.len(), cube.depth_pixel_count(), cube.bytes()),
@@ -128,7 +128,7 @@ fn segments_are_as_small_as_their_samples() {
     let two = |_: Face, x: f64, y: f64| {
         ((x, y) == (2.5, 3.5) || (x, y) == (5.5, 4.5)).then(|| sample(0.25))
     };
-    let cube = PackedCube::pack(
+    let cube = CubeLdi::pack(
         &one_layer(DVec3::ZERO, 8, &[Face::NegY], two),
         SplatIndexLayout::Paper,
         Split::None,
@@ -156,7 +156,7 @@ fn truncate<T>(v: &mut Vec<T>) {
 }
 
 /// Two samples in every pixel of 3x3 faces, an environment of 2x2.
-fn small_ldi() -> CubeLdi {
+fn small_ldi() -> CubeSamples {
     let mut ldi = one_layer(DVec3::ZERO, 3, &Face::ALL, |_, _, _| Some(sample(0.5)));
     for face in &mut ldi.faces {
         face.samples = (0..9).flat_map(|_| [sample(0.25), sample(1.0)]).collect();
@@ -173,14 +173,14 @@ fn small_ldi() -> CubeLdi {
 fn every_broken_promise_of_the_ldi_is_named() {
     small_ldi().validate().expect("valid");
     let broken = |name: &str,
-                  damage: &dyn Fn(&mut CubeLdi),
+                  damage: &dyn Fn(&mut CubeSamples),
                   expected: &dyn Fn(&LdiError) -> bool| {
         let mut ldi = small_ldi();
         damage(&mut ldi);
         let error = ldi.validate().expect_err(name);
         assert!(expected(&error), "{name}: {error:?}");
         assert!(!error.to_string().is_empty());
-        let packed = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect_err(name);
+        let packed = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect_err(name);
         assert_eq!(
             packed.to_string(),
             PackError::Ldi(error).to_string(),
@@ -260,7 +260,7 @@ fn every_broken_promise_of_the_ldi_is_named() {
     broken("texel alpha", &|l| l.environment.texels[3][3] = 7, &|e| {
         *e == LdiError::Environment(EnvironmentError::Alpha { index: 3, alpha: 7 })
     });
-    type Damage = fn(&mut CubeLdi);
+    type Damage = fn(&mut CubeSamples);
     let info: [(&str, Damage); 7] = [
         ("centre", |l| l.info.centre.y = f64::NAN),
         ("half_size_m", |l| l.info.half_size_m = 0.0),
@@ -286,22 +286,20 @@ fn every_broken_promise_of_the_ldi_is_named() {
 #[test]
 fn every_broken_invariant_is_named() {
     use SegmentProblem as P;
-    let whole = PackedCube::pack(&small_ldi(), SplatIndexLayout::Normal, Split::AtDepth(2.0))
-        .expect("packs");
+    let whole =
+        CubeLdi::pack(&small_ldi(), SplatIndexLayout::Normal, Split::AtDepth(2.0)).expect("packs");
     whole.validate().expect("valid");
     assert_eq!(whole.segments.len(), 12);
     // Segment 4 is the far one of +Y, 5 the near one.
     let broken =
-        |name: &str, damage: &dyn Fn(&mut PackedCube), expected: &dyn Fn(&PackedError) -> bool| {
+        |name: &str, damage: &dyn Fn(&mut CubeLdi), expected: &dyn Fn(&PackedError) -> bool| {
             let mut cube = whole.clone();
             damage(&mut cube);
             let error = cube.validate().expect_err(name);
             assert!(expected(&error), "{name}: {error:?}");
             assert!(!error.to_string().is_empty());
         };
-    let in_segment = |name: &str,
-                      damage: &dyn Fn(&mut PackedCube),
-                      expected: &dyn Fn(&P) -> bool| {
+    let in_segment = |name: &str, damage: &dyn Fn(&mut CubeLdi), expected: &dyn Fn(&P) -> bool| {
         let in_face = |e: &PackedError| matches!(e, PackedError::Segment { face: Face::PosY, problem, .. } if expected(problem));
         broken(name, damage, &in_face);
     };
@@ -323,7 +321,7 @@ fn every_broken_invariant_is_named() {
     broken("environment", &|c| c.environment.size_px = 3, &|e| {
         matches!(e, PackedError::Shared(_))
     });
-    let empty = |c: &mut PackedCube| c.segments[4].depth_pixels.clear();
+    let empty = |c: &mut CubeLdi| c.segments[4].depth_pixels.clear();
     in_segment("empty", &empty, &|p| *p == P::Empty);
     in_segment("x0", &|c| c.segments[4].x0 = 1, &|p| *p == P::Rectangle);
     in_segment("y0", &|c| c.segments[4].y0 = u32::MAX, &|p| {
@@ -377,11 +375,11 @@ fn every_broken_invariant_is_named() {
     in_segment("count end", &|c| c.segments[4].row_counts[3] = 4, &|p| {
         *p == P::RowCounts(0)
     });
-    let spare = |c: &mut PackedCube| c.segments[4].depth_pixels[2].geometry |= 1 << 31;
+    let spare = |c: &mut CubeLdi| c.segments[4].depth_pixels[2].geometry |= 1 << 31;
     in_segment("spare bit", &spare, &|p| *p == P::Bits(2));
-    let index = |c: &mut PackedCube| c.segments[4].depth_pixels[2].geometry |= 0x7ff << 20;
+    let index = |c: &mut CubeLdi| c.segments[4].depth_pixels[2].geometry |= 0x7ff << 20;
     in_segment("splat index", &index, &|p| *p == P::Bits(2));
-    let out_of_order = |c: &mut PackedCube| {
+    let out_of_order = |c: &mut CubeLdi| {
         let segment = &mut c.segments[4];
         // Both samples of the row in one pixel, nearer first.
         segment.row_counts[..4].copy_from_slice(&[0, 2, 2, 3]);
@@ -394,7 +392,7 @@ fn every_broken_invariant_is_named() {
     in_segment("depth order", &out_of_order, &|p| {
         *p == P::DepthOrder { x: 0, y: 0 }
     });
-    let loose = |c: &mut PackedCube| {
+    let loose = |c: &mut CubeLdi| {
         let segment = &mut c.segments[4];
         segment.row_counts = [[0, 1, 3, 3]; 3].concat();
     };

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::RenderSettings;
 use headbox_house::backdrop::{Backdrop, BackdropKind, Drawer, PortalSide};
 use headbox_house::house::House;
@@ -294,7 +294,7 @@ fn holes_keep_previous_content() {
 
 /// A wall of one colour three metres before the origin, captured from `centre`, as far as `covers`
 /// says of the wall's x.
-fn wall_from(centre: DVec3, color: [u8; 3], covers: impl Fn(f64) -> bool) -> PackedCube {
+fn wall_from(centre: DVec3, color: [u8; 3], covers: impl Fn(f64) -> bool) -> CubeLdi {
     let [r, g, b] = color;
     let ldi = one_layer(centre, 64, &[Face::NegZ], |face, x, y| {
         let depth = 3.0 + centre.z;
@@ -306,7 +306,7 @@ fn wall_from(centre: DVec3, color: [u8; 3], covers: impl Fn(f64) -> bool) -> Pac
             color_srgb: [r, g, b, 255],
         })
     });
-    PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("valid")
+    CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("valid")
 }
 
 #[test]
@@ -332,7 +332,7 @@ fn nearer_of_two_images_is_on_top() {
         };
         ([-0.8, 0.2, 1.0].map(at), stats.samples)
     };
-    let samples = |cubes: &[&PackedCube]| {
+    let samples = |cubes: &[&CubeLdi]| {
         cubes
             .iter()
             .map(|cube| cube.depth_pixel_count() as u64)

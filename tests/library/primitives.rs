@@ -11,31 +11,31 @@ use headbox_core::frame::Frame;
 use headbox_core::metrics::compare;
 use headbox_core::random::Rng;
 use headbox_core::simd;
-use headbox_cube::model::samples::{CubeLdi, DepthPixel};
-use headbox_cube::pack::{PackedCube, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel};
+use headbox_cube::pack::{CubeLdi, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use headbox_cube::planes::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_in_parts};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 
 const FACE_PX: u32 = 192;
 
-fn mixed(ldi: &CubeLdi, error_px: f64) -> PackedCube {
+fn mixed(ldi: &CubeSamples, error_px: f64) -> CubeLdi {
     let mut ldi = ldi.clone();
     let planes = choose(&mut ldi, error_px);
-    let mut cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    let mut cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
     cube.planes = planes;
     assert_eq!(cube.validate(), Ok(()));
     cube
 }
 
-fn draw(cube: &PackedCube, camera: &Camera) -> Frame {
+fn draw(cube: &CubeLdi, camera: &Camera) -> Frame {
     Renderer::new()
         .render(cube, camera, &RenderSettings::default())
         .clone()
 }
 
 /// The samples that a choice has taken out of a face, with their pixels.
-fn taken(all: &CubeLdi, rest: &CubeLdi, face: Face) -> Vec<(u32, u32, DepthPixel)> {
+fn taken(all: &CubeSamples, rest: &CubeSamples, face: Face) -> Vec<(u32, u32, DepthPixel)> {
     let [all, rest] = [all, rest].map(|ldi| &ldi.faces[face.index()]);
     let mut taken = Vec::new();
     for (x, y) in (0..FACE_PX).flat_map(|y| (0..FACE_PX).map(move |x| (x, y))) {
@@ -248,7 +248,7 @@ fn few_textures_skipped_in_wide_frames() {
         assert!(!in_parts.planes.tiles.is_empty());
         assert_eq!(around.planes.tiles.is_empty(), has_few);
         assert!(has_few || around == in_parts);
-        let samples = |cube: &PackedCube| cube.depth_pixel_count() as u64 + cube.planes.samples;
+        let samples = |cube: &CubeLdi| cube.depth_pixel_count() as u64 + cube.planes.samples;
         assert_eq!(
             samples(&around),
             samples(&in_parts),
@@ -265,7 +265,7 @@ const LOSS_OF_FLIP: f64 = 0.05;
 fn frames_are_no_worse_and_have_no_cracks() {
     for (name, scene, least_share) in [("room", room(6.0), 0.7), ("leaves", leaves(6.0), 0.0)] {
         let ldi = quick(&scene, FACE_PX);
-        let all = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+        let all = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
         let some = mixed(&ldi, DEFAULT_ERROR_PX);
         let share = some.planes.samples as f64 / all.depth_pixel_count() as f64;
         assert!(
@@ -381,7 +381,7 @@ fn threads_bands_and_levels_change_no_bit() {
 fn textures_occlude_in_every_band() {
     // A green picture 1.1 m ahead, before all that is there.
     const SIDE: u16 = 150;
-    let mut cube = PackedCube::pack(
+    let mut cube = CubeLdi::pack(
         &quick(&room(6.0), FACE_PX),
         SplatIndexLayout::Normal,
         Split::Auto,
@@ -542,12 +542,12 @@ fn texture_files_round_trip() {
     cube.write(&path).expect("written");
     let bytes = std::fs::read(&path).expect("read");
     assert_eq!(bytes[12..16], 2u32.to_le_bytes());
-    assert_eq!(PackedCube::read(&path).expect("read"), cube);
-    let all = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    assert_eq!(CubeLdi::read(&path).expect("read"), cube);
+    let all = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
     all.write(&path).expect("written");
     let larger = std::fs::read(&path).expect("read");
     assert_eq!(larger[12..16], 1u32.to_le_bytes());
-    assert_eq!(PackedCube::read(&path).expect("read"), all);
+    assert_eq!(CubeLdi::read(&path).expect("read"), all);
     assert!(
         bytes.len() < larger.len(),
         "{} against {}",
@@ -569,7 +569,7 @@ fn zero_and_wide_bounds() {
     for error_px in [1e-6, 1e6] {
         assert_eq!(draw(&mixed(&ldi, error_px), &camera).color.len(), 64 * 48);
     }
-    let nothing = CubeLdi {
+    let nothing = CubeSamples {
         faces: ldi
             .faces
             .iter()

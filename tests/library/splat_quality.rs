@@ -10,7 +10,7 @@ use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
 use headbox_core::random::Rng;
-use headbox_cube::pack::{ExactCube, PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, ExactCube, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 
@@ -98,7 +98,7 @@ fn tents_come_near_a_cube_map_and_beat_the_other_kernels() {
             SplatKernel::Ellipse,
         ] {
             for layout in [SplatIndexLayout::Paper, SplatIndexLayout::Normal] {
-                let cube = PackedCube::pack(&ldi, layout, Split::Auto).expect("packs");
+                let cube = CubeLdi::pack(&ldi, layout, Split::Auto).expect("packs");
                 let (mut renderer, mut holes) = (Renderer::new(), 0);
                 let settings = RenderSettings {
                     kernel,

@@ -5,7 +5,7 @@
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::parameters::{CaptureParameters, Sampler};
-use headbox_cube::pack::layout::PackedCube as CubeLdi;
+use headbox_cube::pack::layout::CubeLdi;
 use headbox_ldi::accumulate::shard;
 use headbox_sprite::SpriteSet;
 use std::path::{Path, PathBuf};

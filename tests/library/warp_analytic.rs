@@ -8,16 +8,16 @@ use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::random::Rng;
-use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 
 const LAYOUTS: [SplatIndexLayout; 2] = [SplatIndexLayout::Paper, SplatIndexLayout::Normal];
 const KERNELS: [SplatKernel; 3] = [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent];
 
-fn pack(ldi: &CubeLdi, layout: SplatIndexLayout) -> PackedCube {
-    PackedCube::pack(ldi, layout, Split::Auto).expect("packs")
+fn pack(ldi: &CubeSamples, layout: SplatIndexLayout) -> CubeLdi {
+    CubeLdi::pack(ldi, layout, Split::Auto).expect("packs")
 }
 
 fn with(kernel: SplatKernel) -> RenderSettings {

@@ -9,7 +9,7 @@ use headbox_core::cube_face::Face;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::random::Rng;
 use headbox_core::simd;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 
@@ -44,12 +44,7 @@ fn eyes() -> Vec<DVec3> {
     eyes
 }
 
-fn draw(
-    cube: &PackedCube,
-    camera: &Camera,
-    settings: RenderSettings,
-    threads: usize,
-) -> (Frame, u64) {
+fn draw(cube: &CubeLdi, camera: &Camera, settings: RenderSettings, threads: usize) -> (Frame, u64) {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()
@@ -66,7 +61,7 @@ const CLIPPING_SAVES: f64 = 1.5;
 #[test]
 fn clipping_counts_are_what_is_drawn() {
     for scene in [room(6.0), leaves(6.0)] {
-        let cube = PackedCube::pack(&quick(&scene, 160), SplatIndexLayout::Normal, Split::Auto)
+        let cube = CubeLdi::pack(&quick(&scene, 160), SplatIndexLayout::Normal, Split::Auto)
             .expect("packs");
         let (mut random, mut renderer) = (Rng::keyed(9), Renderer::new());
         let mut savings = Vec::new();
@@ -133,8 +128,8 @@ fn no_setting_changes_a_bit() {
         let mut random = Rng::keyed(5);
         for (i, eye) in eyes().into_iter().enumerate() {
             let layout = [SplatIndexLayout::Normal, SplatIndexLayout::Paper][i % 2];
-            let cube = PackedCube::pack(&ldi, layout, [Split::Auto, Split::None][i / 2 % 2])
-                .expect("packs");
+            let cube =
+                CubeLdi::pack(&ldi, layout, [Split::Auto, Split::None][i / 2 % 2]).expect("packs");
             let fov = [1.0, 40.0, 90.0, 170.0][i % 4];
             let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, [97, 61])
                 .expect("valid");
@@ -180,7 +175,7 @@ fn no_setting_changes_a_bit() {
 #[test]
 fn no_simd_level_changes_a_bit() {
     let levels = simd::levels();
-    let cube = PackedCube::pack(
+    let cube = CubeLdi::pack(
         &quick(&leaves(6.0), 80),
         SplatIndexLayout::Normal,
         Split::Auto,
@@ -210,7 +205,7 @@ fn no_simd_level_changes_a_bit() {
 
 #[test]
 fn frames_of_every_size_are_drawn() {
-    let cube = PackedCube::pack(
+    let cube = CubeLdi::pack(
         &quick(&room(6.0), 32),
         SplatIndexLayout::Normal,
         Split::Auto,
@@ -244,7 +239,7 @@ const ROUNDED_SHARE: f64 = 0.003;
 
 #[test]
 fn a_part_of_a_frame_is_drawn_as_in_the_whole() {
-    let cube = PackedCube::pack(
+    let cube = CubeLdi::pack(
         &quick(&room(6.0), 80),
         SplatIndexLayout::Normal,
         Split::Auto,

@@ -9,7 +9,7 @@ use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
 use headbox_core::random::Rng;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
-use headbox_cube::pack::{PackedCube, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 use headbox_lab::baselines::fragments::{FragmentRenderer, FragmentStats};
@@ -57,15 +57,15 @@ fn eyes() -> Vec<(&'static str, DVec3)> {
 }
 
 /// Packs both scenes as cubes, and with the face -Z alone: the single-camera LDI of the papers.
-fn cubes() -> Vec<PackedCube> {
+fn cubes() -> Vec<CubeLdi> {
     let mut cubes = Vec::new();
     for (scene, split) in [(room(6.0), Split::Auto), (leaves(6.0), Split::None)] {
         let mut ldi = quick(&scene, FACE_PX);
-        cubes.push(PackedCube::pack(&ldi, SplatIndexLayout::Normal, split).expect("packs"));
+        cubes.push(CubeLdi::pack(&ldi, SplatIndexLayout::Normal, split).expect("packs"));
         for face in ldi.faces.iter_mut().filter(|face| face.face != Face::NegZ) {
             *face = LayeredDepthImage::empty(face.face, FACE_PX);
         }
-        cubes.push(PackedCube::pack(&ldi, SplatIndexLayout::Paper, split).expect("packs"));
+        cubes.push(CubeLdi::pack(&ldi, SplatIndexLayout::Paper, split).expect("packs"));
     }
     cubes
 }
@@ -107,7 +107,7 @@ impl Pair {
     fn compare(
         &mut self,
         name: &str,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         camera: &Camera,
         settings: RenderSettings,
         counts: &[u32],
@@ -268,7 +268,7 @@ fn odd_sizes_give_serial_frame() {
             );
         }
     }
-    let empty = PackedCube {
+    let empty = CubeLdi {
         segments: Vec::new(),
         ..cubes[0].clone()
     };
@@ -321,7 +321,7 @@ fn pixel_on_baseline_belongs_to_one_fragment() {
                 color_srgb: color,
             })
         });
-        let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+        let cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
         for forward in forwards {
             let camera =
                 Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 75.0, [64, 48]).expect("valid");
@@ -345,7 +345,7 @@ fn pixel_on_baseline_belongs_to_one_fragment() {
 #[test]
 fn cubes_with_plane_textures_are_drawn_in_bands() {
     let ldi = quick(&room(6.0), FACE_PX);
-    let mut cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    let mut cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
     let tile = PlaneTile {
         plane: 0,
         first_texel: 0,

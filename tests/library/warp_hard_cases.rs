@@ -7,20 +7,20 @@ use glam::{DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::random::Rng;
-use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 
 const KERNELS: [SplatKernel; 3] = [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent];
 
-fn pack(ldi: &CubeLdi) -> PackedCube {
-    PackedCube::pack(ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
+fn pack(ldi: &CubeSamples) -> CubeLdi {
+    CubeLdi::pack(ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
 }
 
 /// A wall of one colour 1 m before the centre, filling the face -Z.
-fn wall(normal: impl Fn(f64, f64) -> Vec3) -> CubeLdi {
+fn wall(normal: impl Fn(f64, f64) -> Vec3) -> CubeSamples {
     one_layer(DVec3::ZERO, 40, &[Face::NegZ], |_, x, y| {
         let normal = EncodedNormal::new(normal(x, y));
         Some(DepthPixel {
@@ -39,7 +39,7 @@ fn camera(eye: DVec3, to: DVec3) -> Camera {
 /// level for each of the last few blends.
 const BLENDED_LEVELS: f64 = 2.0;
 
-fn stats(cube: &PackedCube, camera: &Camera, kernel: SplatKernel) -> FrameStats {
+fn stats(cube: &CubeLdi, camera: &Camera, kernel: SplatKernel) -> FrameStats {
     let mut renderer = Renderer::new();
     let (frame, stats) = renderer.render_with_stats(
         cube,

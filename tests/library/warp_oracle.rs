@@ -7,7 +7,7 @@ use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
 use headbox_core::random::Rng;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{RenderSettings, Renderer};
@@ -90,7 +90,7 @@ fn the_ordered_renderer_shows_what_a_depth_buffer_shows() {
             let expected = render_oracle(&ldi, &camera);
             assert!(expected.depth_m.iter().all(|depth_m| *depth_m > 0.0));
             for layout in [SplatIndexLayout::Paper, SplatIndexLayout::Normal] {
-                let cube = PackedCube::pack(&ldi, layout, Split::Auto).expect("packs");
+                let cube = CubeLdi::pack(&ldi, layout, Split::Auto).expect("packs");
                 let settings = RenderSettings {
                     kernel: SplatKernel::Opaque,
                     depth: true,

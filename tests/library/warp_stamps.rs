@@ -6,7 +6,7 @@ use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::random::Rng;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 
@@ -14,7 +14,7 @@ const WIDTH: u32 = 23;
 const HEIGHT: u32 = 17;
 
 /// One sample, a metre before the centre.
-fn one_sample() -> PackedCube {
+fn one_sample() -> CubeLdi {
     let ldi = one_layer(DVec3::ZERO, 9, &[Face::NegZ], |_, x, y| {
         let normal = EncodedNormal::new(glam::Vec3::Z);
         (x == 4.5 && y == 4.5).then_some(DepthPixel {
@@ -23,7 +23,7 @@ fn one_sample() -> PackedCube {
             color_srgb: [10, 200, 30, 255],
         })
     });
-    PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("valid")
+    CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("valid")
 }
 
 /// The pixels of a stamp about the sample at (x, y), by definition.

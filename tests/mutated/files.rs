@@ -12,7 +12,7 @@ use headbox_core::file_frame::FileFrame;
 use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::pack::{
-    BlockIndex, PackedCube, PackedSegment, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split,
+    BlockIndex, CubeLdi, PackedSegment, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split,
 };
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
@@ -67,18 +67,18 @@ fn tracer() -> Tracer {
     )
 }
 
-fn cube() -> PackedCube {
+fn cube() -> CubeLdi {
     let tracer = tracer();
     let lighting = Lighting::of_scene(&tracer, 0);
     let (ldi, _) = SceneCapture::new(&spec(), &tracer, &lighting, &RunOptions::default())
         .run()
         .expect("captured");
-    PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
+    CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
 }
 
 /// The same with two pictures on a plane, which its few samples would not make: one that hides all
 /// behind it, and one with a rim.
-fn cube_with_planes() -> PackedCube {
+fn cube_with_planes() -> CubeLdi {
     let whole = PlaneTile {
         plane: 0,
         first_texel: 0,
@@ -110,7 +110,7 @@ fn cube_with_planes() -> PackedCube {
         samples: 20,
         ..PlaneSet::default()
     };
-    let cube = PackedCube { planes, ..cube() };
+    let cube = CubeLdi { planes, ..cube() };
     assert_eq!(cube.validate(), Ok(()));
     cube
 }
@@ -123,7 +123,7 @@ fn camera(eye: DVec3, forward: DVec3) -> Camera {
 }
 
 /// Draws a cube from two eyes by all kernels; whatever is in it, this must come to an end.
-fn draw(cube: &PackedCube) {
+fn draw(cube: &CubeLdi) {
     let mut renderer = Renderer::new();
     for (offset, forward) in [
         (DVec3::ZERO, DVec3::NEG_Z),
@@ -144,7 +144,7 @@ fn draw(cube: &PackedCube) {
 }
 
 fn read_ldi(path: &Path) -> bool {
-    let Ok(cube) = PackedCube::read(path) else {
+    let Ok(cube) = CubeLdi::read(path) else {
         return false;
     };
     assert_eq!(cube.validate(), Ok(()), "what is read is sound");

@@ -14,7 +14,7 @@ use headbox_core::color::srgb8_from_linear;
 use headbox_core::cube_face::Face;
 use headbox_core::environment::Environment;
 use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
 use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
 use headbox_images::deep_exr::DeepImage;
 use lens::Lens;
@@ -81,7 +81,7 @@ pub struct DeepPlace {
 ///
 /// # Errors
 /// [`FromDeepError`].
-pub fn cube(image: &DeepImage, place: DeepPlace) -> Result<CubeLdi, FromDeepError> {
+pub fn cube(image: &DeepImage, place: DeepPlace) -> Result<CubeSamples, FromDeepError> {
     let sampler = DeepSampler::new(image, &place)?;
     let nearest = sampler.nearest().ok_or(FromDeepError::Empty)?;
     let half_size_m = place.half_size_m.unwrap_or(HEADBOX_SHARE * nearest);
@@ -104,7 +104,7 @@ pub fn cube(image: &DeepImage, place: DeepPlace) -> Result<CubeLdi, FromDeepErro
         ahead: sampler.lens.map(|lens| lens.ahead),
         ..CaptureInfo::default()
     };
-    Ok(CubeLdi {
+    Ok(CubeSamples {
         info,
         faces,
         environment: build_environment(&sampler, still),

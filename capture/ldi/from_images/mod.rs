@@ -35,7 +35,7 @@ use headbox_core::simd;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::parameters::{CaptureParameters, MergeRule};
-use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::model::samples::CubeSamples;
 use headbox_images::{ImageSet, ImagesError, LoadedView, View};
 use layers::LayerCube;
 use rayon::prelude::*;
@@ -134,7 +134,7 @@ impl ImagesJob {
         set: &ImageSet,
         views: &[&View],
         progress: &dyn Progress,
-    ) -> Result<CubeLdi, ImagesError> {
+    ) -> Result<CubeSamples, ImagesError> {
         progress.begin("images", "images", views.len() as u64);
         let merged = self.merge(views.len(), &|i| views[i].load().map(Arc::new), progress)?;
         Ok(self.cube(set, views, merged))
@@ -146,7 +146,7 @@ impl ImagesJob {
         set: &ImageSet,
         views: &[&View],
         loaded: &[Arc<LoadedView>],
-    ) -> Result<CubeLdi, ImagesError> {
+    ) -> Result<CubeSamples, ImagesError> {
         let merged = self.merge(loaded.len(), &|i| Ok(Arc::clone(&loaded[i])), &Silent)?;
         Ok(self.cube(set, views, merged))
     }
@@ -193,7 +193,7 @@ impl ImagesJob {
     }
 
     /// The cube LDI of merged views.
-    fn cube(&self, set: &ImageSet, views: &[&View], merged: LayerCube) -> CubeLdi {
+    fn cube(&self, set: &ImageSet, views: &[&View], merged: LayerCube) -> CubeSamples {
         // Cameras around an object look in all directions; the nearest one is the default.
         let distance = |view: &&&View| view.color_pose().eye.distance_squared(self.centre);
         let nearest = views
@@ -212,7 +212,7 @@ impl ImagesJob {
             },
             ..image_set_info(set, self.centre, self.half_size_m)
         };
-        CubeLdi {
+        CubeSamples {
             info,
             faces: merged.finish(),
             environment: Environment::default(),

@@ -13,7 +13,7 @@
 use super::ImagesJob;
 use headbox_core::camera::Camera;
 use headbox_core::statistics::median;
-use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::model::samples::CubeSamples;
 use headbox_images::{ImageSet, ImagesError, Lens, LoadedView, View};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -95,7 +95,7 @@ impl NearImages {
     ///
     /// # Errors
     /// [`ImagesError`] of a view that cannot be loaded.
-    pub fn cube(&mut self, chosen: &[usize]) -> Result<CubeLdi, ImagesError> {
+    pub fn cube(&mut self, chosen: &[usize]) -> Result<CubeSamples, ImagesError> {
         let loaded = self.load(chosen)?;
         let views: Vec<&View> = chosen.iter().map(|&i| &self.set.views[i]).collect();
         let centre = views

@@ -13,7 +13,7 @@ use headbox_core::cube_face::Face;
 use headbox_core::progress::check_cancelled;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::parameters::Sampler;
-use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::model::samples::CubeSamples;
 use headbox_trace::viewpoint::suggest_view;
 use std::collections::VecDeque;
 use std::io;
@@ -22,7 +22,10 @@ use std::io;
 ///
 /// # Errors
 /// If spilled accumulators cannot be read, or if the capture was cancelled.
-pub(crate) fn light_and_merge(capture: &SceneCapture, tracing: &Tracing) -> io::Result<CubeLdi> {
+pub(crate) fn light_and_merge(
+    capture: &SceneCapture,
+    tracing: &Tracing,
+) -> io::Result<CubeSamples> {
     let SceneCapture {
         spec,
         tracer,
@@ -68,7 +71,7 @@ pub(crate) fn light_and_merge(capture: &SceneCapture, tracing: &Tracing) -> io::
         merged.measure_alphas(tracer, &bins, spec.half_size_m, |_, _| true);
         faces.push(merged.ldi);
     }
-    Ok(CubeLdi {
+    Ok(CubeSamples {
         info,
         faces,
         environment: tracing.environment_mask.environment(lighting),

@@ -22,7 +22,7 @@ use crate::surfaces::geometry_pass::GeometryCube;
 use headbox_core::progress::check_cancelled;
 use headbox_cube::model::info::Holes;
 use headbox_cube::model::parameters::Sampler;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::Renderer;
 use rayon::prelude::*;
 use std::io;
@@ -70,8 +70,7 @@ pub(crate) fn fill_holes(capture: &SceneCapture, tracing: &mut Tracing) -> io::R
             }
         };
         // A cube that cannot be packed fails at the end of the capture, with its reason.
-        let Ok(cube) = PackedCube::pack(geometry.cube(), SplatIndexLayout::Normal, Split::Auto)
-        else {
+        let Ok(cube) = CubeLdi::pack(geometry.cube(), SplatIndexLayout::Normal, Split::Auto) else {
             return Ok(());
         };
         let fresh = (0..FRESH_VIEWS)
@@ -126,7 +125,7 @@ pub(crate) fn fill_holes(capture: &SceneCapture, tracing: &mut Tracing) -> io::R
 fn test_views(
     capture: &SceneCapture,
     tracing: &Tracing,
-    cube: &PackedCube,
+    cube: &CubeLdi,
     views: Vec<TestView>,
 ) -> io::Result<ViewFindings> {
     let router = HitRouter::new(capture, &tracing.environment_mask);

@@ -6,7 +6,7 @@ use crate::spec::CaptureSpec;
 use glam::{DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::random::Rng;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::Renderer;
 use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket};
 use headbox_trace::sampler::RayKey;
@@ -155,7 +155,7 @@ impl ViewFindings {
 
 /// Comparison of views of a cube with the scene.
 pub(super) struct ViewTest<'a> {
-    pub(super) cube: &'a PackedCube,
+    pub(super) cube: &'a CubeLdi,
     pub(super) router: &'a HitRouter<'a>,
     pub(super) half_size_m: f64,
 }

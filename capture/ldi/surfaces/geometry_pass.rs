@@ -12,12 +12,12 @@ use crate::rays::trace::Tracing;
 use crate::surfaces::unlit::UnlitFaces;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::check_cancelled;
-use headbox_cube::model::samples::{CubeLdi, LayeredDepthImage};
+use headbox_cube::model::samples::{CubeSamples, LayeredDepthImage};
 use std::io;
 
 /// Depth pixels of all rays so far, without light and colour.
 pub(crate) struct GeometryCube {
-    cube: CubeLdi,
+    cube: CubeSamples,
     /// Bin spans of the depth pixels of each face.
     spans: Vec<Vec<BinSpan>>,
 }
@@ -32,7 +32,7 @@ impl GeometryCube {
             .map(|face| LayeredDepthImage::empty(face, 0))
             .into();
         let mut geometry = Self {
-            cube: CubeLdi {
+            cube: CubeSamples {
                 info: capture.info(),
                 faces,
                 environment: tracing.environment_mask.environment(capture.lighting),
@@ -128,7 +128,7 @@ impl GeometryCube {
     }
 
     /// The geometry as a cube LDI.
-    pub(crate) fn cube(&self) -> &CubeLdi {
+    pub(crate) fn cube(&self) -> &CubeSamples {
         &self.cube
     }
 }

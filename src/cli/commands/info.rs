@@ -14,7 +14,7 @@ use anyhow::Context;
 use clap::Args;
 use headbox_core::container::Container;
 use headbox_cube::pack::file::CUBE_LDI;
-use headbox_cube::pack::{PackedCube, SegmentSide};
+use headbox_cube::pack::{CubeLdi, SegmentSide};
 use headbox_house::file::HOUSE_FILE;
 use headbox_ldi::accumulate::shard;
 use headbox_ldi::accumulate::shard::SHARD;
@@ -62,7 +62,7 @@ impl InfoCommand {
 
     fn cube(&self) -> anyhow::Result<()> {
         // Reading checks all that a renderer relies on; --check has nothing to add but the word.
-        let cube = PackedCube::read(&self.file)?;
+        let cube = CubeLdi::read(&self.file)?;
         let bytes = std::fs::metadata(&self.file)?.len();
         let segment = |s: &headbox_cube::pack::PackedSegment| {
             json!({
@@ -249,7 +249,7 @@ impl InfoCommand {
 }
 
 /// Describes the plane textures, or null.
-fn planes_json(cube: &PackedCube) -> Option<serde_json::Value> {
+fn planes_json(cube: &CubeLdi) -> Option<serde_json::Value> {
     let set = &cube.planes;
     (!set.tiles.is_empty()).then(|| {
         json!({

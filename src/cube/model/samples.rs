@@ -94,9 +94,10 @@ impl LayeredDepthImage {
     }
 }
 
-/// Six layered depth images about one centre, and the environment behind them.
+/// A cube LDI before packing: six layered depth images about one centre, and the environment behind
+/// them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CubeLdi {
+pub struct CubeSamples {
     /// Header of the capture.
     pub info: CaptureInfo,
     /// In the order of [`Face::ALL`].

@@ -1,10 +1,10 @@
 //! Every promise of the build-time layout, checked (S11, S14; C9 for the order of layers).
 //!
-//! `headbox info --check` and [`crate::pack::PackedCube::pack`] run it: what passes can be packed
+//! `headbox info --check` and [`crate::pack::CubeLdi::pack`] run it: what passes can be packed
 //! and drawn without further checks.
 
 use crate::model::info::{CaptureInfo, Holes};
-use crate::model::samples::{CubeLdi, LayeredDepthImage};
+use crate::model::samples::{CubeSamples, LayeredDepthImage};
 use headbox_core::cube_face::Face;
 use headbox_core::environment::EnvironmentError;
 use rayon::prelude::*;
@@ -108,7 +108,7 @@ pub enum LdiError {
     },
 }
 
-impl CubeLdi {
+impl CubeSamples {
     /// Checks every promise of the layout: six faces of one size, offsets that are prefix sums,
     /// positive finite inverse depths, farthest first inside a pixel, an environment of six whole
     /// faces, sane capture information.
@@ -140,7 +140,7 @@ impl CubeLdi {
 }
 
 impl LayeredDepthImage {
-    /// Checks every promise of one face; see [`CubeLdi::validate`].
+    /// Checks every promise of one face; see [`CubeSamples::validate`].
     ///
     /// # Errors
     /// The first broken promise, with face, pixel and value.

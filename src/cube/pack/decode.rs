@@ -2,9 +2,9 @@
 
 use super::blocks::BlockIndex;
 use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
-use super::layout::{PackedCube, PackedSegment};
+use super::layout::{CubeLdi, PackedSegment};
 use super::splat_index::DepthCodeRange;
-use crate::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+use crate::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
 
@@ -81,10 +81,10 @@ impl PackedSegment {
     }
 }
 
-impl PackedCube {
+impl CubeLdi {
     /// The cube LDI that was packed, as well as packing has kept it. Pictures on planes are not
     /// part of it.
-    pub fn unpack(&self) -> CubeLdi {
+    pub fn unpack(&self) -> CubeSamples {
         let faces = Face::ALL.map(|face| {
             let size_px = self.face_size_px;
             let mut ldi = LayeredDepthImage::empty(face, size_px);
@@ -122,7 +122,7 @@ impl PackedCube {
             }
             ldi
         });
-        CubeLdi {
+        CubeSamples {
             info: self.info.clone(),
             faces: faces.to_vec(),
             environment: self.environment.clone(),
@@ -266,12 +266,12 @@ mod tests {
             exposure: 1.0,
             ..Default::default()
         };
-        let ldi = CubeLdi {
+        let ldi = CubeSamples {
             info,
             faces,
             environment: Environment::default(),
         };
-        let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).expect("packs");
+        let cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::None).expect("packs");
         let back = cube.unpack();
         for (face, back) in ldi.faces.iter().zip(&back.faces) {
             assert_eq!(

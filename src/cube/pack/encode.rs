@@ -2,10 +2,10 @@
 
 use super::blocks::BlockIndex;
 use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
-use super::layout::{PackedCube, PackedSegment, SegmentSide};
+use super::layout::{CubeLdi, PackedSegment, SegmentSide};
 use super::plane_set::PlaneSet;
 use super::splat_index::{DepthCodeRange, SplatCoder};
-use crate::model::samples::{CubeLdi, DepthPixel, LayeredDepthImage};
+use crate::model::samples::{CubeSamples, DepthPixel, LayeredDepthImage};
 use crate::model::validate::LdiError;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -43,13 +43,17 @@ pub enum PackError {
     SplitDepth(f64),
 }
 
-impl PackedCube {
+impl CubeLdi {
     /// Packs a cube LDI: cuts each face at its split plane, quantises, and lays each segment out as
     /// S17 says.
     ///
     /// # Errors
     /// [`PackError`] if the LDI is invalid or the split depth is not positive and finite.
-    pub fn pack(ldi: &CubeLdi, layout: SplatIndexLayout, split: Split) -> Result<Self, PackError> {
+    pub fn pack(
+        ldi: &CubeSamples,
+        layout: SplatIndexLayout,
+        split: Split,
+    ) -> Result<Self, PackError> {
         if let Split::AtDepth(depth) = split
             && !(depth > 0.0 && depth.is_finite())
         {

@@ -1,9 +1,9 @@
 //! Depth pixels of which nothing is quantised, to find out what packing costs and gains.
 
 use super::depth_pixel::SplatIndexLayout;
-use super::layout::{PackedCube, PackedSegment};
+use super::layout::{CubeLdi, PackedSegment};
 use super::{PackError, PackedDepthPixel, Split};
-use crate::model::samples::{CubeLdi, DepthPixel, LayeredDepthImage};
+use crate::model::samples::{CubeSamples, DepthPixel, LayeredDepthImage};
 
 /// A depth pixel in 24 bytes instead of 8.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -23,7 +23,7 @@ pub struct ExactDepthPixel {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExactCube {
     /// Everything but the depth pixels is taken from here.
-    pub cube: PackedCube,
+    pub cube: CubeLdi,
     /// For each segment, as many as it has packed ones, in the same order.
     pub depth_pixels: Vec<Vec<ExactDepthPixel>>,
 }
@@ -32,9 +32,13 @@ impl ExactCube {
     /// Packs a cube LDI and keeps what that loses.
     ///
     /// # Errors
-    /// As [`PackedCube::pack`].
-    pub fn pack(ldi: &CubeLdi, layout: SplatIndexLayout, split: Split) -> Result<Self, PackError> {
-        let cube = PackedCube::pack(ldi, layout, split)?;
+    /// As [`CubeLdi::pack`].
+    pub fn pack(
+        ldi: &CubeSamples,
+        layout: SplatIndexLayout,
+        split: Split,
+    ) -> Result<Self, PackError> {
+        let cube = CubeLdi::pack(ldi, layout, split)?;
         let exact_of = |segment: &PackedSegment| {
             let face = ldi.faces.iter().find(|face| face.face == segment.face);
             face.map_or_else(Vec::new, |face| exact_segment(face, segment))
@@ -44,7 +48,7 @@ impl ExactCube {
     }
 
     /// From what packing has left, as of a file: for times, not for errors.
-    pub fn unpack(cube: PackedCube) -> Self {
+    pub fn unpack(cube: CubeLdi) -> Self {
         let of_segment = |segment: &PackedSegment| {
             let unpack = |packed: &PackedDepthPixel| ExactDepthPixel {
                 inverse_depth: segment.inverse_depth(packed.inverse_depth_code()) as f32,

@@ -11,7 +11,7 @@
 
 use super::plane_set::PlaneSet;
 use super::planes::{Plane, PlaneTile};
-use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout};
+use super::{BlockIndex, CubeLdi, PackedSegment, SegmentSide, SplatIndexLayout};
 use crate::model::info::CaptureInfo;
 use crate::model::validate::MAX_FACE_SIZE_PX;
 use crate::pack::runs;
@@ -104,7 +104,7 @@ fn segment_name(face: Face, near: bool) -> &'static str {
     NAMES[face.index()][usize::from(near)]
 }
 
-impl PackedCube {
+impl CubeLdi {
     /// Writes a `.ldi` file, whole or not at all.
     ///
     /// # Errors
@@ -137,7 +137,7 @@ impl PackedCube {
         writer.write(path)
     }
 
-    /// Reads a `.ldi` file. Every table is checked against the others ([`PackedCube::validate`]),
+    /// Reads a `.ldi` file. Every table is checked against the others ([`CubeLdi::validate`]),
     /// so that a renderer can rely on them.
     ///
     /// # Errors

@@ -56,7 +56,7 @@ pub struct PackedSegment {
 
 /// A packed cube LDI: what a `.ldi` file holds and what the renderer draws.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PackedCube {
+pub struct CubeLdi {
     /// Header of the capture.
     pub info: CaptureInfo,
     /// Pixels a side of each face.

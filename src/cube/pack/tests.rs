@@ -4,11 +4,11 @@ use super::blocks::{BLOCK_COLUMNS, BLOCK_ROWS, BlockIndex};
 use super::file::CUBE_LDI;
 use super::validate::{PackedError, SegmentProblem};
 use super::{
-    ExactCube, PackedCube, PackedDepthPixel, PackedSegment, Plane, PlaneSet, PlaneTile,
-    SegmentSide, SplatIndexLayout, Split,
+    CubeLdi, ExactCube, PackedDepthPixel, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide,
+    SplatIndexLayout, Split,
 };
 use crate::model::info::CaptureInfo;
-use crate::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+use crate::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
 use crate::model::validate::MAX_FACE_SIZE_PX;
 use crate::pack::runs;
 use headbox_core::container::{Container, ContainerWriter, Section};
@@ -18,7 +18,10 @@ use headbox_core::random::Rng;
 use std::collections::HashMap;
 
 /// A cube about the origin of what `samples` says of each pixel of each face, farthest first.
-pub(crate) fn ldi(face_px: u32, samples: impl Fn(Face, u32, u32) -> Vec<DepthPixel>) -> CubeLdi {
+pub(crate) fn ldi(
+    face_px: u32,
+    samples: impl Fn(Face, u32, u32) -> Vec<DepthPixel>,
+) -> CubeSamples {
     let faces = Face::ALL.map(|face| {
         let mut ldi = LayeredDepthImage::empty(face, face_px);
         for i in 0..face_px * face_px {
@@ -32,7 +35,7 @@ pub(crate) fn ldi(face_px: u32, samples: impl Fn(Face, u32, u32) -> Vec<DepthPix
         exposure: 1.0,
         ..CaptureInfo::default()
     };
-    CubeLdi {
+    CubeSamples {
         info,
         faces: faces.to_vec(),
         environment: Environment::default(),
@@ -52,7 +55,7 @@ pub(crate) fn sample(random: &mut Rng, face: Face, inverse_depth: f64) -> DepthP
 
 /// Up to eleven samples in each pixel of the rectangle from (70, 20) to (150, 50) of faces of 170
 /// pixels, which touches neither the first column nor the first row of blocks.
-pub(crate) fn scattered() -> CubeLdi {
+pub(crate) fn scattered() -> CubeSamples {
     ldi(170, |face, x, y| {
         let mut random = Rng::keyed(u64::from(x) << 32 | u64::from(y) << 8 | face.index() as u64);
         if !(70..=150).contains(&x) || !(20..=50).contains(&y) {
@@ -83,7 +86,7 @@ fn packing_round_trips_samples() {
     let ldi = scattered();
     for (layout, normal_deg) in LAYOUTS.into_iter().zip(NORMAL_DEG) {
         for (split, segments) in [(Split::None, 6), (Split::AtDepth(1.25), 12)] {
-            let cube = PackedCube::pack(&ldi, layout, split).expect("packs");
+            let cube = CubeLdi::pack(&ldi, layout, split).expect("packs");
             cube.validate().expect("valid");
             assert_eq!(cube.segments.len(), segments);
             for (face, back) in ldi.faces.iter().zip(cube.unpack().faces) {
@@ -247,7 +250,7 @@ fn the_automatic_cut_is_the_cheapest_of_all() {
             _ => Vec::new(),
         });
         cube.info.half_size_m = 1.2;
-        let packed = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+        let packed = CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto).expect("packs");
         let [of_far, of_near] = &packed.segments[..] else {
             panic!("a cut")
         };
@@ -280,7 +283,7 @@ fn split_that_saves_little_is_omitted() {
         _ => Vec::new(),
     });
     assert_eq!(
-        PackedCube::pack(&flat, SplatIndexLayout::Normal, Split::Auto)
+        CubeLdi::pack(&flat, SplatIndexLayout::Normal, Split::Auto)
             .expect("packs")
             .segments
             .len(),
@@ -295,7 +298,7 @@ fn counts_are_written_as_the_format_says() {
         width: 3,
         height: 2,
         row_counts: vec![0, 1, 1, 3, 0, 0, 200, 200],
-        ..PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None)
+        ..CubeLdi::pack(&scattered(), SplatIndexLayout::Normal, Split::None)
             .expect("packs")
             .segments
             .remove(0)
@@ -327,10 +330,10 @@ fn files_give_back_what_was_written() {
     });
     for ldi in [scattered(), many] {
         let mut cube =
-            PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
+            CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
         let path = folder.path().join("cube.ldi");
         cube.write(&path).expect("written");
-        assert_eq!(PackedCube::read(&path).expect("read"), cube);
+        assert_eq!(CubeLdi::read(&path).expect("read"), cube);
         // With pictures on planes, counts lie in runs. One picture is opaque, and of one the alpha
         // has to be kept.
         let picture = |opaque| PlaneTile {
@@ -361,7 +364,7 @@ fn files_give_back_what_was_written() {
             ..PlaneSet::default()
         };
         cube.write(&path).expect("written");
-        assert_eq!(PackedCube::read(&path).expect("read"), cube);
+        assert_eq!(CubeLdi::read(&path).expect("read"), cube);
     }
 }
 
@@ -390,7 +393,7 @@ fn every_broken_promise_of_pictures_is_named() {
         width: 2,
         height: 3,
     };
-    let mut valid = PackedCube::pack(
+    let mut valid = CubeLdi::pack(
         &ldi(8, |_, _, _| Vec::new()),
         SplatIndexLayout::Normal,
         Split::None,
@@ -485,8 +488,8 @@ fn every_broken_promise_of_pictures_is_named() {
 
 #[test]
 fn bytes_are_those_of_all_arrays() {
-    let mut cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25))
-        .expect("packs");
+    let mut cube =
+        CubeLdi::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
     cube.environment = Environment {
         size_px: 3,
         texels: vec![[9; 4]; 54],
@@ -527,12 +530,11 @@ fn split_plane_samples_are_near() {
     });
     for depth in [0.0, -1.0, f64::INFINITY, f64::NAN] {
         assert!(
-            PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(depth)).is_err(),
+            CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(depth)).is_err(),
             "{depth}"
         );
     }
-    let cube =
-        PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
+    let cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
     let ranges = cube
         .segments
         .iter()
@@ -556,7 +558,7 @@ fn front_facing_normal_stays_front_facing() {
                 EncodedNormal::new((across - toward * random.between(0.001, 0.05)).as_vec3());
         }
     }
-    let unpacked = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None)
+    let unpacked = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::None)
         .expect("packs")
         .unpack();
     for (face, back) in ldi.faces.iter().zip(unpacked.faces) {
@@ -593,8 +595,8 @@ fn section(bytes: Vec<u8>) -> Section {
 
 #[test]
 fn arrays_of_a_house_file_give_back_the_cube() {
-    let mut cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25))
-        .expect("packs");
+    let mut cube =
+        CubeLdi::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
     cube.environment = Environment {
         size_px: 3,
         texels: (0..54).map(|i| [i, 2, 3, 255]).collect(),
@@ -625,12 +627,12 @@ fn arrays_of_a_house_file_give_back_the_cube() {
         cube.planes = planes;
         let mut section = section(cube.arrays());
         assert_eq!(
-            PackedCube::from_arrays(cube.header(), &mut section).expect("read"),
+            CubeLdi::from_arrays(cube.header(), &mut section).expect("read"),
             cube
         );
         section.end().expect("all was read");
         cube.write(&path).expect("written");
-        assert_eq!(PackedCube::read(&path).expect("read"), cube);
+        assert_eq!(CubeLdi::read(&path).expect("read"), cube);
     }
 }
 
@@ -715,7 +717,7 @@ fn every_broken_promise_of_segments_is_named() {
         RowOffsetCount, RowOffsets, SplitPlane,
     };
     for layout in LAYOUTS {
-        let valid = PackedCube::pack(&scattered(), layout, Split::AtDepth(1.25)).expect("packs");
+        let valid = CubeLdi::pack(&scattered(), layout, Split::AtDepth(1.25)).expect("packs");
         let (all, width) = (
             valid.segments[0].depth_pixels.len(),
             valid.segments[0].width as usize,
@@ -788,7 +790,7 @@ fn every_broken_promise_of_segments_is_named() {
         check(Some(RowCounts(1)), &|s| s.row_counts[width + 1] = 1);
     }
     let mut twice =
-        PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+        CubeLdi::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
     twice.segments.insert(1, twice.segments[0].clone());
     assert_eq!(twice.validate(), Err(PackedError::SegmentOrder(1)));
 }

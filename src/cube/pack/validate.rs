@@ -1,7 +1,7 @@
 //! Every promise of the render-time layout, checked (S17, S22, S23).
 
 use super::depth_pixel::{PackedDepthPixel, SplatIndexLayout};
-use super::layout::{PackedCube, PackedSegment, SegmentSide};
+use super::layout::{CubeLdi, PackedSegment, SegmentSide};
 use super::planes::MAX_TILE_PX;
 use crate::model::validate::{LdiError, MAX_FACE_SIZE_PX};
 use headbox_core::cube_face::Face;
@@ -93,7 +93,7 @@ pub enum SegmentProblem {
     },
 }
 
-impl PackedCube {
+impl CubeLdi {
     /// Checks every promise of the layout; what passes is drawn as its maker meant it.
     ///
     /// # Errors

@@ -16,8 +16,8 @@ mod textures;
 
 pub use bound::Bound;
 
-use crate::model::samples::{CubeLdi, LayeredDepthImage};
-use crate::pack::{PackError, PackedCube, Plane, PlaneSet, SplatIndexLayout, Split};
+use crate::model::samples::{CubeSamples, LayeredDepthImage};
+use crate::pack::{CubeLdi, PackError, Plane, PlaneSet, SplatIndexLayout, Split};
 use rayon::prelude::*;
 use regions::{Grower, NOBODY};
 
@@ -32,13 +32,13 @@ pub const DEFAULT_ERROR_PX: f64 = 0.5;
 /// ([`choose`]), if these together are worth the canvas that a frame needs for them.
 ///
 /// # Errors
-/// See [`PackedCube::pack`].
+/// See [`CubeLdi::pack`].
 pub fn pack(
-    ldi: CubeLdi,
+    ldi: CubeSamples,
     layout: SplatIndexLayout,
     split: Split,
     error_px: f64,
-) -> Result<PackedCube, PackError> {
+) -> Result<CubeLdi, PackError> {
     ldi.validate()?;
     let found = find(&ldi, error_px);
     let samples = found.iter().map(|of_face| of_face.pictures.samples).sum();
@@ -64,25 +64,25 @@ pub fn pack(
 /// Same as [`pack`], keeping all plane textures: for a cube of which portals show parts.
 ///
 /// # Errors
-/// See [`PackedCube::pack`].
+/// See [`CubeLdi::pack`].
 pub fn pack_in_parts(
-    ldi: CubeLdi,
+    ldi: CubeSamples,
     layout: SplatIndexLayout,
     split: Split,
     error_px: f64,
-) -> Result<PackedCube, PackError> {
+) -> Result<CubeLdi, PackError> {
     ldi.validate()?;
     let found = find(&ldi, error_px);
     pack_found(ldi, found, layout, split, error_px)
 }
 
 fn pack_found(
-    mut ldi: CubeLdi,
+    mut ldi: CubeSamples,
     found: Vec<SelectedTextures>,
     layout: SplatIndexLayout,
     split: Split,
     error_px: f64,
-) -> Result<PackedCube, PackError> {
+) -> Result<CubeLdi, PackError> {
     let planes = take(&mut ldi, found, error_px);
     let split = match split {
         // What pictures leave is little, and a second table of pixels would be larger than what a
@@ -90,7 +90,7 @@ fn pack_found(
         Split::Auto if !planes.tiles.is_empty() => Split::None,
         split => split,
     };
-    let mut cube = PackedCube::pack(&ldi, layout, split)?;
+    let mut cube = CubeLdi::pack(&ldi, layout, split)?;
     cube.planes = planes;
     Ok(cube)
 }
@@ -102,14 +102,14 @@ const LEAST_SAMPLES: usize = 48;
 /// samples of it say is seen elsewhere by more than `error_px` ([`Bound`]). With an error that is
 /// not a positive number, nothing is taken.
 ///
-/// The LDI must be valid ([`CubeLdi::validate`]).
-pub fn choose(ldi: &mut CubeLdi, error_px: f64) -> PlaneSet {
+/// The LDI must be valid ([`CubeSamples::validate`]).
+pub fn choose(ldi: &mut CubeSamples, error_px: f64) -> PlaneSet {
     let found = find(ldi, error_px);
     take(ldi, found, error_px)
 }
 
 /// The pictures of each face.
-fn find(ldi: &CubeLdi, error_px: f64) -> Vec<SelectedTextures> {
+fn find(ldi: &CubeSamples, error_px: f64) -> Vec<SelectedTextures> {
     if error_px.is_nan() || error_px <= 0.0 {
         return Vec::new();
     }
@@ -122,7 +122,7 @@ fn find(ldi: &CubeLdi, error_px: f64) -> Vec<SelectedTextures> {
 }
 
 /// Takes the samples of pictures from a cube, and makes a set of these.
-fn take(ldi: &mut CubeLdi, found: Vec<SelectedTextures>, error_px: f64) -> PlaneSet {
+fn take(ldi: &mut CubeSamples, found: Vec<SelectedTextures>, error_px: f64) -> PlaneSet {
     if found
         .iter()
         .all(|of_face| of_face.pictures.tiles.is_empty())

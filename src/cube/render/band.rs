@@ -1,6 +1,6 @@
 //! Rendering of one band of a frame by one thread, from its first splat to its last pixel.
 
-use crate::pack::{ExactDepthPixel, PackedCube, PackedDepthPixel};
+use crate::pack::{CubeLdi, ExactDepthPixel, PackedDepthPixel};
 use crate::render::canvas;
 use crate::render::canvas::Canvas;
 use crate::render::canvas::depth::DepthCanvas;
@@ -141,7 +141,7 @@ impl BandRenderer {
 
     /// Draws a part of the `i`th segment in drawing order. Draws neither plane textures nor
     /// inserted content.
-    pub fn draw_part(&mut self, plan: &FramePlan, cube: &PackedCube, i: usize, part: FacePart) {
+    pub fn draw_part(&mut self, plan: &FramePlan, cube: &CubeLdi, i: usize, part: FacePart) {
         let segment = &cube.segments[plan.segments()[i].index];
         let part = SegmentPart {
             segment,
@@ -158,7 +158,7 @@ impl BandRenderer {
     fn draw_exact_part(
         &mut self,
         plan: &FramePlan,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         exact: &[Vec<ExactDepthPixel>],
         i: usize,
         part: FacePart,

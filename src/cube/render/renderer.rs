@@ -1,6 +1,6 @@
 //! Rendering of frames in bands of rows, on all threads (docs/decisions/0053).
 
-use crate::pack::{ExactCube, ExactDepthPixel, PackedCube};
+use crate::pack::{CubeLdi, ExactCube, ExactDepthPixel};
 use crate::render::band::BandRenderer;
 use crate::render::planes::DepthLayer;
 use crate::render::resolve::composite::{Pixels, depth_chunks};
@@ -48,14 +48,14 @@ impl Default for Renderer {
 /// Input of a frame: packed cube, optional unquantised samples, optional inserted content.
 #[derive(Clone, Copy)]
 pub(super) struct Source<'a> {
-    pub(super) cube: &'a PackedCube,
+    pub(super) cube: &'a CubeLdi,
     /// Depth pixels of each segment that replace the packed ones.
     pub(super) exact: Option<&'a [Vec<ExactDepthPixel>]>,
     pub(super) inserted: Option<&'a DepthLayer<'a>>,
 }
 
 impl<'a> Source<'a> {
-    fn from_cube(cube: &'a PackedCube) -> Self {
+    fn from_cube(cube: &'a CubeLdi) -> Self {
         Self {
             cube,
             exact: None,
@@ -87,20 +87,15 @@ impl Renderer {
     }
 
     /// Renders what `camera` sees, on the current rayon thread pool. The cube should be valid
-    /// ([`PackedCube::validate`]); rows of an invalid one whose tables are damaged are left out.
-    pub fn render(
-        &mut self,
-        cube: &PackedCube,
-        camera: &Camera,
-        settings: &RenderSettings,
-    ) -> &Frame {
+    /// ([`CubeLdi::validate`]); rows of an invalid one whose tables are damaged are left out.
+    pub fn render(&mut self, cube: &CubeLdi, camera: &Camera, settings: &RenderSettings) -> &Frame {
         self.render_with_stats(cube, camera, settings).0
     }
 
     /// Renders a frame and returns its statistics.
     pub fn render_with_stats(
         &mut self,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         camera: &Camera,
         settings: &RenderSettings,
     ) -> (&Frame, &FrameStats) {
@@ -109,7 +104,7 @@ impl Renderer {
 
     /// Renders a frame with default settings, and returns 1 / eye depth of each pixel's front
     /// surface, 1/m, however little of the pixel it covers; 0 where there is none.
-    pub fn render_with_fronts(&mut self, cube: &PackedCube, camera: &Camera) -> (&Frame, &[f32]) {
+    pub fn render_with_fronts(&mut self, cube: &CubeLdi, camera: &Camera) -> (&Frame, &[f32]) {
         self.plan.reads_all_depths = true;
         self.render_source(Source::from_cube(cube), camera, &RenderSettings::default());
         self.plan.reads_all_depths = false;
@@ -121,7 +116,7 @@ impl Renderer {
     /// With kernels that do not compare depths, samples blend with it only where they are in front.
     pub fn render_with_layer(
         &mut self,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         inserted: &DepthLayer,
         camera: &Camera,
         settings: &RenderSettings,

@@ -4,7 +4,7 @@
 use super::renderer::default_band_rows;
 use super::*;
 use crate::pack::tests::scattered;
-use crate::pack::{PackedCube, SplatIndexLayout, Split};
+use crate::pack::{CubeLdi, SplatIndexLayout, Split};
 use footprint::splat::SplatKernel;
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -35,8 +35,8 @@ pub(super) fn cameras() -> Vec<Camera> {
     eyes.into_iter().enumerate().map(camera).collect()
 }
 
-pub(super) fn cube() -> PackedCube {
-    PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs")
+pub(super) fn cube() -> CubeLdi {
+    CubeLdi::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs")
 }
 
 #[test]

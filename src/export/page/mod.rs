@@ -18,7 +18,7 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_house::house::House;
 use headbox_lumigraph::Lumigraph;
 use headbox_sprite::SpriteSet;
@@ -86,7 +86,7 @@ impl Page {
     ///
     /// # Errors
     /// [`ExportError::Empty`], [`ExportError::TooLarge`].
-    pub fn new(cube: &PackedCube, name: &str) -> Result<Self, ExportError> {
+    pub fn new(cube: &CubeLdi, name: &str) -> Result<Self, ExportError> {
         Self::of(cube::content(cube)?, name)
     }
 
@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn empty_capture_is_refused() {
-        let cube = PackedCube {
+        let cube = CubeLdi {
             info: Default::default(),
             face_size_px: 8,
             layout: headbox_cube::pack::SplatIndexLayout::Normal,

@@ -5,7 +5,7 @@ use super::sprite::SpriteDrawer;
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 use serde::Serialize;
 
@@ -84,7 +84,7 @@ impl Drawer {
 }
 
 impl BackdropStats {
-    fn add(&mut self, cube: &PackedCube, warped: &FrameStats) {
+    fn add(&mut self, cube: &CubeLdi, warped: &FrameStats) {
         self.samples += cube.depth_pixel_count() as u64;
         self.depth_pixels_in += warped.depth_pixels_in;
         self.splatted += warped.splatted;
@@ -92,9 +92,9 @@ impl BackdropStats {
 }
 
 /// Returns the cubes nearest and second nearest to the eye; the only one if there is one.
-fn two_nearest(cubes: &[PackedCube], eye: DVec3) -> [Option<&PackedCube>; 2] {
-    let distance = |cube: &PackedCube| (cube.info.centre - eye).length_squared();
-    let mut sorted: Vec<&PackedCube> = cubes.iter().collect();
+fn two_nearest(cubes: &[CubeLdi], eye: DVec3) -> [Option<&CubeLdi>; 2] {
+    let distance = |cube: &CubeLdi| (cube.info.centre - eye).length_squared();
+    let mut sorted: Vec<&CubeLdi> = cubes.iter().collect();
     sorted.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
     [sorted.first().copied(), sorted.get(1).copied()]
 }

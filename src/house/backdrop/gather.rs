@@ -21,8 +21,8 @@ use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::model::samples::{CubeLdi, EncodedNormal};
-use headbox_cube::pack::{PackError, PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::{CubeSamples, EncodedNormal};
+use headbox_cube::pack::{CubeLdi, PackError, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_ldi::from_images::layers::LayerCube;
 use headbox_ldi::from_images::row_samples::{ImageSample, LinearColor16, RowSamples};
@@ -77,7 +77,7 @@ impl CubeJob<'_> {
         &self,
         count: u32,
         fill: impl Fn(u32, &mut RayBatch) + Sync,
-    ) -> Result<PackedCube, PackError> {
+    ) -> Result<CubeLdi, PackError> {
         let batches = (0..count)
             .into_par_iter()
             .map_init(RayBatch::default, |batch, i| {
@@ -102,7 +102,7 @@ impl CubeJob<'_> {
         };
         let mut cube = self.merge(&samples, environment);
         if !self.mends {
-            return PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto);
+            return CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto);
         }
         let mender = BackdropMender {
             house: self.house,
@@ -183,7 +183,7 @@ impl CubeJob<'_> {
     }
 
     /// The cube of samples in the order of their rays, batch by batch, each of an image.
-    fn merge(&self, batches: &[(u8, Vec<RowSample>)], environment: Environment) -> CubeLdi {
+    fn merge(&self, batches: &[(u8, Vec<RowSample>)], environment: Environment) -> CubeSamples {
         let pile = |batches: &[(u8, Vec<RowSample>)]| {
             let mut pile = RowSamples::new(self.face_px, batches[0].0.into());
             batches
@@ -213,7 +213,7 @@ impl CubeJob<'_> {
                 .sum(),
             ..CaptureInfo::default()
         };
-        CubeLdi {
+        CubeSamples {
             info,
             faces: cube.finish(),
             environment,

@@ -11,7 +11,7 @@ use crate::opening::Opening;
 use glam::DVec3;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::pack::{PackError, PackedCube};
+use headbox_cube::pack::{CubeLdi, PackError};
 
 /// One LDI of the images from all places, about the first.
 pub(super) fn ldi(
@@ -20,7 +20,7 @@ pub(super) fn ldi(
     places: &[DVec3],
     rule: MergeRule,
     quality: &BackdropQuality,
-) -> Result<PackedCube, PackError> {
+) -> Result<CubeLdi, PackError> {
     let face_px = quality.face_px;
     let job = CubeJob {
         house,

@@ -28,7 +28,7 @@ use super::house::House;
 use super::opening::Opening;
 use glam::DVec3;
 use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::pack::{PackError, PackedCube};
+use headbox_cube::pack::{CubeLdi, PackError};
 use headbox_sprite::SpriteError;
 use serde::{Deserialize, Serialize};
 
@@ -157,7 +157,7 @@ pub enum Backdrop {
     /// Colours on the portal's plane.
     Textures(TextureSet),
     /// Cubes, each with the place from which it was taken; of several the two nearest are drawn.
-    Cubes(Vec<PackedCube>),
+    Cubes(Vec<CubeLdi>),
     /// A sprite with depth.
     Sprite(Box<PortalSprite>),
 }
@@ -271,7 +271,7 @@ impl Backdrop {
         let opening = at.opening(house).ok_or_else(no_portal)?;
         let [looking, _] = at.cells(house).ok_or_else(no_portal)?;
         let places = opening.semicircle(quality.images, quality.radius_m, quality.eye_height_m);
-        let pack = |result: Result<PackedCube, PackError>| {
+        let pack = |result: Result<CubeLdi, PackError>| {
             result.map_err(|source| BackdropError::Pack {
                 portal: at.portal,
                 source,

@@ -10,7 +10,7 @@ use crate::house::House;
 use crate::opening::Opening;
 use glam::{DVec3, Vec3};
 use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::pack::{PackError, PackedCube};
+use headbox_cube::pack::{CubeLdi, PackError};
 use headbox_trace::bvh::{PACKET, RayPacket};
 use headbox_trace::sampler::{DirectionCell, RayDomain, Sampling, Strata};
 
@@ -21,7 +21,7 @@ pub(super) fn ldi(
     centre: DVec3,
     face_px: u32,
     quality: &BackdropQuality,
-) -> Result<PackedCube, PackError> {
+) -> Result<CubeLdi, PackError> {
     let origin = house.tracer().origin();
     let domain = RayDomain {
         centre: (opening.centre - origin).as_vec3(),

@@ -33,7 +33,7 @@ use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
 use headbox_cube::pack::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
-use headbox_cube::pack::{PackedCube, PackedSegment};
+use headbox_cube::pack::{CubeLdi, PackedSegment};
 use headbox_cube::render::band::{BandRenderer, FacePart};
 use headbox_cube::render::footprint::rules::W_NEAR;
 use headbox_cube::render::resolve::composite::EnvironmentBackground;
@@ -112,7 +112,7 @@ impl FragmentRenderer {
     /// the current rayon thread pool. Cubes with plane textures are rendered in bands.
     pub fn render(
         &mut self,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         camera: &Camera,
         settings: &RenderSettings,
         count: u32,
@@ -155,7 +155,7 @@ impl FragmentRenderer {
     }
 
     /// Draws both passes, each fragment and each extended buffer zone on a canvas of its own.
-    fn draw(&mut self, cube: &PackedCube, whole_frame: &Band) -> FragmentStats {
+    fn draw(&mut self, cube: &CubeLdi, whole_frame: &Band) -> FragmentStats {
         let Self {
             plan,
             division,
@@ -200,7 +200,7 @@ impl FragmentRenderer {
         stats
     }
 
-    fn assemble(&mut self, cube: &PackedCube, camera: &Camera, stats: &mut FragmentStats) {
+    fn assemble(&mut self, cube: &CubeLdi, camera: &Camera, stats: &mut FragmentStats) {
         let assembly = Assembly {
             plan: &self.plan,
             boundaries: &self.division.boundaries,
@@ -267,7 +267,7 @@ impl Division {
     fn prepare(
         &mut self,
         plan: &FramePlan,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         camera: &Camera,
         count: usize,
         whole_frame: &Band,
@@ -378,7 +378,7 @@ impl Division {
     fn draw_fragment(
         &self,
         plan: &FramePlan,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         index: usize,
         canvas: &mut BandRenderer,
     ) {
@@ -423,7 +423,7 @@ impl Division {
     fn draw_extended_zone(
         &self,
         plan: &FramePlan,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         whole_frame: &Band,
         k: usize,
         canvas: &mut BandRenderer,

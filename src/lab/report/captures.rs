@@ -9,8 +9,8 @@ use headbox_core::progress::Progress;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::parameters::{CaptureParameters, Sampler};
-use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::scene_source::SceneSource;
@@ -46,7 +46,7 @@ const SHORT_REPEATS: u32 = 3;
 /// A capture and what it took.
 pub struct Made {
     /// The capture.
-    pub ldi: CubeLdi,
+    pub ldi: CubeSamples,
     /// Tracing, lighting and merging, seconds; the least time if it was made more than once.
     pub seconds: f64,
 }
@@ -128,19 +128,15 @@ impl Captures<'_> {
     ///
     /// # Errors
     /// [`ReportError::Pack`].
-    pub fn pack(&self, made: &Made, split: Split) -> Result<PackedCube, ReportError> {
-        Ok(PackedCube::pack(
-            &made.ldi,
-            SplatIndexLayout::Normal,
-            split,
-        )?)
+    pub fn pack(&self, made: &Made, split: Split) -> Result<CubeLdi, ReportError> {
+        Ok(CubeLdi::pack(&made.ldi, SplatIndexLayout::Normal, split)?)
     }
 
     /// Packs a capture in the default layout, what is flat as pictures on planes.
     ///
     /// # Errors
     /// [`ReportError::Pack`].
-    pub fn pack_planes(&self, made: &Made, error_px: f64) -> Result<Arc<PackedCube>, ReportError> {
+    pub fn pack_planes(&self, made: &Made, error_px: f64) -> Result<Arc<CubeLdi>, ReportError> {
         let (layout, split) = (SplatIndexLayout::Normal, Split::Auto);
         Ok(Arc::new(primitives::pack(
             made.ldi.clone(),
@@ -218,7 +214,7 @@ impl Captures<'_> {
                 })?;
             }
         }
-        let mut edit = |role, change: &dyn Fn(&mut CubeLdi)| {
+        let mut edit = |role, change: &dyn Fn(&mut CubeSamples)| {
             let mut ldi = default.ldi.clone();
             change(&mut ldi);
             made.push((
@@ -242,7 +238,7 @@ impl Captures<'_> {
 }
 
 /// Leaves of each pixel the sample that is nearest to the centre: six depth images.
-fn keep_nearest(ldi: &mut CubeLdi) {
+fn keep_nearest(ldi: &mut CubeSamples) {
     for face in &mut ldi.faces {
         let mut nearest = LayeredDepthImage::empty(face.face, face.size_px);
         for (pixel, ends) in face.offsets.windows(2).enumerate() {
@@ -258,7 +254,7 @@ fn keep_nearest(ldi: &mut CubeLdi) {
 /// Joins samples of one pixel that lie within `parallax_px` of the headbox's largest parallax of
 /// each other, as wider bins would have: the mean of depth, colour and alpha, the normal of the
 /// nearest.
-fn coarsen(ldi: &mut CubeLdi, parallax_px: f64) {
+fn coarsen(ldi: &mut CubeSamples, parallax_px: f64) {
     let half_size_m = ldi.info.half_size_m;
     for face in &mut ldi.faces {
         let bins = DepthBins::new(half_size_m, face.size_px);
@@ -296,7 +292,10 @@ fn mean_of(cluster: &[DepthPixel]) -> DepthPixel {
 
 /// A capture with nothing, depth, normals, or both as the packed layout quantises them: name,
 /// whether it is the one to compare with, capture.
-pub(super) fn quantised(ldi: &CubeLdi, cube: &PackedCube) -> Vec<(&'static str, bool, CubeLdi)> {
+pub(super) fn quantised(
+    ldi: &CubeSamples,
+    cube: &CubeLdi,
+) -> Vec<(&'static str, bool, CubeSamples)> {
     let normal = |layout: SplatIndexLayout, face: Face, sample: &DepthPixel| {
         let in_face = face.world_from_eye().transpose() * sample.normal.decode().as_dvec3();
         let eye_depth = 1.0 / f64::from(sample.inverse_depth);

@@ -12,7 +12,7 @@ use crate::plan::EyeSet;
 use crate::plan::{Place, Plan};
 use headbox_core::camera::Camera;
 use headbox_core::progress::{Progress, Silent};
-use headbox_cube::pack::{ExactCube, PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, ExactCube, SplatIndexLayout, Split};
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
@@ -44,9 +44,9 @@ pub(super) const WITH_PLANES: &str = "LDI, what is flat on planes";
 /// The default capture, as far as facts need it.
 pub(super) struct DefaultCapture {
     /// Cube without plane textures, to which most groups refer; or as it was given.
-    pub(super) cube: Arc<PackedCube>,
+    pub(super) cube: Arc<CubeLdi>,
     /// With what is flat on planes, if it was made here.
-    pub(super) with_planes: Option<Arc<PackedCube>>,
+    pub(super) with_planes: Option<Arc<CubeLdi>>,
 }
 
 /// The contenders of a scene as they gather.
@@ -127,7 +127,7 @@ impl<'a> ContenderField<'a> {
     fn ldi(
         &self,
         roles: Vec<Role>,
-        cube: &Arc<PackedCube>,
+        cube: &Arc<CubeLdi>,
         settings: RenderSettings,
         capture_s: Option<f64>,
     ) -> Contender {
@@ -148,7 +148,7 @@ impl<'a> ContenderField<'a> {
     /// default stands.
     fn add_renderings(
         &mut self,
-        cube: &Arc<PackedCube>,
+        cube: &Arc<CubeLdi>,
         capture_s: Option<f64>,
         more: &[(&'static str, &str, bool)],
     ) {
@@ -321,7 +321,7 @@ impl<'a> ContenderField<'a> {
                 ..like
             });
         }
-        let paper = PackedCube::pack(&made.ldi, SplatIndexLayout::Paper, Split::Auto)?;
+        let paper = CubeLdi::pack(&made.ldi, SplatIndexLayout::Paper, Split::Auto)?;
         let roles = vec![
             Role::other(
                 "normal in the splat index",
@@ -344,7 +344,7 @@ impl<'a> ContenderField<'a> {
         &mut self,
         captures: &Captures,
         made: &Made,
-    ) -> Result<Arc<PackedCube>, ReportError> {
+    ) -> Result<Arc<CubeLdi>, ReportError> {
         let default = captures.pack_planes(made, DEFAULT_ERROR_PX)?;
         let within =
             |error_px: f64| Role::other(PRIMITIVES, format!("planes within {error_px} px"));
@@ -375,8 +375,8 @@ impl<'a> ContenderField<'a> {
     /// that needs none.
     fn add_quantised(
         &mut self,
-        ldi: &headbox_cube::model::samples::CubeLdi,
-        cube: &Arc<PackedCube>,
+        ldi: &headbox_cube::model::samples::CubeSamples,
+        cube: &Arc<CubeLdi>,
     ) {
         for (variant, baseline, edited) in super::captures::quantised(ldi, cube) {
             let like = self.ldi(vec![], cube, RenderSettings::default(), None);
@@ -423,7 +423,7 @@ impl<'a> ContenderField<'a> {
     }
 
     /// Adds alternatives without a representation.
-    fn add_without_representation(&mut self, cube: &Arc<PackedCube>, progress: &dyn Progress) {
+    fn add_without_representation(&mut self, cube: &Arc<CubeLdi>, progress: &dyn Progress) {
         let quality = self.plan.quality;
         let (tracer, lighting) = (&self.subject.tracer, &self.subject.lighting);
         let like = |name: &str| Contender {
@@ -529,7 +529,7 @@ impl<'a> ContenderField<'a> {
     }
 
     /// Sprites that look ahead, by the paper's variants.
-    fn add_sprites(&mut self, cube: &Arc<PackedCube>) -> Result<(), ReportError> {
+    fn add_sprites(&mut self, cube: &Arc<CubeLdi>) -> Result<(), ReportError> {
         let start = Instant::now();
         let given = self.subject.sprites.as_ref();
         let Some(floats) = (match given {

@@ -6,7 +6,7 @@ use crate::embree::{Embree, PROGRAM};
 use crate::plan::{EyeSet, Plan};
 use crate::turns::{in_turns, least};
 use headbox_core::statistics::median;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 use rayon::ThreadPool;
@@ -42,7 +42,7 @@ const ROUNDS: u32 = 7;
 
 /// Whoever takes turns.
 enum Way<'a> {
-    Ours(Box<Renderer>, RenderSettings, &'a PackedCube),
+    Ours(Box<Renderer>, RenderSettings, &'a CubeLdi),
     Rays(Embree),
 }
 

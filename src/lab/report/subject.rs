@@ -1,6 +1,6 @@
 //! Subjects of a report: the scene itself, and given files.
 
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_sprite::SpriteSet;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
@@ -49,7 +49,7 @@ pub struct Subject {
     /// True if truth is lit.
     pub lit: bool,
     /// A capture that is given instead of made.
-    pub cube: Option<PackedCube>,
+    pub cube: Option<CubeLdi>,
     /// Sprites that are given instead of made.
     pub sprites: Option<SpriteSet>,
 }

@@ -9,8 +9,8 @@ use headbox_core::progress::Silent;
 use headbox_core::random::Rng;
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_ldi::capture::SceneCapture;
@@ -64,7 +64,7 @@ pub(super) fn capture(
     centre: DVec3,
     half_size_m: f64,
     face_size_px: u32,
-) -> Option<CubeLdi> {
+) -> Option<CubeSamples> {
     capture_with(scene, centre, half_size_m, face_size_px, (8, 12))
 }
 
@@ -74,7 +74,7 @@ fn capture_with(
     half_size_m: f64,
     face_size_px: u32,
     (strata, rays): (u32, u32),
-) -> Option<CubeLdi> {
+) -> Option<CubeSamples> {
     let spec = CaptureSpec {
         face_size_px,
         parameters: CaptureParameters {
@@ -92,8 +92,8 @@ fn capture_with(
 }
 
 /// Packs in the default layout.
-pub(super) fn pack(ldi: &CubeLdi) -> Option<PackedCube> {
-    PackedCube::pack(ldi, SplatIndexLayout::Normal, Split::Auto).ok()
+pub(super) fn pack(ldi: &CubeSamples) -> Option<CubeLdi> {
+    CubeLdi::pack(ldi, SplatIndexLayout::Normal, Split::Auto).ok()
 }
 
 /// A room, captured without light: half-size, LDI, packed.
@@ -122,8 +122,8 @@ pub(super) static ROOM: LazyLock<Option<TestBed>> = LazyLock::new(|| {
 pub(super) struct TestBed {
     pub(super) centre: DVec3,
     pub(super) half: f64,
-    pub(super) ldi: CubeLdi,
-    pub(super) cube: PackedCube,
+    pub(super) ldi: CubeSamples,
+    pub(super) cube: CubeLdi,
     tracer: Tracer,
 }
 
@@ -156,7 +156,7 @@ pub(super) fn ldi_of(
     face_px: u32,
     faces: &[Face],
     mut samples: impl FnMut(Face, f64, f64) -> Vec<DepthPixel>,
-) -> CubeLdi {
+) -> CubeSamples {
     let mut all = Vec::with_capacity(6);
     for face in Face::ALL {
         let mut ldi = LayeredDepthImage::empty(face, face_px);
@@ -175,7 +175,7 @@ pub(super) fn ldi_of(
         exposure: 1.0,
         ..CaptureInfo::default()
     };
-    CubeLdi {
+    CubeSamples {
         info,
         faces: all,
         environment: Environment::default(),
@@ -201,7 +201,7 @@ pub(super) fn sample_with_normal(
 }
 
 /// Draws a frame.
-pub(super) fn draw(cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> Frame {
+pub(super) fn draw(cube: &CubeLdi, camera: &Camera, settings: &RenderSettings) -> Frame {
     Renderer::new().render(cube, camera, settings).clone()
 }
 

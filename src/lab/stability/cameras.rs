@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
-use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::setup::transfer::Transfer;
 
@@ -241,7 +241,7 @@ fn color_at(p: DVec3) -> [f64; 3] {
 }
 
 /// Walls 1 m away on all sides.
-fn walls(face_px: u32) -> CubeLdi {
+fn walls(face_px: u32) -> CubeSamples {
     ldi_of(face_px, &Face::ALL, |face, x, y| {
         vec![sample(
             face,

@@ -6,8 +6,8 @@ use crate::baselines::fragments::FragmentRenderer;
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
-use headbox_cube::model::samples::CubeLdi;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::CubeSamples;
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 
@@ -179,7 +179,7 @@ pub(super) fn cases() -> Vec<Case> {
                     let camera = room.camera(offset, dice.direction(), fov)?;
                     let split =
                         [Split::Auto, Split::None, Split::AtDepth(2.0)][dice.below(3) as usize];
-                    let cube = PackedCube::pack(&room.ldi, SplatIndexLayout::Normal, split).ok()?;
+                    let cube = CubeLdi::pack(&room.ldi, SplatIndexLayout::Normal, split).ok()?;
                     let unclipped = RenderSettings {
                         unclipped: true,
                         ..default()
@@ -450,7 +450,7 @@ fn order_without_depth_buffer(seed: u64, eyes: impl Fn(&mut Dice) -> Vec<DVec3>)
 
 /// Eye depth of the nearest sample whose centre lies in the middle of each pixel, where there is
 /// one.
-fn nearest_centres(ldi: &CubeLdi, camera: &Camera) -> Vec<Option<f64>> {
+fn nearest_centres(ldi: &CubeSamples, camera: &Camera) -> Vec<Option<f64>> {
     let (width, height) = (camera.width(), camera.height());
     let mut nearest: Vec<Option<f64>> = vec![None; width as usize * height as usize];
     for face in &ldi.faces {

@@ -7,8 +7,8 @@ use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::model::samples::{CubeLdi, DepthPixel};
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_ldi::capture::SceneCapture;
@@ -208,7 +208,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// A wall of one colour, 1 m before the centre.
-fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeLdi {
+fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeSamples {
     let mut dice = Dice::new(seed, 50);
     ldi_of(40, &[Face::NegZ], |_, _, _| {
         vec![sample_with_normal(normal(&mut dice).as_vec3(), 1.0, WALL)]
@@ -217,7 +217,7 @@ fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeLdi {
 
 /// Largest distance of pixels from the wall's colour, times their coverage, over all kernels;
 /// holes, kept open, must be black.
-fn foreign_levels(cube: &PackedCube, camera: &Camera) -> Option<f64> {
+fn foreign_levels(cube: &CubeLdi, camera: &Camera) -> Option<f64> {
     largest(SplatKernel::ALL.map(|splats| {
         let frame = draw(
             cube,
@@ -263,7 +263,7 @@ fn sparse_round_trip(seed: u64) -> Option<f64> {
     let mut wrong = 0;
     for layout in [SplatIndexLayout::Normal, SplatIndexLayout::Paper] {
         for split in [Split::Auto, Split::None, Split::AtDepth(1.5)] {
-            let cube = PackedCube::pack(&ldi, layout, split).ok()?;
+            let cube = CubeLdi::pack(&ldi, layout, split).ok()?;
             cube.validate().ok()?;
             for face in &ldi.faces {
                 for (x, y) in (0..23u32).flat_map(|y| (0..23u32).map(move |x| (x, y))) {
@@ -296,7 +296,7 @@ const FACE_PX: u32 = 24;
 
 /// Squares across -Z at the given depths and colours, tilted at random by a tenth of a depth bin,
 /// captured.
-fn planes(seed: u64, planes: &[(f64, [f32; 3])], merge_rule: MergeRule) -> Option<CubeLdi> {
+fn planes(seed: u64, planes: &[(f64, [f32; 3])], merge_rule: MergeRule) -> Option<CubeSamples> {
     let mut dice = Dice::new(seed, 57);
     let mut scene = Scene::default();
     for &(depth, albedo) in planes {
@@ -371,7 +371,7 @@ fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
     Some(100.0 * wrong.count() as f64 / inner().count() as f64)
 }
 
-fn captured(seed: u64, scene: Scene, merge_rule: MergeRule) -> Option<CubeLdi> {
+fn captured(seed: u64, scene: Scene, merge_rule: MergeRule) -> Option<CubeSamples> {
     let spec = CaptureSpec {
         face_size_px: FACE_PX,
         parameters: CaptureParameters {

@@ -72,7 +72,7 @@ impl Case {
 
 /// A small captured room, for tests elsewhere.
 #[cfg(test)]
-pub(crate) fn room() -> Option<&'static headbox_cube::pack::PackedCube> {
+pub(crate) fn room() -> Option<&'static headbox_cube::pack::CubeLdi> {
     Some(&bed::ROOM.as_ref()?.cube)
 }
 

@@ -7,7 +7,7 @@ use crate::baselines::fragments::FragmentRenderer;
 use crate::turns::in_turns;
 use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_cube::pack::{PackedCube, PackedSegment};
+use headbox_cube::pack::{CubeLdi, PackedSegment};
 use headbox_house::backdrop::{Backdrop, BackdropKind};
 use headbox_house::house::House;
 use headbox_house::settings::{Division, WalkSettings};
@@ -275,7 +275,7 @@ impl Balance {
 /// Divides each segment of a cube at its epipole into sheets, and each of these into as many
 /// fragments of equal area as there are processors, along lines through the epipole.
 fn divide(
-    cube: &PackedCube,
+    cube: &CubeLdi,
     eye: DVec3,
     processors: usize,
     sheets: &mut Balance,

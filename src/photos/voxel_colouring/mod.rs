@@ -33,7 +33,7 @@ use glam::DVec3;
 use headbox_core::environment::Environment;
 use headbox_core::progress::Progress;
 use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::samples::{CubeLdi, LayeredDepthImage};
+use headbox_cube::model::samples::{CubeSamples, LayeredDepthImage};
 use headbox_images::backdrop;
 use headbox_images::{ImageSet, ImagesError, Lens, LoadedView, View};
 use photograph::Photograph;
@@ -128,7 +128,7 @@ impl PhotographsJob {
         set: &ImageSet,
         views: &[&View],
         progress: &dyn Progress,
-    ) -> Result<CubeLdi, ImagesError> {
+    ) -> Result<CubeSamples, ImagesError> {
         self.run_smaller(set, views, 1, progress)
     }
 
@@ -143,7 +143,7 @@ impl PhotographsJob {
         views: &[&View],
         times: u32,
         progress: &dyn Progress,
-    ) -> Result<CubeLdi, ImagesError> {
+    ) -> Result<CubeSamples, ImagesError> {
         let nearest = self.nearest(views);
         let load = |view: &&View| view.load().map(|loaded| loaded.downscaled(times));
         let loaded: Result<Vec<LoadedView>, ImagesError> = nearest.par_iter().map(load).collect();
@@ -161,7 +161,7 @@ impl PhotographsJob {
             up: held.map(|held| held.y_axis),
             ..headbox_ldi::from_images::image_set_info(set, self.centre, self.half_size_m)
         };
-        Ok(CubeLdi {
+        Ok(CubeSamples {
             info,
             faces,
             environment: Environment::default(),

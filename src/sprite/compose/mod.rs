@@ -21,7 +21,7 @@ use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
 use headbox_core::frame::Frame;
 use headbox_core::simd;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::canvas::linear::LinearLight;
 use headbox_cube::render::resolve::composite::{EnvironmentBackground, Pixels};
 use headbox_cube::render::{RenderSettings, Renderer};
@@ -45,7 +45,7 @@ pub enum Layer {
 /// Sprites, cube LDIs and polygons of one world.
 pub struct Composition {
     sprites: SpriteSet,
-    cubes: Vec<PackedCube>,
+    cubes: Vec<CubeLdi>,
     points: Vec<CubePoints>,
     polygons: Vec<Polygons>,
     environment: Environment,
@@ -102,7 +102,7 @@ pub struct Composer {
 impl Composition {
     /// Puts layers together. The environment is that of the first cube LDI that has one, else that
     /// of the sprites.
-    pub fn new(sprites: SpriteSet, mut cubes: Vec<PackedCube>) -> Self {
+    pub fn new(sprites: SpriteSet, mut cubes: Vec<CubeLdi>) -> Self {
         let mut environment = Environment::default();
         // Each cube's own environment would hide what lies behind the cube.
         for cube in &mut cubes {
@@ -142,7 +142,7 @@ impl Composition {
     }
 
     /// The cube LDIs, without their environments.
-    pub fn cubes(&self) -> &[PackedCube] {
+    pub fn cubes(&self) -> &[CubeLdi] {
         &self.cubes
     }
 

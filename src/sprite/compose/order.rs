@@ -4,7 +4,7 @@ use super::Layer;
 use crate::{SpriteSet, SpriteWithDepth};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
-use headbox_cube::pack::{PackedCube, PackedSegment};
+use headbox_cube::pack::{CubeLdi, PackedSegment};
 
 /// Positions of some samples of a cube LDI, spread evenly.
 pub(super) struct CubePoints {
@@ -17,7 +17,7 @@ pub(super) struct CubePoints {
 const POINTS: usize = 4096;
 
 impl CubePoints {
-    pub(super) fn new(cube: &PackedCube) -> Self {
+    pub(super) fn new(cube: &CubeLdi) -> Self {
         let every = (cube.depth_pixel_count() + cube.planes.texels.len())
             .div_ceil(POINTS)
             .max(1);
@@ -85,7 +85,7 @@ impl CubePoints {
 }
 
 /// The middles of all texels of pictures on planes that are not open, with their numbers.
-fn points_on_planes(cube: &PackedCube) -> impl Iterator<Item = (usize, DVec3)> {
+fn points_on_planes(cube: &CubeLdi) -> impl Iterator<Item = (usize, DVec3)> {
     cube.planes.tiles.iter().flat_map(move |tile| {
         let face = Face::ALL[usize::from(tile.face) % Face::ALL.len()];
         let plane = cube

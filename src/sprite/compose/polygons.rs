@@ -9,7 +9,7 @@ use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::Progress;
 use headbox_core::tone::ToneMap;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_model::bake::{BakeOptions, bake_unmetered};
 use headbox_raster::RasterMesh;
@@ -77,7 +77,7 @@ impl Polygons {
     /// [`PolygonsError`].
     pub fn lit_by(
         mut scene: Scene,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         progress: &dyn Progress,
     ) -> Result<Self, PolygonsError> {
         scene.validate()?;
@@ -125,7 +125,7 @@ impl Polygons {
 }
 
 /// Renders the surroundings of a position from a cube: linear radiance under its exposure.
-fn surroundings(cube: &PackedCube, place: DVec3) -> Result<SkyPicture, PolygonsError> {
+fn surroundings(cube: &CubeLdi, place: DVec3) -> Result<SkyPicture, PolygonsError> {
     let half = DVec3::splat(cube.info.half_size_m);
     let eye = place.clamp(cube.info.centre - half, cube.info.centre + half);
     let side = SURROUNDINGS_ROWS;

@@ -2,7 +2,7 @@
 
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
-use headbox_cube::pack::{PackedCube, PackedSegment, SegmentSide};
+use headbox_cube::pack::{CubeLdi, PackedSegment, SegmentSide};
 use headbox_cube::render::reference::inspect::{ClipOutcome, ClippedSegment};
 use headbox_cube::render::reference::overdraw::Overdraw;
 use headbox_viewer::{Figure, Swatch};
@@ -133,7 +133,7 @@ const HIDDEN_COLOR: [u8; 3] = [86, 180, 233];
 /// Paints the faces of a cube unfolded over the dimmed frame: what is drawn in its own colours, the
 /// rest in the colour of the test that left it out.
 pub(crate) fn paint_clipping(
-    cube: &PackedCube,
+    cube: &CubeLdi,
     clipped: &[ClippedSegment],
     frame: &Frame,
     pixels: &mut [[u8; 4]],
@@ -192,7 +192,7 @@ pub(super) fn tinted(tint: [u8; 3], [r, g, b]: [u8; 3]) -> [u8; 3] {
 }
 
 /// Depth pixels by what becomes of them.
-fn clipping_figures(cube: &PackedCube, clipped: &[ClippedSegment]) -> Vec<Figure> {
+fn clipping_figures(cube: &CubeLdi, clipped: &[ClippedSegment]) -> Vec<Figure> {
     let [mut drawn, mut outside, mut hidden] = [0_u64; 3];
     for (clipped, segment) in clipped
         .iter()
@@ -238,7 +238,7 @@ mod tests {
     use headbox_cube::render::{RenderSettings, Renderer};
 
     /// Views from off the centre: along the axes of the room, and askew.
-    fn views(cube: &PackedCube) -> Vec<Camera> {
+    fn views(cube: &CubeLdi) -> Vec<Camera> {
         let eye = cube.info.centre + dvec3(0.3, -0.2, 0.25) * cube.info.half_size_m;
         let ahead = [DVec3::NEG_Z, DVec3::X, dvec3(0.4, -0.7, 0.6)];
         ahead

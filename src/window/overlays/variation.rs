@@ -4,7 +4,7 @@
 
 use super::effort::swatch;
 use headbox_core::cube_face::Face;
-use headbox_cube::pack::{PackedCube, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide};
+use headbox_cube::pack::{CubeLdi, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide};
 use headbox_viewer::Swatch;
 use std::sync::Arc;
 
@@ -109,7 +109,7 @@ impl Variation {
             }
     }
 
-    fn apply(&self, cube: &PackedCube) -> PackedCube {
+    fn apply(&self, cube: &CubeLdi) -> CubeLdi {
         let mut segments: Vec<_> = cube
             .segments
             .iter()
@@ -119,7 +119,7 @@ impl Variation {
         segments
             .iter_mut()
             .for_each(|segment| recolor(segment, self.meaning, cube.info.half_size_m));
-        PackedCube {
+        CubeLdi {
             info: cube.info.clone(),
             face_size_px: cube.face_size_px,
             layout: cube.layout,
@@ -130,7 +130,7 @@ impl Variation {
     }
 
     /// The pictures on planes that are shown.
-    fn pictures(&self, cube: &PackedCube) -> PlaneSet {
+    fn pictures(&self, cube: &CubeLdi) -> PlaneSet {
         let from = &cube.planes;
         let mut shown = PlaneSet {
             planes: from.planes.clone(),
@@ -176,7 +176,7 @@ impl Variation {
 
 /// Variations of the LDI on the screen that were made last: one each for A and B.
 #[derive(Default)]
-pub(crate) struct Variations(Vec<(Variation, Arc<PackedCube>)>);
+pub(crate) struct Variations(Vec<(Variation, Arc<CubeLdi>)>);
 
 impl Variations {
     /// The LDI on the screen is another now.
@@ -185,7 +185,7 @@ impl Variations {
     }
 
     /// `cube` as `wanted` has it.
-    pub(crate) fn of(&mut self, cube: &Arc<PackedCube>, wanted: &Variation) -> Arc<PackedCube> {
+    pub(crate) fn of(&mut self, cube: &Arc<CubeLdi>, wanted: &Variation) -> Arc<CubeLdi> {
         if *wanted == Variation::PLAIN {
             return Arc::clone(cube);
         }
@@ -356,7 +356,7 @@ pub(super) mod tests {
     use headbox_ldi::spec::{CaptureSpec, RunOptions};
 
     /// A small capture with several layers in its only segment of each face.
-    pub(crate) fn cube() -> Arc<PackedCube> {
+    pub(crate) fn cube() -> Arc<CubeLdi> {
         let source = headbox_ldi::scene_source::SceneSource::new("builtin:interior");
         let scene = Arc::new(source.open().unwrap());
         let headbox = scene.headbox.unwrap();
@@ -370,7 +370,7 @@ pub(super) mod tests {
         let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
             .run()
             .unwrap();
-        Arc::new(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap())
+        Arc::new(CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap())
     }
 
     #[test]

@@ -17,7 +17,7 @@ use headbox_core::cube_face::Face;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
 use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 use headbox_ldi::scene_source::SceneSource;
@@ -36,7 +36,7 @@ use std::time::{Duration, Instant};
 pub(super) struct CubeSource {
     title: String,
     /// None until a growing one has had its first round.
-    cube: Option<Arc<PackedCube>>,
+    cube: Option<Arc<CubeLdi>>,
     place: Place,
     variations: Variations,
     renderer: Renderer,
@@ -72,7 +72,7 @@ const SAVE: &str = "save";
 const LOOK_AGAIN: Duration = Duration::from_millis(250);
 
 impl CubeSource {
-    pub(super) fn from_file(cube: PackedCube, file: &Path) -> Self {
+    pub(super) fn from_file(cube: CubeLdi, file: &Path) -> Self {
         let title = format!("{} (cube LDI)", file_name(file));
         let info = &cube.info;
         let ahead = info.ahead.unwrap_or_else(|| richest_side(&cube));
@@ -140,7 +140,7 @@ impl CubeSource {
     fn new(
         title: String,
         place: Place,
-        cube: Option<Arc<PackedCube>>,
+        cube: Option<Arc<CubeLdi>>,
         growing: Option<Growing>,
     ) -> Self {
         let (variations, renderer, judge) = (
@@ -161,7 +161,7 @@ impl CubeSource {
     }
 
     /// Shows another cube instead.
-    pub(super) fn show(&mut self, cube: PackedCube) {
+    pub(super) fn show(&mut self, cube: CubeLdi) {
         self.cube = Some(Arc::new(cube));
         self.variations.clear();
     }
@@ -182,10 +182,7 @@ impl CubeSource {
     }
 
     /// Returns a loader of the scene that an LDI was captured from.
-    fn scene(
-        &self,
-        cube: &PackedCube,
-    ) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
+    fn scene(&self, cube: &CubeLdi) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
         let in_hand = self
             .growing
             .as_ref()
@@ -236,7 +233,7 @@ fn paint(
 /// Paints how the frame that was drawn last was made, if that is what the overlay shows.
 fn paint_effort(
     renderer: &mut Renderer,
-    cube: &PackedCube,
+    cube: &CubeLdi,
     camera: &Camera,
     settings: &RenderSettings,
     overlay: Overlay,
@@ -315,7 +312,7 @@ fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, Stri
 
 /// The level direction toward the side of the cube that has the most to show; ahead (-Z) if there
 /// is none.
-fn richest_side(cube: &PackedCube) -> DVec3 {
+fn richest_side(cube: &CubeLdi) -> DVec3 {
     let depth_pixels = |side: Face| -> usize {
         cube.segments
             .iter()
@@ -510,7 +507,7 @@ fn stages(stats: &FrameStats) -> Vec<Stage> {
     times.map(|(name, ms)| Stage { name, ms }).to_vec()
 }
 
-fn figures(stats: &FrameStats, cube: &PackedCube) -> Vec<Figure> {
+fn figures(stats: &FrameStats, cube: &CubeLdi) -> Vec<Figure> {
     let counts = [
         ("depth pixels", cube.depth_pixel_count() as u64),
         ("of these in the loop", stats.depth_pixels_in),

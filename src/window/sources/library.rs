@@ -15,7 +15,7 @@ use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use headbox_core::container::FileError;
 use headbox_core::container::HOMES;
 use headbox_core::progress::Silent;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_house::file::HouseFileError;
 use headbox_images::ImageSet;
 use headbox_images::deep_exr::DeepImage;
@@ -94,7 +94,7 @@ pub fn open_source(
     let source: Box<dyn FrameSource> = match extension.as_deref() {
         _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
         _ if name.starts_with("builtin:") => Box::new(capture(source, output_dir)?),
-        Some("ldi") => Box::new(CubeSource::from_file(PackedCube::read(path)?, path)),
+        Some("ldi") => Box::new(CubeSource::from_file(CubeLdi::read(path)?, path)),
         Some("exr") => show_cube(deep_picture(path).map_err(OpenError::Scene)?, path),
         Some("sprite") => {
             let source = SpriteSource::new(SpriteSet::read(path)?, path);
@@ -116,12 +116,12 @@ pub fn open_source(
 }
 
 /// A cube LDI that was made from `origin`.
-pub fn show_cube(cube: PackedCube, origin: &Path) -> Box<dyn FrameSource> {
+pub fn show_cube(cube: CubeLdi, origin: &Path) -> Box<dyn FrameSource> {
     Box::new(CubeSource::from_file(cube, origin))
 }
 
 /// The cube of a deep picture whose header tells its camera.
-fn deep_picture(path: &Path) -> Result<PackedCube, String> {
+fn deep_picture(path: &Path) -> Result<CubeLdi, String> {
     let image = DeepImage::read(path).map_err(|error| error.to_string())?;
     let of_file = |error: &dyn Display| format!("{}: {error}", path.display());
     let cube = cube_of_deep(&image, DeepPlace::default()).map_err(|error| match error {
@@ -131,7 +131,7 @@ fn deep_picture(path: &Path) -> Result<PackedCube, String> {
         )),
         error => of_file(&error),
     })?;
-    PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto).map_err(|error| of_file(&error))
+    CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto).map_err(|error| of_file(&error))
 }
 
 /// View-dependent geometry of the folder `origin`, from where `start` stands.

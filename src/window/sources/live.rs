@@ -8,7 +8,7 @@
 use super::cube::CubeSource;
 use crate::background;
 use headbox_core::camera::Camera;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_ldi::from_images::NearImages;
 use headbox_viewer::{
     EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting,
@@ -39,7 +39,7 @@ type ViewRequest = (Camera, usize);
 
 /// A cube, and which images it is of.
 struct LiveCube {
-    cube: PackedCube,
+    cube: CubeLdi,
     images: Vec<usize>,
     names: String,
     ms: f64,
@@ -82,7 +82,7 @@ impl LiveSource {
 fn build(near: &mut NearImages, images: Vec<usize>) -> Result<LiveCube, String> {
     let started = Instant::now();
     let ldi = near.cube(&images).map_err(|error| error.to_string())?;
-    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)
+    let cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)
         .map_err(|error| error.to_string())?;
     let names = images
         .iter()

@@ -11,7 +11,7 @@ use crate::background;
 use crate::file_name::file_name;
 use glam::DVec3;
 use headbox_core::progress::Progress;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_images::{ImageSet, Lens, LoadedView, View};
@@ -144,7 +144,7 @@ struct ColouringShared {
 
 #[derive(Default)]
 struct ColouringState {
-    newest: Option<PackedCube>,
+    newest: Option<CubeLdi>,
     rounds_done: usize,
     /// Stages of this round begun.
     stages: u64,

@@ -11,7 +11,7 @@ use crate::background;
 use headbox_core::headbox::Headbox;
 use headbox_core::progress::Progress;
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_ldi::capture::{SceneCapture, stage};
@@ -152,7 +152,7 @@ struct Shared {
 #[derive(Default)]
 struct State {
     scene: Option<LitScene>,
-    newest: Option<Arc<PackedCube>>,
+    newest: Option<Arc<CubeLdi>>,
     rounds_done: usize,
     stage: StageProgress,
     ended: bool,
@@ -265,7 +265,7 @@ impl ProgressiveCapture {
     }
 
     /// The finest cube so far, if it is not `shown`.
-    pub(super) fn newer_than(&self, shown: Option<&Arc<PackedCube>>) -> Option<Arc<PackedCube>> {
+    pub(super) fn newer_than(&self, shown: Option<&Arc<CubeLdi>>) -> Option<Arc<CubeLdi>> {
         let state = self.shared.lock();
         state
             .newest
@@ -408,7 +408,7 @@ mod tests {
     ];
 
     /// The capture of `headbox capture` with the settings of a round.
-    fn command_capture(source: &SceneSource, round: &Round) -> PackedCube {
+    fn command_capture(source: &SceneSource, round: &Round) -> CubeLdi {
         let scene = Arc::new(source.open().unwrap());
         let headbox = viewpoint::place_headbox(&scene, None, None).unwrap();
         let mut spec = round.spec(source, &headbox);
@@ -422,7 +422,7 @@ mod tests {
         planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap()
     }
 
-    fn file_bytes(cube: &PackedCube) -> Vec<u8> {
+    fn file_bytes(cube: &CubeLdi) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ldi");
         cube.write(&path).unwrap();

@@ -7,7 +7,7 @@ use crate::progress::duration;
 use crate::words::{counted, quoted};
 use headbox_core::files;
 use headbox_cube::model::info::Holes;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use serde_json::json;
 
 /// Times of a capture, seconds.
@@ -21,7 +21,7 @@ pub(super) struct CaptureTimes {
 
 impl CaptureCommand {
     /// Prints the result of a capture.
-    pub(super) fn report(&self, cube: &PackedCube, times: &CaptureTimes) {
+    pub(super) fn report(&self, cube: &CubeLdi, times: &CaptureTimes) {
         let rays = cube.info.rays_traced;
         let rays_per_s = rays as f64 / times.trace_s;
         let missing: Vec<f64> = cube

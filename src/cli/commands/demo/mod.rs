@@ -17,7 +17,7 @@ use headbox_core::metrics;
 use headbox_core::metrics::Comparison;
 use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_lab::cube_map::CubeMap;
@@ -159,7 +159,7 @@ impl DemoCommand {
         spec: &CaptureSpec,
         tracer: &Tracer,
         lighting: &Lighting,
-    ) -> anyhow::Result<PackedCube> {
+    ) -> anyhow::Result<CubeLdi> {
         let start = Instant::now();
         let bar = Bar::new();
         let options = RunOptions {
@@ -261,7 +261,7 @@ fn spec(sizes: &Sizes, scene: SceneSource, centre: DVec3, half_size_m: f64) -> C
 }
 
 /// The camera of an eye position: toward the face of the cube that has the most to show.
-fn camera(cube: &PackedCube, offset: [f64; 3], sizes: &Sizes) -> Result<Camera, CameraError> {
+fn camera(cube: &CubeLdi, offset: [f64; 3], sizes: &Sizes) -> Result<Camera, CameraError> {
     let count = |normal: DVec3| -> usize {
         let of_face = cube.segments.iter().filter(|s| s.face.normal() == normal);
         of_face.map(|s| s.depth_pixels.len()).sum()
@@ -291,7 +291,7 @@ fn camera(cube: &PackedCube, offset: [f64; 3], sizes: &Sizes) -> Result<Camera, 
 }
 
 fn render_rows(
-    cube: &PackedCube,
+    cube: &CubeLdi,
     tracer: &Tracer,
     lighting: &Lighting,
     sizes: &Sizes,
@@ -372,7 +372,7 @@ fn print_table(rows: &[Row]) {
 fn print_cube_map_row(
     tracer: &Tracer,
     lighting: &Lighting,
-    cube: &PackedCube,
+    cube: &CubeLdi,
     sizes: &Sizes,
     rows: &[Row],
 ) -> anyhow::Result<()> {

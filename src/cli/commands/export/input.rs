@@ -4,7 +4,7 @@ use crate::commands::house::file::first_view;
 use anyhow::{Context, bail};
 use headbox_core::camera::Camera;
 use headbox_core::container::{Container, FileKind};
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_export::page::Page;
 use headbox_export::{ExportError, of_sprites};
 use headbox_house::file;
@@ -17,7 +17,7 @@ use std::path::Path;
 /// Input of an export.
 pub(crate) enum ExportInput {
     /// A cube LDI.
-    Cube(Box<PackedCube>),
+    Cube(Box<CubeLdi>),
     /// Sprites with depth.
     Sprites(Box<SpriteSet>),
     /// A house, and how it is seen first.
@@ -58,13 +58,13 @@ impl ExportInput {
                     kind.name
                 )
             }
-            _ => Ok(Self::Cube(Box::new(PackedCube::read(path)?))),
+            _ => Ok(Self::Cube(Box::new(CubeLdi::read(path)?))),
         }
     }
 
     /// The cube, of sprites one that shows what they show; of anything else it is said that only
     /// pages are made of it.
-    pub(super) fn cube(self, path: &Path) -> anyhow::Result<PackedCube> {
+    pub(super) fn cube(self, path: &Path) -> anyhow::Result<CubeLdi> {
         match self {
             Self::Cube(cube) => Ok(*cube),
             Self::Sprites(set) => {

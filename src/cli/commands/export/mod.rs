@@ -9,7 +9,7 @@ use anyhow::Context;
 use clap::Args;
 use headbox_core::cube_face::Face;
 use headbox_core::files;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_export::deep;
 use headbox_export::deep::{DeepSummary, Faces};
 use headbox_export::{ExportError, glb, ply, splats};
@@ -121,7 +121,7 @@ impl ExportCommand {
         }
     }
 
-    fn glb(&self, cube: &PackedCube, told: &mut Value) -> anyhow::Result<()> {
+    fn glb(&self, cube: &CubeLdi, told: &mut Value) -> anyhow::Result<()> {
         let mut summary = None;
         self.write(|to| {
             summary = Some(glb::write(cube, self.triangles.unwrap_or(TRIANGLES), to)?);
@@ -146,7 +146,7 @@ impl ExportCommand {
         Ok(())
     }
 
-    fn exr(&self, cube: &PackedCube, told: &mut Value) -> anyhow::Result<()> {
+    fn exr(&self, cube: &CubeLdi, told: &mut Value) -> anyhow::Result<()> {
         let faces = self.face.map_or(Faces::All, Faces::One);
         let mut summary = None;
         self.write(|to| {

@@ -12,8 +12,8 @@ use anyhow::bail;
 use clap::Args;
 use glam::DVec3;
 use headbox_core::progress::Progress;
-use headbox_cube::model::samples::CubeLdi;
-use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::model::samples::CubeSamples;
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_images::{
     AlignStep, Alignment, CheckReport, ImageSet, ImagesError, Lens, Residual, TRANSFORMS, View,
@@ -85,7 +85,7 @@ impl SetJob {
         }
     }
 
-    pub(super) fn run(&self, set: &ImageSet, bar: &Bar) -> Result<CubeLdi, ImagesError> {
+    pub(super) fn run(&self, set: &ImageSet, bar: &Bar) -> Result<CubeSamples, ImagesError> {
         match self {
             Self::Depth(job) => job.run(set, &self.views(set), bar),
             Self::Photographs(job) => {
@@ -100,12 +100,12 @@ impl SetJob {
 }
 
 /// The cube of a set, with all that is suggested for it.
-pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<PackedCube> {
+pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<CubeLdi> {
     cube_of(&set.open_registered(folder)?, bar)
 }
 
 /// Same as [`cube`], for an open set.
-pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<PackedCube> {
+pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<CubeLdi> {
     let ldi = SetJob::suggest(set).run(set, bar)?;
     Ok(planes::pack(
         ldi,

@@ -9,7 +9,7 @@ use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
 use headbox_core::statistics::median;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_lab::baselines::fragments::{FragmentRenderer, FragmentStats};
 use headbox_lumigraph::{LumigraphSettings, Slabs, SlabsRenderer};
@@ -49,7 +49,7 @@ pub(super) enum Content {
         settings: LumigraphSettings,
     },
     Cube {
-        cube: Box<PackedCube>,
+        cube: Box<CubeLdi>,
         renderer: Box<CubeRenderer>,
         settings: RenderSettings,
         /// Table from stored to shown levels, if they differ.
@@ -95,7 +95,7 @@ impl CubeRenderer {
 
     fn render(
         &mut self,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         camera: &Camera,
         settings: &RenderSettings,
     ) -> (&Frame, FragmentStats) {
@@ -296,7 +296,7 @@ fn render_lumigraph(
 
 fn render_cube(
     renderer: &mut CubeRenderer,
-    cube: &PackedCube,
+    cube: &CubeLdi,
     camera: &Camera,
     settings: &RenderSettings,
     repeat: u32,

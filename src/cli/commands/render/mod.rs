@@ -29,7 +29,7 @@ use headbox_core::container::Container;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
 use headbox_core::simd;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_export::film;
 use headbox_export::stereo::View;
@@ -265,7 +265,7 @@ impl RenderCommand {
                         bar.finish();
                         cube
                     }
-                    false => PackedCube::read(file)?,
+                    false => CubeLdi::read(file)?,
                 };
                 world.get_or_insert((cube.info.frame, DefaultCamera::of_cube(&cube.info)));
                 cubes.push(cube);

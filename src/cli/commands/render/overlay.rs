@@ -10,7 +10,7 @@ use crate::words::UsageError;
 use anyhow::{anyhow, bail};
 use headbox_core::camera::Camera;
 use headbox_core::container::Container;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_viewer::{FrameReport, FrameRequest, FrameSource, Refinement, SettingValues};
 use image::RgbImage;
@@ -29,7 +29,7 @@ impl RenderCommand {
         let is_set = is_image_set(&name);
         if !is_set && Container::peek_kind(file).ok().flatten().is_none() {
             // What is no file of ours the reader of cubes names best.
-            PackedCube::read(file)?;
+            CubeLdi::read(file)?;
         }
         let texturing = texturing_of(self.variant.as_deref(), is_set)?;
         if texturing.is_none() && (self.variant.is_some() || self.geometry.are_given()) {

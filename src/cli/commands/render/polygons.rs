@@ -8,7 +8,7 @@ use anyhow::Context;
 use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::files;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_scene::load::LoadOptions;
 use headbox_sprite::compose::{Polygons, place};
@@ -81,7 +81,7 @@ impl PolygonsArg {
     pub(super) fn open(
         &self,
         frame: &FileFrame,
-        cube: Option<&PackedCube>,
+        cube: Option<&CubeLdi>,
     ) -> anyhow::Result<Polygons> {
         let source = SceneSource {
             options: LoadOptions {

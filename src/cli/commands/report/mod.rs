@@ -18,7 +18,7 @@ use glam::DVec3;
 use headbox_core::container::Container;
 use headbox_core::file_frame::UpAxis;
 use headbox_core::headbox::Headbox;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_lab::machine::{Machine, commit};
 use headbox_lab::plan::{Plan, Quality, most_to_see};
@@ -302,7 +302,7 @@ impl ReportCommand {
         };
         let (mut cube, mut sprites) = (None, None);
         let source = if kind == Some(CUBE_LDI.tag) {
-            let read = PackedCube::read(path)?;
+            let read = CubeLdi::read(path)?;
             let source = SceneSource::in_frame(&read.info.scene, read.info.frame)
                 .lit_by(read.info.light.clone());
             cube = Some(read);

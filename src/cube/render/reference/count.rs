@@ -1,6 +1,6 @@
 //! Number of depth pixels that clipping removes (S19, C15, C17).
 
-use crate::pack::PackedCube;
+use crate::pack::CubeLdi;
 use crate::pack::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
 use crate::render::setup::clip::Band;
 use crate::render::{RenderSettings, Renderer};
@@ -23,7 +23,7 @@ impl Renderer {
     /// samples that touch two bands count in both.
     pub fn clip_counts(
         &mut self,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         camera: &Camera,
         settings: &RenderSettings,
     ) -> ClipCounts {

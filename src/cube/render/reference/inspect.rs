@@ -3,7 +3,7 @@
 
 use super::overdraw::{Overdraw, count_footprints};
 use crate::pack::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
-use crate::pack::{PackedCube, PackedDepthPixel, PackedSegment};
+use crate::pack::{CubeLdi, PackedDepthPixel, PackedSegment};
 use crate::render::footprint::splat::Splats;
 use crate::render::setup::clip::Band;
 use crate::render::setup::plan::FramePlan;
@@ -18,7 +18,7 @@ use std::ops::Range;
 /// Result of clipping a segment for a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClippedSegment {
-    /// Index in [`PackedCube::segments`].
+    /// Index in [`CubeLdi::segments`].
     pub segment: usize,
     /// Columns and rows of the face inside the view volume; empty if there are none.
     rectangle: [Range<u32>; 2],
@@ -94,7 +94,7 @@ impl Renderer {
     /// pool.
     pub fn overdraw(
         &mut self,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         camera: &Camera,
         settings: &RenderSettings,
     ) -> Vec<Overdraw> {
@@ -118,7 +118,7 @@ impl Renderer {
     /// Clips each segment against a camera's whole frame.
     pub fn clipped_segments(
         &mut self,
-        cube: &PackedCube,
+        cube: &CubeLdi,
         camera: &Camera,
         settings: &RenderSettings,
     ) -> Vec<ClippedSegment> {
@@ -142,7 +142,7 @@ impl Renderer {
 }
 
 /// Counts the footprints of all segments on the pixels of a band.
-fn count_band(plan: &FramePlan, cube: &PackedCube, band: &Band, pixels: &mut [Overdraw]) {
+fn count_band(plan: &FramePlan, cube: &CubeLdi, band: &Band, pixels: &mut [Overdraw]) {
     let mut batch = Box::new(Batch::new());
     let mut splats = Box::new(Splats::new());
     let mut visible = Vec::new();

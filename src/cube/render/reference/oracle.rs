@@ -1,7 +1,7 @@
 //! Reference renderer for tests: f64, from the unpacked LDI, in any order, with a depth buffer and
 //! each sample's exact footprint.
 
-use crate::model::samples::{CubeLdi, DepthPixel, LayeredDepthImage};
+use crate::model::samples::{CubeSamples, DepthPixel, LayeredDepthImage};
 use crate::render::setup::transfer::Transfer;
 use glam::{DMat3, DVec3, dvec3};
 use headbox_core::camera::Camera;
@@ -76,9 +76,9 @@ impl Patch {
     }
 }
 
-/// Renders an LDI that [`CubeLdi::validate`] accepts, with depths; splats cover a pixel completely
+/// Renders an LDI that [`CubeSamples::validate`] accepts, with depths; splats cover a pixel completely
 /// or not at all. Slow.
-pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> Frame {
+pub fn render_oracle(ldi: &CubeSamples, camera: &Camera) -> Frame {
     let mut frame = Frame::default();
     frame.reset(camera.width(), camera.height(), [0; 3]);
     let mut inverse_depth = vec![0.0; frame.color.len()];

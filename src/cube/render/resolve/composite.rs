@@ -1,6 +1,6 @@
 //! Compositing of the resolved pixels of a canvas over the environment.
 
-use crate::pack::PackedCube;
+use crate::pack::CubeLdi;
 use crate::render::canvas::linear::LinearLight;
 use crate::render::setup::plan::FramePlan;
 use fearless_simd::{Level, Simd, dispatch, prelude::*, u32x16};
@@ -71,7 +71,7 @@ const CHUNK: usize = 16;
 
 impl<'a> EnvironmentBackground<'a> {
     /// Creates the background of a planned frame.
-    pub fn new(plan: &FramePlan, cube: &'a PackedCube, camera: &'a Camera) -> Self {
+    pub fn new(plan: &FramePlan, cube: &'a CubeLdi, camera: &'a Camera) -> Self {
         Self {
             environment: &cube.environment,
             camera,

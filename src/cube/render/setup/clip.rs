@@ -326,9 +326,9 @@ mod tests {
     //! point, w = 1 - q ez. So the side at L px is at `dx = L / f w + q ex`, which is linear in q.
 
     use super::*;
-    use crate::model::samples::CubeLdi;
+    use crate::model::samples::CubeSamples;
     use crate::pack::tests::{ldi, sample, scattered};
-    use crate::pack::{PackedCube, SplatIndexLayout, Split};
+    use crate::pack::{CubeLdi, SplatIndexLayout, Split};
     use crate::render::footprint::size::StampSize;
     use headbox_core::cube_face::Face;
     use headbox_core::random::Rng;
@@ -338,7 +338,7 @@ mod tests {
 
     /// Builds an LDI with one sample in each pixel of a rectangle, nearer to the right and in the
     /// lower half.
-    fn sloped_ldi() -> CubeLdi {
+    fn sloped_ldi() -> CubeSamples {
         ldi(FACE_PX, |face, x, y| {
             let q = 0.3 + 0.004 * f64::from(x) + if y > 100 { 0.25 } else { 0.0 };
             let inside = face == FACE && (21..170).contains(&x) && (13..181).contains(&y);
@@ -426,7 +426,7 @@ mod tests {
     #[test]
     fn rectangles_are_bounded_by_sides_of_view() {
         let cube =
-            PackedCube::pack(&sloped_ldi(), SplatIndexLayout::Normal, Split::None).expect("packs");
+            CubeLdi::pack(&sloped_ldi(), SplatIndexLayout::Normal, Split::None).expect("packs");
         let segment = &cube.segments[0];
         let mut clipped = [0; 2];
         for view in views() {
@@ -465,7 +465,7 @@ mod tests {
     #[test]
     fn blocks_are_hidden_only_by_one_side_of_view() {
         let cube =
-            PackedCube::pack(&sloped_ldi(), SplatIndexLayout::Normal, Split::None).expect("packs");
+            CubeLdi::pack(&sloped_ldi(), SplatIndexLayout::Normal, Split::None).expect("packs");
         let segment = &cube.segments[0];
         let mut visible = Vec::new();
         let mut counts = [0; 2];
@@ -532,7 +532,7 @@ mod tests {
     #[test]
     fn face_rectangle_is_cut_at_face_border() {
         let cube =
-            PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+            CubeLdi::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
         let segment = &cube.segments[0];
         let x = segment.x0..segment.x0 + segment.width;
         let y = segment.y0..segment.y0 + segment.height;

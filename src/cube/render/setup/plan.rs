@@ -6,7 +6,7 @@ use super::order::{EyeInFace, LayerOrder, sort_segments};
 use super::transfer::Transfer;
 use crate::model::depth_bins::DepthBins;
 use crate::model::validate::MAX_FACE_SIZE_PX;
-use crate::pack::PackedCube;
+use crate::pack::CubeLdi;
 use crate::render::RenderSettings;
 use crate::render::canvas::Tolerance;
 use crate::render::canvas::surface::SurfaceCanvas;
@@ -40,7 +40,7 @@ pub struct FramePlan {
 
 /// A segment under the frame's camera.
 pub struct SegmentPlan {
-    /// Index in [`PackedCube::segments`].
+    /// Index in [`CubeLdi::segments`].
     pub index: usize,
     /// From the segment's face to the frame.
     pub transfer: Transfer,
@@ -73,7 +73,7 @@ impl FramePlan {
     }
 
     /// Prepares a frame, reusing the memory of the last one.
-    pub fn prepare(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) {
+    pub fn prepare(&mut self, cube: &CubeLdi, camera: &Camera, settings: &RenderSettings) {
         let face_px = cube.face_size_px.min(MAX_FACE_SIZE_PX);
         let eye_from_centre = camera.eye() - cube.info.centre;
         let kernel = settings.kernel;
@@ -106,7 +106,7 @@ impl FramePlan {
         self.prepare_sizes(cube, camera);
     }
 
-    fn prepare_sizes(&mut self, cube: &PackedCube, camera: &Camera) {
+    fn prepare_sizes(&mut self, cube: &CubeLdi, camera: &Camera) {
         let layout = cube.layout;
         let face_px = self.face_px;
         let mut refill = |scale, min_radius_px| {
@@ -149,7 +149,7 @@ impl FramePlan {
     }
 
     /// Returns the clipping of the `i`th segment in drawing order against a band.
-    pub fn clip<'a>(&'a self, cube: &'a PackedCube, i: usize, band: &'a Band) -> SegmentClip<'a> {
+    pub fn clip<'a>(&'a self, cube: &'a CubeLdi, i: usize, band: &'a Band) -> SegmentClip<'a> {
         let planned = &self.segments[i];
         SegmentClip {
             transfer: &planned.transfer,

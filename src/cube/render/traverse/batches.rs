@@ -220,7 +220,7 @@ mod tests {
 
     use super::*;
     use crate::pack::tests::scattered;
-    use crate::pack::{PackedCube, PackedDepthPixel, SplatIndexLayout, Split};
+    use crate::pack::{CubeLdi, PackedDepthPixel, SplatIndexLayout, Split};
     use glam::DVec3;
     use headbox_core::cube_face::Face;
 
@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn visible_blocks_in_rectangle_are_visited_once() {
         let cube =
-            PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+            CubeLdi::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
         let segment = cube
             .segments
             .iter()

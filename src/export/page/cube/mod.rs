@@ -10,7 +10,7 @@ use crate::ExportError;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::pack::splat_index::SPLAT_INDEX_COUNT;
-use headbox_cube::pack::{PackedCube, PlaneSet};
+use headbox_cube::pack::{CubeLdi, PlaneSet};
 use headbox_cube::render::canvas::surface;
 use headbox_cube::render::footprint::rules;
 use serde_json::{Value, json};
@@ -26,7 +26,7 @@ pub(super) const MODULES: &[&str] = &[
 ];
 
 /// Builds the content of a page of a cube.
-pub(super) fn content(cube: &PackedCube) -> Result<Content, ExportError> {
+pub(super) fn content(cube: &CubeLdi) -> Result<Content, ExportError> {
     if cube.depth_pixel_count() == 0
         && cube.planes.tiles.is_empty()
         && cube.environment.size_px == 0
@@ -48,7 +48,7 @@ pub(super) fn content(cube: &PackedCube) -> Result<Content, ExportError> {
     })
 }
 
-fn header(cube: &PackedCube) -> Value {
+fn header(cube: &CubeLdi) -> Value {
     let info = &cube.info;
     let face_px = f64::from(cube.face_size_px);
     let faces = Face::ALL
@@ -83,12 +83,12 @@ fn header(cube: &PackedCube) -> Value {
 }
 
 /// Default viewing direction.
-fn ahead(cube: &PackedCube) -> glam::DVec3 {
+fn ahead(cube: &CubeLdi) -> glam::DVec3 {
     cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z)
 }
 
 /// All data, in the order in which a view begins to need it.
-fn parts(cube: &PackedCube) -> Result<Vec<Part>, ExportError> {
+fn parts(cube: &CubeLdi) -> Result<Vec<Part>, ExportError> {
     let mut parts = vec![shell::part(cube)?, normals(cube)];
     parts.extend((cube.environment.size_px > 0).then(|| environment(&cube.environment)));
     parts.extend((!cube.planes.tiles.is_empty()).then(|| planes(&cube.planes)));
@@ -110,7 +110,7 @@ fn parts(cube: &PackedCube) -> Result<Vec<Part>, ExportError> {
 }
 
 /// The normals that splat indices stand for, in the face's frame, as 16-bit integers of 1/32767.
-fn normals(cube: &PackedCube) -> Part {
+fn normals(cube: &CubeLdi) -> Part {
     let normals =
         (0..SPLAT_INDEX_COUNT as u32).flat_map(|index| cube.layout.normal(index).to_array());
     let bytes = normals

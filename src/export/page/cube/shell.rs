@@ -7,7 +7,7 @@ use crate::ExportError;
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::image_file::PictureError;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::{RenderSettings, Renderer};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
@@ -22,7 +22,7 @@ const QUALITY: u8 = 45;
 
 /// The depths, a byte of 1 / eye depth each, row by row and face by face, each less the one before;
 /// then a JPEG file of the faces, one below another.
-pub(super) fn part(cube: &PackedCube) -> Result<Part, ExportError> {
+pub(super) fn part(cube: &CubeLdi) -> Result<Part, ExportError> {
     let color_px = (cube.face_size_px / SQUARE_PX * SQUARE_PX).clamp(16, MAX_PX);
     let mut picture = RgbImage::new(color_px, 6 * color_px);
     let mut inverse_depths = Vec::new();

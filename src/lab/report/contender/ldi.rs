@@ -3,8 +3,8 @@
 use super::{Draw, JudgedFrame};
 use crate::baselines::fragments::FragmentRenderer;
 use headbox_core::camera::Camera;
-use headbox_cube::model::samples::CubeLdi;
-use headbox_cube::pack::{ExactCube, PackedCube};
+use headbox_cube::model::samples::CubeSamples;
+use headbox_cube::pack::{CubeLdi, ExactCube};
 use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{RenderSettings, Renderer};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// [`FrameStats::depth_pixels_in`]: headbox_cube::render::FrameStats::depth_pixels_in
 fn left_by_clipping(
     renderer: &mut Renderer,
-    cube: &PackedCube,
+    cube: &CubeLdi,
     camera: &Camera,
     settings: &RenderSettings,
 ) -> u64 {
@@ -28,14 +28,14 @@ fn left_by_clipping(
 
 /// A packed cube LDI under one setting of the renderer.
 pub struct LdiDraw {
-    cube: Arc<PackedCube>,
+    cube: Arc<CubeLdi>,
     settings: RenderSettings,
     renderer: Renderer,
 }
 
 impl LdiDraw {
     /// Draws `cube`.
-    pub fn new(cube: Arc<PackedCube>, settings: RenderSettings) -> Self {
+    pub fn new(cube: Arc<CubeLdi>, settings: RenderSettings) -> Self {
         Self {
             cube,
             settings,
@@ -61,14 +61,14 @@ impl Draw for LdiDraw {
 
 /// A packed cube LDI in fragments along epipolar lines.
 pub struct FragmentDraw {
-    cube: Arc<PackedCube>,
+    cube: Arc<CubeLdi>,
     count: u32,
     renderer: FragmentRenderer,
 }
 
 impl FragmentDraw {
     /// Draws `cube` in `count` fragments, or 0 for one a thread.
-    pub fn new(cube: Arc<PackedCube>, count: u32) -> Self {
+    pub fn new(cube: Arc<CubeLdi>, count: u32) -> Self {
         Self {
             cube,
             count,
@@ -141,13 +141,13 @@ impl Draw for ExactDraw {
 /// A cube LDI by the slow renderer: direct warp in f64, exact footprints, nothing quantised that
 /// the LDI has not.
 pub struct OracleDraw {
-    ldi: CubeLdi,
+    ldi: CubeSamples,
     last: Option<(Camera, JudgedFrame)>,
 }
 
 impl OracleDraw {
     /// Draws `ldi`, which must be valid.
-    pub fn new(ldi: CubeLdi) -> Self {
+    pub fn new(ldi: CubeSamples) -> Self {
         Self { ldi, last: None }
     }
 }

@@ -6,7 +6,7 @@ use super::{Draw, JudgedFrame, PixelOrigin};
 use glam::{Mat4, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
-use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::CubeLdi;
 use image::RgbImage;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -138,7 +138,7 @@ impl PointCloud {
     /// The depth pixels of a cube, each to be drawn as a square of `stamp_px` pixels; those that
     /// hide less than half of their pixel are left out, as there is nothing half-hidden in a depth
     /// buffer.
-    pub fn new(cube: &PackedCube, stamp_px: u32) -> Self {
+    pub fn new(cube: &CubeLdi, stamp_px: u32) -> Self {
         let mut points = Vec::with_capacity(cube.depth_pixel_count());
         for segment in &cube.segments {
             for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y)))

@@ -9,7 +9,7 @@ use glam::{DMat4, DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_cube::pack::blocks::BLOCK_COLUMNS;
-use headbox_cube::pack::{PackedCube, PackedSegment};
+use headbox_cube::pack::{CubeLdi, PackedSegment};
 use headbox_cube::render::setup::transfer::{RowTransfer, Transfer};
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ pub enum WarpArithmetic {
 
 /// Draws the depth pixels of a cube as single pixels.
 pub struct WarpOnly {
-    cube: Arc<PackedCube>,
+    cube: Arc<CubeLdi>,
     arithmetic: WarpArithmetic,
     nearest: NearestColors,
 }
@@ -50,7 +50,7 @@ struct Incremental {
 }
 
 impl Incremental {
-    fn new(camera: &Camera, cube: &PackedCube, segment: &PackedSegment) -> Self {
+    fn new(camera: &Camera, cube: &CubeLdi, segment: &PackedSegment) -> Self {
         let eye = camera.eye() - cube.info.centre;
         let mut transfer = Transfer::new(camera, eye, segment.face, cube.face_size_px);
         // From the corner instead of the principal point, as the direct warp counts.
@@ -159,7 +159,7 @@ impl RowWarp for Direct<'_> {
 
 impl WarpOnly {
     /// Draws `cube`.
-    pub fn new(cube: Arc<PackedCube>, arithmetic: WarpArithmetic) -> Self {
+    pub fn new(cube: Arc<CubeLdi>, arithmetic: WarpArithmetic) -> Self {
         Self {
             cube,
             arithmetic,
