@@ -101,7 +101,7 @@ fn errors_name_file_cause_and_line() {
     line_error(
         "v 0 0 0\n\nv 1 oops 2\nv 0 1 0\nf 1 2 3\n",
         "line 3",
-        "`v 1 oops 2` does not parse; a position is three numbers",
+        "\"v 1 oops 2\" is not a position: three numbers",
     );
     line_error("v 0 0 0\nv 1 0\n", "line 2", "position");
     line_error("v 0 0 0\r\nvt\r\n", "line 2", "texture coordinate");
@@ -109,7 +109,7 @@ fn errors_name_file_cause_and_line() {
     line_error(
         &format!("{TRIANGLE}\n\nf 1 2 x\n"),
         "line 7",
-        "`f 1 2 x` does not parse",
+        "\"f 1 2 x\" is not a face",
     );
     line_error(&format!("{TRIANGLE}f 1/1/1/1 2 3\n"), "line 5", "face");
     line_error("", "a.obj: there is no triangle", "");

@@ -13,7 +13,7 @@ mod lying;
 pub mod mtl;
 pub mod notes;
 pub mod obj;
-mod obj_lines;
+mod obj_prepare;
 mod orientation;
 pub mod polygon;
 mod standing;

@@ -1,7 +1,7 @@
 //! OBJ files, with their MTL files.
 //!
 //! `tobj` parses positions (in `f64`, so that coordinates of 1e7 stay exact), joins corners and splits by material;
-//! [`super::obj_lines`] mends what it would trip over, [`super::mtl`] reads materials, [`super::polygon`] cuts polygons.
+//! [`super::obj_prepare`] mends what it would trip over, [`super::mtl`] reads materials, [`super::polygon`] cuts polygons.
 //!
 //! Choices that the format leaves open: `Kd` is linear, vertex colours are sRGB (as their usual writers have it). A
 //! `Kd` of 0 beside a `map_Kd` counts as not given, and what is not given is white under vertex colours or a texture, else grey. Where
@@ -13,7 +13,7 @@ use super::builder::{Builder, GroupedScene, Vertex};
 use super::lines::decode;
 use super::mtl::{Map, MtlMaterial};
 use super::notes::{Note, Notes};
-use super::obj_lines::{MendedObj, Survey};
+use super::obj_prepare::{LineError, PreparedObj, prepare};
 use super::orientation::Hints;
 use super::polygon::triangulate;
 use super::textures::{DecodedTextures, Handle, Role, TextureTable, find_file};
@@ -37,17 +37,11 @@ pub(super) fn load(
 ) -> Result<GroupedScene, LoadError> {
     let text = decode(bytes);
     let hints = Hints::of(&text, options);
-    let survey = Survey::of(&text);
+    let obj = prepare_file(path, &text, groups)?;
     let mut notes = Notes::default();
-    let mtl_materials = read_libraries(&survey, folder_of(path), &mut notes);
-    let source = Source {
-        path,
-        text: &text,
-        survey: &survey,
-        materials: &mtl_materials,
-        pictures: &Pictures::new(),
-    };
-    build(&source, Builder::to_be_oriented(hints, notes), groups)
+    let materials = read_libraries(&obj.libraries, folder_of(path), &mut notes);
+    let builder = Builder::to_be_oriented(hints, notes);
+    build(path, obj, &materials, &Pictures::new(), builder, groups)
 }
 
 /// Pictures at hand, by the names that maps have for them.
@@ -61,110 +55,72 @@ pub fn load_text(
     pictures: &Pictures,
     frame: FileFrame,
 ) -> Result<GroupedScene, LoadError> {
-    let source = Source {
-        path,
-        text,
-        survey: &Survey::of(text),
-        materials,
-        pictures,
+    let obj = prepare_file(path, text, true)?;
+    let builder = Builder::new(frame, Notes::default());
+    build(path, obj, materials, pictures, builder, true)
+}
+
+fn prepare_file(path: &Path, text: &str, groups: bool) -> Result<PreparedObj, LoadError> {
+    prepare(text, groups).map_err(|LineError { line, cause }| LoadError::Line {
+        path: path.to_path_buf(),
+        line,
+        cause,
+    })
+}
+
+fn build(
+    path: &Path,
+    obj: PreparedObj,
+    materials: &[MtlMaterial],
+    pictures: &Pictures,
+    mut builder: Builder,
+    groups: bool,
+) -> Result<GroupedScene, LoadError> {
+    let malformed = |cause: String| LoadError::Malformed {
+        path: path.to_path_buf(),
+        cause,
     };
-    build(&source, Builder::new(frame, Notes::default()), true)
-}
-
-/// What a scene is made of.
-struct Source<'a> {
-    path: &'a Path,
-    text: &'a str,
-    survey: &'a Survey,
-    materials: &'a [MtlMaterial],
-    pictures: &'a Pictures,
-}
-
-fn build(source: &Source, mut builder: Builder, groups: bool) -> Result<GroupedScene, LoadError> {
-    let (models, mended_notes) = parse(source, groups)?;
+    let models = parse(&obj.text, materials).map_err(|cause| malformed(cause.to_string()))?;
     let notes = &mut builder.notes;
-    notes.merge(mended_notes);
-    let is_undefined = |name: &&String| source.materials.iter().all(|m| m.name != **name);
-    let undefined = source.survey.used_materials.iter().filter(is_undefined);
-    undefined.for_each(|name| notes.add_named(Note::MaterialUndefined, name));
+    notes.merge(obj.notes);
+    let is_undefined = |name: &&String| materials.iter().all(|m| m.name != **name);
+    for name in obj.used_materials.iter().filter(is_undefined) {
+        notes.add_named(Note::MaterialUndefined, name);
+    }
 
-    let surfaces = ObjMaterials::new(source, &models, notes);
+    let surfaces = ObjMaterials::new(materials, folder_of(path), pictures, &models, notes);
     for model in &models {
         if groups {
             builder.begin_group(&model.name);
         }
         surfaces
             .push_mesh(&model.mesh, &mut builder)
-            .map_err(|TooManyVertices| LoadError::Malformed {
-                path: source.path.to_path_buf(),
-                cause: "it has more than 2^32 vertices".into(),
-            })?;
+            .map_err(|TooManyVertices| malformed("it has more than 2^32 vertices".into()))?;
     }
-    builder.finish(source.path, surfaces.materials, surfaces.textures.textures)
+    builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
 
-/// Runs `tobj` over the mended text.
-fn parse(source: &Source, groups: bool) -> Result<(Vec<tobj::Model>, Notes), LoadError> {
-    let Source {
-        path,
-        text,
-        survey,
-        materials,
-        ..
-    } = *source;
+/// Parses a prepared text with `tobj`.
+fn parse(text: &str, materials: &[MtlMaterial]) -> Result<Vec<tobj::Model>, tobj::LoadError> {
     let options = tobj::LoadOptions {
         single_index: true,
-        ignore_points: true,
-        ignore_lines: true,
         ..Default::default()
     };
-    let mut mended = MendedObj::new(text, survey, groups);
-    let parsed = tobj::load_obj_buf(&mut mended, &options, |_| {
-        let named = |m: &MtlMaterial| tobj::Material {
-            name: m.name.clone(),
-            ..Default::default()
-        };
-        // Of two materials of one name the later wins, as in `tobj` itself.
-        let by_name = materials
-            .iter()
-            .enumerate()
-            .map(|(index, m)| (m.name.clone(), index))
-            .collect();
-        Ok((materials.iter().map(named).collect(), by_name))
-    });
-    match parsed {
-        Ok((models, _)) => Ok((models, mended.notes)),
-        Err(cause) => {
-            let (line, text) = mended.last_line();
-            let shown: String = text.chars().take(80).collect();
-            let cause = format!("`{shown}` does not parse{}", expected(cause));
-            Err(LoadError::Line {
-                path: path.to_path_buf(),
-                line,
-                cause,
-            })
-        }
-    }
-}
-
-/// What a line should have held.
-fn expected(cause: tobj::LoadError) -> &'static str {
-    use tobj::LoadError as E;
-    match cause {
-        E::PositionParseError => "; a position is three numbers",
-        E::NormalParseError => "; a normal is three numbers",
-        E::TexcoordParseError => "; a texture coordinate is two numbers",
-        E::FaceParseError | E::InvalidPolygon => {
-            "; a face is three corners or more, each V, V/T, V//N or V/T/N"
-        }
-        _ => "",
-    }
+    let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, |_| {
+        let by_name = |(index, m): (usize, &MtlMaterial)| (m.name.clone(), index);
+        // Of two materials with the same name the later one is used.
+        Ok((
+            Vec::new(),
+            materials.iter().enumerate().map(by_name).collect(),
+        ))
+    })?;
+    Ok(models)
 }
 
 /// Reads all material files. A `mtllib` names one file, whose name may contain spaces, or several.
-fn read_libraries(survey: &Survey, folder: &Path, notes: &mut Notes) -> Vec<MtlMaterial> {
+fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec<MtlMaterial> {
     let mut materials = Vec::new();
-    for written in &survey.libraries {
+    for written in libraries {
         let names: Vec<&str> = match find_file(written, &[folder]) {
             Some(_) => vec![written],
             None => written.split_whitespace().collect(),
@@ -223,8 +179,13 @@ struct Maps {
 
 impl ObjMaterials {
     /// Converts the materials that the models use, and decodes their textures.
-    fn new(source: &Source, models: &[tobj::Model], notes: &mut Notes) -> Self {
-        let (mtl, folder) = (source.materials, folder_of(source.path));
+    fn new(
+        mtl: &[MtlMaterial],
+        folder: &Path,
+        pictures: &Pictures,
+        models: &[tobj::Model],
+        notes: &mut Notes,
+    ) -> Self {
         let (mut used, mut coloured) = (vec![false; mtl.len() + 1], vec![false; mtl.len() + 1]);
         for model in models.iter().filter(|model| !model.mesh.indices.is_empty()) {
             let material = model.mesh.material_id.unwrap_or(mtl.len());
@@ -241,7 +202,7 @@ impl ObjMaterials {
         let maps: Vec<Maps> = all()
             .map(|(m, &used)| {
                 if used {
-                    request_maps(m, (folder, source.pictures), &mut set, notes)
+                    request_maps(m, (folder, pictures), &mut set, notes)
                 } else {
                     Maps::default()
                 }
