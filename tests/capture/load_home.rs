@@ -3,7 +3,7 @@
 use crate::homes::{DOOR, ROOMS, cells, error_of, folder, home, home_obj, home_xml, load};
 use headbox_core::file_frame::UpAxis;
 use headbox_model::Finding;
-use headbox_model::load::{LoadedModel, ModelOptions, load_model};
+use headbox_model::load::{LoadedModel, ModelOptions, load_model, load_scene};
 use headbox_scene::load::{LoadError, LoadOptions};
 use headbox_trace::bvh::{Ray, Tracer};
 use std::fs;
@@ -329,7 +329,7 @@ fn home_is_scene() {
     let folder = home(ROOMS, DOOR);
     let path = folder.path().join("Home.xml");
     let model = load(&folder, "Home.xml").model;
-    let open = |up, unit_m| headbox_scene::load::load(&path, &LoadOptions { up, unit_m });
+    let open = |up, unit_m| load_scene(&path, &LoadOptions { up, unit_m });
     let scene = open(None, None).expect("loads");
     assert_eq!(scene.validate(), Ok(()));
     assert!(scene.positions == model.scene.positions && scene.triangles == model.scene.triangles);

@@ -3,7 +3,7 @@
 use super::LoadError;
 use super::lights::FileLights;
 use super::notes::{Note, Notes};
-use super::orientation::Hints;
+use super::orientation::FrameHints;
 use crate::material::{Material, Texture};
 use crate::scene::{Scene, Triangle};
 use glam::{DVec3, Vec2, Vec3};
@@ -37,7 +37,7 @@ pub(super) struct Builder {
     pub(super) lights: FileLights,
     scene: Scene,
     groups: Vec<Group>,
-    hints: Option<Hints>,
+    hints: Option<FrameHints>,
 }
 
 /// A scene and the groups that its file divides it into.
@@ -69,7 +69,7 @@ impl Builder {
 
     /// For a file that does not say how it is oriented: what is pushed stays in its axes and unit until [`Self::finish`]
     /// has seen all of it.
-    pub(super) fn to_be_oriented(hints: Hints, notes: Notes) -> Self {
+    pub(super) fn to_be_oriented(hints: FrameHints, notes: Notes) -> Self {
         Self {
             hints: Some(hints),
             ..Self::new(FileFrame::default(), notes)
@@ -146,7 +146,7 @@ impl Builder {
     }
 
     /// Tells what speaks against the axes and the unit that the file's format rules.
-    pub(super) fn doubt(&mut self, hints: Hints) {
+    pub(super) fn report_doubts(&mut self, hints: &FrameHints) {
         // What says where its headbox is was made for it.
         if self.scene.headbox.is_none() {
             self.notes.told.extend(hints.doubts(&self.scene));
@@ -167,9 +167,9 @@ impl Builder {
         let Some(hints) = self.hints.take() else {
             return;
         };
-        let (frame, told) = hints.frame(&self.scene);
+        let (frame, notes) = hints.choose_frame(&self.scene);
         self.frame = frame;
-        self.notes.told.extend(told);
+        self.notes.told.extend(notes);
         self.scene
             .positions
             .iter_mut()

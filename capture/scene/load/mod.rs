@@ -6,17 +6,14 @@
 
 mod builder;
 pub(crate) mod gltf;
-mod group_names;
 mod lights;
 pub mod lines;
-mod lying;
 pub mod mtl;
 pub mod notes;
 pub mod obj;
 mod obj_prepare;
 mod orientation;
 pub mod polygon;
-mod standing;
 mod textures;
 
 pub use builder::{Group, GroupedScene};

@@ -14,7 +14,7 @@ use super::lines::decode;
 use super::mtl::{Map, MtlMaterial};
 use super::notes::{Note, Notes};
 use super::obj_prepare::{LineError, PreparedObj, prepare};
-use super::orientation::Hints;
+use super::orientation::{FrameHints, head_comments};
 use super::polygon::triangulate;
 use super::textures::{DecodedTextures, Handle, Role, TextureTable, find_file};
 use super::{LoadError, LoadOptions, folder_of};
@@ -36,8 +36,12 @@ pub(super) fn load(
     groups: bool,
 ) -> Result<GroupedScene, LoadError> {
     let text = decode(bytes);
-    let hints = Hints::of(&text, options);
     let obj = prepare_file(path, &text, groups)?;
+    let hints = FrameHints {
+        options: *options,
+        comments: head_comments(&text),
+        floors: obj.floors,
+    };
     let mut notes = Notes::default();
     let materials = read_libraries(&obj.libraries, folder_of(path), &mut notes);
     let builder = Builder::to_be_oriented(hints, notes);

@@ -8,11 +8,18 @@
 
 use super::lines::{keyword, lines, words};
 use super::notes::{Note, Notes};
+use super::orientation::AxisAreas;
+use glam::DVec3;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 /// Name of the material of faces after a `usemtl` without a name, which no material has.
 const NO_MATERIAL: &str = "\u{1}";
+
+/// Parts of the names of groups and materials of floors, in lower case.
+const FLOOR_NAMES: [&str; 7] = [
+    "floor", "ground", "carpet", "parquet", "ceiling", "grass", "pavement",
+];
 
 /// Statements of the format (Wavefront's appendix B1) without triangles.
 const IGNORED: &str = "mtllib vp s deg bmat step cstype parm trim hole scrv sp end con mg \
@@ -27,6 +34,8 @@ pub(super) struct PreparedObj {
     pub(super) libraries: Vec<String>,
     /// Names of the `usemtl` statements.
     pub(super) used_materials: BTreeSet<String>,
+    /// Faces in groups or with materials that have the name of a floor.
+    pub(super) floors: AxisAreas,
     pub(super) notes: Notes,
 }
 
@@ -86,8 +95,11 @@ struct Preparation {
     keep_groups: bool,
     /// Vertex lines so far, for relative indices.
     counts: Counts,
+    positions: Vec<DVec3>,
     vertices: String,
     faces: String,
+    group_is_floor: bool,
+    material_is_floor: bool,
     /// Keyword of a group without a face so far.
     empty_group: Option<char>,
     obj: PreparedObj,
@@ -127,11 +139,13 @@ impl Preparation {
 
     fn add_position(&mut self, line: usize, rest: &str) -> Result<(), &'static str> {
         let [x, y, z] = numbers(words(rest)).ok_or("a position: three numbers")?;
-        if ![x, y, z].iter().all(|value| value.is_finite()) {
+        let position = DVec3::new(x, y, z);
+        if !position.is_finite() {
             self.obj
                 .notes
                 .add_numbered(Note::VertexNotFinite, "line", line);
         }
+        self.positions.push(position);
         // `tobj` needs a colour for each vertex or none; a single number is a weight.
         let color = numbers(words(rest).skip(3)).unwrap_or([1.0; 3]);
         if self.has_colors {
@@ -147,6 +161,7 @@ impl Preparation {
     }
 
     fn use_material(&mut self, name: &str) {
+        self.material_is_floor = is_floor(name);
         if name.is_empty() {
             write_line(&mut self.faces, format_args!("usemtl {NO_MATERIAL}"));
         } else {
@@ -156,6 +171,7 @@ impl Preparation {
     }
 
     fn begin_group(&mut self, keyword: char, name: &str) {
+        self.group_is_floor = is_floor(name);
         self.count_empty_group(Some(keyword));
         if self.keep_groups {
             write_line(&mut self.faces, format_args!("g {name}"));
@@ -202,6 +218,9 @@ impl Preparation {
             }
         }
         self.faces.push('\n');
+        if self.group_is_floor || self.material_is_floor {
+            self.obj.floors.add(self.area(&corners));
+        }
         Ok(())
     }
 
@@ -218,6 +237,18 @@ impl Preparation {
         Some(corner)
     }
 
+    /// Returns the area of a face times its normal; NaN if a corner is further down in the file.
+    fn area(&self, corners: &[Corner]) -> DVec3 {
+        let position = |[index, ..]: &Corner| match index {
+            Index::Valid(index) => self.positions.get(*index).copied().unwrap_or(DVec3::NAN),
+            _ => DVec3::NAN,
+        };
+        let positions: Vec<DVec3> = corners.iter().map(position).collect();
+        let fan = positions[1..].windows(2);
+        fan.map(|edge| (edge[0] - positions[0]).cross(edge[1] - positions[0]) / 2.0)
+            .sum()
+    }
+
     fn finish(mut self) -> PreparedObj {
         self.count_empty_group(None);
         let mut text = "mtllib all\n".to_owned() + &self.vertices;
@@ -230,6 +261,11 @@ impl Preparation {
         text += &self.faces;
         PreparedObj { text, ..self.obj }
     }
+}
+
+fn is_floor(name: &str) -> bool {
+    let name = name.to_lowercase();
+    FLOOR_NAMES.iter().any(|floor| name.contains(floor))
 }
 
 fn write_line(text: &mut String, line: std::fmt::Arguments) {

@@ -17,7 +17,7 @@ mod uri;
 
 use super::builder::{Builder, GroupedScene};
 use super::notes::{Note, Notes};
-use super::orientation::Hints;
+use super::orientation::FrameHints;
 use super::{LoadError, LoadOptions, folder_of};
 use ::gltf::json::{Node, Root};
 use accessor::Buffers;
@@ -107,7 +107,10 @@ pub(super) fn load(
         },
     )?;
     if options.up.is_none() || options.unit_m.is_none() {
-        builder.doubt(Hints::none(options));
+        builder.report_doubts(&FrameHints {
+            options: *options,
+            ..FrameHints::default()
+        });
     }
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
