@@ -87,7 +87,7 @@ fn walls_along_several_rooms_are_cut() {
         faces.map(|t| area(t..t + 1)).sum()
     };
     for cell in [0, 1] {
-        // Two walls of 3.9 m by 2.5 m, and what lies in the niche of no room goes to either.
+        // Two walls of 3.9 m by 2.5 m; the niche, which is in no room, belongs to either.
         let seen = inner_faces(cell);
         assert!((19.5..20.1).contains(&seen), "{seen} m2");
     }
@@ -104,7 +104,7 @@ fn walls_along_several_rooms_are_cut() {
 }
 
 #[test]
-fn leaves_are_kept_where_asked_for() {
+fn keep_doors_keeps_leaves() {
     let folder = home(ROOMS, DOOR);
     let without = load(&folder, "Home.xml").model.scene.triangles.len();
     let options = ModelOptions { keep_doors: true };
@@ -172,7 +172,7 @@ fn archive_without_export_is_built() {
     }
     archive.finish().expect("finished");
     let LoadedModel { model, findings } = load(&folder, "flat.sh3d");
-    // Its walls end in each other's outer faces.
+    // Joined walls end at each other's outer faces.
     let expected = |f: &Finding| match f {
         Finding::Coplanar { cell, .. } => cell == "Outside",
         other => matches!(other, Finding::Unreachable { .. }),
@@ -258,7 +258,7 @@ fn archive_without_export_is_built() {
 }
 
 #[test]
-fn homes_that_lack_something_say_so() {
+fn incomplete_home_is_reported() {
     let LoadedModel { model, findings } = load(&home(ROOMS, ""), "Home.xml");
     assert!(model.portals.is_empty());
     assert!(findings.contains(&Finding::NoPortals), "{findings:?}");
@@ -297,7 +297,7 @@ fn homes_that_lack_something_say_so() {
 }
 
 #[test]
-fn files_that_are_no_homes_say_so() {
+fn non_home_is_refused() {
     let obj = home_obj().text;
     let broken = folder(&[("Home.xml", "<home><room>"), ("home.obj", &obj)]);
     assert!(error_of(&broken, "Home.xml").contains("Home.xml: "));
@@ -318,7 +318,7 @@ fn files_that_are_no_homes_say_so() {
         ("b.obj", &obj),
     ]);
     assert!(error_of(&two, "Home.xml").contains("2 OBJ files lie beside it"));
-    assert!(error_of(&two, "a.obj").contains("not a kind of home that is read"));
+    assert!(error_of(&two, "a.obj").contains("unknown home format"));
     assert!(error_of(&two, "none.xml").contains("No such file"));
 }
 
@@ -339,9 +339,9 @@ fn home_is_scene() {
         let error = other.expect_err("another frame");
         assert!(matches!(error, LoadError::Frame { .. }), "{error}");
         assert!(
-            error
-                .to_string()
-                .ends_with("Home.xml: a home knows its up axis and its unit: leave them out"),
+            error.to_string().ends_with(
+                "Home.xml: a home defines its own up axis and unit; leave out --up and --unit"
+            ),
             "{error}"
         );
     }

@@ -289,7 +289,7 @@ fn mistakes_are_named() {
         "the ending of a plan is .svg",
     );
     says(1, &["nowhere.toml"], "nowhere.toml: there is no such file");
-    says(1, &["plan.obj"], "not a kind of home that is read");
+    says(1, &["plan.obj"], "unknown home format");
     says(1, &["Home.xml"], "Home.xml: ");
 }
 

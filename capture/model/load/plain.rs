@@ -12,7 +12,7 @@ use super::finish::{Finish, Repeated};
 use super::home::{FurniturePiece, Home, Opening, Room, Wall};
 use glam::{Affine2, DMat3, DVec2, DVec3};
 use headbox_scene::load::mtl::{Map, MtlMaterial};
-use headbox_scene::load::obj::Pictures;
+use headbox_scene::load::obj::EmbeddedImages;
 use std::collections::HashSet;
 use std::fmt::Write as _;
 
@@ -56,7 +56,7 @@ pub(super) struct PlainHome<'a> {
     /// Its materials.
     pub(super) materials: Vec<MtlMaterial>,
     /// The pictures of its materials by the names of their maps.
-    pub(super) pictures: Pictures,
+    pub(super) pictures: EmbeddedImages,
     /// Number of pieces of furniture drawn as boxes.
     pub(super) boxes: usize,
     archive: Archive<'a>,
@@ -72,7 +72,7 @@ impl<'a> PlainHome<'a> {
         let mut plain = Self {
             text: String::new(),
             materials: Vec::new(),
-            pictures: Pictures::new(),
+            pictures: EmbeddedImages::new(),
             boxes: 0,
             archive: Archive::new(archive),
             vertices: 0,
