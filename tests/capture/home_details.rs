@@ -142,7 +142,7 @@ fn missing_ceilings_are_restored() {
     assert_eq!(model.cells.len(), 2, "the terrace is outside");
     let notes = model.scene.summary.notes.join("\n");
     assert!(
-        notes.contains("no room has a ceiling: the 1 with walls around are given one"),
+        notes.contains("no room has a ceiling: one is added to 1 with walls around"),
         "{notes}"
     );
     assert!(
@@ -154,7 +154,7 @@ fn missing_ceilings_are_restored() {
         plan("wallHeight='250'", &[room(off), walls(""), other].concat());
     let notes = model.scene.summary.notes.join("\n");
     assert!(
-        notes.contains("Room 1 has no ceiling and is taken as part of the outside"),
+        notes.contains("Room 1 has no ceiling and is part of the outside"),
         "{notes}"
     );
     // It is added to an export, which has none either.

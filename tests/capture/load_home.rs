@@ -133,7 +133,7 @@ fn archive_equals_plan() {
 
     let bytes = fs::read(&path).expect("read");
     fs::write(&path, &bytes[..bytes.len() / 2]).expect("written");
-    assert!(error_of(&folder, "flat.sh3d").contains("a damaged archive"));
+    assert!(error_of(&folder, "flat.sh3d").contains("damaged archive"));
     let mut empty = zip::ZipWriter::new(fs::File::create(&path).expect("created"));
     empty
         .start_file("Home", zip::write::SimpleFileOptions::default())
@@ -186,13 +186,13 @@ fn archive_without_export_is_built() {
     assert!(
         notes
             .iter()
-            .any(|n| n.starts_with("there is no OBJ beside it")),
+            .any(|n| n.starts_with("no OBJ export in its folder")),
         "{notes:?}"
     );
     assert!(
         notes
             .iter()
-            .any(|n| n.starts_with("1 pieces of furniture are boxes")),
+            .any(|n| n.starts_with("1 pieces of furniture shown as boxes")),
         "{notes:?}"
     );
 
@@ -281,7 +281,7 @@ fn incomplete_home_is_reported() {
             .summary
             .notes
             .iter()
-            .any(|n| n == "Room 2 has no ceiling and is taken as part of the outside")
+            .any(|n| n == "Room 2 has no ceiling and is part of the outside")
     );
 
     let no_number = load(&home(&ROOMS.replace("x='795'", "x='?'"), DOOR), "Home.xml").model;
@@ -302,7 +302,7 @@ fn non_home_is_refused() {
     let broken = folder(&[("Home.xml", "<home><room>"), ("home.obj", &obj)]);
     assert!(error_of(&broken, "Home.xml").contains("Home.xml: "));
     let other = folder(&[("Home.xml", "<html/>"), ("home.obj", &obj)]);
-    assert!(error_of(&other, "Home.xml").contains("its root is <html>, not <home>"));
+    assert!(error_of(&other, "Home.xml").contains("the root element is <html>, not <home>"));
     let alone = load(&folder(&[("Home.xml", &home_xml(ROOMS, DOOR))]), "Home.xml").model;
     assert!(
         alone
@@ -310,14 +310,14 @@ fn non_home_is_refused() {
             .summary
             .notes
             .iter()
-            .any(|note| note.starts_with("there is no OBJ beside it"))
+            .any(|note| note.starts_with("no OBJ export in its folder"))
     );
     let two = folder(&[
         ("Home.xml", &home_xml(ROOMS, DOOR)),
         ("a.obj", &obj),
         ("b.obj", &obj),
     ]);
-    assert!(error_of(&two, "Home.xml").contains("2 OBJ files lie beside it"));
+    assert!(error_of(&two, "Home.xml").contains("2 OBJ files are in its folder"));
     assert!(error_of(&two, "a.obj").contains("unknown home format"));
     assert!(error_of(&two, "none.xml").contains("No such file"));
 }

@@ -148,7 +148,7 @@ fn mistakes_in_a_toml_model_are_named() {
     );
     let notes = model.model.scene.summary.notes.join("\n");
     assert!(
-        notes.contains("portal \"door\" leads to a cell called \"attic\", which there is not"),
+        notes.contains("portal \"door\" leads to an unknown cell \"attic\""),
         "{notes}"
     );
     let unmatched = load(

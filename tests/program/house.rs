@@ -226,7 +226,7 @@ fn what_is_wrong_with_a_model_is_told_and_what_is_done_instead() {
         (
             "\"below\", \"above\"",
             "\"below\", \"attic\"",
-            "leads to a cell called \"attic\", which there is not",
+            "leads to an unknown cell \"attic\"",
         ),
         (
             "\"below\", \"above\"",

@@ -28,13 +28,13 @@ impl FileLights {
         }
         let count = self.lamps.len();
         let lights = if count == 1 {
-            "light of the file replaces"
+            "light of the file lights"
         } else {
-            "lights of the file replace"
+            "lights of the file light"
         };
-        notes
-            .messages
-            .push(format!("{count} {lights} the default sun"));
+        notes.messages.push(format!(
+            "{count} {lights} the scene instead of the default sun"
+        ));
         let distant = |lamp: &Lamp| match lamp.reach {
             Reach::Distant { direction } => Some((direction, luminance(lamp.intensity))),
             Reach::Point { .. } | Reach::Spot { .. } => None,
