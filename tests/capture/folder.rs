@@ -1,4 +1,4 @@
-//! A temporary folder with scene files in it.
+//! Temporary folder of scene files.
 
 use headbox_model::load::load_scene as load;
 use headbox_scene::load::LoadOptions;
@@ -29,7 +29,7 @@ impl Folder {
         std::fs::read(self.0.path().join(name)).expect("there")
     }
 
-    /// Writes an image one texel high, in the format that its name says.
+    /// Writes an image one texel high, in the format of its extension.
     pub(crate) fn write_image(&self, name: &str, texels: &[[u8; 4]]) {
         let rgba =
             image::RgbaImage::from_raw(texels.len() as u32, 1, texels.concat()).expect("one row");
@@ -55,7 +55,7 @@ impl Folder {
     }
 }
 
-/// The beginning of a PNG file that claims a size.
+/// Returns the beginning of a PNG file with this size in its header.
 pub(crate) fn png_header(width: u32, height: u32) -> Vec<u8> {
     let mut chunk = b"IHDR".to_vec();
     chunk.extend(width.to_be_bytes());

@@ -1,4 +1,4 @@
-//! glTF files under construction.
+//! Builder of glTF files.
 
 use crate::folder::Folder;
 use headbox_scene::scene::Scene;
@@ -58,8 +58,7 @@ impl Asset {
         self.accessor(&bytes, 5123, "SCALAR", values.len(), "")
     }
 
-    /// The JSON; `buffer` says where the bytes are, `rest` holds nodes, meshes, materials and so
-    /// on.
+    /// Returns the JSON; `buffer` refers to the bytes, `rest` has nodes, meshes, materials and so on.
     pub(crate) fn json(&self, buffer: &str, rest: &str) -> String {
         format!(
             r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":{}{buffer}}}],"bufferViews":[{}],"accessors":[{}],{rest}}}"#,

@@ -1,6 +1,5 @@
-//! Sweet Home 3D homes beyond level rooms between straight walls of one colour: ceilings that hang
-//! from walls or were switched off, bent walls, hidden storeys, textures, and models with materials
-//! of their own.
+//! Details of Sweet Home 3D homes: sloping and missing ceilings, arc walls, hidden storeys, textures,
+//! models with materials.
 
 use crate::homes::{home, home_xml, load};
 use glam::DVec3;
@@ -11,7 +10,7 @@ use std::fs;
 use std::io::Write;
 use std::sync::Arc;
 
-/// A home of a plan alone.
+/// Loads a home without an export.
 fn plan(attributes: &str, content: &str) -> LoadedModel {
     load(
         &crate::homes::folder(&[("Home.xml", &format!("<home {attributes}>{content}</home>"))]),
@@ -59,9 +58,8 @@ fn distance(model: &PortalModel, from: [f64; 3], direction: [f32; 3]) -> Option<
     tracer.closest(&ray).map(|hit| hit.t)
 }
 
-/// Walls that go on above a room's ceiling belong to the room up to there, and to nobody in it
-/// beyond: with triangles dealt out as a whole, by their middles, a room had holes in the shape of
-/// triangles.
+/// Walls above a room's ceiling do not belong to the room. Assigned as a whole, by their middles,
+/// triangles left holes in rooms.
 #[test]
 fn walls_are_cut_at_ceilings() {
     let levels =
@@ -96,7 +94,7 @@ fn walls_are_cut_at_ceilings() {
 
 #[test]
 fn topmost_ceilings_hang_from_walls() {
-    // Higher than the home says; counters and parapets do not count.
+    // Higher than the storey; counters and parapets do not count.
     let counter =
         "<wall id='c' xStart='200' yStart='5' xEnd='200' yEnd='200' height='100' thickness='10'/>";
     let parapet = walls("height='300'")
@@ -133,7 +131,7 @@ fn topmost_ceilings_hang_from_walls() {
 }
 
 #[test]
-fn ceilings_that_are_all_switched_off_come_back() {
+fn missing_ceilings_are_restored() {
     let off = "ceilingVisible='false'";
     let terrace = "<room ceilingVisible='false'><point x='405' y='5'/><point x='900' y='5'/><point x='900' y='295'/>\
                    <point x='405' y='295'/></room>";
@@ -144,22 +142,22 @@ fn ceilings_that_are_all_switched_off_come_back() {
     assert_eq!(model.cells.len(), 2, "the terrace is outside");
     let notes = model.scene.summary.notes.join("\n");
     assert!(
-        notes.contains("no room has a ceiling: the 1 with walls around are given one"),
+        notes.contains("no room has a ceiling: one is added to 1 with walls around"),
         "{notes}"
     );
     assert!(
         distance(&model, [2.0, 1.0, 1.5], [0.0, 1.0, 0.0]).is_some_and(|t| (t - 1.5).abs() < 1e-5)
     );
-    // One that has a ceiling says that the others are meant to be open.
+    // If one room has a ceiling, the others are open on purpose.
     let other = room("").replace("'5'", "'1005'").replace("'395'", "'1395'");
     let LoadedModel { model, .. } =
         plan("wallHeight='250'", &[room(off), walls(""), other].concat());
     let notes = model.scene.summary.notes.join("\n");
     assert!(
-        notes.contains("Room 1 has no ceiling and is taken as part of the outside"),
+        notes.contains("Room 1 has no ceiling and is part of the outside"),
         "{notes}"
     );
-    // With an export, which has none either, it is added to that.
+    // It is added to an export, which has none either.
     let rooms = crate::homes::ROOMS.replace("<room", "<room ceilingVisible='false'");
     let folder = home(&rooms, "");
     fs::write(
@@ -191,7 +189,7 @@ fn ceilings_that_are_all_switched_off_come_back() {
 
 /// Half a circle of 2 m about (2 m, 0), to the left of the way from start to end and to its right.
 #[test]
-fn bent_walls_are_bent() {
+fn arc_walls_are_curved() {
     for (extent, side) in [(std::f64::consts::PI, -1.0), (-std::f64::consts::PI, 1.0)] {
         let wall = format!(
             "<wall id='a' xStart='0' yStart='0' xEnd='400' yEnd='0' arcExtent='{extent}' height='250' thickness='10'/>"
@@ -241,7 +239,7 @@ fn hidden_storeys_are_left_out() {
     assert!(model.scene.bounds()[1].y < 2.6);
 }
 
-/// An archive with these files.
+/// Writes an archive with these files.
 fn archive(files: &[(&str, &[u8])]) -> LoadedModel {
     let folder = tempfile::tempdir().expect("a folder");
     let mut archive =

@@ -1,4 +1,4 @@
-//! Small homes and models, written to folders of their own.
+//! Small homes and models in temporary folders.
 
 use headbox_model::PortalModel;
 use headbox_model::load::{LoadedModel, ModelOptions, load_model};
@@ -163,7 +163,7 @@ pub(crate) fn home_obj() -> Obj {
         [396.0, 200.0, 103.0],
         [396.0, 200.0, 100.0],
     ]);
-    // A table in the right room with a part that hangs over into the left one.
+    // A table in the right room that extends into the left one.
     obj.group("piece_3_Table_top_4").quad([
         [450.0, 70.0, 50.0],
         [450.0, 70.0, 80.0],
@@ -197,7 +197,7 @@ pub(crate) fn home(rooms: &str, doors: &str) -> TempDir {
     ])
 }
 
-/// Names of a model's cells with their numbers of triangles.
+/// Returns the names of a model's cells with their numbers of triangles.
 pub(crate) fn cells(model: &PortalModel) -> Vec<(&str, usize)> {
     model
         .cells

@@ -527,7 +527,7 @@ fn gltf_lamps_replace_default_sun() {
     );
     let notes = scene.summary.notes.join("; ");
     assert!(
-        notes.contains("4 lights of the file light") && notes.contains("3 lights damaged"),
+        notes.contains("4 lights of the file light") && notes.contains("3 damaged lights"),
         "{notes}"
     );
 }

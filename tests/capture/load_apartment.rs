@@ -1,5 +1,4 @@
-//! The portal model of a real home, where it is at hand: from its export, and built from its plan
-//! alone.
+//! Portal model of a real home, if its files are present: from its export, and from its plan alone.
 
 use crate::homes::{cells, load};
 use headbox_model::Finding;
@@ -18,7 +17,7 @@ fn apartment() -> Option<PathBuf> {
 }
 
 #[test]
-fn the_real_apartment() {
+fn apartment_has_its_rooms_and_doors() {
     let Some(folder) = apartment() else {
         println!("skipped: no shared/data/apartment");
         return;
@@ -100,14 +99,14 @@ fn the_real_apartment() {
     );
     let of_built = Tracer::new(Arc::new(built.scene.clone()), tracer.origin());
     assert_eq!(built.leaks(&of_built, 500, 1), []);
-    // What is seen from the middle of every room, in the export and in what was built.
+    // Views from the middle of every room, with the export and without.
     let (mut same, mut all) = (0, 0);
     for cell in model.cells.iter().filter(|cell| !cell.space.is_empty()) {
         let outline = &cell.space[0].outline;
         let middle = outline.iter().sum::<glam::DVec2>() / outline.len() as f64;
         let origin = (glam::dvec3(middle.x, 1.5, middle.y) - tracer.origin()).as_vec3();
         for i in 0..2000_u32 {
-            // A spiral over the sphere.
+            // A spiral on the sphere.
             let (y, turn) = (
                 1.0 - (f64::from(i) + 0.5) / 1000.0,
                 f64::from(i) * 2.399_963,
@@ -130,6 +129,5 @@ fn the_real_apartment() {
     assert!(same * 100 > all * SAME_PERCENT, "{same} of {all}");
 }
 
-/// Rays of a hundred that meet a surface in the same place (1 %) in an export and in what is built
-/// without one.
+/// Percentage of rays that hit a surface at the same distance (1 %) with an export and without.
 const SAME_PERCENT: u32 = 95;

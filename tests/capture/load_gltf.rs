@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3, dvec3};
 use headbox_core::file_frame::FileFrame;
 use headbox_scene::scene::Scene;
 
-/// [`square`] under a material, with images beside it.
+/// Loads a [`square`] with a material and images.
 fn with_material(material: &str, rest: &str, images: &[(&str, &[[u8; 4]])]) -> Scene {
     let folder = Folder::new();
     folder.write(
@@ -52,7 +52,7 @@ fn node_transforms_composed_in_f64() {
     asset.floats(&[[0.0, 0.0, 1.0]; 4]);
     let mesh = SQUARE.replace("\"TEXCOORD_0\":1", "\"NORMAL\":3");
     let scene = load_text(asset.gltf(&format!("{nodes},{mesh}"))).expect("clean");
-    // Turned by 90 degrees about y: the file's +z is the world's +x, its +x the world's -z. The
+    // Rotated by 90 degrees about y: the file's +z is the world's +x, its +x the world's -z. The
     // tolerance is that of the file's rotation, which has eight digits.
     let near = |a: glam::DVec3, b: glam::DVec3| (a - b).length() < 1e-7;
     assert!(
@@ -196,19 +196,19 @@ fn alpha_modes() {
         |alpha: f32| format!(r#""pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,{alpha}]}}"#);
     assert!(
         dropped(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.4)))
-            .starts_with("2 triangles of see-through glass")
+            .starts_with("2 triangles with an opacity below one half")
     );
-    assert!(!dropped(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.5))).contains("glass"));
+    assert!(!dropped(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.5))).contains("opacity"));
     assert!(
-        !dropped(&format!(r#"{{{}}}"#, factor(0.1))).contains("glass"),
+        !dropped(&format!(r#"{{{}}}"#, factor(0.1))).contains("opacity"),
         "alpha of an opaque material is ignored"
     );
     let transmission =
         r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":0.9}}}"#;
-    assert!(dropped(transmission).contains("glass"));
-    // Of some of its surface, as the texture says.
+    assert!(dropped(transmission).contains("opacity"));
+    // The texture limits it to a part of the surface.
     let panes = r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":1,"transmissionTexture":{"index":0}}}}"#;
-    assert!(!dropped(panes).contains("glass"));
+    assert!(!dropped(panes).contains("opacity"));
 }
 
 #[test]
@@ -216,8 +216,8 @@ fn texture_transforms_scale_turn_and_move() {
     let material = r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0,"extensions":
         {"KHR_texture_transform":{"offset":[0.25,0.5],"scale":[2,4],"rotation":1.5707963267948966}}}}}"#;
     let scene = with_material(material, TEXTURE, &[("my wood.png", &[RED])]);
-    // Corner 2 has (1, 0) in the file: scaled (2, 0); a quarter turn that looks counter-clockwise
-    // where v goes down takes +u to -v: (0, -2); moved (0.25, -1.5); with v up: (0.25, 2.5).
+    // Corner 2 has (1, 0) in the file: scaled (2, 0); rotated counter-clockwise by 90 degrees with v
+    // downward (0, -2); offset (0.25, -1.5); with v upward (0.25, 2.5).
     let corner = scene
         .positions
         .iter()
@@ -306,26 +306,30 @@ fn errors_name_file_and_cause() {
     error(
         "d.glb",
         b"glTF",
-        &["the GLB header says 0 bytes and the file has 4"],
+        &["the GLB header specifies 0 bytes, but the file has 4"],
     );
     let glb = asset.glb(&rest);
     error(
         "e.glb",
         &glb[..glb.len() - 5],
-        &["the GLB header says", "bytes and the file has"],
+        &["the GLB header specifies", "bytes, but the file has"],
     );
     folder.write("long.glb", [&glb[..], b"junk"].concat());
     let long = folder.load("long.glb").expect("survives");
     assert_eq!(
         long.summary.notes,
-        ["4 bytes after the end that the GLB header tells, skipped"]
+        ["4 bytes after the end specified in the GLB header skipped"]
     );
     let mut wrong_version = glb.clone();
     wrong_version[4] = 1;
     error("f.glb", &wrong_version, &["version"]);
     let mut short_header = glb.clone();
     short_header[8..12].copy_from_slice(&7_u32.to_le_bytes());
-    error("g.glb", &short_header, &["the GLB header says 7 bytes"]);
+    error(
+        "g.glb",
+        &short_header,
+        &["the GLB header specifies 7 bytes"],
+    );
     for (extension, advice) in [
         (
             "KHR_draco_mesh_compression",
@@ -392,12 +396,12 @@ fn damaged_parts_are_left_out_and_counted() {
         "one of the wild indices, one without indices"
     );
     let expected = [
-        "8 mesh parts or attributes damaged and left out",
-        "1 skinned mesh shown unbent, as joints or weights are damaged",
-        "1 node reached more than once and kept only the first time",
-        "1 element left out, as points, lines and curves have no surface",
-        "1 face left out because a vertex index is out of range",
-        "1 triangle in exactly the place of another one, kept",
+        "8 damaged mesh parts or attributes left out",
+        "1 skinned mesh with damaged joints or weights shown undeformed",
+        "1 node with several parents used only the first time",
+        "1 element without a surface (points, lines, curves) left out",
+        "1 face with a vertex index out of range left out",
+        "1 duplicate triangle kept",
     ];
     assert_eq!(scene.summary.notes, expected);
 }
@@ -425,7 +429,7 @@ fn oversized_counts_refused_before_allocation() {
     ] {
         let error = claim(accessor);
         assert!(
-            error.contains("1 mesh part or attribute damaged and left out"),
+            error.contains("1 damaged mesh part or attribute left out"),
             "{error}"
         );
     }
@@ -489,10 +493,10 @@ fn gltf_z_up_evidence_is_noted_only() {
         doubts.contains("--up z if so") && !doubts.contains("--unit"),
         "{doubts}"
     );
-    // Turned upright by its node, as exporters do.
+    // Upright by the rotation of its node, as exporters write it.
     let upright = r#","rotation":[-0.7071067811865476,0,0,0.7071067811865476]"#;
     assert_eq!(told(text(1.0, upright)), "");
-    // A file that says where its headbox is was made for it.
+    // A file with a headbox was written by headbox.
     let headbox = r#","translation":[1,2,3],"extras":{"headbox_half_size":0.25}"#;
     let scene = load_text(text(100.0, headbox)).expect("survives");
     assert!(scene.summary.notes.is_empty(), "{:?}", scene.summary.notes);

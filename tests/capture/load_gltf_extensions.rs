@@ -13,8 +13,8 @@ fn has(scene: &Scene, place: DVec3) -> bool {
         .any(|position| (*position - place).length() < 1e-6)
 }
 
-/// A square whose lower corners hang on the first joint, the left one with this weight, and whose
-/// upper ones on both: accessors 0 to 5.
+/// A skinned square, accessors 0 to 5: lower corners on the first joint, the left one with this
+/// weight, upper corners on both joints.
 fn skinned_square(weight: f32) -> Asset {
     let mut asset = square();
     asset.accessor(
@@ -24,14 +24,14 @@ fn skinned_square(weight: f32) -> Asset {
         4,
         "",
     );
-    // The upper corners' weights add up to 2: what counts is their share.
+    // The weights of the upper corners add up to 2 and are normalised.
     asset.floats(&[
         [weight, 0.0, 0.0, 0.0],
         [1.0, 0.0, 0.0, 0.0],
         [0.5, 1.5, 0.0, 0.0],
         [0.5, 1.5, 0.0, 0.0],
     ]);
-    // Both joints are where the mesh was made, one metre to the left of where the nodes put them.
+    // The rest pose of both joints is one metre to the left of their nodes.
     let column = |x: f32| {
         [
             1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, 0.0, 0.0, 1.0_f32,
@@ -47,8 +47,8 @@ fn skinned_square(weight: f32) -> Asset {
 }
 
 const SKINNED: &str = r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":3,"WEIGHTS_0":4},"indices":2}]}]"#;
-/// The mesh's own node is far away, which does not matter; the second joint stands 4 m above the
-/// first.
+/// Nodes of a skinned mesh. That of the mesh is far away, which has no effect; the second joint is
+/// 4 m above the first.
 const JOINTS: &str = r#""scenes":[{"nodes":[0,1]}],"nodes":[{"mesh":0,"skin":0,"translation":[50,0,0]},
     {"translation":[0,0,2],"children":[2]},{"translation":[0,4,0]}]"#;
 
@@ -88,7 +88,7 @@ fn skins_follow_joint_nodes() {
         let scene = load(damaged);
         assert_eq!(
             scene.summary.notes,
-            ["1 skinned mesh shown unbent, as joints or weights are damaged"],
+            ["1 skinned mesh with damaged joints or weights shown undeformed"],
             "{damaged}"
         );
         assert!(has(&scene, dvec3(51.0, 0.0, 0.0)), "{:?}", scene.positions);
@@ -96,7 +96,7 @@ fn skins_follow_joint_nodes() {
 }
 
 #[test]
-fn morph_targets_have_the_weights_of_the_file() {
+fn morph_targets_use_file_weights() {
     let mut asset = square();
     let up = asset.floats(&[
         [0.0, 0.0, 0.0],
@@ -124,13 +124,13 @@ fn morph_targets_have_the_weights_of_the_file() {
     let damaged = load(of_node, &mesh("", 99));
     assert_eq!(
         damaged.summary.notes,
-        ["1 mesh part or attribute damaged and left out"]
+        ["1 damaged mesh part or attribute left out"]
     );
     assert_eq!(top(&damaged), 1.0);
 }
 
 #[test]
-fn instances_stand_where_their_attributes_say() {
+fn instances_use_their_transforms() {
     let mut asset = square();
     let places = asset.floats(&[[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 0.0, 30.0]]);
     let scales = asset.floats(&[[1.0, 1.0, 1.0], [1.0, 3.0, 1.0], [1.0, 1.0, 1.0]]);
@@ -155,7 +155,7 @@ fn instances_stand_where_their_attributes_say() {
     let damaged = load(&format!(r#""TRANSLATION":{places},"SCALE":{short}"#));
     assert_eq!(
         damaged.summary.notes,
-        ["1 mesh part or attribute damaged and left out"]
+        ["1 damaged mesh part or attribute left out"]
     );
     assert_eq!(damaged.triangles.len(), 2);
 }
@@ -171,7 +171,7 @@ fn oversized_instances_are_refused() {
     assert_eq!(scene.triangles.len(), 2);
 }
 
-/// The albedo under a material with textures of one texel each: 0 red, 1 blue.
+/// Returns the albedo of a material with textures of one texel each: 0 red, 1 blue.
 fn albedo(material: &str, textures: &str) -> [f32; 3] {
     let folder = Folder::new();
     folder.write_image("red.png", &[[255, 0, 0, 255]]);
@@ -219,7 +219,7 @@ fn specular_gloss_keeps_diffuse_colour() {
 }
 
 #[test]
-fn textures_may_have_their_image_by_an_extension() {
+fn texture_image_comes_from_extension() {
     let material = r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}"#;
     let webp = |source: usize, rest: &str| {
         albedo(
@@ -244,12 +244,12 @@ fn gpu_only_textures_are_reported() {
         r#"{NODE},{SQUARE},"materials":[{material}],"textures":[{texture}],"images":[{{"uri":"a.ktx2"}}]"#
     );
     let scene = load_text(square().gltf(&rest)).expect("survives");
-    let expected = "1 texture could not be read: texture 0 (it is KTX2, which is not read; export it as PNG, JPEG or WebP)";
+    let expected = "1 texture could not be read: texture 0 (KTX2 is not supported; export it as PNG, JPEG or WebP)";
     assert_eq!(scene.summary.notes, [expected]);
 }
 
 #[test]
-fn normals_are_bent_with_their_skin() {
+fn skin_transforms_normals() {
     let mut asset = skinned_square(1.0);
     let normals = asset.floats(&[[0.0, 0.0, 1.0]; 4]);
     let mesh = SKINNED.replace(

@@ -3,7 +3,7 @@
 use crate::homes::{DOOR, ROOMS, cells, error_of, folder, home, home_obj, home_xml, load};
 use headbox_core::file_frame::UpAxis;
 use headbox_model::Finding;
-use headbox_model::load::{LoadedModel, ModelOptions, load_model};
+use headbox_model::load::{LoadedModel, ModelOptions, load_model, load_scene};
 use headbox_scene::load::{LoadError, LoadOptions};
 use headbox_trace::bvh::{Ray, Tracer};
 use std::fs;
@@ -87,7 +87,7 @@ fn walls_along_several_rooms_are_cut() {
         faces.map(|t| area(t..t + 1)).sum()
     };
     for cell in [0, 1] {
-        // Two walls of 3.9 m by 2.5 m, and what lies in the niche of no room goes to either.
+        // Two walls of 3.9 m by 2.5 m; the niche, which is in no room, belongs to either.
         let seen = inner_faces(cell);
         assert!((19.5..20.1).contains(&seen), "{seen} m2");
     }
@@ -104,7 +104,7 @@ fn walls_along_several_rooms_are_cut() {
 }
 
 #[test]
-fn leaves_are_kept_where_asked_for() {
+fn keep_doors_keeps_leaves() {
     let folder = home(ROOMS, DOOR);
     let without = load(&folder, "Home.xml").model.scene.triangles.len();
     let options = ModelOptions { keep_doors: true };
@@ -133,7 +133,7 @@ fn archive_equals_plan() {
 
     let bytes = fs::read(&path).expect("read");
     fs::write(&path, &bytes[..bytes.len() / 2]).expect("written");
-    assert!(error_of(&folder, "flat.sh3d").contains("a damaged archive"));
+    assert!(error_of(&folder, "flat.sh3d").contains("damaged archive"));
     let mut empty = zip::ZipWriter::new(fs::File::create(&path).expect("created"));
     empty
         .start_file("Home", zip::write::SimpleFileOptions::default())
@@ -172,7 +172,7 @@ fn archive_without_export_is_built() {
     }
     archive.finish().expect("finished");
     let LoadedModel { model, findings } = load(&folder, "flat.sh3d");
-    // Its walls end in each other's outer faces.
+    // Joined walls end at each other's outer faces.
     let expected = |f: &Finding| match f {
         Finding::Coplanar { cell, .. } => cell == "Outside",
         other => matches!(other, Finding::Unreachable { .. }),
@@ -186,13 +186,13 @@ fn archive_without_export_is_built() {
     assert!(
         notes
             .iter()
-            .any(|n| n.starts_with("there is no OBJ beside it")),
+            .any(|n| n.starts_with("no OBJ export in its folder")),
         "{notes:?}"
     );
     assert!(
         notes
             .iter()
-            .any(|n| n.starts_with("1 pieces of furniture are boxes")),
+            .any(|n| n.starts_with("1 pieces of furniture shown as boxes")),
         "{notes:?}"
     );
 
@@ -258,7 +258,7 @@ fn archive_without_export_is_built() {
 }
 
 #[test]
-fn homes_that_lack_something_say_so() {
+fn incomplete_home_is_reported() {
     let LoadedModel { model, findings } = load(&home(ROOMS, ""), "Home.xml");
     assert!(model.portals.is_empty());
     assert!(findings.contains(&Finding::NoPortals), "{findings:?}");
@@ -281,7 +281,7 @@ fn homes_that_lack_something_say_so() {
             .summary
             .notes
             .iter()
-            .any(|n| n == "Room 2 has no ceiling and is taken as part of the outside")
+            .any(|n| n == "Room 2 has no ceiling and is part of the outside")
     );
 
     let no_number = load(&home(&ROOMS.replace("x='795'", "x='?'"), DOOR), "Home.xml").model;
@@ -297,12 +297,12 @@ fn homes_that_lack_something_say_so() {
 }
 
 #[test]
-fn files_that_are_no_homes_say_so() {
+fn non_home_is_refused() {
     let obj = home_obj().text;
     let broken = folder(&[("Home.xml", "<home><room>"), ("home.obj", &obj)]);
     assert!(error_of(&broken, "Home.xml").contains("Home.xml: "));
     let other = folder(&[("Home.xml", "<html/>"), ("home.obj", &obj)]);
-    assert!(error_of(&other, "Home.xml").contains("its root is <html>, not <home>"));
+    assert!(error_of(&other, "Home.xml").contains("the root element is <html>, not <home>"));
     let alone = load(&folder(&[("Home.xml", &home_xml(ROOMS, DOOR))]), "Home.xml").model;
     assert!(
         alone
@@ -310,15 +310,15 @@ fn files_that_are_no_homes_say_so() {
             .summary
             .notes
             .iter()
-            .any(|note| note.starts_with("there is no OBJ beside it"))
+            .any(|note| note.starts_with("no OBJ export in its folder"))
     );
     let two = folder(&[
         ("Home.xml", &home_xml(ROOMS, DOOR)),
         ("a.obj", &obj),
         ("b.obj", &obj),
     ]);
-    assert!(error_of(&two, "Home.xml").contains("2 OBJ files lie beside it"));
-    assert!(error_of(&two, "a.obj").contains("not a kind of home that is read"));
+    assert!(error_of(&two, "Home.xml").contains("2 OBJ files are in its folder"));
+    assert!(error_of(&two, "a.obj").contains("unknown home format"));
     assert!(error_of(&two, "none.xml").contains("No such file"));
 }
 
@@ -329,7 +329,7 @@ fn home_is_scene() {
     let folder = home(ROOMS, DOOR);
     let path = folder.path().join("Home.xml");
     let model = load(&folder, "Home.xml").model;
-    let open = |up, unit_m| headbox_scene::load::load(&path, &LoadOptions { up, unit_m });
+    let open = |up, unit_m| load_scene(&path, &LoadOptions { up, unit_m });
     let scene = open(None, None).expect("loads");
     assert_eq!(scene.validate(), Ok(()));
     assert!(scene.positions == model.scene.positions && scene.triangles == model.scene.triangles);
@@ -339,9 +339,9 @@ fn home_is_scene() {
         let error = other.expect_err("another frame");
         assert!(matches!(error, LoadError::Frame { .. }), "{error}");
         assert!(
-            error
-                .to_string()
-                .ends_with("Home.xml: a home knows its up axis and its unit: leave them out"),
+            error.to_string().ends_with(
+                "Home.xml: a home defines its own up axis and unit; leave out --up and --unit"
+            ),
             "{error}"
         );
     }

@@ -1,5 +1,4 @@
-//! Whatever is done to the bytes of a scene file, loading ends with a valid scene or an error that
-//! names the file.
+//! Mutated scene files: loading returns a valid scene or an error that names the file.
 
 use crate::folder::Folder;
 use proptest::prelude::*;
@@ -38,7 +37,7 @@ enum Change {
 }
 
 fn change() -> impl Strategy<Value = Change> {
-    // Bytes that mean something to a parser come up more often than others.
+    // Bytes with a meaning for parsers are more frequent than others.
     let byte = prop_oneof![
         any::<u8>(),
         proptest::sample::select(b"0123456789-./\\ \n\r\t\"{}[],:eE#nfv".to_vec())
@@ -91,7 +90,7 @@ fn folder() -> Folder {
 }
 
 #[test]
-fn the_originals_are_clean() {
+fn unmutated_files_load() {
     let folder = folder();
     folder.write("a.obj", OBJ);
     folder.write("a.gltf", GLTF);

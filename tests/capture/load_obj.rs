@@ -1,4 +1,4 @@
-//! Dirty OBJ files: each defect in a small file of its own, and what the loader says about it.
+//! OBJ files with defects: one small file per defect, and the note about it.
 
 use crate::folder::{Folder, TRIANGLE};
 use glam::{DVec3, Vec2, Vec3, dvec3};
@@ -7,19 +7,19 @@ use headbox_core::file_frame::UpAxis;
 use headbox_scene::load::LoadOptions;
 use headbox_scene::scene::Scene;
 
-/// Loads an OBJ with the given text (and nothing beside it).
+/// Loads an OBJ without other files.
 fn obj(text: &str) -> Result<Scene, String> {
     let folder = Folder::new();
     folder.write("a.obj", text);
     folder.load("a.obj")
 }
 
-/// The notes of a file that loads.
+/// Loads an OBJ and returns its notes.
 fn notes(text: &str) -> Vec<String> {
     obj(text).expect("survives").summary.notes
 }
 
-/// Loads [`TRIANGLE`] with `m.mtl` and images beside it.
+/// Loads [`TRIANGLE`] with `m.mtl` and images.
 fn with_material(mtl: &str, images: &[(&str, &[[u8; 4]])]) -> Scene {
     let folder = Folder::new();
     folder.write("a.obj", format!("mtllib m.mtl\nusemtl m\n{TRIANGLE}"));
@@ -75,7 +75,7 @@ fn axes_and_unit_are_applied_and_remembered() {
         )
         .expect_err("no length");
     assert!(
-        error.contains("A.OBJ: a unit of 0 m; it must be positive and finite"),
+        error.contains("A.OBJ: the unit is 0 m, but must be positive and finite"),
         "{error}"
     );
 }
@@ -101,7 +101,7 @@ fn errors_name_file_cause_and_line() {
     line_error(
         "v 0 0 0\n\nv 1 oops 2\nv 0 1 0\nf 1 2 3\n",
         "line 3",
-        "`v 1 oops 2` does not parse; a position is three numbers",
+        "\"v 1 oops 2\" is not a position: three numbers",
     );
     line_error("v 0 0 0\nv 1 0\n", "line 2", "position");
     line_error("v 0 0 0\r\nvt\r\n", "line 2", "texture coordinate");
@@ -109,14 +109,14 @@ fn errors_name_file_cause_and_line() {
     line_error(
         &format!("{TRIANGLE}\n\nf 1 2 x\n"),
         "line 7",
-        "`f 1 2 x` does not parse",
+        "\"f 1 2 x\" is not a face",
     );
     line_error(&format!("{TRIANGLE}f 1/1/1/1 2 3\n"), "line 5", "face");
     line_error("", "a.obj: there is no triangle", "");
     line_error("not an obj at all \u{1}\u{2}\n", "there is no triangle", "");
     line_error(
         "v 0 0 0\nf 1 1 1\n",
-        "there is no triangle after this: 1 triangle left out for want of area",
+        "there is no triangle (1 degenerate triangle left out)",
         "",
     );
 
@@ -126,9 +126,7 @@ fn errors_name_file_cause_and_line() {
     folder.write("a.ply", "ply");
     let error = folder.load("a.ply").expect_err("unknown");
     assert!(
-        error.contains(
-            "a.ply: not a kind of scene that is read; give an .obj, .gltf or .glb file, a home"
-        ),
+        error.contains("a.ply: unknown scene format; use an .obj, .gltf or .glb file, a home"),
         "{error}"
     );
 }
@@ -141,22 +139,22 @@ fn non_obj_is_refused() {
     );
     assert_eq!(
         notes(&format!("{TRIANGLE}junk after the end\nmore\n")),
-        ["2 lines that no OBJ file has, skipped"]
+        ["2 unrecognised OBJ lines skipped"]
     );
 }
 
 #[test]
-fn indices_that_lead_nowhere_drop_their_face() {
+fn out_of_range_index_drops_face() {
     let text = format!("{TRIANGLE}f 1 2 9\nf 0 1 2\nf -1 -2 -4\nf 1 2 99999999999999\nf /1 2 3\n");
     assert_eq!(
         notes(&text),
-        ["5 faces left out because a vertex index is out of range"]
+        ["5 faces with a vertex index out of range left out"]
     );
     let scene =
         obj("vt 0 0\nvn 0 0 1\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/7/1 2/1/8 3\n").expect("survives");
     assert_eq!(scene.triangles.len(), 1);
     let expected =
-        ["1 face with a texture coordinate or normal index out of range, taken as not given"];
+        ["1 face with a texture coordinate or normal index out of range, which is ignored"];
     assert_eq!(scene.summary.notes, expected);
 }
 
@@ -168,10 +166,7 @@ fn relative_and_forward_indices_work() {
     let scene = scene.expect("survives");
     assert_eq!(scene.triangles.len(), 3);
     assert_eq!(scene.corners(2)[0], dvec3(5.0, 0.0, 0.0));
-    assert_eq!(
-        scene.summary.notes,
-        ["1 triangle in exactly the place of another one, kept"]
-    );
+    assert_eq!(scene.summary.notes, ["1 duplicate triangle kept"]);
 }
 
 #[test]
@@ -208,8 +203,8 @@ fn non_finite_vertices_drop_triangles() {
             .expect("written")
             + 1;
         let told = [
-            format!("1 vertex with a number that is none or too large: line {line}"),
-            "2 triangles left out because a vertex is not finite".to_owned(),
+            format!("1 vertex with a coordinate that is NaN or infinite: line {line}"),
+            "2 triangles with a corner that is NaN or infinite left out".to_owned(),
         ];
         assert_eq!(notes(&text), told, "{word}");
     }
@@ -219,9 +214,9 @@ fn non_finite_vertices_drop_triangles() {
 }
 
 #[test]
-fn triangles_without_area_are_dropped() {
+fn degenerate_triangles_are_dropped() {
     let text = format!("{TRIANGLE}v 2 0 0\nv 0.3333333333333333 0 0\nf 1 1 2\nf 1 2 4\nf 2 2 2\n");
-    assert_eq!(notes(&text), ["3 triangles left out for want of area"]);
+    assert_eq!(notes(&text), ["3 degenerate triangles left out"]);
     let tiny = obj("v 0 0 0\nv 1e-9 0 0\nv 0 1e-9 0\nf 1 2 3\n").expect("small is not degenerate");
     assert_eq!(tiny.triangles.len(), 1);
 }
@@ -231,17 +226,14 @@ fn duplicate_triangles_kept_and_counted() {
     let text = format!("{TRIANGLE}v 0 0 0\nv -0.0 1 0\nf 2 3 1\nf 3 2 1\nf 4 2 5\n");
     let scene = obj(&text).expect("survives");
     assert_eq!(scene.triangles.len(), 4);
-    assert_eq!(
-        scene.summary.notes,
-        ["3 triangles in exactly the place of another one, kept"]
-    );
+    assert_eq!(scene.summary.notes, ["3 duplicate triangles kept"]);
 }
 
 #[test]
 fn ignored_elements_are_counted() {
     let text = "g default\nv 0 0 0\nv 1 0 0\nv 0 1 0\no whole\ng part\nf 1 2 3\ng hollow\ng also hollow\no last\nf 1 2\nf\nl 1 2\np 1\n";
     let expected = [
-        "2 elements left out, as points, lines and curves have no surface",
+        "2 elements without a surface (points, lines, curves) left out",
         "2 groups without faces",
         "2 faces with fewer than three corners left out",
     ];
@@ -274,7 +266,7 @@ fn line_ends_comments_continuations_read() {
     assert_eq!(scene.triangles.len(), 1);
     assert_eq!(
         scene.summary.notes,
-        ["1 material used but not defined anywhere, so plain grey: m # 1"]
+        ["1 material used but not defined, shown as plain grey: m # 1"]
     );
 }
 
@@ -292,7 +284,7 @@ fn missing_material_files_and_materials_are_grey() {
     let scene = obj(&text).expect("survives");
     let expected = [
         "2 material files could not be read: no (no such file), such.mtl (no such file)",
-        "1 material used but not defined anywhere, so plain grey: wood",
+        "1 material used but not defined, shown as plain grey: wood",
     ];
     assert_eq!(scene.summary.notes, expected);
     assert_eq!(scene.surface(0, 0.2, 0.2).albedo, [0.6; 3]);
@@ -322,10 +314,7 @@ fn several_mtl_files_and_spaced_names_found() {
         2,
         "what nothing uses is left out, and its textures are not looked for"
     );
-    assert_eq!(
-        scene.summary.notes,
-        ["1 triangle in exactly the place of another one, kept"]
-    );
+    assert_eq!(scene.summary.notes, ["1 duplicate triangle kept"]);
 }
 
 const RED: [u8; 4] = [255, 0, 0, 255];
@@ -371,7 +360,7 @@ fn unreadable_maps_leave_grey_surfaces() {
 }
 
 #[test]
-fn colours_of_vertices_are_what_they_say() {
+fn vertex_colours_set_albedo() {
     let folder = Folder::new();
     folder.write(
         "a.obj",
@@ -405,7 +394,7 @@ fn textures_are_found_under_other_spellings() {
             [1.0, 0.0, 0.0],
             "{written}"
         );
-        let note = "1 texture found in another folder or spelling than the file says";
+        let note = "1 texture found in another folder or spelling than specified";
         assert_eq!(
             scene.summary.notes.iter().any(|n| n.starts_with(note)),
             renamed,
@@ -450,12 +439,12 @@ fn map_options_place_the_texture() {
     assert_eq!(scene.texcoords[0], Vec2::new(1.25, 1.5));
     assert_eq!(
         scene.summary.notes,
-        ["1 texture placed like the albedo texture of the same material: a.png"]
+        ["1 texture mapped like the albedo texture of the same material: a.png"]
     );
 }
 
 #[test]
-fn dissolve_below_one_half_is_see_through() {
+fn dissolve_below_one_half_drops_triangles() {
     let text = |mtl: &str| {
         let folder = Folder::new();
         folder.write(
@@ -470,7 +459,7 @@ fn dissolve_below_one_half_is_see_through() {
         let (count, notes) = text(glass);
         assert_eq!(count, 1, "{glass}");
         assert!(
-            notes.contains("3 triangles of see-through glass (opacity below one half) left out"),
+            notes.contains("3 triangles with an opacity below one half left out"),
             "{notes}"
         );
     }
@@ -479,7 +468,7 @@ fn dissolve_below_one_half_is_see_through() {
     }
     let (count, notes) = text("Tr 1");
     assert!(
-        count == 4 && notes.contains("1 material with Tr 1 and no d, taken as opaque"),
+        count == 4 && notes.contains("1 material with Tr 1 and no d, shown as opaque"),
         "{notes}"
     );
 }
@@ -530,7 +519,7 @@ fn emission_from_ke_or_bright_ambient() {
     assert_eq!(scene.materials[0].emission, [20.0; 3]);
     assert_eq!(
         scene.summary.notes,
-        ["1 material with an ambient colour above 1, taken as emitted light: m"]
+        ["1 material with an ambient colour above 1, used as emission: m"]
     );
     let scene = with_material("newmtl m\nKa 1 1 1\nKd 7 0.5 -1\n", &[]);
     assert_eq!(

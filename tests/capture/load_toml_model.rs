@@ -1,4 +1,4 @@
-//! Portal models from a TOML file that points at the groups of an OBJ, or at the nodes of a glTF.
+//! TOML portal models that refer to groups of an OBJ or nodes of a glTF.
 
 use crate::homes::{Obj, cells, error_of, folder, load};
 use headbox_model::load::LoadedModel;
@@ -121,7 +121,7 @@ fn toml_model_refers_to_gltf_nodes() {
 #[test]
 fn mistakes_in_a_toml_model_are_named() {
     let error = |from: &str, to: &str| error_of(&toml_folder(&TOML.replace(from, to)), "flat.toml");
-    assert!(error("unit = 0.01", "unit = -1").contains("a unit of -1 m"));
+    assert!(error("unit = 0.01", "unit = -1").contains("the unit is -1 m"));
     assert!(error("unit = 0.01", "units = 1").contains("unknown field `units`"));
     assert!(error("flat.obj", "none.obj").contains("No such file"));
     assert!(error("[[cell]]", "[[cell").contains("flat.toml"));
@@ -148,7 +148,7 @@ fn mistakes_in_a_toml_model_are_named() {
     );
     let notes = model.model.scene.summary.notes.join("\n");
     assert!(
-        notes.contains("portal \"door\" leads to a cell called \"attic\", which there is not"),
+        notes.contains("portal \"door\" leads to an unknown cell \"attic\""),
         "{notes}"
     );
     let unmatched = load(

@@ -226,7 +226,7 @@ fn what_is_wrong_with_a_model_is_told_and_what_is_done_instead() {
         (
             "\"below\", \"above\"",
             "\"below\", \"attic\"",
-            "leads to a cell called \"attic\", which there is not",
+            "leads to an unknown cell \"attic\"",
         ),
         (
             "\"below\", \"above\"",
@@ -289,7 +289,7 @@ fn mistakes_are_named() {
         "the ending of a plan is .svg",
     );
     says(1, &["nowhere.toml"], "nowhere.toml: there is no such file");
-    says(1, &["plan.obj"], "not a kind of home that is read");
+    says(1, &["plan.obj"], "unknown home format");
     says(1, &["Home.xml"], "Home.xml: ");
 }
 

@@ -1,26 +1,24 @@
 //! Geometry added to homes.
 //!
-//! Rooms are drawn by hand, and between the floors of two of them a few millimetres may be left
-//! under their door, through which the ground outside shines, as bright as day. So there is a
-//! threshold under each: dark unless one looks for it. Rooms whose ceilings were switched off get
-//! them back.
+//! Rooms are drawn by hand. Between the floors of two rooms, under their door, a few millimetres
+//! may be missing, through which the bright ground outside is visible. A threshold below hides it.
+//! Rooms whose ceilings were switched off get them back.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use headbox_scene::load::polygon::triangulate;
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Triangle};
 
-/// Distance of thresholds below the floors, metres: a depth buffer resolves that at a room's
-/// distance.
+/// Distance of thresholds below the floors, metres: a depth buffer resolves it across a room.
 const BELOW_M: f64 = 0.002;
 
-/// Adds a threshold: a quadrilateral under a floor, metres, corners of its outline in order.
+/// Adds a threshold: a quadrilateral under a floor, metres, with its corners in order.
 pub(super) fn threshold(scene: &mut Scene, outline: [DVec2; 4], floor_y: f64) {
     let corners = outline.map(|corner| DVec3::new(corner.x, floor_y - BELOW_M, corner.y));
     add(scene, "threshold", &corners, Vec3::Y);
 }
 
-/// Adds a ceiling, metres, corners of its outline in order.
+/// Adds a ceiling, metres, with its corners in order.
 pub(super) fn ceiling(scene: &mut Scene, corners: &[DVec3]) {
     add(scene, "ceiling", corners, Vec3::NEG_Y);
 }

@@ -1,4 +1,4 @@
-//! The models and pictures in the archive of a Sweet Home 3D home.
+//! Models and images in the archive of a Sweet Home 3D home.
 
 use glam::{DVec2, DVec3};
 use headbox_scene::load::lines::{decode, keyword, lines};
@@ -10,12 +10,12 @@ use std::io::{Cursor, Read};
 use std::path::PathBuf;
 use std::rc::Rc;
 
-/// A file in an archive longer than this is taken for damage, bytes.
-const LONGEST_FILE: u64 = 1 << 28;
+/// Maximum size of a file in an archive, bytes; a longer one is damaged.
+const MAX_FILE_BYTES: u64 = 1 << 28;
 
-/// An archive, whose models are read once each.
+/// An archive with a cache of its models.
 pub(super) struct Archive<'a> {
-    /// `None` if it is none: a plan alone.
+    /// `None` for a plan without an archive.
     files: Option<zip::ZipArchive<Cursor<&'a [u8]>>>,
     models: HashMap<String, Option<Rc<Model>>>,
 }
@@ -28,20 +28,20 @@ impl<'a> Archive<'a> {
         }
     }
 
-    /// A file by its name, if it is there.
+    /// Reads a file by its name.
     pub(super) fn file(&mut self, name: &str) -> Option<Vec<u8>> {
         let mut bytes = Vec::new();
         self.files
             .as_mut()?
             .by_name(name)
             .ok()?
-            .take(LONGEST_FILE)
+            .take(MAX_FILE_BYTES)
             .read_to_end(&mut bytes)
             .ok()?;
         Some(bytes)
     }
 
-    /// A model by its name, if it is there and an OBJ. It is read once and shared.
+    /// Reads a model by its name, once; `None` if it is missing or not an OBJ.
     pub(super) fn model(&mut self, name: &str) -> Option<Rc<Model>> {
         if !self.models.contains_key(name) {
             let model = self
@@ -53,8 +53,8 @@ impl<'a> Archive<'a> {
         self.models.get(name)?.clone()
     }
 
-    /// Reads the material files that lie beside a model; their maps are named as the archive names
-    /// them.
+    /// Reads the material files of a model, in its folder, and renames their maps to names in the
+    /// archive.
     fn with_materials(&mut self, mut model: Model, name: &str) -> Model {
         let folder = name
             .rsplit_once('/')
@@ -67,7 +67,7 @@ impl<'a> Archive<'a> {
                     .trim_start_matches("./")
             )
         };
-        // What is wrong with materials is no more than a colour that is not the home's.
+        // Defects of materials only change colours.
         let mut notes = Notes::default();
         for library in &model.libraries {
             if let Some(bytes) = self.file(&beside(library)) {
@@ -95,11 +95,10 @@ impl<'a> Archive<'a> {
     }
 }
 
-/// A corner of a face: the numbers, from 0, of its position and of its texture coordinate, if it
-/// has one.
+/// A corner of a face: the indices of its position and, if it has one, of its texture coordinate.
 pub(super) type Corner = (usize, Option<usize>);
 
-/// The faces of one group and material.
+/// Faces of one group and material.
 pub(super) struct FaceGroup {
     pub(super) group: String,
     pub(super) material: String,
@@ -112,12 +111,12 @@ pub(super) struct Model {
     pub(super) texcoords: Vec<DVec2>,
     pub(super) parts: Vec<FaceGroup>,
     pub(super) materials: Vec<MtlMaterial>,
-    /// The files that say what its materials are.
+    /// Material files.
     libraries: Vec<String>,
 }
 
 impl Model {
-    /// The faces of an OBJ; `None` if there are none, or one refers to a vertex that is not there.
+    /// Parses an OBJ; `None` if it has no faces, or if a vertex is missing.
     fn parse(text: &str) -> Option<Self> {
         let mut model = Self {
             positions: Vec::new(),
@@ -168,7 +167,7 @@ impl Model {
         (!model.parts.is_empty()).then_some(model)
     }
 
-    /// `position/texcoord/normal`, of which only the first must be there.
+    /// Parses `position/texcoord/normal`, of which only the first is required.
     fn corner(&self, word: &str) -> Option<Corner> {
         let mut numbers = word.split('/');
         let position = index(numbers.next()?, self.positions.len())?;
@@ -181,7 +180,7 @@ impl Model {
     }
 }
 
-/// The place, from 0, that a number of an OBJ means, in a list of so many.
+/// Converts an index of an OBJ into a list of `count` entries to one from 0.
 fn index(number: &str, count: usize) -> Option<usize> {
     let number: i64 = number.parse().ok()?;
     let index = if number < 0 {

@@ -1,4 +1,4 @@
-//! Dealing out the triangles of a scene to cells.
+//! Assignment of the triangles of a scene to cells.
 
 use super::split::{Corner, split_by_plane};
 use crate::{PortalModel, Prism, distance_to_outline};
@@ -10,35 +10,34 @@ use std::collections::HashMap;
 /// Assignment of a group of triangles to cells.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Portion {
-    /// All of it to this cell.
+    /// The whole group to this cell.
     Cell(u32),
-    /// Not at all.
+    /// Left out.
     LeftOut,
     /// Each triangle to the cell on its side of this portal.
     BySide(usize),
-    /// With all groups of this key to the cell in which most of their area stands.
+    /// With all groups of this key to the cell that contains most of their area.
     Whole(String),
-    /// Each triangle to the cell that it faces, cut where it faces several.
+    /// Each triangle to the cell that it faces, cut if it faces several.
     Facing,
 }
 
-/// A surface faces the cell that is this far before it, metres.
+/// Distance in front of a surface at which the cell that it faces is sampled, metres.
 const BEFORE_M: f64 = 0.02;
 
-/// Largest distance of a surface that faces no room from the outline of its room, in plan, metres:
-/// rooms are drawn by hand and may end a hair before the wall does. The outer faces of walls are
-/// farther away by the wall.
+/// Largest distance in plan of a surface that faces no room from the outline of its room, metres:
+/// rooms are drawn by hand and may end slightly before the wall does. The outer faces of walls are
+/// farther away by the thickness of the wall.
 const BESIDE_M: f64 = BEFORE_M;
 
-/// Groups of the scene, and how each goes to cells. Triangles of no group are dealt out as
-/// [`Portion::Facing`].
+/// Assignment of the groups of a scene. Triangles without a group are [`Portion::Facing`].
 pub(super) struct Assignment<'a> {
     pub(super) groups: &'a [Group],
     pub(super) portions: &'a [Portion],
 }
 
 impl Assignment<'_> {
-    /// Deals out all triangles and sorts them by cell.
+    /// Assigns all triangles and sorts them by cell.
     pub(super) fn apply(&self, model: &mut PortalModel) {
         let wholes = self.cells_of_wholes(model);
         let portions = self.portion_of_triangles(model.scene.triangles.len());
@@ -84,7 +83,7 @@ impl Assignment<'_> {
         portions
     }
 
-    /// The cell of each key of [`Portion::Whole`], by the area that stands in each.
+    /// Returns the cell of each key of [`Portion::Whole`], by the area in each cell.
     fn cells_of_wholes(&self, model: &PortalModel) -> HashMap<&str, u32> {
         let mut areas: HashMap<&str, Vec<f64>> = HashMap::new();
         for (group, portion) in self.groups.iter().zip(self.portions) {
@@ -125,7 +124,7 @@ fn middle(scene: &Scene, triangle: &Triangle) -> DVec3 {
         / 3.0
 }
 
-/// The cell of a portal on the side on which a point lies.
+/// Returns the cell of a portal on the side of a point.
 fn side_of(model: &PortalModel, portal: usize, p: DVec3) -> Option<u32> {
     let portal = model.portals.get(portal)?;
     let &[a, b, c, ..] = portal.polygon.as_slice() else {
@@ -135,8 +134,8 @@ fn side_of(model: &PortalModel, portal: usize, p: DVec3) -> Option<u32> {
     Some(portal.cells[usize::from(!in_front)])
 }
 
-/// The pieces of a triangle, each with the cell it faces; the triangle itself if it faces one cell
-/// only.
+/// Cuts a triangle into pieces that face one cell each; returns the triangle itself if it faces one
+/// cell.
 fn facing(
     model: &PortalModel,
     scene: &mut Scene,
@@ -166,7 +165,7 @@ fn facing(
             .flat_map(|piece| split_by_plane(piece, from, across))
             .collect();
     }
-    // Walls may be higher than a room's ceiling, and go through several storeys.
+    // Walls may be higher than a ceiling and extend over several storeys.
     pieces = pieces
         .into_iter()
         .flat_map(|piece| split_by_storeys(model, piece, normal))
@@ -195,8 +194,7 @@ fn facing(
     out
 }
 
-/// The pieces of a polygon that lies before one room, in plan, below, between and above the floors
-/// and ceilings there.
+/// Cuts a polygon in front of one room, in plan, at the heights of its floors and ceilings.
 fn split_by_storeys(model: &PortalModel, piece: Vec<Corner>, normal: DVec3) -> Vec<Vec<Corner>> {
     let middle = piece.iter().map(|corner| corner.position).sum::<DVec3>() / piece.len() as f64
         + normal * BEFORE_M;
@@ -217,7 +215,7 @@ fn split_by_storeys(model: &PortalModel, piece: Vec<Corner>, normal: DVec3) -> V
     })
 }
 
-/// The room that ends nearest to a point in no room, at most [`BESIDE_M`] from it.
+/// Returns the room whose outline is nearest to a point outside of rooms, within [`BESIDE_M`].
 fn room_beside(model: &PortalModel, p: DVec3) -> Option<u32> {
     let rooms = (0u32..).zip(&model.cells);
     let prisms = rooms.flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)));
@@ -233,7 +231,7 @@ fn room_beside(model: &PortalModel, p: DVec3) -> Option<u32> {
     (nearest.1 <= BESIDE_M).then_some(nearest.0)
 }
 
-/// Edges of the cells' outlines that a triangle, moved before itself, comes near, in plan.
+/// Returns the edges of the cells' outlines near a triangle, moved along its normal, in plan.
 fn borders_near(model: &PortalModel, triangle: [DVec3; 3], normal: DVec3) -> Vec<[DVec2; 2]> {
     const MARGIN: f64 = 2.0 * BEFORE_M;
     let moved = triangle.map(|p| p + normal * BEFORE_M);
@@ -265,7 +263,7 @@ impl Corner {
         }
     }
 
-    /// The vertex of a corner; a new one if the corner is the end of a cut.
+    /// Returns the vertex of a corner, or a new one at the end of a cut.
     fn vertex_in(&self, scene: &mut Scene) -> u32 {
         if let Some(vertex) = self.vertex {
             return vertex;
@@ -291,8 +289,8 @@ mod tests {
     use glam::dvec3;
     use headbox_scene::material::Material;
 
-    /// A wall of 4 m before a room that is drawn 1 cm shorter; its outer face; and a wall 10 cm
-    /// beyond the room.
+    /// A wall of 4 m in front of a room that is 1 cm shorter; its outer face; a wall 10 cm beyond
+    /// the room.
     #[test]
     fn wall_slightly_longer_than_room_belongs_to_it() {
         let outline = [[0.0, 0.0], [3.99, 0.0], [3.99, 3.0], [0.0, 3.0]]

@@ -1,35 +1,35 @@
-//! Heights of ceilings, and rooms that have one.
+//! Heights of ceilings, and restored ceilings.
 
 use super::home::{Home, Room, Wall};
 use crate::distance_to_outline;
 use glam::DVec2;
 
-/// Walls that end within this of a room's corner may hold the ceiling there, centimetres: rooms are
-/// drawn to the faces of walls, and the lines of walls that meet end a wall's thickness apart.
+/// Distance of a wall's end from a room's corner up to which it can carry the ceiling there,
+/// centimetres: rooms are drawn to the faces of walls, and the centre lines of joined walls end a
+/// wall's thickness apart.
 const AT_CORNER: f64 = 60.0;
 
-/// Walls hold it from this share of the storey's height on; counters and parapets do not.
+/// Least height of such a wall, as a share of the storey's height; counters and parapets are lower.
 const HIGH: f64 = 0.75;
 
-/// A room that no wall parts from another is drawn up to it, and walls stand beside outlines,
-/// within this, centimetres.
+/// Distance within which walls are along an outline, and rooms without a wall between are adjacent,
+/// centimetres.
 const BESIDE: f64 = 40.0;
 
-/// An outline is looked at in steps of this, centimetres.
+/// Step along an outline, centimetres.
 const STEP: f64 = 10.0;
 
-/// No more steps than this to an edge: wild outlines come to an end, too.
+/// Maximum number of steps of an edge, for outlines of any size.
 const MOST_STEPS: f64 = 300.0;
 
-/// A room stands under a roof if this share of its outline lies along walls or other rooms; a
-/// terrace does not.
+/// Least share of an outline along walls or other rooms for a roof; a terrace has less.
 const ENCLOSED: f64 = 0.8;
 
 impl Home {
-    /// Hangs the ceilings of the topmost storey from its walls, which may be higher than the storey
-    /// and slope under a roof: each corner as high as the highest wall that ends there, or else as
-    /// the high wall that ends nearest to it. Low walls count where some wall slopes: under a roof
-    /// they are no parapets.
+    /// Raises the ceilings of the topmost storey to its walls, which may be higher than the storey
+    /// and slope under a roof. Each corner gets the height of the highest wall that ends there, or
+    /// else of the nearest high wall. Low walls count if a wall slopes: under a roof they are not
+    /// parapets.
     pub(super) fn hang_ceilings(&mut self) {
         for room in self.rooms.iter_mut().filter(|room| room.is_topmost) {
             let walls = || self.walls.iter().filter(|wall| wall.is_beside(room));
@@ -57,7 +57,7 @@ impl Home {
         }
     }
 
-    /// Restores ceilings that were switched off: where no room of a home has one, rooms enclosed by
+    /// Restores ceilings that were switched off: if no room of a home has one, rooms enclosed by
     /// walls or other rooms get theirs. Returns their number.
     pub(super) fn put_ceilings_on(&mut self) -> usize {
         if self.rooms.iter().any(|room| room.covered) {
@@ -108,18 +108,18 @@ impl Home {
 }
 
 impl Wall {
-    /// Returns true if it stands on the storey of a room.
+    /// Returns true if the wall is on the storey of a room.
     fn is_beside(&self, room: &Room) -> bool {
         self.bottom == room.floor
     }
 
-    /// Returns true if it is more than a parapet to a room.
+    /// Returns true if the wall is more than a parapet in a room.
     fn is_high_in(&self, room: &Room) -> bool {
         self.heights[0].min(self.heights[1]) >= (room.ceiling() - room.floor) / 2.0
     }
 }
 
-/// The ends of a wall in plan, with the heights of its upper edge there.
+/// Returns the ends of a wall in plan, with the heights of its upper edge.
 fn ends_of(wall: &Wall) -> [(DVec2, f64); 2] {
     [
         (wall.start, wall.bottom + wall.heights[0]),

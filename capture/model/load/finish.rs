@@ -4,22 +4,22 @@ use super::xml::number;
 use glam::DVec2;
 use roxmltree::Node;
 
-/// A picture that is repeated over a surface.
+/// An image that is repeated over a surface.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Repeated {
-    /// Name of the picture in the archive.
+    /// Name of the image in the archive.
     pub(super) image: String,
-    /// Width and height of one picture.
+    /// Width and height of the image, centimetres.
     size: DVec2,
-    /// Moves it, in pictures.
+    /// Offset, in images.
     offset: DVec2,
-    /// Turns it, radians.
+    /// Rotation, radians.
     angle: f64,
 }
 
 impl Repeated {
-    /// The texture coordinate of a place on a surface, centimetres to the right and up.
-    pub(super) fn at(&self, place: DVec2) -> DVec2 {
+    /// Returns the texture coordinate of a point on a surface, centimetres to the right and up.
+    pub(super) fn texcoord(&self, place: DVec2) -> DVec2 {
         DVec2::from_angle(self.angle).rotate(place - self.offset * self.size) / self.size
     }
 }
@@ -38,8 +38,7 @@ impl Finish {
     }
 }
 
-/// The colour in an attribute, and the picture of a child that says that it is this texture of its
-/// parent.
+/// Reads the colour of an attribute, and the texture that a child element specifies for its parent.
 pub(super) fn finish(node: Node, color_attribute: &str, texture: Option<&str>) -> Finish {
     let is_it =
         |child: &Node| child.has_tag_name("texture") && child.attribute("attribute") == texture;
@@ -52,7 +51,7 @@ pub(super) fn finish(node: Node, color_attribute: &str, texture: Option<&str>) -
 fn repeated(texture: Node) -> Option<Repeated> {
     let number = |attribute: &str, unsaid: f64| number(texture, attribute).unwrap_or(unsaid);
     let positive = |value: f64, unsaid: f64| if value > 0.0 { value } else { unsaid };
-    // Pictures out of models have no size and are as if of a metre.
+    // Images of models have no size; one metre is assumed.
     let size = DVec2::new(number("width", -1.0), number("height", -1.0))
         .map(|length| positive(length, 100.0));
     Some(Repeated {
@@ -63,8 +62,7 @@ fn repeated(texture: Node) -> Option<Repeated> {
     })
 }
 
-/// A colour written as alpha, red, green and blue in hexadecimal; taken as linear, as the export
-/// does.
+/// Reads a colour of alpha, red, green and blue in hexadecimal. It is linear, as in the export.
 pub(super) fn color(node: Node, attribute: &str) -> Option<[f32; 3]> {
     let argb = u32::from_str_radix(node.attribute(attribute)?, 16).ok()?;
     Some([16, 8, 0].map(|shift| f32::from((argb >> shift) as u8) / 255.0))

@@ -1,4 +1,4 @@
-//! The plan of a Sweet Home 3D home, as its `Home.xml` says: x to the right and y down in plan (x
+//! Plan of a Sweet Home 3D home, read from its `Home.xml`: x to the right and y downward in plan (x
 //! and z of the export), centimetres, angles clockwise in plan.
 
 use super::finish::{Finish, color, finish};
@@ -19,15 +19,15 @@ struct Level {
 /// A room.
 #[derive(Clone, Debug)]
 pub(super) struct Room {
-    /// Empty if the home gives none.
+    /// Empty if the home has none.
     pub(super) name: String,
     pub(super) outline: Vec<DVec2>,
     pub(super) floor: f64,
-    /// Height of the ceiling over each corner.
+    /// Height of the ceiling at each corner.
     pub(super) ceilings: Vec<f64>,
-    /// True if it has a ceiling, and so is a room and not a terrace.
+    /// True if it has a ceiling: it is a room, not a terrace.
     pub(super) covered: bool,
-    /// True if the home specifies that it has none.
+    /// True if the home has switched it off.
     pub(super) ceiling_is_new: bool,
     /// True if there is no storey above its own.
     pub(super) is_topmost: bool,
@@ -37,12 +37,12 @@ pub(super) struct Room {
 }
 
 impl Room {
-    /// The height of the ceiling where it is highest.
+    /// Returns the greatest height of the ceiling.
     pub(super) fn ceiling(&self) -> f64 {
         self.ceilings.iter().copied().fold(self.floor, f64::max)
     }
 
-    /// The corners of its ceiling: x, height, y in plan.
+    /// Returns the corners of the ceiling: x, height, y in plan.
     pub(super) fn ceiling_corners(&self) -> Vec<DVec3> {
         self.outline
             .iter()
@@ -60,32 +60,31 @@ pub(super) struct Wall {
     pub(super) end: DVec2,
     pub(super) thickness: f64,
     pub(super) bottom: f64,
-    /// Above its bottom, at its start and end.
+    /// Heights above its bottom, at its start and end.
     pub(super) heights: [f64; 2],
-    /// Finishes of its sides to the left and right of the way from start to end, in a plan with y
-    /// down.
+    /// Finishes of its left and right side, seen from start to end in a plan with y downward.
     pub(super) finishes: [Finish; 2],
-    /// Extension beyond its start and end, into the walls that it is joined to.
+    /// Extension beyond its start and end, into joined walls.
     pub(super) extension: [f64; 2],
 }
 
-/// A piece of furniture, a lamp, or a door or window, as a model.
+/// Furniture, a lamp, a door or a window, as a model.
 #[derive(Clone, Debug)]
 pub(super) struct FurniturePiece {
     /// Name of the model in the archive.
     pub(super) model: Option<String>,
     pub(super) is_opening: bool,
-    /// Middle in plan, and height of the lower side.
+    /// Middle in plan, and height of the lower edge.
     pub(super) centre: DVec2,
     pub(super) elevation: f64,
     /// Width, height, depth.
     pub(super) size: DVec3,
-    /// Clockwise in plan, radians.
+    /// Rotation clockwise in plan, radians.
     pub(super) angle: f64,
     pub(super) mirrored: bool,
-    /// Turns the model before it is brought to its size.
+    /// Rotation of the model before it is scaled to its size.
     pub(super) rotation: Option<DMat3>,
-    /// Finishes of the whole piece, and of some of its materials.
+    /// Finishes of the whole piece and of single materials.
     pub(super) finish: Finish,
     pub(super) materials: Vec<(String, Finish)>,
 }
@@ -104,17 +103,17 @@ pub(super) struct Opening {
     pub(super) heights: [f64; 2],
     /// Distance from `centre` to the middle of the wall, across, toward the piece's front.
     pub(super) wall_offset: f64,
-    /// Thickness of the wall that it says it stands in.
+    /// Thickness of its wall.
     pub(super) wall_thickness: f64,
 }
 
 impl Opening {
-    /// Unit vector across, from back to front.
+    /// Returns the unit vector across, from back to front.
     pub(super) fn across(&self) -> DVec2 {
         self.along.perp()
     }
 
-    /// Middle of the opening in the middle of the wall.
+    /// Returns the middle of the opening in the middle of the wall.
     pub(super) fn in_wall(&self) -> DVec2 {
         self.centre + self.across() * self.wall_offset
     }
@@ -130,33 +129,33 @@ pub(super) struct Home {
     /// Colours of the sky and of the ground around it, sRGB from 0 to 1.
     pub(super) sky_color: Option<[f32; 3]>,
     pub(super) ground_color: Option<[f32; 3]>,
-    /// Rooms, walls, furniture, doors and windows left out because a number is missing or no
-    /// number.
+    /// Number of rooms, walls, doors, windows and pieces of furniture left out because a number is
+    /// missing or invalid.
     pub(super) unreadable: usize,
 }
 
-/// A wall thicker than this is no wall, centimetres.
+/// Maximum thickness of a wall, centimetres.
 const THICKEST_WALL: f64 = 2_000.0;
 
-/// Bent walls are made of straight ones that turn by at most this, radians.
+/// Maximum angle between the straight pieces of an arc wall, radians.
 const ARC_STEP: f64 = PI / 18.0;
 
-/// Height of walls where the home does not say, centimetres: Sweet Home 3D's own.
+/// Default height of walls, centimetres, as in Sweet Home 3D.
 const WALL_HEIGHT: f64 = 250.0;
 
 impl Home {
-    /// Reads the text of a `Home.xml`.
+    /// Parses the text of a `Home.xml`.
     ///
     /// # Errors
-    /// A sentence for people if it is not XML, or not a home.
+    /// A message if it is not XML, or not a home.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
         let document = Document::parse(text)
-            .map_err(|cause| format!("it is no XML, or damaged in line {}", cause.pos().row))?;
+            .map_err(|cause| format!("not XML, or damaged in line {}", cause.pos().row))?;
         let root = document.root_element();
         if !root.has_tag_name("home") {
             let found = root.tag_name().name().to_owned();
             return Err(format!(
-                "it is XML, but no Sweet Home 3D home: its root is <{found}>, not <home>"
+                "not a Sweet Home 3D home: the root element is <{found}>, not <home>"
             ));
         }
         let wall_height = number(root, "wallHeight").unwrap_or(WALL_HEIGHT);
@@ -225,7 +224,7 @@ impl Home {
                 None => home.unreadable += 1,
             }
         }
-        // A door that is not shown is not cut out of its wall.
+        // A hidden door is not cut out of its wall.
         let is_shown = |node: &Node| node.attribute("visible") != Some("false");
         for kind in ["doorOrWindow", "pieceOfFurniture", "light", "shelfUnit"] {
             for node in elements(kind).filter(is_shown) {
@@ -294,8 +293,8 @@ fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>)
 }
 
 impl Wall {
-    /// The wall as it is bent: by an arc of `extent` radians from start to end, clockwise in plan
-    /// if that is positive, in pieces of at most [`ARC_STEP`].
+    /// Splits an arc wall into straight pieces of at most [`ARC_STEP`]. `extent` is the angle of
+    /// the arc from start to end, radians, positive clockwise in plan.
     fn bent(self, extent: f64) -> Vec<Self> {
         let chord = self.end - self.start;
         if extent == 0.0 || extent.abs() >= TAU || chord == DVec2::ZERO {
@@ -304,7 +303,7 @@ impl Wall {
         let aside = chord.perp() * (((PI - extent) / 2.0).tan() / 2.0);
         let centre = (self.start + self.end) / 2.0 + aside;
         let count = (extent.abs() / ARC_STEP).ceil().max(1.0);
-        // Outer faces of neighbours meet; inner ones pass through each other.
+        // Outer faces of adjacent pieces meet; inner ones intersect.
         let joint = self.thickness / 2.0 * (extent / count / 2.0).abs().tan();
         let at =
             |share: f64| centre + DVec2::from_angle(extent * share).rotate(self.start - centre);
@@ -338,7 +337,7 @@ fn piece(node: Node, level: Level, is_opening: bool) -> Option<FurniturePiece> {
             .split_whitespace()
             .map(|word| word.parse().ok())
             .collect::<Option<_>>()?;
-        // Row by row.
+        // Row-major.
         Some(DMat3::from_cols_array(numbers.as_slice().try_into().ok()?).transpose())
     });
     let materials = elements(node, "material");
@@ -364,9 +363,9 @@ fn opening(node: Node, level: Level) -> Option<Opening> {
     let positive = |attribute: &str| number(node, attribute).filter(|&value| value > 0.0);
     let (width, depth, height) = (positive("width")?, positive("depth")?, positive("height")?);
     let bottom = level.elevation + number(node, "elevation").unwrap_or(0.0);
-    // Shares of the piece's depth, from its back.
+    // Shares of the piece's depth from its back.
     let thickness = number(node, "wallThickness").unwrap_or(1.0) * depth;
-    // Rooms are looked for step by step through the wall: a wild number would never come to an end.
+    // Rooms are searched in steps through the wall, which must not be endless.
     if !(0.0..=THICKEST_WALL).contains(&thickness) {
         return None;
     }

@@ -5,23 +5,23 @@ use glam::{DVec2, DVec3};
 use headbox_scene::load::Group;
 use headbox_scene::scene::Scene;
 
-/// A part that covers more than this share of the opening, within the wall, closes it: half a
-/// double door covers 45 %, a pane of a double window 32 %, the frame of a sash some 20 %.
+/// Least share of the opening that a leaf covers within the wall: half a double door covers 45 %, a
+/// pane of a double window 32 %, the frame of a sash about 20 %.
 const CLOSES: f64 = 0.28;
 
-/// Cells of the raster on the opening, each way.
+/// Resolution of the raster on the opening.
 const CELLS: usize = 48;
 
-/// Handles and hinges stand this far off the leaf that they go with, metres: along the opening, and
-/// across. They are less than half as high as the leaf, which a frame is not.
+/// Distance of handles and hinges from their leaf, metres: along the opening, and across. They are
+/// less than half as high as the leaf; a frame is not.
 const FITTINGS_M: [f64; 2] = [0.03, 0.12];
 
-/// Distance outside the wall's faces up to which a closed leaf may lie, metres.
+/// Maximum distance of a closed leaf from the wall's faces, metres.
 const BESIDE_WALL_M: f64 = 0.04;
 
-/// For each of the groups that one door or window consists of, whether it closes the opening
-/// `portal`, or belongs to a part that does (a handle). `wall_m` is the thickness of the wall. A
-/// leaf that stands open does not lie in the wall.
+/// Returns, for each group of a door or window, true if it closes the opening `portal` or is a
+/// fitting of a part that does, such as a handle. `wall_m` is the thickness of the wall. Open
+/// leaves are not in the wall.
 pub(super) fn closing_groups(
     scene: &Scene,
     portal: &Portal,
@@ -35,7 +35,7 @@ pub(super) fn closing_groups(
     let axes = [right.normalize_or_zero(), up.normalize_or_zero()];
     let size = DVec2::new(right.length(), up.length());
     let normal = axes[0].cross(axes[1]);
-    // Coordinates in the opening: along, up, across.
+    // Coordinates of the opening: along, up, across.
     let local = |p: DVec3| {
         DVec3::new(
             (p - a).dot(axes[0]),
@@ -74,7 +74,7 @@ pub(super) fn closing_groups(
         .collect()
 }
 
-/// Share of an opening of `size` that triangles within `reach` of its plane cover.
+/// Returns the share of an opening of `size` that triangles within `reach` of its plane cover.
 fn coverage(triangles: impl Iterator<Item = [DVec3; 3]>, size: DVec2, reach: f64) -> f64 {
     let mut covered = vec![false; CELLS * CELLS];
     let cell = size / CELLS as f64;
@@ -102,7 +102,8 @@ fn coverage(triangles: impl Iterator<Item = [DVec3; 3]>, size: DVec2, reach: f64
     covered.iter().filter(|&&covered| covered).count() as f64 / covered.len() as f64
 }
 
-/// The third coordinate of a triangle at a point of the plane of the first two, if it covers it.
+/// Returns the third coordinate of a triangle at a point in the plane of the other two, if it
+/// covers it.
 fn depth_at([a, b, c]: [DVec3; 3], p: DVec2) -> Option<f64> {
     let area = |a: DVec3, b: DVec3, p: DVec2| (b.x - a.x) * (p.y - a.y) - (b.y - a.y) * (p.x - a.x);
     let weights = [area(b, c, p), area(c, a, p), area(a, b, p)];

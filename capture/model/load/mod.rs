@@ -1,4 +1,4 @@
-//! Portal models from files: Sweet Home 3D homes, and TOML models that point at scene files.
+//! Portal models from files: Sweet Home 3D homes, and TOML models that refer to scene files.
 
 mod additions;
 mod archive;
@@ -28,19 +28,18 @@ pub struct ModelOptions {
     pub keep_doors: bool,
 }
 
-/// A portal model as loaded.
+/// A loaded portal model.
 #[derive(Clone, Debug)]
 pub struct LoadedModel {
-    /// The model, mended ([`PortalModel::mend`]). What was met and survived on the way is in its
-    /// scene's summary.
+    /// The model, repaired by [`PortalModel::mend`]. The summary of its scene has the loader's
+    /// notes.
     pub model: PortalModel,
-    /// Problems of its cells and portals; those that were left out are numbered on from the last
-    /// portal.
+    /// Defects of cells and portals. Portals that were left out are numbered after the last portal.
     pub findings: Vec<Finding>,
 }
 
-/// Adds portals where no wall stands between cells ([`PortalModel::open_borders`]), before
-/// triangles are dealt out to them.
+/// Adds portals where there is no wall between cells ([`PortalModel::open_borders`]), before
+/// triangles are assigned.
 fn open_borders(model: &mut PortalModel) -> Vec<Finding> {
     let [low, high] = model.scene.bounds();
     let scene = Arc::new(std::mem::take(&mut model.scene));
@@ -52,7 +51,7 @@ fn open_borders(model: &mut PortalModel) -> Vec<Finding> {
 }
 
 impl LoadedModel {
-    /// Mends a model whose triangles are dealt out; `found` is what was said of it before.
+    /// Repairs a model whose triangles are assigned; `found` are earlier findings.
     fn new(mut model: PortalModel, found: Vec<Finding>) -> Self {
         let joined = model.join_leaking();
         model.suggest_headbox();
@@ -71,7 +70,7 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
         return load(path, options);
     }
     let scene = load_model(path, &ModelOptions::default())?.model.scene;
-    // A capture specifies the frame in which it was made when it opens its scene again.
+    // A capture passes its frame when it opens its scene again.
     let is_own_frame = options.up.is_none_or(|up| up == scene.frame.up)
         && options.unit_m.is_none_or(|unit| unit == scene.frame.unit_m);
     is_own_frame
@@ -86,19 +85,20 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
 /// below.
 ///
 /// # Sweet Home 3D
-/// The geometry is the home's OBJ export in the same folder: `home.obj`, an OBJ of the plan's own
-/// name, or the only OBJ there is. Of an archive without one it is made from the plan and the
-/// models and pictures in the archive: walls with their openings, floors, ceilings and furniture;
-/// corners of walls overlap, and what is no OBJ becomes a box. Each room with a ceiling becomes a
-/// cell; a balcony or terrace open to the sky is outside. If no room has a ceiling, they were
-/// switched off to look in from above: those that walls enclose are given one. What stands on a
-/// hidden storey is left out. Each door and window becomes a portal in the middle of its wall,
-/// between the rooms on its two sides or a room and the outside; the space in the wall belongs to
-/// the room on its side, and has a threshold just below its floor: floors that are drawn by hand
-/// leave slits there. Where no wall stands at the border of a room there is a portal too. Leaves
-/// and panes that close an opening are left out with their handles, open ones stay. Furniture goes
-/// as a whole to the cell that it stands in; walls and floors go, triangle by triangle, to the cell
-/// that they face, cut where they face several; the rest is outside.
+/// The geometry is the home's OBJ export in the same folder: `home.obj`, an OBJ with the name of
+/// the plan, or the only OBJ. Without one the geometry of an archive is built from the plan and the
+/// models and images in the archive: walls with openings, floors, ceilings and furniture. There
+/// corners of walls overlap, and models that are not OBJ become boxes.
+///
+/// Each room with a ceiling becomes a cell; balconies and terraces are outside. If no room has a
+/// ceiling, they were switched off to look in from above, and rooms enclosed by walls get one.
+/// Hidden storeys are left out. Each door and window becomes a portal in the middle of its wall,
+/// between the rooms on its two sides or a room and the outside. The space in the wall belongs to
+/// the room on its side and has a threshold just below its floor, because floors drawn by hand
+/// leave slits there. The border of a room without a wall is a portal, too. Leaves and panes that
+/// close an opening are left out with their handles; open ones stay. Furniture belongs as a whole
+/// to its cell; triangles of walls and floors belong to the cells that they face and are cut where
+/// they face several; the rest is outside.
 ///
 /// # TOML
 /// ```toml
@@ -124,8 +124,8 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
 /// cells = ["hall", "garden"]
 /// polygon = [[100, 0, 0], [200, 0, 0], [200, 0, 210], [100, 0, 210]]
 /// ```
-/// Groups that no cell names are dealt out as those of a home are. Without an outside cell of the
-/// file's own, one called "Outside" is added.
+/// Groups without a cell are assigned as those of a home. A cell called "Outside" is added if the
+/// file has no outside cell.
 ///
 /// # Errors
 /// See [`LoadError`].

@@ -1,23 +1,21 @@
-//! The geometry of a home that comes without its OBJ export, made from the plan and from the models
-//! and pictures in its archive: walls with their openings, floors and ceilings, furniture in its
-//! place. It is written as the OBJ that Sweet Home 3D exports, groups and all, so that everything
-//! after it is the same.
+//! Geometry of a home without an OBJ export, built from the plan and the models and images of its
+//! archive: walls with their openings, floors, ceilings and furniture. It is written as the OBJ
+//! that Sweet Home 3D exports, with the same groups, so that all further steps are the same.
 //!
-//! What differs from an export: joined walls run through each other instead of being mitred, bent
-//! ones are made of straight pieces, normals and baseboards are left out, and furniture whose model
-//! is no OBJ is a box of its size. Pitch and roll are not applied.
+//! Differences from an export: joined walls intersect instead of being mitred, arc walls consist of
+//! straight pieces, normals and baseboards are missing, and furniture whose model is not an OBJ is
+//! a box. Pitch and roll are not applied.
 
 use super::archive::{Archive, Corner, FaceGroup, Model};
 use super::finish::{Finish, Repeated};
 use super::home::{FurniturePiece, Home, Opening, Room, Wall};
 use glam::{Affine2, DMat3, DVec2, DVec3};
 use headbox_scene::load::mtl::{Map, MtlMaterial};
-use headbox_scene::load::obj::Pictures;
+use headbox_scene::load::obj::EmbeddedImages;
 use std::collections::HashSet;
 use std::fmt::Write as _;
 
-/// Linear colours that models in archives refer to without saying what they are, as Sweet Home 3D
-/// exports them.
+/// Linear colours, as Sweet Home 3D exports them, of material names that models do not define.
 const KNOWN_COLORS: [(&str, [f32; 3]); 18] = [
     ("amber", [0.5755, 0.2678, 0.0]),
     ("black", [0.002; 3]),
@@ -42,37 +40,36 @@ const KNOWN_COLORS: [(&str, [f32; 3]); 18] = [
 /// Colour of surfaces without a finish.
 const NEUTRAL: [f32; 3] = [0.7; 3];
 
-/// Walls and openings are parallel if the sine between them is less than this.
+/// Sine of the greatest angle between a wall and an opening that belongs to it.
 const PARALLEL: f64 = 0.1;
 
-/// An opening belongs to a wall if its middle is no farther than this from the wall's faces,
-/// centimetres.
-const BESIDE: f64 = 5.0;
+/// Greatest distance of an opening's middle from the faces of its wall, centimetres.
+const NEAR_WALL: f64 = 5.0;
 
 /// A home as an OBJ.
 pub(super) struct PlainHome<'a> {
-    /// Its text, in centimetres, Y up.
+    /// OBJ text, centimetres, Y up.
     pub(super) text: String,
-    /// Its materials.
+    /// Materials of the OBJ.
     pub(super) materials: Vec<MtlMaterial>,
-    /// The pictures of its materials by the names of their maps.
-    pub(super) pictures: Pictures,
-    /// Number of pieces of furniture drawn as boxes.
+    /// Images of its materials by the names of their maps.
+    pub(super) pictures: EmbeddedImages,
+    /// Number of pieces of furniture replaced by boxes.
     pub(super) boxes: usize,
     archive: Archive<'a>,
     vertices: usize,
     texcoords: usize,
-    /// Names of materials that are there.
+    /// Names of the materials so far.
     known: HashSet<String>,
 }
 
 impl<'a> PlainHome<'a> {
-    /// Builds up a home; `archive` holds models and pictures.
+    /// Builds a home; `archive` has models and images.
     pub(super) fn new(home: &Home, archive: &'a [u8]) -> Self {
         let mut plain = Self {
             text: String::new(),
             materials: Vec::new(),
-            pictures: Pictures::new(),
+            pictures: EmbeddedImages::new(),
             boxes: 0,
             archive: Archive::new(archive),
             vertices: 0,
@@ -148,14 +145,14 @@ impl<'a> PlainHome<'a> {
         let _ = writeln!(self.text, "v {} {} {}", p.x, p.y, p.z);
     }
 
-    /// Returns the number of the new texture coordinate, from 0.
+    /// Adds a texture coordinate and returns its index.
     fn texcoord(&mut self, t: DVec2) -> usize {
         self.texcoords += 1;
         let _ = writeln!(self.text, "vt {} {}", t.x, t.y);
         self.texcoords - 1
     }
 
-    /// A polygon of vertices by number, from 0.
+    /// Writes a polygon of vertices by index.
     fn face(&mut self, corners: impl Iterator<Item = Corner>) {
         self.text.push('f');
         for (position, texcoord) in corners {
@@ -167,8 +164,8 @@ impl<'a> PlainHome<'a> {
         self.text.push('\n');
     }
 
-    /// A polygon whose front is where `normal` points; `place` says where on the finish each corner
-    /// lies, centimetres to the right and up.
+    /// Writes a polygon whose front is in the direction of `normal`. `place` returns the position
+    /// of a corner on the finish, centimetres to the right and up.
     fn polygon(
         &mut self,
         finish: &Finish,
@@ -182,7 +179,7 @@ impl<'a> PlainHome<'a> {
         let texcoords: Option<Vec<usize>> = finish.picture.as_ref().map(|picture| {
             corners
                 .iter()
-                .map(|&corner| self.texcoord(picture.at(place(corner))))
+                .map(|&corner| self.texcoord(picture.texcoord(place(corner))))
                 .collect()
         });
         let next = corners.iter().cycle().skip(1);
@@ -239,7 +236,7 @@ impl<'a> PlainHome<'a> {
             DVec3::new(p.x, y.min(top(s)), p.y)
         };
         let lift = |v: DVec2| DVec3::new(v.x, 0.0, v.y);
-        // Along the wall and in height.
+        // Ranges along the wall and in height.
         let gaps: Vec<[[f64; 2]; 2]> = openings
             .iter()
             .filter_map(|opening| {
@@ -255,13 +252,13 @@ impl<'a> PlainHome<'a> {
                 } else {
                     low
                 };
-                let belongs = middle.dot(left).abs() <= half + BESIDE
+                let belongs = middle.dot(left).abs() <= half + NEAR_WALL
                     && opening.along.perp_dot(along).abs() < PARALLEL;
                 (belongs && span[0] < span[1] && low < high).then_some([span, [low, high]])
             })
             .collect();
         self.group(format_args!("wall_{}_1", index + 1));
-        // Seen from the left, the way from start to end goes to the left.
+        // Seen from the left side, the direction from start to end is to the left.
         let sides = [
             (half, &wall.finishes[0], -1.0),
             (-half, &wall.finishes[1], 1.0),
@@ -296,7 +293,7 @@ impl<'a> PlainHome<'a> {
                 ]
             };
             if solid.first().is_none_or(|[low, _]| *low > wall.bottom) {
-                // The floor of a door, which is in no room.
+                // The floor of a doorway, which is in no room.
                 self.polygon(&plain, &across(wall.bottom), DVec3::Y, nowhere);
             }
             for [low, high] in solid {
@@ -363,7 +360,7 @@ impl<'a> PlainHome<'a> {
             .as_deref()
             .and_then(|name| Some((name, self.archive.model(name)?)));
         let Some((name, model)) = model else {
-            // A door without a model is a hole in its wall.
+            // A door without a model leaves a hole in its wall.
             if !piece.is_opening {
                 self.boxes += 1;
                 self.group(format_args!("{kind}_{}_box_1", index + 1));
@@ -401,11 +398,11 @@ impl<'a> PlainHome<'a> {
                     .iter()
                     .map(|&(position, texcoord)| {
                         let own = texcoord.map(|texcoord| first[1] + texcoord);
-                        // What the home puts on a model that has no texture coordinates lies on its
-                        // front and its top.
+                        // Textures of the home on a model without texture coordinates are projected
+                        // on its front and its top.
                         let projected = |picture: &Repeated| {
                             let p = sized[position];
-                            picture.at(DVec2::new(p.x, p.y - p.z))
+                            picture.texcoord(DVec2::new(p.x, p.y - p.z))
                         };
                         let picture = finish.as_ref().and_then(|finish| finish.picture.as_ref());
                         let texcoord = own.or_else(|| Some(self.texcoord(projected(picture?))));
@@ -422,8 +419,8 @@ impl<'a> PlainHome<'a> {
         }
     }
 
-    /// Paints what follows as the home says a part of a model looks, which is returned; where it
-    /// says nothing, as the model does.
+    /// Sets the material of a part of a model to the home's finish, which is returned, or else to
+    /// that of the model.
     fn paint_part(
         &mut self,
         piece: &FurniturePiece,
@@ -440,7 +437,7 @@ impl<'a> PlainHome<'a> {
             self.paint_finish(finish);
             return Some(finish.clone());
         }
-        // Of two materials of one name the later wins, as in exports.
+        // The later one of two materials with the same name is used, as in exports.
         if let Some(material) = model
             .materials
             .iter()

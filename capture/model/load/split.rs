@@ -1,20 +1,19 @@
-//! Cutting polygons with planes.
+//! Cuts of polygons by planes.
 
 use glam::{DVec3, Vec2, Vec3};
 
-/// A corner of a polygon with everything that is interpolated.
+/// A corner of a polygon with its vertex attributes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Corner {
     pub(super) position: DVec3,
     pub(super) normal: Vec3,
     pub(super) texcoord: Vec2,
     pub(super) color: Vec3,
-    /// The vertex that it is, unless it is new.
+    /// Its vertex, unless it is new.
     pub(super) vertex: Option<u32>,
 }
 
-/// Corners nearer to the plane than this lie on it, metres: cuts that would leave slivers are not
-/// made.
+/// Distance from the plane within which a corner is on it, metres: cuts must not leave slivers.
 const ON_PLANE_M: f64 = 1e-4;
 
 impl Corner {
@@ -31,8 +30,8 @@ impl Corner {
     }
 }
 
-/// The pieces of a convex polygon on both sides of the plane through `from` that is perpendicular
-/// to `across`; the polygon itself if it lies on one side.
+/// Splits a convex polygon by the plane through `from` perpendicular to `across`; returns the
+/// polygon itself if it is on one side.
 pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -> Vec<Vec<Corner>> {
     let Some(across) = across.try_normalize() else {
         return vec![polygon];
@@ -66,8 +65,8 @@ pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -
         .collect()
 }
 
-/// Intersects an edge with the plane: the same bits from either end, for two triangles that share
-/// it.
+/// Intersects an edge with the plane. The result has the same bits from either end, so that
+/// adjacent triangles meet.
 fn cut_edge((a, at_a): (&Corner, f64), (b, at_b): (&Corner, f64)) -> Corner {
     if a.position.to_array() <= b.position.to_array() {
         a.toward(b, at_a / (at_a - at_b))

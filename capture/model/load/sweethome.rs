@@ -21,20 +21,19 @@ use std::path::{Path, PathBuf};
 /// Metres per unit of a home.
 const UNIT_M: f64 = 0.01;
 
-/// Distance beyond the wall's faces within which a room is looked for, centimetres: rooms are often
-/// drawn a little short of walls.
+/// Distance from the wall's faces within which a room is searched, centimetres: rooms are often
+/// drawn slightly short of walls.
 const REACH: f64 = 40.0;
-/// In steps of this, centimetres.
+/// Step of the search, centimetres.
 const STEP: f64 = 1.0;
 
-/// A door begins no farther from its room's floor than this, metres; what begins higher is a
-/// window.
+/// Greatest height of a door above its room's floor, metres; windows are higher.
 const AT_FLOOR_M: f64 = 0.05;
 
-/// A `Home.xml` longer than this is taken for damage, bytes.
-const LONGEST_XML: u64 = 1 << 28;
+/// Maximum size of a `Home.xml`, bytes; a longer one is damaged.
+const MAX_XML_BYTES: u64 = 1 << 28;
 
-/// A home of a file's bytes, an archive or the plan alone.
+/// Parses the home in a file: an archive, or a plan alone.
 fn parse(path: &Path, bytes: &[u8]) -> Result<Home, LoadError> {
     let malformed = |cause: String| LoadError::Malformed {
         path: path.to_path_buf(),
@@ -50,7 +49,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Home, LoadError> {
         && !bytes.starts_with(b"\xef\xbb\xbf")
     {
         return Err(malformed(
-            "it is neither a Sweet Home 3D archive (no ZIP) nor the plan in one (no XML)".into(),
+            "neither a Sweet Home 3D archive (ZIP) nor the plan in one (XML)".into(),
         ));
     }
     Home::parse(&String::from_utf8_lossy(
@@ -72,8 +71,8 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     match home.put_ceilings_on() {
         0 => {}
         count => notes.push(format!(
-            "no room has a ceiling: the {count} with walls around are given one (in Sweet Home 3D: Plan > Modify rooms > Display \
-             ceiling)"
+            "no room has a ceiling: one is added to {count} with walls around (in Sweet Home 3D: \
+             Plan > Modify rooms > Display ceiling)"
         )),
     }
     let export = find_export(path);
@@ -121,7 +120,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     }
     if home.unreadable > 0 {
         notes.push(format!(
-            "{} rooms, walls, doors, windows or pieces of furniture left out because a number is missing",
+            "{} rooms, walls, doors, windows or pieces of furniture with a missing number left out",
             home.unreadable
         ));
     }
@@ -143,16 +142,16 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     Ok(LoadedModel::new(model, found))
 }
 
-/// Sky and ground in the home's own colours, as bright as under the default sun.
+/// Returns the sky and the ground in the home's colours, as bright as with the default sun.
 fn surroundings(home: &Home) -> Sky {
     /// Default sky of Sweet Home 3D.
     const SKY: [f32; 3] = [0.8, 0.894, 0.988];
     const GROUND: [f32; 3] = [0.659; 3];
-    /// Light on level ground under sun and sky, over pi.
+    /// Radiance of white level ground under sun and sky.
     const ON_GROUND: f32 = 1.2;
     let horizon = home.sky_color.unwrap_or(SKY).map(linear_from_srgb);
     Sky::Gradient(SkyGradient {
-        // A clear sky is deeper above.
+        // A clear sky is darker at the zenith.
         zenith: horizon.map(|c| c * c),
         horizon,
         ground: home
@@ -162,7 +161,7 @@ fn surroundings(home: &Home) -> Sky {
     })
 }
 
-/// The geometry of a home without an export.
+/// Builds the geometry of a home without an export.
 fn without_export(
     path: &Path,
     home: &Home,
@@ -171,13 +170,13 @@ fn without_export(
 ) -> Result<GroupedScene, LoadError> {
     let plain = PlainHome::new(home, archive);
     notes.push(
-        "there is no OBJ beside it: walls are made from the plan (for all of it, choose 3D view > Export to \
-         OBJ format in Sweet Home 3D and save into the same folder)"
+        "no OBJ export in its folder: the geometry is built from the plan (for all details, choose \
+         3D view > Export to OBJ format in Sweet Home 3D and save to the same folder)"
             .into(),
     );
     if plain.boxes > 0 {
         notes.push(format!(
-            "{} pieces of furniture are boxes, as their models are no OBJ",
+            "{} pieces of furniture shown as boxes because their models are not OBJ",
             plain.boxes
         ));
     }
@@ -193,24 +192,23 @@ fn without_export(
     )
 }
 
-/// The `Home.xml` of an archive.
+/// Reads the `Home.xml` of an archive.
 fn unpack(bytes: &[u8]) -> Result<Vec<u8>, String> {
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes))
-        .map_err(|cause| format!("a damaged archive: {cause}"))?;
+        .map_err(|cause| format!("damaged archive: {cause}"))?;
     let entry = archive.by_name("Home.xml").map_err(|_| {
         "it has no Home.xml; save the home with Sweet Home 3D 5.3 or later, which writes one"
             .to_owned()
     })?;
     let mut text = Vec::new();
     entry
-        .take(LONGEST_XML)
+        .take(MAX_XML_BYTES)
         .read_to_end(&mut text)
         .map_err(|cause| format!("its Home.xml cannot be read: {cause}"))?;
     Ok(text)
 }
 
-/// The OBJ export that belongs to a plan: of its own name, `home.obj`, or the only one in its
-/// folder; none if there is none.
+/// Finds the OBJ export of a plan: with its name, `home.obj`, or the only OBJ in its folder.
 fn find_export(plan: &Path) -> Result<Option<PathBuf>, String> {
     let folder = if folder_of(plan) == Path::new("") {
         Path::new(".")
@@ -239,18 +237,18 @@ fn find_export(plan: &Path) -> Result<Option<PathBuf>, String> {
         (None, [only]) => Ok(Some(only.clone())),
         (None, []) => Ok(None),
         (None, several) => Err(format!(
-            "{} OBJ files lie beside it; call the one that belongs to it home.obj",
+            "{} OBJ files are in its folder; rename its export to home.obj",
             several.len()
         )),
     }
 }
 
-/// A cell for each room that has a ceiling.
+/// Returns a cell for each room with a ceiling.
 fn cells_of(home: &Home, notes: &mut Vec<String>) -> Vec<Cell> {
     let cell = |(index, room): (usize, &Room)| {
         if !room.covered {
             notes.push(format!(
-                "{} has no ceiling and is taken as part of the outside",
+                "{} has no ceiling and is part of the outside",
                 room_name(index, room)
             ));
             return None;
@@ -277,8 +275,7 @@ fn room_name(index: usize, room: &Room) -> String {
     }
 }
 
-/// Adds the portal of a door or window, and gives the space in the wall to the rooms on its two
-/// sides.
+/// Adds the portal of a door or window, and the space in the wall to the rooms on its two sides.
 fn add_portal(model: &mut PortalModel, opening: &Opening) {
     let across = opening.across();
     let half = opening.along * (opening.width / 2.0);
@@ -308,8 +305,8 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
     }
     let corner = |end: DVec2, y: f64| DVec3::new(end.x, y, end.y) * UNIT_M;
     let (left, right) = (middle - half, middle + half);
-    // `across` is `along` turned from x toward z, so `along x up` points along it, to the first
-    // cell.
+    // `across` is `along` rotated from x toward z, so that `along x up` is parallel to it, toward
+    // the first cell.
     let polygon = vec![
         corner(left, bottom),
         corner(right, bottom),
@@ -325,14 +322,14 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
     });
 }
 
-/// Looks for the rooms before and behind an opening.
+/// Search for the rooms on both sides of an opening.
 struct Probe<'a> {
     model: &'a PortalModel,
     opening: &'a Opening,
 }
 
 impl Probe<'_> {
-    /// The room at a signed distance from the middle of the wall.
+    /// Returns the room at a signed distance from the middle of the wall.
     fn room_at(&self, distance: f64) -> Option<u32> {
         let opening = self.opening;
         let at = (opening.in_wall() + opening.across() * distance) * UNIT_M;
@@ -342,7 +339,8 @@ impl Probe<'_> {
             .filter(|&cell| self.model.outside != Some(cell))
     }
 
-    /// The first room on a side that is not `but`, and how far it is from the middle of the wall.
+    /// Returns the first room on a side other than `but`, and its distance from the middle of the
+    /// wall.
     fn first(&self, side: f64, but: Option<u32>) -> Option<(u32, f64)> {
         let steps = ((self.opening.wall_thickness / 2.0 + REACH) / STEP) as usize;
         let mut distances = (1..=steps).map(|step| step as f64 * STEP);
@@ -354,9 +352,9 @@ impl Probe<'_> {
         })
     }
 
-    /// Position of the portal, and the rooms in front of and behind it with their distances.
-    /// Normally that is the middle of the wall; where one room was drawn through the whole wall, it
-    /// is where that room ends.
+    /// Returns the position of the portal, and the rooms in front of and behind it with their
+    /// distances: the middle of the wall, or the end of a room that was drawn through the whole
+    /// wall.
     fn middle_and_rooms(&self) -> (DVec2, [Option<(u32, f64)>; 2]) {
         let rooms = [self.first(1.0, None), self.first(-1.0, None)];
         let middle = self.opening.in_wall();
@@ -394,17 +392,17 @@ impl Probe<'_> {
 
 /// Groups of the export that belong to each door or window.
 struct DoorGroups {
-    /// For each group, the opening.
+    /// Opening of each group.
     opening: Vec<Option<usize>>,
-    /// For each group, whether it closes its opening.
+    /// True for each group that closes its opening.
     closes: Vec<bool>,
 }
 
 impl DoorGroups {
-    /// All groups of one piece share the beginning of their names, `door_7_`; the piece is the
-    /// opening nearest to it.
+    /// Finds the openings of groups. The names of the groups of one piece have the same prefix,
+    /// `door_7_`; the piece is the nearest opening.
     fn find(model: &PortalModel, home: &Home, groups: &[Group]) -> Self {
-        /// A door farther than this from every opening of the plan is no opening, metres.
+        /// Greatest distance of a door from its opening in the plan, metres.
         const NEAR: f64 = 0.5;
         let mut found = Self {
             opening: vec![None; groups.len()],
@@ -457,12 +455,12 @@ impl DoorGroups {
     }
 }
 
-/// The part of a group's name that all groups of one door or window share.
+/// Returns the prefix of a name that all groups of a door or window have.
 fn door_key(name: &str) -> Option<&str> {
     piece_key(name, "door_")
 }
 
-/// `piece_12_` of `piece_12_Chair_leg_4`.
+/// Returns `piece_12` of `piece_12_Chair_leg_4`.
 fn piece_key<'a>(name: &'a str, prefix: &str) -> Option<&'a str> {
     let digits = name
         .strip_prefix(prefix)?
@@ -472,7 +470,7 @@ fn piece_key<'a>(name: &'a str, prefix: &str) -> Option<&'a str> {
     (digits > 0).then(|| &name[..prefix.len() + digits])
 }
 
-/// Assignment of each group to cells.
+/// Returns the assignment of each group to cells.
 fn portions_of(
     model: &PortalModel,
     groups: &[Group],
@@ -516,7 +514,7 @@ fn closed_openings(doors: &DoorGroups) -> usize {
     closed.len()
 }
 
-/// Least and greatest corner of a group.
+/// Returns the bounding box of a group.
 fn bounds(model: &PortalModel, group: &Group) -> [DVec3; 2] {
     let corners = group
         .triangles

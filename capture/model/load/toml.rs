@@ -65,7 +65,7 @@ struct FilePortal {
     polygon: Vec<[f64; 3]>,
 }
 
-/// A file as it is written.
+/// Parses a file.
 fn parse(path: &Path) -> Result<FileModel, LoadError> {
     let malformed = |cause: String| LoadError::Malformed {
         path: path.to_path_buf(),
@@ -111,12 +111,12 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
 
     if file.cell.iter().filter(|cell| cell.outside).count() > 1 {
         return Err(malformed(
-            "more than one cell is the outside; at most one can be".into(),
+            "several cells are the outside; at most one may be".into(),
         ));
     }
     if let Some(twice) = repeated_name(&file.cell) {
         return Err(malformed(format!(
-            "two cells are called \"{twice}\"; portals could not tell them apart"
+            "two cells are called \"{twice}\"; portals need unique names"
         )));
     }
     let mut cells: Vec<Cell> = file
@@ -136,7 +136,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
             });
             cells.len() - 1
         });
-    // A name that no cell has becomes the number after the last, which validation finds and names.
+    // An unknown name becomes an index after the last cell, which validation reports.
     let find = |name: &String| {
         cells
             .iter()
@@ -189,7 +189,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
             .filter(|name| model.cells.iter().all(|cell| cell.name != **name))
         {
             let note = format!(
-                "portal \"{}\" leads to a cell called \"{missing}\", which there is not",
+                "portal \"{}\" leads to an unknown cell \"{missing}\"",
                 portal.name
             );
             model.scene.summary.notes.push(note);
@@ -201,9 +201,11 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
             .iter()
             .any(|group| matches(unmatched, &group.name))
         {
-            model.scene.summary.notes.push(format!(
-                "no group of the scene file is called \"{unmatched}\""
-            ));
+            model
+                .scene
+                .summary
+                .notes
+                .push(format!("the scene file has no group \"{unmatched}\""));
         }
     }
     Assignment {

@@ -2,7 +2,7 @@
 
 use roxmltree::Node;
 
-/// All elements of a name below a node, in the order of the file (doors may stand in groups of
+/// Returns the elements of a name below a node, in the order of the file (doors may be in groups of
 /// furniture).
 pub(super) fn elements<'a>(
     root: Node<'a, 'a>,
@@ -12,7 +12,7 @@ pub(super) fn elements<'a>(
         .filter(move |node| node.has_tag_name(name))
 }
 
-/// A finite number in an attribute.
+/// Returns a finite number in an attribute.
 pub(super) fn number(node: Node, attribute: &str) -> Option<f64> {
     node.attribute(attribute)?
         .parse()

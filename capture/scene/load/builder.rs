@@ -1,9 +1,10 @@
-//! Collects vertices and triangles from a parser, drops what cannot be traced, and makes the [`Scene`].
+//! Builds a [`Scene`] from the vertices and triangles of a parser; drops triangles that cannot be
+//! traced.
 
 use super::LoadError;
 use super::lights::FileLights;
 use super::notes::{Note, Notes};
-use super::orientation::Hints;
+use super::orientation::FrameHints;
 use crate::material::{Material, Texture};
 use crate::scene::{Scene, Triangle};
 use glam::{DVec3, Vec2, Vec3};
@@ -13,23 +14,23 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
 
-/// A triangle whose doubled area is below this share of its longest edge squared has no area: its corners coincide or
-/// lie on a line but for rounding (an `f64` position carries 1e-16 of its size; files print 6 to 9 digits, so a
-/// triangle that someone meant is far above this).
+/// Least ratio of a triangle's doubled area to its longest edge squared. Below, its corners
+/// coincide or are collinear except for rounding: `f64` positions are precise to 1e-16 of their
+/// size, and files have 6 to 9 digits, so that intended triangles are far above.
 const DEGENERATE_SHARE: f64 = 1e-12;
 
 /// A vertex in the file's axes and unit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Vertex {
     pub(super) position: DVec3,
-    /// Zero where there is none.
+    /// Zero if the file has none.
     pub(super) normal: Vec3,
     pub(super) texcoord: Vec2,
     /// Linear RGB.
     pub(super) color: Vec3,
 }
 
-/// The scene while it is being read.
+/// A scene under construction.
 #[derive(Debug, Default)]
 pub(super) struct Builder {
     pub(super) frame: FileFrame,
@@ -37,19 +38,19 @@ pub(super) struct Builder {
     pub(super) lights: FileLights,
     scene: Scene,
     groups: Vec<Group>,
-    hints: Option<Hints>,
+    hints: Option<FrameHints>,
 }
 
-/// A scene and the groups that its file divides it into.
+/// A scene and the groups of its file.
 #[derive(Clone, Debug)]
 pub struct GroupedScene {
     /// The scene.
     pub scene: Scene,
-    /// Runs of its triangles that belong to a group, in ascending order; a name may come back.
+    /// The groups in ascending order of triangles; several may have the same name.
     pub groups: Vec<Group>,
 }
 
-/// A run of triangles under a name: a group or object of an OBJ, a node of a glTF.
+/// A named range of triangles: a group or object of an OBJ, a node of a glTF.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
     /// The name in the file.
@@ -67,16 +68,16 @@ impl Builder {
         }
     }
 
-    /// For a file that does not say how it is oriented: what is pushed stays in its axes and unit until [`Self::finish`]
-    /// has seen all of it.
-    pub(super) fn to_be_oriented(hints: Hints, notes: Notes) -> Self {
+    /// Builds a scene whose frame is not known: vertices stay in the file's axes and unit until
+    /// [`Self::finish`] chooses a frame.
+    pub(super) fn with_hints(hints: FrameHints, notes: Notes) -> Self {
         Self {
             hints: Some(hints),
             ..Self::new(FileFrame::default(), notes)
         }
     }
 
-    /// The triangles to come belong to a group of this name.
+    /// Begins a group of this name for the next triangles.
     pub(super) fn begin_group(&mut self, name: &str) {
         let first = self.end_group();
         self.groups.push(Group {
@@ -85,7 +86,7 @@ impl Builder {
         });
     }
 
-    /// Ends the run of the group that was begun last; the number of triangles so far.
+    /// Ends the last group. Returns the number of triangles so far.
     fn end_group(&mut self) -> u32 {
         let end = self.scene.triangles.len() as u32;
         if let Some(last) = self.groups.last_mut() {
@@ -94,7 +95,8 @@ impl Builder {
         end
     }
 
-    /// Index that the first of the next `count` vertices will get, or `None` when 32 bits do not hold the last.
+    /// Returns the index of the first of `count` new vertices, or `None` if the last one needs more
+    /// than 32 bits.
     pub(super) fn next_vertex(&self, count: usize) -> Option<u32> {
         let first = self.scene.positions.len();
         u32::try_from(first.checked_add(count)?)
@@ -102,8 +104,8 @@ impl Builder {
             .and(u32::try_from(first).ok())
     }
 
-    /// Adds a vertex. Whatever is not finite becomes neutral, but for the position: [`Self::push_triangle`] deals
-    /// with that.
+    /// Adds a vertex. Attributes that are not finite become neutral, except the position, which
+    /// [`Self::push_triangle`] checks.
     pub(super) fn push_vertex(&mut self, vertex: Vertex) {
         let normal = self
             .frame
@@ -125,7 +127,7 @@ impl Builder {
         });
     }
 
-    /// Adds a triangle of vertices pushed before, unless it cannot be traced, which is counted.
+    /// Adds a triangle of existing vertices, or counts it if it cannot be traced.
     pub(super) fn push_triangle(&mut self, vertices: [u32; 3], material: u32) {
         let [a, b, c] = vertices.map(|vertex| self.scene.positions[vertex as usize]);
         if ![a, b, c].into_iter().all(DVec3::is_finite) {
@@ -145,15 +147,15 @@ impl Builder {
         }
     }
 
-    /// Tells what speaks against the axes and the unit that the file's format rules.
-    pub(super) fn doubt(&mut self, hints: Hints) {
-        // What says where its headbox is was made for it.
+    /// Reports evidence against the axes and the unit that the file's format defines.
+    pub(super) fn report_doubts(&mut self, hints: &FrameHints) {
+        // A file with a headbox was written by headbox.
         if self.scene.headbox.is_none() {
-            self.notes.told.extend(hints.doubts(&self.scene));
+            self.notes.messages.extend(hints.doubts(&self.scene));
         }
     }
 
-    /// Says where the headbox is, in the file's axes and unit; the first that does counts.
+    /// Sets the headbox, in the file's axes and unit, unless it is set.
     pub(super) fn place_headbox(&mut self, centre: DVec3, half_size: f64) {
         let half_size_m = half_size * self.frame.unit_m;
         self.scene.headbox.get_or_insert(Headbox {
@@ -162,14 +164,14 @@ impl Builder {
         });
     }
 
-    /// Brings what was pushed in the file's axes and unit to the world's.
-    fn orient(&mut self) {
+    /// Chooses the frame of a scene with hints and converts it to world axes and metres.
+    fn apply_hints(&mut self) {
         let Some(hints) = self.hints.take() else {
             return;
         };
-        let (frame, told) = hints.frame(&self.scene);
+        let (frame, notes) = hints.choose_frame(&self.scene);
         self.frame = frame;
-        self.notes.told.extend(told);
+        self.notes.messages.extend(notes);
         self.scene
             .positions
             .iter_mut()
@@ -180,10 +182,12 @@ impl Builder {
             .for_each(|n| *n = frame.world_direction_from_file(n.as_dvec3()).as_vec3());
     }
 
-    /// The finished scene, under its own lights or the default sun and sky. `path` is the file for messages; its stem names the scene.
+    /// Finishes the scene, with its own lights or the default sun and sky. `path` is for messages;
+    /// its stem is the scene's name.
     ///
     /// # Errors
-    /// [`LoadError::Unusable`] if no triangle was left; any other cause in it would be a defect of the loader.
+    /// [`LoadError::Unusable`] if no triangle is left; any other cause in it is a bug of the
+    /// loader.
     pub(super) fn finish(
         mut self,
         path: &Path,
@@ -192,12 +196,12 @@ impl Builder {
     ) -> Result<GroupedScene, LoadError> {
         self.end_group();
         self.scene.materials = materials;
-        self.orient();
+        self.apply_hints();
         self.groups.retain(|group| !group.triangles.is_empty());
         self.notes
             .add(Note::Duplicate, duplicate_count(&self.scene));
         self.notes.add_file(path);
-        let FileLights { sun, sky, lamps } = self.lights.or_default(&mut self.notes);
+        let FileLights { sun, sky, lamps } = self.lights.with_defaults(&mut self.notes);
         discard_unused_vertices(&mut self.scene);
         let mut scene = Scene {
             name: path
@@ -221,26 +225,24 @@ impl Builder {
                 scene,
                 groups: self.groups,
             }),
-            Err(cause) => {
-                let survived = scene.summary.notes.join("; ");
-                Err(LoadError::Unusable {
-                    path: path.to_path_buf(),
-                    cause,
-                    survived,
-                })
-            }
+            Err(cause) => Err(LoadError::Unusable {
+                path: path.to_path_buf(),
+                cause,
+                notes: scene.summary.notes,
+            }),
         }
     }
 }
 
-/// Empties an array that says nothing.
+/// Empties an array whose values are all neutral.
 fn clear_if_all<T: PartialEq>(values: &mut Vec<T>, neutral: T) {
     if values.iter().all(|value| *value == neutral) {
         *values = Vec::new();
     }
 }
 
-/// Removes the vertices that no triangle uses (among them those that are not finite), keeping the order of the rest.
+/// Removes the vertices that no triangle uses, among them those that are not finite; the order of
+/// the others stays.
 fn discard_unused_vertices(scene: &mut Scene) {
     let mut used = vec![false; scene.positions.len()];
     scene
@@ -272,7 +274,7 @@ fn retain_where<T>(values: &mut Vec<T>, keep: &[bool]) {
     values.shrink_to_fit();
 }
 
-/// Number of triangles whose three corners are, in any order, exactly those of an earlier triangle.
+/// Returns the number of triangles with exactly the three corners, in any order, of an earlier one.
 fn duplicate_count(scene: &Scene) -> usize {
     let corners = |triangle: usize| {
         // Adding zero makes -0 and 0 the same bits.
@@ -285,12 +287,13 @@ fn duplicate_count(scene: &Scene) -> usize {
         corners.sort_unstable();
         corners
     };
+    // FxHash.
     let hash = |triangle: usize| {
         corners(triangle)
             .as_flattened()
             .iter()
             .fold(0_u64, |hash, &bits| {
-                (hash.rotate_left(5) ^ bits).wrapping_mul(0x9E37_79B9_7F4A_7C15) // the multiplier of FxHash's kin
+                (hash.rotate_left(5) ^ bits).wrapping_mul(0x9E37_79B9_7F4A_7C15)
             })
     };
     let mut order: Vec<(u64, usize)> = (0..scene.triangles.len())

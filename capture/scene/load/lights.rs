@@ -1,4 +1,4 @@
-//! What lights the scene of a file: its own lights, or the default sun and sky.
+//! Lights of a scene: those of its file, or the default sun and sky.
 
 use super::notes::Notes;
 use crate::scene::{Lamp, Reach, Sky, Sun};
@@ -14,9 +14,10 @@ pub(super) struct FileLights {
 }
 
 impl FileLights {
-    /// With the default sky, and with the default sun where the file has no light. The strongest of lights from afar is the sun, whose
-    /// sky is as much brighter than the default one as the sun is.
-    pub(super) fn or_default(mut self, notes: &mut Notes) -> Self {
+    /// Completes the lights with the default sky, and with the default sun if the file has no
+    /// light. The strongest directional light becomes the sun; the sky is scaled like the sun
+    /// relative to its default.
+    pub(super) fn with_defaults(mut self, notes: &mut Notes) -> Self {
         let default = Sun::default();
         if self.lamps.is_empty() {
             return Self {
@@ -31,8 +32,8 @@ impl FileLights {
         } else {
             "lights of the file light"
         };
-        notes.told.push(format!(
-            "{count} {lights} the scene in place of the default sun"
+        notes.messages.push(format!(
+            "{count} {lights} the scene instead of the default sun"
         ));
         let distant = |lamp: &Lamp| match lamp.reach {
             Reach::Distant { direction } => Some((direction, luminance(lamp.intensity))),
@@ -64,7 +65,7 @@ impl FileLights {
         }
     }
 
-    /// Adds a lamp, unless it is none: `false` if its numbers are wrong.
+    /// Adds a lamp unless it is black. Returns false if its numbers are invalid.
     pub(super) fn push(&mut self, lamp: Lamp) -> bool {
         let is_light = lamp.intensity.iter().all(|c| c.is_finite() && *c >= 0.0);
         let is_unit = |direction: Vec3| (direction.length() - 1.0).abs() < 1e-3;

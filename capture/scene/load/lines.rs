@@ -1,15 +1,15 @@
-//! Text files as lines, whatever they were written on.
+//! Lines of text files of any operating system.
 
 use std::borrow::Cow;
 
-/// The text of a file: UTF-8 where it is that, a byte-order mark taken off, anything else replaced.
+/// Decodes UTF-8 without its byte-order mark; other bytes become replacement characters.
 pub fn decode(bytes: &[u8]) -> Cow<'_, str> {
     String::from_utf8_lossy(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes))
 }
 
-/// The lines of a text with their numbers from 1, without leading and trailing space; a line that ends in a backslash
-/// goes on in the next one and has the number of its first part. Lines end in line feeds (after a carriage return or
-/// not), or in carriage returns alone if the text has no line feed.
+/// Returns the trimmed lines of a text with their numbers from 1. A backslash at its end continues
+/// a line in the next one; it has the number of its first part. Lines end in line feeds, with or
+/// without carriage returns, or in carriage returns if the text has no line feed.
 pub fn lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let end = if text.contains('\n') { '\n' } else { '\r' };
     let mut parts = text.split(end).enumerate();
@@ -24,13 +24,13 @@ pub fn lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     })
 }
 
-/// The first word of a line and the rest, both without surrounding space.
+/// Splits a line into its first word and the rest, both trimmed.
 pub fn keyword(line: &str) -> (&str, &str) {
     let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
     (word, rest.trim())
 }
 
-/// The words of a line up to a comment.
+/// Returns the words of a line before a comment.
 pub(super) fn words(rest: &str) -> impl Iterator<Item = &str> {
     rest.split_whitespace()
         .take_while(|word| !word.starts_with('#'))
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_of_every_system_with_continuations() {
+    fn lines_with_any_line_end_are_split() {
         let collect = |text: &str| {
             lines(text)
                 .map(|(n, l)| (n, l.into_owned()))

@@ -1,22 +1,19 @@
-//! Scene files: OBJ with MTL, glTF and GLB; portal models: Sweet Home 3D and TOML.
+//! Scene files: OBJ with MTL, glTF and GLB.
 //!
-//! Real files are dirty. What can be survived is survived, counted by kind and told once in
-//! [`Scene::summary`]; a file that cannot be read, or that holds nothing to see, is a [`LoadError`] that names the
-//! file and the cause.
+//! Real files have defects. Those that can be tolerated are counted by kind and reported once in
+//! [`Scene::summary`]. A file that cannot be read, or that has no triangle, is a [`LoadError`] that
+//! names the file and the cause.
 
 mod builder;
 pub(crate) mod gltf;
-mod group_names;
 mod lights;
 pub mod lines;
-mod lying;
 pub mod mtl;
 pub mod notes;
 pub mod obj;
-mod obj_lines;
+mod obj_prepare;
 mod orientation;
 pub mod polygon;
-mod standing;
 mod textures;
 
 pub use builder::{Group, GroupedScene};
@@ -26,13 +23,15 @@ use crate::scene::{Scene, SceneError};
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use std::path::{Path, PathBuf};
 
-/// What the user says about a file, where the file does not say it.
+/// Up axis and unit of a scene file, if the user specifies them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LoadOptions {
-    /// The axis that points up; `None` is Y in a glTF, as its format rules, and guessed from evidence in an OBJ.
+    /// The axis that points up. `None` is Y for a glTF, as the format defines, and a guess for an
+    /// OBJ.
     #[serde(rename = "z_up")]
     pub up: Option<UpAxis>,
-    /// Metres per unit of the file; `None` is 1 in a glTF, and guessed in an OBJ.
+    /// Metres per unit of the file. `None` is 1 for a glTF, as the format defines, and a guess for
+    /// an OBJ.
     pub unit_m: Option<f64>,
 }
 
@@ -45,7 +44,7 @@ impl From<FileFrame> for LoadOptions {
     }
 }
 
-/// Why a scene file could not be loaded.
+/// Error of loading a scene file.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     /// The file cannot be opened or read.
@@ -53,31 +52,31 @@ pub enum LoadError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the operating system.
         cause: std::io::Error,
     },
-    /// The file's ending is not one of those that are read.
-    #[error("{}: not a kind of scene that is read; give an .obj, .gltf or .glb file, a home (Home.xml, .sh3d or .toml), or builtin:NAME (see headbox scenes)", path.display())]
+    /// The extension is not that of a supported scene format.
+    #[error("{}: unknown scene format; use an .obj, .gltf or .glb file, a home (Home.xml, .sh3d or .toml), or builtin:NAME (see headbox scenes)", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
     },
-    /// The file's ending is not one of the portal models that are read.
-    #[error("{}: not a kind of home that is read; give a .toml, Home.xml or .sh3d file, or builtin:house", path.display())]
+    /// The extension is not that of a supported portal model.
+    #[error("{}: unknown home format; use a .toml, Home.xml or .sh3d file, or builtin:house", path.display())]
     UnknownModel {
         /// The file.
         path: PathBuf,
     },
     /// The unit is not a length.
-    #[error("{}: a unit of {unit_m} m; it must be positive and finite", path.display())]
+    #[error("{}: the unit is {unit_m} m, but must be positive and finite", path.display())]
     Unit {
         /// The file.
         path: PathBuf,
-        /// The unit asked for.
+        /// The requested unit, metres.
         unit_m: f64,
     },
-    /// Another up axis or unit was asked for than the file has by its format.
-    #[error("{}: a home knows its up axis and its unit: leave them out", path.display())]
+    /// The requested up axis or unit is not that of the file's format.
+    #[error("{}: a home defines its own up axis and unit; leave out --up and --unit", path.display())]
     Frame {
         /// The file.
         path: PathBuf,
@@ -89,7 +88,7 @@ pub enum LoadError {
         path: PathBuf,
         /// Line number, from 1.
         line: usize,
-        /// What was expected or found.
+        /// The defect, and what was expected.
         cause: String,
     },
     /// The file as a whole does not parse.
@@ -97,23 +96,32 @@ pub enum LoadError {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What was expected or found.
+        /// The defect, and what was expected.
         cause: String,
     },
-    /// The file was read, but what is left of it is no scene.
-    #[error("{}: {cause}{}{survived}", path.display(), if survived.is_empty() { "" } else { " after this: " })]
+    /// The file was read, but the rest of it is not a valid scene.
+    #[error("{}: {cause}{}", path.display(), in_brackets(notes))]
     Unusable {
         /// The file.
         path: PathBuf,
-        /// The broken promise; [`SceneError::NoTriangles`] for an empty file.
+        /// The violated invariant; [`SceneError::NoTriangles`] for an empty file.
         cause: SceneError,
-        /// What was met on the way, as in [`crate::scene::LoadSummary`].
-        survived: String,
+        /// Defects that were tolerated before, as in [`crate::scene::LoadSummary`].
+        notes: Vec<String>,
     },
 }
 
-/// Loads a scene file; its extension (in any case) decides how: `.obj`, `.gltf` or `.glb`. The scene gets the lights of a
-/// glTF (KHR_lights_punctual), else the default sun, and the default sky; positions are converted to metres, Y up.
+fn in_brackets(notes: &[String]) -> String {
+    if notes.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", notes.join("; "))
+    }
+}
+
+/// Loads a scene file by its extension (in any case): `.obj`, `.gltf` or `.glb`. The scene gets the
+/// lights of a glTF (KHR_lights_punctual), else the default sun, and the default sky; positions are
+/// converted to metres, Y up.
 ///
 /// # Errors
 /// See [`LoadError`].
@@ -121,8 +129,8 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
     load_file(path, options, false).map(|grouped| grouped.scene)
 }
 
-/// As [`load`], and keeps the groups and objects of an OBJ, and the nodes of a glTF, apart. Vertices are not shared
-/// between groups.
+/// Loads a scene file as [`load`] does, with the groups and objects of an OBJ or the nodes of a
+/// glTF. Groups do not share vertices.
 ///
 /// # Errors
 /// See [`LoadError`].
@@ -152,14 +160,17 @@ fn load_file(path: &Path, options: &LoadOptions, groups: bool) -> Result<Grouped
     loader(path, &read(path)?, options, groups)
 }
 
-/// The ending of a path in lower case; empty if it has none.
+/// Returns the extension of a path in lower case, or an empty string.
 pub fn extension_of(path: &Path) -> String {
     path.extension()
         .map(|extension| extension.to_string_lossy().to_lowercase())
         .unwrap_or_default()
 }
 
-/// Reads a file, with an error that names it.
+/// Reads a file.
+///
+/// # Errors
+/// [`LoadError::Io`].
 pub fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
     std::fs::read(path).map_err(|cause| LoadError::Io {
         path: path.to_path_buf(),
@@ -167,7 +178,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
     })
 }
 
-/// The folder that a file lies in.
+/// Returns the folder of a file.
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }

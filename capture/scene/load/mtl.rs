@@ -1,28 +1,28 @@
-//! MTL files: the part of them that a diffuse, view-independent surface needs.
+//! MTL files, as far as diffuse surfaces need them.
 //!
-//! Parsed here and not by `tobj`, which rejects a whole material file (or panics) for one bad line, keeps the options of
-//! a map in its file name, and does not know `Tr` or `map_Ke`.
+//! `tobj` is not used: it rejects a whole material file (or panics) for one bad line, leaves the
+//! options of a map in its file name, and ignores `Tr` and `map_Ke`.
 
 use super::lines::{keyword, lines, words};
 use super::notes::{Note, Notes};
 use glam::{Affine2, Vec2};
 use std::path::PathBuf;
 
-/// A reference to an image, with the placement that its options ask for.
+/// A reference to an image, with the transform of its options.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
-    /// As it is written.
+    /// The name in the file.
     pub file: String,
-    /// Takes the texture coordinate of a vertex to that of the image (`-s` and `-o`).
+    /// Maps the texture coordinate of a vertex to that of the image (`-s` and `-o`).
     pub image_from_vertex: Affine2,
 }
 
-/// One `newmtl`.
+/// A `newmtl` of a material file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MtlMaterial {
     /// Name in the file.
     pub name: String,
-    /// Where the file lies: maps are relative to it.
+    /// Folder of the file, to which maps are relative.
     pub folder: PathBuf,
     /// `Ka`: ambient colour, linear RGB.
     pub ambient: Option<[f32; 3]>,
@@ -32,7 +32,7 @@ pub struct MtlMaterial {
     pub emissive: Option<[f32; 3]>,
     /// `d`: opacity.
     pub dissolve: Option<f32>,
-    /// `Tr`: 1 - opacity, where there is no `d`.
+    /// `Tr`: 1 - opacity, used without `d`.
     pub transparency: Option<f32>,
     /// `illum`.
     pub illumination_model: Option<u32>,
@@ -45,28 +45,31 @@ pub struct MtlMaterial {
 }
 
 impl MtlMaterial {
-    /// Opacity of the whole surface, 1 where nothing is said, and where `Tr` is told [the other way round](Self::is_turned).
+    /// Returns the opacity of the whole surface: 1 if it is not specified or
+    /// [inverted](Self::is_tr_inverted).
     pub(super) fn opacity(&self) -> f32 {
         let by_transparency = self
             .transparency
-            .filter(|_| !self.is_turned())
+            .filter(|_| !self.is_tr_inverted())
             .map(|transparency| 1.0 - transparency);
         self.dissolve.or(by_transparency).unwrap_or(1.0)
     }
 
-    /// Whether nothing is said of opacity but `Tr 1`: so MeshLab (until 2023), openMVS and other programs for scans write of surfaces that
-    /// are opaque, and nobody writes it of what cannot be seen at all.
-    pub(super) fn is_turned(&self) -> bool {
+    /// Returns true if `Tr 1` is the only statement about opacity. MeshLab (until 2023), openMVS
+    /// and other scanning programs write it for opaque surfaces, and nobody for invisible ones.
+    pub(super) fn is_tr_inverted(&self) -> bool {
         self.dissolve.is_none() && self.transparency == Some(1.0)
     }
 
-    /// Whether the material claims transparency in any way but a map: then an alpha channel of its colour is meant.
-    pub(super) fn claims_transparency(&self) -> bool {
+    /// Returns true if the material is transparent without a map, so that the alpha channel of its
+    /// colour counts.
+    pub(super) fn is_transparent(&self) -> bool {
         self.opacity() < 1.0 || matches!(self.illumination_model, Some(4 | 6 | 7 | 9))
     }
 }
 
-/// Appends the materials of a file to `materials`. `name` is the file's, for the notes on lines that say nothing.
+/// Parses a material file and appends its materials. `name` is that of the file, for notes on
+/// lines.
 pub fn parse(
     text: &str,
     name: &str,
@@ -84,7 +87,7 @@ pub fn parse(
                 ..MtlMaterial::default()
             }));
         } else if let Some(material) = &mut current
-            && statement(material, word, rest).is_none()
+            && apply_statement(material, word, rest).is_none()
         {
             notes.add_named(Note::MaterialLineUnread, format!("{name} line {number}"));
         }
@@ -92,21 +95,21 @@ pub fn parse(
     materials.extend(current);
 }
 
-/// Takes in one statement; `None` if it is one of those read here and does not parse. Keywords are matched in any case,
-/// as writers spell them in all.
-fn statement(material: &mut MtlMaterial, word: &str, rest: &str) -> Option<()> {
+/// Applies a statement to a material; `None` if it is supported and does not parse. The case of
+/// keywords is ignored because it varies among programs.
+fn apply_statement(material: &mut MtlMaterial, word: &str, rest: &str) -> Option<()> {
     match word.to_ascii_lowercase().as_str() {
-        "ka" => material.ambient = Some(color(rest)?),
-        "kd" => material.diffuse = Some(color(rest)?),
-        "ke" => material.emissive = Some(color(rest)?),
+        "ka" => material.ambient = Some(parse_color(rest)?),
+        "kd" => material.diffuse = Some(parse_color(rest)?),
+        "ke" => material.emissive = Some(parse_color(rest)?),
         "d" => {
             material.dissolve = Some(words(rest).find(|&word| word != "-halo").and_then(finite)?);
         }
         "tr" => material.transparency = Some(words(rest).next().and_then(finite)?),
         "illum" => material.illumination_model = Some(words(rest).next()?.parse().ok()?),
-        "map_kd" => material.diffuse_map = Some(map(rest)?),
-        "map_ke" => material.emissive_map = Some(map(rest)?),
-        "map_d" => material.dissolve_map = Some(map(rest)?),
+        "map_kd" => material.diffuse_map = Some(parse_map(rest)?),
+        "map_ke" => material.emissive_map = Some(parse_map(rest)?),
+        "map_d" => material.dissolve_map = Some(parse_map(rest)?),
         _ => {}
     }
     Some(())
@@ -116,8 +119,8 @@ fn finite(word: &str) -> Option<f32> {
     word.parse().ok().filter(|x: &f32| x.is_finite())
 }
 
-/// Red, green, blue, or one number for all three.
-fn color(rest: &str) -> Option<[f32; 3]> {
+/// Parses red, green and blue, or one number for all three.
+fn parse_color(rest: &str) -> Option<[f32; 3]> {
     let numbers: Option<Vec<f32>> = words(rest).take(3).map(finite).collect();
     match numbers?.as_slice() {
         &[all] => Some([all; 3]),
@@ -125,22 +128,22 @@ fn color(rest: &str) -> Option<[f32; 3]> {
     }
 }
 
-/// Options and a file name, which may contain spaces.
-fn map(rest: &str) -> Option<Map> {
+/// Parses options and a file name, which may contain spaces.
+fn parse_map(rest: &str) -> Option<Map> {
     let mut rest = rest;
     let (mut scale, mut offset) = (Vec2::ONE, Vec2::ZERO);
     while rest.starts_with('-') {
         let (option, mut after) = keyword(rest);
         match option.to_ascii_lowercase().as_str() {
-            "-s" => scale = vector(&mut after, 1.0),
-            "-o" => offset = vector(&mut after, 0.0),
-            "-t" => _ = vector(&mut after, 0.0),
+            "-s" => scale = take_vector(&mut after, 1.0),
+            "-o" => offset = take_vector(&mut after, 0.0),
+            "-t" => _ = take_vector(&mut after, 0.0),
             "-mm" => after = keyword(keyword(after).1).1,
             "-blendu" | "-blendv" | "-bm" | "-boost" | "-cc" | "-clamp" | "-imfchan"
             | "-texres" | "-type" => {
                 after = keyword(after).1;
             }
-            _ => break, // a file name that begins with a dash
+            _ => break, // the beginning of a file name
         }
         rest = after;
     }
@@ -151,8 +154,9 @@ fn map(rest: &str) -> Option<Map> {
     })
 }
 
-/// Takes one to three numbers off the front of `rest`; the first two, where given, else `default`.
-fn vector(rest: &mut &str, default: f32) -> Vec2 {
+/// Removes one to three numbers from the front of `rest`. Returns the first two; `default` replaces
+/// missing ones.
+fn take_vector(rest: &mut &str, default: f32) -> Vec2 {
     let mut numbers = [default; 3];
     for number in &mut numbers {
         let (word, after) = keyword(rest);
@@ -179,14 +183,14 @@ mod tests {
     }
 
     #[test]
-    fn a_material_file_as_written_by_many_hands() {
+    fn mtl_with_defects_is_parsed() {
         let (materials, notes) = parsed(
             "Kd 1 1 1\nnewmtl a b #2\n\tkd 0.5\nKd x y z\nTr 0.25 # comment\nd -halo 0.5\nKe 1 2\n\
              map_Kd -s 2 3 1 -clamp on -o 0.5 my wood.png\nmap_d -imfchan m C:\\a\\b.png\nNs\n\nnewmtl second\nTr 1",
         );
         assert_eq!(
             notes,
-            ["2 lines of a material file not understood and skipped: a.mtl line 4, a.mtl line 7"]
+            ["2 unrecognised MTL lines skipped: a.mtl line 4, a.mtl line 7"]
         );
         assert_eq!(materials.len(), 2);
         let first = &materials[0];
@@ -204,7 +208,7 @@ mod tests {
             first.dissolve_map.as_ref().map(|map| map.file.as_str()),
             Some("C:\\a\\b.png")
         );
-        assert!(materials[1].opacity() == 1.0 && materials[1].is_turned());
+        assert!(materials[1].opacity() == 1.0 && materials[1].is_tr_inverted());
         assert_eq!(parsed("newmtl a\nTr 0.75").0[0].opacity(), 0.25);
         assert_eq!(parsed("newmtl a\nTr 1\nd 0").0[0].opacity(), 0.0);
     }

@@ -1,10 +1,10 @@
-//! What a loader met and survived, counted by kind.
+//! Defects that a loader tolerates, counted by kind.
 
 use crate::scene::LoadSummary;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// A kind of defect, or of deliberate choice, that the summary tells the user about. The order is that of the summary.
+/// A kind of defect or of a choice by the loader, in the order of the summary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Note {
     MaterialFileUnreadable,
@@ -14,7 +14,7 @@ pub(super) enum Note {
     TextureRenamed,
     TextureTransformIgnored,
     AmbientTakenAsLight,
-    TransparencyTurned,
+    TransparencyInverted,
     Unlit,
     LineUnread,
     BytesBeyondEnd,
@@ -37,7 +37,7 @@ pub(super) enum Note {
 }
 
 impl Note {
-    /// Singular and plural of what is counted, and what happened to it.
+    /// Singular and plural of the counted noun, and what happened to it.
     fn words(self) -> [&'static str; 3] {
         match self {
             Self::MaterialFileUnreadable => {
@@ -46,102 +46,96 @@ impl Note {
             Self::MaterialUndefined => [
                 "material",
                 "materials",
-                "used but not defined anywhere, so plain grey",
+                "used but not defined, shown as plain grey",
             ],
-            Self::MaterialLineUnread => [
-                "line",
-                "lines",
-                "of a material file not understood and skipped",
-            ],
+            Self::MaterialLineUnread => {
+                ["unrecognised MTL line", "unrecognised MTL lines", "skipped"]
+            }
             Self::TextureUnreadable => ["texture", "textures", "could not be read"],
             Self::TextureRenamed => [
                 "texture",
                 "textures",
-                "found in another folder or spelling than the file says",
+                "found in another folder or spelling than specified",
             ],
             Self::TextureTransformIgnored => [
                 "texture",
                 "textures",
-                "placed like the albedo texture of the same material",
+                "mapped like the albedo texture of the same material",
             ],
             Self::AmbientTakenAsLight => [
                 "material",
                 "materials",
-                "with an ambient colour above 1, taken as emitted light",
+                "with an ambient colour above 1, used as emission",
             ],
-            Self::TransparencyTurned => [
+            Self::TransparencyInverted => [
                 "material",
                 "materials",
-                "with Tr 1 and no d, taken as opaque, as programs for scans write it",
+                "with Tr 1 and no d, shown as opaque, as scanning programs mean it",
             ],
             Self::Unlit => [
                 "unlit material",
                 "unlit materials",
-                "lit all the same: its colours may hold their light already; --light-samples 0 (of truth, sprites and lumigraphs --unlit) \
-                 shows them as they are",
+                "lit nevertheless, though the colours may contain light; --light-samples 0 (for \
+                 truth, sprites and lumigraphs: --unlit) shows them unlit",
             ],
-            Self::LineUnread => ["line", "lines", "that no OBJ file has, skipped"],
+            Self::LineUnread => ["unrecognised OBJ line", "unrecognised OBJ lines", "skipped"],
             Self::BytesBeyondEnd => [
                 "byte",
                 "bytes",
-                "after the end that the GLB header tells, skipped",
+                "after the end specified in the GLB header skipped",
             ],
-            Self::UnknownExtension => ["extension", "extensions", "not supported and ignored"],
+            Self::UnknownExtension => {
+                ["unsupported extension", "unsupported extensions", "ignored"]
+            }
             Self::BufferUnreadable => ["buffer", "buffers", "could not be read"],
             Self::AccessorUnreadable => [
-                "mesh part or attribute",
-                "mesh parts or attributes",
-                "damaged and left out",
+                "damaged mesh part or attribute",
+                "damaged mesh parts or attributes",
+                "left out",
             ],
-            Self::LightUnreadable => ["light", "lights", "damaged and left out"],
+            Self::LightUnreadable => ["damaged light", "damaged lights", "left out"],
             Self::SkinUnreadable => [
                 "skinned mesh",
                 "skinned meshes",
-                "shown unbent, as joints or weights are damaged",
+                "with damaged joints or weights shown undeformed",
             ],
             Self::NodeCycle => [
                 "node",
                 "nodes",
-                "reached more than once and kept only the first time",
+                "with several parents used only the first time",
             ],
             Self::NonTriangles => [
                 "element",
                 "elements",
-                "left out, as points, lines and curves have no surface",
+                "without a surface (points, lines, curves) left out",
             ],
             Self::EmptyGroup => ["group", "groups", "without faces"],
             Self::FaceTooShort => ["face", "faces", "with fewer than three corners left out"],
-            Self::FaceIndexOutOfRange => [
-                "face",
-                "faces",
-                "left out because a vertex index is out of range",
-            ],
+            Self::FaceIndexOutOfRange => {
+                ["face", "faces", "with a vertex index out of range left out"]
+            }
             Self::AttributeIndexOutOfRange => [
                 "face",
                 "faces",
-                "with a texture coordinate or normal index out of range, taken as not given",
+                "with a texture coordinate or normal index out of range, which is ignored",
             ],
             Self::VertexNotFinite => [
                 "vertex",
                 "vertices",
-                "with a number that is none or too large",
+                "with a coordinate that is NaN or infinite",
             ],
             Self::NotFinite => [
                 "triangle",
                 "triangles",
-                "left out because a vertex is not finite",
+                "with a corner that is NaN or infinite left out",
             ],
-            Self::Degenerate => ["triangle", "triangles", "left out for want of area"],
+            Self::Degenerate => ["degenerate triangle", "degenerate triangles", "left out"],
             Self::SeeThrough => [
                 "triangle",
                 "triangles",
-                "of see-through glass (opacity below one half) left out",
+                "with an opacity below one half left out",
             ],
-            Self::Duplicate => [
-                "triangle",
-                "triangles",
-                "in exactly the place of another one, kept",
-            ],
+            Self::Duplicate => ["duplicate triangle", "duplicate triangles", "kept"],
         }
     }
 
@@ -172,33 +166,33 @@ struct Entry {
     names: BTreeSet<String>,
 }
 
-/// Counts per kind, and the names that go with them.
+/// Number and names of the defects of each kind.
 #[derive(Clone, Debug, Default)]
 pub struct Notes {
     entries: BTreeMap<Note, Entry>,
     files: BTreeSet<PathBuf>,
-    /// Sentences of their own, which come first.
-    pub(super) told: Vec<String>,
+    /// Complete sentences, which come first in the summary.
+    pub(super) messages: Vec<String>,
 }
 
 impl Notes {
-    /// How many names a sentence lists before it stops.
+    /// Number of names in a sentence.
     const NAMES_SHOWN: usize = 5;
 
-    /// Counts `count` more of a kind.
+    /// Adds `count` defects of a kind.
     pub(super) fn add(&mut self, note: Note, count: usize) {
         if count > 0 {
             self.entries.entry(note).or_default().count += count;
         }
     }
 
-    /// Counts a thing that has a name; the same name counts once.
+    /// Adds a defect with a name; each name counts once.
     pub(super) fn add_named(&mut self, note: Note, name: impl Into<String>) {
         let entry = self.entries.entry(note).or_default();
         entry.count += usize::from(entry.names.insert(name.into()));
     }
 
-    /// Counts a thing that has a number, which is told of the first few.
+    /// Adds a defect with a number, such as that of its line; the first few are listed.
     pub(super) fn add_numbered(&mut self, note: Note, what: &str, number: usize) {
         let entry = self.entries.entry(note).or_default();
         if entry.names.len() < Self::NAMES_SHOWN {
@@ -207,12 +201,12 @@ impl Notes {
         entry.count += 1;
     }
 
-    /// Remembers a file that is read.
+    /// Adds a file that was read.
     pub(super) fn add_file(&mut self, path: &Path) {
         self.files.insert(path.to_path_buf());
     }
 
-    /// Takes in the counts and names of another.
+    /// Adds the counts, names and files of `other`.
     pub(super) fn merge(&mut self, other: Self) {
         self.files.extend(other.files);
         for (note, entry) in other.entries {
@@ -222,7 +216,7 @@ impl Notes {
         }
     }
 
-    /// The readable summary.
+    /// Returns a sentence per kind, and the files.
     pub(super) fn summary(&self) -> LoadSummary {
         LoadSummary {
             notes: {
@@ -230,7 +224,7 @@ impl Notes {
                     .entries
                     .iter()
                     .map(|(note, entry)| note.sentence(entry));
-                self.told.iter().cloned().chain(counted).collect()
+                self.messages.iter().cloned().chain(counted).collect()
             },
             files: self.files.iter().cloned().collect(),
         }
@@ -242,7 +236,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_kind_is_one_sentence_with_a_handful_of_names() {
+    fn notes_of_a_kind_become_one_sentence() {
         let mut notes = Notes::default();
         notes.add(Note::Degenerate, 0);
         assert!(notes.summary().notes.is_empty());
@@ -256,6 +250,6 @@ mod tests {
             sentences[0],
             "7 textures could not be read: 0.png, 1.png, 2.png, 3.png, 4.png, ..."
         );
-        assert_eq!(sentences[1], "1 triangle left out for want of area");
+        assert_eq!(sentences[1], "1 degenerate triangle left out");
     }
 }

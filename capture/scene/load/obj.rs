@@ -1,20 +1,25 @@
 //! OBJ files, with their MTL files.
 //!
-//! `tobj` parses positions (in `f64`, so that coordinates of 1e7 stay exact), joins corners and splits by material;
-//! [`super::obj_lines`] mends what it would trip over, [`super::mtl`] reads materials, [`super::polygon`] cuts polygons.
+//! `tobj` parses positions (in `f64`, so that coordinates of 1e7 stay exact), merges corners and
+//! splits by material; [`super::obj_prepare`] removes defects before, [`super::mtl`] reads
+//! materials, [`super::polygon`] triangulates.
 //!
-//! Choices that the format leaves open: `Kd` is linear, vertex colours are sRGB (as their usual writers have it). A
-//! `Kd` of 0 beside a `map_Kd` counts as not given, and what is not given is white under vertex colours or a texture, else grey. Where
-//! a `map_Ke` cannot be read nothing is emitted. A component of `Ka` above 1 makes `Ka` the emitted radiance, as in
-//! the widespread file of the Cornell box, unless there is a `Ke`. Opacity (`d`, `Tr`) below one half without a map of
-//! opacity leaves the triangles out, as clear glass that a diffuse scene cannot show; at or above, it is opaque.
+//! The format leaves open:
+//! * `Kd` is linear, vertex colours are sRGB, as most programs write them.
+//! * A `Kd` of 0 with a `map_Kd` counts as absent. An absent `Kd` is white with vertex colours or a
+//!   texture, else grey.
+//! * Nothing is emitted if a `map_Ke` cannot be read.
+//! * A `Ka` with a component above 1 is emitted radiance, as in the common file of the Cornell box,
+//!   unless there is a `Ke`.
+//! * Triangles with an opacity (`d`, `Tr`) below one half and no map of it are left out, because
+//!   diffuse scenes have no clear glass; others are opaque.
 
 use super::builder::{Builder, GroupedScene, Vertex};
 use super::lines::decode;
 use super::mtl::{Map, MtlMaterial};
 use super::notes::{Note, Notes};
-use super::obj_lines::{MendedObj, Survey};
-use super::orientation::Hints;
+use super::obj_prepare::{LineError, PreparedObj, prepare};
+use super::orientation::{FrameHints, head_comments};
 use super::polygon::triangulate;
 use super::textures::{DecodedTextures, Handle, Role, TextureTable, find_file};
 use super::{LoadError, LoadOptions, folder_of};
@@ -26,9 +31,10 @@ use headbox_core::file_frame::FileFrame;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Alpha below this is a hole; OBJ has no statement for it.
+/// Least alpha that is not a hole; OBJ has no statement for it.
 const CUTOUT_THRESHOLD: f32 = 0.5;
 
+/// Loads an OBJ with the files that it refers to.
 pub(super) fn load(
     path: &Path,
     bytes: &[u8],
@@ -36,135 +42,99 @@ pub(super) fn load(
     groups: bool,
 ) -> Result<GroupedScene, LoadError> {
     let text = decode(bytes);
-    let hints = Hints::of(&text, options);
-    let survey = Survey::of(&text);
-    let mut notes = Notes::default();
-    let mtl_materials = read_libraries(&survey, folder_of(path), &mut notes);
-    let source = Source {
-        path,
-        text: &text,
-        survey: &survey,
-        materials: &mtl_materials,
-        pictures: &Pictures::new(),
+    let obj = prepare_file(path, &text, groups)?;
+    let hints = FrameHints {
+        options: *options,
+        comments: head_comments(&text),
+        floors: obj.floors,
     };
-    build(&source, Builder::to_be_oriented(hints, notes), groups)
+    let mut notes = Notes::default();
+    let materials = read_libraries(&obj.libraries, folder_of(path), &mut notes);
+    let builder = Builder::with_hints(hints, notes);
+    let images = EmbeddedImages::new();
+    build(path, obj, &materials, &images, builder, groups)
 }
 
-/// Pictures at hand, by the names that maps have for them.
-pub type Pictures = HashMap<String, Vec<u8>>;
+/// Contents of image files by the names in maps.
+pub type EmbeddedImages = HashMap<String, Vec<u8>>;
 
-/// As [`load`], from a text, materials and pictures at hand; `path` is for messages.
+/// Loads an OBJ from a text, materials and images in memory; `path` is for messages.
+///
+/// # Errors
+/// See [`LoadError`].
 pub fn load_text(
     path: &Path,
     text: &str,
     materials: &[MtlMaterial],
-    pictures: &Pictures,
+    images: &EmbeddedImages,
     frame: FileFrame,
 ) -> Result<GroupedScene, LoadError> {
-    let source = Source {
-        path,
-        text,
-        survey: &Survey::of(text),
-        materials,
-        pictures,
+    let obj = prepare_file(path, text, true)?;
+    let builder = Builder::new(frame, Notes::default());
+    build(path, obj, materials, images, builder, true)
+}
+
+fn prepare_file(path: &Path, text: &str, groups: bool) -> Result<PreparedObj, LoadError> {
+    prepare(text, groups).map_err(|LineError { line, cause }| LoadError::Line {
+        path: path.to_path_buf(),
+        line,
+        cause,
+    })
+}
+
+fn build(
+    path: &Path,
+    obj: PreparedObj,
+    materials: &[MtlMaterial],
+    images: &EmbeddedImages,
+    mut builder: Builder,
+    groups: bool,
+) -> Result<GroupedScene, LoadError> {
+    let malformed = |cause: String| LoadError::Malformed {
+        path: path.to_path_buf(),
+        cause,
     };
-    build(&source, Builder::new(frame, Notes::default()), true)
-}
-
-/// What a scene is made of.
-struct Source<'a> {
-    path: &'a Path,
-    text: &'a str,
-    survey: &'a Survey,
-    materials: &'a [MtlMaterial],
-    pictures: &'a Pictures,
-}
-
-fn build(source: &Source, mut builder: Builder, groups: bool) -> Result<GroupedScene, LoadError> {
-    let (models, mended_notes) = parse(source, groups)?;
+    let models = parse(&obj.text, materials).map_err(|cause| malformed(cause.to_string()))?;
     let notes = &mut builder.notes;
-    notes.merge(mended_notes);
-    let is_undefined = |name: &&String| source.materials.iter().all(|m| m.name != **name);
-    let undefined = source.survey.used_materials.iter().filter(is_undefined);
-    undefined.for_each(|name| notes.add_named(Note::MaterialUndefined, name));
+    notes.merge(obj.notes);
+    let is_undefined = |name: &&String| materials.iter().all(|m| m.name != **name);
+    for name in obj.used_materials.iter().filter(is_undefined) {
+        notes.add_named(Note::MaterialUndefined, name);
+    }
 
-    let surfaces = ObjMaterials::new(source, &models, notes);
+    let surfaces = ObjMaterials::new(materials, folder_of(path), images, &models, notes);
     for model in &models {
         if groups {
             builder.begin_group(&model.name);
         }
         surfaces
             .push_mesh(&model.mesh, &mut builder)
-            .map_err(|TooManyVertices| LoadError::Malformed {
-                path: source.path.to_path_buf(),
-                cause: "it has more than 2^32 vertices".into(),
-            })?;
+            .map_err(|TooManyVertices| malformed("it has more than 2^32 vertices".into()))?;
     }
-    builder.finish(source.path, surfaces.materials, surfaces.textures.textures)
+    builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
 
-/// Runs `tobj` over the mended text.
-fn parse(source: &Source, groups: bool) -> Result<(Vec<tobj::Model>, Notes), LoadError> {
-    let Source {
-        path,
-        text,
-        survey,
-        materials,
-        ..
-    } = *source;
+/// Parses a prepared text with `tobj`.
+fn parse(text: &str, materials: &[MtlMaterial]) -> Result<Vec<tobj::Model>, tobj::LoadError> {
     let options = tobj::LoadOptions {
         single_index: true,
-        ignore_points: true,
-        ignore_lines: true,
         ..Default::default()
     };
-    let mut mended = MendedObj::new(text, survey, groups);
-    let parsed = tobj::load_obj_buf(&mut mended, &options, |_| {
-        let named = |m: &MtlMaterial| tobj::Material {
-            name: m.name.clone(),
-            ..Default::default()
-        };
-        // Of two materials of one name the later wins, as in `tobj` itself.
-        let by_name = materials
-            .iter()
-            .enumerate()
-            .map(|(index, m)| (m.name.clone(), index))
-            .collect();
-        Ok((materials.iter().map(named).collect(), by_name))
-    });
-    match parsed {
-        Ok((models, _)) => Ok((models, mended.notes)),
-        Err(cause) => {
-            let (line, text) = mended.last_line();
-            let shown: String = text.chars().take(80).collect();
-            let cause = format!("`{shown}` does not parse{}", expected(cause));
-            Err(LoadError::Line {
-                path: path.to_path_buf(),
-                line,
-                cause,
-            })
-        }
-    }
+    let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, |_| {
+        let by_name = |(index, m): (usize, &MtlMaterial)| (m.name.clone(), index);
+        // The later one of two materials with the same name is used.
+        Ok((
+            Vec::new(),
+            materials.iter().enumerate().map(by_name).collect(),
+        ))
+    })?;
+    Ok(models)
 }
 
-/// What a line should have held.
-fn expected(cause: tobj::LoadError) -> &'static str {
-    use tobj::LoadError as E;
-    match cause {
-        E::PositionParseError => "; a position is three numbers",
-        E::NormalParseError => "; a normal is three numbers",
-        E::TexcoordParseError => "; a texture coordinate is two numbers",
-        E::FaceParseError | E::InvalidPolygon => {
-            "; a face is three corners or more, each V, V/T, V//N or V/T/N"
-        }
-        _ => "",
-    }
-}
-
-/// Reads all material files. A `mtllib` names one file, whose name may contain spaces, or several.
-fn read_libraries(survey: &Survey, folder: &Path, notes: &mut Notes) -> Vec<MtlMaterial> {
+/// Reads the material files. A `mtllib` has one file name, which may contain spaces, or several.
+fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec<MtlMaterial> {
     let mut materials = Vec::new();
-    for written in &survey.libraries {
+    for written in libraries {
         let names: Vec<&str> = match find_file(written, &[folder]) {
             Some(_) => vec![written],
             None => written.split_whitespace().collect(),
@@ -197,23 +167,24 @@ fn read_libraries(survey: &Survey, folder: &Path, notes: &mut Notes) -> Vec<MtlM
 
 struct TooManyVertices;
 
-/// The materials in use, as the scene will have them.
+/// Converted materials in use.
 struct ObjMaterials {
     materials: Vec<Material>,
     textures: DecodedTextures,
-    /// For each material of the MTL files, and at the end for faces without one.
+    /// Entry of each MTL material that is used, and at the end of faces without a material.
     by_mtl: Vec<Option<ObjMaterial>>,
 }
 
-/// How the triangles of a material enter the scene.
+/// Material and texture mapping of triangles.
 #[derive(Clone, Copy)]
 struct ObjMaterial {
-    /// Index into the scene's materials, or `None` for see-through glass.
+    /// Index into the scene's materials, or `None` for clear glass.
     material: Option<u32>,
+    /// Maps the texture coordinate of a vertex to that of the image.
     image_from_vertex: Affine2,
 }
 
-/// Images asked for by a material.
+/// Textures that a material requests.
 #[derive(Clone, Copy, Default)]
 struct Maps {
     diffuse: Option<Handle>,
@@ -222,9 +193,14 @@ struct Maps {
 }
 
 impl ObjMaterials {
-    /// Converts the materials that the models use, and decodes their textures.
-    fn new(source: &Source, models: &[tobj::Model], notes: &mut Notes) -> Self {
-        let (mtl, folder) = (source.materials, folder_of(source.path));
+    /// Converts the materials that the models use and decodes their textures.
+    fn new(
+        mtl: &[MtlMaterial],
+        folder: &Path,
+        images: &EmbeddedImages,
+        models: &[tobj::Model],
+        notes: &mut Notes,
+    ) -> Self {
         let (mut used, mut coloured) = (vec![false; mtl.len() + 1], vec![false; mtl.len() + 1]);
         for model in models.iter().filter(|model| !model.mesh.indices.is_empty()) {
             let material = model.mesh.material_id.unwrap_or(mtl.len());
@@ -241,7 +217,7 @@ impl ObjMaterials {
         let maps: Vec<Maps> = all()
             .map(|(m, &used)| {
                 if used {
-                    request_maps(m, (folder, source.pictures), &mut set, notes)
+                    request_maps(m, (folder, images), &mut set, notes)
                 } else {
                     Maps::default()
                 }
@@ -259,7 +235,7 @@ impl ObjMaterials {
                 });
                 ObjMaterial {
                     material,
-                    image_from_vertex: placement(m, notes),
+                    image_from_vertex: map_transform(m, notes),
                 }
             }));
         }
@@ -282,7 +258,7 @@ impl ObjMaterials {
         let polygons = || {
             let mut rest = mesh.indices.as_slice();
             let mut arities = mesh.face_arities.iter();
-            // `tobj` leaves out the arities where all faces are triangles.
+            // `tobj` has no arities if all faces are triangles.
             std::iter::from_fn(move || {
                 let arity = arities.next().map_or(3, |&arity| arity as usize);
                 let (polygon, after) = rest.split_at_checked(arity)?;
@@ -334,15 +310,16 @@ impl ObjMaterials {
     }
 }
 
+/// Requests the textures of a material.
 fn request_maps(
     m: &MtlMaterial,
-    (folder, pictures): (&Path, &Pictures),
+    (folder, images): (&Path, &EmbeddedImages),
     set: &mut TextureTable,
     notes: &mut Notes,
 ) -> Maps {
     let folders = [m.folder.as_path(), folder];
     let mut request = |map: &Option<Map>, role| {
-        map.as_ref().map(|map| match pictures.get(&map.file) {
+        map.as_ref().map(|map| match images.get(&map.file) {
             Some(bytes) => set.embedded(&map.file, Ok(bytes), role),
             None => set.file(&map.file, &folders, role, notes),
         })
@@ -360,32 +337,32 @@ fn request_maps(
     }
 }
 
-/// The scene's material, or `None` for see-through glass. `coloured`: vertices bring colours.
+/// Converts a material; `None` for clear glass. `has_vertex_colors` makes an absent `Kd` white.
 fn convert(
     m: &MtlMaterial,
-    coloured: bool,
+    has_vertex_colors: bool,
     maps: Maps,
     textures: &DecodedTextures,
     notes: &mut Notes,
 ) -> Option<Material> {
     let slot = |handle: Option<Handle>| handle.and_then(|handle| textures.slot(handle));
     let (diffuse, emissive) = (slot(maps.diffuse), slot(maps.emissive));
-    let opacity = slot(maps.dissolve).or(diffuse.filter(|_| m.claims_transparency()));
+    let opacity = slot(maps.dissolve).or(diffuse.filter(|_| m.is_transparent()));
     let opacity = opacity.filter(|slot| slot.is_cut_at(CUTOUT_THRESHOLD));
     if opacity.is_none() && m.opacity() < 0.5 {
         return None;
     }
 
-    if m.is_turned() {
-        notes.add_named(Note::TransparencyTurned, &m.name);
+    if m.is_tr_inverted() {
+        notes.add_named(Note::TransparencyInverted, &m.name);
     }
     let given = |color: Option<[f32; 3]>| color.filter(|color| *color != [0.0; 3]);
-    let said = if m.diffuse_map.is_some() {
+    let specified = if m.diffuse_map.is_some() {
         given(m.diffuse)
     } else {
         m.diffuse
     };
-    let unsaid = if diffuse.is_some() || coloured {
+    let default = if diffuse.is_some() || has_vertex_colors {
         [1.0; 3]
     } else {
         Material::default().albedo
@@ -396,20 +373,20 @@ fn convert(
     if light_from_ambient.is_some() {
         notes.add_named(Note::AmbientTakenAsLight, &m.name);
     }
-    let unsaid_emission = if emissive.is_some() {
+    let default_emission = if emissive.is_some() {
         [1.0; 3]
     } else {
         [0.0; 3]
     };
-    // A map that cannot be read is better dark than glowing all over.
+    // Without its map the whole surface would emit light.
     let is_dark = m.emissive_map.is_some() && emissive.is_none();
     let emission = given(m.emissive)
         .filter(|_| !is_dark)
         .or(light_from_ambient)
-        .unwrap_or(unsaid_emission);
+        .unwrap_or(default_emission);
     Some(Material {
         name: m.name.clone(),
-        albedo: said.unwrap_or(unsaid).map(|c| c.clamp(0.0, 1.0)),
+        albedo: specified.unwrap_or(default).map(|c| c.clamp(0.0, 1.0)),
         albedo_texture: diffuse.map(|slot| slot.index),
         emission: emission.map(|c| c.max(0.0)),
         emission_texture: emissive.map(|slot| slot.index),
@@ -421,8 +398,9 @@ fn convert(
     })
 }
 
-/// A vertex has one texture coordinate, so all maps of a material are placed like the first.
-fn placement(m: &MtlMaterial, notes: &mut Notes) -> Affine2 {
+/// Returns the transform of a material's first map. A vertex has one texture coordinate, so that
+/// the other maps have the same transform.
+fn map_transform(m: &MtlMaterial, notes: &mut Notes) -> Affine2 {
     let mut maps = [&m.diffuse_map, &m.emissive_map, &m.dissolve_map]
         .into_iter()
         .flatten();

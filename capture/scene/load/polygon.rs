@@ -1,17 +1,17 @@
-//! Polygons into triangles.
+//! Triangulation of polygons.
 
 use glam::{DVec2, DVec3};
 
-/// Cuts a simple polygon (at least three corners, planar or nearly so) into triangles, given as places in `corners`,
-/// all with the winding of the polygon. Convex polygons become a fan about the first corner; others lose one ear after
-/// the other (Meisters 1975), so that a concave outline is covered exactly once. A polygon that crosses itself has no
-/// right answer: what remains when no ear is left becomes a fan.
+/// Triangulates a simple polygon (at least three corners, nearly planar). Triangles are indices
+/// into `corners` and keep the winding. Convex polygons become a fan about the first corner; others
+/// are cut ear by ear (Meisters 1975), so that a concave outline is covered exactly once. The rest
+/// of a polygon that intersects itself, when no ear is left, becomes a fan.
 pub fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
     let mut left: Vec<usize> = (0..corners.len()).collect();
     let mut triangles = Vec::with_capacity(corners.len().saturating_sub(2));
     if corners.len() > 3 {
         let flat = flatten(corners);
-        let convex = |i: usize| turn(&flat, neighbours(&left, i)) >= 0.0;
+        let convex = |i: usize| doubled_area(&flat, neighbours(&left, i)) >= 0.0;
         if !(0..left.len()).all(convex) {
             while left.len() > 3 {
                 let Some(ear) = (0..left.len()).find(|&i| is_ear(&flat, &left, i)) else {
@@ -28,7 +28,7 @@ pub fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
     triangles
 }
 
-/// The polygon in its own plane (Newell's normal), counter-clockwise, scaled to about 1.
+/// Projects the polygon onto its own plane (Newell's normal), counter-clockwise, scaled to about 1.
 fn flatten(corners: &[DVec3]) -> Vec<DVec2> {
     let origin = corners[0];
     let scale = corners
@@ -52,7 +52,7 @@ fn flatten(corners: &[DVec3]) -> Vec<DVec2> {
         .collect()
 }
 
-/// Corner `i` of the remaining polygon between its two neighbours.
+/// Returns corner `i` of the remaining polygon between its two neighbours.
 fn neighbours(left: &[usize], i: usize) -> [usize; 3] {
     let count = left.len();
     [
@@ -62,22 +62,22 @@ fn neighbours(left: &[usize], i: usize) -> [usize; 3] {
     ]
 }
 
-/// Twice the signed area: positive for a left turn.
-fn turn(flat: &[DVec2], [a, b, c]: [usize; 3]) -> f64 {
+/// Returns twice the signed area: positive for a left turn.
+fn doubled_area(flat: &[DVec2], [a, b, c]: [usize; 3]) -> f64 {
     (flat[b] - flat[a]).perp_dot(flat[c] - flat[a])
 }
 
-/// A corner that turns left and whose triangle contains no other remaining corner.
+/// Returns true if a corner turns left and its triangle contains no other remaining corner.
 fn is_ear(flat: &[DVec2], left: &[usize], i: usize) -> bool {
     let [a, b, c] = neighbours(left, i);
     let outside = |p: usize| {
         let same_place = [a, b, c].iter().any(|&corner| flat[corner] == flat[p]);
         same_place
-            || turn(flat, [a, b, p]) < 0.0
-            || turn(flat, [b, c, p]) < 0.0
-            || turn(flat, [c, a, p]) < 0.0
+            || doubled_area(flat, [a, b, p]) < 0.0
+            || doubled_area(flat, [b, c, p]) < 0.0
+            || doubled_area(flat, [c, a, p]) < 0.0
     };
-    turn(flat, [a, b, c]) > 0.0 && left.iter().all(|&p| outside(p))
+    doubled_area(flat, [a, b, c]) > 0.0 && left.iter().all(|&p| outside(p))
 }
 
 #[cfg(test)]
@@ -85,19 +85,19 @@ mod tests {
     use super::*;
     use glam::dvec3;
 
-    /// Area of the triangles, each counted positive only if it keeps the winding (`normal` of the polygon).
+    /// Returns the area of the triangles; fails if one has not the winding of `normal`.
     fn area(corners: &[DVec3], triangles: &[[usize; 3]], normal: DVec3) -> f64 {
         let one = |t: &[usize; 3]| {
             let [a, b, c] = t.map(|i| corners[i]);
             let doubled = (b - a).cross(c - a).dot(normal);
-            assert!(doubled >= 0.0, "turned over: {t:?}");
+            assert!(doubled >= 0.0, "winding of {t:?}");
             doubled / 2.0
         };
         triangles.iter().map(one).sum()
     }
 
     #[test]
-    fn convex_polygons_are_fans() {
+    fn convex_polygon_becomes_fan() {
         let square = [
             dvec3(0.0, 0.0, 0.0),
             dvec3(1.0, 0.0, 0.0),
@@ -110,8 +110,8 @@ mod tests {
     }
 
     #[test]
-    fn a_concave_polygon_is_covered_once() {
-        // An L of area 3, whose fan about corner 0 would stick out; in the plane x = 1e7 and starting anywhere.
+    fn concave_polygon_is_covered_once() {
+        // An L of area 3 in the plane x = 1e7, from any corner. A fan would leave its outline.
         let l = [
             (0.0, 0.0),
             (2.0, 0.0),
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn polygons_without_a_meaning_still_end() {
+    fn invalid_polygon_terminates() {
         let crossing = [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.5, 2.0)]
             .map(|(x, y)| dvec3(x, y, 0.0));
         assert_eq!(triangulate(&crossing).len(), 3);

@@ -1,4 +1,4 @@
-//! Finds, decodes and shares textures.
+//! Texture files: search, decoding and sharing.
 
 use super::notes::{Note, Notes};
 use crate::material::Texture;
@@ -10,20 +10,20 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-/// What an image is used for.
+/// Use of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Role {
     /// Colour, with its own alpha.
     Color,
-    /// Opacity: the image's alpha where that varies, else its luminance.
+    /// Opacity: the image's alpha if that varies, else its luminance.
     Mask,
 }
 
-/// A texture asked for from [`TextureTable`].
+/// Handle of a texture that was requested from a [`TextureTable`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Handle(usize);
 
-/// The textures that the materials of a file ask for, each once.
+/// Textures that the materials of a file use, each once.
 #[derive(Debug, Default)]
 pub(super) struct TextureTable {
     handles: HashMap<(String, Role), Handle>,
@@ -44,7 +44,7 @@ enum Source {
     Absent(String),
 }
 
-/// A decoded texture's place in the scene, and its range of alpha.
+/// Index of a decoded texture in the scene, and its range of alpha.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Slot {
     pub(super) index: u32,
@@ -53,8 +53,8 @@ pub(super) struct Slot {
 }
 
 impl Slot {
-    /// Whether some of the texture is below the threshold (0..=1) and some is not: only then is a cut-out worth its
-    /// cost, and only then does the alpha channel mean something.
+    /// Returns true if a part of the texture is below the threshold (0..=1) and a part is not. Only
+    /// then is the alpha channel meaningful and a cut-out worth its cost.
     pub(super) fn is_cut_at(self, threshold: f32) -> bool {
         f32::from(self.least_alpha) < threshold * 255.0
             && f32::from(self.greatest_alpha) >= threshold * 255.0
@@ -62,7 +62,7 @@ impl Slot {
 }
 
 impl TextureTable {
-    /// Asks for the image file that a material calls `written`, looked for in `folders` in turn.
+    /// Requests the image file that a material calls `written`; searches `folders` in order.
     pub(super) fn file(
         &mut self,
         written: &str,
@@ -75,7 +75,7 @@ impl TextureTable {
                 if found.renamed {
                     notes.add_named(Note::TextureRenamed, written);
                 }
-                // One file may be written in several ways.
+                // A material may spell the same path differently.
                 let path = found.path.canonicalize().unwrap_or(found.path);
                 notes.add_file(&path);
                 (path.to_string_lossy().into_owned(), Source::File(path))
@@ -85,7 +85,7 @@ impl TextureTable {
         self.request(name, role, || source)
     }
 
-    /// Asks for an image inside the scene's own file.
+    /// Requests an image inside the scene's own file.
     pub(super) fn embedded(
         &mut self,
         name: &str,
@@ -111,7 +111,7 @@ impl TextureTable {
         handle
     }
 
-    /// Decodes everything, in parallel; the result does not depend on the number of threads.
+    /// Decodes all images in parallel; the result does not depend on the number of threads.
     pub(super) fn decode(self, notes: &mut Notes) -> DecodedTextures {
         let decoded: Vec<_> = self.requests.par_iter().map(Request::decode).collect();
         let mut result = DecodedTextures::default();
@@ -121,7 +121,7 @@ impl TextureTable {
                     let alphas = texture.texels().iter().map(|texel| texel[3]);
                     let (least_alpha, greatest_alpha) =
                         alphas.fold((255, 0), |(l, g), a| (l.min(a), g.max(a)));
-                    let index = result.textures.len() as u32; // at most as many as materials: far below 2^32
+                    let index = result.textures.len() as u32;
                     result.textures.push(texture);
                     Some(Slot {
                         index,
@@ -146,13 +146,13 @@ impl TextureTable {
 /// The outcome of [`TextureTable::decode`].
 #[derive(Debug, Default)]
 pub(super) struct DecodedTextures {
-    /// The textures that could be read.
+    /// Textures that could be read.
     pub(super) textures: Vec<Texture>,
     slots: Vec<Option<Slot>>,
 }
 
 impl DecodedTextures {
-    /// Where a texture went; `None` if it could not be read.
+    /// Returns the slot of a texture; `None` if it could not be read.
     pub(super) fn slot(&self, handle: Handle) -> Option<Slot> {
         self.slots.get(handle.0).copied().flatten()
     }
@@ -175,7 +175,7 @@ impl Request {
     }
 }
 
-/// The image as sRGB with straight alpha. Float images hold linear light; all others are sRGB already.
+/// Converts an image to sRGB with straight alpha. Float images are linear, others sRGB already.
 fn srgb_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
     match image {
         DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
@@ -195,7 +195,7 @@ fn srgb_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
     }
 }
 
-/// White texels whose alpha is the image's opacity.
+/// Converts an image to white texels whose alpha is its opacity.
 fn mask_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
     let rgba = image.to_rgba8();
     let first_alpha = rgba.pixels().next().map(|p| p.0[3]);
@@ -214,17 +214,17 @@ fn mask_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
         .collect()
 }
 
-/// A file that was found.
-pub(super) struct Found {
+/// Result of a search for a file.
+pub(super) struct FoundFile {
     pub(super) path: PathBuf,
-    /// Whether folder or spelling differ from what was asked for.
+    /// True if folder or spelling differ from those specified.
     pub(super) renamed: bool,
 }
 
-/// Finds the file that a scene file calls `written`: in each of the `folders` as it is written; then without its drive
-/// and ignoring case; then by its last component alone, as left behind by tools that write the absolute path of the
-/// machine they ran on. Quotes are taken off, and backslashes separate like slashes.
-pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<Found> {
+/// Finds the file that a scene file calls `written` in one of the `folders`: as it is written; then
+/// without its drive and ignoring case; then by its last component alone, because some programs
+/// write absolute paths of their machine. Quotes are removed; backslashes are separators, too.
+pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<FoundFile> {
     let clean = written.trim().trim_matches('"').replace('\\', "/");
     if clean.is_empty() {
         return None;
@@ -234,7 +234,7 @@ pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<Found> {
         .map(|folder| folder.join(&clean))
         .find(|path| path.is_file());
     if let Some(path) = exact {
-        return Some(Found {
+        return Some(FoundFile {
             path,
             renamed: false,
         });
@@ -251,14 +251,14 @@ pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<Found> {
     let path = candidates
         .filter_map(|(folder, name)| find_ignoring_case(folder, name))
         .find(|path| path.is_file())?;
-    Some(Found {
+    Some(FoundFile {
         path,
         renamed: true,
     })
 }
 
-/// `folder/relative` with every component matched exactly or, failing that, ignoring case (first in the order of
-/// names).
+/// Finds `folder/relative`; a component without an exact match is matched ignoring case (the first
+/// in alphabetical order).
 fn find_ignoring_case(folder: &Path, relative: &Path) -> Option<PathBuf> {
     let mut path = folder.to_path_buf();
     for component in relative.components() {

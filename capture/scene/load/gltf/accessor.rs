@@ -1,22 +1,23 @@
-//! Reads numbers out of buffers, believing no offset, length or count before it is checked.
+//! Reads numbers from buffers and checks every offset, length and count.
 //!
-//! The `gltf` crate's own reader and its validation panic on some damaged files (an attribute that refers to an accessor
-//! that is not there, a count of 0), and reject files that lack only redundant data; so only its JSON types are used.
+//! Only the JSON types of the `gltf` crate are used: its reader and its validation panic on some
+//! damaged files (an attribute with a missing accessor, a count of 0), and reject files that lack
+//! redundant data only.
 
 use super::super::notes::{Note, Notes};
 use super::super::textures::find_file;
-use super::uri::Target;
+use super::uri::UriTarget;
 use crate::load::gltf::uri;
 use gltf::json::accessor::{Accessor, ComponentType, Type};
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Root, buffer};
 use std::path::Path;
 
-/// The most entries of an accessor that has no data of its own (all zero, but for sparse ones). Others cannot claim
-/// more than their buffer holds.
+/// Maximum number of entries of an accessor without a buffer view (zeros, except for sparse
+/// values). Others cannot have more than their buffer holds.
 const MAX_ZEROS: usize = 1 << 24;
 
-/// All buffers of a file.
+/// Buffers of a file.
 pub(super) struct Buffers<'a> {
     root: &'a Root,
     data: Vec<Option<Vec<u8>>>,
@@ -38,8 +39,8 @@ impl<'a> Buffers<'a> {
                     blob.take().ok_or_else(|| "no binary chunk".to_owned()),
                 ),
                 Some(uri) => match uri::resolve(uri) {
-                    Target::Data(bytes) => (format!("buffer {index}"), bytes),
-                    Target::File(file) => {
+                    UriTarget::Data(bytes) => (format!("buffer {index}"), bytes),
+                    UriTarget::File(file) => {
                         let bytes = match find_file(&file, &[folder]) {
                             Some(found) => {
                                 notes.add_file(&found.path);
@@ -61,7 +62,7 @@ impl<'a> Buffers<'a> {
         Self { root, data }
     }
 
-    /// The bytes of a view, and the distance between its entries if it says so.
+    /// Returns the bytes of a view, and its stride if it has one.
     pub(super) fn view(&self, index: Index<buffer::View>) -> Option<(&[u8], Option<usize>)> {
         let view = self.root.buffer_views.get(index.value())?;
         let data = self.data.get(view.buffer.value())?.as_deref()?;
@@ -71,7 +72,7 @@ impl<'a> Buffers<'a> {
         Some((bytes, view.byte_stride.map(|stride| stride.0)))
     }
 
-    /// Whether an accessor's entries are in the file, so that there are no more of them than it has room for.
+    /// Returns true if an accessor has a buffer view, whose size limits the number of entries.
     pub(super) fn has_bytes(&self, index: Index<Accessor>) -> bool {
         self.root
             .accessors
@@ -79,11 +80,11 @@ impl<'a> Buffers<'a> {
             .is_some_and(|accessor| accessor.buffer_view.is_some())
     }
 
-    /// The entries of an accessor as vectors of `N` components; more components are cut off, fewer are a defect, as is
-    /// everything else that does not fit: `None`.
+    /// Reads an accessor as vectors of `N` components, without further components. Returns `None`
+    /// if it has fewer or is damaged.
     pub(super) fn vectors<const N: usize>(&self, index: Index<Accessor>) -> Option<Vec<[f64; N]>> {
         let accessor = self.root.accessors.get(index.value())?;
-        let layout = Layout::of(accessor)?;
+        let layout = Layout::new(accessor)?;
         let count = usize::try_from(accessor.count.0).ok()?;
         let mut values = match accessor.buffer_view {
             Some(view) => {
@@ -144,13 +145,13 @@ impl<'a> Buffers<'a> {
             .checked_add(entry_size)?;
         let bytes = bytes.get(..end)?;
         let entry = |entry: &[u8]| {
-            std::array::from_fn(|i| layout.component_at(&entry[i * component_size..]))
+            std::array::from_fn(|i| layout.read_component(&entry[i * component_size..]))
         };
         Some(bytes.chunks(stride).map(entry).collect())
     }
 }
 
-/// How an accessor's numbers are stored.
+/// Storage format of an accessor's numbers.
 #[derive(Clone, Copy)]
 struct Layout {
     component: ComponentType,
@@ -159,8 +160,9 @@ struct Layout {
 }
 
 impl Layout {
-    /// `None` for matrices but those of skins: columns of four floats, which no padding keeps apart.
-    fn of(accessor: &Accessor) -> Option<Self> {
+    /// Returns the layout of an accessor. Of matrices only those of skins are supported: columns of
+    /// four floats have no padding.
+    fn new(accessor: &Accessor) -> Option<Self> {
         let Checked::Valid(component) = accessor.component_type else {
             return None;
         };
@@ -179,8 +181,8 @@ impl Layout {
         })
     }
 
-    /// The number at the start of `bytes`, which are at least as many as the component has.
-    fn component_at(self, bytes: &[u8]) -> f64 {
+    /// Reads the number at the start of `bytes`, which must have at least the component's size.
+    fn read_component(self, bytes: &[u8]) -> f64 {
         let two = || [bytes[0], bytes[1]];
         let four = || [bytes[0], bytes[1], bytes[2], bytes[3]];
         let (value, greatest) = match self.component {

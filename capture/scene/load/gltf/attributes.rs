@@ -1,4 +1,4 @@
-//! The vertex attributes of a primitive, and how normals move when points do.
+//! Vertex attributes of a primitive, and the transform of normals.
 
 use super::super::notes::{Note, Notes};
 use super::accessor::Buffers;
@@ -6,10 +6,10 @@ use ::gltf::json::mesh::{Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use glam::DMat3;
 
-/// The vertex attributes of a primitive; those that are damaged are left out and counted.
+/// Vertex attributes of a primitive; damaged ones are left out and counted.
 pub(super) struct Attributes {
     pub(super) positions: Vec<[f64; 3]>,
-    /// As many as positions, or none.
+    /// One per position, or empty.
     pub(super) normals: Vec<[f64; 3]>,
     pub(super) texcoords: Vec<[f64; 2]>,
     pub(super) colors: Vec<[f64; 3]>,
@@ -51,7 +51,8 @@ impl Attributes {
     }
 }
 
-/// An attribute that may be absent (`None`), or damaged (`Some(None)`, or of another length).
+/// Returns an attribute, or none if it is absent (`None`) or damaged (`Some(None)`, another
+/// length).
 fn optional<T>(read: Option<Option<Vec<T>>>, count: usize, notes: &mut Notes) -> Vec<T> {
     let is_given = read.is_some();
     let values = read.flatten().filter(|values| values.len() == count);
@@ -62,8 +63,9 @@ fn optional<T>(read: Option<Option<Vec<T>>>, count: usize, notes: &mut Notes) ->
     values.unwrap_or_default()
 }
 
-/// The matrix that takes normals along when `m` takes points along: the inverse transpose but for its length, also
-/// where `m` has no inverse. A mirroring `m` keeps outward normals outward.
+/// Returns the matrix that transforms normals if `m` transforms points: the inverse transpose
+/// except for its scale, defined for a singular `m`, too. Outward normals stay outward if `m`
+/// mirrors.
 pub(super) fn cofactors(m: DMat3) -> DMat3 {
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
     let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };

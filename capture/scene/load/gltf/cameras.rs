@@ -1,7 +1,7 @@
-//! The cameras of a glTF file, with the animations that move them: a path.
+//! Cameras of a glTF file, and the paths along which animations move them.
 
 use super::accessor::Buffers;
-use super::second_reading::{NodeTransform, SecondReading};
+use super::raw_json::{NodeTransform, RawJson};
 use super::{LoadError, folder_of, parse};
 use crate::load::notes::Notes;
 use ::gltf::json::Root;
@@ -10,7 +10,7 @@ use ::gltf::json::validation::Checked;
 use glam::{DAffine3, DQuat, DVec3, DVec4};
 use std::path::Path;
 
-/// A camera of a file at one moment: metres, Y up.
+/// A camera at one time: metres, Y up.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GltfCamera {
     pub(crate) eye: DVec3,
@@ -18,17 +18,17 @@ pub(crate) struct GltfCamera {
     pub(crate) up: DVec3,
     /// Vertical field of view, radians.
     pub(crate) fov_y: f64,
-    /// Width over height, if the file says it.
+    /// Width over height, if the file specifies it.
     pub(crate) aspect: Option<f64>,
-    /// Seconds; 0 without an animation.
+    /// Time in seconds; 0 without an animation.
     pub(crate) time_s: f64,
 }
 
-/// The most moments of an animation.
+/// Maximum number of frames of an animation.
 const MAX_FRAMES: f64 = 1e6;
 
-/// The path of the first camera that an animation moves, `fps` moments a second from the first key to the last; without an animation
-/// that moves one, all perspective cameras as they stand, in the order of nodes.
+/// Reads the path of the first animated camera: `fps` frames a second from the first key to the
+/// last. Without one, reads all perspective cameras in the order of nodes.
 pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera>, LoadError> {
     let malformed = |cause: String| LoadError::Malformed {
         path: path.to_path_buf(),
@@ -43,7 +43,7 @@ pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera
         .collect();
     if cameras.is_empty() {
         return Err(malformed(
-            "it holds no perspective camera; export cameras with it".into(),
+            "it has no perspective camera; export cameras with it".into(),
         ));
     }
     for animation in &root.animations {
@@ -74,15 +74,15 @@ pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera
         .collect())
 }
 
-/// Nodes and who stands on whom.
+/// Nodes with their parents.
 struct Rig<'a> {
     root: &'a Root,
-    transforms: SecondReading,
+    transforms: RawJson,
     parents: Vec<Option<usize>>,
 }
 
 impl<'a> Rig<'a> {
-    fn new(root: &'a Root, transforms: SecondReading) -> Self {
+    fn new(root: &'a Root, transforms: RawJson) -> Self {
         let mut parents = vec![None; root.nodes.len()];
         for (i, node) in root.nodes.iter().enumerate() {
             for child in node.children.iter().flatten() {
@@ -98,12 +98,12 @@ impl<'a> Rig<'a> {
         }
     }
 
-    /// A node, its parent, ...; in a file whose nodes go round in a circle no more than there are nodes.
+    /// Returns a node, its parent and so on; a cycle ends after as many as there are nodes.
     fn ancestry(&self, node: usize) -> impl Iterator<Item = usize> {
         std::iter::successors(Some(node), |node| self.parents[*node]).take(self.parents.len())
     }
 
-    /// Vertical field of view and aspect of a node's perspective camera.
+    /// Returns the vertical field of view and the aspect of a node's perspective camera.
     fn lens(&self, node: usize) -> Option<(f64, Option<f64>)> {
         let camera = self
             .root
@@ -116,7 +116,7 @@ impl<'a> Rig<'a> {
     fn camera(&self, node: usize, tracks: &[Track], time_s: f64) -> Option<GltfCamera> {
         let (fov_y, aspect) = self.lens(node)?;
         let world_from_node = self.ancestry(node).fold(DAffine3::IDENTITY, |from, node| {
-            let mut transform = self.transforms.of(node);
+            let mut transform = self.transforms.node_transform(node);
             tracks
                 .iter()
                 .filter(|track| track.node == node)
@@ -139,17 +139,17 @@ impl<'a> Rig<'a> {
     }
 }
 
-/// One property of a node over time.
+/// An animated property of a node.
 struct Track {
     node: usize,
     property: Property,
     interpolation: Interpolation,
     times: Vec<f64>,
-    /// One a time; for cubic splines a tangent before and one after each.
+    /// A value per time; for cubic splines with an in-tangent before and an out-tangent after.
     values: Vec<DVec4>,
 }
 
-/// The tracks of an animation that move, turn or scale nodes; `None` if one cannot be read.
+/// Reads the tracks of an animation that transform nodes; `None` if one cannot be read.
 fn tracks(animation: &Animation, buffers: &Buffers) -> Option<Vec<Track>> {
     let mut tracks = Vec::new();
     for channel in &animation.channels {
@@ -211,7 +211,8 @@ impl Track {
         }
     }
 
-    /// The value at a time, held before the first and after the last key (glTF 2.0, appendix C).
+    /// Interpolates the value at a time; constant before the first and after the last key (glTF
+    /// 2.0, appendix C).
     fn value(&self, time_s: f64) -> DVec4 {
         let next = self.times.partition_point(|time| *time <= time_s);
         let spline = self.interpolation == Interpolation::CubicSpline;

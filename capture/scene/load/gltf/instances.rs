@@ -1,4 +1,4 @@
-//! `EXT_mesh_gpu_instancing`: a node whose mesh stands in many places.
+//! `EXT_mesh_gpu_instancing`: many instances of a node's mesh.
 
 use super::super::notes::{Note, Notes};
 use super::accessor::Buffers;
@@ -6,7 +6,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use gltf::json::Index;
 use serde::Deserialize;
 
-/// The accessors of a node's instances, as the file gives them; what is absent is as if it said nothing.
+/// Accessors of a node's instances, if the file has them.
 #[derive(Clone, Default, Deserialize)]
 #[serde(default, rename_all = "UPPERCASE")]
 pub(super) struct InstanceAttributes {
@@ -15,9 +15,9 @@ pub(super) struct InstanceAttributes {
     scale: Option<u32>,
 }
 
-/// Where a node's mesh stands: once where the node does, or, relative to that, where its instances are. Damaged instances
-/// are counted, and the mesh stands once.
-pub(super) fn places(
+/// Returns the transforms of the instances of a node's mesh, or that of the node without instances.
+/// Damaged instances are counted and ignored.
+pub(super) fn instance_transforms(
     attributes: Option<&InstanceAttributes>,
     world_from_node: DAffine3,
     buffers: &Buffers,
@@ -75,8 +75,8 @@ fn node_from_instances(
     Some((0..count).map(instance).collect())
 }
 
-/// The entries of an attribute, `Some(None)` if it is not given, `None` if it is damaged or has no bytes of its own: then nothing
-/// bounds their number.
+/// Reads an attribute: `Some(None)` if it is absent, `None` if it is damaged or has no buffer view,
+/// because nothing limits its length then.
 fn read<const N: usize>(
     attribute: Option<u32>,
     buffers: &Buffers,

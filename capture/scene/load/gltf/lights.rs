@@ -1,5 +1,5 @@
-//! KHR_lights_punctual: lamps at nodes. They shine along the node's -Z; candela and lux are taken as radiant intensity and
-//! irradiance, as emission is taken as radiance.
+//! KHR_lights_punctual: lamps at nodes. They shine along the node's -Z. Candela and lux are used as
+//! radiant intensity and irradiance, just as emission is used as radiance.
 
 use super::super::builder::Builder;
 use super::super::notes::Note;
@@ -9,7 +9,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Node, Root};
 use glam::{DAffine3, DVec3, Vec3};
 
-/// Adds the lamp at a node, if there is one.
+/// Adds the lamp of a node, if it has one.
 pub(super) fn push(root: &Root, node: &Node, world_from_node: DAffine3, builder: &mut Builder) {
     let at_node = node
         .extensions
@@ -31,7 +31,7 @@ pub(super) fn push(root: &Root, node: &Node, world_from_node: DAffine3, builder:
         .add(Note::LightUnreadable, usize::from(!is_sane));
 }
 
-/// `None` if it is of no known type.
+/// Converts a light; `None` if its type is unknown.
 fn lamp(light: &Light, world_from_node: DAffine3, builder: &Builder) -> Option<Lamp> {
     let frame = builder.frame;
     let position = frame.world_from_file(world_from_node.translation);

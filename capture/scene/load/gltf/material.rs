@@ -1,11 +1,11 @@
-//! glTF materials as diffuse surfaces.
+//! Conversion of glTF materials to diffuse ones.
 
 use super::super::folder_of;
 use super::super::notes::{Note, Notes};
 use super::super::textures::{DecodedTextures, Handle, Role, TextureTable};
 use super::accessor::Buffers;
-use super::second_reading::SecondReading;
-use super::uri::Target;
+use super::raw_json::RawJson;
+use super::uri::UriTarget;
 use crate::load::gltf::uri;
 use crate::material::{Cutout, Material};
 use glam::{Affine2, Mat2, Vec2};
@@ -14,21 +14,21 @@ use gltf::json::validation::Checked;
 use gltf::json::{Root, texture};
 use std::path::Path;
 
-/// Opacity below this is seen through: clear glass, and the holes of blended textures.
+/// Least opacity of a visible surface: clear glass and holes of blended textures have less.
 const BLEND_THRESHOLD: f32 = 0.5;
 
-/// How the triangles of a material enter the scene.
+/// Material and texture mapping of triangles.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GltfMaterial {
-    /// Index into the scene's materials, or `None` for what is seen through.
+    /// Index into the scene's materials, or `None` for a transparent material.
     pub(super) material: Option<u32>,
-    /// Which of the vertices' sets of texture coordinates is used.
+    /// Set of texture coordinates that is used.
     pub(super) texcoord_set: u32,
-    /// Takes the texture coordinate of a vertex to that of the image, both with v downward.
+    /// Maps the texture coordinate of a vertex to that of the image, both with v downward.
     pub(super) image_from_vertex: Affine2,
 }
 
-/// All materials of a file, ready for use.
+/// Converted materials of a file.
 pub(super) struct GltfMaterials {
     pub(super) materials: Vec<Material>,
     pub(super) textures: DecodedTextures,
@@ -36,10 +36,10 @@ pub(super) struct GltfMaterials {
 }
 
 impl GltfMaterials {
-    /// Converts all materials that are in use and decodes their textures.
+    /// Converts the materials in use and decodes their textures.
     pub(super) fn read(
         root: &Root,
-        reread: &SecondReading,
+        raw: &RawJson,
         buffers: &Buffers,
         path: &Path,
         notes: &mut Notes,
@@ -56,7 +56,7 @@ impl GltfMaterials {
         let mut set = TextureTable::default();
         let mut request = |info: Option<&texture::Info>, used: bool| {
             info.filter(|_| used)
-                .map(|info| request_texture(root, reread, buffers, info, path, &mut set, notes))
+                .map(|info| request_texture(root, raw, buffers, info, path, &mut set, notes))
         };
         let handles: Vec<_> = all()
             .map(|(m, &used)| {
@@ -79,14 +79,14 @@ impl GltfMaterials {
                 .filter(|_| used)
                 .map(|material| {
                     materials.push(material);
-                    materials.len() as u32 - 1 // at most as many as the file has
+                    materials.len() as u32 - 1
                 });
             let is_unlit = m
                 .extensions
                 .as_ref()
                 .is_some_and(|extensions| extensions.unlit.is_some());
             notes.add(Note::Unlit, usize::from(is_unlit && material.is_some()));
-            surfaces.push(surface(m, material, notes));
+            surfaces.push(map_textures(m, material, notes));
         }
         if materials.is_empty() {
             materials.push(Material::default());
@@ -98,8 +98,9 @@ impl GltfMaterials {
         }
     }
 
-    /// The surface for the material index of a primitive; one that is absent or out of range gets the neutral one.
-    pub(super) fn of(&self, material: Option<usize>) -> Option<GltfMaterial> {
+    /// Returns the material for the index of a primitive: the neutral one if that is absent or out
+    /// of range.
+    pub(super) fn find(&self, material: Option<usize>) -> Option<GltfMaterial> {
         material
             .and_then(|index| self.surfaces.get(index))
             .or(self.surfaces.last())
@@ -107,8 +108,8 @@ impl GltfMaterials {
     }
 }
 
-/// Colour of a surface: texture and factor. That of the older model of specular colour and gloss where there is no other; what
-/// has no diffuse colour at all, a metal, shows its specular one.
+/// Returns the texture and the factor of the base colour. Without one it is the diffuse colour of
+/// the specular-glossiness model, or the specular colour of metals, which have no diffuse one.
 fn base_color(m: &gltf::json::Material) -> (Option<&texture::Info>, [f32; 4]) {
     let usual = &m.pbr_metallic_roughness;
     let has_usual = usual.base_color_texture.is_some() || usual.base_color_factor.0 != [1.0; 4];
@@ -131,12 +132,11 @@ fn base_color(m: &gltf::json::Material) -> (Option<&texture::Info>, [f32; 4]) {
     }
 }
 
-/// The image of a texture: that of a format that an extension brings, else its own.
-fn image_of_texture(root: &Root, reread: &SecondReading, texture: usize) -> Option<usize> {
+/// Returns the image of a texture: that of an extension, else its own.
+fn image_of_texture(root: &Root, raw: &RawJson, texture: usize) -> Option<usize> {
     let own = root.textures.get(texture)?.source.value();
     Some(
-        reread
-            .image_of_texture(texture)
+        raw.image_of_texture(texture)
             .filter(|&image| image < root.images.len())
             .unwrap_or(own),
     )
@@ -144,7 +144,7 @@ fn image_of_texture(root: &Root, reread: &SecondReading, texture: usize) -> Opti
 
 fn request_texture(
     root: &Root,
-    reread: &SecondReading,
+    raw: &RawJson,
     buffers: &Buffers,
     info: &texture::Info,
     path: &Path,
@@ -152,13 +152,13 @@ fn request_texture(
     notes: &mut Notes,
 ) -> Handle {
     let texture = info.index.value();
-    let index = image_of_texture(root, reread, texture);
+    let index = image_of_texture(root, raw, texture);
     let Some((index, image)) = index.and_then(|index| Some((index, root.images.get(index)?)))
     else {
-        let cause = if reread.is_ktx2(texture) {
-            "it is KTX2, which is not read; export it as PNG, JPEG or WebP"
+        let cause = if raw.is_ktx2(texture) {
+            "KTX2 is not supported; export it as PNG, JPEG or WebP"
         } else {
-            "it has no image of a known kind"
+            "it has no image in a known format"
         };
         return set.embedded(
             &format!("texture {texture}"),
@@ -180,10 +180,12 @@ fn request_texture(
                 Role::Color,
             )
         }
-        (None, Some(Target::Data(bytes))) => {
+        (None, Some(UriTarget::Data(bytes))) => {
             set.embedded(&name, bytes.as_deref().map_err(Clone::clone), Role::Color)
         }
-        (None, Some(Target::File(file))) => set.file(&file, &[folder_of(path)], Role::Color, notes),
+        (None, Some(UriTarget::File(file))) => {
+            set.file(&file, &[folder_of(path)], Role::Color, notes)
+        }
         (None, None) => set.embedded(
             &name,
             Err("it has neither bytes nor a name".into()),
@@ -192,7 +194,7 @@ fn request_texture(
     }
 }
 
-/// The scene's material, or `None` if it is seen through.
+/// Converts a material; `None` if it is transparent.
 fn convert(
     m: &gltf::json::Material,
     name: String,
@@ -207,7 +209,8 @@ fn convert(
         Checked::Valid(AlphaMode::Blend) => BLEND_THRESHOLD,
         _ => 0.0,
     };
-    // The factor multiplies the texture's alpha; dividing the threshold by it instead leaves the texture as it is.
+    // The factor multiplies the texture's alpha. The threshold is divided instead, so that the
+    // texture stays unchanged.
     let threshold = if threshold > 0.0 {
         threshold / alpha.max(1e-6)
     } else {
@@ -215,7 +218,7 @@ fn convert(
     };
     let greatest_alpha = base_slot.map_or(1.0, |slot| f32::from(slot.greatest_alpha) / 255.0);
     let extensions = m.extensions.as_ref();
-    // Under a texture the factor says how much is let through at most: of some part, which may be the panes of a whole house.
+    // With a texture the factor is a maximum, for example for the panes of a house.
     let transmission = extensions
         .and_then(|e| e.transmission.as_ref())
         .filter(|t| t.transmission_texture.is_none());
@@ -228,7 +231,7 @@ fn convert(
         .and_then(|e| e.emissive_strength.as_ref())
         .map_or(1.0, |e| e.emissive_strength.0);
     let emission_slot = slot(emissive);
-    // An emissive texture that cannot be read is better dark than glowing all over.
+    // Without its texture the whole surface would emit light.
     let is_dark = emissive.is_some() && emission_slot.is_none();
     let emission = if is_dark {
         [0.0; 3]
@@ -252,14 +255,21 @@ fn convert(
     })
 }
 
-/// A vertex has one texture coordinate in the scene: that of the base colour, or of the emission where there is no
-/// base colour.
-fn surface(m: &gltf::json::Material, material: Option<u32>, notes: &mut Notes) -> GltfMaterial {
+/// Describes the texture mapping of a material. A vertex of a scene has one texture coordinate:
+/// that of the base colour, else of the emission.
+fn map_textures(
+    m: &gltf::json::Material,
+    material: Option<u32>,
+    notes: &mut Notes,
+) -> GltfMaterial {
     let mut infos = [base_color(m).0, m.emissive_texture.as_ref()]
         .into_iter()
         .flatten();
-    let (texcoord_set, image_from_vertex) = infos.next().map_or((0, Affine2::IDENTITY), placement);
-    for other in infos.filter(|other| placement(other) != (texcoord_set, image_from_vertex)) {
+    let (texcoord_set, image_from_vertex) = infos
+        .next()
+        .map_or((0, Affine2::IDENTITY), texture_transform);
+    for other in infos.filter(|other| texture_transform(other) != (texcoord_set, image_from_vertex))
+    {
         notes.add_named(
             Note::TextureTransformIgnored,
             format!("texture {}", other.index.value()),
@@ -272,9 +282,9 @@ fn surface(m: &gltf::json::Material, material: Option<u32>, notes: &mut Notes) -
     }
 }
 
-/// Set of texture coordinates and `KHR_texture_transform`: scale, then a turn that looks counter-clockwise with v
-/// downward, then an offset.
-fn placement(info: &texture::Info) -> (u32, Affine2) {
+/// Returns the set of texture coordinates and the `KHR_texture_transform` of a texture: a scale, a
+/// rotation (counter-clockwise with v downward), an offset.
+fn texture_transform(info: &texture::Info) -> (u32, Affine2) {
     match info
         .extensions
         .as_ref()

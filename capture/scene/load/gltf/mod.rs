@@ -1,8 +1,9 @@
 //! glTF 2.0, as `.gltf` and as `.glb`.
 //!
-//! Node transforms are read and composed in `f64`; a mirroring one turns the winding of its triangles. What is animated stands
-//! still: skins where the file's nodes put their joints, morph targets at the weights it gives. Metallic surfaces are shown as diffuse ones of their base colour; a surface that lets more than half of
-//! the light through (blended alpha, transmission) is left out.
+//! Node transforms are composed in `f64`; mirrored triangles change their winding. Animations are
+//! not played: skins have the pose of the file's nodes, morph targets the file's weights. Metals
+//! become diffuse surfaces of their base colour. Surfaces that transmit more than half of the light
+//! (blended alpha, transmission) are left out.
 
 mod accessor;
 mod attributes;
@@ -12,25 +13,26 @@ mod lights;
 mod material;
 mod pose;
 mod primitive;
-mod second_reading;
+mod raw_json;
 mod uri;
 
 use super::builder::{Builder, GroupedScene};
 use super::notes::{Note, Notes};
-use super::orientation::Hints;
+use super::orientation::FrameHints;
 use super::{LoadError, LoadOptions, folder_of};
 use ::gltf::json::{Node, Root};
 use accessor::Buffers;
 use glam::DAffine3;
 use headbox_core::file_frame::FileFrame;
+use instances::instance_transforms;
 use material::GltfMaterials;
 use pose::Pose;
 use primitive::push_primitive;
-pub use second_reading::HEADBOX_HALF_SIZE;
-use second_reading::SecondReading;
+pub use raw_json::HEADBOX_HALF_SIZE;
+use raw_json::RawJson;
 use std::path::Path;
 
-/// Extensions that a file may require: read here, or of no consequence for a diffuse surface.
+/// Extensions that a file may require: they are read, or do not change diffuse surfaces.
 const KNOWN_EXTENSIONS: [&str; 5] = [
     "KHR_texture_transform",
     "KHR_mesh_quantization",
@@ -39,8 +41,8 @@ const KNOWN_EXTENSIONS: [&str; 5] = [
     "EXT_mesh_gpu_instancing",
 ];
 
-/// What is said of a file that requires an extension that is not read, and what to do.
-fn unsupported(extension: &str) -> String {
+/// Returns the message about a required extension that is not supported, with a remedy.
+fn unsupported_message(extension: &str) -> String {
     let is = |words: &[&str]| words.iter().any(|word| extension.contains(word));
     let (what, otherwise) = match extension {
         _ if is(&["draco"]) => (
@@ -67,7 +69,7 @@ fn unsupported(extension: &str) -> String {
     )
 }
 
-/// Extensions of materials change the looks at most.
+/// Prefix of extensions that change the appearance only.
 const MATERIAL_EXTENSIONS: &str = "KHR_materials_";
 
 pub(super) fn load(
@@ -76,12 +78,12 @@ pub(super) fn load(
     options: &LoadOptions,
     groups: bool,
 ) -> Result<GroupedScene, LoadError> {
-    // Chapter 3.4 of the specification: Y up, metres.
+    // Section 3.4 of the specification: Y up, metres.
     let frame = FileFrame {
         up: options.up.unwrap_or_default(),
         unit_m: options.unit_m.unwrap_or(1.0),
     };
-    let (root, reread, blob) = parse(path, bytes)?;
+    let (root, raw, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
     if let Some(length) = glb_length(bytes) {
         notes.add(Note::BytesBeyondEnd, bytes.len().saturating_sub(length));
@@ -90,7 +92,7 @@ pub(super) fn load(
         if required.starts_with(MATERIAL_EXTENSIONS) {
             notes.add_named(Note::UnknownExtension, required);
         } else if !KNOWN_EXTENSIONS.contains(&required.as_str()) {
-            let cause = unsupported(required);
+            let cause = unsupported_message(required);
             return Err(LoadError::Malformed {
                 path: path.to_path_buf(),
                 cause,
@@ -98,28 +100,31 @@ pub(super) fn load(
         }
     }
     let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);
-    let surfaces = GltfMaterials::read(&root, &reread, &buffers, path, &mut notes);
+    let surfaces = GltfMaterials::read(&root, &raw, &buffers, path, &mut notes);
     let mut builder = Builder::new(frame, notes);
-    push_nodes(&root, &reread, &buffers, &surfaces, &mut builder, groups).map_err(
+    push_nodes(&root, &raw, &buffers, &surfaces, &mut builder, groups).map_err(
         |TooManyVertices| LoadError::Malformed {
             path: path.to_path_buf(),
             cause: "it has more than 2^32 vertices".into(),
         },
     )?;
     if options.up.is_none() || options.unit_m.is_none() {
-        builder.doubt(Hints::none(options));
+        builder.report_doubts(&FrameHints {
+            options: *options,
+            ..FrameHints::default()
+        });
     }
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
 
-/// The length that the header of a GLB tells, bytes; `None` if this is none.
+/// Returns the length in the header of a GLB, bytes; `None` if it is not a GLB.
 fn glb_length(bytes: &[u8]) -> Option<usize> {
     let length = bytes.strip_prefix(b"glTF")?.get(4..8)?;
     Some(u32::from_le_bytes([length[0], length[1], length[2], length[3]]) as usize)
 }
 
-/// The JSON part, where its nodes stand, and the binary chunk of a GLB.
-fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, SecondReading, Option<Vec<u8>>), LoadError> {
+/// Parses the JSON twice (see [`raw_json`]); also returns the binary chunk of a GLB.
+fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, RawJson, Option<Vec<u8>>), LoadError> {
     let malformed = |cause: String| LoadError::Malformed {
         path: path.to_path_buf(),
         cause,
@@ -131,37 +136,37 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, SecondReading, Option<Vec<u
             .trim_ascii_start();
         if !text.starts_with(b"{") {
             return Err(malformed(
-                "it is neither a GLB (it does not begin with \"glTF\") nor a glTF (it is no JSON)"
-                    .into(),
+                "neither a GLB (it does not begin with \"glTF\") nor a glTF (not JSON)".into(),
             ));
         }
         let no_json = |cause: ::gltf::json::Error| malformed(cause.to_string());
         let root = ::gltf::json::deserialize::from_slice(bytes).map_err(no_json)?;
-        return Ok((root, SecondReading::read(bytes).map_err(no_json)?, None));
+        return Ok((root, RawJson::parse(bytes).map_err(no_json)?, None));
     }
-    // The `gltf` crate subtracts the length of the header from the length in it, unchecked.
+    // The `gltf` crate subtracts the header's size from this length without a check.
     let length = glb_length(bytes).unwrap_or(0);
     if length < 20 || length > bytes.len() {
         let actual = bytes.len();
         return Err(malformed(format!(
-            "the GLB header says {length} bytes and the file has {actual}"
+            "the GLB header specifies {length} bytes, but the file has {actual}"
         )));
     }
     let glb =
         ::gltf::binary::Glb::from_slice(bytes).map_err(|cause| malformed(cause.to_string()))?;
     let root = ::gltf::json::deserialize::from_slice(&glb.json);
     let no_json = |cause| malformed(format!("its JSON chunk does not parse: {cause}"));
-    let (root, reread) = (
+    let (root, raw) = (
         root.map_err(no_json)?,
-        SecondReading::read(&glb.json).map_err(no_json)?,
+        RawJson::parse(&glb.json).map_err(no_json)?,
     );
-    Ok((root, reread, glb.bin.map(Into::into)))
+    Ok((root, raw, glb.bin.map(Into::into)))
 }
 
 struct TooManyVertices;
 
-/// The nodes of the default scene (without scenes: of every tree of nodes) in the order of their trees, and where they stand.
-fn placed_nodes(root: &Root, reread: &SecondReading, notes: &mut Notes) -> Vec<(usize, DAffine3)> {
+/// Returns the nodes of the default scene (of all trees if there is no scene), depth first, with
+/// their world transforms.
+fn world_transforms(root: &Root, raw: &RawJson, notes: &mut Notes) -> Vec<(usize, DAffine3)> {
     let children = |node: &Node| {
         node.children
             .iter()
@@ -182,7 +187,7 @@ fn placed_nodes(root: &Root, reread: &SecondReading, notes: &mut Notes) -> Vec<(
                 .collect::<Vec<_>>()
         }
     };
-    // A stack, so that a long chain of nodes does not overflow the program's own; each node once, so that a cycle ends.
+    // An explicit stack, because chains of nodes may be long; each node once, because of cycles.
     roots.reverse();
     let mut open: Vec<(usize, DAffine3)> = roots
         .into_iter()
@@ -199,7 +204,7 @@ fn placed_nodes(root: &Root, reread: &SecondReading, notes: &mut Notes) -> Vec<(
             notes.add(Note::NodeCycle, 1);
             continue;
         }
-        let world_from_node = world_from_parent * reread.parent_from_node(index);
+        let world_from_node = world_from_parent * raw.parent_from_node(index);
         open.extend(
             children(node)
                 .into_iter()
@@ -211,16 +216,16 @@ fn placed_nodes(root: &Root, reread: &SecondReading, notes: &mut Notes) -> Vec<(
     placed
 }
 
-/// Adds what stands at the nodes of the scene: lights, the headbox, meshes.
+/// Adds the lights, the headbox and the meshes of the nodes.
 fn push_nodes(
     root: &Root,
-    reread: &SecondReading,
+    raw: &RawJson,
     buffers: &Buffers,
     surfaces: &GltfMaterials,
     builder: &mut Builder,
     groups: bool,
 ) -> Result<(), TooManyVertices> {
-    let placed = placed_nodes(root, reread, &mut builder.notes);
+    let placed = world_transforms(root, raw, &mut builder.notes);
     let mut world_from_nodes = vec![None; root.nodes.len()];
     placed
         .iter()
@@ -228,7 +233,7 @@ fn push_nodes(
     for &(index, world_from_node) in &placed {
         let node = &root.nodes[index];
         lights::push(root, node, world_from_node, builder);
-        if let Some(half_size) = reread.headbox_half_size(index) {
+        if let Some(half_size) = raw.headbox_half_size(index) {
             builder.place_headbox(world_from_node.translation, half_size);
         }
         let Some(mesh_index) = node.mesh else {
@@ -247,13 +252,13 @@ fn push_nodes(
                     .unwrap_or_default(),
             );
         }
-        let places = instances::places(
-            reread.instances(index),
+        let instances = instance_transforms(
+            raw.instances(index),
             world_from_node,
             buffers,
             &mut builder.notes,
         );
-        let pose = Pose::of(
+        let pose = Pose::read(
             root,
             node,
             mesh,
@@ -262,8 +267,8 @@ fn push_nodes(
             &mut builder.notes,
         );
         for primitive in &mesh.primitives {
-            let surface = surfaces.of(primitive.material.map(|material| material.value()));
-            push_primitive(primitive, &places, &pose, surface, buffers, builder)?;
+            let surface = surfaces.find(primitive.material.map(|material| material.value()));
+            push_primitive(primitive, &instances, &pose, surface, buffers, builder)?;
         }
     }
     Ok(())

@@ -1,4 +1,5 @@
-//! How a mesh is bent: morph targets at the weights that the file gives, then a skin whose joints are where its nodes are.
+//! Deformation of a mesh: morph targets with the file's weights, then a skin with the pose of its
+//! nodes.
 
 use super::super::notes::{Note, Notes};
 use super::accessor::Buffers;
@@ -8,17 +9,18 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Node, Root};
 use glam::{DAffine3, DMat3, DMat4, DVec3};
 
-/// How the mesh of a node is bent.
+/// Deformation of the mesh of a node.
 pub(super) struct Pose {
-    /// The weight of each morph target.
+    /// Weight of each morph target.
     weights: Vec<f32>,
-    /// For each joint of the skin, if there is one, what takes a point of the unbent mesh to the world.
+    /// Transform from the rest pose to the world for each joint of the skin, if there is one.
     joints: Option<Vec<DAffine3>>,
 }
 
 impl Pose {
-    /// That of a node with a mesh, among the nodes of the file, of which those that are not in the scene stand nowhere.
-    pub(super) fn of(
+    /// Reads the pose of a node with a mesh. Nodes that are not in the scene have no world
+    /// transform.
+    pub(super) fn read(
         root: &Root,
         node: &Node,
         mesh: &Mesh,
@@ -42,8 +44,8 @@ impl Pose {
         Self { weights, joints }
     }
 
-    /// Moves positions and normals as the morph targets say.
-    pub(super) fn morph(
+    /// Adds the weighted morph targets to positions and normals.
+    pub(super) fn apply_morph_targets(
         &self,
         primitive: &Primitive,
         attributes: &mut Attributes,
@@ -70,8 +72,9 @@ impl Pose {
         }
     }
 
-    /// Takes positions and normals to the world where the mesh has a skin; whether it has one that could be read.
-    pub(super) fn bend(
+    /// Transforms positions and normals to the world by the skin. Returns false without a readable
+    /// skin.
+    pub(super) fn apply_skin(
         &self,
         primitive: &Primitive,
         attributes: &mut Attributes,
@@ -81,8 +84,8 @@ impl Pose {
         let Some(joints) = &self.joints else {
             return false;
         };
-        let bent = world_from_vertices(primitive, attributes.positions.len(), joints, buffers);
-        let Some(world_from_vertices) = bent else {
+        let skinned = world_from_vertices(primitive, attributes.positions.len(), joints, buffers);
+        let Some(world_from_vertices) = skinned else {
             notes.add(Note::SkinUnreadable, 1);
             return false;
         };
@@ -106,7 +109,8 @@ fn add_scaled(moved: &mut [[f64; 3]], by: &[[f64; 3]], weight: f64) {
     }
 }
 
-/// For each joint of a skin, what takes a point of the unbent mesh to the world; `None` if it is damaged.
+/// Returns the transform from the rest pose to the world for each joint; `None` if the skin is
+/// damaged.
 fn joints(
     root: &Root,
     skin: Index<::gltf::json::Skin>,
@@ -131,7 +135,7 @@ fn joints(
     skin.joints.iter().enumerate().map(of_joint).collect()
 }
 
-/// For each vertex of a primitive the mean of its joints by their weights.
+/// Returns the weighted mean of the joints of each vertex of a primitive.
 fn world_from_vertices(
     primitive: &Primitive,
     count: usize,
@@ -140,7 +144,7 @@ fn world_from_vertices(
 ) -> Option<Vec<DAffine3>> {
     let accessor = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
     let mut sums = vec![(DAffine3::ZERO, 0.0); count];
-    // Four joints a set; the specification asks for at least one set.
+    // A set has four joints; the specification requires at least one set.
     let sets = (0..).map_while(|set| {
         Some([
             accessor(Semantic::Joints(set))?,
@@ -170,8 +174,8 @@ fn world_from_vertices(
             }
         }
     }
-    // Weights are rounded, and some files' do not add up to 1. Vertices that no joint moves are written as weights of zero by some; they go with
-    // the first joint, as in other viewers.
+    // The sum of the weights is not exactly 1. Vertices whose weights are all zero, which some
+    // programs write, follow the first joint, as in other viewers.
     let first = *joints.first()?;
     let mean = |(sum, weight): (DAffine3, f64)| {
         if weight == 0.0 {

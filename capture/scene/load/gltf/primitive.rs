@@ -1,4 +1,4 @@
-//! The triangles of a primitive.
+//! Triangles of a primitive.
 
 use super::super::builder::{Builder, Vertex};
 use super::super::notes::Note;
@@ -11,10 +11,10 @@ use ::gltf::json::mesh::{Mode, Primitive};
 use ::gltf::json::validation::Checked;
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
-/// Adds the triangles of a primitive once for each of `places`, which take the node's points to the world.
+/// Adds the triangles of a primitive for each transform to the world in `instances`.
 pub(super) fn push_primitive(
     primitive: &Primitive,
-    places: &[DAffine3],
+    instances: &[DAffine3],
     pose: &Pose,
     surface: Option<GltfMaterial>,
     buffers: &Buffers,
@@ -34,12 +34,12 @@ pub(super) fn push_primitive(
     else {
         return Ok(());
     };
-    pose.morph(primitive, &mut attributes, buffers, &mut builder.notes);
-    let is_in_world = pose.bend(primitive, &mut attributes, buffers, &mut builder.notes);
-    let places = if is_in_world {
+    pose.apply_morph_targets(primitive, &mut attributes, buffers, &mut builder.notes);
+    let is_in_world = pose.apply_skin(primitive, &mut attributes, buffers, &mut builder.notes);
+    let instances = if is_in_world {
         &[DAffine3::IDENTITY]
     } else {
-        places
+        instances
     };
     let count = attributes.positions.len();
     let corners: Vec<usize> = match primitive.indices {
@@ -64,23 +64,24 @@ pub(super) fn push_primitive(
     let Some(material) = surface.material else {
         builder
             .notes
-            .add(Note::SeeThrough, valid.len() * places.len());
+            .add(Note::SeeThrough, valid.len() * instances.len());
         return Ok(());
     };
-    for &world_from_node in places {
+    for &world_from_node in instances {
         let first =
             push_vertices(&attributes, world_from_node, surface, builder).ok_or(TooManyVertices)?;
         let is_mirrored = world_from_node.matrix3.determinant() < 0.0;
         for &[a, b, c] in &valid {
             let [b, c] = if is_mirrored { [c, b] } else { [b, c] };
-            // Below 2^32, as `push_vertices` has checked.
+            // `push_vertices` has checked that they fit 32 bits.
             builder.push_triangle([a, b, c].map(|vertex| first + vertex as u32), material);
         }
     }
     Ok(())
 }
 
-/// Adds all vertices of a primitive; the index of the first, or `None` if there are too many.
+/// Adds the vertices of a primitive. Returns the index of the first, or `None` if there are too
+/// many.
 fn push_vertices(
     attributes: &Attributes,
     world_from_node: DAffine3,
@@ -98,7 +99,7 @@ fn push_vertices(
             let in_image = surface
                 .image_from_vertex
                 .transform_point2(Vec2::new(u as f32, v as f32));
-            Vec2::new(in_image.x, 1.0 - in_image.y) // v of glTF goes down
+            Vec2::new(in_image.x, 1.0 - in_image.y) // v of glTF is downward
         });
         builder.push_vertex(Vertex {
             position: world_from_node.transform_point3(DVec3::from(position)),
@@ -117,7 +118,7 @@ fn triangles(mode: Mode, corners: &[usize]) -> Vec<[usize; 3]> {
     let triples = corners.windows(3).map(|t| [t[0], t[1], t[2]]);
     match mode {
         Mode::TriangleStrip => {
-            // Every other triangle of a strip runs the other way around.
+            // Every other triangle of a strip has the opposite winding.
             triples
                 .enumerate()
                 .map(|(i, [a, b, c])| if i % 2 == 0 { [a, b, c] } else { [b, a, c] })

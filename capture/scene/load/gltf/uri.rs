@@ -1,29 +1,30 @@
-//! URIs as glTF uses them: data inside the URI, or a file beside.
+//! URIs of glTF: data in the URI, or a file.
 
-/// What a URI refers to.
+/// Resource of a URI.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Target {
+pub(super) enum UriTarget {
     /// A file, relative to the scene file.
     File(String),
-    /// The bytes in the URI itself, or why they cannot be decoded.
+    /// Bytes in the URI itself, or the decoding error.
     Data(Result<Vec<u8>, String>),
 }
 
-pub(super) fn resolve(uri: &str) -> Target {
+/// Resolves a URI.
+pub(super) fn resolve(uri: &str) -> UriTarget {
     match uri.strip_prefix("data:") {
-        Some(data) => Target::Data(match data.split_once(',') {
+        Some(data) => UriTarget::Data(match data.split_once(',') {
             Some((head, body)) if head.ends_with(";base64") => decode_base64(body),
             Some((_, body)) => Ok(decode_percent(body)),
             None => Err("a data URI without a comma".into()),
         }),
         None => {
             let path = uri.strip_prefix("file://").unwrap_or(uri);
-            Target::File(String::from_utf8_lossy(&decode_percent(path)).into_owned())
+            UriTarget::File(String::from_utf8_lossy(&decode_percent(path)).into_owned())
         }
     }
 }
 
-/// `%41` is `A`; a percent sign that no two hexadecimal digits follow stands for itself.
+/// Decodes `%41` as `A`; a percent sign without two hexadecimal digits stays.
 fn decode_percent(text: &str) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(text.len());
     let mut rest = text.as_bytes();
@@ -31,7 +32,7 @@ fn decode_percent(text: &str) -> Vec<u8> {
         let digit = |i: usize| after.get(i).and_then(|&b| char::from(b).to_digit(16));
         match (first, digit(0), digit(1)) {
             (b'%', Some(high), Some(low)) => {
-                bytes.push((high * 16 + low) as u8); // at most 255
+                bytes.push((high * 16 + low) as u8);
                 rest = &after[2..];
             }
             _ => {
@@ -43,7 +44,7 @@ fn decode_percent(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// RFC 4648, also its alphabet for URLs; white space and padding are skipped.
+/// Decodes base64 (RFC 4648, both alphabets); white space and padding are ignored.
 fn decode_base64(text: &str) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::with_capacity(text.len() / 4 * 3);
     let (mut bits, mut count) = (0_u32, 0);
@@ -64,7 +65,7 @@ fn decode_base64(text: &str) -> Result<Vec<u8>, String> {
         (bits, count) = (bits << 6 | u32::from(value), count + 6);
         if count >= 8 {
             count -= 8;
-            bytes.push((bits >> count) as u8); // the bits above are those of earlier bytes
+            bytes.push((bits >> count) as u8); // the cast drops the bits of earlier bytes
         }
     }
     Ok(bytes)
@@ -75,8 +76,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn uris_of_every_kind() {
-        // The test vectors of RFC 4648, section 10.
+    fn uris_are_resolved() {
+        // Test vectors of RFC 4648, section 10.
         for (text, bytes) in [
             ("", ""),
             ("Zg==", "f"),
@@ -88,15 +89,15 @@ mod tests {
         }
         assert_eq!(
             resolve("data:application/octet-stream;base64,-_8="),
-            Target::Data(Ok(vec![0xfb, 0xff]))
+            UriTarget::Data(Ok(vec![0xfb, 0xff]))
         );
-        assert_eq!(resolve("data:,a%20b"), Target::Data(Ok(b"a b".to_vec())));
-        assert!(matches!(resolve("data:;base64,?"), Target::Data(Err(_))));
-        assert!(matches!(resolve("data:x"), Target::Data(Err(_))));
+        assert_eq!(resolve("data:,a%20b"), UriTarget::Data(Ok(b"a b".to_vec())));
+        assert!(matches!(resolve("data:;base64,?"), UriTarget::Data(Err(_))));
+        assert!(matches!(resolve("data:x"), UriTarget::Data(Err(_))));
         assert_eq!(
             resolve("my%20wood%.png%4"),
-            Target::File("my wood%.png%4".into())
+            UriTarget::File("my wood%.png%4".into())
         );
-        assert_eq!(resolve("%FF"), Target::File("\u{fffd}".into()));
+        assert_eq!(resolve("%FF"), UriTarget::File("\u{fffd}".into()));
     }
 }

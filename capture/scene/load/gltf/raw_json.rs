@@ -1,16 +1,17 @@
-//! What is read a second time: where nodes stand, whose numbers the `gltf` crate reads as `f32`, in which a coordinate of 1e7 m has
-//! steps of a metre, and extensions that the crate does not know.
+//! Parts of the JSON that the `gltf` crate does not keep: node transforms in `f64` (it uses `f32`,
+//! whose steps are a metre at 1e7 m) and further extensions.
 
 use super::instances::InstanceAttributes;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde::Deserialize;
 
-/// The property, in its extras, of a node that says where the headbox is: as Blender exports an object's custom properties.
+/// Name of the property, in a node's extras, with half of the headbox's edge: Blender exports
+/// custom properties of objects there.
 pub const HEADBOX_HALF_SIZE: &str = "headbox_half_size";
 
-/// Nodes and textures of a file.
+/// Nodes and textures of the JSON of a file.
 #[derive(Default, Deserialize)]
-pub(super) struct SecondReading {
+pub(super) struct RawJson {
     #[serde(default)]
     nodes: Vec<NodeTransform>,
     #[serde(default)]
@@ -36,7 +37,7 @@ struct ImageOfTexture {
     source: usize,
 }
 
-/// The transform of a node, as the file gives it.
+/// Transform of a node, as in the file.
 #[derive(Clone, Default, Deserialize)]
 pub(super) struct NodeTransform {
     matrix: Option<[f64; 16]>,
@@ -61,20 +62,20 @@ struct Instancing {
     attributes: InstanceAttributes,
 }
 
-impl SecondReading {
-    /// Those of a glTF file's JSON.
-    pub(super) fn read(json: &[u8]) -> Result<Self, serde_json::Error> {
+impl RawJson {
+    /// Parses the JSON of a glTF file.
+    pub(super) fn parse(json: &[u8]) -> Result<Self, serde_json::Error> {
         serde_json::from_slice(json)
     }
 
-    /// The transform of a node; none if the file gives none.
+    /// Returns the transform of a node; the identity if the file has none.
     pub(super) fn parent_from_node(&self, index: usize) -> DAffine3 {
         self.nodes
             .get(index)
             .map_or(DAffine3::IDENTITY, NodeTransform::parent_from_node)
     }
 
-    /// Half the edge of the headbox about a node, in the file's unit, where its extras say so.
+    /// Returns half of the edge of the headbox about a node, file units, if its extras have one.
     pub(super) fn headbox_half_size(&self, index: usize) -> Option<f64> {
         let half_size = self
             .nodes
@@ -85,7 +86,7 @@ impl SecondReading {
         (half_size.is_finite() && half_size > 0.0).then_some(half_size)
     }
 
-    /// The image that shows a texture better than its ordinary one, which it may lack.
+    /// Returns the WebP image of a texture, which is preferred to its own.
     pub(super) fn image_of_texture(&self, index: usize) -> Option<usize> {
         self.textures
             .get(index)?
@@ -95,14 +96,14 @@ impl SecondReading {
             .map(|webp| webp.source)
     }
 
-    /// Whether a texture has an image in KTX2, which is not read.
+    /// Returns true if a texture has a KTX2 image, which is not supported.
     pub(super) fn is_ktx2(&self, index: usize) -> bool {
         self.textures
             .get(index)
             .is_some_and(|texture| texture.extensions.basis.is_some())
     }
 
-    /// The instances of a node's mesh, where it has some.
+    /// Returns the instances of a node's mesh, if it has some.
     pub(super) fn instances(&self, index: usize) -> Option<&InstanceAttributes> {
         self.nodes
             .get(index)?
@@ -112,8 +113,8 @@ impl SecondReading {
             .map(|instancing| &instancing.attributes)
     }
 
-    /// A node's own transform; for what is animated, which has no matrix.
-    pub(super) fn of(&self, index: usize) -> NodeTransform {
+    /// Returns a node's transform for animation; animated nodes have no matrix.
+    pub(super) fn node_transform(&self, index: usize) -> NodeTransform {
         self.nodes.get(index).cloned().unwrap_or_default()
     }
 }
