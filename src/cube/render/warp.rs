@@ -366,7 +366,9 @@ mod tests {
                     panic!("indices")
                 };
                 let unpacked = lanes.code.to_array().into_iter().zip(indices.to_array());
-                let expected = pixels.iter().map(|p| (p.inverse_depth_code() as f32, p.splat_index()));
+                let expected = pixels
+                    .iter()
+                    .map(|p| (p.inverse_depth_code() as f32, p.splat_index()));
                 assert!(unpacked.eq(expected));
             });
         }

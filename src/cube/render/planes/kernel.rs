@@ -182,7 +182,9 @@ mod tests {
             for offset in [0.0, 0.4, -0.4] {
                 let distance = (i as f32 + offset).max(0.0) / 256.0;
                 for level in simd::levels() {
-                    let rounded = dispatch!(level, simd => to_256ths(f32x16::splat(simd, distance)).to_array());
+                    let rounded = dispatch!(level, simd => {
+                        to_256ths(f32x16::splat(simd, distance)).to_array()
+                    });
                     assert_eq!(rounded, [i as u32; LANES]);
                 }
             }

@@ -282,8 +282,12 @@ fn radii_reach_adjacent_samples_of_surface() {
                 let lanes = row.lanes(simd, exact);
                 let a = size.footprints(simd, &lanes);
                 let b = ellipse.footprints(simd, &lanes);
-                ([a.radius_x, a.radius_y, a.weight].map(|v| v.to_array().map(f64::from)),
-                 [b.radius_x, b.radius_y, b.weight, b.correlation].map(|v| v.to_array().map(f64::from)))
+                let tangent = [a.radius_x, a.radius_y, a.weight];
+                let elliptical = [b.radius_x, b.radius_y, b.weight, b.correlation];
+                (
+                    tangent.map(|v| v.to_array().map(f64::from)),
+                    elliptical.map(|v| v.to_array().map(f64::from)),
+                )
             });
             for i in (0..LANES)
                 .filter(|i| row.project(*i).z > 0.1 && row.normal_along_ray(*i).abs() > 0.01)
