@@ -2,7 +2,7 @@
 //! as counter-based: the n-th number of a stream is a hash of the stream's key and n. So the same
 //! seed gives the same scene everywhere, and a part that draws more numbers does not disturb the
 //! parts after it. Samplers, which need the n-th number of millions of streams, hash coordinates
-//! instead: [`random4`](headbox_trace::sampler::random4).
+//! instead: `random4`.
 
 use glam::DVec3;
 

@@ -1,5 +1,5 @@
 //! Cube LDIs from deep images: all samples of each pixel, as written by a film renderer or by
-//! [`headbox_export::deep`].
+//! `headbox_export::deep`.
 //!
 //! A deep image is of one eye: an environment map of six faces, or the image of a camera. Its
 //! samples have colour, alpha and depth, but no surface: normals are those of planes through

@@ -2,7 +2,7 @@
 //! S1; `docs/primitives.md`).
 //!
 //! * [`bound`]: from an error in frame pixels to one in inverse depth.
-//! * [`fineness`]: how large faces must be for such an error.
+//! * `headbox_ldi::face_size`: the face size that such an error needs.
 //! * `fit`, `regions`: planes, where inverse depth is affine in face pixels within the bound.
 //! * `textures`: their pictures; `cost`: which of them are worth it.
 //!

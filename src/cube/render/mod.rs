@@ -13,7 +13,7 @@
 //! * `planes`: plane textures and inserted content behind the splats.
 //! * [`band`]: all of this for one band of rows, on one thread; [`renderer`]: the bands of a frame
 //!   on all threads.
-//! * [`reference`]: the oracle, clip counts, overdraw.
+//! * [`mod@reference`]: the oracle, clip counts, overdraw.
 //!
 //! A band's canvas stays in the cache, no thread waits for another, and every pixel receives the
 //! same splats in the same order whatever the bands are (tents, whose result does not depend on the
