@@ -83,33 +83,6 @@ impl Distortion {
         );
         p * radial + tangential
     }
-
-    /// Inverts [`Self::apply`] by Newton's method; `None` where the distortion has no inverse.
-    pub fn undo(&self, distorted: DVec2) -> Option<DVec2> {
-        const STEP: f64 = 1e-6;
-        let mut p = distorted;
-        for _ in 0..20 {
-            let error = self.apply(p) - distorted;
-            if error.length() < 1e-12 {
-                break;
-            }
-            let dx =
-                (self.apply(p + DVec2::X * STEP) - self.apply(p - DVec2::X * STEP)) / (2.0 * STEP);
-            let dy =
-                (self.apply(p + DVec2::Y * STEP) - self.apply(p - DVec2::Y * STEP)) / (2.0 * STEP);
-            let determinant = dx.x * dy.y - dy.x * dx.y;
-            if determinant.abs() < 1e-12 {
-                return None;
-            }
-            p -= DVec2::new(
-                error.x * dy.y - error.y * dy.x,
-                error.y * dx.x - error.x * dx.y,
-            ) / determinant;
-        }
-        // Strong distortion folds positions over from the other side, which are not valid either.
-        let same_side = p.dot(distorted) >= 0.0;
-        (same_side && (self.apply(p) - distorted).length() < 1e-9).then_some(p)
-    }
 }
 
 impl Lens {
@@ -247,34 +220,5 @@ mod tests {
         assert!((ray(320.0, 240.0) - DVec3::NEG_Z).length() < 1e-12);
         assert!((ray(480.0, 240.0) - DVec3::X).length() < 1e-12);
         assert!((ray(320.0, 0.0) - DVec3::Y).length() < 1e-12);
-    }
-
-    #[test]
-    fn undo_inverts_distortion() {
-        let strong = Distortion {
-            radial: [-0.31, 0.12, -0.02, 0.01, 0.0, 0.0],
-            tangential: [0.002, -0.001],
-        };
-        for i in 0..200 {
-            let p = DVec2::new(
-                f64::from(i % 20) / 20.0 - 0.5,
-                f64::from(i / 20) / 10.0 - 0.5,
-            );
-            let back = strong.undo(strong.apply(p)).expect("within the image");
-            assert!((back - p).length() < 1e-9, "{p} {back}");
-        }
-        assert_eq!(
-            Distortion::default().undo(DVec2::new(0.3, 0.4)),
-            Some(DVec2::new(0.3, 0.4))
-        );
-        let folding = Distortion {
-            radial: [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            ..Distortion::default()
-        };
-        assert_eq!(
-            folding.undo(DVec2::new(5.0, 0.0)),
-            None,
-            "no ideal position is there"
-        );
     }
 }

@@ -77,11 +77,6 @@ impl Strata {
     pub fn position_cells(&self) -> u32 {
         self.per_dimension.pow(2)
     }
-
-    /// Rays of one domain if every stratum is filled.
-    pub fn rays_per_domain(&self) -> u64 {
-        u64::from(self.direction_cells()) * u64::from(self.position_cells()) * u64::from(self.rays)
-    }
 }
 
 /// Identifier of a ray: domain (8 bits), stratum (32 bits), index in its stratum (24 bits). It

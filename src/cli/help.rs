@@ -4,6 +4,7 @@
 use clap::{Args, Command};
 use clap_complete::Shell;
 use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_house::backdrop::BackdropKind;
 use headbox_house::variant::HouseVariant;
 use headbox_lumigraph::Blend;
 use headbox_sprite::SpriteVariant;
@@ -143,10 +144,7 @@ fn names_for(command: &str) -> String {
         }
         "walk" => format!("\n\nVariants:\n  {houses}"),
         "house" => {
-            let kinds: Vec<&str> = headbox_house::backdrop::BackdropKind::ALL
-                .iter()
-                .map(|(name, _)| *name)
-                .collect();
+            let kinds = BackdropKind::ALL.map(BackdropKind::name);
             format!("\n\nBackdrops:\n  {}, none", kinds.join(", "))
         }
         _ => String::new(),

@@ -40,11 +40,6 @@ impl Window {
         }
     }
 
-    /// Directions of the edges, counter-clockwise seen from the eye.
-    pub fn edges(&self) -> &[DVec3] {
-        &self.edges
-    }
-
     /// The half spaces whose intersection it is: inward normals, unit length.
     fn planes(&self) -> impl Iterator<Item = DVec3> + '_ {
         let next = self.edges.iter().cycle().skip(1);

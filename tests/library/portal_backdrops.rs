@@ -62,7 +62,7 @@ const WITHOUT_ERRORS: [BackdropKind; 7] = [
 fn backdrops_show_what_is_behind_and_only_there() {
     let (house, mut walker) = (house(), Walker::new());
     let mut shares = Vec::new();
-    for (_, kind) in BackdropKind::ALL {
+    for kind in BackdropKind::ALL {
         let store = stocked(&house, kind);
         let (mut wrong, mut holes, mut pixels, mut judged) = (0.0, 0, 0, 0);
         for camera in poses().map(|camera| enlarged(&camera, 3)) {

@@ -25,11 +25,6 @@ impl EnvironmentMask {
         }
     }
 
-    /// Texels along a side.
-    pub fn size_px(&self) -> u32 {
-        self.size_px
-    }
-
     /// Marks the texel of a direction (world axes, any length).
     #[inline]
     pub fn mark(&self, direction: Vec3) {

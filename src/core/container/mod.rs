@@ -284,7 +284,6 @@ impl<'a> ContainerWriter<'a> {
 pub struct Container {
     path: PathBuf,
     file: Mutex<File>,
-    length: u64,
     sections: Vec<Entry>,
 }
 
@@ -352,7 +351,6 @@ impl Container {
         Ok(Self {
             path: path.into(),
             file: Mutex::new(file),
-            length,
             sections,
         })
     }
@@ -367,11 +365,6 @@ impl Container {
         Ok(header
             .strip_prefix(&MAGIC)
             .and_then(|rest| rest.try_into().ok()))
-    }
-
-    /// Size of the file, bytes.
-    pub fn bytes(&self) -> u64 {
-        self.length
     }
 
     /// Maps sections into memory.

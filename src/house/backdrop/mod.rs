@@ -64,21 +64,21 @@ pub enum BackdropKind {
 }
 
 impl BackdropKind {
-    /// All kinds with the names under which the command line knows them.
-    pub const ALL: [(&'static str, Self); 10] = [
-        ("texture", Self::Texture),
-        ("textures", Self::Textures),
-        ("image", Self::Image),
-        ("two-images", Self::TwoImages),
-        ("ldi", Self::Ldi),
-        ("ldi-colors-apart", Self::LdiColorsApart),
-        ("ldi-average", Self::LdiAverage),
-        ("window-ldi", Self::WindowLdi),
-        ("cell-ldi", Self::CellLdi),
-        ("sprite", Self::Sprite),
+    /// All kinds.
+    pub const ALL: [Self; 10] = [
+        Self::Texture,
+        Self::Textures,
+        Self::Image,
+        Self::TwoImages,
+        Self::Ldi,
+        Self::LdiColorsApart,
+        Self::LdiAverage,
+        Self::WindowLdi,
+        Self::CellLdi,
+        Self::Sprite,
     ];
 
-    /// The name in [`Self::ALL`].
+    /// The name on the command line and in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Texture => "texture",

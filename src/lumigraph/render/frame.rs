@@ -128,12 +128,6 @@ impl LumigraphRenderer {
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
-
-    /// The layers of the last frame that were shown as one, far ones first, as ranges of
-    /// [`Lumigraph::layers`].
-    pub fn merged(&self) -> &[Range<usize>] {
-        self.merger.merged()
-    }
 }
 
 /// Draws some rows of a frame: straight colours, with alpha 255 where anything is, [`HIDDEN`] where

@@ -19,14 +19,6 @@ pub enum ImageFileError {
         /// Cause.
         source: io::Error,
     },
-    /// Not a picture of the kind that was expected.
-    #[error("{}: {message}", path.display())]
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// Cause.
-        message: String,
-    },
 }
 
 /// Writes depth as an EXR file with the single 32-bit channel `Z`.

@@ -1,6 +1,6 @@
 //! Render target of sprites, premultiplied.
 
-use image::{RgbImage, RgbaImage};
+use image::RgbImage;
 
 /// A layer of 8-bit sRGB with premultiplied alpha, row-major; transparent pixels are all zero.
 /// [`crate::compose`] makes a [`headbox_core::frame::Frame`] of layers.
@@ -70,15 +70,6 @@ impl SpriteLayer {
             )
             .to_le_bytes();
             image::Rgb([r, g, b])
-        })
-    }
-
-    /// Converts to an image with straight alpha.
-    pub fn to_rgba(&self) -> RgbaImage {
-        RgbaImage::from_fn(self.width, self.height, |x, y| {
-            image::Rgba(straight(
-                self.pixels[y as usize * self.width as usize + x as usize].to_le_bytes(),
-            ))
         })
     }
 }

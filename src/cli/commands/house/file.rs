@@ -36,12 +36,11 @@ pub(crate) fn note_unvisited(walk: &WalkPath, house: &House) {
 
 /// Finds a kind of backdrop, or returns an error with the names of all.
 pub(super) fn kind_by_name(name: &str) -> Result<BackdropKind, UsageError> {
-    let kind = BackdropKind::ALL.iter().find(|(known, _)| *known == name);
-    kind.map(|(_, kind)| *kind).ok_or_else(|| {
-        let names: Vec<&str> = BackdropKind::ALL.iter().map(|(name, _)| *name).collect();
+    let mut kinds = BackdropKind::ALL.into_iter();
+    kinds.find(|kind| kind.name() == name).ok_or_else(|| {
         UsageError(format!(
             "there is no backdrop \"{name}\"; there are: {}",
-            names.join(", ")
+            BackdropKind::ALL.map(BackdropKind::name).join(", ")
         ))
     })
 }
@@ -154,9 +153,9 @@ struct KindTotals {
 }
 
 impl KindTotals {
-    fn new(name: &'static str, kind: BackdropKind, store: &Store) -> Self {
+    fn new(kind: BackdropKind, store: &Store) -> Self {
         let mut totals = Self {
-            name,
+            name: kind.name(),
             ..Self::default()
         };
         for ((_, backdrop_kind), backdrop) in store.all() {
@@ -177,7 +176,7 @@ pub(crate) fn info(path: &Path, check: bool, as_json: bool) -> anyhow::Result<()
         .with_context(|| format!("{}", path.display()))?
         .len();
     let plan = house.plan();
-    let kinds = BackdropKind::ALL.map(|(name, kind)| KindTotals::new(name, kind, &store));
+    let kinds = BackdropKind::ALL.map(|kind| KindTotals::new(kind, &store));
     if as_json {
         print_json(&json!({
             "kind": file::HOUSE_FILE.name,
