@@ -9,7 +9,7 @@ use headbox_core::camera::Camera;
 use headbox_core::exposure::Exposure;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::light_parameters::{LightParameters, SunPlace};
-use headbox_cube::model::info::CaptureInfo;
+use headbox_core::view::View;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_scene::load::LoadOptions;
 use headbox_scene::scene::Scene;
@@ -319,16 +319,6 @@ pub(super) struct DefaultCamera {
 }
 
 impl DefaultCamera {
-    /// From the centre of a cube LDI to where there is most to see.
-    pub(super) fn of_cube(info: &CaptureInfo) -> Self {
-        let default = Self::at(info.centre);
-        Self {
-            forward: info.ahead.unwrap_or(default.forward),
-            up: info.up.unwrap_or(default.up),
-            ..default
-        }
-    }
-
     /// From an eye in a scene to where there is most to see from it.
     pub(super) fn of_scene(tracer: &Tracer, eye: DVec3) -> Self {
         Self {
@@ -348,23 +338,19 @@ impl DefaultCamera {
         }
     }
 
-    /// Like another camera, upright.
-    pub(super) fn like(camera: &Camera) -> Self {
+    /// Where a view starts, for frames of `size` if that is given.
+    pub(super) fn of_view(view: &dyn View, size: Option<(u32, u32)>) -> Self {
+        let [width, height] = view.default_size_px();
+        let (width, height) = size.unwrap_or((width, height));
+        let start = view.start([width, height]);
         Self {
-            eye: camera.eye(),
-            forward: camera.forward(),
-            up: viewpoint::level_up(Some(camera.world_from_eye().y_axis)),
-            fov_y_deg: vertical_fov_deg(camera),
-            size: (camera.width(), camera.height()),
+            eye: start.eye,
+            forward: start.forward,
+            up: start.up,
+            fov_y_deg: start.fov_y_deg,
+            size: (width, height),
         }
     }
-}
-
-/// Vertical field of view, degrees.
-pub(super) fn vertical_fov_deg(camera: &Camera) -> f64 {
-    2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px())
-        .atan()
-        .to_degrees()
 }
 
 impl CameraArgs {

@@ -8,6 +8,7 @@ use headbox_house::backdrop::BackdropKind;
 use headbox_house::variant::HouseVariant;
 use headbox_lumigraph::Blend;
 use headbox_sprite::SpriteVariant;
+use std::ffi::OsString;
 use std::io::Write;
 
 /// Each subcommand's examples.
@@ -152,8 +153,8 @@ fn names_for(command: &str) -> String {
 }
 
 /// The arguments of this process, with `help --help` for what it is meant to be.
-pub(super) fn arguments() -> Vec<std::ffi::OsString> {
-    let all: Vec<_> = std::env::args_os().collect();
+pub(super) fn arguments(all: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
+    let all: Vec<_> = all.into_iter().collect();
     let is_help = all.get(1).is_some_and(|first| first == "help");
     all.into_iter()
         .filter(|word| !is_help || (word != "--help" && word != "-h"))

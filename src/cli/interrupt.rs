@@ -14,6 +14,11 @@ static ASKED: AtomicBool = AtomicBool::new(false);
 /// From now on an interrupt ends the program, without a half-written file; unless the command
 /// [keeps what it has done](keep_what_is_done).
 pub(super) fn handle() -> Result<(), ctrlc::Error> {
+    /// True once the handler is installed: a process may run several commands.
+    static HANDLED: AtomicBool = AtomicBool::new(false);
+    if HANDLED.swap(true, Ordering::SeqCst) {
+        return Ok(());
+    }
     ctrlc::set_handler(|| {
         let first = !ASKED.swap(true, Ordering::SeqCst);
         if first && KEEPS.load(Ordering::SeqCst) {

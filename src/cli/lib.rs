@@ -19,10 +19,12 @@ mod interrupt;
 mod output;
 mod packing;
 mod progress;
+mod setting_flags;
 mod words;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use headbox_core::simd;
+use std::ffi::OsString;
 use std::process::ExitCode;
 use words::UsageError;
 
@@ -85,9 +87,16 @@ enum Command {
     Man,
 }
 
-/// Runs the command line and returns its exit code: 0 done, 1 failed, 2 wrong usage.
+/// Runs the command line of this process and returns its exit code: 0 done, 1 failed, 2 wrong
+/// usage.
 pub fn main() -> ExitCode {
-    let parsed = whole().try_get_matches_from(help::arguments());
+    run_command(std::env::args_os())
+}
+
+/// Runs a command line, the name of the program first, and returns its exit code. Wrong usage ends
+/// the process.
+pub fn run_command(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let parsed = whole().try_get_matches_from(help::arguments(arguments));
     let cli = parsed
         .and_then(|matches| Cli::from_arg_matches(&matches))
         .unwrap_or_else(|error| error.exit());

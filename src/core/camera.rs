@@ -166,6 +166,13 @@ impl Camera {
         self.focal_px
     }
 
+    /// Vertical field of view, degrees.
+    pub fn fov_y_deg(&self) -> f64 {
+        2.0 * (f64::from(self.height) / 2.0 / self.focal_px)
+            .atan()
+            .to_degrees()
+    }
+
     /// Image width in pixels.
     pub fn width(&self) -> u32 {
         self.width

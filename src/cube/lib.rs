@@ -2,9 +2,10 @@
 //!
 //! In the order of work: [`model`] (what a capture hands over: samples, header), [`planes`] (planar samples become
 //! textured planes), [`pack`] (8 bytes a depth pixel, and the `.ldi` file), [`render`] (from a packed cube and a camera to a
-//! frame).
+//! frame), [`view`] (settings and overlays for whatever shows it).
 
 pub mod model;
 pub mod pack;
 pub mod planes;
 pub mod render;
+pub mod view;

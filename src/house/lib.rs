@@ -26,6 +26,7 @@ pub mod settings;
 pub mod store;
 pub mod tour;
 pub mod variant;
+pub mod view;
 pub mod visit;
 pub mod walk;
 pub mod walk_path;

@@ -1,6 +1,6 @@
 //! A walk whose backdrops are built ahead of need (R3, R16).
 
-use super::backdrop::BackdropQuality;
+use super::backdrop::{BackdropError, BackdropQuality};
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::{BackdropBuilder, Store};
@@ -19,6 +19,7 @@ pub struct Tour {
     pub settings: WalkSettings,
     house: Arc<House>,
     store: Arc<Store>,
+    quality: BackdropQuality,
     builder: BackdropBuilder,
     walker: Walker,
 }
@@ -36,6 +37,7 @@ impl Tour {
             settings,
             house,
             store,
+            quality,
             builder,
             walker: Walker::new(),
         }
@@ -52,6 +54,26 @@ impl Tour {
                 .want(urgent.chain(likely(&self.house, camera.eye(), kind)));
         }
         (frame, stats)
+    }
+
+    /// Draws what a camera sees after building every backdrop that the frame lacks.
+    ///
+    /// # Errors
+    /// [`BackdropError`] if a backdrop cannot be captured.
+    pub fn complete_frame(
+        &mut self,
+        camera: &Camera,
+    ) -> Result<(&Frame, &WalkStats), BackdropError> {
+        Walker::prepare(
+            &self.house,
+            &self.store,
+            camera,
+            &self.settings,
+            &self.quality,
+        )?;
+        Ok(self
+            .walker
+            .frame(&self.house, &self.store, camera, &self.settings))
     }
 
     /// The last frame with what each of its pixels shows.

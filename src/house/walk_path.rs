@@ -127,6 +127,19 @@ impl WalkPath {
         .copied())
     }
 
+    /// The default view of a house: the start of a walk, or the middle of the model if there is no
+    /// room to stand.
+    ///
+    /// # Errors
+    /// As of [`Self::cameras`].
+    pub fn first_view(house: &House) -> Result<Camera, CameraError> {
+        let walk = Self::default();
+        let middle = house.tracer().origin();
+        let ahead = middle + DVec3::NEG_Z;
+        let from_middle = || Camera::look_at(middle, ahead, DVec3::Y, walk.fov_y_deg, walk.size);
+        Self::first(house)?.map_or_else(from_middle, Ok)
+    }
+
     /// Names of the rooms that the walk does not enter: no door leads there from where it begins,
     /// or there is nowhere to stand in them.
     pub fn unvisited<'a>(&self, house: &'a House) -> Vec<&'a str> {

@@ -24,6 +24,7 @@ pub mod render;
 mod settings;
 #[cfg(test)]
 mod tests;
+pub mod view;
 
 pub use crate::make::capture::{LumigraphCapture, middle_disparity};
 pub use crate::make::from_images::FromImages;

@@ -22,6 +22,7 @@ pub mod compose;
 mod error;
 mod make;
 mod model;
+pub mod view;
 mod warp;
 
 pub use crate::make::capture::{SlabCapture, capture_slabs, slabs_at_gaps};

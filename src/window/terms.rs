@@ -1,7 +1,7 @@
 //! A sentence for each term that the panel of the window shows.
 
 /// Terms of figures, facts and overlays, with what they mean.
-pub(super) const TERMS: [(&str, &str); 48] = [
+pub(super) const TERMS: [(&str, &str); 47] = [
     // Stages.
     ("clear", "Empties the frame's buffers."),
     (
@@ -14,7 +14,7 @@ pub(super) const TERMS: [(&str, &str); 48] = [
     ),
     ("geometry", "Draws the cells near the eye as triangles."),
     (
-        "backdrops",
+        "backdrop",
         "Draws what stands behind portals that are not near: images with depth.",
     ),
     // Figures.
@@ -23,7 +23,7 @@ pub(super) const TERMS: [(&str, &str); 48] = [
         "Samples of the layered depth image: each a colour, a depth and the size of its surface patch.",
     ),
     (
-        "of these in the loop",
+        "depth pixels in",
         "Depth pixels that clipping let through: they were warped for this frame.",
     ),
     (
@@ -115,10 +115,6 @@ pub(super) const TERMS: [(&str, &str); 48] = [
         "Share of the frame that shows backdrops.",
     ),
     (
-        "depth pixels splatted",
-        "Depth pixels of backdrops that were painted as footprints.",
-    ),
-    (
         "memory of backdrops",
         "Memory that all backdrops take that were built or read.",
     ),
@@ -191,7 +187,8 @@ pub(super) const TERMS: [(&str, &str); 48] = [
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::overlays::overlay::Overlay;
+    use headbox_core::view::{Control, OVERLAY};
+    use headbox_views::TruthView;
 
     #[test]
     fn every_overlay_has_a_term() {
@@ -205,8 +202,13 @@ mod tests {
                 "{term} twice"
             );
         }
-        for (name, _) in Overlay::ALL {
-            assert!(TERMS.iter().any(|(term, _)| *term == name), "{name}");
+        let settings = TruthView::setting_table();
+        let overlay = settings.iter().find(|setting| setting.id == OVERLAY);
+        let Some(Control::Choice { options, .. }) = overlay.map(|setting| &setting.control) else {
+            panic!("overlays are a choice");
+        };
+        for name in options {
+            assert!(TERMS.iter().any(|(term, _)| term == name), "{name}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Files of each kind through the sources, without a window.
 
-use super::{open, show_geometry, show_live};
+use super::{open, show_live, show_view};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Silent;
@@ -15,6 +15,7 @@ use headbox_images::ImageSet;
 use headbox_ldi::from_images::{ImagesJob, NearImages};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement};
+use headbox_photos::view_geometry::view::GeometryView;
 use headbox_photos::view_geometry::{
     GeometryResources, GeometrySettings, SampleGrid, ViewGeometry,
 };
@@ -45,6 +46,8 @@ fn render(
         camera,
         settings: Arc::new(values),
         moving: false,
+        complete: false,
+        depth: false,
     };
     let mut pixels = vec![[1, 2, 3, 4]; (SIZE.0 * SIZE.1) as usize];
     let report = source.render(&request, &mut pixels).unwrap();
@@ -497,8 +500,15 @@ fn image_folder_is_shown() {
     )
     .unwrap();
     let start = frame_at(DVec3::new(0.05, 0.05, 0.0), [96, 64]);
-    let mut source = show_geometry(geometry, folder.path(), &start, GeometrySettings::default());
-    assert!(source.title().ends_with("(images)"));
+    let mut source = show_view(
+        Box::new(GeometryView::new(
+            geometry,
+            &start,
+            GeometrySettings::default(),
+        )),
+        folder.path(),
+    );
+    assert!(source.title().ends_with("(view-dependent geometry)"));
     let pose = source.start_pose();
     let (blended, report) = render(&mut *source, pose, &[]);
     assert_eq!(
@@ -608,6 +618,8 @@ fn vanished_image_reported_once() {
         camera,
         settings: Arc::new(values),
         moving: false,
+        complete: false,
+        depth: false,
     };
     let mut pixels = vec![[0; 4]; (SIZE.0 * SIZE.1) as usize];
     let error = loop {

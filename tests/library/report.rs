@@ -53,6 +53,7 @@ fn measured(seed: u64) -> (SceneFacts, Vec<Row>) {
         lit: true,
         cube: None,
         sprites: None,
+        view: None,
     };
     scene::run(&subject, &plan, None, &Silent).expect("measured")
 }

@@ -60,7 +60,6 @@ extern crate self as headbox_viewer;
 mod input;
 mod panels;
 mod playback;
-mod setting;
 mod source;
 #[cfg(test)]
 mod tests;
@@ -74,8 +73,8 @@ pub use crate::playback::tape::ReplayMode;
 pub use crate::window::desktop::run;
 pub use crate::window::options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use crate::window::views::Stereo;
-pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
-pub use source::{
-    Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Ongoing,
-    PendingSource, Refinement, Room, RoomMap, Stage, Swatch, Thumbnail,
+pub use headbox_core::view::{
+    Control, Fact, Figure, FrameReport, FrameRequest, Navigation, Ongoing, Refinement, Room,
+    RoomMap, Setting, SettingError, SettingValue, SettingValues, Stage, Swatch,
 };
+pub use source::{Entry, FrameSource, Library, PendingSource, Thumbnail};

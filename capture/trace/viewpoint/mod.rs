@@ -35,14 +35,6 @@ pub struct Surroundings {
     pub backs: f64,
 }
 
-/// Returns the up direction for images taken with `pictures_up` upward: +Y, unless that would show
-/// them on their side.
-pub fn level_up(pictures_up: Option<DVec3>) -> DVec3 {
-    /// Cosine of 45 degrees: cameras may look down, or up, and +Y is still up.
-    const LEVEL: f64 = std::f64::consts::FRAC_1_SQRT_2;
-    pictures_up.filter(|up| up.y < LEVEL).unwrap_or(DVec3::Y)
-}
-
 /// Measures the surroundings of a world position (128 directions, evenly spread).
 pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
     let mut distances = Vec::with_capacity(DIRECTIONS as usize);

@@ -2,7 +2,6 @@
 
 use super::capture::describe_aimed_rays;
 use super::images::{ImagesCommand, is_image_set};
-use crate::args::vertical_fov_deg;
 use crate::commands::capture::deep as capture_deep;
 use crate::commands::capture::deep::is_deep_picture;
 use crate::commands::capture::place::{figure, triple};
@@ -269,7 +268,7 @@ pub(super) fn sprite_json(sprite: &SpriteWithDepth, set: &SpriteSet) -> serde_js
         "displacement_format": sprite.displacement().format(),
         "eye": in_file(camera.eye()), "look_at": in_file(camera.eye() + camera.forward()),
         "up_vector": in_file(camera.world_from_eye().y_axis * set.info.frame.unit_m),
-        "fov": vertical_fov_deg(camera),
+        "fov": camera.fov_y_deg(),
         "plane_normal": plane.normal, "plane_offset_m": plane.offset, "eye_depth_m": depth_range(sprite),
     })
 }

@@ -14,11 +14,12 @@ use headbox_core::camera::Camera;
 use headbox_images::{ImageSet, View, read_sparse_points};
 use headbox_ldi::from_images::{ImagesJob, NearImages};
 use headbox_ldi::scene_source::SceneSource;
+use headbox_photos::view_geometry::view::GeometryView;
 use headbox_photos::view_geometry::{GeometrySettings, Texturing};
 use headbox_viewer::{Exit, FrameSource, PendingSource, ReplayMode, Stereo, ViewerOptions};
 use headbox_window::{
-    Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks,
-    show_photographs,
+    Marks, SceneLibrary, open, open_source, show_cube, show_live, show_marks, show_photographs,
+    show_view,
 };
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
@@ -227,21 +228,21 @@ impl ViewCommand {
     }
 }
 
-/// Something to show in a window, or as in a window, and how.
-pub(super) struct ToShow {
-    pub(super) source: SceneSource,
-    pub(super) is_set: bool,
+/// Something to show in a window, and how.
+struct ToShow {
+    source: SceneSource,
+    is_set: bool,
     /// For image sets: show cubes of the images nearest to the eye.
-    pub(super) live: bool,
-    pub(super) set: SetArgs,
+    live: bool,
+    set: SetArgs,
     /// For image sets: show view-dependent geometry.
-    pub(super) texturing: Option<Texturing>,
-    pub(super) geometry: GeometryArgs,
+    texturing: Option<Texturing>,
+    geometry: GeometryArgs,
 }
 
 impl ToShow {
     /// Opens it; what is captured while it is looked at is saved in `out`.
-    pub(super) fn open(self, out: &Path) -> anyhow::Result<Box<dyn FrameSource>> {
+    fn open(self, out: &Path) -> anyhow::Result<Box<dyn FrameSource>> {
         let Self {
             source,
             is_set,
@@ -264,14 +265,15 @@ impl ToShow {
                 texturing,
                 ..geometry.settings()
             };
-            let (geometry, start) = geometry_of(&set, &geometry)?;
+            let (geometry, start) = geometry_of(&set, &geometry.resources)?;
             let no_start = || {
                 format!(
                     "{}: its middle view is no perspective picture to start at",
                     source.name
                 )
             };
-            show_geometry(geometry, folder, &start.with_context(no_start)?, settings)
+            let view = GeometryView::new(geometry, &start.with_context(no_start)?, settings);
+            show_view(Box::new(view), folder)
         } else if set.views_with_depth().next().is_none() {
             show_photographs(set, folder)?
         } else {

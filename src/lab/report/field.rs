@@ -3,7 +3,7 @@
 use super::captures::{Captures, DEFAULT, Made, PRIMITIVES, REPACKED};
 use super::contender::{
     BakedLight, BakedRays, Contender, CubeMapDraw, ExactDraw, FragmentDraw, LdiDraw, OracleDraw,
-    PathTraced, PointCloud, RasterDraw, Role, SpriteDraw, WarpArithmetic, WarpOnly, sprite_bytes,
+    PathTraced, PointCloud, RasterDraw, Role, SpriteDraw, ViewDraw, WarpArithmetic, WarpOnly,
 };
 use super::subject::{ReportError, Subject, scene_bytes};
 use super::wall::{WALL, Wall};
@@ -22,7 +22,7 @@ use headbox_sprite::{
     SpriteSet, SpriteVariant, SpriteWithDepth, capture_slabs, slabs_at_gaps,
 };
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 use std::time::Instant;
 
 /// The group of what clipping saves: the whole frame by one thread, as the papers warped it.
@@ -120,7 +120,37 @@ impl<'a> ContenderField<'a> {
         self.add_without_representation(&default.cube, progress);
         self.add_lumigraphs(&default, progress)?;
         self.add_sprites(&default.cube)?;
+        self.add_view();
         Ok(default)
+    }
+
+    /// The given view under each of its variants.
+    fn add_view(&mut self) {
+        let Some(view) = &self.subject.view else {
+            return;
+        };
+        let (kind, bytes) = {
+            let view = view.lock().unwrap_or_else(PoisonError::into_inner);
+            (view.kind(), view.bytes())
+        };
+        for (variant, draw) in ViewDraw::variants(view) {
+            let name = if variant.is_empty() {
+                kind.to_owned()
+            } else {
+                format!("{kind}, {variant}")
+            };
+            self.contenders.push(Contender {
+                roles: vec![Role::other("representation", name)],
+                eyes: EyeSet::All,
+                traces: false,
+                pool: Arc::clone(&self.all),
+                bytes,
+                depth_pixels: 0,
+                capture_s: None,
+                rays: None,
+                draw: Box::new(draw),
+            });
+        }
     }
 
     /// A contender that draws a packed cube.
@@ -542,12 +572,7 @@ impl<'a> ContenderField<'a> {
         if floats.sprites().is_empty() {
             return Ok(());
         }
-        let layers = |set: SpriteSet| {
-            (
-                sprite_bytes(&set),
-                Arc::new(Composition::new(set, Vec::new())),
-            )
-        };
+        let layers = |set: SpriteSet| (set.bytes(), Arc::new(Composition::new(set, Vec::new())));
         // Sprites that are given stay as they are.
         let stored = |format| {
             if given.is_some() {

@@ -1,5 +1,6 @@
 //! Subjects of a report: the scene itself, and given files.
 
+use super::contender::SharedView;
 use headbox_cube::pack::CubeLdi;
 use headbox_sprite::SpriteSet;
 use headbox_trace::bvh::Tracer;
@@ -52,6 +53,8 @@ pub struct Subject {
     pub cube: Option<CubeLdi>,
     /// Sprites that are given instead of made.
     pub sprites: Option<SpriteSet>,
+    /// Another representation of the scene, to be compared with what is made.
+    pub view: Option<SharedView>,
 }
 
 /// Bytes of vertices, triangles and texels.

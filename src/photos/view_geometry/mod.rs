@@ -19,11 +19,13 @@ mod effort;
 mod inspect;
 #[cfg(test)]
 mod oracle;
+mod overlay;
 mod render;
 mod set;
 mod settings;
 #[cfg(test)]
 pub mod tests;
+pub mod view;
 
 pub use crate::view_geometry::cameras::samples::SampleGrid;
 pub use crate::view_geometry::cameras::store::WaitPolicy;

@@ -1,5 +1,6 @@
 //! Several sprites of one scene, and the order in which an eye sees them.
 
+use crate::DisplacementFormat;
 use crate::{Outcome, PreparedSprite, RenderOptions, SpriteLayer, SpriteRenderer, SpriteWithDepth};
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -33,6 +34,24 @@ pub struct SpriteSet {
 }
 
 impl SpriteSet {
+    /// Bytes of pictures, displacements and the environment in memory.
+    pub fn bytes(&self) -> u64 {
+        let sprite = |prepared: &PreparedSprite| {
+            let sprite = prepared.sprite();
+            let displacement = sprite.displacement();
+            let (width, height) = displacement.size();
+            let cell = match displacement.format() {
+                DisplacementFormat::I8 => 1,
+                DisplacementFormat::I16 => 2,
+                DisplacementFormat::F32 => 4,
+            };
+            sprite.sprite().color().as_raw().len() as u64
+                + u64::from(width) * u64::from(height) * cell
+        };
+        self.sprites().iter().map(sprite).sum::<u64>()
+            + size_of_val(&self.environment.texels[..]) as u64
+    }
+
     /// Prepares sprites for drawing.
     pub fn new(sprites: Vec<SpriteWithDepth>) -> Self {
         Self {

@@ -1,36 +1,31 @@
 //! Registry of sources by kind of file; the start page.
 
 use super::cube::CubeSource;
-use super::geometry::GeometrySource;
 use super::house::HouseSource;
 use super::live::LiveSource;
-use super::lumigraph::LumigraphSource;
 use super::photographs::PhotographsSource;
-use super::sprite::SpriteSource;
+use super::view::ViewSource;
 use crate::file_name::file_name;
-use crate::overlays::marks::{MarkedSource, Marks};
+use crate::marks::{MarkedSource, Marks};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
-use headbox_core::container::FileError;
 use headbox_core::container::HOMES;
 use headbox_core::progress::Silent;
+use headbox_core::view::View;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
-use headbox_house::file::HouseFileError;
 use headbox_images::ImageSet;
 use headbox_images::deep_exr::DeepImage;
 use headbox_ldi::from_deep::{DeepPlace, FromDeepError, cube as cube_of_deep};
 use headbox_ldi::from_images::NearImages;
 use headbox_ldi::scene_source::SceneSource;
-use headbox_lumigraph::Slabs;
-use headbox_photos::view_geometry::{GeometrySettings, ViewGeometry};
 use headbox_scenes as scenes;
-use headbox_sprite::SpriteSet;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::truth;
 use headbox_trace::viewpoint::{place_headbox, suggest_view};
 use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
+use headbox_views::{TruthView, ViewError};
 use image::{Rgb, RgbImage};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -53,16 +48,7 @@ pub enum OpenError {
     },
     /// The file cannot be read.
     #[error(transparent)]
-    File(#[from] FileError),
-    /// The house cannot be read or walked.
-    #[error(transparent)]
-    House(#[from] HouseFileError),
-    /// There are no sprites in the file.
-    #[error("{}: there are no sprites in it", path.display())]
-    NoSprites {
-        /// The file.
-        path: PathBuf,
-    },
+    View(#[from] ViewError),
     /// The scene cannot be opened or captured.
     #[error("{0}")]
     Scene(String),
@@ -94,30 +80,31 @@ pub fn open_source(
     let source: Box<dyn FrameSource> = match extension.as_deref() {
         _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
         _ if name.starts_with("builtin:") => Box::new(capture(source, output_dir)?),
-        Some("ldi") => Box::new(CubeSource::from_file(CubeLdi::read(path)?, path)),
         Some("exr") => show_cube(deep_picture(path).map_err(OpenError::Scene)?, path),
-        Some("sprite") => {
-            let source = SpriteSource::new(SpriteSet::read(path)?, path);
-            Box::new(source.ok_or_else(|| OpenError::NoSprites { path: path.into() })?)
-        }
-        Some("lumi") => Box::new(LumigraphSource::new(Slabs::read(path)?, path)),
-        Some("house") => Box::new(HouseSource::read(path)?),
         Some(extension) if HOMES.contains(&extension) => {
             Box::new(HouseSource::load(path).map_err(OpenError::Scene)?)
         }
         Some(extension) if SCENES.contains(&extension) => Box::new(capture(source, output_dir)?),
-        _ => {
-            return Err(OpenError::Kind {
-                name: name.to_owned(),
-            });
-        }
+        _ => match headbox_views::of_file(path) {
+            Some(representation) => show_view((representation.open)(path)?, path),
+            None => {
+                return Err(OpenError::Kind {
+                    name: name.to_owned(),
+                });
+            }
+        },
     };
     Ok(source)
 }
 
+/// A view of what was made from the file or folder `origin`.
+pub fn show_view(view: Box<dyn View>, origin: &Path) -> Box<dyn FrameSource> {
+    Box::new(ViewSource::new(view, origin))
+}
+
 /// A cube LDI that was made from `origin`.
 pub fn show_cube(cube: CubeLdi, origin: &Path) -> Box<dyn FrameSource> {
-    Box::new(CubeSource::from_file(cube, origin))
+    show_view(Box::new(TruthView::new(cube)), origin)
 }
 
 /// The cube of a deep picture whose header tells its camera.
@@ -132,17 +119,6 @@ fn deep_picture(path: &Path) -> Result<CubeLdi, String> {
         error => of_file(&error),
     })?;
     CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto).map_err(|error| of_file(&error))
-}
-
-/// View-dependent geometry of the folder `origin`, from where `start` stands.
-pub fn show_geometry(
-    geometry: ViewGeometry,
-    origin: &Path,
-    start: &Camera,
-    initial: GeometrySettings,
-) -> Box<dyn FrameSource> {
-    let title = format!("{} (images)", file_name(origin));
-    Box::new(GeometrySource::new(title, geometry, start, initial))
 }
 
 /// The images of the folder `origin` nearest to where one looks from, at first from `start`.
@@ -290,8 +266,10 @@ impl Library for SceneLibrary {
     }
 
     fn extensions(&self) -> Vec<String> {
-        ["ldi", "exr", "sprite", "lumi", "house"]
-            .into_iter()
+        let views = headbox_views::all();
+        let views = views.iter().map(|representation| representation.extension);
+        views
+            .chain(["exr"])
             .chain(HOMES)
             .chain(SCENES)
             .map(str::to_owned)

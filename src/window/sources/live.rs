@@ -6,13 +6,13 @@
 //! one, and hands it over whole. What was wished for before and is not any more is never built.
 
 use super::cube::CubeSource;
-use crate::background;
 use headbox_core::camera::Camera;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_ldi::from_images::NearImages;
 use headbox_viewer::{
     EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting,
 };
+use headbox_views::background;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -66,7 +66,7 @@ impl LiveSource {
         } = build(&mut near, nearest)?;
         let speed_m_per_s = near.depth_m() / 2.0;
         let builder = Builder::start(near, images)?;
-        let shown = CubeSource::from_file(cube, folder);
+        let shown = CubeSource::of_images(cube, folder);
         Ok(Self {
             title,
             start: crate::start_at(start),

@@ -1,13 +1,10 @@
-//! Frame sources: one for each kind of file that the window shows.
+//! Frame sources: what the window shows that is more than a view of a file.
 
 mod cube;
-mod geometry;
 mod house;
 pub(crate) mod library;
 mod live;
-mod lumigraph;
 mod photographs;
 mod points;
-pub(crate) mod progressive_capture;
-pub(crate) mod reference;
-mod sprite;
+mod progressive_capture;
+pub(crate) mod view;

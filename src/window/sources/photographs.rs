@@ -7,19 +7,19 @@
 //! the plane through what all cameras look at: from where one starts it looks as it was taken.
 
 use super::cube::{CubeSource, Place};
-use crate::background;
 use crate::file_name::file_name;
 use glam::DVec3;
 use headbox_core::progress::Progress;
+use headbox_core::view::level_up;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_images::{ImageSet, Lens, LoadedView, View};
 use headbox_photos::voxel_colouring::PhotographsJob;
-use headbox_trace::viewpoint::level_up;
 use headbox_viewer::{
     EyeBounds, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting,
 };
+use headbox_views::background;
 use rayon::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -365,6 +365,8 @@ mod tests {
             camera: camera.unwrap(),
             settings: Arc::new(SettingValues::initial(&source.settings())),
             moving: false,
+            complete: false,
+            depth: false,
         }
     }
 
@@ -421,7 +423,7 @@ mod tests {
             .unwrap();
         let whole =
             planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap();
-        let mut expected = CubeSource::from_file(whole, folder.path());
+        let mut expected = CubeSource::of_images(whole, folder.path());
         let mut other = pixels.clone();
         expected.render(&request, &mut other).unwrap();
         assert!(pixels == other, "the last round is what a capture makes");

@@ -7,7 +7,6 @@
 //! capture` with the same settings, to the byte. Earlier rounds do not search for holes, which
 //! would delay the first image, and take the headbox of the last round.
 
-use crate::background;
 use headbox_core::headbox::Headbox;
 use headbox_core::progress::Progress;
 use headbox_cube::model::parameters::CaptureParameters;
@@ -21,30 +20,10 @@ use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::viewpoint;
+use headbox_views::{LitScene, background};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-
-/// A scene with its light, ready for rays from its headbox.
-#[derive(Clone)]
-pub(crate) struct LitScene {
-    pub(super) tracer: Arc<Tracer>,
-    pub(super) lighting: Arc<Lighting>,
-    /// False shows albedo and emission, like a capture without light.
-    pub(super) lit: bool,
-    /// True if path guiding was learnt.
-    pub(super) guided: bool,
-}
-
-impl LitScene {
-    /// Learns path guiding, if the scene is lit and it was not learnt before.
-    pub(super) fn guide(&mut self) {
-        if self.lit && !self.guided {
-            self.lighting = Arc::new(Lighting::clone(&self.lighting).guided(&self.tracer));
-            self.guided = true;
-        }
-    }
-}
 
 /// Settings of one round of a progressive capture.
 #[derive(Clone, Copy)]
@@ -255,7 +234,9 @@ impl ProgressiveCapture {
     }
 
     /// A function that waits for the scene with its light.
-    pub(super) fn lit_scene(&self) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
+    pub(super) fn lit_scene(
+        &self,
+    ) -> impl Fn() -> Result<LitScene, String> + Send + Sync + 'static {
         let shared = Arc::clone(&self.shared);
         move || {
             let state = shared.wait_while(|state| state.scene.is_none() && !state.ended);

@@ -2,8 +2,8 @@
 
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
-use crate::source::Navigation;
 use glam::DVec3;
+use headbox_core::view::Navigation;
 
 /// Input since the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -2,7 +2,7 @@
 
 use crate::input::motion::Motion;
 use crate::input::pose::Pose;
-use crate::setting::SettingValues;
+use headbox_core::view::SettingValues;
 use std::sync::Arc;
 
 /// The eye and how it is steered.

@@ -1,8 +1,8 @@
 //! Legend of an image's colours, in the corner of the frame.
 
 use crate::panels::theme;
-use crate::source::Swatch;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, pos2, vec2};
+use headbox_core::view::Swatch;
 
 const LINE_POINTS: f32 = 17.0;
 const SWATCH_POINTS: f32 = 11.0;

@@ -2,8 +2,8 @@
 
 use crate::input::pose::Pose;
 use crate::panels::theme;
-use crate::source::RoomMap;
 use egui::{Align2, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
+use headbox_core::view::RoomMap;
 
 /// Length of the drawn view wedge, points.
 const WEDGE_POINTS: f32 = 18.0;
@@ -93,7 +93,7 @@ impl Page {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::Room;
+    use headbox_core::view::Room;
 
     #[test]
     fn plans_fit_and_keep_their_proportions() {

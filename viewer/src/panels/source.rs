@@ -3,9 +3,9 @@
 use super::{button, section};
 use crate::input::keymap::Command;
 use crate::input::steering::Sets;
-use crate::setting::{Control, Setting, SettingValue, SettingValues};
 use crate::thread::exchange::SourceInfo;
 use egui::{Checkbox, ComboBox, Slider, Ui};
+use headbox_core::view::{Control, Setting, SettingValue, SettingValues};
 use std::{ops::RangeInclusive, sync::Arc};
 
 /// The controls, under their headings in order of first appearance.

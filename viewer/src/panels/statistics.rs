@@ -1,10 +1,10 @@
 //! Statistics of the last frame.
 
 use crate::panels::chart;
-use crate::source::Figure;
 use crate::thread::exchange::{FinishedFrame, SourceInfo};
 use crate::thread::history::{History, add_stages};
 use egui::{Grid, Ui};
+use headbox_core::view::Figure;
 
 /// The rate, the chart, and the figures that the source reports (a column each for A and B).
 pub(crate) fn show(

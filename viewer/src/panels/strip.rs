@@ -2,8 +2,8 @@
 //! long still.
 
 use crate::panels::theme;
-use crate::source::Ongoing;
 use egui::{Align2, Color32, FontId, Painter, Rect, pos2, vec2};
+use headbox_core::view::Ongoing;
 use std::time::Duration;
 
 /// Height of the strip, points.

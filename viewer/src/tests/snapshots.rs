@@ -4,9 +4,9 @@
 
 use super::{painter::Painter, *};
 use crate::input::keymap::Command;
-use crate::source::Stage;
 use crate::thread::history::FrameTimes;
 use egui::Key;
+use headbox_core::view::Stage;
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 

@@ -3,12 +3,13 @@
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
 use crate::playback::eye_path::CameraPath;
-use crate::setting::{Setting, SettingValues};
-use crate::source::{Entry, FrameReport, FrameSource, Navigation, RoomMap, Thumbnail};
+use crate::source::{Entry, FrameSource, Thumbnail};
 use crate::thread::slot::{Inbox, Slot};
 use egui::{Color32, ColorImage};
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
+use headbox_core::view::{FrameReport, Navigation, RoomMap};
+use headbox_core::view::{Setting, SettingValues};
 use std::{
     path::PathBuf,
     sync::{Arc, Mutex, PoisonError},

@@ -1,7 +1,7 @@
 //! The times of the last frames, for the rolling chart and the frame rate.
 
-use crate::source::Stage;
 use headbox_core::statistics::median;
+use headbox_core::view::Stage;
 use std::collections::VecDeque;
 
 /// Times of one shown frame.

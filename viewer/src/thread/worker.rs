@@ -1,8 +1,7 @@
 //! The loop of the render thread.
 
 use crate::playback::export;
-use crate::setting::SettingValues;
-use crate::source::{Entry, FrameRequest, FrameSource, Library, PendingSource, Refinement};
+use crate::source::{Entry, FrameSource, Library, PendingSource};
 use crate::thread::exchange::{
     Event, ExportOrder, FinishedFrame, Job, Location, Order, Picture, Shared, SourceInfo,
     WakeCallback,
@@ -10,6 +9,8 @@ use crate::thread::exchange::{
 use crate::thread::slot::{Next, Wait};
 use egui::ColorImage;
 use headbox_core::camera::Camera;
+use headbox_core::view::SettingValues;
+use headbox_core::view::{FrameRequest, Refinement};
 use std::{
     any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
@@ -294,6 +295,8 @@ fn render_picture(
         camera,
         settings: Arc::clone(settings),
         moving,
+        complete: false,
+        depth: false,
     };
     let report = guarded(|| source.render(&request, bytemuck::cast_slice_mut(&mut pixels)));
     let report = report.map_err(Failure::Panic)?.map_err(Failure::Error)?;

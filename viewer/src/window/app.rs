@@ -13,8 +13,6 @@ use crate::playback::automation::{Automation, Outcome, Progress};
 use crate::playback::camera_file;
 use crate::playback::recent::Recent;
 use crate::playback::tape::PathRecorder;
-use crate::setting::SettingValues;
-use crate::source::Refinement;
 use crate::thread::exchange::{Event, FinishedFrame, SourceInfo};
 use crate::thread::history::{FrameTimes, History, add_stages};
 use crate::thread::resolution::ResolutionPolicy;
@@ -24,6 +22,8 @@ use crate::window::options::ViewerOptions;
 use crate::window::views::Stereo;
 use egui::{CentralPanel, Context, Frame, TextureHandle, Ui, ViewportCommand};
 use headbox_core::statistics::median;
+use headbox_core::view::Refinement;
+use headbox_core::view::SettingValues;
 use std::{
     path::PathBuf,
     sync::{Arc, Mutex, PoisonError},

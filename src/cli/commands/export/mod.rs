@@ -1,19 +1,17 @@
 //! `headbox export`.
 
-pub(crate) mod input;
-
-use crate::commands::export::input::ExportInput;
 use crate::output::{EXPORT, Outputs, print_json};
 use crate::words::UsageError;
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
 use headbox_core::cube_face::Face;
 use headbox_core::files;
+use headbox_core::view::View;
 use headbox_cube::pack::CubeLdi;
-use headbox_export::deep;
-use headbox_export::deep::{DeepSummary, Faces};
-use headbox_export::{ExportError, glb, ply, splats};
-use serde_json::{Value, json};
+use headbox_export::ExportError;
+use headbox_export::deep::Faces;
+use headbox_views::{ExportOptions, ExportSummary, Exporter, ViewError};
+use serde_json::json;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -79,10 +77,32 @@ impl ExportCommand {
                 return Err(UsageError(format!("{name} is for .{wanted} files")).into());
             }
         }
-        let exported = ExportInput::open(&self.file)?;
-        let (amount, of_what) = exported.amount();
+        let Some(representation) = headbox_views::of_file(&self.file) else {
+            // The reader of cubes names best what it is, or that it is not there.
+            CubeLdi::read(&self.file)?;
+            bail!("{}: cannot be exported", self.file.display())
+        };
+        let mut exporters = representation.exporters.iter();
+        let Some(exporter) = exporters.find(|exporter| ending == exporter.extension) else {
+            let known = representation.exporters.iter();
+            let known: Vec<_> = known.map(|it| format!(".{}", it.extension)).collect();
+            bail!(
+                "{} is a {}, which can be exported as {} alone",
+                self.file.display(),
+                representation.name,
+                known.join(", ")
+            )
+        };
+        let view = (representation.open)(&self.file)?;
+        let (amount, of_what) = view.primitives();
         let mut told = json!({"output": self.output, of_what.replace(' ', "_"): amount});
-        self.write_as(ending.to_str(), exported, &mut told)?;
+        let summary = self.write(&*view, exporter)?;
+        for warning in &summary.warnings {
+            eprintln!("warning: {warning}");
+        }
+        for (name, value) in summary.figures {
+            told[name] = value;
+        }
         let bytes = std::fs::metadata(&self.output).map_or(0, |found| found.len());
         told["bytes"] = bytes.into();
         if self.json {
@@ -92,95 +112,41 @@ impl ExportCommand {
                 "{}: {:.1} MB{}",
                 self.output.display(),
                 bytes as f64 / 1e6,
-                told["words"].as_str().unwrap_or("")
+                summary.words
             );
         }
-        Ok(())
-    }
-
-    fn write_as(
-        &self,
-        ending: Option<&str>,
-        exported: ExportInput,
-        told: &mut Value,
-    ) -> anyhow::Result<()> {
-        let of_file = || self.file.display().to_string();
-        if !matches!(ending, Some("glb" | "ply" | "exr")) {
-            let name = self.title.clone().unwrap_or_else(|| name_of(&self.file));
-            let page = exported.page(&name).with_context(of_file)?;
-            return self.write(|to| Ok(page.write(to)?));
-        }
-        let cube = exported.cube(&self.file)?;
-        match ending {
-            Some("glb") => self.glb(&cube, told).with_context(of_file),
-            Some("ply") => self.write(|to| match self.points {
-                true => ply::write_points(&cube, to),
-                false => splats::write_ply(&cube, to),
-            }),
-            _ => self.exr(&cube, told).with_context(of_file),
-        }
-    }
-
-    fn glb(&self, cube: &CubeLdi, told: &mut Value) -> anyhow::Result<()> {
-        let mut summary = None;
-        self.write(|to| {
-            summary = Some(glb::write(cube, self.triangles.unwrap_or(TRIANGLES), to)?);
-            Ok(())
-        })?;
-        let Some(summary) = summary else {
-            return Ok(());
-        };
-        let (triangles, error_px, dropped) =
-            (summary.triangles, summary.error_px, summary.dropped_samples);
-        (told["triangles"], told["error_px"], told["dropped_samples"]) =
-            (triangles.into(), error_px.into(), dropped.into());
-        told["words"] =
-            format!(", {triangles} triangles, samples off by up to {error_px:.1} face pixels")
-                .into();
-        if dropped > 0 {
-            eprintln!(
-                "warning: {dropped} samples, in the smallest pieces of surfaces, are left out to stay within the budget; give \
-                 more --triangles, or capture with a smaller --face-size"
-            );
-        }
-        Ok(())
-    }
-
-    fn exr(&self, cube: &CubeLdi, told: &mut Value) -> anyhow::Result<()> {
-        let faces = self.face.map_or(Faces::All, Faces::One);
-        let mut summary = None;
-        self.write(|to| {
-            summary = Some(match self.layers {
-                Some(layers) => deep::write_layers(cube, faces, layers as usize, to)?,
-                None => deep::write(cube, faces, to)?,
-            });
-            Ok(())
-        })?;
-        let Some(DeepSummary {
-            samples,
-            size_px: [width, height],
-        }) = summary
-        else {
-            return Ok(());
-        };
-        (told["samples"], told["size"]) = (samples.into(), json!([width, height]));
-        let layers = self
-            .layers
-            .map_or_else(|| "deep".into(), |layers| format!("{layers} layers"));
-        told["words"] = format!(", {width}x{height}, {layers}, of {samples} samples").into();
         Ok(())
     }
 
     /// Writes the output, whole or not at all.
-    fn write(
-        &self,
-        write: impl FnOnce(&mut dyn io::Write) -> Result<(), ExportError>,
-    ) -> anyhow::Result<()> {
-        let written = files::write_whole(&self.output, |mut to| match write(&mut to) {
-            Err(ExportError::Io(error)) => Err(error),
-            other => other.map_err(io::Error::other),
+    fn write(&self, view: &dyn View, exporter: &Exporter) -> anyhow::Result<ExportSummary> {
+        let options = ExportOptions {
+            title: self.title.clone().unwrap_or_else(|| name_of(&self.file)),
+            triangles: self.triangles.unwrap_or(TRIANGLES),
+            points: self.points,
+            layers: self.layers.map(|layers| layers as usize),
+            faces: self.face.map_or(Faces::All, Faces::One),
+        };
+        let mut outcome = Err(ViewError::Other("nothing was written".into()));
+        let written = files::write_whole(&self.output, |mut to| {
+            outcome = (exporter.write)(view, &options, &mut to);
+            match &outcome {
+                Ok(_) => Ok(()),
+                Err(_) => Err(io::Error::other("the export failed")),
+            }
         });
-        written.with_context(|| format!("{} could not be written", self.output.display()))
+        match outcome {
+            Err(ViewError::Write(error)) | Err(ViewError::Export(ExportError::Io(error))) => {
+                Err(error)
+                    .with_context(|| format!("{} could not be written", self.output.display()))
+            }
+            Err(error) => Err(error).with_context(|| self.file.display().to_string()),
+            Ok(summary) => {
+                written
+                    .with_context(|| format!("{} could not be written", self.output.display()))?;
+                Ok(summary)
+            }
+        }
     }
 }
 

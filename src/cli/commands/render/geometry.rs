@@ -1,6 +1,5 @@
 //! Folders of images drawn by view-dependent geometry instead of a cube LDI.
 
-use crate::args::DefaultCamera;
 use crate::commands::images::with_depth;
 use crate::image_set::SetArgs;
 use crate::progress::Bar;
@@ -8,16 +7,13 @@ use crate::words::UsageError;
 use clap::Args;
 use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_core::file_frame::FileFrame;
 use headbox_images::ImageSet;
 use headbox_photos::cache;
+use headbox_photos::view_geometry::view::GeometryView;
 use headbox_photos::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, SampleGrid, Texturing,
-    ViewGeometry, WaitPolicy,
+    GeometryResources, GeometrySettings, SampleGrid, Texturing, ViewGeometry,
 };
-use image::RgbImage;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Message for options that are given without their variant.
 pub(crate) const GEOMETRY_ALONE: &str = "--cameras, --grid, --sample-spacing, --lod and --pictures-memory are for --variant geometry-blended and its kin (-averaged, -multi, \
@@ -32,13 +28,20 @@ pub(crate) struct GeometryArgs {
     /// View-dependent geometry: pixels between nodes of a frame's mesh; 5 if absent
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
     grid: Option<u16>,
-    /// View-dependent geometry: pixels between samples of a depth image; 3 if absent
-    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
-    sample_spacing: Option<u16>,
     /// View-dependent geometry: level of detail of the samples, each with a quarter of the one
     /// before; 0 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=3))]
     lod: Option<u32>,
+    #[command(flatten)]
+    pub(crate) resources: GeometryResourceArgs,
+}
+
+/// Resources of view-dependent geometry.
+#[derive(Args, Clone)]
+pub(crate) struct GeometryResourceArgs {
+    /// View-dependent geometry: pixels between samples of a depth image; 3 if absent
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
+    sample_spacing: Option<u16>,
     /// View-dependent geometry: memory for pictures, MB; 1024 if absent
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u32).range(1..))]
     pictures_memory: Option<u32>,
@@ -47,8 +50,8 @@ pub(crate) struct GeometryArgs {
 impl GeometryArgs {
     /// Returns true if any of them was given.
     pub(crate) fn are_given(&self) -> bool {
-        let numbers = [self.cameras, self.grid, self.sample_spacing];
-        numbers.iter().any(Option::is_some) || self.lod.is_some() || self.pictures_memory.is_some()
+        let numbers = [self.cameras, self.grid];
+        numbers.iter().any(Option::is_some) || self.lod.is_some() || self.resources.are_given()
     }
 
     /// Settings of frames.
@@ -60,6 +63,13 @@ impl GeometryArgs {
             level: self.lod.unwrap_or(default.level),
             ..default
         }
+    }
+}
+
+impl GeometryResourceArgs {
+    /// Returns true if any of them was given.
+    pub(crate) fn are_given(&self) -> bool {
+        self.sample_spacing.is_some() || self.pictures_memory.is_some()
     }
 
     /// Resources for opening a folder; samples are cached in `cache`.
@@ -84,7 +94,7 @@ impl GeometryArgs {
 /// Opens a set, with the camera of its middle view.
 pub(crate) fn geometry_of(
     set: &ImageSet,
-    args: &GeometryArgs,
+    args: &GeometryResourceArgs,
 ) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
     let views = with_depth(set)?;
     let bar = Bar::new();
@@ -102,88 +112,17 @@ pub(crate) fn geometry_of(
     Ok((geometry, set.central_view().and_then(|view| view.camera())))
 }
 
-/// An image set, with all that drawing it needs.
-pub(super) struct GeometryContent {
-    geometry: ViewGeometry,
-    renderer: GeometryRenderer,
+/// View-dependent geometry of a set as a view.
+pub(crate) fn geometry_view(
+    folder: &Path,
+    set: SetArgs,
     settings: GeometrySettings,
-}
-
-/// A drawn frame.
-pub(super) struct GeometryRendered {
-    pub(super) image: RgbImage,
-    pub(super) ms: Vec<f64>,
-    pub(super) stats: GeometryStats,
-}
-
-impl GeometryContent {
-    /// Opens a folder for a way of texturing; with the axes and unit of its file, and a camera like
-    /// that of its middle view.
-    pub(super) fn open(
-        folder: &Path,
-        set: SetArgs,
-        texturing: Texturing,
-        args: &GeometryArgs,
-    ) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
-        let (geometry, central) = geometry_of(&set.open_registered(folder)?, args)?;
-        let camera = central.map_or(DefaultCamera::at(DVec3::ZERO), |camera| {
-            DefaultCamera::like(&camera)
-        });
-        let settings = GeometrySettings {
-            texturing,
-            ..args.settings()
-        };
-        let frame = geometry.frame;
-        Ok((
-            Self {
-                geometry,
-                renderer: GeometryRenderer::new(),
-                settings,
-            },
-            frame,
-            camera,
-        ))
-    }
-
-    /// The name of the way of texturing.
-    pub(super) fn variant(&self) -> &'static str {
-        self.settings.texturing.name()
-    }
-
-    /// Draws a pose `repeat` times, and says on standard error where nothing is seen and which
-    /// pictures are lost.
-    pub(super) fn render(
-        &mut self,
-        camera: &Camera,
-        repeat: u32,
-    ) -> anyhow::Result<GeometryRendered> {
-        let mut ms = Vec::with_capacity(repeat as usize);
-        loop {
-            let started = Instant::now();
-            let (frame, stats) =
-                self.renderer
-                    .render(&self.geometry, camera, &self.settings, WaitPolicy::Wait);
-            ms.push(started.elapsed().as_secs_f64() * 1e3);
-            if ms.len() < repeat as usize {
-                continue;
-            }
-            if stats.cameras_valid == 0 {
-                eprintln!("warning: {}", self.geometry.nothing_seen());
-            }
-            for why in self.geometry.lost() {
-                eprintln!("warning: {why}; other pictures serve instead");
-            }
-            self.geometry
-                .mended()
-                .iter()
-                .for_each(|why| eprintln!("note: {why}"));
-            return Ok(GeometryRendered {
-                image: frame.to_rgb()?,
-                ms,
-                stats,
-            });
-        }
-    }
+    args: &GeometryResourceArgs,
+) -> anyhow::Result<GeometryView> {
+    let (geometry, central) = geometry_of(&set.open_registered(folder)?, args)?;
+    let ahead = || Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [1024, 768]);
+    let start = central.map_or_else(ahead, Ok)?;
+    Ok(GeometryView::new(geometry, &start, settings))
 }
 
 /// The way of texturing of a variant's name, if it is one; an error if it is not asked for with one

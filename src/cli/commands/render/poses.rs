@@ -1,7 +1,8 @@
 //! `headbox render --path`: a film, or a picture for each pose.
 
 use super::RenderCommand;
-use crate::commands::render::content::{Content, RenderedPose};
+use crate::commands::render::FIGURES;
+use crate::commands::render::shown::Shown;
 use crate::output::{print_json, save_picture, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
@@ -11,7 +12,7 @@ use headbox_core::progress::Progress;
 use headbox_core::simd;
 use headbox_core::statistics::median;
 use headbox_export::film;
-use headbox_export::stereo::View;
+use headbox_export::stereo::View as Projection;
 use headbox_scene::camera_path;
 use serde_json::json;
 use std::path::Path;
@@ -35,7 +36,7 @@ impl RenderCommand {
 
     pub(super) fn render_film(
         &self,
-        content: &mut Content,
+        shown: &mut Shown,
         cameras: &[Camera],
         fps: u32,
     ) -> anyhow::Result<()> {
@@ -43,11 +44,11 @@ impl RenderCommand {
         let Some(first) = cameras.first() else {
             bail!("the path has no poses")
         };
-        let size = self.view().size_px([first.width(), first.height()]);
+        let size = self.projection().size_px([first.width(), first.height()]);
         let bar = Bar::new();
         bar.begin("frames", "frames", cameras.len() as u64);
         let mut frames = cameras.iter().map(|camera| {
-            let picture = self.picture(content, camera).map_err(std::io::Error::other);
+            let picture = self.picture(shown, camera).map_err(std::io::Error::other);
             bar.advance(1);
             picture
         });
@@ -56,7 +57,7 @@ impl RenderCommand {
             size,
             fps,
             cameras.len() as u32,
-            self.view(),
+            self.projection(),
             &mut frames,
         )
         .with_context(|| format!("{} could not be written", self.output.display()))?;
@@ -74,30 +75,23 @@ impl RenderCommand {
         Ok(())
     }
 
-    pub(super) fn render_path(
-        &self,
-        content: &mut Content,
-        cameras: &[Camera],
-    ) -> anyhow::Result<()> {
-        if self.view() != View::Frame {
-            return self.render_views(content, cameras);
+    pub(super) fn render_path(&self, shown: &mut Shown, cameras: &[Camera]) -> anyhow::Result<()> {
+        if self.projection() != Projection::Frame {
+            return self.render_views(shown, cameras);
         }
         let folder = &self.output;
         let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
         let mut times = Vec::with_capacity(cameras.len());
         for (pose, camera) in cameras.iter().enumerate() {
-            let rendered = content.render(camera, self.repeat)?;
+            let rendered = shown.render(camera, self.repeat, false)?;
             save_picture(
                 &folder.join(format!("frame_{pose:04}.png")),
                 &rendered.image,
             )?;
             let ms = rendered.ms_median();
-            let RenderedPose {
-                depth_pixels_in,
-                splatted,
-                hole_pixels,
-                ..
-            } = rendered;
+            let [depth_pixels_in, splatted] =
+                FIGURES.map(|(_, name)| rendered.figure(name).unwrap_or(0.0));
+            let hole_pixels = rendered.report.hole_pixels;
             csv += &format!("{pose},{ms:.4},{depth_pixels_in},{splatted},{hole_pixels}\n");
             times.push(ms);
         }
@@ -106,7 +100,7 @@ impl RenderCommand {
         let worst = times.iter().copied().fold(f64::NAN, f64::max);
         if self.json {
             print_json(&json!({
-                "ms_median": median, "ms": times, "frames": times.len(), "variant": content.variant(),
+                "ms_median": median, "ms": times, "frames": times.len(), "variant": shown.variant(),
                 "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             }));
         } else {
@@ -120,18 +114,18 @@ impl RenderCommand {
     }
 
     /// A picture for each pose of all that is about the eye, or of both eyes.
-    fn render_views(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
+    fn render_views(&self, shown: &mut Shown, cameras: &[Camera]) -> anyhow::Result<()> {
         let started = Instant::now();
         for (pose, camera) in cameras.iter().enumerate() {
             save_picture(
                 &self.output.join(format!("frame_{pose:04}.png")),
-                &self.picture(content, camera)?,
+                &self.picture(shown, camera)?,
             )?;
         }
         let (frames, seconds) = (cameras.len(), started.elapsed().as_secs_f64());
         match self.json {
             true => print_json(
-                &json!({"frames": frames, "variant": content.variant(), "seconds": seconds}),
+                &json!({"frames": frames, "variant": shown.variant(), "seconds": seconds}),
             ),
             false => println!(
                 "{}: {frames} frames in {seconds:.1} s",

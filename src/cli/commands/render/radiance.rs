@@ -1,47 +1,9 @@
-//! The light that a capture's levels stand for: shown at another exposure, or written as it is.
+//! Linear radiance as OpenEXR pictures.
 
 use crate::output::cannot_write;
 use exr::prelude::{Image, SpecificChannels, WritableImage};
 use headbox_core::files::write_whole;
-use headbox_core::tone::ToneMap;
-use headbox_cube::model::info::CaptureInfo;
-use image::RgbImage;
 use std::path::Path;
-
-/// Relation of a capture's 8-bit levels to linear radiance.
-#[derive(Clone, Copy)]
-pub(super) struct StoredLevels {
-    tone: ToneMap,
-    exposure: f32,
-}
-
-impl StoredLevels {
-    pub(super) fn of(info: &CaptureInfo) -> Self {
-        Self {
-            tone: info.tone,
-            exposure: info.exposure,
-        }
-    }
-
-    /// Table of levels `stops` brighter than captured, clipped at white.
-    pub(super) fn brighter(self, stops: f32) -> [u8; 256] {
-        let level = |level: u8| ToneMap::SrgbClipped.level(self.tone.exposed(level) * stops.exp2());
-        std::array::from_fn(|i| level(i as u8))
-    }
-
-    /// Writes a frame as linear radiance, in the unit of the scene's light.
-    pub(super) fn save(self, path: &Path, frame: &RgbImage) -> anyhow::Result<()> {
-        let radiance: Vec<[f32; 3]> = frame
-            .pixels()
-            .map(|pixel| {
-                pixel
-                    .0
-                    .map(|level| self.tone.exposed(level) / self.exposure)
-            })
-            .collect();
-        save_radiance(path, frame.dimensions(), &radiance)
-    }
-}
 
 /// Returns true if a file name requests radiance instead of levels.
 pub(crate) fn is_radiance(path: &Path) -> bool {

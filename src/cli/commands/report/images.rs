@@ -73,7 +73,7 @@ pub(super) fn write(
     let (json, summary) = if has_own_depth {
         let geometry = Geometry {
             settings: geometry.settings(),
-            resources: geometry.resources(None),
+            resources: geometry.resources.resources(None),
         };
         let mut save = |shown: SideBySide| {
             let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph)

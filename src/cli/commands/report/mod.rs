@@ -35,7 +35,7 @@ use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 #[derive(Args)]
 pub(crate) struct ReportCommand {
@@ -300,7 +300,7 @@ impl ReportCommand {
             (_, true) => Quality::REAL,
             _ => Quality::FULL,
         };
-        let (mut cube, mut sprites) = (None, None);
+        let (mut cube, mut sprites, mut view, mut origin) = (None, None, None, None);
         let source = if kind == Some(CUBE_LDI.tag) {
             let read = CubeLdi::read(path)?;
             let source = SceneSource::in_frame(&read.info.scene, read.info.frame)
@@ -313,14 +313,29 @@ impl ReportCommand {
                 .lit_by(read.info.light.clone());
             sprites = Some(read);
             source
+        } else if let Some(representation) = headbox_views::of_file(path).filter(|_| path.is_file())
+        {
+            let opened = (representation.open)(path)?;
+            let no_origin = || {
+                format!(
+                    "{name}: a {} does not name the scene that it was made of",
+                    representation.name
+                )
+            };
+            let from = opened.origin().with_context(no_origin)?;
+            let source = SceneSource::in_frame(&from.scene, from.frame).lit_by(from.light.clone());
+            view = Some(Arc::new(Mutex::new(opened)));
+            origin = Some(from);
+            source
         } else {
             self.source.with(named.up, named.unit).source(name)
         };
-        let scene = match kind {
-            Some(_) => source
+        let is_file_of_ours = kind.is_some() || view.is_some();
+        let scene = match is_file_of_ours {
+            true => source
                 .open()
                 .with_context(|| format!("the scene of {name} is needed for truth"))?,
-            None => source.open()?,
+            false => source.open()?,
         };
         let scene = Arc::new(scene);
         outputs.scene_is_open(&scene)?;
@@ -335,6 +350,13 @@ impl ReportCommand {
                 cube.info.parameters.bounces,
                 cube.info.parameters.light_samples > 0,
             );
+        }
+        if let Some(origin) = &origin {
+            Headbox {
+                centre,
+                half_size_m,
+            } = origin.headbox;
+            lit = origin.lit;
         }
         if let Some(set) = &sprites {
             let Some(first) = set.sprites().first() else {
@@ -356,6 +378,7 @@ impl ReportCommand {
                 lit,
                 cube,
                 sprites,
+                view,
             },
             plan,
         ))

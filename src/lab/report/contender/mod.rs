@@ -1,7 +1,7 @@
 //! Contenders of a report: anything that turns a camera into an image.
 //!
-//! To add a representation, implement [`Draw`] (two functions, three where there are depth pixels)
-//! and push a [`Contender`] in `measure::report::field`.
+//! A representation in the registry of views takes part by itself ([`ViewDraw`]). For a comparison
+//! of more than its variants, implement [`Draw`] and push a [`Contender`] in `report::field`.
 
 mod baked;
 mod ldi;
@@ -10,6 +10,7 @@ mod points;
 mod raster;
 mod sprites;
 mod traced;
+mod view;
 mod warp_only;
 
 pub use baked::{BakedLight, BakedRays};
@@ -17,8 +18,9 @@ pub use ldi::{ExactDraw, FragmentDraw, LdiDraw, OracleDraw};
 pub use lumigraph::LumigraphDraw;
 pub use points::PointCloud;
 pub use raster::RasterDraw;
-pub use sprites::{SpriteDraw, bytes_of as sprite_bytes};
+pub use sprites::SpriteDraw;
 pub use traced::{CubeMapDraw, PathTraced};
+pub use view::{SharedView, ViewDraw};
 pub use warp_only::{WarpArithmetic, WarpOnly};
 
 use crate::plan::EyeSet;

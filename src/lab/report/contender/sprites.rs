@@ -3,8 +3,8 @@
 use super::{Draw, JudgedFrame};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
+use headbox_sprite::RenderOptions;
 use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
-use headbox_sprite::{RenderOptions, SpriteSet};
 use std::sync::Arc;
 
 /// A set of sprites under one setting.
@@ -30,24 +30,6 @@ impl SpriteDraw {
             frame,
         }
     }
-}
-
-/// Bytes of pictures and displacements.
-pub fn bytes_of(set: &SpriteSet) -> u64 {
-    let sprite = |prepared: &headbox_sprite::PreparedSprite| {
-        let (color, displacement) = (
-            prepared.sprite().sprite().color(),
-            prepared.sprite().displacement(),
-        );
-        let (width, height) = displacement.size();
-        let cell = match displacement.format() {
-            headbox_sprite::DisplacementFormat::I8 => 1,
-            headbox_sprite::DisplacementFormat::I16 => 2,
-            headbox_sprite::DisplacementFormat::F32 => 4,
-        };
-        color.as_raw().len() as u64 + u64::from(width) * u64::from(height) * cell
-    };
-    set.sprites().iter().map(sprite).sum::<u64>() + size_of_val(&set.environment.texels[..]) as u64
 }
 
 impl Draw for SpriteDraw {

@@ -1,29 +1,14 @@
 //! Overlays of rendering effort: footprint sizes, overdraw, and clipping.
 
+use crate::pack::{CubeLdi, PackedSegment, SegmentSide};
+use crate::render::reference::inspect::{ClipOutcome, ClippedSegment};
+use crate::render::reference::overdraw::Overdraw;
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
-use headbox_cube::pack::{CubeLdi, PackedSegment, SegmentSide};
-use headbox_cube::render::reference::inspect::{ClipOutcome, ClippedSegment};
-use headbox_cube::render::reference::overdraw::Overdraw;
-use headbox_viewer::{Figure, Swatch};
-
-/// Colours of seven classes: the "viridis" map by van der Walt and Smith (2015), whose lightness
-/// grows evenly, and white.
-const CLASSES: [[u8; 3]; 7] = [
-    [68, 1, 84],
-    [65, 68, 135],
-    [42, 120, 142],
-    [34, 168, 132],
-    [122, 209, 81],
-    [253, 231, 37],
-    [255, 255, 255],
-];
-
-/// Colour of pixels without samples.
-pub(super) const NOTHING: [u8; 3] = [20, 20, 20];
-
-/// The largest number of each class but the last.
-pub(super) type Tops = [f32; CLASSES.len() - 1];
+use headbox_core::view::paint::{
+    NOTHING, Tops, class_color, class_legend, figure, opaque, swatch, tinted,
+};
+use headbox_core::view::{Figure, Swatch};
 
 /// Widths of footprints, px: most are between that of a pixel and that of three.
 const WIDTHS_PX: Tops = [1.5, 2.0, 2.5, 3.0, 4.0, 6.0];
@@ -31,49 +16,9 @@ const WIDTHS_PX: Tops = [1.5, 2.0, 2.5, 3.0, 4.0, 6.0];
 /// Upper ends of the colour classes of overdraw.
 const TIMES: Tops = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// The colour of the class of a number that is more than 0.
-pub(super) fn class_color(value: f32, tops: &Tops) -> [u8; 3] {
-    CLASSES[tops
-        .iter()
-        .position(|top| value <= *top)
-        .unwrap_or(tops.len())]
-}
-
-/// The legend of classes: what each ends at, in `unit`.
-pub(super) fn class_legend(nothing: &str, tops: &Tops, unit: &str) -> Vec<Swatch> {
-    let up_to = tops.iter().map(|top| format!("up to {top} {unit}"));
-    let labels = up_to.chain(tops.last().map(|top| format!("more than {top} {unit}")));
-    // Of classes that end alike, all but the first are empty.
-    let is_empty = |i: usize| i > 0 && tops.get(i) == tops.get(i - 1);
-    let classes = CLASSES
-        .into_iter()
-        .zip(labels)
-        .enumerate()
-        .filter(|(i, _)| !is_empty(*i));
-    let classes = classes.map(|(_, (color, label))| Swatch { color, label });
-    std::iter::once(swatch(NOTHING, nothing))
-        .chain(classes)
-        .collect()
-}
-
-pub(crate) fn swatch(color: [u8; 3], label: &str) -> Swatch {
-    Swatch {
-        color,
-        label: label.into(),
-    }
-}
-
-pub(super) fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
-    [r, g, b, 255]
-}
-
-fn figure(name: &'static str, value: f64, unit: &'static str) -> Figure {
-    Figure { name, value, unit }
-}
-
 /// Paints the width of the footprint in front of each pixel, by classes; returns how wide they are
 /// on the mean.
-pub(crate) fn paint_footprints(overdraw: &[Overdraw], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+pub(super) fn paint_footprints(overdraw: &[Overdraw], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
     let (mut sum_px, mut count) = (0.0, 0.0_f64);
     for (pixel, overdraw) in pixels.iter_mut().zip(overdraw) {
         let width_px = overdraw.width_px;
@@ -93,7 +38,7 @@ pub(super) fn footprint_legend() -> Vec<Swatch> {
 }
 
 /// Paints how many footprints were drawn on each pixel, by classes; returns how many that are.
-pub(crate) fn paint_overdraw(overdraw: &[Overdraw], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+pub(super) fn paint_overdraw(overdraw: &[Overdraw], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
     let (mut sum, mut drawn, mut most) = (0_u64, 0_u64, 0);
     for (pixel, overdraw) in pixels.iter_mut().zip(overdraw) {
         let times = overdraw.footprints;
@@ -132,7 +77,7 @@ const HIDDEN_COLOR: [u8; 3] = [86, 180, 233];
 
 /// Paints the faces of a cube unfolded over the dimmed frame: what is drawn in its own colours, the
 /// rest in the colour of the test that left it out.
-pub(crate) fn paint_clipping(
+pub(super) fn paint_clipping(
     cube: &CubeLdi,
     clipped: &[ClippedSegment],
     frame: &Frame,
@@ -185,12 +130,6 @@ fn clip_color(segments: &[(&ClippedSegment, &PackedSegment)], x: u32, y: u32) ->
     tinted(tint, [r, g, b])
 }
 
-/// A tint under which shapes stay visible.
-pub(super) fn tinted(tint: [u8; 3], [r, g, b]: [u8; 3]) -> [u8; 3] {
-    let light = (u16::from(r) + 2 * u16::from(g) + u16::from(b)) / 4;
-    tint.map(|c| (u16::from(c) * (80 + light / 2) / 255) as u8)
-}
-
 /// Depth pixels by what becomes of them.
 fn clipping_figures(cube: &CubeLdi, clipped: &[ClippedSegment]) -> Vec<Figure> {
     let [mut drawn, mut outside, mut hidden] = [0_u64; 3];
@@ -230,12 +169,12 @@ pub(super) fn clipping_legend() -> Vec<Swatch> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::variation::tests::cube;
+    use super::super::tests::cube;
     use super::*;
+    use crate::render::footprint::splat::SplatKernel;
+    use crate::render::{RenderSettings, Renderer};
     use glam::{DVec3, dvec3};
     use headbox_core::camera::Camera;
-    use headbox_cube::render::footprint::splat::SplatKernel;
-    use headbox_cube::render::{RenderSettings, Renderer};
 
     /// Views from off the centre: along the axes of the room, and askew.
     fn views(cube: &CubeLdi) -> Vec<Camera> {

@@ -2,15 +2,15 @@
 //! captured. The renderer draws such an LDI like any other, so these overlays need nothing of it,
 //! and show exactly what it would blend.
 
-use super::effort::swatch;
+use crate::pack::{CubeLdi, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide};
 use headbox_core::cube_face::Face;
-use headbox_cube::pack::{CubeLdi, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide};
-use headbox_viewer::Swatch;
+use headbox_core::view::Swatch;
+use headbox_core::view::paint::{DISTINCT, distinct_color, swatch};
 use std::sync::Arc;
 
 /// Meaning of the colours of depth pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Meaning {
+pub(super) enum Meaning {
     /// Captured colours.
     #[default]
     Captured,
@@ -79,15 +79,15 @@ impl Meaning {
 
 /// Selection of parts of an LDI, and the meaning of their colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Variation {
+pub(super) struct Variation {
     /// In the order of [`Face::ALL`].
-    pub(crate) faces: [bool; 6],
+    pub(super) faces: [bool; 6],
     /// Near and far segments.
-    pub(crate) near: bool,
-    pub(crate) far: bool,
+    pub(super) near: bool,
+    pub(super) far: bool,
     /// Pictures on planes.
-    pub(crate) planes: bool,
-    pub(crate) meaning: Meaning,
+    pub(super) planes: bool,
+    pub(super) meaning: Meaning,
 }
 
 impl Variation {
@@ -176,16 +176,16 @@ impl Variation {
 
 /// Variations of the LDI on the screen that were made last: one each for A and B.
 #[derive(Default)]
-pub(crate) struct Variations(Vec<(Variation, Arc<CubeLdi>)>);
+pub(super) struct Variations(Vec<(Variation, Arc<CubeLdi>)>);
 
 impl Variations {
     /// The LDI on the screen is another now.
-    pub(crate) fn clear(&mut self) {
+    pub(super) fn clear(&mut self) {
         self.0.clear();
     }
 
     /// `cube` as `wanted` has it.
-    pub(crate) fn of(&mut self, cube: &Arc<CubeLdi>, wanted: &Variation) -> Arc<CubeLdi> {
+    pub(super) fn of(&mut self, cube: &Arc<CubeLdi>, wanted: &Variation) -> Arc<CubeLdi> {
         if *wanted == Variation::PLAIN {
             return Arc::clone(cube);
         }
@@ -198,30 +198,11 @@ impl Variations {
     }
 }
 
-/// Colours that differ in hue and lightness, also for most colour-blind people (Okabe and Ito
-/// 2008).
-const DISTINCT: [[u8; 3]; 8] = [
-    [230, 159, 0],
-    [86, 180, 233],
-    [0, 158, 115],
-    [240, 228, 66],
-    [0, 114, 178],
-    [213, 94, 0],
-    [204, 121, 167],
-    [230, 230, 230],
-];
-
 /// Colour of what is drawn as pictures at infinity, where it stands for a primitive.
 const INFINITY: [u8; 3] = [40, 70, 130];
 
 /// Colour of layered depth pixels, where it stands for a primitive.
 const SAMPLES: [u8; 3] = [235, 235, 235];
-
-/// A colour for a number: one of seven, in four shades.
-pub(super) fn distinct_color(number: u32) -> [u8; 3] {
-    let shade = 255 - 45 * (number / 7 % 4);
-    DISTINCT[number as usize % 7].map(|c| (u32::from(c) * shade / 255) as u8)
-}
 
 /// A picture on a plane whose colours are to tell something else.
 struct PlaneImage<'a> {
@@ -336,7 +317,7 @@ fn depth_color(nearness: f64) -> [u8; 3] {
 }
 
 /// Names of the faces for controls, in the order of [`Face::ALL`].
-pub(crate) const FACE_NAMES: [(&str, &str); 6] = [
+pub(super) const FACE_NAMES: [(&str, &str); 6] = [
     ("face+x", "+X"),
     ("face-x", "-X"),
     ("face+y", "+Y"),
@@ -348,30 +329,9 @@ pub(crate) const FACE_NAMES: [(&str, &str); 6] = [
 const _: () = assert!(FACE_NAMES.len() == Face::ALL.len(), "a name each");
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
+    use super::super::tests::cube;
     use super::*;
-    use headbox_cube::model::parameters::CaptureParameters;
-    use headbox_cube::pack::{SplatIndexLayout, Split};
-    use headbox_ldi::capture::SceneCapture;
-    use headbox_ldi::spec::{CaptureSpec, RunOptions};
-
-    /// A small capture with several layers in its only segment of each face.
-    pub(crate) fn cube() -> Arc<CubeLdi> {
-        let source = headbox_ldi::scene_source::SceneSource::new("builtin:interior");
-        let scene = Arc::new(source.open().unwrap());
-        let headbox = scene.headbox.unwrap();
-        let tracer = headbox_trace::bvh::Tracer::new(scene, headbox.centre);
-        let spec = CaptureSpec {
-            face_size_px: 24,
-            parameters: CaptureParameters::unlit(6, 4),
-            ..CaptureSpec::new(source, headbox.centre, headbox.half_size_m)
-        };
-        let lighting = headbox_trace::light::Lighting::of_scene(&tracer, 0);
-        let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
-            .run()
-            .unwrap();
-        Arc::new(CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap())
-    }
 
     #[test]
     fn variations_are_valid_ldis() {

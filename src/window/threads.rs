@@ -1,35 +1,9 @@
-//! Thread pools: some that take what others leave of the processor, some to draw frames with fewer
-//! threads.
+//! Frames rendered with fewer threads than the program uses elsewhere.
 
 use headbox_viewer::{Setting, SettingValues};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
-
-/// A pool of as many threads as the program uses elsewhere, all of the lowest priority where the
-/// system can do that.
-///
-/// # Errors
-/// One sentence, if threads cannot be started.
-pub(super) fn pool(name: &'static str) -> Result<ThreadPool, String> {
-    let builder = ThreadPoolBuilder::new().num_threads(rayon::current_num_threads());
-    let builder = builder
-        .thread_name(move |i| format!("{name} {i}"))
-        .start_handler(|_| yield_to_others());
-    builder
-        .build()
-        .map_err(|error| format!("Cannot start threads for the {name}: {error}."))
-}
-
-/// Linux has a nice value per thread, and `setpriority` of "this process" sets that of the calling
-/// thread. That it fails costs smoothness, nothing else.
-#[cfg(target_os = "linux")]
-fn yield_to_others() {
-    let _ = rustix::process::setpriority_process(None, 19);
-}
-
-#[cfg(not(target_os = "linux"))]
-fn yield_to_others() {}
 
 /// Pools of fewer threads than the program uses elsewhere, made when they are first wanted.
 #[derive(Default)]

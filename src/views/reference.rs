@@ -1,12 +1,13 @@
 //! Ray-traced truth of the current view, refined in the background.
 
-use super::progressive_capture::LitScene;
 use crate::background;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
+use headbox_core::view::Ongoing;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
 use headbox_trace::truth;
 use headbox_trace::truth::Truth;
-use headbox_viewer::Ongoing;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,37 +22,60 @@ const ROUNDS: [(u32, u32); 5] = [(4, 4), (2, 1), (8, 1), (32, 1), (128, 1)];
 /// Views asked for last that are worth tracing: two eyes with two settings each.
 const VIEWS: usize = 4;
 
+/// A scene with its light, ready for rays from its headbox.
+#[derive(Clone)]
+pub struct LitScene {
+    /// The scene's geometry.
+    pub tracer: Arc<Tracer>,
+    /// Its light.
+    pub lighting: Arc<Lighting>,
+    /// False shows albedo and emission, like a capture without light.
+    pub lit: bool,
+    /// True if path guiding was learnt.
+    pub guided: bool,
+}
+
+impl LitScene {
+    /// Learns path guiding, if the scene is lit and it was not learnt before.
+    pub fn guide(&mut self) {
+        if self.lit && !self.guided {
+            self.lighting = Arc::new(Lighting::clone(&self.lighting).guided(&self.tracer));
+            self.guided = true;
+        }
+    }
+}
+
 /// Truth of one view so far.
 #[derive(Clone)]
-pub(crate) struct Traced {
+pub(super) struct Traced {
     camera: Camera,
     /// Number of entries of [`ROUNDS`] behind it.
     rounds: usize,
     /// Truth with as many pixels as the view, or one per square of [`Self::coarseness`] pixels a
     /// side.
-    pub(crate) truth: Arc<Truth>,
+    pub(super) truth: Arc<Truth>,
 }
 
 impl Traced {
     /// Rays per pixel.
-    pub(crate) fn samples(&self) -> u32 {
+    pub(super) fn samples(&self) -> u32 {
         ROUNDS[self.rounds - 1].0
     }
 
     /// Side of the square of pixels that share one.
-    pub(crate) fn coarseness(&self) -> u32 {
+    pub(super) fn coarseness(&self) -> u32 {
         ROUNDS[self.rounds - 1].1
     }
 
     /// Nothing better will come.
-    pub(crate) fn is_final(&self) -> bool {
+    pub(super) fn is_final(&self) -> bool {
         self.rounds == ROUNDS.len()
     }
 }
 
 /// Traces truth for the views asked for. Dropping it ends that; nobody waits for the thread, which
 /// ends by itself.
-pub(crate) struct Reference {
+pub(super) struct Reference {
     shared: Arc<ReferenceShared>,
 }
 
@@ -81,7 +105,7 @@ impl Reference {
     ///
     /// # Errors
     /// One sentence, if there can be no thread.
-    pub(crate) fn start(
+    pub(super) fn start(
         scene: impl FnOnce() -> Result<LitScene, String> + Send + 'static,
     ) -> Result<Self, String> {
         let shared = Arc::new(ReferenceShared::default());
@@ -104,7 +128,7 @@ impl Reference {
     ///
     /// # Errors
     /// One sentence, if there will be none.
-    pub(crate) fn ask(&self, camera: &Camera) -> Result<Option<Traced>, String> {
+    pub(super) fn ask(&self, camera: &Camera) -> Result<Option<Traced>, String> {
         let mut state = self.shared.lock();
         if let Some(error) = &state.failed {
             return Err(error.clone());
@@ -118,7 +142,7 @@ impl Reference {
     }
 
     /// Progress of truth; `None` once it is finished.
-    pub(crate) fn ongoing(&self) -> Option<Ongoing> {
+    pub(super) fn ongoing(&self) -> Option<Ongoing> {
         let state = self.shared.lock();
         if !state.has_scene {
             return Some(Ongoing {
@@ -145,7 +169,7 @@ impl Reference {
     }
 
     /// No view needs truth until one asks again.
-    pub(crate) fn rest(&self) {
+    pub(super) fn rest(&self) {
         let mut state = self.shared.lock();
         state.asked.clear();
         state.traced.clear();

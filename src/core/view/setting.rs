@@ -1,11 +1,12 @@
-//! Settings of a frame source as data: the window draws them without knowing what they mean.
+//! Settings of a view as data: the window draws controls and the command line makes flags from
+//! them, and neither knows what they mean.
 
 use std::{collections::BTreeMap, ops::RangeInclusive};
 
-/// One control of a source's panel.
+/// One setting of a view: a control in the window, and a flag of `headbox render` if it names one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
-    /// Name in code; unique within a source.
+    /// Name in code; unique within a view.
     pub id: &'static str,
     /// Heading under which it is shown.
     pub group: String,
@@ -17,6 +18,8 @@ pub struct Setting {
     pub tooltip: String,
     /// Kind, range and initial value.
     pub control: Control,
+    /// Long flag on the command line, without dashes; `None` if the setting is for the window alone.
+    pub flag: Option<&'static str>,
 }
 
 /// The kinds of control.
@@ -47,7 +50,7 @@ pub enum Control {
         /// True for a logarithmic slider.
         logarithmic: bool,
     },
-    /// A button ([`FrameSource::act`](crate::FrameSource::act)).
+    /// A button of the window.
     Action,
 }
 
@@ -61,6 +64,7 @@ impl Setting {
             label: label.into(),
             tooltip: tooltip.into(),
             control,
+            flag: None,
         }
     }
 
@@ -71,16 +75,19 @@ impl Setting {
 
     /// One of several; the first option is the initial one.
     pub fn choice(id: &'static str, label: &str, tooltip: &str, options: &[&str]) -> Self {
+        Self::choice_at(id, label, tooltip, options, 0)
+    }
+
+    /// One of several; `options[selected]` is the initial one.
+    pub fn choice_at(
+        id: &'static str,
+        label: &str,
+        tooltip: &str,
+        options: &[&str],
+        selected: usize,
+    ) -> Self {
         let options = options.iter().map(ToString::to_string).collect();
-        Self::new(
-            id,
-            label,
-            tooltip,
-            Control::Choice {
-                options,
-                selected: 0,
-            },
-        )
+        Self::new(id, label, tooltip, Control::Choice { options, selected })
     }
 
     /// A slider over a continuous range.
@@ -125,9 +132,18 @@ impl Setting {
         Self::new(id, label, tooltip, control)
     }
 
-    /// A button; `id` is what [`FrameSource::act`](crate::FrameSource::act) is given.
+    /// A button; `id` is what the window's source is given when it is pressed.
     pub fn action(id: &'static str, label: &str, tooltip: &str) -> Self {
         Self::new(id, label, tooltip, Control::Action)
+    }
+
+    /// The same setting with a flag on the command line, without dashes.
+    #[must_use]
+    pub fn with_flag(self, flag: &'static str) -> Self {
+        Self {
+            flag: Some(flag),
+            ..self
+        }
     }
 
     /// The same control under another heading.
@@ -158,7 +174,7 @@ pub enum SettingValue {
     Number(f64),
 }
 
-/// The values of all settings of a source, by id.
+/// The values of all settings of a view, by id.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SettingValues(BTreeMap<&'static str, SettingValue>);
 
@@ -256,8 +272,20 @@ impl SettingValues {
         }
     }
 
+    /// The value of a setting as [`Self::set_text`] takes it; `None` for buttons.
+    pub fn text(&self, setting: &Setting) -> Option<String> {
+        Some(match (self.0.get(setting.id)?, &setting.control) {
+            (SettingValue::Choice(index), Control::Choice { options, .. }) => {
+                options.get(*index)?.clone()
+            }
+            (SettingValue::Toggle(on), _) => if *on { "on" } else { "off" }.into(),
+            (SettingValue::Number(value), _) => value.to_string(),
+            _ => return None,
+        })
+    }
+
     /// The value of `id` for a control to change in place.
-    pub(crate) fn get_mut(&mut self, id: &str) -> Option<&mut SettingValue> {
+    pub fn get_mut(&mut self, id: &str) -> Option<&mut SettingValue> {
         self.0.get_mut(id)
     }
 
@@ -368,6 +396,9 @@ mod tests {
         for (id, text) in [("clip", "off"), ("kernel", "gauss"), ("width", "2")] {
             values.set_text(&settings, id, text).unwrap();
         }
+        let texts = settings[..3].iter().map(|setting| values.text(setting));
+        assert!(texts.eq(["off", "Gauss", "2"].map(|text| Some(text.to_owned()))));
+        assert_eq!(values.text(&settings[3]), None, "a button");
         assert_eq!(values.toggle("clip"), Ok(false));
         assert_eq!(values.choice("kernel"), Ok(1));
         assert_eq!(values.number("width"), Ok(2.0));

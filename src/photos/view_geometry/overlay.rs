@@ -1,15 +1,16 @@
 //! Overlays of view-dependent geometry: whose pictures show, the mesh, how many cameras see a
 //! place, and how long pictures have been at hand.
 
-use super::effort::{NOTHING, Tops, class_color, class_legend, opaque, swatch, tinted};
-use super::overlay::{HOLE_COLOR, Overlay, paint_holes};
-use super::variation::distinct_color;
-use headbox_photos::view_geometry::{GeometryRenderer, PixelTriangle, ViewGeometry};
-use headbox_viewer::Swatch;
+use super::{GeometryRenderer, PixelTriangle, ViewGeometry};
+use headbox_core::view::Swatch;
+use headbox_core::view::paint::{
+    HOLE_RGB, NOTHING, Tops, class_color, class_legend, distinct_color, hole_legend, opaque,
+    paint_holes, swatch, tinted,
+};
 
 /// Overlays of view-dependent geometry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum GeometryOverlay {
+pub(super) enum GeometryOverlay {
     None,
     Holes,
     Coverage,
@@ -21,7 +22,7 @@ pub(crate) enum GeometryOverlay {
 
 impl GeometryOverlay {
     /// All, with the names under which the panel and scripts know them.
-    pub(crate) const ALL: [(&'static str, Self); 7] = [
+    pub(super) const ALL: [(&'static str, Self); 7] = [
         ("none", Self::None),
         ("holes", Self::Holes),
         ("coverage", Self::Coverage),
@@ -32,7 +33,7 @@ impl GeometryOverlay {
     ];
 
     /// Paints what the last frame of a renderer was made of; returns what the colours mean.
-    pub(crate) fn paint(
+    pub(super) fn paint(
         self,
         geometry: &ViewGeometry,
         renderer: &GeometryRenderer,
@@ -47,7 +48,7 @@ impl GeometryOverlay {
             }
             Self::Holes => {
                 paint_holes(renderer.frame(), pixels);
-                Overlay::Holes.legend()
+                hole_legend()
             }
             Self::Coverage => {
                 let seen = renderer
@@ -56,13 +57,13 @@ impl GeometryOverlay {
                     .zip(&renderer.frame().coverage);
                 for (pixel, (seen, coverage)) in pixels.iter_mut().zip(seen) {
                     *pixel = match seen.unwrap_or(0) {
-                        _ if coverage.is_hole() => HOLE_COLOR,
+                        _ if coverage.is_hole() => opaque(HOLE_RGB),
                         0 => opaque(NOTHING),
                         cameras => opaque(class_color(cameras as f32, &CAMERAS)),
                     };
                 }
                 let classes = class_legend("no camera shows it there", &CAMERAS, "cameras see it");
-                [Overlay::Holes.legend(), classes].concat()
+                [hole_legend(), classes].concat()
             }
             Self::Camera => {
                 let cameras = renderer.used().iter();

@@ -1,0 +1,193 @@
+//! What `headbox render` shows: a view with its settings.
+
+use crate::commands::capture::place::{figure, triple};
+use crate::words::UsageError;
+use anyhow::anyhow;
+use headbox_core::camera::Camera;
+use headbox_core::frame::Frame;
+use headbox_core::statistics::median;
+use headbox_core::view::{
+    FrameReport, FrameRequest, OVERLAY, Refinement, Rendered, Setting, SettingValues, View,
+};
+use image::RgbImage;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// A view with its settings.
+pub(super) struct Shown {
+    pub(super) view: Box<dyn View>,
+    settings: Vec<Setting>,
+    values: Arc<SettingValues>,
+    /// Warnings that were printed.
+    warned: BTreeSet<String>,
+}
+
+/// One rendered pose.
+pub(super) struct RenderedPose {
+    pub(super) image: RgbImage,
+    /// Times of the repetitions.
+    pub(super) ms: Vec<f64>,
+    pub(super) report: FrameReport,
+    pub(super) frame: Frame,
+}
+
+impl RenderedPose {
+    pub(super) fn ms_median(&self) -> f64 {
+        median(self.ms.iter().copied()).unwrap_or(f64::NAN)
+    }
+
+    pub(super) fn hole_fraction(&self) -> f64 {
+        let pixels = f64::from(self.image.width()) * f64::from(self.image.height());
+        self.report.hole_pixels as f64 / pixels
+    }
+
+    /// A figure of the report.
+    pub(super) fn figure(&self, name: &str) -> Option<f64> {
+        let found = self.report.figures.iter().find(|it| it.name == name);
+        found.map(|it| it.value)
+    }
+
+    /// Times of the stages, by name.
+    pub(super) fn stages(&self) -> Value {
+        let stages = self.report.stages.iter();
+        let stages = stages.map(|stage| (format!("{}_ms", stage.name), json!(stage.ms)));
+        Value::Object(stages.collect())
+    }
+
+    /// The legend of an overlay and its figures, for machines.
+    pub(super) fn overlay(&self, json: &mut Value) {
+        let legend = self.report.legend.iter();
+        let legend = legend.map(|line| json!({"color": hex(line.color), "label": line.label}));
+        json["legend"] = legend.collect();
+        let figures = self.report.figures.iter();
+        let figures = figures.map(|figure| (figure.name.to_owned(), json!(figure.value)));
+        json["figures"] = Value::Object(figures.collect::<Map<_, _>>());
+    }
+}
+
+/// A colour as in HTML.
+pub(super) fn hex([r, g, b]: [u8; 3]) -> String {
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+impl Shown {
+    pub(super) fn new(view: Box<dyn View>, values: SettingValues) -> Self {
+        Self {
+            settings: view.settings(),
+            view,
+            values: Arc::new(values),
+            warned: BTreeSet::new(),
+        }
+    }
+
+    /// The option chosen of the choice with a flag; "" if there is none.
+    fn chosen(&self, flag: &str) -> String {
+        let mut settings = self.settings.iter();
+        let setting = settings.find(|setting| setting.flag == Some(flag));
+        let text = setting.and_then(|setting| self.values.text(setting));
+        text.unwrap_or_default()
+    }
+
+    /// Name of the variant.
+    pub(super) fn variant(&self) -> String {
+        self.chosen("variant")
+    }
+
+    /// Name of the overlay; `None` if the frame shows its colours.
+    pub(super) fn overlay(&self) -> Option<String> {
+        let mut settings = self.settings.iter();
+        let setting = settings.find(|setting| setting.id == OVERLAY)?;
+        let chosen = self.values.choice(OVERLAY).ok()?;
+        if chosen == 0 {
+            return None;
+        }
+        self.values.text(setting)
+    }
+
+    /// Renders a pose `repeat` times, each time until it is as good as it gets.
+    ///
+    /// # Errors
+    /// What the view cannot render, or depth that it does not have.
+    pub(super) fn render(
+        &mut self,
+        camera: &Camera,
+        repeat: u32,
+        depth: bool,
+    ) -> anyhow::Result<RenderedPose> {
+        let request = FrameRequest {
+            depth,
+            ..FrameRequest::complete(*camera, Arc::clone(&self.values))
+        };
+        let mut ms = Vec::with_capacity(repeat as usize);
+        loop {
+            let Rendered { frame, report } =
+                self.view.render(&request).map_err(|error| anyhow!(error))?;
+            match report.refinement {
+                Refinement::Done => ms.push(report.ms),
+                Refinement::Next => continue,
+                Refinement::Later(pause) => {
+                    std::thread::sleep(pause);
+                    continue;
+                }
+            }
+            if ms.len() < repeat as usize {
+                continue;
+            }
+            if depth && frame.depth_m.is_empty() {
+                let message = format!("--depth is not for {}", self.view.kind());
+                return Err(UsageError(message).into());
+            }
+            for warning in &report.warnings {
+                if self.warned.insert(warning.clone()) {
+                    eprintln!("warning: {warning}");
+                }
+            }
+            return Ok(RenderedPose {
+                image: frame.to_rgb()?,
+                ms,
+                report,
+                frame: frame.clone(),
+            });
+        }
+    }
+
+    /// Statistics of the last frame.
+    pub(super) fn statistics(&mut self, camera: &Camera) -> Value {
+        let request = FrameRequest::complete(*camera, Arc::clone(&self.values));
+        self.view.statistics(&request)
+    }
+
+    /// Warns of eyes outside the headbox, from where nobody has looked.
+    pub(super) fn warn_if_outside(&self, cameras: &[Camera]) {
+        let Some(headbox) = self.view.headbox() else {
+            return;
+        };
+        let outside = |camera: &&Camera| {
+            let offset = (camera.eye() - headbox.centre).abs().max_element();
+            offset > headbox.half_size_m * (1.0 + 1e-9)
+        };
+        let count = cameras.iter().filter(outside).count();
+        if count == 0 {
+            return;
+        }
+        let which = if cameras.len() == 1 {
+            "the eye is".into()
+        } else {
+            format!("{count} of {} eyes are", cameras.len())
+        };
+        let frame = self.view.file_frame();
+        eprintln!(
+            "warning: {which} outside the headbox ({} and {} to each side along the axes, in the file's axes and unit). What \
+             is seen from there only is missing: expect holes, and surfaces where they are not",
+            triple(frame.file_from_world(headbox.centre)),
+            figure(headbox.half_size_m / frame.unit_m)
+        );
+    }
+
+    /// What was rendered, in a few words.
+    pub(super) fn summary(&self) -> String {
+        let (count, what) = self.view.primitives();
+        format!("{} of {count} {what}, {}", self.view.kind(), self.variant())
+    }
+}

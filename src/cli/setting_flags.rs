@@ -1,0 +1,179 @@
+//! Flags made from the settings of views: one table for the command line and the window.
+
+use crate::words::UsageError;
+use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
+use headbox_core::view::{Control, Setting, SettingValues, View};
+use headbox_photos::view_geometry::view::GeometryView;
+use headbox_sprite::view::LayersView;
+
+/// The settings that were given on the command line, by flag.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SettingFlags(Vec<(&'static str, String)>);
+
+/// A setting with a flag, and the name of a representation that has it.
+type FlagOf = (&'static str, Setting, String);
+
+/// All settings with flags, in order, each with a name of what has it.
+fn table() -> Vec<FlagOf> {
+    let representations = headbox_views::all();
+    let of_files = representations
+        .iter()
+        .map(|one| (format!(".{}", one.extension), (one.settings)()));
+    let others = [
+        ("several files".to_owned(), LayersView::layer_settings()),
+        (
+            "folders of images".to_owned(),
+            GeometryView::setting_table(),
+        ),
+    ];
+    let with_flags = of_files.chain(others).flat_map(|(of, settings)| {
+        settings
+            .into_iter()
+            .filter_map(move |setting| Some((setting.flag?, setting, of.clone())))
+    });
+    with_flags.collect()
+}
+
+/// The help of a flag: what it does, for each kind of file that has it.
+fn help(flag: &str, table: &[FlagOf]) -> String {
+    let mut parts: Vec<(String, Vec<&str>)> = Vec::new();
+    for (_, setting, of) in table.iter().filter(|(found, ..)| *found == flag) {
+        let mut text = setting.tooltip.trim_end_matches('.').to_owned();
+        if let Control::Choice { options, .. } = &setting.control {
+            text += &format!(": {}", options.join(", "));
+        }
+        match parts.iter_mut().find(|(known, _)| *known == text) {
+            Some((_, all)) => all.push(of),
+            None => parts.push((text, vec![of])),
+        }
+    }
+    let parts = parts
+        .into_iter()
+        .map(|(text, of)| format!("{}: {text}", of.join(", ")));
+    parts.collect::<Vec<_>>().join("; ")
+}
+
+fn is_switch(setting: &Setting) -> bool {
+    matches!(setting.control, Control::Toggle { on: false })
+}
+
+impl Args for SettingFlags {
+    fn augment_args(command: Command) -> Command {
+        let table = table();
+        let mut known = Vec::new();
+        let mut command = command;
+        for (flag, setting, _) in &table {
+            if known.contains(flag) {
+                continue;
+            }
+            known.push(*flag);
+            let arg = Arg::new(*flag).long(*flag).help(help(flag, &table));
+            let arg = match &setting.control {
+                _ if is_switch(setting) => arg.action(ArgAction::SetTrue),
+                Control::Number { .. } => arg.value_name("N").allow_hyphen_values(true),
+                _ => arg.value_name("NAME"),
+            };
+            command = command.arg(arg);
+        }
+        command
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for SettingFlags {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let mut given: Vec<(&'static str, String)> = Vec::new();
+        for (flag, setting, _) in table() {
+            if given.iter().any(|(known, _)| *known == flag) {
+                continue;
+            }
+            if is_switch(&setting) {
+                if matches.get_flag(flag) {
+                    given.push((flag, "on".into()));
+                }
+            } else if let Some(text) = matches.get_one::<String>(flag) {
+                given.push((flag, text.clone()));
+            }
+        }
+        Ok(Self(given))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl SettingFlags {
+    /// The text given for a flag.
+    pub(crate) fn get(&self, flag: &str) -> Option<&str> {
+        let found = self.0.iter().find(|(given, _)| *given == flag);
+        found.map(|(_, text)| text.as_str())
+    }
+
+    /// The values of a view's settings, with those that were given.
+    ///
+    /// # Errors
+    /// A flag that the view does not have, or a value that the setting does not have.
+    pub(crate) fn values(&self, view: &dyn View) -> Result<SettingValues, UsageError> {
+        let settings = view.settings();
+        let mut values = SettingValues::initial(&settings);
+        for (flag, text) in &self.0 {
+            let candidates: Vec<_> = settings
+                .iter()
+                .filter(|setting| setting.flag == Some(flag))
+                .collect();
+            if candidates.is_empty() {
+                return Err(not_for(flag, view.kind(), &settings));
+            }
+            let is_set = candidates
+                .iter()
+                .any(|setting| values.set_text(&settings, setting.id, text).is_ok());
+            if !is_set {
+                return Err(no_such_value(flag, text, &candidates));
+            }
+        }
+        Ok(values)
+    }
+}
+
+/// The error for a flag that a view does not have.
+fn not_for(flag: &str, kind: &str, settings: &[Setting]) -> UsageError {
+    let mut known: Vec<_> = settings
+        .iter()
+        .filter_map(|setting| Some(format!("--{}", setting.flag?)))
+        .collect();
+    known.dedup();
+    UsageError(format!(
+        "--{flag} is not for {kind}; there are {}",
+        known.join(", ")
+    ))
+}
+
+/// The error for a value that none of the settings with a flag has.
+fn no_such_value(flag: &str, text: &str, settings: &[&Setting]) -> UsageError {
+    let mut names = Vec::new();
+    for setting in settings {
+        match &setting.control {
+            Control::Choice { options, .. } => names.extend(options.iter().cloned()),
+            Control::Number { range, unit, .. } => {
+                let unit = if unit.is_empty() { "" } else { " " }.to_owned() + unit;
+                return UsageError(format!(
+                    "--{flag} {text}: give a number from {} to {}{unit}",
+                    range.start(),
+                    range.end()
+                ));
+            }
+            Control::Toggle { .. } | Control::Action => {
+                return UsageError(format!("--{flag} {text}: give on or off"));
+            }
+        }
+    }
+    UsageError(format!(
+        "there is no {flag} \"{text}\"; there are: {}",
+        names.join(", ")
+    ))
+}

@@ -1,0 +1,116 @@
+//! The interface between representations and whatever shows them.
+//!
+//! Each representation (cube LDI, sprites, lumigraph, house, view-dependent geometry) implements
+//! [`View`] once, in its own crate. `headbox render`, the window, the report and the exports know
+//! only this trait and the [`Setting`]s that a view declares.
+
+mod navigation;
+pub mod paint;
+mod report;
+mod setting;
+
+pub use navigation::{Navigation, Room, RoomMap, StartView, level_up};
+pub use report::{
+    Fact, Figure, FrameReport, FrameRequest, Ongoing, Refinement, Rendered, Stage, Swatch,
+};
+pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
+
+/// Statistics of a frame, as JSON.
+pub use serde_json::Value as Statistics;
+
+use crate::file_frame::FileFrame;
+use crate::headbox::Headbox;
+use crate::light_parameters::LightParameters;
+use std::any::Any;
+
+/// A scene in one image-based representation, opened and ready to be looked at.
+pub trait View: Any + Send {
+    /// Name of the representation, for titles and messages: "cube LDI".
+    fn kind(&self) -> &'static str;
+
+    /// Where the eye starts, for frames of `size_px` (width, height).
+    fn start(&self, size_px: [u32; 2]) -> StartView;
+
+    /// Size of a frame if nothing else is asked for: width and height in pixels.
+    fn default_size_px(&self) -> [u32; 2] {
+        [1024, 768]
+    }
+
+    /// The box from which the view is meant to be seen; `None` if nothing bounds the eye.
+    fn headbox(&self) -> Option<Headbox> {
+        None
+    }
+
+    /// How the eye moves in a window.
+    fn navigation(&self) -> Navigation {
+        Navigation::Fly
+    }
+
+    /// Speed of the eye with a key held, metres per second. By default the half size of the headbox
+    /// in one second, or a stroll.
+    fn speed_m_per_s(&self) -> f64 {
+        self.headbox()
+            .map_or(1.4, |headbox| headbox.half_size_m.max(1e-3))
+    }
+
+    /// Axes and unit of the scene's file, in which cameras and paths are read and saved.
+    fn file_frame(&self) -> FileFrame {
+        FileFrame::default()
+    }
+
+    /// A floor plan, for views that have rooms.
+    fn plan(&self) -> Option<RoomMap> {
+        None
+    }
+
+    /// The scene that the view was made of, where the file names it.
+    fn origin(&self) -> Option<Origin> {
+        None
+    }
+
+    /// Primitives that the view consists of: how many, and what they are ("depth pixels").
+    fn primitives(&self) -> (u64, &'static str);
+
+    /// Bytes of memory that rendering needs.
+    fn bytes(&self) -> u64;
+
+    /// The settings, in the order of the window's panel. The same table gives the flags of
+    /// `headbox render` and the controls of the window. By convention the choice with the flag
+    /// "variant" says how primitives become pixels, and the one named [`OVERLAY`] what is painted
+    /// instead of colours.
+    fn settings(&self) -> Vec<Setting>;
+
+    /// Renders what the request's camera sees.
+    ///
+    /// # Errors
+    /// One sentence: a setting that the view does not have, or a capture that failed.
+    fn render(&mut self, request: &FrameRequest) -> Result<Rendered<'_>, String>;
+
+    /// Statistics of the last frame, for machines; costly ones are computed here.
+    fn statistics(&mut self, _request: &FrameRequest) -> Statistics {
+        Statistics::Null
+    }
+
+    /// Linear radiance of each stored 8-bit level, where the file tells it.
+    fn radiance_of_levels(&self) -> Option<[f32; 256]> {
+        None
+    }
+}
+
+/// The scene that a view was made of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Origin {
+    /// Name of the scene: a file, or `builtin:NAME`.
+    pub scene: String,
+    /// Axes and unit of its file.
+    pub frame: FileFrame,
+    /// Light that was specified for it.
+    pub light: LightParameters,
+    /// The headbox of the view.
+    pub headbox: Headbox,
+    /// True if it was lit; false if it shows albedo and emission.
+    pub lit: bool,
+}
+
+/// Id of the choice of what a frame shows instead of its colours.
+pub const OVERLAY: &str = "overlay";

@@ -1,0 +1,365 @@
+//! A cube LDI as a [`View`]: settings, overlays and statistics.
+//!
+//! | file | what |
+//! |---|---|
+//! | `overlay` | what a frame can show instead of its colours |
+//! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
+//! | `variation` | the LDI with some of its parts, or recoloured by depth, layer, face, segment |
+
+mod effort;
+mod overlay;
+#[cfg(test)]
+mod tests;
+mod variation;
+
+use self::overlay::{Overlay, paint_coverage, paint_epipole};
+use self::variation::{FACE_NAMES, Variation, Variations};
+use crate::model::info::CaptureInfo;
+use crate::pack::CubeLdi;
+use crate::render::footprint::splat::SplatKernel;
+use crate::render::{FrameStats, RenderSettings, Renderer};
+use glam::DVec3;
+use headbox_core::cube_face::Face;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::frame::Frame;
+use headbox_core::headbox::Headbox;
+use headbox_core::tone::ToneMap;
+use headbox_core::view::paint::{figure, paint_holes};
+use headbox_core::view::{
+    Figure, FrameReport, FrameRequest, OVERLAY, Origin, Rendered, Setting, SettingValues, Stage,
+    StartView, Statistics, View, level_up,
+};
+use serde_json::json;
+use std::sync::Arc;
+
+/// Name of the representation.
+pub const KIND: &str = "cube LDI";
+
+/// Factors of exposure on offer, in stops to either side.
+const MAX_STOPS: f64 = 40.0;
+
+/// A cube LDI with its renderer.
+pub struct CubeView {
+    cube: Arc<CubeLdi>,
+    variations: Variations,
+    renderer: Renderer,
+    /// The last frame where it differs from the renderer's: painted over, or at another exposure.
+    painted: Frame,
+    stats: FrameStats,
+}
+
+impl CubeView {
+    /// A view of `cube`.
+    pub fn new(cube: impl Into<Arc<CubeLdi>>) -> Self {
+        Self {
+            cube: cube.into(),
+            variations: Variations::default(),
+            renderer: Renderer::new(),
+            painted: Frame::default(),
+            stats: FrameStats::default(),
+        }
+    }
+
+    /// The cube.
+    pub fn cube(&self) -> &Arc<CubeLdi> {
+        &self.cube
+    }
+
+    /// Shows another cube instead.
+    pub fn show(&mut self, cube: Arc<CubeLdi>) {
+        self.cube = cube;
+        self.variations.clear();
+    }
+
+    /// Number of the overlays in [`Self::setting_table`], for views that add their own.
+    pub fn overlay_count(&self) -> usize {
+        Overlay::ALL.len()
+    }
+
+    /// The settings of every cube LDI.
+    pub fn setting_table() -> Vec<Setting> {
+        let overlays = Overlay::ALL.map(|(name, _)| name);
+        let mut settings = vec![
+            Setting::choice(
+                "kernel",
+                "Footprints",
+                "How samples become pixels (no unit).",
+                &SplatKernel::ALL.map(SplatKernel::name),
+            )
+            .with_flag("variant"),
+            Setting::choice(
+                OVERLAY,
+                "Overlay",
+                "What is painted: the frame; its holes in magenta; the share of each pixel that splats cover (black 0 to \
+                 white 1); the depth pixels coloured by their distance from the centre of the headbox (red near, blue \
+                 far), layer (orange first), face, near and far segment, or primitive; the width of the footprint in \
+                 front (px); how often each pixel was drawn (a number); what clipping left out, on the unfolded faces.",
+                &overlays,
+            )
+            .with_flag(OVERLAY),
+            Setting::toggle(
+                "clip",
+                "Clipping",
+                "Leaves out what is known to be outside the view; without it every depth pixel is warped, for the same frame.",
+                true,
+            ),
+            Setting::toggle(
+                "keep-holes",
+                "Keep holes",
+                "Leaves small holes open, which are otherwise filled from what lies behind their rims.",
+                false,
+            )
+            .with_flag("keep-holes"),
+            Setting::number(
+                "exposure",
+                "Exposure",
+                "Stops by which the frame is shown brighter than it was captured, clipped at white; a capture made with --hdr \
+                 keeps what lies above.",
+                0.0,
+                -MAX_STOPS..=MAX_STOPS,
+                "stops",
+            )
+            .with_flag("exposure"),
+            Setting::toggle(
+                "epipole",
+                "Epipole",
+                "Marks where the centre of the headbox projects to: a cross ahead of the eye, a ring behind it.",
+                false,
+            ),
+        ];
+        let part = |id, label: &str| {
+            Setting::toggle(
+                id,
+                label,
+                "Draws this part of the LDI; holes show where nothing else is.",
+                true,
+            )
+            .folded_under("Parts")
+        };
+        settings.extend(FACE_NAMES.map(|(id, name)| part(id, &format!("Face {name}"))));
+        settings.extend([
+            part("near", "Near segments"),
+            part("far", "Far segments"),
+            part("planes", "Pictures on planes"),
+        ]);
+        settings
+    }
+
+    /// The first view of a cube LDI: from the centre, in the direction that its header names, or
+    /// toward the side with the most depth pixels.
+    pub fn start_in(cube: &CubeLdi) -> StartView {
+        StartView {
+            eye: cube.info.centre,
+            forward: cube.info.ahead.unwrap_or_else(|| richest_side(cube)),
+            up: level_up(cube.info.up),
+            fov_y_deg: 60.0,
+        }
+    }
+}
+
+/// The level direction toward the side of the cube with the most depth pixels; -Z if there are
+/// none.
+fn richest_side(cube: &CubeLdi) -> DVec3 {
+    let depth_pixels = |side: Face| -> usize {
+        let segments = cube.segments.iter().filter(|s| s.face == side);
+        segments.map(|s| s.depth_pixels.len()).sum()
+    };
+    let sides = [Face::PosX, Face::NegX, Face::PosZ, Face::NegZ];
+    sides
+        .into_iter()
+        .max_by_key(|&side| depth_pixels(side))
+        .map_or(DVec3::NEG_Z, Face::normal)
+}
+
+fn render_settings(request: &FrameRequest) -> Result<RenderSettings, String> {
+    let values = &request.settings;
+    Ok(RenderSettings {
+        kernel: SplatKernel::ALL
+            .get(values.choice("kernel")?)
+            .copied()
+            .unwrap_or_default(),
+        unclipped: !values.toggle("clip")?,
+        keep_holes: values.toggle("keep-holes")?,
+        depth: request.depth,
+        ..RenderSettings::default()
+    })
+}
+
+fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, String> {
+    let mut faces = [true; 6];
+    for (shown, (id, _)) in faces.iter_mut().zip(FACE_NAMES) {
+        *shown = values.toggle(id)?;
+    }
+    Ok(Variation {
+        faces,
+        near: values.toggle("near")?,
+        far: values.toggle("far")?,
+        planes: values.toggle("planes")?,
+        meaning: overlay.meaning(),
+    })
+}
+
+/// Table from stored levels to levels `stops` brighter, clipped at white.
+fn brighter_levels(info: &CaptureInfo, stops: f32) -> [u8; 256] {
+    let level = |level: u8| ToneMap::SrgbClipped.level(info.tone.exposed(level) * stops.exp2());
+    std::array::from_fn(|i| level(i as u8))
+}
+
+impl View for CubeView {
+    fn kind(&self) -> &'static str {
+        KIND
+    }
+
+    fn start(&self, _: [u32; 2]) -> StartView {
+        Self::start_in(&self.cube)
+    }
+
+    fn headbox(&self) -> Option<Headbox> {
+        Some(Headbox {
+            centre: self.cube.info.centre,
+            half_size_m: self.cube.info.half_size_m,
+        })
+    }
+
+    fn file_frame(&self) -> FileFrame {
+        self.cube.info.frame
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        let info = &self.cube.info;
+        Some(Origin {
+            scene: info.scene.clone(),
+            frame: info.frame,
+            light: info.light.clone(),
+            headbox: self.headbox()?,
+            lit: info.parameters.light_samples > 0,
+        })
+    }
+
+    fn primitives(&self) -> (u64, &'static str) {
+        (self.cube.depth_pixel_count() as u64, "depth pixels")
+    }
+
+    fn bytes(&self) -> u64 {
+        self.cube.bytes() as u64
+    }
+
+    fn settings(&self) -> Vec<Setting> {
+        Self::setting_table()
+    }
+
+    fn render(&mut self, request: &FrameRequest) -> Result<Rendered<'_>, String> {
+        let settings = render_settings(request)?;
+        let values = &request.settings;
+        let overlay = Overlay::ALL
+            .get(values.choice(OVERLAY)?)
+            .map_or(Overlay::None, |&(_, overlay)| overlay);
+        let (stops, epipole) = (values.number("exposure")? as f32, values.toggle("epipole")?);
+        let cube = self.variations.of(&self.cube, &variation(values, overlay)?);
+        let (_, stats) = self
+            .renderer
+            .render_with_stats(&cube, &request.camera, &settings);
+        self.stats = *stats;
+        let mut report = report(&self.stats, &cube);
+        report.legend = overlay.legend();
+        let is_captured = matches!(overlay, Overlay::None | Overlay::Recolored(_));
+        if is_captured && !epipole && stops == 0.0 {
+            let frame = self.renderer.frame();
+            return Ok(Rendered { frame, report });
+        }
+        self.painted.clone_from(self.renderer.frame());
+        if stops != 0.0 {
+            let levels = brighter_levels(&self.cube.info, stops);
+            for [r, g, b, _] in &mut self.painted.color {
+                [*r, *g, *b] = [*r, *g, *b].map(|level| levels[usize::from(level)]);
+            }
+        }
+        // What was asked for stands on top.
+        let effort = self.paint(&cube, request, &settings, overlay);
+        report.figures.splice(0..0, effort);
+        if epipole {
+            paint_epipole(&request.camera, cube.info.centre, &mut self.painted.color);
+        }
+        Ok(Rendered {
+            frame: &self.painted,
+            report,
+        })
+    }
+
+    fn statistics(&mut self, request: &FrameRequest) -> Statistics {
+        let clipping = render_settings(request)
+            .map(|settings| Renderer::new().clip_counts(&self.cube, &request.camera, &settings));
+        let mut statistics = json!(self.stats);
+        statistics["clipping"] = json!(clipping.ok());
+        statistics
+    }
+
+    fn radiance_of_levels(&self) -> Option<[f32; 256]> {
+        let info = &self.cube.info;
+        Some(std::array::from_fn(|level| {
+            info.tone.exposed(level as u8) / info.exposure
+        }))
+    }
+}
+
+impl CubeView {
+    /// Paints an overlay over the last frame, and returns its figures.
+    fn paint(
+        &mut self,
+        cube: &CubeLdi,
+        request: &FrameRequest,
+        settings: &RenderSettings,
+        overlay: Overlay,
+    ) -> Vec<Figure> {
+        let (renderer, camera) = (&mut self.renderer, &request.camera);
+        let pixels = &mut self.painted.color;
+        match overlay {
+            Overlay::None | Overlay::Recolored(_) => Vec::new(),
+            Overlay::Holes => {
+                paint_holes(renderer.frame(), pixels);
+                Vec::new()
+            }
+            Overlay::Coverage => {
+                paint_coverage(renderer.frame(), pixels);
+                Vec::new()
+            }
+            Overlay::Footprints => {
+                effort::paint_footprints(&renderer.overdraw(cube, camera, settings), pixels)
+            }
+            Overlay::Overdraw => {
+                effort::paint_overdraw(&renderer.overdraw(cube, camera, settings), pixels)
+            }
+            Overlay::Clipping => {
+                let clipped = renderer.clipped_segments(cube, camera, settings);
+                effort::paint_clipping(cube, &clipped, renderer.frame(), pixels)
+            }
+        }
+    }
+}
+
+fn report(stats: &FrameStats, cube: &CubeLdi) -> FrameReport {
+    let stages = [
+        ("clear", stats.clear_ms),
+        ("warp", stats.warp_ms),
+        ("finish", stats.finish_ms),
+    ];
+    let count = |name, value: u64| figure(name, value as f64, "");
+    let [to_1_px, to_3_px, to_5_px, above] = stats.by_footprint;
+    FrameReport {
+        stages: stages.map(|(name, ms)| Stage { name, ms }).to_vec(),
+        ms: stats.frame_ms,
+        hole_pixels: stats.hole_pixels,
+        figures: vec![
+            count("depth pixels", cube.depth_pixel_count() as u64),
+            count("depth pixels in", stats.depth_pixels_in),
+            count("splatted", stats.splatted),
+            count("of about 1 px", to_1_px),
+            count("of about 3 px", to_3_px),
+            count("of about 5 px", to_5_px),
+            count("of 7 px or more", above),
+            count("hole pixels", stats.hole_pixels),
+            figure("face size", cube.face_size_px.into(), "px"),
+        ],
+        ..FrameReport::default()
+    }
+}

@@ -1,0 +1,313 @@
+//! A house as a [`View`], to be walked: geometry near the eye, backdrops behind the portals farther
+//! away.
+
+use crate::backdrop::BackdropQuality;
+use crate::file::{self, HouseFileError};
+use crate::house::House;
+use crate::opening::Opening;
+use crate::settings::WalkStats;
+use crate::store::Store;
+use crate::tour::Tour;
+use crate::variant::HouseVariant;
+use crate::walk_path::WalkPath;
+use glam::{DVec2, DVec3};
+use headbox_core::file_frame::FileFrame;
+use headbox_core::frame::Frame;
+use headbox_core::view::paint::{figure, hole_legend, paint_holes, swatch};
+use headbox_core::view::{
+    Fact, FrameReport, FrameRequest, Navigation, OVERLAY, Ongoing, Refinement, Rendered, Room,
+    RoomMap, Setting, Stage, StartView, Statistics, View,
+};
+use headbox_raster::{PixelContent, RasterOutput};
+use serde_json::json;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Name of the representation.
+pub const KIND: &str = "house";
+
+/// Memory for backdrops, bytes: those of the file, and those that are built during a walk.
+pub const BUDGET_BYTES: u64 = 4 << 30;
+
+/// Interval between two looks at what is built in the background.
+const LOOK_AGAIN: Duration = Duration::from_millis(250);
+
+/// Overlays: the frame, its holes, or its backdrops.
+const OVERLAYS: [&str; 3] = ["none", "holes", "backdrops"];
+
+/// A house, seen from anywhere: the eye may leave it and pass through walls.
+pub struct HouseView {
+    tour: Tour,
+    start: StartView,
+    size_px: [u32; 2],
+    /// The variant to begin with.
+    initial: HouseVariant,
+    painted: Frame,
+    stats: WalkStats,
+}
+
+impl HouseView {
+    /// Opens a `.house` file, to be rendered with the backdrops that it holds.
+    ///
+    /// # Errors
+    /// See [`HouseFileError`].
+    pub fn read(path: &Path) -> Result<Self, HouseFileError> {
+        let (house, store, quality) = file::read(path, BUDGET_BYTES)?;
+        Ok(Self::new(house, store, quality))
+    }
+
+    /// A view of a house with the backdrops in `store`; others are built in the given quality.
+    pub fn new(house: House, store: Store, quality: BackdropQuality) -> Self {
+        let initial = HouseVariant::of_store(&store);
+        let (start, size_px) = start_in(&house);
+        Self {
+            tour: Tour::new(
+                Arc::new(house),
+                Arc::new(store),
+                quality,
+                initial.settings(),
+            ),
+            start,
+            size_px,
+            initial,
+            painted: Frame::default(),
+            stats: WalkStats::default(),
+        }
+    }
+
+    /// Shows the same rooms with other light and backdrops.
+    pub fn replace(&mut self, house: House, store: Store, quality: BackdropQuality) {
+        let settings = self.tour.settings;
+        self.tour = Tour::new(Arc::new(house), Arc::new(store), quality, settings);
+    }
+
+    /// The house.
+    pub fn house(&self) -> &House {
+        self.tour.house()
+    }
+
+    /// The settings of every house; the variant that stands first depends on its backdrops.
+    pub fn setting_table() -> Vec<Setting> {
+        Self::settings_from(HouseVariant::ALL.first())
+    }
+
+    fn settings_from(initial: Option<&HouseVariant>) -> Vec<Setting> {
+        let selected = HouseVariant::ALL
+            .iter()
+            .position(|variant| Some(variant) == initial)
+            .unwrap_or(0);
+        vec![
+            Setting::choice_at(
+                "variant",
+                "Variant",
+                "What stands behind portals that are not near: geometry, or textures, warped images, layered depth images or \
+                 sprites, with footprints of fixed size or over the last frame (no unit). What is not in the file is built \
+                 in the background; until then geometry is drawn.",
+                &HouseVariant::ALL.map(|variant| variant.name),
+                selected,
+            )
+            .with_flag("variant"),
+            Setting::choice(
+                OVERLAY,
+                "Overlay",
+                "What is painted: the frame; the holes of its backdrops in magenta; its backdrops in colour and its geometry \
+                 in grey.",
+                &OVERLAYS,
+            )
+            .with_flag(OVERLAY),
+        ]
+    }
+
+    /// Paints the overlay of a name over a copy of the last frame; `None` if there is none.
+    fn paint(&mut self, overlay: Option<&&str>) -> Option<Vec<headbox_core::view::Swatch>> {
+        let walk = self.tour.last();
+        match overlay {
+            Some(&"holes") => {
+                self.painted.clone_from(&walk.frame);
+                paint_holes(&walk.frame, &mut self.painted.color);
+                Some(hole_legend())
+            }
+            Some(&"backdrops") => {
+                self.painted.clone_from(&walk.frame);
+                paint_backdrops(walk, &mut self.painted.color);
+                Some(vec![
+                    swatch([230, 159, 0], "in its colours: a backdrop"),
+                    swatch([128; 3], "grey: geometry"),
+                ])
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Paints a frame of a walk with its geometry in grey, so that what comes from backdrops stands
+/// out.
+fn paint_backdrops(walk: &RasterOutput, pixels: &mut [[u8; 4]]) {
+    for (i, (pixel, &[r, g, b, a])) in pixels.iter_mut().zip(&walk.frame.color).enumerate() {
+        let grey = ((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8;
+        *pixel = if matches!(walk.seen(i), PixelContent::Marker(_)) {
+            [r, g, b, a]
+        } else {
+            [grey, grey, grey, a]
+        };
+    }
+}
+
+/// Inside a room, at the height of an eye, looking toward the door by which a walk through the
+/// house begins; and the size of the walk's frames. Where there is no room, the middle of
+/// everything.
+fn start_in(house: &House) -> (StartView, [u32; 2]) {
+    let walk = WalkPath::default();
+    let first = WalkPath::first(house).ok().flatten();
+    let (eye, forward) = first.map_or((house.tracer().origin(), DVec3::NEG_Z), |camera| {
+        (camera.eye(), camera.forward())
+    });
+    let start = StartView {
+        eye,
+        forward,
+        up: DVec3::Y,
+        fov_y_deg: walk.fov_y_deg,
+    };
+    (start, walk.size)
+}
+
+impl View for HouseView {
+    fn kind(&self) -> &'static str {
+        KIND
+    }
+
+    fn start(&self, _: [u32; 2]) -> StartView {
+        self.start
+    }
+
+    fn default_size_px(&self) -> [u32; 2] {
+        self.size_px
+    }
+
+    fn navigation(&self) -> Navigation {
+        Navigation::Walk
+    }
+
+    fn file_frame(&self) -> FileFrame {
+        self.house().scene().frame
+    }
+
+    fn plan(&self) -> Option<RoomMap> {
+        let model = self.house().plan();
+        let spaces = model
+            .cells
+            .iter()
+            .flat_map(|cell| cell.space.iter().map(move |prism| (&cell.name, prism)));
+        let rooms: Vec<_> = spaces
+            .map(|(name, prism)| Room {
+                name: name.clone(),
+                outline: prism.outline.iter().map(DVec2::to_array).collect(),
+            })
+            .collect();
+        let openings = model.portals.iter().filter_map(|portal| {
+            let opening = Opening::new(portal, 0)?;
+            Some([-1.0, 1.0].map(|side| {
+                let end = opening.point(DVec2::new(side, 0.0));
+                [end.x, end.z]
+            }))
+        });
+        let openings = openings.collect();
+        (!rooms.is_empty()).then_some(RoomMap { rooms, openings })
+    }
+
+    fn primitives(&self) -> (u64, &'static str) {
+        (self.house().scene().triangles.len() as u64, "triangles")
+    }
+
+    fn bytes(&self) -> u64 {
+        self.tour.store().bytes()
+    }
+
+    fn settings(&self) -> Vec<Setting> {
+        Self::settings_from(Some(&self.initial))
+    }
+
+    fn render(&mut self, request: &FrameRequest) -> Result<Rendered<'_>, String> {
+        self.tour.settings = HouseVariant::ALL
+            .get(request.settings.choice("variant")?)
+            .unwrap_or(&self.initial)
+            .settings();
+        let stats = if request.complete {
+            let frame = self.tour.complete_frame(&request.camera);
+            frame.map_err(|error| error.to_string())?.1
+        } else {
+            self.tour.frame(&request.camera).1
+        };
+        self.stats = stats.clone();
+        let mut report = report(&self.stats);
+        report.facts.push(place(self.house(), self.stats.cell));
+        report.figures.push(figure(
+            "memory of backdrops",
+            self.bytes() as f64 / f64::from(1 << 20),
+            "MiB",
+        ));
+        if self.stats.cell.is_none() {
+            let why = "the eye is in no cell (inside a wall?); all cells are drawn as geometry";
+            report.warnings.push(why.into());
+        }
+        if !request.complete && self.tour.can_improve() {
+            report.refinement = Refinement::Later(LOOK_AGAIN);
+            report.ongoing = Some(Ongoing {
+                what: format!("building {} backdrops", self.stats.missing.len()),
+                share: 0.0,
+                left: None,
+            });
+        }
+        let overlay = OVERLAYS.get(request.settings.choice(OVERLAY)?);
+        let frame = match self.paint(overlay) {
+            Some(legend) => {
+                report.legend = legend;
+                &self.painted
+            }
+            None => &self.tour.last().frame,
+        };
+        Ok(Rendered { frame, report })
+    }
+
+    fn statistics(&mut self, _: &FrameRequest) -> Statistics {
+        json!(self.stats)
+    }
+}
+
+fn report(stats: &WalkStats) -> FrameReport {
+    let share = |pixels: u64| 100.0 * pixels as f64 / stats.pixels.max(1) as f64;
+    let count = |name, value: u64| figure(name, value as f64, "");
+    let stages = [
+        ("geometry", stats.geometry_ms),
+        ("backdrop", stats.backdrop_ms),
+    ];
+    FrameReport {
+        stages: stages.map(|(name, ms)| Stage { name, ms }).to_vec(),
+        ms: stats.frame_ms,
+        hole_pixels: stats.hole_pixels,
+        figures: vec![
+            count("cells as geometry", stats.geometry_cells.into()),
+            count("triangles drawn", stats.raster.triangles_set_up as u64),
+            count("portals as backdrops", stats.portals.into()),
+            count("backdrops missing", stats.missing.len() as u64),
+            figure("pixels of backdrops", share(stats.backdrop_pixels), "%"),
+            count("depth pixels in", stats.backdrop.depth_pixels_in),
+            count("splatted", stats.backdrop.splatted),
+            count("hole pixels", stats.hole_pixels),
+        ],
+        ..FrameReport::default()
+    }
+}
+
+/// The cell in which the eye stands, by its name in the model.
+fn place(house: &House, cell: Option<u32>) -> Fact {
+    let text = match cell.and_then(|cell| Some((cell, house.plan().cells.get(cell as usize)?))) {
+        Some((number, cell)) => format!("{} (cell {number})", cell.name),
+        None => "in a wall".into(),
+    };
+    Fact {
+        name: "the eye is in",
+        text,
+    }
+}

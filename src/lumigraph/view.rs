@@ -1,0 +1,187 @@
+//! A lumigraph as a [`View`]: the eye flies about before its images, or from one light slab to the
+//! next.
+
+use crate::{Blend, LumigraphSettings, LumigraphStats, Show, Slabs, SlabsRenderer};
+use headbox_core::file_frame::FileFrame;
+use headbox_core::view::paint::figure;
+use headbox_core::view::{
+    FrameReport, FrameRequest, OVERLAY, Rendered, Setting, SettingValues, Stage, StartView,
+    Statistics, View, level_up,
+};
+use serde_json::json;
+
+/// Name of the representation.
+pub const KIND: &str = "lumigraph";
+
+/// A lumigraph with its renderer.
+pub struct LumigraphView {
+    slabs: Slabs,
+    renderer: SlabsRenderer,
+    stats: LumigraphStats,
+}
+
+impl LumigraphView {
+    /// A view of `slabs`.
+    pub fn new(slabs: Slabs) -> Self {
+        Self {
+            slabs,
+            renderer: SlabsRenderer::new(),
+            stats: LumigraphStats::default(),
+        }
+    }
+
+    /// The light slabs.
+    pub fn slabs(&self) -> &Slabs {
+        &self.slabs
+    }
+
+    /// The settings of every lumigraph.
+    pub fn setting_table() -> Vec<Setting> {
+        let defaults = LumigraphSettings::default();
+        vec![
+            Setting::choice(
+                OVERLAY,
+                "Overlay",
+                "What is painted instead of colours: the layer that a pixel is stored in, the layers as they were merged for \
+                 this frame, or the cameras that a pixel is blended from (no unit).",
+                &Show::ALL.map(|(name, _)| name),
+            )
+            .with_flag(OVERLAY),
+            Setting::choice(
+                "blend",
+                "Blend",
+                "Where some cameras show a surface and others look through it: it takes their share of the pixel, or the \
+                 whole of it as the paper has it (no unit).",
+                &Blend::ALL.map(|(name, _)| name),
+            )
+            .with_flag("variant"),
+            Setting::number(
+                "merge",
+                "Merge layers",
+                "How far two neighbouring cameras may disagree about a point where layers are merged for the frame; 0 merges \
+                 none (pixels of an image or of the frame, whichever is larger).",
+                defaults.tolerance_px,
+                0.0..=16.0,
+                "px",
+            )
+            .with_flag("merge"),
+            Setting::toggle(
+                "levels",
+                "Levels of detail",
+                "Takes coarser images where the frame is coarser.",
+                defaults.levels,
+            ),
+            Setting::toggle(
+                "skip",
+                "Skip rectangles",
+                "Leaves layers out that show in no rectangle of the images where a block of the frame would find them; the \
+                 frame is the same.",
+                defaults.skip,
+            ),
+        ]
+    }
+}
+
+fn lumigraph_settings(values: &SettingValues) -> Result<LumigraphSettings, String> {
+    let tolerance_px = values.number("merge")?;
+    Ok(LumigraphSettings {
+        merge: tolerance_px > 0.0,
+        tolerance_px,
+        levels: values.toggle("levels")?,
+        skip: values.toggle("skip")?,
+        blend: Blend::ALL
+            .get(values.choice("blend")?)
+            .map_or(Blend::default(), |(_, blend)| *blend),
+        show: Show::ALL
+            .get(values.choice(OVERLAY)?)
+            .map_or(Show::Colors, |(_, show)| *show),
+        ..LumigraphSettings::default()
+    })
+}
+
+impl View for LumigraphView {
+    fn kind(&self) -> &'static str {
+        KIND
+    }
+
+    /// Between the cameras in the middle, as wide as all is in focus.
+    fn start(&self, size_px: [u32; 2]) -> StartView {
+        let first = self.slabs.first();
+        let grid = first.grid();
+        let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
+        let camera = grid.camera(column, row);
+        StartView {
+            eye: grid.origin(),
+            forward: camera.forward(),
+            up: level_up(Some(camera.world_from_eye().y_axis)),
+            fov_y_deg: first.clear_fov_deg(size_px),
+        }
+    }
+
+    fn speed_m_per_s(&self) -> f64 {
+        let first = self.slabs.first();
+        let grid = first.grid();
+        let across = |places: &[f64]| places[places.len() - 1] - places[0];
+        // Of a single camera nothing says how large the scene is but its depth.
+        let nearest = first.range().map_or(1.0, |[_, max]| 1.0 / max);
+        across(grid.columns())
+            .max(across(grid.rows()))
+            .max(nearest / 10.0)
+    }
+
+    fn file_frame(&self) -> FileFrame {
+        self.slabs.info().frame
+    }
+
+    fn primitives(&self) -> (u64, &'static str) {
+        let images = self.slabs.all().iter().map(|slab| slab.pictures().len());
+        (images.sum::<usize>() as u64, "images")
+    }
+
+    fn bytes(&self) -> u64 {
+        self.slabs.all().iter().map(|slab| slab.bytes()).sum()
+    }
+
+    fn settings(&self) -> Vec<Setting> {
+        Self::setting_table()
+    }
+
+    fn render(&mut self, request: &FrameRequest) -> Result<Rendered<'_>, String> {
+        let settings = lumigraph_settings(&request.settings)?;
+        let layers = self.slabs.all().iter().map(|slab| slab.layers().len());
+        let stored: usize = layers.sum();
+        let shown = self.slabs.shares(&request.camera).len();
+        let (frame, stats) = self
+            .renderer
+            .render(&self.slabs, &request.camera, &settings);
+        self.stats = stats.clone();
+        let pixels = frame.color.len().max(1) as f64;
+        let stages = [
+            ("plan", stats.plan_ms),
+            ("draw", stats.frame_ms - stats.plan_ms),
+        ];
+        let covered = (1.0 - stats.hole_pixels as f64 / pixels) * 100.0;
+        let report = FrameReport {
+            stages: stages.map(|(name, ms)| Stage { name, ms }).to_vec(),
+            ms: stats.frame_ms,
+            hole_pixels: stats.hole_pixels,
+            figures: vec![
+                figure("layers after merging", stats.layers as f64, ""),
+                figure("layers stored", stored as f64, ""),
+                figure("light slabs shown", shown as f64, ""),
+                figure(
+                    "layers asked a pixel",
+                    stats.layer_pixels as f64 / pixels,
+                    "",
+                ),
+                figure("pixels covered", covered, "%"),
+            ],
+            ..FrameReport::default()
+        };
+        Ok(Rendered { frame, report })
+    }
+
+    fn statistics(&mut self, _: &FrameRequest) -> Statistics {
+        json!(self.stats)
+    }
+}

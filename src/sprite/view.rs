@@ -1,0 +1,344 @@
+//! Sprites with depth, alone or among cube LDIs and models, as a [`View`].
+
+use crate::compose::{ComposeSettings, ComposeStats, Composer, Composition};
+use crate::{RenderOptions, SpritePlane, SpriteSampling, SpriteSet, SpriteVariant};
+use glam::DVec3;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::frame::Frame;
+use headbox_core::view::paint::{figure, hole_legend, paint_holes};
+use headbox_core::view::{
+    FrameReport, FrameRequest, Navigation, OVERLAY, Rendered, Setting, SettingValues, Stage,
+    StartView, Statistics, View,
+};
+use headbox_cube::render::RenderSettings;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::view::CubeView;
+use serde_json::json;
+use std::time::Instant;
+
+/// Name of the representation.
+pub const KIND: &str = "sprites";
+
+/// Most steps of gap filling.
+const MAX_FILL_STEPS: u32 = 64;
+
+/// The orbit comes as near to its pivot as this share of the distance of the camera that took the
+/// picture.
+const NEAREST_SHARE: f64 = 0.1;
+
+/// Overlays of layers.
+const OVERLAYS: [&str; 2] = ["none", "holes"];
+
+/// Texture filters, the default first.
+const SAMPLINGS: [(&str, SpriteSampling); 2] = [
+    ("bilinear", SpriteSampling::Bilinear),
+    ("nearest", SpriteSampling::Nearest),
+];
+
+/// First view of layers, and the frame in which their cameras are written.
+#[derive(Clone, Copy, Debug)]
+pub struct LayersStart {
+    /// Where the eye starts.
+    pub view: StartView,
+    /// Size of a frame if nothing else is asked for, pixels.
+    pub size_px: [u32; 2],
+    /// Axes and unit.
+    pub file_frame: FileFrame,
+}
+
+/// Sprites, cube LDIs and models of one world, drawn over each other.
+pub struct LayersView {
+    layers: Composition,
+    start: LayersStart,
+    /// Point about which the eye circles, if the layers are sprites alone.
+    pivot: Option<DVec3>,
+    composer: Composer,
+    frame: Frame,
+    painted: Frame,
+    stats: ComposeStats,
+    options: RenderOptions,
+}
+
+impl LayersView {
+    /// The sprites of a file; `None` if there are none.
+    pub fn of_sprites(set: SpriteSet) -> Option<Self> {
+        let start = Self::start_of_sprites(&set)?;
+        let pivot = start.view.eye + start.view.forward * middle_depth(&set)?;
+        let layers = Composition::new(set, Vec::new());
+        Some(Self {
+            pivot: Some(pivot),
+            ..Self::of_layers(layers, start)
+        })
+    }
+
+    /// Layers of any kind.
+    pub fn of_layers(layers: Composition, start: LayersStart) -> Self {
+        Self {
+            layers,
+            start,
+            pivot: None,
+            composer: Composer::default(),
+            frame: Frame::default(),
+            painted: Frame::default(),
+            stats: ComposeStats::default(),
+            options: RenderOptions::default(),
+        }
+    }
+
+    /// The layers.
+    pub fn layers(&self) -> &Composition {
+        &self.layers
+    }
+
+    /// Where the camera of the first sprite stood; `None` if there are no sprites.
+    pub fn start_of_sprites(set: &SpriteSet) -> Option<LayersStart> {
+        let camera = set.sprites().first()?.sprite().sprite().camera();
+        Some(LayersStart {
+            view: StartView::of_camera(camera),
+            size_px: [camera.width(), camera.height()],
+            file_frame: set.info.frame,
+        })
+    }
+
+    /// The settings of sprites alone.
+    pub fn sprite_settings() -> Vec<Setting> {
+        let selected = SpriteVariant::ALL
+            .iter()
+            .position(|variant| *variant == SpriteVariant::default())
+            .unwrap_or(0);
+        vec![
+            Setting::choice_at(
+                "variant",
+                "Variant",
+                "How parallax inside a sprite is drawn: two passes are the papers' recommendation, the others what it is \
+                 measured against (no unit).",
+                &SpriteVariant::ALL.map(SpriteVariant::name),
+                selected,
+            )
+            .with_flag("variant"),
+            Setting::choice(
+                "sampling",
+                "Sampling",
+                "How colours are looked up: the weighted mean of the four texels around, or the nearest (no unit).",
+                &SAMPLINGS.map(|(name, _)| name),
+            )
+            .with_flag("sampling"),
+            Setting::count(
+                "fill",
+                "Gap filling",
+                "Cells by which gaps inside sprites are filled; 0 leaves them open (a number of cells).",
+                RenderOptions::default().fill_steps,
+                0..=MAX_FILL_STEPS,
+            )
+            .with_flag("fill-steps"),
+            overlay_setting(),
+        ]
+    }
+}
+
+impl LayersView {
+    /// The settings of several layers, beside those of each.
+    pub fn layer_settings() -> Vec<Setting> {
+        let by_depth = Setting::toggle(
+            "by-depth",
+            "By depth",
+            "Lays the layers over each other pixel by pixel, by depth, instead of whole: slower, but right where they reach \
+             through each other. With a model it is always so.",
+            false,
+        );
+        vec![by_depth.with_flag("by-depth"), overlay_setting()]
+    }
+}
+
+fn overlay_setting() -> Setting {
+    Setting::choice(
+        OVERLAY,
+        "Overlay",
+        "What is painted: the frame, or where no layer is, in magenta.",
+        &OVERLAYS,
+    )
+    .with_flag(OVERLAY)
+}
+
+/// Median depth of the sprites in the middle of the first one's picture: there parallax goes both
+/// ways. 1 m if none has a depth there.
+fn middle_depth(set: &SpriteSet) -> Option<f64> {
+    let camera = set.sprites().first()?.sprite().sprite().camera();
+    let [x, y] = [camera.width(), camera.height()].map(|size| f64::from(size) / 2.0);
+    let depth = |plane: &SpritePlane| 1.0 / plane.inverse_depth(camera, x, y);
+    let sprites = set.sprites().iter();
+    let mut depths: Vec<f64> = sprites
+        .map(|sprite| depth(sprite.sprite().sprite().plane()))
+        .filter(|depth| *depth > 0.0 && depth.is_finite())
+        .collect();
+    depths.sort_by(f64::total_cmp);
+    Some(depths.get(depths.len() / 2).copied().unwrap_or(1.0))
+}
+
+impl LayersView {
+    fn has_sprites(&self) -> bool {
+        !self.layers.sprites().sprites().is_empty()
+    }
+
+    fn compose_settings(&self, request: &FrameRequest) -> Result<ComposeSettings, String> {
+        let values = &request.settings;
+        let mut settings = ComposeSettings::default();
+        if self.has_sprites() {
+            settings.sprites = sprite_options(values)?;
+        }
+        if !self.layers.cubes().is_empty() {
+            settings.cubes = RenderSettings {
+                kernel: SplatKernel::ALL
+                    .get(values.choice("kernel")?)
+                    .copied()
+                    .unwrap_or_default(),
+                keep_holes: values.toggle("keep-holes")?,
+                ..settings.cubes
+            };
+        }
+        if self.pivot.is_none() {
+            settings.by_depth = values.toggle("by-depth")?;
+        }
+        Ok(settings)
+    }
+}
+
+fn sprite_options(values: &SettingValues) -> Result<RenderOptions, String> {
+    Ok(RenderOptions {
+        variant: SpriteVariant::ALL
+            .get(values.choice("variant")?)
+            .copied()
+            .unwrap_or_default(),
+        sampling: SAMPLINGS
+            .get(values.choice("sampling")?)
+            .map_or(SpriteSampling::default(), |(_, sampling)| *sampling),
+        fill_steps: values.number("fill")? as u32,
+    })
+}
+
+impl View for LayersView {
+    fn kind(&self) -> &'static str {
+        if self.pivot.is_some() { KIND } else { "layers" }
+    }
+
+    fn start(&self, _: [u32; 2]) -> StartView {
+        self.start.view
+    }
+
+    fn default_size_px(&self) -> [u32; 2] {
+        self.start.size_px
+    }
+
+    fn navigation(&self) -> Navigation {
+        self.pivot
+            .map_or(Navigation::Fly, |pivot| Navigation::Orbit {
+                pivot,
+                nearest: pivot.distance(self.start.view.eye) * NEAREST_SHARE,
+            })
+    }
+
+    fn speed_m_per_s(&self) -> f64 {
+        self.pivot
+            .map_or(1.4, |pivot| pivot.distance(self.start.view.eye) / 2.0)
+    }
+
+    fn file_frame(&self) -> FileFrame {
+        self.start.file_frame
+    }
+
+    fn primitives(&self) -> (u64, &'static str) {
+        let sprites = self.layers.sprites().sprites().len() as u64;
+        if self.pivot.is_some() {
+            return (sprites, "sprites");
+        }
+        let others = self.layers.cubes().len() + self.layers.polygons().len();
+        (sprites + others as u64, "layers")
+    }
+
+    fn bytes(&self) -> u64 {
+        let cubes = self.layers.cubes().iter();
+        self.layers.sprites().bytes() + cubes.map(|cube| cube.bytes() as u64).sum::<u64>()
+    }
+
+    fn settings(&self) -> Vec<Setting> {
+        if self.pivot.is_some() {
+            return Self::sprite_settings();
+        }
+        let mut settings = Vec::new();
+        if self.has_sprites() {
+            settings = Self::sprite_settings();
+            settings.retain(|setting| setting.id != OVERLAY);
+        }
+        if !self.layers.cubes().is_empty() {
+            let shared = ["kernel", "keep-holes"];
+            let cubes = CubeView::setting_table();
+            settings.extend(
+                cubes
+                    .into_iter()
+                    .filter(|setting| shared.contains(&setting.id)),
+            );
+        }
+        settings.extend(Self::layer_settings());
+        settings
+    }
+
+    fn render(&mut self, request: &FrameRequest) -> Result<Rendered<'_>, String> {
+        let settings = self.compose_settings(request)?;
+        let started = Instant::now();
+        self.stats = self.layers.render(
+            &mut self.composer,
+            &request.camera,
+            &settings,
+            &mut self.frame,
+        );
+        let ms = started.elapsed().as_secs_f64() * 1e3;
+        self.options = settings.sprites;
+        let stats = &self.stats;
+        let pixels = self.frame.color.len().max(1) as f64;
+        let stages = [
+            ("sprites", stats.sprites_ms),
+            ("cubes", stats.cubes_ms),
+            ("polygons", stats.polygons_ms),
+            ("compose", stats.compose_ms),
+        ];
+        let (count, what) = self.primitives();
+        let covered = (1.0 - stats.hole_pixels as f64 / pixels) * 100.0;
+        let mut report = FrameReport {
+            stages: stages.map(|(name, ms)| Stage { name, ms }).to_vec(),
+            ms,
+            hole_pixels: stats.hole_pixels,
+            figures: vec![
+                figure(what, count as f64, ""),
+                figure("pixels covered", covered, "%"),
+            ],
+            ..FrameReport::default()
+        };
+        if !self.layers.cubes().is_empty() {
+            let counts = [
+                ("depth pixels in", stats.depth_pixels_in),
+                ("splatted", stats.splatted),
+            ];
+            let figures = counts.map(|(name, count)| figure(name, count as f64, ""));
+            report.figures.extend(figures);
+        }
+        if OVERLAYS.get(request.settings.choice(OVERLAY)?) != Some(&"holes") {
+            return Ok(Rendered {
+                frame: &self.frame,
+                report,
+            });
+        }
+        self.painted.clone_from(&self.frame);
+        paint_holes(&self.frame, &mut self.painted.color);
+        report.legend = hole_legend();
+        Ok(Rendered {
+            frame: &self.painted,
+            report,
+        })
+    }
+
+    fn statistics(&mut self, _: &FrameRequest) -> Statistics {
+        json!({
+            "outcomes": self.stats.outcomes, "order": self.stats.order, "sprites": self.options,
+        })
+    }
+}

@@ -1,0 +1,194 @@
+//! What can be exported from each built-in representation.
+
+use crate::{TruthView, ViewError};
+use headbox_core::view::View;
+use headbox_cube::pack::CubeLdi;
+use headbox_export::deep::{self, DeepSummary, Faces};
+use headbox_export::page::Page;
+use headbox_export::{glb, of_sprites, ply, splats};
+use headbox_house::view::HouseView;
+use headbox_house::walk_path::WalkPath;
+use headbox_lumigraph::view::LumigraphView;
+use headbox_sprite::SpriteSet;
+use headbox_sprite::view::LayersView;
+use std::any::{Any, type_name};
+use std::borrow::Cow;
+use std::io::Write;
+
+/// A file format that a view can be exported to.
+#[derive(Clone, Copy, Debug)]
+pub struct Exporter {
+    /// Extension of the file, without the dot.
+    pub extension: &'static str,
+    /// Writes the file.
+    pub write: fn(&dyn View, &ExportOptions, &mut dyn Write) -> Result<ExportSummary, ViewError>,
+}
+
+/// Options of exports; each format takes those that it has.
+#[derive(Clone, Debug)]
+pub struct ExportOptions {
+    /// Title of a page.
+    pub title: String,
+    /// The most triangles of a `.glb`.
+    pub triangles: u64,
+    /// Plain points instead of Gaussians in a `.ply`.
+    pub points: bool,
+    /// Number of flat layers of an `.exr`; `None` for deep data.
+    pub layers: Option<usize>,
+    /// The faces that an `.exr` holds.
+    pub faces: Faces,
+}
+
+/// What was written.
+#[derive(Clone, Debug, Default)]
+pub struct ExportSummary {
+    /// A few words after the size of the file, or "".
+    pub words: String,
+    /// Figures by name, for machines.
+    pub figures: Vec<(&'static str, serde_json::Value)>,
+    /// Sentences about what is missing in the file.
+    pub warnings: Vec<String>,
+}
+
+pub(super) const CUBE: [Exporter; 4] = of_cubes(|view, options, to| {
+    Page::new(cube(view)?.as_ref(), &options.title)?.write(to)?;
+    Ok(ExportSummary::default())
+});
+
+pub(super) const SPRITES: [Exporter; 4] = of_cubes(|view, options, to| {
+    Page::of_sprites(sprites(view)?, &options.title)?.write(to)?;
+    Ok(ExportSummary::default())
+});
+
+pub(super) const LUMIGRAPH: [Exporter; 1] = [Exporter {
+    extension: "html",
+    write: |view, options, to| {
+        let slabs = of_type::<LumigraphView>(view)?.slabs();
+        let [single] = slabs.all() else {
+            return Err(ViewError::Other(format!(
+                "the lumigraph has {} light slabs, and a page shows one; capture it without --slabs for a page",
+                slabs.all().len()
+            )));
+        };
+        Page::of_lumigraph(single, &options.title)?.write(to)?;
+        Ok(ExportSummary::default())
+    },
+}];
+
+/// A page shows a house without its backdrops.
+pub(super) const HOUSE: [Exporter; 1] = [Exporter {
+    extension: "html",
+    write: |view, options, to| {
+        let house = of_type::<HouseView>(view)?.house();
+        let first =
+            WalkPath::first_view(house).map_err(|error| ViewError::Other(error.to_string()))?;
+        Page::of_house(house, &first, &options.title)?.write(to)?;
+        Ok(ExportSummary::default())
+    },
+}];
+
+type WriteView = fn(&dyn View, &ExportOptions, &mut dyn Write) -> Result<ExportSummary, ViewError>;
+
+/// The exporters of what is, or can be turned into, a cube LDI.
+const fn of_cubes(page: WriteView) -> [Exporter; 4] {
+    [
+        Exporter {
+            extension: "html",
+            write: page,
+        },
+        Exporter {
+            extension: "glb",
+            write: write_glb,
+        },
+        Exporter {
+            extension: "ply",
+            write: write_ply,
+        },
+        Exporter {
+            extension: "exr",
+            write: write_exr,
+        },
+    ]
+}
+
+fn write_glb(
+    view: &dyn View,
+    options: &ExportOptions,
+    to: &mut dyn Write,
+) -> Result<ExportSummary, ViewError> {
+    let summary = glb::write(cube(view)?.as_ref(), options.triangles, to)?;
+    let (triangles, error_px, dropped) =
+        (summary.triangles, summary.error_px, summary.dropped_samples);
+    let warning = format!(
+        "{dropped} samples, in the smallest pieces of surfaces, are left out to stay within the budget; give more \
+         --triangles, or capture with a smaller --face-size"
+    );
+    Ok(ExportSummary {
+        words: format!(", {triangles} triangles, samples off by up to {error_px:.1} face pixels"),
+        figures: vec![
+            ("triangles", triangles.into()),
+            ("error_px", error_px.into()),
+            ("dropped_samples", dropped.into()),
+        ],
+        warnings: (dropped > 0).then_some(warning).into_iter().collect(),
+    })
+}
+
+fn write_ply(
+    view: &dyn View,
+    options: &ExportOptions,
+    to: &mut dyn Write,
+) -> Result<ExportSummary, ViewError> {
+    let cube = cube(view)?;
+    if options.points {
+        ply::write_points(&cube, to)?;
+    } else {
+        splats::write_ply(&cube, to)?;
+    }
+    Ok(ExportSummary::default())
+}
+
+fn write_exr(
+    view: &dyn View,
+    options: &ExportOptions,
+    to: &mut dyn Write,
+) -> Result<ExportSummary, ViewError> {
+    let cube = cube(view)?;
+    let DeepSummary {
+        samples,
+        size_px: [width, height],
+    } = match options.layers {
+        Some(layers) => deep::write_layers(&cube, options.faces, layers, to)?,
+        None => deep::write(&cube, options.faces, to)?,
+    };
+    let layers = options
+        .layers
+        .map_or_else(|| "deep".into(), |layers| format!("{layers} layers"));
+    Ok(ExportSummary {
+        words: format!(", {width}x{height}, {layers}, of {samples} samples"),
+        figures: vec![
+            ("samples", samples.into()),
+            ("size", vec![width, height].into()),
+        ],
+        warnings: Vec::new(),
+    })
+}
+
+/// The view as what its registry line says that it is.
+fn of_type<V: View>(view: &dyn View) -> Result<&V, ViewError> {
+    let view: &dyn Any = view;
+    view.downcast_ref()
+        .ok_or_else(|| ViewError::Other(format!("the view is not a {}", type_name::<V>())))
+}
+
+fn sprites(view: &dyn View) -> Result<&SpriteSet, ViewError> {
+    Ok(of_type::<LayersView>(view)?.layers().sprites())
+}
+
+/// The cube; of sprites one that shows what they show.
+fn cube(view: &dyn View) -> Result<Cow<'_, CubeLdi>, ViewError> {
+    if let Ok(view) = of_type::<TruthView>(view) {
+        return Ok(Cow::Borrowed(view.cube()));
+    }
+    Ok(Cow::Owned(of_sprites::cube(sprites(view)?)?))
+}

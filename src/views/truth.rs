@@ -1,0 +1,292 @@
+//! A cube LDI beside ray-traced truth: the overlays "truth" and "error" (FLIP).
+
+use crate::reference::{LitScene, Reference, Traced};
+use glam::Vec3;
+use headbox_core::camera::Camera;
+use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
+use headbox_core::file_frame::FileFrame;
+use headbox_core::frame::Frame;
+use headbox_core::headbox::Headbox;
+use headbox_core::metrics;
+use headbox_core::view::paint::{figure, opaque, swatch};
+use headbox_core::view::{
+    Control, Figure, FrameRequest, OVERLAY, Ongoing, Origin, Refinement, Rendered, Setting,
+    StartView, Swatch, View,
+};
+use headbox_cube::model::info::CaptureInfo;
+use headbox_cube::pack::CubeLdi;
+use headbox_cube::view::CubeView;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::light::Lighting;
+use image::{Rgb, RgbImage};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Interval between two polls of truth.
+const LOOK_AGAIN: Duration = Duration::from_millis(150);
+
+/// A function that opens a lit scene; it may take its time.
+pub type OpenScene = Arc<dyn Fn() -> Result<LitScene, String> + Send + Sync>;
+
+/// What is painted of truth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shown {
+    /// The ray-traced view.
+    Truth,
+    /// The frame's FLIP error against it.
+    Error,
+}
+
+impl Shown {
+    const ALL: [(&'static str, Self); 2] = [("truth", Self::Truth), ("error", Self::Error)];
+
+    fn legend(self) -> Vec<Swatch> {
+        match self {
+            Self::Truth => Vec::new(),
+            Self::Error => vec![
+                swatch([0, 0, 4], "FLIP 0: no difference is seen"),
+                swatch([252, 253, 191], "FLIP 1: as far as it goes"),
+            ],
+        }
+    }
+}
+
+/// A [`CubeView`] with two more overlays, which need the scene that was captured: ray-traced truth,
+/// and the frame's error against it. Truth is refined in the background while the camera rests.
+pub struct TruthView {
+    view: CubeView,
+    scene: OpenScene,
+    reference: Option<Reference>,
+    painted: Frame,
+    /// Overlay of the last frame.
+    shown: Option<Shown>,
+}
+
+impl TruthView {
+    /// A view of `cube`, with truth from the scene that its header names.
+    pub fn new(cube: impl Into<Arc<CubeLdi>>) -> Self {
+        let cube = cube.into();
+        let info = cube.info.clone();
+        Self::of_scene(cube, Arc::new(move || reopen(&info)))
+    }
+
+    /// A view of `cube`, with truth from a scene that `scene` opens when it is first wanted.
+    pub fn of_scene(cube: Arc<CubeLdi>, scene: OpenScene) -> Self {
+        Self {
+            view: CubeView::new(cube),
+            scene,
+            reference: None,
+            painted: Frame::default(),
+            shown: None,
+        }
+    }
+
+    /// The cube.
+    pub fn cube(&self) -> &Arc<CubeLdi> {
+        self.view.cube()
+    }
+
+    /// Shows another cube of the same scene instead.
+    pub fn show(&mut self, cube: Arc<CubeLdi>) {
+        self.view.show(cube);
+    }
+
+    /// The settings of every cube LDI, with the two overlays.
+    pub fn setting_table() -> Vec<Setting> {
+        let mut settings = CubeView::setting_table();
+        for setting in settings.iter_mut().filter(|setting| setting.id == OVERLAY) {
+            if let Control::Choice { options, .. } = &mut setting.control {
+                options.extend(Shown::ALL.map(|(name, _)| name.to_owned()));
+            }
+            setting.tooltip += " Also the ray-traced truth of this view, and the frame's error against it (FLIP, black 0 to \
+                                yellow 1); both are refined while the eye rests.";
+        }
+        settings
+    }
+
+    /// Progress of truth, if the last frame showed it.
+    pub fn ongoing(&self) -> Option<Ongoing> {
+        self.shown.and(self.reference.as_ref())?.ongoing()
+    }
+
+    /// Paints truth, or the error against it, as far as it is known.
+    fn paint(
+        &mut self,
+        shown: Shown,
+        camera: &Camera,
+    ) -> Result<(Vec<Figure>, Refinement), String> {
+        let reference = match &self.reference {
+            Some(reference) => reference,
+            None => {
+                let scene = Arc::clone(&self.scene);
+                self.reference.insert(Reference::start(move || scene())?)
+            }
+        };
+        let Some(traced) = reference.ask(camera)? else {
+            return Ok((Vec::new(), Refinement::Later(LOOK_AGAIN)));
+        };
+        let refinement = if traced.is_final() {
+            Refinement::Done
+        } else {
+            Refinement::Later(LOOK_AGAIN)
+        };
+        let frame = self.painted.clone();
+        let figures = judge(shown, &frame, &traced, &mut self.painted.color)?;
+        Ok((figures, refinement))
+    }
+}
+
+/// Opens the scene that an LDI names, with the light it was captured in; path guiding is not
+/// learnt yet.
+fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
+    let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
+    let scene = source
+        .open()
+        .map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
+    let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
+    let lit = info.parameters.light_samples > 0;
+    let bounces = info.parameters.bounces;
+    let mut lighting = if lit {
+        Lighting::measure(&tracer, bounces)
+    } else {
+        Lighting::prepare(&tracer, bounces, false)
+    };
+    lighting.exposure = info.exposure;
+    Ok(LitScene {
+        tracer,
+        lighting: Arc::new(lighting),
+        lit,
+        guided: false,
+    })
+}
+
+impl View for TruthView {
+    fn kind(&self) -> &'static str {
+        self.view.kind()
+    }
+
+    fn start(&self, size_px: [u32; 2]) -> StartView {
+        self.view.start(size_px)
+    }
+
+    fn headbox(&self) -> Option<Headbox> {
+        self.view.headbox()
+    }
+
+    fn file_frame(&self) -> FileFrame {
+        self.view.file_frame()
+    }
+
+    fn origin(&self) -> Option<Origin> {
+        self.view.origin()
+    }
+
+    fn primitives(&self) -> (u64, &'static str) {
+        self.view.primitives()
+    }
+
+    fn bytes(&self) -> u64 {
+        self.view.bytes()
+    }
+
+    fn settings(&self) -> Vec<Setting> {
+        Self::setting_table()
+    }
+
+    fn render(&mut self, request: &FrameRequest) -> Result<Rendered<'_>, String> {
+        let of_cube = self.view.overlay_count();
+        let overlay = request.settings.choice(OVERLAY)?;
+        let shown = overlay
+            .checked_sub(of_cube)
+            .and_then(|i| Shown::ALL.get(i))
+            .map(|(_, shown)| *shown);
+        self.shown = shown.filter(|_| !request.moving);
+        let Some(shown) = shown else {
+            if let Some(reference) = &self.reference {
+                reference.rest();
+            }
+            return self.view.render(request);
+        };
+        let Rendered { frame, mut report } = self.view.render(request)?;
+        self.painted.clone_from(frame);
+        report.legend = shown.legend();
+        if request.moving {
+            if let Some(reference) = &self.reference {
+                reference.rest();
+            }
+        } else {
+            let (figures, refinement) = self.paint(shown, &request.camera)?;
+            report.figures.splice(0..0, figures);
+            report.refinement = refinement;
+            report.ongoing = self.ongoing();
+        }
+        Ok(Rendered {
+            frame: &self.painted,
+            report,
+        })
+    }
+
+    fn statistics(&mut self, request: &FrameRequest) -> headbox_core::view::Statistics {
+        self.view.statistics(request)
+    }
+
+    fn radiance_of_levels(&self) -> Option<[f32; 256]> {
+        self.view.radiance_of_levels()
+    }
+}
+
+/// A picture with one pixel for each square of `side`, the mean of those of it that there are.
+fn averaged(image: &RgbImage, side: u32) -> RgbImage {
+    let (width, height) = image.dimensions();
+    RgbImage::from_fn(width.div_ceil(side), height.div_ceil(side), |x, y| {
+        let columns = x * side..((x + 1) * side).min(width);
+        let square = (y * side..((y + 1) * side).min(height))
+            .flat_map(|y| columns.clone().map(move |x| (x, y)));
+        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+        for (x, y) in square {
+            sum += Vec3::from(image.get_pixel(x, y).0.map(linear_from_srgb8));
+            count += 1.0;
+        }
+        Rgb((sum / count).to_array().map(srgb8_from_linear))
+    })
+}
+
+fn judge(
+    shown: Shown,
+    frame: &Frame,
+    traced: &Traced,
+    pixels: &mut [[u8; 4]],
+) -> Result<Vec<Figure>, String> {
+    let mut image = frame.to_rgb().map_err(|error| error.to_string())?;
+    let (truth, side) = (&traced.truth.rgb(), traced.coarseness());
+    if side > 1 {
+        image = averaged(&image, side);
+    }
+    let words = |error: metrics::MetricError| error.to_string();
+    let map =
+        metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(words)?;
+    let psnr_db = metrics::psnr_db(truth, &image).map_err(words)?;
+    let picture = match shown {
+        Shown::Truth => truth,
+        Shown::Error => &map.to_magma(),
+    };
+    let width = frame.width.max(1) as usize;
+    for (i, pixel) in pixels.iter_mut().enumerate() {
+        let (x, y) = ((i % width) as u32 / side, (i / width) as u32 / side);
+        let [r, g, b] = picture
+            .get_pixel_checked(x, y)
+            .map_or([0; 3], |color| color.0);
+        *pixel = opaque([r, g, b]);
+    }
+    Ok(vec![
+        figure("FLIP", map.mean, ""),
+        figure("PSNR", psnr_db, "dB"),
+        figure("rays per pixel of truth", traced.samples().into(), ""),
+        figure(
+            "truth's own error",
+            traced.truth.standard_error_psnr_db,
+            "dB",
+        ),
+    ])
+}
