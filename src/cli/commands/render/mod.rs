@@ -26,7 +26,7 @@ use headbox_core::camera::Camera;
 use headbox_core::container::Container;
 use headbox_core::frame::Frame;
 use headbox_core::simd;
-use headbox_core::view::View;
+use headbox_core::view::{OVERLAY, View};
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::view::CubeView;
 use headbox_export::film;
@@ -299,8 +299,9 @@ impl RenderCommand {
                     told[key] = json!(value as u64);
                 }
             }
-            if let Some(overlay) = shown.overlay() {
-                told["overlay"] = json!(overlay);
+            if self.settings.get(OVERLAY).is_some() {
+                told["overlay"] = json!(shown.overlay());
+                told["size"] = json!([camera.width(), camera.height()]);
                 rendered.overlay(&mut told);
             }
             print_json(&told);
@@ -310,6 +311,9 @@ impl RenderCommand {
                 "{file}: {ms_median:.2} ms, {}, {holes:.3} % holes",
                 shown.summary()
             );
+            if self.settings.get(OVERLAY).is_some() {
+                println!("  overlay {}", shown.overlay());
+            }
             let legend = rendered.report.legend.iter();
             legend.for_each(|line| println!("  {}  {}", hex(line.color), line.label));
         }

@@ -81,8 +81,8 @@ impl Shown {
         }
     }
 
-    /// The option chosen of the choice with a flag; "" if there is none.
-    fn chosen(&self, flag: &str) -> String {
+    /// The value of the setting with a flag, as text; "" if there is none.
+    fn value(&self, flag: &str) -> String {
         let mut settings = self.settings.iter();
         let setting = settings.find(|setting| setting.flag == Some(flag));
         let text = setting.and_then(|setting| self.values.text(setting));
@@ -91,18 +91,12 @@ impl Shown {
 
     /// Name of the variant.
     pub(super) fn variant(&self) -> String {
-        self.chosen("variant")
+        self.value("variant")
     }
 
-    /// Name of the overlay; `None` if the frame shows its colours.
-    pub(super) fn overlay(&self) -> Option<String> {
-        let mut settings = self.settings.iter();
-        let setting = settings.find(|setting| setting.id == OVERLAY)?;
-        let chosen = self.values.choice(OVERLAY).ok()?;
-        if chosen == 0 {
-            return None;
-        }
-        self.values.text(setting)
+    /// Name of the overlay.
+    pub(super) fn overlay(&self) -> String {
+        self.value(OVERLAY)
     }
 
     /// Renders a pose `repeat` times, each time until it is as good as it gets.
