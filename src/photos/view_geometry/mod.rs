@@ -27,6 +27,7 @@ pub mod tests;
 
 pub use crate::view_geometry::cameras::samples::SampleGrid;
 pub use crate::view_geometry::cameras::store::WaitPolicy;
+pub use crate::view_geometry::render::delaunay::NodeMesh;
 pub use crate::view_geometry::render::rank::RankWeights;
 pub use crate::view_geometry::render::renderer::{GeometryRenderer, GeometryStats};
 pub use effort::TimeBudget;
