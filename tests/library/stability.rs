@@ -64,6 +64,16 @@ fn portals() {
 }
 
 #[test]
+fn lumigraphs() {
+    all_hold(7);
+}
+
+#[test]
+fn photographs() {
+    all_hold(8);
+}
+
+#[test]
 fn names_are_unique_and_a_broken_bound_is_found() {
     let cases: Vec<Case> = stability::topics()
         .into_iter()
@@ -73,7 +83,7 @@ fn names_are_unique_and_a_broken_bound_is_found() {
     names.sort_unstable();
     names.dedup();
     assert_eq!(names.len(), cases.len());
-    assert_eq!(stability::topics().len(), 7, "every topic has a test above");
+    assert_eq!(stability::topics().len(), 9, "every topic has a test above");
     let case = |measure| Case {
         name: "",
         what: "",

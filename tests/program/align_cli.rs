@@ -148,7 +148,8 @@ fn what_fails_is_told_and_leaves_the_folder_as_it_was() {
     photographs(dir.path());
     let (_, words) = align(dir.path(), "/nonexistent");
     assert!(
-        words.contains("COLMAP is not installed") && words.contains("apt install colmap"),
+        words.contains("COLMAP, which estimates the camera poses, is not installed")
+            && words.contains("apt install colmap"),
         "{words}"
     );
     assert!(left(dir.path()).is_empty());

@@ -57,9 +57,9 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
     };
     range("--face-size", "0", "from 1 to 8192");
     range("--face-size", "100000", "from 1 to 8192");
-    range("--strata", "0", "from 1 to 128");
-    range("--rays", "0", "from 1 to 1048576");
-    range("--memory", "1", "from 64 to");
+    range("--strata", "0", "1..=128");
+    range("--rays", "0", "1..=1048576");
+    range("--memory", "1", "64..=");
     assert_eq!(
         std::fs::read_dir(dir.path()).unwrap().count(),
         0,
@@ -203,7 +203,7 @@ fn nonsense_is_an_error_or_a_warning_that_says_what_will_be_seen() {
     longer.extend(b"junk");
     std::fs::write(dir.path().join("long.ldi"), longer).unwrap();
     let message = refused(dir.path(), 1, &["info", "long.ldi"]);
-    assert!(message.contains("4 bytes more"), "{message}");
+    assert!(message.contains("found 4 more bytes"), "{message}");
 }
 
 #[test]
@@ -501,7 +501,10 @@ fn a_headbox_full_of_geometry_is_captured_with_a_warning() {
     let output = headbox(dir.path(), &arguments);
     assert!(output.status.success());
     let warning = String::from_utf8(output.stderr).unwrap();
-    assert!(warning.contains("% of the headbox is hidden"), "{warning}");
+    assert!(
+        warning.contains("warning: geometry inside the headbox hides"),
+        "{warning}"
+    );
 }
 
 /// Elsewhere a display needs no environment, and a window would open.

@@ -288,7 +288,7 @@ fn mistakes_are_named() {
         &["builtin:house", "--plan", "plan.jpg"],
         "the ending of a plan is .svg",
     );
-    says(1, &["nowhere.toml"], "nowhere.toml: there is no such file");
+    says(1, &["nowhere.toml"], "nowhere.toml: No such file");
     says(1, &["plan.obj"], "unknown home format");
     says(1, &["Home.xml"], "Home.xml: ");
 }

@@ -707,7 +707,7 @@ fn what_is_wrong_with_pictures_is_said() {
                 black(SIZE[0] / 2).save(&depths(dir)[1]).unwrap();
             },
         ),
-        ("frame-000001.depth.png: depth in 8 bits", &|dir| {
+        ("frame-000001.depth.png: has depth in 8 bits", &|dir| {
             image::GrayImage::new(SIZE[0], SIZE[1])
                 .save(&depths(dir)[1])
                 .unwrap();

@@ -388,7 +388,7 @@ fn mistakes_are_named() {
         "unknown.png",
         "no visible pixel has a valid depth",
     );
-    refused("color.png", "color.png", "grey picture");
+    refused("color.png", "color.png", "8 or 16 bits of grey");
     refused("nowhere.png", "depth.png", "nowhere.png");
     refused("color.png", "nowhere.exr", "nowhere.exr");
     for (color, depth) in [

@@ -142,9 +142,7 @@ impl CubeJob<'_> {
                 }
                 let (color, normal) = self.house.surface(ray, &hit);
                 let seen_from = position - batch.eye.unwrap_or(ray.origin);
-                // Z^3 / |n . p|: the area of a pixel's patch, up to the image's focal length (C10).
-                let area =
-                    seen_from.abs().max_element().powi(3) / normal.dot(seen_from).abs().max(1e-6);
+                let area = patch_area(seen_from, normal);
                 let pixel = texel(face, right / depth, up / depth, self.face_px);
                 let mut inverse_depth = 1.0 / depth;
                 if batch.eye.is_none() {
@@ -221,6 +219,13 @@ impl CubeJob<'_> {
     }
 }
 
+/// Area of the surface patch that a pixel of an image covers, times the square of the image's focal
+/// length in pixels: Z^3 / |n . p| for the point `p` as seen from the image's eye, metres (C10). The
+/// images are cubes, so Z is the largest component.
+fn patch_area(p: Vec3, normal: Vec3) -> f32 {
+    p.abs().max_element().powi(3) / normal.dot(p).abs().max(1e-6)
+}
+
 /// Number of a texel: face, row, column; `right` and `up` in -1..1.
 fn texel(face: Face, right: f32, up: f32, size_px: u32) -> u32 {
     let half = size_px as f32 / 2.0;
@@ -244,6 +249,120 @@ fn slope(face: Face, normal: Vec3, point: Vec3, [right, up]: [f32; 2]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Focal length of the small pixels below, pixels.
+    const FOCAL_PX: f32 = 512.0;
+
+    /// Corners of the small pixel about a direction, on the face that it falls on.
+    fn pixel_corners(direction: Vec3) -> [Vec3; 4] {
+        let (face, [.., depth]) = Face::locate(direction);
+        let half = depth / FOCAL_PX / 2.0;
+        let (right, up) = (face.right().as_vec3() * half, face.up().as_vec3() * half);
+        [-right - up, right - up, right + up, up - right].map(|corner| direction + corner)
+    }
+
+    /// Area of a quadrilateral, m^2, from its diagonals.
+    fn quad_area([a, b, c, d]: [Vec3; 4]) -> f32 {
+        (c - a).cross(d - b).length() / 2.0
+    }
+
+    /// Relative difference between the patch at a pixel's centre and its true extent: (n . step /
+    /// n . p)^2 for surfaces seen at more than `LEAST_COSINE`, and roundings of f32.
+    const AREA_TOLERANCE: f32 = 0.005;
+    const LEAST_COSINE: f32 = 0.1;
+
+    #[test]
+    fn patch_area_is_that_of_the_pixels_quadrilateral() {
+        let mut rng = headbox_core::random::Rng::keyed(5);
+        let mut directions = || rng.in_cube(1.0).as_vec3();
+        let mut faces = [0; 6];
+        for _ in 0..2000 {
+            let (p, normal) = (directions() * 9.0, directions().normalize());
+            if normal.dot(p.normalize()).abs() < LEAST_COSINE {
+                continue;
+            }
+            let on_plane = |ray: Vec3| ray * (normal.dot(p) / normal.dot(ray));
+            let expected = quad_area(pixel_corners(p).map(on_plane)) * FOCAL_PX.powi(2);
+            let found = patch_area(p, normal);
+            assert!(
+                (found / expected - 1.0).abs() < AREA_TOLERANCE,
+                "{p} {normal}: {found} {expected}"
+            );
+            faces[Face::locate(p).0.index()] += 1;
+        }
+        assert!(faces.iter().all(|count| *count > 100), "{faces:?}");
+    }
+
+    /// The area that a small pixel about a ray covers on a house's surface, by tracing its corners;
+    /// `None` where these do not lie on one plane, or a ray meets nothing.
+    fn traced_area(house: &House, eye: Vec3, direction: Vec3) -> Option<f32> {
+        let hit = |direction: Vec3| {
+            let ray = Ray {
+                origin: eye,
+                direction,
+                t_min: 0.0,
+                t_max: f32::INFINITY,
+            };
+            let hit = house.tracer().closest(&ray)?;
+            let (_, normal) = house.surface(&ray, &hit);
+            Some((direction * hit.t, normal))
+        };
+        let (p, normal) = hit(direction)?;
+        let mut corners = [Vec3::ZERO; 4];
+        for (found, ray) in corners.iter_mut().zip(pixel_corners(direction)) {
+            let (corner, other) = hit(ray)?;
+            let off = normal.dot(corner - p).abs() / p.length();
+            if other.dot(normal) < 0.999 || off > 1e-5 {
+                return None;
+            }
+            *found = corner;
+        }
+        let slanted = normal.dot(p.normalize()).abs() < LEAST_COSINE;
+        (!slanted).then(|| quad_area(corners) * FOCAL_PX.powi(2))
+    }
+
+    #[test]
+    fn traced_samples_have_the_area_seen_from_the_images_eye() {
+        let house = House::new(headbox_scenes::house(0, 5_000)).expect("a built-in scene");
+        let eye = house.middle_of(0).expect("a cell");
+        let job = CubeJob {
+            house: &house,
+            centre: eye,
+            face_px: 32,
+            rule: MergeRule::SmallerArea,
+            mends: false,
+        };
+        let local = (eye - house.tracer().origin()).as_vec3();
+        let mut rng = headbox_core::random::Rng::keyed(6);
+        let mut compared = 0;
+        for _ in 0..1000 {
+            let direction = rng.in_cube(1.0).as_vec3().normalize();
+            let Some(expected) = traced_area(&house, local, direction) else {
+                continue;
+            };
+            // A ray starts on the way, as at a portal, and its image's eye counts; without an
+            // image, the eye is where the ray starts.
+            let starts = [(Some(local), local + direction * 0.1), (None, local)];
+            for (eye, start) in starts {
+                let batch = RayBatch {
+                    image: 0,
+                    eye,
+                    rays: vec![(start, direction)],
+                };
+                let (samples, _) = job.trace(&batch);
+                let [(_, sample)] = samples[..] else {
+                    panic!("{} samples of a ray", samples.len());
+                };
+                assert!(
+                    (sample.area / expected - 1.0).abs() < AREA_TOLERANCE,
+                    "{eye:?} {direction}: {} {expected}",
+                    sample.area
+                );
+                compared += 1;
+            }
+        }
+        assert!(compared > 500, "{compared} samples compared");
+    }
 
     #[test]
     fn hit_depth_is_plane_at_pixel_centre() {

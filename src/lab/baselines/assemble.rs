@@ -1,13 +1,12 @@
 //! Assembly of a frame from the canvases of fragments and boundaries (P6).
 
-use super::epipolar::{Boundary, Rays, fragment_spans};
+use super::epipolar::{Boundary, Rays, RowDivision};
 use headbox_core::frame::Frame;
 use headbox_cube::render::band::BandRenderer;
 use headbox_cube::render::resolve::composite::{EnvironmentBackground, Pixels, depth_chunks};
 use headbox_cube::render::settings::FrameStats;
 use headbox_cube::render::setup::plan::FramePlan;
 use rayon::prelude::*;
-use std::ops::Range;
 use std::time::Instant;
 
 /// Rows that a thread assembles at a time.
@@ -81,9 +80,11 @@ impl RowOwners {
                     };
                     let mut stats = FrameStats::default();
                     let mut masked = 0;
+                    let mut division = RowDivision::default();
                     let rows = pixels.rows(width).zip((i * ROWS_AT_ONCE) as u32..);
                     for ((pixels, y), owners) in rows.zip(owners) {
-                        masked += assign_row(assembly.boundaries, &rays(y), width, owners);
+                        let boundaries = assembly.boundaries;
+                        masked += assign_row(boundaries, &rays(y), width, &mut division, owners);
                         stats.hole_pixels += assembly.assemble_row(y, owners, pixels);
                     }
                     stats.finish_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -116,51 +117,40 @@ impl Assembly<'_> {
 
 /// Assigns the columns of a row to canvases: those in masks to boundaries, all others to fragments.
 /// Returns the number of pixels in masks.
-fn assign_row(boundaries: &[Boundary], rays: &Rays, width: u32, owners: &mut Vec<Owner>) -> u64 {
+fn assign_row(
+    boundaries: &[Boundary],
+    rays: &Rays,
+    width: u32,
+    division: &mut RowDivision,
+    owners: &mut Vec<Owner>,
+) -> u64 {
     owners.clear();
     let fragments = boundaries.len().max(1);
-    let mut start = 0;
     let mut masked = 0;
-    while start < width {
-        // The column's mask, or its sector up to the next mask.
-        let masks = boundaries.iter().map(|boundary| boundary.mask(rays, width));
-        let mask = masks.clone().position(|mask| mask.contains(&start));
-        let limit = |end: u32, range: &Range<u32>| {
-            if range.start > start {
-                end.min(range.start)
-            } else {
-                end
+    for part in division.divide(boundaries, rays, &(0..width)) {
+        let mut start = part.columns.start;
+        while start < part.columns.end {
+            // The column's mask, or its sector up to the next mask.
+            let masks = boundaries.iter().map(|boundary| boundary.mask(rays, width));
+            let owner = match masks.clone().position(|mask| mask.contains(&start)) {
+                Some(k) => Owner {
+                    end: boundaries[k].mask(rays, width).end.min(part.columns.end),
+                    canvas: fragments + k,
+                },
+                None => Owner {
+                    end: masks
+                        .map(|mask| mask.start)
+                        .filter(|mask_start| *mask_start > start)
+                        .fold(part.columns.end, u32::min),
+                    canvas: part.fragment,
+                },
+            };
+            if owner.canvas >= fragments {
+                masked += u64::from(owner.end - start);
             }
-        };
-        let owner = match mask {
-            Some(k) => Owner {
-                end: boundaries[k].mask(rays, width).end,
-                canvas: fragments + k,
-            },
-            None => {
-                let mut owner = Owner {
-                    end: width,
-                    canvas: 0,
-                };
-                for k in 0..fragments {
-                    for span in fragment_spans(boundaries, k, rays, &(0..width)) {
-                        if span.contains(&start) {
-                            owner.end = owner.end.min(span.end);
-                            owner.canvas = k;
-                        } else {
-                            owner.end = limit(owner.end, &span);
-                        }
-                    }
-                }
-                owner.end = masks.clone().fold(owner.end, |end, mask| limit(end, &mask));
-                owner
-            }
-        };
-        if mask.is_some() {
-            masked += u64::from(owner.end - start);
+            owners.push(owner);
+            start = owner.end;
         }
-        owners.push(owner);
-        start = owner.end;
     }
     masked
 }

@@ -11,9 +11,6 @@ use headbox_core::cube_face::Face;
 use headbox_cube::render::setup::transfer::Transfer;
 use std::ops::Range;
 
-/// Columns of a row of pixels, ascending and disjoint; some may be empty.
-pub(super) type ColumnSpans = [Range<u32>; 3];
-
 /// The baseline.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Baseline {
@@ -303,43 +300,69 @@ impl Boundary {
     }
 }
 
-/// Returns the pixels of `range` between boundary `k` and the next one (around the circle); all of
-/// them if there are no boundaries.
-pub(super) fn fragment_spans(
-    boundaries: &[Boundary],
-    k: usize,
-    rays: &Rays,
-    range: &Range<u32>,
-) -> ColumnSpans {
-    let Some(first) = boundaries.get(k) else {
-        return [range.clone(), range.end..range.end, range.end..range.end];
-    };
-    let next = boundaries.get(k + 1);
-    let inside = |angle: f64| match next {
-        Some(next) => first.angle <= angle && angle < next.angle,
-        None => first.angle <= angle || angle < boundaries[0].angle,
-    };
-    let cross = |boundary: &Boundary| match boundary.crossing(rays) {
-        Some(x) => ((x - 0.5).ceil().max(0.0) as u32).clamp(range.start, range.end),
-        None => range.start,
-    };
-    let a = cross(first);
-    let b = cross(next.unwrap_or(&boundaries[0]));
-    // Pixels within rounding of a boundary lie in its mask: either side is valid for them.
-    [
-        range.start..a.min(b),
-        a.min(b)..a.max(b),
-        a.max(b)..range.end,
-    ]
-    .map(|span| {
-        // Between pixels if necessary: a pixel on the baseline itself has no angle.
-        let middle = f64::from(span.start) + f64::from(span.end - span.start) / 2.0;
-        if !span.is_empty() && inside(diamond_angle(rays.evaluate(middle))) {
-            span
-        } else {
-            span.end..span.end
+/// Columns of a row of pixels that belong to one fragment.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct RowPart {
+    pub(super) columns: Range<u32>,
+    pub(super) fragment: usize,
+}
+
+/// Division of a row of pixels into fragments. Reused from row to row.
+#[derive(Default)]
+pub(super) struct RowDivision {
+    cuts: Vec<u32>,
+    parts: Vec<RowPart>,
+}
+
+impl RowDivision {
+    /// Returns the parts of `range` from left to right: fragment k lies between boundary k and the
+    /// next one (around the circle), and contains everything if there are no boundaries.
+    ///
+    /// Every pixel lies in exactly one part, also within rounding of a boundary and on the baseline
+    /// itself, where any fragment is valid since the pixel lies in the mask. The parts therefore
+    /// depend on the cuts of all boundaries, not only on those of one fragment.
+    pub(super) fn divide(
+        &mut self,
+        boundaries: &[Boundary],
+        rays: &Rays,
+        range: &Range<u32>,
+    ) -> &[RowPart] {
+        self.cuts.clear();
+        self.parts.clear();
+        let crossings = boundaries
+            .iter()
+            .filter_map(|boundary| boundary.crossing(rays));
+        let columns = crossings.map(|x| (x - 0.5).ceil().max(0.0) as u32);
+        self.cuts
+            .extend(columns.map(|column| column.clamp(range.start, range.end)));
+        self.cuts.push(range.end);
+        self.cuts.sort_unstable();
+        let mut start = range.start;
+        for &end in &self.cuts {
+            if start >= end {
+                continue;
+            }
+            // Between pixels if necessary: a pixel on the baseline has no angle.
+            let middle = f64::from(start) + f64::from(end - start) / 2.0;
+            let fragment = fragment_of(boundaries, diamond_angle(rays.evaluate(middle)));
+            match self.parts.last_mut() {
+                Some(last) if last.fragment == fragment => last.columns.end = end,
+                _ => self.parts.push(RowPart {
+                    columns: start..end,
+                    fragment,
+                }),
+            }
+            start = end;
         }
-    })
+        &self.parts
+    }
+}
+
+/// Returns the fragment that contains a diamond angle. The boundaries' angles ascend.
+fn fragment_of(boundaries: &[Boundary], angle: f64) -> usize {
+    let next = boundaries.partition_point(|boundary| boundary.angle <= angle);
+    next.checked_sub(1)
+        .unwrap_or_else(|| boundaries.len().saturating_sub(1))
 }
 
 #[cfg(test)]
@@ -443,6 +466,85 @@ mod tests {
             }
         }
         assert!(inside > 500 && outside > 5000, "{inside} {outside}");
+    }
+
+    /// Creates boundaries at ascending diamond angles.
+    fn boundaries_at(angles: &[f64]) -> Vec<Boundary> {
+        let camera =
+            Camera::look_at(DVec3::ZERO, DVec3::X, DVec3::Y, 60.0, [64, 48]).expect("valid");
+        let baseline = Baseline::default();
+        let boundary = |angle: &f64| Boundary::new(*angle, &baseline, &camera, 1.0);
+        angles.iter().map(boundary).collect()
+    }
+
+    /// Checks that the parts cover `range` in order and without gaps.
+    fn check_cover(parts: &[RowPart], range: &Range<u32>, name: &str) {
+        let mut next = range.start;
+        for part in parts {
+            assert!(
+                part.columns.start == next && part.columns.end > next,
+                "{name}: {parts:?}"
+            );
+            next = part.columns.end;
+        }
+        assert_eq!(next, range.end, "{name}: {parts:?}");
+    }
+
+    #[test]
+    fn rows_are_divided_by_angle_of_pixel() {
+        let mut random = Rng::keyed(24);
+        let mut division = RowDivision::default();
+        let mut counts = [0; 7];
+        for i in 0..500 {
+            let mut angles: Vec<f64> = (0..i % 8).map(|_| random.between(0.0, 4.0)).collect();
+            angles.sort_unstable_by(f64::total_cmp);
+            let boundaries = boundaries_at(&angles);
+            let rays = Rays {
+                start: random.in_cube(1.0).truncate(),
+                step: random.in_cube(0.1).truncate(),
+            };
+            let range = 3..61;
+            let parts = division.divide(&boundaries, &rays, &range);
+            check_cover(parts, &range, &format!("{angles:?}, {rays:?}"));
+            for part in parts {
+                for x in part.columns.clone() {
+                    let angle = diamond_angle(rays.evaluate(f64::from(x) + 0.5));
+                    if angles.iter().any(|a| (a - angle).abs() < ROUNDING) {
+                        continue;
+                    }
+                    let below = angles.iter().filter(|a| **a < angle).count();
+                    let expected = match below {
+                        0 => angles.len().saturating_sub(1),
+                        _ => below - 1,
+                    };
+                    assert_eq!(part.fragment, expected, "{x}, {angles:?}, {rays:?}");
+                    counts[expected] += 1;
+                }
+            }
+        }
+        assert!(counts.iter().all(|count| *count > 500), "{counts:?}");
+    }
+
+    /// All boundaries cross such a row in the same pixel, on either side of its centre by rounding.
+    #[test]
+    fn pixel_on_baseline_lies_in_one_part() {
+        let mut random = Rng::keyed(25);
+        let mut division = RowDivision::default();
+        for i in 0..2000 {
+            let mut angles: Vec<f64> = (0..2 + i % 7).map(|_| random.between(0.0, 4.0)).collect();
+            angles.sort_unstable_by(f64::total_cmp);
+            let boundaries = boundaries_at(&angles);
+            let step = random.in_cube(1.0).truncate();
+            let column = [0.5, 1.5, 4.5][i % 3];
+            let rays = Rays {
+                start: step * -column,
+                step,
+            };
+            for range in [0..1, 0..3, 1..2, 0..9] {
+                let parts = division.divide(&boundaries, &rays, &range);
+                check_cover(parts, &range, &format!("{angles:?}, {rays:?}"));
+            }
+        }
     }
 
     /// Returns true if a square of `radius_px` about the point `w` times a ray may touch a

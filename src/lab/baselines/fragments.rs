@@ -28,7 +28,7 @@
 //! twice. The product therefore uses bands (docs/decisions/0053).
 
 use super::assemble::{Assembly, RowOwners};
-use super::epipolar::{AngleHistogram, Baseline, Boundary, Rays, fragment_spans};
+use super::epipolar::{AngleHistogram, Baseline, Boundary, Rays, RowDivision, RowPart};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
@@ -226,7 +226,8 @@ struct SegmentView {
     rectangle: Option<[Range<u32>; 2]>,
     /// Visibility of each block that the rectangle touches, row-major.
     visible: Vec<bool>,
-    /// Reach of the footprints of the same blocks, px: bound of their radii and position errors.
+    /// Reach of the footprints of the same blocks, px: bound of their radii, of the border of their
+    /// depths and of position errors.
     reach_px: Vec<f64>,
 }
 
@@ -280,7 +281,8 @@ impl Division {
             SegmentView::default,
         );
         for (i, planned) in segments.iter().enumerate() {
-            self.clip(i, &plan.clip(cube, i, whole_frame));
+            let border_px = plan.depth_border_px();
+            self.clip(i, &plan.clip(cube, i, whole_frame), border_px);
             self.count_samples(i, &cube.segments[planned.index], plan.face_px());
         }
         self.histogram.divide(count, &mut self.angles);
@@ -297,7 +299,7 @@ impl Division {
         }
     }
 
-    fn clip(&mut self, i: usize, clip: &SegmentClip) {
+    fn clip(&mut self, i: usize, clip: &SegmentClip, border_px: f64) {
         let view = &mut self.segments[i];
         view.rectangle = clip.clip(&mut view.visible);
         let mut reach_px = std::mem::take(&mut view.reach_px);
@@ -308,7 +310,7 @@ impl Division {
                 .filter(|_| view.visible[block]);
             reach_px.push(bounds.map_or(0.0, |bounds| {
                 let (_, least_w, radius_px) = clip.project_block(&bounds);
-                radius_px + POSITION_ERROR_PX / least_w.max(f64::from(W_NEAR))
+                radius_px + border_px + POSITION_ERROR_PX / least_w.max(f64::from(W_NEAR))
             }));
         }
         view.reach_px = reach_px;
@@ -382,6 +384,7 @@ impl Division {
         index: usize,
         canvas: &mut BandRenderer,
     ) {
+        let mut division = RowDivision::default();
         for (i, planned) in plan.segments().iter().enumerate() {
             let view = &self.segments[i];
             let Some(rectangle @ [columns, rows]) = &view.rectangle else {
@@ -395,16 +398,12 @@ impl Division {
                     return;
                 }
                 let rays = project_face_row(&self.baseline, face, y, plan.face_px());
-                let spans = fragment_spans(&self.boundaries, index, &rays, columns);
+                let parts = division.divide(&self.boundaries, &rays, columns);
                 for run in &runs {
-                    let mut spans = spans.clone();
-                    if run.descending {
-                        spans.reverse();
-                    }
-                    for span in spans {
-                        let part = intersect(&span, &run.range);
+                    let mut draw = |part: &RowPart| {
+                        let part = intersect(&part.columns, &run.range);
                         if part.is_empty() {
-                            continue;
+                            return;
                         }
                         let blocks = SegmentView::block_range(rectangle, &part, y);
                         let part = FacePart {
@@ -413,6 +412,12 @@ impl Division {
                             visible: &view.visible[blocks],
                         };
                         canvas.draw_part(plan, cube, i, part);
+                    };
+                    let own = parts.iter().filter(|part| part.fragment == index);
+                    if run.descending {
+                        own.rev().for_each(&mut draw);
+                    } else {
+                        own.for_each(&mut draw);
                     }
                 }
             });

@@ -79,7 +79,7 @@ pub const PROMISES: [Promise; 6] = [
         is_time: false,
     },
     Promise {
-        says: "does not depend on how many triangles the scene had",
+        says: "a frame rate that depends neither on the number of triangles",
         what: "nanoseconds of a frame for each depth pixel in view, one thread",
         of: |report, facts| {
             let row = report.find(&facts.scene, "threads", "1 thread")?;
@@ -89,7 +89,7 @@ pub const PROMISES: [Promise; 6] = [
         is_time: true,
     },
     Promise {
-        says: "or how dear its light was",
+        says: "nor on the lighting",
         what: "time of a frame whose depth pixels were lit with four times the samples, over the default's",
         of: |report, facts| {
             Some(

@@ -29,6 +29,7 @@ pub mod view;
 
 pub use crate::view_geometry::cameras::samples::SampleGrid;
 pub use crate::view_geometry::cameras::store::WaitPolicy;
+pub use crate::view_geometry::render::delaunay::NodeMesh;
 pub use crate::view_geometry::render::rank::RankWeights;
 pub use crate::view_geometry::render::renderer::{GeometryRenderer, GeometryStats};
 pub use effort::TimeBudget;

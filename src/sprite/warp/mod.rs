@@ -15,4 +15,6 @@ pub(crate) mod pure_parallax;
 pub(crate) mod render;
 pub(crate) mod sampling;
 mod splat;
+#[cfg(test)]
+mod tests;
 pub(crate) mod transfer;

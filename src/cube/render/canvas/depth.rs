@@ -22,7 +22,7 @@ pub(crate) struct DepthCanvas {
 /// Excess of a footprint over its radius, px, for canvases that round its centre to a pixel.
 /// (Pixels without coverage get no depth in the end. Half a pixel and more would depend on the
 /// bands, which cull splats by their radius.)
-const BORDER: f32 = 0.25;
+pub(crate) const BORDER: f32 = 0.25;
 
 impl DepthCanvas {
     /// Clears the canvas for some rows of a frame `width` pixels wide, keeping its memory.

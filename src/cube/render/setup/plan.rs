@@ -9,6 +9,7 @@ use crate::model::validate::MAX_FACE_SIZE_PX;
 use crate::pack::CubeLdi;
 use crate::render::RenderSettings;
 use crate::render::canvas::Tolerance;
+use crate::render::canvas::depth;
 use crate::render::canvas::surface::SurfaceCanvas;
 use crate::render::footprint::size::{
     EllipseSize, PaperSize, SegmentSize, StampSize, TangentSize, TangentTable,
@@ -141,6 +142,15 @@ impl FramePlan {
     /// Returns true if the kernel's canvas compares and stores the depths of splats.
     pub fn compares_depths(&self) -> bool {
         self.settings.kernel.compares_depths()
+    }
+
+    /// Returns the excess, px, of a splat's depth over its radius; 0 if the frame has no depths.
+    pub fn depth_border_px(&self) -> f64 {
+        if self.settings.depth {
+            f64::from(depth::BORDER)
+        } else {
+            0.0
+        }
     }
 
     /// Returns the cube's segments in drawing order.

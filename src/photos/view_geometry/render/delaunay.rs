@@ -86,6 +86,47 @@ impl Mesh {
     }
 }
 
+/// The mesh of nodes at chosen positions, for the hard cases of numerical stability.
+pub struct NodeMesh {
+    /// Columns and rows of the nodes.
+    pub size: [usize; 2],
+    /// Position of each node, row by row, in parts of a pixel.
+    pub positions: Vec<[i64; 2]>,
+    /// Nodes at the corners of each triangle.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl NodeMesh {
+    /// Triangulates the grid of a frame, nodes `spacing_px` apart. `offset` moves the node in a
+    /// column and row away from the middle of its cell, parts of a pixel, given the side of a cell;
+    /// a node stays in its cell.
+    pub fn new(
+        frame_px: [u32; 2],
+        spacing_px: f32,
+        mut offset: impl FnMut([usize; 2], i32) -> [i32; 2],
+    ) -> Self {
+        let mut grid = Grid::default();
+        grid.reset(frame_px[0], frame_px[1], spacing_px);
+        let side = grid.lattice.spacing;
+        let size = [grid.lattice.columns, grid.lattice.rows].map(|count| count as usize);
+        for node in 0..size[0] * size[1] {
+            let in_cell = |offset: i32| offset.clamp(-(side / 2), side - side / 2 - 1);
+            let [x, y] = offset([node % size[0], node / size[0]], side).map(in_cell);
+            grid.x[node] += x;
+            grid.y[node] += y;
+        }
+        let mut mesh = Mesh::default();
+        mesh.triangulate(&grid);
+        Self {
+            size,
+            positions: (0..grid.x.len() as u32)
+                .map(|node| at(&grid, node))
+                .collect(),
+            triangles: mesh.triangles().to_vec(),
+        }
+    }
+}
+
 /// Half-edges along the upper and the lower side of a strip, from left to right.
 struct Seams {
     upper: Vec<u32>,

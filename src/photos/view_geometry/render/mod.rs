@@ -2,7 +2,7 @@
 //! `fuse` (their samples in the frame's grid), `delaunay` (the mesh), `owners` (the camera of each
 //! node), `scan` (triangles to pixels), `texture` (colours of pixels). `renderer` runs these steps.
 
-mod delaunay;
+pub(crate) mod delaunay;
 pub(crate) mod fuse;
 mod owners;
 mod project;
