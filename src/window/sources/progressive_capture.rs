@@ -409,8 +409,7 @@ mod tests {
     ];
 
     /// The capture of `headbox capture` with the settings of a round: its headbox, and the command's
-    /// default for all that a round does not set. The test of the command line that compares with
-    /// the library (`capture_command_writes_the_librarys_capture`) has the same.
+    /// default for all that a round does not set.
     fn command_capture(source: &SceneSource, round: &Round) -> CubeLdi {
         let scene = Arc::new(source.open().unwrap());
         let headbox = viewpoint::place_headbox(&scene, None, None).unwrap();
