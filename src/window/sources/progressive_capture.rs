@@ -369,6 +369,7 @@ impl Progress for Shared {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
 
     /// Two small rounds; the second searches for holes.
     const SMALL_ROUNDS: [Round; 2] = [
@@ -388,11 +389,24 @@ mod tests {
         },
     ];
 
-    /// The capture of `headbox capture` with the settings of a round.
+    /// The capture of `headbox capture` with the settings of a round: its headbox, and the command's
+    /// default for all that a round does not set.
     fn command_capture(source: &SceneSource, round: &Round) -> CubeLdi {
         let scene = Arc::new(source.open().unwrap());
         let headbox = viewpoint::place_headbox(&scene, None, None).unwrap();
-        let mut spec = round.spec(source, &headbox);
+        let mut spec = CaptureSpec {
+            scene: source.clone(),
+            centre: headbox.centre,
+            half_size_m: headbox.half_size_m,
+            face_size_px: round.face_size_px,
+            parameters: CaptureParameters {
+                strata: round.strata,
+                rays_per_stratum: round.rays,
+                light_samples: round.light_samples,
+                holes: round.holes,
+                ..CaptureParameters::DEFAULT
+            },
+        };
         spec.fit_half_size(&scene);
         let tracer = Tracer::new(scene, headbox.centre);
         let lighting = Lighting::prepare(&tracer, spec.parameters.bounces, true);
@@ -457,6 +471,26 @@ mod tests {
             [false, true],
             "only a headbox in free space shrinks"
         );
+    }
+
+    #[test]
+    fn last_round_is_the_commands_default_with_fewer_rays() {
+        let source = SceneSource::new("builtin:miniature");
+        let headbox = Headbox {
+            centre: DVec3::ZERO,
+            half_size_m: 1.0,
+        };
+        let last = ROUNDS[ROUNDS.len() - 1].spec(&source, &headbox);
+        let default = CaptureSpec::new(source, headbox.centre, headbox.half_size_m);
+        let fewer_rays = CaptureParameters {
+            strata: last.parameters.strata,
+            rays_per_stratum: last.parameters.rays_per_stratum,
+            ..default.parameters
+        };
+        assert_eq!(last.parameters, fewer_rays);
+        assert_eq!(last.face_size_px, default.face_size_px);
+        let share = last.max_rays() / default.max_rays();
+        assert!((share - 0.2).abs() < 0.01, "a fifth of the rays: {share}");
     }
 
     #[test]
