@@ -53,3 +53,4 @@ pub mod srgb_table;
 pub mod statistics;
 pub mod texels;
 pub mod tone;
+pub mod triangle_scan;
