@@ -46,6 +46,7 @@ pub mod image_file;
 pub mod light_parameters;
 pub mod lru;
 pub mod metrics;
+pub mod mip;
 pub mod named_variants;
 pub mod progress;
 pub mod random;
