@@ -49,10 +49,9 @@ fn variable(name: &str, default: &str) -> String {
 /// The kernels that are asked for; of all, those that are no stamps.
 fn kernels() -> Vec<SplatKernel> {
     let names = variable("HEADBOX_BENCH_KERNELS", "tent,opaque,paper,ellipse");
-    let known = SplatKernel::ALL;
     names
         .split(',')
-        .filter_map(|name| known.into_iter().find(|kernel| kernel.name() == name))
+        .filter_map(SplatKernel::from_name)
         .collect()
 }
 

@@ -6,10 +6,11 @@
 //! turns.
 
 use glam::DVec3;
-use headbox_core::camera::Camera;
+use headbox_core::camera::{Camera, focal_px};
 use headbox_core::headbox::Headbox;
 use headbox_core::progress::Silent;
 use headbox_core::statistics::median;
+use headbox_lab::turns::in_turns;
 use headbox_lumigraph::{
     CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, LumigraphSettings,
     Placement, RawLumigraph, middle_disparity,
@@ -22,7 +23,7 @@ const FRAME_PX: [u32; 2] = [400, 400];
 const IMAGE_PX: u32 = 256;
 
 /// Rounds of the sweep; frames of a point in each are three.
-const ROUNDS: usize = 25;
+const ROUNDS: u32 = 25;
 
 /// Focal lengths behind the plane at which the paper merges.
 const DISTANCES: [f64; 5] = [0.0, 1.0, 2.0, 4.0, 8.0];
@@ -67,7 +68,7 @@ impl Wall {
             world_from_eye,
             columns: places.clone(),
             rows: places,
-            focal_px: f64::from(IMAGE_PX) / 2.0 / (self.fov_deg / 2.0).to_radians().tan(),
+            focal_px: focal_px(f64::from(IMAGE_PX), self.fov_deg),
             size_px: [IMAGE_PX; 2],
             convergence: 0.0,
         };
@@ -92,25 +93,20 @@ impl Wall {
     }
 }
 
-/// Median times of each lumigraph with its settings, ms, in turns.
+/// Returns the median times of each lumigraph with its settings, ms, in turns.
 fn medians(drawn: &[(&Lumigraph, LumigraphSettings)], frames: &[Camera]) -> Vec<f64> {
     let mut renderers: Vec<LumigraphRenderer> =
         drawn.iter().map(|_| LumigraphRenderer::new()).collect();
-    let mut times = vec![Vec::new(); drawn.len()];
-    for _ in 0..ROUNDS {
-        for ((renderer, (lumigraph, settings)), times) in
-            renderers.iter_mut().zip(drawn).zip(&mut times)
-        {
-            times.extend(
-                frames
-                    .iter()
-                    .map(|camera| renderer.render(lumigraph, camera, settings).1.frame_ms),
-            );
-        }
-    }
+    let times = in_turns(&mut renderers, ROUNDS, |i, renderer| {
+        let (lumigraph, settings) = &drawn[i];
+        let times = frames
+            .iter()
+            .map(|camera| renderer.render(lumigraph, camera, settings).1.frame_ms);
+        Some(times.collect::<Vec<f64>>())
+    });
     times
-        .into_iter()
-        .map(|times| median(times).expect("frames"))
+        .iter()
+        .map(|rounds| median(rounds.iter().flatten().copied()).expect("frames"))
         .collect()
 }
 

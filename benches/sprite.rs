@@ -9,12 +9,12 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use glam::{DMat3, DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::statistics::median;
+use headbox_lab::turns::{in_turns, time_ms};
 use headbox_sprite::{
     Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sprite, SpriteLayer,
     SpritePlane, SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth,
 };
 use image::{Rgba, RgbaImage};
-use std::time::Instant;
 
 /// Smooth colours, and a hemisphere in the middle that rises from the plane by 1.
 fn sprite(n: u32) -> PreparedSprite {
@@ -98,21 +98,17 @@ fn variants(criterion: &mut Criterion) {
     }
 }
 
-/// Median time of a frame by each option, ms: frames in turns, so that what slows the machine slows
-/// all.
-fn medians<const N: usize>(n: u32, options: [RenderOptions; N]) -> [f64; N] {
-    const ROUNDS: usize = 101;
+/// Returns the median time of a frame by each option, ms, in turns.
+fn medians<const N: usize>(n: u32, mut options: [RenderOptions; N]) -> [f64; N] {
+    const ROUNDS: u32 = 101;
     let (sprite, transfer) = (sprite(n), transfer(f64::from(n)));
     let (mut renderer, mut frame) = (SpriteRenderer::new(), SpriteLayer::new(n, n));
-    let mut times = [const { Vec::new() }; N];
-    for _ in 0..ROUNDS {
-        for (options, times) in options.iter().zip(&mut times) {
-            let start = Instant::now();
+    let times = in_turns(&mut options, ROUNDS, |_, options| {
+        Some(time_ms(|| {
             renderer.render_transfer(&sprite, &transfer, options, &mut frame);
-            times.push(start.elapsed().as_secs_f64() * 1e3);
-        }
-    }
-    times.map(|times: Vec<f64>| median(times).expect("rounds"))
+        }))
+    });
+    std::array::from_fn(|i| median(times[i].iter().copied()).expect("rounds"))
 }
 
 /// Time over the homography's beside that of the paper (frames a second on 256x256: bilinear 30,

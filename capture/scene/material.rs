@@ -2,6 +2,7 @@
 
 use glam::Vec4;
 use headbox_core::color::linear_levels;
+use headbox_core::texels::bilinear;
 
 /// How a surface lets rays through: wherever the alpha of `texture` is below `threshold`, the surface is not there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,17 +113,13 @@ impl Texture {
             (neighbours(u, self.width), neighbours(1.0 - v, self.height));
         let (linear, width) = (linear_levels(), self.width as usize);
         let (above, below) = (y0 * width, y1 * width);
-        let (a, b) = (
+        let four = [
             self.texel(linear, above + x0),
             self.texel(linear, above + x1),
-        );
-        let top = a + (b - a) * fx;
-        let (a, b) = (
             self.texel(linear, below + x0),
             self.texel(linear, below + x1),
-        );
-        let bottom = a + (b - a) * fx;
-        (top + (bottom - top) * fy).to_array()
+        ];
+        bilinear(four, [fx, fy]).to_array()
     }
 
     /// A texel, linear, by this table of levels: looked up once for all texels of a sample.

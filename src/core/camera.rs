@@ -20,6 +20,16 @@ pub enum CameraError {
     Size(u32, u32),
 }
 
+/// Angle, degrees, that a side of an image spans at some focal length, both in pixels.
+pub fn fov_deg(side_px: f64, focal_px: f64) -> f64 {
+    2.0 * (side_px / 2.0 / focal_px).atan().to_degrees()
+}
+
+/// Focal length, pixels, at which a side of an image spans some degrees.
+pub fn focal_px(side_px: f64, fov_deg: f64) -> f64 {
+    side_px / 2.0 / (fov_deg.to_radians() / 2.0).tan()
+}
+
 /// A pinhole camera with square pixels. Eye space is X right, Y up, looking down -Z; row 0 of the
 /// image is on top.
 ///
@@ -79,7 +89,7 @@ impl Camera {
         // longer perpendicular.
         let right = (right - forward * forward.dot(right)).normalize();
         let world_from_eye = DMat3::from_cols(right, right.cross(forward), -forward);
-        let focal_px = f64::from(height) / 2.0 / (fov_y_deg.to_radians() / 2.0).tan();
+        let focal_px = focal_px(f64::from(height), fov_y_deg);
         Self::from_parts(eye, world_from_eye, focal_px, width, height)
     }
 
@@ -168,9 +178,7 @@ impl Camera {
 
     /// Vertical field of view, degrees.
     pub fn fov_y_deg(&self) -> f64 {
-        2.0 * (f64::from(self.height) / 2.0 / self.focal_px)
-            .atan()
-            .to_degrees()
+        fov_deg(f64::from(self.height), self.focal_px)
     }
 
     /// Image width in pixels.
@@ -258,6 +266,17 @@ mod tests {
         );
         assert!((part.direction(3.0, 4.0) - camera.direction(103.0, 11.0)).length() < 1e-12);
         assert_eq!(camera.cropped(5..5, 0..9), Err(CameraError::Size(0, 9)));
+    }
+
+    #[test]
+    fn field_of_view_round_trips_through_focal_length() {
+        for fov in [0.1, 30.0, 90.0, 179.0] {
+            let camera = Camera::look_at(DVec3::ZERO, DVec3::X, DVec3::Y, fov, [320, 200]);
+            let found = camera.expect("valid").fov_y_deg();
+            assert!((found - fov).abs() < 1e-12 * fov.max(1.0), "{found}");
+            assert!((fov_deg(7.0, focal_px(7.0, fov)) - fov).abs() < 1e-12 * fov.max(1.0));
+        }
+        assert_eq!(fov_deg(2.0, 1.0), 90.0);
     }
 
     #[test]

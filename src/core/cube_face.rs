@@ -23,25 +23,20 @@ pub enum Face {
     NegZ,
 }
 
-impl Face {
-    /// All faces, in the order of their indices.
-    pub const ALL: [Self; 6] = [
-        Self::PosX,
-        Self::NegX,
-        Self::PosY,
-        Self::NegY,
-        Self::PosZ,
-        Self::NegZ,
-    ];
+// In the order of their indices.
+crate::named_variants!(Face {
+    PosX => "+X",
+    NegX => "-X",
+    PosY => "+Y",
+    NegY => "-Y",
+    PosZ => "+Z",
+    NegZ => "-Z",
+});
 
-    /// 0 to 5, the position in [`Self::ALL`].
+impl Face {
+    /// Index, 0 to 5: the position in [`Self::ALL`].
     pub fn index(self) -> usize {
         self as usize
-    }
-
-    /// Short name, as printed: `+X`, `-X`, ...
-    pub fn name(self) -> &'static str {
-        ["+X", "-X", "+Y", "-Y", "+Z", "-Z"][self.index()]
     }
 
     /// Outward normal, which is the viewing direction of the face's camera.

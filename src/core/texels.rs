@@ -1,9 +1,23 @@
-//! Bilinear lookups in sixteen lanes: gather of four texels, and their blend.
+//! Bilinear lookups: blends of four texels, and gathers in sixteen lanes.
 
 use fearless_simd::{ExtractToken, Simd, f32x16, prelude::*, u16x32, u32x4, u32x16};
+use std::ops::{Add, Mul, Sub};
 
 /// Number of lanes.
 pub const LANES: usize = 16;
+
+/// Blends the upper left, upper right, lower left and lower right texel by the distances to the
+/// right and down from the first, 0 to 1: numbers, vectors of channels, or lanes.
+#[inline(always)]
+pub fn bilinear<T, W>([a, b, c, d]: [T; 4], [x, y]: [W; 2]) -> T
+where
+    T: Copy + Add<Output = T> + Sub<Output = T> + Mul<W, Output = T>,
+    W: Copy,
+{
+    let top = a + (b - a) * x;
+    let bottom = c + (d - c) * x;
+    top + (bottom - top) * y
+}
 
 /// Gathers for each lane the upper left, upper right, lower left and lower right texel: those at
 /// `index`, after it, and `stride` after these. Larger indices are clamped to the last one that has
@@ -12,7 +26,7 @@ pub const LANES: usize = 16;
 /// Registers are put together from registers of two pairs: put together from pairs, they become a
 /// chain of sixteen steps (docs/decisions/0005).
 #[inline(always)]
-pub fn fours<S: Simd>(
+pub fn gather_quads<S: Simd>(
     simd: S,
     texels: &[[u8; 4]],
     index: u32x16<S>,
@@ -57,10 +71,76 @@ fn left_and_right<S: Simd>(two: [u32x4<S>; LANES / 2]) -> [u32x16<S>; 2] {
     [left, right]
 }
 
-/// The pixel before a position along an axis of a picture, of which another follows, and the way to
-/// that in parts of 256.
+/// Same as [`gather_quads`] for texels of four 16-bit channels, each as two words: the first two
+/// channels, and the last two.
 #[inline(always)]
-pub fn place<S: Simd>(position: f32x16<S>, side_px: u32) -> (u32x16<S>, u32x16<S>) {
+pub fn gather_wide_quads<S: Simd>(
+    simd: S,
+    texels: &[[u16; 4]],
+    index: u32x16<S>,
+    stride: usize,
+) -> Option<[[u32x16<S>; 2]; 4]> {
+    let count = texels.len().checked_sub(stride)?;
+    let (upper, lower) = (texels.get(..count)?, texels.get(stride..stride + count)?);
+    if count < 2 {
+        return None;
+    }
+    let index = index.min(count as u32 - 2).to_array();
+    let [upper_left, upper_right] = gather_pairs(simd, upper, &index);
+    let [lower_left, lower_right] = gather_pairs(simd, lower, &index);
+    Some([upper_left, upper_right, lower_left, lower_right])
+}
+
+/// Gathers for each lane the texel at `index` and the one after it.
+#[inline(always)]
+fn gather_pairs<S: Simd>(
+    simd: S,
+    texels: &[[u16; 4]],
+    index: &[u32; LANES],
+) -> [[u32x16<S>; 2]; 2] {
+    let (a, b) = simd.deinterleave_u32x16(
+        four_pairs(simd, texels, index, 0),
+        four_pairs(simd, texels, index, 4),
+    );
+    let (c, d) = simd.deinterleave_u32x16(
+        four_pairs(simd, texels, index, 8),
+        four_pairs(simd, texels, index, 12),
+    );
+    let (left_low, right_low) = simd.deinterleave_u32x16(a, c);
+    let (left_high, right_high) = simd.deinterleave_u32x16(b, d);
+    [[left_low, left_high], [right_low, right_high]]
+}
+
+#[inline(always)]
+fn four_pairs<S: Simd>(
+    simd: S,
+    texels: &[[u16; 4]],
+    index: &[u32; LANES],
+    first: usize,
+) -> u32x16<S> {
+    let a = pair(simd, texels, index[first]);
+    let b = pair(simd, texels, index[first + 1]);
+    let c = pair(simd, texels, index[first + 2]);
+    let d = pair(simd, texels, index[first + 3]);
+    a.combine(b).combine(c.combine(d))
+}
+
+#[inline(always)]
+fn pair<S: Simd>(simd: S, texels: &[[u16; 4]], index: u32) -> u32x4<S> {
+    // In these words the compiler sees that nothing lies outside.
+    let at = (index as usize).min(texels.len().saturating_sub(2));
+    let two = texels
+        .get(at..at + 2)
+        .and_then(<[[u16; 4]]>::first_chunk::<2>)
+        .copied()
+        .unwrap_or_default();
+    u32x4::load_array(simd, bytemuck::cast(two))
+}
+
+/// Returns for positions along an axis of an image the pixel before each, which has a successor,
+/// and the distance from it in 1/256.
+#[inline(always)]
+pub fn locate<S: Simd>(position: f32x16<S>, side_px: u32) -> (u32x16<S>, u32x16<S>) {
     let position = position.max(0.0).min((side_px - 1) as f32);
     let before = u32x16::truncate_from(position).min(side_px.saturating_sub(2));
     (
@@ -69,10 +149,10 @@ pub fn place<S: Simd>(position: f32x16<S>, side_px: u32) -> (u32x16<S>, u32x16<S
     )
 }
 
-/// Between four texels as [`fours`] gives them, byte by byte: to the right by one share of 256,
-/// then down by the other. Each of the two roundings is at most half a level.
+/// Blends four texels of [`gather_quads`] byte by byte: across, then down, by distances in 1/256.
+/// Each of the two roundings is at most half a level.
 #[inline(always)]
-pub fn between<S: Simd>(
+pub fn blend_quads<S: Simd>(
     [upper_left, upper_right, lower_left, lower_right]: [u32x16<S>; 4],
     [across, down]: [u32x16<S>; 2],
 ) -> u32x16<S> {
@@ -90,7 +170,7 @@ fn in_both_halves<S: Simd>(share: u32x16<S>) -> u16x32<S> {
     (share | (share << 16)).bitcast()
 }
 
-/// Between the even and between the odd bytes, 16 bits each.
+/// Blends the even and the odd bytes, 16 bits each.
 #[inline(always)]
 fn mix_bytes<S: Simd>(a: u32x16<S>, b: u32x16<S>, share: u16x32<S>) -> [u16x32<S>; 2] {
     let (a, b): (u16x32<S>, u16x32<S>) = (a.bitcast(), b.bitcast());
@@ -121,9 +201,9 @@ mod tests {
         stride: usize,
         shares: &[[u32; LANES]; 2],
     ) -> Option<([[u32; LANES]; 4], [u32; LANES])> {
-        let found = fours(simd, texels, u32x16::load_array(simd, *at), stride)?;
+        let found = gather_quads(simd, texels, u32x16::load_array(simd, *at), stride)?;
         let [across, down] = shares;
-        let color = between(
+        let color = blend_quads(
             found,
             [
                 u32x16::load_array(simd, *across),
@@ -138,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_are_those_between_four_at_every_level() {
+    fn blended_bytes_match_exact_at_every_level() {
         let mut random = Rng::keyed(11);
         for (width, height) in [(2usize, 2usize), (3, 2), (2, 7), (64, 64), (17, 5)] {
             // Mostly 0 and 255, where sums are largest.
@@ -175,6 +255,57 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[inline(always)]
+    fn gather_wide<S: Simd>(
+        simd: S,
+        texels: &[[u16; 4]],
+        index: &[u32; LANES],
+        stride: usize,
+    ) -> Option<[[[u32; LANES]; 2]; 4]> {
+        let index = u32x16::load_array(simd, *index);
+        let [a, b, c, d] = gather_wide_quads(simd, texels, index, stride)?;
+        let words = |[low, high]: [u32x16<S>; 2]| [low.to_array(), high.to_array()];
+        Some([words(a), words(b), words(c), words(d)])
+    }
+
+    #[test]
+    fn wide_texels_are_gathered_and_clamped() {
+        let texels: Vec<[u16; 4]> = (0..40u16)
+            .map(|i| [i, 1000 + i, 2000 + i, 3000 + i])
+            .collect();
+        let mut index: [u32; LANES] = std::array::from_fn(|i| (i * 17 % 31) as u32);
+        index[3] = 39;
+        index[9] = u32::MAX;
+        for level in simd::levels() {
+            let gather = |texels: &[[u16; 4]], stride: usize| dispatch!(level, simd => gather_wide(simd, texels, &index, stride));
+            let found = gather(&texels, 8).expect("all have four");
+            for (words, offset) in found.iter().zip([0, 1, 8, 9]) {
+                for lane in 0..LANES {
+                    let texel = texels[(index[lane] as usize).min(30) + offset];
+                    let expected: [u32; 2] = bytemuck::cast(texel);
+                    assert_eq!(words.map(|word| word[lane]), expected, "{lane} {level:?}");
+                }
+            }
+            for (count, stride) in [(0, 0), (1, 0), (9, 8), (8, 8), (2, 9)] {
+                assert_eq!(gather(&texels[..count], stride), None, "{count} {stride}");
+            }
+        }
+    }
+
+    #[test]
+    fn bilinear_is_linear_in_both_axes() {
+        let plane = |x: f32, y: f32| 3.0 + 2.0 * x - 5.0 * y;
+        let four = [
+            plane(0.0, 0.0),
+            plane(1.0, 0.0),
+            plane(0.0, 1.0),
+            plane(1.0, 1.0),
+        ];
+        for at in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.25, 0.5]] {
+            assert_eq!(bilinear(four, at), plane(at[0], at[1]));
         }
     }
 

@@ -4,6 +4,7 @@
 use glam::{DMat3, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::cube_face::Face;
+use headbox_core::texels;
 use image::RgbImage;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -109,8 +110,7 @@ pub(super) fn bilinear(picture: &RgbImage, [x, y]: [f32; 2]) -> image::Rgb<u8> {
     let (u, v) = (x - left, y - top);
     let [a, b, c, d] = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)];
     image::Rgb(std::array::from_fn(|i| {
-        let (upper, lower) = (a[i] + (b[i] - a[i]) * u, c[i] + (d[i] - c[i]) * u);
-        (upper + (lower - upper) * v + 0.5) as u8
+        (texels::bilinear([a[i], b[i], c[i], d[i]], [u, v]) + 0.5) as u8
     }))
 }
 

@@ -6,6 +6,7 @@ use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use headbox_core::cube_face::Face;
 use headbox_core::progress::Progress;
+use headbox_core::texels;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::truth;
@@ -81,20 +82,19 @@ impl CubeMap {
     }
 }
 
-fn bilinear(texels: &RgbImage, x: f64, y: f64) -> [u8; 3] {
+fn bilinear(image: &RgbImage, x: f64, y: f64) -> [u8; 3] {
     let clamp = |c: f64, size: u32| (c.max(0.0) as u32).min(size - 1);
-    let (width, height) = texels.dimensions();
+    let (width, height) = image.dimensions();
     let (x0, y0) = (x.floor(), y.floor());
     let [fx, fy] = [x - x0, y - y0].map(|f| f as f32);
     let at = |dx: f64, dy: f64| {
-        texels
+        image
             .get_pixel(clamp(x0 + dx, width), clamp(y0 + dy, height))
             .0
             .map(linear_from_srgb8)
     };
     let (a, b, c, d) = (at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0));
-    let mix = |p: f32, q: f32, t: f32| p + (q - p) * t;
-    [0, 1, 2].map(|i| srgb8_from_linear(mix(mix(a[i], b[i], fx), mix(c[i], d[i], fx), fy)))
+    [0, 1, 2].map(|i| srgb8_from_linear(texels::bilinear([a[i], b[i], c[i], d[i]], [fx, fy])))
 }
 
 #[cfg(test)]

@@ -124,16 +124,13 @@ impl EyeSet {
     pub fn holds(self, other: Self) -> bool {
         self == other || (self == Self::All && other == Self::Ahead)
     }
-
-    /// Its name in tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::All => "all",
-            Self::Ahead => "ahead",
-            Self::Wall => "wall",
-        }
-    }
 }
+
+headbox_core::named_variants!(EyeSet {
+    All => "all",
+    Ahead => "ahead",
+    Wall => "wall",
+});
 
 /// Origin of an eye position.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -56,17 +56,13 @@ impl SpriteRange {
         let look_at = reference.eye() + reference.forward() * distance;
         let [right, up] = [0, 1].map(|axis| reference.world_from_eye().col(axis));
         let (width, height) = (reference.width(), reference.height());
-        let fov_deg = 2.0
-            * (f64::from(height) / 2.0 / reference.focal_px())
-                .atan()
-                .to_degrees();
         let layers = Composition::new(set, Vec::new());
         let (mut composer, mut frame) = (Composer::default(), Frame::default());
         let mut places = Vec::new();
         for share in SHARES {
             let displacement_m = share * distance;
             let eye = reference.eye() + (right + up * 0.3) * displacement_m;
-            let target = Camera::look_at(eye, look_at, up, fov_deg, [width, height])?;
+            let target = Camera::look_at(eye, look_at, up, reference.fov_y_deg(), [width, height])?;
             let SlabCapture {
                 tracer,
                 lighting,

@@ -1,8 +1,18 @@
-//! Times taken in turns: what slows the machine for a while slows all that is compared, and what
-//! the one leaves in the caches every other finds there.
+//! Repeated timing in turns: a slow phase of the machine slows all contenders, and each finds the
+//! caches as another left them.
 
-/// Does every way once a round, one after another, every other round backwards (A B C, C B A, ...).
-/// Returns what `run` made of each way, by way and round; where it makes nothing, the way sits out.
+use std::hint::black_box;
+use std::time::Instant;
+
+/// Runs `f` and returns the time that it took, ms.
+pub fn time_ms<T>(f: impl FnOnce() -> T) -> f64 {
+    let started = Instant::now();
+    black_box(f());
+    started.elapsed().as_secs_f64() * 1e3
+}
+
+/// Runs each contender once a round, one after another, every other round backwards (A B C, C B A,
+/// ...). Returns the results of `run` by contender and round; a `None` is left out.
 pub fn in_turns<W, T>(
     ways: &mut [W],
     rounds: u32,
@@ -25,7 +35,7 @@ pub fn in_turns<W, T>(
     made
 }
 
-/// The least of some times, which says most: what a busy machine adds is never negative.
+/// Returns the least of some times, the most robust estimate: a busy machine only adds to a time.
 pub fn least(times: &[f64]) -> Option<f64> {
     times.iter().copied().reduce(f64::min)
 }
@@ -35,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ways_take_turns_and_may_sit_out() {
+    fn contenders_take_turns_and_may_sit_out() {
         let mut order = Vec::new();
         let made = in_turns(&mut ['a', 'b', 'c'], 3, |number, way| {
             order.push(*way);

@@ -6,7 +6,7 @@
 
 use super::LumigraphError;
 use glam::{DMat3, DVec2, DVec3};
-use headbox_core::camera::Camera;
+use headbox_core::camera::{Camera, fov_deg};
 
 /// Cameras in columns and rows, not necessarily evenly spaced (the paper's limitation 1), with one
 /// focal length and size.
@@ -169,7 +169,7 @@ impl CameraGrid {
             (whole - nearest_to_zero(places) * apart[0].max(apart[1])).max(whole / 4.0)
         });
         let aspect = f64::from(size_px[1]) / f64::from(size_px[0].max(1));
-        2.0 * half[1].min(half[0] * aspect).atan().to_degrees()
+        fov_deg(2.0 * half[1].min(half[0] * aspect), 1.0)
     }
 
     /// Number of cameras.

@@ -2,7 +2,7 @@
 
 use super::*;
 use glam::DVec3;
-use headbox_core::camera::Camera;
+use headbox_core::camera::{Camera, focal_px};
 use headbox_core::frame::Frame;
 use headbox_core::progress::{Progress, Silent};
 use headbox_core::random::Rng;
@@ -42,7 +42,7 @@ impl Bed {
         let tracer = Tracer::new(Arc::new(scene), origin);
         let lighting = Lighting::measure(&tracer, 0);
         let world_from_eye = CameraGrid::facing(DVec3::NEG_Z, DVec3::Y).expect("a direction");
-        let focal_px = f64::from(size_px[1]) / 2.0 / 30f64.to_radians().tan();
+        let focal_px = focal_px(f64::from(size_px[1]), 60.0);
         let parts = GridParts {
             origin,
             world_from_eye,

@@ -1,15 +1,18 @@
-//! Textures with their minified copies.
+//! Textures with mip levels.
 
 use super::LANES;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
+use headbox_core::mip::{MipLevel, OddEdge};
+use headbox_core::texels::bilinear;
 use headbox_scene::material::Texture;
+use std::iter::successors;
 
 /// Sixteen bits of linear light: a step is a twentieth of the darkest step of 8-bit sRGB.
 const FULL: f32 = 65_535.0;
 
-/// A texture and copies of half the size each, rounded up, down to one texel.
+/// A texture and its mip levels, sizes rounded up, down to one texel.
 #[derive(Debug)]
 pub(super) struct MipTexture {
     /// Size of the texture itself, texels.
@@ -22,25 +25,28 @@ pub(super) struct MipTexture {
 
 impl MipTexture {
     pub(super) fn new(texture: &Texture) -> Self {
+        let size = [texture.width(), texture.height()];
+        let finest = MipLevel {
+            size: size.map(|side| side as usize),
+            texels: texture.texels().to_vec(),
+        };
+        let levels = successors(Some(finest), |level| {
+            (level.size != [1, 1]).then(|| level.halved(OddEdge::Repeat, linear_mean))
+        });
+        let linear = |c: u8| (linear_from_srgb8(c) * FULL + 0.5) as u16;
         let mut mips = Self {
-            size: [texture.width(), texture.height()],
+            size,
             starts: Vec::new(),
             texels: Vec::new(),
         };
-        mips.append(texture);
-        let mut next = halved(texture);
-        while let Some(texture) = next {
-            mips.append(&texture);
-            next = halved(&texture);
+        for level in levels {
+            mips.starts.push(mips.texels.len() as u32);
+            let texels = level.texels.iter();
+            mips.texels.extend(
+                texels.map(|&[r, g, b, a]| [linear(r), linear(g), linear(b), u16::from(a) * 257]),
+            );
         }
         mips
-    }
-
-    fn append(&mut self, texture: &Texture) {
-        let linear = |c: u8| (linear_from_srgb8(c) * FULL + 0.5) as u16;
-        let texel = |&[r, g, b, a]: &[u8; 4]| [linear(r), linear(g), linear(b), u16::from(a) * 257];
-        self.starts.push(self.texels.len() as u32);
-        self.texels.extend(texture.texels().iter().map(texel));
     }
 
     /// Width and height in texels.
@@ -49,10 +55,10 @@ impl MipTexture {
         [self.size[0] as f32, self.size[1] as f32]
     }
 
-    /// Red, green and blue at (u, v) of the first `count` lanes: bilinear, wrapping around, as
-    /// [`Texture::sample`] is, linear light; from the copy whose texels are nearest in size to a
-    /// footprint, given as the fourth power of its side in texels of the texture itself (1 and less
-    /// is that).
+    /// Samples red, green and blue at (u, v) of the first `count` lanes: bilinear, wrapping around,
+    /// as [`Texture::sample`] is, linear light; from the mip level whose texels are nearest in size
+    /// to a footprint, given as the fourth power of its side in texels of the texture itself (1 and
+    /// less is that).
     pub(super) fn sample<S: Simd>(
         &self,
         simd: S,
@@ -111,11 +117,7 @@ impl MipTexture {
         );
         let mut color = [f32x16::splat(simd, 0.0); 3];
         for (k, color) in color.iter_mut().enumerate() {
-            let (top, bottom) = (
-                a[k] + (b[k] - a[k]) * x.share,
-                c[k] + (d[k] - c[k]) * x.share,
-            );
-            *color = (top + (bottom - top) * y.share) * (1.0 / FULL);
+            *color = bilinear([a[k], b[k], c[k], d[k]], [x.share, y.share]) * (1.0 / FULL);
         }
         color
     }
@@ -139,7 +141,7 @@ fn unpacked<S: Simd>(simd: S, texels: &[[u16; 4]; LANES]) -> [f32x16<S>; 3] {
 
 /// The two texels on either side of texture coordinates, and the weight of the second.
 struct Neighbours<S: Simd> {
-    /// Texels of the copy along the axis.
+    /// Texels of the mip level along the axis.
     size: u32x16<S>,
     first: u32x16<S>,
     second: u32x16<S>,
@@ -147,7 +149,7 @@ struct Neighbours<S: Simd> {
 }
 
 impl<S: Simd> Neighbours<S> {
-    /// Along an axis of `size` texels, in copies of half the size so many times.
+    /// Finds the neighbours along an axis of a texture of `size` texels, in mip levels.
     #[inline(always)]
     fn new(t: f32x16<S>, size: u32, level: u32x16<S>) -> Self {
         let zero = f32x16::splat(t.simd, 0.0);
@@ -171,26 +173,11 @@ impl<S: Simd> Neighbours<S> {
     }
 }
 
-/// A texture of half the size, rounded up: each texel the mean of four, in linear light; `None` for
-/// a single texel.
-fn halved(texture: &Texture) -> Option<Texture> {
-    let (width, height) = (texture.width(), texture.height());
-    if width == 1 && height == 1 {
-        return None;
-    }
-    let at =
-        |x: u32, y: u32| texture.texels()[(y.min(height - 1) * width + x.min(width - 1)) as usize];
-    let texel = |x: u32, y: u32| {
-        let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| at(2 * x + dx, 2 * y + dy));
-        let mean = |of: &dyn Fn([u8; 4]) -> f32| four.iter().map(|t| of(*t)).sum::<f32>() / 4.0;
-        let [r, g, b] = [0, 1, 2].map(|c| srgb8_from_linear(mean(&|t| linear_from_srgb8(t[c]))));
-        [r, g, b, (mean(&|t| f32::from(t[3])) + 0.5) as u8]
-    };
-    Some(Texture::from_fn(
-        width.div_ceil(2),
-        height.div_ceil(2),
-        texel,
-    ))
+/// Mean of four texels in linear light.
+fn linear_mean(four: [[u8; 4]; 4]) -> [u8; 4] {
+    let mean = |of: &dyn Fn([u8; 4]) -> f32| four.iter().map(|t| of(*t)).sum::<f32>() / 4.0;
+    let [r, g, b] = [0, 1, 2].map(|c| srgb8_from_linear(mean(&|t| linear_from_srgb8(t[c]))));
+    [r, g, b, (mean(&|t| f32::from(t[3])) + 0.5) as u8]
 }
 
 #[cfg(test)]
@@ -201,7 +188,7 @@ mod tests {
     /// Half a step of 16 bits, and rounding in the fractions of a texel.
     const STORED: f32 = 1e-4;
 
-    /// The texture in one lane between others that look elsewhere.
+    /// Samples in one lane between others that sample elsewhere.
     fn sample(mips: &MipTexture, footprint: f32, u: f32, v: f32) -> [f32; 3] {
         let lanes = |other: f32, at_five: f32| {
             std::array::from_fn(|i| if i == 5 { at_five } else { other })

@@ -18,6 +18,7 @@ use super::weights::CornerWeights;
 use super::{LANES, RasterStats};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16, u32x16};
+use headbox_core::triangle_scan::{EdgeFunction, pixels_between};
 use std::ops::Range;
 
 /// Rows of a frame that are being drawn.
@@ -72,17 +73,12 @@ struct Edge {
 
 impl Edge {
     #[inline(always)]
-    fn new(a: Snapped, b: Snapped, [x, y]: [u32; 2]) -> Self {
-        let (dx, dy) = (
-            i64::from(b.x) - i64::from(a.x),
-            i64::from(b.y) - i64::from(a.y),
-        );
-        let from_a = |pixel: u32, a: i32| i64::from(pixel) * 256 + 128 - i64::from(a);
-        let value = dx * from_a(y, a.y) - dy * from_a(x, a.x);
+    fn new(a: Snapped, b: Snapped, pixel: [u32; 2]) -> Self {
+        let edge = EdgeFunction::new([a.x, a.y], [b.x, b.y], pixel);
         Self {
-            start: value >> 8,
-            column: -dy,
-            row: dx,
+            start: edge.value >> 8,
+            column: edge.per_column,
+            row: edge.per_row,
         }
     }
 
@@ -200,12 +196,8 @@ impl DrawnRows<'_> {
     ) {
         let [left, right] = [a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x)];
         let [top, bottom] = [a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y)];
-        // The first pixel whose centre is not before the least coordinate, and the first whose
-        // centre is beyond the greatest.
-        let first = |least: i32| ((least + 127) >> 8).max(0) as u32;
-        let end = |most: i32| ((most + 128) >> 8).max(0) as u32;
-        let columns = first(left)..end(right).min(self.width);
-        let rows = first(top).max(self.rows.start)..end(bottom).min(self.rows.end);
+        let columns = pixels_between(left, right, &(0..self.width));
+        let rows = pixels_between(top, bottom, &self.rows);
         if columns.start >= columns.end || rows.start >= rows.end {
             return;
         }

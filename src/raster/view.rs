@@ -3,13 +3,11 @@
 use fearless_simd::Level;
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
+use headbox_core::triangle_scan::SUBPIXELS;
 
 /// Nothing nearer than this is drawn, metres. Only keeps divisions finite: what it cuts off is
 /// smaller than a pixel.
 pub(super) const NEAR_M: f32 = 1e-5;
-
-/// Positions in the frame are kept as multiples of this part of a pixel.
-pub(super) const SUBPIXELS: i32 = 256;
 
 /// Triangles that reach farther from the frame's upper left corner than this are clipped, px:
 /// products of two edges stay below 2^46, and the sum in `snap` below 2^24.

@@ -7,7 +7,7 @@ use crate::common::bed::{leaves, room};
 use crate::common::capture::quick;
 use crate::common::compare::{cube_map, psnr_db, resample, truth};
 use glam::{DVec3, dvec3};
-use headbox_core::camera::Camera;
+use headbox_core::camera::{Camera, fov_deg};
 use headbox_core::frame::Frame;
 use headbox_core::random::Rng;
 use headbox_cube::pack::{CubeLdi, ExactCube, SplatIndexLayout, Split};
@@ -33,10 +33,7 @@ const OFF_CENTRE_DB: f64 = 1.5;
 const PACKING_DB: f64 = 0.15;
 
 fn cameras(ratio: f64, off_centre: bool, random: &mut Rng) -> Vec<Camera> {
-    let fov = 2.0
-        * (f64::from(SIZE[1]) / (ratio * f64::from(FACE_PX)))
-            .atan()
-            .to_degrees();
+    let fov = fov_deg(f64::from(SIZE[1]), ratio * f64::from(FACE_PX) / 2.0);
     let camera = |_| {
         let eye = if off_centre {
             random.in_cube(0.475)

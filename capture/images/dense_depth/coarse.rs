@@ -33,7 +33,7 @@ impl Pipeline<'_> {
         mut selected: Vec<usize>,
         select: impl Fn(&Candidate, Vec<DVec3>) -> Vec<usize>,
     ) -> Result<Option<CoarseEstimate>, ImagesError> {
-        let own = self.shelf.get(view)?;
+        let own = self.view_cache.get(view)?;
         let here = self.candidate(view);
         let pictures = self.pictures(near, &selected)?;
         let chosen: Vec<&Candidate> = selected.iter().map(|&i| &candidates[i]).collect();
@@ -63,7 +63,7 @@ impl Pipeline<'_> {
 
     /// Estimates planes of a view without the depths of other views.
     pub(super) fn estimate_alone(&mut self, view: usize) -> Result<(), DenseDepthError> {
-        let own = self.shelf.get(view)?;
+        let own = self.view_cache.get(view)?;
         let eyes: Vec<_> = self
             .views
             .iter()

@@ -10,7 +10,7 @@
 //!
 //! The result is a function of the images and of hashes: it is equal to the bit on any number of
 //! threads and at every SIMD level. Images are loaded again when needed (`picture`) and the planes
-//! of all views lie in an unnamed temporary file (`shelf`), so that memory does not grow with the
+//! of all views lie in an unnamed temporary file (`storage`), so that memory does not grow with the
 //! set.
 
 mod agreement;
@@ -22,7 +22,7 @@ mod patch_match;
 mod picture;
 mod pipeline;
 mod relative;
-mod shelf;
+mod storage;
 mod store;
 #[cfg(test)]
 mod tests;

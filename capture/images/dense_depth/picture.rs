@@ -2,6 +2,8 @@
 
 use super::relative::LevelCamera;
 use crate::{Lens, LoadedView, Pinhole, Pose};
+use headbox_core::mip::{MipLevel, OddEdge};
+use std::iter::successors;
 
 /// Grey image with the four texels of each bilinear lookup packed together.
 #[derive(Clone, Debug)]
@@ -16,21 +18,23 @@ pub(super) struct Grey {
 }
 
 impl Grey {
-    pub(super) fn new(width: usize, height: usize, levels: &[u8], nothing: Vec<bool>) -> Self {
+    fn new(level: &MipLevel<GreyPixel>) -> Self {
+        let [width, height] = level.size;
         let mut quads = vec![0; width * height];
         for (y, row) in quads.chunks_exact_mut(width).enumerate() {
             let [upper, lower] =
-                [y, (y + 1).min(height - 1)].map(|y| &levels[y * width..(y + 1) * width]);
+                [y, (y + 1).min(height - 1)].map(|y| &level.texels[y * width..(y + 1) * width]);
             for (x, quad) in row.iter_mut().enumerate() {
                 let right = (x + 1).min(width - 1);
-                *quad = u32::from_le_bytes([upper[x], upper[right], lower[x], lower[right]]);
+                let four = [upper[x], upper[right], lower[x], lower[right]];
+                *quad = u32::from_le_bytes(four.map(|pixel| pixel.level));
             }
         }
         Self {
             width,
             height,
             quads,
-            nothing,
+            nothing: level.texels.iter().map(|pixel| pixel.nothing).collect(),
         }
     }
 
@@ -41,30 +45,24 @@ impl Grey {
         let y = y.clamp(0, self.height as i32 - 1) as usize;
         self.quads[y * self.width + x] as u8
     }
+}
 
-    /// Returns the image at half the size: means of four pixels. An odd last column or row is
-    /// dropped.
-    fn halved(&self) -> Self {
-        let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
-        let (mut levels, mut nothing) = (
-            Vec::with_capacity(width * height),
-            Vec::with_capacity(width * height),
-        );
-        for y in 0..height {
-            for x in 0..width {
-                let [own, right, below, last] = self.quads[2 * y * self.width + 2 * x]
-                    .to_le_bytes()
-                    .map(u32::from);
-                levels.push(((own + right + below + last + 2) / 4) as u8);
-                let at = |dx: usize, dy: usize| {
-                    self.nothing[(2 * y + dy).min(self.height - 1) * self.width
-                        + (2 * x + dx).min(self.width - 1)]
-                };
-                nothing.push(at(0, 0) && at(1, 0) && at(0, 1) && at(1, 1));
-            }
+/// Pixel of a [`Grey`] image before packing.
+#[derive(Clone, Copy, Debug)]
+struct GreyPixel {
+    level: u8,
+    nothing: bool,
+}
+
+/// Returns the image at half the size: means of four pixels. An odd last column or row is dropped.
+fn halved(finer: &MipLevel<GreyPixel>) -> MipLevel<GreyPixel> {
+    finer.halved(OddEdge::Drop, |four| {
+        let sum: u32 = four.iter().map(|pixel| u32::from(pixel.level)).sum();
+        GreyPixel {
+            level: ((sum + 2) / 4) as u8,
+            nothing: four.iter().all(|pixel| pixel.nothing),
         }
-        Self::new(width, height, &levels, nothing)
-    }
+    })
 }
 
 /// Image pyramid and camera of a view.
@@ -90,29 +88,31 @@ impl MatchView {
         let Lens::Pinhole(lens) = view.lens else {
             return None;
         };
-        let [width, height] = view.size_px.map(|side| side as usize);
         // Weights of Rec. 601, in 1/256.
         let grey = |&[r, g, b, _]: &[u8; 4]| {
             ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b) + 128) >> 8) as u8
         };
-        let levels: Vec<u8> = view.color.iter().map(grey).collect();
-        let mut finest = Grey::new(width, height, &levels, nothing);
+        let pixels = view.color.iter().map(grey).zip(nothing);
+        let mut finest = MipLevel {
+            size: view.size_px.map(|side| side as usize),
+            texels: pixels
+                .map(|(level, nothing)| GreyPixel { level, nothing })
+                .collect(),
+        };
         let mut shift = 0;
-        while finest.width.max(finest.height) > longest_px.max(1) as usize {
-            finest = finest.halved();
+        while finest.size[0].max(finest.size[1]) > longest_px.max(1) as usize {
+            finest = halved(&finest);
             shift += 1;
         }
-        let mut levels = vec![finest];
-        while let Some(last) = levels.last()
-            && last.width.min(last.height) >= 2 * coarsest_px as usize
-        {
-            levels.push(last.halved());
-        }
+        let levels = successors(Some(finest), |level| {
+            let shorter = level.size[0].min(level.size[1]);
+            (shorter >= 2 * coarsest_px as usize).then(|| halved(level))
+        });
         Some(Self {
             pose: view.pose,
             lens,
             shift,
-            levels,
+            levels: levels.map(|level| Grey::new(&level)).collect(),
         })
     }
 

@@ -6,7 +6,7 @@ use super::neighbors::Candidate;
 use super::patch_match::{KnownDepths, MAX_NEIGHBORS, Matcher, NeighborView, Perturbation};
 use super::picture::{Grey, MatchView};
 use super::relative::{LevelCamera, Relative};
-use super::shelf::{Shelf, Spool};
+use super::storage::{Spool, ViewCache};
 use super::{DenseDepth, DenseDepthError, EstimatedDepth};
 use crate::{ImagesError, LoadedView, Pinhole, View, backdrop};
 use headbox_core::simd;
@@ -47,7 +47,7 @@ pub(super) struct Pipeline<'a> {
     /// Lenses of the views' colours.
     lenses: Vec<Pinhole>,
     folder: &'a Path,
-    pub(super) shelf: Shelf<'a>,
+    pub(super) view_cache: ViewCache<'a>,
     /// Neighbours of each view.
     neighbors: Vec<Vec<usize>>,
     /// Planes of the last pass.
@@ -95,13 +95,13 @@ impl<'a> Pipeline<'a> {
                 cause,
             })
         };
-        let shelf = Shelf::new(settings.budget_bytes, load);
+        let view_cache = ViewCache::new(settings.budget_bytes, load);
         Ok(Self {
             settings,
             views,
             lenses,
             folder,
-            shelf,
+            view_cache,
             neighbors: vec![Vec::new(); views.len()],
             current: spool()?,
             next: spool()?,
@@ -147,19 +147,22 @@ impl<'a> Pipeline<'a> {
         near: &[usize],
         chosen: &[usize],
     ) -> Result<Vec<Arc<MatchView>>, ImagesError> {
-        chosen.iter().map(|&i| self.shelf.get(near[i])).collect()
+        chosen
+            .iter()
+            .map(|&i| self.view_cache.get(near[i]))
+            .collect()
     }
 
     /// Returns a view and its neighbours with their current depths.
     fn load_with_neighbors(&mut self, view: usize) -> Result<ViewWithNeighbors, DenseDepthError> {
-        let own = self.shelf.get(view)?;
+        let own = self.view_cache.get(view)?;
         let mut neighbors = Vec::new();
         for other in self.neighbors[view].clone() {
             let depths = self
                 .current
                 .inverse_depths(other)
                 .map_err(|cause| self.spool_error(cause))?;
-            neighbors.push((self.shelf.get(other)?, Arc::new(depths)));
+            neighbors.push((self.view_cache.get(other)?, Arc::new(depths)));
         }
         Ok(ViewWithNeighbors { own, neighbors })
     }

@@ -5,6 +5,7 @@
 use super::picture::Grey;
 use super::relative::WarpedPlane;
 use fearless_simd::{Simd, SimdCvtFloat, SimdCvtTruncate, f32x16, prelude::*, u32x16};
+use headbox_core::texels;
 use std::sync::LazyLock;
 
 /// Number of pixels of a patch: six by six, every other one, without the corners.
@@ -171,13 +172,13 @@ fn bilinear<S: Simd>(simd: S, picture: &Grey, x: f32x16<S>, y: f32x16<S>) -> f32
     }
     let quads = u32x16::load_array(simd, quads);
     let byte = u32x16::splat(simd, 255);
-    let own = to_float(quads & byte);
-    let after = to_float((quads >> 8) & byte);
-    let below = to_float((quads >> 16) & byte);
-    let last = to_float(quads >> 24);
-    let upper = own + (after - own) * u;
-    let lower = below + (last - below) * u;
-    upper + (lower - upper) * v
+    let four = [
+        to_float(quads & byte),
+        to_float((quads >> 8) & byte),
+        to_float((quads >> 16) & byte),
+        to_float(quads >> 24),
+    ];
+    texels::bilinear(four, [u, v])
 }
 
 /// Converts numbers below 2^31 by the faster signed conversion.

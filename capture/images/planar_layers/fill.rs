@@ -1,14 +1,11 @@
 //! Push-pull hole filling: extends values smoothly to unknown pixels through an image pyramid
 //! (Gortler et al. 1996).
 
-/// A pyramid level of values with weights; weight 0 where unknown.
-#[derive(Clone, Debug)]
-struct Level {
-    pub width: usize,
-    pub height: usize,
-    /// Weighted mean and weight (0..=1) of each pixel.
-    values: Vec<[f32; 2]>,
-}
+use headbox_core::mip::{MipLevel, OddEdge};
+use std::iter::successors;
+
+/// Weighted mean and weight (0..=1) of each pixel; weight 0 where unknown.
+type Level = MipLevel<[f32; 2]>;
 
 /// Weight of a prior of 0, which unknown pixels approach far from known ones.
 const PRIOR: f32 = 1e-3;
@@ -20,22 +17,22 @@ pub(super) fn smoothly(known: &[Option<f32>], width: usize) -> Vec<f32> {
         .iter()
         .map(|value| value.map_or([0.0; 2], |value| [value, 1.0]))
         .collect();
-    let mut levels = vec![Level {
-        width,
-        height,
-        values,
-    }];
-    while let Some(last) = levels.last().filter(|last| last.width.max(last.height) > 1) {
-        let halved = last.halved();
-        levels.push(halved);
-    }
+    let finest = Level {
+        size: [width, height],
+        texels: values,
+    };
+    let levels = successors(Some(finest), |level| {
+        let can_be_halved = level.size.iter().any(|side| *side > 1);
+        can_be_halved.then(|| level.halved(OddEdge::Pad([0.0; 2]), weighted_mean))
+    });
+    let mut levels: Vec<Level> = levels.collect();
     let mut above: Option<(Level, Vec<f32>)> = None;
     while let Some(level) = levels.pop() {
-        let filled = (0..level.values.len()).map(|i| {
-            let [value, weight] = level.values[i];
-            let around = above
-                .as_ref()
-                .map_or(0.0, |(above, filled)| above.between(filled, i, level.width));
+        let filled = (0..level.texels.len()).map(|i| {
+            let [value, weight] = level.texels[i];
+            let around = above.as_ref().map_or(0.0, |(above, filled)| {
+                sample(filled, above.size, i, level.size[0])
+            });
             value * weight + around * (1.0 - weight)
         });
         let filled: Vec<f32> = filled.collect();
@@ -44,48 +41,32 @@ pub(super) fn smoothly(known: &[Option<f32>], width: usize) -> Vec<f32> {
     above.map(|(_, filled)| filled).unwrap_or_default()
 }
 
-impl Level {
-    fn halved(&self) -> Self {
-        let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
-        let of = |i: usize| {
-            let (x, y) = (i % width * 2, i / width * 2);
-            let (mut sum, mut weight) = (0.0, 0.0);
-            for (x, y) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
-                if x < self.width && y < self.height {
-                    let [value, own] = self.values[y * self.width + x];
-                    sum += value * own;
-                    weight += own;
-                }
-            }
-            [
-                if weight > 0.0 {
-                    sum / (weight + PRIOR)
-                } else {
-                    0.0
-                },
-                weight.min(1.0),
-            ]
-        };
-        Self {
-            width,
-            height,
-            values: (0..width * height).map(of).collect(),
-        }
+/// Weighted mean of four values, drawn towards the prior, and the sum of their weights.
+fn weighted_mean(four: [[f32; 2]; 4]) -> [f32; 2] {
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for [value, own] in four {
+        sum += value * own;
+        weight += own;
     }
+    let mean = if weight > 0.0 {
+        sum / (weight + PRIOR)
+    } else {
+        0.0
+    };
+    [mean, weight.min(1.0)]
+}
 
-    /// Samples this level bilinearly at a pixel of the finer one.
-    fn between(&self, filled: &[f32], fine: usize, fine_width: usize) -> f32 {
-        let along = |k: usize, side: usize| {
-            let at = ((k as f32 + 0.5) / 2.0 - 0.5).clamp(0.0, (side - 1) as f32);
-            let low = at as usize;
-            (low, (low + 1).min(side - 1), at - low as f32)
-        };
-        let (x0, x1, u) = along(fine % fine_width, self.width);
-        let (y0, y1, v) = along(fine / fine_width, self.height);
-        let row =
-            |y: usize| filled[y * self.width + x0] * (1.0 - u) + filled[y * self.width + x1] * u;
-        row(y0) * (1.0 - v) + row(y1) * v
-    }
+/// Samples a level bilinearly at a pixel of the finer one.
+fn sample(filled: &[f32], [width, height]: [usize; 2], fine: usize, fine_width: usize) -> f32 {
+    let along = |k: usize, side: usize| {
+        let at = ((k as f32 + 0.5) / 2.0 - 0.5).clamp(0.0, (side - 1) as f32);
+        let low = at as usize;
+        (low, (low + 1).min(side - 1), at - low as f32)
+    };
+    let (x0, x1, u) = along(fine % fine_width, width);
+    let (y0, y1, v) = along(fine / fine_width, height);
+    let row = |y: usize| filled[y * width + x0] * (1.0 - u) + filled[y * width + x1] * u;
+    row(y0) * (1.0 - v) + row(y1) * v
 }
 
 #[cfg(test)]

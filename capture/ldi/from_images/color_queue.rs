@@ -4,7 +4,7 @@ use super::depth_rows::LANES;
 use super::row_samples::{ImageSample, LinearColor16, RowSamples};
 use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
-use headbox_core::texels::{between, fours, place};
+use headbox_core::texels::{blend_quads, gather_quads, locate};
 use headbox_images::LoadedView;
 
 /// Up to sixteen samples of an image without colour.
@@ -66,14 +66,14 @@ impl<'a> ColorQueue<'a> {
     #[inline(always)]
     fn flush_all<S: Simd>(&mut self, simd: S) {
         let [width, height] = self.view.size_px;
-        let (left, across) = place(f32x16::load_array_ref(simd, &self.positions[0]), width);
-        let (top, down) = place(f32x16::load_array_ref(simd, &self.positions[1]), height);
-        let texels = fours(simd, &self.view.color, top * width + left, width as usize);
+        let (left, across) = locate(f32x16::load_array_ref(simd, &self.positions[0]), width);
+        let (top, down) = locate(f32x16::load_array_ref(simd, &self.positions[1]), height);
+        let texels = gather_quads(simd, &self.view.color, top * width + left, width as usize);
         let (colors, masked) = match texels {
             Some(four) => {
                 let known = ((four[0] & four[1]) & (four[2] & four[3])) >> 24;
                 (
-                    between(four, [across, down]).to_array(),
+                    blend_quads(four, [across, down]).to_array(),
                     known.simd_eq(0).to_bitmask(),
                 )
             }

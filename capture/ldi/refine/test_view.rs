@@ -4,7 +4,7 @@ use crate::accumulate::accumulator::Sample;
 use crate::rays::trace::HitRouter;
 use crate::spec::CaptureSpec;
 use glam::{DVec3, Vec3, dvec3};
-use headbox_core::camera::Camera;
+use headbox_core::camera::{Camera, fov_deg};
 use headbox_core::random::Rng;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::Renderer;
@@ -73,10 +73,8 @@ impl TestView {
     ) -> Option<Self> {
         let eye = spec.centre + position * spec.half_size_m;
         let side = VIEW_PX.min(spec.face_size_px);
-        let fov_deg = 2.0
-            * (f64::from(side) / f64::from(spec.face_size_px))
-                .atan()
-                .to_degrees();
+        // The focal length of a face is half its side.
+        let fov_deg = fov_deg(f64::from(side), f64::from(spec.face_size_px) / 2.0);
         let camera = Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, [side, side]).ok()?;
         Some(Self {
             number,

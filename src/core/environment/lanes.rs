@@ -136,13 +136,14 @@ impl Environment {
     fn between_sixty_four<S: Simd>(&self, on_face: &OnFace<S>) -> (u32x16<S>, mask32x16<S>) {
         let &OnFace { first, u, v, .. } = on_face;
         let simd = first.token();
-        let Some(found) = texels::fours(simd, &self.texels, first, self.size_px as usize) else {
+        let Some(found) = texels::gather_quads(simd, &self.texels, first, self.size_px as usize)
+        else {
             return (u32x16::splat(simd, 0), mask32x16::splat(simd, true));
         };
         let [a, b, c, d] = found;
         let alpha = u32x16::splat(simd, u32::from_ne_bytes([0, 0, 0, 255]));
         let alike = ((a & b & c & d) & alpha).simd_eq((a | b | c | d) & alpha);
-        (texels::between(found, [u, v]), alike)
+        (texels::blend_quads(found, [u, v]), alike)
     }
 }
 

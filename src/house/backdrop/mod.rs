@@ -63,37 +63,20 @@ pub enum BackdropKind {
     Sprite,
 }
 
+headbox_core::named_variants!(BackdropKind {
+    Texture => "texture",
+    Textures => "textures",
+    Image => "image",
+    TwoImages => "two-images",
+    Ldi => "ldi",
+    LdiColorsApart => "ldi-colors-apart",
+    LdiAverage => "ldi-average",
+    WindowLdi => "window-ldi",
+    CellLdi => "cell-ldi",
+    Sprite => "sprite",
+});
+
 impl BackdropKind {
-    /// All kinds.
-    pub const ALL: [Self; 10] = [
-        Self::Texture,
-        Self::Textures,
-        Self::Image,
-        Self::TwoImages,
-        Self::Ldi,
-        Self::LdiColorsApart,
-        Self::LdiAverage,
-        Self::WindowLdi,
-        Self::CellLdi,
-        Self::Sprite,
-    ];
-
-    /// The name on the command line and in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Texture => "texture",
-            Self::Textures => "textures",
-            Self::Image => "image",
-            Self::TwoImages => "two-images",
-            Self::Ldi => "ldi",
-            Self::LdiColorsApart => "ldi-colors-apart",
-            Self::LdiAverage => "ldi-average",
-            Self::WindowLdi => "window-ldi",
-            Self::CellLdi => "cell-ldi",
-            Self::Sprite => "sprite",
-        }
-    }
-
     /// The conflict rule under which its images are merged (D1).
     fn rule(self) -> MergeRule {
         match self {

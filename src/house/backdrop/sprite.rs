@@ -5,7 +5,7 @@ use super::BackdropQuality;
 use crate::house::House;
 use crate::opening::Opening;
 use glam::{DVec3, Vec3};
-use headbox_core::camera::Camera;
+use headbox_core::camera::{Camera, fov_deg};
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::frame::{Coverage, Frame};
@@ -185,10 +185,7 @@ fn camera(opening: &Opening, place: DVec3, texture_px: u32) -> Option<Camera> {
     let largest = tangent[0].max(tangent[1]);
     let [width, height] =
         tangent.map(|t| ((t / largest * f64::from(texture_px)).ceil() as u32).max(2));
-    let fov_y_deg = 2.0
-        * (largest * f64::from(height) / f64::from(texture_px))
-            .atan()
-            .to_degrees();
+    let fov_y_deg = fov_deg(2.0 * largest * f64::from(height), f64::from(texture_px));
     Camera::look_at(place, opening.centre, up, fov_y_deg, [width, height]).ok()
 }
 

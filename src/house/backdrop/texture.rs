@@ -7,6 +7,7 @@ use glam::{DVec2, DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::frame::{Coverage, Frame};
+use headbox_core::texels;
 use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
 
@@ -178,26 +179,20 @@ fn texel(
     [r, g, b, 255]
 }
 
-/// Bilinear in sRGB; the border's texels go on beyond it.
-fn bilinear(texels: &[[u8; 4]], [width, height]: [usize; 2], [x, y]: [f32; 2]) -> [u8; 4] {
+/// Samples bilinearly in sRGB, clamped to the edge.
+fn bilinear(image: &[[u8; 4]], [width, height]: [usize; 2], [x, y]: [f32; 2]) -> [u8; 4] {
     let split = |c: f32, size: usize| {
         let c = c.max(0.0).min((size - 1) as f32);
         let first = (c as usize).min(size - 1);
         (first, (first + 1).min(size - 1), c - first as f32)
     };
     let ((x0, x1, fx), (y0, y1, fy)) = (split(x, width), split(y, height));
-    let at = |x: usize, y: usize| texels.get(y * width + x).copied().unwrap_or([0; 4]);
+    let at = |x: usize, y: usize| image.get(y * width + x).copied().unwrap_or([0; 4]);
     let (a, b, c, d) = (at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1));
     let mut mixed = [255; 4];
     for i in 0..3 {
-        let (a, b, c, d) = (
-            f32::from(a[i]),
-            f32::from(b[i]),
-            f32::from(c[i]),
-            f32::from(d[i]),
-        );
-        let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
-        mixed[i] = (top + (bottom - top) * fy + 0.5) as u8;
+        let levels = [a, b, c, d].map(|texel| f32::from(texel[i]));
+        mixed[i] = (texels::bilinear(levels, [fx, fy]) + 0.5) as u8;
     }
     mixed
 }

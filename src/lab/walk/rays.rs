@@ -1,30 +1,26 @@
-//! A frame by one ray a pixel, shaded as the rasteriser shades: what the walk is up against.
+//! Ray-traced frames with one ray per pixel, shaded as the rasteriser shades: the baseline of walks.
 
+use crate::turns::{least, time_ms};
 use glam::Vec3;
 use headbox_core::camera::Camera;
 use headbox_core::srgb_table::encode_srgb;
 use headbox_house::house::House;
 use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket};
 use rayon::prelude::*;
-use std::time::Instant;
 
 /// Pixels a side of a packet.
 const SIDE: u32 = 4;
 
-/// The time of the fastest of some frames, ms, on the current rayon thread pool.
+/// Returns the time of the fastest of some frames, ms, on the current rayon thread pool.
 pub(super) fn frame_ms(house: &House, camera: &Camera, repeats: u32) -> f64 {
-    let frame = || {
-        let started = Instant::now();
-        let rows: Vec<Vec<[u8; 4]>> = (0..camera.height().div_ceil(SIDE))
+    let frame = || -> Vec<Vec<[u8; 4]>> {
+        (0..camera.height().div_ceil(SIDE))
             .into_par_iter()
             .map(|row| block_row(house, camera, row))
-            .collect();
-        std::hint::black_box(rows);
-        started.elapsed().as_secs_f64() * 1e3
+            .collect()
     };
-    (0..repeats.max(1))
-        .map(|_| frame())
-        .fold(f64::INFINITY, f64::min)
+    let times: Vec<f64> = (0..repeats.max(1)).map(|_| time_ms(frame)).collect();
+    least(&times).unwrap_or(f64::INFINITY)
 }
 
 /// Colours of four rows of pixels, block by block.

@@ -4,7 +4,7 @@
 
 use super::{MeasureError, share};
 use crate::baselines::fragments::FragmentRenderer;
-use crate::turns::in_turns;
+use crate::turns::{in_turns, time_ms};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_cube::pack::{CubeLdi, PackedSegment};
@@ -20,7 +20,6 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// Poses at most: a gain is a ratio of sums, which a few poses tell.
 const POSES: usize = 24;
@@ -174,8 +173,7 @@ impl Way<'_> {
             views.len().max(self.fragments.len()),
             FragmentRenderer::default,
         );
-        let started = Instant::now();
-        self.pool.install(|| {
+        let mut draw = || {
             let renderers = self.fragments.par_iter_mut().zip(views).with_max_len(1);
             renderers.for_each(|(renderer, (backdrop, camera))| {
                 let Backdrop::Cubes(cubes) = &**backdrop else {
@@ -185,8 +183,8 @@ impl Way<'_> {
                     renderer.render(cube, camera, &settings.warp, count);
                 }
             });
-        });
-        let ms = started.elapsed().as_secs_f64() * 1e3;
+        };
+        let ms = time_ms(|| self.pool.install(&mut draw));
         [ms, ms]
     }
 }

@@ -3,6 +3,7 @@
 
 use crate::{CameraGrid, Picture};
 use headbox_core::color::linear_from_srgb8;
+use headbox_core::mip::half_size;
 use rayon::prelude::*;
 
 /// A pixel of an image as frames use it: linear red, green and blue, 65535 for 1, and the layer's
@@ -42,7 +43,7 @@ impl Pyramid {
         }];
         let mut stride = width * height;
         while let Some(&Level { width, height, .. }) = levels.last() {
-            let (width, height) = (width.div_ceil(2), height.div_ceil(2));
+            let [width, height] = half_size([width, height]);
             if width.min(height) < 2 {
                 break;
             }

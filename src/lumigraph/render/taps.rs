@@ -3,6 +3,7 @@
 
 use super::pyramid::{Level, Texel};
 use fearless_simd::{ExtractToken, Simd, f32x16, i32x16, mask32x16, prelude::*, u32x4, u32x16};
+use headbox_core::texels::gather_wide_quads;
 
 /// Pixels at a time.
 pub(super) const LANES: usize = 16;
@@ -44,7 +45,7 @@ pub(super) fn nearest<S: Simd>(
     (simd.combine_u32x8(eight[0], eight[1]) >> 16).bitcast::<i32x16<S>>()
 }
 
-/// Adds colour times weight, and weight, of those of the four texels around positions that show
+/// Adds colour times weight, and weight, of the texels around positions: of the four those that show
 /// layers from the first to the second of `indices`.
 #[inline(always)]
 pub(super) fn add_taps<S: Simd>(
@@ -64,47 +65,14 @@ pub(super) fn add_taps<S: Simd>(
     let (to_right, down) = (u - column, v - row);
     let at = row.to_int::<i32x16<S>>() * level.width as i32 + column.to_int::<i32x16<S>>();
     let at = at.bitcast::<u32x16<S>>() + base + level.first as u32;
-    let (upper, lower) = (at.to_array(), (at + level.width as u32).to_array());
-    let weights = [weight * (one - down), weight * down];
-    for (at, weight) in [(upper, weights[0]), (lower, weights[1])] {
-        let [left, right] = pairs(simd, texels, &at);
-        add_tap(left, indices, weight * (one - to_right), sum);
-        add_tap(right, indices, weight * to_right, sum);
-    }
-}
-
-/// The texels at some places and right of them, as two words each: red and green, blue and index.
-#[inline(always)]
-fn pairs<S: Simd>(simd: S, texels: &[Texel], at: &[u32; LANES]) -> [[u32x16<S>; 2]; 2] {
-    let part = [
-        four_pairs(simd, texels, [at[0], at[1], at[2], at[3]]),
-        four_pairs(simd, texels, [at[4], at[5], at[6], at[7]]),
-        four_pairs(simd, texels, [at[8], at[9], at[10], at[11]]),
-        four_pairs(simd, texels, [at[12], at[13], at[14], at[15]]),
-    ];
-    let (even, odd) = simd.deinterleave_u32x16(part[0], part[1]);
-    let (more_even, more_odd) = simd.deinterleave_u32x16(part[2], part[3]);
-    let (left_rg, right_rg) = simd.deinterleave_u32x16(even, more_even);
-    let (left_bi, right_bi) = simd.deinterleave_u32x16(odd, more_odd);
-    [[left_rg, left_bi], [right_rg, right_bi]]
-}
-
-#[inline(always)]
-fn four_pairs<S: Simd>(simd: S, texels: &[Texel], at: [u32; 4]) -> u32x16<S> {
-    let halves = [
-        simd.combine_u32x4(pair(simd, texels, at[0]), pair(simd, texels, at[1])),
-        simd.combine_u32x4(pair(simd, texels, at[2]), pair(simd, texels, at[3])),
-    ];
-    simd.combine_u32x8(halves[0], halves[1])
-}
-
-#[inline(always)]
-fn pair<S: Simd>(simd: S, texels: &[Texel], at: u32) -> u32x4<S> {
-    let at = at as usize;
-    match texels.get(at..at + 2) {
-        Some(two) => u32x4::load_array(simd, bytemuck::cast([two[0], two[1]])),
-        None => u32x4::splat(simd, 0),
-    }
+    let Some(quads) = gather_wide_quads(simd, texels, at, level.width) else {
+        return;
+    };
+    let [upper, lower] = [weight * (one - down), weight * down];
+    add_tap(quads[0], indices, upper * (one - to_right), sum);
+    add_tap(quads[1], indices, upper * to_right, sum);
+    add_tap(quads[2], indices, lower * (one - to_right), sum);
+    add_tap(quads[3], indices, lower * to_right, sum);
 }
 
 #[inline(always)]

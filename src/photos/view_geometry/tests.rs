@@ -185,7 +185,7 @@ fn pixels_are_those_of_the_slow_way() {
         let at = corners.map(|node| {
             let node = node as usize;
             [renderer.grid.x[node], renderer.grid.y[node]]
-                .map(|part| f64::from(part) / f64::from(cameras::lattice::SUBPIXELS))
+                .map(|part| f64::from(part) / f64::from(headbox_core::triangle_scan::SUBPIXELS))
         });
         let corner = |k: usize| {
             let node = corners[k] as usize;

@@ -4,7 +4,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::{DMat3, DVec3, Vec3};
 use headbox_core::cube_face::Face;
-use headbox_core::texels::{between, fours, place};
+use headbox_core::texels::{blend_quads, gather_quads, locate};
 use headbox_images::{Lens, LoadedView};
 
 /// A photograph relative to a cube's centre.
@@ -171,9 +171,9 @@ impl Photograph {
         simd: S,
         [x, y]: [f32x16<S>; 2],
     ) -> (u32x16<S>, mask32x16<S>) {
-        let (left, across) = place(x - 0.5, self.width as u32);
-        let (top, down) = place(y - 0.5, self.height as u32);
-        let Some(four) = fours(
+        let (left, across) = locate(x - 0.5, self.width as u32);
+        let (top, down) = locate(y - 0.5, self.height as u32);
+        let Some(four) = gather_quads(
             simd,
             &self.color,
             top * self.width as u32 + left,
@@ -186,7 +186,7 @@ impl Photograph {
             right.select(four[3], four[2]),
             right.select(four[1], four[0]),
         );
-        (between(four, [across, down]), (own >> 24).simd_eq(255))
+        (blend_quads(four, [across, down]), (own >> 24).simd_eq(255))
     }
 
     /// Claims the pixels whose middles lie within `reach` of a position, to each side; at least the

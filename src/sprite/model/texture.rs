@@ -1,22 +1,23 @@
-//! The picture as the renderer samples it: premultiplied, with a transparent border, in levels of
-//! halving resolution.
+//! Texture of a sprite: premultiplied mip levels with transparent borders.
 
+use headbox_core::mip::{MipLevel, OddEdge};
 use image::RgbaImage;
+use std::iter::successors;
 
-/// One level of a [`Texture`].
+/// Place of a mip level in a [`Texture`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct MipLevel {
+pub(crate) struct LevelLayout {
     /// Index of texel (0, 0) in [`Texture::texels`].
     pub origin: u32,
     /// Texels from one row to the next.
     pub stride: u32,
-    /// Columns, the border not counted.
+    /// Columns without the border.
     pub width: u32,
-    /// Rows, the border not counted.
+    /// Rows without the border.
     pub height: u32,
 }
 
-/// A picture in premultiplied RGBA8 (red in the lowest byte) with all its smaller versions.
+/// An image in premultiplied RGBA8 (red in the lowest byte) with all its mip levels.
 ///
 /// Around each level lies a border of transparent texels: one at the left and the top, two at the
 /// right and the bottom, so that a bilinear footprint that starts anywhere from -1 to width
@@ -31,38 +32,41 @@ pub(crate) struct MipLevel {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Texture {
-    /// Each texel with the one below it, so that a bilinear footprint is one piece of memory.
+    /// Each texel with the one below it, so that a bilinear footprint is contiguous in memory.
     pub texels: Vec<[u32; 2]>,
-    pub levels: Vec<MipLevel>,
+    pub levels: Vec<LevelLayout>,
 }
 
 /// Transparent columns (rows) beside a level: one before, two after.
 const BORDER: u32 = 3;
 
 impl Texture {
-    /// Premultiplies a picture with straight alpha and halves it until one texel is left.
+    /// Premultiplies an image with straight alpha and halves it until one texel is left.
     pub(crate) fn new(color: &RgbaImage) -> Self {
-        let (mut width, mut height) = color.dimensions();
-        let mut pixels: Vec<[u8; 4]> = color.pixels().map(|p| premultiplied(p.0)).collect();
+        let finest = MipLevel {
+            size: [color.width() as usize, color.height() as usize],
+            texels: color.pixels().map(|p| premultiplied(p.0)).collect(),
+        };
+        let levels = successors(Some(finest), |level| {
+            let can_be_halved = level.size.iter().any(|side| *side > 1);
+            can_be_halved.then(|| level.halved(OddEdge::Pad([0; 4]), mean))
+        });
         let mut texture = Self {
             texels: Vec::new(),
             levels: Vec::new(),
         };
-        texture.push_level(&pixels, width, height);
-        while width > 1 || height > 1 {
-            (pixels, width, height) = halved(&pixels, width, height);
-            texture.push_level(&pixels, width, height);
-        }
+        levels.for_each(|level| texture.push_level(&level));
         texture
     }
 
-    fn push_level(&mut self, pixels: &[[u8; 4]], width: u32, height: u32) {
+    fn push_level(&mut self, level: &MipLevel<[u8; 4]>) {
+        let [width, height] = level.size.map(|side| side as u32);
         let stride = width + BORDER;
         let start = self.texels.len();
         let origin = start + stride as usize + 1;
         self.texels
             .resize(start + stride as usize * (height + BORDER) as usize, [0; 2]);
-        for (y, row) in pixels.chunks_exact(width as usize).enumerate() {
+        for (y, row) in level.texels.chunks_exact(width as usize).enumerate() {
             let first = origin + y * stride as usize;
             for (x, &pixel) in row.iter().enumerate() {
                 let pixel = u32::from_le_bytes(pixel);
@@ -70,7 +74,7 @@ impl Texture {
                 self.texels[first + x - stride as usize][1] = pixel;
             }
         }
-        self.levels.push(MipLevel {
+        self.levels.push(LevelLayout {
             origin: origin as u32,
             stride,
             width,
@@ -79,32 +83,14 @@ impl Texture {
     }
 }
 
-/// Premultiplied by alpha, rounded to nearest.
+/// Multiplies the colour by alpha, rounded to nearest.
 pub(super) fn premultiplied([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     let scaled = |c: u8| ((u32::from(c) * u32::from(a) * 2 + 255) / 510) as u8;
     [scaled(r), scaled(g), scaled(b), a]
 }
 
-/// Means of 2 x 2 pixels; beyond an odd edge everything is transparent.
-fn halved(pixels: &[[u8; 4]], width: u32, height: u32) -> (Vec<[u8; 4]>, u32, u32) {
-    let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
-    let at = |x: u32, y: u32| {
-        if x < width && y < height {
-            pixels[y as usize * width as usize + x as usize]
-        } else {
-            [0; 4]
-        }
-    };
-    let mean = |i: u32| {
-        let (x, y) = (i % half_width * 2, i / half_width * 2);
-        let four = [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)];
-        [0, 1, 2, 3].map(|c| ((four.iter().map(|p| u32::from(p[c])).sum::<u32>() + 2) / 4) as u8)
-    };
-    (
-        (0..half_width * half_height).map(mean).collect(),
-        half_width,
-        half_height,
-    )
+fn mean(four: [[u8; 4]; 4]) -> [u8; 4] {
+    [0, 1, 2, 3].map(|c| ((four.iter().map(|p| u32::from(p[c])).sum::<u32>() + 2) / 4) as u8)
 }
 
 #[cfg(test)]

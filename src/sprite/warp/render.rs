@@ -34,43 +34,16 @@ pub enum SpriteVariant {
     ForwardColor,
 }
 
-impl SpriteVariant {
-    /// All variants.
-    pub const ALL: [Self; 7] = [
-        Self::Homography,
-        Self::OnePass,
-        Self::TwoPass,
-        Self::ShiftField,
-        Self::AffineParallax,
-        Self::AsPrinted,
-        Self::ForwardColor,
-    ];
-
-    /// Its name on the command line and in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Homography => "homography",
-            Self::OnePass => "one-pass",
-            Self::TwoPass => "two-pass",
-            Self::ShiftField => "shift-field",
-            Self::AffineParallax => "affine-parallax",
-            Self::AsPrinted => "as-printed",
-            Self::ForwardColor => "forward-color",
-        }
-    }
-
-    /// The variant of that name; what issues and papers call them counts too.
-    pub fn from_name(name: &str) -> Option<Self> {
-        let name = match name {
-            "crude" => "one-pass",
-            "field" => "shift-field",
-            "affine" => "affine-parallax",
-            "forward" => "forward-color",
-            name => name,
-        };
-        Self::ALL.into_iter().find(|variant| variant.name() == name)
-    }
-}
+// The aliases are what issues and papers call them.
+headbox_core::named_variants!(SpriteVariant {
+    Homography => "homography",
+    OnePass => "one-pass" | "crude",
+    TwoPass => "two-pass",
+    ShiftField => "shift-field" | "field",
+    AffineParallax => "affine-parallax" | "affine",
+    AsPrinted => "as-printed",
+    ForwardColor => "forward-color" | "forward",
+});
 
 /// Options of drawing sprites.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]

@@ -1,5 +1,5 @@
-//! SpriteSampling the picture: sixteen pixels' worth of arithmetic at a time, their texels fetched
-//! one by one in between.
+//! Sampling of a sprite's texture: arithmetic for sixteen pixels at a time, their texels fetched one
+//! by one in between.
 //!
 //! The arithmetic is written without closures: a closure that is not inlined would be compiled
 //! without the SIMD level's instructions and cost more than all the rest.
@@ -9,7 +9,7 @@
 //! which changes a result by at most 255 * 1.5 / 2^14 = 0.023 levels beyond the half level of the
 //! final rounding.
 
-use crate::model::texture::{MipLevel, Texture};
+use crate::model::texture::{LevelLayout, Texture};
 use fearless_simd::{Simd, f32x16, i16x32, i32x16, prelude::*, u8x64, u16x32, u32x16};
 
 /// Texture filter.
@@ -59,7 +59,7 @@ impl Footprints {
 
 /// Mapping from positions relative to an anchor to texel positions of a mip level.
 pub(super) struct TexelMap {
-    level: MipLevel,
+    level: LevelLayout,
     /// 2^-level.
     scale: f32,
     /// Fraction left of the anchor.

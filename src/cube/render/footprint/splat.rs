@@ -39,33 +39,18 @@ pub enum SplatKernel {
     Square3,
 }
 
+headbox_core::named_variants!(SplatKernel {
+    Tent => "tent",
+    Paper => "paper",
+    Opaque => "opaque",
+    Ellipse => "ellipse",
+    Point => "1x1",
+    Plus => "plus",
+    Square2 => "2x2",
+    Square3 => "3x3",
+});
+
 impl SplatKernel {
-    /// All kernels, the default first.
-    pub const ALL: [Self; 8] = [
-        Self::Tent,
-        Self::Paper,
-        Self::Opaque,
-        Self::Ellipse,
-        Self::Point,
-        Self::Plus,
-        Self::Square2,
-        Self::Square3,
-    ];
-
-    /// Returns the name on the command line and in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Tent => "tent",
-            Self::Paper => "paper",
-            Self::Opaque => "opaque",
-            Self::Ellipse => "ellipse",
-            Self::Point => "1x1",
-            Self::Plus => "plus",
-            Self::Square2 => "2x2",
-            Self::Square3 => "3x3",
-        }
-    }
-
     /// Returns the fraction of a footprint's radius that covers the sample's own area of its
     /// surface; beyond it, footprints of adjacent samples overlap.
     pub(crate) fn core_fraction(self) -> f32 {

@@ -8,7 +8,7 @@ use super::plan::{FrameSize, TextureSpan, TileInView};
 use crate::render::canvas::linear::reciprocals;
 use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
 pub(super) use headbox_core::texels::LANES;
-use headbox_core::texels::{between, fours};
+use headbox_core::texels::{blend_quads, gather_quads};
 use std::ops::Range;
 
 /// Bit position of alpha in a colour in memory order.
@@ -94,10 +94,10 @@ fn draw_span<S: Simd>(
         let texel_row = v.floor().min(lower - 1.0);
         let upper_left =
             u32x16::truncate_from(texel_row) * tile.width + u32x16::truncate_from(texel_column);
-        let Some(quads) = fours(simd, texels, upper_left, tile.width as usize) else {
+        let Some(quads) = gather_quads(simd, texels, upper_left, tile.width as usize) else {
             return;
         };
-        let color = between(
+        let color = blend_quads(
             quads,
             [to_256ths(u - texel_column), to_256ths(v - texel_row)],
         );

@@ -56,7 +56,7 @@ pub(super) fn content(set: &SpriteSet) -> Result<Content, ExportError> {
         "halfSize": half_size_m(set)?,
         "frame": {"unit": set.info.frame.unit_m, "zUp": bool::from(set.info.frame.up)},
         "ahead": first.forward(),
-        "fov": fov_y_deg(first),
+        "fov": first.fov_y_deg(),
         "rules": {
             "fillSteps": RenderOptions::default().fill_steps,
             "nearest": rules::NEAREST_DEPTH_SHARE,
@@ -128,13 +128,6 @@ fn view(sprite: &PreparedSprite, centre: DVec3) -> Value {
     })
 }
 
-/// Vertical field of view, degrees.
-fn fov_y_deg(camera: &Camera) -> f64 {
-    2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px())
-        .atan()
-        .to_degrees()
-}
-
 /// A JPEG file of the first view, with no more rows than the picture that it shows.
 fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
     let first = set
@@ -150,7 +143,7 @@ fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
         first.eye(),
         first.eye() + first.forward(),
         DVec3::Y,
-        fov_y_deg(first),
+        first.fov_y_deg(),
         size_px,
     )?;
     let mut frame = Frame::default();

@@ -1,7 +1,6 @@
 //! Positions of the nodes of a frame's grid, in subpixels.
 
-/// Parts of a pixel that positions of nodes are multiples of.
-pub(crate) const SUBPIXELS: i32 = 256;
+use headbox_core::triangle_scan::SUBPIXELS;
 
 /// Grid of nodes over a frame. It extends one cell beyond the frame on every side.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,10 +1,12 @@
-//! A camera's picture as a texture: linear light, minified copies, and with every texel how near
-//! what it shows is.
+//! A camera's image as a texture: linear light, mip levels, and the inverse depth of every texel.
 
 use crate::view_geometry::render::fuse::NOBODY;
 use glam::Vec4;
 use headbox_core::color::linear_from_srgb8;
+use headbox_core::mip::{MipLevel, OddEdge};
+use headbox_core::texels::bilinear;
 use headbox_images::{FARTHEST_M, LoadedView};
+use std::iter::successors;
 
 /// Sixteen bits of linear light.
 const FULL: f32 = 65_535.0;
@@ -15,7 +17,7 @@ pub(super) const MASKED: u16 = 0;
 const UNKNOWN: u16 = 1;
 pub(super) const LEAST_DEPTH: u16 = 2;
 
-/// A picture and copies of half the size each, as far as they are of use.
+/// An image and its mip levels.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Picture {
     pub(super) levels: Vec<Level>,
@@ -23,26 +25,24 @@ pub(crate) struct Picture {
     pub(crate) inverse_depth_step: f32,
 }
 
-/// Red, green, blue, and inverse depth in steps, row by row; the last column and row twice, so that
-/// every texel has neighbours.
+/// Mip level: red, green, blue, and inverse depth in steps, row by row; the last column and row are
+/// repeated, so that every texel has neighbours.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Level {
-    /// Texels, without those that are there twice.
-    pub width: usize,
-    pub height: usize,
-    /// The same, and the last column and row whose neighbours are looked at.
+    /// Columns and rows, without the repeated ones.
     pub(super) size: [f32; 2],
+    /// Last column and row, without the repeated ones.
     pub(super) last: [i32; 2],
-    /// Over the picture's size.
+    /// Size in proportion to that of the image.
     pub(super) scale: [f32; 2],
-    /// Texels in a row.
+    /// Texels from one row to the next.
     pub(super) stride: usize,
     pub(super) texels: Vec<[u16; 4]>,
 }
 
-/// Halvings at most: what is seen 16 times smaller than it was taken is better served by another
-/// camera.
-const HALVINGS: usize = 4;
+/// Maximum number of mip levels, the image included: what is minified more than 16 times is better
+/// served by another camera.
+const LEVELS: usize = 5;
 
 impl Picture {
     /// Builds the texture of a view in memory.
@@ -61,9 +61,7 @@ impl Picture {
         } else {
             1.0
         };
-        let [width, height] = view.size_px.map(|side| side as usize);
-        let texel = |x: usize, y: usize| {
-            let i = y * width + x;
+        let texel = |i: usize| {
             let [r, g, b, a] = view.color.get(i).copied().unwrap_or_default();
             let [r, g, b] = [r, g, b].map(|c| (linear_from_srgb8(c) * FULL + 0.5) as u16);
             let depth = match inverse(i) {
@@ -77,16 +75,20 @@ impl Picture {
             };
             [r, g, b, depth]
         };
-        let mut levels = vec![Level::new([width, height], [width, height], texel)];
-        while let Some(next) = levels
-            .last()
-            .filter(|_| levels.len() <= HALVINGS)
-            .and_then(|level| level.halved([width, height]))
-        {
-            levels.push(next);
-        }
+        let size = view.size_px.map(|side| side as usize);
+        let finest = MipLevel {
+            size,
+            texels: (0..size[0] * size[1]).map(texel).collect(),
+        };
+        let levels = successors(Some(finest), |level| {
+            let can_be_halved = level.size[0].min(level.size[1]) >= 2;
+            can_be_halved.then(|| level.halved(OddEdge::Repeat, mean_of_unmasked))
+        });
         Self {
-            levels,
+            levels: levels
+                .take(LEVELS)
+                .map(|level| Level::new(&level, size))
+                .collect(),
             inverse_depth_step: step,
         }
     }
@@ -99,7 +101,8 @@ impl Picture {
             .sum()
     }
 
-    /// The copy in which `texels` of the picture along an axis are nearest to one.
+    /// Returns the level in which a footprint of `texels` of the image along an axis is nearest to
+    /// one texel.
     #[inline]
     pub(crate) fn level_for(&self, texels: f32) -> usize {
         // Half an octave belongs to either side.
@@ -143,13 +146,12 @@ impl Picture {
             return Some((unmasked([a, b, c, d], fx, fy)?, shown));
         }
         let [a, b, c, d] = [a, b, c, d].map(|texel| Vec4::from(texel.map(f32::from)));
-        let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
-        let color = top + (bottom - top) * fy;
+        let color = bilinear([a, b, c, d], [fx, fy]);
         Some(([color.x, color.y, color.z], shown))
     }
 }
 
-/// Bilinear over the texels that are not masked out.
+/// Blends the unmasked texels bilinearly.
 fn unmasked(four: [[u16; 4]; 4], fx: f32, fy: f32) -> Option<[f32; 3]> {
     let weights = [
         (1.0 - fx) * (1.0 - fy),
@@ -169,48 +171,27 @@ fn unmasked(four: [[u16; 4]; 4], fx: f32, fy: f32) -> Option<[f32; 3]> {
     (total > 0.0).then(|| sum.map(|c| c / total))
 }
 
-impl Level {
-    fn new(
-        [width, height]: [usize; 2],
-        whole: [usize; 2],
-        texel: impl Fn(usize, usize) -> [u16; 4],
-    ) -> Self {
-        let places = (0..=height)
-            .flat_map(|y| (0..=width).map(move |x| (x.min(width - 1), y.min(height - 1))));
-        Self {
-            width,
-            height,
-            size: [width as f32, height as f32],
-            last: [width as i32 - 1, height as i32 - 1],
-            scale: [
-                width as f32 / whole[0] as f32,
-                height as f32 / whole[1] as f32,
-            ],
-            stride: width + 1,
-            texels: places.map(|(x, y)| texel(x, y)).collect(),
-        }
-    }
+/// Mean of the unmasked ones of four texels, at the nearest of their depths.
+fn mean_of_unmasked(four: [[u16; 4]; 4]) -> [u16; 4] {
+    let color = unmasked(four, 0.5, 0.5).unwrap_or_default();
+    let [r, g, b] = color.map(|c| (c + 0.5) as u16);
+    let depth = four.iter().map(|texel| texel[3]).max().unwrap_or(MASKED);
+    [r, g, b, depth]
+}
 
-    /// Half the size, rounded up, of a picture that is so large as a `whole`; each texel is the
-    /// mean of those of the four that are not masked out, as near as the nearest of them.
-    fn halved(&self, whole: [usize; 2]) -> Option<Self> {
-        if self.width.min(self.height) < 2 {
-            return None;
+impl Level {
+    /// Repeats the last column and row of a mip level of an image of `image_size` texels.
+    fn new(mip: &MipLevel<[u16; 4]>, image_size: [usize; 2]) -> Self {
+        let [width, height] = mip.size;
+        let rows = (0..=height).map(|y| y.min(height - 1));
+        let places = rows.flat_map(|y| (0..=width).map(move |x| y * width + x.min(width - 1)));
+        Self {
+            size: mip.size.map(|side| side as f32),
+            last: mip.size.map(|side| side as i32 - 1),
+            scale: [0, 1].map(|axis| mip.size[axis] as f32 / image_size[axis] as f32),
+            stride: width + 1,
+            texels: places.map(|place| mip.texels[place]).collect(),
         }
-        let mean = |x: usize, y: usize| {
-            let first = 2 * y * self.stride + 2 * x;
-            let four = [0, 1, self.stride, self.stride + 1].map(|next| self.texels[first + next]);
-            let [r, g, b] = unmasked(four, 0.5, 0.5)
-                .unwrap_or_default()
-                .map(|c| (c + 0.5) as u16);
-            let depth = four.iter().map(|texel| texel[3]).max().unwrap_or(MASKED);
-            [r, g, b, depth]
-        };
-        Some(Self::new(
-            [self.width.div_ceil(2), self.height.div_ceil(2)],
-            whole,
-            mean,
-        ))
     }
 }
 
@@ -307,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn copies_are_means_of_the_picture() {
+    fn levels_are_means_of_the_image() {
         let view = view_of(
             DVec3::ZERO,
             |_, _| 1.0,

@@ -1,9 +1,9 @@
-//! A picture at sixteen places at a time: the same as one by one, to the bit.
+//! Samples of an image at sixteen positions at a time: the same bits as one by one.
 
 use super::picture::{LEAST_DEPTH, MASKED, Picture};
-use crate::view_geometry::render::scan::LANES;
 use fearless_simd::prelude::*;
-use fearless_simd::{f32x16, i32x16, u32x4, u32x16};
+use fearless_simd::{f32x16, i32x16, u32x16};
+use headbox_core::texels::{bilinear, gather_wide_quads};
 
 /// Sixteen samples of an image.
 pub(crate) struct TextureSamples<S: Simd> {
@@ -63,7 +63,7 @@ impl Picture {
         let index: u32x16<S> = (i32x16::truncate_from(row) * level.stride as i32
             + i32x16::truncate_from(column))
         .bitcast();
-        let Some([a, b, c, d]) = fours(simd, &level.texels, index, level.stride) else {
+        let Some([a, b, c, d]) = gather_wide_quads(simd, &level.texels, index, level.stride) else {
             return nothing;
         };
         let half = f32x16::splat(simd, 0.5);
@@ -76,22 +76,12 @@ impl Picture {
             .min((c[1] >> 16).min(d[1] >> 16))
             .simd_eq(u32::from(MASKED));
         let shares = [fx, fy];
+        let red_green = [a[0], b[0], c[0], d[0]];
+        let blue_depth = [a[1], b[1], c[1], d[1]];
         let mut color = [
-            bilinear(
-                a[0] & 0xffff,
-                b[0] & 0xffff,
-                c[0] & 0xffff,
-                d[0] & 0xffff,
-                shares,
-            ),
-            bilinear(a[0] >> 16, b[0] >> 16, c[0] >> 16, d[0] >> 16, shares),
-            bilinear(
-                a[1] & 0xffff,
-                b[1] & 0xffff,
-                c[1] & 0xffff,
-                d[1] & 0xffff,
-                shares,
-            ),
+            bilinear(lower_halves(red_green), shares),
+            bilinear(upper_halves(red_green), shares),
+            bilinear(lower_halves(blue_depth), shares),
         ];
         let mut known = known;
         if masked.to_bitmask() & known != 0 {
@@ -109,93 +99,24 @@ impl Picture {
     }
 }
 
-/// Gathers for each index the texel there, the one to its right, and the two below, `stride`
-/// further on: red and green, and blue and inverse depth, in the lower and upper halves of two
-/// words. `None` if there are too few texels.
 #[inline(always)]
-fn fours<S: Simd>(
-    simd: S,
-    texels: &[[u16; 4]],
-    index: u32x16<S>,
-    stride: usize,
-) -> Option<[[u32x16<S>; 2]; 4]> {
-    let count = texels.len().checked_sub(stride)?;
-    let (upper, lower) = (texels.get(..count)?, texels.get(stride..stride + count)?);
-    if count < 2 {
-        return None;
-    }
-    let index = index.min(count as u32 - 2).to_array();
-    let ([a, b], [c, d]) = (
-        left_and_right(simd, upper, &index),
-        left_and_right(simd, lower, &index),
-    );
-    Some([a, b, c, d])
-}
-
-/// Splits pairs of texels into the words of the left ones and of the right ones.
-#[inline(always)]
-fn left_and_right<S: Simd>(
-    simd: S,
-    texels: &[[u16; 4]],
-    index: &[u32; LANES],
-) -> [[u32x16<S>; 2]; 2] {
-    let (a, b) = simd.deinterleave_u32x16(
-        four_pairs(simd, texels, index, 0),
-        four_pairs(simd, texels, index, 4),
-    );
-    let (c, d) = simd.deinterleave_u32x16(
-        four_pairs(simd, texels, index, 8),
-        four_pairs(simd, texels, index, 12),
-    );
-    let (red_green, blue_depth) = (
-        simd.deinterleave_u32x16(a, c),
-        simd.deinterleave_u32x16(b, d),
-    );
-    [[red_green.0, blue_depth.0], [red_green.1, blue_depth.1]]
+fn lower_halves<S: Simd>([a, b, c, d]: [u32x16<S>; 4]) -> [f32x16<S>; 4] {
+    [
+        float(a & 0xffff),
+        float(b & 0xffff),
+        float(c & 0xffff),
+        float(d & 0xffff),
+    ]
 }
 
 #[inline(always)]
-fn four_pairs<S: Simd>(
-    simd: S,
-    texels: &[[u16; 4]],
-    index: &[u32; LANES],
-    first: usize,
-) -> u32x16<S> {
-    let (a, b) = (
-        pair(simd, texels, index[first]),
-        pair(simd, texels, index[first + 1]),
-    );
-    let (c, d) = (
-        pair(simd, texels, index[first + 2]),
-        pair(simd, texels, index[first + 3]),
-    );
-    a.combine(b).combine(c.combine(d))
-}
-
-#[inline(always)]
-fn pair<S: Simd>(simd: S, texels: &[[u16; 4]], index: u32) -> u32x4<S> {
-    // In these words the compiler sees that nothing lies outside.
-    let at = (index as usize).min(texels.len().saturating_sub(2));
-    let two = texels
-        .get(at..at + 2)
-        .and_then(<[[u16; 4]]>::first_chunk::<2>)
-        .copied()
-        .unwrap_or_default();
-    u32x4::load_array(simd, bytemuck::cast(two))
-}
-
-/// Between four levels.
-#[inline(always)]
-fn bilinear<S: Simd>(
-    a: u32x16<S>,
-    b: u32x16<S>,
-    c: u32x16<S>,
-    d: u32x16<S>,
-    [x, y]: [f32x16<S>; 2],
-) -> f32x16<S> {
-    let (a, b, c, d) = (float(a), float(b), float(c), float(d));
-    let (top, bottom) = (a + (b - a) * x, c + (d - c) * x);
-    top + (bottom - top) * y
+fn upper_halves<S: Simd>([a, b, c, d]: [u32x16<S>; 4]) -> [f32x16<S>; 4] {
+    [
+        float(a >> 16),
+        float(b >> 16),
+        float(c >> 16),
+        float(d >> 16),
+    ]
 }
 
 /// Same as [`unmasked`], and a mask of lanes that have an unmasked texel.
@@ -227,7 +148,7 @@ fn unmasked_sixteen<S: Simd>(
     (color, any.to_bitmask())
 }
 
-/// Numbers below 2^31, of which signed ones take one instruction with AVX2 instead of five.
+/// Converts numbers below 2^31: signed, it takes one instruction with AVX2 instead of five.
 #[inline(always)]
 fn float<S: Simd>(numbers: u32x16<S>) -> f32x16<S> {
     f32x16::float_from(numbers.bitcast::<i32x16<S>>())
@@ -236,6 +157,7 @@ fn float<S: Simd>(numbers: u32x16<S>) -> f32x16<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::view_geometry::render::scan::LANES;
     pub(crate) use crate::view_geometry::tests::view_of;
     use fearless_simd::dispatch;
     use glam::DVec3;
@@ -306,7 +228,7 @@ mod tests {
                             .then(|| (color.map(|channel| channel[lane]), depth[lane]));
                         assert_eq!(
                             found, expected,
-                            "({}, {}) of copy {number}, {simd_level:?}",
+                            "({}, {}) of level {number}, {simd_level:?}",
                             at[0][lane], at[1][lane]
                         );
                         assert!(color.iter().all(|channel| channel[lane].is_finite()));
@@ -317,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn copies_of_sixteen_are_those_of_one_by_one() {
+    fn levels_in_lanes_equal_scalar() {
         let picture = Picture::new(&view_of(DVec3::ZERO, |_, _| 1.0, |_, _| [9; 3], [64, 48]));
         let texels: [f32; LANES] = std::array::from_fn(|i| 0.3 * 1.37f32.powi(i as i32));
         let found = dispatch!(simd::level(), simd => picture.levels_for(f32x16::load_array_ref(simd, &texels)).to_array());

@@ -11,9 +11,10 @@
 //! or not. `delaunay` starts from it.
 
 use super::project::{Hit, Projection};
-use crate::view_geometry::cameras::lattice::{Lattice, SUBPIXELS};
+use crate::view_geometry::cameras::lattice::Lattice;
 use crate::view_geometry::cameras::samples::Points;
 use crate::view_geometry::{EdgeRule, GeometrySettings};
+use headbox_core::triangle_scan::SUBPIXELS;
 use rayon::prelude::*;
 
 /// The owner of a node that no sample fell on.

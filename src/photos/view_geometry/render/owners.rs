@@ -7,7 +7,7 @@
 
 use super::fuse::{Grid, NOBODY};
 use super::texture_camera::TextureCamera;
-use crate::view_geometry::cameras::lattice::SUBPIXELS;
+use headbox_core::triangle_scan::SUBPIXELS;
 use rayon::prelude::*;
 
 /// Nodes that a thread takes at a time.

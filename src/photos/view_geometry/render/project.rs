@@ -1,11 +1,12 @@
 //! Samples of a camera as a frame sees them (E7, its first step), sixteen at a time.
 
-use crate::view_geometry::cameras::lattice::{Lattice, SUBPIXELS};
+use crate::view_geometry::cameras::lattice::Lattice;
 use crate::view_geometry::cameras::samples::Points;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, i32x16, u32x16};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
+use headbox_core::triangle_scan::SUBPIXELS;
 
 /// Nothing nearer than this is drawn, metres.
 const NEAR_M: f32 = 1e-3;

@@ -11,7 +11,7 @@
 use super::fuse::Grid;
 use super::texture_camera::TextureCamera;
 use crate::view_geometry::EdgeRule;
-use crate::view_geometry::cameras::lattice::SUBPIXELS;
+use headbox_core::triangle_scan::{EdgeFunction, SUBPIXELS, pixels_between};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -272,33 +272,27 @@ impl Scanner<'_> {
             .get(number as usize)?
             .map(|node| node as usize);
         let at = corners.map(|node| [self.grid.x[node], self.grid.y[node]]);
-        // The pixels whose centres lie within the box.
-        let range = |axis: usize, low: u32, high: u32| {
+        let range = |axis: usize, clip: &Range<u32>| {
             let [a, b, c] = at.map(|p| p[axis]);
-            let half = SUBPIXELS / 2;
-            let first = (a.min(b).min(c) + half - 1)
-                .div_euclid(SUBPIXELS)
-                .max(low as i32);
-            let end = (a.max(b).max(c) - half)
-                .div_euclid(SUBPIXELS)
-                .saturating_add(1)
-                .min(high as i32);
-            (first < end).then_some(first as u32..end as u32)
+            let pixels = pixels_between(a.min(b).min(c), a.max(b).max(c), clip);
+            (!pixels.is_empty()).then_some(pixels)
         };
-        let rows = range(1, rows.start, rows.end)?;
-        let columns = range(0, 0, width)?;
+        let rows = range(1, rows)?;
+        let columns = range(0, &(0..width))?;
         let inverse_depth = corners.map(|node| self.grid.inverse_depth[node]);
         let cut = self.cut(at, inverse_depth);
-        let at = at.map(|p| p.map(i64::from));
-        let centre = [columns.start, rows.start]
-            .map(|pixel| i64::from(pixel) * i64::from(SUBPIXELS) + i64::from(SUBPIXELS / 2));
-        let edge = |from: [i64; 2], to: [i64; 2]| {
-            let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+        let edge = |from: [i32; 2], to: [i32; 2]| {
+            let edge = EdgeFunction::new(from, to, [columns.start, rows.start]);
             // A centre on an edge belongs to the triangle whose upper or left edge it is.
-            let is_theirs = !(dy < 0 || (dy == 0 && dx > 0));
-            let value =
-                dx * (centre[1] - from[1]) - dy * (centre[0] - from[0]) - i64::from(is_theirs);
-            [value, -dy * i64::from(SUBPIXELS), dx * i64::from(SUBPIXELS)]
+            let is_upper_or_left =
+                edge.per_column > 0 || (edge.per_column == 0 && edge.per_row > 0);
+            let [per_column, per_row] =
+                [edge.per_column, edge.per_row].map(|step| step * i64::from(SUBPIXELS));
+            [
+                edge.value - i64::from(!is_upper_or_left),
+                per_column,
+                per_row,
+            ]
         };
         let [a, b, c] = at;
         let edges = [edge(b, c), edge(c, a), edge(a, b)];

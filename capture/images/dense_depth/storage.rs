@@ -4,52 +4,40 @@
 use super::hypotheses::Hypothesis;
 use super::picture::MatchView;
 use crate::ImagesError;
-use std::collections::VecDeque;
+use headbox_core::lru::LruCache;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::sync::Arc;
 
-/// LRU cache of the views' images, bounded in bytes.
-pub(super) struct Shelf<'a> {
-    /// Entries in order of use, the latest last.
-    kept: VecDeque<(usize, Arc<MatchView>)>,
-    budget_bytes: usize,
+/// Images of the views, loaded on demand and cached within a budget in bytes.
+pub(super) struct ViewCache<'a> {
+    cache: LruCache<usize, Arc<MatchView>>,
+    budget_bytes: u64,
     load: Box<dyn Fn(usize) -> Result<MatchView, ImagesError> + 'a>,
 }
 
-impl<'a> Shelf<'a> {
+impl<'a> ViewCache<'a> {
     pub(super) fn new(
         budget_bytes: usize,
         load: impl Fn(usize) -> Result<MatchView, ImagesError> + 'a,
     ) -> Self {
         Self {
-            kept: VecDeque::new(),
-            budget_bytes,
+            cache: LruCache::default(),
+            budget_bytes: budget_bytes as u64,
             load: Box::new(load),
         }
     }
 
     /// Returns the image of a view, loaded again if it was evicted.
     pub(super) fn get(&mut self, view: usize) -> Result<Arc<MatchView>, ImagesError> {
-        let found = match self.kept.iter().position(|(kept, _)| *kept == view) {
-            Some(at) => self.kept.remove(at).map(|(_, picture)| picture),
-            None => None,
-        };
-        let picture = match found {
-            Some(picture) => picture,
-            None => Arc::new((self.load)(view)?),
-        };
-        self.kept.push_back((view, Arc::clone(&picture)));
-        while self.kept.len() > 1
-            && self
-                .kept
-                .iter()
-                .map(|(_, kept)| kept.bytes())
-                .sum::<usize>()
-                > self.budget_bytes
-        {
-            self.kept.pop_front();
+        self.cache.next_tick();
+        if let Some(picture) = self.cache.get(view) {
+            return Ok(picture);
         }
+        let picture = Arc::new((self.load)(view)?);
+        let bytes = picture.bytes() as u64;
+        self.cache.put(view, Arc::clone(&picture), bytes);
+        self.cache.evict_to(self.budget_bytes);
         Ok(picture)
     }
 }
