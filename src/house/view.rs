@@ -288,7 +288,7 @@ fn report(stats: &WalkStats) -> FrameReport {
         hole_pixels: stats.hole_pixels,
         figures: vec![
             count("cells as geometry", stats.geometry_cells.into()),
-            count("triangles drawn", stats.raster.triangles_set_up as u64),
+            count("triangles drawn", stats.raster.triangles_set_up),
             count("portals as backdrops", stats.portals.into()),
             count("backdrops missing", stats.missing.len() as u64),
             figure("pixels of backdrops", share(stats.backdrop_pixels), "%"),

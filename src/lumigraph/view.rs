@@ -154,7 +154,7 @@ impl View for LumigraphView {
         let (frame, stats) = self
             .renderer
             .render(&self.slabs, &request.camera, &settings);
-        self.stats = stats.clone();
+        self.stats = *stats;
         let pixels = frame.color.len().max(1) as f64;
         let stages = [
             ("plan", stats.plan_ms),

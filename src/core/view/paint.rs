@@ -111,3 +111,30 @@ pub fn distinct_color(number: u32) -> [u8; 3] {
     let shade = 255 - 45 * (number / 7 % 4);
     DISTINCT[number as usize % 7].map(|c| (u32::from(c) * shade / 255) as u8)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TOPS: Tops = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
+
+    #[test]
+    fn classes_end_where_the_legend_says() {
+        let of = |value| {
+            CLASSES
+                .iter()
+                .position(|class| *class == class_color(value, &TOPS))
+                .unwrap()
+        };
+        assert_eq!(
+            [1.0, 2.0, 3.0, 4.0, 5.0, 32.0, 33.0, 1e9].map(of),
+            [0, 1, 2, 2, 3, 5, 6, 6]
+        );
+        let labels: Vec<_> = class_legend("none", &TOPS, "x")
+            .into_iter()
+            .map(|line| line.label)
+            .collect();
+        let some = [0, 1, 6, 7].map(|i| labels[i].as_str());
+        assert_eq!(some, ["none", "up to 1 x", "up to 32 x", "more than 32 x"]);
+    }
+}

@@ -30,7 +30,7 @@ pub mod resolve;
 pub mod settings;
 pub mod setup;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod traverse;
 mod warp;
 

@@ -11,7 +11,7 @@ use headbox_core::camera::Camera;
 use headbox_core::random::Rng;
 
 /// Creates cameras with epipoles in the frame, outside it and at infinity, and one at the centre.
-pub(super) fn cameras() -> Vec<Camera> {
+pub(crate) fn cameras() -> Vec<Camera> {
     let mut random = Rng::keyed(3);
     let eyes = [
         DVec3::ZERO,

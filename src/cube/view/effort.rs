@@ -281,26 +281,6 @@ mod tests {
     }
 
     #[test]
-    fn classes_end_where_the_legend_says() {
-        let of = |value| {
-            CLASSES
-                .iter()
-                .position(|class| *class == class_color(value, &TIMES))
-                .unwrap()
-        };
-        assert_eq!(
-            [1.0, 2.0, 3.0, 4.0, 5.0, 32.0, 33.0, 1e9].map(of),
-            [0, 1, 2, 2, 3, 5, 6, 6]
-        );
-        let labels: Vec<_> = class_legend("none", &TIMES, "x")
-            .into_iter()
-            .map(|line| line.label)
-            .collect();
-        let some = [0, 1, 6, 7].map(|i| labels[i].as_str());
-        assert_eq!(some, ["none", "up to 1 x", "up to 32 x", "more than 32 x"]);
-    }
-
-    #[test]
     fn the_unfolded_faces_meet_at_their_edges() {
         // Neighbours in the picture see the same direction along their common edge.
         let place = |wanted: Face| UNFOLDED.iter().find(|(face, _)| *face == wanted).unwrap().1;

@@ -244,6 +244,7 @@ impl FrameSource for CheckerRoom {
             } else {
                 Refinement::Done
             },
+            ..FrameReport::default()
         })
     }
 
@@ -423,6 +424,8 @@ impl Library for Rooms {
                 camera,
                 settings,
                 moving: false,
+                complete: false,
+                depth: false,
             },
             &mut pixels,
         )

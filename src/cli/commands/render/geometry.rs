@@ -49,6 +49,7 @@ pub(crate) struct GeometryResourceArgs {
 
 impl GeometryArgs {
     /// Returns true if any of them was given.
+    #[cfg(feature = "viewer")]
     pub(crate) fn are_given(&self) -> bool {
         let numbers = [self.cameras, self.grid];
         numbers.iter().any(Option::is_some) || self.lod.is_some() || self.resources.are_given()
