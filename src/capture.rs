@@ -171,6 +171,9 @@ impl<'a> Capture<'a> {
             face_size_px: self.face_size_px,
             parameters: self.parameters,
         };
+        if self.half_size_m.is_none() {
+            spec.fit_half_size(self.scene.loaded());
+        }
         let tracer = Tracer::new(Arc::clone(self.scene.loaded()), centre);
         if let Some(focal_px) = self.frames_focal_px {
             choose_face_size(&mut spec, &tracer, focal_px, self.error_px);

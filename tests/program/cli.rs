@@ -565,3 +565,41 @@ fn output_that_nobody_reads_ends_the_program_quietly() {
         (Some(0), "")
     );
 }
+
+/// The library, the command and the window's last round (tested beside it) are one capture.
+#[test]
+fn command_and_library_capture_the_same_bytes() {
+    /// A floor and a box in the open, without a headbox of its own.
+    const OPEN_SCENE: &str = "v -9 0 -9\nv 9 0 -9\nv 9 0 9\nv -9 0 9\n\
+        v -3 0 -4\nv 3 0 -4\nv 3 4 -4\nv -3 4 -4\n\
+        f 1 4 3\nf 1 3 2\nf 5 6 7\nf 5 7 8\n";
+    let dir = tempfile::tempdir().unwrap();
+    let open_scene = dir.path().join("open.obj");
+    std::fs::write(&open_scene, OPEN_SCENE).unwrap();
+    for name in ["builtin:miniature", open_scene.to_str().unwrap()] {
+        let arguments = [
+            "capture",
+            name,
+            "-o",
+            "command.ldi",
+            "--face-size",
+            "64",
+            "--strata",
+            "5",
+            "--rays",
+            "4",
+            "--light-samples",
+            "1",
+            "--holes",
+            "1e-3",
+        ];
+        succeeds(dir.path(), &arguments);
+        let scene = headbox::Scene::open(name).unwrap();
+        let capture = headbox::Capture::new(&scene).face_size(64).strata(5).rays(4);
+        let cube = capture.light_samples(1).holes(1e-3).run().unwrap();
+        let by_library = dir.path().join("library.ldi");
+        cube.write(&by_library).unwrap();
+        let bytes = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+        assert!(bytes("command.ldi") == bytes("library.ldi"), "{name}");
+    }
+}
