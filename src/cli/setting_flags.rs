@@ -148,7 +148,7 @@ fn not_for(flag: &str, kind: &str, settings: &[Setting]) -> UsageError {
         .collect();
     known.dedup();
     UsageError(format!(
-        "--{flag} is not for {kind}; there are {}",
+        "--{flag} does not apply to this view ({kind}); it has {}",
         known.join(", ")
     ))
 }

@@ -29,6 +29,14 @@ const NEAREST_SHARE: f64 = 0.1;
 /// Overlays of layers.
 const OVERLAYS: [&str; 2] = ["none", "holes"];
 
+/// What the papers call variants, beside our names.
+const ALIASES: [(&str, &str); 4] = [
+    ("crude", "one-pass"),
+    ("field", "shift-field"),
+    ("affine", "affine-parallax"),
+    ("forward", "forward-color"),
+];
+
 /// Texture filters, the default first.
 const SAMPLINGS: [(&str, SpriteSampling); 2] = [
     ("bilinear", SpriteSampling::Bilinear),
@@ -115,7 +123,8 @@ impl LayersView {
                 &SpriteVariant::ALL.map(SpriteVariant::name),
                 selected,
             )
-            .with_flag("variant"),
+            .with_flag("variant")
+            .with_aliases(&ALIASES),
             Setting::choice(
                 "sampling",
                 "Sampling",
@@ -340,5 +349,18 @@ impl View for LayersView {
         json!({
             "outcomes": self.stats.outcomes, "order": self.stats.order, "sprites": self.options,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn aliases_are_those_of_the_variants() {
+        for (alias, name) in ALIASES {
+            let variant = SpriteVariant::from_name(alias).map(SpriteVariant::name);
+            assert_eq!(variant, Some(name), "{alias}");
+        }
     }
 }

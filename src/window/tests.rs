@@ -177,7 +177,11 @@ fn sprites_are_shown_and_orbited() {
     let (flat, _) = render(
         &mut *source,
         aside,
-        &[("variant", "homography"), ("nearest", "on"), ("fill", "0")],
+        &[
+            ("variant", "homography"),
+            ("sampling", "nearest"),
+            ("fill", "0"),
+        ],
     );
     assert!(front != tilted && tilted != flat);
 }

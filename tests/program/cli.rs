@@ -595,7 +595,10 @@ fn command_and_library_capture_the_same_bytes() {
         ];
         succeeds(dir.path(), &arguments);
         let scene = headbox::Scene::open(name).unwrap();
-        let capture = headbox::Capture::new(&scene).face_size(64).strata(5).rays(4);
+        let capture = headbox::Capture::new(&scene)
+            .face_size(64)
+            .strata(5)
+            .rays(4);
         let cube = capture.light_samples(1).holes(1e-3).run().unwrap();
         let by_library = dir.path().join("library.ldi");
         cube.write(&by_library).unwrap();

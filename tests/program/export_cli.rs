@@ -721,7 +721,7 @@ fn homes_and_lumigraphs_are_pages_alone() {
             dir.path(),
             1,
             &["export", file, "-o", "x.glb"],
-            "is exported as a page (.html) alone",
+            "is exported as .html alone",
         );
         assert!(!dir.path().join("x.glb").exists());
     }

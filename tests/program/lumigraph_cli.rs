@@ -106,7 +106,7 @@ fn a_scene_becomes_a_lumigraph_that_shows_it() {
     );
 
     // Where nothing is said, as a camera amid the others sees it.
-    assert!(succeeds(dir.path(), &["render", "a.lumi", "-o", "d.png"]).contains("layers of"));
+    assert!(succeeds(dir.path(), &["render", "a.lumi", "-o", "d.png"]).contains("lumigraph of"));
     let path =
         r#"{"poses": [{"eye": [0, 0, 3], "look_at": [0, 0, 0], "fov": 50}], "size": [16, 12]}"#;
     std::fs::write(dir.path().join("path.json"), path).unwrap();
@@ -481,19 +481,19 @@ fn mistakes_are_said_in_a_sentence() {
         dir.path(),
         2,
         &["render", "a.lumi", "a.lumi", "-o", "a.png"],
-        "rendered without",
+        "rendered alone",
     );
     fails(
         dir.path(),
         2,
         &["render", "a.lumi", "-o", "a.png", "--merge", "-1"],
-        "0 or more",
+        "a number from 0 to 16",
     );
     fails(
         dir.path(),
         2,
         &["render", "a.lumi", "-o", "a.png", "--depth", "a.exr"],
-        "--depth and --coverage",
+        "--depth does not apply to this view (lumigraph)",
     );
     let bytes = std::fs::read(dir.path().join("a.lumi")).unwrap();
     std::fs::write(dir.path().join("cut.lumi"), &bytes[..bytes.len() - 9]).unwrap();

@@ -20,6 +20,8 @@ pub struct Setting {
     pub control: Control,
     /// Long flag on the command line, without dashes; `None` if the setting is for the window alone.
     pub flag: Option<&'static str>,
+    /// Further names of options, each with the option that it means.
+    pub aliases: &'static [(&'static str, &'static str)],
 }
 
 /// The kinds of control.
@@ -65,6 +67,7 @@ impl Setting {
             tooltip: tooltip.into(),
             control,
             flag: None,
+            aliases: &[],
         }
     }
 
@@ -144,6 +147,12 @@ impl Setting {
             flag: Some(flag),
             ..self
         }
+    }
+
+    /// The same choice with further names of its options.
+    #[must_use]
+    pub fn with_aliases(self, aliases: &'static [(&'static str, &'static str)]) -> Self {
+        Self { aliases, ..self }
     }
 
     /// The same control under another heading.
@@ -324,9 +333,11 @@ impl SettingValues {
                 _ => return Err(wrong("on or off".into())),
             },
             Control::Choice { options, .. } => {
+                let alias = setting.aliases.iter().find(|(alias, _)| *alias == text);
+                let name = alias.map_or(text, |(_, option)| option);
                 let index = options
                     .iter()
-                    .position(|option| option.eq_ignore_ascii_case(text));
+                    .position(|option| option.eq_ignore_ascii_case(name));
                 SettingValue::Choice(index.ok_or_else(|| wrong(options.join(", ")))?)
             }
             Control::Number { range, .. } => {
@@ -367,7 +378,8 @@ mod tests {
                 "Kernel",
                 "Shape of the splats.",
                 &["Square", "Gauss"],
-            ),
+            )
+            .with_aliases(&[("normal", "Gauss")]),
             Setting::number(
                 "width",
                 "Width",
@@ -396,6 +408,8 @@ mod tests {
         for (id, text) in [("clip", "off"), ("kernel", "gauss"), ("width", "2")] {
             values.set_text(&settings, id, text).unwrap();
         }
+        values.set_text(&settings, "kernel", "square").unwrap();
+        values.set_text(&settings, "kernel", "normal").unwrap();
         let texts = settings[..3].iter().map(|setting| values.text(setting));
         assert!(texts.eq(["off", "Gauss", "2"].map(|text| Some(text.to_owned()))));
         assert_eq!(values.text(&settings[3]), None, "a button");

@@ -87,7 +87,7 @@ impl ExportCommand {
             let known = representation.exporters.iter();
             let known: Vec<_> = known.map(|it| format!(".{}", it.extension)).collect();
             bail!(
-                "{} is a {}, which can be exported as {} alone",
+                "{} is a {}, which is exported as {} alone",
                 self.file.display(),
                 representation.name,
                 known.join(", ")

@@ -28,13 +28,14 @@ use headbox_core::frame::Frame;
 use headbox_core::simd;
 use headbox_core::view::{OVERLAY, View};
 use headbox_cube::pack::CubeLdi;
+use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::view::CubeView;
 use headbox_export::film;
 use headbox_export::stereo::View as Projection;
 use headbox_house::file::HOUSE_FILE;
 use headbox_images::depth::DepthPicture;
 use headbox_lumigraph::LUMI_FILE;
-use headbox_photos::view_geometry::GeometrySettings;
+use headbox_photos::view_geometry::{GeometrySettings, Texturing};
 use headbox_scene::camera_path;
 use headbox_sprite::compose::Composition;
 use headbox_sprite::view::{LayersStart, LayersView};
@@ -108,6 +109,21 @@ pub(crate) struct RenderCommand {
     json: bool,
 }
 
+/// Refuses what is neither a splat kernel nor a way to texture view-dependent geometry, before a
+/// folder of images becomes either.
+fn refuse_unknown_variant(name: &str) -> Result<(), UsageError> {
+    if SplatKernel::from_name(name).is_some() {
+        return Ok(());
+    }
+    let kernels = SplatKernel::ALL.iter().map(|kernel| kernel.name());
+    let textures = Texturing::ALL.iter().map(|(name, _)| *name);
+    let names: Vec<_> = kernels.chain(textures).collect();
+    Err(UsageError(format!(
+        "there is no variant \"{name}\"; there are: {}",
+        names.join(", ")
+    )))
+}
+
 impl RenderCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let outputs = Outputs::new(self.json, self.files.iter().chain(&self.path));
@@ -149,8 +165,14 @@ impl RenderCommand {
         self.images.only_for_sets(self.files.iter().any(is_set))?;
         let is_set_alone = matches!(self.files.as_slice(), [folder] if is_set(folder));
         let texturing = texturing_of(self.settings.get("variant"), is_set_alone)?;
-        if texturing.is_none() && self.geometry.are_given() {
+        let is_given = |flag: &&str| self.settings.get(flag).is_some();
+        let of_geometry =
+            self.geometry.are_given() || ["cameras", "grid", "lod"].iter().any(is_given);
+        if texturing.is_none() && of_geometry {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
+        }
+        if let (true, None, Some(name)) = (is_set_alone, texturing, self.settings.get("variant")) {
+            refuse_unknown_variant(name)?;
         }
         let view: Box<dyn View> = match self.files.as_slice() {
             [folder] if texturing.is_some() => Box::new(geometry_view(

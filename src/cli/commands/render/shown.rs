@@ -129,7 +129,7 @@ impl Shown {
                 continue;
             }
             if depth && frame.depth_m.is_empty() {
-                let message = format!("--depth is not for {}", self.view.kind());
+                let message = format!("--depth does not apply to this view ({})", self.view.kind());
                 return Err(UsageError(message).into());
             }
             for warning in &report.warnings {
