@@ -20,8 +20,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = PathBuf::from(arguments.next().unwrap_or_else(|| ".".into()));
     std::fs::create_dir_all(&folder)?;
 
-    // Rays are traced once, from a headbox that the library places in free space. Small faces and few rays are for looking
-    // at the result within seconds; leave both out for the papers' quality.
+    // Rays are traced once, from a headbox that the library places in free space. Small faces and
+    // few rays are for looking at the result within seconds; leave both out for the papers'
+    // quality.
     let scene = Scene::open(name)?;
     scene
         .notes()

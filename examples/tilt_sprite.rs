@@ -1,5 +1,5 @@
-//! Makes sprites with depth of what a camera sees, and tilts them: each sprite is a picture on a plane that shows parallax
-//! inside itself.
+//! Makes sprites with depth of what a camera sees, and tilts them: each sprite is a picture on a
+//! plane that shows parallax inside itself.
 //!
 //! ```text
 //! cargo run --release --example tilt_sprite -- [SCENE] [FOLDER]
@@ -23,7 +23,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = PathBuf::from(arguments.next().unwrap_or_else(|| ".".into()));
     std::fs::create_dir_all(&folder)?;
 
-    // One picture with a depth for each pixel, cut into slabs where there is nothing between near and far.
+    // One picture with a depth for each pixel, cut into slabs where there is nothing between near
+    // and far.
     let scene = Scene::open(name)?;
     let eye = scene.headbox()?.centre;
     let [low, high] = scene.bounds();

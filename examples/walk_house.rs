@@ -1,5 +1,5 @@
-//! Walks through a house of cells and portals: rooms near the eye are drawn as geometry, what lies behind a farther door as
-//! an image that was captured through it.
+//! Walks through a house of cells and portals: rooms near the eye are drawn as geometry, what lies
+//! behind a farther door as an image that was captured through it.
 //!
 //! ```text
 //! cargo run --release --example walk_house -- [MODEL] [FOLDER]

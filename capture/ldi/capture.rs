@@ -11,8 +11,8 @@ use headbox_trace::light::Lighting;
 use std::io;
 use std::time::{Duration, Instant};
 
-/// Names of the stages that a capture reports to its progress, in order. A capture skips stages that
-/// it does not need; the search for holes begins once for each of its rounds.
+/// Names of the stages that a capture reports to its progress, in order. A capture skips stages
+/// that it does not need; the search for holes begins once for each of its rounds.
 pub mod stage {
     /// The pilot round of rays.
     pub const PILOT: &str = "pilot";

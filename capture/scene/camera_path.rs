@@ -1,16 +1,17 @@
-//! Cameras and camera paths as plain JSON files, in the scene file's own axes and unit and in the words of the command
-//! line.
+//! Cameras and camera paths as plain JSON files, in the scene file's own axes and unit and in the
+//! words of the command line.
 //!
 //! ```json
 //! [{"eye": [0, 1.6, 0], "look_at": [0, 1.5, -4], "up": [0, 1, 0], "fov": 60, "size": [1024, 768]}]
 //! ```
 //!
-//! `up`, `fov` and `size` may be left out. Three forms are read: a list of cameras, one camera alone, and a path that the
-//! window has recorded, `{"size": ..., "poses": [...]}` with times.
+//! `up`, `fov` and `size` may be left out. Three forms are read: a list of cameras, one camera
+//! alone, and a path that the window has recorded, `{"size": ..., "poses": [...]}` with times.
 //!
-//! Paths of other programs are read, too: the JSON of nerfstudio's viewer (`{"camera_path": [{"camera_to_world": [16 numbers, row by row],
-//! "fov": 50}], "render_height": ...}`), whose cameras are in the scene file's axes and unit, and the cameras of a `.gltf` or `.glb` file
-//! with the animation that moves them, as Blender exports it: metres, Y up.
+//! Paths of other programs are read, too: the JSON of nerfstudio's viewer (`{"camera_path":
+//! [{"camera_to_world": [16 numbers, row by row], "fov": 50}], "render_height": ...}`), whose
+//! cameras are in the scene file's axes and unit, and the cameras of a `.gltf` or `.glb` file with
+//! the animation that moves them, as Blender exports it: metres, Y up.
 
 use crate::load::LoadError;
 use crate::load::gltf::cameras;
@@ -87,9 +88,9 @@ pub enum PathError {
     Pose {
         /// The file.
         path: PathBuf,
-        /// Which, from 0.
+        /// Number of the pose, from 0.
         pose: usize,
-        /// What is wrong with it.
+        /// The error.
         source: CameraError,
     },
     /// An empty list.
@@ -101,8 +102,8 @@ pub enum PathError {
 }
 
 impl CameraRecord {
-    /// The record of a camera that stands at `eye`, looks along `forward` and has `up` in its image (world axes, metres).
-    /// The look-at point lies one metre ahead.
+    /// The record of a camera that stands at `eye`, looks along `forward` and has `up` in its image
+    /// (world axes, metres). The look-at point lies one metre ahead.
     pub fn new(eye: DVec3, forward: DVec3, up: DVec3, fov_y_deg: f64, frame: &FileFrame) -> Self {
         let point = |p: DVec3| frame.file_from_world(p).to_array();
         let up = (frame.file_from_world(up) * frame.unit_m).to_array();
@@ -199,7 +200,8 @@ fn gltf_record(camera: &GltfCamera, frame: &FileFrame) -> CameraRecord {
     }
 }
 
-/// Reads a file of any form; poses without a size of their own have that of the path. Of animations `fps` moments a second become poses.
+/// Reads a file of any form; poses without a size of their own have that of the path. Of animations
+/// `fps` moments a second become poses.
 ///
 /// # Errors
 /// See [`PathError`]; poses are not looked at here.
@@ -350,7 +352,8 @@ mod tests {
         assert!((cameras[0].focal_px() - 2.0 / 25f64.to_radians().tan()).abs() < 1e-9);
     }
 
-    /// A camera on an arm: the arm turns by 90 degrees about Y in 1 s, the camera stands 2 m before it and moves up by 1 m.
+    /// A camera on an arm: the arm turns by 90 degrees about Y in 1 s, the camera stands 2 m before
+    /// it and moves up by 1 m.
     fn arm(interpolation: &str) -> String {
         let floats = [
             0.0f32,

@@ -1,4 +1,4 @@
-//! What lights a scene beside its emissive triangles.
+//! Light sources of a scene beside its emissive triangles.
 
 use crate::scene::SkyPicture;
 use glam::{DVec3, Vec3};
@@ -96,7 +96,8 @@ impl Sky {
         }
     }
 
-    /// Radiance that an eye sees in the unit direction `direction` (world axes): pictures are smooth, and their sun stands in them.
+    /// Radiance that an eye sees in the unit direction `direction` (world axes): pictures are
+    /// smooth, and their sun stands in them.
     pub fn seen(&self, direction: Vec3) -> [f32; 3] {
         match self {
             Self::Gradient(gradient) => gradient.radiance(direction),
@@ -118,11 +119,11 @@ impl Sky {
 pub struct Lamp {
     /// Linear RGB: radiant intensity; of a lamp at infinity, irradiance on a surface facing it.
     pub intensity: [f32; 3],
-    /// Where it shines.
+    /// Position or direction.
     pub reach: Reach,
 }
 
-/// Where a lamp shines.
+/// Position or direction of a lamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reach {
     /// From infinitely far, along parallel lines.
@@ -134,18 +135,19 @@ pub enum Reach {
     Point {
         /// World metres.
         position: DVec3,
-        /// Where it ends, metres; infinite if nowhere.
+        /// Range, metres; infinite without a limit.
         range_m: f32,
     },
     /// In a cone, whose rim is soft.
     Spot {
         /// World metres.
         position: DVec3,
-        /// Where it ends, metres; infinite if nowhere.
+        /// Range, metres; infinite without a limit.
         range_m: f32,
         /// Unit vector along the cone's axis, away from the lamp, world axes.
         axis: Vec3,
-        /// Cosines of the half angle within which it shines in full, and of that beyond which it does not shine.
+        /// Cosines of the half angle within which it shines in full, and of that beyond which it
+        /// does not shine.
         cosines: [f32; 2],
     },
 }

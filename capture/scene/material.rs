@@ -4,7 +4,7 @@ use glam::Vec4;
 use headbox_core::color::linear_levels;
 use headbox_core::texels::bilinear;
 
-/// How a surface lets rays through: wherever the alpha of `texture` is below `threshold`, the surface is not there.
+/// Cut-out: wherever the alpha of `texture` is below `threshold`, the surface is not there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cutout {
     /// Index into [`crate::scene::Scene::textures`]; its alpha channel is tested.
@@ -13,8 +13,9 @@ pub struct Cutout {
     pub threshold: f32,
 }
 
-/// What a surface reflects about the mirrored direction: a lobe of the cosine's power, normalised (Lafortune and Willems 1994, "Using
-/// the Modified Phong Reflectance Model for Physically Based Rendering").
+/// Glossy reflection about the mirrored direction: a lobe of the cosine's power, normalised
+/// (Lafortune and Willems 1994, "Using the Modified Phong Reflectance Model for Physically Based
+/// Rendering").
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gloss {
     /// Share of the light that it reflects, linear RGB in 0..1; with the albedo no more than 1.
@@ -23,8 +24,8 @@ pub struct Gloss {
     pub exponent: f32,
 }
 
-/// A surface; both of its sides are seen. Diffuse, but for its gloss, which truth and the cameras of lumigraphs see: what is kept in one
-/// colour, as in a cube LDI, is without.
+/// A surface; both of its sides are seen. Diffuse, but for its gloss, which truth and the cameras
+/// of lumigraphs see: what is kept in one colour, as in a cube LDI, is without.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// The name in the file.
@@ -57,8 +58,8 @@ impl Default for Material {
     }
 }
 
-/// An image that wraps around in both directions. Texture coordinate (0, 0) is the **bottom** left corner of the image
-/// (as in OBJ; the glTF loader flips), row 0 of `texels` is on top.
+/// An image that wraps around in both directions. Texture coordinate (0, 0) is the **bottom** left
+/// corner of the image (as in OBJ; the glTF loader flips), row 0 of `texels` is on top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     width: u32,
@@ -67,8 +68,8 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// A texture of sRGB texels with straight alpha, row 0 on top. `None` unless `texels` has exactly
-    /// `width * height > 0` entries.
+    /// A texture of sRGB texels with straight alpha, row 0 on top. `None` unless `texels` has
+    /// exactly `width * height > 0` entries.
     pub fn new(width: u32, height: u32, texels: Vec<[u8; 4]>) -> Option<Self> {
         let count = usize::try_from(u64::from(width) * u64::from(height)).ok()?;
         (count > 0 && texels.len() == count).then_some(Self {
@@ -78,7 +79,8 @@ impl Texture {
         })
     }
 
-    /// A texture painted texel by texel: `texel(x, y)` is sRGB with straight alpha, row 0 on top. A side of 0 becomes 1.
+    /// A texture painted texel by texel: `texel(x, y)` is sRGB with straight alpha, row 0 on top. A
+    /// side of 0 becomes 1.
     pub fn from_fn(width: u32, height: u32, texel: impl Fn(u32, u32) -> [u8; 4]) -> Self {
         let (width, height) = (width.max(1), height.max(1));
         let texels = (0..height)

@@ -1,4 +1,5 @@
-//! A scene in memory: triangles in world metres, materials, textures, and how the file's axes map to the world.
+//! A scene in memory: triangles in world metres, materials, textures, and how the file's axes map
+//! to the world.
 
 pub use crate::lights::{Lamp, Reach, Sky, SkyGradient, Sun};
 pub use crate::sky_picture::{SkyError, SkyPicture};
@@ -21,7 +22,7 @@ pub struct Triangle {
     pub material: u32,
 }
 
-/// What a loader met and survived; empty for a clean file.
+/// Problems that a loader worked around; empty for a clean file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LoadSummary {
     /// One readable sentence for each kind of defect, with its count.
@@ -32,11 +33,12 @@ pub struct LoadSummary {
 
 /// A scene: every array in the world frame (metres, Y up), positions in `f64`.
 ///
-/// Invariants, kept by every loader and generator (see [`Scene::validate`]): indices are in range; positions are
-/// finite; there is at least one triangle; `normals`, `texcoords` and `colors` are empty or as long as `positions`.
+/// Invariants, kept by every loader and generator (see [`Scene::validate`]): indices are in range;
+/// positions are finite; there is at least one triangle; `normals`, `texcoords` and `colors` are
+/// empty or as long as `positions`.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// How it is called in messages and reports.
+    /// Name in messages and reports.
     pub name: String,
     /// Vertex positions, world metres.
     pub positions: Vec<DVec3>,
@@ -58,19 +60,19 @@ pub struct Scene {
     pub sky: Option<Sky>,
     /// Lamps without a surface.
     pub lamps: Vec<Lamp>,
-    /// How bright its pictures are.
+    /// Exposure of its pictures.
     pub exposure: Exposure,
-    /// What becomes of light in them.
+    /// Tone mapping of its pictures.
     pub tone: ToneMap,
     /// The file's frame.
     pub frame: FileFrame,
-    /// Where to look from by default, if the scene's maker knows.
+    /// Default headbox, if the scene's maker knows.
     pub headbox: Option<Headbox>,
-    /// What the loader met and survived.
+    /// Problems that the loader worked around.
     pub summary: LoadSummary,
 }
 
-/// Which promise of [`Scene`] is broken, and where first.
+/// Broken invariant of [`Scene`], with the first place.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SceneError {
     /// There is nothing to see.
@@ -125,6 +127,20 @@ pub enum SceneError {
 }
 
 impl Scene {
+    /// Bytes of vertices, triangles and texels.
+    pub fn bytes(&self) -> u64 {
+        let arrays = [
+            size_of_val(&self.positions[..]),
+            size_of_val(&self.normals[..]),
+            size_of_val(&self.texcoords[..]),
+            size_of_val(&self.colors[..]),
+            size_of_val(&self.triangles[..]),
+        ];
+        let textures = self.textures.iter();
+        let texels: usize = textures.map(|texture| size_of_val(texture.texels())).sum();
+        (arrays.iter().sum::<usize>() + texels) as u64
+    }
+
     /// Checks every promise of the structure (see [`Scene`]).
     ///
     /// # Errors
@@ -206,8 +222,9 @@ impl Scene {
         Ok(())
     }
 
-    /// The smallest axis-aligned box around all triangles, as its lowest and highest corner (world metres). A scene
-    /// without triangles, which no loader makes, has the box (+infinity, -infinity).
+    /// The smallest axis-aligned box around all triangles, as its lowest and highest corner (world
+    /// metres). A scene without triangles, which no loader makes, has the box (+infinity,
+    /// -infinity).
     pub fn bounds(&self) -> [DVec3; 2] {
         let corners = self
             .triangles

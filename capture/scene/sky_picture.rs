@@ -1,12 +1,14 @@
 //! A sky from an equirectangular picture (`.hdr`, `.exr`), with the tables by which it is sampled.
 //!
-//! The middle of the picture is north: it looks along -Z of the world, which in a file whose Z points up is +Y. Azimuths grow to the
-//! right, from north to east (+X).
+//! The middle of the picture is north: it looks along -Z of the world, which in a file whose Z
+//! points up is +Y. Azimuths grow to the right, from north to east (+X).
 //!
-//! Texels are drawn by luminance times solid angle (Pharr, Jakob and Humphreys 2023, "Physically Based Rendering", 12.5), rows first,
-//! so that the density of a direction is the luminance there over the sum of all: no table is needed to look it up.
+//! Texels are drawn by luminance times solid angle (Pharr, Jakob and Humphreys 2023, "Physically
+//! Based Rendering", 12.5), rows first, so that the density of a direction is the luminance there
+//! over the sum of all: no table is needed to look it up.
 //!
-//! Where a sun stands in the picture, it can be taken out of the light (`sky_sun`). Eyes see it in its place.
+//! Where a sun stands in the picture, it can be taken out of the light (`sky_sun`). Eyes see it in
+//! its place.
 
 use super::sky_sun::SunSpot;
 use exr::meta::MetaData;
@@ -69,7 +71,7 @@ pub struct SkyPicture {
 /// By which texels are drawn.
 #[derive(Clone, Default, PartialEq)]
 struct Tables {
-    /// Of all rows, and of the texels of each row: the share of power up to and with each.
+    /// Cumulative share of power, over all rows and over the texels of each row.
     rows: Vec<f32>,
     columns: Vec<f32>,
     /// Integral of luminance over all directions.
@@ -96,8 +98,9 @@ impl fmt::Debug for SkyPicture {
 }
 
 impl SkyPicture {
-    /// Reads an `.hdr` or `.exr` file and turns it about the up axis, from north to east. What is slightly negative (resampling and changes of
-    /// colour space leave that) is black, and what is infinite (suns in half floats) is the largest half float.
+    /// Reads an `.hdr` or `.exr` file and turns it about the up axis, from north to east. What is
+    /// slightly negative (resampling and changes of colour space leave that) is black, and what is
+    /// infinite (suns in half floats) is the largest half float.
     ///
     /// # Errors
     /// [`SkyError`], in one sentence that names the file.
@@ -126,10 +129,11 @@ impl SkyPicture {
         Self::new(size, texels, turn_deg).map_err(|cause| unreadable(cause.to_string()))
     }
 
-    /// Of radiances, row 0 on top, `size` columns and rows.
+    /// A sky of radiances, row 0 on top, `size` columns and rows.
     ///
     /// # Errors
-    /// [`SkyError::Shape`], also where there are not as many texels as the size says; [`SkyError::Texel`].
+    /// [`SkyError::Shape`], also where there are not as many texels as the size says;
+    /// [`SkyError::Texel`].
     pub fn new(
         [width, height]: [u32; 2],
         texels: Vec<[f32; 3]>,
@@ -234,7 +238,7 @@ impl SkyPicture {
         )
     }
 
-    /// Of each texel of a row, steradians.
+    /// Solid angle of each texel of a row, steradians.
     pub(super) fn solid_angle(&self, y: u32) -> f64 {
         let cos = |y: u32| (f64::from(y) * std::f64::consts::PI / f64::from(self.height)).cos();
         (cos(y) - cos(y + 1)) * std::f64::consts::TAU / f64::from(self.width)
@@ -244,7 +248,7 @@ impl SkyPicture {
         self.texels[y as usize * self.width as usize + x as usize]
     }
 
-    /// What a texel lights with: without the sun.
+    /// Radiance of a texel for lighting: without the sun.
     fn light_of(&self, x: u32, y: u32) -> [f32; 3] {
         let texel = self.texel(x, y);
         let Some(sun) = &self.sun else { return texel };
@@ -268,7 +272,8 @@ impl SkyPicture {
         ]
     }
 
-    /// Radiance with which it lights from a unit direction (world axes): that of the texel there, without the sun.
+    /// Radiance with which it lights from a unit direction (world axes): that of the texel there,
+    /// without the sun.
     pub fn radiance(&self, direction: Vec3) -> [f32; 3] {
         let [x, y] = self.place(direction);
         self.light_of(
@@ -277,7 +282,8 @@ impl SkyPicture {
         )
     }
 
-    /// What an eye sees in a unit direction (world axes): between the four texels around it, with the sun.
+    /// Radiance seen in a unit direction (world axes): interpolated between the four texels around
+    /// it, with the sun.
     pub fn seen(&self, direction: Vec3) -> [f32; 3] {
         let [x, y] = self.place(direction).map(|c| c - 0.5);
         let (left, top) = (x.floor(), y.floor());
@@ -300,7 +306,8 @@ impl SkyPicture {
         }
     }
 
-    /// The direction for two numbers in [0, 1), by radiance, and that radiance; `None` if the sky is black.
+    /// The direction for two numbers in [0, 1), by radiance, and that radiance; `None` if the sky
+    /// is black.
     pub fn sample(&self, [u, v]: [f32; 2]) -> Option<(Vec3, [f32; 3])> {
         let Tables {
             rows,

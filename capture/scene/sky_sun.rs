@@ -1,12 +1,13 @@
-//! The sun that stands in a picture of the sky: found, and taken out of the picture's light, so that it lights as a sun does, with
-//! shadows whose edges are sought and never pooled.
+//! The sun that stands in a picture of the sky: found, and taken out of the picture's light, so
+//! that it lights as a sun does, with shadows whose edges are sought and never pooled.
 
 use crate::scene::{SkyPicture, Sun};
 use glam::Vec3;
 use headbox_core::color::luminance;
 use std::f32::consts::PI;
 
-/// A sun shines from within this angle about the brightest texel, radians: glare that film and lens spread about it is part of it.
+/// A sun shines from within this angle about the brightest texel, radians: glare that film and lens
+/// spread about it is part of it.
 const RADIUS_RAD: f32 = 0.05;
 
 /// The sky beside the sun is what lies in a ring from that angle to so many times of it.
@@ -28,7 +29,7 @@ pub(super) struct SunSpot {
 }
 
 impl SunSpot {
-    /// What a texel of radiance `texel` lights with, whose direction is that.
+    /// Radiance for lighting of a texel of radiance `texel` in that direction.
     pub(super) fn without(&self, texel: [f32; 3], direction: impl Fn() -> Vec3) -> [f32; 3] {
         let level = luminance(texel);
         let is_sun = level > self.level && direction().dot(self.direction) > RADIUS_RAD.cos();
@@ -57,8 +58,8 @@ struct Texel {
 }
 
 impl SkyPicture {
-    /// The sun that stands in the picture, if one does, and the picture without its light: a spot far brighter than the sky beside
-    /// it that brings a good share of all light.
+    /// The sun that stands in the picture, if one does, and the picture without its light: a spot
+    /// far brighter than the sky beside it that brings a good share of all light.
     pub fn without_sun(self) -> (Self, Option<Sun>) {
         match self.find_sun() {
             Some((spot, sun)) => (self.without(spot), Some(sun)),
@@ -90,7 +91,7 @@ impl SkyPicture {
         ))
     }
 
-    /// Where the first of the brightest texels is.
+    /// Position of the first of the brightest texels.
     fn brightest(&self) -> Option<Vec3> {
         let level = |at: usize| luminance(self.texels()[at]);
         let at = (0..self.texels().len())
@@ -121,7 +122,8 @@ impl SkyPicture {
     }
 }
 
-/// The sun that is as bright, as large and in the middle of what a spot has above the level of the sky.
+/// The sun that is as bright, as large and in the middle of what a spot has above the level of the
+/// sky.
 fn sun_of(spot: &[Texel], level: f32, about: Vec3) -> Sun {
     let excess = |texel: &Texel| (texel.luminance - level).max(0.0) * texel.solid_angle;
     let (mut toward, mut irradiance, mut power) = (Vec3::ZERO, Vec3::ZERO, 0.0);

@@ -1,21 +1,24 @@
 //! Edges that meet share their corners: no T-junctions, at which cracks open.
 //!
-//! Scenes are full of corners that lie on somebody else's edge: a wall's foot on a floor, a panel around a door, a triangle cut at the
-//! border of a cell beside one that was not. A rasteriser snaps corners to its grid, and what is left open beside a long edge that knows
-//! nothing of them shows what lies behind it, in single pixels. Here such edges are split (docs/decisions/0023).
+//! Scenes are full of corners that lie on somebody else's edge: a wall's foot on a floor, a panel
+//! around a door, a triangle cut at the border of a cell beside one that was not. A rasteriser
+//! snaps corners to its grid, and what is left open beside a long edge that knows nothing of them
+//! shows what lies behind it, in single pixels. Here such edges are split (docs/decisions/0023).
 
 use crate::scene::{Scene, Triangle};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// A corner lies on an edge if it is no farther from it, metres: more than files round by, less than anybody models.
+/// A corner lies on an edge if it is no farther from it, metres: more than files round by, less
+/// than anybody models.
 const ON_EDGE_M: f64 = 2e-4;
 /// Corners are found in cubes as large as edges are on the mean, and no smaller than this, metres.
 const SMALLEST_CUBE_M: f64 = 5e-3;
 
 impl Scene {
-    /// Splits edges at the corners that lie on them. What surfaces show stays: a new vertex has what its edge has there.
+    /// Splits edges at the corners that lie on them. What surfaces show stays: a new vertex has
+    /// what its edge has there.
     ///
     /// Returns for each triangle the index of its first piece, and at the end the number of pieces.
     pub fn stitch(&mut self) -> Vec<u32> {
@@ -39,7 +42,8 @@ impl Scene {
         firsts
     }
 
-    /// A new vertex between two: `share` of the way from the first to the second, at a position of its own. Returns its index.
+    /// A new vertex between two: `share` of the way from the first to the second, at a position of
+    /// its own. Returns its index.
     pub fn vertex_between(&mut self, ends: [u32; 2], position: DVec3, share: f32) -> u32 {
         let [i, j] = ends.map(|vertex| vertex as usize);
         self.positions.push(position);
@@ -70,7 +74,7 @@ struct Corners {
     place_of: Vec<u32>,
     places: Vec<DVec3>,
     cube_m: f64,
-    /// Which places lie in a cube.
+    /// Positions in each grid cell.
     cubes: HashMap<[i64; 3], Vec<u32>>,
 }
 
@@ -189,7 +193,8 @@ struct Stitcher<'a> {
     scene: &'a mut Scene,
     corners: Corners,
     on_edges: HashMap<Edge, Vec<u32>>,
-    /// The vertex at a place on an edge between two vertices in ascending order: shared by the triangles on both sides.
+    /// The vertex at a place on an edge between two vertices in ascending order: shared by the
+    /// triangles on both sides.
     made: HashMap<([u32; 2], u32), u32>,
 }
 
@@ -232,8 +237,8 @@ impl Stitcher<'_> {
         }
     }
 
-    /// Whether both pieces of a triangle that is split on its first side face as it does: of one thinner than
-    /// [`ON_EDGE_M`] one might be turned over.
+    /// Returns true if both pieces of a triangle that is split on its first side face as it does:
+    /// of one thinner than [`ON_EDGE_M`] one might be turned over.
     fn keeps_its_side(&self, corners: [u32; 3], place: u32) -> bool {
         let [p, q, r] = corners.map(|vertex| self.scene.positions[vertex as usize]);
         let v = self.corners.places[place as usize];
@@ -372,7 +377,8 @@ mod tests {
     #[test]
     fn needles_landscapes_and_what_is_no_number_end() {
         let mut scene = one_beside_two();
-        // A needle thinner than the tolerance, with the corner of another on it; an edge of a thousand kilometres; no number.
+        // A needle thinner than the tolerance, with the corner of another on it; an edge of a
+        // thousand kilometres; no number.
         let far = [
             [0.0, 0.0, 0.0],
             [1e6, 0.0, 0.0],

@@ -7,11 +7,12 @@ use std::collections::HashMap;
 /// A triangle is cut at most this often in a row: edges of 2^16 times the wished length.
 const DEEPEST: u32 = 32;
 
-/// Cuts triangles until no edge is longer than `edge_m`, metres. Whether an edge is cut depends on its length alone and
-/// it is cut in the middle, so triangles that share vertices keep sharing them: no T-junctions arise.
+/// Cuts triangles until no edge is longer than `edge_m`, metres. Whether an edge is cut depends on
+/// its length alone and it is cut in the middle, so triangles that share vertices keep sharing
+/// them: no T-junctions arise.
 ///
-/// Returns for each triangle the index of its first piece, and at the end the number of pieces; nothing if there would
-/// be more than `most` triangles.
+/// Returns for each triangle the index of its first piece, and at the end the number of pieces;
+/// nothing if there would be more than `most` triangles.
 pub fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>> {
     let mut cutter = Cutter {
         scene,
@@ -56,8 +57,8 @@ impl Cutter<'_> {
         self.scene.positions[vertex as usize]
     }
 
-    /// The middle of an edge if it is too long. The length is the same from either end: the difference only changes
-    /// its sign.
+    /// The middle of an edge if it is too long. The length is the same from either end: the
+    /// difference only changes its sign.
     fn middle_of_long(&mut self, a: u32, b: u32) -> Option<u32> {
         (self.position(a).distance(self.position(b)) > self.edge_m).then(|| self.middle(a, b))
     }

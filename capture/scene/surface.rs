@@ -1,4 +1,4 @@
-//! What a ray finds where it hits a triangle.
+//! The surface at a hit point.
 
 use crate::material::{Gloss, Texture};
 use crate::scene::Scene;
@@ -9,24 +9,26 @@ use glam::{Vec2, Vec3};
 pub struct Surface {
     /// Unit geometric normal, world axes, on the side from which the corners run counter-clockwise.
     pub normal: Vec3,
-    /// Unit interpolated normal, in the same hemisphere as `normal`; equal to it where the file gives no normals.
+    /// Unit interpolated normal, in the same hemisphere as `normal`; equal to it where the file
+    /// gives no normals.
     pub shading_normal: Vec3,
     /// Diffuse albedo, linear RGB in 0..=1: material times texture times vertex colour.
     pub albedo: [f32; 3],
     /// Emitted radiance, linear RGB.
     pub emission: [f32; 3],
-    /// What it mirrors, if anything.
+    /// Specular reflection, if any.
     pub gloss: Option<Gloss>,
 }
 
 impl Scene {
-    /// The surface at barycentric weights `u` and `v` (of vertices 1 and 2) of triangle `primitive`. The scene must be
-    /// valid ([`Scene::validate`]) and `primitive` one of its triangles.
+    /// The surface at barycentric weights `u` and `v` (of vertices 1 and 2) of triangle
+    /// `primitive`. The scene must be valid ([`Scene::validate`]) and `primitive` one of its
+    /// triangles.
     pub fn surface(&self, primitive: u32, u: f32, v: f32) -> Surface {
         self.surface_facing(primitive, self.geometric_normal(primitive), u, v)
     }
 
-    /// As [`Self::surface`], of a triangle with the given geometric normal.
+    /// Same as [`Self::surface`], for a triangle with the given geometric normal.
     pub fn surface_facing(&self, primitive: u32, normal: Vec3, u: f32, v: f32) -> Surface {
         Surface {
             normal,
@@ -78,7 +80,8 @@ impl Scene {
         self.textures.get(index as usize)
     }
 
-    /// [`Surface::emission`] of a triangle, averaged: over points about a texel apart, or a 32nd of its longest side where that is more.
+    /// [`Surface::emission`] of a triangle, averaged: over points about a texel apart, or a 32nd of
+    /// its longest side where that is more.
     pub fn mean_emission(&self, primitive: u32) -> [f32; 3] {
         const MOST_STEPS: f32 = 32.0;
         let Some(texture) = self.emission_texture(primitive) else {
@@ -106,7 +109,8 @@ impl Scene {
         (sum / count as f32).into()
     }
 
-    /// What colours triangle `primitive`, for looking at many points of it. Same conditions as [`Scene::surface`].
+    /// Colours of triangle `primitive`, for lookups at many of its points. Same conditions as
+    /// [`Scene::surface`].
     #[inline]
     pub fn paint(&self, primitive: u32) -> Paint<'_> {
         let triangle = self.triangles[primitive as usize];
@@ -128,14 +132,15 @@ impl Scene {
         }
     }
 
-    /// Whether the surface is really there at barycentric weights `u`, `v` of triangle `primitive`: false in the
-    /// holes of a cut-out (see [`crate::material::Cutout`]). Same conditions as [`Scene::surface`].
+    /// Returns true if the surface is opaque at barycentric weights `u`, `v` of triangle
+    /// `primitive`: false in the holes of a cut-out (see [`crate::material::Cutout`]). Same
+    /// conditions as [`Scene::surface`].
     pub fn is_solid(&self, primitive: u32, u: f32, v: f32) -> bool {
         self.paint(primitive).is_solid(u, v)
     }
 
-    /// Unit geometric normal of a triangle; straight up if it has no area. In `f64`, because edges of a millimetre in
-    /// a scene at 1e5 m have no digits left in `f32`.
+    /// Unit geometric normal of a triangle; straight up if it has no area. In `f64`, because edges
+    /// of a millimetre in a scene at 1e5 m have no digits left in `f32`.
     pub fn geometric_normal(&self, primitive: u32) -> Vec3 {
         let [a, b, c] = self.corners(primitive);
         (b - a)
@@ -145,7 +150,8 @@ impl Scene {
     }
 }
 
-/// The colour and the holes of one triangle. Points are given by the barycentric weights of vertices 1 and 2.
+/// The colour and the holes of one triangle. Points are given by the barycentric weights of
+/// vertices 1 and 2.
 pub struct Paint<'a> {
     albedo: Vec3,
     colors: Option<[Vec3; 3]>,
@@ -160,13 +166,13 @@ impl Paint<'_> {
         self.texture
     }
 
-    /// Where a texture is looked up, texels from a corner of the plane of its copies.
+    /// Texture coordinates of a lookup, texels from a corner of the plane of its copies.
     pub fn texel_at(&self, texture: &Texture, [u, v]: [f32; 2]) -> Vec2 {
         Vec2::from(self.texcoord([1.0 - u - v, u, v]))
             * Vec2::new(texture.width() as f32, texture.height() as f32)
     }
 
-    /// As [`Surface::albedo`].
+    /// Same as [`Surface::albedo`].
     #[inline]
     pub fn albedo(&self, u: f32, v: f32) -> [f32; 3] {
         let weights = [1.0 - u - v, u, v];
@@ -178,7 +184,7 @@ impl Paint<'_> {
             .into()
     }
 
-    /// As [`Scene::is_solid`].
+    /// Same as [`Scene::is_solid`].
     #[inline]
     pub fn is_solid(&self, u: f32, v: f32) -> bool {
         self.cutout.is_none_or(|(texture, threshold)| {
@@ -213,7 +219,8 @@ mod tests {
     use crate::scene::{Scene, SceneError, Triangle};
     use glam::{Vec2, Vec3, dvec3};
 
-    /// One triangle in the plane y = 0, front side up, with a 2x1 texture: red and opaque, green and transparent.
+    /// One triangle in the plane y = 0, front side up, with a 2x1 texture: red and opaque, green
+    /// and transparent.
     fn scene() -> Scene {
         let texture = Texture::new(2, 1, vec![[255, 0, 0, 255], [0, 255, 0, 0]]).expect("2x1");
         Scene {

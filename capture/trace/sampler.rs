@@ -196,7 +196,7 @@ pub struct DirectionCell {
     pub domain_number: u8,
     /// The grid.
     pub strata: Strata,
-    /// Which direction cell, row-major over the square that maps to the disk of directions.
+    /// Direction cell, row-major over the square that maps to the disk of directions.
     pub cell: u32,
 }
 

@@ -338,7 +338,7 @@ impl DefaultCamera {
         }
     }
 
-    /// Where a view starts, for frames of `size` if that is given.
+    /// First camera of a view, for frames of `size` if that is given.
     pub(super) fn of_view(view: &dyn View, size: Option<(u32, u32)>) -> Self {
         let [width, height] = view.default_size_px();
         let (width, height) = size.unwrap_or((width, height));

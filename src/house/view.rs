@@ -16,7 +16,7 @@ use headbox_core::frame::Frame;
 use headbox_core::view::paint::{figure, hole_legend, paint_holes, swatch};
 use headbox_core::view::{
     Fact, FrameReport, FrameRequest, Navigation, OVERLAY, Ongoing, Refinement, Rendered, Room,
-    RoomMap, Setting, Stage, StartView, Statistics, View,
+    RoomMap, Setting, Stage, StartView, Statistics, Swatch, View,
 };
 use headbox_raster::{PixelContent, RasterOutput};
 use serde_json::json;
@@ -120,7 +120,7 @@ impl HouseView {
     }
 
     /// Paints the overlay of a name over a copy of the last frame; `None` if there is none.
-    fn paint(&mut self, overlay: Option<&&str>) -> Option<Vec<headbox_core::view::Swatch>> {
+    fn paint(&mut self, overlay: Option<&&str>) -> Option<Vec<Swatch>> {
         let walk = self.tour.last();
         match overlay {
             Some(&"holes") => {
@@ -221,7 +221,7 @@ impl View for HouseView {
     }
 
     fn bytes(&self) -> u64 {
-        self.tour.store().bytes()
+        self.house().scene().bytes() + self.tour.store().bytes()
     }
 
     fn settings(&self) -> Vec<Setting> {
@@ -244,7 +244,7 @@ impl View for HouseView {
         report.facts.push(place(self.house(), self.stats.cell));
         report.figures.push(figure(
             "memory of backdrops",
-            self.bytes() as f64 / f64::from(1 << 20),
+            self.tour.store().bytes() as f64 / f64::from(1 << 20),
             "MiB",
         ));
         if self.stats.cell.is_none() {

@@ -116,7 +116,7 @@ impl WalkPath {
     /// Returns the first camera of a walk, if there is room to stand: the default view of a house.
     ///
     /// # Errors
-    /// As of [`Self::cameras`].
+    /// Same as for [`Self::cameras`].
     pub fn first(house: &House) -> Result<Option<Camera>, CameraError> {
         Ok(Self {
             poses: 1,
@@ -131,7 +131,7 @@ impl WalkPath {
     /// room to stand.
     ///
     /// # Errors
-    /// As of [`Self::cameras`].
+    /// Same as for [`Self::cameras`].
     pub fn first_view(house: &House) -> Result<Camera, CameraError> {
         let walk = Self::default();
         let middle = house.tracer().origin();

@@ -29,7 +29,7 @@ const NEAREST_SHARE: f64 = 0.1;
 /// Overlays of layers.
 const OVERLAYS: [&str; 2] = ["none", "holes"];
 
-/// What the papers call variants, beside our names.
+/// Names of variants in the papers, beside ours.
 const ALIASES: [(&str, &str); 4] = [
     ("crude", "one-pass"),
     ("field", "shift-field"),
@@ -46,7 +46,7 @@ const SAMPLINGS: [(&str, SpriteSampling); 2] = [
 /// First view of layers, and the frame in which their cameras are written.
 #[derive(Clone, Copy, Debug)]
 pub struct LayersStart {
-    /// Where the eye starts.
+    /// First view.
     pub view: StartView,
     /// Size of a frame if nothing else is asked for, pixels.
     pub size_px: [u32; 2],
@@ -98,7 +98,7 @@ impl LayersView {
         &self.layers
     }
 
-    /// Where the camera of the first sprite stood; `None` if there are no sprites.
+    /// Camera of the first sprite; `None` if there are no sprites.
     pub fn start_of_sprites(set: &SpriteSet) -> Option<LayersStart> {
         let camera = set.sprites().first()?.sprite().sprite().camera();
         Some(LayersStart {

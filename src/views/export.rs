@@ -1,4 +1,4 @@
-//! What can be exported from each built-in representation.
+//! Exports of the built-in representations.
 
 use crate::{TruthView, ViewError};
 use headbox_core::view::View;
@@ -39,7 +39,7 @@ pub struct ExportOptions {
     pub faces: Faces,
 }
 
-/// What was written.
+/// Summary of an export.
 #[derive(Clone, Debug, Default)]
 pub struct ExportSummary {
     /// A few words after the size of the file, or "".

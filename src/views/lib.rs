@@ -1,5 +1,5 @@
-//! The registry of representations: which file is opened as which [`View`], with which settings,
-//! and what can be exported from it.
+//! The registry of representations: how a file is opened as a [`View`], its settings, and the
+//! formats that it can be exported to.
 //!
 //! A new representation is one [`Representation`] in [`all`]: `headbox render`, the window, the
 //! report and the exports find it here. [`add`] registers one of another crate.
@@ -48,7 +48,7 @@ pub struct Representation {
     pub open: fn(&Path) -> Result<Box<dyn View>, ViewError>,
     /// The settings of its views, with the initial values of most files.
     pub settings: fn() -> Vec<Setting>,
-    /// What can be exported from its views.
+    /// Formats that its views can be exported to.
     pub exporters: &'static [Exporter],
 }
 

@@ -11,7 +11,7 @@ use headbox_core::metrics;
 use headbox_core::view::paint::{figure, opaque, swatch};
 use headbox_core::view::{
     Control, Figure, FrameRequest, OVERLAY, Ongoing, Origin, Refinement, Rendered, Setting,
-    StartView, Swatch, View,
+    StartView, Statistics, Swatch, View,
 };
 use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::pack::CubeLdi;
@@ -29,7 +29,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(150);
 /// A function that opens a lit scene; it may take its time.
 pub type OpenScene = Arc<dyn Fn() -> Result<LitScene, String> + Send + Sync>;
 
-/// What is painted of truth.
+/// Overlays that need truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shown {
     /// The ray-traced view.
@@ -106,7 +106,7 @@ impl TruthView {
     }
 
     /// Progress of truth, if the last frame showed it.
-    pub fn ongoing(&self) -> Option<Ongoing> {
+    fn ongoing(&self) -> Option<Ongoing> {
         self.shown.and(self.reference.as_ref())?.ongoing()
     }
 
@@ -131,8 +131,7 @@ impl TruthView {
         } else {
             Refinement::Later(LOOK_AGAIN)
         };
-        let frame = self.painted.clone();
-        let figures = judge(shown, &frame, &traced, &mut self.painted.color)?;
+        let figures = judge(shown, &traced, &mut self.painted)?;
         Ok((figures, refinement))
     }
 }
@@ -210,24 +209,18 @@ impl View for TruthView {
         };
         let Rendered { frame, mut report } = self.view.render(request)?;
         self.painted.clone_from(frame);
+        let (figures, refinement) = self.paint(shown, &request.camera)?;
+        report.figures.splice(0..0, figures);
         report.legend = shown.legend();
-        if request.moving {
-            if let Some(reference) = &self.reference {
-                reference.rest();
-            }
-        } else {
-            let (figures, refinement) = self.paint(shown, &request.camera)?;
-            report.figures.splice(0..0, figures);
-            report.refinement = refinement;
-            report.ongoing = self.ongoing();
-        }
+        report.refinement = refinement;
+        report.ongoing = self.ongoing();
         Ok(Rendered {
             frame: &self.painted,
             report,
         })
     }
 
-    fn statistics(&mut self, request: &FrameRequest) -> headbox_core::view::Statistics {
+    fn statistics(&mut self, request: &FrameRequest) -> Statistics {
         self.view.statistics(request)
     }
 
@@ -252,12 +245,8 @@ fn averaged(image: &RgbImage, side: u32) -> RgbImage {
     })
 }
 
-fn judge(
-    shown: Shown,
-    frame: &Frame,
-    traced: &Traced,
-    pixels: &mut [[u8; 4]],
-) -> Result<Vec<Figure>, String> {
+/// Paints truth or the error against it over a frame, and returns the figures of the comparison.
+fn judge(shown: Shown, traced: &Traced, frame: &mut Frame) -> Result<Vec<Figure>, String> {
     let mut image = frame.to_rgb().map_err(|error| error.to_string())?;
     let (truth, side) = (&traced.truth.rgb(), traced.coarseness());
     if side > 1 {
@@ -272,7 +261,7 @@ fn judge(
         Shown::Error => &map.to_magma(),
     };
     let width = frame.width.max(1) as usize;
-    for (i, pixel) in pixels.iter_mut().enumerate() {
+    for (i, pixel) in frame.color.iter_mut().enumerate() {
         let (x, y) = ((i % width) as u32 / side, (i / width) as u32 / side);
         let [r, g, b] = picture
             .get_pixel_checked(x, y)

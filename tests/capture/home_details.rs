@@ -1,5 +1,5 @@
-//! Details of Sweet Home 3D homes: sloping and missing ceilings, arc walls, hidden storeys, textures,
-//! models with materials.
+//! Details of Sweet Home 3D homes: sloping and missing ceilings, arc walls, hidden storeys,
+//! textures, models with materials.
 
 use crate::homes::{home, home_xml, load};
 use glam::DVec3;

@@ -1,7 +1,8 @@
 //! GLB: one node, one mesh, a primitive a material.
 //!
-//! Positions are `f32` about the middle of the scene, which is the node's translation, so that they keep their digits wherever
-//! the scene lies. The JSON is written as such: the types of the `gltf` crate hold a translation in `f32`.
+//! Positions are `f32` about the middle of the scene, which is the node's translation, so that they
+//! keep their digits wherever the scene lies. The JSON is written as such: the types of the `gltf`
+//! crate hold a translation in `f32`.
 
 use super::{SaveError, by_material, names, png};
 use crate::material::{Material, Texture};
@@ -74,7 +75,7 @@ pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
 
 const STRENGTH: &str = "KHR_materials_emissive_strength";
 
-/// Whether more light leaves a surface than the format's own factor holds.
+/// Returns true if more light leaves a surface than the format's own factor holds.
 fn is_bright(material: &Material) -> bool {
     material.emission.iter().any(|&c| c > 1.0)
 }
@@ -211,8 +212,8 @@ impl File {
         Ok(written)
     }
 
-    /// The number of a texture with the colours of one of the scene's and the opacity of another; white without the first, of
-    /// the first's own opacity without the second.
+    /// The number of a texture with the colours of one of the scene's and the opacity of another;
+    /// white without the first, of the first's own opacity without the second.
     fn texture(
         &mut self,
         scene: &Scene,
@@ -247,7 +248,8 @@ impl File {
     }
 }
 
-/// The colours of a texture with the opacity of another, as fine as the finer of both; the same texels where both are of one size.
+/// The colours of a texture with the opacity of another, as fine as the finer of both; the same
+/// texels where both are of one size.
 fn with_opacity(color: &Texture, opacity: &Texture) -> Texture {
     let (width, height) = (
         color.width().max(opacity.width()),

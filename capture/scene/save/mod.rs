@@ -1,7 +1,8 @@
 //! Scenes into files that other programs read: OBJ with MTL and textures, and GLB.
 //!
-//! What [`crate::load`] reads back shows the same triangles, in the order of their materials, in the same colours. Neither
-//! format has a place for the sun and the sky; positions are world metres with Y up.
+//! What [`crate::load`] reads back shows the same triangles, in the order of their materials, in
+//! the same colours. Neither format has a place for the sun and the sky; positions are world metres
+//! with Y up.
 
 mod glb;
 mod obj;
@@ -16,9 +17,9 @@ use std::path::{Path, PathBuf};
 /// A file to be written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SavedFile {
-    /// Where.
+    /// Path of the file.
     pub path: PathBuf,
-    /// What.
+    /// Content of the file.
     pub bytes: Vec<u8>,
 }
 
@@ -47,8 +48,8 @@ pub enum SaveError {
     Glb(String),
 }
 
-/// The files that hold a scene, the one named `path` first; none is written. `.obj` comes with an `.mtl` and a PNG a texture
-/// beside it, `.glb` holds all.
+/// The files that hold a scene, the one named `path` first; none is written. `.obj` comes with an
+/// `.mtl` and a PNG a texture beside it, `.glb` holds all.
 ///
 /// # Errors
 /// See [`SaveError`].
@@ -128,8 +129,8 @@ mod tests {
     use crate::scene::Triangle;
     use glam::{DVec3, Vec2, Vec3, dvec3};
 
-    /// Two materials with textures, one of them with holes from another texture, light brighter than white, vertex colours, far
-    /// from the origin.
+    /// Two materials with textures, one of them with holes from another texture, light brighter
+    /// than white, vertex colours, far from the origin.
     fn scene() -> Scene {
         let at = dvec3(1e6, -3.25, 17.0);
         let corner = |i: u32| at + dvec3(f64::from(i % 3), f64::from(i / 3), 0.1 * f64::from(i));
@@ -186,7 +187,8 @@ mod tests {
     /// Corners, and of the middle colour, light, normal, and whether it is there.
     type TriangleAttributes = ([DVec3; 3], [f32; 3], [f32; 3], Vec3, bool);
 
-    /// What each triangle shows, by material: corners, and at its middle colour, light, normal, and whether it is there.
+    /// Appearance of each triangle, by material: corners, and at its middle colour, light, normal,
+    /// and whether it is there.
     fn shown(scene: &Scene) -> Vec<TriangleAttributes> {
         let mut order: Vec<u32> = (0..scene.triangles.len() as u32).collect();
         order.sort_by_key(|&i| scene.triangles[i as usize].material);

@@ -47,7 +47,7 @@ pub(super) fn edges<S: Simd, V: SimdFloat<S, Element = f32>>(
 }
 
 impl<V> Edges<V> {
-    /// Where the ray passes through the triangle or its border. NaN is outside.
+    /// Lanes whose ray passes through the triangle or its border. NaN is outside.
     #[inline(always)]
     pub(super) fn inside<S: Simd>(&self) -> V::Mask
     where

@@ -1,8 +1,8 @@
 //! The interface between representations and whatever shows them.
 //!
 //! Each representation (cube LDI, sprites, lumigraph, house, view-dependent geometry) implements
-//! [`View`] once, in its own crate. `headbox render`, the window, the report and the exports know
-//! only this trait and the [`Setting`]s that a view declares.
+//! [`View`] once, in its own crate. `headbox render`, the window, the report and the exports use it
+//! through this trait and the [`Setting`]s that a view declares.
 
 mod navigation;
 pub mod paint;
@@ -28,7 +28,7 @@ pub trait View: Any + Send {
     /// Name of the representation, for titles and messages: "cube LDI".
     fn kind(&self) -> &'static str;
 
-    /// Where the eye starts, for frames of `size_px` (width, height).
+    /// First view of the eye, for frames of `size_px` (width, height).
     fn start(&self, size_px: [u32; 2]) -> StartView;
 
     /// Size of a frame if nothing else is asked for: width and height in pixels.
@@ -41,7 +41,7 @@ pub trait View: Any + Send {
         None
     }
 
-    /// How the eye moves in a window.
+    /// Navigation mode in a window.
     fn navigation(&self) -> Navigation {
         Navigation::Fly
     }

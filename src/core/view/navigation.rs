@@ -1,4 +1,4 @@
-//! Where the eye starts and how it moves.
+//! First view, navigation and floor plan.
 
 use crate::camera::{Camera, CameraError};
 use glam::DVec3;

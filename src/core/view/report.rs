@@ -41,7 +41,7 @@ pub struct Rendered<'a> {
     /// Colours, coverage, and eye depth if it was asked for and the view supports it. Alpha is 255
     /// where something was seen.
     pub frame: &'a Frame,
-    /// What is known of it.
+    /// Times, figures and warnings.
     pub report: FrameReport,
 }
 

@@ -220,8 +220,8 @@ impl CubeJob<'_> {
 }
 
 /// Area of the surface patch that a pixel of an image covers, times the square of the image's focal
-/// length in pixels: Z^3 / |n . p| for the point `p` as seen from the image's eye, metres (C10). The
-/// images are cubes, so Z is the largest component.
+/// length in pixels: Z^3 / |n . p| for the point `p` as seen from the image's eye, metres (C10).
+/// The images are cubes, so Z is the largest component.
 fn patch_area(p: Vec3, normal: Vec3) -> f32 {
     p.abs().max_element().powi(3) / normal.dot(p).abs().max(1e-6)
 }

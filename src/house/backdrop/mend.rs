@@ -4,10 +4,10 @@
 //! Few of the random rays through an opening go to what shows only at a grazing angle, or through a
 //! second door behind it, and what is farther speckles what they leave out. Where the two
 //! neighbours of a pixel lie on one plane and the pixel itself has nothing of it, one ray from the
-//! centre that looks for it there, and only there, decides (as [`headbox_ldi::surfaces::repair`] does
-//! for cube LDIs). The centre may be in front of the opening, or not see the surface at all: what
-//! lies between two samples that show through the opening shows through it too, or hides behind
-//! them. What that brings: docs/decisions/0022.
+//! centre that looks for it there, and only there, decides (as [`headbox_ldi::surfaces::repair`]
+//! does for cube LDIs). The centre may be in front of the opening, or not see the surface at all:
+//! what lies between two samples that show through the opening shows through it too, or hides
+//! behind them. What that brings: docs/decisions/0022.
 
 use crate::house::House;
 use glam::{DVec3, Vec3};

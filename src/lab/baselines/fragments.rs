@@ -61,7 +61,8 @@ const LEAST_RADIUS_PX: f64 = 1.0;
 /// Statistics of a frame in fragments.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FragmentStats {
-    /// As of a frame in bands; `imbalance` is that of the fragments, without the second pass.
+    /// Statistics as for a frame in bands; `imbalance` is that of the fragments, without the second
+    /// pass.
     #[serde(flatten)]
     pub frame: FrameStats,
     /// Pixels in masks, drawn in the second pass.

@@ -5,7 +5,7 @@ use super::contender::{
     BakedLight, BakedRays, Contender, CubeMapDraw, ExactDraw, FragmentDraw, LdiDraw, OracleDraw,
     PathTraced, PointCloud, RasterDraw, Role, SpriteDraw, ViewDraw, WarpArithmetic, WarpOnly,
 };
-use super::subject::{ReportError, Subject, scene_bytes};
+use super::subject::{ReportError, Subject};
 use super::wall::{WALL, Wall};
 use crate::cube_map::CubeMap;
 use crate::plan::EyeSet;
@@ -461,7 +461,7 @@ impl<'a> ContenderField<'a> {
             eyes: EyeSet::All,
             traces: false,
             pool: Arc::clone(&self.all),
-            bytes: scene_bytes(tracer.scene()),
+            bytes: tracer.scene().bytes(),
             depth_pixels: 0,
             capture_s: None,
             rays: None,
@@ -512,7 +512,7 @@ impl<'a> ContenderField<'a> {
             cameras.iter().for_each(|camera| baked.bake_view(camera));
             let capture_s = Some(start.elapsed().as_secs_f64());
             RasterDraw::bake_views(&mut baked, &cameras);
-            let bytes = scene_bytes(tracer.scene()) + baked.bytes();
+            let bytes = tracer.scene().bytes() + baked.bytes();
             let baked = Arc::new(baked);
             let rays = Box::new(BakedRays::new(Arc::clone(&baked)));
             found.push(Contender {

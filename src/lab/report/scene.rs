@@ -5,7 +5,7 @@ use super::field::ContenderField;
 use super::field::DefaultCapture;
 use super::growth::grow;
 use super::row::{EyeRecord, Row, SceneFacts};
-use super::subject::{ReportError, Subject, scene_bytes};
+use super::subject::{ReportError, Subject};
 use super::wall::Wall;
 use crate::plan::{Eye, Plan};
 use crate::report::judge;
@@ -123,7 +123,7 @@ fn facts(
     SceneFacts {
         scene: subject.name.clone(),
         triangles: scene.triangles.len(),
-        scene_bytes: scene_bytes(scene),
+        scene_bytes: scene.bytes(),
         half_size_m: plan.half_size_m,
         face_size_px: cube.face_size_px,
         frame_px: plan.quality.frame_px,

@@ -56,20 +56,3 @@ pub struct Subject {
     /// Another representation of the scene, to be compared with what is made.
     pub view: Option<SharedView>,
 }
-
-/// Bytes of vertices, triangles and texels.
-pub(super) fn scene_bytes(scene: &headbox_scene::scene::Scene) -> u64 {
-    let arrays = [
-        size_of_val(&scene.positions[..]),
-        size_of_val(&scene.normals[..]),
-        size_of_val(&scene.texcoords[..]),
-        size_of_val(&scene.colors[..]),
-        size_of_val(&scene.triangles[..]),
-    ];
-    let texels: usize = scene
-        .textures
-        .iter()
-        .map(|texture| size_of_val(texture.texels()))
-        .sum();
-    (arrays.iter().sum::<usize>() + texels) as u64
-}

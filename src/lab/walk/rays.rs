@@ -1,4 +1,5 @@
-//! Ray-traced frames with one ray per pixel, shaded as the rasteriser shades: the baseline of walks.
+//! Ray-traced frames with one ray per pixel, shaded as the rasteriser shades: the baseline of
+//! walks.
 
 use crate::turns::{least, time_ms};
 use glam::Vec3;

@@ -45,8 +45,8 @@ pub(super) fn nearest<S: Simd>(
     (simd.combine_u32x8(eight[0], eight[1]) >> 16).bitcast::<i32x16<S>>()
 }
 
-/// Adds colour times weight, and weight, of the texels around positions: of the four those that show
-/// layers from the first to the second of `indices`.
+/// Adds colour times weight, and weight, of the texels around positions: of the four those that
+/// show layers from the first to the second of `indices`.
 #[inline(always)]
 pub(super) fn add_taps<S: Simd>(
     simd: S,

@@ -128,7 +128,7 @@ impl GeometryView {
         })
     }
 
-    /// What the last frame lacks.
+    /// Sentences about what the last frame lacks.
     fn warnings(&self) -> Vec<String> {
         let nothing = (self.stats.cameras_valid == 0).then(|| self.geometry.nothing_seen());
         let lost = self.geometry.lost().into_iter();

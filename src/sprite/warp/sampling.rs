@@ -1,5 +1,5 @@
-//! Sampling of a sprite's texture: arithmetic for sixteen pixels at a time, their texels fetched one
-//! by one in between.
+//! Sampling of a sprite's texture: arithmetic for sixteen pixels at a time, their texels fetched
+//! one by one in between.
 //!
 //! The arithmetic is written without closures: a closure that is not inlined would be compiled
 //! without the SIMD level's instructions and cost more than all the rest.

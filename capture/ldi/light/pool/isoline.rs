@@ -1,10 +1,10 @@
 //! Windows along isolines: lines on which light comes from equally near.
 //!
-//! In a corner, irradiance changes across the edge where walls meet, within a few pixels, and hardly along
-//! it: no window wider than the narrowest stays clear of bias there, and that one leaves grain. So
-//! narrow windows are averaged that follow each other along the line of equal harmonic mean
-//! distance, across which irradiance may change the most (Ward and Heckbert 1992, "Irradiance
-//! gradients").
+//! In a corner, irradiance changes across the edge where walls meet, within a few pixels, and
+//! hardly along it: no window wider than the narrowest stays clear of bias there, and that one
+//! leaves grain. So narrow windows are averaged that follow each other along the line of equal
+//! harmonic mean distance, across which irradiance may change the most (Ward and Heckbert 1992,
+//! "Irradiance gradients").
 
 use super::block_windows::WindowReader;
 use super::window::{NEARNESS, SAMPLES, Sums, smooth_step};

@@ -6,7 +6,7 @@ mod poses;
 pub(crate) mod radiance;
 mod shown;
 
-use self::shown::{Shown, hex};
+use self::shown::{Planes, Shown, hex};
 use super::images::is_image_set;
 use crate::args::{CameraArgs, DefaultCamera, parse_length};
 use crate::commands::images;
@@ -291,7 +291,7 @@ impl RenderCommand {
 
     fn picture(&self, shown: &mut Shown, camera: &Camera) -> anyhow::Result<RgbImage> {
         self.projection().draw(camera, |camera| {
-            anyhow::Ok(shown.render(camera, 1, false)?.image)
+            anyhow::Ok(shown.render(camera, 1, Planes::None)?.image)
         })
     }
 
@@ -306,9 +306,16 @@ impl RenderCommand {
             }
             return Ok(());
         }
-        let rendered = shown.render(camera, self.repeat, self.depth.is_some())?;
+        let planes = match (&self.depth, &self.coverage) {
+            (Some(_), _) => Planes::Depth,
+            (None, Some(_)) => Planes::Coverage,
+            (None, None) => Planes::None,
+        };
+        let rendered = shown.render(camera, self.repeat, planes)?;
         self.save(shown, &rendered.image)?;
-        self.save_planes(&rendered.frame)?;
+        if let Some(planes) = &rendered.planes {
+            self.save_planes(planes)?;
+        }
         let ms_median = rendered.ms_median();
         if self.json {
             let mut told = json!({

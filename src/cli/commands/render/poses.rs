@@ -2,7 +2,7 @@
 
 use super::RenderCommand;
 use crate::commands::render::FIGURES;
-use crate::commands::render::shown::Shown;
+use crate::commands::render::shown::{Planes, Shown};
 use crate::output::{print_json, save_picture, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
@@ -83,7 +83,7 @@ impl RenderCommand {
         let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
         let mut times = Vec::with_capacity(cameras.len());
         for (pose, camera) in cameras.iter().enumerate() {
-            let rendered = shown.render(camera, self.repeat, false)?;
+            let rendered = shown.render(camera, self.repeat, Planes::None)?;
             save_picture(
                 &folder.join(format!("frame_{pose:04}.png")),
                 &rendered.image,

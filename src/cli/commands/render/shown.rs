@@ -1,4 +1,4 @@
-//! What `headbox render` shows: a view with its settings.
+//! A view with its settings, as `headbox render` shows it.
 
 use crate::commands::capture::place::{figure, triple};
 use crate::words::UsageError;
@@ -23,13 +23,23 @@ pub(super) struct Shown {
     warned: BTreeSet<String>,
 }
 
+/// Planes of a frame wanted beside its colours.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Planes {
+    None,
+    Coverage,
+    /// Coverage and eye depth.
+    Depth,
+}
+
 /// One rendered pose.
 pub(super) struct RenderedPose {
     pub(super) image: RgbImage,
     /// Times of the repetitions.
     pub(super) ms: Vec<f64>,
     pub(super) report: FrameReport,
-    pub(super) frame: Frame,
+    /// Coverage and depth, if they were asked for.
+    pub(super) planes: Option<Frame>,
 }
 
 impl RenderedPose {
@@ -102,15 +112,15 @@ impl Shown {
     /// Renders a pose `repeat` times, each time until it is as good as it gets.
     ///
     /// # Errors
-    /// What the view cannot render, or depth that it does not have.
+    /// The view's own errors, and depth asked of a view without it.
     pub(super) fn render(
         &mut self,
         camera: &Camera,
         repeat: u32,
-        depth: bool,
+        planes: Planes,
     ) -> anyhow::Result<RenderedPose> {
         let request = FrameRequest {
-            depth,
+            depth: planes == Planes::Depth,
             ..FrameRequest::complete(*camera, Arc::clone(&self.values))
         };
         let mut ms = Vec::with_capacity(repeat as usize);
@@ -128,7 +138,7 @@ impl Shown {
             if ms.len() < repeat as usize {
                 continue;
             }
-            if depth && frame.depth_m.is_empty() {
+            if request.depth && frame.depth_m.is_empty() {
                 let message = format!("--depth does not apply to this view ({})", self.view.kind());
                 return Err(UsageError(message).into());
             }
@@ -141,7 +151,7 @@ impl Shown {
                 image: frame.to_rgb()?,
                 ms,
                 report,
-                frame: frame.clone(),
+                planes: (planes != Planes::None).then(|| frame.clone()),
             });
         }
     }
@@ -179,7 +189,7 @@ impl Shown {
         );
     }
 
-    /// What was rendered, in a few words.
+    /// The representation and its variant, in a few words.
     pub(super) fn summary(&self) -> String {
         let (count, what) = self.view.primitives();
         format!("{} of {count} {what}, {}", self.view.kind(), self.variant())

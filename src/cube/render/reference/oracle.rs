@@ -76,8 +76,8 @@ impl Patch {
     }
 }
 
-/// Renders an LDI that [`CubeSamples::validate`] accepts, with depths; splats cover a pixel completely
-/// or not at all. Slow.
+/// Renders an LDI that [`CubeSamples::validate`] accepts, with depths; splats cover a pixel
+/// completely or not at all. Slow.
 pub fn render_oracle(ldi: &CubeSamples, camera: &Camera) -> Frame {
     let mut frame = Frame::default();
     frame.reset(camera.width(), camera.height(), [0; 3]);
