@@ -3,11 +3,8 @@
 
 use clap::{Args, Command};
 use clap_complete::Shell;
-use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_house::backdrop::BackdropKind;
 use headbox_house::variant::HouseVariant;
-use headbox_lumigraph::Blend;
-use headbox_sprite::SpriteVariant;
 use std::ffi::OsString;
 use std::io::Write;
 
@@ -125,25 +122,8 @@ pub(super) fn with_examples(cli: Command) -> Command {
 
 /// The names that a subcommand's arguments take and that depend on the file.
 fn names_for(command: &str) -> String {
-    let houses = HouseVariant::names();
     match command {
-        "render" => {
-            let cubes: Vec<&str> = SplatKernel::ALL
-                .iter()
-                .map(|kernel| kernel.name())
-                .collect();
-            let sprites: Vec<&str> = SpriteVariant::ALL
-                .iter()
-                .map(|variant| variant.name())
-                .collect();
-            format!(
-                "\n\nVariants:\n  of a .ldi: {}\n  of a .sprite: {}\n  of a .lumi: {}\n  of a .house: {houses}",
-                cubes.join(", "),
-                sprites.join(", "),
-                Blend::ALL.map(|(name, _)| name).join(", ")
-            )
-        }
-        "walk" => format!("\n\nVariants:\n  {houses}"),
+        "walk" => format!("\n\nVariants:\n  {}", HouseVariant::names()),
         "house" => {
             let kinds = BackdropKind::ALL.map(BackdropKind::name);
             format!("\n\nBackdrops:\n  {}, none", kinds.join(", "))

@@ -34,11 +34,12 @@ fn table() -> Vec<FlagOf> {
     with_flags.collect()
 }
 
-/// The help of a flag: what it does, for each kind of file that has it.
+/// The help of a flag, a line for each kind of file that has it.
 fn help(flag: &str, table: &[FlagOf]) -> String {
     let mut parts: Vec<(String, Vec<&str>)> = Vec::new();
     for (_, setting, of) in table.iter().filter(|(found, ..)| *found == flag) {
-        let mut text = setting.tooltip.trim_end_matches('.').to_owned();
+        let text = setting.tooltip.trim_end_matches('.');
+        let mut text = text.trim_end_matches(" (no unit)").to_owned();
         if let Control::Choice { options, .. } = &setting.control {
             text += &format!(": {}", options.join(", "));
         }
@@ -50,7 +51,7 @@ fn help(flag: &str, table: &[FlagOf]) -> String {
     let parts = parts
         .into_iter()
         .map(|(text, of)| format!("{}: {text}", of.join(", ")));
-    parts.collect::<Vec<_>>().join("; ")
+    parts.collect::<Vec<_>>().join("\n")
 }
 
 fn is_switch(setting: &Setting) -> bool {

@@ -35,8 +35,8 @@ use std::sync::Arc;
 /// Name of the representation.
 pub const KIND: &str = "cube LDI";
 
-/// Factors of exposure on offer, in stops to either side.
-const MAX_STOPS: f64 = 40.0;
+/// Largest change of exposure, stops to either side.
+const MAX_STOPS: f64 = 16.0;
 
 /// A cube LDI with its renderer.
 pub struct CubeView {
