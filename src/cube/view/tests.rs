@@ -34,6 +34,36 @@ fn default_settings_render_the_renderers_frame() {
 }
 
 #[test]
+fn settings_reach_the_renderer() {
+    let (cube, mut renderer) = (cube(), Renderer::new());
+    let mut view = CubeView::new(Arc::clone(&cube));
+    let plain = RenderSettings::default();
+    let paper = RenderSettings {
+        kernel: SplatKernel::Paper,
+        ..plain
+    };
+    let open = RenderSettings {
+        keep_holes: true,
+        ..plain
+    };
+    for (setting, settings) in [(("kernel", "paper"), paper), (("keep-holes", "on"), open)] {
+        let mut differs = false;
+        for camera in cameras() {
+            let request = FrameRequest {
+                camera,
+                ..request(&view, &[setting])
+            };
+            let default = renderer.render(&cube, &camera, &plain).clone();
+            let expected = renderer.render(&cube, &camera, &settings);
+            differs |= *expected != default;
+            let rendered = view.render(&request).expect("renders");
+            assert!(rendered.frame == expected, "{setting:?}");
+        }
+        assert!(differs, "{setting:?} changes a frame");
+    }
+}
+
+#[test]
 fn overlays_have_opaque_pixels_and_a_legend() {
     let mut view = CubeView::new(cube());
     for (name, overlay) in Overlay::ALL {
