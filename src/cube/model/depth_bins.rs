@@ -3,11 +3,11 @@
 /// Fixed bins of inverse depth, the depth threshold ("epsilon") of the papers.
 ///
 /// The bins are uniform in `half_size / eye_depth`, which lies in 0..1 because the headbox is
-/// empty. Moving the eye by the headbox's half-diagonal shifts a sample on a face image by `sqrt(3)
-/// * half_size * (face_size / 2) / eye_depth` pixels; a bin is [`Self::PARALLAX_PX`] of that, so
-/// that two samples in one bin of one pixel can never part by more, whatever the scene. Near
-/// surfaces get fine bins, far ones coarse, and nothing needs tuning per model (Rafferty et al.
-/// found theirs by trial and error).
+/// empty. Moving the eye by the headbox's half-diagonal shifts a sample on a face image by
+/// `sqrt(3) * half_size * (face_size / 2) / eye_depth` pixels; a bin is [`Self::PARALLAX_PX`] of
+/// that, so that two samples in one bin of one pixel can never part by more, whatever the scene.
+/// Near surfaces get fine bins, far ones coarse, and nothing needs tuning per model (Rafferty et
+/// al. found theirs by trial and error).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthBins {
     half_size_m: f32,
