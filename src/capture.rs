@@ -14,11 +14,9 @@ use headbox_ldi::spec::{CaptureSpec, RangeError, RunOptions};
 use headbox_sprite::{
     DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, capture_slabs, slabs_at_gaps,
 };
-use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::viewpoint::place_headbox;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// Builder of a capture: rays from a headbox into a scene, lit, merged and packed into a
 /// [`CubeLdi`].
@@ -174,7 +172,7 @@ impl<'a> Capture<'a> {
         if self.half_size_m.is_none() {
             spec.fit_half_size(self.scene.loaded());
         }
-        let tracer = Tracer::new(Arc::clone(self.scene.loaded()), centre);
+        let tracer = self.scene.tracer(centre);
         if let Some(focal_px) = self.frames_focal_px {
             choose_face_size(&mut spec, &tracer, focal_px, self.error_px);
         }
@@ -232,7 +230,7 @@ impl<'a> SpriteCapture<'a> {
     /// # Errors
     /// [`Error::Sprite`].
     pub fn run(self) -> Result<SpriteSet, Error> {
-        let tracer = Tracer::new(Arc::clone(self.scene.loaded()), self.camera.eye());
+        let tracer = self.scene.tracer(self.camera.eye());
         let lighting = Lighting::prepare(&tracer, CaptureParameters::DEFAULT.bounces, true);
         let capture = SlabCapture {
             tracer: &tracer,

@@ -24,6 +24,13 @@
 //!   sprites and cube LDIs in one frame.
 //! * Houses of cells and portals: a [`Walker`] draws a [`House`], with [`Backdrops`] behind its
 //!   portals.
+//! * Image sets with depth: an [`ImageSet`] becomes one cube LDI ([`ImagesJob`]), or
+//!   [`ViewGeometry`], which a [`GeometryRenderer`] draws from the images themselves.
+//! * Lumigraphs: a [`LumigraphCapture`] traces a grid of images, which a [`LumigraphRenderer`] draws
+//!   as a [`Lumigraph`] of layers.
+//! * Models of triangles among samples: [`Polygons`] in a [`Composition`].
+//!
+//! `examples/` has a program for each of them.
 //!
 //! All rendering and capturing runs on the current rayon thread pool, and gives the same bytes on
 //! any number of threads and at every SIMD level. Conventions: world metres, right-handed, Y up;
@@ -54,6 +61,12 @@ pub use headbox_house::settings::WalkSettings;
 pub use headbox_house::store::Store as Backdrops;
 pub use headbox_house::walk::Walker;
 pub use headbox_house::walk_path::WalkPath;
+pub use headbox_images::{ImageSet, ImageSetOptions};
+pub use headbox_ldi::from_images::ImagesJob;
+pub use headbox_lumigraph::{
+    CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer,
+};
+pub use headbox_photos::view_geometry::{GeometryRenderer, GeometryResources, ViewGeometry};
 pub use headbox_sprite::SpriteSet;
-pub use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
+pub use headbox_sprite::compose::{ComposeSettings, Composer, Composition, Polygons};
 pub use scene::Scene;

@@ -6,6 +6,7 @@ use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::headbox::Headbox;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_scene::load::LoadOptions;
+use headbox_trace::bvh::Tracer;
 use headbox_trace::viewpoint::place_headbox;
 use std::sync::Arc;
 
@@ -79,6 +80,11 @@ impl Scene {
     /// [`Error::Headbox`] if the scene is so small or so large that there is none.
     pub fn headbox(&self) -> Result<Headbox, Error> {
         Ok(place_headbox(&self.loaded, None, None)?)
+    }
+
+    /// A ray tracer of the scene, exact near `origin` (world metres).
+    pub fn tracer(&self, origin: DVec3) -> Tracer {
+        Tracer::new(Arc::clone(&self.loaded), origin)
     }
 
     /// The source, from which the scene can be opened again.

@@ -53,6 +53,7 @@ pub mod random;
 pub mod simd;
 pub mod srgb_table;
 pub mod statistics;
+pub mod task;
 pub mod texels;
 pub mod tone;
 pub mod triangle_scan;

@@ -1,12 +1,12 @@
-//! Backdrops in memory: built ahead of need by a thread in the background, the least recently used
-//! thrown away first (R16).
+//! Backdrops in memory: an LRU cache that a background thread fills ahead of need (R16).
 
 use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use super::house::House;
 use headbox_core::lru::LruCache;
+use headbox_core::progress::Progress;
+use headbox_core::task::{Shared, Task};
 use std::collections::{HashSet, VecDeque};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Key of a backdrop.
 pub type Key = (PortalSide, BackdropKind);
@@ -18,12 +18,8 @@ pub struct Store {
     cache: Mutex<LruCache<Key, Arc<Backdrop>>>,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Store {
-    /// An empty store that keeps at most so many bytes.
+    /// Creates an empty store that keeps at most `budget_bytes`.
     pub fn new(budget_bytes: u64) -> Self {
         Self {
             budget: budget_bytes,
@@ -31,33 +27,37 @@ impl Store {
         }
     }
 
-    /// A backdrop, if it is there; it counts as used now.
+    /// Returns a backdrop, if it is in memory, and marks it as used now.
     pub fn get(&self, key: Key) -> Option<Arc<Backdrop>> {
-        let mut cache = lock(&self.cache);
+        let mut cache = self.lock();
         cache.next_tick();
         cache.get(key)
     }
 
     /// Returns true if a backdrop is in memory.
     pub fn contains(&self, key: Key) -> bool {
-        lock(&self.cache).peek(key).is_some()
+        self.lock().peek(key).is_some()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, LruCache<Key, Arc<Backdrop>>> {
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns true if one more backdrop of average size fits beside `bytes` bytes.
     fn has_room_beside(&self, bytes: u64) -> bool {
-        let cache = lock(&self.cache);
+        let cache = self.lock();
         let one = cache.bytes() / (cache.len() as u64).max(1);
         bytes.saturating_add(one) <= self.budget
     }
 
-    /// Adds a backdrop and throws out what was not used for longest until all fits the budget. One
-    /// that alone exceeds the budget is not kept; `false` then.
+    /// Adds a backdrop and evicts the least recently used ones until the rest fits the budget.
+    /// Returns false, without adding it, if the backdrop alone exceeds the budget.
     pub fn insert(&self, key: Key, backdrop: Arc<Backdrop>) -> bool {
         let bytes = backdrop.bytes();
         if bytes > self.budget {
             return false;
         }
-        let mut cache = lock(&self.cache);
+        let mut cache = self.lock();
         cache.next_tick();
         cache.put(key, backdrop, bytes);
         let gone = cache.evict_to(self.budget);
@@ -68,140 +68,131 @@ impl Store {
 
     /// Bytes of all backdrops.
     pub fn bytes(&self) -> u64 {
-        lock(&self.cache).bytes()
+        self.lock().bytes()
     }
 
     /// All backdrops, by key.
     pub fn all(&self) -> Vec<(Key, Arc<Backdrop>)> {
-        lock(&self.cache)
+        self.lock()
             .iter()
             .map(|(key, backdrop)| (key, Arc::clone(backdrop)))
             .collect()
     }
 }
 
-/// A thread that captures wanted backdrops, the first in the list first, as long as those before
-/// fit the store: nothing that is wanted more is thrown out for something that is wanted less. It
-/// works alone, so that the threads that draw frames never wait for it. Stops when it is dropped,
-/// after the capture at hand.
+/// A thread that captures the requested backdrops in order of urgency, as long as they fit the
+/// store: a less urgent backdrop never evicts a more urgent one. It uses no thread that draws
+/// frames, and ends after the current capture when it is dropped.
 #[derive(Debug)]
 pub struct BackdropBuilder {
-    desk: Arc<BuildQueue>,
-    thread: Option<JoinHandle<()>>,
+    /// `None` if the system could not start a thread: no backdrop is built then.
+    task: Option<Task<BuildQueue>>,
 }
 
 #[derive(Debug, Default)]
 struct BuildQueue {
-    orders: Mutex<QueueState>,
-    changed: Condvar,
-}
-
-#[derive(Debug, Default)]
-struct QueueState {
-    wanted: VecDeque<Key>,
-    /// Bytes of those that were taken from the front of the list since it was written.
+    /// Requested backdrops, the most urgent first.
+    requested: VecDeque<Key>,
+    /// Bytes of the backdrops that were taken from the front of the queue since it was replaced.
     kept_bytes: u64,
-    /// Could not be captured, or are larger than the whole budget: not tried again.
+    /// Backdrops that cannot be captured or exceed the whole budget; they are not tried again.
     refused: HashSet<Key>,
+    /// True while a backdrop is captured.
     busy: bool,
-    stop: bool,
-}
-
-impl QueueState {
-    fn in_hand(&self) -> bool {
-        self.busy || !self.wanted.is_empty()
-    }
 }
 
 impl BackdropBuilder {
     /// Starts the thread.
     pub fn new(house: Arc<House>, store: Arc<Store>, quality: BackdropQuality) -> Self {
-        let desk = Arc::new(BuildQueue::default());
-        let at_desk = Arc::clone(&desk);
-        let thread = std::thread::spawn(move || work(&at_desk, &house, &store, &quality));
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+        let work = move |shared: &Shared<BuildQueue>| {
+            build_requested(shared, &house, &store, &quality);
+            Ok(())
+        };
+        let start = |pool| Task::start("backdrops", pool, BuildQueue::default(), work).ok();
         Self {
-            desk,
-            thread: Some(thread),
+            task: pool.ok().and_then(start),
         }
     }
 
-    /// Replaces the list of wanted backdrops, the most urgent first.
-    pub fn want(&self, keys: impl IntoIterator<Item = Key>) {
-        let mut orders = lock(&self.desk.orders);
-        orders.wanted = keys.into_iter().collect();
-        orders.kept_bytes = 0;
-        self.desk.changed.notify_all();
+    /// Replaces the queue by `keys`, the most urgent first.
+    pub fn request(&self, keys: impl IntoIterator<Item = Key>) {
+        if let Some(task) = &self.task {
+            task.update(|state| {
+                state.data.requested = keys.into_iter().collect();
+                state.data.kept_bytes = 0;
+            });
+        }
     }
 
     /// Returns true if a requested backdrop can still be built.
     pub fn is_busy(&self) -> bool {
-        lock(&self.desk.orders).in_hand()
+        let is_busy = |task: &Task<BuildQueue>| {
+            let state = task.lock();
+            !state.ended && state.data.has_work()
+        };
+        self.task.as_ref().is_some_and(is_busy)
     }
 
-    /// Waits until nothing is wanted that could still be built.
+    /// Waits until no requested backdrop can still be built.
     pub fn wait(&self) {
-        let mut orders = lock(&self.desk.orders);
-        while orders.in_hand() {
-            orders = self
-                .desk
-                .changed
-                .wait(orders)
-                .unwrap_or_else(PoisonError::into_inner);
+        if let Some(task) = &self.task {
+            drop(task.wait_while(|state| !state.ended && state.data.has_work()));
         }
     }
 }
 
-impl Drop for BackdropBuilder {
-    fn drop(&mut self) {
-        lock(&self.desk.orders).stop = true;
-        self.desk.changed.notify_all();
-        if let Some(thread) = self.thread.take() {
-            // A panic of the thread has been printed; there is nobody here to tell.
-            let _ = thread.join();
+impl BuildQueue {
+    fn has_work(&self) -> bool {
+        self.busy || !self.requested.is_empty()
+    }
+
+    /// Takes the most urgent backdrop that is neither refused nor in the store, and empties the
+    /// queue if there is no room for it.
+    fn next(&mut self, store: &Store) -> Option<Key> {
+        while let Some(key) = self.requested.pop_front() {
+            if self.refused.contains(&key) {
+                continue;
+            }
+            if let Some(backdrop) = store.get(key) {
+                self.kept_bytes += backdrop.bytes();
+            } else if store.has_room_beside(self.kept_bytes) {
+                self.busy = true;
+                return Some(key);
+            } else {
+                self.requested.clear();
+            }
         }
+        None
     }
 }
 
-fn work(desk: &BuildQueue, house: &House, store: &Store, quality: &BackdropQuality) {
-    // Without a pool of its own it would borrow the threads of the frames.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().ok();
-    let mut orders = lock(&desk.orders);
-    while !orders.stop {
-        let Some(key) = orders.wanted.pop_front() else {
-            desk.changed.notify_all();
-            orders = desk
-                .changed
-                .wait(orders)
-                .unwrap_or_else(PoisonError::into_inner);
+/// Captures requested backdrops until the task is cancelled.
+fn build_requested(
+    shared: &Shared<BuildQueue>,
+    house: &House,
+    store: &Store,
+    quality: &BackdropQuality,
+) {
+    while !shared.is_cancelled() {
+        let Some(key) = shared.update(|state| state.data.next(store)) else {
+            drop(
+                shared
+                    .wait_while(|state| state.data.requested.is_empty() && !shared.is_cancelled()),
+            );
             continue;
         };
-        if orders.refused.contains(&key) {
-            continue;
-        }
-        if let Some(backdrop) = store.get(key) {
-            orders.kept_bytes += backdrop.bytes();
-            continue;
-        }
-        if !store.has_room_beside(orders.kept_bytes) {
-            orders.wanted.clear();
-            continue;
-        }
-        orders.busy = true;
-        drop(orders);
-        let capture = || Backdrop::capture(house, key.0, key.1, quality);
-        let captured = match &pool {
-            Some(pool) => pool.install(capture),
-            None => capture(),
-        };
+        let captured = Backdrop::capture(house, key.0, key.1, quality);
         let bytes = captured.as_ref().map_or(0, Backdrop::bytes);
         let kept = captured.is_ok_and(|backdrop| store.insert(key, Arc::new(backdrop)));
-        orders = lock(&desk.orders);
-        orders.busy = false;
-        if kept {
-            orders.kept_bytes += bytes;
-        } else {
-            orders.refused.insert(key);
-        }
+        shared.update(|state| {
+            state.data.busy = false;
+            if kept {
+                state.data.kept_bytes += bytes;
+            } else {
+                state.data.refused.insert(key);
+            }
+        });
     }
 }
 

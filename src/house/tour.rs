@@ -51,7 +51,7 @@ impl Tour {
         if let Some(kind) = self.settings.backdrops {
             let urgent = stats.missing.iter().map(|at| (*at, kind));
             self.builder
-                .want(urgent.chain(likely(&self.house, camera.eye(), kind)));
+                .request(urgent.chain(likely(&self.house, camera.eye(), kind)));
         }
         (frame, stats)
     }

@@ -9,9 +9,7 @@
 //! | `truth` | a cube LDI beside ray-traced truth of the scene that it was captured from |
 //! | `reference` | the thread that traces truth of the current camera |
 //! | `export` | pages, GLB, PLY and EXR of the built-in representations |
-//! | [`background`] | thread pools of low priority |
 
-pub mod background;
 mod export;
 mod reference;
 #[cfg(test)]

@@ -1,25 +1,22 @@
 //! Ray-traced truth of the current view, refined in the background.
 
-use crate::background;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
+use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_core::view::Ongoing;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::truth;
 use headbox_trace::truth::Truth;
 use std::collections::VecDeque;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
-/// One truth after the other: rays per pixel, and the side of the square of pixels that share one.
-/// All together take a third more than the last, the first a five-hundredth of it: a coarse answer
-/// is there while one still wonders.
+/// Rounds of refinement: rays per pixel, and side of the square of pixels that share them. The
+/// first costs a five-hundredth of the last, all together a third more than the last alone.
 const ROUNDS: [(u32, u32); 5] = [(4, 4), (2, 1), (8, 1), (32, 1), (128, 1)];
 
-/// Views asked for last that are worth tracing: two eyes with two settings each.
+/// Number of recently requested views that are traced: two eyes with two settings each.
 const VIEWS: usize = 4;
 
 /// A scene with its light, ready for rays from its headbox.
@@ -49,7 +46,7 @@ impl LitScene {
 #[derive(Clone)]
 pub(super) struct Traced {
     camera: Camera,
-    /// Number of entries of [`ROUNDS`] behind it.
+    /// Number of completed entries of [`ROUNDS`].
     rounds: usize,
     /// Truth with as many pixels as the view, or one per square of [`Self::coarseness`] pixels a
     /// side.
@@ -67,254 +64,187 @@ impl Traced {
         ROUNDS[self.rounds - 1].1
     }
 
-    /// Nothing better will come.
+    /// Returns true if all rounds are completed.
     pub(super) fn is_final(&self) -> bool {
         self.rounds == ROUNDS.len()
     }
 }
 
-/// Traces truth for the views asked for. Dropping it ends that; nobody waits for the thread, which
-/// ends by itself.
-pub(super) struct Reference {
-    shared: Arc<ReferenceShared>,
-}
+/// Traces truth for the requested views until it is dropped.
+pub(super) struct Reference(Task<Requests>);
 
 #[derive(Default)]
-struct ReferenceShared {
-    state: Mutex<ReferenceState>,
-    changed: Condvar,
-    /// Rows of the present round that are done, and all.
-    rows: [AtomicU64; 2],
-}
-
-#[derive(Default)]
-struct ReferenceState {
-    /// The last views asked for, newest first, with repetitions.
-    asked: VecDeque<Camera>,
+struct Requests {
+    /// Recently requested views, newest first, with repetitions.
+    requested: VecDeque<Camera>,
     traced: Vec<Traced>,
-    failed: Option<String>,
-    closed: bool,
     /// True once the scene is loaded.
     has_scene: bool,
-    /// The view being traced and its round, and when tracing of the view began.
+    /// The view being traced, its round, and the time at which tracing of the view began.
     tracing: Option<(Camera, usize, Instant)>,
 }
 
 impl Reference {
-    /// Starts the thread. `scene` is called there, and may take its time.
+    /// Starts the thread, which loads the scene by calling `scene`.
     ///
     /// # Errors
-    /// One sentence, if there can be no thread.
+    /// One sentence, if the thread cannot be started.
     pub(super) fn start(
         scene: impl FnOnce() -> Result<LitScene, String> + Send + 'static,
     ) -> Result<Self, String> {
-        let shared = Arc::new(ReferenceShared::default());
-        let pool = background::pool("error map")?;
-        let spawned = std::thread::Builder::new().name("error map".into()).spawn({
-            let shared = Arc::clone(&shared);
-            move || {
-                let work = || pool.install(|| scene().map(|scene| shared.work(scene)));
-                let panicked =
-                    |_| Err("Ray tracing stopped because of an error in the program.".into());
-                let done = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(panicked);
-                shared.lock().failed = done.err();
-            }
-        });
-        spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        Ok(Self { shared })
+        const NAME: &str = "error map";
+        let work = move |shared: &Shared<Requests>| {
+            trace_requests(shared, scene()?);
+            Ok(())
+        };
+        Task::start(NAME, low_priority_pool(NAME)?, Requests::default(), work).map(Self)
     }
 
-    /// The best truth of a view so far; it goes on being refined.
+    /// Returns the best truth of a view so far and requests its refinement.
     ///
     /// # Errors
-    /// One sentence, if there will be none.
-    pub(super) fn ask(&self, camera: &Camera) -> Result<Option<Traced>, String> {
-        let mut state = self.shared.lock();
-        if let Some(error) = &state.failed {
-            return Err(error.clone());
-        }
-        state.asked.push_front(*camera);
-        state.asked.truncate(VIEWS);
-        let ReferenceState { asked, traced, .. } = &mut *state;
-        traced.retain(|t| asked.contains(&t.camera));
-        self.shared.changed.notify_all();
-        Ok(state.traced.iter().find(|t| t.camera == *camera).cloned())
+    /// One sentence, if the scene cannot be loaded or traced.
+    pub(super) fn request(&self, camera: &Camera) -> Result<Option<Traced>, String> {
+        self.0.update(|state| {
+            if let Some(error) = &state.error {
+                return Err(error.clone());
+            }
+            let Requests {
+                requested, traced, ..
+            } = &mut state.data;
+            requested.push_front(*camera);
+            requested.truncate(VIEWS);
+            traced.retain(|t| requested.contains(&t.camera));
+            Ok(traced.iter().find(|t| t.camera == *camera).cloned())
+        })
     }
 
     /// Progress of truth; `None` once it is finished.
     pub(super) fn ongoing(&self) -> Option<Ongoing> {
-        let state = self.shared.lock();
-        if !state.has_scene {
+        let state = self.0.lock();
+        if !state.data.has_scene {
             return Some(Ongoing {
                 what: "preparing the scene for truth".into(),
                 share: 0.0,
                 left: None,
             });
         }
-        let (_, round, begun) = state.tracing?;
+        let (_, round, begun) = state.data.tracing?;
         let work = |(samples, side): &(u32, u32)| f64::from(*samples) / f64::from(side * side);
         let sum = |rounds: &[(u32, u32)]| rounds.iter().map(work).sum::<f64>();
-        let [done, all] = [0, 1].map(|i| self.shared.rows[i].load(Ordering::Relaxed) as f64);
-        let now = work(&ROUNDS[round]) * if all > 0.0 { done / all } else { 0.0 };
-        let what = format!(
-            "truth, {} of {} rays per pixel",
-            ROUNDS[round].0,
-            ROUNDS[ROUNDS.len() - 1].0
-        );
-        Some(Ongoing::since(
-            what,
-            (sum(&ROUNDS[..round]) + now) / sum(&ROUNDS),
-            begun,
-        ))
+        let current = work(&ROUNDS[round]) * self.0.stage_share();
+        let [samples, last] = [round, ROUNDS.len() - 1].map(|round| ROUNDS[round].0);
+        let what = format!("truth, {samples} of {last} rays per pixel");
+        let share = (sum(&ROUNDS[..round]) + current) / sum(&ROUNDS);
+        Some(Ongoing::since(what, share, begun))
     }
 
-    /// No view needs truth until one asks again.
-    pub(super) fn rest(&self) {
-        let mut state = self.shared.lock();
-        state.asked.clear();
-        state.traced.clear();
+    /// Discards all requests and results.
+    pub(super) fn clear(&self) {
+        self.0.update(|state| {
+            state.data.requested.clear();
+            state.data.traced.clear();
+        });
     }
 }
 
-impl Drop for Reference {
-    fn drop(&mut self) {
-        self.shared.lock().closed = true;
-        self.shared.changed.notify_all();
-    }
-}
-
-impl ReferenceShared {
-    /// A panic elsewhere leaves whole values here, so a poisoned lock is still good.
-    fn lock(&self) -> MutexGuard<'_, ReferenceState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn work(&self, mut scene: LitScene) {
-        self.lock().has_scene = true;
-        while let Some((camera, rounds)) = self.next() {
-            // That takes a second, which a first, coarse answer does not wait for.
-            if rounds > 0 {
-                scene.guide();
-            }
-            let wanted = StillWanted {
-                shared: self,
-                camera,
-            };
-            let (samples, side) = ROUNDS[rounds];
-            // A view that has a camera has a coarser one.
-            let Some(traced) = coarser(&camera, side) else {
-                return;
-            };
-            let truth = truth::render(
-                &scene.tracer,
-                &scene.lighting,
-                scene.lit,
-                &traced,
-                samples,
-                &wanted,
-            );
-            if wanted.is_cancelled() {
-                continue;
-            }
-            let traced = Traced {
-                camera,
-                rounds: rounds + 1,
-                truth: Arc::new(truth),
-            };
-            let mut state = self.lock();
+/// Traces the requested views until the task is cancelled.
+fn trace_requests(shared: &Shared<Requests>, mut scene: LitScene) {
+    shared.update(|state| state.data.has_scene = true);
+    while let Some((camera, round)) = shared.next_request(Requests::next) {
+        // Learning path guiding takes a second, and the first, coarse round is to be quick.
+        if round > 0 {
+            scene.guide();
+        }
+        let progress = RequestProgress { shared, camera };
+        let (samples, side) = ROUNDS[round];
+        let Some(coarse) = coarser(&camera, side) else {
+            return;
+        };
+        let LitScene {
+            tracer,
+            lighting,
+            lit,
+            ..
+        } = &scene;
+        let truth = truth::render(tracer, lighting, *lit, &coarse, samples, &progress);
+        if progress.is_cancelled() {
+            continue;
+        }
+        let traced = Traced {
+            camera,
+            rounds: round + 1,
+            truth: Arc::new(truth),
+        };
+        shared.complete_round(|state| {
             state.traced.retain(|t| t.camera != camera);
             state.traced.push(traced);
-        }
-    }
-
-    /// The view that is the farthest behind, and the rounds it has had; waits for one. `None` ends
-    /// the work.
-    fn next(&self) -> Option<(Camera, usize)> {
-        let mut state = self.lock();
-        loop {
-            if state.closed {
-                return None;
-            }
-            let rounds = |camera: &Camera| {
-                state
-                    .traced
-                    .iter()
-                    .find(|t| t.camera == *camera)
-                    .map_or(0, |t| t.rounds)
-            };
-            let behind = state
-                .asked
-                .iter()
-                .map(|camera| (*camera, rounds(camera)))
-                .min_by_key(|(_, rounds)| *rounds);
-            match behind.filter(|(_, rounds)| *rounds < ROUNDS.len()) {
-                Some((camera, rounds)) => {
-                    let begun = state
-                        .tracing
-                        .filter(|(before, ..)| *before == camera)
-                        .map(|(.., begun)| begun);
-                    state.tracing = Some((camera, rounds, begun.unwrap_or_else(Instant::now)));
-                    return Some((camera, rounds));
-                }
-                None => {
-                    state.tracing = None;
-                    state = self
-                        .changed
-                        .wait(state)
-                        .unwrap_or_else(PoisonError::into_inner);
-                }
-            }
-        }
+        });
     }
 }
 
-/// The same view with fewer pixels: one for each square of `side` pixels, the last ones reaching
-/// over the edge.
+impl Requests {
+    /// Returns the requested view with the fewest completed rounds, and their number; `None` if all
+    /// views are finished.
+    fn next(&mut self) -> Option<(Camera, usize)> {
+        let rounds = |camera: &Camera| {
+            let traced = self.traced.iter().find(|t| t.camera == *camera);
+            traced.map_or(0, |t| t.rounds)
+        };
+        let coarsest = self
+            .requested
+            .iter()
+            .map(|camera| (*camera, rounds(camera)));
+        let next = coarsest
+            .min_by_key(|(_, rounds)| *rounds)
+            .filter(|(_, rounds)| *rounds < ROUNDS.len());
+        self.tracing = next.map(|(camera, rounds)| {
+            let same = self.tracing.filter(|(current, ..)| *current == camera);
+            (
+                camera,
+                rounds,
+                same.map_or_else(Instant::now, |(.., begun)| begun),
+            )
+        });
+        next
+    }
+}
+
+/// The same view with one pixel for each square of `side` pixels; the last ones may extend beyond
+/// the edge.
 fn coarser(camera: &Camera, side: u32) -> Option<Camera> {
     if side == 1 {
         return Some(*camera);
     }
-    let fov_y_deg = |height: u32| {
-        2.0 * (f64::from(height) / 2.0 / camera.focal_px())
-            .atan()
-            .to_degrees()
-    };
-    let size = [
+    let side_f64 = f64::from(side);
+    let coarse = Camera::from_parts(
+        camera.eye(),
+        camera.world_from_eye(),
+        camera.focal_px() / side_f64,
         camera.width().div_ceil(side),
         camera.height().div_ceil(side),
-    ];
-    // The middle of the coarse frame lies up to half a square from that of the fine one.
-    let up = camera.world_from_eye().y_axis;
-    let coarse = Camera::look_at(
-        camera.eye(),
-        camera.eye() + camera.forward(),
-        up,
-        fov_y_deg(size[1] * side),
-        size,
     )
     .ok()?;
     let [x, y] = camera.principal_px();
-    Some(coarse.with_principal_px([x / f64::from(side), y / f64::from(side)]))
+    Some(coarse.with_principal_px([x / side_f64, y / side_f64]))
 }
 
-/// Gives up once nobody asks for the view any more.
-struct StillWanted<'a> {
-    shared: &'a ReferenceShared,
+/// Progress of a view's truth, cancelled once the view is no longer requested.
+struct RequestProgress<'a> {
+    shared: &'a Shared<Requests>,
     camera: Camera,
 }
 
-impl Progress for StillWanted<'_> {
-    fn begin(&self, _: &str, _: &str, rows: u64) {
-        self.shared.rows[0].store(0, Ordering::Relaxed);
-        self.shared.rows[1].store(rows, Ordering::Relaxed);
+impl Progress for RequestProgress<'_> {
+    fn begin(&self, stage: &str, unit: &str, rows: u64) {
+        self.shared.begin(stage, unit, rows);
     }
 
     fn advance(&self, rows: u64) {
-        self.shared.rows[0].fetch_add(rows, Ordering::Relaxed);
+        self.shared.advance(rows);
     }
 
     fn is_cancelled(&self) -> bool {
-        let state = self.shared.lock();
-        state.closed || !state.asked.contains(&self.camera)
+        self.shared.is_cancelled() || !self.shared.lock().data.requested.contains(&self.camera)
     }
 }

@@ -123,7 +123,7 @@ impl TruthView {
                 self.reference.insert(Reference::start(move || scene())?)
             }
         };
-        let Some(traced) = reference.ask(camera)? else {
+        let Some(traced) = reference.request(camera)? else {
             return Ok((Vec::new(), Refinement::Later(LOOK_AGAIN)));
         };
         let refinement = if traced.is_final() {
@@ -203,7 +203,7 @@ impl View for TruthView {
         self.shown = shown.filter(|_| !request.moving);
         let Some(shown) = shown else {
             if let Some(reference) = &self.reference {
-                reference.rest();
+                reference.clear();
             }
             return self.view.render(request);
         };

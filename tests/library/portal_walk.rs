@@ -96,7 +96,7 @@ fn missing_backdrop_is_geometry_until_built() {
         PortalSide { portal: 0, side: 0 },
         "the door of the eye's own room first"
     );
-    builder.want(wanted);
+    builder.request(wanted);
     builder.wait();
     let (_, stats) = walker.frame(&house, &store, &camera, &settings);
     assert_eq!(

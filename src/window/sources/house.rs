@@ -5,7 +5,8 @@ use crate::file_name::file_name;
 use crate::terms::TERMS;
 use crate::threads::FewerThreads;
 use headbox_core::file_frame::FileFrame;
-use headbox_core::progress::{Progress, Silent};
+use headbox_core::progress::Silent;
+use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_core::view::View;
 use headbox_house::backdrop::BackdropQuality;
 use headbox_house::make::{MadeHouse, MakeOptions, make_house};
@@ -18,21 +19,17 @@ use headbox_viewer::{
     Fact, FrameReport, FrameRequest, FrameSource, Navigation, Ongoing, Pose, Refinement, RoomMap,
     Setting,
 };
-use headbox_views::background;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::time::{Duration, Instant};
 
 /// Interval between two polls of the background thread.
-const LOOK_AGAIN: Duration = Duration::from_millis(250);
+const POLL_INTERVAL: Duration = Duration::from_millis(250);
 
 /// Largest number of a model's problems shown in the window.
 const MOST_NOTES: usize = 3;
 
-/// Triangles of the built-in house, at most, before its edges are cut to hold light: few enough to
-/// be there in a second.
+/// Maximum number of triangles of the built-in house before edges are cut for baked light: few
+/// enough to open in a second.
 const BUILTIN_TRIANGLES: usize = 60_000;
 
 /// Successive qualities of baked light: a first in a few seconds, and one with a third of the
@@ -54,13 +51,13 @@ const LIGHTS: [BakeOptions; 2] = [
     },
 ];
 
-/// A model whose light is still to come, in plain colours until then.
+/// A model shown in plain colours until its light is baked.
 pub(super) struct HouseSource {
     title: String,
     view: HouseView,
     threads: FewerThreads,
-    /// The same house with its light baked in, if that is still to come.
-    lit: Option<LitLater>,
+    /// The task that bakes the light, until it has ended.
+    baking: Option<Baking>,
     /// Problems of the model.
     notes: Vec<String>,
 }
@@ -75,43 +72,16 @@ fn make_options(light: Option<BakeOptions>) -> MakeOptions {
     }
 }
 
-/// A house whose light is baked on a thread of low priority, for as long as this lives: once for
-/// each of [`LIGHTS`].
-struct LitLater {
-    houses: Receiver<Result<MadeHouse, String>>,
-    /// Number of light bakes received.
-    come: usize,
-    baking: Arc<BakeProgress>,
+/// A task that bakes the light of a house, once for each of [`LIGHTS`].
+struct Baking {
+    task: Task<Baked>,
     begun: Instant,
 }
 
-/// Progress of the present light.
 #[derive(Default)]
-struct BakeProgress {
-    cancelled: AtomicBool,
-    samples_done: AtomicU64,
-    samples: AtomicU64,
-}
-
-impl Progress for BakeProgress {
-    fn begin(&self, _: &str, _: &str, total: u64) {
-        self.samples_done.store(0, Ordering::Relaxed);
-        self.samples.store(total, Ordering::Relaxed);
-    }
-
-    fn advance(&self, steps: u64) {
-        self.samples_done.fetch_add(steps, Ordering::Relaxed);
-    }
-
-    fn is_cancelled(&self) -> bool {
-        self.cancelled.load(Ordering::Relaxed)
-    }
-}
-
-impl Drop for LitLater {
-    fn drop(&mut self) {
-        self.baking.cancelled.store(true, Ordering::Relaxed);
-    }
+struct Baked {
+    newest: Option<MadeHouse>,
+    rounds_done: usize,
 }
 
 impl HouseSource {
@@ -148,84 +118,70 @@ impl HouseSource {
         Ok(Self { notes, ..source })
     }
 
-    /// A model in plain colours at first; its light is baked meanwhile, and its backdrops are built
-    /// as one walks.
+    /// Shows a model in plain colours, starts baking its light, and builds backdrops during the
+    /// walk.
     fn of_model(title: String, model: PortalModel) -> Result<Self, String> {
         let options = make_options(None);
         let plain = make_house(model.clone(), &options, &Silent);
         let MadeHouse { house, store, .. } = plain.map_err(|error| error.to_string())?;
-        let lit = Some(LitLater::begin(model)?);
+        let baking = Some(Baking::start(model)?);
         Ok(Self {
             title,
             view: HouseView::new(house, store, options.quality),
             threads: FewerThreads::default(),
-            lit,
+            baking,
             notes: Vec::new(),
         })
     }
 
-    /// Takes the lit house over once it is there. Returns whether it is still to come.
-    fn awaits_light(&mut self) -> Result<bool, String> {
-        let Some(lit) = &mut self.lit else {
+    /// Shows the newest lit house. Returns true while a better one is being baked.
+    fn update_light(&mut self) -> Result<bool, String> {
+        let Some(baking) = &self.baking else {
             return Ok(false);
         };
-        let made = match lit.houses.try_recv() {
-            Err(TryRecvError::Empty) => return Ok(true),
-            Err(TryRecvError::Disconnected) => {
-                Err("Light could not be baked because of an error in the program.".into())
-            }
-            Ok(made) => made,
-        };
-        lit.come += 1;
-        if lit.come == LIGHTS.len() || made.is_err() {
-            self.lit = None;
+        let (newest, ended, error) = baking
+            .task
+            .update(|state| (state.data.newest.take(), state.ended, state.error.take()));
+        if ended {
+            self.baking = None;
         }
-        let MadeHouse { house, store, .. } = made?;
-        self.view.replace(house, store, BackdropQuality::default());
-        Ok(self.lit.is_some())
+        if let Some(MadeHouse { house, store, .. }) = newest {
+            self.view.replace(house, store, BackdropQuality::default());
+        }
+        error.map_or(Ok(!ended), Err)
     }
 }
 
-impl LitLater {
-    /// Begins to bake the light of a model.
-    fn begin(model: PortalModel) -> Result<Self, String> {
-        let (sender, houses) = mpsc::channel();
-        let baking = Arc::new(BakeProgress::default());
-        let watched = Arc::clone(&baking);
-        let pool = background::pool("light")?;
-        let work = move || {
+impl Baking {
+    fn start(model: PortalModel) -> Result<Self, String> {
+        const NAME: &str = "light";
+        let work = move |shared: &Shared<Baked>| {
             for light in LIGHTS {
-                watched.begin("", "", 0);
                 let options = make_options(Some(light));
-                let made = pool.install(|| make_house(model.clone(), &options, &*watched));
-                if watched.is_cancelled() {
-                    return;
-                }
-                // The window may show something else by now.
-                let _ = sender.send(made.map_err(|error| error.to_string()));
+                let made = make_house(model.clone(), &options, shared);
+                let made = made.map_err(|error| error.to_string())?;
+                shared.complete_round(|state| {
+                    state.newest = Some(made);
+                    state.rounds_done += 1;
+                });
             }
+            Ok(())
         };
-        let thread = std::thread::Builder::new().name("light".into()).spawn(work);
-        thread.map_err(|error| format!("Cannot start a thread: {error}."))?;
         Ok(Self {
-            houses,
-            come: 0,
-            baking,
+            task: Task::start(NAME, low_priority_pool(NAME)?, Baked::default(), work)?,
             begun: Instant::now(),
         })
     }
 
     fn ongoing(&self) -> Ongoing {
-        let done = self.baking.samples_done.load(Ordering::Relaxed);
-        let all = self.baking.samples.load(Ordering::Relaxed);
-        let share = (done as f64 / all.max(1) as f64).min(1.0);
-        // Of a flat of three rooms the first light takes a third of the time: to learn where light
-        // comes from takes as long as for the second.
-        let [first, second] = [0.33, 0.67];
-        let share = if self.come == 0 {
-            first * share
+        /// Share of the first light in the total time of a flat with three rooms: preparing the
+        /// light guide takes as long as for the second.
+        const FIRST_SHARE: f64 = 0.33;
+        let current = self.task.stage_share();
+        let share = if self.task.lock().data.rounds_done == 0 {
+            FIRST_SHARE * current
         } else {
-            first + second * share
+            FIRST_SHARE + (1.0 - FIRST_SHARE) * current
         };
         Ongoing::since("computing light", share, self.begun)
     }
@@ -269,17 +225,17 @@ impl FrameSource for HouseSource {
         request: &FrameRequest,
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String> {
-        let awaits_light = self.awaits_light()?;
+        let awaits_light = self.update_light()?;
         let mut report = view::render(&mut self.view, &mut self.threads, request, pixels)?;
         if awaits_light {
             report.facts.push(Fact {
                 name: "light",
                 text: "is being baked".into(),
             });
-            report.refinement = Refinement::Later(LOOK_AGAIN);
+            report.refinement = Refinement::Later(POLL_INTERVAL);
         }
-        if let Some(lit) = &self.lit {
-            report.ongoing = Some(lit.ongoing());
+        if let Some(baking) = &self.baking {
+            report.ongoing = Some(baking.ongoing());
         }
         Ok(report)
     }

@@ -1,43 +1,41 @@
 //! A folder of images with depth in the window: a cube LDI of the few images nearest to the view,
-//! built anew in the background while one moves (S24).
+//! rebuilt in the background while the camera moves (S24).
 //!
-//! The window says where the eye is, and goes on drawing the cube it has; a thread of low priority
-//! asks which images are nearest now, builds their cube if they are others than those of the last
-//! one, and hands it over whole. What was wished for before and is not any more is never built.
+//! The window requests a view and keeps drawing the cube that it has. A low-priority thread selects
+//! the images nearest to the view and builds their cube if they differ from those of the last one.
+//! A newer request replaces one that is not started yet.
 
 use super::cube::CubeSource;
 use headbox_core::camera::Camera;
+use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_ldi::from_images::NearImages;
 use headbox_viewer::{
     EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting,
 };
-use headbox_views::background;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Interval between two polls of the building thread.
-const LOOK_AGAIN: Duration = Duration::from_millis(30);
+const POLL_INTERVAL: Duration = Duration::from_millis(30);
 
-/// Images, walked through by cubes of those nearest.
+/// An image set, shown by cubes of the images nearest to the view.
 pub(super) struct LiveSource {
     title: String,
     start: Pose,
     speed_m_per_s: f64,
     /// Draws the newest cube.
     shown: CubeSource,
-    builder: Builder,
-    wish: ViewRequest,
-    /// Images of the shown cube, and its build time, ms.
-    made_of: (String, f64),
+    builder: Task<BuilderState>,
+    request: ViewRequest,
+    /// Names of the shown cube's images, and its build time, ms.
+    shown_images: (String, f64),
 }
 
 /// View request: camera and number of images.
 type ViewRequest = (Camera, usize);
 
-/// A cube, and which images it is of.
+/// A cube with the indices and names of its images.
 struct LiveCube {
     cube: CubeLdi,
     images: Vec<usize>,
@@ -46,17 +44,17 @@ struct LiveCube {
 }
 
 impl LiveSource {
-    /// Looks at a set from `start`; the first cube is built at once.
+    /// Opens a set with the camera `start`, for which it builds the first cube.
     ///
     /// # Errors
-    /// One sentence: an image cannot be read, or no thread started.
+    /// One sentence, if an image cannot be read or the thread cannot be started.
     pub(super) fn new(
         title: String,
         mut near: NearImages,
         folder: &Path,
         start: &Camera,
     ) -> Result<Self, String> {
-        let wish = (*start, NearImages::COUNT);
+        let request = (*start, NearImages::COUNT);
         let nearest = near.nearest(start, NearImages::COUNT);
         let LiveCube {
             cube,
@@ -65,7 +63,7 @@ impl LiveSource {
             ms,
         } = build(&mut near, nearest)?;
         let speed_m_per_s = near.depth_m() / 2.0;
-        let builder = Builder::start(near, images)?;
+        let builder = start_builder(near, images)?;
         let shown = CubeSource::of_images(cube, folder);
         Ok(Self {
             title,
@@ -73,8 +71,8 @@ impl LiveSource {
             speed_m_per_s,
             shown,
             builder,
-            wish,
-            made_of: (names, ms),
+            request,
+            shown_images: (names, ms),
         })
     }
 }
@@ -97,116 +95,45 @@ fn build(near: &mut NearImages, images: Vec<usize>) -> Result<LiveCube, String> 
     })
 }
 
-/// The thread that builds cubes. Dropping it ends the thread after the cube in hand; nobody waits
-/// for it.
-struct Builder {
-    shared: Arc<LiveShared>,
-}
-
 #[derive(Default)]
-struct LiveShared {
-    state: Mutex<LiveState>,
-    wished: Condvar,
-}
-
-#[derive(Default)]
-struct LiveState {
-    wish: Option<ViewRequest>,
-    /// A wish is being looked into.
+struct BuilderState {
+    request: Option<ViewRequest>,
+    /// True while a request is processed.
     busy: bool,
     newest: Option<LiveCube>,
-    failed: Option<String>,
-    closed: bool,
+    /// Error of the last build.
+    build_error: Option<String>,
 }
 
-impl Builder {
-    /// `images` is what the cube that is shown already was built of.
-    fn start(near: NearImages, images: Vec<usize>) -> Result<Self, String> {
-        let pool = background::pool("images")?;
-        let shared = Arc::new(LiveShared::default());
-        let spawned = std::thread::Builder::new().name("images".into()).spawn({
-            let shared = Arc::clone(&shared);
-            move || {
-                let work = || pool.install(|| shared.work(near, images));
-                if catch_unwind(AssertUnwindSafe(work)).is_err() {
-                    let mut state = shared.lock();
-                    state.failed = Some(
-                        "The images cannot be merged because of an error in the program.".into(),
-                    );
-                    state.busy = false;
-                }
-            }
-        });
-        spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        Ok(Self { shared })
-    }
-
-    fn wish(&self, wish: ViewRequest) {
-        self.shared.lock().wish = Some(wish);
-        self.shared.wished.notify_one();
-    }
-
-    /// The newest cube, once, and whether another may come.
-    ///
-    /// # Errors
-    /// Why one could not be built, told once.
-    fn look(&self) -> Result<(Option<LiveCube>, bool), String> {
-        let mut state = self.shared.lock();
-        match state.failed.take() {
-            Some(failed) => Err(failed),
-            None => Ok((state.newest.take(), state.busy || state.wish.is_some())),
-        }
-    }
-}
-
-impl Drop for Builder {
-    fn drop(&mut self) {
-        self.shared.lock().closed = true;
-        self.shared.wished.notify_one();
-    }
-}
-
-impl LiveShared {
-    /// A panic elsewhere leaves whole values here, so a poisoned lock is still good.
-    fn lock(&self) -> MutexGuard<'_, LiveState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Builds what is wished for until nobody can wish any more.
-    fn work(&self, mut near: NearImages, mut last: Vec<usize>) {
-        while let Some((camera, count)) = self.next_wish() {
+/// Starts the thread that builds cubes. `last` are the images of the cube that exists already.
+fn start_builder(mut near: NearImages, mut last: Vec<usize>) -> Result<Task<BuilderState>, String> {
+    const NAME: &str = "image merging";
+    let work = move |shared: &Shared<BuilderState>| {
+        let next_request = |state: &mut BuilderState| {
+            state.busy = state.request.is_some();
+            state.request.take()
+        };
+        while let Some((camera, count)) = shared.next_request(next_request) {
             let images = near.nearest(&camera, count);
-            // The same images about the eye of another of them show the same.
+            // The same images in another order make the same cube.
             if images.len() == last.len() && images.iter().all(|i| last.contains(i)) {
                 continue;
             }
             last.clone_from(&images);
             let built = build(&mut near, images);
-            let mut state = self.lock();
-            match built {
-                Ok(built) => state.newest = Some(built),
-                Err(error) => state.failed = Some(error),
-            }
+            shared.update(|state| match built {
+                Ok(built) => state.data.newest = Some(built),
+                Err(error) => state.data.build_error = Some(error),
+            });
         }
-    }
-
-    fn next_wish(&self) -> Option<ViewRequest> {
-        let mut state = self.lock();
-        loop {
-            state.busy = false;
-            if state.closed {
-                return None;
-            }
-            if let Some(wish) = state.wish.take() {
-                state.busy = true;
-                return Some(wish);
-            }
-            state = self
-                .wished
-                .wait(state)
-                .unwrap_or_else(PoisonError::into_inner);
-        }
-    }
+        Ok(())
+    };
+    Task::start(
+        NAME,
+        low_priority_pool(NAME)?,
+        BuilderState::default(),
+        work,
+    )
 }
 
 impl FrameSource for LiveSource {
@@ -253,21 +180,29 @@ impl FrameSource for LiveSource {
         request: &FrameRequest,
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String> {
-        let wish = (request.camera, request.settings.number("images")? as usize);
-        if self.wish != wish {
-            self.builder.wish(wish);
-            self.wish = wish;
+        let view_request = (request.camera, request.settings.number("images")? as usize);
+        let is_new = self.request != view_request;
+        self.request = view_request;
+        let (newest, error, may_come) = self.builder.update(|state| {
+            if is_new {
+                state.data.request = Some(view_request);
+            }
+            let error = state.error.take().or(state.data.build_error.take());
+            let may_come = !state.ended && (state.data.busy || state.data.request.is_some());
+            (state.data.newest.take(), error, may_come)
+        });
+        if let Some(error) = error {
+            return Err(error);
         }
-        let (newest, may_come) = self.builder.look()?;
         if let Some(LiveCube {
             cube, names, ms, ..
         }) = newest
         {
             self.shown.show(cube);
-            self.made_of = (names, ms);
+            self.shown_images = (names, ms);
         }
         let mut report = self.shown.render(request, pixels)?;
-        let (names, ms) = &self.made_of;
+        let (names, ms) = &self.shown_images;
         report.facts.push(Fact {
             name: "made of",
             text: names.clone(),
@@ -278,7 +213,7 @@ impl FrameSource for LiveSource {
             unit: "ms",
         });
         if may_come {
-            report.refinement = Refinement::Later(LOOK_AGAIN);
+            report.refinement = Refinement::Later(POLL_INTERVAL);
         }
         Ok(report)
     }

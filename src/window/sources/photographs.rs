@@ -1,15 +1,17 @@
-//! A folder of photographs without depth in the window: coloured into a cube LDI in the background
-//! (S16), at first a coarse one.
+//! A folder of photographs without depth in the window: voxel colouring builds a cube LDI in the
+//! background (S16), coarse ones first.
 //!
-//! Colouring takes about the third power of the photographs' size, so that one of photographs an
-//! eighth as large is there almost at once, and all coarser ones together take a seventh of the
-//! last. Until the first is there, the photograph whose camera the cube is made about is shown, on
-//! the plane through what all cameras look at: from where one starts it looks as it was taken.
+//! The time of voxel colouring grows with the third power of the photographs' size, so a cube of
+//! photographs reduced eightfold is ready almost at once, and all coarser cubes together take a
+//! seventh of the last one's time. Until the first is ready, the photograph nearest to the cube's
+//! centre is shown on a plane at the distance that all cameras look at: from the start pose it
+//! looks as it was taken.
 
 use super::cube::{CubeSource, Place};
 use crate::file_name::file_name;
 use glam::DVec3;
-use headbox_core::progress::Progress;
+use headbox_core::camera::fov_deg;
+use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_core::view::level_up;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;
@@ -19,47 +21,43 @@ use headbox_photos::voxel_colouring::PhotographsJob;
 use headbox_viewer::{
     EyeBounds, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting,
 };
-use headbox_views::background;
 use rayon::prelude::*;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Reduction of the photographs, round by round.
+/// Reduction of the photographs in each round.
 const ROUNDS: [u32; 4] = [8, 4, 2, 1];
 
-/// Stages of a round: marches outward.
+/// Number of progress stages of a round.
 const STAGES: f64 = 3.0;
 
-/// Interval between two polls of the colouring.
-const LOOK_AGAIN: Duration = Duration::from_millis(250);
+/// Interval between two polls of the background task.
+const POLL_INTERVAL: Duration = Duration::from_millis(250);
 
-/// Photographs, of which a cube is made while one looks at it.
+/// Photographs that are coloured into a cube while it is shown.
 pub(super) struct PhotographsSource {
     /// Draws the newest cube.
     shown: CubeSource,
     start: Pose,
-    /// Shown until there is a cube.
-    first: Option<Flat>,
-    colouring: Colouring,
+    /// The photograph that is shown until there is a cube.
+    first: Option<PhotographOnPlane>,
+    colouring: Task<Colouring>,
     begun: Instant,
 }
 
 /// A photograph on a plane that faces its camera.
-struct Flat {
+struct PhotographOnPlane {
     view: LoadedView,
     /// A point of the plane.
     at: DVec3,
 }
 
 impl PhotographsSource {
-    /// Begins to colour a set.
+    /// Starts colouring a set of photographs.
     ///
     /// # Errors
-    /// One sentence: no view is a perspective photograph, the first cannot be read, or no thread
-    /// started.
+    /// One sentence, if no view is a perspective photograph, the first one cannot be read, or the
+    /// thread cannot be started.
     pub(super) fn new(set: ImageSet, folder: &Path) -> Result<Self, String> {
         let job = PhotographsJob::suggest(&set);
         let apart = |view: &&View| view.pose.eye.distance_squared(job.centre);
@@ -87,23 +85,19 @@ impl PhotographsSource {
             frame: set.frame,
         };
         let fov_y_deg = match view.lens {
-            Lens::Pinhole(pinhole) => {
-                2.0 * (f64::from(view.size_px[1]) / 2.0 / pinhole.focal_px[1])
-                    .atan()
-                    .to_degrees()
-            }
+            Lens::Pinhole(pinhole) => fov_deg(f64::from(view.size_px[1]), pinhole.focal_px[1]),
             Lens::Equirectangular => 60.0,
         };
         let start = Pose::upright(place.centre, place.centre + ahead, place.up, fov_y_deg);
-        // Cameras that look out of a room look at nothing in common.
+        // Cameras that look outward from one place have no common focus.
         let least = 10.0 * job.half_size_m;
         let far = (set.focus() - view.pose.eye).dot(ahead).max(least);
-        let first = Flat {
+        let first = PhotographOnPlane {
             at: view.pose.eye + ahead * far,
             view,
         };
         let shown = CubeSource::to_come(format!("{} (photographs)", file_name(folder)), place);
-        let colouring = Colouring::start(set, job)?;
+        let colouring = start_colouring(set, job)?;
         Ok(Self {
             shown,
             start,
@@ -114,7 +108,7 @@ impl PhotographsSource {
     }
 }
 
-impl Flat {
+impl PhotographOnPlane {
     fn paint(&self, request: &FrameRequest, pixels: &mut [[u8; 4]]) {
         let camera = &request.camera;
         pixels
@@ -133,127 +127,53 @@ impl Flat {
     }
 }
 
-/// The thread that colours. Dropping it gives the work up; nobody waits for it.
-struct Colouring(Arc<ColouringShared>);
-
 #[derive(Default)]
-struct ColouringShared {
-    state: Mutex<ColouringState>,
-    cancelled: AtomicBool,
-}
-
-#[derive(Default)]
-struct ColouringState {
+struct Colouring {
     newest: Option<CubeLdi>,
     rounds_done: usize,
-    /// Stages of this round begun.
-    stages: u64,
-    /// Steps of the stage, done and in all.
-    steps: [u64; 2],
-    ended: bool,
-    failed: Option<String>,
 }
 
-impl Colouring {
-    fn start(set: ImageSet, job: PhotographsJob) -> Result<Self, String> {
-        let pool = background::pool("photographs")?;
-        let shared = Arc::new(ColouringShared::default());
-        let spawned = std::thread::Builder::new()
-            .name("photographs".into())
-            .spawn({
-                let shared = Arc::clone(&shared);
-                move || {
-                    let rounds = || {
-                        ROUNDS
-                            .iter()
-                            .try_for_each(|&smaller| shared.run(&set, &job, smaller))
-                    };
-                    let work = || pool.install(rounds);
-                    let panicked =
-                        |_| Err("The colouring stopped because of an error in the program.".into());
-                    shared.end(catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(panicked));
-                }
-            });
-        spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        Ok(Self(shared))
-    }
-
-    /// Work in progress; `None` once it is finished.
-    fn ongoing(&self, begun: Instant) -> Option<Ongoing> {
-        let state = self.0.lock();
-        let [done, all] = state.steps.map(|steps| steps as f64);
-        let of_stage = if all > 0.0 {
-            (done / all).min(1.0)
-        } else {
-            0.0
-        };
-        // A round is never told to be done before it is packed.
-        let of_round =
-            (state.stages.saturating_sub(1) as f64 + of_stage).min(STAGES * 0.97) / STAGES;
-        let work = |rounds: &[u32]| {
-            rounds
-                .iter()
-                .map(|smaller| 1.0 / f64::from(*smaller).powi(3))
-                .sum::<f64>()
-        };
-        let (before, rest) = ROUNDS.split_at(state.rounds_done.min(ROUNDS.len()));
-        let now = rest.get(..1).map_or(0.0, |round| work(round) * of_round);
-        let what = format!("colouring, round {} of {}", before.len() + 1, ROUNDS.len());
-        (!state.ended).then(|| Ongoing::since(what, (work(before) + now) / work(&ROUNDS), begun))
-    }
-}
-
-impl Drop for Colouring {
-    fn drop(&mut self) {
-        self.0.cancelled.store(true, Ordering::Relaxed);
-    }
-}
-
-impl ColouringShared {
-    /// A panic elsewhere leaves whole values here, so a poisoned lock is still good.
-    fn lock(&self) -> MutexGuard<'_, ColouringState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// One round.
-    fn run(&self, set: &ImageSet, job: &PhotographsJob, smaller: u32) -> Result<(), String> {
+/// Starts the task that colours all rounds.
+fn start_colouring(set: ImageSet, job: PhotographsJob) -> Result<Task<Colouring>, String> {
+    const NAME: &str = "colouring";
+    let work = move |shared: &Shared<Colouring>| {
         let views: Vec<&View> = set.views.iter().collect();
-        let ldi = job
-            .run_smaller(set, &views, smaller, self)
-            .map_err(|error| error.to_string())?;
-        if self.is_cancelled() {
-            return Err("given up".into());
+        for reduction in ROUNDS {
+            let ldi = job
+                .run_smaller(&set, &views, reduction, shared)
+                .map_err(|error| error.to_string())?;
+            let packed = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
+            let packed = packed.map_err(|error| format!("The cube cannot be packed: {error}."))?;
+            shared.complete_round(|state| {
+                state.newest = Some(packed);
+                state.rounds_done += 1;
+            });
         }
-        let packed = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
-        let packed = packed.map_err(|error| format!("The cube cannot be packed: {error}."))?;
-        let mut state = self.lock();
-        state.newest = Some(packed);
-        state.rounds_done += 1;
-        (state.stages, state.steps) = (0, [0; 2]);
         Ok(())
-    }
-
-    fn end(&self, result: Result<(), String>) {
-        let mut state = self.lock();
-        state.ended = true;
-        state.failed = result.err();
-    }
+    };
+    Task::start(NAME, low_priority_pool(NAME)?, Colouring::default(), work)
 }
 
-impl Progress for ColouringShared {
-    fn begin(&self, _: &str, _: &str, total: u64) {
-        let mut state = self.lock();
-        state.stages += 1;
-        state.steps = [0, total];
+/// Progress of the colouring; `None` once it has ended.
+fn ongoing(colouring: &Task<Colouring>, begun: Instant) -> Option<Ongoing> {
+    let state = colouring.lock();
+    if state.ended {
+        return None;
     }
-
-    fn advance(&self, steps: u64) {
-        self.lock().steps[0] += steps;
-    }
-
-    fn is_cancelled(&self) -> bool {
-        self.cancelled.load(Ordering::Relaxed)
-    }
+    let stages = state.stages.len() as f64 - 1.0 + colouring.stage_share();
+    // A round is complete only once it is packed.
+    let round_share = (stages / STAGES).clamp(0.0, 0.97);
+    let work = |rounds: &[u32]| {
+        rounds
+            .iter()
+            .map(|reduction| 1.0 / f64::from(*reduction).powi(3))
+            .sum::<f64>()
+    };
+    let (before, rest) = ROUNDS.split_at(state.data.rounds_done.min(ROUNDS.len()));
+    let current = rest.get(..1).map_or(0.0, work) * round_share;
+    let what = format!("colouring, round {} of {}", before.len() + 1, ROUNDS.len());
+    let share = (work(before) + current) / work(&ROUNDS);
+    Some(Ongoing::since(what, share, begun))
 }
 
 impl FrameSource for PhotographsSource {
@@ -290,14 +210,13 @@ impl FrameSource for PhotographsSource {
         request: &FrameRequest,
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String> {
-        // Asked first: once nothing is going on the last cube is there.
-        let ongoing = self.colouring.ongoing(self.begun);
-        let (newest, failed) = {
-            let mut state = self.colouring.0.lock();
-            (state.newest.take(), state.failed.take())
-        };
-        if let Some(failed) = failed {
-            return Err(failed);
+        // Read before the newest cube, so that the last cube is shown when nothing is in progress.
+        let ongoing = ongoing(&self.colouring, self.begun);
+        let (newest, error) = self
+            .colouring
+            .update(|state| (state.data.newest.take(), state.error.take()));
+        if let Some(error) = error {
+            return Err(error);
         }
         if let Some(cube) = newest {
             self.shown.show(cube);
@@ -311,7 +230,7 @@ impl FrameSource for PhotographsSource {
             None => self.shown.render(request, pixels)?,
         };
         if ongoing.is_some() {
-            report.refinement = Refinement::Later(LOOK_AGAIN);
+            report.refinement = Refinement::Later(POLL_INTERVAL);
         }
         report.ongoing = report.ongoing.or(ongoing);
         Ok(report)
@@ -328,6 +247,7 @@ mod tests {
     use headbox_core::camera::Camera;
     use headbox_fixtures::{plane_view, saved, set_of};
     use headbox_viewer::SettingValues;
+    use std::sync::Arc;
 
     const SIZE: [u32; 2] = [96, 72];
 
@@ -376,8 +296,7 @@ mod tests {
         let mut source = PhotographsSource::new(set.clone(), folder.path()).unwrap();
         let request = request(&source);
         let mut pixels = vec![[1; 4]; (SIZE[0] * SIZE[1]) as usize];
-        // Whatever the thread has done by now: what stands there first is the photograph as it was
-        // taken.
+        // The first frame is the photograph as it was taken, however far the thread is.
         let first = source.first.take().unwrap();
         first.paint(&request, &mut pixels);
         for (found, taken) in pixels.iter().zip(&first.view.color) {

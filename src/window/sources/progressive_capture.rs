@@ -8,7 +8,7 @@
 //! would delay the first image, and take the headbox of the last round.
 
 use headbox_core::headbox::Headbox;
-use headbox_core::progress::Progress;
+use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;
@@ -20,10 +20,8 @@ use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::viewpoint;
-use headbox_views::{LitScene, background};
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use headbox_views::LitScene;
+use std::sync::Arc;
 
 /// Settings of one round of a progressive capture.
 #[derive(Clone, Copy)]
@@ -112,20 +110,10 @@ fn fitted_headbox(
     }
 }
 
-/// A capture in rounds on its own thread. Dropping it cancels the capture; the thread then ends by
-/// itself.
+/// A capture in rounds on its own thread. Dropping it cancels the capture.
 pub(super) struct ProgressiveCapture {
-    shared: Arc<Shared>,
-}
-
-/// State that the thread and the window share.
-struct Shared {
     rounds: &'static [Round],
-    state: Mutex<State>,
-    changed: Condvar,
-    cancelled: AtomicBool,
-    /// Completed steps of the present stage.
-    steps_done: AtomicU64,
+    task: Task<State>,
 }
 
 #[derive(Default)]
@@ -133,47 +121,30 @@ struct State {
     scene: Option<LitScene>,
     newest: Option<Arc<CubeLdi>>,
     rounds_done: usize,
-    stage: StageProgress,
-    ended: bool,
-    error: Option<String>,
 }
 
-/// The part of a round, measured in stages, that the present stage covers.
-#[derive(Clone, Copy, Default)]
-struct StageProgress {
-    /// Index of the stage in [`stage::ALL`].
-    index: usize,
-    start: f64,
-    length: f64,
-    steps: u64,
-}
-
-impl StageProgress {
-    /// Starts a stage. Each round of the search for holes covers half of the rest of its stage,
-    /// because their number is not known.
-    fn begin(&mut self, name: &str, steps: u64) {
-        let index = stage::ALL.iter().position(|known| *known == name);
-        let index = index.unwrap_or(self.index);
-        let repeats = self.length > 0.0 && index == self.index;
-        self.start = if repeats {
-            self.start + self.length
+/// Completed share of a round, 0 to 1: the stages begun, in order, and the completed share of the
+/// last one. Each stage of [`stage::ALL`] counts alike. Each round of the search for holes covers
+/// half of the rest of its stage, because their number is not known.
+fn round_share(stages: &[String], stage_share: f64) -> f64 {
+    let mut current = 0;
+    let (mut start, mut length) = (0.0, 0.0);
+    for name in stages {
+        let known = stage::ALL.iter().position(|known| known == name);
+        let index = known.unwrap_or(current);
+        let repeats = length > 0.0 && index == current;
+        start = if repeats {
+            start + length
         } else {
             index as f64
         };
+        length = index as f64 + 1.0 - start;
         if name == stage::HOLES {
-            self.length = (index as f64 + 1.0 - self.start) / 2.0;
-        } else {
-            self.length = index as f64 + 1.0 - self.start;
+            length /= 2.0;
         }
-        self.index = index;
-        self.steps = steps;
+        current = index;
     }
-
-    /// Share of the round that is done, 0 to 1.
-    fn share(&self, steps_done: u64) -> f64 {
-        let in_stage = (steps_done as f64 / self.steps.max(1) as f64).min(1.0);
-        (self.start + self.length * in_stage) / stage::ALL.len() as f64
-    }
+    (start + length * stage_share) / stage::ALL.len() as f64
 }
 
 /// Status of a progressive capture.
@@ -211,159 +182,101 @@ impl ProgressiveCapture {
             viewpoint::place_headbox(&scene, None, None).map_err(|error| error.to_string())?;
         let headbox = fitted_headbox(rounds, &source, &scene, headbox);
         let tracer = Arc::new(Tracer::new(scene, headbox.centre));
-        let pool = background::pool("capture")?;
-        let shared = Arc::new(Shared {
-            rounds,
-            state: Mutex::default(),
-            changed: Condvar::new(),
-            cancelled: AtomicBool::new(false),
-            steps_done: AtomicU64::new(0),
-        });
-        let spawned = std::thread::Builder::new().name("capture".into()).spawn({
-            let shared = Arc::clone(&shared);
+        const NAME: &str = "capture";
+        let work = {
             let tracer = Arc::clone(&tracer);
-            move || {
-                let run_all = || pool.install(|| shared.run_all(&source, tracer, &headbox));
-                let panicked =
-                    |_| Err("The capture stopped because of an error in the program.".into());
-                shared.end(catch_unwind(AssertUnwindSafe(run_all)).unwrap_or_else(panicked));
-            }
-        });
-        spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        Ok((Self { shared }, CapturePlace { tracer, headbox }))
+            move |shared: &Shared<State>| run_all(shared, rounds, &source, tracer, &headbox)
+        };
+        let task = Task::start(NAME, low_priority_pool(NAME)?, State::default(), work)?;
+        Ok((Self { rounds, task }, CapturePlace { tracer, headbox }))
     }
 
     /// A function that waits for the scene with its light.
     pub(super) fn lit_scene(
         &self,
     ) -> impl Fn() -> Result<LitScene, String> + Send + Sync + 'static {
-        let shared = Arc::clone(&self.shared);
+        let shared = self.task.share();
         move || {
-            let state = shared.wait_while(|state| state.scene.is_none() && !state.ended);
-            let scene = state.scene.clone();
+            let state = shared.wait_while(|state| state.data.scene.is_none() && !state.ended);
+            let scene = state.data.scene.clone();
             scene.ok_or_else(|| "The capture ended before there was light.".into())
         }
     }
 
     /// The finest cube so far, if it is not `shown`.
     pub(super) fn newer_than(&self, shown: Option<&Arc<CubeLdi>>) -> Option<Arc<CubeLdi>> {
-        let state = self.shared.lock();
-        state
-            .newest
-            .as_ref()
+        let state = self.task.lock();
+        let newest = state.data.newest.as_ref();
+        newest
             .filter(|newest| shown.is_none_or(|shown| !Arc::ptr_eq(newest, shown)))
             .map(Arc::clone)
     }
 
     /// The error of a later round, returned once.
     pub(super) fn take_error(&self) -> Option<String> {
-        self.shared.lock().error.take()
+        self.task.lock().error.take()
     }
 
     /// The progress of the capture.
     pub(super) fn status(&self) -> CaptureStatus {
-        let state = self.shared.lock();
-        let rounds = self.shared.rounds;
+        let state = self.task.lock();
         let work = |rounds: &[Round]| rounds.iter().map(Round::work).sum::<f64>();
-        let (before, rest) = rounds.split_at(state.rounds_done.min(rounds.len()));
-        let steps_done = self.shared.steps_done.load(Ordering::Relaxed);
-        let current = rest
-            .first()
-            .map_or(0.0, |round| round.work() * state.stage.share(steps_done));
+        let rounds_done = state.data.rounds_done.min(self.rounds.len());
+        let (before, rest) = self.rounds.split_at(rounds_done);
+        let current = rest.first().map_or(0.0, |round| {
+            round.work() * round_share(&state.stages, self.task.stage_share())
+        });
         CaptureStatus {
-            rounds: [state.rounds_done, rounds.len()],
-            share: (work(before) + current) / work(rounds),
+            rounds: [rounds_done, self.rounds.len()],
+            share: (work(before) + current) / work(self.rounds),
             ended: state.ended,
         }
     }
 }
 
-impl Drop for ProgressiveCapture {
-    fn drop(&mut self) {
-        self.shared.cancelled.store(true, Ordering::Relaxed);
+/// Prepares the light and captures all rounds.
+fn run_all(
+    shared: &Shared<State>,
+    rounds: &[Round],
+    source: &SceneSource,
+    tracer: Arc<Tracer>,
+    headbox: &Headbox,
+) -> Result<(), String> {
+    let bounces = CaptureParameters::DEFAULT.bounces;
+    let scene = LitScene {
+        lighting: Arc::new(Lighting::prepare(&tracer, bounces, true)),
+        tracer,
+        lit: true,
+        guided: true,
+    };
+    shared.update(|state| state.data.scene = Some(scene.clone()));
+    for round in rounds {
+        let cube = capture(shared, &round.spec(source, headbox), &scene)?;
+        shared.complete_round(|state| {
+            state.newest = Some(Arc::new(cube));
+            state.rounds_done += 1;
+        });
     }
+    Ok(())
 }
 
-impl Shared {
-    /// Locks the state. A panic elsewhere leaves it whole, so a poisoned lock is still good.
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Waits while the condition holds.
-    fn wait_while(&self, condition: impl Fn(&State) -> bool) -> MutexGuard<'_, State> {
-        self.changed
-            .wait_while(self.lock(), |state| condition(state))
-            .unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Prepares the light and captures all rounds.
-    fn run_all(
-        &self,
-        source: &SceneSource,
-        tracer: Arc<Tracer>,
-        headbox: &Headbox,
-    ) -> Result<(), String> {
-        let bounces = CaptureParameters::DEFAULT.bounces;
-        let scene = LitScene {
-            lighting: Arc::new(Lighting::prepare(&tracer, bounces, true)),
-            tracer,
-            lit: true,
-            guided: true,
-        };
-        self.lock().scene = Some(scene.clone());
-        self.changed.notify_all();
-        self.rounds
-            .iter()
-            .try_for_each(|round| self.run(&round.spec(source, headbox), &scene))
-    }
-
-    /// Captures one round.
-    fn run(&self, spec: &CaptureSpec, scene: &LitScene) -> Result<(), String> {
-        let options = RunOptions {
-            budget: (spec.face_size_px >= SPILL_FACE_PX)
-                .then(|| (SPILL_BUDGET, std::env::temp_dir())),
-            progress: self,
-            ..RunOptions::default()
-        };
-        let capture = SceneCapture::new(spec, &scene.tracer, &scene.lighting, &options);
-        let (ldi, _) = capture
-            .run()
-            .map_err(|error| format!("The capture failed: {error}."))?;
-        let packed = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
-        let packed = packed.map_err(|error| format!("The capture cannot be packed: {error}."))?;
-        let mut state = self.lock();
-        state.newest = Some(Arc::new(packed));
-        state.rounds_done += 1;
-        state.stage = StageProgress::default();
-        self.changed.notify_all();
-        Ok(())
-    }
-
-    fn end(&self, result: Result<(), String>) {
-        let mut state = self.lock();
-        state.ended = true;
-        state.error = result
-            .err()
-            .filter(|_| !self.cancelled.load(Ordering::Relaxed));
-        self.changed.notify_all();
-    }
-}
-
-impl Progress for Shared {
-    fn begin(&self, stage: &str, _: &str, total: u64) {
-        let mut state = self.lock();
-        self.steps_done.store(0, Ordering::Relaxed);
-        state.stage.begin(stage, total);
-    }
-
-    fn advance(&self, steps: u64) {
-        self.steps_done.fetch_add(steps, Ordering::Relaxed);
-    }
-
-    fn is_cancelled(&self) -> bool {
-        self.cancelled.load(Ordering::Relaxed)
-    }
+/// Captures one round.
+fn capture(
+    shared: &Shared<State>,
+    spec: &CaptureSpec,
+    scene: &LitScene,
+) -> Result<CubeLdi, String> {
+    let options = RunOptions {
+        budget: (spec.face_size_px >= SPILL_FACE_PX).then(|| (SPILL_BUDGET, std::env::temp_dir())),
+        progress: shared,
+        ..RunOptions::default()
+    };
+    let capture = SceneCapture::new(spec, &scene.tracer, &scene.lighting, &options);
+    let (ldi, _) = capture
+        .run()
+        .map_err(|error| format!("The capture failed: {error}."))?;
+    planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX)
+        .map_err(|error| format!("The capture cannot be packed: {error}."))
 }
 
 #[cfg(test)]
@@ -448,9 +361,9 @@ mod tests {
         ] {
             let (capture, place) =
                 ProgressiveCapture::start_rounds(source.clone(), &SMALL_ROUNDS).unwrap();
-            let state = capture.shared.wait_while(|state| !state.ended);
+            let state = capture.task.wait_while(|state| !state.ended);
             assert_eq!(state.error, None);
-            let finished = state.newest.clone().unwrap();
+            let finished = state.data.newest.clone().unwrap();
             drop(state);
             assert_eq!(capture.status().share, 1.0);
             let expected = command_capture(&source, &SMALL_ROUNDS[1]);
@@ -498,13 +411,13 @@ mod tests {
         let source = SceneSource::new("builtin:miniature");
         let (capture, _) = ProgressiveCapture::start(source).unwrap();
         let state = capture
-            .shared
-            .wait_while(|state| state.newest.is_none() && !state.ended);
-        assert!(state.scene.is_some() && state.newest.is_some());
+            .task
+            .wait_while(|state| state.data.newest.is_none() && !state.ended);
+        assert!(state.data.scene.is_some() && state.data.newest.is_some());
         drop(state);
         let status = capture.status();
         assert!(status.rounds[0] >= 1 && status.share > 0.0 && status.share < 1.0);
-        let shared = Arc::clone(&capture.shared);
+        let shared = capture.task.share();
         drop(capture);
         let state = shared.wait_while(|state| !state.ended);
         assert_eq!(state.error, None, "cancelled without an error");
@@ -512,17 +425,14 @@ mod tests {
 
     #[test]
     fn stages_advance_to_the_end_of_a_round() {
-        let mut progress = StageProgress::default();
-        let mut shares = vec![progress.share(0)];
-        let rounds_of_holes = [stage::HOLES; 5];
-        let names = [stage::PILOT, stage::TRACE]
-            .into_iter()
-            .chain(rounds_of_holes)
-            .chain([stage::LIGHT]);
-        for name in names {
-            progress.begin(name, 10);
-            shares.extend([progress.share(0), progress.share(10)]);
-        }
+        let mut names = vec![stage::PILOT.to_owned(), stage::TRACE.to_owned()];
+        names.extend([stage::HOLES; 5].map(str::to_owned));
+        names.push(stage::LIGHT.to_owned());
+        let stages = (1..=names.len()).flat_map(|n| [(n, 0.0), (n, 1.0)]);
+        let shares: Vec<f64> = std::iter::once((0, 0.0))
+            .chain(stages)
+            .map(|(begun, share)| round_share(&names[..begun], share))
+            .collect();
         assert!(shares.is_sorted(), "{shares:?}");
         assert_eq!(shares.last(), Some(&1.0));
     }
