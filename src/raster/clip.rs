@@ -1,19 +1,18 @@
-//! Triangles that reach behind the eye or far outside the frame, cut to what can be drawn.
+//! Clipping of triangles that reach behind the eye or far outside the frame.
 //!
-//! Clipping acts on the edges alone, from the end inside toward the end outside, in `f64`: two
-//! triangles that share an edge get the same new corners on it, to the bit, so that no crack opens
-//! between them.
+//! Each edge is clipped in `f64`, from the end inside toward the end outside: two triangles that
+//! share an edge get the same new corners on it, to the bit, so that no crack opens between them.
 
 use super::Marker;
-use super::view::{GUARD_PX, NEAR_M, Snapped, snap_f64};
+use super::view::{GUARD_PX, NEAR_M, SnappedVertex, snap_f64};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 
-/// A corner: (x w, y w, w) in px, and where it was snapped to if it was there before clipping.
-type Corner = (DVec3, Option<Snapped>);
+/// A corner: (x w, y w, w) in px, and its snapped position if it existed before clipping.
+type Corner = (DVec3, Option<SnappedVertex>);
 
-/// The half spaces `plane . h >= least` within which everything can be drawn: a bit more than what
-/// the fast path takes, so that a corner which that found inside is never moved.
+/// Clipping half spaces `plane . h >= least`: slightly larger than the bounds of the fast path, so
+/// that a corner inside those is never moved.
 fn planes() -> [(DVec3, f64); 5] {
     let guard = f64::from(GUARD_PX) + 0.5;
     [
@@ -25,34 +24,32 @@ fn planes() -> [(DVec3, f64); 5] {
     ]
 }
 
-/// Cuts a triangle and passes what is left to `draw`, as triangles. `snapped`: the corners that
-/// need not be moved.
-pub(super) fn clipped(
+/// Clips a triangle and passes the rest to `draw`, as triangles. `snapped`: the corners that need
+/// not be moved.
+pub(super) fn draw_clipped(
     corners: [DVec3; 3],
-    snapped: [Option<Snapped>; 3],
-    draw: impl FnMut([Snapped; 3]),
+    snapped: [Option<SnappedVertex>; 3],
+    draw: impl FnMut([SnappedVertex; 3]),
 ) {
     let polygon = (0..3).map(|i| (corners[i], snapped[i])).collect();
-    fan(cut(polygon), draw);
+    draw_fan(clip_polygon(polygon), draw);
 }
 
-/// The triangles of a marker in the frame.
-pub(super) fn project_polygon(camera: &Camera, marker: &Marker) -> Vec<[Snapped; 3]> {
+/// Projects and clips a marker into triangles.
+pub(super) fn project_polygon(camera: &Camera, marker: &Marker) -> Vec<[SnappedVertex; 3]> {
     let matrix = camera.image_from_world();
     let project = |p: &DVec3| {
         let h = matrix * p.extend(1.0);
         (DVec3::new(h.x, h.y, h.w), None)
     };
     let mut triangles = Vec::new();
-    fan(
-        cut(marker.polygon.iter().map(project).collect()),
-        |corners| triangles.push(corners),
-    );
+    let polygon = marker.polygon.iter().map(project).collect();
+    draw_fan(clip_polygon(polygon), |corners| triangles.push(corners));
     triangles
 }
 
-/// The part of a convex polygon that can be drawn (Sutherland and Hodgman).
-fn cut(mut polygon: Vec<Corner>) -> Vec<Corner> {
+/// Clips a convex polygon (Sutherland and Hodgman).
+fn clip_polygon(mut polygon: Vec<Corner>) -> Vec<Corner> {
     for (plane, least) in planes() {
         let mut kept = Vec::with_capacity(polygon.len() + 1);
         for (i, &corner) in polygon.iter().enumerate() {
@@ -67,10 +64,8 @@ fn cut(mut polygon: Vec<Corner>) -> Vec<Corner> {
                 } else {
                     ([next.0, corner.0], [there, here])
                 };
-                kept.push((
-                    inside + (outside - inside) * (in_by / (in_by - out_by)),
-                    None,
-                ));
+                let crossing = inside + (outside - inside) * (in_by / (in_by - out_by));
+                kept.push((crossing, None));
             }
         }
         polygon = kept;
@@ -78,11 +73,12 @@ fn cut(mut polygon: Vec<Corner>) -> Vec<Corner> {
     polygon
 }
 
-fn fan(polygon: Vec<Corner>, mut draw: impl FnMut([Snapped; 3])) {
-    let snapped: Vec<Snapped> = polygon
+/// Splits a convex polygon into triangles about its first corner.
+fn draw_fan(polygon: Vec<Corner>, mut draw: impl FnMut([SnappedVertex; 3])) {
+    let snapped: Vec<SnappedVertex> = polygon
         .into_iter()
         .map(|(h, known)| {
-            known.unwrap_or_else(|| Snapped {
+            known.unwrap_or_else(|| SnappedVertex {
                 x: snap_f64(h.x / h.z),
                 y: snap_f64(h.y / h.z),
                 inverse_depth: (1.0 / h.z) as f32,

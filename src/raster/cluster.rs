@@ -1,32 +1,36 @@
-//! From local positions to the frame: the transfer of a cluster's vertices, and what becomes of its
-//! triangles.
+//! Projection of a cluster's vertices; culling and clipping of its triangles.
 
 use super::SurfaceId;
 use super::cull::VisibleCluster;
 use super::mesh::{CLUSTER_VERTICES, RasterMesh};
 use super::scan::{CutoutTest, DrawnRows};
-use super::view::{GUARD_PX, LocalCamera, NEAR_M, Snapped, snap};
+use super::view::{GUARD_PX, LocalCamera, NEAR_M, SnappedVertex, snap};
 use crate::clip;
 use fearless_simd::{Simd, dispatch};
 
-/// Bit of a vertex that lies where it cannot be drawn: its triangles are clipped.
+/// Outcode bit of a vertex out of the bounds of fixed-point positions: its triangles are clipped.
 const CLIPPED: u8 = 1;
 
-/// The vertices of a cluster in the frame.
-struct Transferred {
-    /// Position in 1/[`SUBPIXELS`] px.
+/// The projected vertices of a cluster.
+struct ProjectedVertices {
+    /// Position in 1/256 px.
     x: [i32; CLUSTER_VERTICES],
     y: [i32; CLUSTER_VERTICES],
     /// 1 / eye depth, 1/m.
     inverse_depth: [f32; CLUSTER_VERTICES],
-    /// Outcode: [`CLIPPED`] if the position is out of bounds, and the sides of the frame on which
-    /// it lies.
-    outside: [u8; CLUSTER_VERTICES],
+    /// Outcode: [`CLIPPED`], and a bit for the near plane and each side of the frame that the vertex
+    /// is outside of.
+    outcode: [u8; CLUSTER_VERTICES],
 }
 
 impl LocalCamera {
     /// Draws a triangle of a marker.
-    pub(super) fn draw_marker(&self, corners: [Snapped; 3], number: u32, target: &mut DrawnRows) {
+    pub(super) fn draw_marker(
+        &self,
+        corners: [SnappedVertex; 3],
+        number: u32,
+        target: &mut DrawnRows,
+    ) {
         dispatch!(self.level, simd => target.triangle(simd, corners, SurfaceId::marker(number), None));
     }
 
@@ -49,26 +53,25 @@ impl LocalCamera {
         target: &mut DrawnRows,
     ) {
         let cluster = &mesh.clusters[visible.cluster as usize];
-        let mut vertices = Transferred {
+        let mut vertices = ProjectedVertices {
             x: [0; CLUSTER_VERTICES],
             y: [0; CLUSTER_VERTICES],
             inverse_depth: [0.0; CLUSTER_VERTICES],
-            outside: [0; CLUSTER_VERTICES],
+            outcode: [0; CLUSTER_VERTICES],
         };
         let run = cluster.vertices.start as usize..cluster.vertices.end as usize;
-        self.transfer(
+        self.project_vertices(
             simd,
             mesh.positions.each_ref().map(|axis| &axis[run.clone()]),
             &mut vertices,
         );
         for primitive in cluster.triangles.clone() {
             let face = &mesh.faces[primitive as usize];
-            let corners = face.corners;
-            let local = |corner: u32| {
+            let corners = face.corners.map(|corner| {
                 corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES
-            };
-            let (i, j, k) = (local(corners[0]), local(corners[1]), local(corners[2]));
-            if vertices.outside[i] & vertices.outside[j] & vertices.outside[k] & !CLIPPED != 0 {
+            });
+            let [i, j, k] = corners.map(|i| vertices.outcode[i]);
+            if i & j & k & !CLIPPED != 0 {
                 continue;
             }
             let has_cutout =
@@ -78,29 +81,26 @@ impl LocalCamera {
                 view: self,
                 primitive,
             });
-            if (vertices.outside[i] | vertices.outside[j] | vertices.outside[k]) & CLIPPED != 0 {
+            if (i | j | k) & CLIPPED != 0 {
                 let homogeneous = mesh
                     .corners(face)
-                    .map(|corner| self.homogeneous_f64(corner.position));
-                let snapped = [i, j, k]
-                    .map(|i| (vertices.outside[i] & CLIPPED == 0).then(|| vertices.snapped(i)));
-                clip::clipped(homogeneous, snapped, |corners| {
+                    .map(|corner| self.project_f64(corner.position));
+                let snapped = corners
+                    .map(|i| (vertices.outcode[i] & CLIPPED == 0).then(|| vertices.snapped(i)));
+                clip::draw_clipped(homogeneous, snapped, |corners| {
                     target.triangle(simd, corners, SurfaceId(primitive), cutout);
                 });
             } else {
-                let corners = [
-                    vertices.snapped(i),
-                    vertices.snapped(j),
-                    vertices.snapped(k),
-                ];
+                let corners = corners.map(|i| vertices.snapped(i));
                 target.triangle(simd, corners, SurfaceId(primitive), cutout);
             }
         }
     }
 
-    /// Plain loops over arrays, which the compiler turns into the instructions of the SIMD level.
+    /// Projects and snaps vertices: a plain loop over arrays that the compiler vectorises at the SIMD
+    /// level.
     #[inline(always)]
-    fn transfer<S: Simd>(&self, _: S, [x, y, z]: [&[f32]; 3], out: &mut Transferred) {
+    fn project_vertices<S: Simd>(&self, _: S, [x, y, z]: [&[f32]; 3], out: &mut ProjectedVertices) {
         let count = x.len().min(y.len()).min(z.len()).min(CLUSTER_VERTICES);
         let [rx, ry, rw] = self.rows;
         for i in 0..count {
@@ -112,9 +112,9 @@ impl LocalCamera {
             let (px, py) = (hx * inverse, hy * inverse);
             // False for NaN.
             let inside = (hw >= NEAR_M) & (px.abs() < GUARD_PX) & (py.abs() < GUARD_PX);
-            // On the frame's sides by a pixel more than rounding needs. All false for NaN.
+            // A margin of one pixel covers rounding. All false for NaN.
             let (right, bottom) = ((self.width + 1) as f32 * hw, (self.height + 1) as f32 * hw);
-            out.outside[i] = (u8::from(!inside) * CLIPPED)
+            out.outcode[i] = (u8::from(!inside) * CLIPPED)
                 | (u8::from(hw < NEAR_M * 0.5) << 1)
                 | (u8::from(hx < -hw) << 2)
                 | (u8::from(hx > right) << 3)
@@ -127,10 +127,10 @@ impl LocalCamera {
     }
 }
 
-impl Transferred {
+impl ProjectedVertices {
     #[inline]
-    fn snapped(&self, i: usize) -> Snapped {
-        Snapped {
+    fn snapped(&self, i: usize) -> SnappedVertex {
+        SnappedVertex {
             x: self.x[i],
             y: self.y[i],
             inverse_depth: self.inverse_depth[i],

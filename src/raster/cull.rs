@@ -7,7 +7,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A cluster that may show.
+/// A cluster that may be visible.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct VisibleCluster {
     /// Index of the cluster.
@@ -19,20 +19,20 @@ pub(super) struct VisibleCluster {
 }
 
 impl VisibleCluster {
-    /// Returns true if it can touch any of these rows.
+    /// Returns true if the cluster may touch any of `rows`.
     pub(super) fn touches(&self, rows: &Range<u32>) -> bool {
         self.rows.start < rows.end && rows.start < self.rows.end
     }
 }
 
-/// Rounding of positions and snapping move a corner by far less than this, px.
+/// Margin for rounding and snapping of corners, px; both are far smaller.
 const MARGIN_PX: f32 = 1.0;
 
-/// Corners nearer than this are not trusted to bound rows, metres.
-const TRUSTED_M: f32 = 0.01;
+/// Minimum eye depth of corners that bound the rows, metres.
+const MIN_BOUND_DEPTH_M: f32 = 0.01;
 
-/// Fills `visible` with the clusters of the groups that can show, in the order of the groups, and
-/// returns how many triangles the groups have.
+/// Fills `visible` with the clusters of the groups that may be visible, in the order of the groups,
+/// and returns the number of triangles of the groups.
 pub(super) fn visible_clusters(
     mesh: &RasterMesh,
     view: &LocalCamera,
@@ -54,7 +54,7 @@ pub(super) fn visible_clusters(
             .window
             .clone()
             .unwrap_or([0..view.width, 0..view.height]);
-        let found = clusters
+        let touched = clusters
             .par_iter()
             .enumerate()
             .with_min_len(512)
@@ -66,12 +66,12 @@ pub(super) fn visible_clusters(
                     rows,
                 })
             });
-        visible.par_extend(found);
+        visible.par_extend(touched);
     }
     triangles
 }
 
-/// The rows of the window that a cluster can touch; `None` if it is outside.
+/// Finds the rows of the window that a cluster may touch; `None` if it is outside.
 fn touched_rows(
     cluster: &Cluster,
     view: &LocalCamera,
@@ -79,21 +79,13 @@ fn touched_rows(
 ) -> Option<Range<u32>> {
     let [low, high] = cluster.bounds;
     let corners: [Vec3; 8] = std::array::from_fn(|i| {
-        let pick = |axis: usize| {
-            if i >> axis & 1 == 0 {
-                low[axis]
-            } else {
-                high[axis]
-            }
-        };
-        view.homogeneous(Vec3::new(pick(0), pick(1), pick(2)))
+        let pick = |axis: usize| [low, high][i >> axis & 1][axis];
+        view.project(Vec3::new(pick(0), pick(1), pick(2)))
     });
     let all = |outside: &dyn Fn(&Vec3) -> bool| corners.iter().all(outside);
-    let (left, right) = (
-        columns.start as f32 - MARGIN_PX,
-        columns.end as f32 + MARGIN_PX,
-    );
-    let (top, bottom) = (rows.start as f32 - MARGIN_PX, rows.end as f32 + MARGIN_PX);
+    let with_margin =
+        |range: &Range<u32>| [range.start as f32 - MARGIN_PX, range.end as f32 + MARGIN_PX];
+    let ([left, right], [top, bottom]) = (with_margin(columns), with_margin(rows));
     let hidden = columns.is_empty()
         || rows.is_empty()
         || all(&|h| h.z < NEAR_M)
@@ -104,7 +96,7 @@ fn touched_rows(
     if hidden {
         return None;
     }
-    if corners.iter().any(|h| h.z < TRUSTED_M) {
+    if corners.iter().any(|h| h.z < MIN_BOUND_DEPTH_M) {
         return Some(rows.clone());
     }
     let y = corners.map(|h| h.y / h.z);

@@ -5,16 +5,16 @@
 //!
 //! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window
 //!    are dropped (`cull`; not those that nearer ones hide, see docs/decisions/0025);
-//! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles
-//!    that reach behind the eye or far outside the frame are clipped in `clip`;
-//! 3. `scan`: exact integer edge functions, so that no crack is left between neighbours;
-//!    depth and the number of the triangle per pixel, nothing else;
+//! 2. `cluster`, `view`: the vertices of a cluster are projected, 16 at a time, and snapped to
+//!    1/256 px; triangles that reach behind the eye or far outside the frame are clipped (`clip`);
+//! 3. `scan`: exact integer edge functions, so that no crack is left between neighbours; each pixel
+//!    stores the depth and the number of its triangle, nothing else;
 //! 4. `shade`: once per pixel at the end, triangle after triangle: perspective-correct weights
-//!    (`weights`), colours, textures at the fineness of the frame (`mip`), sRGB
+//!    (`weights`), colours, textures at the mip level of the frame (`mip`), sRGB
 //!    (`headbox_core::srgb_table`).
 //!
 //! Positions are IEEE `f32` in a fixed order of operations, the rest of coverage is integers: the
-//! same bytes on any number of threads, bands and SIMD levels.
+//! output has the same bytes with any number of threads and bands, and at any SIMD level.
 
 mod clip;
 mod cluster;
@@ -42,13 +42,13 @@ use std::ops::Range;
 use std::time::Instant;
 use view::LocalCamera;
 
-/// Pixels that are tested, or coloured, at once.
+/// Number of pixels that are tested, or coloured, at once.
 const LANES: usize = 16;
 
 /// Content of a pixel of a [`RasterOutput`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelContent {
-    /// Nothing but the surroundings.
+    /// No surface: the environment, or a hole.
     Nothing,
     /// A triangle of the scene.
     Triangle(u32),
@@ -56,7 +56,7 @@ pub enum PixelContent {
     Marker(u32),
 }
 
-/// The surface of a pixel in 32 bits; see [`PixelContent`].
+/// 32-bit encoding of a [`PixelContent`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub(crate) struct SurfaceId(u32);
@@ -65,14 +65,14 @@ impl SurfaceId {
     const NOTHING: Self = Self(u32::MAX);
     const MARKER: u32 = 1 << 31;
 
-    /// The triangles that a mesh can have.
+    /// Maximum number of triangles of a mesh.
     const MAX_TRIANGLES: u32 = Self::MARKER;
 
     fn marker(number: u32) -> Self {
         Self(Self::MARKER | number.min(Self::MARKER - 2))
     }
 
-    /// Returns true if all [`LANES`] pixels show triangles; false for fewer pixels.
+    /// Returns true if `pixels` are at least [`LANES`] and the first [`LANES`] show triangles.
     #[inline(always)]
     fn are_triangles<S: Simd>(simd: S, pixels: &[Self]) -> bool {
         let ids = bytemuck::cast_slice(pixels).first_chunk::<LANES>();
@@ -83,8 +83,8 @@ impl SurfaceId {
         })
     }
 
-    /// Bit mask of those of the first `count` pixels from an index on that show it; at most
-    /// [`LANES`].
+    /// Bit mask of the pixels that show this surface, among `count` pixels (at most [`LANES`]) from
+    /// index `start` on.
     #[inline(always)]
     fn shown_in<S: Simd>(self, simd: S, pixels: &[Self], start: usize, count: u32) -> u32 {
         let ids: &[u32] = bytemuck::cast_slice(pixels.get(start..).unwrap_or_default());
@@ -100,9 +100,8 @@ impl SurfaceId {
         shown & ((1u32 << count.min(LANES as u32)) - 1)
     }
 
-    /// Identifier of the marker.
     #[inline]
-    fn seen(self) -> PixelContent {
+    fn content(self) -> PixelContent {
         match self.0 {
             u32::MAX => PixelContent::Nothing,
             id if id & Self::MARKER != 0 => PixelContent::Marker(id & !Self::MARKER),
@@ -111,7 +110,7 @@ impl SurfaceId {
     }
 }
 
-/// A run of the mesh's triangles to be drawn, and the part of the frame that can show it.
+/// A group of the mesh's triangles to be drawn, and the part of the frame that can show it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GroupWindow {
     /// Index of the group, as given to [`RasterMesh::new`].
@@ -121,11 +120,11 @@ pub struct GroupWindow {
     pub window: Option<[Range<u32>; 2]>,
 }
 
-/// A planar convex polygon that takes part in the depth test but has no colour: where it shows, the
-/// frame stays open for somebody else to fill. Portals are drawn so.
+/// A planar convex polygon that takes part in the depth test but has no colour: where it is
+/// visible, the frame has a hole for the caller to fill. Portals are drawn as markers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marker {
-    /// Its corners, world metres.
+    /// Corners, world metres.
     pub polygon: Vec<DVec3>,
     /// Number of the marker in [`PixelContent::Marker`]; below 2^31 - 1.
     pub number: u32,
@@ -134,11 +133,11 @@ pub struct Marker {
 /// Input of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RasterView<'a> {
-    /// Groups of triangles, best from front to back.
+    /// Groups of triangles; front to back is fastest.
     pub groups: &'a [GroupWindow],
-    /// Markers.
+    /// Polygons without colour.
     pub markers: &'a [Marker],
-    /// Stored value = linear colour times this.
+    /// Factor from linear colour to the linear value that is encoded as sRGB.
     pub exposure: f32,
     /// Colour of pixels that show neither a surface nor the environment, sRGB.
     pub hole_color_srgb: [u8; 3],
@@ -160,36 +159,36 @@ impl RasterOutput {
     pub fn seen(&self, pixel: usize) -> PixelContent {
         self.surface
             .get(pixel)
-            .map_or(PixelContent::Nothing, |id| id.seen())
+            .map_or(PixelContent::Nothing, |id| id.content())
     }
 }
 
 /// Statistics of a frame. Counts are sums over bands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct RasterStats {
-    /// Triangles of the groups that were asked for.
+    /// Triangles of the requested groups.
     pub triangles_in: u64,
     /// Triangles in clusters that may be visible.
     pub triangles_kept: u64,
-    /// Triangles that were set up: they cover the centre of a pixel's column and row.
+    /// Triangles that were set up: their bounding box contains a pixel centre.
     pub triangles_set_up: u64,
     /// Pixels that passed the depth test.
     pub pixels_written: u64,
     /// Pixels that show a marker.
     pub marker_pixels: u64,
-    /// Whole frame, by the clock, ms.
+    /// Wall-clock time of the whole frame, ms.
     pub frame_ms: f64,
 }
 
 /// Draws frames; owns its buffers.
 pub struct Rasterizer {
     level: Level,
-    /// Rows of a band, or 0 for [`BANDS_A_THREAD`]; any number gives the same frame.
+    /// Rows of a band, or 0 for [`BANDS_PER_THREAD`] bands; any number gives the same frame.
     band_rows: u32,
     output: RasterOutput,
     stats: RasterStats,
     visible: Vec<VisibleCluster>,
-    /// For each band, the triangles that it may show.
+    /// For each band, the triangles that were drawn into it.
     drawn: Vec<Vec<DrawnTriangle>>,
 }
 
@@ -199,18 +198,18 @@ impl Default for Rasterizer {
     }
 }
 
-/// Bands for each thread: few, as a cluster is transferred for each band that it touches, but
-/// enough to even out the work.
-const BANDS_A_THREAD: u32 = 3;
+/// Number of bands per thread: few, as a cluster is projected once for each band that it touches,
+/// but enough to balance the load.
+const BANDS_PER_THREAD: u32 = 3;
 
 impl Rasterizer {
-    /// A rasteriser that has drawn nothing yet.
+    /// Creates a rasteriser with the best SIMD level and the default number of bands.
     pub fn new() -> Self {
         Self::with(simd::level(), 0)
     }
 
-    /// A rasteriser that uses one SIMD level and bands of a number of rows (0: the default). All
-    /// give the same frame.
+    /// Creates a rasteriser with a SIMD level and bands of `band_rows` rows (0: the default). All
+    /// combinations give the same frame.
     pub fn with(level: Level, band_rows: u32) -> Self {
         Self {
             level,
@@ -227,18 +226,18 @@ impl Rasterizer {
         &self.output
     }
 
-    /// The last frame, to be completed where markers show.
+    /// The last frame, to be completed where markers are visible.
     pub fn output_mut(&mut self) -> &mut RasterOutput {
         &mut self.output
     }
 
-    /// Draws what `camera` sees of the wanted groups over the environment, on the current rayon
-    /// thread pool. Groups that the mesh does not have are left out.
+    /// Draws the requested groups over the environment, on the current rayon thread pool. Groups
+    /// that the mesh does not have are skipped.
     pub fn draw(
         &mut self,
         mesh: &RasterMesh,
         camera: &Camera,
-        what: &RasterView,
+        request: &RasterView,
         environment: &Environment,
     ) -> (&RasterOutput, &RasterStats) {
         let started = Instant::now();
@@ -250,16 +249,16 @@ impl Rasterizer {
         output.surface.resize(count, SurfaceId::NOTHING);
 
         let view = LocalCamera::new(camera, mesh.origin(), self.level);
-        let triangles_in = cull::visible_clusters(mesh, &view, what.groups, &mut self.visible);
-        let markers: Vec<_> = what
+        let triangles_in = cull::visible_clusters(mesh, &view, request.groups, &mut self.visible);
+        let markers: Vec<_> = request
             .markers
             .iter()
             .map(|marker| (marker, clip::project_polygon(camera, marker)))
             .collect();
 
         let rows = match self.band_rows {
-            0 => height.div_ceil(BANDS_A_THREAD * rayon::current_num_threads() as u32),
-            asked => asked.min(height),
+            0 => height.div_ceil(BANDS_PER_THREAD * rayon::current_num_threads() as u32),
+            rows => rows.min(height),
         };
         let pixels = width as usize * rows as usize;
         let visible = &self.visible;
@@ -281,7 +280,7 @@ impl Rasterizer {
             .with_max_len(1);
         let drawn = bands.map(
             |(i, (((color, coverage), (inverse_depth, surface)), drawn))| {
-                let [red, green, blue] = what.hole_color_srgb;
+                let [red, green, blue] = request.hole_color_srgb;
                 color.fill([red, green, blue, 255]);
                 coverage.fill(Coverage::HOLE);
                 inverse_depth.fill(0.0);
@@ -297,7 +296,7 @@ impl Rasterizer {
                     drawn,
                     stats: RasterStats::default(),
                 };
-                // First, for what they hide: of surfaces in the same place they never show.
+                // Markers first, as occluders: at equal depth they lose against triangles.
                 for (marker, triangles) in &markers {
                     triangles
                         .iter()
@@ -311,7 +310,7 @@ impl Rasterizer {
                     view: &view,
                     camera,
                     environment,
-                    exposure: what.exposure,
+                    exposure: request.exposure,
                 };
                 shader.resolve(&mut target, color, coverage);
                 target.stats

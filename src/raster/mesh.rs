@@ -11,9 +11,9 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Triangles of a full cluster. The vertices of one fit the level 1 cache.
+/// Maximum number of triangles of a cluster. Its vertices fit the level 1 cache.
 const CLUSTER_TRIANGLES: usize = 128;
-/// Vertices of a full cluster.
+/// Maximum number of vertices of a cluster.
 pub(super) const CLUSTER_VERTICES: usize = 256;
 
 /// A run of triangles that lie near each other.
@@ -23,7 +23,7 @@ pub(super) struct Cluster {
     pub(super) vertices: Range<u32>,
     /// Indices of the scene's triangles.
     pub(super) triangles: Range<u32>,
-    /// Lowest and highest corner of its box, local metres.
+    /// Lowest and highest corner of the bounding box, local metres.
     pub(super) bounds: [Vec3; 2],
     /// True if some of its triangles have a cut-out material.
     pub(super) has_cutouts: bool,
@@ -46,7 +46,7 @@ pub(super) struct Vertex {
 pub(super) struct MeshMaterial {
     pub(super) albedo: Vec3,
     pub(super) emission: Vec3,
-    /// Indices of textures.
+    /// Index of the texture, as for emission.
     pub(super) albedo_texture: Option<u32>,
     pub(super) emission_texture: Option<u32>,
     pub(super) has_cutout: bool,
@@ -55,23 +55,23 @@ pub(super) struct MeshMaterial {
 /// A triangle of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct MeshTriangle {
-    /// Corners among the clusters' vertices.
+    /// Indices of the clusters' vertices.
     pub(super) corners: [u32; 3],
-    /// Materials of the scene.
+    /// Index of the scene's material.
     pub(super) material: u32,
 }
 
-/// A scene ready to be rasterised, in a local frame about an origin (world axes, metres), so that
-/// `f32` keeps its digits.
+/// A scene ready to be rasterised, in a local frame about an origin (world axes, metres), for the
+/// precision of `f32`.
 #[derive(Debug)]
 pub struct RasterMesh {
     scene: Arc<Scene>,
     origin: DVec3,
     /// Positions of the clusters' vertices, one array per axis, local metres.
     pub(super) positions: [Vec<f32>; 3],
-    /// The same vertices with all they have.
+    /// The same vertices with their attributes.
     pub(super) vertices: Vec<Vertex>,
-    /// For each triangle of the scene; one that is not drawn has three times the same corner.
+    /// For each triangle of the scene; one that is not drawn has three equal corners.
     pub(super) faces: Vec<MeshTriangle>,
     pub(super) clusters: Vec<Cluster>,
     pub(super) groups: Vec<Range<u32>>,
@@ -94,17 +94,17 @@ impl MeshMaterial {
 }
 
 impl RasterMesh {
-    /// Prepares runs of the scene's triangles, each a group, taken relative to `origin` (world
-    /// metres). The scene must be valid ([`Scene::validate`]). Triangles in no run, with a
-    /// coordinate beyond [`MAX_COORDINATE`], or numbered 2^31 and beyond are never drawn; ranges
-    /// are cut at the number of triangles.
+    /// Prepares groups of the scene's triangles, relative to `origin` (world metres). The scene must
+    /// be valid ([`Scene::validate`]). Triangles in no group, with a coordinate beyond
+    /// [`MAX_COORDINATE`], or with an index of 2^31 or more are never drawn; ranges are clamped to
+    /// the number of triangles.
     pub fn new(scene: Arc<Scene>, groups: &[Range<u32>], origin: DVec3) -> Self {
         let count = scene.triangles.len().min(SurfaceId::MAX_TRIANGLES as usize);
         let mut mesh = Self {
             textures: scene.textures.iter().map(MipTexture::new).collect(),
             surfaces: scene.materials.iter().map(MeshMaterial::new).collect(),
             origin,
-            positions: [Vec::new(), Vec::new(), Vec::new()],
+            positions: Default::default(),
             vertices: Vec::new(),
             faces: scene
                 .triangles
@@ -156,8 +156,8 @@ impl RasterMesh {
         ]
     }
 
-    /// Takes triangles from the front of a run until the cluster is full; returns the first that is
-    /// left.
+    /// Builds a cluster from the first triangles of a run, until it is full; returns the index of
+    /// the next triangle.
     fn append_cluster(&mut self, scene: &Scene, run: Range<u32>) -> u32 {
         let first_vertex = self.vertices.len() as u32;
         let mut known: HashMap<u32, u32> = HashMap::with_capacity(CLUSTER_VERTICES);
@@ -194,13 +194,12 @@ impl RasterMesh {
             });
         }
         if bounds[0].x <= bounds[1].x {
-            let vertices = first_vertex..self.vertices.len() as u32;
             let faces = &self.faces[run.start as usize..end as usize];
             let has_cutouts = faces
                 .iter()
                 .any(|face| self.surfaces[face.material as usize].has_cutout);
             self.clusters.push(Cluster {
-                vertices,
+                vertices: first_vertex..self.vertices.len() as u32,
                 triangles: run.start..end,
                 bounds,
                 has_cutouts,

@@ -9,15 +9,15 @@ use headbox_core::texels::bilinear;
 use headbox_scene::material::Texture;
 use std::iter::successors;
 
-/// Sixteen bits of linear light: a step is a twentieth of the darkest step of 8-bit sRGB.
+/// Largest code of 16-bit linear light: a step is a twentieth of the darkest step of 8-bit sRGB.
 const FULL: f32 = 65_535.0;
 
 /// A texture and its mip levels, sizes rounded up, down to one texel.
 #[derive(Debug)]
 pub(super) struct MipTexture {
-    /// Size of the texture itself, texels.
+    /// Size of level 0, texels.
     size: [u32; 2],
-    /// Start of each mip level, the texture itself first; never empty.
+    /// Index of the first texel of each mip level; never empty.
     starts: Vec<u32>,
     /// Row by row, linear RGB and alpha, 16 bits each.
     texels: Vec<[u16; 4]>,
@@ -41,9 +41,9 @@ impl MipTexture {
         };
         for level in levels {
             mips.starts.push(mips.texels.len() as u32);
-            let texels = level.texels.iter();
+            let texels = level.texels.into_iter();
             mips.texels.extend(
-                texels.map(|&[r, g, b, a]| [linear(r), linear(g), linear(b), u16::from(a) * 257]),
+                texels.map(|[r, g, b, a]| [linear(r), linear(g), linear(b), u16::from(a) * 257]),
             );
         }
         mips
@@ -55,10 +55,10 @@ impl MipTexture {
         [self.size[0] as f32, self.size[1] as f32]
     }
 
-    /// Samples red, green and blue at (u, v) of the first `count` lanes: bilinear, wrapping around,
-    /// as [`Texture::sample`] is, linear light; from the mip level whose texels are nearest in size
-    /// to a footprint, given as the fourth power of its side in texels of the texture itself (1 and
-    /// less is that).
+    /// Samples linear red, green and blue at (u, v) in the first `count` lanes: bilinear and
+    /// wrapping, like [`Texture::sample`], from the mip level whose texels are nearest in size to
+    /// the footprint. `footprint` is the fourth power of the footprint's side in texels of level 0;
+    /// 1 and less give level 0.
     pub(super) fn sample<S: Simd>(
         &self,
         simd: S,
@@ -80,8 +80,8 @@ impl MipTexture {
         footprint: f32x16<S>,
         count: usize,
     ) -> [f32x16<S>; 3] {
-        // The bits of a float are its binary logarithm, linear between powers of two: off by at
-        // most 0.09, a quarter of which is nothing. NaN becomes 1 by the comparison.
+        // The bits of a float are its binary logarithm, linear between powers of two: the error is
+        // at most 0.09, and a quarter of that is negligible. NaN becomes 1 by the comparison.
         let one = f32x16::splat(simd, 1.0);
         let footprint = footprint.simd_gt(one).select(footprint, one);
         let octaves = (f32x16::float_from(footprint.bitcast::<u32x16<S>>()) * (1.0 / 8_388_608.0)
@@ -110,22 +110,22 @@ impl MipTexture {
         }
         let [a, b, c, d] = &texels;
         let (a, b, c, d) = (
-            unpacked(simd, a),
-            unpacked(simd, b),
-            unpacked(simd, c),
-            unpacked(simd, d),
+            unpack(simd, a),
+            unpack(simd, b),
+            unpack(simd, c),
+            unpack(simd, d),
         );
         let mut color = [f32x16::splat(simd, 0.0); 3];
         for (k, color) in color.iter_mut().enumerate() {
-            *color = bilinear([a[k], b[k], c[k], d[k]], [x.share, y.share]) * (1.0 / FULL);
+            *color = bilinear([a[k], b[k], c[k], d[k]], [x.weight, y.weight]) * (1.0 / FULL);
         }
         color
     }
 }
 
-/// Red, green and blue of texels, up to [`FULL`].
+/// Converts texels to red, green and blue lanes, 0 to [`FULL`].
 #[inline(always)]
-fn unpacked<S: Simd>(simd: S, texels: &[[u16; 4]; LANES]) -> [f32x16<S>; 3] {
+fn unpack<S: Simd>(simd: S, texels: &[[u16; 4]; LANES]) -> [f32x16<S>; 3] {
     let words: [u32; 2 * LANES] = bytemuck::cast(*texels);
     let (low, high) = words.split_at(LANES);
     let (red_green, blue) = simd.deinterleave_u32x16(
@@ -139,43 +139,44 @@ fn unpacked<S: Simd>(simd: S, texels: &[[u16; 4]; LANES]) -> [f32x16<S>; 3] {
     ]
 }
 
-/// The two texels on either side of texture coordinates, and the weight of the second.
+/// The two texels along an axis between which a texture coordinate lies.
 struct Neighbours<S: Simd> {
-    /// Texels of the mip level along the axis.
+    /// Size of the mip level along the axis, texels.
     size: u32x16<S>,
     first: u32x16<S>,
     second: u32x16<S>,
-    share: f32x16<S>,
+    /// Interpolation weight of `second`.
+    weight: f32x16<S>,
 }
 
 impl<S: Simd> Neighbours<S> {
-    /// Finds the neighbours along an axis of a texture of `size` texels, in mip levels.
+    /// Finds the neighbours of coordinate `t` in a mip level; `size` is that of level 0.
     #[inline(always)]
     fn new(t: f32x16<S>, size: u32, level: u32x16<S>) -> Self {
         let zero = f32x16::splat(t.simd, 0.0);
         let last = u32x16::splat(t.simd, size - 1) >> level;
         let (last_f, size_f) = (f32x16::float_from(last), f32x16::float_from(last + 1));
         let fraction = t - t.floor();
-        // False for NaN, and what is left of infinity.
+        // False for NaN, which is also the fraction of infinity.
         let fraction = (fraction.simd_ge(zero) & fraction.simd_le(f32x16::splat(t.simd, 1.0)))
             .select(fraction, zero);
         let x = fraction * size_f - 0.5;
         let x = x.simd_lt(zero).select(x + size_f, x);
         let first = x.floor().min(last_f);
         let second = first.simd_lt(last_f).select(first + 1.0, zero);
-        let share = (x - first).max(zero).min(f32x16::splat(t.simd, 1.0));
+        let weight = (x - first).max(zero).min(f32x16::splat(t.simd, 1.0));
         Self {
             size: last + 1,
             first: u32x16::truncate_from(first),
             second: u32x16::truncate_from(second),
-            share,
+            weight,
         }
     }
 }
 
-/// Mean of four texels in linear light.
+/// Averages four texels in linear light.
 fn linear_mean(four: [[u8; 4]; 4]) -> [u8; 4] {
-    let mean = |of: &dyn Fn([u8; 4]) -> f32| four.iter().map(|t| of(*t)).sum::<f32>() / 4.0;
+    let mean = |value: &dyn Fn([u8; 4]) -> f32| four.iter().map(|t| value(*t)).sum::<f32>() / 4.0;
     let [r, g, b] = [0, 1, 2].map(|c| srgb8_from_linear(mean(&|t| linear_from_srgb8(t[c]))));
     [r, g, b, (mean(&|t| f32::from(t[3])) + 0.5) as u8]
 }

@@ -1,19 +1,17 @@
-//! One triangle to the pixels whose centres it covers: exact integers for coverage, `f32` for
-//! depth.
+//! Scan conversion and depth test of a triangle: exact integers for coverage, `f32` for depth.
 //!
 //! With corners at multiples of 1/256 px, the edge function of an edge from a to b at the centre of
 //! pixel (i, j) is `E = (b - a) x (p - a)`, an integer. From pixel to pixel it changes by multiples
 //! of 256, so that E / 256, rounded down, has the same sign at every pixel and needs fewer bits.
 //!
-//! A centre on an edge belongs to both of the triangles that share it: no crack is left between
-//! neighbours whose edges have the same ends. Where the corner of one lies on the edge of another
-//! (a T-junction), snapping opens cracks of up to 1.4/256 px: meshes are to be stitched
-//! ([`Scene::stitch`](headbox_scene::scene::Scene::stitch)). Of two triangles that claim a centre
-//! the nearer one shows.
+//! A centre on an edge is covered by both triangles that share the edge: no crack is left between
+//! neighbours whose edges have the same ends. At a T-junction (a corner on the edge of a neighbour),
+//! snapping opens cracks of up to 1.4/256 px, so meshes must be stitched
+//! ([`Scene::stitch`](headbox_scene::scene::Scene::stitch)).
 
 use super::SurfaceId;
 use super::mesh::RasterMesh;
-use super::view::{LocalCamera, Snapped};
+use super::view::{LocalCamera, SnappedVertex};
 use super::weights::CornerWeights;
 use super::{LANES, RasterStats};
 use fearless_simd::prelude::*;
@@ -28,12 +26,12 @@ pub(super) struct DrawnRows<'a> {
     pub(super) rows: Range<u32>,
     pub(super) inverse_depth: &'a mut [f32],
     pub(super) surface: &'a mut [SurfaceId],
-    /// The triangles that were nearest somewhere when they were drawn.
+    /// The triangles that passed the depth test somewhere.
     pub(super) drawn: &'a mut Vec<DrawnTriangle>,
     pub(super) stats: RasterStats,
 }
 
-/// A triangle, and the columns and rows of the target that it can show in.
+/// A triangle, and its bounding box in the target.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct DrawnTriangle {
     pub(super) id: SurfaceId,
@@ -41,7 +39,7 @@ pub(super) struct DrawnTriangle {
     pub(super) rows: Range<u32>,
 }
 
-/// Says where a triangle with a cut-out material is there.
+/// Alpha test of a triangle with a cut-out material.
 #[derive(Clone, Copy)]
 pub(super) struct CutoutTest<'a> {
     pub(super) mesh: &'a RasterMesh,
@@ -52,7 +50,7 @@ pub(super) struct CutoutTest<'a> {
 impl CutoutTest<'_> {
     fn is_solid(&self, x: u32, y: u32) -> bool {
         let corners = self.mesh.corners(&self.mesh.faces[self.primitive as usize]);
-        let weights = CornerWeights::new(self.view, corners).at(x, y);
+        let weights = CornerWeights::new(self.view, corners).evaluate(x, y);
         self.mesh
             .scene()
             .is_solid(self.primitive, weights.y, weights.z)
@@ -60,20 +58,20 @@ impl CutoutTest<'_> {
 }
 
 /// E / 256 of an edge, rounded down, as a linear function of the pixel; a centre is inside where
-/// that is not negative.
+/// the value is not negative.
 #[derive(Clone, Copy)]
 struct Edge {
-    /// At the box's first pixel.
+    /// Value at the first pixel of the bounding box.
     start: i64,
-    /// For one column.
+    /// Change per column.
     column: i64,
-    /// For one row.
+    /// Change per row.
     row: i64,
 }
 
 impl Edge {
     #[inline(always)]
-    fn new(a: Snapped, b: Snapped, pixel: [u32; 2]) -> Self {
+    fn new(a: SnappedVertex, b: SnappedVertex, pixel: [u32; 2]) -> Self {
         let edge = EdgeFunction::new([a.x, a.y], [b.x, b.y], pixel);
         Self {
             start: edge.value >> 8,
@@ -82,10 +80,10 @@ impl Edge {
         }
     }
 
-    /// Columns from the box's first, of `count`, at which the edge accepts a row with this value at
-    /// its first pixel.
+    /// Finds the first and the end of the columns, of `count`, that are inside the edge in a row with
+    /// `value` at its first column.
     #[inline(always)]
-    fn accepted(&self, value: i64, count: i64) -> [i64; 2] {
+    fn inside_columns(&self, value: i64, count: i64) -> [i64; 2] {
         match self.column {
             0 => [if value >= 0 { 0 } else { count }, count],
             up if up > 0 => [
@@ -97,8 +95,8 @@ impl Edge {
     }
 }
 
-/// 1 / eye depth over a triangle: linear in the frame, and never outside the range of the corners,
-/// whatever the slope of a sliver. Rows start in `f64`: on a floor a millimetre under the eye, the
+/// 1 / eye depth over a triangle: linear in the frame, and clamped to the range of the corners, as
+/// slivers may have any slope. Rows start in `f64`: on a floor a millimetre under the eye, the
 /// corner may be 10^5 times nearer than the pixel.
 struct DepthPlane {
     at_origin: f64,
@@ -111,8 +109,8 @@ struct DepthPlane {
 
 impl DepthPlane {
     #[inline(always)]
-    fn new([a, b, c]: [Snapped; 3], area: i64) -> Self {
-        let per_area = 256.0 / area as f64;
+    fn new([a, b, c]: [SnappedVertex; 3], twice_area: i64) -> Self {
+        let per_area = 256.0 / twice_area as f64;
         let at_origin = f64::from(a.inverse_depth);
         let (qb, qc) = (
             f64::from(b.inverse_depth) - at_origin,
@@ -134,9 +132,9 @@ impl DepthPlane {
         }
     }
 
-    /// At the centre of a pixel.
+    /// Evaluates the plane at the centre of a pixel, without the clamp.
     #[inline(always)]
-    fn at(&self, x: u32, y: u32) -> f32 {
+    fn evaluate(&self, x: u32, y: u32) -> f32 {
         let [dx, dy] = [
             f64::from(x) + self.from_origin[0],
             f64::from(y) + self.from_origin[1],
@@ -144,9 +142,9 @@ impl DepthPlane {
         ((self.at_origin + self.per_row * dy) + self.per_column * dx) as f32
     }
 
-    /// Value `n` pixels to the right of one with a given value.
+    /// Evaluates the plane `along` pixels to the right of a pixel with the value `first`.
     #[inline(always)]
-    fn lanes<S: Simd>(&self, first: f32, along: i32x16<S>) -> f32x16<S> {
+    fn evaluate_lanes<S: Simd>(&self, first: f32, along: i32x16<S>) -> f32x16<S> {
         let [least, most] = self.range;
         (first + f32x16::float_from(along) * self.per_column as f32)
             .max(least)
@@ -154,29 +152,29 @@ impl DepthPlane {
     }
 }
 
-/// Returns true if a surface passes the depth test of a pixel; both 1 / eye depths and surfaces are
-/// given new one first. Of surfaces in the same place the one with the smaller number shows,
-/// whichever is drawn first; markers have the largest.
+/// Returns true if the new surface passes the depth test of a pixel; the new value and number come
+/// first, then the stored ones. At equal depth the surface with the smaller number wins, in any
+/// drawing order; markers have the largest numbers.
 #[inline(always)]
-fn is_nearer([value, depth]: [f32; 2], [id, shown]: [SurfaceId; 2]) -> bool {
-    (value > depth) | ((value == depth) & (id.0 < shown.0))
+fn is_nearer([value, stored]: [f32; 2], [id, stored_id]: [SurfaceId; 2]) -> bool {
+    (value > stored) | ((value == stored) & (id.0 < stored_id.0))
 }
 
-/// Width in columns up to which whole rows of a triangle's box are tested; for wider ones the ends
-/// of each row are computed. Over this width E / 256 fits into 32 bits: with corners within
+/// Width in columns up to which all pixels of a triangle's bounding box are tested; for wider
+/// triangles the ends of each row are computed. Over this width E / 256 fits into 32 bits: with corners within
 /// [`GUARD_PX`](super::view::GUARD_PX), an edge is 2^14 by 2^23 units at most, and E no more than
 /// 2^38.3 within 80 columns of the box's start.
 const NARROW_PX: u32 = 64;
 
-/// Numbers of the pixels that are tested at once.
+/// Index of each lane.
 const LANE_NUMBERS: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 impl DrawnRows<'_> {
-    /// Draws a triangle, of either orientation: surfaces have two sides.
+    /// Draws a triangle of either orientation: surfaces have two sides.
     pub(super) fn triangle<S: Simd>(
         &mut self,
         simd: S,
-        corners: [Snapped; 3],
+        corners: [SnappedVertex; 3],
         id: SurfaceId,
         cutout: Option<CutoutTest>,
     ) {
@@ -190,7 +188,7 @@ impl DrawnRows<'_> {
     fn triangle_at<S: Simd>(
         &mut self,
         simd: S,
-        [a, mut b, mut c]: [Snapped; 3],
+        [a, mut b, mut c]: [SnappedVertex; 3],
         id: SurfaceId,
         cutout: Option<CutoutTest>,
     ) {
@@ -201,18 +199,9 @@ impl DrawnRows<'_> {
         if columns.start >= columns.end || rows.start >= rows.end {
             return;
         }
-        let area = |b: Snapped, c: Snapped| {
-            let [bx, by] = [
-                i64::from(b.x) - i64::from(a.x),
-                i64::from(b.y) - i64::from(a.y),
-            ];
-            let [cx, cy] = [
-                i64::from(c.x) - i64::from(a.x),
-                i64::from(c.y) - i64::from(a.y),
-            ];
-            bx * cy - by * cx
-        };
-        let mut twice_area = area(b, c);
+        let difference = |p: i32, q: i32| i64::from(p) - i64::from(q);
+        let mut twice_area = difference(b.x, a.x) * difference(c.y, a.y)
+            - difference(b.y, a.y) * difference(c.x, a.x);
         if twice_area == 0 {
             return;
         }
@@ -220,23 +209,24 @@ impl DrawnRows<'_> {
             (b, c, twice_area) = (c, b, -twice_area);
         }
         self.stats.triangles_set_up += 1;
-        let edge = |a: Snapped, b: Snapped| Edge::new(a, b, [columns.start, rows.start]);
+        let edge =
+            |a: SnappedVertex, b: SnappedVertex| Edge::new(a, b, [columns.start, rows.start]);
         let edges = [edge(a, b), edge(b, c), edge(c, a)];
         let plane = DepthPlane::new([a, b, c], twice_area);
         let is_narrow = right - left <= (NARROW_PX * 256) as i32;
         let before = self.stats.pixels_written;
         match cutout {
-            None if is_narrow => self.narrow(simd, &columns, &rows, edges, &plane, id),
-            _ => self.wide(simd, &columns, &rows, edges, &plane, id, cutout),
+            None if is_narrow => self.scan_box(simd, &columns, &rows, edges, &plane, id),
+            _ => self.scan_spans(simd, &columns, &rows, edges, &plane, id, cutout),
         }
         if self.stats.pixels_written > before {
-            self.list(DrawnTriangle { id, columns, rows });
+            self.record(DrawnTriangle { id, columns, rows });
         }
     }
 
-    /// Notes a triangle; the pieces of a clipped one, which follow each other, together.
+    /// Appends a triangle to `drawn`; consecutive parts of a clipped triangle become one entry.
     #[inline(always)]
-    fn list(&mut self, drawn: DrawnTriangle) {
+    fn record(&mut self, drawn: DrawnTriangle) {
         match self.drawn.last_mut() {
             Some(last) if last.id == drawn.id => {
                 last.columns = last.columns.start.min(drawn.columns.start)
@@ -248,9 +238,9 @@ impl DrawnRows<'_> {
         }
     }
 
-    /// All pixels of the box, [`LANES`] at a time.
+    /// Tests all pixels of the bounding box, [`LANES`] at a time.
     #[inline(always)]
-    fn narrow<S: Simd>(
+    fn scan_box<S: Simd>(
         &mut self,
         simd: S,
         columns: &Range<u32>,
@@ -263,11 +253,11 @@ impl DrawnRows<'_> {
         let lane = i32x16::load_array_ref(simd, &LANE_NUMBERS);
         let mut written = 0;
         for (below, y) in (0..).zip(rows.clone()) {
-            let first = plane.at(columns.start, y);
+            let first = plane.evaluate(columns.start, y);
             let row = (y - self.rows.start) as usize * self.width as usize + columns.start as usize;
             for done in (0..count).step_by(LANES) {
                 let along = lane + done;
-                // Negative beyond the box, where the next row of the frame begins.
+                // Negative right of the box: the pixels there may be those of the next row.
                 let mut inside = (count - 1) - along;
                 for edge in &edges {
                     let start =
@@ -278,40 +268,34 @@ impl DrawnRows<'_> {
                 if !covered.any_true() {
                     continue;
                 }
-                written += self.test(
-                    simd,
-                    row + done as usize,
-                    covered,
-                    plane.lanes(first, along),
-                    id,
-                );
+                let value = plane.evaluate_lanes(first, along);
+                written += self.depth_test(simd, row + done as usize, covered, value, id);
             }
         }
         self.stats.pixels_written += u64::from(written);
     }
 
-    /// Depth test and number of the surface for [`LANES`] pixels from an index on; returns how many
-    /// were written.
+    /// Tests and writes [`LANES`] pixels from index `start` on; returns the number of pixels written.
     #[inline(always)]
-    fn test<S: Simd>(
+    fn depth_test<S: Simd>(
         &mut self,
         simd: S,
-        at: usize,
+        start: usize,
         covered: mask32x16<S>,
         value: f32x16<S>,
         id: SurfaceId,
     ) -> u32 {
         let depths = self
             .inverse_depth
-            .get_mut(at..)
+            .get_mut(start..)
             .and_then(<[f32]>::first_chunk_mut::<LANES>);
         let surfaces: &mut [u32] =
-            bytemuck::cast_slice_mut(self.surface.get_mut(at..).unwrap_or_default());
+            bytemuck::cast_slice_mut(self.surface.get_mut(start..).unwrap_or_default());
         if let (Some(depths), Some(surfaces)) = (depths, surfaces.first_chunk_mut::<LANES>()) {
             let depth = f32x16::load_array_ref(simd, depths);
             let surface = u32x16::load_array_ref(simd, surfaces);
             let ours = u32x16::splat(simd, id.0);
-            // As `is_nearer`.
+            // Same as `is_nearer`.
             let nearer =
                 covered & (value.simd_gt(depth) | (value.simd_eq(depth) & ours.simd_lt(surface)));
             *depths = nearer.select(value, depth).to_array();
@@ -324,7 +308,7 @@ impl DrawnRows<'_> {
             .inverse_depth
             .iter_mut()
             .zip(self.surface.iter_mut())
-            .skip(at);
+            .skip(start);
         let mut written = 0;
         for (lane, (depth, surface)) in rest.enumerate().take(LANES) {
             if covered >> lane & 1 == 1 && is_nearer([value[lane], *depth], [id, *surface]) {
@@ -335,8 +319,9 @@ impl DrawnRows<'_> {
         written
     }
 
+    /// Tests the covered span of each row.
     #[inline(always)]
-    fn wide<S: Simd>(
+    fn scan_spans<S: Simd>(
         &mut self,
         simd: S,
         columns: &Range<u32>,
@@ -350,21 +335,21 @@ impl DrawnRows<'_> {
         for y in rows.clone() {
             let (mut start, mut end) = (0, count);
             for edge in &mut edges {
-                let accepted = edge.accepted(edge.start, count);
-                (start, end) = (accepted[0].max(start), accepted[1].min(end));
+                let [first, last] = edge.inside_columns(edge.start, count);
+                (start, end) = (first.max(start), last.min(end));
                 edge.start += edge.row;
             }
             if start < end {
                 let columns = columns.start + start as u32..columns.start + end as u32;
                 match cutout {
                     None => self.span(simd, columns, y, plane, id),
-                    Some(cutout) => self.span_with_holes(columns, y, plane, id, cutout),
+                    Some(cutout) => self.cutout_span(columns, y, plane, id, cutout),
                 }
             }
         }
     }
 
-    /// Depth test and number of the surface for a run of covered pixels.
+    /// Tests and writes a span of covered pixels.
     #[inline(always)]
     fn span<S: Simd>(
         &mut self,
@@ -375,28 +360,21 @@ impl DrawnRows<'_> {
         id: SurfaceId,
     ) {
         let lane = i32x16::load_array_ref(simd, &LANE_NUMBERS);
-        let first = plane.at(columns.start, y);
-        let (row, count) = (
-            (y - self.rows.start) as usize * self.width as usize,
-            columns.len() as i32,
-        );
+        let first = plane.evaluate(columns.start, y);
+        let row = (y - self.rows.start) as usize * self.width as usize;
+        let count = columns.len() as i32;
         let mut written = 0;
         for done in (0..count).step_by(LANES) {
             let along = lane + done;
-            let at = row + columns.start as usize + done as usize;
-            written += self.test(
-                simd,
-                at,
-                along.simd_lt(count),
-                plane.lanes(first, along),
-                id,
-            );
+            let start = row + columns.start as usize + done as usize;
+            let value = plane.evaluate_lanes(first, along);
+            written += self.depth_test(simd, start, along.simd_lt(count), value, id);
         }
         self.stats.pixels_written += u64::from(written);
     }
 
     /// Same as [`Self::span`] for a material with cut-outs.
-    fn span_with_holes(
+    fn cutout_span(
         &mut self,
         columns: Range<u32>,
         y: u32,
@@ -412,11 +390,9 @@ impl DrawnRows<'_> {
         ) else {
             return;
         };
-        let (first, step, [least, most]) = (
-            plane.at(columns.start, y),
-            plane.per_column as f32,
-            plane.range,
-        );
+        let first = plane.evaluate(columns.start, y);
+        let step = plane.per_column as f32;
+        let [least, most] = plane.range;
         for (((k, x), depth), surface) in (0u32..).zip(columns).zip(depths).zip(surfaces) {
             let value = (first + step * k as f32).max(least).min(most);
             if is_nearer([value, *depth], [id, *surface]) && cutout.is_solid(x, y) {

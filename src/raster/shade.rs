@@ -1,17 +1,17 @@
-//! From the triangle that a pixel shows to its colour, once per pixel.
+//! Deferred shading: computes the colour of each pixel once, from its visible triangle.
 //!
-//! Triangle after triangle as they were drawn, so that what holds for a whole triangle is fetched
-//! once: of its box, the pixels that still show it are collected, and coloured [`LANES`] at a time;
-//! only texels and sRGB levels are looked up one by one. A colour depends on nothing but triangle
-//! and pixel, so that neither bands nor lanes can be told from it.
+//! Triangles are shaded in the order in which they were drawn, so that the data of a triangle is
+//! fetched once: the pixels of its bounding box that still show it are collected, and coloured
+//! [`LANES`] at a time; only texels and sRGB levels are looked up one by one. A colour depends only
+//! on triangle and pixel, not on bands or lanes.
 //!
-//! Each run of a row's pixels by itself would leave most lanes idle in rooms (docs/decisions/0025).
+//! Shading each run of a row by itself would leave most lanes idle in rooms (docs/decisions/0025).
 
-use super::mesh::{MeshMaterial, RasterMesh, Vertex};
+use super::mesh::{RasterMesh, Vertex};
 use super::mip::MipTexture;
 use super::scan::{DrawnRows, DrawnTriangle};
 use super::view::LocalCamera;
-use super::weights::{CornerWeights, Slopes, mixed};
+use super::weights::{CornerWeights, Slopes, interpolate};
 use super::{LANES, PixelContent, SurfaceId};
 use fearless_simd::dispatch;
 use fearless_simd::prelude::*;
@@ -31,11 +31,11 @@ pub(super) struct PixelShader<'a> {
     pub(super) exposure: f32,
 }
 
-/// Pixels of a triangle.
+/// Pixels of a triangle that are shaded together.
 struct Batch {
     count: usize,
-    /// Column, and 2^16 times the row, of each; a frame's sides are shorter. Beyond `count`: those
-    /// of any pixels.
+    /// Column + 2^16 * row of each pixel; both sides of a frame are below 2^16. Arbitrary beyond
+    /// `count`.
     pixels: [u32; LANES],
 }
 
@@ -43,15 +43,16 @@ struct Batch {
 struct Shading<'a> {
     corners: [&'a Vertex; 3],
     weights: CornerWeights,
-    /// Factor and offset of the light.
+    /// Exposed albedo, which vertex colours are multiplied by.
     albedo: Vec3,
+    /// Exposed emission.
     emission: Vec3,
     albedo_texture: Option<(&'a MipTexture, Slopes)>,
     emission_texture: Option<(&'a MipTexture, Slopes)>,
 }
 
 impl PixelShader<'_> {
-    /// Colours the rows of a target.
+    /// Writes the colours and the coverage of all pixels of a target.
     pub(super) fn resolve(
         &self,
         target: &mut DrawnRows,
@@ -59,14 +60,14 @@ impl PixelShader<'_> {
         coverages: &mut [Coverage],
     ) {
         dispatch!(self.view.level, simd => {
-            self.surroundings(simd, target, colors, coverages);
-            self.triangles(simd, target, colors);
+            self.fill_background(simd, target, colors, coverages);
+            self.shade_triangles(simd, target, colors);
         });
     }
 
-    /// Coverage of all pixels, and colour of those that show no surface.
+    /// Writes the coverage of all pixels, and the colours of those that show the environment.
     #[inline(always)]
-    fn surroundings<S: Simd>(
+    fn fill_background<S: Simd>(
         &self,
         simd: S,
         target: &mut DrawnRows,
@@ -89,11 +90,14 @@ impl PixelShader<'_> {
                     continue;
                 }
                 for (i, surface) in surfaces.iter().enumerate() {
-                    match surface.seen() {
+                    match surface.content() {
                         PixelContent::Marker(_) => target.stats.marker_pixels += 1,
                         PixelContent::Triangle(_) => coverages[i] = Coverage::FULL,
                         PixelContent::Nothing => {
-                            self.environment_at(x + i as u32, y, &mut colors[i], &mut coverages[i]);
+                            if let Some([r, g, b]) = self.sample_environment(x + i as u32, y) {
+                                colors[i] = [r, g, b, 255];
+                                coverages[i] = Coverage::ENVIRONMENT;
+                            }
                         }
                     }
                 }
@@ -101,24 +105,21 @@ impl PixelShader<'_> {
         }
     }
 
-    fn environment_at(&self, x: u32, y: u32, color: &mut [u8; 4], coverage: &mut Coverage) {
-        let direction = self
-            .camera
-            .direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        if let Some([r, g, b]) = self.environment.sample(direction.as_vec3()) {
-            (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
-        }
+    fn sample_environment(&self, x: u32, y: u32) -> Option<[u8; 3]> {
+        let [x, y] = [x, y].map(|pixel| f64::from(pixel) + 0.5);
+        self.environment
+            .sample(self.camera.direction(x, y).as_vec3())
     }
 
     /// Colours the pixels that show a triangle.
     #[inline(always)]
-    fn triangles<S: Simd>(&self, simd: S, target: &DrawnRows, colors: &mut [[u8; 4]]) {
+    fn shade_triangles<S: Simd>(&self, simd: S, target: &DrawnRows, colors: &mut [[u8; 4]]) {
         let mut batch = Batch {
             count: 0,
             pixels: [0; LANES],
         };
         for DrawnTriangle { id, columns, rows } in target.drawn.iter() {
-            let PixelContent::Triangle(primitive) = id.seen() else {
+            let PixelContent::Triangle(primitive) = id.content() else {
                 continue;
             };
             let mut shading = None;
@@ -148,7 +149,7 @@ impl PixelShader<'_> {
     fn shading(&self, primitive: u32) -> Shading<'_> {
         let face = &self.mesh.faces[primitive as usize];
         let corners = self.mesh.corners(face);
-        let surface: &MeshMaterial = &self.mesh.surfaces[face.material as usize];
+        let surface = &self.mesh.surfaces[face.material as usize];
         let weights = CornerWeights::new(self.view, corners);
         let texture = |number: Option<u32>| {
             let texture = self.mesh.textures.get(number? as usize)?;
@@ -164,7 +165,7 @@ impl PixelShader<'_> {
         }
     }
 
-    /// Colours pixels of a triangle, and empties the batch.
+    /// Colours the pixels of a batch, and empties it.
     fn shade<S: Simd>(
         &self,
         simd: S,
@@ -192,10 +193,12 @@ impl PixelShader<'_> {
         let [a, b, c] = shading.corners;
         let pixels = u32x16::load_array_ref(simd, &batch.pixels);
         let (x, y) = (pixels & 0xffff, pixels >> 16);
-        let (weights, per) = shading.weights.lanes(simd, &x.to_array(), &y.to_array());
+        let (weights, per) = shading
+            .weights
+            .evaluate_lanes(simd, &x.to_array(), &y.to_array());
         let white = [f32x16::splat(simd, 1.0); 3];
-        let u = mixed(weights, [a.texcoord.x, b.texcoord.x, c.texcoord.x]);
-        let v = mixed(weights, [a.texcoord.y, b.texcoord.y, c.texcoord.y]);
+        let u = interpolate(weights, [a.texcoord.x, b.texcoord.x, c.texcoord.x]);
+        let v = interpolate(weights, [a.texcoord.y, b.texcoord.y, c.texcoord.y]);
         let albedo = match &shading.albedo_texture {
             Some((texture, slopes)) => {
                 texture.sample(simd, [u, v], slopes.footprint(u, v, per), batch.count)
@@ -211,7 +214,7 @@ impl PixelShader<'_> {
         let mut color = u32x16::splat(simd, 0xff00_0000);
         for channel in 0..3 {
             let at_corners = [a.color[channel], b.color[channel], c.color[channel]];
-            let lit = mixed(weights, at_corners) * shading.albedo[channel] * albedo[channel];
+            let lit = interpolate(weights, at_corners) * shading.albedo[channel] * albedo[channel];
             let linear =
                 lit.max(0.0).min(self.exposure) + emission[channel] * shading.emission[channel];
             color |= table.encode_sixteen(simd, linear, batch.count) << (8 * channel as u32);
@@ -228,7 +231,7 @@ impl PixelShader<'_> {
 }
 
 impl Batch {
-    /// Adds a pixel; returns whether the batch is full.
+    /// Adds a pixel; returns true if the batch is full.
     #[inline(always)]
     fn push(&mut self, pixel: u32) -> bool {
         self.pixels[self.count % LANES] = pixel;

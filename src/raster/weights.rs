@@ -1,4 +1,4 @@
-//! Perspective-correct weights of a triangle's corners: what shading interpolates with.
+//! Perspective-correct interpolation weights of a triangle's corners, for shading.
 
 use super::LANES;
 use super::mesh::Vertex;
@@ -7,19 +7,19 @@ use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
 use glam::{DVec3, Vec2, Vec3};
 
-/// The weights up to their sum, as linear functions of the position in the frame: the edge
-/// functions of the corners in homogeneous coordinates. In `f64`, as on a floor a tenth of a
-/// millimetre under the eye they differ by 10^5 within the frame.
+/// Unnormalised weights as linear functions of the position in the frame: the edge functions of the
+/// corners in homogeneous coordinates. In `f64`, as on a floor a tenth of a millimetre under the
+/// eye they differ by 10^5 within the frame.
 ///
-/// Positions of corners are snapped when coverage is found: where the centre of a pixel lies a hair
-/// outside the triangle that covers it, the nearest point of the triangle counts. All weights are 0
-/// for a triangle that is seen edge-on.
+/// Corners are snapped for coverage, so a covered pixel centre may lie slightly outside the exact
+/// triangle: its weights are clamped to the nearest point of the triangle. All weights are 0 for a
+/// triangle that is seen edge-on.
 #[derive(Clone, Copy)]
 pub(super) struct CornerWeights {
     /// At the frame's upper left corner.
     at_origin: DVec3,
-    /// For a step of a pixel to the right, and down.
-    along: [DVec3; 2],
+    /// Changes over one pixel to the right, and down.
+    gradient: [DVec3; 2],
 }
 
 impl CornerWeights {
@@ -27,23 +27,23 @@ impl CornerWeights {
     pub(super) fn new(view: &LocalCamera, corners: [&Vertex; 3]) -> Self {
         let [a, b, c] = corners;
         let (a, b, c) = (
-            view.homogeneous_f64(a.position),
-            view.homogeneous_f64(b.position),
-            view.homogeneous_f64(c.position),
+            view.project_f64(a.position),
+            view.project_f64(b.position),
+            view.project_f64(c.position),
         );
         let (p, q, r) = (b.cross(c), c.cross(a), a.cross(b));
-        let of_corners = |axis: usize| DVec3::new(p[axis], q[axis], r[axis]);
+        let axis = |axis: usize| DVec3::new(p[axis], q[axis], r[axis]);
         Self {
-            at_origin: of_corners(2),
-            along: [of_corners(0), of_corners(1)],
+            at_origin: axis(2),
+            gradient: [axis(0), axis(1)],
         }
     }
 
-    /// The weights at the centre of a pixel.
-    pub(super) fn at(&self, x: u32, y: u32) -> Vec3 {
+    /// Evaluates the weights at the centre of a pixel.
+    pub(super) fn evaluate(&self, x: u32, y: u32) -> Vec3 {
         let w = self.at_origin
-            + self.along[0] * (f64::from(x) + 0.5)
-            + self.along[1] * (f64::from(y) + 0.5);
+            + self.gradient[0] * (f64::from(x) + 0.5)
+            + self.gradient[1] * (f64::from(y) + 0.5);
         // Seen from its back, all three are negative.
         let w = (w * (w.x + w.y + w.z).signum()).as_vec3().max(Vec3::ZERO);
         let sum = w.x + w.y + w.z;
@@ -54,10 +54,10 @@ impl CornerWeights {
         }
     }
 
-    /// As [`Self::at`] for [`LANES`] pixels, corner by corner, and the reciprocals of the sums
-    /// before they were made positive, for [`Slopes::footprint`].
+    /// Same as [`Self::evaluate`] for [`LANES`] pixels: the weights of each corner, and the signed
+    /// reciprocals of their sums, for [`Slopes::footprint`].
     #[inline(always)]
-    pub(super) fn lanes<S: Simd>(
+    pub(super) fn evaluate_lanes<S: Simd>(
         &self,
         simd: S,
         x: &[u32; LANES],
@@ -65,12 +65,10 @@ impl CornerWeights {
     ) -> ([f32x16<S>; 3], f32x16<S>) {
         let mut weights = [[0.0; LANES]; 3];
         for (corner, weights) in weights.iter_mut().enumerate() {
-            let (here, [right, down]) = (
-                self.at_origin[corner],
-                [self.along[0][corner], self.along[1][corner]],
-            );
+            let origin = self.at_origin[corner];
+            let [right, down] = self.gradient.map(|step| step[corner]);
             for i in 0..LANES {
-                weights[i] = (here
+                weights[i] = (origin
                     + right * (f64::from(x[i] as i32) + 0.5)
                     + down * (f64::from(y[i] as i32) + 0.5)) as f32;
             }
@@ -95,12 +93,12 @@ impl CornerWeights {
         ([a * per, b * per, c * per], per * sign)
     }
 
-    /// Derivatives of the texture coordinates over the frame; `size` is that of the texture,
-    /// texels.
+    /// Computes the derivatives of the texture coordinates over the frame; `size` is that of the
+    /// texture, texels.
     #[inline(always)]
     pub(super) fn slopes(&self, corners: [&Vertex; 3], size: Vec2) -> Slopes {
         let along = |axis: usize| {
-            let w = self.along[axis].as_vec3();
+            let w = self.gradient[axis].as_vec3();
             let texcoord =
                 (corners[0].texcoord * w.x + corners[1].texcoord * w.y) + corners[2].texcoord * w.z;
             (texcoord * size, (w.x + w.y) + w.z)
@@ -112,7 +110,7 @@ impl CornerWeights {
     }
 }
 
-/// The changes of a triangle's texture coordinates from pixel to pixel, to the right and down.
+/// Derivatives of a triangle's texture coordinates over the frame, to the right and down.
 pub(super) struct Slopes {
     size: Vec2,
     /// Derivatives of the coordinates (texels) times the sum of weights, and of that sum.
@@ -120,9 +118,9 @@ pub(super) struct Slopes {
 }
 
 impl Slopes {
-    /// The side of a pixel's footprint in the texture, texels, to its fourth power: of the sides
-    /// along x and along y the geometric mean, as the longer one blurs what is seen at a grazing
-    /// angle. From texture coordinates and the reciprocals of the sums of weights.
+    /// Computes the fourth power of the side of a pixel's footprint in the texture, texels. The side
+    /// is the geometric mean of those along x and y, as the longer one alone blurs surfaces at a
+    /// grazing angle. `per`: the reciprocals of the sums of weights.
     #[inline(always)]
     pub(super) fn footprint<S: Simd>(
         &self,
@@ -132,14 +130,14 @@ impl Slopes {
     ) -> f32x16<S> {
         let (u, v) = (u * self.size.x, v * self.size.y);
         let [right, down] = self.along;
-        steepness(right, [u, v], per) * steepness(down, [u, v], per)
+        squared_slope(right, [u, v], per) * squared_slope(down, [u, v], per)
     }
 }
 
-/// The square of the change of texture coordinates (texels) along an axis of the frame: the
+/// Computes the squared change of texture coordinates (texels) along an axis of the frame, by the
 /// quotient rule.
 #[inline(always)]
-fn steepness<S: Simd>(
+fn squared_slope<S: Simd>(
     (texels, sum): (Vec2, f32),
     [u, v]: [f32x16<S>; 2],
     per: f32x16<S>,
@@ -150,6 +148,9 @@ fn steepness<S: Simd>(
 
 /// Interpolates values given at the corners, in each lane.
 #[inline(always)]
-pub(super) fn mixed<S: Simd>([a, b, c]: [f32x16<S>; 3], [at_a, at_b, at_c]: [f32; 3]) -> f32x16<S> {
+pub(super) fn interpolate<S: Simd>(
+    [a, b, c]: [f32x16<S>; 3],
+    [at_a, at_b, at_c]: [f32; 3],
+) -> f32x16<S> {
     (a * at_a + b * at_b) + c * at_c
 }
