@@ -7,24 +7,24 @@ use headbox_core::light_parameters::LightParameters;
 use headbox_core::tone::ToneMap;
 use serde::{Deserialize, Serialize};
 
-/// Header of a capture: its parameters, and figures about itself; stored in the `.ldi` file.
+/// Header of a capture: its parameters and measurements; stored in the `.ldi` file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CaptureInfo {
-    /// The scene, as given on the command line.
+    /// Scene, as specified on the command line.
     pub scene: String,
     /// Centre of the headbox, world metres.
     pub centre: DVec3,
-    /// Half of the headbox's edge, metres.
+    /// Half of the headbox's edge length, metres.
     pub half_size_m: f64,
     /// Axes and unit of the scene's file.
     #[serde(flatten)]
     pub frame: FileFrame,
-    /// Linear radiance times this is what `tone` is of.
+    /// Factor from linear radiance to the argument of `tone`.
     pub exposure: f32,
     /// Tone curve applied to exposed radiance.
     #[serde(default)]
     pub tone: ToneMap,
-    /// The scene's light, where it is not its own.
+    /// Specified light; by default that of the scene.
     #[serde(default)]
     pub light: LightParameters,
     /// Parameters of rays, merging and light.
@@ -32,37 +32,36 @@ pub struct CaptureInfo {
     pub parameters: CaptureParameters,
     /// Rays traced, all faces.
     pub rays_traced: u64,
-    /// Share of the headbox that its centre does not see because geometry is in the way.
+    /// Share of the headbox that is occluded from its centre.
     pub blocked_share: f64,
-    /// Default viewing direction: the horizontal direction with the most to see, world axes; `None`
-    /// in older files.
+    /// Default viewing direction: the horizontal direction with the most visible geometry, world
+    /// axes; `None` in older files.
     #[serde(default)]
     pub ahead: Option<DVec3>,
-    /// Default up direction where it is not +Y, world axes: images may be taken with the camera on
-    /// its side.
+    /// Default up direction if it is not +Y, world axes: for images taken with the camera on its
+    /// side.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub up: Option<DVec3>,
     /// Per face of the ray domain: the estimated probability that one more ray would find a depth
-    /// pixel that is not in the LDI (Good 1953: share of samples seen once); `None` where rays were
-    /// not random.
+    /// pixel that is not in the LDI (Good 1953: share of samples hit once); `None` if rays were not
+    /// random.
     pub missing_estimate: [Option<f64>; 6],
-    /// Missing pixels of frames; `None` if not measured.
+    /// Holes of test frames; `None` if not measured.
     #[serde(default)]
     pub holes: Option<Holes>,
 }
 
-/// Missing pixels of frames, measured by comparing test frames from all over the headbox with rays
+/// Holes of frames, measured by comparing test frames from all over the headbox with rays
 /// (`headbox_ldi::refine`).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Holes {
-    /// Share of the frames' pixels that show less than rays find there, when they were last looked
-    /// at.
+    /// Share of the pixels of the last test frames that lack a surface which rays hit.
     pub share: f64,
-    /// Its standard error.
+    /// Standard error of `share`.
     pub standard_error: f64,
     /// The same share before any ray was aimed.
     pub share_before: f64,
-    /// Rays that were aimed at what was lacking, and kept.
+    /// Number of rays that were aimed at missing samples, and kept.
     pub aimed_rays: u64,
     /// Number of rounds of test frames.
     pub rounds: u32,

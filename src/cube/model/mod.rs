@@ -1,4 +1,4 @@
-//! The unpacked cube LDI: samples and their order, bins of depth, the header, and the checks of all
+//! The unpacked cube LDI: samples and their order, depth bins, the header, and the validation of all
 //! of these.
 
 pub mod depth_bins;

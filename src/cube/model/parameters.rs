@@ -11,28 +11,28 @@ pub enum Sampler {
     Stratified,
     /// Independent over the whole domain.
     WhiteNoise,
-    /// One ray through the centre of each pixel, from the centre of the cube, every hit kept (S13):
-    /// the baseline that undersamples surfaces seen edge-on.
+    /// One ray through the centre of each pixel, from the centre of the cube, all hits along it
+    /// (S13): a baseline that undersamples surfaces seen edge-on.
     CentreRays,
 }
 
-/// Merging of samples at similar depth in one pixel: the papers disagree (D1).
+/// Rule for merging samples at similar depth in one pixel: the papers disagree (D1).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MergeRule {
-    /// One depth pixel with their mean depth and colour, weighted by the rays that saw them (Shade
-    /// et al.; default).
+    /// One depth pixel with their mean depth and colour, weighted by their numbers of rays (Shade et
+    /// al.; default).
     #[default]
     Average,
     /// The surface that was sampled with the smallest area wins (Rafferty et al.).
     SmallerArea,
-    /// Surfaces whose colours differ are kept apart, otherwise the first stays; first in the order
-    /// of ray keys, so that the rule has one outcome (Popescu et al.).
+    /// Surfaces with different colours stay separate, of the others the first stays; first in the
+    /// order of ray keys, which makes the result unique (Popescu et al.).
     ColorsApart,
 }
 
-/// Parameters of a capture's quality: rays, merging and light, but not the size of its faces, which
-/// an LDI has itself.
+/// Parameters of a capture's quality: rays, merging and light. The size of the faces is a property
+/// of the LDI.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CaptureParameters {
     /// Strata along each of the four dimensions of rays (N)
@@ -50,7 +50,7 @@ pub struct CaptureParameters {
     pub novelty: f64,
     /// Aim rays at what frames lack until its share, with its standard error, is below X (a share,
     /// or a percentage such as 0.01%); 1 looks for nothing
-    #[serde(rename = "most_holes", default = "all")]
+    #[serde(rename = "most_holes", default = "no_hole_search")]
     pub holes: f64,
     /// Sampling of rays
     pub sampler: Sampler,
@@ -58,8 +58,8 @@ pub struct CaptureParameters {
     pub merge_rule: MergeRule,
 }
 
-/// Value for captures made before the search for holes existed.
-fn all() -> f64 {
+/// Value for captures made before the hole search existed.
+fn no_hole_search() -> f64 {
     1.0
 }
 
@@ -83,8 +83,7 @@ impl CaptureParameters {
         merge_rule: MergeRule::Average,
     };
 
-    /// All of so many rays, no aimed ones, and no light: what is asked for where geometry is looked
-    /// at.
+    /// Parameters without light, early termination or aimed rays, for tests of geometry.
     pub const fn unlit(strata: u32, rays_per_stratum: u32) -> Self {
         Self {
             strata,

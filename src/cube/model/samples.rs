@@ -1,7 +1,8 @@
-//! The build-time layered depth image: per pixel of a cube face, every surface that rays met there.
+//! The build-time layered depth image (S11, S14): for each pixel of a cube face, every surface that
+//! rays hit there.
 //!
-//! S11, S14. Depth pixels of one layered depth pixel are kept **farthest first** (the render-time
-//! order, C9), addressed through prefix sums:
+//! Depth pixels of one layered depth pixel are stored **farthest first** (the render-time order,
+//! C9), addressed through prefix sums:
 //!
 //! ```text
 //! a face of 2 pixels, three samples on the left, one on the right:
@@ -18,13 +19,13 @@ use headbox_core::environment::Environment;
 pub struct DepthPixel {
     /// 1/Z about the cube's centre, 1/m, Z along the face's normal. Positive and finite.
     pub inverse_depth: f32,
-    /// Unit surface normal, world axes, turned toward the rays that found it.
+    /// Unit surface normal, world axes, on the side of the rays that hit the surface.
     pub normal: EncodedNormal,
-    /// 8-bit sRGB, straight alpha: the share of its pixel that the surface fills.
+    /// 8-bit sRGB, straight alpha: the share of its pixel that the surface covers.
     pub color_srgb: [u8; 4],
 }
 
-/// A unit vector in 32 bits: octahedral map, 16 bits a side (error below 0.004 degrees).
+/// A unit vector in 32 bits: octahedral map, 16 bits per coordinate (error below 0.004 degrees).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Zeroable)]
 pub struct EncodedNormal([i16; 2]);
 
@@ -32,7 +33,7 @@ impl EncodedNormal {
     /// +Z.
     pub const Z: Self = Self([0, 0]);
 
-    /// Decodes from two 16-bit numbers, the first in the lower half.
+    /// Creates from two 16-bit numbers, the first in the lower half.
     pub fn from_bits(bits: u32) -> Self {
         Self([bits as u16 as i16, (bits >> 16) as i16])
     }
@@ -41,7 +42,7 @@ impl EncodedNormal {
     pub fn new(n: Vec3) -> Self {
         let sum = n.x.abs() + n.y.abs() + n.z.abs();
         if !(sum > 0.0 && sum.is_finite()) {
-            return Self([0, 0]);
+            return Self::Z;
         }
         let (x, y) = (n.x / sum, n.y / sum);
         let fold = |a: f32, b: f32| (1.0 - b.abs()) * if a < 0.0 { -1.0 } else { 1.0 };
@@ -53,7 +54,7 @@ impl EncodedNormal {
         Self([x, y].map(|c| (c * 32767.0).round() as i16))
     }
 
-    /// The unit vector.
+    /// Decodes the unit vector.
     pub fn decode(self) -> Vec3 {
         let [x, y] = self.0.map(|c| (f32::from(c) / 32767.0).max(-1.0));
         let z = 1.0 - x.abs() - y.abs();
@@ -65,7 +66,7 @@ impl EncodedNormal {
 /// The layered depth image of one cube face.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayeredDepthImage {
-    /// The face, which gives the camera: at the cube's centre, 90 degrees, see [`Face`].
+    /// The face, which defines the camera: at the cube's centre, 90 degrees, see [`Face`].
     pub face: Face,
     /// Pixels a side.
     pub size_px: u32,
@@ -77,7 +78,7 @@ pub struct LayeredDepthImage {
 }
 
 impl LayeredDepthImage {
-    /// A face without samples.
+    /// Creates a face without samples.
     pub fn empty(face: Face, size_px: u32) -> Self {
         Self {
             face,
@@ -100,7 +101,7 @@ impl LayeredDepthImage {
 pub struct CubeSamples {
     /// Header of the capture.
     pub info: CaptureInfo,
-    /// In the order of [`Face::ALL`].
+    /// Faces in the order of [`Face::ALL`].
     pub faces: Vec<LayeredDepthImage>,
     /// The environment.
     pub environment: Environment,

@@ -1,15 +1,15 @@
-//! The plane that a sample lies on, as its LDI sees it.
+//! Tangent plane of a sample: the slope of inverse depth over its LDI.
 
 use crate::model::samples::{DepthPixel, LayeredDepthImage};
 use glam::{DVec2, dvec2};
 
 impl LayeredDepthImage {
-    /// Relative change of inverse depth over one pixel to the right and one down, `(dq/dx, dq/dy) /
-    /// q`, on the plane through a sample at the position (x, y) in pixels, square to its normal.
+    /// Computes the relative change of inverse depth over one pixel to the right and one down,
+    /// `(dq/dx, dq/dy) / q`, on the tangent plane of a sample at the position (x, y) in pixels.
     ///
     /// On a plane with normal n, q is proportional to n . ray(x, y), and the ray is linear in (x,
-    /// y). Each component is at most `max_slope` times a pixel's angle, 2 / size: `max_slope` is
-    /// the tangent of the steepest angle between normal and line of sight that is believed.
+    /// y). Each component is clamped to `max_slope` times a pixel's angle, 2 / size: `max_slope` is
+    /// the tangent of the largest plausible angle between normal and line of sight.
     pub fn inverse_depth_slope(
         &self,
         x: f64,

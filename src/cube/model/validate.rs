@@ -1,9 +1,9 @@
-//! Every promise of the build-time layout, checked (S11, S14; C9 for the order of layers).
+//! Validation of the build-time layout (S11, S14; C9 for the order of layers).
 //!
-//! `headbox info --check` and [`crate::pack::CubeLdi::pack`] run it: what passes can be packed
+//! `headbox info --check` and [`crate::pack::CubeLdi::pack`] run it: a valid cube LDI can be packed
 //! and drawn without further checks.
 
-use crate::model::info::{CaptureInfo, Holes};
+use crate::model::info::CaptureInfo;
 use crate::model::samples::{CubeSamples, LayeredDepthImage};
 use headbox_core::cube_face::Face;
 use headbox_core::environment::EnvironmentError;
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 pub use headbox_core::cube_face::MAX_FACE_SIZE_PX;
 
-/// A promise of the layout that a cube LDI breaks.
+/// Violation of the layout by a cube LDI.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LdiError {
     /// Not six faces in the order of [`Face::ALL`].
@@ -19,7 +19,7 @@ pub enum LdiError {
         "a cube LDI has the six faces +X, -X, +Y, -Y, +Z, -Z in this order; entry {0} is missing or another face"
     )]
     Faces(usize),
-    /// A face of no pixels, or too many.
+    /// A face is empty or too large.
     #[error("face {}: {size_px} pixels a side; a side must lie between 1 and {MAX_FACE_SIZE_PX}", face.name())]
     FaceSize {
         /// The face.
@@ -44,7 +44,7 @@ pub enum LdiError {
         face: Face,
         /// Entries found.
         found: usize,
-        /// Entries promised.
+        /// Entries expected.
         expected: usize,
     },
     /// The first offset is not 0, or the last is not the number of samples.
@@ -93,7 +93,7 @@ pub enum LdiError {
         /// Index inside the pixel of the sample that is out of order.
         layer: usize,
     },
-    /// The environment is not six whole faces.
+    /// The environment is not six complete faces.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
     /// A field of [`CaptureInfo`] has an impossible value.
@@ -109,12 +109,12 @@ pub enum LdiError {
 }
 
 impl CubeSamples {
-    /// Checks every promise of the layout: six faces of one size, offsets that are prefix sums,
-    /// positive finite inverse depths, farthest first inside a pixel, an environment of six whole
-    /// faces, sane capture information.
+    /// Checks the layout: six faces of one size, offsets that are prefix sums, positive finite
+    /// inverse depths, farthest first inside a pixel, an environment of six complete faces, valid
+    /// capture information.
     ///
     /// # Errors
-    /// The first broken promise, with face, pixel and value.
+    /// The first violation, with face, pixel and value.
     pub fn validate(&self) -> Result<(), LdiError> {
         self.info.validate()?;
         for (i, expected) in Face::ALL.into_iter().enumerate() {
@@ -126,24 +126,28 @@ impl CubeSamples {
             return Err(LdiError::Faces(Face::ALL.len()));
         }
         let expected_px = self.faces[0].size_px;
-        let validate = |face: &LayeredDepthImage| match face.size_px == expected_px {
-            true => face.validate().err(),
-            false => Some(LdiError::FaceSizesDiffer {
+        let find_error = |face: &LayeredDepthImage| {
+            if face.size_px == expected_px {
+                return face.validate().err();
+            }
+            Some(LdiError::FaceSizesDiffer {
                 face: face.face,
                 size_px: face.size_px,
                 expected_px,
-            }),
+            })
         };
-        let first = self.faces.par_iter().find_map_first(validate);
-        first.map_or_else(|| Ok(self.environment.validate()?), Err)
+        if let Some(error) = self.faces.par_iter().find_map_first(find_error) {
+            return Err(error);
+        }
+        Ok(self.environment.validate()?)
     }
 }
 
 impl LayeredDepthImage {
-    /// Checks every promise of one face; see [`CubeSamples::validate`].
+    /// Checks one face; see [`CubeSamples::validate`].
     ///
     /// # Errors
-    /// The first broken promise, with face, pixel and value.
+    /// The first violation, with face, pixel and value.
     pub fn validate(&self) -> Result<(), LdiError> {
         let (face, size_px) = (self.face, self.size_px);
         if !(1..=MAX_FACE_SIZE_PX).contains(&size_px) {
@@ -190,19 +194,19 @@ impl LayeredDepthImage {
 }
 
 impl CaptureInfo {
-    /// Checks that lengths and exposure are positive and finite, the centre finite and estimates
-    /// probabilities.
+    /// Checks that lengths and exposure are positive and finite, that the centre is finite, and that
+    /// shares and estimates lie between 0 and 1.
     ///
     /// # Errors
     /// [`LdiError::Info`] with the field and its value.
     pub fn validate(&self) -> Result<(), LdiError> {
-        let check = |field, value: f64, fits: bool, expected| match fits {
-            true => Ok(()),
-            false => Err(LdiError::Info {
+        let check = |field, value: f64, is_valid: bool, expected| {
+            let error = LdiError::Info {
                 field,
                 value,
                 expected,
-            }),
+            };
+            is_valid.then_some(()).ok_or(error)
         };
         for value in self.centre.to_array() {
             check("centre", value, value.is_finite(), "three finite numbers")?;
@@ -228,17 +232,11 @@ impl CaptureInfo {
                 "a probability",
             )?;
         }
-        if let Some(Holes {
-            share,
-            standard_error,
-            share_before,
-            ..
-        }) = self.holes
-        {
+        if let Some(holes) = &self.holes {
             for (field, value) in [
-                ("share", share),
-                ("standard_error", standard_error),
-                ("share_before", share_before),
+                ("share", holes.share),
+                ("standard_error", holes.standard_error),
+                ("share_before", holes.share_before),
             ] {
                 check(field, value, (0.0..=1.0).contains(&value), "a share")?;
             }
