@@ -1,29 +1,29 @@
-//! Error bound: the largest error of inverse depth for which no eye in the headbox sees a surface
-//! displaced by more than a number of frame pixels. `docs/primitives.md` derives it.
+//! Error bound: the maximum error of inverse depth that displaces a surface by at most a given number
+//! of frame pixels for any eye in the headbox. `docs/primitives.md` derives it.
 
 use glam::DVec3;
 
-/// Frame pixels on the axis for one face pixel on its axis, in the frame that errors are counted
-/// in: 1024x768 pixels at a vertical field of view of 60 degrees for a face of 1024.
+/// Size of a face pixel on the face's axis in pixels of the reference frame on its axis: 1024x768
+/// pixels at a vertical field of view of 60 degrees for a face of 1024.
 const FOCAL_PER_FACE_PX: f64 = 384.0 * 1.732_050_807_568_877_2 / 1024.0;
 
-/// 1 / cos^2 of the angle between that frame's axis and its corners: a pixel there is so much
-/// smaller an angle.
+/// 1 / cos^2 of the angle between the axis of the reference frame and its corners: the factor by
+/// which pixels there subtend smaller angles.
 const OBLIQUENESS: f64 = 1.0 + (1.0 + 16.0 / 9.0) / 3.0;
 
-/// The one bound that chooses primitives.
+/// Error bound for the selection of primitives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bound {
-    /// Largest error, frame pixels, times 1 over frame pixels for a tangent of 1: the sine of an
-    /// angle.
+    /// Sine of the maximum angle of displacement: the error in frame pixels over the frame's focal
+    /// length at the corners.
     sine: f64,
     half_size_m: f64,
 }
 
 impl Bound {
-    /// At most `error_px` pixels anywhere in a frame of 4:3 at a vertical field of view of 60
-    /// degrees whose pixels are 0.77 of a face's pixel in the middle, from any eye in a headbox of
-    /// a half size.
+    /// Creates the bound of `error_px` pixels anywhere in the reference frame, for any eye in the
+    /// headbox. The reference frame is 4:3 at a vertical field of view of 60 degrees; its focal
+    /// length is [`Self::focal_px`].
     pub fn new(error_px: f64, half_size_m: f64, face_size_px: u32) -> Self {
         Self {
             sine: error_px / (Self::focal_px(face_size_px) * OBLIQUENESS),
@@ -31,60 +31,61 @@ impl Bound {
         }
     }
 
-    /// Focal length, px, of the frames that errors are counted in.
+    /// Focal length of the reference frame, px.
     pub fn focal_px(face_size_px: u32) -> f64 {
         FOCAL_PER_FACE_PX * f64::from(face_size_px)
     }
 
-    /// The largest difference of inverse depth, 1/m, that a sample in the direction `d` (from the
-    /// centre, at depth 1) with the inverse depth `q` may have from what is drawn for it.
+    /// Computes the maximum error of inverse depth, 1/m, of a primitive that replaces a sample of
+    /// inverse depth `q` in the direction `d` (from the centre, at depth 1).
     ///
-    /// Two points P, P' of a ray from the centre, seen from an eye at b, are apart by an angle of
-    /// which the sine is
-    /// |P' - P| r / (|P - b| |P' - b|), r the eye's distance from the ray. With z, z' the distances from the eye to P, P'
-    /// along the ray, the denominator is at least r^2 + z z' (Cauchy-Schwarz), and the nearer of
-    /// the two is no nearer than z = |P| - (the headbox's reach along the ray). r / (r^2 + z^2)
-    /// grows with r up to r = z.
+    /// Seen from an eye at b, two points P, P' of a ray from the centre are an angle apart whose sine
+    /// is |P' - P| r / (|P - b| |P' - b|), r the eye's distance from the ray. With z, z' the
+    /// distances from the eye to P, P' along the ray, the denominator is at least r^2 + z z'
+    /// (Cauchy-Schwarz), and the nearer of the two is no nearer than z = |P| - (the headbox's extent
+    /// along the ray). r / (r^2 + z^2) grows with r up to r = z.
     pub fn tolerance(&self, d: DVec3, q: f64) -> f64 {
-        let first = self.tolerance_if_no_nearer_than(d, q, q);
-        self.tolerance_if_no_nearer_than(d, q, q + first)
+        let first = self.tolerance_up_to(d, q, q);
+        self.tolerance_up_to(d, q, q + first)
     }
 
-    fn tolerance_if_no_nearer_than(&self, d: DVec3, q: f64, nearest: f64) -> f64 {
-        let (length, reach) = (
-            d.length(),
-            self.half_size_m * d.abs().element_sum() / d.length(),
-        );
+    /// Computes the tolerance if the drawn inverse depth is at most `nearest`.
+    fn tolerance_up_to(&self, d: DVec3, q: f64, nearest: f64) -> f64 {
+        let length = d.length();
+        let reach = self.half_size_m * d.abs().element_sum() / length;
         let z = length / nearest - reach;
         if z <= 0.0 {
             return 0.0;
         }
-        // The corner that is farthest from the ray.
-        let squared = 3.0 * self.half_size_m.powi(2) - least_reach(d, self.half_size_m).powi(2);
+        // The corner of the headbox that is farthest from the ray.
+        let squared =
+            3.0 * self.half_size_m.powi(2) - least_corner_distance(d, self.half_size_m).powi(2);
         let r = squared.max(0.0).sqrt();
         // |P' - P| = |d| |q' - q| / (q q').
         let per_length = if r <= z { r / (r * r + z * z) } else { 0.5 / z };
         let nearer = q * q * self.sine / (per_length * length);
         // Farther by a length s: sine at most s r / (r^2 + z (z + s)), which any s satisfies if r
         // <= sine z.
-        let farther = match r <= z {
-            true if r <= self.sine * z => q,
-            true => from_length(q, length, self.sine * (r * r + z * z) / (r - self.sine * z)),
-            false => from_length(q, length, self.sine / per_length),
+        let farther = if r <= self.sine * z && r <= z {
+            q
+        } else if r <= z {
+            from_length(q, length, self.sine * (r * r + z * z) / (r - self.sine * z))
+        } else {
+            from_length(q, length, self.sine / per_length)
         };
         farther.min(nearer)
     }
 }
 
-/// Decrease of the inverse depth `q` of a point in a direction of length `d` if the point moves
-/// away by `s`.
+/// Computes the decrease of the inverse depth `q` of a point in a direction of length `d` if the
+/// point moves away by `s`.
 fn from_length(q: f64, d: f64, s: f64) -> f64 {
     q * q * s / (d + q * s)
 }
 
-/// Distance along the ray of the corner of a cube that is nearest to the plane through the centre
-/// across the ray.
-fn least_reach(d: DVec3, half_size_m: f64) -> f64 {
+/// Computes the least distance of the headbox's corners from the plane through the centre that is
+/// perpendicular to the ray.
+fn least_corner_distance(d: DVec3, half_size_m: f64) -> f64 {
     let [a, b, c] = d.abs().to_array();
     let signed = [a + b + c, a + b - c, a - b + c, b + c - a];
     signed

@@ -1,45 +1,44 @@
-//! Planes through samples: least squares of inverse depth over face pixels, where planes are
-//! affine.
+//! Least-squares planes through samples: planes are affine in inverse depth over face pixels.
 
 use glam::{DMat3, DVec3};
 
-/// Sums over samples, about an origin on the face.
+/// Sums of a least-squares fit, about an origin on the face.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fit {
     origin: [f64; 2],
-    /// Moments: products of (1, x, y) with themselves.
+    /// Sums of 1, x, y, x^2, x y, y^2.
     moments: [f64; 6],
-    /// Inverse depth times (1, x, y).
+    /// Sum of inverse depth times (1, x, y).
     values: DVec3,
 }
 
-/// An affine inverse depth: `at . (1, x - x0, y - y0)`.
+/// An affine inverse depth: `coefficients . (1, x - x0, y - y0)`, 1/m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Affine {
     pub(super) origin: [f64; 2],
-    pub(super) at: DVec3,
+    pub(super) coefficients: DVec3,
 }
 
 impl Affine {
-    /// Inverse depth at a position on the face, 1/m.
+    /// Evaluates the inverse depth at a position on the face, 1/m.
     #[inline(always)]
     pub(super) fn inverse_depth(&self, x: f64, y: f64) -> f64 {
-        self.at.x + self.at.y * (x - self.origin[0]) + self.at.z * (y - self.origin[1])
+        let [q, along_x, along_y] = self.coefficients.to_array();
+        q + along_x * (x - self.origin[0]) + along_y * (y - self.origin[1])
     }
 
-    /// Distance of an inverse depth in the pixel with centre (x, y) from the range of the plane
-    /// within the pixel.
-    ///
-    /// A sample says in which pixel rays met a surface, not where in it.
+    /// Computes the distance of an inverse depth `q` from the range of the plane within the pixel
+    /// with centre (x, y): the position of a sample inside its pixel is unknown.
     #[inline(always)]
     pub(super) fn distance(&self, x: f64, y: f64, q: f64) -> f64 {
-        let within = 0.5 * (self.at.y.abs() + self.at.z.abs());
+        let within = 0.5 * (self.coefficients.y.abs() + self.coefficients.z.abs());
         ((q - self.inverse_depth(x, y)).abs() - within).max(0.0)
     }
 
-    /// The coefficients of (1, x, y).
-    pub(super) fn coefficients(&self) -> [f64; 3] {
-        [self.inverse_depth(0.0, 0.0), self.at.y, self.at.z]
+    /// Returns the coefficients of (1, x, y), about the face's upper left corner.
+    pub(super) fn face_coefficients(&self) -> [f64; 3] {
+        let [_, along_x, along_y] = self.coefficients.to_array();
+        [self.inverse_depth(0.0, 0.0), along_x, along_y]
     }
 }
 
@@ -70,7 +69,7 @@ impl Fit {
         self.values += DVec3::new(q, q * x, q * y);
     }
 
-    /// The plane of least squares, or `None` if the samples lie on a line.
+    /// Computes the least-squares plane, or `None` if the samples lie on a line.
     pub(super) fn solve(&self) -> Option<Affine> {
         let [n, x, y, xx, xy, yy] = self.moments;
         let matrix = DMat3::from_cols(
@@ -86,10 +85,10 @@ impl Fit {
         {
             return None;
         }
-        let at = matrix.inverse() * self.values;
-        at.is_finite().then_some(Affine {
+        let coefficients = matrix.inverse() * self.values;
+        coefficients.is_finite().then_some(Affine {
             origin: self.origin,
-            at,
+            coefficients,
         })
     }
 }

@@ -1,12 +1,12 @@
 //! Primitive selection: replaces planar samples by textured planes within an error bound (inventory
 //! S1; `docs/primitives.md`).
 //!
-//! * [`bound`]: from an error in frame pixels to one in inverse depth.
+//! * [`bound`]: converts an error in frame pixels to one in inverse depth.
 //! * `headbox_ldi::face_size`: the face size that such an error needs.
 //! * `fit`, `regions`: planes, where inverse depth is affine in face pixels within the bound.
-//! * `textures`: their pictures; `cost`: which of them are worth it.
+//! * `textures`: their textures; `cost`: the cost model that selects them.
 //!
-//! What no plane holds stays layered depth pixels.
+//! All other samples stay layered depth pixels.
 
 pub mod bound;
 mod cost;
@@ -17,19 +17,20 @@ mod textures;
 pub use bound::Bound;
 
 use crate::model::samples::{CubeSamples, LayeredDepthImage};
-use crate::pack::{CubeLdi, PackError, Plane, PlaneSet, SplatIndexLayout, Split};
+use crate::pack::{CubeLdi, PackError, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use rayon::prelude::*;
-use regions::{Grower, NOBODY};
+use regions::{Grower, NO_REGION};
+use textures::FaceTextures;
 
-/// The largest error that makes sense, px: more than a frame is wide.
+/// Maximum error bound, px: more than the width of a frame.
 pub const MAX_ERROR_PX: f64 = 1e6;
 
-/// The error that captures allow where nothing is said, px: smooth walls lose up to half a decibel,
-/// where captures without noise have 50 dB and more (docs/decisions/0051).
+/// Default error bound of captures, px: smooth walls lose up to half a decibel, at 50 dB and more in
+/// captures without noise (docs/decisions/0051).
 pub const DEFAULT_ERROR_PX: f64 = 0.5;
 
-/// Packs a cube LDI that frames show all around. What of it is flat becomes pictures on planes
-/// ([`choose`]), if these together are worth the canvas that a frame needs for them.
+/// Packs a cube LDI that is visible in all directions. Planar samples become plane textures
+/// ([`choose`]), if these together save more time than their canvas costs.
 ///
 /// # Errors
 /// See [`CubeLdi::pack`].
@@ -40,28 +41,24 @@ pub fn pack(
     error_px: f64,
 ) -> Result<CubeLdi, PackError> {
     ldi.validate()?;
-    let found = find(&ldi, error_px);
-    let samples = found.iter().map(|of_face| of_face.pictures.samples).sum();
-    let tiles = found
+    let mut selection = select(&ldi, error_px);
+    let samples = selection.iter().map(|face| face.textures.samples).sum();
+    let tiles = selection
         .iter()
-        .flat_map(|of_face| &of_face.pictures.tiles)
+        .flat_map(|face| &face.textures.tiles)
         .map(|tile| [tile.width, tile.height]);
     let face_pixels = ldi
         .faces
         .iter()
         .map(|face| u64::from(face.size_px).pow(2))
         .sum();
-    let is_worth_it = cost::are_worth_a_canvas(samples, tiles, face_pixels);
-    pack_found(
-        ldi,
-        if is_worth_it { found } else { Vec::new() },
-        layout,
-        split,
-        error_px,
-    )
+    if !cost::outweigh_canvas(samples, tiles, face_pixels) {
+        selection.clear();
+    }
+    pack_selection(ldi, selection, layout, split, error_px)
 }
 
-/// Same as [`pack`], keeping all plane textures: for a cube of which portals show parts.
+/// Same as [`pack`], but keeps all plane textures: for a cube that portals show only parts of.
 ///
 /// # Errors
 /// See [`CubeLdi::pack`].
@@ -72,21 +69,21 @@ pub fn pack_in_parts(
     error_px: f64,
 ) -> Result<CubeLdi, PackError> {
     ldi.validate()?;
-    let found = find(&ldi, error_px);
-    pack_found(ldi, found, layout, split, error_px)
+    let selection = select(&ldi, error_px);
+    pack_selection(ldi, selection, layout, split, error_px)
 }
 
-fn pack_found(
+fn pack_selection(
     mut ldi: CubeSamples,
-    found: Vec<SelectedTextures>,
+    selection: Vec<SelectedTextures>,
     layout: SplatIndexLayout,
     split: Split,
     error_px: f64,
 ) -> Result<CubeLdi, PackError> {
-    let planes = take(&mut ldi, found, error_px);
+    let planes = extract(&mut ldi, selection, error_px);
     let split = match split {
-        // What pictures leave is little, and a second table of pixels would be larger than what a
-        // split saves.
+        // Few samples remain beside plane textures: the tables of a second segment would be larger
+        // than the savings of a split.
         Split::Auto if !planes.tiles.is_empty() => Split::None,
         split => split,
     };
@@ -95,21 +92,17 @@ fn pack_found(
     Ok(cube)
 }
 
-/// Fewer samples are not tried as a region.
-const LEAST_SAMPLES: usize = 48;
-
-/// Takes from a cube LDI what can be shown as pictures on planes, such that nothing that the
-/// samples of it say is seen elsewhere by more than `error_px` ([`Bound`]). With an error that is
-/// not a positive number, nothing is taken.
+/// Moves planar samples of a cube LDI to plane textures that displace no sample by more than
+/// `error_px` in any frame ([`Bound`]). Moves none if the error is not a positive number.
 ///
 /// The LDI must be valid ([`CubeSamples::validate`]).
 pub fn choose(ldi: &mut CubeSamples, error_px: f64) -> PlaneSet {
-    let found = find(ldi, error_px);
-    take(ldi, found, error_px)
+    let selection = select(ldi, error_px);
+    extract(ldi, selection, error_px)
 }
 
-/// The pictures of each face.
-fn find(ldi: &CubeSamples, error_px: f64) -> Vec<SelectedTextures> {
+/// Selects the plane textures of each face; none if the error is not a positive number.
+fn select(ldi: &CubeSamples, error_px: f64) -> Vec<SelectedTextures> {
     if error_px.is_nan() || error_px <= 0.0 {
         return Vec::new();
     }
@@ -117,41 +110,40 @@ fn find(ldi: &CubeSamples, error_px: f64) -> Vec<SelectedTextures> {
     ldi.faces
         .par_iter()
         .with_max_len(1)
-        .map(|face| choose_on(face, error_px, half_size_m))
+        .map(|face| select_on_face(face, &Bound::new(error_px, half_size_m, face.size_px)))
         .collect()
 }
 
-/// Takes the samples of pictures from a cube, and makes a set of these.
-fn take(ldi: &mut CubeSamples, found: Vec<SelectedTextures>, error_px: f64) -> PlaneSet {
-    if found
-        .iter()
-        .all(|of_face| of_face.pictures.tiles.is_empty())
-    {
+/// Removes the samples of the selected plane textures from a cube, and merges the textures into one
+/// set.
+fn extract(ldi: &mut CubeSamples, selection: Vec<SelectedTextures>, error_px: f64) -> PlaneSet {
+    if selection.iter().all(|face| face.textures.tiles.is_empty()) {
         return PlaneSet::default();
     }
     ldi.faces
         .par_iter_mut()
-        .zip(&found)
+        .zip(&selection)
         .with_max_len(1)
-        .for_each(|(face, of_face)| {
-            keep(face, |i| of_face.owner[i] == NOBODY);
-        });
+        .for_each(|(face, selected)| retain_samples(face, |i| selected.owner[i] == NO_REGION));
     let mut set = PlaneSet {
         error_px,
         ..PlaneSet::default()
     };
     for SelectedTextures {
-        planes, pictures, ..
-    } in found
+        planes, textures, ..
+    } in selection
     {
-        let (plane, texel) = (set.planes.len() as u32, set.texels.len() as u32);
+        let first_plane = set.planes.len() as u32;
+        let first_texel = set.texels.len() as u32;
         set.planes.extend(planes);
-        set.tiles.extend(pictures.tiles.into_iter().map(|mut tile| {
-            (tile.plane, tile.first_texel) = (tile.plane + plane, tile.first_texel + texel);
-            tile
-        }));
-        set.texels.extend(pictures.texels);
-        set.samples += pictures.samples;
+        set.tiles
+            .extend(textures.tiles.into_iter().map(|tile| PlaneTile {
+                plane: tile.plane + first_plane,
+                first_texel: tile.first_texel + first_texel,
+                ..tile
+            }));
+        set.texels.extend(textures.texels);
+        set.samples += textures.samples;
     }
     set
 }
@@ -159,25 +151,24 @@ fn take(ldi: &mut CubeSamples, found: Vec<SelectedTextures>, error_px: f64) -> P
 /// Plane textures selected for a face.
 struct SelectedTextures {
     planes: Vec<Plane>,
-    pictures: textures::Pictures,
-    /// Plane of each sample of the face, or [`NOBODY`].
+    textures: FaceTextures,
+    /// Plane of each sample of the face, or [`NO_REGION`].
     owner: Vec<u32>,
 }
 
-fn choose_on(face: &LayeredDepthImage, error_px: f64, half_size_m: f64) -> SelectedTextures {
-    let mut grower = Grower::new(face, &Bound::new(error_px, half_size_m, face.size_px));
-    grower.grow_all(LEAST_SAMPLES);
-    let pictures = textures::draw(&mut grower, 0);
-    let planes = grower.regions.iter().map(|region| region.plane).collect();
+fn select_on_face(face: &LayeredDepthImage, bound: &Bound) -> SelectedTextures {
+    let mut grower = Grower::new(face, bound);
+    grower.grow_all();
+    let textures = textures::draw(&mut grower);
     SelectedTextures {
-        planes,
-        pictures,
+        planes: grower.regions.iter().map(|region| region.plane).collect(),
+        textures,
         owner: grower.owner,
     }
 }
 
-/// Drops all samples but some.
-fn keep(face: &mut LayeredDepthImage, is_kept: impl Fn(usize) -> bool) {
+/// Keeps the samples for whose indices `is_kept` returns true.
+fn retain_samples(face: &mut LayeredDepthImage, is_kept: impl Fn(usize) -> bool) {
     let mut kept = 0;
     let mut start = 0;
     for p in 1..face.offsets.len() {

@@ -1,53 +1,57 @@
-//! Regions: samples of one face that lie on one plane, grown from seeds over neighbouring pixels
-//! and across layers.
+//! Region growing: finds the samples of a face that lie on one plane, from seeds over neighbouring
+//! pixels and across layers.
 
 use super::bound::Bound;
 use super::fit::{Affine, Fit};
 use crate::model::samples::{DepthPixel, LayeredDepthImage};
 use crate::pack::Plane;
+use glam::DVec3;
 
-/// Stands for no region.
-pub(super) const NOBODY: u32 = u32::MAX;
+/// Region index of samples in no region.
+pub(super) const NO_REGION: u32 = u32::MAX;
 
-/// Pixels from seed to seed.
+/// Minimum number of samples of a region.
+const MIN_REGION_SAMPLES: usize = 48;
+
+/// Distance between seeds, pixels.
 const SEED_STEP: u32 = 4;
 
-/// Pixels around a seed, to each side, from which its plane is first fitted.
-const SEED_REACH: i64 = 3;
+/// Radius of the square window in which the plane of a seed is fitted, pixels.
+const SEED_RADIUS: i64 = 3;
 
-/// Number of the 49 pixels about a seed that must lie on its plane.
-const SEED_SUPPORT: usize = 24;
+/// Minimum number of the 49 pixels of a seed's window that have samples on its plane.
+const MIN_SEED_SUPPORT: usize = 24;
 
-/// Relative error of inverse depth, a pixel away, of a plane through a sample by its normal alone:
-/// 3 degrees of a packed normal at 74 degrees to the line of sight, over half of a face of 1024
-/// pixels.
+/// Relative error of inverse depth, one pixel away, of the tangent plane of a sample: 3 degrees of a
+/// packed normal at 74 degrees to the line of sight, over half of a face of 1024 pixels.
 const NORMAL_ERROR: f64 = 0.18 / 512.0;
 
-/// A plane, and where it is.
+/// A plane, and the pixels that it covers.
 #[derive(Clone, Debug)]
 pub(super) struct Region {
     pub(super) plane: Plane,
-    /// The same on this face.
+    /// Inverse depth of the plane on the face.
     pub(super) affine: Affine,
-    /// Pixels (row-major) that hold samples of it.
+    /// Pixels (row-major) with samples of the region.
     pub(super) pixels: Vec<u32>,
 }
 
-/// The samples of a face, and whose they are.
+/// Assignment of the samples of a face to regions.
 pub(super) struct Grower<'a> {
     pub(super) face: &'a LayeredDepthImage,
     /// Tolerance of each sample's inverse depth, 1/m.
     pub(super) tolerance: Vec<f32>,
-    /// Region of each sample, or [`NOBODY`].
+    /// Region of each sample, or [`NO_REGION`].
     pub(super) owner: Vec<u32>,
     pub(super) regions: Vec<Region>,
-    /// Last visit of each pixel.
+    /// For each pixel, the last flood fill that visited it.
     visited: Vec<u32>,
+    /// Number of flood fills.
     visit: u32,
     queue: Vec<u32>,
 }
 
-/// A plane that is worth growing.
+/// A plane through a pixel's samples, to grow a region from.
 struct Seed {
     /// Score of its fit and extent; larger is better.
     score: f64,
@@ -63,57 +67,55 @@ impl<'a> Grower<'a> {
             let d = face
                 .face
                 .direction(f64::from(p % size) + 0.5, f64::from(p / size) + 0.5, size);
-            let of = |s: &DepthPixel| bound.tolerance(d, f64::from(s.inverse_depth)) as f32;
-            tolerance.extend(face.pixel(p % size, p / size).iter().map(of));
+            let tolerance_at =
+                |s: &DepthPixel| bound.tolerance(d, f64::from(s.inverse_depth)) as f32;
+            tolerance.extend(face.pixel(p % size, p / size).iter().map(tolerance_at));
         }
-        let owner = vec![NOBODY; face.samples.len()];
-        let visited = vec![0; (size * size) as usize];
-        let (regions, queue) = (Vec::new(), Vec::new());
         Self {
             face,
             tolerance,
-            owner,
-            regions,
-            visited,
+            owner: vec![NO_REGION; face.samples.len()],
+            regions: Vec::new(),
+            visited: vec![0; (size * size) as usize],
             visit: 0,
-            queue,
+            queue: Vec::new(),
         }
     }
 
-    /// Finds all regions of at least `least` samples, best seeds first.
-    pub(super) fn grow_all(&mut self, least: usize) {
-        self.take_infinity();
-        let mut seeds: Vec<Seed> = self.seeds();
+    /// Finds all regions, best seeds first.
+    pub(super) fn grow_all(&mut self) {
+        self.claim_infinity();
+        let mut seeds = self.find_seeds();
         seeds.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.pixel.cmp(&b.pixel)));
         for seed in &seeds {
-            self.grow(seed, least);
+            if let Some(region) = self.grow(seed) {
+                self.claim(region);
+            }
         }
     }
 
-    /// The samples of a pixel: indices of the first, and after the last.
-    fn samples_of(&self, pixel: u32) -> std::ops::Range<usize> {
+    /// Returns the indices of a pixel's samples.
+    fn sample_range(&self, pixel: u32) -> std::ops::Range<usize> {
         self.face.offsets[pixel as usize] as usize..self.face.offsets[pixel as usize + 1] as usize
     }
 
-    fn middle(&self, pixel: u32) -> [f64; 2] {
-        [
-            f64::from(pixel % self.face.size_px) + 0.5,
-            f64::from(pixel / self.face.size_px) + 0.5,
-        ]
+    fn centre(&self, pixel: u32) -> [f64; 2] {
+        let size = self.face.size_px;
+        [pixel % size, pixel / size].map(|v| f64::from(v) + 0.5)
     }
 
-    /// True if a sample that is still free lies on a plane.
+    /// Returns true if a sample is unassigned and lies on a plane.
     #[inline(always)]
     fn fits(&self, affine: &Affine, [x, y]: [f64; 2], i: usize) -> bool {
         let q = f64::from(self.face.samples[i].inverse_depth);
-        self.owner[i] == NOBODY && affine.distance(x, y, q) <= f64::from(self.tolerance[i])
+        self.owner[i] == NO_REGION && affine.distance(x, y, q) <= f64::from(self.tolerance[i])
     }
 
-    /// Assigns samples so far away that no eye sees them move to the plane at infinity.
-    fn take_infinity(&mut self) {
+    /// Assigns samples so distant that their parallax is within the bound to the plane at infinity.
+    fn claim_infinity(&mut self) {
         let mut pixels = Vec::new();
         for pixel in 0..self.face.size_px.pow(2) {
-            for i in self.samples_of(pixel) {
+            for i in self.sample_range(pixel) {
                 if self.tolerance[i] >= self.face.samples[i].inverse_depth {
                     self.owner[i] = self.regions.len() as u32;
                     if pixels.last() != Some(&pixel) {
@@ -131,67 +133,67 @@ impl<'a> Grower<'a> {
         }
     }
 
-    fn seeds(&self) -> Vec<Seed> {
+    fn find_seeds(&self) -> Vec<Seed> {
         let lattice = || (SEED_STEP / 2..self.face.size_px).step_by(SEED_STEP as usize);
         let mut seeds = Vec::new();
         for (y, x) in lattice().flat_map(|y| lattice().map(move |x| (y, x))) {
             let pixel = y * self.face.size_px + x;
-            for i in self.samples_of(pixel).filter(|i| self.owner[*i] == NOBODY) {
-                seeds.extend(self.seed(pixel, i));
+            for i in self.unassigned(pixel) {
+                seeds.extend(self.fit_seed(pixel, i));
             }
         }
         seeds
     }
 
-    /// The plane about a sample: first by its normal, then by least squares over those that lie on
-    /// it.
-    fn seed(&self, pixel: u32, i: usize) -> Option<Seed> {
+    fn unassigned(&self, pixel: u32) -> impl Iterator<Item = usize> {
+        self.sample_range(pixel)
+            .filter(|i| self.owner[*i] == NO_REGION)
+    }
+
+    /// Fits a plane about a sample: the tangent plane first, then least squares over the samples that
+    /// lie on it.
+    fn fit_seed(&self, pixel: u32, i: usize) -> Option<Seed> {
         let size = self.face.size_px;
-        let [x, y] = self.middle(pixel);
-        let slope = self
-            .face
-            .inverse_depth_slope(x, y, &self.face.samples[i], 8.0);
-        let q = f64::from(self.face.samples[i].inverse_depth);
+        let [x, y] = self.centre(pixel);
+        let sample = &self.face.samples[i];
+        let slope = self.face.inverse_depth_slope(x, y, sample, 8.0);
+        let q = f64::from(sample.inverse_depth);
         let mut affine = Affine {
             origin: [x, y],
-            at: glam::DVec3::new(q, q * slope.x, q * slope.y),
+            coefficients: DVec3::new(q, q * slope.x, q * slope.y),
         };
         let (column, row) = (i64::from(pixel % size), i64::from(pixel / size));
         let mut score = 0.0;
         for round in 0..3 {
             let mut fit = Fit::new([x, y]);
             let (mut support, mut misfit) = (0, 0.0);
-            for (dy, dx) in (-SEED_REACH..=SEED_REACH)
-                .flat_map(|dy| (-SEED_REACH..=SEED_REACH).map(move |dx| (dy, dx)))
+            for (dy, dx) in (-SEED_RADIUS..=SEED_RADIUS)
+                .flat_map(|dy| (-SEED_RADIUS..=SEED_RADIUS).map(move |dx| (dy, dx)))
             {
                 let inside = |v: i64| (0..i64::from(size)).contains(&v);
                 if !inside(column + dx) || !inside(row + dy) {
                     continue;
                 }
                 let other = ((row + dy) * i64::from(size) + column + dx) as u32;
-                let at = self.middle(other);
-                let doubt = if round == 0 {
+                let [x, y] = self.centre(other);
+                let normal_error = if round == 0 {
                     q * NORMAL_ERROR * (dx * dx + dy * dy) as f64
                 } else {
                     0.0
                 };
-                let mut found = false;
-                for k in self.samples_of(other).filter(|k| self.owner[*k] == NOBODY) {
-                    let (value, tolerance) = (
-                        f64::from(self.face.samples[k].inverse_depth),
-                        self.tolerance[k],
-                    );
-                    let off = affine.distance(at[0], at[1], value);
-                    if off <= f64::from(tolerance) + doubt {
-                        fit.add(at[0], at[1], value);
-                        misfit += (value - affine.inverse_depth(at[0], at[1])).abs()
-                            / f64::from(tolerance);
-                        found = true;
+                let mut is_on_plane = false;
+                for k in self.unassigned(other) {
+                    let value = f64::from(self.face.samples[k].inverse_depth);
+                    let tolerance = f64::from(self.tolerance[k]);
+                    if affine.distance(x, y, value) <= tolerance + normal_error {
+                        fit.add(x, y, value);
+                        misfit += (value - affine.inverse_depth(x, y)).abs() / tolerance;
+                        is_on_plane = true;
                     }
                 }
-                support += usize::from(found);
+                support += usize::from(is_on_plane);
             }
-            if support < SEED_SUPPORT {
+            if support < MIN_SEED_SUPPORT {
                 return None;
             }
             score = support as f64 / (1.0 + misfit / fit.count());
@@ -204,54 +206,46 @@ impl<'a> Grower<'a> {
         })
     }
 
-    fn grow(&mut self, seed: &Seed, least: usize) {
-        let middle = self.middle(seed.pixel);
+    /// Grows a region from a seed; `None` if it is too small. The plane is refined by flood fills: one
+    /// that adapts it, and two with the plane rounded as it is stored.
+    fn grow(&mut self, seed: &Seed) -> Option<Region> {
+        let centre = self.centre(seed.pixel);
         if !self
-            .samples_of(seed.pixel)
-            .any(|i| self.fits(&seed.affine, middle, i))
+            .sample_range(seed.pixel)
+            .any(|i| self.fits(&seed.affine, centre, i))
         {
-            return;
+            return None;
         }
-        let Some((fit, count, _)) = self.spread(seed.affine, seed.pixel, true) else {
-            return;
-        };
-        if count < least {
-            return;
-        }
-        let mut affine = fit;
-        for round in 0..2 {
-            let (face, size) = (self.face.face, self.face.size_px);
-            let plane = Plane::from_inverse_depth(face, size, affine.coefficients());
-            let [q, along_x, along_y] = plane.inverse_depth(face, size);
-            let rounded = Affine {
-                origin: [0.0; 2],
-                at: glam::DVec3::new(q, along_x, along_y),
-            };
-            let Some((refined, count, pixels)) = self.spread(rounded, seed.pixel, false) else {
-                return;
-            };
-            if count < least {
-                return;
-            }
-            if round == 1 {
-                self.take(Region {
-                    plane,
-                    affine: rounded,
-                    pixels,
-                });
-                return;
-            }
-            affine = refined;
-        }
+        let (adapted, _) = self.flood_fill(seed.affine, seed.pixel, true)?;
+        let (_, rounded) = self.round_to_plane(&adapted);
+        let (refined, _) = self.flood_fill(rounded, seed.pixel, false)?;
+        let (plane, affine) = self.round_to_plane(&refined);
+        let (_, pixels) = self.flood_fill(affine, seed.pixel, false)?;
+        Some(Region {
+            plane,
+            affine,
+            pixels,
+        })
     }
 
-    /// Makes all samples of the region's pixels that lie on its plane its own.
-    fn take(&mut self, region: Region) {
+    /// Rounds an affine inverse depth to the precision of a [`Plane`].
+    fn round_to_plane(&self, affine: &Affine) -> (Plane, Affine) {
+        let (face, size) = (self.face.face, self.face.size_px);
+        let plane = Plane::from_inverse_depth(face, size, affine.face_coefficients());
+        let rounded = Affine {
+            origin: [0.0; 2],
+            coefficients: DVec3::from(plane.inverse_depth(face, size)),
+        };
+        (plane, rounded)
+    }
+
+    /// Assigns the unassigned samples in the region's pixels that lie on its plane.
+    fn claim(&mut self, region: Region) {
         let id = self.regions.len() as u32;
         for &pixel in &region.pixels {
-            let middle = self.middle(pixel);
-            for i in self.samples_of(pixel) {
-                if self.fits(&region.affine, middle, i) {
+            let centre = self.centre(pixel);
+            for i in self.sample_range(pixel) {
+                if self.fits(&region.affine, centre, i) {
                     self.owner[i] = id;
                 }
             }
@@ -259,28 +253,29 @@ impl<'a> Grower<'a> {
         self.regions.push(region);
     }
 
-    /// All pixels with free samples on a plane that are reached from one of them, how many samples
-    /// they are, and the plane of least squares through those. While it `adapts`, the plane is
-    /// fitted anew whenever twice as many are known.
-    fn spread(
+    /// Finds the pixels connected to `start` with unassigned samples on a plane, and the least-squares
+    /// plane through these samples; `None` if there are too few, or if they lie on a line. If
+    /// `adapts`, the plane is refitted whenever the number of samples has doubled.
+    fn flood_fill(
         &mut self,
         mut affine: Affine,
-        from: u32,
+        start: u32,
         adapts: bool,
-    ) -> Option<(Affine, usize, Vec<u32>)> {
+    ) -> Option<(Affine, Vec<u32>)> {
         let size = self.face.size_px;
         self.visit += 1;
         let mut queue = std::mem::take(&mut self.queue);
         queue.clear();
-        queue.push(from);
-        self.visited[from as usize] = self.visit;
-        let mut fit = Fit::new(self.middle(from));
-        let (mut next, mut count, mut refit_at, mut pixels) = (0, 0, 32, Vec::new());
+        queue.push(start);
+        self.visited[start as usize] = self.visit;
+        let mut fit = Fit::new(self.centre(start));
+        let (mut next, mut count, mut refit_at) = (0, 0, 32);
+        let mut pixels = Vec::new();
         while let Some(&pixel) = queue.get(next) {
             next += 1;
-            let [x, y] = self.middle(pixel);
+            let [x, y] = self.centre(pixel);
             let before = count;
-            for i in self.samples_of(pixel) {
+            for i in self.sample_range(pixel) {
                 if self.fits(&affine, [x, y], i) {
                     fit.add(x, y, f64::from(self.face.samples[i].inverse_depth));
                     count += 1;
@@ -306,6 +301,9 @@ impl<'a> Grower<'a> {
             }
         }
         self.queue = queue;
-        Some((fit.solve()?, count, pixels))
+        if count < MIN_REGION_SAMPLES {
+            return None;
+        }
+        Some((fit.solve()?, pixels))
     }
 }

@@ -1,32 +1,34 @@
-//! Pictures of regions: a texel for each face pixel, sharpened against the blur of lookups between
-//! texels, cut into tiles.
+//! Textures of regions: one texel for each face pixel, sharpened against the blur of bilinear lookups,
+//! divided into tiles.
 
-use super::regions::{Grower, NOBODY, Region};
+use super::regions::{Grower, NO_REGION, Region};
 use crate::pack::{PlaneSet, PlaneTile};
 use crate::planes::cost;
+use std::collections::BTreeSet;
 
-/// Face pixels a side of the largest tiles, and of the smallest into which these are cut.
-const LARGEST_PX: i32 = 128;
-const LEAST_PX: i32 = 64;
+/// Side of the largest squares, face pixels.
+const MAX_SQUARE_PX: i32 = 128;
 
-/// The pictures of a face.
+/// Side of the smallest squares into which larger ones are divided, face pixels.
+const MIN_SQUARE_PX: i32 = 64;
+
+/// The plane textures of a face.
 #[derive(Default)]
-pub(super) struct Pictures {
+pub(super) struct FaceTextures {
     pub(super) tiles: Vec<PlaneTile>,
     pub(super) texels: Vec<[u8; 4]>,
-    /// Samples that they stand for.
+    /// Number of samples that the tiles replace.
     pub(super) samples: u64,
 }
 
-/// Number of the eight pixels around one without rays that must belong to a region for it to be a
-/// gap in it.
+/// Minimum number of neighbours in a region of an empty pixel that is filled as a gap in the region.
 const GAP_NEIGHBOURS: usize = 6;
 
-/// Draws the regions of a face. What no tile is worth drawing gives its samples back to nobody.
-pub(super) fn draw(grower: &mut Grower, first_plane: u32) -> Pictures {
-    let mut pictures = Pictures::default();
+/// Draws the tiles of the regions of a face, and unassigns the samples outside all tiles.
+pub(super) fn draw(grower: &mut Grower) -> FaceTextures {
+    let mut textures = FaceTextures::default();
     let regions = std::mem::take(&mut grower.regions);
-    let mut drawn = TileCover::new(grower.face.size_px);
+    let mut drawn = SquareMask::new(grower.face.size_px);
     let mut freed = Vec::new();
     for (id, region) in regions.iter().enumerate() {
         let painter = TexturePainter {
@@ -34,42 +36,43 @@ pub(super) fn draw(grower: &mut Grower, first_plane: u32) -> Pictures {
             region,
             id: id as u32,
         };
-        let kept: Vec<TextureTile> = painter
+        let selected: Vec<Square> = painter
             .squares()
             .into_iter()
-            .flat_map(|square| painter.choose(square).kept)
+            .flat_map(|square| painter.select(square).squares)
             .collect();
-        drawn.begin();
-        kept.iter().for_each(|square| drawn.add(square));
-        for square in &kept {
-            if let Some(rectangle) = painter.tile(square, drawn.lacks_beside(square)) {
-                painter.paint(&rectangle, first_plane, &mut pictures);
+        drawn.clear();
+        selected.iter().for_each(|square| drawn.add(square));
+        for square in &selected {
+            if let Some(bounds) = painter.texel_bounds(square, drawn.overlap(square)) {
+                painter.paint(&bounds, &mut textures);
             }
         }
         for &pixel in &region.pixels {
             let [x, y] = [pixel as i32 % painter.size(), pixel as i32 / painter.size()];
-            match drawn.holds(x, y) {
-                true => pictures.samples += painter.own(x, y).count() as u64,
-                false => freed.extend(painter.own(x, y)),
+            if drawn.contains(x, y) {
+                textures.samples += painter.samples(x, y).count() as u64;
+            } else {
+                freed.extend(painter.samples(x, y));
             }
         }
     }
     for i in freed {
-        grower.owner[i] = NOBODY;
+        grower.owner[i] = NO_REGION;
     }
     grower.regions = regions;
-    pictures
+    textures
 }
 
-/// A square of face pixels, of which a tile may be.
+/// A square of face pixels that may become a tile.
 #[derive(Clone, Copy)]
-struct TextureTile {
+struct Square {
     x: i32,
     y: i32,
     side: i32,
 }
 
-impl TextureTile {
+impl Square {
     fn quarters(&self) -> [Self; 4] {
         let side = self.side / 2;
         [(0, 0), (side, 0), (0, side), (side, side)].map(|(x, y)| Self {
@@ -80,81 +83,80 @@ impl TextureTile {
     }
 }
 
-/// Squares worth drawing as textures.
+/// Squares that are worth drawing as textures.
 #[derive(Default)]
-struct TileSelection {
-    kept: Vec<TextureTile>,
-    /// Savings, as computed by [`cost::saved`].
-    saved: f64,
+struct Selection {
+    squares: Vec<Square>,
+    /// Sum of [`cost::savings`].
+    savings: f64,
 }
 
-/// Squares of a face drawn by one region, in units of the smallest squares.
-struct TileCover {
-    /// Last region of each of the smallest squares, row by row.
-    last: Vec<u32>,
-    across: i32,
-    region: u32,
+/// Set of squares of a face, in units of the smallest squares.
+struct SquareMask {
+    is_set: Vec<bool>,
+    /// Smallest squares along a side of the face.
+    width: i32,
 }
 
-impl TileCover {
+impl SquareMask {
     fn new(size_px: u32) -> Self {
-        let across = (size_px as i32).div_euclid(LEAST_PX) + 1;
+        let width = (size_px as i32).div_euclid(MIN_SQUARE_PX) + 1;
         Self {
-            last: vec![0; (across * across) as usize],
-            across,
-            region: 0,
+            is_set: vec![false; (width * width) as usize],
+            width,
         }
     }
 
-    /// Another region: nothing of it is drawn.
-    fn begin(&mut self) {
-        self.region += 1;
+    fn clear(&mut self) {
+        self.is_set.fill(false);
     }
 
-    fn add(&mut self, square: &TextureTile) {
-        for y in (square.y..square.y + square.side).step_by(LEAST_PX as usize) {
-            for x in (square.x..square.x + square.side).step_by(LEAST_PX as usize) {
-                if let Some(at) = self.index(x, y) {
-                    self.last[at] = self.region;
+    fn add(&mut self, square: &Square) {
+        for y in (square.y..square.y + square.side).step_by(MIN_SQUARE_PX as usize) {
+            for x in (square.x..square.x + square.side).step_by(MIN_SQUARE_PX as usize) {
+                if let Some(i) = self.index(x, y) {
+                    self.is_set[i] = true;
                 }
             }
         }
     }
 
     fn index(&self, x: i32, y: i32) -> Option<usize> {
-        let [column, row] = [x, y].map(|v| v.div_euclid(LEAST_PX));
-        let inside = |v: i32| (0..self.across).contains(&v);
-        (inside(column) && inside(row)).then(|| (row * self.across + column) as usize)
+        let [column, row] = [x, y].map(|v| v.div_euclid(MIN_SQUARE_PX));
+        let inside = |v: i32| (0..self.width).contains(&v);
+        (inside(column) && inside(row)).then(|| (row * self.width + column) as usize)
     }
 
-    fn holds(&self, x: i32, y: i32) -> bool {
-        self.index(x, y)
-            .is_some_and(|at| self.last[at] == self.region)
+    fn contains(&self, x: i32, y: i32) -> bool {
+        self.index(x, y).is_some_and(|i| self.is_set[i])
     }
 
-    /// A cell between four texels belongs to the tile of its upper left one. If that is not drawn,
-    /// its neighbour draws the cell: by how many texels a tile begins further left and up.
-    fn lacks_beside(&self, TextureTile { x, y, side }: &TextureTile) -> [i32; 2] {
-        let along = || (0..*side).step_by(LEAST_PX as usize);
+    /// Returns the number of texels by which a tile starts further left and further up. The cell
+    /// between four texels belongs to the tile of its upper left texel; if that tile is not drawn,
+    /// its neighbour draws the cell.
+    fn overlap(&self, Square { x, y, side }: &Square) -> [i32; 2] {
+        let steps = || (0..*side).step_by(MIN_SQUARE_PX as usize);
         [
-            along().any(|k| !self.holds(x - 1, y + k)),
-            along().any(|k| !self.holds(x + k, y - 1)),
+            steps().any(|k| !self.contains(x - 1, y + k)),
+            steps().any(|k| !self.contains(x + k, y - 1)),
         ]
         .map(i32::from)
     }
 }
 
 /// A rectangle of texels.
-struct Rectangle {
+struct TexelBounds {
     x0: i32,
     y0: i32,
     width: u16,
     height: u16,
 }
 
+/// Drawing of the tiles of one region.
 struct TexturePainter<'a, 'b> {
     grower: &'a Grower<'b>,
     region: &'a Region,
+    /// Index of the region, and of its plane.
     id: u32,
 }
 
@@ -163,58 +165,50 @@ impl TexturePainter<'_, '_> {
         self.grower.face.size_px as i32
     }
 
-    /// The largest squares that hold pixels of the region, in order.
-    fn squares(&self) -> Vec<TextureTile> {
-        let mut squares = Vec::new();
-        for &pixel in &self.region.pixels {
-            let square = [pixel as i32 / self.size(), pixel as i32 % self.size()]
-                .map(|v| v / LARGEST_PX * LARGEST_PX);
-            if squares.last() != Some(&square) {
-                squares.push(square);
-            }
-        }
-        squares.sort_unstable();
-        squares.dedup();
-        squares
+    /// Finds the largest squares with pixels of the region, in row-major order.
+    fn squares(&self) -> Vec<Square> {
+        let corner = |&pixel: &u32| {
+            [pixel as i32 / self.size(), pixel as i32 % self.size()]
+                .map(|v| v / MAX_SQUARE_PX * MAX_SQUARE_PX)
+        };
+        let corners: BTreeSet<[i32; 2]> = self.region.pixels.iter().map(corner).collect();
+        let side = MAX_SQUARE_PX;
+        corners
             .into_iter()
-            .map(|[y, x]| TextureTile {
-                x,
-                y,
-                side: LARGEST_PX,
-            })
+            .map(|[y, x]| Square { x, y, side })
             .collect()
     }
 
-    /// The tiles, of a square or of parts of it, that save most.
-    fn choose(&self, square: TextureTile) -> TileSelection {
-        let samples = self.home_samples(&square).count();
+    /// Selects a square or parts of it, by the largest savings.
+    fn select(&self, square: Square) -> Selection {
+        let samples = self.count_samples(&square);
         if samples == 0 {
-            return TileSelection::default();
+            return Selection::default();
         }
-        let saved = self
-            .tile(&square, [0; 2])
-            .and_then(|t| cost::saved(samples, t.width, t.height));
-        let whole = saved.map_or(TileSelection::default(), |saved| TileSelection {
-            kept: vec![square],
-            saved,
+        let savings = self
+            .texel_bounds(&square, [0; 2])
+            .and_then(|bounds| cost::savings(samples, bounds.width, bounds.height));
+        let whole = savings.map_or(Selection::default(), |savings| Selection {
+            squares: vec![square],
+            savings,
         });
-        if square.side == LEAST_PX {
+        if square.side == MIN_SQUARE_PX {
             return whole;
         }
-        let mut parts = TileSelection::default();
-        for quarter in square.quarters().map(|quarter| self.choose(quarter)) {
-            parts.kept.extend(quarter.kept);
-            parts.saved += quarter.saved;
+        let mut parts = Selection::default();
+        for quarter in square.quarters().map(|quarter| self.select(quarter)) {
+            parts.squares.extend(quarter.squares);
+            parts.savings += quarter.savings;
         }
-        if parts.saved > whole.saved {
+        if parts.savings > whole.savings {
             parts
         } else {
             whole
         }
     }
 
-    /// The samples of the region in pixel (x, y), as indices.
-    fn own(&self, x: i32, y: i32) -> impl Iterator<Item = usize> + use<'_> {
+    /// Returns the indices of the region's samples in pixel (x, y).
+    fn samples(&self, x: i32, y: i32) -> impl Iterator<Item = usize> + use<'_> {
         let pixel = (y * self.size() + x) as usize;
         let inside = (0..self.size()).contains(&x) && (0..self.size()).contains(&y);
         let ends = if inside {
@@ -225,33 +219,33 @@ impl TexturePainter<'_, '_> {
         (ends[0] as usize..ends[1] as usize).filter(|i| self.grower.owner[*i] == self.id)
     }
 
-    /// The region's samples that lie in a square.
-    fn home_samples(&self, square: &TextureTile) -> impl Iterator<Item = usize> {
-        let of = |start: i32| start..(start + square.side).min(self.size());
-        let columns = of(square.x);
-        of(square.y).flat_map(move |y| columns.clone().flat_map(move |x| self.own(x, y)))
+    /// Counts the region's samples in a square.
+    fn count_samples(&self, square: &Square) -> usize {
+        let range = |start: i32| start..(start + square.side).min(self.size());
+        let pixels = range(square.y).flat_map(|y| range(square.x).map(move |x| (x, y)));
+        pixels.map(|(x, y)| self.samples(x, y).count()).sum()
     }
 
-    /// The texels of a square that are of any use; the tile begins so many texels further left and
-    /// up.
-    fn tile(&self, square: &TextureTile, more: [i32; 2]) -> Option<Rectangle> {
-        let of = |start: i32, more: i32| [start - more, (start + square.side).min(self.size())];
-        let ([left, right], [top, bottom]) = (of(square.x, more[0]), of(square.y, more[1]));
+    /// Returns the bounds of the texels of a square that affect the frame; `overlap` is from
+    /// [`SquareMask::overlap`].
+    fn texel_bounds(&self, square: &Square, overlap: [i32; 2]) -> Option<TexelBounds> {
+        let ends =
+            |start: i32, overlap: i32| [start - overlap, (start + square.side).min(self.size())];
+        let [left, right] = ends(square.x, overlap[0]);
+        let [top, bottom] = ends(square.y, overlap[1]);
         let mut bounds: Option<[i32; 4]> = None;
         for y in top - 1..=bottom + 1 {
             for x in left - 1..=right + 1 {
-                if self.own(x, y).next().is_some() {
+                if self.samples(x, y).next().is_some() {
                     let [x0, y0, x1, y1] = bounds.unwrap_or([x, y, x, y]);
                     bounds = Some([x0.min(x), y0.min(y), x1.max(x), y1.max(y)]);
                 }
             }
         }
         let [x0, y0, x1, y1] = bounds?;
-        let ([x0, x1], [y0, y1]) = (
-            [(x0 - 1).max(left), (x1 + 1).min(right)],
-            [(y0 - 1).max(top), (y1 + 1).min(bottom)],
-        );
-        (x1 > x0 && y1 > y0).then_some(Rectangle {
+        let [x0, x1] = [(x0 - 1).max(left), (x1 + 1).min(right)];
+        let [y0, y1] = [(y0 - 1).max(top), (y1 + 1).min(bottom)];
+        (x1 > x0 && y1 > y0).then_some(TexelBounds {
             x0,
             y0,
             width: (x1 - x0 + 1) as u16,
@@ -259,45 +253,46 @@ impl TexturePainter<'_, '_> {
         })
     }
 
-    fn paint(&self, at: &Rectangle, first_plane: u32, to: &mut Pictures) {
-        let first_texel = to.texels.len();
-        let (columns, rows) = (i32::from(at.width), i32::from(at.height));
-        let columns_and_beside = at.x0 - 1..=at.x0 + columns;
-        let means: Vec<_> = (at.y0 - 1..=at.y0 + rows)
-            .flat_map(|y| columns_and_beside.clone().map(move |x| self.member(x, y)))
+    /// Appends a tile and its texels.
+    fn paint(&self, bounds: &TexelBounds, textures: &mut FaceTextures) {
+        let first_texel = textures.texels.len();
+        let (columns, rows) = (i32::from(bounds.width), i32::from(bounds.height));
+        // With a border of one pixel.
+        let means: Vec<Vec<_>> = (bounds.y0 - 1..=bounds.y0 + rows)
+            .map(|y| {
+                (bounds.x0 - 1..=bounds.x0 + columns)
+                    .map(|x| self.mean_color(x, y))
+                    .collect()
+            })
             .collect();
-        for (y, three) in (at.y0..).zip(
-            means
-                .chunks_exact(columns as usize + 2)
-                .collect::<Vec<_>>()
-                .windows(3),
-        ) {
-            for (x, i) in (at.x0..at.x0 + columns).zip(1..) {
+        for (y, three) in (bounds.y0..).zip(means.windows(3)) {
+            for (x, i) in (bounds.x0..bounds.x0 + columns).zip(1..) {
                 let [above, here, below] =
-                    [three[0], three[1], three[2]].map(|row| [row[i - 1], row[i], row[i + 1]]);
+                    [0, 1, 2].map(|row| [three[row][i - 1], three[row][i], three[row][i + 1]]);
                 let texel = match here[1] {
-                    Some(own) => sharpened(own, [here[0], here[2], above[1], below[1]]),
-                    None => self.beyond(x, y, [above, here, below].as_flattened()),
+                    Some(own) => sharpen(own, [here[0], here[2], above[1], below[1]]),
+                    None => self.extrapolate(x, y, [above, here, below].as_flattened()),
                 };
-                to.texels.push(PlaneSet::covered(texel));
+                textures.texels.push(PlaneSet::covered(texel));
             }
         }
-        to.tiles.push(PlaneTile {
-            plane: first_plane + self.id,
+        let is_opaque = textures.texels[first_texel..].iter().all(|t| t[3] == 255);
+        textures.tiles.push(PlaneTile {
+            plane: self.id,
             first_texel: first_texel as u32,
-            x0: at.x0 as i16,
-            y0: at.y0 as i16,
-            width: at.width,
-            height: at.height,
+            x0: bounds.x0 as i16,
+            y0: bounds.y0 as i16,
+            width: bounds.width,
+            height: bounds.height,
             face: self.grower.face.face.index() as u16,
-            opaque: u16::from(to.texels[first_texel..].iter().all(|t| t[3] == 255)),
+            opaque: u16::from(is_opaque),
         });
     }
 
-    /// The colour of the region in a pixel, if it is there.
-    fn member(&self, x: i32, y: i32) -> Option<[u8; 4]> {
+    /// Averages the region's samples in a pixel; `None` if there are none.
+    fn mean_color(&self, x: i32, y: i32) -> Option<[u8; 4]> {
         let (mut sum, mut count, mut alpha) = ([0u32; 3], 0, 0u8);
-        for i in self.own(x, y) {
+        for i in self.samples(x, y) {
             let color = self.grower.face.samples[i].color_srgb;
             sum.iter_mut()
                 .zip(color)
@@ -311,12 +306,12 @@ impl TexturePainter<'_, '_> {
         Some([r, g, b, alpha])
     }
 
-    /// Texel in a pixel that the region does not reach, extrapolated from the region's colours
-    /// there and in the eight pixels around it.
+    /// Extrapolates the texel of a pixel outside the region from the region's colours in the eight
+    /// pixels `around` it.
     ///
-    /// In a gap it goes on. Where it ends, goes on as something else, or is hidden from everywhere,
-    /// its alpha falls as a tent's weight does: what lies beside it is added to it, as samples are.
-    fn beyond(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
+    /// In a gap of the region the texel is opaque. Elsewhere it is transparent, so that the bilinear
+    /// alpha falls like the weight of a tent, and adjacent surfaces are accumulated as with samples.
+    fn extrapolate(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
         let (mut sum, mut count) = ([0u32; 4], 0);
         for color in around.iter().flatten() {
             sum.iter_mut()
@@ -328,8 +323,8 @@ impl TexturePainter<'_, '_> {
             return [0; 4];
         }
         let [r, g, b, alpha] = sum.map(|sum| ((sum + count / 2) / count) as u8);
-        let inside = (0..self.size()).contains(&x) && (0..self.size()).contains(&y);
-        if !inside {
+        let is_on_face = (0..self.size()).contains(&x) && (0..self.size()).contains(&y);
+        if !is_on_face {
             return [r, g, b, alpha];
         }
         let is_gap = self.grower.face.pixel(x as u32, y as u32).is_empty()
@@ -338,18 +333,18 @@ impl TexturePainter<'_, '_> {
     }
 }
 
-/// The texel of a pixel, from its mean and those of the pixels left, right, above and below it, as
-/// far as they are of the region.
+/// Computes the texel of a pixel from its mean colour and those of its four neighbours, if they
+/// belong to the region.
 ///
-/// A lookup between texels is a tent, which blurs by a variance of a sixth of a texel along each
-/// axis. A twelfth of what tells a texel from each of its neighbours would take that away (Condat,
-/// Blu and Unser 2005, "Beyond interpolation: optimal reconstruction by quasi-interpolation"). Half
-/// of it is taken: all of it makes more of the noise of fine textures than it sharpens others
+/// A bilinear lookup is a tent, which blurs by a variance of a sixth of a texel along each axis.
+/// Adding a twelfth of the difference to each neighbour would compensate this (Condat, Blu and Unser
+/// 2005, "Beyond interpolation: optimal reconstruction by quasi-interpolation"). Only half of it is
+/// added: all of it amplifies the noise of fine textures more than it sharpens others
 /// (docs/primitives.md, "Texels").
-fn sharpened(own: [u8; 4], beside: [Option<[u8; 4]>; 4]) -> [u8; 4] {
+fn sharpen(own: [u8; 4], neighbours: [Option<[u8; 4]>; 4]) -> [u8; 4] {
     const PART: i32 = 24;
     let mut sums = own.map(|c| PART * i32::from(c));
-    for other in beside.iter().flatten() {
+    for other in neighbours.iter().flatten() {
         for c in 0..3 {
             sums[c] += i32::from(own[c]) - i32::from(other[c]);
         }
@@ -368,14 +363,14 @@ mod tests {
     #[test]
     fn sharpening_keeps_ramps_and_borders() {
         let ramp = [110, 90, 80, 120].map(|level| Some(grey(level)));
-        assert_eq!(sharpened(grey(100), ramp), grey(100));
-        assert_eq!(sharpened(grey(100), [None; 4]), grey(100));
+        assert_eq!(sharpen(grey(100), ramp), grey(100));
+        assert_eq!(sharpen(grey(100), [None; 4]), grey(100));
         let [one, other] = [[40, 200, 255, 9], [160, 80, 0, 255]];
         // A 24th of 120 and of 255 away from each neighbour, as far as bytes go; alpha stays.
         assert_eq!(
-            sharpened(one, [Some(other), None, None, None]),
+            sharpen(one, [Some(other), None, None, None]),
             [35, 205, 255, 9]
         );
-        assert_eq!(sharpened(other, [Some(one); 4]), [180, 60, 0, 255]);
+        assert_eq!(sharpen(other, [Some(one); 4]), [180, 60, 0, 255]);
     }
 }
