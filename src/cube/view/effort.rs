@@ -10,14 +10,13 @@ use headbox_core::view::paint::{
 };
 use headbox_core::view::{Figure, Swatch};
 
-/// Widths of footprints, px: most are between that of a pixel and that of three.
+/// Upper ends of the colour classes of footprint width, px: most are between one and three.
 const WIDTHS_PX: Tops = [1.5, 2.0, 2.5, 3.0, 4.0, 6.0];
 
-/// Upper ends of the colour classes of overdraw.
+/// Upper ends of the colour classes of overdraw, draws per pixel.
 const TIMES: Tops = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// Paints the width of the footprint in front of each pixel, by classes; returns how wide they are
-/// on the mean.
+/// Paints the width of the nearest footprint in each pixel, by classes; returns the mean width.
 pub(super) fn paint_footprints(overdraw: &[Overdraw], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
     let (mut sum_px, mut count) = (0.0, 0.0_f64);
     for (pixel, overdraw) in pixels.iter_mut().zip(overdraw) {
@@ -37,7 +36,7 @@ pub(super) fn footprint_legend() -> Vec<Swatch> {
     class_legend("no footprint", &WIDTHS_PX, "px wide")
 }
 
-/// Paints how many footprints were drawn on each pixel, by classes; returns how many that are.
+/// Paints the number of footprints drawn on each pixel, by classes; returns the mean and the maximum.
 pub(super) fn paint_overdraw(overdraw: &[Overdraw], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
     let (mut sum, mut drawn, mut most) = (0_u64, 0_u64, 0);
     for (pixel, overdraw) in pixels.iter_mut().zip(overdraw) {
@@ -61,8 +60,7 @@ pub(super) fn overdraw_legend() -> Vec<Swatch> {
     class_legend("never drawn", &TIMES, "x")
 }
 
-/// Position of each face in the unfolded cube, in faces from the left and from the top: the sides
-/// in a row, +Y above -Z.
+/// Column and row of each face in the unfolded cube: the sides in a row, +Y above -Z.
 const UNFOLDED: [(Face, [usize; 2]); 6] = [
     (Face::PosY, [1, 0]),
     (Face::NegX, [0, 1]),
@@ -75,8 +73,8 @@ const UNFOLDED: [(Face, [usize; 2]); 6] = [
 const OUTSIDE_COLOR: [u8; 3] = [213, 94, 0];
 const HIDDEN_COLOR: [u8; 3] = [86, 180, 233];
 
-/// Paints the faces of a cube unfolded over the dimmed frame: what is drawn in its own colours, the
-/// rest in the colour of the test that left it out.
+/// Paints the unfolded faces of a cube over the dimmed frame: drawn samples in their own colours,
+/// others tinted by the test that culled them.
 pub(super) fn paint_clipping(
     cube: &CubeLdi,
     clipped: &[ClippedSegment],
@@ -90,11 +88,11 @@ pub(super) fn paint_clipping(
     let side = (width / 4).min(height / 3);
     let corner = [(width - 4 * side) / 2, (height - 3 * side) / 2];
     for (face, place) in UNFOLDED {
-        // Near segments hide far ones.
+        // Near segments occlude far ones.
         let mut segments: Vec<_> = clipped
             .iter()
-            .filter_map(|k| Some((k, cube.segments.get(k.segment)?)))
-            .filter(|(_, s)| s.face == face)
+            .map(|clipped| (clipped, &cube.segments[clipped.segment]))
+            .filter(|(_, segment)| segment.face == face)
             .collect();
         segments.sort_by_key(|(_, segment)| segment.side == SegmentSide::Far);
         let [left, top] = [0, 1].map(|axis| corner[axis] + place[axis] * side);
@@ -111,15 +109,15 @@ pub(super) fn paint_clipping(
     clipping_figures(cube, clipped)
 }
 
-/// The colour of a face pixel: of the first segment that has samples there.
+/// Returns the colour of a face pixel, from the first segment with samples there.
 fn clip_color(segments: &[(&ClippedSegment, &PackedSegment)], x: u32, y: u32) -> [u8; 3] {
-    let seen = segments.iter().find_map(|(clipped, segment)| {
+    let nearest = segments.iter().find_map(|(clipped, segment)| {
         let [column, row] = [x.checked_sub(segment.x0)?, y.checked_sub(segment.y0)?];
         let inside = column < segment.width && row < segment.height;
         let nearest = inside.then(|| segment.pixel(column, row).last())??;
         Some((clipped.outcome(x, y), nearest.color_srgb))
     });
-    let Some((outcome, [r, g, b, _])) = seen else {
+    let Some((outcome, [r, g, b, _])) = nearest else {
         return NOTHING;
     };
     let tint = match outcome {
@@ -130,25 +128,14 @@ fn clip_color(segments: &[(&ClippedSegment, &PackedSegment)], x: u32, y: u32) ->
     tinted(tint, [r, g, b])
 }
 
-/// Depth pixels by what becomes of them.
+/// Counts the depth pixels by outcome of clipping.
 fn clipping_figures(cube: &CubeLdi, clipped: &[ClippedSegment]) -> Vec<Figure> {
-    let [mut drawn, mut outside, mut hidden] = [0_u64; 3];
-    for (clipped, segment) in clipped
-        .iter()
-        .filter_map(|k| Some((k, cube.segments.get(k.segment)?)))
-    {
-        for row in 0..segment.height {
-            let (_, counts) = segment.row(row);
-            clipped.for_each_run(segment, segment.y0 + row, |outcome, columns| {
-                let at = |column: u32| counts.get(column as usize).copied().unwrap_or(0);
-                let count = u64::from(at(columns.end).saturating_sub(at(columns.start)));
-                match outcome {
-                    ClipOutcome::Drawn => drawn += count,
-                    ClipOutcome::OutsideRectangle => outside += count,
-                    ClipOutcome::HiddenBlock => hidden += count,
-                }
-            });
-        }
+    let [mut drawn, mut outside, mut hidden] = [0; 3];
+    for clipped in clipped {
+        let counts = clipped.counts(&cube.segments[clipped.segment]);
+        drawn += counts[0];
+        outside += counts[1];
+        hidden += counts[2];
     }
     vec![
         figure("depth pixels kept", drawn as f64, ""),
@@ -158,9 +145,8 @@ fn clipping_figures(cube: &CubeLdi, clipped: &[ClippedSegment]) -> Vec<Figure> {
 }
 
 pub(super) fn clipping_legend() -> Vec<Swatch> {
-    let own = swatch([200, 200, 200], "in its own colours: drawn");
     vec![
-        own,
+        swatch([200, 200, 200], "in its own colours: drawn"),
         swatch(OUTSIDE_COLOR, "outside of the view's rectangle on the face"),
         swatch(HIDDEN_COLOR, "in a block that the view cannot see"),
         swatch(NOTHING, "no depth pixels"),

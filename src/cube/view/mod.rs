@@ -1,10 +1,10 @@
 //! A cube LDI as a [`View`]: settings, overlays and statistics.
 //!
-//! | file | what |
+//! | file | content |
 //! |---|---|
-//! | `overlay` | what a frame can show instead of its colours |
-//! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
-//! | `variation` | the LDI with some of its parts, or recoloured by depth, layer, face, segment |
+//! | `overlay` | overlays: false colours instead of a frame's colours |
+//! | `effort` | overlays of rendering effort: footprints, overdraw, clipping |
+//! | `variation` | parts of the LDI, or recoloured by depth, layer, face, segment, primitive |
 
 mod effort;
 mod overlay;
@@ -35,7 +35,7 @@ use std::sync::Arc;
 /// Name of the representation.
 pub const KIND: &str = "cube LDI";
 
-/// Largest change of exposure, stops to either side.
+/// Maximum change of exposure, stops.
 const MAX_STOPS: f64 = 16.0;
 
 /// A cube LDI with its renderer.
@@ -43,13 +43,13 @@ pub struct CubeView {
     cube: Arc<CubeLdi>,
     variations: Variations,
     renderer: Renderer,
-    /// The last frame where it differs from the renderer's: painted over, or at another exposure.
+    /// The last frame, if it differs from the renderer's: with an overlay or another exposure.
     painted: Frame,
     stats: FrameStats,
 }
 
 impl CubeView {
-    /// A view of `cube`.
+    /// Creates a view of `cube`.
     pub fn new(cube: impl Into<Arc<CubeLdi>>) -> Self {
         Self {
             cube: cube.into(),
@@ -65,18 +65,18 @@ impl CubeView {
         &self.cube
     }
 
-    /// Shows another cube instead.
+    /// Replaces the cube.
     pub fn show(&mut self, cube: Arc<CubeLdi>) {
         self.cube = cube;
         self.variations.clear();
     }
 
-    /// Number of the overlays in [`Self::setting_table`], for views that add their own.
+    /// Number of overlays in [`Self::setting_table`], for views that add their own.
     pub fn overlay_count(&self) -> usize {
         Overlay::ALL.len()
     }
 
-    /// The settings of every cube LDI.
+    /// Settings of cube LDIs.
     pub fn setting_table() -> Vec<Setting> {
         let overlays = Overlay::ALL.map(|(name, _)| name);
         let mut settings = vec![
@@ -145,7 +145,7 @@ impl CubeView {
         settings
     }
 
-    /// The first view of a cube LDI: from the centre, in the direction that its header names, or
+    /// Returns the default view of a cube LDI: from the centre, in the direction of its header, or
     /// toward the side with the most depth pixels.
     pub fn start_in(cube: &CubeLdi) -> StartView {
         StartView {
@@ -157,7 +157,7 @@ impl CubeView {
     }
 }
 
-/// The level direction toward the side of the cube with the most depth pixels; -Z if there are
+/// Returns the horizontal direction toward the face with the most depth pixels; -Z if there are
 /// none.
 fn richest_side(cube: &CubeLdi) -> DVec3 {
     let depth_pixels = |side: Face| -> usize {
@@ -199,7 +199,7 @@ fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, Stri
     })
 }
 
-/// Table from stored levels to levels `stops` brighter, clipped at white.
+/// Computes a table from stored levels to levels `stops` brighter, clipped at white.
 fn brighter_levels(info: &CaptureInfo, stops: f32) -> [u8; 256] {
     let level = |level: u8| ToneMap::SrgbClipped.level(info.tone.exposed(level) * stops.exp2());
     std::array::from_fn(|i| level(i as u8))
@@ -255,7 +255,9 @@ impl View for CubeView {
             .get(values.choice(OVERLAY)?)
             .map_or(Overlay::None, |&(_, overlay)| overlay);
         let (stops, epipole) = (values.number("exposure")? as f32, values.toggle("epipole")?);
-        let cube = self.variations.of(&self.cube, &variation(values, overlay)?);
+        let cube = self
+            .variations
+            .get(&self.cube, &variation(values, overlay)?);
         let (_, stats) = self
             .renderer
             .render_with_stats(&cube, &request.camera, &settings);
@@ -274,9 +276,9 @@ impl View for CubeView {
                 [*r, *g, *b] = [*r, *g, *b].map(|level| levels[usize::from(level)]);
             }
         }
-        // What was asked for stands on top.
-        let effort = self.paint(&cube, request, &settings, overlay);
-        report.figures.splice(0..0, effort);
+        // The figures of the overlay come first.
+        let figures = self.paint(&cube, request, &settings, overlay);
+        report.figures.splice(0..0, figures);
         if epipole {
             paint_epipole(&request.camera, cube.info.centre, &mut self.painted.color);
         }
@@ -303,7 +305,7 @@ impl View for CubeView {
 }
 
 impl CubeView {
-    /// Paints an overlay over the last frame, and returns its figures.
+    /// Paints an overlay onto the last frame, and returns its figures.
     fn paint(
         &mut self,
         cube: &CubeLdi,
@@ -314,26 +316,23 @@ impl CubeView {
         let (renderer, camera) = (&mut self.renderer, &request.camera);
         let pixels = &mut self.painted.color;
         match overlay {
-            Overlay::None | Overlay::Recolored(_) => Vec::new(),
-            Overlay::Holes => {
-                paint_holes(renderer.frame(), pixels);
-                Vec::new()
-            }
-            Overlay::Coverage => {
-                paint_coverage(renderer.frame(), pixels);
-                Vec::new()
-            }
+            Overlay::None | Overlay::Recolored(_) => {}
+            Overlay::Holes => paint_holes(renderer.frame(), pixels),
+            Overlay::Coverage => paint_coverage(renderer.frame(), pixels),
             Overlay::Footprints => {
-                effort::paint_footprints(&renderer.overdraw(cube, camera, settings), pixels)
+                let overdraw = renderer.overdraw(cube, camera, settings);
+                return effort::paint_footprints(&overdraw, pixels);
             }
             Overlay::Overdraw => {
-                effort::paint_overdraw(&renderer.overdraw(cube, camera, settings), pixels)
+                let overdraw = renderer.overdraw(cube, camera, settings);
+                return effort::paint_overdraw(&overdraw, pixels);
             }
             Overlay::Clipping => {
                 let clipped = renderer.clipped_segments(cube, camera, settings);
-                effort::paint_clipping(cube, &clipped, renderer.frame(), pixels)
+                return effort::paint_clipping(cube, &clipped, renderer.frame(), pixels);
             }
         }
+        Vec::new()
     }
 }
 

@@ -8,16 +8,16 @@ use headbox_core::frame::{Coverage, Frame};
 use headbox_core::view::Swatch;
 use headbox_core::view::paint::{ENVIRONMENT_RGB, HOLE_RGB, hole_legend, opaque, swatch};
 
-/// Content of the pixels.
+/// Content of the pixels, for the overlay setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Overlay {
     /// The frame.
     None,
-    /// Holes in a colour that no scene has.
+    /// Holes in magenta.
     Holes,
     /// Coverage of each pixel by splats.
     Coverage,
-    /// Colours of another meaning.
+    /// Depth pixels in false colours.
     Recolored(Meaning),
     /// Width of the nearest footprint in each pixel.
     Footprints,
@@ -28,7 +28,7 @@ pub(super) enum Overlay {
 }
 
 impl Overlay {
-    /// All, with the names under which the panel and scripts know them.
+    /// All overlays with their names in the panel and in scripts.
     pub(super) const ALL: [(&'static str, Self); 11] = [
         ("none", Self::None),
         ("holes", Self::Holes),
@@ -43,7 +43,7 @@ impl Overlay {
         ("clipping", Self::Clipping),
     ];
 
-    /// Meaning of the LDI's colours.
+    /// Returns the meaning of the LDI's colours.
     pub(super) fn meaning(self) -> Meaning {
         if let Self::Recolored(meaning) = self {
             meaning
@@ -52,7 +52,7 @@ impl Overlay {
         }
     }
 
-    /// Legend of its colours; empty if they need none.
+    /// Builds the legend of the colours; empty if they need none.
     pub(super) fn legend(self) -> Vec<Swatch> {
         match self {
             Self::None => Vec::new(),
@@ -71,7 +71,7 @@ impl Overlay {
     }
 }
 
-/// Paints the share of each pixel that splats cover: white all, black none; the environment alone
+/// Paints the coverage of each pixel by splats: white for full, black for none; pure environment
 /// blue, holes magenta.
 pub(super) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
     for (pixel, &coverage) in pixels.iter_mut().zip(&frame.coverage) {
@@ -84,9 +84,9 @@ pub(super) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
     }
 }
 
-/// Paints the epipole, where the centre of the headbox projects to: a cross if it lies ahead, a
-/// ring if behind (then it is the point seen through the eye from there). Nothing, if the eye is at
-/// the centre or moves sideways.
+/// Marks the epipole, the projection of the headbox's centre: a cross if the centre is in front of
+/// the eye, a ring if it is behind (then its mirror image through the eye is projected). Paints
+/// nothing if the eye is at the centre, or level with it in depth.
 pub(super) fn paint_epipole(camera: &Camera, centre: DVec3, pixels: &mut [[u8; 4]]) {
     const RADIUS_PX: i64 = 9;
     let (ahead, behind) = (

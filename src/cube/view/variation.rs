@@ -1,8 +1,9 @@
-//! The same LDI with some of its segments, or with colours that tell something other than what was
-//! captured. The renderer draws such an LDI like any other, so these overlays need nothing of it,
-//! and show exactly what it would blend.
+//! Variations of an LDI: some of its segments, or false colours. The renderer draws a variation like
+//! any LDI, so these overlays need no support in it, and show exactly what it blends.
 
-use crate::pack::{CubeLdi, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide};
+use crate::pack::{
+    CubeLdi, PackedDepthPixel, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide,
+};
 use headbox_core::cube_face::Face;
 use headbox_core::view::Swatch;
 use headbox_core::view::paint::{DISTINCT, distinct_color, swatch};
@@ -17,7 +18,7 @@ pub(super) enum Meaning {
     /// Distance from the centre of the headbox along the face's axis: red at the headbox to blue at
     /// infinity.
     Depth,
-    /// Number of the layer in its segment, counted from the centre outward.
+    /// Index of the layer in its segment, from the centre outward.
     Layer,
     /// Face.
     Face,
@@ -28,7 +29,7 @@ pub(super) enum Meaning {
 }
 
 impl Meaning {
-    /// Legend of its colours.
+    /// Builds the legend of the colours.
     pub(super) fn legend(self) -> Vec<Swatch> {
         match self {
             Self::Captured => Vec::new(),
@@ -85,13 +86,13 @@ pub(super) struct Variation {
     /// Near and far segments.
     pub(super) near: bool,
     pub(super) far: bool,
-    /// Pictures on planes.
+    /// Plane textures.
     pub(super) planes: bool,
     pub(super) meaning: Meaning,
 }
 
 impl Variation {
-    /// The LDI as it is.
+    /// The unchanged LDI.
     const PLAIN: Self = Self {
         faces: [true; 6],
         near: true,
@@ -100,7 +101,7 @@ impl Variation {
         meaning: Meaning::Captured,
     };
 
-    fn shows(&self, segment: &PackedSegment) -> bool {
+    fn contains(&self, segment: &PackedSegment) -> bool {
         self.faces[segment.face.index()]
             && if segment.side == SegmentSide::Near {
                 self.near
@@ -113,79 +114,60 @@ impl Variation {
         let mut segments: Vec<_> = cube
             .segments
             .iter()
-            .filter(|s| self.shows(s))
+            .filter(|s| self.contains(s))
             .cloned()
             .collect();
         segments
             .iter_mut()
-            .for_each(|segment| recolor(segment, self.meaning, cube.info.half_size_m));
+            .for_each(|segment| recolor_segment(segment, self.meaning, cube.info.half_size_m));
         CubeLdi {
             info: cube.info.clone(),
             face_size_px: cube.face_size_px,
             layout: cube.layout,
             segments,
             environment: cube.environment.clone(),
-            planes: self.pictures(cube),
+            planes: self.plane_set(cube),
         }
     }
 
-    /// The pictures on planes that are shown.
-    fn pictures(&self, cube: &CubeLdi) -> PlaneSet {
-        let from = &cube.planes;
-        let mut shown = PlaneSet {
-            planes: from.planes.clone(),
-            samples: from.samples,
+    /// Collects the plane textures of the variation.
+    fn plane_set(&self, cube: &CubeLdi) -> PlaneSet {
+        let source = &cube.planes;
+        let mut set = PlaneSet {
+            planes: source.planes.clone(),
+            samples: source.samples,
             ..PlaneSet::default()
         };
         let is_shown = |tile: &&PlaneTile| {
             self.planes && self.faces.get(usize::from(tile.face)) == Some(&true)
         };
-        for tile in from.tiles.iter().filter(is_shown) {
-            let first_texel = shown.texels.len() as u32;
-            let plane = from
-                .planes
-                .get(tile.plane as usize)
-                .copied()
-                .unwrap_or_default();
-            let picture = PlaneImage {
-                tile,
-                plane,
-                face_px: cube.face_size_px,
-                half_size_m: cube.info.half_size_m,
-            };
-            let texels = from.texels.get(tile.texel_range()).unwrap_or(&[]);
-            shown.texels.extend(
-                texels
-                    .iter()
-                    .enumerate()
-                    .map(|(i, texel)| picture.recolor(i, *texel, self.meaning)),
-            );
-            shown.tiles.push(PlaneTile {
+        for tile in source.tiles.iter().filter(is_shown) {
+            let first_texel = set.texels.len() as u32;
+            set.texels.extend(recolor_tile(cube, tile, self.meaning));
+            set.tiles.push(PlaneTile {
                 first_texel,
                 ..*tile
             });
         }
-        shown.error_px = if shown.tiles.is_empty() {
-            0.0
-        } else {
-            from.error_px
-        };
-        shown
+        if !set.tiles.is_empty() {
+            set.error_px = source.error_px;
+        }
+        set
     }
 }
 
-/// Variations of the LDI on the screen that were made last: one each for A and B.
+/// Cache of the last two variations of an LDI: one for each side of a comparison.
 #[derive(Default)]
 pub(super) struct Variations(Vec<(Variation, Arc<CubeLdi>)>);
 
 impl Variations {
-    /// The LDI on the screen is another now.
+    /// Empties the cache, for another LDI.
     pub(super) fn clear(&mut self) {
         self.0.clear();
     }
 
-    /// `cube` as `wanted` has it.
-    pub(super) fn of(&mut self, cube: &Arc<CubeLdi>, wanted: &Variation) -> Arc<CubeLdi> {
+    /// Returns a variation of `cube`, from the cache if possible.
+    pub(super) fn get(&mut self, cube: &Arc<CubeLdi>, wanted: &Variation) -> Arc<CubeLdi> {
         if *wanted == Variation::PLAIN {
             return Arc::clone(cube);
         }
@@ -198,98 +180,64 @@ impl Variations {
     }
 }
 
-/// Colour of what is drawn as pictures at infinity, where it stands for a primitive.
+/// Colour of plane textures at infinity in [`Meaning::Primitive`].
 const INFINITY: [u8; 3] = [40, 70, 130];
 
-/// Colour of layered depth pixels, where it stands for a primitive.
+/// Colour of layered depth pixels in [`Meaning::Primitive`].
 const SAMPLES: [u8; 3] = [235, 235, 235];
 
-/// A picture on a plane whose colours are to tell something else.
-struct PlaneImage<'a> {
-    tile: &'a PlaneTile,
-    plane: Plane,
-    face_px: u32,
-    half_size_m: f64,
-}
-
-impl PlaneImage<'_> {
-    fn recolor(&self, texel: usize, color: [u8; 4], meaning: Meaning) -> [u8; 4] {
+/// Recolours the texels of a plane texture; alpha stays.
+fn recolor_tile(cube: &CubeLdi, tile: &PlaneTile, meaning: Meaning) -> Vec<[u8; 4]> {
+    let set = &cube.planes;
+    let texels = set.texels.get(tile.texel_range()).unwrap_or(&[]);
+    let plane = set.planes.get(tile.plane as usize).copied();
+    let plane = plane.unwrap_or_default();
+    let face = Face::ALL[usize::from(tile.face)];
+    let [q, along_x, along_y] = plane.inverse_depth(face, cube.face_size_px);
+    let width = usize::from(tile.width.max(1));
+    let recolor = |(i, texel): (usize, &[u8; 4])| {
         let [r, g, b] = match meaning {
-            Meaning::Captured => return color,
-            Meaning::Face => DISTINCT[usize::from(self.tile.face) % DISTINCT.len()],
-            Meaning::Primitive if self.plane == Plane::default() => INFINITY,
-            Meaning::Primitive => distinct_color(self.tile.plane),
-            Meaning::Depth => depth_color(self.inverse_depth(texel) * self.half_size_m),
-            // Pictures have neither segments nor layers.
+            Meaning::Captured => return *texel,
+            Meaning::Face => DISTINCT[face.index()],
+            Meaning::Primitive if plane == Plane::default() => INFINITY,
+            Meaning::Primitive => distinct_color(tile.plane),
+            Meaning::Depth => {
+                let x = f64::from(tile.x0) + (i % width) as f64;
+                let y = f64::from(tile.y0) + (i / width) as f64;
+                let inverse_depth = q + along_x * (x + 0.5) + along_y * (y + 0.5);
+                depth_color(inverse_depth * cube.info.half_size_m)
+            }
+            // Plane textures have neither segments nor layers.
             Meaning::Segment | Meaning::Layer => SAMPLES,
         };
-        PlaneSet::covered([r, g, b, color[3]])
-    }
-
-    /// 1/m, in the middle of a texel.
-    fn inverse_depth(&self, texel: usize) -> f64 {
-        let Some(face) = Face::ALL.get(usize::from(self.tile.face)) else {
-            return 0.0;
-        };
-        let [q, along_x, along_y] = self.plane.inverse_depth(*face, self.face_px);
-        let width = usize::from(self.tile.width.max(1));
-        let (x, y) = (
-            f64::from(self.tile.x0) + (texel % width) as f64,
-            f64::from(self.tile.y0) + (texel / width) as f64,
-        );
-        q + along_x * (x + 0.5) + along_y * (y + 0.5)
-    }
+        PlaneSet::covered([r, g, b, texel[3]])
+    };
+    texels.iter().enumerate().map(recolor).collect()
 }
 
-/// Gives the depth pixels of a segment colours of another meaning; what shows through them is left
-/// as it is.
-fn recolor(segment: &mut PackedSegment, meaning: Meaning, half_size_m: f64) {
-    match meaning {
-        Meaning::Captured => {}
-        Meaning::Face => {
-            let color = DISTINCT[segment.face.index()];
-            segment
-                .depth_pixels
-                .iter_mut()
-                .for_each(|p| paint(&mut p.color_srgb, color));
-        }
-        Meaning::Segment => {
-            let color = DISTINCT[usize::from(segment.side == SegmentSide::Near)];
-            segment
-                .depth_pixels
-                .iter_mut()
-                .for_each(|p| paint(&mut p.color_srgb, color));
-        }
-        Meaning::Primitive => segment
-            .depth_pixels
-            .iter_mut()
-            .for_each(|p| paint(&mut p.color_srgb, SAMPLES)),
+/// Recolours the depth pixels of a segment; alpha stays.
+fn recolor_segment(segment: &mut PackedSegment, meaning: Meaning, half_size_m: f64) {
+    let count = segment.depth_pixels.len();
+    let colors = match meaning {
+        Meaning::Captured => return,
+        Meaning::Face => vec![DISTINCT[segment.face.index()]; count],
+        Meaning::Segment => vec![DISTINCT[usize::from(segment.side == SegmentSide::Near)]; count],
+        Meaning::Primitive => vec![SAMPLES; count],
         Meaning::Depth => {
-            let (start, step) = (segment.inverse_depth(0), segment.inverse_depth_step());
-            for pixel in &mut segment.depth_pixels {
-                let inverse_depth = start + f64::from(pixel.inverse_depth_code()) * step;
-                paint(
-                    &mut pixel.color_srgb,
-                    depth_color(inverse_depth * half_size_m),
-                );
-            }
+            let nearness = |pixel: &PackedDepthPixel| {
+                segment.inverse_depth(pixel.inverse_depth_code()) * half_size_m
+            };
+            let pixels = segment.depth_pixels.iter();
+            pixels.map(|pixel| depth_color(nearness(pixel))).collect()
         }
-        Meaning::Layer => {
-            let colors = layer_colors(segment);
-            segment
-                .depth_pixels
-                .iter_mut()
-                .zip(colors)
-                .for_each(|(p, color)| paint(&mut p.color_srgb, color));
-        }
+        Meaning::Layer => layer_colors(segment),
+    };
+    for (pixel, [r, g, b]) in segment.depth_pixels.iter_mut().zip(colors) {
+        pixel.color_srgb = [r, g, b, pixel.color_srgb[3]];
     }
 }
 
-fn paint(color_srgb: &mut [u8; 4], [r, g, b]: [u8; 3]) {
-    *color_srgb = [r, g, b, color_srgb[3]];
-}
-
-/// The colour of the layer of each depth pixel, the nearest of a pixel being layer 0.
+/// Computes the colour of the layer of each depth pixel; layer 0 is the nearest of a pixel.
 fn layer_colors(segment: &PackedSegment) -> Vec<[u8; 3]> {
     let mut colors = Vec::with_capacity(segment.depth_pixels.len());
     for y in 0..segment.height {
@@ -306,8 +254,8 @@ fn layer_colors(segment: &PackedSegment) -> Vec<[u8; 3]> {
     colors
 }
 
-/// Half size over depth, 0 to 1, as a colour from blue (infinity) by green to red (at the headbox).
-/// The fourth root spreads out the distances that fill most scenes.
+/// Maps half size over depth, 0 to 1, to a colour from blue (infinity) through green to red (at the
+/// headbox). The fourth root expands the range of depths that most scenes contain.
 fn depth_color(nearness: f64) -> [u8; 3] {
     let t = nearness.clamp(0.0, 1.0).sqrt().sqrt();
     // Peaks at 1/4, 1/2 and 3/4 as in the "jet" map, but never darker than a third, so that shapes
@@ -399,15 +347,15 @@ mod tests {
             }
         };
         assert!(
-            Arc::ptr_eq(&cube, &variations.of(&cube, &Variation::PLAIN)),
+            Arc::ptr_eq(&cube, &variations.get(&cube, &Variation::PLAIN)),
             "nothing is copied for nothing"
         );
-        let a = variations.of(&cube, &without(5));
+        let a = variations.get(&cube, &without(5));
         assert!(
             a.segments.iter().all(|s| s.face != Face::NegZ)
                 && a.segments.len() < cube.segments.len()
         );
-        let b = variations.of(
+        let b = variations.get(
             &cube,
             &Variation {
                 near: false,
@@ -416,8 +364,8 @@ mod tests {
             },
         );
         assert!(b.segments.is_empty());
-        assert!(Arc::ptr_eq(&a, &variations.of(&cube, &without(5))));
+        assert!(Arc::ptr_eq(&a, &variations.get(&cube, &without(5))));
         variations.clear();
-        assert!(!Arc::ptr_eq(&a, &variations.of(&cube, &without(5))));
+        assert!(!Arc::ptr_eq(&a, &variations.get(&cube, &without(5))));
     }
 }

@@ -58,9 +58,28 @@ impl ClippedSegment {
         }
     }
 
+    /// Returns true if the whole segment lies outside the view volume.
+    pub(super) fn is_culled(&self) -> bool {
+        self.rectangle[0].is_empty()
+    }
+
+    /// Counts the depth pixels of the segment by outcome, in the order of [`ClipOutcome`].
+    pub fn counts(&self, segment: &PackedSegment) -> [u64; 3] {
+        let mut counts = [0; 3];
+        for row in 0..segment.height {
+            let (_, running_counts) = segment.row(row);
+            let before = |column: u32| running_counts.get(column as usize).copied().unwrap_or(0);
+            self.for_each_run(segment, segment.y0 + row, |outcome, columns| {
+                let count = before(columns.end).saturating_sub(before(columns.start));
+                counts[outcome as usize] += u64::from(count);
+            });
+        }
+        counts
+    }
+
     /// Calls `visit` for each run of the segment's columns in a row with the same outcome: with the
     /// outcome, and the columns counted from the segment's first.
-    pub fn for_each_run(
+    fn for_each_run(
         &self,
         segment: &PackedSegment,
         y: u32,
