@@ -1,16 +1,16 @@
-//! Depth range of each block of a segment's pixels, for clipping.
+//! Depth ranges of blocks of a segment's pixels, for clipping.
 
 use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel};
 
-/// Columns of a block; blocks start at multiples of it on the face.
+/// Columns of a block; blocks start at multiples of that on the face.
 pub const BLOCK_COLUMNS: u32 = 64;
 
-/// Rows of a block; blocks start at multiples of it on the face.
+/// Rows of a block; blocks start at multiples of that on the face.
 pub const BLOCK_ROWS: u32 = 16;
 
 /// Least and largest inverse depth code of every block of [`BLOCK_COLUMNS`] x [`BLOCK_ROWS`] face
-/// pixels that a segment's rectangle touches. Made from the depth pixels, and not stored in files;
-/// where it is empty, nothing is known.
+/// pixels that a segment's rectangle touches. Computed from the depth pixels, not stored in files;
+/// an empty index bounds nothing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct BlockIndex {
     /// Blocks in a row.
@@ -22,9 +22,9 @@ pub struct BlockIndex {
 }
 
 impl BlockIndex {
-    /// The index of a rectangle of face pixels from `x0`, `y0` on: of each of its rows the depth
-    /// pixels, and the running counts of its pixels.
-    pub(crate) fn of_rows<'a>(
+    /// Computes the index of a rectangle of face pixels at (`x0`, `y0`). `row` returns the depth
+    /// pixels of a row, and the running counts of its pixels.
+    pub(crate) fn new<'a>(
         [x0, y0]: [u32; 2],
         [width, height]: [u32; 2],
         row: impl Fn(u32) -> (&'a [PackedDepthPixel], &'a [u32]),
@@ -59,8 +59,8 @@ impl BlockIndex {
         }
     }
 
-    /// Least and largest code in the block of column `x / BLOCK_COLUMNS` and row `y / BLOCK_ROWS`,
-    /// or `None` if it holds nothing.
+    /// Returns the least and largest code in the block of column `x / BLOCK_COLUMNS` and row
+    /// `y / BLOCK_ROWS`, or `None` if the block is empty.
     pub(crate) fn codes(&self, column: u32, row: u32) -> Option<[u32; 2]> {
         let inside = column
             .checked_sub(self.first_column)

@@ -1,4 +1,4 @@
-//! From packed bits back to numbers.
+//! Decoding of packed depth pixels.
 
 use super::blocks::BlockIndex;
 use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
@@ -8,30 +8,30 @@ use crate::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepth
 use glam::DVec3;
 use headbox_core::cube_face::Face;
 
-/// A packed depth pixel, read back.
+/// A decoded depth pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DecodedDepthPixel {
-    /// 1/Z about the centre, 1/m; within half a step of the segment's range of what was packed.
+    /// 1/Z about the centre, 1/m; the quantisation error is at most half a code.
     pub inverse_depth: f64,
-    /// Unit surface normal, world axes, as well as the splat index says it.
+    /// Unit surface normal, world axes, as quantised by the splat index.
     pub normal: DVec3,
     /// sRGB, straight alpha.
     pub color_srgb: [u8; 4],
 }
 
 impl PackedSegment {
-    /// Inverse depth from one code to the next, 1/m.
+    /// Difference of inverse depth between adjacent codes, 1/m.
     pub fn inverse_depth_step(&self) -> f64 {
         (f64::from(self.inverse_depth_max) - f64::from(self.inverse_depth_min))
             / f64::from(INVERSE_DEPTH_CODE_MAX)
     }
 
-    /// The inverse depth of a code, 1/m.
+    /// Decodes an inverse depth, 1/m.
     pub fn inverse_depth(&self, code: u32) -> f64 {
         f64::from(self.inverse_depth_min) + f64::from(code) * self.inverse_depth_step()
     }
 
-    /// Reads a depth pixel of this segment back.
+    /// Decodes a depth pixel of this segment.
     pub fn decode(&self, layout: SplatIndexLayout, pixel: PackedDepthPixel) -> DecodedDepthPixel {
         DecodedDepthPixel {
             inverse_depth: self.inverse_depth(pixel.inverse_depth_code()),
@@ -46,13 +46,17 @@ impl PackedSegment {
     }
 
     /// The depth pixels of row `y` of the rectangle and the running counts of its pixels (`width +
-    /// 1` of them), or two empty slices where the tables of an invalid segment point outside.
+    /// 1` of them); two empty slices if the tables of an invalid segment are out of range.
     pub fn row(&self, y: u32) -> (&[PackedDepthPixel], &[u32]) {
-        self.row_of(&self.depth_pixels, y)
+        self.slice_row(&self.depth_pixels, y)
     }
 
-    /// [`Self::row`] of depth pixels in another form, as many in the same order.
-    pub(crate) fn row_of<'a, P>(&'a self, depth_pixels: &'a [P], y: u32) -> (&'a [P], &'a [u32]) {
+    /// Same as [`Self::row`] for depth pixels in another format, in the same order.
+    pub(crate) fn slice_row<'a, P>(
+        &'a self,
+        depth_pixels: &'a [P],
+        y: u32,
+    ) -> (&'a [P], &'a [u32]) {
         let (y, width) = (y as usize, self.width as usize);
         let ends = self.row_offsets.get(y..y + 2).unwrap_or(&[0, 0]);
         let samples = depth_pixels.get(ends[0] as usize..ends[1] as usize);
@@ -66,7 +70,7 @@ impl PackedSegment {
 
     /// Computes the content of [`Self::blocks`].
     pub(super) fn block_index(&self) -> BlockIndex {
-        BlockIndex::of_rows([self.x0, self.y0], [self.width, self.height], |y| {
+        BlockIndex::new([self.x0, self.y0], [self.width, self.height], |y| {
             self.row(y)
         })
     }
@@ -82,38 +86,27 @@ impl PackedSegment {
 }
 
 impl CubeLdi {
-    /// The cube LDI that was packed, as well as packing has kept it. Pictures on planes are not
-    /// part of it.
+    /// Decodes the cube LDI, but for its plane textures.
     pub fn unpack(&self) -> CubeSamples {
         let faces = Face::ALL.map(|face| {
             let size_px = self.face_size_px;
             let mut ldi = LayeredDepthImage::empty(face, size_px);
             // Far before near, as they are stored: farthest first in every pixel.
-            let of_face: Vec<&PackedSegment> =
+            let segments: Vec<&PackedSegment> =
                 self.segments.iter().filter(|s| s.face == face).collect();
             for y in 0..size_px {
                 for x in 0..size_px {
-                    for segment in &of_face {
+                    for segment in &segments {
                         let Some((x, y)) = x.checked_sub(segment.x0).zip(y.checked_sub(segment.y0))
                         else {
                             continue;
                         };
-                        let pixel = if x < segment.width {
-                            segment.pixel(x, y)
-                        } else {
-                            &[]
-                        };
-                        ldi.samples.extend(pixel.iter().map(|p| {
-                            let DecodedDepthPixel {
-                                inverse_depth,
-                                normal,
-                                color_srgb,
-                            } = segment.decode(self.layout, *p);
-                            let normal = EncodedNormal::new(normal.as_vec3());
+                        ldi.samples.extend(segment.pixel(x, y).iter().map(|p| {
+                            let decoded = segment.decode(self.layout, *p);
                             DepthPixel {
-                                inverse_depth: inverse_depth as f32,
-                                normal,
-                                color_srgb,
+                                inverse_depth: decoded.inverse_depth as f32,
+                                normal: EncodedNormal::new(decoded.normal.as_vec3()),
+                                color_srgb: decoded.color_srgb,
                             }
                         }));
                     }
@@ -129,12 +122,12 @@ impl CubeLdi {
         }
     }
 
-    /// The centre of the headbox, world metres: where every direction is seen best.
+    /// Centre of the headbox, world metres, where all directions have the best quality.
     pub fn center(&self) -> DVec3 {
         self.info.centre
     }
 
-    /// Half of the headbox's edge, metres: how far an eye may move along each axis.
+    /// Half of the headbox's edge length, metres.
     pub fn half_size(&self) -> f64 {
         self.info.half_size_m
     }
@@ -144,8 +137,7 @@ impl CubeLdi {
         self.segments.iter().map(|s| s.depth_pixels.len()).sum()
     }
 
-    /// Bytes of all depth pixels, offsets, counts, pictures on planes and environment texels in
-    /// memory.
+    /// Bytes of all depth pixels, offsets, counts, plane textures and environment texels in memory.
     pub fn bytes(&self) -> usize {
         let segment = |s: &PackedSegment| {
             size_of_val(&s.depth_pixels[..])

@@ -40,6 +40,6 @@ pub const INVERSE_DEPTH_CODE_MAX: u32 = (1 << 20) - 1;
 pub enum SplatIndexLayout {
     /// The paper's: 3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20).
     Paper,
-    /// All eleven bits for the normal; the depth comes from the inverse depth itself (C10).
+    /// All eleven bits for the normal; the depth is that of the inverse depth code (C10).
     Normal,
 }

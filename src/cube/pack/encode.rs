@@ -1,4 +1,4 @@
-//! From the build-time LDI to the 8-byte render-time one (S17, S22, S23).
+//! Packing: from the build-time LDI to the 8-byte render-time one (S17, S22, S23).
 
 use super::blocks::BlockIndex;
 use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
@@ -12,30 +12,30 @@ use std::ops::Range;
 
 /// Split of each face into a near and a far segment (S23).
 ///
-/// Clipping keeps, of each segment, the rectangle of rays that a view can reach. A sample of
+/// Clipping keeps, for each segment, the rectangle of face pixels that a view can show. A sample of
 /// inverse depth q moves by q times the eye's displacement on the face (in units where a face is 2
 /// wide), so the rectangle of a segment whose inverse depths span a range `dq` is wider than the
-/// view itself by the displacement times `dq`. A cut that makes the ranges short for many samples
+/// view itself by the displacement times `dq`. A split that makes the ranges short for many samples
 /// lets clipping drop more.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Split {
-    /// For each face, the cut that minimises the depth pixels which a clipped view is expected to
-    /// touch: the sum over both segments of `samples * min(4, (V + d * dq)^2)`, V = 1.15 the width
-    /// of a 60-degree view on a face that is 2 wide, d = half of the headbox's half size, the mean
-    /// displacement of an eye along an axis. 64 cuts, equally spaced in inverse depth, are tried. A
-    /// face stays whole unless the best cut saves at least 5 %.
+    /// For each face, the split that minimises the expected number of depth pixels that a clipped
+    /// view touches: the sum over both segments of `samples * min(4, (V + d * dq)^2)`, V = 1.15 the
+    /// width of a 60-degree view on a face that is 2 wide, d = half of the headbox's half size, the
+    /// mean displacement of an eye along an axis. 64 splits, equally spaced in inverse depth, are
+    /// tried. A face is not split unless the best split saves at least 5 %.
     #[default]
     Auto,
-    /// No cut: one segment a face, filed as near.
+    /// One segment per face, marked as near.
     None,
     /// Samples at this eye depth (metres, along each face's normal) or nearer are near.
     AtDepth(f64),
 }
 
-/// Why a cube LDI cannot be packed.
+/// Error of packing a cube LDI.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PackError {
-    /// The LDI breaks a promise of its layout.
+    /// The LDI violates its layout.
     #[error("the LDI is invalid: {0}")]
     Ldi(#[from] LdiError),
     /// The split depth is not a positive number.
@@ -44,8 +44,8 @@ pub enum PackError {
 }
 
 impl CubeLdi {
-    /// Packs a cube LDI: cuts each face at its split plane, quantises, and lays each segment out as
-    /// S17 says.
+    /// Packs a cube LDI: splits each face at its split plane, quantises, and builds the tables of
+    /// each segment (S17).
     ///
     /// # Errors
     /// [`PackError`] if the LDI is invalid or the split depth is not positive and finite.
@@ -60,8 +60,8 @@ impl CubeLdi {
             return Err(PackError::SplitDepth(depth));
         }
         ldi.validate()?;
-        let segments_of = |face: &LayeredDepthImage| {
-            // Near samples have an inverse depth of at least this.
+        let pack_face = |face: &LayeredDepthImage| {
+            // The least inverse depth of near samples.
             let cut = match split {
                 Split::None => 0.0,
                 Split::AtDepth(depth) => (1.0 / depth) as f32,
@@ -72,7 +72,7 @@ impl CubeLdi {
             <[_; 2]>::from(rayon::join(far, near))
         };
         let segments: Vec<[Option<PackedSegment>; 2]> =
-            ldi.faces.par_iter().map(segments_of).collect();
+            ldi.faces.par_iter().map(pack_face).collect();
         Ok(Self {
             info: ldi.info.clone(),
             face_size_px: ldi.faces.first().map_or(0, |f| f.size_px),
@@ -84,21 +84,19 @@ impl CubeLdi {
     }
 }
 
-/// Smallest and largest inverse depth of some samples.
+/// Finds the smallest and largest inverse depth of the samples.
 fn inverse_depth_range<'a>(samples: impl Iterator<Item = &'a DepthPixel>) -> Option<(f32, f32)> {
     samples
-        .map(|s| s.inverse_depth)
-        .fold(None, |range, q| match range {
-            None => Some((q, q)),
-            Some((min, max)) => Some((min.min(q), max.max(q))),
-        })
+        .map(|s| (s.inverse_depth, s.inverse_depth))
+        .reduce(|(min, max), (q, _)| (min.min(q), max.max(q)))
 }
 
-/// The inverse depth at which [`Split::Auto`] cuts a face; 0 leaves it whole.
+/// Finds the inverse depth at which [`Split::Auto`] splits a face; 0 for no split.
 fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
     const CUTS: usize = 64;
     const VIEW_WIDTH: f64 = 1.15;
-    const WORTHWHILE: f64 = 0.95;
+    /// Largest relative cost of a worthwhile split.
+    const MAX_COST: f64 = 0.95;
     let Some((min, max)) = inverse_depth_range(face.samples.iter()) else {
         return 0.0;
     };
@@ -115,7 +113,7 @@ fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
         let side = VIEW_WIDTH + 0.5 * half_size_m * bins as f64 * width;
         samples as f64 * (side * side).min(4.0)
     };
-    let mut best = (touched(face.samples.len(), CUTS) * WORTHWHILE, 0.0);
+    let mut best = (touched(face.samples.len(), CUTS) * MAX_COST, 0.0);
     let mut far = 0;
     for cut in 1..CUTS {
         far += histogram[cut - 1];
@@ -127,9 +125,9 @@ fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
     best.1 as f32
 }
 
-/// Columns and rows from the first to the last that have a sample for which `belongs` says so;
-/// `None` if there is none.
-fn occupied(
+/// Finds the bounding rectangle, as columns and rows, of the samples for which `belongs` returns
+/// true; `None` if there are none.
+fn bounding_rectangle(
     face: &LayeredDepthImage,
     belongs: impl Fn(&DepthPixel) -> bool,
 ) -> Option<[Range<u32>; 2]> {
@@ -152,7 +150,7 @@ fn occupied(
     (!rows.is_empty()).then_some([columns, rows])
 }
 
-/// The segment of a face that holds the samples for which `belongs` says so, or `None` if there are
+/// Packs the samples of a face for which `belongs` returns true into a segment; `None` if there are
 /// none.
 fn pack_segment(
     face: &LayeredDepthImage,
@@ -161,12 +159,13 @@ fn pack_segment(
     belongs: impl Fn(&DepthPixel) -> bool + Sync,
 ) -> Option<PackedSegment> {
     let (min, max) = inverse_depth_range(face.samples.iter().filter(|s| belongs(s)))?;
-    let [columns, rows] = occupied(face, &belongs)?;
+    let [columns, rows] = bounding_rectangle(face, &belongs)?;
 
     let range = DepthCodeRange::from_inverse_depths(min, max);
-    let codes_per_inverse_depth = match max > min {
-        true => f64::from(INVERSE_DEPTH_CODE_MAX) / (f64::from(max) - f64::from(min)),
-        false => 0.0,
+    let codes_per_inverse_depth = if max > min {
+        f64::from(INVERSE_DEPTH_CODE_MAX) / (f64::from(max) - f64::from(min))
+    } else {
+        0.0
     };
     let face_from_world = face.face.world_from_eye().transpose();
     let encode = |coder: &mut SplatCoder, sample: &DepthPixel, [x, y]: [u32; 2]| {
@@ -177,18 +176,17 @@ fn pack_segment(
             .face
             .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px);
         let toward = face_from_world * toward.normalize();
-        let index = coder.code(normal, toward, 1.0 / inverse_depth);
-        let geometry = index << 20 | code.min(INVERSE_DEPTH_CODE_MAX);
+        let index = coder.encode(normal, toward, 1.0 / inverse_depth);
         PackedDepthPixel {
-            geometry,
+            geometry: index << 20 | code.min(INVERSE_DEPTH_CODE_MAX),
             color_srgb: sample.color_srgb,
         }
     };
 
-    // Of a row, the depth pixels, and how many there are up to each column.
-    let row = |y: u32| {
-        let (mut depth_pixels, mut counts, mut coder) =
-            (Vec::new(), vec![0], SplatCoder::new(layout, range));
+    // The depth pixels of a row, and its running counts.
+    let pack_row = |y: u32| {
+        let mut coder = SplatCoder::new(layout, range);
+        let (mut depth_pixels, mut counts) = (Vec::new(), vec![0]);
         for x in columns.clone() {
             depth_pixels.extend(
                 face.pixel(x, y)
@@ -200,12 +198,12 @@ fn pack_segment(
         }
         (depth_pixels, counts)
     };
-    let (of_rows, counts): (Vec<Vec<PackedDepthPixel>>, Vec<Vec<u32>>) =
-        rows.clone().into_par_iter().map(row).unzip();
+    let (depth_pixels, counts): (Vec<Vec<PackedDepthPixel>>, Vec<Vec<u32>>) =
+        rows.clone().into_par_iter().map(pack_row).unzip();
     let mut row_offsets = vec![0];
-    for depth_pixels in &of_rows {
+    for row in &depth_pixels {
         // Lossless: a valid face has at most u32::MAX samples.
-        row_offsets.push(row_offsets[row_offsets.len() - 1] + depth_pixels.len() as u32);
+        row_offsets.push(row_offsets[row_offsets.len() - 1] + row.len() as u32);
     }
     let mut segment = PackedSegment {
         face: face.face,
@@ -218,7 +216,7 @@ fn pack_segment(
         inverse_depth_max: max,
         row_offsets,
         row_counts: counts.concat(),
-        depth_pixels: of_rows.concat(),
+        depth_pixels: depth_pixels.concat(),
         blocks: BlockIndex::default(),
     };
     segment.blocks = segment.block_index();

@@ -1,4 +1,4 @@
-//! Depth pixels of which nothing is quantised, to find out what packing costs and gains.
+//! Unquantised depth pixels, to measure the error and the speed of packing.
 
 use super::depth_pixel::SplatIndexLayout;
 use super::layout::{CubeLdi, PackedSegment};
@@ -15,64 +15,46 @@ pub struct ExactDepthPixel {
     pub normal: [f32; 3],
     /// sRGB, straight alpha.
     pub color_srgb: [u8; 4],
-    /// Splat index as in the packed depth pixel, for the kernel whose sizes are a table over it.
+    /// Splat index of the packed depth pixel, for the kernel that looks up its size by it.
     pub splat_index: u32,
 }
 
-/// A packed cube LDI, and its depth pixels once more, as they were before packing.
+/// A packed cube LDI, and its depth pixels before quantisation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExactCube {
-    /// Everything but the depth pixels is taken from here.
+    /// The packed cube; its depth pixels are not drawn.
     pub cube: CubeLdi,
-    /// For each segment, as many as it has packed ones, in the same order.
+    /// For each segment, in the order of its packed depth pixels.
     pub depth_pixels: Vec<Vec<ExactDepthPixel>>,
 }
 
 impl ExactCube {
-    /// Packs a cube LDI and keeps what that loses.
+    /// Packs a cube LDI and keeps its unquantised samples.
     ///
     /// # Errors
-    /// As [`CubeLdi::pack`].
+    /// See [`CubeLdi::pack`].
     pub fn pack(
         ldi: &CubeSamples,
         layout: SplatIndexLayout,
         split: Split,
     ) -> Result<Self, PackError> {
         let cube = CubeLdi::pack(ldi, layout, split)?;
-        let exact_of = |segment: &PackedSegment| {
-            let face = ldi.faces.iter().find(|face| face.face == segment.face);
-            face.map_or_else(Vec::new, |face| exact_segment(face, segment))
-        };
-        let depth_pixels = cube.segments.iter().map(exact_of).collect();
+        let depth_pixels = cube
+            .segments
+            .iter()
+            .map(|segment| exact_depth_pixels(&ldi.faces[segment.face.index()], segment))
+            .collect();
         Ok(Self { cube, depth_pixels })
     }
 
-    /// From what packing has left, as of a file: for times, not for errors.
-    pub fn unpack(cube: CubeLdi) -> Self {
-        let of_segment = |segment: &PackedSegment| {
-            let unpack = |packed: &PackedDepthPixel| ExactDepthPixel {
-                inverse_depth: segment.inverse_depth(packed.inverse_depth_code()) as f32,
-                normal: cube.layout.normal(packed.splat_index()).to_array(),
-                color_srgb: packed.color_srgb,
-                splat_index: packed.splat_index(),
-            };
-            segment.depth_pixels.iter().map(unpack).collect()
-        };
-        let depth_pixels = cube.segments.iter().map(of_segment).collect();
-        Self { cube, depth_pixels }
-    }
-
-    /// Bytes of all depth pixels.
+    /// Bytes of all unquantised depth pixels.
     pub fn depth_pixel_bytes(&self) -> usize {
-        self.depth_pixels
-            .iter()
-            .map(|pixels| size_of_val(pixels.as_slice()))
-            .sum()
+        self.cube.depth_pixel_count() * size_of::<ExactDepthPixel>()
     }
 }
 
-/// The samples of a segment's side of its face. Those of the other side have other inverse depths.
-fn exact_segment(face: &LayeredDepthImage, segment: &PackedSegment) -> Vec<ExactDepthPixel> {
+/// Collects the samples of a segment from its face, by their range of inverse depth.
+fn exact_depth_pixels(face: &LayeredDepthImage, segment: &PackedSegment) -> Vec<ExactDepthPixel> {
     let face_from_world = face.face.world_from_eye().transpose();
     let range = segment.inverse_depth_min..=segment.inverse_depth_max;
     let exact = |(sample, packed): (&DepthPixel, &PackedDepthPixel)| ExactDepthPixel {

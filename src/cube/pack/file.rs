@@ -4,10 +4,10 @@
 //! segment), `environment` (texels), and for each segment with samples one section named after its
 //! face and side, e.g. `+X far`: row offsets, row counts, depth pixels, as they lie in memory.
 //!
-//! Version 2 is for cubes with pictures on planes; one without is written as version 1. There the
-//! row counts are [`super::runs`], and three sections are added: `planes` ([`Plane`]), `tiles`
-//! ([`PlaneTile`]), and `texels`: three bytes of colour for each texel of all tiles, then a byte of
-//! alpha for each texel of the tiles that are not opaque.
+//! Cubes without plane textures are written as version 1, others as version 2. In version 2 the row
+//! counts are run-length encoded ([`super::runs`]), and three sections are added: `planes`
+//! ([`Plane`]), `tiles` ([`PlaneTile`]), and `texels`: three bytes of colour for each texel of all
+//! tiles, then a byte of alpha for each texel of the tiles that are not opaque.
 
 use super::plane_set::PlaneSet;
 use super::planes::{Plane, PlaneTile};
@@ -21,10 +21,10 @@ use headbox_core::environment::Environment;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// A cube LDI file.
+/// File kind of cube LDIs.
 pub const CUBE_LDI: FileKind = FileKind::CUBE_LDI;
 
-/// Header of a cube LDI: everything but its arrays.
+/// Header of a cube LDI: all fields but the arrays.
 #[derive(Serialize, Deserialize)]
 pub struct CubeHeader {
     info: CaptureInfo,
@@ -36,7 +36,7 @@ pub struct CubeHeader {
     planes: Option<PlanesHeader>,
 }
 
-/// Header of a set of plane textures: everything but its arrays.
+/// Header of a [`PlaneSet`]: all fields but the arrays.
 #[derive(Serialize, Deserialize)]
 struct PlanesHeader {
     error_px: f64,
@@ -60,14 +60,11 @@ struct SegmentHeader {
 }
 
 impl CubeHeader {
-    /// Checks the sizes of the arrays before any is read: at most a segment for each face and side,
+    /// Checks the sizes of the arrays before any is read: at most one segment for each face and side,
     /// each a non-empty rectangle of a face.
     fn check(&self, section: &Section) -> Result<(), FileError> {
-        let keys = self
-            .segments
-            .windows(2)
-            .map(|pair| [&pair[0], &pair[1]].map(|segment| (segment.face, segment.near)));
-        if keys.into_iter().any(|[before, after]| before >= after) {
+        let key = |segment: &SegmentHeader| (segment.face, segment.near);
+        if !self.segments.is_sorted_by(|a, b| key(a) < key(b)) {
             return Err(section.damaged(
                 "segments in the order of faces, far before near",
                 "another order",
@@ -78,20 +75,40 @@ impl CubeHeader {
         let is_wrong = |it: &&SegmentHeader| {
             !fits(it.x0, it.width) || !fits(it.y0, it.height) || it.depth_pixels == 0
         };
-        match self.segments.iter().find(is_wrong) {
-            Some(it) => {
-                let found = format!(
-                    "{}x{} pixels, {} depth pixels",
-                    it.width, it.height, it.depth_pixels
-                );
-                Err(section.damaged("a rectangle on a face with depth pixels in it", found))
-            }
-            None => Ok(()),
+        if let Some(it) = self.segments.iter().find(is_wrong) {
+            let found = format!(
+                "{}x{} pixels, {} depth pixels",
+                it.width, it.height, it.depth_pixels
+            );
+            return Err(section.damaged("a rectangle on a face with depth pixels in it", found));
         }
+        Ok(())
     }
 }
 
-/// Section name of a segment.
+impl SegmentHeader {
+    fn new(segment: &PackedSegment) -> Self {
+        Self {
+            face: segment.face.index() as u8,
+            near: segment.side == SegmentSide::Near,
+            x0: segment.x0,
+            y0: segment.y0,
+            width: segment.width,
+            height: segment.height,
+            inverse_depth_min: segment.inverse_depth_min,
+            inverse_depth_max: segment.inverse_depth_max,
+            depth_pixels: segment.depth_pixels.len(),
+        }
+    }
+
+    /// The face; `section` is that of the header, for the error.
+    fn face(&self, section: &Section) -> Result<Face, FileError> {
+        let face = Face::ALL.get(usize::from(self.face)).copied();
+        face.ok_or_else(|| section.damaged("face numbers 0 to 5", self.face.to_string()))
+    }
+}
+
+/// Returns the section name of a segment.
 fn segment_name(face: Face, near: bool) -> &'static str {
     const NAMES: [[&str; 2]; 6] = [
         ["+X far", "+X near"],
@@ -105,7 +122,7 @@ fn segment_name(face: Face, near: bool) -> &'static str {
 }
 
 impl CubeLdi {
-    /// Writes a `.ldi` file, whole or not at all.
+    /// Writes a `.ldi` file atomically.
     ///
     /// # Errors
     /// [`FileError::Io`].
@@ -137,8 +154,7 @@ impl CubeLdi {
         writer.write(path)
     }
 
-    /// Reads a `.ldi` file. Every table is checked against the others ([`CubeLdi::validate`]),
-    /// so that a renderer can rely on them.
+    /// Reads and validates a `.ldi` file ([`CubeLdi::validate`]).
     ///
     /// # Errors
     /// See [`FileError`].
@@ -151,9 +167,7 @@ impl CubeLdi {
             read_environment(file.section("environment")?, header.environment_size_px)?;
         let mut segments = Vec::with_capacity(header.segments.len());
         for segment in &header.segments {
-            let Some(&face) = Face::ALL.get(usize::from(segment.face)) else {
-                return Err(info_section.damaged("face numbers 0 to 5", segment.face.to_string()));
-            };
+            let face = segment.face(&info_section)?;
             let mut section = file.section(segment_name(face, segment.near))?;
             segments.push(read_segment(
                 &mut section,
@@ -170,14 +184,14 @@ impl CubeLdi {
         Self::assemble(header, segments, environment, planes, &info_section)
     }
 
-    /// The header of a file.
+    /// Builds the header of a file.
     pub fn header(&self) -> CubeHeader {
         CubeHeader {
             info: self.info.clone(),
             face_size_px: self.face_size_px,
             layout: self.layout,
             environment_size_px: self.environment.size_px,
-            segments: self.segments.iter().map(segment_header).collect(),
+            segments: self.segments.iter().map(SegmentHeader::new).collect(),
             planes: (!self.planes.tiles.is_empty()).then_some(PlanesHeader {
                 error_px: self.planes.error_px,
                 samples: self.planes.samples,
@@ -188,8 +202,8 @@ impl CubeLdi {
         }
     }
 
-    /// All arrays one after the other, in the order of a `.ldi` file, for a file of another kind
-    /// that keeps the header elsewhere.
+    /// Concatenates all arrays in the order of a `.ldi` file, for another file kind that stores the
+    /// header elsewhere.
     pub fn arrays(&self) -> Vec<u8> {
         let mut bytes = bytemuck::cast_slice(&self.environment.texels).to_vec();
         let has_planes = !self.planes.tiles.is_empty();
@@ -208,34 +222,23 @@ impl CubeLdi {
     pub fn from_arrays(header: CubeHeader, section: &mut Section) -> Result<Self, FileError> {
         header.check(section)?;
         let size_px = header.environment_size_px;
-        let texels = section.array(
-            (size_px as usize)
-                .saturating_mul(size_px as usize)
-                .saturating_mul(6),
-        )?;
+        let texels = section.array(environment_texel_count(size_px))?;
+        let environment = Environment { size_px, texels };
         let segments = header.segments.iter().map(|segment| {
-            let face = Face::ALL.get(usize::from(segment.face)).copied();
-            let face = face
-                .ok_or_else(|| section.damaged("face numbers 0 to 5", segment.face.to_string()))?;
+            let face = segment.face(section)?;
             read_segment(section, face, segment, header.planes.is_some())
         });
         let segments = segments.collect::<Result<_, _>>()?;
         let planes = match &header.planes {
-            Some(of) => read_pictures(
-                section.array(of.planes)?,
-                section.array(of.tiles)?,
+            Some(planes) => read_plane_set(
+                section.array(planes.planes)?,
+                section.array(planes.tiles)?,
                 section,
-                of,
+                planes,
             )?,
             None => PlaneSet::default(),
         };
-        Self::assemble(
-            header,
-            segments,
-            Environment { size_px, texels },
-            planes,
-            section,
-        )
+        Self::assemble(header, segments, environment, planes, section)
     }
 
     fn assemble(
@@ -245,16 +248,10 @@ impl CubeLdi {
         planes: PlaneSet,
         section: &Section,
     ) -> Result<Self, FileError> {
-        let CubeHeader {
-            info,
-            face_size_px,
-            layout,
-            ..
-        } = header;
         let mut cube = Self {
-            info,
-            face_size_px,
-            layout,
+            info: header.info,
+            face_size_px: header.face_size_px,
+            layout: header.layout,
             segments,
             environment,
             planes,
@@ -268,44 +265,29 @@ impl CubeLdi {
     }
 }
 
-/// Row offsets, row counts (`in_runs`: as [`runs`]) and depth pixels.
+/// Serialises row offsets, row counts (run-length encoded if `in_runs`) and depth pixels.
 fn segment_bytes(segment: &PackedSegment, in_runs: bool) -> Vec<u8> {
-    let [offsets, counts] =
-        [&segment.row_offsets, &segment.row_counts].map(|t| bytemuck::cast_slice::<u32, u8>(t));
-    let runs = if in_runs {
-        Some(runs::encode(segment))
+    let counts = if in_runs {
+        runs::encode(segment)
     } else {
-        None
+        bytemuck::cast_slice(&segment.row_counts).to_vec()
     };
     [
-        offsets,
-        runs.as_deref().unwrap_or(counts),
+        bytemuck::cast_slice(&segment.row_offsets),
+        &counts,
         bytemuck::cast_slice(&segment.depth_pixels),
     ]
     .concat()
 }
 
-fn segment_header(segment: &PackedSegment) -> SegmentHeader {
-    SegmentHeader {
-        face: segment.face.index() as u8,
-        near: segment.side == SegmentSide::Near,
-        x0: segment.x0,
-        y0: segment.y0,
-        width: segment.width,
-        height: segment.height,
-        inverse_depth_min: segment.inverse_depth_min,
-        inverse_depth_max: segment.inverse_depth_max,
-        depth_pixels: segment.depth_pixels.len(),
-    }
+fn environment_texel_count(size_px: u32) -> usize {
+    let size = size_px as usize;
+    size.saturating_mul(size).saturating_mul(6)
 }
 
-/// An environment from its section, checked.
+/// Reads and validates an environment from its section.
 pub fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, FileError> {
-    let texels = section.array(
-        (size_px as usize)
-            .saturating_mul(size_px as usize)
-            .saturating_mul(6),
-    )?;
+    let texels = section.array(environment_texel_count(size_px))?;
     section.end()?;
     let environment = Environment { size_px, texels };
     environment
@@ -314,7 +296,7 @@ pub fn read_environment(mut section: Section, size_px: u32) -> Result<Environmen
     Ok(environment)
 }
 
-/// The colours of all texels, then the alphas of those that may be open.
+/// Serialises the colours of all texels, then the alphas of the tiles that are not opaque.
 fn texel_bytes(set: &PlaneSet) -> Vec<u8> {
     let mut bytes: Vec<u8> = set
         .texels
@@ -335,13 +317,13 @@ fn read_planes(file: &Container, header: &PlanesHeader) -> Result<PlaneSet, File
     let tiles: Vec<PlaneTile> = section.array(header.tiles)?;
     section.end()?;
     let mut section = file.section("texels")?;
-    let set = read_pictures(planes, tiles, &mut section, header)?;
+    let set = read_plane_set(planes, tiles, &mut section, header)?;
     section.end()?;
     Ok(set)
 }
 
-/// Planes and their pictures, whose texels come next in a section.
-fn read_pictures(
+/// Reads the texels of plane textures from a section.
+fn read_plane_set(
     planes: Vec<Plane>,
     tiles: Vec<PlaneTile>,
     section: &mut Section,
@@ -351,13 +333,12 @@ fn read_pictures(
     let mut texels: Vec<[u8; 4]> = colors.into_iter().map(|[r, g, b]| [r, g, b, 255]).collect();
     for tile in tiles.iter().filter(|tile| tile.opaque == 0) {
         let alphas: Vec<u8> = section.array(tile.texel_count())?;
-        let of_tile = texels.get_mut(tile.texel_range());
-        let of_tile =
-            of_tile.ok_or_else(|| section.damaged("tiles within the texels", "one beyond them"))?;
-        of_tile
-            .iter_mut()
-            .zip(alphas)
-            .for_each(|(texel, alpha)| texel[3] = alpha);
+        let Some(tile_texels) = texels.get_mut(tile.texel_range()) else {
+            return Err(section.damaged("tiles within the texels", "one beyond them"));
+        };
+        for (texel, alpha) in tile_texels.iter_mut().zip(alphas) {
+            texel[3] = alpha;
+        }
     }
     Ok(PlaneSet {
         error_px: header.error_px,
@@ -369,7 +350,7 @@ fn read_pictures(
     })
 }
 
-/// `in_runs`: the row counts are [`runs`].
+/// Reads a segment; `in_runs`: the row counts are run-length encoded.
 fn read_segment(
     section: &mut Section,
     face: Face,
@@ -378,9 +359,10 @@ fn read_segment(
 ) -> Result<PackedSegment, FileError> {
     let (width, height) = (header.width as usize, header.height as usize);
     let row_offsets = section.array(height.saturating_add(1))?;
-    let row_counts = match in_runs {
-        true => runs::decode(section, header.width, header.height)?,
-        false => section.array(height.saturating_mul(width.saturating_add(1)))?,
+    let row_counts = if in_runs {
+        runs::decode(section, header.width, header.height)?
+    } else {
+        section.array(height.saturating_mul(width.saturating_add(1)))?
     };
     let depth_pixels = section.array(header.depth_pixels)?;
     Ok(PackedSegment {

@@ -10,16 +10,16 @@ use headbox_core::environment::Environment;
 /// Side of the face's split plane on which a segment lies (S23).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SegmentSide {
-    /// Beyond the split plane.
+    /// Behind the split plane.
     Far,
-    /// Between the cube and the split plane.
+    /// Between the centre and the split plane.
     Near,
 }
 
 /// The near or the far part of one face.
 ///
-/// A segment covers the smallest rectangle of face pixels that holds its samples. A worked example,
-/// a rectangle of 3x2 pixels with 2, 0, 1 samples in its upper row and 1, 1, 3 in its lower row:
+/// A segment covers the bounding rectangle of its samples in face pixels. For example, a rectangle
+/// of 3x2 pixels with 2, 0, 1 samples in its upper row and 1, 1, 3 in its lower row:
 ///
 /// ```text
 /// row_offsets  [ 0, 3, 8 ]                    one per row, and the end
@@ -50,11 +50,11 @@ pub struct PackedSegment {
     pub row_counts: Vec<u32>,
     /// Rows from top to bottom, pixels from left to right, farthest first inside a pixel.
     pub depth_pixels: Vec<PackedDepthPixel>,
-    /// Made from the rest, for clipping.
+    /// Depth ranges of blocks, derived from the other fields, for clipping.
     pub blocks: BlockIndex,
 }
 
-/// A packed cube LDI: what a `.ldi` file holds and what the renderer draws.
+/// A packed cube LDI: the content of a `.ldi` file and the input of the renderer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CubeLdi {
     /// Header of the capture.
@@ -63,10 +63,10 @@ pub struct CubeLdi {
     pub face_size_px: u32,
     /// Layout of the splat indices of all segments.
     pub layout: SplatIndexLayout,
-    /// Only segments with samples, ordered by face, far before near.
+    /// Segments with samples, ordered by face, far before near.
     pub segments: Vec<PackedSegment>,
-    /// Drawn first, behind everything.
+    /// Background of all faces.
     pub environment: Environment,
-    /// Plane textures; the segments hold the rest.
+    /// Plane textures; the segments hold the other samples.
     pub planes: PlaneSet,
 }

@@ -1,31 +1,31 @@
-//! All pictures on planes of a cube, at every size.
+//! All plane textures of a cube, at every mip level.
 
 use super::mips::{Filter, LazyMips, Mip};
 use super::planes::{Plane, PlaneTile};
 use crate::pack::mips;
 use rayon::prelude::*;
 
-/// All pictures on planes of a cube.
+/// All plane textures of a cube.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlaneSet {
-    /// Error bound of each plane texture, in pixels of the frame that `planes::Bound` names; 0 if
+    /// Error bound of each plane texture, in pixels of the reference frame of `planes::Bound`; 0 if
     /// there are none.
     pub error_px: f64,
     /// The planes.
     pub planes: Vec<Plane>,
-    /// Pictures, ordered by plane, face and place.
+    /// Plane textures, ordered by plane, face and position.
     pub tiles: Vec<PlaneTile>,
-    /// Rows from top to bottom: sRGB times alpha, and alpha, so that a mean of texels does not
-    /// darken toward those that are open.
+    /// Rows from top to bottom: sRGB premultiplied by alpha, and alpha, so that filtering does not
+    /// darken the rim of transparent texels.
     pub texels: Vec<[u8; 4]>,
-    /// Samples that the pictures stand for.
+    /// Number of samples that the plane textures replace.
     pub samples: u64,
-    /// Smaller pictures, made from the others when frames need them.
+    /// Mip levels, computed when frames need them.
     pub mips: LazyMips,
 }
 
 impl PlaneSet {
-    /// A texel of a straight colour.
+    /// Premultiplies a straight colour.
     pub fn covered([r, g, b, alpha]: [u8; 4]) -> [u8; 4] {
         let times = |c: u8| ((u32::from(c) * u32::from(alpha) + 127) / 255) as u8;
         [times(r), times(g), times(b), alpha]
@@ -36,43 +36,45 @@ impl PlaneSet {
         size_of_val(&self.planes[..]) + size_of_val(&self.tiles[..]) + size_of_val(&self.texels[..])
     }
 
-    /// The texels of a picture at a level, in rows of [`mips::side`] of its width; empty if there
-    /// are none.
-    pub(crate) fn texels_at(&self, index: usize, level: usize) -> &[[u8; 4]] {
-        match level {
-            0 => self
-                .tiles
-                .get(index)
-                .and_then(|tile| self.texels.get(tile.texel_range()))
-                .unwrap_or(&[]),
-            _ => self.mips.level(level, || self.made(level)).picture(index),
+    /// The texels of a tile at a level, in rows of [`mips::side`] of its width; empty if there are
+    /// none.
+    pub(crate) fn mip_texels(&self, index: usize, level: usize) -> &[[u8; 4]] {
+        if level > 0 {
+            return self
+                .mips
+                .level(level, || self.compute_mip(level))
+                .texture(index);
         }
+        self.tiles
+            .get(index)
+            .and_then(|tile| self.texels.get(tile.texel_range()))
+            .unwrap_or(&[])
     }
 
-    /// Makes what [`Self::texels_at`] a level gives, so that tasks of a frame find it.
+    /// Computes a level in advance, for the tasks of a frame.
     pub(crate) fn make_level(&self, level: usize) {
-        self.texels_at(0, level);
+        self.mip_texels(0, level);
     }
 
-    fn made(&self, level: usize) -> Mip {
-        let filter = Filter::of_level(level);
-        let from = level - filter.step;
-        let pictures: Vec<Vec<[u8; 4]>> = (0..self.tiles.len())
+    fn compute_mip(&self, level: usize) -> Mip {
+        let filter = Filter::for_level(level);
+        let source = level - filter.step;
+        let textures: Vec<Vec<[u8; 4]>> = (0..self.tiles.len())
             .into_par_iter()
             .map(|i| {
                 filter.apply(
-                    self.texels_at(i, from),
-                    size_at(&self.tiles[i], from),
-                    size_at(&self.tiles[i], level),
+                    self.mip_texels(i, source),
+                    mip_size(&self.tiles[i], source),
+                    mip_size(&self.tiles[i], level),
                 )
             })
             .collect();
-        Mip::of(pictures)
+        Mip::new(textures)
     }
 }
 
-/// Columns and rows at a level.
-fn size_at(tile: &PlaneTile, level: usize) -> [usize; 2] {
+/// Columns and rows of a tile at a level.
+fn mip_size(tile: &PlaneTile, level: usize) -> [usize; 2] {
     [
         mips::side(tile.width, level),
         mips::side(tile.height, level),
@@ -106,7 +108,7 @@ mod tests {
         };
         for level in 1..=LEVELS {
             let (width, height, apart) = (side(65, level), side(7, level), 1 << halvings(level));
-            let found = set.texels_at(0, level);
+            let found = set.mip_texels(0, level);
             assert_eq!((found.len(), width), (width * height, 64 / apart + 1));
             for (i, [r, g, b, a]) in found.iter().enumerate() {
                 assert!(
@@ -138,7 +140,7 @@ mod tests {
             texels: stripes,
             ..PlaneSet::default()
         };
-        for (i, texel) in set.texels_at(0, 2).iter().enumerate() {
+        for (i, texel) in set.mip_texels(0, 2).iter().enumerate() {
             let is_border = [i % 17, i / 17].iter().any(|v| v % 16 == 0);
             assert!(is_border || texel[0].abs_diff(100) <= 1, "{i}: {texel:?}");
         }

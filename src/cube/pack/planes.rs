@@ -1,10 +1,10 @@
-//! Pictures on planes: the parts of a cube LDI whose depth is so nearly that of a plane that nobody
-//! in the headbox can tell (inventory S1 to S3; `docs/primitives.md`).
+//! Plane textures: the parts of a cube LDI whose depth is that of a plane within an error bound
+//! (inventory S1 to S3; `docs/primitives.md`).
 //!
-//! A surface is a plane exactly where its inverse depth is affine in a face's pixels: the points P
+//! A surface is planar if and only if its inverse depth is affine in a face's pixels: the points P
 //! = d / q of a face, d the direction through a pixel at depth 1, satisfy n . P = 1 if and only if
-//! q = n . d. So a plane that does not pass through the centre is one vector, the same for all
-//! faces, and q = 0 everywhere, the plane at infinity, is n = 0.
+//! q = n . d. So a plane that does not contain the centre is one vector n, the same for all faces;
+//! n = 0 is the plane at infinity, with q = 0 everywhere.
 
 use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
@@ -19,18 +19,17 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// Inverse depth, 1/m, on a face of `size_px` pixels a side, as coefficients of (1, x, y) with
-    /// x, y in its pixels.
+    /// Computes the inverse depth, 1/m, on a face of `size_px` pixels a side, as coefficients of
+    /// (1, x, y) with x, y in face pixels.
     pub fn inverse_depth(&self, face: Face, size_px: u32) -> [f64; 3] {
         let n = self.normal_per_distance.as_dvec3();
-        let at = |x: f64, y: f64| n.dot(face.direction(x, y, size_px));
-        let q = at(0.0, 0.0);
+        let q = n.dot(face.direction(0.0, 0.0, size_px));
         let step = 2.0 / f64::from(size_px);
         [q, n.dot(face.right()) * step, -n.dot(face.up()) * step]
     }
 
-    /// The plane whose inverse depth on a face has given coefficients of (1, x, y): the inverse of
-    /// [`Self::inverse_depth`], but for rounding.
+    /// Creates the plane whose inverse depth on a face has given coefficients of (1, x, y): the
+    /// inverse of [`Self::inverse_depth`], but for rounding.
     pub fn from_inverse_depth(face: Face, size_px: u32, [q, along_x, along_y]: [f64; 3]) -> Self {
         let half = f64::from(size_px) / 2.0;
         let (right, up) = (along_x * half, -along_y * half);
@@ -42,21 +41,20 @@ impl Plane {
     }
 }
 
-/// Sides of a picture, texels: captures make them some 130 at most, and what lays them out on
-/// sheets counts on this.
+/// Maximum side of a tile, texels: captures write about 130 at most, and the exporters' texture
+/// atlases rely on the limit.
 pub(crate) const MAX_TILE_PX: u16 = 1024;
 
-/// A picture on a plane: a rectangle of face pixels with a colour each. It is drawn between the
-/// middles of its outermost texels, so that neighbours, which share a line of texels, meet without
-/// a gap.
+/// A plane texture: a rectangle of face pixels, one texel each. It is drawn between the centres of
+/// its outermost texels, so that adjacent tiles, which share a line of texels, meet without a gap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct PlaneTile {
     /// Index of the plane.
     pub plane: u32,
-    /// First of its texels.
+    /// Index of the first texel.
     pub first_texel: u32,
-    /// Left column on the face, -1 to `size_px`: a picture may reach one pixel beyond its face.
+    /// Left column on the face, from -1: a tile may extend one pixel beyond each side of its face.
     pub x0: i16,
     /// Upper row on the face.
     pub y0: i16,
@@ -66,14 +64,14 @@ pub struct PlaneTile {
     pub height: u16,
     /// [`Face::index`].
     pub face: u16,
-    /// 1 if every texel hides its pixel wholly, else 0.
+    /// 1 if all texels are opaque, else 0.
     pub opaque: u16,
 }
 
 const _: () = assert!(size_of::<PlaneTile>() == 20, "no padding in files");
 
 impl PlaneTile {
-    /// Range of its texels among all.
+    /// Range of the tile's texels in [`PlaneSet::texels`](super::PlaneSet::texels).
     pub fn texel_range(&self) -> std::ops::Range<usize> {
         let first = self.first_texel as usize;
         first..first.saturating_add(self.texel_count())

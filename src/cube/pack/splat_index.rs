@@ -1,16 +1,16 @@
 //! 11-bit encoding of a sample's normal and distance (S20, S22, C10).
 //!
 //! Normals are coded in the *face frame*: the eye space of the face's camera, x right, y up, z back
-//! toward the centre. A surface that the centre sees head-on has the normal (0, 0, 1).
+//! toward the centre. A surface on the face's axis that faces the centre has the normal (0, 0, 1).
 //!
 //! * [`SplatIndexLayout::Paper`]: `nx << 8 | ny << 5 | depth`. nx and ny are 3-bit codes of -1..1,
 //!   z follows from them and is never negative; depth is a 5-bit code, exponential between the
 //!   segment's nearest and farthest eye depth. The 12 of 64 pairs whose centres lie outside the
-//!   unit disk stand for the rim (z = 0).
-//! * [`SplatIndexLayout::Normal`]: rings of equal polar angle about z, each cut into equal
-//!   azimuths. A normal is turned toward the ray that found it, so nearly all lie within 100
-//!   degrees of z: 28 rings of 3.6 degrees cover these, and 5 coarse ones the rest (rays that leave
-//!   one face and are filed under another).
+//!   unit disk are projected to its border (z = 0).
+//! * [`SplatIndexLayout::Normal`]: rings of equal polar angle about z, each divided into equal
+//!   azimuths. A normal faces the ray that hit its surface, so nearly all lie within 100 degrees of
+//!   z: 28 rings of 3.6 degrees cover these, and 5 coarse rings the others (hits of rays that start
+//!   at one face and belong to another).
 
 use super::depth_pixel::SplatIndexLayout;
 use glam::{DVec3, Vec3};
@@ -20,7 +20,7 @@ use std::sync::LazyLock;
 /// Number of splat indices: eleven bits.
 pub const SPLAT_INDEX_COUNT: usize = 2048;
 
-/// Codes of depth in [`SplatIndexLayout::Paper`].
+/// Number of depth codes in [`SplatIndexLayout::Paper`].
 pub const DEPTH_CODE_COUNT: usize = 32;
 
 const FRONT_RINGS: usize = 28;
@@ -30,7 +30,7 @@ const RING_COUNT: usize = FRONT_RINGS + BACK_RINGS;
 const FRONT_END_RAD: f64 = FRONT_RINGS as f64 * FRONT_STEP_RAD;
 const BACK_STEP_RAD: f64 = (PI - FRONT_END_RAD) / BACK_RINGS as f64;
 
-/// Polar angle of a ring's middle and the width of the ring, radians.
+/// Computes the polar angle of a ring's middle and the width of the ring, radians.
 fn ring(i: usize) -> (f64, f64) {
     if i < FRONT_RINGS {
         ((i as f64 + 0.5) * FRONT_STEP_RAD, FRONT_STEP_RAD)
@@ -71,7 +71,7 @@ static RING_NORMALS: LazyLock<Box<[Vec3; SPLAT_INDEX_COUNT]>> = LazyLock::new(||
     normals
 });
 
-/// The eye depths between which the 5-bit depth code of a segment runs.
+/// Range of eye depths that the 5-bit depth code of a segment covers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthCodeRange {
     /// Eye depth of the nearest sample, metres.
@@ -81,7 +81,7 @@ pub struct DepthCodeRange {
 }
 
 impl DepthCodeRange {
-    /// The range of a segment whose inverse depths lie between `min` and `max`.
+    /// Creates the range of a segment whose inverse depths lie between `min` and `max`.
     pub fn from_inverse_depths(min: f32, max: f32) -> Self {
         Self {
             nearest_m: 1.0 / f64::from(max),
@@ -89,7 +89,7 @@ impl DepthCodeRange {
         }
     }
 
-    /// The 5-bit code of an eye depth: equal ratios of depth get equal numbers of codes.
+    /// Computes the 5-bit code of an eye depth: equal ratios of depth get equal numbers of codes.
     fn encode(self, eye_depth: f64) -> usize {
         let octaves = (self.farthest_m / self.nearest_m).ln();
         let t = if octaves > 0.0 {
@@ -100,7 +100,7 @@ impl DepthCodeRange {
         ((t * DEPTH_CODE_COUNT as f64) as usize).min(DEPTH_CODE_COUNT - 1)
     }
 
-    /// The eye depth in the (geometric) middle of a code's interval, metres.
+    /// Computes the eye depth in the (geometric) middle of a code's interval, metres.
     pub fn decode(self, code: usize) -> f64 {
         let t = (code as f64 + 0.5) / DEPTH_CODE_COUNT as f64;
         self.nearest_m * (self.farthest_m / self.nearest_m).powf(t)
@@ -108,7 +108,7 @@ impl DepthCodeRange {
 }
 
 impl SplatIndexLayout {
-    /// The splat index of a unit normal in the face frame at an eye depth.
+    /// Encodes a unit normal in the face frame at an eye depth as a splat index.
     pub fn encode(self, normal_in_face: DVec3, eye_depth: f64, range: DepthCodeRange) -> u32 {
         let code = match self {
             Self::Paper => {
@@ -136,12 +136,12 @@ impl SplatIndexLayout {
         code as u32
     }
 
-    /// The index of a sample that the centre sees along the unit vector `toward`, whose normal has
-    /// the code `index`: a surface that faces the centre still does as it is coded, but for those
-    /// in the corners of a face whose normals point away from its front, where codes are coarse. Of
-    /// a floor seen edge-on, which differs from a ceiling by less than a code, footprints would
-    /// shrink on the side on which they must grow.
-    fn as_seen(
+    /// Corrects the splat index of a sample so that a surface that faces the centre still does after
+    /// decoding; `toward` is the unit vector from the centre to the sample. Without this, a floor
+    /// seen edge-on may become a ceiling, which is less than a code away, and its footprints shrink
+    /// on the side on which they must grow. The correction is too small in the corners of a face for
+    /// normals that point away from its front, where codes are coarse.
+    fn keep_facing(
         self,
         index: u32,
         normal_in_face: DVec3,
@@ -149,10 +149,10 @@ impl SplatIndexLayout {
         eye_depth: f64,
         range: DepthCodeRange,
     ) -> u32 {
-        let is_turned_over =
+        let is_flipped =
             normal_in_face.dot(toward) < 0.0 && self.normal(index).as_dvec3().dot(toward) >= 0.0;
         match self {
-            Self::Normal if is_turned_over => self.encode(
+            Self::Normal if is_flipped => self.encode(
                 (normal_in_face - toward * FRONT_STEP_RAD).normalize(),
                 eye_depth,
                 range,
@@ -161,7 +161,7 @@ impl SplatIndexLayout {
         }
     }
 
-    /// The unit normal in the face frame that a splat index stands for.
+    /// Decodes the unit normal of a splat index, in the face frame.
     pub fn normal(self, index: u32) -> Vec3 {
         let index = index as usize % SPLAT_INDEX_COUNT;
         match self {
@@ -174,7 +174,7 @@ impl SplatIndexLayout {
         }
     }
 
-    /// Number of indices in use; larger ones are invalid.
+    /// Number of valid indices.
     pub fn index_count(self) -> usize {
         match self {
             Self::Paper => SPLAT_INDEX_COUNT,
@@ -183,13 +183,13 @@ impl SplatIndexLayout {
     }
 }
 
-/// Codes one sample after the other: neighbours mostly have one normal, whose angles are then not
-/// worked out again.
+/// Encoder of consecutive samples: it caches the code of the last normal, as neighbours mostly have
+/// equal normals.
 pub(super) struct SplatCoder {
     layout: SplatIndexLayout,
     range: DepthCodeRange,
-    /// The bits of the last normal that was coded, and its code, where that depends on nothing
-    /// else.
+    /// The bits of the last normal and its code; `None` for the layout in which the code also
+    /// depends on depth.
     last: Option<([u64; 3], u32)>,
 }
 
@@ -202,17 +202,17 @@ impl SplatCoder {
         }
     }
 
-    /// The splat index of a sample with this normal in the face frame, which the centre sees along
-    /// the unit vector `toward`.
-    pub(super) fn code(&mut self, normal_in_face: DVec3, toward: DVec3, eye_depth: f64) -> u32 {
-        let bits = normal_in_face.to_array().map(f64::to_bits); // -0 is another angle than 0
+    /// Encodes a sample with this normal in the face frame; `toward` is the unit vector from the
+    /// centre to the sample, in the face frame.
+    pub(super) fn encode(&mut self, normal_in_face: DVec3, toward: DVec3, eye_depth: f64) -> u32 {
+        let bits = normal_in_face.to_array().map(f64::to_bits); // The angles of -0 and 0 differ.
         let index = match self.last {
             Some((last, index)) if last == bits => index,
             _ => self.layout.encode(normal_in_face, eye_depth, self.range),
         };
         self.last = (self.layout == SplatIndexLayout::Normal).then_some((bits, index));
         self.layout
-            .as_seen(index, normal_in_face, toward, eye_depth, self.range)
+            .keep_facing(index, normal_in_face, toward, eye_depth, self.range)
     }
 }
 
@@ -281,9 +281,9 @@ mod tests {
                 let normal = DVec3::new(-turn.sin().abs(), flat, turn.cos());
                 let toward = DVec3::new((f64::from(i) * 0.7).sin(), 0.3, -1.0).normalize();
                 let eye_depth = 1.0 + f64::from(i % 97);
-                let alone = SplatCoder::new(layout, range).code(normal, toward, eye_depth);
+                let alone = SplatCoder::new(layout, range).encode(normal, toward, eye_depth);
                 assert_eq!(
-                    after_others.code(normal, toward, eye_depth),
+                    after_others.encode(normal, toward, eye_depth),
                     alone,
                     "{normal} {toward} {eye_depth}"
                 );
@@ -308,7 +308,7 @@ mod tests {
             let normal = (across + toward * (f64::from(i % 101) - 50.0) * 1e-3).normalize();
             let faces = |index: u32| layout.normal(index).as_dvec3().dot(toward) < 0.0;
             let coded = layout.encode(normal, 7.0, range);
-            let seen = SplatCoder::new(layout, range).code(normal, toward, 7.0);
+            let seen = SplatCoder::new(layout, range).encode(normal, toward, 7.0);
             if normal.dot(toward) >= 0.0 || faces(coded) {
                 assert_eq!(coded, seen, "nothing to be mended");
                 continue;

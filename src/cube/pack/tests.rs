@@ -135,18 +135,17 @@ fn exact_samples_keep_positions() {
     for layout in LAYOUTS {
         let ldi = scattered();
         let exact = ExactCube::pack(&ldi, layout, Split::AtDepth(1.25)).expect("packs");
-        let unpacked = ExactCube::unpack(exact.cube.clone());
-        let segments = exact
-            .cube
-            .segments
-            .iter()
-            .zip(exact.depth_pixels.iter().zip(&unpacked.depth_pixels));
-        for (segment, (exact, unpacked)) in segments {
-            assert!(exact.len() == segment.depth_pixels.len() && exact.len() == unpacked.len());
-            for (a, b) in exact.iter().zip(unpacked) {
-                assert!(f64::from(a.inverse_depth - b.inverse_depth).abs() <= HALF_CODE);
-                assert_eq!((a.color_srgb, a.splat_index), (b.color_srgb, b.splat_index));
-                let cosine: f32 = a.normal.iter().zip(b.normal).map(|(a, b)| a * b).sum();
+        for (segment, exact) in exact.cube.segments.iter().zip(&exact.depth_pixels) {
+            assert_eq!(exact.len(), segment.depth_pixels.len());
+            for (a, b) in exact.iter().zip(&segment.depth_pixels) {
+                let inverse_depth = segment.inverse_depth(b.inverse_depth_code()) as f32;
+                assert!(f64::from(a.inverse_depth - inverse_depth).abs() <= HALF_CODE);
+                assert_eq!(
+                    (a.color_srgb, a.splat_index),
+                    (b.color_srgb, b.splat_index())
+                );
+                let normal = layout.normal(b.splat_index()).to_array();
+                let cosine: f32 = a.normal.iter().zip(normal).map(|(a, b)| a * b).sum();
                 assert!(cosine > NORMAL_DEG[1].to_radians().cos(), "{cosine}");
             }
         }
@@ -180,7 +179,7 @@ fn blocks_bound_their_depth_codes() {
             (samples, counts)
         })
         .collect();
-    let index = BlockIndex::of_rows([x0, y0], [width, height], |y| {
+    let index = BlockIndex::new([x0, y0], [width, height], |y| {
         let (samples, counts) = &rows[y as usize];
         (samples, counts)
     });
@@ -201,7 +200,7 @@ fn blocks_bound_their_depth_codes() {
             "block {column}, {row}"
         );
     }
-    let empty = BlockIndex::of_rows([0, 0], [1, 1], |_| (&[], &[0, 0]));
+    let empty = BlockIndex::new([0, 0], [1, 1], |_| (&[], &[0, 0]));
     assert_eq!(empty.codes(0, 0), None, "nothing there");
     assert_eq!(
         empty.codes(0, 9),

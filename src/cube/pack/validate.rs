@@ -1,4 +1,4 @@
-//! Every promise of the render-time layout, checked (S17, S22, S23).
+//! Validation of the render-time layout (S17, S22, S23).
 
 use super::depth_pixel::{PackedDepthPixel, SplatIndexLayout};
 use super::layout::{CubeLdi, PackedSegment, SegmentSide};
@@ -6,29 +6,28 @@ use super::planes::MAX_TILE_PX;
 use crate::model::validate::{LdiError, MAX_FACE_SIZE_PX};
 use headbox_core::cube_face::Face;
 
-/// A promise of the layout that a packed cube breaks.
+/// Violation of the layout by a packed cube.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PackedError {
     /// The environment or the capture information is invalid.
     #[error(transparent)]
     Shared(#[from] LdiError),
-    /// A face of no pixels, or too many.
+    /// The faces are empty or too large.
     #[error("{0} pixels a side of each face; a side must lie between 1 and {MAX_FACE_SIZE_PX}")]
     FaceSize(u32),
-    /// Segments are not in order (by face, far before near), or one occurs twice.
+    /// Segments are out of order (by face, far before near), or duplicate.
     #[error("segment {0} does not come after the one before it (by face, far before near)")]
     SegmentOrder(usize),
     /// A plane is not a finite vector.
     #[error("plane {0} has a coordinate that is not a finite number")]
     Plane(usize),
-    /// A picture lies off its face, on a plane that is not there, or among texels that are not
-    /// there, or is too small.
+    /// A tile has an invalid rectangle, plane, face, texel range or flag.
     #[error("picture {0} on a plane: {1}")]
     Tile(usize, &'static str),
-    /// The number of texels, or the error of pictures, is wrong.
+    /// The number of texels, or the error of plane textures, is wrong.
     #[error("pictures on planes: {0}")]
-    Pictures(&'static str),
-    /// A promise inside one segment.
+    PlaneTextures(&'static str),
+    /// A violation inside one segment.
     #[error("face {} {side:?}: {problem}", face.name())]
     Segment {
         /// The segment's face.
@@ -43,10 +42,10 @@ pub enum PackedError {
 /// Problem of a segment.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SegmentProblem {
-    /// A segment without samples is left out.
+    /// The segment has no samples.
     #[error("it holds no samples and should have been left out")]
     Empty,
-    /// The rectangle sticks out of the face.
+    /// The rectangle is empty or extends beyond the face.
     #[error("its rectangle reaches beyond the face")]
     Rectangle,
     /// An edge of the rectangle has no samples.
@@ -55,7 +54,7 @@ pub enum SegmentProblem {
     /// The range of inverse depth is not positive, finite and ascending.
     #[error("inverse depths from {0} to {1}; they must be positive, finite and ascending")]
     InverseDepthRange(f32, f32),
-    /// The near segment reaches behind the far one.
+    /// The near segment overlaps the far one in depth.
     #[error("it reaches behind the face's far segment, so that no plane separates them")]
     SplitPlane,
     /// The number of row offsets is not height + 1.
@@ -63,7 +62,7 @@ pub enum SegmentProblem {
     RowOffsetCount {
         /// Entries found.
         found: usize,
-        /// Entries promised.
+        /// Entries expected.
         expected: usize,
     },
     /// The number of in-row counts is not height * (width + 1).
@@ -71,7 +70,7 @@ pub enum SegmentProblem {
     RowCountCount {
         /// Entries found.
         found: usize,
-        /// Entries promised.
+        /// Entries expected.
         expected: usize,
     },
     /// Row offsets do not start at 0, ascend, and end at the number of depth pixels.
@@ -80,7 +79,7 @@ pub enum SegmentProblem {
     /// In-row counts do not start at 0, ascend, and end at the row's length.
     #[error("row {0}: its running counts do not fit its depth pixels")]
     RowCounts(u32),
-    /// The spare bit is set, or the splat index is not in use.
+    /// The unused bit is set, or the splat index is unused.
     #[error("depth pixel {0}: bits that mean nothing")]
     Bits(usize),
     /// A depth pixel is farther than the one before it.
@@ -94,10 +93,10 @@ pub enum SegmentProblem {
 }
 
 impl CubeLdi {
-    /// Checks every promise of the layout; what passes is drawn as its maker meant it.
+    /// Checks the layout.
     ///
     /// # Errors
-    /// The first broken promise.
+    /// The first violation.
     pub fn validate(&self) -> Result<(), PackedError> {
         self.info.validate()?;
         self.environment.validate().map_err(LdiError::from)?;
@@ -156,23 +155,22 @@ impl CubeLdi {
                 return wrong("its texels do not follow those of the one before it");
             }
             texels += tile.texel_count();
-            let of_tile = set.texels.get(tile.texel_range());
-            let Some(of_tile) = of_tile else {
+            let Some(tile_texels) = set.texels.get(tile.texel_range()) else {
                 return wrong("its texels are not there");
             };
-            if (tile.opaque == 1) != of_tile.iter().all(|texel| texel[3] == 255) {
+            if (tile.opaque == 1) != tile_texels.iter().all(|texel| texel[3] == 255) {
                 return wrong("its flag for opacity is wrong");
             }
         }
         if texels != set.texels.len() {
-            return Err(PackedError::Pictures(
+            return Err(PackedError::PlaneTextures(
                 "there are texels that belong to none",
             ));
         }
         if set.tiles.is_empty() != (set.error_px == 0.0)
             || !(set.error_px >= 0.0 && set.error_px.is_finite())
         {
-            return Err(PackedError::Pictures(
+            return Err(PackedError::PlaneTextures(
                 "their error is positive and finite, or 0 if there are none",
             ));
         }
@@ -181,8 +179,7 @@ impl CubeLdi {
 }
 
 impl PackedSegment {
-    /// Checks the promises of one segment; `far` is the far segment of the same face, if this is
-    /// the near one.
+    /// Checks one segment; `far` is the far segment of the same face, if this is the near one.
     fn validate(
         &self,
         face_px: u32,
@@ -209,10 +206,10 @@ impl PackedSegment {
             return Err(SegmentProblem::Rectangle);
         }
         self.validate_tables()?;
-        let meaningless = |p: &PackedDepthPixel| {
+        let is_invalid = |p: &PackedDepthPixel| {
             p.geometry >> 31 != 0 || p.splat_index() as usize >= layout.index_count()
         };
-        if let Some(i) = self.depth_pixels.iter().position(meaningless) {
+        if let Some(i) = self.depth_pixels.iter().position(is_invalid) {
             return Err(SegmentProblem::Bits(i));
         }
         for y in 0..self.height {
@@ -225,13 +222,13 @@ impl PackedSegment {
                 }
             }
         }
-        let row_used = |y: u32| !self.row(y).0.is_empty();
-        let column_used = |x: u32| (0..self.height).any(|y| !self.pixel(x, y).is_empty());
-        let tight = row_used(0)
-            && row_used(self.height - 1)
-            && column_used(0)
-            && column_used(self.width - 1);
-        tight.then_some(()).ok_or(SegmentProblem::LooseRectangle)
+        let is_row_used = |y: u32| !self.row(y).0.is_empty();
+        let is_column_used = |x: u32| (0..self.height).any(|y| !self.pixel(x, y).is_empty());
+        let is_tight = is_row_used(0)
+            && is_row_used(self.height - 1)
+            && is_column_used(0)
+            && is_column_used(self.width - 1);
+        is_tight.then_some(()).ok_or(SegmentProblem::LooseRectangle)
     }
 
     /// Checks row offsets and in-row counts.

@@ -134,7 +134,7 @@ impl PlaneLayer {
         for tile in &view.tiles {
             kernel::draw(
                 tile,
-                set.texels_at(tile.index as usize, tile.level),
+                set.mip_texels(tile.index as usize, tile.level),
                 &mut target,
                 level,
             );

@@ -122,7 +122,7 @@ pub(crate) fn traverse<P: Format>(
     for row_run in eye.row_runs(part.rows.clone()) {
         row_run.for_each(|row| {
             let visible = part.visible_blocks(row);
-            let (samples, counts) = segment.row_of(part.depth_pixels, row - segment.y0);
+            let (samples, counts) = segment.slice_row(part.depth_pixels, row - segment.y0);
             if samples.is_empty() || !visible.contains(&true) {
                 return;
             }
