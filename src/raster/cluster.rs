@@ -66,8 +66,8 @@ impl LocalCamera {
             &mut vertices,
         );
         for primitive in cluster.triangles.clone() {
-            let face = &mesh.faces[primitive as usize];
-            let corners = face.corners.map(|corner| {
+            let triangle = &mesh.triangles[primitive as usize];
+            let corners = triangle.corners.map(|corner| {
                 corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES
             });
             let [i, j, k] = corners.map(|i| vertices.outcode[i]);
@@ -75,7 +75,7 @@ impl LocalCamera {
                 continue;
             }
             let has_cutout =
-                cluster.has_cutouts && mesh.surfaces[face.material as usize].has_cutout;
+                cluster.has_cutouts && mesh.materials[triangle.material as usize].has_cutout;
             let cutout = has_cutout.then_some(CutoutTest {
                 mesh,
                 view: self,
@@ -83,7 +83,7 @@ impl LocalCamera {
             });
             if (i | j | k) & CLIPPED != 0 {
                 let homogeneous = mesh
-                    .corners(face)
+                    .corners(triangle)
                     .map(|corner| self.project_f64(corner.position));
                 let snapped = corners
                     .map(|i| (vertices.outcode[i] & CLIPPED == 0).then(|| vertices.snapped(i)));

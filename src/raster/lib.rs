@@ -154,7 +154,7 @@ pub struct RasterOutput {
 }
 
 impl RasterOutput {
-    /// Content of the pixel at this index (row-major).
+    /// Returns the content of the pixel at this index (row-major).
     #[inline]
     pub fn seen(&self, pixel: usize) -> PixelContent {
         self.surface
@@ -221,12 +221,12 @@ impl Rasterizer {
         }
     }
 
-    /// The last frame.
+    /// Returns the last frame.
     pub fn output(&self) -> &RasterOutput {
         &self.output
     }
 
-    /// The last frame, to be completed where markers are visible.
+    /// Returns the last frame, to be completed where markers are visible.
     pub fn output_mut(&mut self) -> &mut RasterOutput {
         &mut self.output
     }
@@ -273,6 +273,13 @@ impl Rasterizer {
             .inverse_depth
             .par_chunks_mut(pixels)
             .zip(output.surface.par_chunks_mut(pixels));
+        let shader = shade::PixelShader {
+            mesh,
+            view: &view,
+            camera,
+            environment,
+            exposure: request.exposure,
+        };
         let bands = colors
             .zip(depths)
             .zip(&mut self.drawn)
@@ -305,13 +312,6 @@ impl Rasterizer {
                 for cluster in visible.iter().filter(|cluster| cluster.touches(&band)) {
                     view.draw_cluster(mesh, cluster, &mut target);
                 }
-                let shader = shade::PixelShader {
-                    mesh,
-                    view: &view,
-                    camera,
-                    environment,
-                    exposure: request.exposure,
-                };
                 shader.resolve(&mut target, color, coverage);
                 target.stats
             },

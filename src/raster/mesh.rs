@@ -72,13 +72,13 @@ pub struct RasterMesh {
     /// The same vertices with their attributes.
     pub(super) vertices: Vec<Vertex>,
     /// For each triangle of the scene; one that is not drawn has three equal corners.
-    pub(super) faces: Vec<MeshTriangle>,
+    pub(super) triangles: Vec<MeshTriangle>,
     pub(super) clusters: Vec<Cluster>,
     pub(super) groups: Vec<Range<u32>>,
     /// For each texture of the scene.
     pub(super) textures: Vec<MipTexture>,
     /// For each material of the scene.
-    pub(super) surfaces: Vec<MeshMaterial>,
+    pub(super) materials: Vec<MeshMaterial>,
 }
 
 impl MeshMaterial {
@@ -102,11 +102,11 @@ impl RasterMesh {
         let count = scene.triangles.len().min(SurfaceId::MAX_TRIANGLES as usize);
         let mut mesh = Self {
             textures: scene.textures.iter().map(MipTexture::new).collect(),
-            surfaces: scene.materials.iter().map(MeshMaterial::new).collect(),
+            materials: scene.materials.iter().map(MeshMaterial::new).collect(),
             origin,
             positions: Default::default(),
             vertices: Vec::new(),
-            faces: scene
+            triangles: scene
                 .triangles
                 .iter()
                 .map(|t| MeshTriangle {
@@ -130,25 +130,25 @@ impl RasterMesh {
         mesh
     }
 
-    /// The scene.
+    /// Returns the scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// World position of the local frame's origin, metres.
+    /// Returns the world position of the local frame's origin, metres.
     pub fn origin(&self) -> DVec3 {
         self.origin
     }
 
-    /// Number of groups.
+    /// Returns the number of groups.
     pub fn group_count(&self) -> usize {
         self.groups.len()
     }
 
-    /// The corners of a triangle.
+    /// Returns the corners of a triangle.
     #[inline]
-    pub(super) fn corners(&self, face: &MeshTriangle) -> [&Vertex; 3] {
-        let [a, b, c] = face.corners;
+    pub(super) fn corners(&self, triangle: &MeshTriangle) -> [&Vertex; 3] {
+        let [a, b, c] = triangle.corners;
         [
             &self.vertices[a as usize],
             &self.vertices[b as usize],
@@ -177,7 +177,7 @@ impl RasterMesh {
             {
                 continue;
             }
-            self.faces[primitive as usize].corners = std::array::from_fn(|i| {
+            self.triangles[primitive as usize].corners = std::array::from_fn(|i| {
                 bounds = [bounds[0].min(local[i]), bounds[1].max(local[i])];
                 *known.entry(vertices[i]).or_insert_with(|| {
                     for axis in 0..3 {
@@ -194,10 +194,9 @@ impl RasterMesh {
             });
         }
         if bounds[0].x <= bounds[1].x {
-            let faces = &self.faces[run.start as usize..end as usize];
-            let has_cutouts = faces
+            let has_cutouts = self.triangles[run.start as usize..end as usize]
                 .iter()
-                .any(|face| self.surfaces[face.material as usize].has_cutout);
+                .any(|triangle| self.materials[triangle.material as usize].has_cutout);
             self.clusters.push(Cluster {
                 vertices: first_vertex..self.vertices.len() as u32,
                 triangles: run.start..end,

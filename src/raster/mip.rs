@@ -49,7 +49,7 @@ impl MipTexture {
         mips
     }
 
-    /// Width and height in texels.
+    /// Returns the width and height of level 0, texels.
     #[inline]
     pub(super) fn size(&self) -> [f32; 2] {
         [self.size[0] as f32, self.size[1] as f32]

@@ -49,7 +49,9 @@ pub(super) struct CutoutTest<'a> {
 
 impl CutoutTest<'_> {
     fn is_solid(&self, x: u32, y: u32) -> bool {
-        let corners = self.mesh.corners(&self.mesh.faces[self.primitive as usize]);
+        let corners = self
+            .mesh
+            .corners(&self.mesh.triangles[self.primitive as usize]);
         let weights = CornerWeights::new(self.view, corners).evaluate(x, y);
         self.mesh
             .scene()
@@ -99,11 +101,12 @@ impl Edge {
 /// slivers may have any slope. Rows start in `f64`: on a floor a millimetre under the eye, the
 /// corner may be 10^5 times nearer than the pixel.
 struct DepthPlane {
-    at_origin: f64,
+    /// Value at the first corner.
+    at_corner: f64,
     per_column: f64,
     per_row: f64,
-    /// From the first corner to the centre of pixel (0, 0), px.
-    from_origin: [f64; 2],
+    /// Offset from the first corner to the centre of pixel (0, 0), px.
+    corner_offset: [f64; 2],
     range: [f32; 2],
 }
 
@@ -111,20 +114,20 @@ impl DepthPlane {
     #[inline(always)]
     fn new([a, b, c]: [SnappedVertex; 3], twice_area: i64) -> Self {
         let per_area = 256.0 / twice_area as f64;
-        let at_origin = f64::from(a.inverse_depth);
+        let at_corner = f64::from(a.inverse_depth);
         let (qb, qc) = (
-            f64::from(b.inverse_depth) - at_origin,
-            f64::from(c.inverse_depth) - at_origin,
+            f64::from(b.inverse_depth) - at_corner,
+            f64::from(c.inverse_depth) - at_corner,
         );
         let apart = |p: i32, q: i32| f64::from(p) - f64::from(q);
         let q = [a.inverse_depth, b.inverse_depth, c.inverse_depth];
         let per_column = (qb * apart(c.y, a.y) - qc * apart(b.y, a.y)) * per_area;
         let per_row = (qc * apart(b.x, a.x) - qb * apart(c.x, a.x)) * per_area;
         Self {
-            at_origin,
+            at_corner,
             per_column,
             per_row,
-            from_origin: [
+            corner_offset: [
                 (128.0 - f64::from(a.x)) * (1.0 / 256.0),
                 (128.0 - f64::from(a.y)) * (1.0 / 256.0),
             ],
@@ -136,10 +139,10 @@ impl DepthPlane {
     #[inline(always)]
     fn evaluate(&self, x: u32, y: u32) -> f32 {
         let [dx, dy] = [
-            f64::from(x) + self.from_origin[0],
-            f64::from(y) + self.from_origin[1],
+            f64::from(x) + self.corner_offset[0],
+            f64::from(y) + self.corner_offset[1],
         ];
-        ((self.at_origin + self.per_row * dy) + self.per_column * dx) as f32
+        ((self.at_corner + self.per_row * dy) + self.per_column * dx) as f32
     }
 
     /// Evaluates the plane `along` pixels to the right of a pixel with the value `first`.

@@ -147,9 +147,9 @@ impl PixelShader<'_> {
 
     #[inline(always)]
     fn shading(&self, primitive: u32) -> Shading<'_> {
-        let face = &self.mesh.faces[primitive as usize];
-        let corners = self.mesh.corners(face);
-        let surface = &self.mesh.surfaces[face.material as usize];
+        let triangle = &self.mesh.triangles[primitive as usize];
+        let corners = self.mesh.corners(triangle);
+        let surface = &self.mesh.materials[triangle.material as usize];
         let weights = CornerWeights::new(self.view, corners);
         let texture = |number: Option<u32>| {
             let texture = self.mesh.textures.get(number? as usize)?;
