@@ -24,7 +24,7 @@ pub enum MergeRule {
     /// al.; default).
     #[default]
     Average,
-    /// The surface that was sampled with the smallest area wins (Rafferty et al.).
+    /// Only the surface that was sampled with the smallest area stays (Rafferty et al.).
     SmallerArea,
     /// Surfaces with different colours stay separate, of the others the first stays; first in the
     /// order of ray keys, which makes the result unique (Popescu et al.).

@@ -88,7 +88,7 @@ impl LayeredDepthImage {
         }
     }
 
-    /// The samples of pixel (x, y), farthest first.
+    /// Returns the samples of pixel (x, y), farthest first.
     pub fn pixel(&self, x: u32, y: u32) -> &[DepthPixel] {
         let p = y as usize * self.size_px as usize + x as usize;
         &self.samples[self.offsets[p] as usize..self.offsets[p + 1] as usize]

@@ -40,13 +40,13 @@ impl PackedSegment {
         }
     }
 
-    /// The range of the 5-bit depth code of [`SplatIndexLayout::Paper`] in this segment.
+    /// Returns the range of the 5-bit depth code of [`SplatIndexLayout::Paper`] in this segment.
     pub fn depth_code_range(&self) -> DepthCodeRange {
         DepthCodeRange::from_inverse_depths(self.inverse_depth_min, self.inverse_depth_max)
     }
 
-    /// The depth pixels of row `y` of the rectangle and the running counts of its pixels (`width +
-    /// 1` of them); two empty slices if the tables of an invalid segment are out of range.
+    /// Returns the depth pixels of row `y` of the rectangle and the `width + 1` running counts of its
+    /// pixels; two empty slices if the tables of an invalid segment are out of range.
     pub fn row(&self, y: u32) -> (&[PackedDepthPixel], &[u32]) {
         self.slice_row(&self.depth_pixels, y)
     }
@@ -75,7 +75,7 @@ impl PackedSegment {
         })
     }
 
-    /// The depth pixels of pixel (x, y) of the rectangle, farthest first; empty outside.
+    /// Returns the depth pixels of pixel (x, y) of the rectangle, farthest first; empty outside.
     pub fn pixel(&self, x: u32, y: u32) -> &[PackedDepthPixel] {
         let (samples, counts) = self.row(y);
         let ends = counts.get(x as usize..x as usize + 2).unwrap_or(&[0, 0]);
@@ -193,7 +193,7 @@ mod tests {
         assert_eq!(
             found(u32::MAX),
             (INVERSE_DEPTH_CODE_MAX, 0x7ff),
-            "the last bit is nobody's"
+            "the last bit is unused"
         );
     }
 

@@ -21,24 +21,24 @@ const _: () = assert!(
 );
 
 impl PackedDepthPixel {
-    /// The 20-bit inverse depth code.
+    /// Returns the 20-bit inverse depth code.
     pub fn inverse_depth_code(self) -> u32 {
         self.geometry & INVERSE_DEPTH_CODE_MAX
     }
 
-    /// The 11-bit splat index.
+    /// Returns the 11-bit splat index.
     pub fn splat_index(self) -> u32 {
         self.geometry >> 20 & 0x7ff
     }
 }
 
-/// The largest 20-bit inverse depth code.
+/// Largest inverse depth code: 20 bits.
 pub const INVERSE_DEPTH_CODE_MAX: u32 = (1 << 20) - 1;
 
 /// Layout of the 11-bit splat index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum SplatIndexLayout {
-    /// The paper's: 3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20).
+    /// Layout of the paper: 3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20).
     Paper,
     /// All eleven bits for the normal; the depth is that of the inverse depth code (C10).
     Normal,

@@ -101,7 +101,7 @@ impl SegmentHeader {
         }
     }
 
-    /// The face; `section` is that of the header, for the error.
+    /// Returns the face; `section` is that of the header, for the error.
     fn face(&self, section: &Section) -> Result<Face, FileError> {
         let face = Face::ALL.get(usize::from(self.face)).copied();
         face.ok_or_else(|| section.damaged("face numbers 0 to 5", self.face.to_string()))
@@ -218,7 +218,7 @@ impl CubeLdi {
         bytes
     }
 
-    /// The inverse of [`Self::arrays`], checked as [`Self::read`] checks.
+    /// Reads the arrays of [`Self::arrays`], and validates the cube like [`Self::read`].
     pub fn from_arrays(header: CubeHeader, section: &mut Section) -> Result<Self, FileError> {
         header.check(section)?;
         let size_px = header.environment_size_px;

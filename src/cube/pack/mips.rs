@@ -35,7 +35,7 @@ impl Mip {
         mip
     }
 
-    /// The texels of a texture; empty if there is none.
+    /// Returns the texels of a texture; empty if there is none.
     pub(super) fn texture(&self, index: usize) -> &[[u8; 4]] {
         self.starts
             .get(index..index + 2)
@@ -74,13 +74,13 @@ impl PartialEq for LazyMips {
     }
 }
 
-/// Number of halvings of the size at a level.
+/// Returns the number of halvings of the size at a level.
 pub(crate) fn halvings(level: usize) -> usize {
     level / 2
 }
 
-/// Number of texels at a level along a side of `length` texels: each halving keeps every second one,
-/// and the last.
+/// Returns the number of texels at a level along a side of `length` texels: each halving keeps every
+/// second one, and the last.
 pub(crate) fn side(length: u16, level: usize) -> usize {
     usize::from(length)
         .saturating_sub(1)
@@ -107,12 +107,12 @@ const HALVE: Filter = Filter {
 };
 
 impl Filter {
-    /// The filter from the level [`Self::step`] before to `level`.
+    /// Returns the filter from the level [`Self::step`] before to `level`.
     pub(super) fn for_level(level: usize) -> &'static Self {
         if level % 2 == 1 { &SMOOTH } else { &HALVE }
     }
 
-    /// The sum of all weights along an axis.
+    /// Returns the sum of all weights along an axis.
     const fn total(&self) -> i32 {
         self.weights[0] + 2 * (self.weights[1] + self.weights[2])
     }

@@ -36,8 +36,8 @@ impl PlaneSet {
         size_of_val(&self.planes[..]) + size_of_val(&self.tiles[..]) + size_of_val(&self.texels[..])
     }
 
-    /// The texels of a tile at a level, in rows of [`mips::side`] of its width; empty if there are
-    /// none.
+    /// Returns the texels of a tile at a level, in rows of [`mips::side`] of its width; empty if there
+    /// are none.
     pub(crate) fn mip_texels(&self, index: usize, level: usize) -> &[[u8; 4]] {
         if level > 0 {
             return self
@@ -73,7 +73,7 @@ impl PlaneSet {
     }
 }
 
-/// Columns and rows of a tile at a level.
+/// Returns the columns and rows of a tile at a level.
 fn mip_size(tile: &PlaneTile, level: usize) -> [usize; 2] {
     [
         mips::side(tile.width, level),
@@ -85,27 +85,27 @@ fn mip_size(tile: &PlaneTile, level: usize) -> [usize; 2] {
 mod tests {
     use super::*;
     use crate::pack::mips::{LEVELS, halvings, side};
+    use bytemuck::Zeroable;
+
+    /// Creates a set of one opaque tile.
+    fn one_tile(width: u16, height: u16, texel: impl Fn(u32) -> [u8; 4]) -> PlaneSet {
+        let tile = PlaneTile {
+            width,
+            height,
+            opaque: 1,
+            ..PlaneTile::zeroed()
+        };
+        PlaneSet {
+            tiles: vec![tile],
+            texels: (0..tile.texel_count() as u32).map(texel).collect(),
+            ..PlaneSet::default()
+        }
+    }
 
     #[test]
     fn mips_keep_corners_and_ramps() {
-        let tile = PlaneTile {
-            plane: 0,
-            first_texel: 0,
-            x0: 0,
-            y0: 0,
-            width: 65,
-            height: 7,
-            face: 0,
-            opaque: 1,
-        };
-        let texels: Vec<[u8; 4]> = (0..65 * 7)
-            .map(|i| [(i % 65 * 3) as u8, 7, (i / 65 * 9) as u8, 255])
-            .collect();
-        let set = PlaneSet {
-            tiles: vec![tile],
-            texels,
-            ..PlaneSet::default()
-        };
+        let ramps = |i| [(i % 65 * 3) as u8, 7, (i / 65 * 9) as u8, 255];
+        let set = one_tile(65, 7, ramps);
         for level in 1..=LEVELS {
             let (width, height, apart) = (side(65, level), side(7, level), 1 << halvings(level));
             let found = set.mip_texels(0, level);
@@ -122,24 +122,7 @@ mod tests {
 
     #[test]
     fn mips_remove_high_frequencies() {
-        let tile = PlaneTile {
-            plane: 0,
-            first_texel: 0,
-            x0: 0,
-            y0: 0,
-            width: 33,
-            height: 33,
-            face: 0,
-            opaque: 1,
-        };
-        let stripes: Vec<[u8; 4]> = (0..33 * 33)
-            .map(|i| [(i % 2 * 200) as u8, 0, 0, 255])
-            .collect();
-        let set = PlaneSet {
-            tiles: vec![tile],
-            texels: stripes,
-            ..PlaneSet::default()
-        };
+        let set = one_tile(33, 33, |i| [(i % 2 * 200) as u8, 0, 0, 255]);
         for (i, texel) in set.mip_texels(0, 2).iter().enumerate() {
             let is_border = [i % 17, i / 17].iter().any(|v| v % 16 == 0);
             assert!(is_border || texel[0].abs_diff(100) <= 1, "{i}: {texel:?}");

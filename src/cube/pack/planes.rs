@@ -71,13 +71,13 @@ pub struct PlaneTile {
 const _: () = assert!(size_of::<PlaneTile>() == 20, "no padding in files");
 
 impl PlaneTile {
-    /// Range of the tile's texels in [`PlaneSet::texels`](super::PlaneSet::texels).
+    /// Returns the range of the tile's texels in [`PlaneSet::texels`](super::PlaneSet::texels).
     pub fn texel_range(&self) -> std::ops::Range<usize> {
         let first = self.first_texel as usize;
         first..first.saturating_add(self.texel_count())
     }
 
-    /// Number of texels.
+    /// Returns the number of texels.
     pub fn texel_count(&self) -> usize {
         usize::from(self.width) * usize::from(self.height)
     }

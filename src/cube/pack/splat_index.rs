@@ -174,7 +174,7 @@ impl SplatIndexLayout {
         }
     }
 
-    /// Number of valid indices.
+    /// Returns the number of valid indices.
     pub fn index_count(self) -> usize {
         match self {
             Self::Paper => SPLAT_INDEX_COUNT,

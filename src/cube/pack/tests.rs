@@ -17,7 +17,7 @@ use headbox_core::environment::Environment;
 use headbox_core::random::Rng;
 use std::collections::HashMap;
 
-/// A cube about the origin of what `samples` says of each pixel of each face, farthest first.
+/// Creates a cube about the origin; `samples` returns those of a pixel of a face, farthest first.
 pub(crate) fn ldi(
     face_px: u32,
     samples: impl Fn(Face, u32, u32) -> Vec<DepthPixel>,
@@ -42,7 +42,7 @@ pub(crate) fn ldi(
     }
 }
 
-/// A sample that faces the centre, more or less.
+/// Creates a sample that roughly faces the centre.
 pub(crate) fn sample(random: &mut Rng, face: Face, inverse_depth: f64) -> DepthPixel {
     let normal = (random.in_cube(0.5) - face.normal()).normalize().as_vec3();
     let color_srgb = [0; 4].map(|_: u8| random.below(256) as u8);
@@ -53,8 +53,8 @@ pub(crate) fn sample(random: &mut Rng, face: Face, inverse_depth: f64) -> DepthP
     }
 }
 
-/// Up to eleven samples in each pixel of the rectangle from (70, 20) to (150, 50) of faces of 170
-/// pixels, which touches neither the first column nor the first row of blocks.
+/// Creates a cube with up to eleven samples in each pixel of the rectangle from (70, 20) to (150,
+/// 50) of faces of 170 pixels, which touches neither the first column nor the first row of blocks.
 pub(crate) fn scattered() -> CubeSamples {
     ldi(170, |face, x, y| {
         let mut random = Rng::keyed(u64::from(x) << 32 | u64::from(y) << 8 | face.index() as u64);
@@ -78,7 +78,7 @@ const LAYOUTS: [SplatIndexLayout; 2] = [SplatIndexLayout::Normal, SplatIndexLayo
 const HALF_CODE: f64 = 0.5 * 1.8 / ((1 << 20) - 1) as f64 + 2e-7;
 
 /// Half the diagonal of a cell, as in `splat_index`, of rings on the front and of the paper's code;
-/// and the ring by which is moved what the centre sees edge-on.
+/// plus the ring by which normals of surfaces seen edge-on are moved.
 const NORMAL_DEG: [f32; 2] = [2.9 + 3.6, 30.0];
 
 #[test]
@@ -111,11 +111,11 @@ fn packing_round_trips_samples() {
                 let range = segment.depth_code_range();
                 let half_step =
                     (range.farthest_m / range.nearest_m).powf(0.5 / 32.0) * (1.0 + 1e-6);
-                let of_code = |index: u32| range.decode(index as usize % 32);
+                let depth = |index: u32| range.decode(index as usize % 32);
                 assert!(
                     layout == SplatIndexLayout::Normal
                         || segment.depth_pixels.iter().all(|pixel| {
-                            let ratio = of_code(pixel.splat_index())
+                            let ratio = depth(pixel.splat_index())
                                 * segment.inverse_depth(pixel.inverse_depth_code());
                             ratio <= half_step && ratio >= 1.0 / half_step
                         })
@@ -212,26 +212,21 @@ fn blocks_bound_their_depth_codes() {
 /// Cost that [`Split::Auto`] minimises, for a cut after some of 64 bins of inverse depth.
 fn expected_touches(inverse_depths: &[f64], cut: f64, half_size: f64) -> f64 {
     let range = |samples: &[f64]| {
-        let of = |pick: fn(f64, f64) -> f64| samples.iter().copied().reduce(pick).unwrap_or(0.0);
-        of(f64::max) - of(f64::min)
+        let extreme =
+            |pick: fn(f64, f64) -> f64| samples.iter().copied().reduce(pick).unwrap_or(0.0);
+        extreme(f64::max) - extreme(f64::min)
     };
     let touches = |samples: Vec<f64>, dq: f64| {
         samples.len() as f64 * (1.15 + 0.5 * half_size * dq).powi(2).min(4.0)
     };
     let (far, near) = inverse_depths.iter().partition(|q| **q < cut);
-    let (least, all) = (
-        inverse_depths
-            .iter()
-            .copied()
-            .reduce(f64::min)
-            .unwrap_or(0.0),
-        range(inverse_depths),
-    );
+    let least = inverse_depths.iter().copied().fold(f64::INFINITY, f64::min);
+    let all = range(inverse_depths);
     touches(far, cut - least) + touches(near, least + all - cut)
 }
 
 #[test]
-fn the_automatic_cut_is_the_cheapest_of_all() {
+fn automatic_split_minimises_cost() {
     // A far cloud and fewer near samples, in one row; the headbox is so large that ranges matter.
     for far in [300, 150, 20] {
         let mut random = Rng::keyed(far);
@@ -250,7 +245,7 @@ fn the_automatic_cut_is_the_cheapest_of_all() {
         });
         cube.info.half_size_m = 1.2;
         let packed = CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto).expect("packs");
-        let [of_far, of_near] = &packed.segments[..] else {
+        let [far, near] = &packed.segments[..] else {
             panic!("a cut")
         };
         // Any cut between the two segments keeps the same samples.
@@ -262,14 +257,13 @@ fn the_automatic_cut_is_the_cheapest_of_all() {
                 .expect("some")
         });
         let cuts = (1..64).map(|i| least + (most - least) * f64::from(i) / 64.0);
-        let of_cut = |cut: f64| expected_touches(&inverse_depths, cut, 1.2);
+        let cost = |cut: f64| expected_touches(&inverse_depths, cut, 1.2);
         let best = cuts
             .clone()
-            .min_by(|a, b| of_cut(*a).total_cmp(&of_cut(*b)))
+            .min_by(|a, b| cost(*a).total_cmp(&cost(*b)))
             .expect("some");
         assert!(
-            f64::from(of_far.inverse_depth_max) < best
-                && best <= f64::from(of_near.inverse_depth_min),
+            f64::from(far.inverse_depth_max) < best && best <= f64::from(near.inverse_depth_min),
             "{best}"
         );
     }
@@ -291,7 +285,7 @@ fn split_that_saves_little_is_omitted() {
 }
 
 #[test]
-fn counts_are_written_as_the_format_says() {
+fn counts_are_run_length_encoded() {
     // Two rows of pixels that hold 1, 0, 2 and 0, 200, 0 samples, then a row of 131 empty ones.
     let segment = PackedSegment {
         width: 3,
@@ -315,8 +309,30 @@ fn counts_are_written_as_the_format_says() {
     assert_eq!(runs::encode(&empty), [4, 0, 0, 0, 0, 130, 1, 0]);
 }
 
+/// A tile of six texels.
+const TILE: PlaneTile = PlaneTile {
+    opaque: 0,
+    face: 0,
+    plane: 0,
+    first_texel: 0,
+    x0: 1,
+    y0: 2,
+    width: 2,
+    height: 3,
+};
+
+fn plane_set(tiles: Vec<PlaneTile>, texels: Vec<[u8; 4]>) -> PlaneSet {
+    PlaneSet {
+        error_px: 1.0,
+        planes: vec![Plane::default()],
+        tiles,
+        texels,
+        ..PlaneSet::default()
+    }
+}
+
 #[test]
-fn files_give_back_what_was_written() {
+fn files_round_trip() {
     let folder = tempfile::tempdir().expect("a folder");
     // Pixels with more than 127 samples, and more than 127 empty ones on end.
     let many = ldi(150, |face, x, y| match (face, x, y) {
@@ -333,35 +349,17 @@ fn files_give_back_what_was_written() {
         let path = folder.path().join("cube.ldi");
         cube.write(&path).expect("written");
         assert_eq!(CubeLdi::read(&path).expect("read"), cube);
-        // With pictures on planes, counts lie in runs. One picture is opaque, and of one the alpha
-        // has to be kept.
-        let picture = |opaque| PlaneTile {
+        // With plane textures, counts are run-length encoded. One tile is opaque, the other has
+        // alpha.
+        let tiles = [(1, 0), (0, 6)].map(|(opaque, first_texel)| PlaneTile {
             opaque,
-            face: 0,
-            plane: 0,
-            first_texel: 6,
-            x0: 1,
-            y0: 2,
-            width: 2,
-            height: 3,
-        };
-        let tiles = vec![
-            PlaneTile {
-                first_texel: 0,
-                ..picture(1)
-            },
-            picture(0),
-        ];
+            first_texel,
+            ..TILE
+        });
         let texels = (0..12)
             .map(|i| PlaneSet::covered([200, 100, i, if i < 6 { 255 } else { i * 20 }]))
             .collect();
-        cube.planes = PlaneSet {
-            error_px: 1.0,
-            planes: vec![Plane::default()],
-            tiles,
-            texels,
-            ..PlaneSet::default()
-        };
+        cube.planes = plane_set(tiles.to_vec(), texels);
         cube.write(&path).expect("written");
         assert_eq!(CubeLdi::read(&path).expect("read"), cube);
     }
@@ -381,16 +379,12 @@ fn texels_are_premultiplied_and_rounded() {
 }
 
 #[test]
-fn every_broken_promise_of_pictures_is_named() {
-    let picture = PlaneTile {
-        opaque: 0,
+fn invalid_plane_textures_are_rejected() {
+    let tile = PlaneTile {
         face: 5,
-        plane: 0,
-        first_texel: 0,
         x0: -1,
         y0: -1,
-        width: 2,
-        height: 3,
+        ..TILE
     };
     let mut valid = CubeLdi::pack(
         &ldi(8, |_, _, _| Vec::new()),
@@ -398,86 +392,32 @@ fn every_broken_promise_of_pictures_is_named() {
         Split::None,
     )
     .expect("packs");
-    // One texel of six lets something through; from one pixel beside the face to the other.
+    // One of six texels is transparent.
     let mut texels = vec![[255; 4]; 6];
     texels[5] = [0; 4];
-    let tiles = vec![picture];
-    valid.planes = PlaneSet {
-        error_px: 1.0,
-        planes: vec![Plane::default()],
-        tiles,
-        texels,
-        ..PlaneSet::default()
-    };
+    valid.planes = plane_set(vec![tile], texels);
     let check = |is_valid: bool, change: &dyn Fn(&mut PlaneSet)| {
         let mut cube = valid.clone();
         change(&mut cube.planes);
         assert_eq!(cube.validate().is_ok(), is_valid, "{:?}", cube.planes);
     };
-    let of_tile = |is_valid, tile: PlaneTile| check(is_valid, &|set| set.tiles[0] = tile);
-    of_tile(true, picture);
-    of_tile(
-        true,
-        PlaneTile {
-            x0: 7,
-            y0: 6,
-            ..picture
-        },
-    );
-    of_tile(false, PlaneTile { x0: 8, ..picture });
-    of_tile(false, PlaneTile { y0: 7, ..picture });
-    of_tile(false, PlaneTile { x0: -2, ..picture });
-    of_tile(
-        false,
-        PlaneTile {
-            width: 1,
-            height: 6,
-            ..picture
-        },
-    );
-    of_tile(
-        false,
-        PlaneTile {
-            plane: 1,
-            ..picture
-        },
-    );
-    of_tile(false, PlaneTile { face: 6, ..picture });
-    of_tile(
-        false,
-        PlaneTile {
-            opaque: 2,
-            ..picture
-        },
-    );
-    of_tile(
-        false,
-        PlaneTile {
-            opaque: 1,
-            ..picture
-        },
-    );
-    of_tile(
-        false,
-        PlaneTile {
-            first_texel: 1,
-            ..picture
-        },
-    );
-    of_tile(
-        false,
-        PlaneTile {
-            height: 4,
-            ..picture
-        },
-    );
-    of_tile(
-        false,
-        PlaneTile {
-            height: 2,
-            ..picture
-        },
-    );
+    let check_tile = |is_valid, change: &dyn Fn(&mut PlaneTile)| {
+        check(is_valid, &|set| change(&mut set.tiles[0]));
+    };
+    // From one pixel outside the face to the other.
+    check_tile(true, &|_| {});
+    check_tile(true, &|tile| (tile.x0, tile.y0) = (7, 6));
+    check_tile(false, &|tile| tile.x0 = 8);
+    check_tile(false, &|tile| tile.y0 = 7);
+    check_tile(false, &|tile| tile.x0 = -2);
+    check_tile(false, &|tile| (tile.width, tile.height) = (1, 6));
+    check_tile(false, &|tile| tile.plane = 1);
+    check_tile(false, &|tile| tile.face = 6);
+    check_tile(false, &|tile| tile.opaque = 2);
+    check_tile(false, &|tile| tile.opaque = 1);
+    check_tile(false, &|tile| tile.first_texel = 1);
+    check_tile(false, &|tile| tile.height = 4);
+    check_tile(false, &|tile| tile.height = 2);
     check(false, &|set| set.error_px = 0.0);
     check(false, &|set| set.error_px = -1.0);
     check(false, &|set| set.error_px = f64::INFINITY);
@@ -486,37 +426,24 @@ fn every_broken_promise_of_pictures_is_named() {
 }
 
 #[test]
-fn bytes_are_those_of_all_arrays() {
+fn bytes_count_all_arrays() {
     let mut cube =
         CubeLdi::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
     cube.environment = Environment {
         size_px: 3,
         texels: vec![[9; 4]; 54],
     };
-    let planes = vec![Plane::default(); 2];
-    let tile = PlaneTile {
-        opaque: 0,
-        face: 0,
-        plane: 0,
-        first_texel: 0,
-        x0: 1,
-        y0: 2,
-        width: 2,
-        height: 3,
-    };
     cube.planes = PlaneSet {
-        planes,
-        tiles: vec![tile],
-        texels: vec![[0; 4]; 6],
-        ..PlaneSet::default()
+        planes: vec![Plane::default(); 2],
+        ..plane_set(vec![TILE], vec![[0; 4]; 6])
     };
-    let of_planes = 2 * size_of::<Plane>() + size_of::<PlaneTile>() + 6 * 4;
-    let of_segments = |s: &PackedSegment| {
+    let plane_bytes = 2 * size_of::<Plane>() + size_of::<PlaneTile>() + 6 * 4;
+    let segment_bytes = |s: &PackedSegment| {
         8 * s.depth_pixels.len() + 4 * (s.height + 1 + s.height * (s.width + 1)) as usize
     };
     assert_eq!(
         cube.bytes(),
-        cube.segments.iter().map(of_segments).sum::<usize>() + 54 * 4 + of_planes
+        cube.segments.iter().map(segment_bytes).sum::<usize>() + 54 * 4 + plane_bytes
     );
 }
 
@@ -580,7 +507,7 @@ fn front_facing_normal_stays_front_facing() {
     assert!(grazing > 100, "{grazing}");
 }
 
-/// Bytes as a section of a file.
+/// Writes bytes to a section of a file, and opens it.
 fn section(bytes: Vec<u8>) -> Section {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("section");
@@ -593,36 +520,20 @@ fn section(bytes: Vec<u8>) -> Section {
 }
 
 #[test]
-fn arrays_of_a_house_file_give_back_the_cube() {
+fn arrays_round_trip() {
     let mut cube =
         CubeLdi::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
     cube.environment = Environment {
         size_px: 3,
         texels: (0..54).map(|i| [i, 2, 3, 255]).collect(),
     };
-    let tile = PlaneTile {
-        opaque: 0,
-        face: 0,
-        plane: 0,
-        first_texel: 0,
-        x0: 1,
-        y0: 2,
-        width: 2,
-        height: 3,
-    };
     let texels = (0..6)
         .map(|i| PlaneSet::covered([200, 100, i, 40 * i]))
         .collect();
-    let pictures = PlaneSet {
-        error_px: 1.0,
-        planes: vec![Plane::default()],
-        tiles: vec![tile],
-        texels,
-        ..PlaneSet::default()
-    };
+    let textures = plane_set(vec![TILE], texels);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cube.ldi");
-    for planes in [PlaneSet::default(), pictures] {
+    for planes in [PlaneSet::default(), textures] {
         cube.planes = planes;
         let mut section = section(cube.arrays());
         assert_eq!(
@@ -636,7 +547,7 @@ fn arrays_of_a_house_file_give_back_the_cube() {
 }
 
 #[test]
-fn counts_that_no_writer_makes_are_damage() {
+fn invalid_run_lengths_are_rejected() {
     let decoded = |width: u32, height: u32, bytes: &[u8]| {
         let length = (bytes.len() as u32).to_le_bytes();
         runs::decode(&mut section([&length, bytes].concat()), width, height).ok()
@@ -663,7 +574,7 @@ fn counts_that_no_writer_makes_are_damage() {
         None,
         "six bytes"
     );
-    // So many pixels side by side as a face may have, and one more.
+    // The maximum width and height of a face, and one more.
     let all_empty = |pixels: u32| {
         [
             0,
@@ -678,8 +589,8 @@ fn counts_that_no_writer_makes_are_damage() {
     assert!(decoded(1, MAX_FACE_SIZE_PX + 1, &all_empty(MAX_FACE_SIZE_PX + 1)).is_none());
 }
 
-/// A column of no samples before a segment's first or after its last.
-fn with_column(segment: &mut PackedSegment, is_first: bool) {
+/// Adds an empty column before a segment's first or after its last.
+fn add_column(segment: &mut PackedSegment, is_first: bool) {
     let rows = segment.row_counts.chunks_exact(segment.width as usize + 1);
     let wider = |row: &[u32]| {
         if is_first {
@@ -692,8 +603,8 @@ fn with_column(segment: &mut PackedSegment, is_first: bool) {
     (segment.x0, segment.width) = (segment.x0 - u32::from(is_first), segment.width + 1);
 }
 
-/// A row of no samples above a segment or below it.
-fn with_row(segment: &mut PackedSegment, is_first: bool) {
+/// Adds an empty row above a segment or below it.
+fn add_row(segment: &mut PackedSegment, is_first: bool) {
     let (width, end) = (segment.width as usize, segment.row_offsets.len() - 1);
     let (offset, counts) = if is_first {
         (0, 0)
@@ -710,7 +621,7 @@ fn with_row(segment: &mut PackedSegment, is_first: bool) {
 }
 
 #[test]
-fn every_broken_promise_of_segments_is_named() {
+fn invalid_segments_are_rejected() {
     use SegmentProblem::{
         Bits, InverseDepthRange, LooseRectangle, Rectangle, RowCountCount, RowCounts,
         RowOffsetCount, RowOffsets, SplitPlane,
@@ -762,8 +673,8 @@ fn every_broken_promise_of_segments_is_named() {
         check(None, &|s| (s.x0, s.y0) = (170 - s.width, 170 - s.height));
         check(Some(Bits(7)), &|s| s.depth_pixels[7].geometry |= 1 << 31);
         for is_first in [true, false] {
-            check(Some(LooseRectangle), &|s| with_column(s, is_first));
-            check(Some(LooseRectangle), &|s| with_row(s, is_first));
+            check(Some(LooseRectangle), &|s| add_column(s, is_first));
+            check(Some(LooseRectangle), &|s| add_row(s, is_first));
         }
         let rows = valid.segments[0].height as usize;
         let offsets = RowOffsetCount {
