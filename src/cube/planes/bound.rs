@@ -31,7 +31,7 @@ impl Bound {
         }
     }
 
-    /// Focal length of the reference frame, px.
+    /// Returns the focal length of the reference frame, px.
     pub fn focal_px(face_size_px: u32) -> f64 {
         FOCAL_PER_FACE_PX * f64::from(face_size_px)
     }

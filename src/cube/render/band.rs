@@ -154,7 +154,7 @@ impl BandRenderer {
             .draw(plan, i, &part, &mut self.batch, &mut self.stats);
     }
 
-    /// As [`Self::draw_part`], from unquantised depth pixels.
+    /// Same as [`Self::draw_part`], from unquantised depth pixels.
     fn draw_exact_part(
         &mut self,
         plan: &FramePlan,

@@ -27,7 +27,7 @@ pub(crate) struct SegmentWarp<'a> {
 }
 
 impl<'a> SegmentWarp<'a> {
-    /// `scale`: that of the depth pixels' inverse depths, from [`Format::scale`].
+    /// Creates the warp of a segment; `scale` is from [`Format::scale`].
     pub(crate) fn new(transfer: &'a Transfer, scale: [f64; 2], band: &Band, level: Level) -> Self {
         Self {
             transfer,
@@ -39,8 +39,8 @@ impl<'a> SegmentWarp<'a> {
         }
     }
 
-    /// Warps a batch; depth pixels behind the eye or whose footprint misses the band are left out
-    /// of `splats`.
+    /// Warps a batch to `splats`; culls depth pixels behind the eye, or with a footprint outside the
+    /// band.
     pub(crate) fn warp<P: Format>(
         &self,
         batch: &Batch<P>,
@@ -104,7 +104,7 @@ impl<'a> SegmentWarp<'a> {
         } = P::load(simd, &batch.depth_pixels[start..start + LANES]);
         let k = f32x16::load_array(simd, columns);
 
-        // As `RowTransfer::apply`.
+        // Same as `RowTransfer::apply`.
         let hx = (k * row.step.x + row.anchor.x) + code * row.per_code.x;
         let hy = (k * row.step.y + row.anchor.y) + code * row.per_code.y;
         let hz = (k * row.step.z + row.anchor.z) + code * row.per_code.z;

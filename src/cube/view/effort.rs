@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn the_unfolded_faces_show_what_is_kept() {
+    fn unfolded_faces_fill_opaque_pixels() {
         let cube = cube();
         let (mut renderer, settings) = (Renderer::new(), RenderSettings::default());
         for size in [(320, 240), (7, 5), (1, 1)] {
@@ -267,8 +267,8 @@ mod tests {
     }
 
     #[test]
-    fn the_unfolded_faces_meet_at_their_edges() {
-        // Neighbours in the picture see the same direction along their common edge.
+    fn unfolded_faces_meet_at_edges() {
+        // Adjacent faces have the same directions along their common edge.
         let place = |wanted: Face| UNFOLDED.iter().find(|(face, _)| *face == wanted).unwrap().1;
         let size = 8;
         for (a, at_a) in UNFOLDED {

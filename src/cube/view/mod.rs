@@ -71,12 +71,12 @@ impl CubeView {
         self.variations.clear();
     }
 
-    /// Number of overlays in [`Self::setting_table`], for views that add their own.
+    /// Returns the number of overlays in [`Self::setting_table`], for views that add their own.
     pub fn overlay_count(&self) -> usize {
         Overlay::ALL.len()
     }
 
-    /// Settings of cube LDIs.
+    /// Returns the settings of cube LDIs.
     pub fn setting_table() -> Vec<Setting> {
         let overlays = Overlay::ALL.map(|(name, _)| name);
         let mut settings = vec![

@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_depth_pixel_of_a_pixel_is_layer_0() {
+    fn nearest_depth_pixel_is_layer_0() {
         let cube = cube();
         let layers = Variation {
             meaning: Meaning::Layer,

@@ -14,6 +14,9 @@ pub struct LinearLight {
 
 static RECIPROCALS: [u64; 256] = reciprocals();
 
+/// Bit position of alpha in a colour in memory order.
+pub(crate) const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
+
 static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
     linear: std::array::from_fn(|c| {
         (linear_from_srgb8(c as u8) * f32::from(LinearLight::MAX) + 0.5) as u16
@@ -65,13 +68,20 @@ impl LinearLight {
     }
 }
 
-/// Returns 2^32 / divisor, rounded up, for the divisors below `N`; 0 for 0. `n * reciprocal >> 32`
-/// is `n / divisor` for all n below 2^32 / N: n times the excess, which is less than 1, stays below
+/// Divides a premultiplied channel by alpha > 0, rounded to nearest.
+#[inline(always)]
+pub(crate) fn unpremultiply(c: u8, alpha: u8) -> u8 {
+    let half = u64::from(alpha / 2);
+    (((u64::from(c) * 255 + half) * RECIPROCALS[usize::from(alpha)]) >> 32).min(255) as u8
+}
+
+/// Returns 2^32 / divisor, rounded up, for the divisors below 256; 0 for 0. `n * reciprocal >> 32`
+/// is `n / divisor` for all n below 2^24: n times the excess, which is less than 1, stays below
 /// 2^32 / divisor.
-pub(crate) const fn reciprocals<const N: usize>() -> [u64; N] {
-    let mut reciprocals = [0; N];
+const fn reciprocals() -> [u64; 256] {
+    let mut reciprocals = [0; 256];
     let mut divisor = 1;
-    while divisor < N {
+    while divisor < 256 {
         reciprocals[divisor] = (1u64 << 32).div_ceil(divisor as u64);
         divisor += 1;
     }
@@ -87,6 +97,16 @@ mod tests {
         for c in 0..=255 {
             for shares in [[1, 0], [77, 13], [0, 255], [128, 127]] {
                 assert_eq!(LinearLight::tables().mix([[c; 3], [c; 3]], shares), [c; 3]);
+            }
+        }
+    }
+
+    #[test]
+    fn unpremultiply_is_exact_division() {
+        for alpha in 1..=255u8 {
+            for c in 0..=255u8 {
+                let exact = (u32::from(c) * 255 + u32::from(alpha / 2)) / u32::from(alpha);
+                assert_eq!(u32::from(unpremultiply(c, alpha)), exact.min(255));
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Canvas that blends each splat *over* its pixels, in 8-bit integers (S21, C12).
 
-use super::linear::{LinearLight, reciprocals};
+use super::linear::{LinearLight, unpremultiply};
 use super::{Canvas, Tolerance};
 use crate::render::footprint::size::LANES;
 use crate::render::footprint::splat::{Splats, ceil_to_i32, covered_pixels_lanes, load};
@@ -233,7 +233,7 @@ impl OverCanvas {
         }
     }
 
-    /// As [`Self::draw_rectangle`], on the pixels whose background does not hide the splat.
+    /// Same as [`Self::draw_rectangle`], on the pixels whose background does not hide the splat.
     #[inline(always)]
     fn draw_depth_tested<S: Simd, const PLUS: bool>(
         &mut self,
@@ -325,11 +325,11 @@ fn leading_weights<S: Simd>(simd: S, weight: u16, pixels: usize) -> u16x16<S> {
     u16x16::load_array(simd, weights)
 }
 
-/// Applies [`unpremultiply`] to each pixel.
+/// Applies [`straight_color`] to each pixel.
 #[inline(always)]
-fn unpremultiply_all<S: Simd>(_: S, from: &[[u8; 4]], to: &mut [[u8; 4]]) {
+fn straight_colors<S: Simd>(_: S, from: &[[u8; 4]], to: &mut [[u8; 4]]) {
     for (to, from) in to.iter_mut().zip(from) {
-        *to = unpremultiply(*from);
+        *to = straight_color(*from);
     }
 }
 
@@ -373,7 +373,7 @@ impl Canvas for OverCanvas {
         for rim in self.background.rims() {
             let [column, row] = rim.pixel.map(|v| v as usize);
             if let Some(pixel) = self.pixels.get_mut(row * stride + MARGIN + column) {
-                let [r, g, b, share] = light.over(rim.color, unpremultiply(*pixel));
+                let [r, g, b, share] = light.over(rim.color, straight_color(*pixel));
                 let premultiply = |c: u8| ((u16::from(c) * u16::from(share) + 127) / 255) as u8;
                 *pixel = [premultiply(r), premultiply(g), premultiply(b), share];
             }
@@ -387,22 +387,17 @@ impl Canvas for OverCanvas {
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
         let start = row * self.stride() + MARGIN + column;
         let from = self.pixels.get(start..start + to.len()).unwrap_or(&[]);
-        dispatch!(level, simd => unpremultiply_all(simd, from, to));
+        dispatch!(level, simd => straight_colors(simd, from, to));
     }
 }
 
-static RECIPROCALS: [u64; 256] = reciprocals();
-
 /// Converts a premultiplied colour to a straight one.
 #[inline(always)]
-fn unpremultiply([r, g, b, share]: [u8; 4]) -> [u8; 4] {
+fn straight_color([r, g, b, share]: [u8; 4]) -> [u8; 4] {
     if share == 255 || share == 0 {
         return [r, g, b, share];
     }
-    let half = u64::from(share / 2);
-    let reciprocal = RECIPROCALS[usize::from(share)];
-    let [r, g, b] =
-        [r, g, b].map(|c| (((u64::from(c) * 255 + half) * reciprocal) >> 32).min(255) as u8);
+    let [r, g, b] = [r, g, b].map(|c| unpremultiply(c, share));
     [r, g, b, if share >= OPAQUE { 255 } else { share }]
 }
 
@@ -508,7 +503,7 @@ mod tests {
                     let start = row * WIDTH as usize + 7;
                     let expected = expected[start..start + 31]
                         .iter()
-                        .map(|pixel| unpremultiply(*pixel));
+                        .map(|pixel| straight_color(*pixel));
                     assert!(resolved.into_iter().eq(expected), "{shape:?}, row {row}");
                 }
             }
@@ -516,20 +511,15 @@ mod tests {
     }
 
     #[test]
-    fn unpremultiplied_colours_are_exact_divisions() {
+    fn straight_colours_are_divided_by_coverage() {
         for share in 1..=255u8 {
-            for c in 0..=share {
-                let exact = (f64::from(c) * 255.0 / f64::from(share)).round().min(255.0) as u8;
-                let [r, g, _, alpha] = unpremultiply([c, 0, 0, share]);
-                // Halves may be rounded either way.
-                assert!(
-                    r.abs_diff(exact) <= u8::from(u32::from(c) * 510 % u32::from(share) == 0)
-                        && g == 0
-                );
-                assert_eq!(alpha, if share >= 252 { 255 } else { share });
-            }
+            let alpha = if share >= OPAQUE { 255 } else { share };
+            assert_eq!(
+                straight_color([share, 0, share / 2, share]),
+                [255, 0, unpremultiply(share / 2, share), alpha]
+            );
         }
-        assert_eq!(unpremultiply([9, 8, 7, 0]), [9, 8, 7, 0]);
+        assert_eq!(straight_color([9, 8, 7, 0]), [9, 8, 7, 0]);
     }
 
     /// Blends an opaque colour over a pixel with a weight in 1/256.

@@ -5,6 +5,7 @@
 
 use super::size::LANES;
 use super::splat::{Splats, covered_pixels_lanes, load};
+use crate::render::canvas::linear::ALPHA_SHIFT;
 use fearless_simd::{Simd, SimdCvtFloat, SimdCvtTruncate, f32x16, i32x16, prelude::*, u32x16};
 use std::ops::Range;
 
@@ -24,9 +25,6 @@ pub(crate) const MIN_RADIUS_PX: f32 = 0.75;
 /// at most half a pixel away in x and y and receives (1 - 0.5 / 0.75)^2 = 1/9 of it, which must not
 /// round to 0 however small the sample is: 9 / 2 / 128.
 pub(super) const MIN_PEAK: f32 = 0.036;
-
-/// Bit position of alpha in a colour in memory order.
-const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
 
 /// Tents of all splats of a batch.
 pub(crate) struct Tents {

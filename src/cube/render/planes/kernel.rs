@@ -5,14 +5,11 @@
 
 use super::Rim;
 use super::plan::{FrameSize, TextureSpan, TileInView};
-use crate::render::canvas::linear::reciprocals;
+use crate::render::canvas::linear::{ALPHA_SHIFT, unpremultiply};
 use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
 pub(super) use headbox_core::texels::LANES;
 use headbox_core::texels::{blend_quads, gather_quads};
 use std::ops::Range;
-
-/// Bit position of alpha in a colour in memory order.
-const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
 
 /// Least alpha that is drawn: a canvas gives any surface at least a twentieth of its pixel.
 const MIN_ALPHA: u32 = 8;
@@ -153,19 +150,15 @@ const LANE_NUMBERS: [f32; LANES] = [
     0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.,
 ];
 
-static RECIPROCALS: [u64; 256] = reciprocals();
-
 impl Rim {
     /// Creates a rim from a mean of texels: premultiplied colour and alpha > 0.
     #[inline(always)]
     fn from_premultiplied(pixel: [u32; 2], color: u32, inverse_depth: f32) -> Self {
         let [r, g, b, alpha] = color.to_ne_bytes();
-        let reciprocal = RECIPROCALS[usize::from(alpha)];
-        let half = u64::from(alpha / 2);
-        let straight = |c: u8| (((u64::from(c) * 255 + half) * reciprocal) >> 32).min(255) as u8;
+        let [r, g, b] = [r, g, b].map(|c| unpremultiply(c, alpha));
         Self {
             pixel,
-            color: [straight(r), straight(g), straight(b), alpha],
+            color: [r, g, b, alpha],
             inverse_depth,
         }
     }
@@ -187,19 +180,6 @@ mod tests {
                     });
                     assert_eq!(rounded, [i as u32; LANES]);
                 }
-            }
-        }
-    }
-
-    #[test]
-    fn straight_colours_are_exact_divisions() {
-        for alpha in 1..=255u8 {
-            for c in 0..=255u8 {
-                let premultiplied = u32::from_ne_bytes([c, 0, alpha, alpha]);
-                let Rim { color, .. } = Rim::from_premultiplied([0, 0], premultiplied, 1.0);
-                let exact =
-                    ((u32::from(c) * 255 + u32::from(alpha / 2)) / u32::from(alpha)).min(255);
-                assert_eq!(color.map(u32::from), [exact, 0, 255, u32::from(alpha)]);
             }
         }
     }

@@ -1,13 +1,14 @@
 //! Per-frame visibility and homographies of plane textures.
 
 use crate::pack::{Plane, PlaneSet, PlaneTile, mips};
+use crate::render::setup::clip;
 use glam::{DMat3, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use std::ops::Range;
 
 /// Least ratio of the eye depths in the frame and on the face, as for samples.
-pub(super) const W_NEAR: f64 = 1.0 / 1024.0;
+pub(super) const W_NEAR: f64 = clip::W_NEAR as f64;
 
 /// Texels by which a texture is drawn beyond its border, so that rounding leaves no gap between
 /// adjacent textures.
@@ -228,14 +229,8 @@ impl PlaneInView {
         let [cx, cy] = frame.principal_px;
         let width = f64::from(frame.width);
         let height = f64::from(frame.height);
-        let all = |outside: &dyn Fn(&DVec3) -> bool| in_frame.iter().all(outside);
-        if all(&|h| h.z < W_NEAR)
-            || all(&|h| h.x < -cx * h.z)
-            || all(&|h| h.x > (width - cx) * h.z)
-            || all(&|h| h.y < -cy * h.z)
-            || all(&|h| h.y > (height - cy) * h.z)
-            || !self.face_from_frame.is_finite()
-        {
+        let bounds_px = [-cx, width - cx, -cy, height - cy];
+        if clip::are_outside(&in_frame, bounds_px) || !self.face_from_frame.is_finite() {
             return None;
         }
         let in_front = in_frame.iter().all(|h| h.z >= W_NEAR);

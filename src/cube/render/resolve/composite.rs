@@ -1,7 +1,7 @@
 //! Compositing of the resolved pixels of a canvas over the environment.
 
 use crate::pack::CubeLdi;
-use crate::render::canvas::linear::LinearLight;
+use crate::render::canvas::linear::{ALPHA_SHIFT, LinearLight};
 use crate::render::setup::plan::FramePlan;
 use fearless_simd::{Level, Simd, dispatch, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
@@ -180,9 +180,6 @@ impl<'a> EnvironmentBackground<'a> {
         u64::from((empty & !known).to_bitmask().count_ones())
     }
 }
-
-/// Bit position of alpha in a colour in memory order.
-const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
 
 /// Coverage bytes in lanes.
 const ENVIRONMENT: u32 = Coverage::ENVIRONMENT.byte() as u32;

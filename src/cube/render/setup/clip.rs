@@ -307,14 +307,19 @@ impl SegmentClip<'_> {
             return false;
         };
         let (corners, _, radius_px) = self.project_block(&bounds);
-        let [left, right, top, bottom] = self.band.bounds_px(radius_px);
-        let all = |outside: &dyn Fn(&DVec3) -> bool| corners.iter().all(outside);
-        !(all(&|h| h.z < f64::from(W_NEAR))
-            || all(&|h| h.x < left * h.z)
-            || all(&|h| h.x > right * h.z)
-            || all(&|h| h.y < top * h.z)
-            || all(&|h| h.y > bottom * h.z))
+        !are_outside(&corners, self.band.bounds_px(radius_px))
     }
+}
+
+/// Returns true if all corners, homogeneous frame positions from the principal point, lie behind the
+/// near plane or outside one of the bounds: left, right, upper and lower, px.
+pub(crate) fn are_outside(corners: &[DVec3], [left, right, top, bottom]: [f64; 4]) -> bool {
+    let all = |outside: &dyn Fn(&DVec3) -> bool| corners.iter().all(outside);
+    all(&|h| h.z < f64::from(W_NEAR))
+        || all(&|h| h.x < left * h.z)
+        || all(&|h| h.x > right * h.z)
+        || all(&|h| h.y < top * h.z)
+        || all(&|h| h.y > bottom * h.z)
 }
 
 #[cfg(test)]

@@ -26,7 +26,7 @@ impl Tolerance {
         inverse_depth + self.difference(inverse_depth)
     }
 
-    /// As [`Self::reach`], for the background in lanes.
+    /// Same as [`Self::reach`], for the background in lanes.
     #[inline(always)]
     fn background_reach<S: Simd>(self, inverse_depth: f32x8<S>) -> f32x8<S> {
         inverse_depth + (inverse_depth * (self.relative * BACKGROUND_TOLERANCE)).max(self.least)
