@@ -86,8 +86,8 @@ impl Renderer {
         &self.frame
     }
 
-    /// Renders what `camera` sees, on the current rayon thread pool. The cube should be valid
-    /// ([`CubeLdi::validate`]); rows of an invalid one whose tables are damaged are left out.
+    /// Renders a frame of `camera`, on the current rayon thread pool. The cube should be valid
+    /// ([`CubeLdi::validate`]); rows with damaged tables are skipped.
     pub fn render(&mut self, cube: &CubeLdi, camera: &Camera, settings: &RenderSettings) -> &Frame {
         self.render_with_stats(cube, camera, settings).0
     }

@@ -269,35 +269,25 @@ mod tests {
     #[test]
     fn unfolded_faces_meet_at_edges() {
         // Adjacent faces have the same directions along their common edge.
-        let place = |wanted: Face| UNFOLDED.iter().find(|(face, _)| *face == wanted).unwrap().1;
-        let size = 8;
-        for (a, at_a) in UNFOLDED {
-            for (b, at_b) in UNFOLDED {
-                let right = at_b == [at_a[0] + 1, at_a[1]];
-                let below = at_b == [at_a[0], at_a[1] + 1];
-                for i in 0..=size {
-                    let (t, end) = (f64::from(i), f64::from(size));
-                    if right {
-                        assert!(
-                            a.direction(end, t, size as u32).distance(b.direction(
-                                0.0,
-                                t,
-                                size as u32
-                            )) < 1e-12
-                        );
-                    }
-                    if below {
-                        assert!(
-                            a.direction(t, end, size as u32).distance(b.direction(
-                                t,
-                                0.0,
-                                size as u32
-                            )) < 1e-12
-                        );
-                    }
+        const SIZE: u32 = 8;
+        let direction = |face: Face, [x, y]: [f64; 2]| face.direction(x, y, SIZE);
+        let end = f64::from(SIZE);
+        let mut edges = 0;
+        for (a, [column, row]) in UNFOLDED {
+            for (b, position) in UNFOLDED {
+                for t in (0..=SIZE).map(f64::from) {
+                    let (on_a, on_b) = if position == [column + 1, row] {
+                        ([end, t], [0.0, t])
+                    } else if position == [column, row + 1] {
+                        ([t, end], [t, 0.0])
+                    } else {
+                        continue;
+                    };
+                    assert!(direction(a, on_a).distance(direction(b, on_b)) < 1e-12);
+                    edges += 1;
                 }
             }
         }
-        assert_eq!(place(Face::PosY), [1, 0]);
+        assert_eq!(edges, 5 * (SIZE + 1));
     }
 }

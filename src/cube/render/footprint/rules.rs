@@ -1,4 +1,4 @@
-//! Constants of the tent kernel, for renderers elsewhere that must reproduce this one's frames.
+//! Constants of the tent kernel, for other implementations that must render the same frames.
 
 use super::size::{FootprintSize, TangentSize, TangentTable};
 use crate::render::canvas::surface;

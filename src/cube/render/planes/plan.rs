@@ -111,7 +111,7 @@ impl PlanesInView {
         [self.frame.width, self.frame.height]
     }
 
-    /// Finds the textures that a camera sees. `eye_from_centre`: world axes, metres.
+    /// Finds the textures in view of a camera. `eye_from_centre`: world axes, metres.
     pub(crate) fn prepare(
         &mut self,
         set: &PlaneSet,

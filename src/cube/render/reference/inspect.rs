@@ -47,11 +47,7 @@ impl ClippedSegment {
         let first = columns.start / BLOCK_COLUMNS;
         let blocks = columns.end.div_ceil(BLOCK_COLUMNS) - first;
         let block = (y / BLOCK_ROWS - rows.start / BLOCK_ROWS) * blocks + x / BLOCK_COLUMNS - first;
-        if self
-            .visible
-            .get(block as usize)
-            .is_some_and(|visible| *visible)
-        {
+        if self.visible.get(block as usize) == Some(&true) {
             ClipOutcome::Drawn
         } else {
             ClipOutcome::HiddenBlock

@@ -131,7 +131,7 @@ fn segment_box(segment: &PackedSegment) -> [DVec3; 2] {
     ]
 }
 
-/// Returns the columns and rows of a segment, as far as they lie on a face of `face_px`.
+/// Returns the columns and rows of a segment, clipped to a face of `face_px`.
 pub(crate) fn face_rectangle(segment: &PackedSegment, face_px: u32) -> [Range<u32>; 2] {
     let clip =
         |start: u32, length: u32| start.min(face_px)..start.saturating_add(length).min(face_px);
@@ -301,7 +301,8 @@ impl SegmentClip<'_> {
         (corners, least_w, radius_px)
     }
 
-    /// The homogeneous test of C17: hidden only if all eight corners lie outside one half space.
+    /// Applies the homogeneous test of C17: hidden only if all eight corners lie outside one half
+    /// space.
     fn is_visible(&self, column: u32, row: u32) -> bool {
         let Some(bounds) = self.block_bounds(column, row) else {
             return false;

@@ -24,7 +24,7 @@ pub(crate) struct Batch<P> {
     pub(crate) len: usize,
     /// Columns from the anchor, 0 to `BLOCK_COLUMNS - 1`.
     pub(crate) columns: [u8; BATCH_CAPACITY + COLUMNS_AT_ONCE],
-    /// The depth pixels.
+    /// Depth pixels in drawing order.
     pub(crate) depth_pixels: [P; BATCH_CAPACITY],
 }
 
@@ -47,12 +47,7 @@ impl<P: Format> Batch<P> {
         let starts = counts
             .iter()
             .map(|start| (start.saturating_sub(counts[0]) as usize).min(samples.len()));
-        if samples.len() + 1 == counts.len()
-            && starts
-                .clone()
-                .zip(0..)
-                .all(|(start, i): (usize, usize)| start == i)
-        {
+        if samples.len() + 1 == counts.len() && starts.clone().eq(0..counts.len()) {
             // One sample in each pixel, as over most of a simple scene.
             self.columns[..samples.len()]
                 .iter_mut()
@@ -86,7 +81,7 @@ impl<P: Format> Batch<P> {
 /// The traversed part of a segment: a rectangle of the face, without the culled blocks.
 pub(crate) struct SegmentPart<'a, P> {
     pub(crate) segment: &'a PackedSegment,
-    /// Those of the segment, in any format.
+    /// Depth pixels of the segment, in any format.
     pub(crate) depth_pixels: &'a [P],
     pub(crate) columns: Range<u32>,
     pub(crate) rows: Range<u32>,
@@ -107,8 +102,8 @@ impl<'a, P> SegmentPart<'a, P> {
     }
 }
 
-/// Passes the depth pixels of a part to `draw`, in drawing order. Rows whose tables are damaged are
-/// left out.
+/// Passes the depth pixels of a part to `draw`, in drawing order. Rows with damaged tables are
+/// skipped.
 pub(crate) fn traverse<P: Format>(
     part: &SegmentPart<P>,
     eye: &EyeInFace,
@@ -129,10 +124,7 @@ pub(crate) fn traverse<P: Format>(
             for run in &columns {
                 run.for_each_block(|run| {
                     let block = run.range.start / BLOCK_COLUMNS;
-                    if !visible
-                        .get((block - first_block) as usize)
-                        .is_some_and(|visible| *visible)
-                    {
+                    if visible.get((block - first_block) as usize) != Some(&true) {
                         return;
                     }
                     let first = (run.range.start - segment.x0) as usize;
@@ -192,9 +184,9 @@ fn gather<P: Format>(
     });
 }
 
-/// Passes on the samples of one pixel by descending distance from the foot of the perpendicular
+/// Passes the samples of one pixel to `push` by descending distance from the foot of the perpendicular
 /// from the eye to the pixel's ray (C9). Both ends of the pixel's list are the farthest on their
-/// side of the foot, so that one comparison a sample sorts them.
+/// side of the foot, so that one comparison per sample sorts them.
 fn merge_from_ends<P: Format>(
     segment: &PackedSegment,
     mut pixel: &[P],

@@ -164,16 +164,14 @@ impl PaperSize {
             ratio * (cos2 / cos1).sqrt()
         };
         let range = segment.depth_code_range();
-        let depths: [f32; DEPTH_CODE_COUNT] = std::array::from_fn(|code| match layout {
-            SplatIndexLayout::Paper => range.decode(code) as f32,
-            SplatIndexLayout::Normal => 1.0,
-        });
-        let codes_per_normal = match layout {
-            SplatIndexLayout::Paper => DEPTH_CODE_COUNT,
-            SplatIndexLayout::Normal => 1,
+        let code_depths: [f32; DEPTH_CODE_COUNT] =
+            std::array::from_fn(|code| range.decode(code) as f32);
+        let depths: &[f32] = match layout {
+            SplatIndexLayout::Paper => &code_depths,
+            SplatIndexLayout::Normal => &[1.0],
         };
-        for (i, entries) in self.widths.chunks_exact_mut(codes_per_normal).enumerate() {
-            let width = width((i * codes_per_normal) as u32);
+        for (i, entries) in self.widths.chunks_exact_mut(depths.len()).enumerate() {
+            let width = width((i * depths.len()) as u32);
             for (entry, depth) in entries.iter_mut().zip(depths) {
                 *entry = width * depth;
             }
