@@ -267,14 +267,16 @@ impl CubeLdi {
 
 /// Serialises row offsets, row counts (run-length encoded if `in_runs`) and depth pixels.
 fn segment_bytes(segment: &PackedSegment, in_runs: bool) -> Vec<u8> {
-    let counts = if in_runs {
-        runs::encode(segment)
+    let runs;
+    let counts: &[u8] = if in_runs {
+        runs = runs::encode(segment);
+        &runs
     } else {
-        bytemuck::cast_slice(&segment.row_counts).to_vec()
+        bytemuck::cast_slice(&segment.row_counts)
     };
     [
         bytemuck::cast_slice(&segment.row_offsets),
-        &counts,
+        counts,
         bytemuck::cast_slice(&segment.depth_pixels),
     ]
     .concat()

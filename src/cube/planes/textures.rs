@@ -309,7 +309,8 @@ impl TexturePainter<'_, '_> {
     /// Extrapolates the texel of a pixel outside the region from the region's colours in the eight
     /// pixels `around` it.
     ///
-    /// In a gap of the region the texel is opaque. Elsewhere it is transparent, so that the bilinear
+    /// In a gap of the region the texel is opaque, and outside the face it has the mean alpha. At the
+    /// region's border, or where the region is occluded, it is transparent, so that the bilinear
     /// alpha falls like the weight of a tent, and adjacent surfaces are accumulated as with samples.
     fn extrapolate(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
         let (mut sum, mut count) = ([0u32; 4], 0);
