@@ -64,7 +64,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let file = folder.join(format!("lumigraph_{number}.png"));
         frame.save(&file)?;
         println!(
-            "{}: {:.2} ms, {} of {LAYERS} layers",
+            "{}: {:.2} ms, {} layers",
             file.display(),
             stats.frame_ms,
             stats.layers

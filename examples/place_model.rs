@@ -31,12 +31,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ldi.depth_pixel_count()
     );
 
-    // The model, scaled to half a metre, stands 1.5 m before the eye; its light is the room's.
+    // The model, scaled to 1.2 m, stands 2 m before the eye; its light is the room's.
     let eye = ldi.center();
     let [low, high] = model.bounds();
-    let scale = 0.5 / (high - low).max_element();
+    let scale = 1.2 / (high - low).max_element();
     let middle = scale * (low + high) / 2.0;
-    place(&mut model, scale, 0.0, eye + DVec3::NEG_Z * 1.5 - middle);
+    place(&mut model, scale, 0.0, eye + DVec3::NEG_Z * 2.0 - middle);
     let polygons = Polygons::lit_by(model, &ldi, &Silent)?;
 
     let composition = Composition::new(SpriteSet::new(Vec::new()), vec![ldi]);

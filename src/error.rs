@@ -25,15 +25,8 @@ pub enum Error {
     #[error(transparent)]
     Headbox(#[from] HeadboxError),
     /// A parameter of a capture is out of range.
-    #[error("{name} is {value}; it must be from {} to {}", .allowed[0], .allowed[1])]
-    Parameter {
-        /// The parameter.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-        /// Minimum and maximum.
-        allowed: [f64; 2],
-    },
+    #[error(transparent)]
+    Parameter(#[from] RangeError),
     /// A capture was cancelled, or its temporary files failed.
     #[error("the capture failed: {0}")]
     Capture(#[from] std::io::Error),
@@ -64,19 +57,4 @@ pub enum Error {
     /// Images cannot be compared.
     #[error(transparent)]
     Metric(#[from] MetricError),
-}
-
-impl From<RangeError> for Error {
-    fn from(error: RangeError) -> Self {
-        let RangeError {
-            name,
-            value,
-            allowed,
-        } = error;
-        Self::Parameter {
-            name,
-            value,
-            allowed,
-        }
-    }
 }
