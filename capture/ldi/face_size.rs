@@ -1,4 +1,4 @@
-//! Chooses the size of faces: as fine as the frames that are to be rendered from them, and no finer
+//! Chooses the resolution of faces: as fine as the frames to be rendered from them, and no finer
 //! (inventory S1; `docs/primitives.md`).
 //!
 //! A face pixel on the axis is 2 / size wide at depth 1, and from the centre 2 f / size pixels of a
@@ -17,16 +17,16 @@ use headbox_trace::sampler::Strata;
 /// Number of sampled pairs of an eye and a direction.
 const PAIRS: usize = 4096;
 
-/// Faces have multiples of this number of pixels.
-const STEP_PX: f64 = 16.0;
-
 /// Share of these pairs for which faces are fine enough. The remaining surfaces are so close to
 /// some eyes that faces for them would have many times the pixels.
 const SHARE: f64 = 0.9;
 
-/// Pixels along a side of faces of which frames with this focal length, pixels, show nothing
-/// coarser than `error_px`, from nearly anywhere in a headbox about the tracer's origin. A pure
-/// function of the scene and the headbox.
+/// Face sizes are multiples of this number of pixels.
+const STEP_PX: f64 = 16.0;
+
+/// Returns the pixels along a side of faces from which frames of a focal length (pixels) show no
+/// sample coarser than `error_px`, for nearly all eyes in a headbox about the tracer's origin. A
+/// pure function of the scene and the headbox.
 fn face_size_px(tracer: &Tracer, half_size_m: f64, focal_px: f64, error_px: f64) -> u32 {
     let mut random = Rng::keyed(0xface);
     let mut magnifications: Vec<f64> = (0..PAIRS)
@@ -60,8 +60,8 @@ fn face_size_px(tracer: &Tracer, half_size_m: f64, focal_px: f64, error_px: f64)
     ((size_px / STEP_PX).ceil() * STEP_PX).clamp(STEP_PX, f64::from(MAX_FACE_SIZE_PX)) as u32
 }
 
-/// Sets the face size of a capture for frames with this focal length, pixels, and its strata so
-/// that each face pixel has as many rays as before. An error that is not positive means the
+/// Sets the face size of a capture for frames of a focal length, pixels, and its strata so that the
+/// number of rays for each face pixel stays the same. An error that is not positive stands for the
 /// default.
 pub fn choose_face_size(spec: &mut CaptureSpec, tracer: &Tracer, focal_px: f64, error_px: f64) {
     let error_px = if error_px > 0.0 {
@@ -74,8 +74,8 @@ pub fn choose_face_size(spec: &mut CaptureSpec, tracer: &Tracer, focal_px: f64, 
     spec.face_size_px = size_px;
 }
 
-/// Strata along each dimension that give faces of `size_px` as many rays for each pixel as `strata`
-/// give faces of `old_size_px`.
+/// Number of strata along each dimension that gives faces of `size_px` as many rays for each pixel
+/// as `strata` gives faces of `old_size_px`.
 fn scaled_strata(strata: u32, old_size_px: u32, size_px: u32) -> u32 {
     // Rays grow with the fourth power of strata, face pixels with the second of a face's side.
     let strata = f64::from(strata) * (f64::from(size_px) / f64::from(old_size_px.max(1))).sqrt();

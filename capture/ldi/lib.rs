@@ -1,6 +1,6 @@
 //! Capture: builds cube LDIs from scenes, from image sets with depth, and from deep EXR.
 //!
-//! [`spec`] says what to capture and how to run; [`capture`] runs these stages:
+//! [`spec`] specifies what to capture and how to run; [`capture`] runs these stages:
 //!
 //! 1. [`rays`]: rays from the faces of the headbox; a pilot round decides where the others go.
 //! 2. [`accumulate`]: hits become accumulators, one for each surface in a depth bin of a pixel.
@@ -16,7 +16,7 @@
 //! [`DepthPixel`](headbox_cube::model::samples::DepthPixel), and when the cube is packed,
 //! [`PackedDepthPixel`](headbox_cube::pack::PackedDepthPixel).
 //!
-//! Before it: [`scene_source`] opens scenes by name, [`face_size`] chooses how fine faces are.
+//! Before it: [`scene_source`] opens scenes by name, [`face_size`] chooses the faces' resolution.
 //! Other sources: [`from_images`] warps depth images into a cube, [`from_deep`] reads deep EXR.
 
 pub mod accumulate;

@@ -121,8 +121,8 @@ fn tip(name: &str) -> String {
     })
 }
 
-/// Checksum of a scene's geometry, materials and sky picture, by which processes check that they
-/// have the same scene.
+/// Checksum of a scene's geometry, materials and sky picture, by which shards and their merge check
+/// that they have the same scene.
 pub fn fingerprint(scene: &Scene) -> u32 {
     let mut hash = crc32fast::Hasher::new();
     hash.update(bytemuck::cast_slice(&scene.positions));

@@ -12,7 +12,7 @@ use headbox_trace::viewpoint::fitting_half_size;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Everything that decides the bytes of a cube LDI.
+/// Specification of a capture: everything that decides the bytes of its cube LDI.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CaptureSpec {
     /// The scene.
@@ -66,7 +66,7 @@ impl CaptureSpec {
         RangeError::check("the share of holes", parameters.holes, [0.0, 1.0])
     }
 
-    /// Number of rays before novelty stopping saves any.
+    /// Maximum number of rays: all of them, of which novelty stopping may save some.
     pub fn max_rays(&self) -> f64 {
         let CaptureParameters {
             strata,
@@ -81,7 +81,7 @@ impl CaptureSpec {
         }
     }
 
-    /// Number of rays for each pixel of the faces.
+    /// Maximum number of rays for each pixel of the faces.
     pub fn rays_per_pixel(&self) -> f64 {
         self.max_rays() / (6.0 * f64::from(self.face_size_px).powi(2))
     }
@@ -108,7 +108,7 @@ impl CaptureSpec {
         }
     }
 
-    /// Depth bins in which samples of a pixel count as one surface.
+    /// Depth bins within which samples of a pixel count as one surface.
     pub(crate) fn depth_bins(&self) -> DepthBins {
         DepthBins::new(self.half_size_m, self.face_size_px)
     }
@@ -148,8 +148,8 @@ impl RangeError {
 /// bytes of the result.
 #[derive(Clone)]
 pub struct RunOptions<'a> {
-    /// Memory for accumulators in bytes, and the folder to which the rest is spilled; no limit by
-    /// default.
+    /// Memory budget for accumulators in bytes, and the folder to which the rest is spilled; no
+    /// limit by default.
     pub budget: Option<(u64, PathBuf)>,
     /// Part `.0` (from 0) of `.1`: only this share of the rays is traced. Part 0 of 1 by default.
     pub shard: (u32, u32),
@@ -168,7 +168,7 @@ impl Default for RunOptions<'_> {
 }
 
 impl RunOptions<'_> {
-    /// The budget as the accumulator store takes it.
+    /// The budget of the accumulator store: bytes, and the folder of its spill file.
     pub(crate) fn spill_budget(&self) -> Option<(u64, &Path)> {
         let (bytes, folder) = self.budget.as_ref()?;
         Some((*bytes, folder))

@@ -8,7 +8,7 @@ use headbox_images::deep_exr::{DeepImage, DeepView};
 /// Projection of points to pixels of a camera's image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lens {
-    /// World to image, whose columns and rows go from 0 to 1.
+    /// World to NDC: columns and rows of the image, both from 0 to 1.
     ndc_from_world: DMat4,
     /// World metres.
     pub(super) eye: DVec3,
@@ -18,7 +18,7 @@ pub(super) struct Lens {
     right: DVec3,
 }
 
-/// Maps -1 to 1, y up, to 0 to 1, y down.
+/// Maps screen space (-1 to 1, y up) to NDC (0 to 1, y down).
 const UNIT_FROM_SCREEN: DMat4 = DMat4::from_cols(
     DVec4::new(0.5, 0.0, 0.0, 0.0),
     DVec4::new(0.0, -0.5, 0.0, 0.0),
@@ -92,8 +92,8 @@ impl Lens {
 
     /// The camera of `worldToCamera` and `worldToNDC`, for column vectors.
     ///
-    /// By the letter of OpenEXR's *Standard Attributes*, the camera looks along +z of its axes, and
-    /// NDC go from 0 to 1, y down. Some renderers write cameras that look along -z, and RenderMan's
+    /// According to OpenEXR's *Standard Attributes*, the camera looks along +z of its axes, and NDC
+    /// go from 0 to 1, y down. Some renderers write cameras that look along -z, and RenderMan's
     /// screen space, from -1 to 1, y up: the viewing axis is the one where w is above 0, and it
     /// leads to the middle of the image.
     fn from_matrices(camera: DMat4, ndc: DMat4) -> Result<Self, FromDeepError> {
@@ -134,8 +134,8 @@ impl Lens {
         }
     }
 
-    /// Position in an image of this size, pixels, of a direction from the eye, and its depth along
-    /// the camera's axis.
+    /// Projects a direction from the eye to an image of this size. Returns the position, pixels,
+    /// and the depth along the viewing axis.
     pub(super) fn project(&self, direction: DVec3, [width, height]: [f64; 2]) -> [f64; 3] {
         let ndc = self.ndc_from_world * (self.eye + direction).extend(1.0);
         [

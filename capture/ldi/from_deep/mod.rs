@@ -1,9 +1,9 @@
 //! Cube LDIs from deep images: all samples of each pixel, as written by a film renderer or by
 //! `headbox_export::deep`.
 //!
-//! A deep image is of one eye: an environment map of six faces, or the image of a camera. Its
+//! A deep image has one eye: it is an environment map of six faces, or the image of a camera. Its
 //! samples have colour, alpha and depth, but no surface: normals are those of planes through
-//! neighbouring samples. Samples so far that no eye in the headbox sees them move become
+//! neighbouring samples. Samples so far away that they have no parallax within the headbox become
 //! environment.
 
 mod lens;
@@ -20,11 +20,11 @@ use headbox_images::deep_exr::DeepImage;
 use lens::Lens;
 use rayon::prelude::*;
 
-/// Default of half of the headbox's edge, as a share of the distance of the nearest sample: a
-/// single eye has seen all samples.
+/// Default of half of the headbox's edge, as a share of the distance of the nearest sample. It is
+/// small, because a single eye saw all samples.
 const HEADBOX_SHARE: f64 = 0.15;
 
-/// Parallax in the headbox, face pixels, below which a sample lies at infinity.
+/// Parallax in the headbox, face pixels, below which a sample counts as infinitely far away.
 const STILL_PX: f64 = 0.5;
 
 /// Maximum size of faces from a camera's image, pixels.
@@ -125,7 +125,7 @@ struct DeepSampler<'a> {
     /// Red, green, blue, depth.
     channels: [&'a [f32]; 4],
     alpha: Option<&'a [f32]>,
-    /// Lens of a camera; `None` for six faces.
+    /// Camera of the image; `None` for six faces.
     lens: Option<Lens>,
     /// Pixels along a side of the cube's faces.
     face_px: u32,
@@ -139,7 +139,7 @@ impl<'a> DeepSampler<'a> {
         let [width, height] = image.size_px;
         let lens = Lens::new(image, place)?;
         let face_px = match &lens {
-            // A face pixel in the middle is as wide as one of the image's.
+            // In the middle, a face pixel is as wide as a pixel of the image.
             Some(lens) => {
                 let focal_px = lens
                     .focal_px(image.size_px.map(f64::from))
@@ -177,7 +177,7 @@ impl<'a> DeepSampler<'a> {
         (depth > 0.0 && x.is_finite() && y.is_finite()).then_some([x, y, depth])
     }
 
-    /// Distance of the nearest sample, metres, along the image's own depth.
+    /// Depth of the nearest sample, metres, as the image stores it.
     fn nearest(&self) -> Option<f64> {
         let alpha = |i: usize| self.alpha.map_or(1.0, |values| values[i]);
         let depths = self.channels[3]
@@ -257,8 +257,8 @@ fn build_face(sampler: &DeepSampler, face: Face, still: f64) -> LayeredDepthImag
     image
 }
 
-/// The normal of the plane through a sample and its neighbours, toward the eye: on a plane n . P =
-/// 1, inverse depth is n . direction.
+/// The normal, toward the eye, of the plane through a sample of inverse depth `q` in pixel (x, y)
+/// and its neighbours: on a plane n . P = 1, inverse depth is n . direction.
 fn normal(rows: &[Vec<Vec<DeepSample>>], face: Face, [x, y]: [usize; 2], q: f64) -> DVec3 {
     let nearest = |x: Option<usize>, y: Option<usize>| {
         let samples = rows
@@ -268,7 +268,7 @@ fn normal(rows: &[Vec<Vec<DeepSample>>], face: Face, [x, y]: [usize; 2], q: f64)
             .map(|sample| sample.inverse_depth);
         samples.min_by(|a, b| (a - q).abs().total_cmp(&(b - q).abs()))
     };
-    // Over a gap the side that changes less is the surface's own.
+    // At an edge, the side that changes less is that of the sample's own surface.
     let change = |before: Option<f64>, after: Option<f64>| {
         let steps = [
             before.map(|before| q - before),

@@ -1,4 +1,4 @@
-//! Stage 1: which rays are traced ([`ray_plan`]), and tracing them ([`mod@trace`]).
+//! Stage 1: plans rays ([`ray_plan`]) and traces them ([`mod@trace`]).
 
 pub mod ray_plan;
 pub mod trace;

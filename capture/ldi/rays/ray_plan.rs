@@ -1,8 +1,8 @@
 //! The plan of the rays after the pilot: rays go where new depth pixels are still being found.
 //!
-//! After the pilot, a depth pixel that was met by a single ray of the whole capture is evidence of
-//! others not met at all: the probability that the next ray of a population finds something new is
-//! estimated by the share of its rays that found something seen once (Good 1953, "The population
+//! A *single* is a depth pixel that exactly one ray has hit. Singles after the pilot are evidence of
+//! depth pixels that no ray has hit yet: the probability that the next ray of a population finds a
+//! new one is estimated by the share of its rays that hit singles (Good 1953, "The population
 //! frequencies of species and the estimation of population parameters"; the estimate is Turing's).
 //! The population is a *group* of strata: one direction cell and a block of position cells. The
 //! plan is a pure function of the pilot's accumulators. Every shard traces the whole pilot, so that
@@ -17,10 +17,11 @@ use std::io;
 /// Maximum number of blocks along a side into which position cells are pooled.
 const MAX_BLOCKS: u32 = 8;
 
-/// Pilot rays that a group should have: fewer cannot resolve a share of singles of a few per cent.
+/// Approximate minimum number of pilot rays of a group: fewer cannot resolve a share of singles of a
+/// few per cent.
 const PILOT_RAYS_PER_GROUP: u32 = 64;
 
-/// Strata that share an estimate.
+/// Division of the strata into groups that share an estimate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Groups {
     strata: Strata,
@@ -63,7 +64,7 @@ impl Groups {
             + blocks) as usize
     }
 
-    fn index_of_ray(&self, key: RayKey) -> usize {
+    fn ray_group(&self, key: RayKey) -> usize {
         let cells = self.strata.position_cells();
         self.index(key.domain(), key.stratum() / cells, key.stratum() % cells)
     }
@@ -72,7 +73,7 @@ impl Groups {
 /// Number of rays of each stratum, by group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RayPlan {
-    /// The groups.
+    /// Division of the strata into groups.
     pub groups: Groups,
     /// Rays per stratum of the pilot round: the first of each stratum.
     pub pilot_rays: u32,
@@ -81,7 +82,7 @@ pub struct RayPlan {
 }
 
 impl RayPlan {
-    /// Rays of a stratum traced in the pilot: a quarter, at least one.
+    /// Number of rays of a stratum traced in the pilot: a quarter, at least one.
     pub fn pilot_share(strata: &Strata) -> u32 {
         strata.rays.div_ceil(4)
     }
@@ -97,10 +98,10 @@ impl RayPlan {
         }
     }
 
-    /// The plan that follows from a pilot. A group in which the next ray is new with probability
-    /// `novelty` or more gets all its rays; one in which it is less likely gets proportionally
-    /// fewer, but at least one more per stratum: these are not chosen by what they found, so that
-    /// [`Self::missing_estimate`] may rely on them.
+    /// The plan that follows from a pilot. A group whose next ray finds a new depth pixel with
+    /// probability `novelty` or more gets all its rays; one in which that is less likely gets
+    /// proportionally fewer, but at least one more per stratum: the plan does not depend on the
+    /// hits of these rays, so that [`Self::missing_estimate`] may rely on them.
     ///
     /// # Errors
     /// If spilled accumulators cannot be read.
@@ -111,9 +112,6 @@ impl RayPlan {
         novelty: f64,
     ) -> io::Result<Self> {
         let mut plan = Self::full(strata, domains);
-        if novelty <= 0.0 {
-            return Ok(plan);
-        }
         let rest = strata.rays - plan.pilot_rays;
         let rays = group_rays(&plan.groups, |_| plan.pilot_rays);
         for ((more, singles), rays) in plan
@@ -184,8 +182,8 @@ fn group_rays(groups: &Groups, per_stratum: impl Fn(usize) -> u32) -> Vec<u64> {
         .collect()
 }
 
-/// Counts depth bins met by exactly one ray, by the group of that ray. Counts rays numbered `first`
-/// and up, and only those of the plan: aimed rays are no evidence of others.
+/// Counts depth bins hit by exactly one ray, by the group of that ray. Counts only rays of the plan
+/// with numbers from `first` on: aimed rays are not evidence of missing depth pixels.
 fn count_singles(groups: &Groups, first: u32, store: &TileStore) -> io::Result<Vec<u32>> {
     let count_tile = |mut counts: Vec<u32>, tile: usize| {
         for bin in store
@@ -196,7 +194,7 @@ fn count_singles(groups: &Groups, first: u32, store: &TileStore) -> io::Result<V
                 && key.ray() >= first
                 && u32::from(key.domain()) < groups.domains
             {
-                counts[groups.index_of_ray(*key)] += 1;
+                counts[groups.ray_group(*key)] += 1;
             }
         }
         Ok(counts)

@@ -20,7 +20,6 @@ use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
 use headbox_trace::sampler::{DirectionCell, RayDomain, RayKey};
 use rayon::prelude::*;
 use std::io;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Number of ray domains: the faces of the headbox.
 const DOMAINS: u32 = 6;
@@ -40,7 +39,7 @@ pub struct Tracing {
 }
 
 impl Tracing {
-    /// A tracing without rays, whose plan is all rays of the spec.
+    /// A tracing without hits, whose plan contains all rays of the spec.
     ///
     /// # Errors
     /// If the spill file cannot be created.
@@ -65,7 +64,7 @@ pub(crate) fn trace(capture: &SceneCapture) -> io::Result<Tracing> {
     let (part, parts) = options.shard;
     let mut tracing = Tracing::empty(spec, options)?;
     if spec.parameters.sampler == Sampler::CentreRays {
-        tracing.rays = pierce_from_centre(capture, &tracing)?;
+        tracing.rays = trace_centre_rays(capture, &tracing)?;
         return Ok(tracing);
     }
     let all_cells: Vec<DomainCell> = (0..DOMAINS as u8)
@@ -254,9 +253,9 @@ impl<'a> HitRouter<'a> {
     }
 }
 
-/// Sampler [`Sampler::CentreRays`]: keeps every hit beyond the headbox on the ray through each
-/// pixel's centre. Returns the number of rays.
-fn pierce_from_centre(capture: &SceneCapture, tracing: &Tracing) -> io::Result<u64> {
+/// Traces the rays of [`Sampler::CentreRays`]: one through each pixel's centre, of which every hit
+/// beyond the headbox is kept. Returns the number of rays.
+fn trace_centre_rays(capture: &SceneCapture, tracing: &Tracing) -> io::Result<u64> {
     let SceneCapture {
         spec,
         tracer,
@@ -304,22 +303,21 @@ fn pierce_from_centre(capture: &SceneCapture, tracing: &Tracing) -> io::Result<u
     Ok(rays)
 }
 
-/// Share of the headbox that its centre does not see, because geometry inside it or across it is in
-/// the way. Capture works all the same, because rays start on the headbox's faces.
+/// Estimates the share of the headbox that its centre does not see because geometry inside the
+/// headbox occludes it. Capture works all the same, because rays start on the headbox's faces.
 pub fn blocked_share(tracer: &Tracer, half_size_m: f64) -> f64 {
     const SIDE: u32 = 24;
-    let blocked = AtomicU64::new(0);
-    (0..SIDE.pow(3)).into_par_iter().for_each(|i| {
+    let is_blocked = |&i: &u32| {
         let cell = |k: u32| (f64::from(k) + 0.5) / f64::from(SIDE) * 2.0 - 1.0;
         let position =
             DVec3::new(cell(i % SIDE), cell(i / SIDE % SIDE), cell(i / SIDE / SIDE)) * half_size_m;
-        let ray = Ray {
+        tracer.occluded(&Ray {
             origin: Vec3::ZERO,
             direction: position.as_vec3(),
             t_min: 0.0,
             t_max: 1.0,
-        };
-        blocked.fetch_add(u64::from(tracer.occluded(&ray)), Ordering::Relaxed);
-    });
-    blocked.into_inner() as f64 / f64::from(SIDE.pow(3))
+        })
+    };
+    let blocked = (0..SIDE.pow(3)).into_par_iter().filter(is_blocked).count();
+    blocked as f64 / f64::from(SIDE.pow(3))
 }
