@@ -2,10 +2,10 @@
 //!
 //! Random rays find the last few samples of a wall late, and later still those that few of them can
 //! reach; each missing sample is a speck in every frame that sees it. A round renders views from
-//! all over the headbox with the product's renderer and traces a ray through the middle of each
-//! pixel. Where a view shows less than the ray finds, the ray's hit becomes a sample like any
-//! other. The rounds end when the share of lacking pixels in views from new places, plus its
-//! standard error, is at most
+//! all over the headbox with the renderer of all frames and traces a ray through the middle of each
+//! pixel. A pixel that does not show the surface that its ray hits is *lacking*: the hit becomes a
+//! sample like any other. The rounds end when the share of lacking pixels in views from new places,
+//! plus its standard error, is at most
 //! [`CaptureParameters::holes`](headbox_cube::model::parameters::CaptureParameters::holes).
 //!
 //! A round is a pure function of the accumulators and the seed, and adds sums of integers to them.
@@ -27,20 +27,20 @@ use headbox_cube::render::Renderer;
 use rayon::prelude::*;
 use std::io;
 
-/// Views of a round from new places; their share of lacking pixels is the round's figure.
+/// Number of views of a round from new places, which measure the share of lacking pixels.
 const FRESH_VIEWS: u32 = 64;
 
-/// Views of a round from places near those of the last round's worst views.
+/// Number of views of a round from places near those of the last round's worst views.
 const NEAR_VIEWS: u32 = 64;
 
 /// Maximum number of rounds.
 const MAX_ROUNDS: u32 = 12;
 
-/// Number of rounds without an improvement of a tenth over the least share so far after which the
-/// search ends: the rest cannot be filled by rays.
+/// Number of successive rounds that do not lower the least share so far by a tenth, after which the
+/// search ends: rays cannot fill the rest.
 const IDLE_ROUNDS: u32 = 2;
 
-/// Aims rays at what test views lack, and records the figures in `tracing`.
+/// Aims rays at the lacking pixels of test views, and records the share of holes in `tracing`.
 ///
 /// # Errors
 /// If spilled accumulators cannot be read, or if the capture was cancelled.
@@ -70,7 +70,7 @@ pub(crate) fn fill_holes(capture: &SceneCapture, tracing: &mut Tracing) -> io::R
             }
         };
         // A cube that cannot be packed fails at the end of the capture, with its reason.
-        let Ok(cube) = CubeLdi::pack(geometry.cube(), SplatIndexLayout::Normal, Split::Auto) else {
+        let Ok(cube) = CubeLdi::pack(&geometry.cube, SplatIndexLayout::Normal, Split::Auto) else {
             return Ok(());
         };
         let fresh = (0..FRESH_VIEWS)
@@ -97,7 +97,7 @@ pub(crate) fn fill_holes(capture: &SceneCapture, tracing: &mut Tracing) -> io::R
         };
         tracing.holes = Some(holes);
         if is_enough {
-            options.progress.advance(worst.len() as u64); // they are not needed
+            options.progress.advance(worst.len() as u64); // views that are not needed
             break;
         }
         let near_findings = test_views(capture, tracing, &cube, std::mem::take(&mut worst))?;

@@ -14,11 +14,11 @@ use headbox_trace::sampler::RayKey;
 /// Pixels along a side of a view, unless faces have fewer.
 const VIEW_PX: u32 = 256;
 
-/// Splat coverage, 0..255, below which a pixel lacks the surface that its ray meets.
+/// Splat coverage, 0..255, below which a pixel lacks the surface that its ray hits.
 const COVERED: u8 = 128;
 
-/// Share of the surface's inverse depth by which the shown depth may lie behind it, besides two
-/// bins.
+/// Share of the surface's inverse depth by which the shown depth may lie behind it, in addition to
+/// two bins.
 const BEHIND: f32 = 0.03;
 
 /// Ray domain of aimed rays: the one after the faces of the headbox.
@@ -28,13 +28,13 @@ const AIMED_DOMAIN: u8 = 6;
 /// headbox.
 const NEAR: f64 = 0.25;
 
-/// Separates the random numbers of views from all others of a seed.
+/// Random stream of test views, which separates them from other uses of a seed.
 const SALT: u64 = 0x686f_6c65;
 
-/// A view from the headbox, with as many pixels to a degree as faces have in their middle.
+/// A view from the headbox, with as many pixels per degree as faces have in their middle.
 #[derive(Clone)]
 pub(super) struct TestView {
-    /// Number of the view; names its rays together with `copy`.
+    /// Number of the view; together with `copy` it identifies the rays.
     number: u32,
     /// Number among the views near view `number`; 0 for that view itself.
     copy: u32,
@@ -48,7 +48,7 @@ impl TestView {
     /// sphere. `None` for a headbox in which no camera can be placed.
     pub(super) fn fresh(spec: &CaptureSpec, number: u32) -> Option<Self> {
         let mut random = Self::random(spec, number);
-        let position = random_in_cube(&mut random);
+        let position = random.in_cube(1.0);
         let height = random.unit() * 2.0 - 1.0;
         let turn = random.unit() * std::f64::consts::TAU;
         let rim = (1.0 - height * height).sqrt();
@@ -56,12 +56,12 @@ impl TestView {
         Self::new(spec, [number, 0], position, forward)
     }
 
-    /// A view from near this one in about its direction. `number` distinguishes those of one view.
+    /// A view from near this one in about its direction: number `number` of such views.
     pub(super) fn near(&self, spec: &CaptureSpec, number: usize) -> Option<Self> {
         let mut random = Self::random(spec, self.number).fork(number as u64);
         let position =
-            (self.position + random_in_cube(&mut random) * NEAR).clamp(DVec3::NEG_ONE, DVec3::ONE);
-        let forward = self.camera.forward() + random_in_cube(&mut random) * NEAR;
+            (self.position + random.in_cube(1.0) * NEAR).clamp(DVec3::NEG_ONE, DVec3::ONE);
+        let forward = self.camera.forward() + random.in_cube(1.0) * NEAR;
         Self::new(spec, [self.number, number as u32 + 1], position, forward)
     }
 
@@ -89,11 +89,6 @@ impl TestView {
             .fork(SALT)
             .fork(number.into())
     }
-}
-
-/// A position uniform in the cube from -1 to 1.
-fn random_in_cube(random: &mut Rng) -> DVec3 {
-    dvec3(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0
 }
 
 /// Missing surfaces in test views.
@@ -133,8 +128,8 @@ impl ViewFindings {
         }
     }
 
-    /// The `count` views that lack most, each repeated in proportion to its share; none if no pixel
-    /// lacks anything.
+    /// The `count` views with most lacking pixels, each repeated in proportion to its share; none if
+    /// no pixel is lacking.
     pub(super) fn worst(&self, count: usize) -> Vec<TestView> {
         let mut lacking: Vec<&(f64, TestView)> = self
             .views

@@ -1,25 +1,26 @@
 //! Distributes light samples over the surface samples of a face, any number for each.
 //!
-//! Along a Morton curve over the pixels, the requested numbers are summed, and a surface sample
-//! takes as many light samples as the sum has passed whole numbers; so they lie as evenly as the
-//! requests allow. They are numbered in this order, and take the points of an evenly spread
-//! sequence by their numbers: neighbours share an evenly spread set of points (Ahmed and Wonka
+//! The requested numbers are summed along a Morton curve over the pixels. A surface sample takes
+//! one light sample for each whole number that its request carries the sum past, so that light
+//! samples lie as evenly as the requests allow. Their numbers in this order select the points of an
+//! evenly spread sequence: neighbours share an evenly spread set of points (Ahmed and Wonka
 //! 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering
 //! of Pixels").
 
 use crate::surfaces::surface_samples::FaceSurfaces;
 use headbox_trace::sampler::{random4, unit_float};
 
-/// The light samples of one surface sample: `count` of them from number `first` on, numbered within
-/// its class.
+/// The light samples of one surface sample: `count` numbers from `first` on, counted within its
+/// class.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct SampleRange {
     pub(crate) first: u32,
     pub(crate) count: u32,
 }
 
-/// Distributes samples to surface samples that request `requested` each. `classes` holds
-/// [`SurfaceSample::class`](crate::light::shade::SurfaceSample::class) of each.
+/// Distributes light samples over surface samples. For each, `requested` holds the number that it
+/// requests, and `classes` its
+/// [`SurfaceSample::class`](crate::light::shade::SurfaceSample::class).
 pub(crate) fn distribute_samples(
     surfaces: &FaceSurfaces,
     classes: &[u16],
@@ -30,7 +31,7 @@ pub(crate) fn distribute_samples(
     let mut ranges = vec![SampleRange::default(); requested.len()];
     let side = surfaces.size_px.next_power_of_two();
     for code in 0..side * side {
-        let [x, y] = [code, code >> 1].map(every_other_bit);
+        let [x, y] = [code, code >> 1].map(pack_even_bits);
         if x >= surfaces.size_px || y >= surfaces.size_px {
             continue;
         }
@@ -49,8 +50,8 @@ pub(crate) fn distribute_samples(
     ranges
 }
 
-/// The number that bits 0, 2, 4... of `bits` form.
-fn every_other_bit(mut bits: u32) -> u32 {
+/// Packs bits 0, 2, 4... of `bits`: one coordinate of a Morton code.
+fn pack_even_bits(mut bits: u32) -> u32 {
     bits &= 0x5555_5555;
     bits = (bits | bits >> 1) & 0x3333_3333;
     bits = (bits | bits >> 2) & 0x0f0f_0f0f;
@@ -65,11 +66,11 @@ mod tests {
     #[test]
     fn morton_curve_meets_every_pixel_once() {
         let pixels: std::collections::HashSet<[u32; 2]> = (0..4096)
-            .map(|code: u32| [code, code >> 1].map(every_other_bit))
+            .map(|code: u32| [code, code >> 1].map(pack_even_bits))
             .collect();
         assert!(pixels.len() == 4096 && pixels.iter().flatten().all(|&c| c < 64));
         assert_eq!(
-            [every_other_bit(0b1_0001), every_other_bit(u32::MAX)],
+            [pack_even_bits(0b1_0001), pack_even_bits(u32::MAX)],
             [0b101, 0xffff]
         );
     }

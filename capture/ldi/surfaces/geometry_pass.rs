@@ -17,7 +17,7 @@ use std::io;
 
 /// Depth pixels of all rays so far, without light and colour.
 pub(crate) struct GeometryCube {
-    cube: CubeSamples,
+    pub(crate) cube: CubeSamples,
     /// Bin spans of the depth pixels of each face.
     spans: Vec<Vec<BinSpan>>,
 }
@@ -45,8 +45,8 @@ impl GeometryCube {
         Ok(geometry)
     }
 
-    /// Rebuilds what `samples` have changed, which came into `tracing` since the last build. The
-    /// result equals that of [`Self::build`].
+    /// Rebuilds the depth pixels that `samples`, which were added to `tracing` since the last build,
+    /// have changed. The result equals that of [`Self::build`].
     ///
     /// # Errors
     /// See [`Self::build`].
@@ -71,9 +71,9 @@ impl GeometryCube {
         Ok(())
     }
 
-    /// Builds a face, or only what new samples in the pixels `hit` have changed. They change the
-    /// pixels around them through repair of pinholes, and the alphas one pixel farther, where a rim
-    /// may have been.
+    /// Builds a face, or only the part that new samples in the pixels `hit` have changed: also the
+    /// pixels around these, through repair of pinholes, and the alphas one pixel farther, where a
+    /// rim may have been.
     fn build_face(
         &mut self,
         capture: &SceneCapture,
@@ -126,11 +126,6 @@ impl GeometryCube {
         *face_spans = after.spans;
         Ok(())
     }
-
-    /// The geometry as a cube LDI.
-    pub(crate) fn cube(&self) -> &CubeSamples {
-        &self.cube
-    }
 }
 
 #[cfg(test)]
@@ -148,7 +143,7 @@ mod tests {
     use headbox_trace::viewpoint::place_headbox;
     use std::sync::Arc;
 
-    /// Hits of random rays from the centre, which are none of the capture's own.
+    /// Hits of random rays from the centre, which the capture itself does not trace.
     fn random_samples(router: &HitRouter, count: u64) -> Vec<Sample> {
         let mut random = Rng::new(5);
         let sample = |number: u64| {

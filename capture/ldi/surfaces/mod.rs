@@ -4,7 +4,7 @@
 //! * `unlit`: builds them from accumulators.
 //! * `repair`: adds samples that are certainly missing.
 //! * `geometry_pass`: depth pixels without light, for the search for holes.
-//! * `distribute`: shares light samples out among surface samples.
+//! * `distribute`: distributes light samples over surface samples.
 //! * `rows`, `pixel_set`: slices by rows of a face, and sets of its pixels.
 
 pub(crate) mod distribute;

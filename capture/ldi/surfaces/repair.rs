@@ -22,29 +22,35 @@ use rayon::prelude::*;
 const REACH: f32 = 2e-3;
 
 /// Repair of one face.
-pub(crate) struct PinholeRepair<'a> {
-    pub face: Face,
-    pub shader: &'a Shader<'a>,
-    /// Depth bins of the capture.
-    pub bins: DepthBins,
+struct PinholeRepair<'a> {
+    face: Face,
+    shader: &'a Shader<'a>,
+    bins: DepthBins,
     /// Half of the headbox's edge, metres; nothing inside it is a depth pixel.
-    pub half_size_m: f32,
+    half_size_m: f32,
 }
 
 /// A sample to insert: its pixel in row-major order, its rank among the samples of that pixel, and
 /// the sample.
 type Insertion = (u32, u32, SurfaceSample);
 
-impl PinholeRepair<'_> {
-    /// Adds the missing samples of the face.
-    pub(crate) fn repair(&self, surfaces: &mut FaceSurfaces) {
-        let rows = (0..surfaces.size_px)
-            .into_par_iter()
-            .map(|y| self.missing_in_row(surfaces, y));
-        let insertions: Vec<Insertion> = rows.flatten_iter().collect();
-        insert(surfaces, &insertions);
-    }
+/// Adds the missing samples of a face.
+pub(crate) fn repair_pinholes(surfaces: &mut FaceSurfaces, face: Face, shader: &Shader) {
+    let spec = shader.capture.spec;
+    let repair = PinholeRepair {
+        face,
+        shader,
+        bins: spec.depth_bins(),
+        half_size_m: spec.half_size_m as f32,
+    };
+    let rows = (0..surfaces.size_px).into_par_iter();
+    let insertions: Vec<Insertion> = rows
+        .flat_map_iter(|y| repair.missing_in_row(surfaces, y))
+        .collect();
+    insert(surfaces, &insertions);
+}
 
+impl PinholeRepair<'_> {
     /// The missing samples of row `y`, in order.
     fn missing_in_row(&self, surfaces: &FaceSurfaces, y: u32) -> Vec<Insertion> {
         let last = surfaces.size_px - 1;

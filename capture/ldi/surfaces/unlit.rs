@@ -1,7 +1,7 @@
 //! Builds the unlit surface samples of a face from accumulators.
 
 use super::pixel_set::PixelSet;
-use super::repair::PinholeRepair;
+use super::repair::repair_pinholes;
 use super::rows::split_lengths;
 use crate::accumulate::tiles::TILE_PX;
 use crate::light::shade::{Shader, SurfaceSample};
@@ -22,26 +22,20 @@ pub(crate) struct UnlitFaces<'a> {
 impl UnlitFaces<'_> {
     /// Builds the samples of a face with its pinholes repaired: of all pixels, or only of a set.
     pub(crate) fn build(&self, face: Face, only: Option<&PixelSet>) -> io::Result<FaceSurfaces> {
-        let spec = self.shader.capture.spec;
         let mut surfaces = self.build_unrepaired(face, only)?;
-        if spec.parameters.sampler != Sampler::CentreRays {
-            PinholeRepair {
-                face,
-                shader: self.shader,
-                bins: spec.depth_bins(),
-                half_size_m: spec.half_size_m as f32,
-            }
-            .repair(&mut surfaces);
+        if self.shader.capture.spec.parameters.sampler != Sampler::CentreRays {
+            repair_pinholes(&mut surfaces, face, self.shader);
         }
         Ok(surfaces)
     }
 
-    /// Builds samples from the accumulators of a face, and clears these unless it is a geometry
-    /// pass. A few rows of tiles are built at a time, so that a face is in memory only once.
+    /// Builds samples from the accumulators of a face, and clears the accumulators unless this is a
+    /// geometry pass. A few rows of tiles are built at a time, so that a face is in memory only
+    /// once.
     fn build_unrepaired(&self, face: Face, only: Option<&PixelSet>) -> io::Result<FaceSurfaces> {
         let store = &self.tracing.store;
         let capture = &self.shader.capture;
-        let per_row = store.tiles_per_side() as usize;
+        let per_row = store.tiles_per_side as usize;
         let first = face.index() * per_row * per_row;
         let capacity: usize = match only {
             None => (first..first + per_row * per_row)
@@ -85,8 +79,8 @@ impl UnlitFaces<'_> {
             tracing.store.clear_tile(tile);
         }
         let mut surfaces = TileSurfaces {
+            counts: [0; SIDE * SIDE],
             samples: Vec::with_capacity(accumulators.len()),
-            ..TileSurfaces::default()
         };
         for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
             let (x, y) = position(pixel[0].link);
@@ -101,8 +95,8 @@ impl UnlitFaces<'_> {
     }
 }
 
-/// Rows of tiles that are built before their samples move to the end of the face: enough tiles for
-/// many threads.
+/// Number of rows of tiles that are built before their samples move to the end of the face: enough
+/// tiles for many threads.
 const TILE_ROWS_AT_ONCE: usize = 4;
 
 /// Pixels along a side of a tile.
@@ -113,15 +107,6 @@ struct TileSurfaces {
     /// Number of samples of each pixel.
     counts: [u32; SIDE * SIDE],
     samples: Vec<SurfaceSample>,
-}
-
-impl Default for TileSurfaces {
-    fn default() -> Self {
-        Self {
-            counts: [0; SIDE * SIDE],
-            samples: Vec::new(),
-        }
-    }
 }
 
 /// Copies whole rows of tiles, `per_row` tiles each, to the end of the face, row of pixels by row
@@ -198,7 +183,10 @@ mod tests {
     fn appended_tiles_are_in_pixel_order() {
         let size = 3 * SIDE - 5; // not a whole number of tiles
         let tile = |tx: usize, ty: usize| {
-            let mut made = TileSurfaces::default();
+            let mut made = TileSurfaces {
+                counts: [0; SIDE * SIDE],
+                samples: Vec::new(),
+            };
             for pixel in 0..SIDE * SIDE {
                 let (x, y) = (tx * SIDE + pixel % SIDE, ty * SIDE + pixel / SIDE);
                 let count = count(x, y, size);
