@@ -1,4 +1,4 @@
-//! Samples and accumulators: what capture keeps of the rays.
+//! Samples and accumulators of ray hits.
 //!
 //! Everything in an accumulator is a sum of integers or the minimum of a total order, so that the
 //! result does not depend on the order in which rays arrive, on threads, or on how a capture is cut

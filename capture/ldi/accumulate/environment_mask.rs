@@ -60,10 +60,7 @@ impl EnvironmentMask {
     /// scene; empty if none did. Twice as many texels along a side if the sky is a picture.
     pub fn environment(&self, lighting: &Lighting) -> Environment {
         if self.words().iter().all(|&word| word == 0) {
-            return Environment {
-                size_px: 0,
-                texels: Vec::new(),
-            };
+            return Environment::default();
         }
         let finer = if matches!(lighting.sky, Some(Sky::Picture(_))) {
             2

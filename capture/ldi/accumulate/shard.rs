@@ -56,7 +56,7 @@ impl ShardInfo {
     }
 }
 
-/// The label of a part for people, who count from 1: part 0 is the last.
+/// The label of a part in messages, which count parts from 1: part 0 is the last.
 pub fn part_label(part: u32, parts: u32) -> String {
     format!("{}/{parts}", if part == 0 { parts } else { part })
 }
@@ -83,6 +83,7 @@ pub enum ShardError {
     },
 }
 
+/// Names of the sections with accumulators, by index of the face.
 const SECTIONS: [&str; 6] = [
     "samples +X",
     "samples -X",
@@ -152,8 +153,11 @@ pub fn check_complete(infos: &[(PathBuf, ShardInfo)]) -> Result<(), ShardError> 
             problem: "no shard was given".into(),
         });
     };
-    let capture = |info: &ShardInfo| (info.spec.clone(), info.scene_fingerprint, info.parts);
-    let differs = |info: &ShardInfo| capture(info) != capture(first);
+    let differs = |info: &ShardInfo| {
+        info.spec != first.spec
+            || info.scene_fingerprint != first.scene_fingerprint
+            || info.parts != first.parts
+    };
     if let Some((path, _)) = infos.iter().find(|(_, info)| differs(info)) {
         return Err(ShardError::Different(first_path.clone(), path.clone()));
     }
@@ -161,27 +165,22 @@ pub fn check_complete(infos: &[(PathBuf, ShardInfo)]) -> Result<(), ShardError> 
     for (_, info) in infos {
         counts[info.part as usize] += 1;
     }
-    let labels = |selected: fn(u32) -> bool| -> Vec<String> {
-        (0..first.parts)
+    let problem = |name: &str, selected: fn(u32) -> bool| {
+        let labels: Vec<String> = (0..first.parts)
             .filter(|&part| selected(counts[part as usize]))
             .map(|part| part_label(part, first.parts))
-            .collect()
+            .collect();
+        (!labels.is_empty()).then(|| format!("{name}: {}", labels.join(", ")))
     };
-    let missing = labels(|count| count == 0);
-    let twice = labels(|count| count > 1);
-    if missing.is_empty() && twice.is_empty() {
+    let missing = problem("missing", |count| count == 0);
+    let repeated = problem("given twice", |count| count > 1);
+    let problems: Vec<String> = missing.into_iter().chain(repeated).collect();
+    if problems.is_empty() {
         return Ok(());
-    }
-    let mut problem = Vec::new();
-    if !missing.is_empty() {
-        problem.push(format!("missing: {}", missing.join(", ")));
-    }
-    if !twice.is_empty() {
-        problem.push(format!("given twice: {}", twice.join(", ")));
     }
     Err(ShardError::Incomplete {
         parts: first.parts,
-        problem: problem.join("; "),
+        problem: problems.join("; "),
     })
 }
 

@@ -25,7 +25,8 @@ const PREFETCH: usize = 32;
 
 /// All accumulators of a capture.
 pub struct TileStore {
-    tiles_per_side: u32,
+    /// Number of tiles along a side of a face.
+    pub(crate) tiles_per_side: u32,
     tiles: Vec<Mutex<Tile>>,
     chunks_in_memory: AtomicUsize,
     chunk_budget: usize,
@@ -88,11 +89,6 @@ impl TileStore {
     /// Number of tiles of all faces.
     pub fn tile_count(&self) -> usize {
         self.tiles.len()
-    }
-
-    /// Number of tiles along a side of a face.
-    pub fn tiles_per_side(&self) -> u32 {
-        self.tiles_per_side
     }
 
     /// Face and upper left pixel of a tile.
@@ -181,7 +177,7 @@ impl TileStore {
             return Ok(());
         };
         if self.chunks_in_memory.load(Ordering::Relaxed) == 0 {
-            return Ok(()); // another thread has just done it
+            return Ok(()); // another thread has just spilled
         }
         for (tile, runs) in self.tiles.iter().zip(&mut spill.runs) {
             let mut tile = lock(tile);
@@ -273,8 +269,8 @@ fn pixel_in_tile(sample: &Sample) -> u32 {
 }
 
 impl Tile {
-    /// Reads the first accumulator of each pixel into the cache. These reads wait for memory
-    /// together; without them, each sample would wait by itself.
+    /// Reads the first accumulator of each pixel into the cache. The cache misses of these reads
+    /// overlap; without prefetching, each sample would wait by itself.
     fn prefetch(&self, pixels: impl Iterator<Item = u32>) {
         let mut read = 0;
         for head in pixels.filter_map(|pixel| self.heads.get(pixel as usize)) {
