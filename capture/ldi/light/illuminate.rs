@@ -1,11 +1,11 @@
 //! Takes the light samples of the surface samples of a face.
 //!
-//! Soft light is pooled over surfaces ([`super::pool`]), so that a surface sample in the middle of
-//! a wall, which shares with thousands of neighbours, hardly ever takes a light sample of its own,
-//! where a leaf takes all. A first round of few light samples measures how far light can be pooled
-//! about each surface sample and what it varies by; the rest go where the remaining error would
-//! show. Radiance beyond a light sample's first ray is shared by all light samples of a round that
-//! arrive in one cell of space ([`Arrival`]).
+//! Soft light is pooled over surfaces ([`super::pool`]). A surface sample in the middle of a wall
+//! shares light samples with thousands of neighbours and hardly ever takes one of its own; one on a
+//! leaf takes them all. A first round of few light samples measures how far light can be pooled
+//! about each surface sample, and its variance; the rest go where the remaining error would show.
+//! Radiance beyond a light sample's first ray is shared by all light samples of a round that arrive
+//! in one cell of space ([`Arrival`]).
 //!
 //! Sunlight is sampled once everywhere, and again where neighbours on one surface disagree on it:
 //! at the edges of its shadows.
@@ -28,19 +28,20 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Maximum number of samples of the radiance beyond a cell of arrivals.
-const SAMPLES_OF_CELL: usize = 8;
+const MAX_CELL_SAMPLES: usize = 8;
 
-/// Samples of the sun at the edge of a shadow, as a multiple of the light samples of a depth pixel.
+/// Number of samples of the sun at the edge of a shadow, as a multiple of the light samples of a
+/// depth pixel.
 const SUN_AT_EDGE: u32 = 2;
 
 /// Number of neighbours on its surface that a sample needs to detect the edge of a shadow.
 const ENOUGH_NEIGHBOURS: u32 = 4;
 
-/// Rounds of soft light; each advances the progress by the rows of the face.
+/// Number of rounds of soft light; each advances the progress by the rows of the face.
 pub(crate) const ROUNDS: u64 = 2;
 
-/// Samples of the first round in the widest window, as a multiple of the light samples of a depth
-/// pixel.
+/// Number of samples of the first round in the widest window, as a multiple of the light samples of
+/// a depth pixel.
 const FIRST_ROUND: f32 = 32.0;
 
 /// Error of a colour, sRGB levels, at which no more samples are taken with one light sample per
@@ -56,7 +57,11 @@ pub(crate) struct FaceLightSamples {
 
 /// Takes the light samples of a face and sets [`SurfaceSample::sun`]. Returns early, with a result
 /// that must not be used, if the capture is cancelled.
-pub(crate) fn sample(surfaces: &mut FaceSurfaces, face: Face, shader: &Shader) -> FaceLightSamples {
+pub(crate) fn sample_light(
+    surfaces: &mut FaceSurfaces,
+    face: Face,
+    shader: &Shader,
+) -> FaceLightSamples {
     let light = FaceLight {
         face,
         shader,
@@ -73,7 +78,11 @@ pub(crate) fn sample(surfaces: &mut FaceSurfaces, face: Face, shader: &Shader) -
 
 /// Pools the light samples of all faces (in their order) for one face, and sets
 /// [`SurfaceSample::soft`]. Drops the face's own gathered samples.
-pub(crate) fn pool(surfaces: &mut FaceSurfaces, face: Face, samples: &mut [FaceLightSamples]) {
+pub(crate) fn pool_light(
+    surfaces: &mut FaceSurfaces,
+    face: Face,
+    samples: &mut [FaceLightSamples],
+) {
     let gathered = std::mem::take(&mut samples[face.index()].gathered);
     let blocks = Face::ALL.map(|face| samples.get(face.index()).map(|light| &light.blocks));
     let own_blocks = &samples[face.index()].blocks;
@@ -96,7 +105,7 @@ struct FaceLight<'a> {
     progress: &'a dyn Progress,
 }
 
-/// A sample of the sun for the surface sample of this index.
+/// A requested sample of the sun: the index of its surface sample, the point and the sample.
 type SunRequest = (u32, (LitPoint, LightSample));
 
 /// A light sample after its first ray.
@@ -105,7 +114,7 @@ struct PartialSample {
     surface: u32,
     /// See [`Arrival::cell`].
     cell: u64,
-    /// Light that was found before the arrival.
+    /// Light gathered before the arrival.
     before: Vec3,
     arrival: Arrival,
 }
@@ -149,7 +158,7 @@ impl FaceLight<'_> {
         rows.into_par_iter().enumerate().map(visit_row).collect()
     }
 
-    /// Samples all light but that straight from the sun.
+    /// Samples soft light: all light except that straight from the sun.
     fn sample_soft(&self, surfaces: &FaceSurfaces) -> FaceLightSamples {
         let light_samples = self.shader.light_samples() as f32;
         let (mut blocks, membership) = Blocks::new(surfaces);
@@ -194,8 +203,8 @@ impl FaceLight<'_> {
         }
     }
 
-    /// Number of additional samples that bring the error of a colour down to [`ENOUGH_LEVELS`], so
-    /// that the surface sample has no more than `max`.
+    /// Number of additional samples that bring the error of a colour down to [`ENOUGH_LEVELS`], or
+    /// that bring the samples of the surface sample to `max` if that is fewer.
     fn missing_samples(&self, sample: &SurfaceSample, pooled: &PooledLight, max: f32) -> f32 {
         let lit = SurfaceSample {
             soft: pooled.light,
@@ -212,7 +221,7 @@ impl FaceLight<'_> {
         (needed.min(max) - taken).max(0.0)
     }
 
-    /// Takes samples of soft light in a round, for each surface sample its range.
+    /// Takes the samples of soft light of a round: those of its range for each surface sample.
     fn gather(
         &self,
         surfaces: &FaceSurfaces,
@@ -280,7 +289,7 @@ impl FaceLight<'_> {
             .for_each(add);
     }
 
-    /// The stream of light samples of one kind that all surface samples of a class share.
+    /// The random stream that the light samples of one kind share on all surface samples of a class.
     fn stream(&self, surface: &SurfaceSample, kind: u32) -> u32 {
         random4([self.face.index() as u32, u32::from(surface.class), kind, 1])[0]
     }
@@ -296,8 +305,7 @@ impl FaceLight<'_> {
             count += row.len() as u32;
         }
         let cell_keys = |(first, row): (&u32, &Vec<PartialSample>)| -> Vec<(u64, u32, u32)> {
-            // The representatives of a cell are drawn in a fixed order that is unrelated to
-            // position.
+            // Representatives of a cell are drawn in a fixed order that is unrelated to position.
             (*first..)
                 .zip(row)
                 .map(|(i, partial)| (partial.cell, i.wrapping_mul(0x9e37_79b9), i))
@@ -308,16 +316,16 @@ impl FaceLight<'_> {
         order.par_sort_unstable();
         let cells: Vec<&[(u64, u32, u32)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
         // The cell of each sample, written by the thread that has the cell.
-        let cell_of_sample: Vec<AtomicU32> = order.par_iter().map(|_| AtomicU32::new(0)).collect();
-        let light_of_cell = |(number, cell): (usize, &&[(u64, u32, u32)])| {
+        let sample_cells: Vec<AtomicU32> = order.par_iter().map(|_| AtomicU32::new(0)).collect();
+        let cell_light = |(number, cell): (usize, &&[(u64, u32, u32)])| {
             for &(_, _, i) in cell.iter() {
-                cell_of_sample[i as usize].store(number as u32, Ordering::Relaxed);
+                sample_cells[i as usize].store(number as u32, Ordering::Relaxed);
             }
             if self.progress.is_cancelled() {
                 return Vec3::ZERO;
             }
-            // Copied first: each lies elsewhere in memory, and their cache misses overlap.
-            let mut drawn = [None; SAMPLES_OF_CELL];
+            // Copied first, so that the cache misses of the arrivals overlap.
+            let mut drawn = [None; MAX_CELL_SAMPLES];
             for (arrival, &(_, _, i)) in drawn.iter_mut().zip(*cell) {
                 let row = firsts.partition_point(|&first| first <= i) - 1;
                 *arrival = Some(rows[row][(i - firsts[row]) as usize].arrival);
@@ -327,21 +335,22 @@ impl FaceLight<'_> {
                 lighting.beyond(tracer, arrival, &LightSample { stream, index })
             };
             (0..).zip(drawn.iter().flatten()).map(light).sum::<Vec3>()
-                / cell.len().min(SAMPLES_OF_CELL) as f32
+                / cell.len().min(MAX_CELL_SAMPLES) as f32
         };
-        let light: Vec<Vec3> = cells.par_iter().enumerate().map(light_of_cell).collect();
-        let light_of_sample = |i: usize| light[cell_of_sample[i].load(Ordering::Relaxed) as usize];
-        let light_of_row = |(&first, row): (&u32, &Vec<PartialSample>)| {
+        let light: Vec<Vec3> = cells.par_iter().enumerate().map(cell_light).collect();
+        let sample_light_beyond =
+            |i: usize| light[sample_cells[i].load(Ordering::Relaxed) as usize];
+        let row_light = |(&first, row): (&u32, &Vec<PartialSample>)| {
             (first as usize..)
                 .take(row.len())
-                .map(light_of_sample)
+                .map(sample_light_beyond)
                 .collect()
         };
-        firsts.par_iter().zip(rows).map(light_of_row).collect()
+        firsts.par_iter().zip(rows).map(row_light).collect()
     }
 
     /// Sample `number` of `count` of the sun for a surface sample in pixel (x, y). Surface samples
-    /// of one class that take as many share a sequence.
+    /// of one class with the same count share a sequence.
     fn sun_sample(
         &self,
         surface: &SurfaceSample,

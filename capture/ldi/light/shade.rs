@@ -1,8 +1,8 @@
-//! Surface samples: what is lit, from one accumulator each.
+//! Surface samples, which receive light: one from each accumulator.
 //!
 //! Light is sampled `K` times per depth pixel, after tracing. The alternative is one light sample
-//! per ray. A depth pixel is met by anything from one to hundreds of rays, so light per ray spends
-//! most samples where they are least needed, and leaves depth pixels that few rays reach (the
+//! per ray. A depth pixel is hit by one to hundreds of rays, so light per ray spends most samples
+//! where they are least needed, and leaves depth pixels that few rays reach (the
 //! disoccluded ones, and all of them once novelty stopping saves rays) with a single noisy sample.
 //! Light per depth pixel gives each the same error, and can be pooled over a surface
 //! ([`super::pool`]).
@@ -82,8 +82,8 @@ impl Shader<'_> {
         }
     }
 
-    /// The surface sample of an accumulator in pixel (x, y) of a face: not lit yet, or evenly lit
-    /// in a capture without light samples.
+    /// The surface sample of an accumulator in pixel (x, y) of a face: unlit, or evenly lit in a
+    /// capture without light samples.
     pub(crate) fn surface_sample(
         &self,
         acc: &Accumulator,
@@ -93,8 +93,7 @@ impl Shader<'_> {
     ) -> SurfaceSample {
         let tracer = self.capture.tracer;
         let side = if acc.is_back() { -1.0 } else { 1.0 };
-        let front = tracer.geometric_normal(acc.primitive);
-        let plane_normal = front * side;
+        let plane_normal = tracer.geometric_normal(acc.primitive) * side;
         let triangle = tracer.triangle(acc.primitive);
         let exposure = self.capture.lighting.exposure;
         SurfaceSample {
@@ -144,8 +143,8 @@ impl Shader<'_> {
     }
 
     /// Albedo over a pixel: the mean over the rays, and, where they are few and the triangle has a
-    /// texture, over a grid of points of the pixel. Points beside the triangle or in a hole of it
-    /// count as the rays' mean.
+    /// texture, over a grid of points of the pixel. Points outside the triangle or in one of its
+    /// holes have the mean of the rays.
     fn filtered_albedo(
         &self,
         acc: &Accumulator,
@@ -155,12 +154,12 @@ impl Shader<'_> {
         triangle: [Vec3; 3],
     ) -> [u16; 3] {
         /// Number of random rays whose mean has about the error of the grid.
-        const WORTH_OF_GRID: u32 = 8;
+        const EQUIVALENT_RAYS: u32 = 8;
         let mean = acc
             .albedo_sum
             .map(|sum| (sum / u64::from(acc.count.max(1))) as u16);
         let paint = self.capture.tracer.scene().paint(acc.primitive);
-        let Some(texture) = paint.texture().filter(|_| acc.count < 2 * WORTH_OF_GRID) else {
+        let Some(texture) = paint.texture().filter(|_| acc.count < 2 * EQUIVALENT_RAYS) else {
             return mean;
         };
         let pixel = PixelOnTriangle::new(face, [x, y], self.capture.spec.face_size_px, triangle);
@@ -171,13 +170,14 @@ impl Shader<'_> {
             let albedo = point.map_or(mean, |[u, v]| paint.albedo(u, v).map(to_unorm16));
             sum.iter_mut()
                 .zip(albedo)
-                .for_each(|(sum, c)| *sum += WORTH_OF_GRID * u32::from(c));
+                .for_each(|(sum, c)| *sum += EQUIVALENT_RAYS * u32::from(c));
         }
-        sum.map(|sum| (sum / (count * (acc.count + WORTH_OF_GRID))) as u16)
+        sum.map(|sum| (sum / (count * (acc.count + EQUIVALENT_RAYS))) as u16)
     }
 
     /// Emission over a pixel: with a texture of emission, the mean over a grid of points of the
-    /// pixel. Points beside the triangle or in a hole of it count as the representative.
+    /// pixel. Points outside the triangle or in one of its holes have the emission of the
+    /// representative.
     fn filtered_emission(
         &self,
         acc: &Accumulator,
@@ -207,7 +207,7 @@ impl Shader<'_> {
 /// pixel shows, as seen from the centre, so that edges of shadows are smooth.
 pub(crate) struct SamplingArea {
     triangle: [Vec3; 3],
-    /// A point of the surface, used where the pixel shows something beside the triangle.
+    /// A point of the surface, for positions in the pixel outside the triangle.
     representative: Vec3,
     normal: Vec3,
     shading_normal: Vec3,
@@ -232,7 +232,7 @@ impl SamplingArea {
             )
             .as_vec3();
         let [a, b, c] = self.triangle;
-        let position = on_triangle(through, self.triangle)
+        let position = intersect_triangle(through, self.triangle)
             .map_or(self.representative, |[u, v]| a + (b - a) * u + (c - a) * v);
         LitPoint {
             position,
@@ -243,8 +243,8 @@ impl SamplingArea {
     }
 }
 
-/// A pixel, seen from the centre, on a triangle's plane. Homogeneous barycentric weights are linear
-/// in the pixel; in f64, for small triangles far away.
+/// A pixel projected from the centre onto a triangle's plane. Homogeneous barycentric weights are
+/// linear in the pixel; they are f64 for small triangles far away.
 struct PixelOnTriangle {
     /// Weights of the three corners at the pixel's upper left corner.
     first: DVec3,
@@ -256,7 +256,7 @@ impl PixelOnTriangle {
     fn new(face: Face, [x, y]: [u32; 2], size_px: u32, triangle: [Vec3; 3]) -> Self {
         let [a, b, c] = triangle.map(|corner| corner.as_dvec3());
         let planes = [b.cross(c), c.cross(a), a.cross(b)];
-        let side = a.dot(planes[0]).signum(); // of the plane, on which the centre lies
+        let side = a.dot(planes[0]).signum(); // the side of the plane on which the centre lies
         let weights =
             |direction: DVec3| DVec3::from(planes.map(|plane| plane.dot(direction))) * side;
         let corner = |dx: u32, dy: u32| {
@@ -270,15 +270,15 @@ impl PixelOnTriangle {
     }
 
     /// Barycentric weights of the second and third corner at a position in the pixel, 0..1; `None`
-    /// beside the triangle.
+    /// outside the triangle.
     fn weights(&self, [x, y]: [f64; 2]) -> Option<[f32; 2]> {
         let weights = self.first + self.steps[0] * x + self.steps[1] * y;
         (weights.min_element() >= 0.0 && weights.element_sum() > 0.0)
-            .then(|| second_and_third(weights))
+            .then(|| corner_weights(weights))
     }
 
-    /// Grid points at which a texture of the triangle is sampled in the pixel, as
-    /// [`Self::weights`]; `None` also in holes.
+    /// Barycentric weights of the grid points at which a texture of the triangle is sampled in the
+    /// pixel, as by [`Self::weights`]; `None` also in holes.
     fn points<'a>(
         &'a self,
         paint: &'a Paint,
@@ -293,8 +293,8 @@ impl PixelOnTriangle {
         })
     }
 
-    /// Columns and rows of the grid: one for each texel that the pixel spans, within limits. Within
-    /// a texel, a texture is so smooth that one sample is enough.
+    /// Columns and rows of the grid: one for each texel that the pixel spans, at most `MAX_SIDE`.
+    /// Within a texel, a texture is so smooth that one sample is enough.
     fn grid(&self, paint: &Paint, texture: &Texture) -> [u32; 2] {
         const MAX_SIDE: f32 = 3.0;
         let [here, right, below] = [
@@ -302,7 +302,7 @@ impl PixelOnTriangle {
             self.first + self.steps[0],
             self.first + self.steps[1],
         ]
-        .map(|weights| paint.texel_at(texture, second_and_third(weights)));
+        .map(|weights| paint.texel_at(texture, corner_weights(weights)));
         // NaN gives 1.
         [right, below].map(|there| {
             (there - here)
@@ -316,14 +316,14 @@ impl PixelOnTriangle {
 }
 
 /// Barycentric weights of the second and third corner.
-fn second_and_third(homogeneous: DVec3) -> [f32; 2] {
+fn corner_weights(homogeneous: DVec3) -> [f32; 2] {
     let sum = homogeneous.element_sum();
     [(homogeneous.y / sum) as f32, (homogeneous.z / sum) as f32]
 }
 
 /// Intersects the ray from the local origin along `direction` with a triangle. Returns the weights
 /// of its second and third corner.
-fn on_triangle(direction: Vec3, [a, b, c]: [Vec3; 3]) -> Option<[f32; 2]> {
+fn intersect_triangle(direction: Vec3, [a, b, c]: [Vec3; 3]) -> Option<[f32; 2]> {
     let (e1, e2) = (b - a, c - a);
     let p = direction.cross(e2);
     let det = e1.dot(p);
@@ -360,7 +360,8 @@ mod tests {
                 let weights =
                     PixelOnTriangle::new(Face::NegZ, pixel, size_px, triangle).weights(position);
                 let [x, y] = [0, 1].map(|axis| f64::from(pixel[axis]) + position[axis]);
-                let expected = on_triangle(Face::NegZ.direction(x, y, size_px).as_vec3(), triangle);
+                let expected =
+                    intersect_triangle(Face::NegZ.direction(x, y, size_px).as_vec3(), triangle);
                 assert_eq!(weights.is_some(), expected.is_some());
                 let difference = weights
                     .zip(expected)
@@ -500,21 +501,21 @@ mod tests {
             Vec3::new(1.0, -1.0, -2.0),
             Vec3::new(0.0, 2.0, -2.0),
         ];
-        let hit = on_triangle(Vec3::new(0.1, 0.0, -1.0), triangle).unwrap();
+        let hit = intersect_triangle(Vec3::new(0.1, 0.0, -1.0), triangle).unwrap();
         assert!(
             (hit[0] - 13.0 / 30.0).abs() < 1e-6 && (hit[1] - 1.0 / 3.0).abs() < 1e-6,
             "at (0.2, 0, -2)"
         );
         assert_eq!(
-            on_triangle(Vec3::new(2.0, 0.0, -1.0), triangle),
+            intersect_triangle(Vec3::new(2.0, 0.0, -1.0), triangle),
             None,
             "beside it"
         );
         assert_eq!(
-            on_triangle(Vec3::new(0.1, 0.0, 1.0), triangle),
+            intersect_triangle(Vec3::new(0.1, 0.0, 1.0), triangle),
             None,
             "behind the centre"
         );
-        assert_eq!(on_triangle(Vec3::X, triangle), None, "edge-on");
+        assert_eq!(intersect_triangle(Vec3::X, triangle), None, "edge-on");
     }
 }

@@ -27,15 +27,7 @@ pub(crate) fn merge_pixel(
 ) {
     let first = out.len();
     for cluster in (Clusters { rest: pixel }) {
-        let [head, .., tail] = cluster else {
-            out.extend(
-                cluster
-                    .first()
-                    .map(|only| (average(cluster, tone, bins), [only.bin; 2])),
-            );
-            continue;
-        };
-        let span = [head.bin, tail.bin];
+        let span = [cluster[0].bin, cluster[cluster.len() - 1].bin];
         match rule {
             MergeRule::Average => out.push((average(cluster, tone, bins), span)),
             MergeRule::SmallerArea => {
@@ -96,8 +88,8 @@ fn mean_position(cluster: &[SurfaceSample]) -> f64 {
 }
 
 /// A depth pixel with the mean depth and colour, and the plane normal of the sample with most rays.
-/// The plane's normal says how far apart neighbours lie in a frame; a shading normal of a file may
-/// lean by half a right angle, at the corners of a box.
+/// The plane's normal determines how far apart neighbours lie in a frame; a shading normal of a
+/// file may lean by 45 degrees, at the corners of a box.
 fn average(cluster: &[SurfaceSample], tone: ToneMap, bins: &DepthBins) -> DepthPixel {
     let rays: u64 = cluster.iter().map(|sample| u64::from(sample.count)).sum();
     let color: Vec3 = cluster

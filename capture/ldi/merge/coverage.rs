@@ -1,17 +1,17 @@
 //! Coverage: the alpha of a depth pixel.
 //!
-//! A ray that meets a surface anywhere in a pixel makes a sample that stands for the whole pixel.
+//! A ray that hits a surface anywhere in a pixel makes a sample that stands for the whole pixel.
 //! Where the surface ends inside the pixel, or is smaller than it, as a leaf is, the sample must
 //! let through the background, and no more than that: behind a crown of leaves lie more leaves,
-//! some of which no ray has met. So [`PACKET`] rays from the centre go through each pixel that
+//! some of which no ray has hit. So [`PACKET`] rays from the centre go through each pixel that
 //! contains the rim of a surface, and the alpha of a sample is the share of the rays reaching it
-//! that end at it. Seen from the centre, the pixel then has exactly the mixture of colours that the
-//! rays have. A sample that the centre does not see gets the share of the pixel that it fills,
+//! that end at it. Seen from the centre, the pixel then has exactly the mixture of colours that its
+//! rays hit. A sample that the centre does not see gets the share of the pixel that it fills,
 //! whatever is in front of it.
 //!
 //! A surface has a rim only where some neighbouring pixel has no sample of it; everything else
 //! covers its whole pixel. Cheaper estimates cannot distinguish a rim from a surface that few rays
-//! met (docs/decisions/0020).
+//! hit (docs/decisions/0020).
 
 use glam::Vec3;
 use headbox_cube::model::depth_bins::DepthBins;
@@ -153,7 +153,7 @@ impl AlphaMeasure<'_> {
         (f64::from(hits) + 0.5) / PACKET as f64
     }
 
-    /// Least and largest inverse depth of a span.
+    /// Minimum and maximum inverse depth of a span.
     fn inverse_depth_range(&self, [first, last]: BinSpan) -> [f64; 2] {
         [f64::from(first), f64::from(last) + 1.0].map(|position| self.bins.inverse_depth(position))
     }
@@ -198,8 +198,8 @@ impl AlphaMeasure<'_> {
     }
 }
 
-/// Returns true if sample `i` is one of three or more that follow each other in depth without a
-/// gap.
+/// Returns true if sample `i` is one of three or more that follow each other in depth with gaps of
+/// at most [`DEPTH_RUN_GAP`].
 fn is_in_depth_run(spans: &[BinSpan], i: usize) -> bool {
     let follows = |pair: &[BinSpan]| pair[1][0].saturating_sub(pair[0][1]) <= DEPTH_RUN_GAP;
     let before = spans[..=i]

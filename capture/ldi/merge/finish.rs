@@ -2,7 +2,7 @@
 
 use super::merged_face::MergedFace;
 use crate::capture::{SceneCapture, stage};
-use crate::light::illuminate::{FaceLightSamples, ROUNDS, pool, sample};
+use crate::light::illuminate::{FaceLightSamples, ROUNDS, pool_light, sample_light};
 use crate::light::shade::Shader;
 use crate::merge::clusters::merge_pixel;
 use crate::rays::trace::{Tracing, blocked_share};
@@ -123,8 +123,9 @@ impl CubeLight {
         };
         for face in Face::ALL {
             let mut surfaces = unlit.build(face, None)?;
-            let samples = sample(&mut surfaces, face, unlit.shader);
-            light.samples.push(samples);
+            light
+                .samples
+                .push(sample_light(&mut surfaces, face, unlit.shader));
             check_cancelled(options.progress)?;
             light.pending.push_back(if options.budget.is_some() {
                 PendingFace::Sun(surfaces.samples.iter().map(|sample| sample.sun).collect())
@@ -148,7 +149,7 @@ impl CubeLight {
             }
             None => unlit.build(face, None)?,
         };
-        pool(&mut surfaces, face, &mut self.samples);
+        pool_light(&mut surfaces, face, &mut self.samples);
         Ok(surfaces)
     }
 }

@@ -1,5 +1,5 @@
-//! Survey of the surfaces in the smallest blocks: how many light samples their surface samples
-//! request.
+//! Survey of the surfaces in the smallest blocks: the number of light samples that their surface
+//! samples request.
 //!
 //! Requests follow from windows, which are nearly the same for a whole block; so they are computed
 //! once for each surface of a block. The final light is pooled for each surface sample.
@@ -14,7 +14,7 @@ use headbox_core::cube_face::Face;
 use rayon::prelude::*;
 
 /// Share of the window of [`SMALL_LEVEL`] from which the samples of a surface need fewer light
-/// samples than a sample alone.
+/// samples than an isolated sample.
 const ENOUGH_SHARE: f32 = 0.125;
 
 /// A surface in one of the smallest blocks.
@@ -88,8 +88,8 @@ impl<'a> BlockSurvey<'a> {
         self.surface(i).width_m
     }
 
-    /// Maximum number of light samples of surface sample `i`, where a sample alone takes `samples`:
-    /// as many as make up for the part of the window that its surface does not fill.
+    /// Maximum number of light samples of surface sample `i`: more, the less of the window its
+    /// surface fills, up to the `samples` of an isolated sample.
     pub(crate) fn max_samples(&self, i: usize, samples: f32) -> f32 {
         (samples * ENOUGH_SHARE / self.surface(i).share).clamp(1.0, samples.max(1.0))
     }
@@ -111,7 +111,7 @@ impl<'a> BlockSurvey<'a> {
 
     /// Index of the surface of surface sample `i` in [`Self::pool`].
     pub(crate) fn index(&self, i: usize) -> usize {
-        self.membership.surface_index(i)
+        self.membership.surface[i] as usize
     }
 }
 

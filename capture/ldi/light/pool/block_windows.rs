@@ -12,8 +12,8 @@ use super::window::{Sums, gaussian_support};
 use headbox_core::cube_face::Face;
 use rayon::prelude::*;
 
-/// Standard deviation of a window in each direction, widths of its blocks: of a box, of [1 2 1] /
-/// 4, and of a tent.
+/// Standard deviation of a window in each direction, widths of its blocks: from a box, [1 2 1] / 4,
+/// and a tent.
 const RADIUS: f32 = 0.866;
 
 /// Windows of a face, in all sizes.
@@ -22,8 +22,8 @@ pub(crate) struct BlockWindows {
 }
 
 impl BlockWindows {
-    /// Windows of `face`, whose blocks are `own`, over these and the known ones of the `others`, by
-    /// index of the face.
+    /// Windows of `face` over its blocks, `own`, and over those of `others` that are known, by index
+    /// of the face.
     pub(crate) fn new(
         face: Face,
         size_px: u32,
@@ -61,7 +61,7 @@ impl BlockWindows {
     }
 }
 
-/// Windows of one size: about each block of a face, and about those of one more row and column at
+/// Windows of one size: about each block of a face, and about one more row and column of blocks on
 /// each side.
 pub(super) struct WindowLevel {
     blocks: u32,
@@ -129,8 +129,7 @@ impl WindowReader<'_> {
     }
 }
 
-/// The blocks of one size of all faces, as one face sees them: its own, and those beyond its
-/// border.
+/// The blocks of one size around a face: its own, and those of other faces beyond its border.
 struct SurroundingBlocks<'a> {
     faces: [Option<&'a BlockLevel>; 6],
     face: Face,

@@ -15,8 +15,8 @@ const LARGEST_PX: f32 = 64.0;
 /// Minimum width of blocks, pixels, where they can be wider.
 const SMALLEST_PX: f32 = 3.0;
 
-/// Minimum share of a large block that a surface must fill to be followed to it: there would be
-/// hundreds of leaves.
+/// Minimum share of a large block that a surface must fill to be followed to it; otherwise, there
+/// would be hundreds of leaves.
 const LEAST_SHARE: f32 = 1.0 / 16.0;
 
 /// Number of levels that follow every surface.
@@ -93,19 +93,12 @@ pub(super) struct BlockLevel {
 /// Membership of a face's surface samples in the smallest blocks.
 pub(crate) struct BlockMembership {
     /// Index of each sample's surface in the smallest blocks.
-    surface: Vec<u32>,
-    /// Weight of each sample: one over the number of samples of that surface in its pixel, of which
-    /// the mean counts.
+    pub(super) surface: Vec<u32>,
+    /// Weight of each sample: one over the number of samples of its surface in its pixel, so that
+    /// their mean counts.
     weight: Vec<f32>,
     /// Index of the first sample in each row of the smallest blocks, and the number of all samples.
     rows: Vec<usize>,
-}
-
-impl BlockMembership {
-    /// Index of a sample's surface in the smallest blocks.
-    pub(super) fn surface_index(&self, i: usize) -> usize {
-        self.surface[i] as usize
-    }
 }
 
 /// Number of blocks along a side, from the smallest blocks to the largest.
@@ -299,8 +292,8 @@ fn find_or_add(cell: &mut Cell, key: &SurfaceKey) -> usize {
 /// The blocks twice as wide as those `below`. Surfaces that fill fewer pixels than `least` are left
 /// out.
 fn next_level(below: &mut BlockLevel, blocks: u32, least: f32) -> BlockLevel {
-    // A row of blocks: its cells, and for each surface of the two rows below its block and its
-    // index there, if it is followed.
+    // A row of blocks: its cells, and for each surface of the two rows below, the new block and the
+    // index there if the surface is followed.
     let row = |y: u32| {
         let mut cells = Vec::with_capacity(blocks as usize);
         let mut parents = Vec::new();

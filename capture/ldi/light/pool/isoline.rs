@@ -1,10 +1,9 @@
 //! Windows along isolines: lines on which light comes from equally near.
 //!
-//! In a corner, irradiance changes across the edge where walls meet, within a few pixels, and
-//! hardly along it: no window wider than the narrowest stays clear of bias there, and that one
-//! leaves grain. So narrow windows are averaged that follow each other along the line of equal
-//! harmonic mean distance, across which irradiance may change the most (Ward and Heckbert 1992,
-//! "Irradiance gradients").
+//! In a corner, irradiance changes within a few pixels across the edge where walls meet, and hardly
+//! along it. Every window wider than the narrowest is biased there, and the narrowest leaves grain.
+//! So successive narrow windows are averaged along the line of equal harmonic mean distance, across
+//! which irradiance may change the most (Ward and Heckbert 1992, "Irradiance gradients").
 
 use super::block_windows::WindowReader;
 use super::window::{NEARNESS, SAMPLES, Sums, smooth_step};
@@ -19,8 +18,7 @@ const REACH: i32 = 6;
 /// Standard deviation of their weights along the line, steps.
 const RADIUS: f32 = 3.0;
 
-/// Correlation of the means of two windows that follow each other: of Gaussians as wide as the
-/// narrow window.
+/// Correlation of the means of two successive windows, from Gaussians as wide as the narrow window.
 const CORRELATION: f32 = 0.2;
 
 /// Distance to either side over which nearness is compared to find the line, pixels.

@@ -10,10 +10,10 @@ use headbox_core::simd;
 use rayon::prelude::*;
 
 /// Minimum share of the window of [`SMALL_LEVEL`] that a surface must fill for its narrowest window
-/// to be that of rows and columns. On smaller surfaces (leaves) these contain too little.
+/// to be one of rows and columns. On smaller surfaces (leaves) such windows contain too little.
 const LARGE_SHARE: f32 = 0.6;
 
-/// Number of points that a thread takes at once.
+/// Number of points in a unit of work of a thread.
 const AT_ONCE: usize = 128 * LANES;
 
 /// A point of a surface where light is pooled.
@@ -28,8 +28,8 @@ pub(super) struct PoolingPoint<'a> {
     pub(super) expected: f32,
 }
 
-/// Pools the light of `count` points over their windows. With narrowest windows, the points must be
-/// the surface samples of these.
+/// Pools the light of `count` points over their windows. If narrowest windows are given, the points
+/// must be their surface samples.
 pub(super) fn pool_points<'a>(
     count: usize,
     point: impl Fn(usize) -> PoolingPoint<'a> + Sync,
@@ -69,7 +69,7 @@ fn pool_chunk<'a, S: Simd>(
     }
 }
 
-/// Pools eight points, which have these indices.
+/// Pools eight points with their indices.
 #[inline(always)]
 fn pool_lanes<S: Simd>(
     simd: S,
@@ -128,8 +128,8 @@ fn read(reader: &mut WindowReader, points: &[PoolingPoint; LANES], sums: &mut Su
     }
 }
 
-/// Chooses the narrowest windows of surface samples on large surfaces, and where light comes from
-/// too near for a wider one, those along isolines.
+/// Chooses the narrowest windows of surface samples on large surfaces, and windows along isolines
+/// where light comes from so near that a wider window would be biased.
 #[inline(always)]
 fn choose_narrowest<S: Simd>(
     narrow: &NarrowWindows,

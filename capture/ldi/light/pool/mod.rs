@@ -3,26 +3,26 @@
 //!
 //! Light from the sky, from lamps and from bounces varies slowly over a surface but is noisy per
 //! sample. So it is kept apart from albedo, and each surface sample takes the mean over a window of
-//! its surface: surface samples of the same class
+//! its surface: over surface samples of the same class
 //! ([`Accumulator::class`](crate::accumulate::accumulator::Accumulator::class): material, side,
 //! octant) in the same plane, in any layer and on any face. The width of the window is chosen for
 //! each surface sample, from narrow to wide:
 //!
-//! * The wider window's mean counts as far as it agrees with the narrower one's within the noise of
-//!   both (Katkovnik 1999, "A new method for varying adaptive bandwidth selection": intersecting
+//! * The wider window's mean counts to the extent that it agrees with the narrower one's within the
+//!   noise of both (Katkovnik 1999, "A new method for varying adaptive bandwidth selection": intersecting
 //!   confidence intervals). Edges of shadows stay.
-//! * It counts as far as the possible change of irradiance over it is less than the noise of the
-//!   narrower one: by the harmonic mean of the distances to where light comes from, with which
-//!   Ward, Rubinstein and Clear (1988, "A ray tracing solution for diffuse interreflection") bound
-//!   the gradient of irradiance. Contact shadows stay.
+//! * It counts to the extent that the possible change of irradiance over it is less than the noise
+//!   of the narrower one. The harmonic mean of the distances to where light comes from bounds the
+//!   gradient of irradiance (Ward, Rubinstein and Clear 1988, "A ray tracing solution for diffuse
+//!   interreflection"). Contact shadows stay.
 //!
 //! The narrowest window on large surfaces is a sum over dilated rows and columns, as in the a-trous
 //! wavelet transform (Dammertz et al. 2010, "Edge-avoiding a-trous wavelet transform for fast
-//! global illumination filtering"). All others are computed once for a block of pixels, each of
-//! twice the width of the one before, and cross the borders of faces. Sunlight, whose shadows have
+//! global illumination filtering"). All wider windows are computed once for a block of pixels, each
+//! twice as wide as the one before, and cross the borders of faces. Sunlight, whose shadows have
 //! edges, and albedo are never pooled.
 //!
-//! * `surface_key`: which samples lie on one surface.
+//! * `surface_key`: identity of surfaces.
 //! * `blocks`: sums over blocks of pixels, block by block and surface by surface.
 //! * `block_windows`: windows over the blocks of all faces.
 //! * `narrow_windows`: the narrowest window of each surface sample.
@@ -30,7 +30,7 @@
 //!   near that no wider window would count.
 //! * `window`: the choice among windows, in lanes.
 //! * `lanes`: pools the light of many points, in lanes.
-//! * `block_survey`: how many samples the surfaces of a block request.
+//! * `block_survey`: the number of light samples that the surfaces of a block request.
 
 mod block_survey;
 mod block_windows;
@@ -83,7 +83,7 @@ pub(super) struct PooledLight {
     pub(super) support: f32,
 }
 
-/// Level of the windows over the second smallest blocks: some 500 pixels.
+/// Level of the windows over the second smallest blocks: about 500 pixels.
 const SMALL_LEVEL: usize = 1;
 
 /// Pooling of the soft light of a face.

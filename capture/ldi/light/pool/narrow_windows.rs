@@ -5,10 +5,10 @@ use super::window::{Sums, gaussian_support, sums};
 use super::{GatheredLight, Pooling};
 use rayon::prelude::*;
 
-/// Number of doublings that make the window.
+/// Number of passes, each with twice the step of the one before.
 const LEVELS: u32 = 2;
 
-/// Standard deviation of the window in each direction, pixels: of [1 2 1] / 4, dilated by 1, 2,
+/// Standard deviation of the window in each direction, pixels: from [1 2 1] / 4 with steps of 1, 2,
 /// 4...
 fn radius() -> f32 {
     (((1 << (2 * LEVELS)) - 1) as f32 / 6.0).sqrt()
@@ -62,8 +62,8 @@ impl Pooling<'_> {
         (0..from.len()).into_par_iter().map(window).collect()
     }
 
-    /// Adds the sums of a surface in a pixel, with a weight. In a pixel that it crosses slantwise
-    /// it has several samples, of which the mean counts.
+    /// Adds the sums of a surface in a pixel, with a weight. A surface that crosses the pixel at a
+    /// slant has several samples there, of which the mean counts.
     #[inline]
     fn add(
         &self,

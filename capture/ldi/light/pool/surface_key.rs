@@ -1,4 +1,4 @@
-//! Identity of surfaces: decides if surface samples lie on one surface.
+//! Identity of surfaces: determines if surface samples lie on one surface.
 
 use crate::light::shade::SurfaceSample;
 use glam::Vec3;

@@ -31,13 +31,13 @@ pub(super) const FEW_SAMPLES: f32 = 32.0;
 /// first of these standard errors, and not at all where it differs by more than the second.
 const TOLERANCE: [f32; 2] = [1.0, 2.5];
 
-/// Numbers of samples from which a window starts to judge that difference, and from which it judges
-/// it in full: means of fewer are off by some standard errors wherever one has met something small
-/// and bright.
+/// Numbers of samples of the narrower window from which that difference starts to count, and from
+/// which it counts in full: means of fewer are off by some standard errors wherever one sample has
+/// hit something small and bright.
 const MANY: [f32; 2] = [64.0, 256.0];
 
-/// Standard errors of difference from which a window of fewer samples starts to judge, and from
-/// which it judges in full: at the edge of a shadow.
+/// Standard errors of difference from which it starts to count in a window of fewer samples, and
+/// from which it counts in full: at the edge of a shadow.
 const STRIKING: [f32; 2] = [2.5, 5.0];
 
 /// Numbers of samples from which a window's nearness and light start to count, and from which they
@@ -125,7 +125,7 @@ impl<S: Simd> Window<S> {
         let variance = (sums.load(simd, SQUARES) * per_sample - level * level).max(0.0);
         let samples = samples * support;
         let support = sums.load(simd, SHARE) * support;
-        // Few samples may have missed what is rare and bright.
+        // Few samples may have missed rare bright light.
         let variance = (variance * samples + expected * FEW_SAMPLES) / (samples + FEW_SAMPLES);
         let nearness = sums.load(simd, NEARNESS) * per_sample;
         Self {
@@ -140,30 +140,30 @@ impl<S: Simd> Window<S> {
 
     /// Selects the lanes of `others` where the mask is set.
     #[inline(always)]
-    fn or(&self, others: &Self, where_: mask32x8<S>) -> Self {
+    fn or(&self, others: &Self, mask: mask32x8<S>) -> Self {
         let [a, b] = [self, others];
         Self {
             light: [
-                where_.select(b.light[0], a.light[0]),
-                where_.select(b.light[1], a.light[1]),
-                where_.select(b.light[2], a.light[2]),
+                mask.select(b.light[0], a.light[0]),
+                mask.select(b.light[1], a.light[1]),
+                mask.select(b.light[2], a.light[2]),
             ],
-            level: where_.select(b.level, a.level),
-            variance: where_.select(b.variance, a.variance),
-            nearness: where_.select(b.nearness, a.nearness),
-            samples: where_.select(b.samples, a.samples),
-            support: where_.select(b.support, a.support),
+            level: mask.select(b.level, a.level),
+            variance: mask.select(b.variance, a.variance),
+            nearness: mask.select(b.nearness, a.nearness),
+            samples: mask.select(b.samples, a.samples),
+            support: mask.select(b.support, a.support),
         }
     }
 }
 
 /// The windows chosen so far for each surface sample.
 pub(super) struct WindowChoice<S: Simd> {
-    /// The pooled light; its level and nearness mean nothing.
+    /// The pooled light; its level and nearness are unused.
     pooled: Window<S>,
     /// The last windows that were compared.
     last: Window<S>,
-    /// Weight of wider windows; 1 as long as they may count in full.
+    /// Weight of the next wider windows; 1 as long as they may count in full.
     open: f32x8<S>,
     /// Lanes for which a window was chosen.
     begun: mask32x8<S>,
@@ -198,9 +198,9 @@ impl<S: Simd> WindowChoice<S> {
         (radius_m * self.last.nearness).simd_gt(NEAR) & self.begun
     }
 
-    /// Proceeds to wider windows with a standard deviation of `radius_m`, where they may still
-    /// count: not where they have left out most of the surface as too small to follow. Lanes
-    /// without a window begin with these.
+    /// Proceeds to wider windows with a standard deviation of `radius_m` where they may still count,
+    /// and where they have not left out most of the surface as too small to follow. Lanes without a
+    /// window begin with these.
     #[inline(always)]
     pub(super) fn take(&mut self, wide: &Window<S>, radius_m: f32x8<S>) {
         let may_count =
@@ -222,23 +222,23 @@ impl<S: Simd> WindowChoice<S> {
     /// Compares wider windows with a standard deviation of `radius_m` in the lanes of a mask, and
     /// blends them in.
     #[inline(always)]
-    pub(super) fn widen(&mut self, wide: &Window<S>, radius_m: f32x8<S>, where_: mask32x8<S>) {
+    pub(super) fn widen(&mut self, wide: &Window<S>, radius_m: f32x8<S>, mask: mask32x8<S>) {
         let last = self.last;
         let one = f32x8::splat(radius_m.token(), 1.0);
-        // The narrower window may have missed what is rare and bright, or have met nothing else.
+        // The narrower window may have missed rare bright light, or sampled nothing else.
         let variance = wide.variance.max(last.variance);
         let error2 = variance / last.samples.max(1e-3) + last.level * last.level * 1e-8;
         let difference = (wide.level - last.level).abs() / error2.sqrt().max(1e-20);
         let ratio = last.samples * wide.level * wide.level / variance.max(1e-20);
         let trusted = smooth_steps(TRUSTED_SAMPLES, last.samples);
-        let judges =
+        let confidence =
             smooth_steps(MANY, last.samples).max(trusted * smooth_steps(STRIKING, difference));
-        let agrees = one - judges * smooth_steps(TOLERANCE, difference);
+        let agreement = one - confidence * smooth_steps(TOLERANCE, difference);
         let trusted = trusted * smooth_steps(TRUSTED_RATIO, ratio);
         let reach = (radius_m * wide.nearness).min(FARTHEST_REACH);
         let bias = last.level * reach * reach * CURVATURE;
         let bias2 = bias * bias;
-        let open = self.open * agrees * (one - trusted * (bias2 / (bias2 + error2).max(1e-30)));
+        let open = self.open * agreement * (one - trusted * (bias2 / (bias2 + error2).max(1e-30)));
         let from = &self.pooled;
         let widened = Window {
             light: [
@@ -251,9 +251,9 @@ impl<S: Simd> WindowChoice<S> {
             support: from.support + (wide.support - from.support) * open,
             ..*wide
         };
-        self.pooled = self.pooled.or(&widened, where_);
-        self.last = self.last.or(wide, where_);
-        self.open = where_.select(open, self.open);
+        self.pooled = self.pooled.or(&widened, mask);
+        self.last = self.last.or(wide, mask);
+        self.open = mask.select(open, self.open);
     }
 
     /// The pooled light of each lane.
@@ -388,8 +388,8 @@ mod tests {
             let error2 = variance / last.samples.max(1e-3) + 1e-8 * last.level * last.level;
             let difference = (wide.level - last.level).abs() / error2.sqrt();
             let trusted = step(TRUSTED_SAMPLES, last.samples);
-            let judges = step(MANY, last.samples).max(trusted * step(STRIKING, difference));
-            open *= 1.0 - judges * step(TOLERANCE, difference);
+            let confidence = step(MANY, last.samples).max(trusted * step(STRIKING, difference));
+            open *= 1.0 - confidence * step(TOLERANCE, difference);
             let trusted = trusted
                 * step(
                     TRUSTED_RATIO,
