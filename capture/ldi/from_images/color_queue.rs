@@ -10,7 +10,7 @@ use headbox_images::LoadedView;
 /// Up to sixteen samples of an image without colour.
 pub(super) struct ColorQueue<'a> {
     view: &'a LoadedView,
-    /// Linear light of every level.
+    /// Linear value of every sRGB level.
     linear: &'static [u16; 256],
     /// Receives the samples.
     rows_out: &'a mut RowSamples,

@@ -13,9 +13,9 @@ pub(super) type Vectors<S> = [f32x16<S>; 3];
 
 /// The surfaces at sixteen pixels of a row, relative to the cube's centre, metres, world axes.
 pub(super) struct SurfacePatches<S: Simd> {
-    /// Bits of the pixels that see a surface; the other lanes are undefined.
+    /// Bits of the pixels that show a surface; the other lanes are undefined.
     pub(super) known: u64,
-    /// The points that the pixels see.
+    /// The points that the pixels show.
     pub(super) point: Vectors<S>,
     /// Change of the points over one pixel to the right.
     pub(super) across: Vectors<S>,
@@ -45,13 +45,13 @@ pub(super) struct DepthRows<'a> {
     /// Inverse depths, as multiples of the rays, of the pixels of these rows and a border of one;
     /// NaN if unknown or outside.
     inverse_depths: Vec<f32>,
-    /// Maximum change of inverse depth from pixel to pixel on one surface, relative to a
-    /// fronto-parallel plane: by noise of the sensor, in 1/m, and by a share of the inverse depth.
+    /// Maximum change of inverse depth from pixel to pixel on one surface: by noise of the sensor,
+    /// 1/m, and by tilt, as a share of the inverse depth.
     tolerance: [f32; 2],
     has_noise: bool,
 }
 
-/// Steepest slope of a surface: the relative change of inverse depth from a pixel to the next, per
+/// Steepest slope of a surface: relative change of inverse depth from a pixel to the next, per
 /// radian of a pixel's width.
 pub(super) const STEEPEST: f32 = 12.0;
 

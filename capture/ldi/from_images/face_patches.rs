@@ -95,7 +95,7 @@ impl<S: Simd> FacePatches<S> {
         over.to_bitmask()
     }
 
-    /// Coordinates of an offset on the face in steps.
+    /// Converts an offset on the face, pixels, to multiples of the two steps.
     #[inline(always)]
     pub(super) fn steps_to(&self, [x, y]: [f32x16<S>; 2]) -> [f32x16<S>; 2] {
         let [a, b] = self.steps;
@@ -105,13 +105,14 @@ impl<S: Simd> FacePatches<S> {
         ]
     }
 
-    /// Change of the inverse depth over numbers of steps.
+    /// Change of the inverse depth over multiples of the two steps.
     #[inline(always)]
     pub(super) fn inverse_depth_change(&self, steps: [f32x16<S>; 2]) -> f32x16<S> {
         self.slopes[0] * steps[0] + self.slopes[1] * steps[1]
     }
 }
 
+/// Components of vectors along the axes of a face.
 #[inline(always)]
 fn along<S: Simd>(axes: &[Axis; 3], vectors: &Vectors<S>) -> Vectors<S> {
     let [right, up, normal] = axes;

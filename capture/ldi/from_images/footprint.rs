@@ -1,5 +1,5 @@
-//! Warps a depth image into a cube: every pixel covers the face pixels that its patch of surface
-//! covers (S12).
+//! Warps a depth image into a cube: a pixel fills the face pixels that its patch of surface covers
+//! (S12).
 //!
 //! The size of a pixel's footprint on a face follows from the ratio of resolutions there, tilt
 //! included: two steps on the surface, to the next pixel to the right and to the one below, are two

@@ -14,7 +14,7 @@ use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use rayon::prelude::*;
 
-/// A depth pixel while samples are merged.
+/// A depth pixel that samples are being merged into.
 #[derive(Clone, Copy, Debug)]
 struct Layer {
     inverse_depth: f32,
@@ -28,10 +28,10 @@ struct Layer {
     next: u32,
 }
 
-/// Absence of a layer.
+/// End of a list of layers.
 const NONE: u32 = u32::MAX;
 
-/// The layers of a cube while samples are merged.
+/// The layers of a cube that samples are being merged into.
 pub struct LayerCube {
     face_px: u32,
     policy: MergePolicy,
@@ -39,7 +39,7 @@ pub struct LayerCube {
     rows: Vec<LayerRow>,
 }
 
-/// Policy for samples of one pixel.
+/// Policy for merging samples of one pixel.
 #[derive(Clone, Copy)]
 struct MergePolicy {
     rule: MergeRule,
@@ -56,7 +56,7 @@ struct LayerRow {
 }
 
 impl LayerCube {
-    /// An empty cube.
+    /// An empty cube. Inverse depths that differ by at most `tolerance`, 1/m, count as similar.
     pub fn new(face_px: u32, rule: MergeRule, tolerance: f32) -> Self {
         let rows = vec![LayerRow::default(); 6 * face_px as usize];
         Self {

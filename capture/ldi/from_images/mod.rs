@@ -1,7 +1,7 @@
 //! Cube LDIs from depth images of many cameras (S12, C1, C24, D1, D2).
 //!
 //! Every image is warped into the cube by one path. Images are loaded one after the other, so that
-//! thousands need no memory beyond the cube's own.
+//! thousands of them need no memory beyond the cube's own.
 //!
 //! * `depth_rows`: pixels of a depth image become patches of surface.
 //! * `face_patches`: patches projected onto a face of the cube.
@@ -60,7 +60,7 @@ pub struct ImagesJob {
 /// Number of views whose samples are in memory at once.
 const BATCH: usize = 4;
 
-/// Loads the view of an index.
+/// Loader of a view by its index.
 type Load<'a> = dyn Fn(usize) -> Result<Arc<LoadedView>, ImagesError> + Sync + 'a;
 
 /// Mean direction of views; `None` if they look in all directions.
@@ -74,10 +74,10 @@ fn mean_direction(views: &[&View]) -> Option<DVec3> {
 
 impl ImagesJob {
     /// Suggests a cube about the eye nearest to the middle of a set's views (an original camera
-    /// suits best, because fewer pixels are resampled twice), as fine as the views, and so large
-    /// that it contains most of their eyes. Photographs with computed depth may stand all around an
-    /// object: for them, a cube about the view that has the most others near it, reaching half-way
-    /// to the nearest.
+    /// suits best, because fewer pixels are resampled twice), with the resolution of the views, and
+    /// so large that it contains most of their eyes. Photographs with computed depth may surround
+    /// an object: for them, a cube about the view that has the most others near it, reaching
+    /// half-way to the nearest.
     pub fn suggest(set: &ImageSet) -> Self {
         let suggested = Self::for_most_eyes(set);
         match set.densest_view().filter(|_| set.has_estimated_depth()) {

@@ -1,10 +1,10 @@
 //! The images nearest to a view, and a cube of them alone, rebuilt as the view moves (S24).
 //!
 //! From images all around an object, the paper takes the three "whose direction is closest". That
-//! keeps small the angles by which surfaces move from those images to the frame. Here images are
-//! ranked by these angles, so that images taken within a room, which may look one way from many
-//! places, are ranked as well: the angle between the viewing directions, plus the angle under which
-//! the way from eye to eye is seen from the depth of the images. Around an object, the order is the
+//! keeps small the angles by which surfaces turn from those images to the frame. Here, images are
+//! ranked by these angles themselves: the angle between the viewing directions, plus the angle that
+//! the path from eye to eye subtends at the depth of the images. So images taken within a room,
+//! which may look one way from many places, are ranked as well. Around an object, the order is the
 //! paper's.
 //!
 //! The cube lies about the eye of the nearest image, whose pixels are then resampled once. Loaded
@@ -28,7 +28,7 @@ pub struct NearImages {
     depth_m: f64,
     /// Loaded views by index, the most recently used last.
     cache: Vec<(usize, Arc<LoadedView>)>,
-    /// Bytes for the cache.
+    /// Size limit of the cache, bytes.
     budget: usize,
 }
 
@@ -36,7 +36,7 @@ impl NearImages {
     /// Number of images in a cube (S24).
     pub const COUNT: usize = 3;
 
-    /// Default of the cache's bytes.
+    /// Default size limit of the cache, bytes.
     pub const DEFAULT_BUDGET: usize = 1 << 30;
 
     /// Number of images whose depth is sampled.

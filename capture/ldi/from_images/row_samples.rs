@@ -37,8 +37,8 @@ impl ImageSample {
     };
 }
 
-/// A linear colour in 16 bits per channel: at the dark end of sRGB a level is 20 steps. Merging
-/// many samples is limited by memory.
+/// A linear colour in 16 bits per channel: at the dark end of sRGB, a level is 20 steps. It is small
+/// because memory bandwidth limits the merging of many samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearColor16(pub(super) [u16; 3]);
 
@@ -75,7 +75,7 @@ impl LinearColor16 {
 /// Samples per chunk: a few rows of an image give a few hundred samples to a row of the cube.
 const CHUNK: usize = 64;
 
-/// Absence of a chunk.
+/// End of a chain of chunks.
 const NONE: u32 = u32::MAX;
 
 /// The chunks of a row.
@@ -153,17 +153,14 @@ impl RowSamples {
     pub(super) fn row(&self, row: usize) -> impl Iterator<Item = &[ImageSample]> {
         let ChunkChain { first, end } = self.chains[row];
         let end = end as usize;
-        std::iter::successors((first != NONE).then_some(first), |&chunk| {
-            match self.next[chunk as usize] {
-                NONE => None,
-                next => Some(next),
-            }
-        })
-        .map(move |chunk| {
-            let start = chunk as usize * CHUNK;
-            let last = (end - 1) / CHUNK == chunk as usize;
-            &self.samples[start..if last { end } else { start + CHUNK }]
-        })
+        let chunk = |index: u32| (index != NONE).then_some(index);
+        std::iter::successors(chunk(first), move |&last| chunk(self.next[last as usize])).map(
+            move |chunk| {
+                let start = chunk as usize * CHUNK;
+                let last = (end - 1) / CHUNK == chunk as usize;
+                &self.samples[start..if last { end } else { start + CHUNK }]
+            },
+        )
     }
 }
 
