@@ -1,8 +1,8 @@
 //! Camera poses of photographs (E2), estimated by an installed COLMAP.
 //!
 //! The model is stored next to the photographs as `sparse/0`, where
-//! [`ImageSet::open`](super::ImageSet::open) looks for it, completely or not at all. Axes and unit
-//! of such a model are COLMAP's choice.
+//! [`ImageSet::open`](super::ImageSet::open) looks for it, completely or not at all. COLMAP chooses
+//! the axes and the unit of such a model.
 
 use crate::color_images::read_size;
 use std::collections::VecDeque;
@@ -88,7 +88,7 @@ pub type AlignProgress<'a> = dyn FnMut(AlignStep, usize, usize) + 'a;
 /// model there as `sparse/0`.
 ///
 /// # Errors
-/// [`AlignError`]; the folder is then what it was.
+/// [`AlignError`]; the folder is then unchanged.
 pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Alignment, AlignError> {
     let io = |path: &Path| {
         let path = path.to_owned();
@@ -225,7 +225,7 @@ struct ColmapRunner<'a, 'b> {
 }
 
 impl ColmapRunner<'_, '_> {
-    /// Runs a command without a GPU. The option has two names, before COLMAP 3.12 and since.
+    /// Runs a command without a GPU. The option was renamed in COLMAP 3.12.
     fn run(
         &mut self,
         command: &'static str,
@@ -233,22 +233,14 @@ impl ColmapRunner<'_, '_> {
         gpu_section: Option<&str>,
         arguments: &[std::ffi::OsString],
     ) -> Result<(), AlignError> {
-        let Some(section) = gpu_section else {
-            return self.run_once(command, step, None, arguments);
-        };
-        match self.run_once(
-            command,
-            step,
-            Some(&format!("--Sift{section}.use_gpu")),
-            arguments,
-        ) {
-            Err(AlignError::Failed { message, .. }) if message.contains("use_gpu") => self
-                .run_once(
-                    command,
-                    step,
-                    Some(&format!("--Feature{section}.use_gpu")),
-                    arguments,
-                ),
+        let option =
+            |prefix: &str| gpu_section.map(|section| format!("--{prefix}{section}.use_gpu"));
+        match self.run_once(command, step, option("Sift"), arguments) {
+            Err(AlignError::Failed { message, .. })
+                if gpu_section.is_some() && message.contains("use_gpu") =>
+            {
+                self.run_once(command, step, option("Feature"), arguments)
+            }
             result => result,
         }
     }
@@ -257,7 +249,7 @@ impl ColmapRunner<'_, '_> {
         &mut self,
         command: &'static str,
         step: AlignStep,
-        gpu_option: Option<&str>,
+        gpu_option: Option<String>,
         arguments: &[std::ffi::OsString],
     ) -> Result<(), AlignError> {
         (self.progress)(step, 0, self.photographs);
@@ -275,7 +267,7 @@ impl ColmapRunner<'_, '_> {
             .arg("--database_path")
             .arg(self.database)
             .args(arguments);
-        gpu_option.map(|option| program.args([option, "0"]));
+        gpu_option.map(|option| program.args([option.as_str(), "0"]));
         // Without this COLMAP needs a display.
         program
             .env("QT_QPA_PLATFORM", "offscreen")

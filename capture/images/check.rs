@@ -68,7 +68,7 @@ pub fn check_neighbors(
     on_view: &mut dyn FnMut(&str),
 ) -> Result<CheckReport, ImagesError> {
     let mut report = CheckReport {
-        warnings: warn_of_duplicates(&set.views),
+        warnings: warn_of_duplicates(&set.views).into_iter().collect(),
         ..CheckReport::default()
     };
     let views: Vec<&View> = set.views_with_depth().collect();
@@ -128,8 +128,8 @@ pub fn check_neighbors(
     Ok(report)
 }
 
-/// Returns a warning if the units of poses and depth differ: poses in millimetres and depth in
-/// metres give neighbours that see nothing of each other.
+/// Returns a warning if the units of poses and depth differ: with poses in millimetres and depth in
+/// metres, neighbours do not overlap.
 fn warn_of_units(views: &[&View], report: &CheckReport) -> Option<String> {
     let baseline = median(
         views
@@ -155,7 +155,7 @@ fn load(view: &View, on_view: &mut dyn FnMut(&str)) -> Result<LoadedView, Images
 }
 
 /// Returns a warning that names views with equal poses.
-fn warn_of_duplicates(views: &[View]) -> Vec<String> {
+fn warn_of_duplicates(views: &[View]) -> Option<String> {
     let mut order: Vec<&View> = views.iter().collect();
     order.sort_by(|a, b| {
         // Includes the orientation: a camera that turns in place has one eye position.
@@ -174,10 +174,7 @@ fn warn_of_duplicates(views: &[View]) -> Vec<String> {
         .filter(|pair| pair[0].pose == pair[1].pose && pair[0].lens == pair[1].lens)
         .map(|pair| format!("{} and {}", pair[0].name, pair[1].name))
         .collect();
-    text::abbreviate(&same)
-        .map(|which| format!("views with the same pose: {which}"))
-        .into_iter()
-        .collect()
+    text::abbreviate(&same).map(|which| format!("views with the same pose: {which}"))
 }
 
 fn add_depths(view: &LoadedView, depths: &mut Vec<f64>, known: &mut u64, pixels: &mut u64) {

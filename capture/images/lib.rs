@@ -59,7 +59,7 @@ use headbox_core::statistics::median;
 use std::path::{Path, PathBuf};
 
 /// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light has an
-/// error of some 1.5 mm at one metre and 6 mm at two (Khoshelham and Elberink 2012).
+/// error of about 1.5 mm at one metre and 6 mm at two (Khoshelham and Elberink 2012).
 const SENSOR_NOISE: f32 = 0.0015;
 
 /// Error of reading an image set. Each message is one sentence that names the file and, if there is
@@ -134,10 +134,14 @@ impl ImagesError {
     fn picture(path: &Path, error: PictureError) -> Self {
         match error {
             PictureError::Io(cause) => Self::io(path, cause),
-            error => Self::Picture {
-                path: path.into(),
-                cause: error.to_string(),
-            },
+            error => Self::invalid_picture(path, error.to_string()),
+        }
+    }
+
+    pub(crate) fn invalid_picture(path: &Path, cause: impl Into<String>) -> Self {
+        Self::Picture {
+            path: path.into(),
+            cause: cause.into(),
         }
     }
 }
@@ -171,6 +175,18 @@ pub struct ImageSet {
 pub const TRANSFORMS: [&str; 2] = ["transforms.json", "transforms_train.json"];
 
 impl ImageSet {
+    /// Creates a set of views in the default frame.
+    fn new(folder: &Path, format: &'static str, views: Vec<View>) -> Self {
+        Self {
+            folder: folder.into(),
+            format,
+            frame: FileFrame::default(),
+            views,
+            headbox_centre: None,
+            notes: Vec::new(),
+        }
+    }
+
     /// Opens a folder (or a Seurat manifest, or one of [`TRANSFORMS`]).
     ///
     /// # Errors
@@ -199,7 +215,7 @@ impl ImageSet {
         let missing = all - self.views.len();
         if self.views.is_empty() {
             let cause = format!("file not found, nor any other of the {all} images");
-            return Err(ImagesError::Picture { path: first, cause });
+            return Err(ImagesError::invalid_picture(&first, cause));
         }
         self.notes.push(format!(
             "{missing} of {all} images are missing, such as {}; their views are skipped",

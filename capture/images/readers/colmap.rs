@@ -8,7 +8,6 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat3, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;
-use headbox_core::file_frame::FileFrame;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -49,9 +48,16 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     };
     let cameras_file = model.join(format!("cameras.{extension}"));
     let images_file = model.join(format!("images.{extension}"));
-    let (cameras, images) = match extension {
-        "bin" => (binary_cameras(&cameras_file)?, binary_images(&images_file)?),
-        _ => (text_cameras(&cameras_file)?, text_images(&images_file)?),
+    let (format, cameras, images) = if extension == "bin" {
+        let cameras = binary_cameras(&cameras_file)?;
+        (
+            "COLMAP model (binary)",
+            cameras,
+            binary_images(&images_file)?,
+        )
+    } else {
+        let cameras = text_cameras(&cameras_file)?;
+        ("COLMAP model (text)", cameras, text_images(&images_file)?)
     };
     if images.is_empty() {
         return Err(ImagesError::field(
@@ -85,20 +91,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         ));
     }
     views.sort_by(|a, b| a.name.cmp(&b.name));
-    let format = if extension == "bin" {
-        "COLMAP model (binary)"
-    } else {
-        "COLMAP model (text)"
-    };
-    let frame = FileFrame::default();
-    Ok(Some(ImageSet {
-        folder: folder.into(),
-        format,
-        frame,
-        views,
-        headbox_centre: None,
-        notes: Vec::new(),
-    }))
+    Ok(Some(ImageSet::new(folder, format, views)))
 }
 
 /// Finds the folder of a model's images by the first image's name: `images`, or a folder that
@@ -268,11 +261,8 @@ fn binary_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesErro
                 format!("has the unknown model number {model}"),
             )
         })?;
-        let mut parameters = Vec::with_capacity(count);
-        for _ in 0..count {
-            parameters.push(bytes.f64()?);
-        }
-        cameras.insert(id, parse_camera(id, name, size, &parameters, file)?);
+        let parameters: Result<Vec<f64>, _> = (0..count).map(|_| bytes.f64()).collect();
+        cameras.insert(id, parse_camera(id, name, size, &parameters?, file)?);
     }
     Ok(cameras)
 }
@@ -297,12 +287,8 @@ fn binary_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
             .ok()
             .and_then(|points| points.checked_mul(24));
         bytes.take(points.ok_or_else(|| bytes.truncated())?)?;
-        images.push(check_image(
-            file,
-            name,
-            camera,
-            parse_pose(quaternion, translation),
-        )?);
+        let pose = parse_pose(quaternion, translation);
+        images.push(check_image(file, name, camera, pose)?);
     }
     Ok(images)
 }
@@ -364,16 +350,8 @@ fn text_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError>
         if count.is_some_and(|count| numbers.len() != count + 2) {
             return Err(bad());
         }
-        cameras.insert(
-            id,
-            parse_camera(
-                id,
-                model,
-                [numbers[0] as u64, numbers[1] as u64],
-                &numbers[2..],
-                file,
-            )?,
-        );
+        let size = [numbers[0] as u64, numbers[1] as u64];
+        cameras.insert(id, parse_camera(id, model, size, &numbers[2..], file)?);
     }
     Ok(cameras)
 }
@@ -404,12 +382,8 @@ fn text_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
         let [qw, qx, qy, qz, tx, ty, tz] = numbers[..] else {
             return Err(bad());
         };
-        images.push(check_image(
-            file,
-            name.trim().into(),
-            camera,
-            parse_pose([qw, qx, qy, qz], [tx, ty, tz]),
-        )?);
+        let pose = parse_pose([qw, qx, qy, qz], [tx, ty, tz]);
+        images.push(check_image(file, name.trim().into(), camera, pose)?);
     }
     Ok(images)
 }

@@ -3,7 +3,7 @@
 use crate::ImagesError;
 use glam::DMat4;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Reads a JSON file.
 pub(crate) fn read(path: &Path) -> Result<Value, ImagesError> {
@@ -24,13 +24,13 @@ pub(crate) fn read(path: &Path) -> Result<Value, ImagesError> {
 /// An object of a manifest with its file and path.
 #[derive(Clone)]
 pub(super) struct JsonObject<'a> {
-    pub(super) file: &'a PathBuf,
+    pub(super) file: &'a Path,
     pub(super) path: String,
     pub(super) value: &'a Value,
 }
 
 impl<'a> JsonObject<'a> {
-    pub(super) fn root(file: &'a PathBuf, value: &'a Value) -> Self {
+    pub(super) fn root(file: &'a Path, value: &'a Value) -> Self {
         Self {
             file,
             path: String::new(),

@@ -4,20 +4,23 @@
 use crate::color_images::read_size;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
+use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat3, DVec3};
-use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
 /// Opens the set in a folder; `None` without a parameter file.
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let Some(file) = find_parameter_file(folder)? else {
+    let files = text::list_folder(folder)?;
+    let is_parameter_file = |path: &PathBuf| path.to_string_lossy().ends_with("_par.txt");
+    let Some(file) = files.into_iter().find(is_parameter_file) else {
         return Ok(None);
     };
-    let text = std::fs::read_to_string(&file).map_err(|cause| ImagesError::io(&file, cause))?;
+    let parameters =
+        std::fs::read_to_string(&file).map_err(|cause| ImagesError::io(&file, cause))?;
     let mut views = Vec::new();
-    for (line, number) in text
+    for (line, number) in parameters
         .lines()
         .zip(1..)
         .skip(1)
@@ -28,14 +31,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     if views.is_empty() {
         return Err(ImagesError::field(&file, "the file", "names no image"));
     }
-    Ok(Some(ImageSet {
-        folder: folder.into(),
-        format: "Middlebury multi-view",
-        frame: FileFrame::default(),
-        views,
-        headbox_centre: None,
-        notes: Vec::new(),
-    }))
+    Ok(Some(ImageSet::new(folder, "Middlebury multi-view", views)))
 }
 
 fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError> {
@@ -62,18 +58,4 @@ fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError
     };
     let lens = lens.checked().map(Lens::Pinhole).map_err(bad)?;
     Ok(View::new(name.into(), size_px, lens, pose, color, None))
-}
-
-fn find_parameter_file(folder: &Path) -> Result<Option<PathBuf>, ImagesError> {
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
-        let path = entry
-            .map_err(|cause| ImagesError::io(folder, cause))?
-            .path();
-        if path.to_string_lossy().ends_with("_par.txt") {
-            files.push(path);
-        }
-    }
-    files.sort();
-    Ok(files.into_iter().next())
 }

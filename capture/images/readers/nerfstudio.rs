@@ -5,7 +5,6 @@ use crate::color_images::read_size;
 use crate::depth::{DepthPicture, DepthSource, write_depth_exr};
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
-
 use crate::view::{LoadedView, View};
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat4, DVec3};
@@ -22,36 +21,33 @@ use std::path::{Path, PathBuf};
 /// Default metres per step of integer depth images.
 const DEPTH_UNIT_M: f64 = 0.001;
 
+/// Axes and unit of poses.
+const FRAME: FileFrame = FileFrame {
+    up: UpAxis::Z,
+    unit_m: 1.0,
+};
+
 /// Opens the set of a `transforms.json`.
 pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
-    let file = file.to_path_buf();
-    let value = fields::read(&file)?;
-    let root = JsonObject::root(&file, &value);
-    let frame = FileFrame {
-        up: UpAxis::Z,
-        unit_m: 1.0,
-    };
+    let value = fields::read(file)?;
+    let root = JsonObject::root(file, &value);
     let mut views = Vec::new();
     for view in root.list("frames")? {
-        views.push(read_view(&root, &view, &frame, allow_outside)?);
+        views.push(read_view(&root, &view, allow_outside)?);
     }
     if views.is_empty() {
         return Err(root.error("frames", "is empty"));
     }
+    let folder = file.parent().unwrap_or(Path::new(""));
     Ok(ImageSet {
-        folder: file.parent().unwrap_or(Path::new("")).into(),
-        format: "nerfstudio transforms",
-        frame,
-        views,
-        headbox_centre: None,
-        notes: Vec::new(),
+        frame: FRAME,
+        ..ImageSet::new(folder, "nerfstudio transforms", views)
     })
 }
 
 fn read_view(
     root: &JsonObject,
     view: &JsonObject,
-    frame: &FileFrame,
     allow_outside: bool,
 ) -> Result<View, ImagesError> {
     // Fields that a frame lacks are taken from the file's root.
@@ -110,7 +106,7 @@ fn read_view(
     let name = view.text("file_path")?.to_owned();
     Ok(View {
         mask: resolve_field("mask_path")?,
-        ..View::new(name, size_px, lens, pose.in_world(frame), color, depth)
+        ..View::new(name, size_px, lens, pose.in_world(&FRAME), color, depth)
     })
 }
 
@@ -162,19 +158,15 @@ impl SetWriter {
         let Lens::Pinhole(lens) = view.lens else {
             return Ok(false);
         };
-        let frame = FileFrame {
-            up: UpAxis::Z,
-            unit_m: 1.0,
-        };
         let name = format!("images/{number:05}.png");
         write_picture(view, &self.folder.join(&name))?;
-        let axis = |axis: DVec3| frame.file_from_world(axis).extend(0.0);
+        let axis = |axis: DVec3| FRAME.file_from_world(axis).extend(0.0);
         let turn = view.pose.world_from_eye;
         let matrix = DMat4::from_cols(
             axis(turn.x_axis),
             axis(turn.y_axis),
             axis(turn.z_axis),
-            frame.file_from_world(view.pose.eye).extend(1.0),
+            FRAME.file_from_world(view.pose.eye).extend(1.0),
         );
         let [width, height] = view.size_px;
         let mut entry = json!({
@@ -213,19 +205,12 @@ impl SetWriter {
 /// Writes the colours of a view as PNG, with alpha only if a pixel is transparent.
 fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {
     let [width, height] = view.size_px;
-    let opaque = view.color.iter().all(|pixel| pixel[3] == 255);
-    let bytes: Vec<u8> = if opaque {
-        view.color
-            .iter()
-            .flat_map(|&[r, g, b, _]| [r, g, b])
-            .collect()
+    let is_opaque = view.color.iter().all(|pixel| pixel[3] == 255);
+    let (bytes, kind): (Vec<u8>, _) = if is_opaque {
+        let colors = view.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]);
+        (colors.collect(), ExtendedColorType::Rgb8)
     } else {
-        view.color.iter().flatten().copied().collect()
-    };
-    let kind = if opaque {
-        ExtendedColorType::Rgb8
-    } else {
-        ExtendedColorType::Rgba8
+        (view.color.as_flattened().into(), ExtendedColorType::Rgba8)
     };
     let write = |writer: &mut io::BufWriter<&File>| {
         PngEncoder::new(writer)
@@ -267,24 +252,21 @@ fn read_lens<'a>(
     }
     let number = |key: &str, default: f64| find_owner(key).number_or(key, default);
     let [width, height] = size_px.map(f64::from);
-    let focal_from_angle = |key: &str, side: f64| -> Result<Option<f64>, ImagesError> {
-        let object = find_owner(key);
-        if !object.has(key) {
-            return Ok(None);
-        }
-        let angle = object.number(key)?;
-        if angle > 0.0 && angle < std::f64::consts::PI {
-            Ok(Some(0.5 * side / (angle / 2.0).tan()))
-        } else {
-            Err(object.error(key, format!("is {angle}, not an angle between 0 and pi")))
-        }
-    };
     let focal = |key: &str, angle_key: &str, side: f64| {
         let object = find_owner(key);
         if object.has(key) {
-            object.number(key).map(Some)
+            return object.number(key).map(Some);
+        }
+        let object = find_owner(angle_key);
+        if !object.has(angle_key) {
+            return Ok(None);
+        }
+        let angle = object.number(angle_key)?;
+        if angle > 0.0 && angle < std::f64::consts::PI {
+            Ok(Some(0.5 * side / (angle / 2.0).tan()))
         } else {
-            focal_from_angle(angle_key, side)
+            let cause = format!("is {angle}, not an angle between 0 and pi");
+            Err(object.error(angle_key, cause))
         }
     };
     let fl_x = focal("fl_x", "camera_angle_x", width)?;

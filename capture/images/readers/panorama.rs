@@ -11,12 +11,12 @@ use crate::color_images::read_size;
 use crate::depth::{DepthSource, extension};
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
+use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
 use headbox_core::depth_kind::DepthKind;
-use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
 /// Names of cube faces.
@@ -60,7 +60,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
                 let cause = format!(
                     "is {width}x{height} pixels; a panorama must be twice as wide as high, a cube face square"
                 );
-                return Err(ImagesError::Picture { path: color, cause });
+                return Err(ImagesError::invalid_picture(&color, cause));
             }
         };
         let unit_m = if extension(&depth) == "exr" {
@@ -79,12 +79,8 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         return Ok(None);
     }
     Ok(Some(ImageSet {
-        folder: folder.into(),
-        format: "panoramas",
-        frame: FileFrame::default(),
-        views,
-        headbox_centre: None,
         notes: vec!["no poses: every panorama lies at the origin".into()],
+        ..ImageSet::new(folder, "panoramas", views)
     }))
 }
 
@@ -99,21 +95,15 @@ fn face_lens(side_px: u32) -> Lens {
 
 /// Lists the images of a folder that are not depth files, sorted by name.
 fn list_images(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
-    let mut images = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
-        let path = entry
-            .map_err(|cause| ImagesError::io(folder, cause))?
-            .path();
-        let is_picture = ["png", "jpg", "jpeg", "exr", "hdr", "tif", "tiff"]
-            .contains(&extension(&path).as_str());
+    let mut images = text::list_folder(folder)?;
+    images.retain(|path| {
+        let is_picture =
+            ["png", "jpg", "jpeg", "exr", "hdr", "tif", "tiff"].contains(&extension(path).as_str());
         let is_depth = path
             .file_stem()
             .is_some_and(|stem| stem.to_string_lossy().ends_with("_depth"));
-        if is_picture && !is_depth {
-            images.push(path);
-        }
-    }
-    images.sort();
+        is_picture && !is_depth
+    });
     Ok(images)
 }
 

@@ -11,7 +11,6 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::DMat4;
 use headbox_core::depth_kind::DepthKind;
-use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
 /// Metres per step of depth.
@@ -88,12 +87,8 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     );
     notes.extend(text::abbreviate(&without_depth).map(|names| format!("without depth: {names}")));
     Ok(Some(ImageSet {
-        folder: folder.into(),
-        format: "RGB-D frames",
-        frame: FileFrame::default(),
-        views,
-        headbox_centre: None,
         notes,
+        ..ImageSet::new(folder, "RGB-D frames", views)
     }))
 }
 
@@ -129,15 +124,7 @@ fn find_intrinsics(frame_folder: &Path, folder: &Path) -> Option<PathBuf> {
 /// Returns the first folder with poses, at most `levels` levels down, and its pose files sorted by
 /// name.
 fn find_poses(folder: &Path, levels: u32) -> Result<Option<(PathBuf, Vec<PathBuf>)>, ImagesError> {
-    let mut entries = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
-        entries.push(
-            entry
-                .map_err(|cause| ImagesError::io(folder, cause))?
-                .path(),
-        );
-    }
-    entries.sort();
+    let entries = text::list_folder(folder)?;
     let is_pose = |path: &&PathBuf| path.to_string_lossy().ends_with(".pose.txt");
     let poses: Vec<PathBuf> = entries.iter().filter(is_pose).cloned().collect();
     if !poses.is_empty() {

@@ -5,24 +5,22 @@ use crate::color_images::ColorChannels;
 use crate::depth::DepthSource;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
-
+use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat4, DVec3};
 use headbox_core::depth_kind::DepthKind;
-use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
 /// Opens the set of a manifest.
 pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
-    let file = file.to_path_buf();
-    let value = json::read(&file)?;
-    let root = JsonObject::root(&file, &value);
-    let centre = if root.has("headbox_center") {
-        Some(headbox_centre(&root)?)
-    } else {
-        None
-    };
+    let value = json::read(file)?;
+    let root = JsonObject::root(file, &value);
+    // Seurat has subtracted the centre, the position of the capture in the scene, from the poses.
+    let centre = root
+        .has("headbox_center")
+        .then(|| headbox_centre(&root))
+        .transpose()?;
     let mut views = Vec::new();
     for group in root.list("view_groups")? {
         for view in group.list("views")? {
@@ -32,15 +30,10 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
     if views.is_empty() {
         return Err(root.error("view_groups", "contains no view"));
     }
-    // Seurat has subtracted the centre from the poses: it is the position in the scene of the
-    // capture.
+    let folder = file.parent().unwrap_or(Path::new(""));
     Ok(ImageSet {
-        folder: file.parent().unwrap_or(Path::new("")).into(),
-        format: "Seurat manifest",
-        frame: FileFrame::default(),
-        views,
         headbox_centre: centre,
-        notes: Vec::new(),
+        ..ImageSet::new(folder, "Seurat manifest", views)
     })
 }
 
@@ -101,10 +94,7 @@ fn read_view(view: &JsonObject, allow_outside: bool) -> Result<View, ImagesError
         estimated_deviation: None,
     };
     let color_path = path(&color)?;
-    let name = color_path
-        .file_name()
-        .map(|name| name.to_string_lossy().into_owned())
-        .unwrap_or_default();
+    let name = text::file_name(&color_path);
     let lens = Lens::Pinhole(pinhole);
     Ok(View {
         color_channels: color_channels(&color),

@@ -1,7 +1,16 @@
-//! Numbers in plain text files, and file names in messages.
+//! Numbers in plain text files, lists of files, and file names in messages.
 
 use crate::ImagesError;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Lists the files and folders in a folder, sorted by name.
+pub(super) fn list_folder(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
+    let paths: std::io::Result<Vec<PathBuf>> =
+        std::fs::read_dir(folder).and_then(|entries| entries.map(|e| Ok(e?.path())).collect());
+    let mut paths = paths.map_err(|cause| ImagesError::io(folder, cause))?;
+    paths.sort();
+    Ok(paths)
+}
 
 /// Reads a text file of exactly `count` numbers, regardless of line breaks. `field` names them in
 /// errors.
