@@ -83,23 +83,15 @@ pub(super) fn read_channels(
         CONSTANT_ZERO => Ok(vec![0.0; count]),
         CONSTANT_ONE => Ok(vec![1.0; count]),
         _ => {
-            let missing = || ImagesError::Picture {
-                path: path.into(),
-                cause: format!("has no channel {name}"),
-            };
-            find(name).ok_or_else(missing)
+            let missing = || format!("has no channel {name}");
+            find(name).ok_or_else(|| ImagesError::invalid_picture(path, missing()))
         }
     };
     let [r, g, b, a] = &channels.0;
     let [r, g, b, a] = [samples(r)?, samples(g)?, samples(b)?, samples(a)?];
     let pixel = if is_exr { from_linear } else { from_shares };
-    Ok((
-        width,
-        height,
-        (0..count)
-            .map(|i| pixel([r[i], g[i], b[i], a[i]]))
-            .collect(),
-    ))
+    let pixels = (0..count).map(|i| pixel([r[i], g[i], b[i], a[i]]));
+    Ok((width, height, pixels.collect()))
 }
 
 /// Converts premultiplied linear light to 8-bit sRGB with straight alpha.
@@ -123,17 +115,13 @@ fn from_shares(shares: [f32; 4]) -> [u8; 4] {
 /// # Errors
 /// [`ImagesError`] that names the file.
 pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
-    let bad = |cause: String| ImagesError::Picture {
-        path: path.into(),
-        cause,
-    };
     if extension(path) == "exr" {
         let meta = MetaData::read_from_file(path, false)
             .map_err(|error| ImagesError::picture(path, error.into()))?;
         let size = meta.headers.first().map(|header| header.layer_size);
         return size
             .map(|size| [size.x() as u32, size.y() as u32])
-            .ok_or_else(|| bad("has no layer".into()));
+            .ok_or_else(|| ImagesError::invalid_picture(path, "has no layer"));
     }
     let reader = image::ImageReader::open(path).map_err(|cause| ImagesError::io(path, cause))?;
     let (width, height) = reader
@@ -147,21 +135,15 @@ fn read_integers(path: &Path) -> Result<ColorPicture, ImagesError> {
         .map_err(|error| ImagesError::picture(path, error))?;
     let picture = decoded.into_rgba8();
     let (width, height) = picture.dimensions();
-    Ok((
-        width,
-        height,
-        picture.pixels().map(|pixel| pixel.0).collect(),
-    ))
+    let pixels = picture.pixels().map(|pixel| pixel.0).collect();
+    Ok((width, height, pixels))
 }
 
 fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
-    let bad = |cause: String| ImagesError::Picture {
-        path: path.into(),
-        cause,
-    };
     let [width, height] = read_size(path)?;
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
-        return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
+        let cause = format!("has more than {MAX_PIXELS} pixels");
+        return Err(ImagesError::invalid_picture(path, cause));
     }
     let image = exr::prelude::read_first_rgba_layer_from_file(
         path,

@@ -10,7 +10,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Maximum distance of a window depth from that of an infinite far plane to count as infinitely
-/// far: 32 bits, and 16 even less, resolve nothing finer.
+/// far: the resolution of 32 bits; that of 16 is coarser.
 const INFINITELY_FAR: f64 = 1e-6;
 
 /// One depth value for each pixel, of any kind.
@@ -88,20 +88,17 @@ impl DepthSource {
     /// # Errors
     /// [`ImagesError`] that names the file.
     pub fn read(&self) -> Result<DepthPicture, ImagesError> {
+        let channel = self.channel.as_deref();
         let mut picture = match extension(&self.path).as_str() {
-            "exr" => read_exr(&self.path, self.channel.as_deref(), self.unit_m)?,
+            "exr" => read_exr(&self.path, channel, self.unit_m)?,
             "bin" => read_colmap_map(&self.path)?,
             _ => {
-                let channel = self.channel.as_deref();
-                read_integers(
-                    &self.path,
-                    self.unit_m,
-                    &IntegerFormat {
-                        eight_bits: false,
-                        are_shares: self.is_share,
-                        channel,
-                    },
-                )?
+                let format = IntegerFormat {
+                    eight_bits: false,
+                    are_shares: self.is_share,
+                    channel,
+                };
+                read_integers(&self.path, self.unit_m, &format)?
             }
         };
         for value in &mut picture.values {
@@ -137,15 +134,12 @@ impl DepthPicture {
         if extension(path) == "exr" {
             read_exr(path, None, unit)
         } else {
-            read_integers(
-                path,
-                unit,
-                &IntegerFormat {
-                    eight_bits: true,
-                    are_shares: false,
-                    channel: None,
-                },
-            )
+            let format = IntegerFormat {
+                eight_bits: true,
+                are_shares: false,
+                channel: None,
+            };
+            read_integers(path, unit, &format)
         }
     }
 }
@@ -158,10 +152,7 @@ pub(super) fn extension(path: &Path) -> String {
 }
 
 fn read_exr(path: &Path, channel: Option<&str>, unit: f32) -> Result<DepthPicture, ImagesError> {
-    let bad = |cause: String| ImagesError::Picture {
-        path: path.into(),
-        cause,
-    };
+    let bad = |cause: String| ImagesError::invalid_picture(path, cause);
     let layer = ExrLayer::read(path)?;
     let samples = match channel {
         Some(name) => layer
@@ -198,10 +189,7 @@ fn read_integers(
     unit: f32,
     format: &IntegerFormat,
 ) -> Result<DepthPicture, ImagesError> {
-    let bad = |cause: String| ImagesError::Picture {
-        path: path.into(),
-        cause,
-    };
+    let bad = |cause: String| ImagesError::invalid_picture(path, cause);
     let image = image_file::read(path, 2 * MAX_PIXELS)
         .map_err(|error| ImagesError::picture(path, error))?;
     let values: Vec<u16> = match &image {
@@ -254,10 +242,7 @@ fn read_integers(
 /// floats.
 fn read_colmap_map(path: &Path) -> Result<DepthPicture, ImagesError> {
     let bytes = std::fs::read(path).map_err(|cause| ImagesError::io(path, cause))?;
-    let bad = |cause: &str| ImagesError::Picture {
-        path: path.into(),
-        cause: cause.into(),
-    };
+    let bad = |cause: &str| ImagesError::invalid_picture(path, cause);
     let mut rest = bytes.as_slice();
     let mut header = [0usize; 3];
     for number in &mut header {
@@ -282,14 +267,11 @@ fn read_colmap_map(path: &Path) -> Result<DepthPicture, ImagesError> {
             "has a length that does not match the size in its header",
         ));
     }
-    let values = rest
-        .chunks_exact(4)
-        .map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]]))
-        .collect();
+    let words = rest.as_chunks().0.iter();
     Ok(DepthPicture {
         width: width as u32,
         height: height as u32,
-        values,
+        values: words.map(|word| f32::from_le_bytes(*word)).collect(),
     })
 }
 

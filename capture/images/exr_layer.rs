@@ -24,10 +24,6 @@ impl ExrLayer {
     /// # Errors
     /// [`ImagesError`] that names the file.
     pub(super) fn read(path: &Path) -> Result<Self, ImagesError> {
-        let bad = |cause: String| ImagesError::Picture {
-            path: path.into(),
-            cause,
-        };
         let failed = |error: exr::error::Error| ImagesError::picture(path, error.into());
         let meta = MetaData::read_from_file(path, false).map_err(failed)?;
         let pixels = meta
@@ -37,7 +33,8 @@ impl ExrLayer {
             .max()
             .unwrap_or(0);
         if pixels as u64 > MAX_PIXELS {
-            return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
+            let cause = format!("has more than {MAX_PIXELS} pixels");
+            return Err(ImagesError::invalid_picture(path, cause));
         }
         let reader = read()
             .no_deep_data()

@@ -11,7 +11,7 @@ pub struct Pose {
     pub world_from_eye: DMat3,
 }
 
-/// Maximum deviation of a matrix from a rotation: poses are written with some six digits.
+/// Maximum deviation of a matrix from a rotation: poses are written with about six digits.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
 /// Maximum distance of an eye from the origin along an axis, in the file's unit: the Earth is
@@ -116,19 +116,15 @@ pub(super) fn mean_difference(pairs: impl ExactSizeIterator<Item = (Pose, Pose)>
 
 /// Orthonormalises a matrix that is a rotation up to rounding.
 fn orthonormalize(matrix: DMat3) -> Result<DMat3, String> {
+    let max_difference = |gram: DMat3| {
+        let differences = (gram - DMat3::IDENTITY).abs().to_cols_array();
+        differences.into_iter().fold(0.0, f64::max)
+    };
     let gram = matrix.transpose() * matrix;
-    let error = (gram - DMat3::IDENTITY)
-        .abs()
-        .to_cols_array()
-        .into_iter()
-        .fold(0.0, f64::max);
+    let error = max_difference(gram);
     if error > ROTATION_TOLERANCE * 3.0 {
         let scale = matrix.determinant().abs().cbrt();
-        let unscaled_error = (gram * (1.0 / (scale * scale)) - DMat3::IDENTITY)
-            .abs()
-            .to_cols_array()
-            .into_iter()
-            .fold(0.0, f64::max);
+        let unscaled_error = max_difference(gram * (1.0 / (scale * scale)));
         return Err(if unscaled_error < ROTATION_TOLERANCE * 3.0 {
             format!("is a rotation times a scale of {scale:.6}; poses must not scale")
         } else {

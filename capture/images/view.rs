@@ -99,10 +99,7 @@ impl View {
                 let cause = format!(
                     "is {mask_width}x{mask_height} pixels, but its image is {width}x{height}"
                 );
-                return Err(ImagesError::Picture {
-                    path: mask.clone(),
-                    cause,
-                });
+                return Err(ImagesError::invalid_picture(mask, cause));
             }
             for (pixel, masked) in color.iter_mut().zip(mask_pixels) {
                 if masked[3] == 0 || masked[..3].iter().all(|&level| level < 128) {
@@ -112,31 +109,22 @@ impl View {
         }
         let depth = self.load_depth()?;
         // Estimated depth belongs to the undistorted image.
-        let is_estimated = self
-            .depth
-            .as_ref()
-            .is_some_and(|depth| depth.estimated_deviation.is_some());
-        let (distorted, estimated) = if is_estimated {
-            (Vec::new(), depth)
+        let (distorted, estimated) = if self.depth.is_some() && !self.has_own_depth() {
+            (Vec::new(), Some(depth))
         } else {
-            (depth, Vec::new())
+            (depth, None)
         };
-        let loaded = LoadedView {
+        let distorted_view = LoadedView {
             size_px: self.size_px,
             lens: self.lens,
             pose: self.pose,
             color,
             depth: distorted,
         };
-        let undistorted = loaded.undistorted();
-        let ideal = if is_estimated {
-            LoadedView {
-                depth: estimated,
-                ..undistorted
-            }
-        } else {
-            undistorted
-        };
+        let mut ideal = distorted_view.undistorted();
+        if let Some(depth) = estimated {
+            ideal.depth = depth;
+        }
         Ok(match &self.registration {
             Some(registration) => registration.apply(ideal),
             None => ideal,
@@ -163,10 +151,7 @@ impl View {
         }
         let [w, h] = self.size_px;
         let cause = format!("is {width}x{height} pixels, but the set specifies {w}x{h}");
-        Err(ImagesError::Picture {
-            path: self.color.clone(),
-            cause,
-        })
+        Err(ImagesError::invalid_picture(&self.color, cause))
     }
 
     fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {
@@ -180,10 +165,7 @@ impl View {
                 "is {}x{} pixels, but its image is {w}x{h}",
                 picture.width, picture.height
             );
-            return Err(ImagesError::Picture {
-                path: source.path.clone(),
-                cause,
-            });
+            return Err(ImagesError::invalid_picture(&source.path, cause));
         }
         for (y, row) in picture
             .values

@@ -274,15 +274,13 @@ pub(super) fn encode(
     attribute("screenWindowWidth", "float", &1f32.to_le_bytes());
     attribute("type", "string", DEEP_SCANLINE.as_bytes());
     attribute("version", "int", &1u32.to_le_bytes());
-    let matrices = [
+    for (name, matrix) in [
         (WORLD_TO_CAMERA, image.view.world_to_camera),
         (WORLD_TO_NDC, image.view.world_to_ndc),
-    ];
-    for (name, matrix) in matrices
-        .iter()
-        .filter_map(|(name, matrix)| Some((name, (*matrix)?)))
-    {
-        attribute(name, "m44f", &matrix.map(f32::to_le_bytes).concat());
+    ] {
+        if let Some(matrix) = matrix {
+            attribute(name, "m44f", &matrix.map(f32::to_le_bytes).concat());
+        }
     }
     out.push(0);
     out
@@ -299,20 +297,11 @@ pub(super) fn put_values(kind: DeepKind, values: &[f32], out: &mut Vec<u8>) {
 }
 
 pub(super) fn take_values(kind: DeepKind, bytes: &[u8], values: &mut Vec<f32>) {
-    let four = |b: &[u8]| [b[0], b[1], b[2], b[3]];
+    let words = bytes.as_chunks().0.iter();
+    let halves = bytes.as_chunks().0.iter();
     match kind {
-        DeepKind::Uint => values.extend(
-            bytes
-                .chunks_exact(4)
-                .map(|b| u32::from_le_bytes(four(b)) as f32),
-        ),
-        DeepKind::Half => values.extend(
-            bytes
-                .chunks_exact(2)
-                .map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()),
-        ),
-        DeepKind::Float => {
-            values.extend(bytes.chunks_exact(4).map(|b| f32::from_le_bytes(four(b))));
-        }
+        DeepKind::Uint => values.extend(words.map(|word| u32::from_le_bytes(*word) as f32)),
+        DeepKind::Half => values.extend(halves.map(|half| f16::from_le_bytes(*half).to_f32())),
+        DeepKind::Float => values.extend(words.map(|word| f32::from_le_bytes(*word))),
     }
 }

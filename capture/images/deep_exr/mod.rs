@@ -246,17 +246,15 @@ impl DeepImage {
         if self.offsets.len() != pixels + 1 || self.offsets[0] != 0 || !rising || pixels == 0 {
             return Err(field_error("offsets", "do not match the stored pixels"));
         }
-        match self
-            .channels
-            .iter()
-            .find(|channel| channel.values.len() != total || channel.name.is_empty())
-        {
-            Some(channel) => Err(field_error(
-                &format!("channel \"{}\"", channel.name),
+        let is_wrong =
+            |channel: &&DeepChannel| channel.values.len() != total || channel.name.is_empty();
+        self.channels.iter().find(is_wrong).map_or(Ok(()), |wrong| {
+            let field = format!("channel \"{}\"", wrong.name);
+            Err(field_error(
+                &field,
                 "does not have one value for each sample",
-            )),
-            None => Ok(()),
-        }
+            ))
+        })
     }
 }
 
@@ -283,7 +281,7 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, FieldError> {
     let table: Vec<u64> = (0..height)
         .map(|_| cursor.u64("the table of scanlines"))
         .collect::<Result<_, _>>()?;
-    let bytes_a_sample: u64 = channels.iter().map(|(_, kind)| kind.bytes() as u64).sum();
+    let sample_bytes: u64 = channels.iter().map(|(_, kind)| kind.bytes() as u64).sum();
     let mut counts = vec![0u32; width * height];
     // Packed samples of each row, and their unpacked length.
     let mut rows: Vec<(&[u8], u64)> = vec![(&[], 0); height];
@@ -309,14 +307,14 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, FieldError> {
             .unpack(packed_counts, 4 * width)
             .map_err(|cause| field_error(&field, cause))?;
         let mut before = 0;
-        for (count, end) in counts[row * width..].iter_mut().zip(ends.chunks_exact(4)) {
-            let end = u32::from_le_bytes([end[0], end[1], end[2], end[3]]);
+        for (count, end) in counts[row * width..].iter_mut().zip(ends.as_chunks().0) {
+            let end = u32::from_le_bytes(*end);
             *count = end
                 .checked_sub(before)
                 .ok_or_else(|| field_error(&field, "has decreasing counts of samples"))?;
             before = end;
         }
-        let expected = u64::from(before) * bytes_a_sample;
+        let expected = u64::from(before) * sample_bytes;
         total += expected;
         if expected != packed[2] || expected > (packed[1] + 1) * MAX_RATIO || total > MAX_BYTES {
             return Err(field_error(
