@@ -23,6 +23,18 @@ struct CoarseEstimate {
 }
 
 impl Pipeline<'_> {
+    /// Returns the indices and the cameras of the candidate neighbours of a view.
+    fn find_candidates(&self, view: usize) -> (Vec<usize>, Vec<Candidate>) {
+        let eyes: Vec<DVec3> = self
+            .views
+            .iter()
+            .map(|view| view.color_pose().eye)
+            .collect();
+        let near = neighbors::candidates(&eyes, view);
+        let candidates = near.iter().map(|&i| self.candidate(i)).collect();
+        (near, candidates)
+    }
+
     /// Estimates planes of a view in its smallest image from some of the near views, then selects
     /// neighbours at the estimated depths with `select`. `None` if no view overlaps.
     fn estimate_coarse(
@@ -64,13 +76,7 @@ impl Pipeline<'_> {
     /// Estimates planes of a view without the depths of other views.
     pub(super) fn estimate_alone(&mut self, view: usize) -> Result<(), DenseDepthError> {
         let own = self.view_cache.get(view)?;
-        let eyes: Vec<_> = self
-            .views
-            .iter()
-            .map(|view| view.color_pose().eye)
-            .collect();
-        let near = neighbors::candidates(&eyes, view);
-        let candidates: Vec<Candidate> = near.iter().map(|&i| self.candidate(i)).collect();
+        let (near, candidates) = self.find_candidates(view);
         let here = self.candidate(view);
         let most = self.max_neighbors();
         let anywhere = neighbors::sample_frustum(&here, &candidates);
@@ -107,17 +113,10 @@ impl Pipeline<'_> {
         view: usize,
         most: usize,
     ) -> Result<Vec<usize>, ImagesError> {
-        let eyes: Vec<_> = self
-            .views
-            .iter()
-            .map(|view| view.color_pose().eye)
-            .collect();
-        let near = neighbors::candidates(&eyes, view);
-        let candidates: Vec<Candidate> = near.iter().map(|&i| self.candidate(i)).collect();
+        let (near, candidates) = self.find_candidates(view);
         let here = self.candidate(view);
         let spread = neighbors::choose_spread(&here, &candidates, self.max_neighbors());
-        // Each point is a group of its own, so that the selected views cover the whole
-        // image.
+        // Each point is a group of its own, so that the selected views cover the whole image.
         let select = |here: &Candidate, points: Vec<DVec3>| {
             let groups: Vec<Vec<DVec3>> = points.into_iter().map(|point| vec![point]).collect();
             neighbors::choose(here, &candidates, &groups, most)

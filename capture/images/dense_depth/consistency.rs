@@ -8,7 +8,7 @@ use super::patch_match::NeighborView;
 const MAX_RETURN_PX: f32 = 1.5;
 const MAX_DEPTH_RATIO: f32 = 0.01;
 
-/// Relative difference of inverse depth beyond which a view with a farther surface sees through the
+/// Relative difference of inverse depth from which on a view with a farther surface sees through the
 /// depth.
 const THROUGH: f32 = 0.03;
 
@@ -51,7 +51,7 @@ pub(super) fn confirm(
             continue;
         }
         let pixel = py as usize * width + px as usize;
-        if other.picture.nothing[pixel] {
+        if other.picture.background[pixel] {
             confirmation.through += 1;
             continue;
         }

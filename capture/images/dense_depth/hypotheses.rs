@@ -7,7 +7,7 @@
 pub(super) struct Hypothesis {
     /// 1/eye depth at the pixel's centre, 1/m; 0 where unknown.
     pub(super) inverse_depth: f32,
-    /// Change of inverse depth by a pixel to the right and down.
+    /// Change of inverse depth per pixel to the right and down.
     pub(super) slopes: [f32; 2],
     /// Matching cost: 0 to [`super::zncc::WORST`], plus a penalty for inconsistency.
     pub(super) cost: f32,

@@ -203,7 +203,7 @@ impl ImageSet {
             .iter()
             .filter(|view| view.pinhole().is_some())
             .collect();
-        let folder = store.folder().to_path_buf();
+        let folder = store.folder.clone();
         settings.run(&views, &folder, advance, &mut |i, estimated| {
             if !views[i].has_own_depth() {
                 on_view(views[i], &estimated);

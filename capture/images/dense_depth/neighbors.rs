@@ -81,8 +81,8 @@ fn grid(own: &Candidate) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Chooses the best of some views, at most `most`, greedily by the points that they see at good
-/// angles and the ones chosen before do not.
+/// Chooses the best of some views, at most `most`, greedily: each by the points that it sees at good
+/// angles and that the views chosen before do not.
 pub(super) fn choose(
     own: &Candidate,
     others: &[Candidate],
@@ -179,11 +179,11 @@ pub(super) fn depth_range(own: &Candidate, others: &[&Candidate]) -> Option<[f32
     let needed = required_matches(others.len()).max(1);
     let rays: Vec<DVec3> = grid(own).collect();
     let overlaps = |inverse_depth: f64| {
-        let is_seen = |ray: &&DVec3| {
-            let point = own.camera.pose.to_world(**ray / inverse_depth);
+        let is_seen = |ray: &DVec3| {
+            let point = own.camera.pose.to_world(*ray / inverse_depth);
             others.iter().filter(|other| other.sees(point)).count() >= needed
         };
-        rays.iter().filter(is_seen).count() > 0
+        rays.iter().any(is_seen)
     };
     let distances = others
         .iter()

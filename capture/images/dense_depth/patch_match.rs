@@ -121,7 +121,7 @@ impl Matcher<'_> {
         let columns = (board.width - first.min(board.width)).div_ceil(2);
         for (k, best) in row[..columns].iter_mut().enumerate() {
             let x = first + 2 * k;
-            if self.picture.nothing[y * self.picture.width + x] {
+            if self.picture.background[y * self.picture.width + x] {
                 *best = Hypothesis {
                     cost: WORST,
                     ..Hypothesis::default()

@@ -14,7 +14,7 @@ pub(super) struct Grey {
     /// right, below, and diagonally below. Clamped at the borders.
     pub(super) quads: Vec<u32>,
     /// True for background pixels: masked out or part of a dark backdrop.
-    pub(super) nothing: Vec<bool>,
+    pub(super) background: Vec<bool>,
 }
 
 impl Grey {
@@ -34,7 +34,11 @@ impl Grey {
             width,
             height,
             quads,
-            nothing: level.texels.iter().map(|pixel| pixel.nothing).collect(),
+            background: level
+                .texels
+                .iter()
+                .map(|pixel| pixel.is_background)
+                .collect(),
         }
     }
 
@@ -51,7 +55,7 @@ impl Grey {
 #[derive(Clone, Copy, Debug)]
 struct GreyPixel {
     level: u8,
-    nothing: bool,
+    is_background: bool,
 }
 
 /// Returns the image at half the size: means of four pixels. An odd last column or row is dropped.
@@ -60,7 +64,7 @@ fn halved(finer: &MipLevel<GreyPixel>) -> MipLevel<GreyPixel> {
         let sum: u32 = four.iter().map(|pixel| u32::from(pixel.level)).sum();
         GreyPixel {
             level: ((sum + 2) / 4) as u8,
-            nothing: four.iter().all(|pixel| pixel.nothing),
+            is_background: four.iter().all(|pixel| pixel.is_background),
         }
     })
 }
@@ -81,7 +85,7 @@ impl MatchView {
     /// least `coarsest_px`; `None` for a panorama.
     pub(super) fn new(
         view: &LoadedView,
-        nothing: Vec<bool>,
+        background: Vec<bool>,
         longest_px: u32,
         coarsest_px: u32,
     ) -> Option<Self> {
@@ -92,11 +96,14 @@ impl MatchView {
         let grey = |&[r, g, b, _]: &[u8; 4]| {
             ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b) + 128) >> 8) as u8
         };
-        let pixels = view.color.iter().map(grey).zip(nothing);
+        let pixels = view.color.iter().map(grey).zip(background);
         let mut finest = MipLevel {
             size: view.size_px.map(|side| side as usize),
             texels: pixels
-                .map(|(level, nothing)| GreyPixel { level, nothing })
+                .map(|(level, is_background)| GreyPixel {
+                    level,
+                    is_background,
+                })
                 .collect(),
         };
         let mut shift = 0;

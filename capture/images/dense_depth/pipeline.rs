@@ -74,10 +74,7 @@ impl<'a> Pipeline<'a> {
             let view = views[i].load()?;
             let background = backdrop::background_mask(&view, dark);
             MatchView::new(&view, background, settings.longest_px, settings.coarsest_px).ok_or_else(
-                || ImagesError::Picture {
-                    path: views[i].color.clone(),
-                    cause: "is not a perspective image".into(),
-                },
+                || ImagesError::invalid_picture(&views[i].color, "is not a perspective image"),
             )
         };
         let plane_counts = || {

@@ -52,11 +52,11 @@ impl LevelCamera {
 pub(super) struct Relative {
     /// Projection of the image's upper left corner at infinity.
     start: Vec3,
-    /// Change by a pixel to the right.
+    /// Change per pixel to the right.
     right: Vec3,
-    /// Change by a pixel down.
+    /// Change per pixel down.
     down: Vec3,
-    /// Change by an inverse depth of 1/m.
+    /// Change per 1/m of inverse depth.
     shift: Vec3,
 }
 
@@ -65,7 +65,7 @@ pub(super) struct Relative {
 pub(super) struct WarpedPlane {
     /// Projection (x w, y w, w) of the pixel.
     pub(super) center: Vec3,
-    /// Changes by a pixel to the right and down on the plane.
+    /// Changes per pixel to the right and down on the plane.
     pub(super) right: Vec3,
     pub(super) down: Vec3,
 }

@@ -8,7 +8,7 @@
 use super::EstimatedDepth;
 use crate::depth::DepthSource;
 use crate::readers::json;
-use crate::{ImageSet, ImagesError, Lens, View};
+use crate::{ImageSet, ImagesError, Lens, View, resolve};
 use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files;
@@ -29,7 +29,7 @@ const VERSION: u64 = 1;
 
 /// Writer of a set's estimated depth.
 pub(super) struct DepthStore {
-    folder: PathBuf,
+    pub(super) folder: PathBuf,
     entries: Map<String, Value>,
     written: BTreeMap<PathBuf, String>,
 }
@@ -41,23 +41,16 @@ impl DepthStore {
         std::fs::create_dir_all(&folder)
             .and_then(|()| files::check_folder(&folder))
             .map_err(|cause| ImagesError::io(&folder, cause))?;
-        let mut store = Self {
-            folder,
-            entries: Map::new(),
-            written: BTreeMap::new(),
-        };
         // Keeps the entries of other views from earlier runs.
-        if let Some(Value::Object(views)) =
-            read_index(&store.folder)?.map(|mut index| index["views"].take())
-        {
-            store.entries = views;
-        }
-        Ok(store)
-    }
-
-    /// Returns the folder.
-    pub(super) fn folder(&self) -> &Path {
-        &self.folder
+        let entries = match read_index(&folder)?.map(|mut index| index["views"].take()) {
+            Some(Value::Object(views)) => views,
+            _ => Map::new(),
+        };
+        Ok(Self {
+            folder,
+            entries,
+            written: BTreeMap::new(),
+        })
     }
 
     /// Writes the depth of a view.
@@ -192,7 +185,7 @@ pub(crate) fn attach(set: &mut ImageSet) -> Result<(), ImagesError> {
         let file = entry["file"]
             .as_str()
             .ok_or_else(|| bad("file", "is not a text"))?;
-        let file = super::super::resolve(&path, "file", file, false)?;
+        let file = resolve(&path, "file", file, false)?;
         if entry["camera"].as_str() != Some(&fingerprint(view)) {
             outdated += 1;
             continue;

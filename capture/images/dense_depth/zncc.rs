@@ -20,7 +20,7 @@ pub(super) const OFFSETS: [[f32; SAMPLES]; 2] = offsets();
 /// Maximum cost, also of patches that cannot be compared.
 pub(super) const WORST: f32 = 2.0;
 
-/// Variance of levels attributed to noise: patches with hardly more variance match nothing.
+/// Variance of levels attributed to noise: patches with hardly more variance match poorly.
 pub(super) const NOISE: f32 = 2.0;
 
 /// Standard deviations of the Gaussian weights: difference from the central level, and distance in
@@ -117,7 +117,7 @@ impl Patch {
             && py >= 0.0
             && px < other.width as f32
             && py < other.height as f32;
-        if !inside || other.nothing[py as usize * other.width + px as usize] {
+        if !inside || other.background[py as usize * other.width + px as usize] {
             return WORST;
         }
         let mut sum = f32x16::splat(simd, 0.0);
