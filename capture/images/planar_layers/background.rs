@@ -161,7 +161,7 @@ impl Reprojection<'_> {
                 let inverse_depth = 1.0 / depth;
                 if inside
                     && self.find_plane([cx, cy], inverse_depth) == Some(label)
-                    && self.is_open(pixel, label, inverse_depth)
+                    && self.is_hidden(pixel, label, inverse_depth)
                 {
                     let level = view.color[(y * width + x) as usize];
                     let color = [0, 1, 2].map(|c| f32::from(level[c]) * frame.gain[c]);
@@ -184,7 +184,7 @@ impl Reprojection<'_> {
 
     /// Returns true if the middle frame does not show a layer at a pixel: it is occluded there, an
     /// edge is near, or the pixel is outside the image.
-    fn is_open(&self, pixel: usize, label: usize, inverse_depth: f64) -> bool {
+    fn is_hidden(&self, pixel: usize, label: usize, inverse_depth: f64) -> bool {
         let own = self.labels[pixel];
         if own == NONE {
             return !self.canvas.inside[pixel];

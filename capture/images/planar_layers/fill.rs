@@ -41,7 +41,7 @@ pub(super) fn smoothly(known: &[Option<f32>], width: usize) -> Vec<f32> {
     above.map(|(_, filled)| filled).unwrap_or_default()
 }
 
-/// Weighted mean of four values, drawn towards the prior, and the sum of their weights.
+/// Returns the weighted mean of four values and the prior, and the sum of their weights, at most 1.
 fn weighted_mean(four: [[f32; 2]; 4]) -> [f32; 2] {
     let (mut sum, mut weight) = (0.0, 0.0);
     for [value, own] in four {
@@ -59,9 +59,9 @@ fn weighted_mean(four: [[f32; 2]; 4]) -> [f32; 2] {
 /// Samples a level bilinearly at a pixel of the finer one.
 fn sample(filled: &[f32], [width, height]: [usize; 2], fine: usize, fine_width: usize) -> f32 {
     let along = |k: usize, side: usize| {
-        let at = ((k as f32 + 0.5) / 2.0 - 0.5).clamp(0.0, (side - 1) as f32);
-        let low = at as usize;
-        (low, (low + 1).min(side - 1), at - low as f32)
+        let position = ((k as f32 + 0.5) / 2.0 - 0.5).clamp(0.0, (side - 1) as f32);
+        let low = position as usize;
+        (low, (low + 1).min(side - 1), position - low as f32)
     };
     let (x0, x1, u) = along(fine % fine_width, width);
     let (y0, y1, v) = along(fine / fine_width, height);

@@ -42,15 +42,11 @@ impl Frames {
         set: &ImageSet,
         advance: &dyn Fn(),
     ) -> Result<Self, LayersError> {
-        let middle = set
-            .views
-            .get(job.view)
-            .filter(|view| view.pinhole().is_some() && (!job.own_depth || view.depth.is_some()));
-        let Some(middle) = middle else {
-            return Err(no_view(set, &(job.view + 1).to_string()));
-        };
         let usable =
             |view: &&View| view.pinhole().is_some() && (!job.own_depth || view.depth.is_some());
+        let Some(middle) = set.views.get(job.view).filter(usable) else {
+            return Err(no_view(set, &(job.view + 1).to_string()));
+        };
         let perspective: Vec<&View> = set.views.iter().filter(usable).collect();
         let own = perspective
             .iter()

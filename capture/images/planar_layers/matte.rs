@@ -185,7 +185,12 @@ impl<'a> Band<'a> {
         let Some(other) = self.main_neighbor(pixel).and_then(find_layer) else {
             return Vec::new();
         };
-        let [r, g, b] = self.canvas.color[pixel];
+        let mixed = self.canvas.color[pixel];
+        let update = |layer: usize, [r, g, b]: [f32; 3], alpha: f32| PixelUpdate {
+            layer,
+            pixel,
+            color: [r, g, b, alpha],
+        };
         let nearer_px = |a: usize, b: usize| {
             let inverse_depth = |layer: usize| layers[layer].inverse_depth(self.canvas, pixel);
             (inverse_depth(a) - inverse_depth(b)) * self.canvas.px_per_inverse_depth
@@ -193,11 +198,7 @@ impl<'a> Band<'a> {
         let step = nearer_px(own, other);
         if step.abs() < STEP * self.canvas.on_plane_px {
             // A crease: both layers overlap, so that no crack opens.
-            return vec![PixelUpdate {
-                layer: other,
-                pixel,
-                color: [r, g, b, 1.0],
-            }];
+            return vec![update(other, mixed, 1.0)];
         }
         let (front, back) = if step > 0.0 {
             (own, other)
@@ -213,56 +214,19 @@ impl<'a> Band<'a> {
         } else if back_side.count >= MIN_SIDE_PIXELS {
             back_side.mean
         } else {
-            [r, g, b]
+            mixed
         };
-        let is_front = own == front;
-        let alpha = estimate_alpha(&[r, g, b], &front_side, &back_side)
+        let alpha = estimate_alpha(&mixed, &front_side, &back_side)
             .unwrap_or_else(|| self.coverage(layers[front].label, pixel));
-        if alpha >= PARTIAL_ALPHA.end || (is_front && front_side.count < MIN_SIDE_PIXELS) {
-            let [x, y, z] = behind;
-            let own = [r, g, b, 1.0];
-            return vec![
-                PixelUpdate {
-                    layer: front,
-                    pixel,
-                    color: own,
-                },
-                PixelUpdate {
-                    layer: back,
-                    pixel,
-                    color: [x, y, z, 1.0],
-                },
-            ];
+        if alpha >= PARTIAL_ALPHA.end || (own == front && front_side.count < MIN_SIDE_PIXELS) {
+            return vec![update(front, mixed, 1.0), update(back, behind, 1.0)];
         }
         if alpha < PARTIAL_ALPHA.start {
-            return vec![
-                PixelUpdate {
-                    layer: front,
-                    pixel,
-                    color: [0.0; 4],
-                },
-                PixelUpdate {
-                    layer: back,
-                    pixel,
-                    color: [r, g, b, 1.0],
-                },
-            ];
+            return vec![update(front, [0.0; 3], 0.0), update(back, mixed, 1.0)];
         }
-        let mixed = [r, g, b];
         let unmixed =
             [0, 1, 2].map(|c| ((mixed[c] - (1.0 - alpha) * behind[c]) / alpha).clamp(0.0, 255.0));
-        vec![
-            PixelUpdate {
-                layer: front,
-                pixel,
-                color: [unmixed[0], unmixed[1], unmixed[2], alpha],
-            },
-            PixelUpdate {
-                layer: back,
-                pixel,
-                color: [behind[0], behind[1], behind[2], 1.0],
-            },
-        ]
+        vec![update(front, unmixed, alpha), update(back, behind, 1.0)]
     }
 
     /// Returns the most frequent other label within the band.

@@ -39,6 +39,7 @@ use canvas::Canvas;
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use image::{GrayImage, RgbaImage};
+use matte::LayerBuilder;
 use planes::Affine;
 use std::path::PathBuf;
 
@@ -279,32 +280,18 @@ fn build_layers(
     labels: Vec<u8>,
 ) -> PlanarLayers {
     let background = background::accumulate(canvas, frames, planes, &labels);
-    let mut layers: Vec<(usize, matte::LayerBuilder)> = (0..planes.len())
-        .map(|label| {
-            (
-                labels
-                    .iter()
-                    .filter(|own| usize::from(**own) == label)
-                    .count(),
-                label,
-            )
-        })
-        .filter(|(pixels, _)| *pixels > 0)
-        .map(|(pixels, label)| {
-            (
-                pixels,
-                matte::LayerBuilder::new(canvas, planes, &labels, label, &background[label]),
-            )
-        })
+    let mut counts = vec![0; planes.len()];
+    for label in labels.iter().filter(|label| **label != labels::NONE) {
+        counts[usize::from(*label)] += 1;
+    }
+    let build =
+        |label: usize| LayerBuilder::new(canvas, planes, &labels, label, &background[label]);
+    let mut layers: Vec<(usize, LayerBuilder)> = (0..planes.len())
+        .filter(|label| counts[*label] > 0)
+        .map(|label| (counts[label], build(label)))
         .collect();
-    matte::blend(
-        canvas,
-        &labels,
-        &mut layers
-            .iter_mut()
-            .map(|(_, layer)| layer)
-            .collect::<Vec<_>>(),
-    );
+    let mut builders: Vec<&mut LayerBuilder> = layers.iter_mut().map(|(_, layer)| layer).collect();
+    matte::blend(canvas, &labels, &mut builders);
     // Stable sort: layers of equal size stay in the order of their planes.
     layers.sort_by_key(|(pixels, _)| std::cmp::Reverse(*pixels));
     let order: Vec<usize> = layers.iter().map(|(_, layer)| layer.label).collect();

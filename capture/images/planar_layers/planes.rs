@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// A plane as an affine function of the canvas' pixels: inverse depth, 1/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Affine {
-    /// Change by a pixel to the right, change by a pixel down, and value at the canvas' upper left
+    /// Change per pixel to the right, change per pixel down, and value at the canvas' upper left
     /// corner.
     pub(super) coefficients: DVec3,
 }
