@@ -44,7 +44,7 @@ const MIN_NORMAL_COSINE: f64 = 0.5;
 const TUKEY: f64 = 4.685;
 
 /// Ratio of standard deviation to median absolute error for normal errors.
-const SIGMA_OF_MEDIAN: f64 = 1.4826;
+const SIGMA_PER_MEDIAN: f64 = 1.4826;
 
 /// Minimum standard deviation of a pair, pixels: smaller ones come from the choice of partners.
 const MIN_SIGMA_PX: f64 = 0.05;
@@ -129,7 +129,7 @@ impl IcpProblem<'_> {
             .iter()
             .flatten()
             .map(|matched| (matched.distance / matched.unit).abs());
-        let sigma = median(errors).unwrap_or(0.0) * SIGMA_OF_MEDIAN;
+        let sigma = median(errors).unwrap_or(0.0) * SIGMA_PER_MEDIAN;
         let max_error = TUKEY * sigma.max(MIN_SIGMA_PX);
         // `first` is the index of the view of the points; the other view has the planes.
         for (matches, first) in both.iter().zip([0, 1]) {

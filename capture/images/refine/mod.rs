@@ -9,8 +9,8 @@
 //! (a flat wall may slide along itself) and the position of the whole set stay as given. Every
 //! fourth point is excluded from the equations: poses are replaced only if these validation points
 //! lie nearer to their neighbours' surfaces and the colours there differ less, if they are
-//! discriminative ([`validate`]). Distances are measured on small depth images ([`range`]), a few
-//! dozen kB a view.
+//! discriminative ([`validate`]). Distances are measured on small depth images ([`range`]) of a few
+//! dozen kB per view.
 
 mod equations;
 mod overlap;

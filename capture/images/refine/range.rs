@@ -198,7 +198,7 @@ fn mean_inverse_depth(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> f32 {
 
 /// Returns the median over views of their median depths, metres; `None` without any surface.
 pub(super) fn median_depth(grids: &[RangeGrid]) -> Option<f64> {
-    let median_of_view = |grid: &RangeGrid| {
+    let view_median = |grid: &RangeGrid| {
         median(
             grid.inverse_depths
                 .iter()
@@ -206,5 +206,5 @@ pub(super) fn median_depth(grids: &[RangeGrid]) -> Option<f64> {
                 .map(|inverse| 1.0 / f64::from(*inverse)),
         )
     };
-    median(grids.iter().filter_map(median_of_view))
+    median(grids.iter().filter_map(view_median))
 }

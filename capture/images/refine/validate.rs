@@ -19,7 +19,7 @@ pub(super) struct ValidationError {
     pub(super) levels: f64,
 }
 
-/// Minimum improvement, pixels, besides a tenth of the distance: smaller differences come from
+/// Minimum improvement, pixels, in addition to a tenth of the distance: smaller differences come from
 /// rounding and from the curvature of surfaces, which small depth images lack.
 const MIN_GAIN_PX: f64 = 0.05;
 

@@ -2,7 +2,6 @@
 
 use super::super::pose::mean_difference;
 use super::solve::{SHARED_UNKNOWNS, VIEW_UNKNOWNS};
-use super::view_samples::to_camera_axes;
 use super::{Pinhole, Pose, Registration};
 use crate::Distortion;
 use glam::{DMat3, DVec2, DVec3};
@@ -103,10 +102,9 @@ impl Calibration {
     }
 
     fn poses(&self) -> impl ExactSizeIterator<Item = Pose> {
-        let flip = DMat3::from_diagonal(to_camera_axes(DVec3::ONE));
-        self.cameras.iter().map(move |(rotation, offset)| Pose {
+        self.cameras.iter().map(|(rotation, offset)| Pose {
             eye: -(rotation.transpose() * *offset),
-            world_from_eye: rotation.transpose() * flip,
+            world_from_eye: rotation.transpose() * FLIP,
         })
     }
 
@@ -134,8 +132,10 @@ impl Calibration {
     }
 }
 
+/// Converts between eye space and axes X right, Y down, Z forward.
+const FLIP: DMat3 = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+
 fn camera_from_world(pose: &Pose) -> (DMat3, DVec3) {
-    let flip = DMat3::from_diagonal(to_camera_axes(DVec3::ONE));
-    let rotation = flip * pose.world_from_eye.transpose();
+    let rotation = FLIP * pose.world_from_eye.transpose();
     (rotation, -(rotation * pose.eye))
 }

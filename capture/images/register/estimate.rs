@@ -100,7 +100,7 @@ pub(super) fn estimate_views(
     let samples = load_subset(poses, groups, load)?;
     let sampled_views = samples.len();
     let problem = PhotometricProblem::new(samples, given);
-    if problem.pairs().len() < MIN_PAIRS {
+    if problem.pairs.len() < MIN_PAIRS {
         return Ok(None);
     }
     let initial = problem.initial_calibration();

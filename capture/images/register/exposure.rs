@@ -27,21 +27,21 @@ const SWEEPS: usize = 2000;
 /// Returns the gains of all views: levels divided by them have equal exposure.
 pub(super) fn estimate(problem: &PhotometricProblem, calibration: &Calibration) -> Vec<[f32; 3]> {
     let ratios: Vec<Option<[f64; 3]>> = problem
-        .pairs()
+        .pairs
         .par_iter()
         .map(|pair| log_ratios(problem, calibration, pair))
         .collect();
-    let mut pairs_of = vec![Vec::new(); problem.views.len()];
-    for (pair, ratio) in problem.pairs().iter().zip(&ratios) {
+    let mut view_pairs = vec![Vec::new(); problem.views.len()];
+    for (pair, ratio) in problem.pairs.iter().zip(&ratios) {
         let [i, j] = pair.views;
         if let Some(ratio) = ratio {
-            pairs_of[i].push((j, *ratio));
-            pairs_of[j].push((i, ratio.map(|r| -r)));
+            view_pairs[i].push((j, *ratio));
+            view_pairs[j].push((i, ratio.map(|r| -r)));
         }
     }
-    let mut logs = vec![[0.0f64; 3]; pairs_of.len()];
+    let mut logs = vec![[0.0f64; 3]; view_pairs.len()];
     for _ in 0..SWEEPS {
-        for (i, pairs) in pairs_of.iter().enumerate() {
+        for (i, pairs) in view_pairs.iter().enumerate() {
             for c in 0..3 {
                 let sum: f64 = pairs.iter().map(|(j, ratio)| logs[*j][c] + ratio[c]).sum();
                 logs[i][c] = sum / (pairs.len() as f64 + PRIOR_WEIGHT);

@@ -22,7 +22,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub(super) struct PhotometricProblem {
     pub(super) views: Vec<ViewSamples>,
     given: Pinhole,
-    pairs: Vec<ViewPair>,
+    pub(super) pairs: Vec<ViewPair>,
     /// Cached blurred images and their number of blur rounds.
     blurred: Mutex<Option<(u32, Arc<Vec<BlurredImage>>)>>,
 }
@@ -44,12 +44,12 @@ enum Stage {
 /// Ranks by distance of the views that a view is paired with.
 const RANKS: [usize; 6] = [0, 1, 3, 7, 15, 27];
 
-/// Minimum common points of a pair, as a number and as a fraction of the first view's points; the
+/// Minimum number of common points of a pair, and minimum fraction of the first view's points; the
 /// smaller applies.
 const MIN_POINTS: usize = 100;
 const MIN_SHARE: f64 = 0.1;
 
-/// Rounds of blur, from coarse to fine: standard deviations of 3.5, 1.7 and 1 pixels of the small
+/// Numbers of blur rounds, from coarse to fine: standard deviations of 3.5, 1.7 and 1 pixels of the small
 /// images.
 const BLURS: [u32; 3] = [24, 6, 2];
 
@@ -108,10 +108,6 @@ impl PhotometricProblem {
         problem
     }
 
-    pub(super) fn pairs(&self) -> &[ViewPair] {
-        &self.pairs
-    }
-
     /// Returns the pairs of views to test for overlap.
     fn candidates(&self) -> Vec<[usize; 2]> {
         let mut pairs = BTreeSet::new();
@@ -166,9 +162,12 @@ impl PhotometricProblem {
             focal_px: given.focal_px * (1.0 + FOCAL_STEP * f64::from(factor)),
             ..given.clone()
         };
+        let cost = |calibration: &Calibration| {
+            self.mean_residual(calibration, &pictures, &is_estimation_point, &robust)
+        };
         let start = FOCAL_FACTORS
             .map(scaled)
-            .map(|calibration| (self.cost(&calibration, &pictures), calibration))
+            .map(|calibration| (cost(&calibration), calibration))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         let mut calibration = start.map_or_else(|| given.clone(), |(_, calibration)| calibration);
         for (rounds, steps) in [(BLURS[0], 8), (BLURS[1], 6)] {
@@ -274,14 +273,9 @@ impl PhotometricProblem {
             .collect()
     }
 
-    /// Returns the mean robust cost of the estimation points.
-    fn cost(&self, calibration: &Calibration, pictures: &[BlurredImage]) -> f64 {
-        self.mean(calibration, pictures, &is_estimation_point, &robust)
-    }
-
     /// Returns the mean difference of levels at the validation points, clamped to 40 each.
     pub(super) fn validate(&self, calibration: &Calibration) -> f64 {
-        self.mean(
+        self.mean_residual(
             calibration,
             &self.blurred(BLURS[2]),
             &|index| !is_estimation_point(index),
@@ -289,7 +283,8 @@ impl PhotometricProblem {
         )
     }
 
-    fn mean(
+    /// Returns the mean `value` of the residuals of points whose index passes `filter`.
+    fn mean_residual(
         &self,
         calibration: &Calibration,
         pictures: &[BlurredImage],
@@ -304,7 +299,7 @@ impl PhotometricProblem {
                 .map(|observation| value(residual(observation, ratio)));
             (values.sum::<f64>(), observations.len())
         };
-        mean_of_sums(self.pairs.par_iter().map(sum_pair).collect())
+        overall_mean(self.pairs.par_iter().map(sum_pair).collect())
     }
 
     /// Returns the mean robust cost of the estimation points and each pair's normal equations.
@@ -333,7 +328,7 @@ impl PhotometricProblem {
             ((cost, observations.len()), block)
         };
         let (costs, blocks) = self.pairs.par_iter().map(pair_equations).unzip();
-        (mean_of_sums(costs), blocks)
+        (overall_mean(costs), blocks)
     }
 
     /// Adds the derivatives of one view's level by each unknown, given its slopes in the image.
@@ -403,7 +398,7 @@ fn robust(residual: f64) -> f64 {
 }
 
 /// Returns the mean of sums and counts of pairs; infinite if all counts are 0.
-fn mean_of_sums(sums: Vec<(f64, usize)>) -> f64 {
+fn overall_mean(sums: Vec<(f64, usize)>) -> f64 {
     let (sum, count) = sums
         .into_iter()
         .fold((0.0, 0), |total, pair| (total.0 + pair.0, total.1 + pair.1));

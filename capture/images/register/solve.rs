@@ -107,6 +107,7 @@ pub(super) fn solve(
 /// Target reduction of the residual's square: coarse, because each step linearises again.
 const PRECISION: f64 = 1e-10;
 
+/// Solves for the `free` unknowns with the diagonal as preconditioner; the others are 0.
 fn conjugate_gradients(
     product: &dyn Fn(&[f64]) -> Vec<f64>,
     right: Vec<f64>,

@@ -1,8 +1,7 @@
 //! Representative subset of a large set: small groups of neighbouring views, evenly spread.
 //!
-//! Estimation needs views that see the same points from different poses: single views picked here
-//! and there rarely do, neighbours do, and groups from all over the set do not favour one of its
-//! corners.
+//! Estimation needs views that see the same points from different poses: neighbours do, single views
+//! from all over the set rarely do. Groups from all over the set favour no part of it.
 
 use super::Pose;
 

@@ -197,7 +197,7 @@ fn views_without_overlap_have_no_pairs() {
     };
     let views = [pose(0), back].map(|pose| view((lens(146.0), pose), (lens(146.0), pose), 1.0));
     let problem = PhotometricProblem::new(views.into(), pinhole(146.0));
-    assert!(problem.pairs().is_empty());
+    assert!(problem.pairs.is_empty());
 }
 
 /// The model chosen on a subset is that of all views.

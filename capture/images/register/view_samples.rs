@@ -1,7 +1,7 @@
 //! Data of a view for registration: a small image, and points of its depth image.
 
 use super::{LoadedView, Pinhole, Pose};
-use glam::{DVec3, dvec3};
+use glam::DVec3;
 
 /// Small image of a view, and points of its depth image.
 pub(super) struct ViewSamples {
@@ -214,9 +214,4 @@ fn blur_columns(from: &[f32], to: &mut [f32], width: usize) {
 #[inline(always)]
 fn blur(before: f32, here: f32, after: f32) -> f32 {
     (before + 2.0 * here + after) / 4.0
-}
-
-/// Converts eye space to axes X right, Y down, Z forward, and back.
-pub(super) fn to_camera_axes(p: DVec3) -> DVec3 {
-    dvec3(p.x, -p.y, -p.z)
 }
