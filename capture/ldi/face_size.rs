@@ -47,8 +47,7 @@ fn face_size_px(tracer: &Tracer, half_size_m: f64, focal_px: f64, error_px: f64)
         })
         .filter(|magnification| magnification.is_finite())
         .collect();
-    let count = magnifications.len();
-    let rank = ((count as f64 * SHARE) as usize).min(count.saturating_sub(1));
+    let rank = (magnifications.len() as f64 * SHARE) as usize;
     let magnification = if magnifications.is_empty() {
         1.0
     } else {

@@ -68,15 +68,11 @@ impl CaptureSpec {
 
     /// Maximum number of rays: all of them, of which novelty stopping may save some.
     pub fn max_rays(&self) -> f64 {
-        let CaptureParameters {
-            strata,
-            rays_per_stratum,
-            ..
-        } = self.parameters;
-        match self.parameters.sampler {
+        let parameters = &self.parameters;
+        match parameters.sampler {
             Sampler::CentreRays => 6.0 * f64::from(self.face_size_px).powi(2),
             Sampler::Stratified | Sampler::WhiteNoise => {
-                6.0 * f64::from(strata).powi(4) * f64::from(rays_per_stratum)
+                6.0 * f64::from(parameters.strata).powi(4) * f64::from(parameters.rays_per_stratum)
             }
         }
     }

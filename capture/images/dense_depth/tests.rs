@@ -172,8 +172,8 @@ fn exact_cost(own: &LoadedView, other: &LoadedView, [x, y]: [usize; 2], plane: &
 
 #[test]
 fn cost_matches_oracle_at_every_simd_level() {
-    /// Cancellation: sums of squares of levels in `f32`, up to 65,025, leave a variance of some
-    /// hundreds.
+    /// Cancellation: sums of squares of levels in `f32`, up to 65,025, leave a variance of a
+    /// few hundred.
     const TOLERANCE: f64 = 2e-3;
     let views = [0, 1, 4].map(|i| loaded(i, textured));
     let grey = |view: &LoadedView| {
@@ -310,7 +310,7 @@ fn outdated_or_damaged_index_reported() {
     let index = folder.path().join("headbox-depth/index.json");
     let text = std::fs::read_to_string(&index).expect("read");
     let open = |text: &str| {
-        std::fs::write(&index, text).expect("write_photographs");
+        std::fs::write(&index, text).expect("written");
         ImageSet::open(folder.path(), &ImageSetOptions::default())
     };
     let before = "\"camera\": \"";

@@ -157,7 +157,19 @@ fn truth(camera: &Camera, pixel: usize) -> (Surface, f64) {
     )
 }
 
-fn surface_of(layer: &PlanarLayer) -> Surface {
+/// Returns the fraction of the labelled pixels whose relative depth error is below `tolerance`.
+fn accurate_share(layers: &PlanarLayers, tolerance: f64) -> f64 {
+    let depth = layers.depth();
+    let shown: Vec<usize> = (0..depth.len())
+        .filter(|i| layers.labels[*i].is_some())
+        .collect();
+    let error =
+        |pixel: &usize| (f64::from(depth[*pixel]) / truth(&layers.camera, *pixel).1 - 1.0).abs();
+    let accurate = shown.iter().filter(|pixel| error(pixel) < tolerance);
+    accurate.count() as f64 / shown.len() as f64
+}
+
+fn layer_surface(layer: &PlanarLayer) -> Surface {
     if layer.normal.z.abs() > 0.99 {
         Surface::Panel
     } else {
@@ -169,7 +181,7 @@ fn surface_of(layer: &PlanarLayer) -> Surface {
 fn planes_labels_and_depth_match_truth() {
     let layers = job().segment(&frames()).expect("layers");
     assert_eq!(layers.layers.len(), 2, "the bulge belongs to the panel");
-    let surfaces: Vec<Surface> = layers.layers.iter().map(surface_of).collect();
+    let surfaces: Vec<Surface> = layers.layers.iter().map(layer_surface).collect();
     assert_eq!(
         surfaces,
         [Surface::Wall, Surface::Panel],
@@ -389,7 +401,7 @@ fn masks_define_layers() {
         ..job()
     };
     let layers = job.segment(&frames).expect("layers");
-    let surfaces: Vec<Surface> = layers.layers.iter().map(surface_of).collect();
+    let surfaces: Vec<Surface> = layers.layers.iter().map(layer_surface).collect();
     assert_eq!(
         surfaces,
         [Surface::Wall, Surface::Panel],
@@ -450,14 +462,8 @@ fn photographs_without_depth_give_layers() {
         "{}",
         layers.layers.len()
     );
-    let depth = layers.depth();
-    let shown: Vec<usize> = (0..depth.len())
-        .filter(|i| layers.labels[*i].is_some())
-        .collect();
-    let off =
-        |pixel: &usize| (f64::from(depth[*pixel]) / truth(&layers.camera, *pixel).1 - 1.0).abs();
-    let near = shown.iter().filter(|pixel| off(pixel) < 0.03).count() as f64 / shown.len() as f64;
-    assert!(near > 0.93, "{near}");
+    let accurate = accurate_share(&layers, 0.03);
+    assert!(accurate > 0.93, "{accurate}");
 }
 
 #[test]
@@ -564,12 +570,6 @@ fn smaller_canvas_gives_same_layers() {
     .expect("layers");
     assert!(layers.camera.width().max(layers.camera.height()) <= 101);
     assert_eq!(layers.layers.len(), 2);
-    let depth = layers.depth();
-    let shown: Vec<usize> = (0..depth.len())
-        .filter(|i| layers.labels[*i].is_some())
-        .collect();
-    let off =
-        |pixel: &usize| (f64::from(depth[*pixel]) / truth(&layers.camera, *pixel).1 - 1.0).abs();
-    let near = shown.iter().filter(|pixel| off(pixel) < 0.01).count() as f64 / shown.len() as f64;
-    assert!(near > 0.95, "{near}");
+    let accurate = accurate_share(&layers, 0.01);
+    assert!(accurate > 0.95, "{accurate}");
 }

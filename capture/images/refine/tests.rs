@@ -245,7 +245,7 @@ fn flat_wall_keeps_free_motion() {
 }
 
 #[test]
-fn views_without_overlap_are_not_refine() {
+fn views_without_overlap_are_not_refined() {
     let truth = truth();
     let back = Pose {
         world_from_eye: DMat3::from_rotation_y(3.0),

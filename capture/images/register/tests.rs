@@ -1,5 +1,6 @@
 //! A room with known depth and colours, seen by known cameras.
 
+use super::calibration::Calibration;
 use super::estimate::{estimate_views, is_better};
 use super::photometric::PhotometricProblem;
 use super::view_samples::{MAX_COLUMNS, ViewSamples};
@@ -31,7 +32,7 @@ fn wall(eye: DVec3, ray: DVec3) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// Returns the level of the walls: waves with a period of some ten pixels, different in each
+/// Returns the levels of the walls: waves with a period of about ten pixels, different in each
 /// channel.
 fn texture(p: DVec3) -> [f64; 3] {
     let wave = |k: DVec3, phase: f64| (p.dot(k) + phase).sin() * 24.0;
@@ -94,21 +95,33 @@ fn offset_pose(pose: Pose, turn: DVec3, step: DVec3) -> Pose {
     }
 }
 
+/// Returns the turn of a view's own colour camera.
+fn own_turn(i: usize) -> DVec3 {
+    let i = i as f64;
+    dvec3((i * 1.7).sin(), (i * 2.3).cos(), (i * 0.7).sin()) * 0.004
+}
+
+/// Returns the given calibration and the estimates with a shared offset and per view, and their
+/// differences of levels at validation points.
+fn estimate_all(problem: &PhotometricProblem) -> ([Calibration; 3], [f64; 3]) {
+    let given = problem.initial_calibration();
+    let shared = problem.estimate_shared_offset(&given);
+    let per_view = problem.estimate_per_view(&shared);
+    let estimates = [given, shared, per_view];
+    let levels = estimates
+        .each_ref()
+        .map(|estimate| problem.validate(estimate));
+    (estimates, levels)
+}
+
 #[test]
 fn lens_poses_and_exposure_estimated() {
-    let own = |i: usize| {
-        dvec3(
-            (i as f64 * 1.7).sin(),
-            (i as f64 * 2.3).cos(),
-            (i as f64 * 0.7).sin(),
-        ) * 0.004
-    };
     let gains: Vec<f64> = (0..14).map(|i| 1.0 + 0.01 * (f64::from(i) - 6.5)).collect();
     let truth: Vec<Pose> = (0..14)
         .map(|i| {
             offset_pose(
                 pose(i),
-                dvec3(0.003, -0.004, 0.002) + own(i),
+                dvec3(0.003, -0.004, 0.002) + own_turn(i),
                 dvec3(0.025, 0.0, 0.0),
             )
         })
@@ -117,10 +130,7 @@ fn lens_poses_and_exposure_estimated() {
         .map(|i| view((lens(146.0), pose(i)), (lens(130.0), truth[i]), gains[i]))
         .collect();
     let problem = PhotometricProblem::new(views, pinhole(146.0));
-    let given = problem.initial_calibration();
-    let shared = problem.estimate_shared_offset(&given);
-    let per_view = problem.estimate_per_view(&shared);
-    let levels = [&given, &shared, &per_view].map(|estimate| problem.validate(estimate));
+    let ([_, _, per_view], levels) = estimate_all(&problem);
     assert!(
         levels[1] < levels[0] * 0.6 && levels[2] < levels[1] * 0.6,
         "{levels:?}"
@@ -168,10 +178,7 @@ fn registered_views_unchanged() {
         .map(|i| view((lens(146.0), pose(i)), (lens(146.0), pose(i)), 1.0))
         .collect();
     let problem = PhotometricProblem::new(views, pinhole(146.0));
-    let given = problem.initial_calibration();
-    let shared = problem.estimate_shared_offset(&given);
-    let per_view = problem.estimate_per_view(&shared);
-    let levels = [&given, &shared, &per_view].map(|estimate| problem.validate(estimate));
+    let ([given, _, per_view], levels) = estimate_all(&problem);
     assert!(
         !is_better(levels[1], levels[0]) && !is_better(levels[2], levels[0]),
         "{levels:?}"
@@ -206,14 +213,7 @@ fn subset_represents_all_views() {
     const VIEWS: usize = 40;
     let shared_pose =
         |i: usize| offset_pose(pose(i), dvec3(0.003, -0.004, 0.002), dvec3(0.025, 0.0, 0.0));
-    let own = |i: usize| {
-        dvec3(
-            (i as f64 * 1.7).sin(),
-            (i as f64 * 2.3).cos(),
-            (i as f64 * 0.7).sin(),
-        ) * 0.004
-    };
-    let own_pose = |i: usize| offset_pose(shared_pose(i), own(i), DVec3::ZERO);
+    let own_pose = |i: usize| offset_pose(shared_pose(i), own_turn(i), DVec3::ZERO);
     let poses: Vec<Pose> = (0..VIEWS).map(pose).collect();
     let gain = |i: usize| 1.0 + 0.08 * (i as f64 * 0.4).sin();
     // Focal length, pose and exposure of the colours, the expected model, and the number of loaded
@@ -324,10 +324,7 @@ fn occluded_points_not_compared() {
         )
     };
     let problem = PhotometricProblem::new((0..14).map(view).collect(), pinhole(146.0));
-    let given = problem.initial_calibration();
-    let shared = problem.estimate_shared_offset(&given);
-    let per_view = problem.estimate_per_view(&shared);
-    let levels = [&given, &shared, &per_view].map(|estimate| problem.validate(estimate));
+    let (_, levels) = estimate_all(&problem);
     assert!(levels[0] < 1.5, "nothing hidden is compared: {levels:?}");
     assert!(
         !is_better(levels[1], levels[0]) && !is_better(levels[2], levels[0]),

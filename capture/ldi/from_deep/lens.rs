@@ -218,13 +218,12 @@ mod tests {
     #[test]
     fn header_matrices_give_the_camera() {
         let camera = camera();
+        let assert_read = |view: DeepView, place: &DeepPlace| {
+            let lens = Lens::new(&image(view), place).expect("read");
+            assert_projects_like(&lens.expect("a camera"), &camera);
+        };
         let standard = DeepView::from_camera(&camera);
-        assert_projects_like(
-            &Lens::new(&image(standard), &DeepPlace::default())
-                .expect("read")
-                .expect("a camera"),
-            &camera,
-        );
+        assert_read(standard, &DeepPlace::default());
         // Forward is +z and the image's upper left corner is (0, 0), as OpenEXR specifies.
         let matrix =
             |m: Option<[f32; 16]>| DMat4::from_cols_array(&m.expect("written").map(f64::from));
@@ -247,12 +246,7 @@ mod tests {
                 world_to_camera: array(camera_matrix),
                 world_to_ndc: array(ndc),
             };
-            assert_projects_like(
-                &Lens::new(&image(view), &DeepPlace::default())
-                    .expect("read")
-                    .expect("a camera"),
-                &camera,
-            );
+            assert_read(view, &DeepPlace::default());
         }
         // Without a field of view, and without any camera.
         let place = DeepPlace {
@@ -263,23 +257,13 @@ mod tests {
             world_to_ndc: None,
             ..standard
         };
-        assert_projects_like(
-            &Lens::new(&image(pose), &place)
-                .expect("read")
-                .expect("a camera"),
-            &camera,
-        );
+        assert_read(pose, &place);
         let place = DeepPlace {
             centre: Some(camera.eye()),
             look_at: Some(DVec3::new(4.0, 1.0, -2.0)),
             ..place
         };
-        assert_projects_like(
-            &Lens::new(&image(DeepView::default()), &place)
-                .expect("read")
-                .expect("a camera"),
-            &camera,
-        );
+        assert_read(DeepView::default(), &place);
     }
 
     #[test]

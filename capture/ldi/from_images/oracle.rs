@@ -2,7 +2,7 @@
 
 use super::depth_rows::{LEAST_COSINE, LEAST_NEIGHBORS, STEEPEST};
 use super::footprint::{MAX_REACH_PX, OVERLAP, POINT_PX, WarpTarget};
-use super::row_samples::{ImageSample, RowSamplePool};
+use super::row_samples::{ImageSample, RowSamplePool, RowSamples};
 use glam::{DMat3, DVec2, DVec3, dvec2};
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::cube_face::Face;
@@ -466,34 +466,43 @@ fn every_level_gives_equal_samples() {
     assert!(first.len() > 1000 && level_samples.all(|other| other == first));
 }
 
-#[test]
-fn images_of_one_row_or_column_are_warped() {
-    let pose = Pose {
-        eye: DVec3::ZERO,
-        world_from_eye: DMat3::IDENTITY,
-    };
-    for size_px in [[1, 1], [1, 9], [9, 1], [2, 2]] {
-        let pixels = (size_px[0] * size_px[1]) as usize;
-        let lens = Lens::Pinhole(Pinhole {
-            focal_px: [9.0; 2],
+/// An image of one colour at a depth of 2 m, from a camera at the origin that is turned by `roll`,
+/// radians.
+fn uniform_view(size_px: [u32; 2], focal_px: f64, roll: f64) -> LoadedView {
+    let pixels = (size_px[0] * size_px[1]) as usize;
+    LoadedView {
+        size_px,
+        lens: Lens::Pinhole(Pinhole {
+            focal_px: [focal_px; 2],
             principal_px: size_px.map(|side| f64::from(side) / 2.0),
             distortion: Distortion::default(),
-        });
-        let view = LoadedView {
-            size_px,
-            lens,
-            pose,
-            color: vec![[9, 90, 200, 255]; pixels],
-            depth: vec![2.0; pixels],
-        };
-        let target = WarpTarget {
-            centre: DVec3::ZERO,
-            face_px: 40,
-            tolerance: 0.01,
-            noise: 0.0,
-            level: simd::level(),
-        };
-        let batches = target.warp(&view, 0, &RowSamplePool::default());
+        }),
+        pose: Pose {
+            eye: DVec3::ZERO,
+            world_from_eye: DMat3::from_rotation_z(roll),
+        },
+        color: vec![[9, 90, 200, 255]; pixels],
+        depth: vec![2.0; pixels],
+    }
+}
+
+/// Warps an image into a cube about the origin.
+fn warp_exact(view: &LoadedView, face_px: u32) -> Vec<RowSamples> {
+    let target = WarpTarget {
+        centre: DVec3::ZERO,
+        face_px,
+        tolerance: 0.01,
+        noise: 0.0,
+        level: simd::level(),
+    };
+    target.warp(view, 0, &RowSamplePool::default())
+}
+
+#[test]
+fn images_of_one_row_or_column_are_warped() {
+    for size_px in [[1, 1], [1, 9], [9, 1], [2, 2]] {
+        let pixels = (size_px[0] * size_px[1]) as usize;
+        let batches = warp_exact(&uniform_view(size_px, 9.0, 0.0), 40);
         let samples: Vec<_> = (0..240)
             .flat_map(|row| {
                 batches
@@ -522,35 +531,11 @@ fn magnified_images_leave_no_gaps() {
         (30.0, 0.785),
         (20.0, 0.2),
     ] {
-        let lens = Lens::Pinhole(Pinhole {
-            focal_px: [focal; 2],
-            principal_px: size_px.map(|side| f64::from(side) / 2.0),
-            distortion: Distortion::default(),
-        });
-        let pose = Pose {
-            eye: DVec3::ZERO,
-            world_from_eye: DMat3::from_rotation_z(roll),
-        };
-        let view = LoadedView {
-            size_px,
-            lens,
-            pose,
-            color: vec![[9, 90, 200, 255]; 64 * 48],
-            depth: vec![2.0; 64 * 48],
-        };
-        let target = WarpTarget {
-            centre: DVec3::ZERO,
-            face_px,
-            tolerance: 0.01,
-            noise: 0.0,
-            level: simd::level(),
-        };
-        let batches = target.warp(&view, 0, &RowSamplePool::default());
+        let view = uniform_view(size_px, focal, roll);
+        let batches = warp_exact(&view, face_px);
         for (x, y) in (0..face_px).flat_map(|y| (0..face_px).map(move |x| (x, y))) {
             let ray = Face::NegZ.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
-            let there = view
-                .lens
-                .project(pose.world_from_eye.transpose() * ray, size_px);
+            let there = view.lens.project(view.pose.to_eye(ray), size_px);
             let is_inside = |[u, v, _]: [f64; 3]| u > 0.5 && v > 0.5 && u < 63.5 && v < 47.5;
             let row = (Face::NegZ.index() as u32 * face_px + y) as usize;
             let mut samples = batches.iter().flat_map(|batch| batch.row(row)).flatten();

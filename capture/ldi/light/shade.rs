@@ -419,11 +419,8 @@ mod tests {
                 vertices: [0; 3],
                 material: 0,
             }],
-            ..Scene::default()
-        };
-        let flat = Scene {
             materials: vec![Material::default()],
-            ..flat
+            ..Scene::default()
         };
         let texture = Texture::from_fn(4, 4, |_, _| [255; 4]);
         assert_eq!(

@@ -135,20 +135,13 @@ mod tests {
 
     fn sample_in_bin(bin: u16, offset: u32, count: u32) -> SurfaceSample {
         SurfaceSample {
-            key: RayKey(0),
             count,
             area: 1.0,
             bin,
-            class: 0,
             position: f32::from(bin) + offset as f32 / 65_536.0,
-            albedo: [0; 3],
-            primitive: 0,
-            barycentric: [0; 2],
-            emission: Vec3::ZERO,
-            sun: Vec3::ZERO,
-            soft: Vec3::ZERO,
             plane_normal: Vec3::Z,
             plane_distance: 1.0,
+            ..bytemuck::Zeroable::zeroed()
         }
     }
 

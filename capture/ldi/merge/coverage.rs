@@ -105,22 +105,9 @@ impl AlphaMeasure<'_> {
         // reach only costs time.
         let reach = self.bins.inverse_depth(1.0) + q * 2.4 / f64::from(face.size_px);
         let continues = |other: &DepthPixel| (f64::from(other.inverse_depth) - q).abs() <= reach;
-        [
-            (-1, -1),
-            (0, -1),
-            (1, -1),
-            (-1, 0),
-            (1, 0),
-            (-1, 1),
-            (0, 1),
-            (1, 1),
-        ]
-        .into_iter()
-        .any(|(dx, dy)| {
-            let neighbour = x.checked_add_signed(dx).zip(y.checked_add_signed(dy));
-            let inside = neighbour.filter(|(i, j)| *i < face.size_px && *j < face.size_px);
-            inside.is_some_and(|(i, j)| !face.pixel(i, j).iter().any(continues))
-        })
+        let around = |c: u32| c.saturating_sub(1)..(c + 2).min(face.size_px);
+        // The pixel itself contains the sample.
+        around(y).any(|j| around(x).any(|i| !face.pixel(i, j).iter().any(continues)))
     }
 
     /// Counts the pixel's rays that end at each sample. A ray that ends at a surface without a

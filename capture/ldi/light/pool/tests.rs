@@ -2,26 +2,18 @@
 
 use super::*;
 use crate::light::shade::SurfaceSample;
-use headbox_trace::sampler::{RayKey, random4, unit_float};
+use headbox_trace::sampler::{random4, unit_float};
 
 const SIZE: u32 = 64;
 
 pub(super) fn sample_on_plane(class: u16, plane_distance: f32) -> SurfaceSample {
     SurfaceSample {
-        key: RayKey(0),
         count: 1,
         area: 1.0,
-        bin: 0,
         class,
-        position: 0.0,
-        albedo: [0; 3],
-        primitive: 0,
-        barycentric: [0; 2],
-        emission: Vec3::ZERO,
-        sun: Vec3::ZERO,
-        soft: Vec3::ZERO,
         plane_normal: Vec3::Z,
         plane_distance,
+        ..bytemuck::Zeroable::zeroed()
     }
 }
 
