@@ -64,23 +64,16 @@ impl LayerBackground {
                 if self.get(pixel).is_some() {
                     return None;
                 }
-                let neighbors: Vec<([f32; 3], f32)> = canvas
+                let neighbors: Vec<[f32; 4]> = canvas
                     .around(pixel, 1)
                     .filter_map(|neighbor| self.get(neighbor))
+                    .map(|([r, g, b], residual)| [r, g, b, residual])
                     .collect();
-                let mean = |component: fn(&([f32; 3], f32)) -> f32| {
-                    neighbors.iter().map(component).sum::<f32>() / neighbors.len() as f32
+                let mean = |k: usize| {
+                    neighbors.iter().map(|values| values[k]).sum::<f32>() / neighbors.len() as f32
                 };
-                let values = || {
-                    [
-                        mean(|n| n.0[0]),
-                        mean(|n| n.0[1]),
-                        mean(|n| n.0[2]),
-                        mean(|n| n.1),
-                        1.0,
-                    ]
-                };
-                (neighbors.len() >= MIN_NEIGHBORS).then(|| (pixel, values()))
+                (neighbors.len() >= MIN_NEIGHBORS)
+                    .then(|| (pixel, [mean(0), mean(1), mean(2), mean(3), 1.0]))
             });
             let closed: Vec<(usize, [f32; 5])> = closed.collect();
             closed

@@ -96,15 +96,12 @@ impl Canvas {
 /// coincide with the image's where possible.
 fn create_camera(middle: &Frame, longest_px: u32) -> Camera {
     let view = &middle.view;
-    let (focal, principal) = match view.lens {
-        Lens::Pinhole(pinhole) => (pinhole.focal_px[1], pinhole.principal_px),
+    let ([focal_x, focal], principal) = match view.lens {
+        Lens::Pinhole(pinhole) => (pinhole.focal_px, pinhole.principal_px),
         // Unreachable: frames are perspective.
-        Lens::Equirectangular => (1.0, view.size_px.map(|side| f64::from(side) / 2.0)),
+        Lens::Equirectangular => ([1.0; 2], view.size_px.map(|side| f64::from(side) / 2.0)),
     };
-    let squash = match view.lens {
-        Lens::Pinhole(pinhole) => pinhole.focal_px[1] / pinhole.focal_px[0],
-        Lens::Equirectangular => 1.0,
-    };
+    let squash = focal / focal_x;
     let reach = |axis: usize| {
         let side = f64::from(view.size_px[axis]);
         principal[axis].max(side - principal[axis]) + MARGIN * side

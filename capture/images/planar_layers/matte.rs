@@ -266,17 +266,9 @@ impl<'a> Band<'a> {
     /// Returns the fraction of a label in a pixel's neighbourhood: an edge softened by a pixel, for
     /// sides of similar colour.
     fn coverage(&self, label: usize, pixel: usize) -> f32 {
-        let mut own = 0.0;
-        let mut all = 0.0;
-        for near in self.canvas.around(pixel, 1) {
-            all += 1.0;
-            own += if usize::from(self.labels[near]) == label {
-                1.0
-            } else {
-                0.0
-            };
-        }
-        own / all
+        let around = || self.canvas.around(pixel, 1);
+        let own = around().filter(|near| usize::from(self.labels[*near]) == label);
+        own.count() as f32 / around().count() as f32
     }
 }
 

@@ -215,18 +215,8 @@ impl PhotometricProblem {
         let points: f64 = self.pairs.iter().map(|pair| pair.points.len() as f64).sum();
         let weight = points * PRIOR_SHARE * ROBUST * ROBUST;
         let [principal, step, own] = [PRINCIPAL * width, STEP * depth_m, OWN_STEP * depth_m];
-        let deviations = [
-            f64::INFINITY,
-            principal,
-            principal,
-            RADIAL,
-            TURN,
-            TURN,
-            TURN,
-            step,
-            step,
-            step,
-        ];
+        let lens = [f64::INFINITY, principal, principal, RADIAL];
+        let deviations = [lens.as_slice(), &[TURN; 3], &[step; 3]].concat();
         let mut prior: Vec<[f64; 2]> = deviations
             .iter()
             .zip(calibration.shared)

@@ -179,12 +179,16 @@ impl<'a> DeepSampler<'a> {
 
     /// Depth of the nearest sample, metres, as the image stores it.
     fn nearest(&self) -> Option<f64> {
-        let alpha = |i: usize| self.alpha.map_or(1.0, |values| values[i]);
         let depths = self.channels[3]
             .iter()
             .enumerate()
-            .filter(|(i, z)| **z > 0.0 && z.is_finite() && alpha(*i) > 0.0);
+            .filter(|(i, z)| **z > 0.0 && z.is_finite() && self.alpha(*i) > 0.0);
         depths.map(|(_, z)| f64::from(*z)).min_by(f64::total_cmp)
+    }
+
+    /// Alpha of sample `i`.
+    fn alpha(&self, i: usize) -> f32 {
+        self.alpha.map_or(1.0, |values| values[i])
     }
 
     /// The samples in a direction from the eye, farthest first.
@@ -208,7 +212,7 @@ impl<'a> DeepSampler<'a> {
     /// Sample `i` in a direction with this depth in the image's axes.
     fn sample(&self, i: usize, depth: f64) -> Option<DeepSample> {
         let [r, g, b, z] = self.channels.map(|values| values[i]);
-        let alpha = self.alpha.map_or(1.0, |values| values[i]).min(1.0);
+        let alpha = self.alpha(i).min(1.0);
         let level = (alpha * 255.0).round() as u8;
         if level == 0 || z.is_nan() || z <= 0.0 {
             return None;
@@ -223,36 +227,28 @@ impl<'a> DeepSampler<'a> {
 
 fn build_face(sampler: &DeepSampler, face: Face, still: f64) -> LayeredDepthImage {
     let face_px = sampler.face_px;
+    let near_samples = |x: u32, y: u32| {
+        let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
+        let mut samples = sampler.samples(direction);
+        samples.retain(|sample| sample.inverse_depth > still);
+        samples
+    };
     let rows: Vec<Vec<Vec<DeepSample>>> = (0..face_px)
         .into_par_iter()
-        .map(|y| {
-            let samples = |x: u32| {
-                sampler.samples(face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px))
-            };
-            (0..face_px)
-                .map(|x| {
-                    samples(x)
-                        .into_iter()
-                        .filter(|sample| sample.inverse_depth > still)
-                        .collect()
-                })
-                .collect()
-        })
+        .map(|y| (0..face_px).map(|x| near_samples(x, y)).collect())
         .collect();
     let mut image = LayeredDepthImage::empty(face, face_px);
-    for pixel in 0..face_px * face_px {
-        let x = (pixel % face_px) as usize;
-        let y = (pixel / face_px) as usize;
-        image
-            .samples
-            .extend(rows[y][x].iter().map(|sample| DepthPixel {
+    for (pixel, samples) in rows.iter().flatten().enumerate() {
+        let position = [pixel % rows.len(), pixel / rows.len()];
+        image.samples.extend(samples.iter().map(|sample| {
+            let normal = normal(&rows, face, position, sample.inverse_depth);
+            DepthPixel {
                 inverse_depth: sample.inverse_depth as f32,
-                normal: EncodedNormal::new(
-                    normal(&rows, face, [x, y], sample.inverse_depth).as_vec3(),
-                ),
+                normal: EncodedNormal::new(normal.as_vec3()),
                 color_srgb: sample.color_srgb,
-            }));
-        image.offsets[pixel as usize + 1] = image.samples.len() as u32;
+            }
+        }));
+        image.offsets[pixel + 1] = image.samples.len() as u32;
     }
     image
 }

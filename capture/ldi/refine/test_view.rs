@@ -8,7 +8,7 @@ use headbox_core::camera::{Camera, fov_deg};
 use headbox_core::random::Rng;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::Renderer;
-use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket};
+use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
 use headbox_trace::sampler::RayKey;
 
 /// Pixels along a side of a view, unless faces have fewer.
@@ -158,43 +158,38 @@ impl ViewTest<'_> {
     pub(super) fn run(&self, view: TestView, renderer: &mut Renderer) -> ViewFindings {
         let (frame, fronts) = renderer.render_with_fronts(self.cube, &view.camera);
         let side = view.camera.width();
-        let miss = Hit {
-            t: f32::INFINITY,
-            primitive: 0,
-            u: 0.0,
-            v: 0.0,
-        };
-        let mut hits = vec![miss; (side * side) as usize];
+        let mut hits = vec![None; (side * side) as usize];
         let rays = ViewRays::new(&view, self.router.tracer.origin(), self.half_size_m);
-        rays.trace(self, &mut hits);
+        rays.trace(self.router.tracer, &mut hits);
         let mut lacking = 0u32;
         let mut aimed = Vec::new();
         let margin = self.router.bins.inverse_depth(2.0) as f32;
         for (i, hit) in hits.iter().enumerate() {
             let x = i as u32 % side;
             let y = i as u32 / side;
-            let pixel = ViewPixel {
-                coverage: frame.coverage[i].splat_share(),
-                inverse_depth: fronts[i],
-            };
-            let ray_number = view.copy * VIEW_PX * VIEW_PX + i as u32;
-            let key = RayKey::new(AIMED_DOMAIN, view.number, ray_number);
-            if hit.t == f32::INFINITY {
+            let Some(hit) = hit else {
                 if frame.coverage[i].is_hole() {
                     lacking += 1;
                     let direction = rays.ray(x, y).direction;
                     self.router.environment_mask.mark(direction);
                 }
                 continue;
-            }
-            if !pixel.lacks(hit.t, margin) {
+            };
+            // True if the pixel does not show a surface at an eye depth.
+            let lacks_surface = |eye_depth: f32| {
+                frame.coverage[i].splat_share() < COVERED
+                    || fronts[i] < (1.0 - BEHIND) / eye_depth - margin
+            };
+            if !lacks_surface(hit.t) {
                 continue;
             }
             // Where a surface ends within a pixel, a frame may show either side.
             let farthest = neighbourhood(x, y, side)
-                .map(|j| hits[j].t)
+                .map(|j| hits[j].map_or(f32::INFINITY, |hit| hit.t))
                 .fold(0.0, f32::max);
-            lacking += u32::from(farthest.is_finite() && pixel.lacks(farthest, margin));
+            lacking += u32::from(farthest.is_finite() && lacks_surface(farthest));
+            let ray_number = view.copy * VIEW_PX * VIEW_PX + i as u32;
+            let key = RayKey::new(AIMED_DOMAIN, view.number, ray_number);
             let ray = rays.ray(x, y);
             let length = ray.direction.length();
             let unit_ray = Ray {
@@ -211,22 +206,6 @@ impl ViewTest<'_> {
             views: vec![(f64::from(lacking) / f64::from(side * side), view)],
             aimed,
         }
-    }
-}
-
-/// A pixel of a test view.
-struct ViewPixel {
-    /// Splat coverage, 0..255.
-    coverage: u8,
-    /// Inverse depth of the nearest splat, 1/m.
-    inverse_depth: f32,
-}
-
-impl ViewPixel {
-    /// Returns true if the pixel does not show a surface at an eye depth, within a margin of
-    /// inverse depth.
-    fn lacks(&self, eye_depth: f32, margin: f32) -> bool {
-        self.coverage < COVERED || self.inverse_depth < (1.0 - BEHIND) / eye_depth - margin
     }
 }
 
@@ -278,7 +257,7 @@ impl<'a> ViewRays<'a> {
     }
 
     /// Traces all rays, a block of four by four pixels at a time.
-    fn trace(&self, test: &ViewTest, hits: &mut [Hit]) {
+    fn trace(&self, tracer: &Tracer, hits: &mut [Option<Hit>]) {
         const BLOCK: u32 = 4;
         let side = self.camera.width();
         let mut packets = Vec::with_capacity(side.div_ceil(BLOCK) as usize);
@@ -297,15 +276,12 @@ impl<'a> ViewRays<'a> {
             }
             packet_hits.clear();
             packet_hits.resize(packets.len(), HitPacket::MISS);
-            test.router
-                .tracer
-                .closest_packets(&packets, &mut packet_hits);
+            tracer.closest_packets(&packets, &mut packet_hits);
             for (x0, packet_hit) in (0..side).step_by(BLOCK as usize).zip(&packet_hits) {
                 for k in 0..PACKET as u32 {
                     let (x, y) = (x0 + k % BLOCK, y0 + k / BLOCK);
-                    let hit = packet_hit.hit(k as usize);
-                    if let Some(hit) = hit.filter(|_| x < side && y < side) {
-                        hits[(y * side + x) as usize] = hit;
+                    if x < side && y < side {
+                        hits[(y * side + x) as usize] = packet_hit.hit(k as usize);
                     }
                 }
             }

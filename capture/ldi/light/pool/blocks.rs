@@ -347,15 +347,11 @@ fn merge_cells(
         add(&mut cell[index].1, &below.lattice.sums[child], 1.0);
         members.push((child, index));
     }
-    let mut followed = 0;
-    let mut new_index = |(_, sums): &(SurfaceKey, Sums)| {
-        (sums[SHARE] >= least).then(|| {
-            followed += 1;
-            followed - 1
-        })
-    };
-    let new_indices: Vec<Option<u32>> = cell.iter().map(&mut new_index).collect();
-    cell.retain(|(_, sums)| sums[SHARE] >= least);
+    let is_followed = |(_, sums): &(SurfaceKey, Sums)| sums[SHARE] >= least;
+    let mut indices = 0..;
+    let new_index = |surface| is_followed(surface).then(|| indices.next()).flatten();
+    let new_indices: Vec<Option<u32>> = cell.iter().map(new_index).collect();
+    cell.retain(is_followed);
     let members = members
         .into_iter()
         .map(|(child, index)| (child, new_indices[index]))
