@@ -13,8 +13,10 @@ use std::process::Command;
 
 /// File extensions of images that both COLMAP and this crate read.
 const EXTENSIONS: [&str; 6] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp"];
+
 /// Maximum number of photographs for exhaustive matching; larger sets match neighbours by name.
 const ALL_PAIRS: usize = 200;
+
 /// Number of output lines kept for the error message.
 const MESSAGE_LINES: usize = 4;
 

@@ -4,10 +4,13 @@ use super::LoadedView;
 
 /// Maximum level of a dark border pixel.
 const DARK: u8 = 16;
+
 /// Minimum fraction of dark border pixels for a dark backdrop.
 const MIN_DARK_SHARE: f64 = 0.5;
-/// Levels in a bin of the histogram.
+
+/// Number of levels in a bin of the histogram.
 const BIN: usize = 8;
+
 /// Bins in which the threshold is searched.
 const SEARCHED_BINS: std::ops::Range<usize> = 2..12;
 

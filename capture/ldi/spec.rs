@@ -66,7 +66,7 @@ impl CaptureSpec {
         RangeError::check("the share of holes", parameters.holes, [0.0, 1.0])
     }
 
-    /// Maximum number of rays: all of them, of which novelty stopping may save some.
+    /// Maximum number of rays, which novelty stopping may reduce.
     pub fn max_rays(&self) -> f64 {
         let parameters = &self.parameters;
         match parameters.sampler {

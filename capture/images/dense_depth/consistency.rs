@@ -8,8 +8,8 @@ use super::patch_match::NeighborView;
 const MAX_RETURN_PX: f32 = 1.5;
 const MAX_DEPTH_RATIO: f32 = 0.01;
 
-/// Relative difference of inverse depth from which on a view with a farther surface sees through the
-/// depth.
+/// Minimum relative difference of inverse depth at which a view with a farther surface sees through
+/// the depth.
 const THROUGH: f32 = 0.03;
 
 /// Maximum relative difference of inverse depth between connected pixels.

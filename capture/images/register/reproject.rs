@@ -144,14 +144,14 @@ mod tests {
             eye: DVec3::ZERO,
             world_from_eye: DMat3::IDENTITY,
         };
-        let depth_of = |lens: Lens, pose: &Pose, x: u32, y: u32| {
+        let expected_depth = |lens: Lens, pose: &Pose, x: u32, y: u32| {
             let ray =
                 pose.world_from_eye * lens.ray([f64::from(x) + 0.5, f64::from(y) + 0.5], size_px);
             (1.0 - plane.dot(pose.eye)) / plane.dot(ray)
         };
         let pixels = || (0..48u32).flat_map(|y| (0..64u32).map(move |x| (x, y)));
         let values = pixels()
-            .map(|(x, y)| depth_of(lens(58.0), &pose, x, y) as f32)
+            .map(|(x, y)| expected_depth(lens(58.0), &pose, x, y) as f32)
             .collect();
         let view = LoadedView {
             size_px,
@@ -169,7 +169,7 @@ mod tests {
         for ((x, y), depth) in pixels().zip(&reprojected) {
             if depth.is_finite() {
                 known += 1;
-                let expected = depth_of(lens(52.0), &other, x, y);
+                let expected = expected_depth(lens(52.0), &other, x, y);
                 // Depths and their inverses are rounded to f32 three times.
                 assert!(
                     (f64::from(*depth) / expected - 1.0).abs() < 1e-5,
@@ -188,8 +188,8 @@ mod tests {
             eye: DVec3::ZERO,
             world_from_eye: DMat3::IDENTITY,
         };
-        let depth_of = |i: usize| if i % 64 < 30 { 1.0 } else { 3.0 };
-        let values = (0..64 * 48).map(depth_of).collect();
+        let expected_depth = |i: usize| if i % 64 < 30 { 1.0 } else { 3.0 };
+        let values = (0..64 * 48).map(expected_depth).collect();
         let view = LoadedView {
             size_px: [64, 48],
             lens: lens(58.0),

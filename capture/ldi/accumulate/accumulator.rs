@@ -65,7 +65,7 @@ pub struct Accumulator {
     /// Depth bin.
     pub bin: u16,
     /// Kind of surface: material, side (front or back) and octant of the normal. Samples of
-    /// different classes are lit apart, so that a depth pixel never takes light from another
+    /// different classes are lit separately, so that a depth pixel never takes light from another
     /// surface, even where their colours are averaged.
     pub class: u16,
 }

@@ -105,7 +105,7 @@ impl<'a> ColorQueue<'a> {
             position[0].clamp(0.0, width),
             position[1].clamp(0.0, height),
         ];
-        // Always known: the pixel that sees the sample's surface is one of the four.
+        // Always known: the pixel that the sample comes from is one of the four.
         let [r, g, b] = self
             .view
             .color_at(inside)

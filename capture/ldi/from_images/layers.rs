@@ -194,7 +194,7 @@ fn insert(
     let mut index = *head;
     while let Some(layer) = layers.get(index as usize) {
         let difference = (layer.inverse_depth - sample.inverse_depth).abs();
-        // Of equal differences the earliest layer, which comes last.
+        // On a tie, the earliest layer wins; it comes last in the list.
         if difference <= least {
             nearest = index;
             least = difference;
@@ -210,8 +210,8 @@ fn insert(
     };
     match policy.rule {
         MergeRule::Average => layer.average(sample),
-        // Samples of one image are all kept: a surface nearly parallel to the pixel's ray. Those of
-        // the central image are never displaced.
+        // All samples of one image are kept: they are of a surface nearly parallel to the pixel's
+        // ray. Those of the central image are never replaced.
         MergeRule::SmallerArea if layer.image == image => push(layers),
         MergeRule::SmallerArea if layer.image != 0 && sample.area < layer.area => {
             *layer = Layer::new(sample, image, layer.next);

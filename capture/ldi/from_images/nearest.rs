@@ -1,4 +1,5 @@
-//! The images nearest to a view, and a cube of them alone, rebuilt as the view moves (S24).
+//! Selection of the images nearest to a view, and a cube of them alone, rebuilt as the view moves
+//! (S24).
 //!
 //! From images all around an object, the paper takes the three "whose direction is closest". That
 //! keeps small the angles by which surfaces turn from those images to the frame. Here, images are
@@ -79,8 +80,8 @@ impl NearImages {
         self.depth_m
     }
 
-    /// Indices of the `count` views with depth that are nearest to a view, the nearest first; of
-    /// equals, the lower index.
+    /// Indices of the `count` views with depth that are nearest to a camera, the nearest first; on a
+    /// tie, the lower index first.
     pub fn nearest(&self, camera: &Camera, count: usize) -> Vec<usize> {
         let mut ranked: Vec<(f64, usize)> = self
             .with_depth
@@ -276,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn cube_equals_that_of_a_job_from_files() {
+    fn cube_equals_a_job_from_files() {
         let (_folder, set) = set(&scattered_eyes(7));
         let mut near = near(&set, usize::MAX);
         for chosen in [vec![2, 0, 5], vec![5, 2, 0], vec![6], vec![]] {

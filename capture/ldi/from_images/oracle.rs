@@ -16,7 +16,7 @@ const EITHER: f64 = 2e-3;
 /// Relative tolerance of inverse depth: sums of rays of about 1, and a shift along a slope, in f32.
 const RELATIVE_DEPTH: f64 = 2e-5;
 
-/// Relative tolerance of weights and areas: differences of rays of neighbours, of which f32 keeps
+/// Relative tolerance of weights and areas: differences of rays of neighbours, which f32 holds to
 /// four digits.
 const RELATIVE_AREA: f64 = 2e-3;
 

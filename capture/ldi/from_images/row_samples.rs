@@ -17,7 +17,7 @@ pub struct ImageSample {
     pub color: LinearColor16,
     /// Inverse depth about the cube's centre, 1/m.
     pub inverse_depth: f32,
-    /// Normal in world axes, on the side that was seen.
+    /// Normal in world axes, on the side that the camera sees.
     pub normal: EncodedNormal,
     /// Weight in a mean.
     pub weight: f32,
@@ -199,11 +199,11 @@ mod tests {
         let pool = RowSamplePool::default();
         for round in 0..3u32 {
             let mut rows = pool.take(5, round);
-            let row_of_sample = |i: u32| (i.wrapping_mul(2_654_435_761) >> 20) % (30 - 7 * round);
+            let sample_row = |i: u32| (i.wrapping_mul(2_654_435_761) >> 20) % (30 - 7 * round);
             let count = 4000 - 1500 * round;
             for i in 0..count {
                 rows.push(
-                    row_of_sample(i),
+                    sample_row(i),
                     ImageSample {
                         column: i as u16,
                         ..ImageSample::NONE
@@ -217,7 +217,7 @@ mod tests {
                     .flatten()
                     .map(|sample| sample.column.into())
                     .collect();
-                let expected: Vec<u32> = (0..count).filter(|&i| row_of_sample(i) == row).collect();
+                let expected: Vec<u32> = (0..count).filter(|&i| sample_row(i) == row).collect();
                 assert_eq!(columns, expected, "round {round}, row {row}");
             }
             pool.put_back(vec![rows]);

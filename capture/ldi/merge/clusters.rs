@@ -1,7 +1,7 @@
 //! Merges the surface samples of a pixel into depth pixels, by clusters of bounded depth span.
 //!
-//! Neighbouring bins are joined once, pairwise, from the far end: a surface that straddles a bin's
-//! border becomes one depth pixel, a cluster spans at most two bins, and clusters never chain.
+//! Neighbouring bins are joined pairwise, in one pass from the far end: a surface that straddles a
+//! bin's border becomes one depth pixel, a cluster spans at most two bins, and clusters never chain.
 
 use super::coverage::BinSpan;
 use crate::light::shade::SurfaceSample;
@@ -60,10 +60,10 @@ impl<'a> Iterator for Clusters<'a> {
 
     fn next(&mut self) -> Option<Self::Item> {
         let bin = self.rest.first()?.bin;
-        let end_of_bin = |bin: u16| self.rest.partition_point(|a| a.bin <= bin);
-        let mut end = end_of_bin(bin);
+        let bin_end = |bin: u16| self.rest.partition_point(|a| a.bin <= bin);
+        let mut end = bin_end(bin);
         if let Some(next_bin) = bin.checked_add(1) {
-            let next_end = end_of_bin(next_bin);
+            let next_end = bin_end(next_bin);
             let is_close = |next: &[SurfaceSample]| {
                 mean_position(next) - mean_position(&self.rest[..end]) < 1.0
             };
@@ -110,7 +110,7 @@ fn average(cluster: &[SurfaceSample], tone: ToneMap, bins: &DepthBins) -> DepthP
     }
 }
 
-/// One depth pixel for each colour of a cluster; of equal colours, that of the first ray.
+/// Builds a depth pixel for each colour of a cluster, from the first ray of that colour.
 fn split_by_color(cluster: &[SurfaceSample], tone: ToneMap, bins: &DepthBins) -> Vec<DepthPixel> {
     let mut out: Vec<DepthPixel> = Vec::new();
     let mut in_key_order: Vec<&SurfaceSample> = cluster.iter().collect();

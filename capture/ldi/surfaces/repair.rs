@@ -56,7 +56,7 @@ impl PinholeRepair<'_> {
         let last = surfaces.size_px - 1;
         let mut missing: Vec<Insertion> = Vec::new();
         for x in 0..surfaces.size_px {
-            let first_of_pixel = missing.len();
+            let pixel_start = missing.len();
             let here = surfaces.pixel(x, y);
             let across =
                 (x > 0 && x < last).then(|| [surfaces.pixel(x - 1, y), surfaces.pixel(x + 1, y)]);
@@ -67,7 +67,7 @@ impl PinholeRepair<'_> {
                     let is_same = |other: &SurfaceSample| same_surface(neighbour, other);
                     let is_gap = !here.iter().any(is_same) && after.iter().any(is_same);
                     if is_gap
-                        && !missing[first_of_pixel..]
+                        && !missing[pixel_start..]
                             .iter()
                             .any(|(.., sample)| is_same(sample))
                         && let Some(sample) = self.trace_missing(neighbour, x, y)
@@ -79,7 +79,7 @@ impl PinholeRepair<'_> {
                     }
                 }
             }
-            missing[first_of_pixel..]
+            missing[pixel_start..]
                 .sort_by_key(|(_, rank, sample)| (*rank, sample.bin, sample.class));
         }
         missing

@@ -122,7 +122,7 @@ mod tests {
     use crate::surfaces::surface_samples::FaceSurfaces;
 
     #[test]
-    fn survey_of_a_sample_is_of_its_block_and_surface() {
+    fn sample_has_the_survey_of_its_block_and_surface() {
         const SIZE: u32 = 64;
         // A narrow strip of one wall beside another, and a separate leaf in each pixel.
         let pixel_samples = |p: u32| {

@@ -3,8 +3,8 @@
 //! A window that is many pixels wide is nearly the same for neighbours, so it is computed once for
 //! a block of pixels: over three by three blocks, of which the middle counts most ([1 2 1] / 4 in
 //! each direction), and interpolated between the middles of blocks. Beyond a face's border its
-//! plane continues: a block there has the content of the block of another face through which its
-//! middle is seen. So faces that meet on a wall read the same sums on either side of their border.
+//! plane continues: a block there has the content of that block of another face which the direction
+//! to its middle hits. So faces that meet on a wall read the same sums on either side of their border.
 
 use super::blocks::{BlockLevel, Blocks, Lattice};
 use super::surface_key::SurfaceKey;

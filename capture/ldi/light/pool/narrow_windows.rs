@@ -40,8 +40,8 @@ impl Pooling<'_> {
         }
     }
 
-    /// Half of the sums of each sample's surface in its own pixel, and a quarter of those in the
-    /// pixels one step away in either direction.
+    /// Applies [1 2 1] / 4 in one direction: adds half of the sums of each sample's surface in its
+    /// own pixel, and a quarter of those in the pixels one step away to either side.
     fn pass(&self, from: &[Sums], [step_x, step_y]: [u32; 2]) -> Vec<Sums> {
         let size = self.surfaces.size_px;
         let step = (step_y * size + step_x) as usize;

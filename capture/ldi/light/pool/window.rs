@@ -32,8 +32,8 @@ pub(super) const FEW_SAMPLES: f32 = 32.0;
 const TOLERANCE: [f32; 2] = [1.0, 2.5];
 
 /// Numbers of samples of the narrower window from which that difference starts to count, and from
-/// which it counts in full: means of fewer are off by some standard errors wherever one sample has
-/// hit something small and bright.
+/// which it counts in full: means of fewer are off by several standard errors wherever one sample
+/// has hit something small and bright.
 const MANY: [f32; 2] = [64.0, 256.0];
 
 /// Standard errors of difference from which it starts to count in a window of fewer samples, and
@@ -41,10 +41,11 @@ const MANY: [f32; 2] = [64.0, 256.0];
 const STRIKING: [f32; 2] = [2.5, 5.0];
 
 /// Numbers of samples from which a window's nearness and light start to count, and from which they
-/// count in full...
+/// count in full.
 const TRUSTED_SAMPLES: [f32; 2] = [8.0, 32.0];
 
-/// ...and likewise by the squared ratio of its light to its standard error.
+/// Squared ratios of a window's light to its standard error from which its nearness starts to count,
+/// and from which it counts in full.
 const TRUSTED_RATIO: [f32; 2] = [4.0, 16.0];
 
 /// Approximate change of irradiance over a window, as a share of the square of the window's radius
