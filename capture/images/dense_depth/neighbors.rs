@@ -81,8 +81,8 @@ fn grid(own: &Candidate) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Chooses the best of some views, at most `most`, greedily: each by the points that it sees at good
-/// angles and that the views chosen before do not.
+/// Chooses the best of some views, at most `most`, greedily: each by the points that it sees at
+/// good angles and that the views chosen before do not.
 pub(super) fn choose(
     own: &Candidate,
     others: &[Candidate],

@@ -172,8 +172,8 @@ fn exact_cost(own: &LoadedView, other: &LoadedView, [x, y]: [usize; 2], plane: &
 
 #[test]
 fn cost_matches_oracle_at_every_simd_level() {
-    /// Cancellation: sums of squares of levels in `f32`, up to 65,025, leave a variance of a
-    /// few hundred.
+    /// Cancellation: sums of squares of levels in `f32`, up to 65,025, leave a variance of a few
+    /// hundred.
     const TOLERANCE: f64 = 2e-3;
     let views = [0, 1, 4].map(|i| loaded(i, textured));
     let grey = |view: &LoadedView| {

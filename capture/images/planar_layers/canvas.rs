@@ -10,8 +10,8 @@ use rayon::prelude::*;
 /// Margin at each side relative to the image's side: other frames see beyond its border.
 const MARGIN: f64 = 0.125;
 
-/// Minimum tolerance of points on a plane, pixels of parallax: matching has an error of a few tenths
-/// of a pixel.
+/// Minimum tolerance of points on a plane, pixels of parallax: matching has an error of a few
+/// tenths of a pixel.
 const ON_PLANE_PX: f64 = 1.0;
 
 /// Tolerance of points on a plane, standard deviations of depth.

@@ -202,7 +202,7 @@ pub(super) struct ByteReader<'a> {
 }
 
 impl<'a> ByteReader<'a> {
-    pub(super) fn take(&mut self, count: usize) -> Result<&'a [u8], ImagesError> {
+    fn take(&mut self, count: usize) -> Result<&'a [u8], ImagesError> {
         let (taken, rest) = self
             .rest
             .split_at_checked(count)
@@ -211,7 +211,16 @@ impl<'a> ByteReader<'a> {
         Ok(taken)
     }
 
-    pub(super) fn truncated(&self) -> ImagesError {
+    /// Skips a list of items of a size: their number, and the items.
+    pub(super) fn skip_list(&mut self, item_bytes: usize) -> Result<(), ImagesError> {
+        let bytes = usize::try_from(self.u64()?)
+            .ok()
+            .and_then(|count| count.checked_mul(item_bytes));
+        self.take(bytes.ok_or_else(|| self.truncated())?)?;
+        Ok(())
+    }
+
+    fn truncated(&self) -> ImagesError {
         ImagesError::field(
             self.file,
             "the file",
@@ -283,10 +292,7 @@ fn binary_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
             .ok_or_else(|| bytes.truncated())?;
         let name = String::from_utf8_lossy(bytes.take(end)?).into_owned();
         bytes.take(1)?;
-        let points = usize::try_from(bytes.u64()?)
-            .ok()
-            .and_then(|points| points.checked_mul(24));
-        bytes.take(points.ok_or_else(|| bytes.truncated())?)?;
+        bytes.skip_list(24)?; // features
         let pose = parse_pose(quaternion, translation);
         images.push(check_image(file, name, camera, pose)?);
     }

@@ -46,11 +46,7 @@ fn binary_points(file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
         let position = DVec3::from_array(bytes.f64s()?);
         let color = bytes.array()?;
         let [_error] = bytes.f64s()?;
-        // The track: images and features of the point.
-        let track = usize::try_from(bytes.u64()?)
-            .ok()
-            .and_then(|pictures| pictures.checked_mul(8));
-        bytes.take(track.ok_or_else(|| bytes.truncated())?)?;
+        bytes.skip_list(8)?; // the track: images and features of the point
         points.push(SparsePoint { position, color });
     }
     Ok(points)

@@ -1,7 +1,7 @@
 //! Readers of image sets, one module per format.
 //!
-//! `text` and `json` parse numbers and fields with errors that name them; `text` also lists folders.
-//! `nerfstudio` also writes sets.
+//! `text` and `json` parse numbers and fields with errors that name them; `text` also lists
+//! folders. `nerfstudio` also writes sets.
 
 pub(crate) mod colmap;
 pub(crate) mod colmap_points;

@@ -1,7 +1,7 @@
 //! Selection of pairs of overlapping views: near ones, which overlap most, and far ones, which tie
 //! the set together.
 
-use super::super::register::view_distance;
+use super::super::register::rank_others;
 use super::Pose;
 use super::range::RangeGrid;
 use rayon::prelude::*;
@@ -24,19 +24,10 @@ pub(super) const SAME_SURFACE: f64 = 0.1;
 /// Returns the pairs of overlapping views, in ascending order without duplicates.
 pub(super) fn find_pairs(grids: &[RangeGrid], poses: &[Pose], depth_m: f64) -> Vec<[usize; 2]> {
     let partners = |i: usize| {
-        let mut ranked: Vec<(f64, usize)> = (0..poses.len())
-            .filter(|&j| j != i)
-            .map(|j| (view_distance(&poses[i], &poses[j], depth_m), j))
-            .collect();
-        ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        ranked.truncate(MAX_TESTED);
         let overlaps =
-            |j: usize| overlap((&grids[i], &poses[i]), (&grids[j], &poses[j])) >= MIN_OVERLAP;
-        let overlapping: Vec<usize> = ranked
-            .into_iter()
-            .map(|(_, j)| j)
-            .filter(|&j| overlaps(j))
-            .collect();
+            |j: &usize| overlap((&grids[i], &poses[i]), (&grids[*j], &poses[*j])) >= MIN_OVERLAP;
+        let tested = rank_others(poses, i, depth_m).into_iter().take(MAX_TESTED);
+        let overlapping: Vec<usize> = tested.filter(overlaps).collect();
         let near = overlapping.len().min(PARTNERS_PER_KIND);
         let far = overlapping
             .len()

@@ -19,8 +19,8 @@ pub(super) struct ValidationError {
     pub(super) levels: f64,
 }
 
-/// Minimum improvement, pixels, in addition to a tenth of the distance: smaller differences come from
-/// rounding and from the curvature of surfaces, which small depth images lack.
+/// Minimum improvement, pixels, in addition to a tenth of the distance: smaller differences come
+/// from rounding and from the curvature of surfaces, which small depth images lack.
 const MIN_GAIN_PX: f64 = 0.05;
 
 /// Colour difference, levels, below which colours can hardly improve: there is little texture, or

@@ -20,7 +20,7 @@ mod subset;
 mod tests;
 mod view_samples;
 
-pub(super) use subset::view_distance;
+pub(super) use subset::rank_others;
 
 use super::{ImageSet, ImagesError, Lens, LoadedView, Pinhole, Pose, View};
 

@@ -10,7 +10,7 @@
 
 use super::calibration::{Calibration, ProjectedPoint};
 use super::solve::{PAIR_UNKNOWNS, PairBlock, SHARED_UNKNOWNS, VIEW_UNKNOWNS, solve};
-use super::subset::view_distance;
+use super::subset::rank_others;
 use super::view_samples::{BlurredImage, VALIDATION_STRIDE, ViewSamples};
 use super::{Pinhole, Pose};
 use glam::{DVec2, DVec3};
@@ -49,8 +49,8 @@ const RANKS: [usize; 6] = [0, 1, 3, 7, 15, 27];
 const MIN_POINTS: usize = 100;
 const MIN_SHARE: f64 = 0.1;
 
-/// Numbers of blur rounds, from coarse to fine: standard deviations of 3.5, 1.7 and 1 pixels of the small
-/// images.
+/// Numbers of blur rounds, from coarse to fine: standard deviations of 3.5, 1.7 and 1 pixels of the
+/// small images.
 const BLURS: [u32; 3] = [24, 6, 2];
 
 /// Scale of the robust cost, levels.
@@ -110,25 +110,12 @@ impl PhotometricProblem {
 
     /// Returns the pairs of views to test for overlap.
     fn candidates(&self) -> Vec<[usize; 2]> {
+        let poses: Vec<Pose> = self.poses().collect();
         let mut pairs = BTreeSet::new();
         for (i, own) in self.views.iter().enumerate() {
-            let rank = |j: usize| {
-                (
-                    view_distance(&own.pose, &self.views[j].pose, own.depth_m),
-                    j,
-                )
-            };
-            let mut others: Vec<(f64, usize)> = (0..self.views.len())
-                .filter(|&j| j != i)
-                .map(rank)
-                .collect();
-            others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            pairs.extend(
-                RANKS
-                    .iter()
-                    .filter_map(|&rank| others.get(rank))
-                    .map(|&(_, j)| [i.min(j), i.max(j)]),
-            );
+            let others = rank_others(&poses, i, own.depth_m);
+            let ranked = RANKS.iter().filter_map(|&rank| others.get(rank));
+            pairs.extend(ranked.map(|&j| [i.min(j), i.max(j)]));
         }
         pairs.into_iter().collect()
     }

@@ -1,7 +1,7 @@
 //! Representative subset of a large set: small groups of neighbouring views, evenly spread.
 //!
-//! Estimation needs views that see the same points from different poses: neighbours do, single views
-//! from all over the set rarely do. Groups from all over the set favour no part of it.
+//! Estimation needs views that see the same points from different poses: neighbours do, single
+//! views from all over the set rarely do. Groups from all over the set favour no part of it.
 
 use super::Pose;
 
@@ -14,11 +14,21 @@ pub(super) const GROUP_SIZE: usize = 1 + RANKS.len();
 
 /// Returns the distance of two views: distance of the eyes over the scene's depth, plus the angle
 /// between the axes, radians.
-pub(crate) fn view_distance(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
+fn view_distance(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
     a.eye.distance(b.eye) / depth_m
         + a.world_from_eye
             .z_axis
             .angle_between(b.world_from_eye.z_axis)
+}
+
+/// Returns the indices of all views but `own`, the nearest first; on a tie, the lower index first.
+pub(crate) fn rank_others(poses: &[Pose], own: usize, depth_m: f64) -> Vec<usize> {
+    let mut ranked: Vec<(f64, usize)> = (0..poses.len())
+        .filter(|&i| i != own)
+        .map(|i| (view_distance(&poses[own], &poses[i], depth_m), i))
+        .collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    ranked.into_iter().map(|(_, i)| i).collect()
 }
 
 /// Returns the first view of each group, evenly spread over the order of `count` views.
@@ -32,17 +42,9 @@ pub(super) fn first_views(count: usize, groups: usize) -> Vec<usize> {
 pub(super) fn complete_groups(poses: &[Pose], firsts: &[usize], depth_m: f64) -> Vec<usize> {
     let mut chosen: std::collections::BTreeSet<usize> = firsts.iter().copied().collect();
     for &first in firsts {
-        let mut others: Vec<(f64, usize)> = (0..poses.len())
-            .filter(|i| !chosen.contains(i))
-            .map(|i| (view_distance(&poses[first], &poses[i], depth_m), i))
-            .collect();
-        others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        chosen.extend(
-            RANKS
-                .iter()
-                .filter_map(|&rank| others.get(rank - 1))
-                .map(|&(_, i)| i),
-        );
+        let mut others = rank_others(poses, first, depth_m);
+        others.retain(|i| !chosen.contains(i));
+        chosen.extend(RANKS.iter().filter_map(|&rank| others.get(rank - 1)));
     }
     chosen.into_iter().collect()
 }

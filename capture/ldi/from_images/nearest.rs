@@ -80,8 +80,8 @@ impl NearImages {
         self.depth_m
     }
 
-    /// Indices of the `count` views with depth that are nearest to a camera, the nearest first; on a
-    /// tie, the lower index first.
+    /// Indices of the `count` views with depth that are nearest to a camera, the nearest first; on
+    /// a tie, the lower index first.
     pub fn nearest(&self, camera: &Camera, count: usize) -> Vec<usize> {
         let mut ranked: Vec<(f64, usize)> = self
             .with_depth

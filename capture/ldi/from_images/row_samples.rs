@@ -37,8 +37,8 @@ impl ImageSample {
     };
 }
 
-/// A linear colour in 16 bits per channel: at the dark end of sRGB, a level is 20 steps. It is small
-/// because memory bandwidth limits the merging of many samples.
+/// A linear colour in 16 bits per channel: at the dark end of sRGB, a level is 20 steps. It is
+/// small because memory bandwidth limits the merging of many samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinearColor16(pub(super) [u16; 3]);
 

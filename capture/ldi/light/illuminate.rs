@@ -289,7 +289,8 @@ impl FaceLight<'_> {
             .for_each(add);
     }
 
-    /// The random stream that the light samples of one kind share on all surface samples of a class.
+    /// The random stream that the light samples of one kind share on all surface samples of a
+    /// class.
     fn stream(&self, surface: &SurfaceSample, kind: u32) -> u32 {
         random4([self.face.index() as u32, u32::from(surface.class), kind, 1])[0]
     }

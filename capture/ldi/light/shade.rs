@@ -2,10 +2,9 @@
 //!
 //! Light is sampled `K` times per depth pixel, after tracing. The alternative is one light sample
 //! per ray. A depth pixel is hit by one to hundreds of rays, so light per ray spends most samples
-//! where they are least needed, and leaves depth pixels that few rays reach (the
-//! disoccluded ones, and all of them once novelty stopping saves rays) with a single noisy sample.
-//! Light per depth pixel gives each the same error, and can be pooled over a surface
-//! ([`super::pool`]).
+//! where they are least needed, and leaves depth pixels that few rays reach (the disoccluded ones,
+//! and all of them once novelty stopping saves rays) with a single noisy sample. Light per depth
+//! pixel gives each the same error, and can be pooled over a surface ([`super::pool`]).
 //!
 //! Albedo is averaged over all rays, and, where a triangle has a texture, over a grid of points in
 //! its part of the pixel. Without the grid, an LDI with half of the rays aliases

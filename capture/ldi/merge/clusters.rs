@@ -1,7 +1,8 @@
 //! Merges the surface samples of a pixel into depth pixels, by clusters of bounded depth span.
 //!
 //! Neighbouring bins are joined pairwise, in one pass from the far end: a surface that straddles a
-//! bin's border becomes one depth pixel, a cluster spans at most two bins, and clusters never chain.
+//! bin's border becomes one depth pixel, a cluster spans at most two bins, and clusters never
+//! chain.
 
 use super::coverage::BinSpan;
 use crate::light::shade::SurfaceSample;

@@ -1,8 +1,8 @@
 //! The plan of the rays after the pilot: rays go where new depth pixels are still being found.
 //!
-//! A *single* is a depth pixel that exactly one ray has hit. Singles after the pilot are evidence of
-//! depth pixels that no ray has hit yet: the probability that the next ray of a population finds a
-//! new one is estimated by the share of its rays that hit singles (Good 1953, "The population
+//! A *single* is a depth pixel that exactly one ray has hit. Singles after the pilot are evidence
+//! of depth pixels that no ray has hit yet: the probability that the next ray of a population finds
+//! a new one is estimated by the share of its rays that hit singles (Good 1953, "The population
 //! frequencies of species and the estimation of population parameters"; the estimate is Turing's).
 //! The population is a *group* of strata: one direction cell and a block of position cells. The
 //! plan is a pure function of the pilot's accumulators. Every shard traces the whole pilot, so that
@@ -17,8 +17,8 @@ use std::io;
 /// Maximum number of blocks along a side into which position cells are pooled.
 const MAX_BLOCKS: u32 = 8;
 
-/// Approximate minimum number of pilot rays of a group: fewer cannot resolve a share of singles of a
-/// few per cent.
+/// Approximate minimum number of pilot rays of a group: fewer cannot resolve a share of singles of
+/// a few per cent.
 const PILOT_RAYS_PER_GROUP: u32 = 64;
 
 /// Division of the strata into groups that share an estimate.

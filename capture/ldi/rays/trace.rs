@@ -1,8 +1,8 @@
 //! Traces rays from every face of the headbox and accumulates their hits.
 //!
 //! A pilot round over all strata comes first; the plan that follows from it specifies how many more
-//! rays each stratum gets. All six faces are traced in one run. A hit goes to the face whose frustum
-//! contains it, whichever face its ray left (C13).
+//! rays each stratum gets. All six faces are traced in one run. A hit goes to the face whose
+//! frustum contains it, whichever face its ray left (C13).
 
 use super::ray_plan::RayPlan;
 use crate::accumulate::accumulator::{Accumulator, Sample, to_unorm16};

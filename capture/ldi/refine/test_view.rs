@@ -128,8 +128,8 @@ impl ViewFindings {
         }
     }
 
-    /// The `count` views with most lacking pixels, each repeated in proportion to its share; none if
-    /// no pixel is lacking.
+    /// The `count` views with most lacking pixels, each repeated in proportion to its share; none
+    /// if no pixel is lacking.
     pub(super) fn worst(&self, count: usize) -> Vec<TestView> {
         let mut lacking: Vec<&(f64, TestView)> = self
             .views

@@ -3,9 +3,9 @@
 //! The requested numbers are summed along a Morton curve over the pixels. A surface sample takes
 //! one light sample for each whole number that its request carries the sum past, so that light
 //! samples lie as evenly as the requests allow. Their numbers in this order select the points of an
-//! evenly spread sequence: neighbours share an evenly spread set of points (Ahmed and Wonka
-//! 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering
-//! of Pixels").
+//! evenly spread sequence: neighbours share an evenly spread set of points (Ahmed and Wonka 2020,
+//! "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of
+//! Pixels").
 
 use crate::surfaces::surface_samples::FaceSurfaces;
 use headbox_trace::sampler::{random4, unit_float};
@@ -19,8 +19,7 @@ pub(crate) struct SampleRange {
 }
 
 /// Distributes light samples over surface samples. For each, `requested` holds the number that it
-/// requests, and `classes` its
-/// [`SurfaceSample::class`](crate::light::shade::SurfaceSample::class).
+/// requests, and `classes` its [`SurfaceSample::class`](crate::light::shade::SurfaceSample::class).
 pub(crate) fn distribute_samples(
     surfaces: &FaceSurfaces,
     classes: &[u16],

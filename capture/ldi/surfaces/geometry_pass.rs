@@ -45,8 +45,8 @@ impl GeometryCube {
         Ok(geometry)
     }
 
-    /// Rebuilds the depth pixels that `samples`, which were added to `tracing` since the last build,
-    /// have changed. The result equals that of [`Self::build`].
+    /// Rebuilds the depth pixels that `samples`, which were added to `tracing` since the last
+    /// build, have changed. The result equals that of [`Self::build`].
     ///
     /// # Errors
     /// See [`Self::build`].

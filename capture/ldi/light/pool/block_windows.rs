@@ -3,12 +3,13 @@
 //! A window that is many pixels wide is nearly the same for neighbours, so it is computed once for
 //! a block of pixels: over three by three blocks, of which the middle counts most ([1 2 1] / 4 in
 //! each direction), and interpolated between the middles of blocks. Beyond a face's border its
-//! plane continues: a block there has the content of that block of another face which the direction
-//! to its middle hits. So faces that meet on a wall read the same sums on either side of their border.
+//! plane continues: a block there has the content of the block of another face that lies in the
+//! direction of its middle. So faces that meet on a wall read the same sums on either side of their
+//! border.
 
 use super::blocks::{BlockLevel, Blocks, Lattice};
 use super::surface_key::SurfaceKey;
-use super::window::{Sums, gaussian_support};
+use super::window::{Sums, add, gaussian_support};
 use headbox_core::cube_face::Face;
 use rayon::prelude::*;
 
@@ -22,8 +23,8 @@ pub(crate) struct BlockWindows {
 }
 
 impl BlockWindows {
-    /// Windows of `face` over its blocks, `own`, and over those of `others` that are known, by index
-    /// of the face.
+    /// Windows of `face` over its blocks, `own`, and over those of `others` that are known, by
+    /// index of the face.
     pub(crate) fn new(
         face: Face,
         size_px: u32,
@@ -119,10 +120,7 @@ impl WindowReader<'_> {
         let mut total = Sums::default();
         for (sums, weight) in self.cells.iter().zip(weights) {
             if let Some(sums) = sums {
-                total
-                    .iter_mut()
-                    .zip(*sums)
-                    .for_each(|(total, value)| *total += weight * value);
+                add(&mut total, sums, weight);
             }
         }
         total
@@ -184,11 +182,7 @@ impl<'a> SurroundingBlocks<'a> {
                     let key = &lattice.keys[other];
                     let sums = &lattice.sums[other];
                     for (_, window) in windows.iter_mut().filter(|(own, _)| own.is_same(key)) {
-                        let weight = weight_x * weight_y * per_pixel;
-                        window
-                            .iter_mut()
-                            .zip(sums)
-                            .for_each(|(window, value)| *window += weight * value);
+                        add(window, sums, weight_x * weight_y * per_pixel);
                     }
                 }
             }

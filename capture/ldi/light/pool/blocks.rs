@@ -3,7 +3,7 @@
 
 use super::GatheredLight;
 use super::surface_key::SurfaceKey;
-use super::window::{SHARE, Sums, sums};
+use super::window::{SHARE, Sums, add, sums};
 use crate::surfaces::rows;
 use crate::surfaces::surface_samples::FaceSurfaces;
 use rayon::prelude::*;
@@ -194,13 +194,6 @@ impl BlockLevel {
                 fill(y, first, sums);
             });
     }
-}
-
-#[inline]
-fn add(to: &mut Sums, sums: &Sums, weight: f32) {
-    to.iter_mut()
-        .zip(sums)
-        .for_each(|(to, value)| *to += weight * value);
 }
 
 /// Membership of a surface sample before the surfaces of all cells are numbered.

@@ -6,7 +6,7 @@
 //! which irradiance may change the most (Ward and Heckbert 1992, "Irradiance gradients").
 
 use super::block_windows::WindowReader;
-use super::window::{NEARNESS, SAMPLES, Sums, smooth_step};
+use super::window::{NEARNESS, SAMPLES, Sums, add, smooth_step};
 use super::{Pooling, middle, narrow_windows};
 
 /// Distance from one narrow window to the next, pixels: they hardly overlap.
@@ -55,9 +55,7 @@ impl Pooling<'_> {
                 gauss * (1.0 - smooth_step(AS_NEAR, (nearness / own_nearness - 1.0).abs()))
             });
             if let Some((other, _)) = window {
-                for (sum, value) in sums.iter_mut().zip(&narrow[other]) {
-                    *sum += weight * value;
-                }
+                add(&mut sums, &narrow[other], weight);
             }
             total += weight;
             squares += weight * (weight + 2.0 * CORRELATION * last);

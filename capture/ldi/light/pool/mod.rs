@@ -3,15 +3,14 @@
 //!
 //! Light from the sky, from lamps and from bounces varies slowly over a surface but is noisy per
 //! sample. So it is stored separately from albedo, and each surface sample takes the mean over a
-//! window of
-//! its surface: over surface samples of the same class
+//! window of its surface: over surface samples of the same class
 //! ([`Accumulator::class`](crate::accumulate::accumulator::Accumulator::class): material, side,
 //! octant) in the same plane, in any layer and on any face. The width of the window is chosen for
 //! each surface sample, from narrow to wide:
 //!
 //! * The wider window's mean counts to the extent that it agrees with the narrower one's within the
-//!   noise of both (Katkovnik 1999, "A new method for varying adaptive bandwidth selection": intersecting
-//!   confidence intervals). Edges of shadows stay.
+//!   noise of both (Katkovnik 1999, "A new method for varying adaptive bandwidth selection":
+//!   intersecting confidence intervals). Edges of shadows stay.
 //! * It counts to the extent that the possible change of irradiance over it is less than the noise
 //!   of the narrower one. The harmonic mean of the distances to where light comes from bounds the
 //!   gradient of irradiance (Ward, Rubinstein and Clear 1988, "A ray tracing solution for diffuse

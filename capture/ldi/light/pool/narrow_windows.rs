@@ -1,7 +1,7 @@
 //! The narrowest windows: sums over rows and columns.
 
 use super::surface_key::SurfaceKey;
-use super::window::{Sums, gaussian_support, sums};
+use super::window::{Sums, add, gaussian_support, sums};
 use super::{GatheredLight, Pooling};
 use rayon::prelude::*;
 
@@ -50,12 +50,12 @@ impl Pooling<'_> {
             let [x, y] = self.pixels[i].map(u32::from);
             let pixel = (y * size + x) as usize;
             let mut total = Sums::default();
-            self.add(from, key, (pixel, 0.5), &mut total);
+            self.add_pixel(from, key, (pixel, 0.5), &mut total);
             if x >= step_x && y >= step_y {
-                self.add(from, key, (pixel - step, 0.25), &mut total);
+                self.add_pixel(from, key, (pixel - step, 0.25), &mut total);
             }
             if x + step_x < size && y + step_y < size {
-                self.add(from, key, (pixel + step, 0.25), &mut total);
+                self.add_pixel(from, key, (pixel + step, 0.25), &mut total);
             }
             total
         };
@@ -65,7 +65,7 @@ impl Pooling<'_> {
     /// Adds the sums of a surface in a pixel, with a weight. A surface that crosses the pixel at a
     /// slant has several samples there, of which the mean counts.
     #[inline]
-    fn add(
+    fn add_pixel(
         &self,
         from: &[Sums],
         key: &SurfaceKey,
@@ -78,18 +78,12 @@ impl Pooling<'_> {
         let mut count = 0.0;
         for (other, values) in self.keys[run.clone()].iter().zip(&from[run]) {
             if key.is_same(other) {
-                pixel_sums
-                    .iter_mut()
-                    .zip(values)
-                    .for_each(|(sum, value)| *sum += value);
+                add(&mut pixel_sums, values, 1.0);
                 count += 1.0;
             }
         }
         if count > 0.0 {
-            total
-                .iter_mut()
-                .zip(pixel_sums)
-                .for_each(|(total, sum)| *total += sum * (weight / count));
+            add(total, &pixel_sums, weight / count);
         }
     }
 }

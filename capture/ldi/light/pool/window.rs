@@ -44,8 +44,8 @@ const STRIKING: [f32; 2] = [2.5, 5.0];
 /// count in full.
 const TRUSTED_SAMPLES: [f32; 2] = [8.0, 32.0];
 
-/// Squared ratios of a window's light to its standard error from which its nearness starts to count,
-/// and from which it counts in full.
+/// Squared ratios of a window's light to its standard error from which its nearness starts to
+/// count, and from which it counts in full.
 const TRUSTED_RATIO: [f32; 2] = [4.0, 16.0];
 
 /// Approximate change of irradiance over a window, as a share of the square of the window's radius
@@ -78,6 +78,14 @@ pub(super) fn sums(gathered: &GatheredLight) -> Sums {
         1.0,
         0.0,
     ]
+}
+
+/// Adds sums with a weight.
+#[inline]
+pub(super) fn add(to: &mut Sums, sums: &Sums, weight: f32) {
+    to.iter_mut()
+        .zip(sums)
+        .for_each(|(to, value)| *to += weight * value);
 }
 
 /// [`Sums`] of surface samples in lanes, `[sum][lane]`.
@@ -199,9 +207,9 @@ impl<S: Simd> WindowChoice<S> {
         (radius_m * self.last.nearness).simd_gt(NEAR) & self.begun
     }
 
-    /// Proceeds to wider windows with a standard deviation of `radius_m` where they may still count,
-    /// and where they have not left out most of the surface as too small to follow. Lanes without a
-    /// window begin with these.
+    /// Proceeds to wider windows with a standard deviation of `radius_m` where they may still
+    /// count, and where they have not left out most of the surface as too small to follow. Lanes
+    /// without a window begin with these.
     #[inline(always)]
     pub(super) fn take(&mut self, wide: &Window<S>, radius_m: f32x8<S>) {
         let may_count =
