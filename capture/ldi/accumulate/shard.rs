@@ -239,9 +239,7 @@ pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut Tracing) -> Result<()
 pub fn check(path: &Path, info: &ShardInfo) -> Result<u64, ShardError> {
     let mut tracing = Tracing::empty(&info.spec, &RunOptions::default())?;
     absorb(path, info, &mut tracing)?;
-    let mut accumulators = 0;
-    for tile in 0..tracing.store.tile_count() {
-        accumulators += tracing.store.tile_run(tile)?.len() as u64;
-    }
-    Ok(accumulators)
+    (0..tracing.store.tile_count())
+        .map(|tile| Ok(tracing.store.tile_run(tile)?.len() as u64))
+        .sum()
 }

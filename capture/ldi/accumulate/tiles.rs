@@ -182,9 +182,7 @@ impl TileStore {
         for (tile, runs) in self.tiles.iter().zip(&mut spill.runs) {
             let mut tile = lock(tile);
             let run = tile.run(|_| true);
-            self.chunks_in_memory
-                .fetch_sub(tile.chunks.len(), Ordering::Relaxed);
-            *tile = Tile::default();
+            self.clear(&mut tile);
             drop(tile);
             if !run.is_empty() {
                 let bytes: &[u8] = bytemuck::cast_slice(&run);
@@ -244,7 +242,10 @@ impl TileStore {
 
     /// Drops a tile's accumulators in memory.
     pub fn clear_tile(&self, tile: usize) {
-        let mut tile = lock(&self.tiles[tile]);
+        self.clear(&mut lock(&self.tiles[tile]));
+    }
+
+    fn clear(&self, tile: &mut Tile) {
         self.chunks_in_memory
             .fetch_sub(tile.chunks.len(), Ordering::Relaxed);
         *tile = Tile::default();

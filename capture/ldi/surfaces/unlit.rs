@@ -130,7 +130,7 @@ fn append(face: &mut FaceSurfaces, tiles: &[TileSurfaces], per_row: usize) {
             rest[in_row]
                 .iter_mut()
                 .zip(lengths)
-                .map(take_first)
+                .map(|(samples, length)| samples.split_off(..length).unwrap_or_default())
                 .collect(),
         );
         let offset = |count: &u32| {
@@ -151,10 +151,6 @@ fn append(face: &mut FaceSurfaces, tiles: &[TileSurfaces], per_row: usize) {
             .zip(row)
             .for_each(|(place, run)| place.copy_from_slice(run));
     });
-}
-
-fn take_first<'a>((from, count): (&mut &'a [SurfaceSample], usize)) -> &'a [SurfaceSample] {
-    from.split_off(..count).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -107,7 +107,7 @@ fn pool_lanes<S: Simd>(
         let mut sums = SumLanes::default();
         match small.get(number) {
             Some(known) => sums = *known,
-            None if choice.is_open() => read(reader, points, &mut sums),
+            None if choice.may_widen() => read(reader, points, &mut sums),
             None => break,
         }
         let window = Window::new(

@@ -49,7 +49,7 @@ pub(super) use blocks::Blocks;
 pub(crate) use surface_key::same_surface;
 
 use crate::surfaces::surface_samples::FaceSurfaces;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use headbox_core::color::luminance;
 use headbox_core::cube_face::Face;
 use lanes::{PoolingPoint, pool_points};
@@ -140,13 +140,13 @@ fn middle(pixel: [u16; 2]) -> [f32; 2] {
 /// Statistics of light samples by class of surface.
 pub(super) struct ClassStatistics {
     /// Number, sum of luminances, and sum of squared luminances of each class.
-    sums: Vec<[f64; 3]>,
+    sums: Vec<DVec3>,
 }
 
 impl Default for ClassStatistics {
     fn default() -> Self {
         Self {
-            sums: vec![[0.0; 3]; 1 << 16],
+            sums: vec![DVec3::ZERO; 1 << 16],
         }
     }
 }
@@ -161,10 +161,7 @@ impl ClassStatistics {
             .filter(|(_, g)| g.samples > 0.0)
         {
             let values = [g.samples, luminance(g.light.to_array()), g.squares].map(f64::from);
-            let sums = &mut statistics.sums[usize::from(class)];
-            for (sum, value) in sums.iter_mut().zip(values) {
-                *sum += value;
-            }
+            statistics.sums[usize::from(class)] += DVec3::from_array(values);
         }
         statistics
     }
@@ -172,28 +169,22 @@ impl ClassStatistics {
     /// Adds the statistics of another face.
     pub(super) fn absorb(&mut self, other: &Self) {
         for (sums, others) in self.sums.iter_mut().zip(&other.sums) {
-            for (sum, other) in sums.iter_mut().zip(others) {
-                *sum += other;
-            }
+            *sums += *others;
         }
     }
 
     /// Variance of the luminance of single light samples by class of surface; where a class has
     /// few, mixed with that of all classes.
     pub(super) fn variances(&self) -> Vec<f32> {
-        let mut all = [0.0f64; 3];
-        for sums in &self.sums {
-            for (all, sum) in all.iter_mut().zip(sums) {
-                *all += sum;
-            }
-        }
-        let variance = |[samples, light, squares]: [f64; 3]| {
+        let all: DVec3 = self.sums.iter().sum();
+        let variance = |sums: DVec3| {
+            let [samples, light, squares] = sums.to_array();
             let per_sample = 1.0 / samples.max(1e-20);
             (squares * per_sample - (light * per_sample).powi(2)).max(0.0)
         };
         let few = f64::from(FEW_SAMPLES);
-        let class_variance = |sums: &[f64; 3]| {
-            ((variance(*sums) * sums[0] + variance(all) * few) / (sums[0] + few)) as f32
+        let class_variance = |sums: &DVec3| {
+            ((variance(*sums) * sums.x + variance(all) * few) / (sums.x + few)) as f32
         };
         self.sums.iter().map(class_variance).collect()
     }

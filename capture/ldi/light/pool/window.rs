@@ -173,20 +173,20 @@ pub(super) struct WindowChoice<S: Simd> {
     /// The last windows that were compared.
     last: Window<S>,
     /// Weight of the next wider windows; 1 as long as they may count in full.
-    open: f32x8<S>,
+    weight: f32x8<S>,
     /// Lanes for which a window was chosen.
-    begun: mask32x8<S>,
+    chosen: mask32x8<S>,
 }
 
 impl<S: Simd> WindowChoice<S> {
     /// The choice of these windows in the lanes of a mask.
     #[inline(always)]
-    pub(super) fn first(window: Window<S>, begun: mask32x8<S>) -> Self {
+    pub(super) fn first(window: Window<S>, chosen: mask32x8<S>) -> Self {
         Self {
             pooled: window,
             last: window,
-            open: f32x8::splat(window.level.token(), 1.0),
-            begun,
+            weight: f32x8::splat(window.level.token(), 1.0),
+            chosen,
         }
     }
 
@@ -204,7 +204,7 @@ impl<S: Simd> WindowChoice<S> {
     /// `radius_m` would be biased.
     #[inline(always)]
     pub(super) fn is_near(&self, radius_m: f32x8<S>) -> mask32x8<S> {
-        (radius_m * self.last.nearness).simd_gt(NEAR) & self.begun
+        (radius_m * self.last.nearness).simd_gt(NEAR) & self.chosen
     }
 
     /// Proceeds to wider windows with a standard deviation of `radius_m` where they may still
@@ -212,20 +212,21 @@ impl<S: Simd> WindowChoice<S> {
     /// without a window begin with these.
     #[inline(always)]
     pub(super) fn take(&mut self, wide: &Window<S>, radius_m: f32x8<S>) {
-        let may_count =
-            (wide.support * 2.0).simd_gt(self.last.support) & self.open.simd_gt(0.0) & self.begun;
-        let begins = !self.begun;
+        let may_count = (wide.support * 2.0).simd_gt(self.last.support)
+            & self.weight.simd_gt(0.0)
+            & self.chosen;
+        let begins = !self.chosen;
         self.widen(wide, radius_m, may_count);
         self.pooled = self.pooled.or(wide, begins);
         self.last = self.last.or(wide, begins);
-        self.open = (may_count | begins).select(self.open, f32x8::splat(radius_m.token(), 0.0));
-        self.begun |= begins;
+        self.weight = (may_count | begins).select(self.weight, f32x8::splat(radius_m.token(), 0.0));
+        self.chosen |= begins;
     }
 
     /// Returns true if wider windows may count in any lane.
     #[inline(always)]
-    pub(super) fn is_open(&self) -> bool {
-        self.open.simd_gt(0.0).any_true()
+    pub(super) fn may_widen(&self) -> bool {
+        self.weight.simd_gt(0.0).any_true()
     }
 
     /// Compares wider windows with a standard deviation of `radius_m` in the lanes of a mask, and
@@ -247,22 +248,23 @@ impl<S: Simd> WindowChoice<S> {
         let reach = (radius_m * wide.nearness).min(FARTHEST_REACH);
         let bias = last.level * reach * reach * CURVATURE;
         let bias2 = bias * bias;
-        let open = self.open * agreement * (one - trusted * (bias2 / (bias2 + error2).max(1e-30)));
+        let weight =
+            self.weight * agreement * (one - trusted * (bias2 / (bias2 + error2).max(1e-30)));
         let from = &self.pooled;
         let widened = Window {
             light: [
-                from.light[0] + (wide.light[0] - from.light[0]) * open,
-                from.light[1] + (wide.light[1] - from.light[1]) * open,
-                from.light[2] + (wide.light[2] - from.light[2]) * open,
+                from.light[0] + (wide.light[0] - from.light[0]) * weight,
+                from.light[1] + (wide.light[1] - from.light[1]) * weight,
+                from.light[2] + (wide.light[2] - from.light[2]) * weight,
             ],
-            variance: from.variance + (wide.variance - from.variance) * open.max(one - trusted),
-            samples: from.samples + (wide.samples - from.samples) * open,
-            support: from.support + (wide.support - from.support) * open,
+            variance: from.variance + (wide.variance - from.variance) * weight.max(one - trusted),
+            samples: from.samples + (wide.samples - from.samples) * weight,
+            support: from.support + (wide.support - from.support) * weight,
             ..*wide
         };
         self.pooled = self.pooled.or(&widened, mask);
         self.last = self.last.or(wide, mask);
-        self.open = mask.select(open, self.open);
+        self.weight = mask.select(weight, self.weight);
     }
 
     /// The pooled light of each lane.
@@ -379,7 +381,7 @@ mod tests {
             share * share * (3.0 - 2.0 * share)
         };
         let mut last = statistics(&windows[0]);
-        let mut open = 1.0;
+        let mut weight = 1.0;
         let mut all = [
             last.light[0],
             last.light[1],
@@ -390,7 +392,7 @@ mod tests {
         ];
         for window in &windows[1..] {
             let wide = statistics(window);
-            if open <= 0.0 || 2.0 * wide.support <= last.support {
+            if weight <= 0.0 || 2.0 * wide.support <= last.support {
                 break;
             }
             let variance = wide.variance.max(last.variance);
@@ -398,15 +400,22 @@ mod tests {
             let difference = (wide.level - last.level).abs() / error2.sqrt();
             let trusted = step(TRUSTED_SAMPLES, last.samples);
             let confidence = step(MANY, last.samples).max(trusted * step(STRIKING, difference));
-            open *= 1.0 - confidence * step(TOLERANCE, difference);
+            weight *= 1.0 - confidence * step(TOLERANCE, difference);
             let trusted = trusted
                 * step(
                     TRUSTED_RATIO,
                     last.samples * wide.level * wide.level / variance,
                 );
             let bias = last.level * (f64::from(window.2) * wide.nearness).powi(2);
-            open *= 1.0 - trusted * bias * bias / (bias * bias + error2);
-            let shares = [open, open, open, open.max(1.0 - trusted), open, open];
+            weight *= 1.0 - trusted * bias * bias / (bias * bias + error2);
+            let shares = [
+                weight,
+                weight,
+                weight,
+                weight.max(1.0 - trusted),
+                weight,
+                weight,
+            ];
             let [r, g, b] = wide.light;
             for ((all, wide), share) in all
                 .iter_mut()
