@@ -288,6 +288,18 @@ mod tests {
         }
     }
 
+    /// Saves one row of a 16-bit grey image.
+    fn save_grey(path: &Path, values: &[u16]) {
+        image::ImageBuffer::<image::Luma<u16>, _>::from_raw(
+            values.len() as u32,
+            1,
+            values.to_vec(),
+        )
+        .expect("a picture")
+        .save(path)
+        .expect("written");
+    }
+
     #[test]
     fn window_depth_normal_and_reversed() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -301,9 +313,7 @@ mod tests {
             let b = -sign * 2.0 * far * near / (far - near);
             let depths = [0.6, 1.0, 3.0, 15.0];
             let stored = depths.map(|z: f64| ((-a + b / z + 1.0) / 2.0 * 65_535.0).round() as u16);
-            let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(4, 1, stored.to_vec())
-                .expect("a picture");
-            grey.save(&path).expect("written");
+            save_grey(&path, &stored);
             let read = source(path.clone(), DepthKind::WindowDepth, Some([a, b]))
                 .read()
                 .expect("read");
@@ -322,9 +332,7 @@ mod tests {
     fn sixteen_bits_unknown_is_nan_eight_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("d.png");
-        let grey =
-            image::ImageBuffer::<image::Luma<u16>, _>::from_raw(3, 1, vec![0u16, 65_535, 1500]);
-        grey.expect("a picture").save(&path).expect("written");
+        save_grey(&path, &[0, 65_535, 1500]);
         let read = DepthSource::metres(path.clone(), DepthKind::EyeDepth, 0.001)
             .read()
             .expect("read");
@@ -358,9 +366,7 @@ mod tests {
             &exr,
         )
         .expect("written");
-        let grey =
-            image::ImageBuffer::<image::Luma<u16>, _>::from_raw(3, 1, vec![0u16, 65_535, 1500]);
-        grey.expect("a picture").save(&png).expect("written");
+        save_grey(&png, &[0, 65_535, 1500]);
         let read = |path: &Path, zero_is_far: bool| {
             // Seurat's fractions of 1 are all valid, from the smallest to the largest.
             let metres = DepthSource::metres(path.into(), DepthKind::EyeDepth, 0.5);
@@ -387,9 +393,7 @@ mod tests {
         assert_eq!(read(&exr, true), "far unknown far unknown 1");
         assert_eq!(read(&png, false), "unknown unknown 750");
         assert_eq!(read(&png, true), "far 32767.5 750");
-        let far = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(2, 1, vec![0u16, 65_535])
-            .expect("a picture");
-        far.save(&png).expect("written");
+        save_grey(&png, &[0, 65_535]);
         // Infinite far planes, and reversed ones.
         for (window, expected) in [
             ([-1.0, -0.2], [0.1, f32::INFINITY]),

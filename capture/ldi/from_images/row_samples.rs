@@ -154,13 +154,13 @@ impl RowSamples {
         let ChunkChain { first, end } = self.chains[row];
         let end = end as usize;
         let chunk = |index: u32| (index != NONE).then_some(index);
-        std::iter::successors(chunk(first), move |&last| chunk(self.next[last as usize])).map(
-            move |chunk| {
-                let start = chunk as usize * CHUNK;
-                let last = (end - 1) / CHUNK == chunk as usize;
-                &self.samples[start..if last { end } else { start + CHUNK }]
-            },
-        )
+        let chunks =
+            std::iter::successors(chunk(first), move |&last| chunk(self.next[last as usize]));
+        chunks.map(move |chunk| {
+            let start = chunk as usize * CHUNK;
+            let is_last = (end - 1) / CHUNK == chunk as usize;
+            &self.samples[start..if is_last { end } else { start + CHUNK }]
+        })
     }
 }
 

@@ -81,7 +81,7 @@ pub(super) fn sums(gathered: &GatheredLight) -> Sums {
 }
 
 /// Adds sums with a weight.
-#[inline]
+#[inline(always)]
 pub(super) fn add(to: &mut Sums, sums: &Sums, weight: f32) {
     to.iter_mut()
         .zip(sums)
@@ -408,14 +408,8 @@ mod tests {
                 );
             let bias = last.level * (f64::from(window.2) * wide.nearness).powi(2);
             weight *= 1.0 - trusted * bias * bias / (bias * bias + error2);
-            let shares = [
-                weight,
-                weight,
-                weight,
-                weight.max(1.0 - trusted),
-                weight,
-                weight,
-            ];
+            let mut shares = [weight; 6];
+            shares[3] = weight.max(1.0 - trusted);
             let [r, g, b] = wide.light;
             for ((all, wide), share) in all
                 .iter_mut()
