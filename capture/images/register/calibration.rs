@@ -49,13 +49,10 @@ impl Calibration {
     /// Transfers this estimate, whose cameras have a common offset from `given`, to other views:
     /// the same lens and offset.
     pub(super) fn transfer(&self, given: &Self, poses: impl Iterator<Item = Pose>) -> Self {
-        let (Some((turned, translation)), Some((rotation, offset))) =
-            (self.cameras.first(), given.cameras.first())
-        else {
-            return self.clone();
-        };
-        let turn = *turned * rotation.transpose();
-        let step = *translation - turn * *offset;
+        let (turned, translation) = self.cameras[0];
+        let (rotation, offset) = given.cameras[0];
+        let turn = turned * rotation.transpose();
+        let step = translation - turn * offset;
         let transfer = |(rotation, offset)| (turn * rotation, turn * offset + step);
         let cameras: Vec<_> = poses
             .map(|pose| transfer(camera_from_world(&pose)))

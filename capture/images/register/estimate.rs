@@ -160,16 +160,10 @@ pub(super) fn estimate_views(
             };
         }
     }
-    let focal_px = [
-        given.focal_px[0],
-        registrations
-            .first()
-            .map_or(given.focal_px[0], |first| first.lens.focal_px[0]),
-    ];
     let report = RegistrationReport {
         levels,
         applied,
-        focal_px,
+        focal_px: [given.focal_px[0], registrations[0].lens.focal_px[0]],
         offset,
         gain: [low, high],
         sampled_views,

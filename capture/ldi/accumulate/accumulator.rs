@@ -137,6 +137,20 @@ mod tests {
     use super::*;
     use headbox_cube::model::depth_bins::DepthBins;
 
+    const SAMPLE: Sample = Sample {
+        face: Face::PosX,
+        x: 0,
+        y: 0,
+        bin: 7,
+        offset: 0,
+        class: 3,
+        albedo: [0; 3],
+        primitive: 0,
+        barycentric: [0; 2],
+        area: 1.0,
+        key: RayKey(0),
+    };
+
     #[test]
     fn bins_cover_the_range_and_invert() {
         let bins = DepthBins::new(0.5, 1024);
@@ -172,21 +186,9 @@ mod tests {
             Accumulator::class(3, false, vec3(0.0, -1.0, 0.0)),
             3 << 4 | 0b010
         );
-        let sample = |class: u16| Sample {
-            face: Face::PosX,
-            x: 0,
-            y: 0,
-            bin: 0,
-            offset: 0,
-            class,
-            albedo: [0; 3],
-            primitive: 0,
-            barycentric: [0; 2],
-            area: 1.0,
-            key: RayKey::new(0, 0, 0),
-        };
         let is_back = |back: bool| {
-            Accumulator::new(&sample(Accumulator::class(7, back, vec3(1.0, 1.0, 1.0)))).is_back()
+            let class = Accumulator::class(7, back, vec3(1.0, 1.0, 1.0));
+            Accumulator::new(&Sample { class, ..SAMPLE }).is_back()
         };
         assert!(is_back(true) && !is_back(false));
     }
@@ -194,17 +196,13 @@ mod tests {
     #[test]
     fn absorption_is_independent_of_order() {
         let sample = |i: u32| Sample {
-            face: Face::PosX,
-            x: 0,
-            y: 0,
-            bin: 7,
             offset: (i * 977 % 65_521) as u16,
-            class: 3,
             albedo: [i as u16, 2, 3],
             primitive: i,
             barycentric: [i as u16, 0],
             area: (i % 5) as f32,
             key: RayKey::new(0, i, 0),
+            ..SAMPLE
         };
         let fold = |order: &mut dyn Iterator<Item = u32>| {
             let accumulators: Vec<_> = order.map(|i| Accumulator::new(&sample(i))).collect();

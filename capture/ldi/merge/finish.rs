@@ -15,7 +15,6 @@ use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::parameters::Sampler;
 use headbox_cube::model::samples::CubeSamples;
 use headbox_trace::viewpoint::suggest_view;
-use std::collections::VecDeque;
 use std::io;
 
 /// Lights and merges traced rays into a cube LDI.
@@ -60,7 +59,7 @@ pub(crate) fn light_and_merge(
     for face in Face::ALL {
         let surfaces = match &mut light {
             None => unlit.build(face, None)?,
-            Some(light) => light.next_face(&unlit, face)?,
+            Some(light) => light.pool_face(&unlit, face)?,
         };
         check_cancelled(options.progress)?;
         options.progress.advance(rows_per_face);
@@ -97,19 +96,19 @@ fn complete_info(capture: &SceneCapture, tracing: &Tracing) -> io::Result<Captur
     Ok(info)
 }
 
-/// Light samples of all faces. They are taken before any are pooled, because walls continue across
-/// the borders of faces.
+/// Light samples of all faces. All of them are taken before any light is pooled, because walls
+/// continue across the borders of faces.
 struct CubeLight {
     samples: Vec<FaceLightSamples>,
-    /// Surface samples of the faces that are not pooled yet.
-    pending: VecDeque<PendingFace>,
+    /// Surface samples of each face until its light is pooled.
+    pending: Vec<PendingFace>,
 }
 
 /// Surface samples of a face while other faces are sampled.
 enum PendingFace {
-    /// All of them.
+    /// All surface samples.
     Surfaces(FaceSurfaces),
-    /// Only the direct light of the sun, if memory is short; the rest is built again.
+    /// Only the direct light of the sun of each, if memory is limited; the rest is built again.
     Sun(Vec<Vec3>),
 }
 
@@ -119,7 +118,7 @@ impl CubeLight {
         let options = unlit.shader.capture.options;
         let mut light = Self {
             samples: Vec::with_capacity(6),
-            pending: VecDeque::with_capacity(6),
+            pending: Vec::with_capacity(6),
         };
         for face in Face::ALL {
             let mut surfaces = unlit.build(face, None)?;
@@ -127,7 +126,7 @@ impl CubeLight {
                 .samples
                 .push(sample_light(&mut surfaces, face, unlit.shader));
             check_cancelled(options.progress)?;
-            light.pending.push_back(if options.budget.is_some() {
+            light.pending.push(if options.budget.is_some() {
                 PendingFace::Sun(surfaces.samples.iter().map(|sample| sample.sun).collect())
             } else {
                 PendingFace::Surfaces(surfaces)
@@ -136,18 +135,18 @@ impl CubeLight {
         Ok(light)
     }
 
-    /// The lit surface samples of the next face in order.
-    fn next_face(&mut self, unlit: &UnlitFaces, face: Face) -> io::Result<FaceSurfaces> {
-        let mut surfaces = match self.pending.pop_front() {
-            Some(PendingFace::Surfaces(surfaces)) => surfaces,
-            Some(PendingFace::Sun(sun)) => {
+    /// The lit surface samples of a face, whose light can be pooled once.
+    fn pool_face(&mut self, unlit: &UnlitFaces, face: Face) -> io::Result<FaceSurfaces> {
+        let pooled = PendingFace::Sun(Vec::new());
+        let mut surfaces = match std::mem::replace(&mut self.pending[face.index()], pooled) {
+            PendingFace::Surfaces(surfaces) => surfaces,
+            PendingFace::Sun(sun) => {
                 let mut surfaces = unlit.build(face, None)?;
                 for (sample, sun) in surfaces.samples.iter_mut().zip(sun) {
                     sample.sun = sun;
                 }
                 surfaces
             }
-            None => unlit.build(face, None)?,
         };
         pool_light(&mut surfaces, face, &mut self.samples);
         Ok(surfaces)
