@@ -82,6 +82,9 @@ pub enum LayersError {
         /// Number of pixels of the image.
         pixels: usize,
     },
+    /// More masks than [`MAX_LAYERS`].
+    #[error("{0} masks; at most {MAX_LAYERS} are supported")]
+    TooManyMasks(usize),
     /// The size of a mask differs from that of the image.
     #[error("{}: is {}x{} pixels, but {name} is {}x{}: a mask must have the size of the image", path.display(), size[0], size[1], expected[0], expected[1])]
     MaskSize {
@@ -247,6 +250,9 @@ impl LayerJob {
     /// # Errors
     /// See [`LayersError`].
     pub fn segment(&self, frames: &Frames) -> Result<PlanarLayers, LayersError> {
+        if self.masks.len() > MAX_LAYERS {
+            return Err(LayersError::TooManyMasks(self.masks.len()));
+        }
         let canvas = Canvas::new(frames, self.longest_px);
         let known = canvas.inverse_depth.iter().filter(|q| **q > 0.0).count();
         let pixels = canvas.shown.iter().filter(|shown| **shown).count();

@@ -433,6 +433,17 @@ fn masks_define_layers() {
     );
 }
 
+#[test]
+fn masks_beyond_maximum_are_refused() {
+    let masks = vec![mask("a.png", |_, _| true); MAX_LAYERS + 1];
+    let error = LayerJob { masks, ..job() }.segment(&frames()).err();
+    let message = error.map(|error| error.to_string());
+    assert_eq!(
+        message.as_deref(),
+        Some("65 masks; at most 64 are supported")
+    );
+}
+
 /// Writes a set of photographs.
 fn write_photographs(
     folder: &Path,
