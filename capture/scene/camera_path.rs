@@ -1,21 +1,20 @@
-//! Cameras and camera paths as plain JSON files, in the scene file's own axes and unit and in the
-//! words of the command line.
+//! Cameras and camera paths as plain JSON files, in the scene file's own axes and unit, with the
+//! names of the command line's options.
 //!
 //! ```json
 //! [{"eye": [0, 1.6, 0], "look_at": [0, 1.5, -4], "up": [0, 1, 0], "fov": 60, "size": [1024, 768]}]
 //! ```
 //!
-//! `up`, `fov` and `size` may be left out. Three forms are read: a list of cameras, one camera
-//! alone, and a path that the window has recorded, `{"size": ..., "poses": [...]}` with times.
+//! `up`, `fov` and `size` are optional. Three forms are read: a list of cameras, a single camera,
+//! and a path that the window has recorded, `{"size": ..., "poses": [...]}` with times.
 //!
 //! Paths of other programs are read, too: the JSON of nerfstudio's viewer (`{"camera_path":
 //! [{"camera_to_world": [16 numbers, row by row], "fov": 50}], "render_height": ...}`), whose
 //! cameras are in the scene file's axes and unit, and the cameras of a `.gltf` or `.glb` file with
-//! the animation that moves them, as Blender exports it: metres, Y up.
+//! their animation, as Blender exports it: metres, Y up.
 
-use crate::load::LoadError;
-use crate::load::gltf::cameras;
-use crate::load::gltf::cameras::GltfCamera;
+use crate::load::gltf::cameras::{self, GltfCamera};
+use crate::load::{LoadError, extension_of};
 use glam::{DMat4, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::file_frame::{FileFrame, UpAxis};
@@ -28,7 +27,7 @@ use std::path::{Path, PathBuf};
 pub struct CameraRecord {
     /// Position of the eye, in the axes and unit of the scene's file.
     pub eye: [f64; 3],
-    /// A point in the middle of the image, likewise.
+    /// A point that projects to the middle of the image, likewise.
     pub look_at: [f64; 3],
     /// Direction that points up in the image; the file's up axis if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -39,12 +38,12 @@ pub struct CameraRecord {
     /// Width and height, pixels; those of the path if absent, else 1024x768.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub size: Option<[u32; 2]>,
-    /// When the pose was recorded, seconds from the start; of no account to a renderer.
+    /// Time of the recording, seconds from its start; renderers ignore it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_s: Option<f64>,
 }
 
-/// A path as the window records it.
+/// A path in the form that the window records.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PathRecord {
@@ -61,18 +60,18 @@ fn default_fov() -> f64 {
     60.0
 }
 
-/// Why a path could not be read.
+/// Error of reading a camera path.
 #[derive(Debug, thiserror::Error)]
 pub enum PathError {
-    /// The operating system said no.
+    /// The file cannot be read.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// Its words.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// Not a list of poses.
+    /// The JSON has none of the known forms.
     #[error("{}: not a camera path: {source}", path.display())]
     Json {
         /// The file.
@@ -80,10 +79,10 @@ pub enum PathError {
         /// The parser's error.
         source: serde_json::Error,
     },
-    /// A glTF file that cannot be read, or without cameras.
+    /// A glTF file cannot be read or has no cameras.
     #[error(transparent)]
     Gltf(#[from] LoadError),
-    /// A pose that is no camera.
+    /// A pose is not a valid camera.
     #[error("{}: pose {pose}: {source}", path.display())]
     Pose {
         /// The file.
@@ -93,7 +92,7 @@ pub enum PathError {
         /// The error.
         source: CameraError,
     },
-    /// An empty list.
+    /// The path has no poses.
     #[error("{}: the path has no poses", path.display())]
     Empty {
         /// The file.
@@ -102,8 +101,8 @@ pub enum PathError {
 }
 
 impl CameraRecord {
-    /// The record of a camera that stands at `eye`, looks along `forward` and has `up` in its image
-    /// (world axes, metres). The look-at point lies one metre ahead.
+    /// Record of a camera at `eye` that looks along `forward`, with `up` in the image (world axes,
+    /// metres). The look-at point is one metre ahead.
     pub fn new(eye: DVec3, forward: DVec3, up: DVec3, fov_y_deg: f64, frame: &FileFrame) -> Self {
         let point = |p: DVec3| frame.file_from_world(p).to_array();
         let up = (frame.file_from_world(up) * frame.unit_m).to_array();
@@ -117,7 +116,7 @@ impl CameraRecord {
         }
     }
 
-    /// The camera in the world.
+    /// Returns the camera in the world frame.
     ///
     /// # Errors
     /// See [`CameraError`].
@@ -135,7 +134,7 @@ impl CameraRecord {
     }
 }
 
-/// A path of nerfstudio's viewer.
+/// A camera path of nerfstudio's viewer.
 #[derive(Deserialize)]
 struct NerfstudioPath {
     camera_path: Vec<NerfstudioPose>,
@@ -146,9 +145,9 @@ struct NerfstudioPath {
 
 #[derive(Deserialize)]
 struct NerfstudioPose {
-    /// Row by row: right, up, back and position as columns.
+    /// Row-major matrix with the columns right, up, back and position.
     camera_to_world: [f64; 16],
-    /// Vertical, degrees.
+    /// Vertical field of view, degrees.
     #[serde(default = "default_fov")]
     fov: f64,
 }
@@ -180,7 +179,7 @@ impl NerfstudioPath {
     }
 }
 
-/// A glTF camera that says its aspect gets pictures of this height.
+/// Converts a glTF camera. The default image height applies if the camera has an aspect ratio.
 fn gltf_record(camera: &GltfCamera, frame: &FileFrame) -> CameraRecord {
     let width = |aspect: f64| {
         (aspect * f64::from(DEFAULT_SIZE[1]))
@@ -200,11 +199,11 @@ fn gltf_record(camera: &GltfCamera, frame: &FileFrame) -> CameraRecord {
     }
 }
 
-/// Reads a file of any form; poses without a size of their own have that of the path. Of animations
-/// `fps` moments a second become poses.
+/// Reads a file of any form. Poses without a size have that of the path. Animations are sampled
+/// `fps` times a second.
 ///
 /// # Errors
-/// See [`PathError`]; poses are not looked at here.
+/// See [`PathError`]; poses are not validated.
 pub fn read_records(
     path: &Path,
     frame: &FileFrame,
@@ -218,17 +217,13 @@ pub fn read_records(
         path: path.into(),
         source,
     };
-    let has_ending = |ending: &str| {
-        path.extension()
-            .is_some_and(|found| found.eq_ignore_ascii_case(ending))
-    };
-    let poses: Vec<CameraRecord> = if has_ending("gltf") || has_ending("glb") {
+    let poses: Vec<CameraRecord> = if matches!(extension_of(path).as_str(), "gltf" | "glb") {
         cameras::read(path, &bytes, fps)?
             .iter()
             .map(|camera| gltf_record(camera, frame))
             .collect()
     } else {
-        // An untagged enum would swallow the parser's words: look which form it is first.
+        // The form is determined first: an untagged enum would hide the parser's error.
         let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(json)?;
         if value.is_array() {
             serde_json::from_slice(&bytes).map_err(json)?
@@ -254,7 +249,7 @@ pub fn read_records(
     }
 }
 
-/// Reads a path and turns it into cameras in the world; of animations `fps` moments a second.
+/// Reads the cameras of a path in the world frame; animations are sampled `fps` times a second.
 ///
 /// # Errors
 /// See [`PathError`].

@@ -1,5 +1,5 @@
-//! Scenes: [`scene`] (triangles, materials, lights in memory), [`load`] (OBJ, glTF), [`save`] (the
-//! same, written), [`camera_path`] (cameras and paths as JSON).
+//! Scenes: [`scene`] (triangles, materials and lights in memory), [`load`] (OBJ and glTF files),
+//! [`save`] (OBJ and GLB files), [`camera_path`] (cameras and paths as JSON).
 
 pub mod camera_path;
 mod lights;

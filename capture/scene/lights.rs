@@ -1,4 +1,4 @@
-//! Light sources of a scene beside its emissive triangles.
+//! Light sources of a scene other than its emissive triangles.
 
 use crate::scene::SkyPicture;
 use glam::{DVec3, Vec3};
@@ -16,7 +16,7 @@ pub struct Sun {
 }
 
 impl Default for Sun {
-    /// A clear day at middle latitudes, some 50 degrees above the horizon.
+    /// Sun of a clear day at middle latitudes, about 50 degrees above the horizon.
     fn default() -> Self {
         Self {
             direction: Vec3::new(0.45, 0.75, 0.35).normalize(),
@@ -29,25 +29,25 @@ impl Default for Sun {
 /// The sky: linear RGB radiance by direction.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Sky {
-    /// A simple one.
+    /// A vertical gradient.
     Gradient(SkyGradient),
-    /// Any other.
+    /// An equirectangular image.
     Picture(Arc<SkyPicture>),
 }
 
-/// A vertical gradient with the ground's colour below the horizon. Linear RGB radiance.
+/// A vertical gradient with a ground colour below the horizon: linear RGB radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkyGradient {
-    /// Straight up.
+    /// Radiance straight up.
     pub zenith: [f32; 3],
-    /// At the horizon.
+    /// Radiance at the horizon.
     pub horizon: [f32; 3],
-    /// Below the horizon.
+    /// Radiance below the horizon.
     pub ground: [f32; 3],
 }
 
 impl Default for Sky {
-    /// The clear sky that goes with [`Sun::default`].
+    /// Clear sky that matches [`Sun::default`].
     fn default() -> Self {
         Self::Gradient(SkyGradient {
             zenith: [0.25, 0.42, 0.75],
@@ -58,7 +58,7 @@ impl Default for Sky {
 }
 
 impl SkyGradient {
-    /// The same radiance in all directions.
+    /// Sky of the same radiance in all directions.
     pub fn uniform(radiance: [f32; 3]) -> Self {
         Self {
             zenith: radiance,
@@ -78,17 +78,19 @@ impl SkyGradient {
     }
 
     fn times(&self, factor: f32) -> Self {
-        let scaled = |color: [f32; 3]| color.map(|c| c * factor);
+        let [zenith, horizon, ground] =
+            [self.zenith, self.horizon, self.ground].map(|color| color.map(|c| c * factor));
         Self {
-            zenith: scaled(self.zenith),
-            horizon: scaled(self.horizon),
-            ground: scaled(self.ground),
+            zenith,
+            horizon,
+            ground,
         }
     }
 }
 
 impl Sky {
-    /// Radiance with which the sky lights from the unit direction `direction` (world axes).
+    /// Radiance that lights surfaces from the unit direction `direction` (world axes): without the
+    /// sun of a picture.
     pub fn radiance(&self, direction: Vec3) -> [f32; 3] {
         match self {
             Self::Gradient(gradient) => gradient.radiance(direction),
@@ -96,8 +98,8 @@ impl Sky {
         }
     }
 
-    /// Radiance that an eye sees in the unit direction `direction` (world axes): pictures are
-    /// smooth, and their sun stands in them.
+    /// Radiance of the visible background in the unit direction `direction` (world axes): pictures
+    /// are interpolated and include their sun.
     pub fn seen(&self, direction: Vec3) -> [f32; 3] {
         match self {
             Self::Gradient(gradient) => gradient.radiance(direction),
@@ -105,7 +107,7 @@ impl Sky {
         }
     }
 
-    /// The same sky, so many times as bright.
+    /// Returns the sky with its radiance multiplied by `factor`.
     pub fn times(&self, factor: f32) -> Self {
         match self {
             Self::Gradient(gradient) => Self::Gradient(gradient.times(factor)),
@@ -114,40 +116,39 @@ impl Sky {
     }
 }
 
-/// A lamp without a surface: it lights, and is not seen (KHR_lights_punctual).
+/// A lamp without a surface: it lights the scene and is invisible (KHR_lights_punctual).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
-    /// Linear RGB: radiant intensity; of a lamp at infinity, irradiance on a surface facing it.
+    /// Radiant intensity, linear RGB; for [`Reach::Distant`] irradiance on a surface facing it.
     pub intensity: [f32; 3],
-    /// Position or direction.
+    /// Type of the lamp, with its position or direction.
     pub reach: Reach,
 }
 
-/// Position or direction of a lamp.
+/// Type of a lamp, with its position or direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reach {
-    /// From infinitely far, along parallel lines.
+    /// Directional light: parallel rays from infinity.
     Distant {
         /// Unit vector toward the lamp, world axes.
         direction: Vec3,
     },
-    /// All around a place.
+    /// Point light.
     Point {
-        /// World metres.
+        /// Position, world metres.
         position: DVec3,
         /// Range, metres; infinite without a limit.
         range_m: f32,
     },
-    /// In a cone, whose rim is soft.
+    /// Spotlight: a cone with a soft edge.
     Spot {
-        /// World metres.
+        /// Position, world metres.
         position: DVec3,
         /// Range, metres; infinite without a limit.
         range_m: f32,
         /// Unit vector along the cone's axis, away from the lamp, world axes.
         axis: Vec3,
-        /// Cosines of the half angle within which it shines in full, and of that beyond which it
-        /// does not shine.
+        /// Cosines of the half angles of full intensity and of the cone's outer edge.
         cosines: [f32; 2],
     },
 }

@@ -4,28 +4,28 @@ use glam::Vec4;
 use headbox_core::color::linear_levels;
 use headbox_core::texels::bilinear;
 
-/// Cut-out: wherever the alpha of `texture` is below `threshold`, the surface is not there.
+/// Cut-out: the surface has holes where the alpha of `texture` is below `threshold`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cutout {
     /// Index into [`crate::scene::Scene::textures`]; its alpha channel is tested.
     pub texture: u32,
-    /// Alpha below this is a hole.
+    /// Least alpha of the opaque part.
     pub threshold: f32,
 }
 
-/// Glossy reflection about the mirrored direction: a lobe of the cosine's power, normalised
+/// Glossy reflection: a normalised lobe about the mirror direction, a power of the cosine
 /// (Lafortune and Willems 1994, "Using the Modified Phong Reflectance Model for Physically Based
 /// Rendering").
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gloss {
-    /// Share of the light that it reflects, linear RGB in 0..1; with the albedo no more than 1.
+    /// Specular reflectance, linear RGB in 0..1; the sum with the albedo is at most 1.
     pub reflectance: [f32; 3],
-    /// The power: the larger, the sharper.
+    /// Exponent of the cosine: the larger, the sharper the reflection.
     pub exponent: f32,
 }
 
-/// A surface; both of its sides are seen. Diffuse, but for its gloss, which truth and the cameras
-/// of lumigraphs see: what is kept in one colour, as in a cube LDI, is without.
+/// A two-sided diffuse material with optional gloss. Only truth and the cameras of lumigraphs
+/// render the gloss; representations with one colour per sample, such as a cube LDI, omit it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// The name in the file.
@@ -58,8 +58,8 @@ impl Default for Material {
     }
 }
 
-/// An image that wraps around in both directions. Texture coordinate (0, 0) is the **bottom** left
-/// corner of the image (as in OBJ; the glTF loader flips), row 0 of `texels` is on top.
+/// An image that repeats in both directions. Texture coordinate (0, 0) is the **bottom** left
+/// corner of the image (as in OBJ; the glTF loader flips); row 0 of `texels` is the top row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     width: u32,
@@ -68,8 +68,8 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// A texture of sRGB texels with straight alpha, row 0 on top. `None` unless `texels` has
-    /// exactly `width * height > 0` entries.
+    /// Creates a texture from sRGB texels with straight alpha, top row first. `None` unless
+    /// `texels` has exactly `width * height > 0` entries.
     pub fn new(width: u32, height: u32, texels: Vec<[u8; 4]>) -> Option<Self> {
         let count = usize::try_from(u64::from(width) * u64::from(height)).ok()?;
         (count > 0 && texels.len() == count).then_some(Self {
@@ -79,8 +79,8 @@ impl Texture {
         })
     }
 
-    /// A texture painted texel by texel: `texel(x, y)` is sRGB with straight alpha, row 0 on top. A
-    /// side of 0 becomes 1.
+    /// Creates a texture from a function of column and row: `texel(x, y)` is sRGB with straight
+    /// alpha, row 0 is the top row. A side of 0 becomes 1.
     pub fn from_fn(width: u32, height: u32, texel: impl Fn(u32, u32) -> [u8; 4]) -> Self {
         let (width, height) = (width.max(1), height.max(1));
         let texels = (0..height)
@@ -109,7 +109,7 @@ impl Texture {
         &self.texels
     }
 
-    /// Bilinear sample: linear RGB and straight alpha.
+    /// Samples bilinearly: linear RGB and straight alpha.
     pub fn sample(&self, u: f32, v: f32) -> [f32; 4] {
         let ((x0, x1, fx), (y0, y1, fy)) =
             (neighbours(u, self.width), neighbours(1.0 - v, self.height));
@@ -124,7 +124,8 @@ impl Texture {
         bilinear(four, [fx, fy]).to_array()
     }
 
-    /// A texel, linear, by this table of levels: looked up once for all texels of a sample.
+    /// Decodes a texel to linear RGB and alpha. `linear` is the sRGB decoding table, looked up once
+    /// for all texels of a sample.
     #[inline(always)]
     fn texel(&self, linear: &[f32; 256], index: usize) -> Vec4 {
         let [r, g, b, alpha] = self.texels[index];
@@ -137,11 +138,11 @@ impl Texture {
     }
 }
 
-/// `t.floor()` without the call into libm that it is on processors before SSE4.1.
+/// Returns `t.floor()` without the call into libm that processors before SSE4.1 need.
 #[inline]
 pub fn floor(t: f32) -> f32 {
     if t.abs() >= 8_388_608.0 {
-        return t; // no room for a fraction
+        return t; // too large for a fraction
     }
     let truncated = t as i32 as f32;
     if truncated > t {
@@ -151,7 +152,8 @@ pub fn floor(t: f32) -> f32 {
     }
 }
 
-/// The two texels on either side of the texture coordinate `t` and the weight of the second.
+/// Returns the two texels on either side of the texture coordinate `t`, and the weight of the
+/// second.
 #[inline]
 fn neighbours(t: f32, size: u32) -> (usize, usize, f32) {
     let size_f = size as f32;

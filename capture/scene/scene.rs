@@ -13,7 +13,7 @@ use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};
 use std::path::PathBuf;
 
-/// Three indices into the scene's vertex arrays, and one into its materials.
+/// A triangle: three vertex indices and a material index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Triangle {
     /// Vertex indices, counter-clockwise seen from the front.
@@ -60,25 +60,25 @@ pub struct Scene {
     pub sky: Option<Sky>,
     /// Lamps without a surface.
     pub lamps: Vec<Lamp>,
-    /// Exposure of its pictures.
+    /// Exposure of images of the scene.
     pub exposure: Exposure,
-    /// Tone mapping of its pictures.
+    /// Tone mapping of images of the scene.
     pub tone: ToneMap,
-    /// The file's frame.
+    /// Axes and unit of the file.
     pub frame: FileFrame,
-    /// Default headbox, if the scene's maker knows.
+    /// Default headbox, if the file or generator defines one.
     pub headbox: Option<Headbox>,
     /// Problems that the loader worked around.
     pub summary: LoadSummary,
 }
 
-/// Broken invariant of [`Scene`], with the first place.
+/// Violated invariant of a [`Scene`], at its first occurrence.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SceneError {
-    /// There is nothing to see.
+    /// The scene has no triangle.
     #[error("there is no triangle")]
     NoTriangles,
-    /// There is no material, so no triangle can refer to one.
+    /// The scene has no material.
     #[error("there is no material")]
     NoMaterials,
     /// A vertex array is neither empty nor as long as the positions.
@@ -99,7 +99,7 @@ pub enum SceneError {
     VertexIndex {
         /// Index of the triangle.
         triangle: usize,
-        /// The vertex it asks for.
+        /// Its vertex index.
         vertex: u32,
         /// Number of positions.
         positions: usize,
@@ -109,7 +109,7 @@ pub enum SceneError {
     MaterialIndex {
         /// Index of the triangle.
         triangle: usize,
-        /// The material it asks for.
+        /// Its material index.
         material: u32,
         /// Number of materials.
         materials: usize,
@@ -119,7 +119,7 @@ pub enum SceneError {
     TextureIndex {
         /// Index of the material.
         material: usize,
-        /// The texture it asks for.
+        /// Its texture index.
         texture: u32,
         /// Number of textures.
         textures: usize,
@@ -127,7 +127,7 @@ pub enum SceneError {
 }
 
 impl Scene {
-    /// Bytes of vertices, triangles and texels.
+    /// Size in memory of vertices, triangles and texels, bytes.
     pub fn bytes(&self) -> u64 {
         let arrays = [
             size_of_val(&self.positions[..]),
@@ -141,10 +141,10 @@ impl Scene {
         (arrays.iter().sum::<usize>() + texels) as u64
     }
 
-    /// Checks every promise of the structure (see [`Scene`]).
+    /// Checks all invariants (see [`Scene`]).
     ///
     /// # Errors
-    /// The first promise that is broken.
+    /// The first violated invariant.
     pub fn validate(&self) -> Result<(), SceneError> {
         let positions = self.positions.len();
         let arrays = [
@@ -222,9 +222,8 @@ impl Scene {
         Ok(())
     }
 
-    /// The smallest axis-aligned box around all triangles, as its lowest and highest corner (world
-    /// metres). A scene without triangles, which no loader makes, has the box (+infinity,
-    /// -infinity).
+    /// Bounding box of all triangles: lowest and highest corner, world metres. (+infinity,
+    /// -infinity) without triangles.
     pub fn bounds(&self) -> [DVec3; 2] {
         let corners = self
             .triangles
@@ -236,7 +235,7 @@ impl Scene {
         })
     }
 
-    /// The corners of a triangle, world metres.
+    /// Corners of triangle `primitive`, world metres.
     pub fn corners(&self, primitive: u32) -> [DVec3; 3] {
         self.triangles[primitive as usize]
             .vertices

@@ -1,6 +1,6 @@
-//! Replaces a scene's own light by what the user specified.
+//! Replaces a scene's own light by the light that the user specified.
 
-use crate::scene::{Scene, Sky, SkyError, SkyPicture};
+use crate::scene::{Scene, Sky, SkyError, SkyPicture, Sun};
 use headbox_core::color::luminance;
 use headbox_core::light_parameters::LightParameters;
 use headbox_core::tone::ToneMap;
@@ -19,7 +19,7 @@ impl Scene {
         }
         if let Some(place) = light.sun {
             let toward = place.direction(&self.frame);
-            self.sun = toward.map(|direction| crate::scene::Sun {
+            self.sun = toward.map(|direction| Sun {
                 direction,
                 ..self.sun.unwrap_or_default()
             });
@@ -41,7 +41,6 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Sun;
     use glam::{DVec3, Vec3};
     use headbox_core::light_parameters::SunPlace;
 

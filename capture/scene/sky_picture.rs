@@ -1,28 +1,26 @@
-//! A sky from an equirectangular picture (`.hdr`, `.exr`), with the tables by which it is sampled.
+//! A sky from an equirectangular picture (`.hdr`, `.exr`), with tables for importance sampling.
 //!
-//! The middle of the picture is north: it looks along -Z of the world, which in a file whose Z
-//! points up is +Y. Azimuths grow to the right, from north to east (+X).
+//! The middle of the picture is north: -Z of the world, which is +Y in a file with Z up. Azimuths
+//! increase to the right, from north to east (+X).
 //!
-//! Texels are drawn by luminance times solid angle (Pharr, Jakob and Humphreys 2023, "Physically
+//! Texels are sampled by luminance times solid angle (Pharr, Jakob and Humphreys 2023, "Physically
 //! Based Rendering", 12.5), rows first, so that the density of a direction is the luminance there
-//! over the sum of all: no table is needed to look it up.
+//! over the sum of all: it needs no table.
 //!
-//! Where a sun stands in the picture, it can be taken out of the light (`sky_sun`). Eyes see it in
-//! its place.
+//! A sun in the picture can be removed from its light (`sky_sun`). It stays visible.
 
 use super::sky_sun::SunSpot;
+use crate::load::extension_of;
 use exr::meta::MetaData;
 use glam::Vec3;
 use headbox_core::color::luminance;
-use headbox_core::image_file;
-use headbox_core::image_file::MAX_PIXELS;
-use headbox_core::image_file::PictureError;
+use headbox_core::image_file::{self, MAX_PIXELS, PictureError};
 use std::f32::consts::{PI, TAU};
 use std::fmt;
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
-/// Why a picture is no sky.
+/// Error of reading a picture of the sky.
 #[derive(Debug, thiserror::Error)]
 pub enum SkyError {
     /// The file could not be read.
@@ -30,10 +28,10 @@ pub enum SkyError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         cause: String,
     },
-    /// It is of another shape.
+    /// The picture is not twice as wide as high.
     #[error(
         "{width}x{height} pixels; an equirectangular picture of the sky is twice as wide as high"
     )]
@@ -43,14 +41,14 @@ pub enum SkyError {
         /// Rows.
         height: u32,
     },
-    /// A texel is no radiance.
+    /// A texel is negative, infinite or NaN.
     #[error("the pixel in column {x} of row {y} is {value}; radiance is finite and not negative")]
     Texel {
         /// Column, from 0.
         x: u32,
         /// Row, from 0.
         y: u32,
-        /// The first of its values that is wrong.
+        /// Its first invalid value.
         value: f32,
     },
 }
@@ -60,19 +58,21 @@ pub enum SkyError {
 pub struct SkyPicture {
     width: u32,
     height: u32,
-    /// Row 0 on top.
+    /// Radiance, linear RGB, top row first.
     texels: Vec<[f32; 3]>,
-    /// By how much the picture is turned about the up axis, from north to east.
+    /// Rotation about the up axis, from north to east.
     turn_rad: f32,
+    /// Sun that is removed from the light.
     sun: Option<SunSpot>,
     tables: Tables,
 }
 
-/// By which texels are drawn.
+/// Cumulative distributions for sampling texels.
 #[derive(Clone, Default, PartialEq)]
 struct Tables {
-    /// Cumulative share of power, over all rows and over the texels of each row.
+    /// Cumulative share of the rows in the power.
     rows: Vec<f32>,
+    /// Cumulative share of the texels in their row, for all rows.
     columns: Vec<f32>,
     /// Integral of luminance over all directions.
     power: f32,
@@ -98,22 +98,18 @@ impl fmt::Debug for SkyPicture {
 }
 
 impl SkyPicture {
-    /// Reads an `.hdr` or `.exr` file and turns it about the up axis, from north to east. What is
-    /// slightly negative (resampling and changes of colour space leave that) is black, and what is
-    /// infinite (suns in half floats) is the largest half float.
+    /// Reads an `.hdr` or `.exr` file and rotates it about the up axis, from north to east.
+    /// Negative values, left by resampling and colour conversion, become 0; infinite ones (suns in
+    /// half floats) become the largest half float.
     ///
     /// # Errors
-    /// [`SkyError`], in one sentence that names the file.
+    /// [`SkyError::Unreadable`], which names the file.
     pub fn read(path: &Path, turn_deg: f64) -> Result<Self, SkyError> {
         let unreadable = |cause: String| SkyError::Unreadable {
             path: path.to_path_buf(),
             cause,
         };
-        let ending = path
-            .extension()
-            .map(|ending| ending.to_string_lossy().to_lowercase())
-            .unwrap_or_default();
-        let (size, texels) = match ending.as_str() {
+        let (size, texels) = match extension_of(path).as_str() {
             "exr" => read_exr(path),
             "hdr" => read_hdr(path),
             _ => Err(
@@ -124,15 +120,15 @@ impl SkyPicture {
         .map_err(unreadable)?;
         let texels = texels
             .into_iter()
-            .map(|texel| texel.map(radiance))
+            .map(|texel| texel.map(sanitise))
             .collect();
         Self::new(size, texels, turn_deg).map_err(|cause| unreadable(cause.to_string()))
     }
 
-    /// A sky of radiances, row 0 on top, `size` columns and rows.
+    /// Creates a sky from its columns and rows and their radiance, top row first.
     ///
     /// # Errors
-    /// [`SkyError::Shape`], also where there are not as many texels as the size says;
+    /// [`SkyError::Shape`], also if the number of texels does not match the size;
     /// [`SkyError::Texel`].
     pub fn new(
         [width, height]: [u32; 2],
@@ -172,31 +168,31 @@ impl SkyPicture {
             sun,
             tables: Tables::default(),
         };
-        picture.tables = Tables::of(&picture);
+        picture.tables = Tables::new(&picture);
         picture
     }
 
-    /// The same, where what is brighter than the sky about a sun does not light.
-    pub(super) fn without(self, sun: SunSpot) -> Self {
+    /// Removes a sun from the light of the picture.
+    pub(super) fn without_light_of(self, sun: SunSpot) -> Self {
         Self::tabulated(self.size(), self.texels, self.turn_rad, Some(sun))
     }
 
-    /// Columns and rows.
+    /// Number of columns and rows.
     pub fn size(&self) -> [u32; 2] {
         [self.width, self.height]
     }
 
-    /// Radiances, row 0 on top.
+    /// Radiance of the texels, top row first.
     pub fn texels(&self) -> &[[f32; 3]] {
         &self.texels
     }
 
-    /// By how much the picture is turned about the up axis, from north to east, degrees.
+    /// Rotation about the up axis, from north to east, degrees.
     pub fn turn_deg(&self) -> f64 {
         f64::from(self.turn_rad).to_degrees()
     }
 
-    /// The same sky, so many times as bright.
+    /// Returns the sky with its radiance multiplied by `factor`.
     pub fn times(&self, factor: f32) -> Self {
         let texels = self
             .texels
@@ -211,7 +207,8 @@ impl SkyPicture {
         )
     }
 
-    /// A picture of no more than `columns` columns, each texel the mean of those that it replaces.
+    /// Returns a picture with at most `columns` columns, whose texels are means of those they
+    /// replace.
     pub fn reduced(&self, columns: u32) -> Self {
         let size = [
             self.width.min(columns.max(2) & !1),
@@ -249,21 +246,21 @@ impl SkyPicture {
     }
 
     /// Radiance of a texel for lighting: without the sun.
-    fn light_of(&self, x: u32, y: u32) -> [f32; 3] {
+    fn light(&self, x: u32, y: u32) -> [f32; 3] {
         let texel = self.texel(x, y);
         let Some(sun) = &self.sun else { return texel };
-        sun.without(texel, || self.direction([x as f32 + 0.5, y as f32 + 0.5]))
+        sun.remove_from(texel, || self.direction([x as f32 + 0.5, y as f32 + 0.5]))
     }
 
-    /// Unit direction of a place in the picture.
+    /// Unit direction of a point of the picture, in texels.
     pub(super) fn direction(&self, [x, y]: [f32; 2]) -> Vec3 {
         let azimuth = (x / self.width as f32 - 0.5) * TAU + self.turn_rad;
         let (sin, cos) = (y / self.height as f32 * PI).sin_cos();
         Vec3::new(sin * azimuth.sin(), cos, -sin * azimuth.cos())
     }
 
-    /// The place of a unit direction in the picture: x from 0 to the width, y from 0 to the height.
-    fn place(&self, direction: Vec3) -> [f32; 2] {
+    /// Point of the picture in a unit direction: x from 0 to the width, y from 0 to the height.
+    fn project(&self, direction: Vec3) -> [f32; 2] {
         let azimuth = direction.x.atan2(-direction.z) - self.turn_rad;
         let x = (azimuth / TAU + 0.5).rem_euclid(1.0) * self.width as f32;
         [
@@ -272,20 +269,19 @@ impl SkyPicture {
         ]
     }
 
-    /// Radiance with which it lights from a unit direction (world axes): that of the texel there,
+    /// Radiance that lights surfaces from a unit direction (world axes): that of the nearest texel,
     /// without the sun.
     pub fn radiance(&self, direction: Vec3) -> [f32; 3] {
-        let [x, y] = self.place(direction);
-        self.light_of(
+        let [x, y] = self.project(direction);
+        self.light(
             (x as u32).min(self.width - 1),
             (y as u32).min(self.height - 1),
         )
     }
 
-    /// Radiance seen in a unit direction (world axes): interpolated between the four texels around
-    /// it, with the sun.
+    /// Radiance of the visible background in a unit direction (world axes): bilinear, with the sun.
     pub fn seen(&self, direction: Vec3) -> [f32; 3] {
-        let [x, y] = self.place(direction).map(|c| c - 0.5);
+        let [x, y] = self.project(direction).map(|c| c - 0.5);
         let (left, top) = (x.floor(), y.floor());
         let (u, v) = (x - left, y - top);
         let texel = |dx: i64, dy: i64| {
@@ -297,7 +293,7 @@ impl SkyPicture {
         row(0).lerp(row(1), v).to_array()
     }
 
-    /// Density with which [`Self::sample`] draws a direction of this radiance, 1/sr.
+    /// Probability density of [`Self::sample`] for a direction with this radiance, 1/sr.
     pub fn density(&self, radiance: [f32; 3]) -> f32 {
         if self.tables.power > 0.0 {
             luminance(radiance) / self.tables.power
@@ -306,8 +302,8 @@ impl SkyPicture {
         }
     }
 
-    /// The direction for two numbers in [0, 1), by radiance, and that radiance; `None` if the sky
-    /// is black.
+    /// Samples a direction by its radiance from two numbers in [0, 1); also returns that radiance.
+    /// `None` if the sky is black.
     pub fn sample(&self, [u, v]: [f32; 2]) -> Option<(Vec3, [f32; 3])> {
         let Tables {
             rows,
@@ -317,33 +313,33 @@ impl SkyPicture {
         if *power <= 0.0 {
             return None;
         }
-        let (y, v) = drawn(rows, v);
+        let (y, v) = invert_cdf(rows, v);
         let row = y * self.width as usize;
-        let (x, u) = drawn(&columns[row..row + self.width as usize], u);
-        // Evenly over the solid angle of the texel.
+        let (x, u) = invert_cdf(&columns[row..row + self.width as usize], u);
+        // Uniform over the solid angle of the texel.
         let cos = |y: usize| (y as f32 / self.height as f32 * PI).cos();
         let height = cos(y) + (cos(y + 1) - cos(y)) * v;
         let azimuth = ((x as f32 + u) / self.width as f32 - 0.5) * TAU + self.turn_rad;
-        let rim = (1.0 - height * height).max(0.0).sqrt();
-        let direction = Vec3::new(rim * azimuth.sin(), height, -rim * azimuth.cos());
-        Some((direction, self.light_of(x as u32, y as u32)))
+        let radius = (1.0 - height * height).max(0.0).sqrt();
+        let direction = Vec3::new(radius * azimuth.sin(), height, -radius * azimuth.cos());
+        Some((direction, self.light(x as u32, y as u32)))
     }
 
-    /// Integral of the luminance of its light over all directions.
+    /// Integral of the light's luminance over all directions.
     pub(super) fn power(&self) -> f32 {
         self.tables.power
     }
 }
 
 impl Tables {
-    fn of(picture: &SkyPicture) -> Self {
+    fn new(picture: &SkyPicture) -> Self {
         let (mut rows, mut columns) = (Vec::new(), Vec::with_capacity(picture.texels.len()));
         let mut power = 0.0;
         for y in 0..picture.height {
             let first = columns.len();
             let mut row = 0.0;
             columns.extend((0..picture.width).map(|x| {
-                row += f64::from(luminance(picture.light_of(x, y)));
+                row += f64::from(luminance(picture.light(x, y)));
                 row as f32
             }));
             let whole = (row as f32).max(f32::MIN_POSITIVE);
@@ -360,25 +356,24 @@ impl Tables {
     }
 }
 
-/// The entry of a table of running shares that `number` falls on, and how far into it, [0, 1).
-fn drawn(shares: &[f32], number: f32) -> (usize, f32) {
+/// Inverts a cumulative distribution: returns the entry for `number` in [0, 1), and the position
+/// within the entry, 0..1.
+fn invert_cdf(shares: &[f32], number: f32) -> (usize, f32) {
     let at = shares
         .partition_point(|&share| share <= number)
         .min(shares.len() - 1);
     let before = if at == 0 { 0.0 } else { shares[at - 1] };
     let within = (number - before) / (shares[at] - before);
-    (
-        at,
-        if within.is_finite() {
-            within.clamp(0.0, 1.0)
-        } else {
-            0.5
-        },
-    )
+    let within = if within.is_finite() {
+        within.clamp(0.0, 1.0)
+    } else {
+        0.5
+    };
+    (at, within)
 }
 
-/// A radiance as a file has it, made one that is finite and not negative unless it is no number.
-fn radiance(channel: f32) -> f32 {
+/// Clamps a radiance from a file to 0 and, if infinite, to the largest half float; NaN stays.
+fn sanitise(channel: f32) -> f32 {
     const LARGEST_HALF: f32 = 65_504.0;
     match channel {
         c if c == f32::INFINITY => LARGEST_HALF,
@@ -435,8 +430,8 @@ mod tests {
 
     #[test]
     fn invalid_radiance_is_sanitised() {
-        let found = [-1e-3, 0.0, 0.5, f32::INFINITY, f32::NEG_INFINITY].map(radiance);
+        let found = [-1e-3, 0.0, 0.5, f32::INFINITY, f32::NEG_INFINITY].map(sanitise);
         assert_eq!(found, [0.0, 0.0, 0.5, 65_504.0, 0.0]);
-        assert!(radiance(f32::NAN).is_nan(), "which is an error");
+        assert!(sanitise(f32::NAN).is_nan(), "which is an error");
     }
 }

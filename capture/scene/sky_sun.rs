@@ -1,36 +1,36 @@
-//! The sun that stands in a picture of the sky: found, and taken out of the picture's light, so
-//! that it lights as a sun does, with shadows whose edges are sought and never pooled.
+//! Extraction of the sun from a picture of the sky. As a separate light, the sun is sampled
+//! directly: its shadow edges are located, and its light is not pooled.
 
 use crate::scene::{SkyPicture, Sun};
 use glam::Vec3;
 use headbox_core::color::luminance;
 use std::f32::consts::PI;
 
-/// A sun shines from within this angle about the brightest texel, radians: glare that film and lens
-/// spread about it is part of it.
+/// Angular radius about the brightest texel that belongs to the sun, radians: includes the glare of
+/// film and lens.
 const RADIUS_RAD: f32 = 0.05;
 
-/// The sky beside the sun is what lies in a ring from that angle to so many times of it.
+/// Outer radius of the ring of sky around the sun, as a multiple of [`RADIUS_RAD`].
 const RING: f32 = 2.0;
 
-/// A sun is at least so many times as bright as the sky beside it.
+/// Minimum ratio of the sun's luminance to that of the ring.
 const CONTRAST: f32 = 30.0;
 
-/// A sun brings at least this share of all light.
-const LEAST_SHARE: f32 = 0.03;
+/// Minimum share of the sun in all light.
+const MIN_SHARE: f32 = 0.03;
 
-/// The cap of directions about a sun that is not in the light.
+/// Cap of directions about a sun whose light is removed from the sky.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SunSpot {
-    /// Unit vector toward its middle, world axes.
+    /// Unit vector toward the middle of the cap, world axes.
     direction: Vec3,
-    /// Luminance above which light is the sun's.
+    /// Luminance of the surrounding sky; light above it belongs to the sun.
     level: f32,
 }
 
 impl SunSpot {
-    /// Radiance for lighting of a texel of radiance `texel` in that direction.
-    pub(super) fn without(&self, texel: [f32; 3], direction: impl Fn() -> Vec3) -> [f32; 3] {
+    /// Returns the radiance `texel` of a texel without the sun's share.
+    pub(super) fn remove_from(&self, texel: [f32; 3], direction: impl Fn() -> Vec3) -> [f32; 3] {
         let level = luminance(texel);
         let is_sun = level > self.level && direction().dot(self.direction) > RADIUS_RAD.cos();
         if is_sun {
@@ -40,7 +40,7 @@ impl SunSpot {
         }
     }
 
-    /// The same, where all is so many times as bright.
+    /// Returns the spot of a picture whose radiance is multiplied by `factor`.
     pub(super) fn times(self, factor: f32) -> Self {
         Self {
             level: self.level * factor,
@@ -58,11 +58,11 @@ struct Texel {
 }
 
 impl SkyPicture {
-    /// The sun that stands in the picture, if one does, and the picture without its light: a spot
-    /// far brighter than the sky beside it that brings a good share of all light.
+    /// Separates the sun from the picture's light, if it has one: a spot far brighter than the sky
+    /// around it, with a substantial share of all light.
     pub fn without_sun(self) -> (Self, Option<Sun>) {
         match self.find_sun() {
-            Some((spot, sun)) => (self.without(spot), Some(sun)),
+            Some((spot, sun)) => (self.without_light_of(spot), Some(sun)),
             None => (self, None),
         }
     }
@@ -73,15 +73,15 @@ impl SkyPicture {
         let (spot, ring): (Vec<Texel>, Vec<Texel>) = near
             .into_iter()
             .partition(|texel| texel.direction.dot(about) > RADIUS_RAD.cos());
-        let mut beside: Vec<f32> = ring.iter().map(|texel| texel.luminance).collect();
-        beside.sort_by(f32::total_cmp);
-        let level = *beside.get(beside.len() / 2)?;
+        let mut levels: Vec<f32> = ring.iter().map(|texel| texel.luminance).collect();
+        levels.sort_by(f32::total_cmp);
+        let level = *levels.get(levels.len() / 2)?;
         let highest = spot.iter().map(|texel| texel.luminance).fold(0.0, f32::max);
         if highest <= CONTRAST * level {
             return None;
         }
-        let sun = sun_of(&spot, level, about);
-        let is_strong = luminance(sun.irradiance) >= LEAST_SHARE * self.power();
+        let sun = fit_sun(&spot, level, about);
+        let is_strong = luminance(sun.irradiance) >= MIN_SHARE * self.power();
         is_strong.then_some((
             SunSpot {
                 direction: about,
@@ -91,7 +91,7 @@ impl SkyPicture {
         ))
     }
 
-    /// Position of the first of the brightest texels.
+    /// Unit direction of the brightest texel, the first of several.
     fn brightest(&self) -> Option<Vec3> {
         let level = |at: usize| luminance(self.texels()[at]);
         let at = (0..self.texels().len())
@@ -122,9 +122,9 @@ impl SkyPicture {
     }
 }
 
-/// The sun that is as bright, as large and in the middle of what a spot has above the level of the
-/// sky.
-fn sun_of(spot: &[Texel], level: f32, about: Vec3) -> Sun {
+/// Fits a sun to the light of a spot above the level of the sky: the same irradiance, centre and
+/// mean squared radius.
+fn fit_sun(spot: &[Texel], level: f32, about: Vec3) -> Sun {
     let excess = |texel: &Texel| (texel.luminance - level).max(0.0) * texel.solid_angle;
     let (mut toward, mut irradiance, mut power) = (Vec3::ZERO, Vec3::ZERO, 0.0);
     for texel in spot.iter().filter(|texel| texel.luminance > level) {

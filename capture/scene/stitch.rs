@@ -1,34 +1,34 @@
-//! Edges that meet share their corners: no T-junctions, at which cracks open.
+//! Removes T-junctions, at which rasterised meshes crack.
 //!
-//! Scenes are full of corners that lie on somebody else's edge: a wall's foot on a floor, a panel
-//! around a door, a triangle cut at the border of a cell beside one that was not. A rasteriser
-//! snaps corners to its grid, and what is left open beside a long edge that knows nothing of them
-//! shows what lies behind it, in single pixels. Here such edges are split (docs/decisions/0023).
+//! Scenes are full of corners that lie on an edge of another triangle: a wall's foot on a floor, a
+//! panel around a door, a triangle cut at the border of a cell next to one that was not. A
+//! rasteriser snaps corners to its grid, so that single pixels along such an edge show the
+//! background. Such edges are split here (docs/decisions/0023).
 
 use crate::scene::{Scene, Triangle};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// A corner lies on an edge if it is no farther from it, metres: more than files round by, less
-/// than anybody models.
+/// Maximum distance from an edge of a corner that lies on it, metres: more than the rounding in
+/// files, less than modelled detail.
 const ON_EDGE_M: f64 = 2e-4;
-/// Corners are found in cubes as large as edges are on the mean, and no smaller than this, metres.
-const SMALLEST_CUBE_M: f64 = 5e-3;
+/// Minimum size of a grid cell, metres. Usually it is the mean length of edges.
+const MIN_CELL_M: f64 = 5e-3;
 
 impl Scene {
-    /// Splits edges at the corners that lie on them. What surfaces show stays: a new vertex has
-    /// what its edge has there.
+    /// Splits edges at the corners that lie on them. The appearance of surfaces stays, because the
+    /// attributes of new vertices are interpolated along the edge.
     ///
-    /// Returns for each triangle the index of its first piece, and at the end the number of pieces.
+    /// Returns the index of the first piece of each triangle, then the number of pieces.
     pub fn stitch(&mut self) -> Vec<u32> {
-        let corners = Corners::of(self);
-        let on_edges = corners.on_edges(self);
+        let corners = CornerGrid::new(self);
+        let points_on_edges = corners.points_on_edges(self);
         let mut stitcher = Stitcher {
             scene: self,
             corners,
-            on_edges,
-            made: HashMap::new(),
+            points_on_edges,
+            new_vertices: HashMap::new(),
         };
         let sources = std::mem::take(&mut stitcher.scene.triangles);
         let mut pieces = Vec::with_capacity(sources.len());
@@ -42,14 +42,14 @@ impl Scene {
         firsts
     }
 
-    /// A new vertex between two: `share` of the way from the first to the second, at a position of
-    /// its own. Returns its index.
+    /// Adds a vertex at `position`, with attributes interpolated at `share` (0..1) of the way
+    /// between two vertices. Returns its index.
     pub fn vertex_between(&mut self, ends: [u32; 2], position: DVec3, share: f32) -> u32 {
         let [i, j] = ends.map(|vertex| vertex as usize);
         self.positions.push(position);
         if !self.normals.is_empty() {
             let (a, b) = (self.normals[i], self.normals[j]);
-            // Between a vertex with a normal and one without there is none either.
+            // A missing normal cannot be interpolated.
             let none = a == Vec3::ZERO || b == Vec3::ZERO;
             self.normals.push(if none {
                 Vec3::ZERO
@@ -68,66 +68,59 @@ impl Scene {
     }
 }
 
-/// The places of a scene's vertices, each once.
-struct Corners {
-    /// For each vertex its place.
-    place_of: Vec<u32>,
-    places: Vec<DVec3>,
-    cube_m: f64,
-    /// Positions in each grid cell.
-    cubes: HashMap<[i64; 3], Vec<u32>>,
+/// Distinct positions ("points") of a scene's vertices, in a uniform grid.
+struct CornerGrid {
+    /// Index of the point of each vertex.
+    point_of_vertex: Vec<u32>,
+    points: Vec<DVec3>,
+    cell_m: f64,
+    /// Points in each grid cell.
+    cells: HashMap<[i64; 3], Vec<u32>>,
 }
 
-/// Two places in ascending order.
+/// Indices of two points in ascending order.
 type Edge = [u32; 2];
 
-impl Corners {
-    fn of(scene: &Scene) -> Self {
-        let edges = || {
-            scene
-                .triangles
-                .iter()
-                .flat_map(|t| [[0, 1], [1, 2], [2, 0]].map(|side| side.map(|i| t.vertices[i])))
-        };
-        let lengths = edges()
-            .map(|edge| edge.map(|vertex| scene.positions[vertex as usize]))
-            .map(|[a, b]| a.distance(b));
+impl CornerGrid {
+    fn new(scene: &Scene) -> Self {
+        let corners = (0..scene.triangles.len() as u32).map(|triangle| scene.corners(triangle));
+        let lengths = corners.flat_map(|[a, b, c]| [a.distance(b), b.distance(c), c.distance(a)]);
         let finite = lengths.filter(|length| length.is_finite());
         let (count, sum) = finite.fold((0_u32, 0.0), |(count, sum), length| {
             (count + 1, sum + length)
         });
-        let cube_m = (sum / f64::from(count.max(1))).max(SMALLEST_CUBE_M);
+        let cell_m = (sum / f64::from(count.max(1))).max(MIN_CELL_M);
 
         let mut known = HashMap::new();
-        let mut places = Vec::new();
-        let mut cubes: HashMap<_, Vec<u32>> = HashMap::new();
-        let mut place = |&p: &DVec3| {
-            // -0 and 0 are one place.
+        let mut points = Vec::new();
+        let mut cells: HashMap<_, Vec<u32>> = HashMap::new();
+        let mut point = |&p: &DVec3| {
+            // Adding zero makes -0 and 0 the same bits.
             *known
                 .entry((p + 0.0).to_array().map(f64::to_bits))
                 .or_insert_with(|| {
-                    let index = places.len() as u32;
-                    places.push(p);
-                    cubes.entry(cube_of(p, cube_m)).or_default().push(index);
+                    let index = points.len() as u32;
+                    points.push(p);
+                    cells.entry(cell_of(p, cell_m)).or_default().push(index);
                     index
                 })
         };
-        let place_of = scene.positions.iter().map(&mut place).collect();
+        let point_of_vertex = scene.positions.iter().map(&mut point).collect();
         Self {
-            place_of,
-            places,
-            cube_m,
-            cubes,
+            point_of_vertex,
+            points,
+            cell_m,
+            cells,
         }
     }
 
     fn edge(&self, a: u32, b: u32) -> Edge {
-        let [a, b] = [a, b].map(|vertex| self.place_of[vertex as usize]);
+        let [a, b] = [a, b].map(|vertex| self.point_of_vertex[vertex as usize]);
         [a.min(b), a.max(b)]
     }
 
-    /// The places on each edge that has any, in their order from its first end.
-    fn on_edges(&self, scene: &Scene) -> HashMap<Edge, Vec<u32>> {
+    /// Returns the edges with points on them, with these points in order from the first end.
+    fn points_on_edges(&self, scene: &Scene) -> HashMap<Edge, Vec<u32>> {
         let sides = |triangle: &Triangle| {
             let [a, b, c] = triangle.vertices;
             [self.edge(a, b), self.edge(b, c), self.edge(c, a)]
@@ -135,80 +128,79 @@ impl Corners {
         let mut edges: Vec<Edge> = scene.triangles.par_iter().flat_map_iter(sides).collect();
         edges.par_sort_unstable();
         edges.dedup();
-        let split = edges
+        edges
             .par_iter()
-            .map(|&edge| (edge, self.on_edge(edge)))
-            .filter(|(_, on)| !on.is_empty());
-        split.collect()
+            .map(|&edge| (edge, self.points_on_edge(edge)))
+            .filter(|(_, on)| !on.is_empty())
+            .collect()
     }
 
-    fn on_edge(&self, edge: Edge) -> Vec<u32> {
-        let [a, b] = edge.map(|place| self.places[place as usize]);
+    fn points_on_edge(&self, edge: Edge) -> Vec<u32> {
+        let [a, b] = edge.map(|point| self.points[point as usize]);
         let length = a.distance(b);
         if length.is_nan() || length <= 2.0 * ON_EDGE_M {
             return Vec::new();
         }
         let along = (b - a) / length;
-        let how_far = |place: u32| {
-            let to = self.places[place as usize] - a;
+        let project = |point: u32| {
+            let to = self.points[point as usize] - a;
             let t = to.dot(along);
             let inside = t > ON_EDGE_M && t < length - ON_EDGE_M;
-            (inside && (to - along * t).length() <= ON_EDGE_M).then_some((t, place))
+            (inside && (to - along * t).length() <= ON_EDGE_M).then_some((t, point))
         };
-        let mut on: Vec<(f64, u32)> = self.near(a, b, length).filter_map(how_far).collect();
+        let mut on: Vec<(f64, u32)> = self.candidates(a, b, length).filter_map(project).collect();
         on.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
-        // Of places nearly the same one is enough, and a step is looked at from two cubes.
+        // One of several points that nearly coincide is enough; neighbouring steps share cells.
         on.dedup_by(|next, kept| next.0 - kept.0 <= ON_EDGE_M);
-        on.into_iter().map(|(_, place)| place).collect()
+        on.into_iter().map(|(_, point)| point).collect()
     }
 
-    /// Places in the cubes along an edge, some more than once.
-    fn near(&self, a: DVec3, b: DVec3, length: f64) -> Box<dyn Iterator<Item = u32> + '_> {
-        let steps = (length / self.cube_m).ceil().max(1.0);
-        if steps > self.places.len() as f64 {
-            // Longer than there are places to ask.
-            return Box::new(0..self.places.len() as u32);
+    /// Returns the points in the grid cells along an edge, some more than once.
+    fn candidates(&self, a: DVec3, b: DVec3, length: f64) -> Box<dyn Iterator<Item = u32> + '_> {
+        let steps = (length / self.cell_m).ceil().max(1.0);
+        if steps > self.points.len() as f64 {
+            return Box::new(0..self.points.len() as u32); // cheaper than so many cells
         }
         Box::new((0..steps as u32).flat_map(move |step| {
             let at = |step: u32| a.lerp(b, f64::from(step) / steps);
             let [p, q] = [at(step), at(step + 1)];
             let [low, high] = [p.min(q) - ON_EDGE_M, p.max(q) + ON_EDGE_M]
-                .map(|corner| cube_of(corner, self.cube_m));
-            let cubes = (low[0]..=high[0]).flat_map(move |x| {
+                .map(|corner| cell_of(corner, self.cell_m));
+            let cells = (low[0]..=high[0]).flat_map(move |x| {
                 (low[1]..=high[1]).flat_map(move |y| (low[2]..=high[2]).map(move |z| [x, y, z]))
             });
-            cubes
-                .filter_map(|cube| self.cubes.get(&cube))
+            cells
+                .filter_map(|cell| self.cells.get(&cell))
                 .flatten()
                 .copied()
         }))
     }
 }
 
-fn cube_of(p: DVec3, cube_m: f64) -> [i64; 3] {
-    (p / cube_m).floor().to_array().map(|x| x as i64)
+fn cell_of(p: DVec3, cell_m: f64) -> [i64; 3] {
+    (p / cell_m).floor().to_array().map(|x| x as i64)
 }
 
 struct Stitcher<'a> {
     scene: &'a mut Scene,
-    corners: Corners,
-    on_edges: HashMap<Edge, Vec<u32>>,
-    /// The vertex at a place on an edge between two vertices in ascending order: shared by the
-    /// triangles on both sides.
-    made: HashMap<([u32; 2], u32), u32>,
+    corners: CornerGrid,
+    points_on_edges: HashMap<Edge, Vec<u32>>,
+    /// New vertices by the ends of their edge (vertices in ascending order) and their point; the
+    /// triangles on both sides share them.
+    new_vertices: HashMap<([u32; 2], u32), u32>,
 }
 
 impl Stitcher<'_> {
-    /// The pieces of a triangle, split at the places on its edges.
+    /// Appends the pieces of a triangle that is split at the points on its edges.
     fn split(&mut self, source: &Triangle, pieces: &mut Vec<Triangle>) {
         let [a, b, c] = source.vertices;
         let on = |[p, q]: [u32; 2]| {
             let mut on = self
-                .on_edges
+                .points_on_edges
                 .get(&self.corners.edge(p, q))
                 .cloned()
                 .unwrap_or_default();
-            if self.corners.place_of[p as usize] > self.corners.place_of[q as usize] {
+            if self.corners.point_of_vertex[p as usize] > self.corners.point_of_vertex[q as usize] {
                 on.reverse();
             }
             on
@@ -225,9 +217,9 @@ impl Stitcher<'_> {
             let [p, q, r] = [0, 1, 2].map(|i| vertices[(side + i) % 3]);
             let [mut before, beside, last] = [0, 1, 2].map(|i| on[(side + i) % 3].clone());
             let mut after = before.split_off(before.len() / 2);
-            let place = after.remove(0);
-            if self.keeps_its_side([p, q, r], place) {
-                let middle = self.vertex_at(p, q, place);
+            let point = after.remove(0);
+            if self.preserves_orientation([p, q, r], point) {
+                let middle = self.vertex_on_edge(p, q, point);
                 open.push(([middle, q, r], [after, beside, Vec::new()]));
                 open.push(([p, middle, r], [before, Vec::new(), last]));
             } else {
@@ -237,27 +229,27 @@ impl Stitcher<'_> {
         }
     }
 
-    /// Returns true if both pieces of a triangle that is split on its first side face as it does:
-    /// of one thinner than [`ON_EDGE_M`] one might be turned over.
-    fn keeps_its_side(&self, corners: [u32; 3], place: u32) -> bool {
+    /// Returns true if both pieces of a triangle that is split on its first side keep its
+    /// orientation. One of the pieces may flip if the triangle is thinner than [`ON_EDGE_M`].
+    fn preserves_orientation(&self, corners: [u32; 3], point: u32) -> bool {
         let [p, q, r] = corners.map(|vertex| self.scene.positions[vertex as usize]);
-        let v = self.corners.places[place as usize];
+        let v = self.corners.points[point as usize];
         let normal = (q - p).cross(r - p);
         [(v - p).cross(r - p), (q - v).cross(r - v)]
             .iter()
             .all(|piece| piece.dot(normal) > 0.0)
     }
 
-    /// The vertex at a place on the edge between two.
-    fn vertex_at(&mut self, a: u32, b: u32, place: u32) -> u32 {
+    /// Returns the vertex at a point on the edge between two vertices.
+    fn vertex_on_edge(&mut self, a: u32, b: u32, point: u32) -> u32 {
         let ends = [a.min(b), a.max(b)];
         let corners = &mut self.corners;
-        *self.made.entry((ends, place)).or_insert_with(|| {
-            let position = corners.places[place as usize];
+        *self.new_vertices.entry((ends, point)).or_insert_with(|| {
+            let position = corners.points[point as usize];
             let [start, end] = ends.map(|end| self.scene.positions[end as usize]);
             let share = (position - start).length()
                 / ((position - start).length() + (end - position).length());
-            corners.place_of.push(place);
+            corners.point_of_vertex.push(point);
             self.scene.vertex_between(ends, position, share as f32)
         })
     }

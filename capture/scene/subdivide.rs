@@ -1,23 +1,21 @@
-//! Cutting long edges, so that light at vertices can follow shadows.
+//! Subdivision of triangles with long edges, so that light baked into vertices resolves shadows.
 
 use crate::scene::{Scene, Triangle};
-use glam::DVec3;
 use std::collections::HashMap;
 
-/// A triangle is cut at most this often in a row: edges of 2^16 times the wished length.
-const DEEPEST: u32 = 32;
+/// Maximum depth of subdivision: enough for edges of 2^16 times the maximum length.
+const MAX_DEPTH: u32 = 32;
 
-/// Cuts triangles until no edge is longer than `edge_m`, metres. Whether an edge is cut depends on
-/// its length alone and it is cut in the middle, so triangles that share vertices keep sharing
-/// them: no T-junctions arise.
+/// Cuts triangles until no edge is longer than `edge_m`, metres. An edge is cut by its length alone
+/// and in its middle, so that triangles that share vertices keep sharing them: no T-junctions arise.
 ///
-/// Returns for each triangle the index of its first piece, and at the end the number of pieces;
-/// nothing if there would be more than `most` triangles.
-pub fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>> {
+/// Returns the index of the first piece of each triangle, then the number of pieces; `None` if there
+/// would be more than `max_triangles`.
+pub fn subdivide(scene: &mut Scene, edge_m: f64, max_triangles: usize) -> Option<Vec<u32>> {
     let mut cutter = Cutter {
         scene,
         edge_m,
-        middles: HashMap::new(),
+        midpoints: HashMap::new(),
     };
     let sources = std::mem::take(&mut cutter.scene.triangles);
     let mut firsts = Vec::with_capacity(sources.len() + 1);
@@ -27,7 +25,7 @@ pub fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>
         let mut open = vec![(source.vertices, 0)];
         while let Some((vertices, depth)) = open.pop() {
             match cutter.cut(vertices) {
-                Some(children) if depth < DEEPEST => {
+                Some(children) if depth < MAX_DEPTH => {
                     open.extend(children.into_iter().rev().map(|c| (c, depth + 1)));
                 }
                 _ => pieces.push(Triangle {
@@ -35,7 +33,7 @@ pub fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>
                     material: source.material,
                 }),
             }
-            if pieces.len() + open.len() > most {
+            if pieces.len() + open.len() > max_triangles {
                 return None;
             }
         }
@@ -48,57 +46,48 @@ pub fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>
 struct Cutter<'a> {
     scene: &'a mut Scene,
     edge_m: f64,
-    /// The vertex in the middle of an edge, by its ends in ascending order.
-    middles: HashMap<[u32; 2], u32>,
+    /// Vertex in the middle of each cut edge, by its ends in ascending order.
+    midpoints: HashMap<[u32; 2], u32>,
 }
 
 impl Cutter<'_> {
-    fn position(&self, vertex: u32) -> DVec3 {
-        self.scene.positions[vertex as usize]
+    /// Returns the midpoint of an edge if it is too long.
+    fn midpoint_if_long(&mut self, a: u32, b: u32) -> Option<u32> {
+        let ends = [a.min(b), a.max(b)];
+        let [start, end] = ends.map(|vertex| self.scene.positions[vertex as usize]);
+        (start.distance(end) > self.edge_m).then(|| {
+            let add = || self.scene.vertex_between(ends, (start + end) / 2.0, 0.5);
+            *self.midpoints.entry(ends).or_insert_with(add)
+        })
     }
 
-    /// The middle of an edge if it is too long. The length is the same from either end: the
-    /// difference only changes its sign.
-    fn middle_of_long(&mut self, a: u32, b: u32) -> Option<u32> {
-        (self.position(a).distance(self.position(b)) > self.edge_m).then(|| self.middle(a, b))
-    }
-
-    fn middle(&mut self, a: u32, b: u32) -> u32 {
-        let key = [a.min(b), a.max(b)];
-        if let Some(&known) = self.middles.get(&key) {
-            return known;
-        }
-        let middle = (self.position(key[0]) + self.position(key[1])) / 2.0;
-        let new = self.scene.vertex_between(key, middle, 0.5);
-        self.middles.insert(key, new);
-        new
-    }
-
-    /// The pieces of a triangle with a long edge.
+    /// Returns the pieces of a triangle, or `None` if no edge is too long.
     fn cut(&mut self, [a, b, c]: [u32; 3]) -> Option<Vec<[u32; 3]>> {
-        let middles = [
-            self.middle_of_long(a, b),
-            self.middle_of_long(b, c),
-            self.middle_of_long(c, a),
+        let midpoints = [
+            self.midpoint_if_long(a, b),
+            self.midpoint_if_long(b, c),
+            self.midpoint_if_long(c, a),
         ];
         let corners = [a, b, c];
-        match middles {
+        match midpoints {
             [None, None, None] => None,
             [Some(ab), Some(bc), Some(ca)] => {
                 Some(vec![[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
             }
             _ => {
-                // Turned so that the edge (p, q) is long and, if two are, (q, r) too.
-                let long = middles.map(|middle| middle.is_some());
+                // Rotated so that the edge (p, q) is long and, if two are, (q, r) too.
+                let long = midpoints.map(|midpoint| midpoint.is_some());
                 let first = (0..3).find(|&i| long[i] && !long[(i + 2) % 3]).unwrap_or(0);
                 let [p, q, r] = [0, 1, 2].map(|i| corners[(first + i) % 3]);
-                let pq = middles[first]?;
-                match middles[(first + 1) % 3] {
+                let pq = midpoints[first]?;
+                match midpoints[(first + 1) % 3] {
                     None => Some(vec![[p, pq, r], [pq, q, r]]),
                     Some(qr) => {
-                        // The shorter diagonal of what is left beside the corner q.
-                        let [across, along] = [(pq, r), (p, qr)]
-                            .map(|(s, t)| self.position(s).distance_squared(self.position(t)));
+                        // The shorter diagonal of the quadrilateral without the corner q.
+                        let [across, along] = [[pq, r], [p, qr]].map(|diagonal| {
+                            let [s, t] = diagonal.map(|v| self.scene.positions[v as usize]);
+                            s.distance_squared(t)
+                        });
                         Some(if across <= along {
                             vec![[pq, q, qr], [pq, qr, r], [p, pq, r]]
                         } else {

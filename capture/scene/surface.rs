@@ -1,10 +1,10 @@
 //! The surface at a hit point.
 
-use crate::material::{Gloss, Texture};
+use crate::material::{Gloss, Material, Texture};
 use crate::scene::Scene;
 use glam::{Vec2, Vec3};
 
-/// A point on a triangle as the shading needs it.
+/// Shading attributes of a point on a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Unit geometric normal, world axes, on the side from which the corners run counter-clockwise.
@@ -21,9 +21,8 @@ pub struct Surface {
 }
 
 impl Scene {
-    /// The surface at barycentric weights `u` and `v` (of vertices 1 and 2) of triangle
-    /// `primitive`. The scene must be valid ([`Scene::validate`]) and `primitive` one of its
-    /// triangles.
+    /// Surface at barycentric weights `u` and `v` (of vertices 1 and 2) of triangle `primitive`.
+    /// The scene must be valid ([`Scene::validate`]) and `primitive` one of its triangles.
     pub fn surface(&self, primitive: u32, u: f32, v: f32) -> Surface {
         self.surface_facing(primitive, self.geometric_normal(primitive), u, v)
     }
@@ -35,8 +34,12 @@ impl Scene {
             shading_normal: self.shading_normal(primitive, normal, u, v),
             albedo: self.paint(primitive).albedo(u, v),
             emission: self.emission(primitive, u, v),
-            gloss: self.materials[self.triangles[primitive as usize].material as usize].gloss,
+            gloss: self.material(primitive).gloss,
         }
+    }
+
+    fn material(&self, primitive: u32) -> &Material {
+        &self.materials[self.triangles[primitive as usize].material as usize]
     }
 
     /// [`Surface::shading_normal`] of a triangle with the given geometric normal.
@@ -57,9 +60,9 @@ impl Scene {
         }
     }
 
-    /// [`Surface::emission`].
+    /// [`Surface::emission`] at barycentric weights `u` and `v` of triangle `primitive`.
     pub fn emission(&self, primitive: u32, u: f32, v: f32) -> [f32; 3] {
-        let material = &self.materials[self.triangles[primitive as usize].material as usize];
+        let material = self.material(primitive);
         if material.emission == [0.0; 3] {
             return [0.0; 3];
         }
@@ -71,19 +74,19 @@ impl Scene {
             .into()
     }
 
-    /// The texture that says where triangle `primitive` emits light, if it does and one says so.
+    /// Emission texture of triangle `primitive`, if it emits light and has one.
     pub fn emission_texture(&self, primitive: u32) -> Option<&Texture> {
-        let material = &self.materials[self.triangles[primitive as usize].material as usize];
+        let material = self.material(primitive);
         let index = material
             .emission_texture
             .filter(|_| material.emission != [0.0; 3])?;
         self.textures.get(index as usize)
     }
 
-    /// [`Surface::emission`] of a triangle, averaged: over points about a texel apart, or a 32nd of
-    /// its longest side where that is more.
+    /// Mean [`Surface::emission`] of a triangle over points one texel apart, or a 32nd of its
+    /// longest side if that is more.
     pub fn mean_emission(&self, primitive: u32) -> [f32; 3] {
-        const MOST_STEPS: f32 = 32.0;
+        const MAX_STEPS: f32 = 32.0;
         let Some(texture) = self.emission_texture(primitive) else {
             return self.emission(primitive, 1.0 / 3.0, 1.0 / 3.0);
         };
@@ -94,13 +97,13 @@ impl Scene {
             .map(|edge| edge.abs().max_element())
             .into_iter()
             .fold(0.0, f32::max);
-        let steps = longest.ceil().clamp(1.0, MOST_STEPS) as u32;
+        let steps = longest.ceil().clamp(1.0, MAX_STEPS) as u32;
         let third = 1.0 / (3.0 * steps as f32);
         let (mut sum, mut count) = (Vec3::ZERO, 0);
-        // The middles of the small triangles into which parallels to its sides cut it.
+        // Centroids of the `steps * steps` congruent triangles into which it is divided.
         for (i, j) in (0..steps).flat_map(|i| (0..steps - i).map(move |j| (i, j))) {
-            let middles = if i + j + 1 < steps { 1..=2 } else { 1..=1 };
-            for thirds in middles {
+            let centroids = if i + j + 1 < steps { 1..=2 } else { 1..=1 };
+            for thirds in centroids {
                 let [u, v] = [i, j].map(|i| (3 * i + thirds) as f32 * third);
                 sum += Vec3::from(self.emission(primitive, u, v));
                 count += 1;
@@ -109,12 +112,12 @@ impl Scene {
         (sum / count as f32).into()
     }
 
-    /// Colours of triangle `primitive`, for lookups at many of its points. Same conditions as
+    /// Colours and cut-out of triangle `primitive`, for lookups at many points. Same conditions as
     /// [`Scene::surface`].
     #[inline]
     pub fn paint(&self, primitive: u32) -> Paint<'_> {
         let triangle = self.triangles[primitive as usize];
-        let material = &self.materials[triangle.material as usize];
+        let material = self.material(primitive);
         let corners = triangle.vertices.map(|vertex| vertex as usize);
         let texture = |index: u32| &self.textures[index as usize];
         Paint {
@@ -132,15 +135,15 @@ impl Scene {
         }
     }
 
-    /// Returns true if the surface is opaque at barycentric weights `u`, `v` of triangle
-    /// `primitive`: false in the holes of a cut-out (see [`crate::material::Cutout`]). Same
-    /// conditions as [`Scene::surface`].
+    /// Returns true if triangle `primitive` is opaque at barycentric weights `u` and `v`, false in
+    /// the holes of a cut-out (see [`crate::material::Cutout`]). Same conditions as
+    /// [`Scene::surface`].
     pub fn is_solid(&self, primitive: u32, u: f32, v: f32) -> bool {
         self.paint(primitive).is_solid(u, v)
     }
 
-    /// Unit geometric normal of a triangle; straight up if it has no area. In `f64`, because edges
-    /// of a millimetre in a scene at 1e5 m have no digits left in `f32`.
+    /// Unit geometric normal of a triangle; straight up if its area is 0. Computed in `f64`,
+    /// because edges of a millimetre at 1e5 m have no digits left in `f32`.
     pub fn geometric_normal(&self, primitive: u32) -> Vec3 {
         let [a, b, c] = self.corners(primitive);
         (b - a)
@@ -150,8 +153,7 @@ impl Scene {
     }
 }
 
-/// The colour and the holes of one triangle. Points are given by the barycentric weights of
-/// vertices 1 and 2.
+/// Colours and cut-out of one triangle, looked up by the barycentric weights of vertices 1 and 2.
 pub struct Paint<'a> {
     albedo: Vec3,
     colors: Option<[Vec3; 3]>,
@@ -161,12 +163,12 @@ pub struct Paint<'a> {
 }
 
 impl Paint<'_> {
-    /// The texture of the albedo, if it has one.
+    /// Albedo texture, if any.
     pub fn texture(&self) -> Option<&Texture> {
         self.texture
     }
 
-    /// Texture coordinates of a lookup, texels from a corner of the plane of its copies.
+    /// Texture coordinate at the given weights in texels of `texture`, not wrapped.
     pub fn texel_at(&self, texture: &Texture, [u, v]: [f32; 2]) -> Vec2 {
         Vec2::from(self.texcoord([1.0 - u - v, u, v]))
             * Vec2::new(texture.width() as f32, texture.height() as f32)
@@ -193,7 +195,7 @@ impl Paint<'_> {
         })
     }
 
-    /// A texture's colour at the given weights of three corners; white without a texture.
+    /// Colour of a texture at the given weights of the three corners; white without a texture.
     fn texel(&self, texture: Option<&Texture>, weights: [f32; 3]) -> Vec3 {
         let Some(texture) = texture else {
             return Vec3::ONE;
@@ -292,59 +294,48 @@ mod tests {
     }
 
     #[test]
-    fn validate_finds_every_broken_promise() {
-        let broken = |change: fn(&mut Scene)| {
+    fn validate_reports_each_violated_invariant() {
+        let cases: [(fn(&mut Scene), SceneError); 6] = [
+            (|s| s.triangles.clear(), SceneError::NoTriangles),
+            (|s| s.positions[2].y = f64::NAN, SceneError::Position(2)),
+            (
+                |s| s.normals.push(Vec3::Y),
+                SceneError::ArrayLength {
+                    array: "normals",
+                    length: 1,
+                    positions: 3,
+                },
+            ),
+            (
+                |s| s.triangles[0].vertices[1] = 3,
+                SceneError::VertexIndex {
+                    triangle: 0,
+                    vertex: 3,
+                    positions: 3,
+                },
+            ),
+            (
+                |s| s.triangles[0].material = 1,
+                SceneError::MaterialIndex {
+                    triangle: 0,
+                    material: 1,
+                    materials: 1,
+                },
+            ),
+            (
+                |s| s.materials[0].albedo_texture = Some(7),
+                SceneError::TextureIndex {
+                    material: 0,
+                    texture: 7,
+                    textures: 1,
+                },
+            ),
+        ];
+        for (violate, error) in cases {
             let mut scene = scene();
-            change(&mut scene);
-            scene.validate().expect_err("broken on purpose")
-        };
-        assert_eq!(broken(|s| s.triangles.clear()), SceneError::NoTriangles);
-        assert_eq!(broken(|s| s.materials.clear()), SceneError::NoMaterials);
-        assert_eq!(
-            broken(|s| s.positions[2].y = f64::NAN),
-            SceneError::Position(2)
-        );
-        let error = broken(|s| s.normals.push(Vec3::Y));
-        assert_eq!(
-            error,
-            SceneError::ArrayLength {
-                array: "normals",
-                length: 1,
-                positions: 3
-            }
-        );
-        let error = broken(|s| s.triangles[0].vertices[1] = 3);
-        assert_eq!(
-            error,
-            SceneError::VertexIndex {
-                triangle: 0,
-                vertex: 3,
-                positions: 3
-            }
-        );
-        let error = broken(|s| s.triangles[0].material = 1);
-        assert_eq!(
-            error,
-            SceneError::MaterialIndex {
-                triangle: 0,
-                material: 1,
-                materials: 1
-            }
-        );
-        let error = broken(|s| {
-            s.materials[0].cutout = Some(Cutout {
-                texture: 7,
-                threshold: 0.5,
-            });
-        });
-        assert_eq!(
-            error,
-            SceneError::TextureIndex {
-                material: 0,
-                texture: 7,
-                textures: 1
-            }
-        );
+            violate(&mut scene);
+            assert_eq!(scene.validate(), Err(error));
+        }
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! Builds a [`Scene`] from the vertices and triangles of a parser; drops triangles that cannot be
 //! traced.
 
-use super::LoadError;
 use super::lights::FileLights;
 use super::notes::{Note, Notes};
 use super::orientation::FrameHints;
+use super::{LoadError, file_stem};
 use crate::material::{Material, Texture};
 use crate::scene::{Scene, Triangle};
 use glam::{DVec3, Vec2, Vec3};
@@ -204,11 +204,7 @@ impl Builder {
         let FileLights { sun, sky, lamps } = self.lights.with_defaults(&mut self.notes);
         discard_unused_vertices(&mut self.scene);
         let mut scene = Scene {
-            name: path
-                .file_stem()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned(),
+            name: file_stem(path),
             textures,
             sun,
             sky,

@@ -178,6 +178,14 @@ pub fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
     })
 }
 
+/// Returns the name of a file without its extension.
+pub fn file_stem(path: &Path) -> String {
+    path.file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}
+
 /// Returns the folder of a file.
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))

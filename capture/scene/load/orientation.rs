@@ -12,11 +12,12 @@ use crate::scene::Scene;
 use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 
-/// Scenes with fewer triangles than a box are not judged.
+/// Triangles of a box; scenes with fewer give no evidence.
 const MIN_TRIANGLES: usize = 12;
-/// Scenes thinner than this share of their extent (pictures, bare ground) are judged by names only.
+/// Least thickness of a scene relative to its extent. In thinner ones (pictures, bare ground) only
+/// names are evidence.
 const MIN_THICKNESS: f64 = 0.01;
-/// Named floors count from this share of the scene's area.
+/// Least share of named floors in the scene's area.
 const MIN_FLOOR_SHARE: f64 = 0.01;
 /// Cosine of the angle (11 degrees) within which a normal is parallel to an axis.
 const PARALLEL_COSINE: f64 = 0.98;
@@ -36,7 +37,7 @@ const MAX_HEIGHTS: [f64; 2] = [120.0, 1_500.0];
 /// Range of heights that are not reported, metres.
 const USUAL_HEIGHT_M: std::ops::Range<f64> = 0.5..25.0;
 
-/// Everything but the triangles that tells the up axis and the unit.
+/// Evidence for the up axis and the unit apart from the triangles.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FrameHints {
     pub(super) options: LoadOptions,
@@ -116,8 +117,7 @@ impl FrameHints {
         let mut evidence = Vec::new();
         let (planes, area) = largest_planes(scene);
         let floors = self.floors;
-        let is_judged = scene.triangles.len() >= MIN_TRIANGLES;
-        if is_judged && floors.total > MIN_FLOOR_SHARE * area {
+        if scene.triangles.len() >= MIN_TRIANGLES && floors.total > MIN_FLOOR_SHARE * area {
             let share = (floors.parallel.z - floors.parallel.y) / floors.total;
             evidence.push((share, "named floors are horizontal"));
         }
@@ -161,7 +161,7 @@ impl FrameHints {
 
 /// Returns the words of the comments at the head of an OBJ, lower case, each between spaces.
 pub(super) fn head_comments(text: &str) -> String {
-    /// A statement further down is none about the file.
+    /// Words further down rarely describe the file.
     const MAX_WORDS: usize = 500;
     let is_head =
         |line: &&str| line.is_empty() || line.starts_with('#') || line.starts_with("mtllib");

@@ -1,10 +1,10 @@
-//! GLB: one node, one mesh, a primitive a material.
+//! GLB: one node, one mesh, one primitive per material.
 //!
-//! Positions are `f32` about the middle of the scene, which is the node's translation, so that they
-//! keep their digits wherever the scene lies. The JSON is written as such: the types of the `gltf`
-//! crate hold a translation in `f32`.
+//! Positions are `f32` relative to the middle of the scene, which is the node's translation, so
+//! that they keep their precision far from the origin. The JSON is built without the types of the
+//! `gltf` crate, which store a translation in `f32`.
 
-use super::{SaveError, by_material, names, png};
+use super::{SaveError, by_material, png, unique_names};
 use crate::material::{Material, Texture};
 use crate::scene::Scene;
 use gltf::binary::{Glb, Header};
@@ -17,7 +17,7 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 
 pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
-    let mut file = File::default();
+    let mut file = GlbBuilder::default();
     let [low, high] = scene.bounds();
     let middle = (low + high) / 2.0;
     let mut primitives = Vec::new();
@@ -28,7 +28,7 @@ pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
     {
         primitives.push(file.primitive(scene, middle, &triangles, number));
     }
-    for (material, name) in scene.materials.iter().zip(names(&scene.materials)) {
+    for (material, name) in scene.materials.iter().zip(unique_names(&scene.materials)) {
         let written = file.material(scene, material, &name)?;
         file.materials.push(written);
     }
@@ -48,7 +48,7 @@ pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
         "accessors": file.accessors, "bufferViews": file.views,
         "buffers": [{"byteLength": file.bytes.len()}],
     });
-    // What is absent must be absent: the format allows no empty lists.
+    // The format does not allow empty lists.
     let present = all
         .as_object()
         .into_iter()
@@ -75,25 +75,25 @@ pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
 
 const STRENGTH: &str = "KHR_materials_emissive_strength";
 
-/// Returns true if more light leaves a surface than the format's own factor holds.
+/// Returns true if a material emits more than the format's own factor, at most 1, can express.
 fn is_bright(material: &Material) -> bool {
     material.emission.iter().any(|&c| c > 1.0)
 }
 
-/// A file that grows.
+/// Content of a GLB under construction.
 #[derive(Default)]
-struct File {
+struct GlbBuilder {
     bytes: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
     materials: Vec<Value>,
     textures: Vec<Value>,
     images: Vec<Value>,
-    /// Textures that have been written, by colour and opacity.
+    /// Indices of the written textures by the scene's textures for colour and for opacity.
     written: HashMap<[Option<u32>; 2], usize>,
 }
 
-impl File {
+impl GlbBuilder {
     fn view(&mut self, bytes: &[u8]) -> usize {
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         self.views
@@ -124,7 +124,7 @@ impl File {
         )
     }
 
-    /// The triangles of a material, with the vertices that they use.
+    /// Adds the triangles of a material with the vertices that they use. Returns the primitive.
     fn primitive(
         &mut self,
         scene: &Scene,
@@ -212,8 +212,9 @@ impl File {
         Ok(written)
     }
 
-    /// The number of a texture with the colours of one of the scene's and the opacity of another;
-    /// white without the first, of the first's own opacity without the second.
+    /// Returns the index of a texture that combines the colour of one of the scene's textures with
+    /// the alpha of another. Without the former it is white; without the latter it keeps its own
+    /// alpha.
     fn texture(
         &mut self,
         scene: &Scene,
@@ -223,11 +224,11 @@ impl File {
         if let Some(&known) = self.written.get(&key) {
             return Ok(known);
         }
-        let of = |index: u32| &scene.textures[index as usize];
-        let joined = match key {
-            [Some(color), None] => of(color).clone(),
+        let texture = |index: u32| &scene.textures[index as usize];
+        let combined = match key {
+            [Some(color), None] => texture(color).clone(),
             [None, opacity] => {
-                let opacity = of(opacity.unwrap_or(0));
+                let opacity = texture(opacity.unwrap_or(0));
                 let white = opacity
                     .texels()
                     .iter()
@@ -236,9 +237,9 @@ impl File {
                 Texture::new(opacity.width(), opacity.height(), white)
                     .unwrap_or_else(|| opacity.clone())
             }
-            [Some(color), Some(opacity)] => with_opacity(of(color), of(opacity)),
+            [Some(color), Some(opacity)] => with_opacity(texture(color), texture(opacity)),
         };
-        let bytes = png(color.or(opacity).unwrap_or(0) as usize, &joined)?;
+        let bytes = png(color.or(opacity).unwrap_or(0) as usize, &combined)?;
         let view = self.view(&bytes);
         self.images
             .push(json!({"bufferView": view, "mimeType": "image/png"}));
@@ -248,8 +249,8 @@ impl File {
     }
 }
 
-/// The colours of a texture with the opacity of another, as fine as the finer of both; the same
-/// texels where both are of one size.
+/// Combines the colour of a texture with the alpha of another at the larger resolution of the two.
+/// Texels are unchanged if the sizes are equal.
 fn with_opacity(color: &Texture, opacity: &Texture) -> Texture {
     let (width, height) = (
         color.width().max(opacity.width()),

@@ -1,12 +1,12 @@
-//! Scenes into files that other programs read: OBJ with MTL and textures, and GLB.
+//! Writes scenes for other programs: OBJ with MTL and textures, and GLB.
 //!
-//! What [`crate::load`] reads back shows the same triangles, in the order of their materials, in
-//! the same colours. Neither format has a place for the sun and the sky; positions are world metres
-//! with Y up.
+//! [`crate::load`] reads back the same triangles with the same colours, in the order of their
+//! materials. Neither format stores the sun and the sky. Positions are world metres, Y up.
 
 mod glb;
 mod obj;
 
+use crate::load::extension_of;
 use crate::material::{Material, Texture};
 use crate::scene::Scene;
 use image::ImageEncoder;
@@ -23,24 +23,24 @@ pub struct SavedFile {
     pub bytes: Vec<u8>,
 }
 
-/// Why a scene could not be saved.
+/// Error of saving a scene.
 #[derive(Debug, thiserror::Error)]
 pub enum SaveError {
-    /// The file's ending names no format.
+    /// The extension is not that of a supported format.
     #[error("{0}: a scene is saved as .obj or .glb")]
     Format(PathBuf),
-    /// The scene breaks a promise.
+    /// The scene is invalid.
     #[error(transparent)]
     Scene(#[from] crate::scene::SceneError),
     /// A texture could not be written as PNG.
     #[error("texture {index} could not be written as PNG: {cause}")]
     Texture {
-        /// Its place in the scene.
+        /// Index into [`Scene::textures`].
         index: usize,
-        /// Why.
+        /// The error of the encoder.
         cause: image::ImageError,
     },
-    /// It is larger than the format allows.
+    /// The file would be larger than the format allows.
     #[error("it takes {0} bytes, and a GLB file holds at most 4 GB")]
     TooLarge(usize),
     /// The container could not be written.
@@ -48,19 +48,16 @@ pub enum SaveError {
     Glb(String),
 }
 
-/// The files that hold a scene, the one named `path` first; none is written. `.obj` comes with an
-/// `.mtl` and a PNG a texture beside it, `.glb` holds all.
+/// Encodes a scene as files without writing them; the one named `path` is first. An `.obj` has an
+/// `.mtl` and one PNG per texture next to it, a `.glb` is a single file.
 ///
 /// # Errors
 /// See [`SaveError`].
 pub fn scene_files(scene: &Scene, path: &Path) -> Result<Vec<SavedFile>, SaveError> {
     scene.validate()?;
-    let ending = path
-        .extension()
-        .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-    match ending.as_deref() {
-        Some("obj") => obj::files(scene, path),
-        Some("glb") => Ok(vec![SavedFile {
+    match extension_of(path).as_str() {
+        "obj" => obj::files(scene, path),
+        "glb" => Ok(vec![SavedFile {
             path: path.to_path_buf(),
             bytes: glb::bytes(scene)?,
         }]),
@@ -80,38 +77,26 @@ fn png(index: usize, texture: &Texture) -> Result<Vec<u8>, SaveError> {
     Ok(bytes)
 }
 
-/// A name of one word for each material, all different.
-fn names(materials: &[Material]) -> Vec<String> {
+/// Returns a unique name without white space for each material.
+fn unique_names(materials: &[Material]) -> Vec<String> {
     let mut taken = HashSet::new();
     let name = |(index, material): (usize, &Material)| {
-        let word: String = material
+        let mut name = material
             .name
-            .chars()
-            .map(|c| {
-                if c.is_whitespace() || c.is_control() {
-                    '_'
-                } else {
-                    c
-                }
-            })
-            .collect();
-        let word = if word.is_empty() {
-            format!("material_{index}")
-        } else {
-            word
-        };
-        let name = if taken.contains(&word) {
-            format!("{word}_{index}")
-        } else {
-            word
-        };
+            .replace(|c: char| c.is_whitespace() || c.is_control(), "_");
+        if name.is_empty() {
+            name = format!("material_{index}");
+        }
+        if taken.contains(&name) {
+            name += &format!("_{index}");
+        }
         taken.insert(name.clone());
         name
     };
     materials.iter().enumerate().map(name).collect()
 }
 
-/// Triangles by material, in the order of the scene.
+/// Returns the vertex indices of the triangles of each material, in the order of the scene.
 fn by_material(scene: &Scene) -> Vec<Vec<[u32; 3]>> {
     let mut all = vec![Vec::new(); scene.materials.len()];
     scene

@@ -1,19 +1,16 @@
-//! OBJ and MTL. `f64` is written with as many digits as it takes to read it back unchanged.
+//! OBJ and MTL. Positions in `f64` have as many digits as an exact round trip needs.
 
-use super::{SaveError, SavedFile, by_material, names, png};
+use super::{SaveError, SavedFile, by_material, png, unique_names};
+use crate::load::file_stem;
 use crate::material::Material;
 use crate::scene::Scene;
 use std::fmt::Write;
 use std::path::Path;
 
 pub(super) fn files(scene: &Scene, path: &Path) -> Result<Vec<SavedFile>, SaveError> {
-    let stem = path
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
+    let stem = file_stem(path);
     let picture = |index: u32| format!("{stem}_{index}.png");
-    let (names, library) = (names(&scene.materials), format!("{stem}.mtl"));
+    let (names, library) = (unique_names(&scene.materials), format!("{stem}.mtl"));
     let mut files = vec![
         SavedFile {
             path: path.to_path_buf(),
@@ -87,7 +84,7 @@ fn materials(scene: &Scene, names: &[String], picture: impl Fn(u32) -> String) -
             ..
         } = material;
         add(format_args!("newmtl {name}\nKd {r} {g} {b}\n"));
-        // A map beside a colour of 0 would be read as the map alone.
+        // Readers ignore a colour of 0 next to a map.
         if let Some(texture) = material
             .albedo_texture
             .filter(|_| material.albedo != [0.0; 3])
@@ -107,7 +104,7 @@ fn materials(scene: &Scene, names: &[String], picture: impl Fn(u32) -> String) -
     text
 }
 
-/// Vertex colours of OBJ files are sRGB; those of a scene linear.
+/// Encodes a linear value: vertex colours are sRGB in OBJ files, linear in a scene.
 fn srgb_from_linear(linear: f32) -> f32 {
     if linear <= 0.003_130_8 {
         12.92 * linear

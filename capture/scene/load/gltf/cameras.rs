@@ -54,10 +54,10 @@ pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera
                 .any(|n| tracks.iter().any(|t| t.node == n))
         });
         let Some(camera) = moved else { continue };
-        let of_camera = tracks
+        let camera_tracks = tracks
             .iter()
             .filter(|track| rig.ancestry(*camera).any(|node| node == track.node));
-        let times = of_camera.flat_map(|track| track.times.iter().copied());
+        let times = camera_tracks.flat_map(|track| track.times.iter().copied());
         let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| {
             (a.min(t), b.max(t))
         });
@@ -74,7 +74,7 @@ pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera
         .collect())
 }
 
-/// Nodes with their parents.
+/// Nodes of a file with their parents.
 struct Rig<'a> {
     root: &'a Root,
     transforms: RawJson,
@@ -145,7 +145,7 @@ struct Track {
     property: Property,
     interpolation: Interpolation,
     times: Vec<f64>,
-    /// A value per time; for cubic splines with an in-tangent before and an out-tangent after.
+    /// A value per time; for cubic splines an in-tangent, a value and an out-tangent.
     values: Vec<DVec4>,
 }
 
@@ -178,14 +178,14 @@ fn tracks(animation: &Animation, buffers: &Buffers) -> Option<Vec<Track>> {
             .into_iter()
             .map(|[time]| time)
             .collect();
-        let a_time = if interpolation == Interpolation::CubicSpline {
+        let values_per_time = if interpolation == Interpolation::CubicSpline {
             3
         } else {
             1
         };
         let rising = times.windows(2).all(|pair| pair[0] < pair[1])
             && times.iter().all(|time| time.is_finite());
-        if times.is_empty() || !rising || values.len() != times.len() * a_time {
+        if times.is_empty() || !rising || values.len() != times.len() * values_per_time {
             return None;
         }
         tracks.push(Track {

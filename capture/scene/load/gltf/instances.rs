@@ -2,7 +2,8 @@
 
 use super::super::notes::{Note, Notes};
 use super::accessor::Buffers;
-use glam::{DAffine3, DQuat, DVec3};
+use super::raw_json::compose;
+use glam::DAffine3;
 use gltf::json::Index;
 use serde::Deserialize;
 
@@ -55,21 +56,10 @@ fn node_from_instances(
         return None;
     }
     let instance = |i: usize| {
-        let rotation = rotations
-            .as_ref()
-            .map_or(DQuat::IDENTITY, |all| DQuat::from_array(all[i]));
-        DAffine3::from_scale_rotation_translation(
-            scales
-                .as_ref()
-                .map_or(DVec3::ONE, |all| DVec3::from_array(all[i])),
-            if rotation.length_squared() > 0.0 {
-                rotation.normalize()
-            } else {
-                DQuat::IDENTITY
-            },
-            translations
-                .as_ref()
-                .map_or(DVec3::ZERO, |all| DVec3::from_array(all[i])),
+        compose(
+            translations.as_ref().map(|all| all[i]),
+            rotations.as_ref().map(|all| all[i]),
+            scales.as_ref().map(|all| all[i]),
         )
     };
     Some((0..count).map(instance).collect())

@@ -108,26 +108,26 @@ impl GltfMaterials {
     }
 }
 
-/// Returns the texture and the factor of the base colour. Without one it is the diffuse colour of
+/// Returns the texture and the factor of the base colour; if there is none, the diffuse colour of
 /// the specular-glossiness model, or the specular colour of metals, which have no diffuse one.
 fn base_color(m: &gltf::json::Material) -> (Option<&texture::Info>, [f32; 4]) {
-    let usual = &m.pbr_metallic_roughness;
-    let has_usual = usual.base_color_texture.is_some() || usual.base_color_factor.0 != [1.0; 4];
-    let older = m
+    let base = &m.pbr_metallic_roughness;
+    let has_base = base.base_color_texture.is_some() || base.base_color_factor.0 != [1.0; 4];
+    let specular_glossiness = m
         .extensions
         .as_ref()
         .and_then(|extensions| extensions.pbr_specular_glossiness.as_ref());
-    match older.filter(|_| !has_usual) {
-        None => (usual.base_color_texture.as_ref(), usual.base_color_factor.0),
-        Some(older) => {
-            let [r, g, b, alpha] = older.diffuse_factor.0;
-            let is_metal = older.diffuse_texture.is_none() && [r, g, b] == [0.0; 3];
+    match specular_glossiness.filter(|_| !has_base) {
+        None => (base.base_color_texture.as_ref(), base.base_color_factor.0),
+        Some(m) => {
+            let [r, g, b, alpha] = m.diffuse_factor.0;
+            let is_metal = m.diffuse_texture.is_none() && [r, g, b] == [0.0; 3];
             let [r, g, b] = if is_metal {
-                older.specular_factor.0
+                m.specular_factor.0
             } else {
                 [r, g, b]
             };
-            (older.diffuse_texture.as_ref(), [r, g, b, alpha])
+            (m.diffuse_texture.as_ref(), [r, g, b, alpha])
         }
     }
 }
@@ -218,7 +218,7 @@ fn convert(
     };
     let greatest_alpha = base_slot.map_or(1.0, |slot| f32::from(slot.greatest_alpha) / 255.0);
     let extensions = m.extensions.as_ref();
-    // With a texture the factor is a maximum, for example for the panes of a house.
+    // With a texture the factor is only a maximum, as for the panes of a house.
     let transmission = extensions
         .and_then(|e| e.transmission.as_ref())
         .filter(|t| t.transmission_texture.is_none());

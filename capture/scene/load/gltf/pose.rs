@@ -129,10 +129,14 @@ fn joints(
         }
     };
     let world_from_joint = |joint: usize| world_from_nodes.get(joint).copied().flatten();
-    let of_joint = |(i, joint): (usize, &Index<Node>)| {
+    let world_from_rest = |(i, joint): (usize, &Index<Node>)| {
         Some(world_from_joint(joint.value())? * *inverse_bind.get(i)?)
     };
-    skin.joints.iter().enumerate().map(of_joint).collect()
+    skin.joints
+        .iter()
+        .enumerate()
+        .map(world_from_rest)
+        .collect()
 }
 
 /// Returns the weighted mean of the joints of each vertex of a primitive.

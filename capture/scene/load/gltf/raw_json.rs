@@ -124,15 +124,24 @@ impl NodeTransform {
         if let Some(columns) = self.matrix {
             return DAffine3::from_mat4(DMat4::from_cols_array(&columns));
         }
-        let rotation = DQuat::from_array(self.rotation.unwrap_or([0.0; 4]));
-        DAffine3::from_scale_rotation_translation(
-            DVec3::from_array(self.scale.unwrap_or([1.0; 3])),
-            if rotation.length_squared() > 0.0 {
-                rotation.normalize()
-            } else {
-                DQuat::IDENTITY
-            },
-            DVec3::from_array(self.translation.unwrap_or_default()),
-        )
+        compose(self.translation, self.rotation, self.scale)
     }
+}
+
+/// Composes a transform; absent parts and a zero quaternion are the identity.
+pub(super) fn compose(
+    translation: Option<[f64; 3]>,
+    rotation: Option<[f64; 4]>,
+    scale: Option<[f64; 3]>,
+) -> DAffine3 {
+    let rotation = DQuat::from_array(rotation.unwrap_or([0.0; 4]));
+    DAffine3::from_scale_rotation_translation(
+        DVec3::from_array(scale.unwrap_or([1.0; 3])),
+        if rotation.length_squared() > 0.0 {
+            rotation.normalize()
+        } else {
+            DQuat::IDENTITY
+        },
+        DVec3::from_array(translation.unwrap_or_default()),
+    )
 }
