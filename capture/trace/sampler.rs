@@ -27,7 +27,7 @@ pub struct RayDomain {
 }
 
 impl RayDomain {
-    /// Returns a face of the cube of half-size `half_size_m` about the local origin.
+    /// Creates the domain of a face of the cube of half-size `half_size_m` about the local origin.
     pub fn cube_face(face: Face, half_size_m: f64) -> Self {
         let scaled = |v: DVec3| (v * half_size_m).as_vec3();
         Self {
@@ -45,7 +45,7 @@ pub enum Sampling {
     /// Jittered inside each stratum (S15, the default).
     #[default]
     Stratified,
-    /// Every ray independent over the whole domain; the baseline that the paper argues against.
+    /// Independent over the whole domain; the baseline that the paper argues against.
     WhiteNoise,
 }
 
@@ -63,9 +63,9 @@ pub struct Strata {
 }
 
 impl Strata {
-    /// Largest number of cells along a dimension; the number of a stratum fits 32 bits.
+    /// Maximum number of cells along a dimension, so that the index of a stratum fits 32 bits.
     pub const MAX_PER_DIMENSION: u32 = 128;
-    /// Largest number of rays in a stratum; their number fits the low bits of a [`RayKey`].
+    /// Maximum number of rays in a stratum, so that their index fits the low bits of a [`RayKey`].
     pub const MAX_RAYS: u32 = 1 << 20;
 
     /// Number of direction cells of one domain.
@@ -178,21 +178,21 @@ pub fn square_from_disk([x, y]: [f32; 2]) -> [f32; 2] {
     [0.5 * a + 0.5, 0.5 * b + 0.5]
 }
 
-/// A direction about +Z with density proportional to its cosine, from two numbers in [0, 1).
+/// Samples a direction about +Z, cosine-weighted, from two numbers in [0, 1).
 #[inline(always)]
 pub fn cosine_direction(u: f32, v: f32) -> [f32; 3] {
     let [x, y] = disk_from_square(u, v);
-    // Never exactly in the window's plane: such a ray would not leave it.
+    // A direction exactly in the window's plane would not leave it.
     let z = (1.0 - x * x - y * y).max(1e-6).sqrt();
     [x, y, z]
 }
 
-/// All rays of one domain in one direction cell: the unit of work of a capture.
+/// The rays of one domain in one direction cell: the unit of work of a capture.
 #[derive(Clone, Copy, Debug)]
 pub struct DirectionCell {
     /// The window.
     pub domain: RayDomain,
-    /// The window's number, part of every ray's key.
+    /// Index of the window, part of each ray's key.
     pub domain_number: u8,
     /// The grid.
     pub strata: Strata,
@@ -201,7 +201,7 @@ pub struct DirectionCell {
 }
 
 impl DirectionCell {
-    /// The key of a ray.
+    /// Returns the key of a ray.
     pub fn key(&self, position_cell: u32, ray: u32) -> RayKey {
         RayKey::new(
             self.domain_number,
@@ -210,11 +210,11 @@ impl DirectionCell {
         )
     }
 
-    /// Fills `packet` with up to 16 rays, named by (position cell, number in the stratum); the
-    /// others are inactive.
-    pub fn fill_packet(&self, names: &[(u32, u32)], packet: &mut RayPacket) {
+    /// Fills `packet` with up to 16 rays, each given by its position cell and its index in the
+    /// stratum; the other lanes are inactive.
+    pub fn fill_packet(&self, ids: &[(u32, u32)], packet: &mut RayPacket) {
         let mut square = [[0.0f32; PACKET]; 4];
-        self.square_positions(names, &mut square);
+        self.square_positions(ids, &mut square);
         let RayDomain {
             centre,
             half_u,
@@ -233,15 +233,16 @@ impl DirectionCell {
         }
         packet.t_min = [0.0; PACKET];
         packet.t_max = [f32::INFINITY; PACKET];
-        packet.active = ((1u32 << names.len()) - 1) as u16;
+        packet.active = ((1u32 << ids.len()) - 1) as u16;
     }
 
-    /// The rays' places in the unit 4-cube: two coordinates of position, two of direction.
-    fn square_positions(&self, names: &[(u32, u32)], square: &mut [[f32; PACKET]; 4]) {
+    /// Computes the rays' positions in the unit 4-cube: two coordinates of position, two of
+    /// direction.
+    fn square_positions(&self, ids: &[(u32, u32)], square: &mut [[f32; PACKET]; 4]) {
         let n = self.strata.per_dimension;
         let scale = 1.0 / n as f32;
         let mut counters = [[0u32; PACKET]; 3];
-        for (lane, &(position_cell, ray)) in names.iter().enumerate() {
+        for (lane, &(position_cell, ray)) in ids.iter().enumerate() {
             counters[0][lane] = position_cell;
             counters[1][lane] = ray;
         }

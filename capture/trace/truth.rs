@@ -1,6 +1,6 @@
 //! Ray-traced reference frames with the camera and light of a capture.
 
-use crate::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
+use crate::bvh::{Hit, PACKET, Ray, RayPacket, Tracer};
 use crate::light::{LightSample, Lighting, pixel_jitter};
 use crate::sampler::random4;
 use glam::Vec3;
@@ -76,7 +76,7 @@ pub fn render(
             let halves = [first, second].map(|half| lighting.stored(half));
             let mean = (first + second) / 2.0;
             let [r, g, b] = lighting.stored(mean);
-            let coverage = coverage_of_hits(hits + more_hits, 2 * half);
+            let coverage = hit_coverage(hits + more_hits, 2 * half);
             pixels.push(TracedPixel {
                 radiance: mean.to_array(),
                 color: [r, g, b, 255],
@@ -137,6 +137,14 @@ impl TracedPixel {
     };
 }
 
+/// Returns the camera ray through a point of the image, pixels.
+fn camera_ray(tracer: &Tracer, camera: &Camera, x: f64, y: f64) -> Ray {
+    Ray::new(
+        (camera.eye() - tracer.origin()).as_vec3(),
+        camera.direction(x, y).as_vec3(),
+    )
+}
+
 /// Traces the eye depth at each pixel's centre, metres, row by row; infinite without a hit.
 pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
     let pixels: Vec<(u32, u32)> = (0..camera.height())
@@ -145,15 +153,7 @@ pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
     let trace_packet = |pixels: &[(u32, u32)]| {
         // Directions have eye depth 1, so `t` is eye depth.
         let ray = |&(x, y): &(u32, u32)| {
-            let direction = camera
-                .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
-                .as_vec3();
-            Ray {
-                origin: (camera.eye() - tracer.origin()).as_vec3(),
-                direction,
-                t_min: 0.0,
-                t_max: f32::INFINITY,
-            }
+            camera_ray(tracer, camera, f64::from(x) + 0.5, f64::from(y) + 0.5)
         };
         let rays: Vec<Ray> = pixels.iter().map(ray).collect();
         let hits = tracer.closest_packet(&RayPacket::from_rays(&rays));
@@ -167,9 +167,9 @@ pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
         .collect()
 }
 
-/// Returns the coverage of a pixel of which `hits` of `rays` rays hit a surface: full only for all
-/// of them.
-fn coverage_of_hits(hits: u32, rays: u32) -> Coverage {
+/// Returns the coverage of a pixel in which `hits` of `rays` rays hit a surface: full only if all
+/// did.
+fn hit_coverage(hits: u32, rays: u32) -> Coverage {
     match u64::from(hits) * 255 / u64::from(rays.max(1)) {
         0 if hits == 0 => Coverage::ENVIRONMENT,
         share => Coverage::from_splat_share(share as u8),
@@ -195,7 +195,7 @@ impl PixelTracer<'_> {
         for start in (first..end).step_by(PACKET) {
             let numbers = start..end.min(start + PACKET as u32);
             let rays: Vec<Ray> = numbers.clone().map(|index| self.ray(index)).collect();
-            let hits: HitPacket = self.tracer.closest_packet(&RayPacket::from_rays(&rays));
+            let hits = self.tracer.closest_packet(&RayPacket::from_rays(&rays));
             for (lane, index) in numbers.enumerate() {
                 let hit = hits.hit(lane);
                 surfaces += u32::from(hit.is_some());
@@ -205,24 +205,19 @@ impl PixelTracer<'_> {
         (sum / count as f32, surfaces)
     }
 
-    /// Returns camera ray number `index`.
+    /// Returns the camera ray of sample `index`.
     fn ray(&self, index: u32) -> Ray {
         let [dx, dy] = pixel_jitter(self.x, self.y, index).map(f64::from);
-        let direction = self
-            .camera
-            .direction(f64::from(self.x) + dx, f64::from(self.y) + dy)
-            .as_vec3();
-        let origin = (self.camera.eye() - self.tracer.origin()).as_vec3();
-        Ray {
-            origin,
-            direction,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        }
+        camera_ray(
+            self.tracer,
+            self.camera,
+            f64::from(self.x) + dx,
+            f64::from(self.y) + dy,
+        )
     }
 
-    /// Returns the radiance along a ray; samples from number `first` on form an evenly distributed
-    /// sequence, independent of those before.
+    /// Returns the radiance along a ray. The samples from index `first` on form a stratified
+    /// sequence of their own, independent of those before.
     fn ray_radiance(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
         let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
         let sample = LightSample {

@@ -108,12 +108,7 @@ fn secondary(tracer: &Tracer, rays: &Rays) -> (Vec<Ray>, Vec<Ray>) {
                 t_min: 0.0,
                 t_max: 1.0,
             };
-            let bounce = Ray {
-                origin,
-                direction: scattered,
-                t_min: 0.0,
-                t_max: f32::INFINITY,
-            };
+            let bounce = Ray::new(origin, scattered);
             Some((shadow, bounce))
         })
         .unzip()

@@ -1,7 +1,7 @@
 //! Coincident triangles: visibility by orientation.
 //!
 //! Models represent a wall with differently painted sides as two triangles on the same three
-//! points. Which of them is closer along a ray is decided by rounding, so that a captured wall is
+//! points. Rounding decides which of them is closer along a ray, so that a captured wall would be
 //! speckled with the colour of its other side. Here the ray hits the first triangle that faces it,
 //! or, if none does, the first one.
 
@@ -22,7 +22,7 @@ struct Replacement {
 /// All coincident triangles of a scene.
 #[derive(Debug)]
 pub(super) struct CoincidentTriangles {
-    /// Replacements of each for rays that hit its front and its back.
+    /// Replacements of each coincident triangle for rays that hit its front and its back.
     replacements: FxHashMap<u32, [Replacement; 2]>,
     /// Bit set of the coincident triangles: a fast test at every hit, nearly always false.
     shared: Vec<u64>,
@@ -97,13 +97,13 @@ impl CoincidentTriangles {
             .filter(|group| group.len() > 1)
         {
             for member in group {
-                let turned = |even: bool| {
+                let oriented = |even: bool| {
                     group
                         .iter()
                         .find(|other| other.is_even() == even)
                         .unwrap_or(&group[0])
                 };
-                let sides = [turned(member.is_even()), turned(!member.is_even())];
+                let sides = [oriented(member.is_even()), oriented(!member.is_even())];
                 replacements.insert(
                     member.primitive,
                     sides.map(|other| member.replace_by(other)),

@@ -31,17 +31,8 @@ impl Cutouts {
         self.get(material).is_some()
     }
 
-    /// Returns [`Self::is_opaque`] of any triangle.
-    pub(super) fn is_there(&self, scene: &Scene, primitive: u32, weights: [f32; 2]) -> bool {
-        let has_holes = scene
-            .triangles
-            .get(primitive as usize)
-            .is_some_and(|triangle| self.has(triangle.material));
-        !has_holes || self.is_opaque(scene, primitive, weights)
-    }
-
-    /// Returns true if a triangle with a cut-out is opaque at the barycentric weights `u` and `v`
-    /// of its second and third vertex.
+    /// Returns true if a triangle has no cut-out, or is opaque at the barycentric weights `u` and
+    /// `v` of its second and third vertex.
     #[cold]
     #[inline(never)]
     pub(super) fn is_opaque(&self, scene: &Scene, primitive: u32, [u, v]: [f32; 2]) -> bool {

@@ -170,7 +170,7 @@ impl Lanes {
     }
 }
 
-/// The rays of a packet, ready for traversal: [`Prepared`] in arrays.
+/// Per-ray constants of a packet's traversal: [`Prepared`] as structure of arrays.
 #[repr(C, align(64))]
 pub(super) struct PreparedPacket {
     pub(super) near_origin: [[f32; PACKET]; 3],
@@ -183,7 +183,7 @@ pub(super) struct PreparedPacket {
 }
 
 impl PreparedPacket {
-    /// Branch-free over the rays, so that it is compiled to vectors.
+    /// Prepares the rays of a packet. Free of branches, so that it is vectorised.
     #[inline(always)]
     pub(super) fn new(rays: &RayPacket) -> Self {
         let mut p = Self {
@@ -241,7 +241,7 @@ impl PreparedPacket {
         p
     }
 
-    /// Ray `k` by itself.
+    /// Extracts ray `k`.
     #[inline(always)]
     pub(super) fn ray(&self, rays: &RayPacket, k: usize) -> Prepared {
         let axes = axes_of(self.main_axis[k]);

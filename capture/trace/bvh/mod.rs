@@ -62,6 +62,19 @@ pub struct Ray {
     pub t_max: f32,
 }
 
+impl Ray {
+    /// Creates a ray without limits of distance.
+    #[inline]
+    pub fn new(origin: Vec3, direction: Vec3) -> Self {
+        Self {
+            origin,
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        }
+    }
+}
+
 /// Intersection of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
@@ -100,14 +113,14 @@ pub struct Tracer {
 }
 
 impl Tracer {
-    /// Builds the tree over `scene`, whose positions are taken relative to `origin` (world metres)
-    /// in `f64` before they become `f32`. Rays and hits are in that local frame. Uses the best SIMD
+    /// Builds the tree over `scene`. `origin` (world metres) is subtracted from its positions in
+    /// `f64` before they become `f32`; rays and hits are in that local frame. Uses the best SIMD
     /// level of the CPU.
     pub fn new(scene: Arc<Scene>, origin: DVec3) -> Self {
         Self::with_level(scene, origin, headbox_core::simd::level())
     }
 
-    /// Builds the tree like [`Self::new`], for a given SIMD level: every level gives the same bits.
+    /// Builds the tree like [`Self::new`] for a given SIMD level; every level gives the same bits.
     pub fn with_level(scene: Arc<Scene>, origin: DVec3, level: Level) -> Self {
         let cutouts = Cutouts::new(&scene);
         let tree = build::build(&scene, origin, &cutouts);
@@ -166,12 +179,15 @@ impl Tracer {
             u,
             v,
         };
-        self.cutouts.is_there(&self.scene, primitive, [u, v])
-            && self
-                .coincident
-                .facing(direction, hit, |primitive| self.triangle(primitive))
-                .primitive
-                == primitive
+        self.cutouts.is_opaque(&self.scene, primitive, [u, v])
+            && self.resolve_coincident(direction, hit).primitive == primitive
+    }
+
+    /// Replaces a hit by that on the coincident triangle that faces a ray along `direction`.
+    #[inline]
+    fn resolve_coincident(&self, direction: Vec3, hit: Hit) -> Hit {
+        self.coincident
+            .facing(direction, hit, |primitive| self.triangle(primitive))
     }
 
     /// Returns [`Scene::surface`] with the cached normal.
@@ -185,10 +201,9 @@ impl Tracer {
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let mut closest = single::ClosestQuery::new(ray.t_max);
         dispatch!(self.level, simd => single::search(simd, self, ray, &mut closest));
-        closest.hit().map(|hit| {
-            self.coincident
-                .facing(ray.direction, hit, |primitive| self.triangle(primitive))
-        })
+        closest
+            .hit()
+            .map(|hit| self.resolve_coincident(ray.direction, hit))
     }
 
     /// Returns true if the ray hits anything between `t_min` and `t_max`.
@@ -205,7 +220,7 @@ impl Tracer {
         all.into_sorted().into_iter().for_each(visit);
     }
 
-    /// Returns the closest hits of the active rays of a packet, equal to the bit to those of
+    /// Returns the closest hits of the active rays of a packet, bit-identical to those of
     /// [`Self::closest`].
     pub fn closest_packet(&self, rays: &RayPacket) -> HitPacket {
         let mut hits = HitPacket::MISS;
@@ -225,9 +240,7 @@ impl Tracer {
                 let (Some(ray), Some(hit)) = (rays.ray(k), hits.hit(k)) else {
                     continue;
                 };
-                let hit = self
-                    .coincident
-                    .facing(ray.direction, hit, |primitive| self.triangle(primitive));
+                let hit = self.resolve_coincident(ray.direction, hit);
                 (hits.primitive[k], hits.u[k], hits.v[k]) = (hit.primitive, hit.u, hit.v);
             }
         }

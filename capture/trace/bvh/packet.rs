@@ -153,8 +153,8 @@ impl<S: Simd> PacketTraversal<'_, S> {
             if entry.enter() > limit {
                 continue;
             }
-            let parent = entry.name() as usize / WIDTH;
-            let slot = entry.name() as usize % WIDTH;
+            let parent = entry.payload() as usize / WIDTH;
+            let slot = entry.payload() as usize % WIDTH;
             let (enter, entered) = self.enter(&nodes[parent], slot, found);
             let entered = entered & active;
             if entered == 0 {
@@ -201,7 +201,7 @@ impl<S: Simd> PacketTraversal<'_, S> {
     /// occluded.
     #[inline(always)]
     fn limit(&self, active: u32, found: &Lanes) -> f32 {
-        self.greatest(active, &found.t)
+        self.max_of(active, &found.t)
     }
 
     #[inline(always)]
@@ -214,17 +214,17 @@ impl<S: Simd> PacketTraversal<'_, S> {
         mask32x16::from_bitmask(self.simd, u64::from(lanes))
     }
 
-    /// Returns the greatest value of the rays `active`.
+    /// Returns the maximum of a row over the rays `active`.
     #[inline(always)]
-    fn greatest(&self, active: u32, row: &[f32; PACKET]) -> f32 {
+    fn max_of(&self, active: u32, row: &[f32; PACKET]) -> f32 {
         self.mask(active)
             .select(self.load(row), f32x16::splat(self.simd, f32::NEG_INFINITY))
             .reduce_max()
     }
 
-    /// Returns the least value of the rays `active`.
+    /// Returns the minimum of a row over the rays `active`.
     #[inline(always)]
-    fn least(&self, active: u32, row: &[f32; PACKET]) -> f32 {
+    fn min_of(&self, active: u32, row: &[f32; PACKET]) -> f32 {
         self.mask(active)
             .select(self.load(row), f32x16::splat(self.simd, f32::INFINITY))
             .reduce_min()
@@ -447,17 +447,17 @@ impl<S: Simd> Beam<S> {
             near_rows: walk.near_rows,
             near_origin: each_axis!(a => {
                 let row = &p.near_origin[a];
-                f32x8::splat(simd, if positive[a] { walk.greatest(active, row) } else { walk.least(active, row) })
+                f32x8::splat(simd, if positive[a] { walk.max_of(active, row) } else { walk.min_of(active, row) })
             }),
             far_origin: each_axis!(a => {
                 let row = &p.far_origin[a];
-                f32x8::splat(simd, if positive[a] { walk.least(active, row) } else { walk.greatest(active, row) })
+                f32x8::splat(simd, if positive[a] { walk.min_of(active, row) } else { walk.max_of(active, row) })
             }),
             inverse: each_axis!(a => {
                 let row = &p.inverse[a];
-                [f32x8::splat(simd, walk.least(active, row)), f32x8::splat(simd, walk.greatest(active, row))]
+                [f32x8::splat(simd, walk.min_of(active, row)), f32x8::splat(simd, walk.max_of(active, row))]
             }),
-            t_min: f32x8::splat(simd, walk.least(active, &walk.rays.t_min)),
+            t_min: f32x8::splat(simd, walk.min_of(active, &walk.rays.t_min)),
         }
     }
 

@@ -53,9 +53,9 @@ impl Slab {
     }
 }
 
-/// `[body with a = 0, with a = 1, with a = 2]`. Not a closure: one that is not `#[inline(always)]`
-/// would be compiled without the SIMD level's instructions, and `array::map` is not inlined with
-/// large elements.
+/// Expands to an array of three: the body with `a` = 0, 1 and 2. Not a closure: one that is not
+/// `#[inline(always)]` would be compiled without the SIMD level's instructions, and `array::map` is
+/// not inlined with large elements.
 macro_rules! each_axis {
     ($a:ident => $body:expr) => {
         [
@@ -119,7 +119,7 @@ pub(super) fn largest(v: [f32; 3]) -> f32 {
     larger(larger(x, y), z)
 }
 
-/// A single ray, ready for traversal.
+/// Per-ray constants of traversal.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Prepared {
     pub(super) slabs: [Slab; 3],

@@ -11,11 +11,11 @@ pub(super) trait HitQuery {
     /// Returns the distance beyond which no hit is accepted.
     fn limit(&self) -> f32;
     /// Returns true if a hit at `t` is accepted; `t` is at least the ray's `t_min`.
-    fn wants(&self, t: f32, primitive: u32) -> bool;
+    fn accepts(&self, t: f32, primitive: u32) -> bool;
     /// Records an accepted hit.
-    fn take(&mut self, primitive: u32, candidate: Candidate);
+    fn record(&mut self, primitive: u32, candidate: Candidate);
     /// Returns true if the traversal can stop.
-    fn done(&self) -> bool {
+    fn is_done(&self) -> bool {
         false
     }
 }
@@ -62,12 +62,12 @@ impl HitQuery for ClosestQuery {
     }
 
     #[inline]
-    fn wants(&self, t: f32, primitive: u32) -> bool {
+    fn accepts(&self, t: f32, primitive: u32) -> bool {
         t < self.candidate.t || (t == self.candidate.t && primitive < self.primitive)
     }
 
     #[inline]
-    fn take(&mut self, primitive: u32, candidate: Candidate) {
+    fn record(&mut self, primitive: u32, candidate: Candidate) {
         *self = Self {
             primitive,
             candidate,
@@ -103,17 +103,17 @@ impl HitQuery for OcclusionQuery {
     }
 
     #[inline]
-    fn wants(&self, t: f32, _: u32) -> bool {
+    fn accepts(&self, t: f32, _: u32) -> bool {
         t <= self.t_max
     }
 
     #[inline]
-    fn take(&mut self, _: u32, _: Candidate) {
+    fn record(&mut self, _: u32, _: Candidate) {
         self.blocked = true;
     }
 
     #[inline]
-    fn done(&self) -> bool {
+    fn is_done(&self) -> bool {
         self.blocked
     }
 }
@@ -146,12 +146,12 @@ impl HitQuery for AllHitsQuery {
     }
 
     #[inline]
-    fn wants(&self, t: f32, _: u32) -> bool {
+    fn accepts(&self, t: f32, _: u32) -> bool {
         t <= self.t_max
     }
 
     #[inline]
-    fn take(&mut self, primitive: u32, candidate: Candidate) {
+    fn record(&mut self, primitive: u32, candidate: Candidate) {
         self.hits.push(hit(primitive, candidate));
     }
 }
@@ -197,13 +197,13 @@ pub(super) fn traverse<S: Simd, F: HitQuery>(
             return;
         };
         loop {
-            let child = Child::from_bits(next.name());
+            let child = Child::from_bits(next.payload());
             let Some(block) = child.first_block() else {
                 node = &nodes[child.index() as usize];
                 break;
             };
             intersect_leaf(simd, tracer, ray, found, block, next.enter());
-            if found.done() {
+            if found.is_done() {
                 return;
             }
             match pop(stack, &mut len, found.limit()) {
@@ -227,7 +227,7 @@ fn push_all_but_nearest(
     if entered == 0 {
         return None;
     }
-    let entry = |slot: usize| Entry::new(enter[slot % WIDTH], node.child[slot % WIDTH].name());
+    let entry = |slot: usize| Entry::new(enter[slot % WIDTH], node.child[slot % WIDTH].bits());
     let first = entry(entered.trailing_zeros() as usize);
     let rest = entered & (entered - 1);
     if rest == 0 {
@@ -361,7 +361,7 @@ fn intersect<S: Simd, F: HitQuery>(
             continue;
         }
         candidate.t = candidate.t_from(enter);
-        if !found.wants(candidate.t, primitive) {
+        if !found.accepts(candidate.t, primitive) {
             continue;
         }
         let opaque = block.cutouts >> slot & 1 == 0
@@ -369,7 +369,7 @@ fn intersect<S: Simd, F: HitQuery>(
                 .cutouts
                 .is_opaque(&tracer.scene, primitive, candidate.barycentric());
         if opaque {
-            found.take(primitive, candidate);
+            found.record(primitive, candidate);
         }
     }
 }

@@ -169,11 +169,7 @@ impl Child {
     /// Returns the first block, if this is a leaf.
     #[inline]
     pub(super) fn first_block(self) -> Option<usize> {
-        if self.0 & Self::LEAF == 0 {
-            None
-        } else {
-            Some((self.0 & !Self::LEAF) as usize)
-        }
+        (self.0 & Self::LEAF != 0).then_some((self.0 & !Self::LEAF) as usize)
     }
 
     /// Returns the node's index; call only if this is not a leaf.
@@ -183,13 +179,13 @@ impl Child {
     }
 
     #[inline]
-    pub(super) fn from_bits(name: u32) -> Self {
-        Self(name)
+    pub(super) fn from_bits(bits: u32) -> Self {
+        Self(bits)
     }
 
-    /// Returns the payload for an [`Entry`].
+    /// Returns the bits, which are the payload of an [`Entry`].
     #[inline]
-    pub(super) fn name(self) -> u32 {
+    pub(super) fn bits(self) -> u32 {
         self.0
     }
 }
@@ -206,8 +202,8 @@ impl Entry {
 
     /// Creates an entry; `enter` must not be negative.
     #[inline]
-    pub(super) fn new(enter: f32, name: u32) -> Self {
-        Self(u64::from(enter.to_bits()) << 32 | u64::from(name))
+    pub(super) fn new(enter: f32, payload: u32) -> Self {
+        Self(u64::from(enter.to_bits()) << 32 | u64::from(payload))
     }
 
     /// Returns the entry distance.
@@ -217,7 +213,7 @@ impl Entry {
     }
 
     #[inline]
-    pub(super) fn name(self) -> u32 {
+    pub(super) fn payload(self) -> u32 {
         self.0 as u32
     }
 }

@@ -1,10 +1,10 @@
 //! Ray against triangle: the watertight test of Woop, Benthin and Wald (JCGT 2013).
 //!
 //! The vertices are moved so that the ray starts at the origin, and sheared so that it runs along
-//! z'. What is left is whether the origin of the x'y' plane lies in a triangle: three edge
+//! z'. The ray hits if the origin of the x'y' plane lies in the sheared triangle: three edge
 //! functions of one sign.
 //!
-//! Nothing leaks. Both triangles at an edge see the same sheared vertices (they depend on the ray
+//! No ray leaks. Both triangles at an edge have the same sheared vertices (they depend on the ray
 //! and the vertex alone), and rounding is monotone: where the exact `a * b >= c * d`, the rounded
 //! products compare the same way. So a ray that is in the exact sheared triangle, border included,
 //! passes the rounded test, whichever of two neighbours it belongs to. (Rounded edge functions that
@@ -24,8 +24,8 @@ pub(super) struct Edges<V> {
     depths: [V; 3],
 }
 
-/// `vertices[vertex][axis]` are relative to the ray's origin and on the axes x', y', z' of its
-/// shear.
+/// Computes the edge functions. `vertices[vertex][axis]` are relative to the ray's origin, on the
+/// axes x', y', z' of its shear.
 #[inline(always)]
 pub(super) fn edges<S: Simd, V: SimdFloat<S, Element = f32>>(
     vertices: [[V; 3]; 3],
@@ -47,7 +47,8 @@ pub(super) fn edges<S: Simd, V: SimdFloat<S, Element = f32>>(
 }
 
 impl<V> Edges<V> {
-    /// Lanes whose ray passes through the triangle or its border. NaN is outside.
+    /// Returns the mask of lanes whose ray passes through the triangle or its border. NaN is
+    /// outside.
     #[inline(always)]
     pub(super) fn inside<S: Simd>(&self) -> V::Mask
     where
@@ -58,8 +59,8 @@ impl<V> Edges<V> {
         u.min(v).min(w).simd_ge(zero) | u.max(v).max(w).simd_le(zero)
     }
 
-    /// Sum of the weights and distance along the ray; the distance is NaN or infinite where the sum
-    /// is zero.
+    /// Returns the sum of the weights and the distance along the ray, which is NaN or infinite
+    /// where the sum is zero.
     #[inline(always)]
     pub(super) fn determinant_and_t<S: Simd>(&self, inverse_main: V) -> (V, V)
     where
@@ -74,8 +75,8 @@ impl<V> Edges<V> {
     }
 }
 
-/// A point where a ray meets a triangle, before the tests on `t` and the cut-out. Barycentric
-/// weights are over `determinant`.
+/// Intersection of a ray with a triangle, before the tests on `t` and the cut-out. Barycentric
+/// weights are multiplied by `determinant`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
     pub(super) t: f32,
@@ -85,14 +86,14 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    /// `t`, but never before `enter`, where the ray enters the leaf's box (rule 3 of the parent
+    /// Returns `t`, but at least `enter`, where the ray enters the leaf's box (rule 3 of the parent
     /// module). Adding zero turns -0 to 0.
     #[inline]
     pub(super) fn t_from(&self, enter: f32) -> f32 {
         larger(self.t, enter) + 0.0
     }
 
-    /// Barycentric weights of the second and the third vertex.
+    /// Returns the barycentric weights of the second and the third vertex.
     #[inline]
     pub(super) fn barycentric(&self) -> [f32; 2] {
         // Adding zero turns -0 to 0: the sign of a zero depends on the shear's orientation and
@@ -104,9 +105,9 @@ impl Candidate {
     }
 }
 
-/// The same test with exact edge functions, for a triangle whose three rounded ones are all zero:
-/// products of `f32` are exact in `f64`, and so is the sign of their difference. `None` if the
-/// triangle is seen exactly edge-on.
+/// Repeats the test with exact edge functions, for a triangle whose three rounded ones are all
+/// zero: products of `f32` are exact in `f64`, and so is the sign of their difference. `None` if
+/// the triangle is exactly edge-on.
 #[cold]
 #[inline(never)]
 pub(super) fn exact(

@@ -18,14 +18,14 @@ const CELL_SHARE: f32 = 1.0 / 64.0;
 
 /// Minimum length of a path's first segment, in cell widths. Shorter paths are not filtered: the
 /// cell would be a large part of the view from their start (contact shadows).
-const FARTHEST_CELLS: f32 = 2.0;
+const MIN_SEGMENT_CELLS: f32 = 2.0;
 
 /// Mask of a cell's coordinate in [`Arrival::cell_of_width`]: cells wrap around after 2^18.
-const FARTHEST_APART: u32 = (1 << 18) - 1;
+const CELL_MASK: u32 = (1 << 18) - 1;
 
 /// Minimum albedo with which a remainder is traced: other samples of the cell may arrive on a
 /// brighter part of the surface.
-const LEAST_ALBEDO: f32 = 0.05;
+const MIN_ALBEDO: f32 = 0.05;
 
 /// End of the first segment of a light sample's path, on a surface.
 #[derive(Clone, Copy, Debug)]
@@ -46,20 +46,21 @@ impl Arrival {
     pub fn cell(&self) -> Option<u64> {
         let (exponent, width_m) =
             power_of_two_above(self.point.position.abs().max_element() * CELL_SHARE);
-        let [x, y, z] = self.place_in_cells(width_m)?.map(|c| u64::from(c as u8));
-        Some(x | y << 8 | z << 16 | u64::from(exponent) << 24 | self.point.turned() << 32)
+        let [x, y, z] = self.grid_coordinates(width_m)?.map(|c| u64::from(c as u8));
+        Some(x | y << 8 | z << 16 | u64::from(exponent) << 24 | self.point.quantised_normal() << 32)
     }
 
     /// Returns the key like [`Self::cell`], for cells that are all `width_m` metres wide.
     pub fn cell_of_width(&self, width_m: f32) -> Option<u64> {
         let [x, y, z] = self
-            .place_in_cells(width_m)?
-            .map(|c| u64::from(c as u32 & FARTHEST_APART));
-        Some(x | y << 18 | z << 36 | self.point.turned() << 54)
+            .grid_coordinates(width_m)?
+            .map(|c| u64::from(c as u32 & CELL_MASK));
+        Some(x | y << 18 | z << 36 | self.point.quantised_normal() << 54)
     }
 
-    fn place_in_cells(&self, width_m: f32) -> Option<[i32; 3]> {
-        let is_far = self.distance_m >= FARTHEST_CELLS * width_m;
+    /// Returns the integer coordinates of the arrival's cell in a grid.
+    fn grid_coordinates(&self, width_m: f32) -> Option<[i32; 3]> {
+        let is_far = self.distance_m >= MIN_SEGMENT_CELLS * width_m;
         is_far.then(|| {
             (self.point.position / width_m)
                 .to_array()
@@ -103,27 +104,19 @@ impl Lighting {
         sample: &LightSample,
     ) -> (Vec3, Option<Arrival>) {
         let mut path = Path::new(point);
-        let on = self.vertex(tracer, &mut path, 0, sample);
-        let Path {
-            point,
-            throughput: albedo,
-            weight,
-            sum,
-        } = path;
-        (
-            sum,
-            on.map(|distance_m| Arrival {
-                point,
-                albedo,
-                weight,
-                distance_m,
-            }),
-        )
+        let distance_m = self.vertex(tracer, &mut path, 0, sample);
+        let arrival = distance_m.map(|distance_m| Arrival {
+            point: path.point,
+            albedo: path.throughput,
+            weight: path.weight,
+            distance_m,
+        });
+        (path.sum, arrival)
     }
 
     /// Traces the remainder of a sample: returns the radiosity per albedo at its arrival.
     pub fn beyond(&self, tracer: &Tracer, arrival: &Arrival, sample: &LightSample) -> Vec3 {
-        let throughput = arrival.albedo.max(Vec3::splat(LEAST_ALBEDO));
+        let throughput = arrival.albedo.max(Vec3::splat(MIN_ALBEDO));
         let mut path = Path {
             throughput,
             ..Path::new(&arrival.point)

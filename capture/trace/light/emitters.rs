@@ -36,7 +36,7 @@ impl Emitters {
             (power > 0.0 && power.is_finite()).then_some(Leaf {
                 bounds,
                 power,
-                name: primitive,
+                id: primitive,
             })
         };
         Self {
@@ -69,8 +69,11 @@ impl Lighting {
         if self.emitters.is_empty() {
             return Vec3::ZERO;
         }
-        let drawn = self.emitters.tree.draw(point, sample.single(dimension + 1));
-        let Some((primitive, probability)) = drawn.filter(|(_, probability)| *probability > 0.0)
+        let sampled = self
+            .emitters
+            .tree
+            .sample(point, sample.single(dimension + 1));
+        let Some((primitive, probability)) = sampled.filter(|(_, probability)| *probability > 0.0)
         else {
             return Vec3::ZERO;
         };
@@ -83,7 +86,7 @@ impl Lighting {
         };
         let corners @ [a, b, c] = tracer.triangle(primitive);
         let target = a + (b - a) * u + (c - a) * v;
-        let origin = point.lifted();
+        let origin = point.ray_origin();
         let offset = target - origin;
         let distance2 = offset.length_squared();
         let direction = offset / distance2.sqrt();
@@ -111,7 +114,7 @@ impl Lighting {
             shading_normal: normal,
             extent,
         }
-        .lifted();
+        .ray_origin();
         let ray = Ray {
             origin,
             direction: end - origin,
@@ -122,40 +125,45 @@ impl Lighting {
             return Vec3::ZERO;
         }
         let density = probability * distance2 / (area(corners) * cos_there);
-        let by_chance = shared.map_or(0.0, |directions| directions.density(direction, cos_here));
+        let ray_density = shared.map_or(0.0, |directions| directions.density(direction, cos_here));
         let emission = tracer.scene().emission(primitive, u, v);
-        Vec3::from_array(emission) * (cos_here / PI / (density + by_chance))
+        Vec3::from_array(emission) * (cos_here / PI / (density + ray_density))
     }
 
-    /// Returns radiosity per albedo along a ray, sampled from `directions`, that hit an emissive
-    /// triangle; weighted by the balance heuristic.
+    /// Returns radiosity per albedo along a ray that was sampled from `directions` and hit an
+    /// emissive triangle; weighted by the balance heuristic.
     pub(super) fn emitter_light_from_hit(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
         ray: &Ray,
         hit: &Hit,
-        met: &Surface,
+        surface: &Surface,
         directions: &Directions<'_>,
     ) -> Vec3 {
-        if met.emission == [0.0; 3] {
+        if surface.emission == [0.0; 3] {
             return Vec3::ZERO;
         }
         let cos_here = ray.direction.dot(point.shading_normal);
-        let by_chance = directions
+        let ray_density = directions
             .density(ray.direction, cos_here)
             .max(f32::MIN_POSITIVE);
-        let cos_there = ray.direction.dot(met.normal).abs().max(f32::MIN_POSITIVE);
+        let cos_there = ray
+            .direction
+            .dot(surface.normal)
+            .abs()
+            .max(f32::MIN_POSITIVE);
         let probability = self.emitters.tree.probability(point, hit.primitive);
         let density =
             probability * hit.t * hit.t / (area(tracer.triangle(hit.primitive)) * cos_there);
-        Vec3::from_array(met.emission) * (by_chance / (density + by_chance))
+        Vec3::from_array(surface.emission) * (ray_density / (density + ray_density))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::tests::add_quad;
     use glam::{DVec3, Vec2, dvec3};
     use headbox_scene::material::{Cutout, Material, Texture};
     use headbox_scene::scene::{Scene, Triangle};
@@ -191,17 +199,6 @@ mod tests {
             .map(|p| Vec2::new(p.x as f32 + 0.5, p.z as f32 + 0.5))
             .collect();
         scene
-    }
-
-    fn add_quad(scene: &mut Scene, corners: [DVec3; 4], material: u32) {
-        let first = scene.positions.len() as u32;
-        scene.positions.extend(corners);
-        for vertices in [[0, 1, 2], [0, 2, 3]] {
-            scene.triangles.push(Triangle {
-                vertices: vertices.map(|v| first + v),
-                material,
-            });
-        }
     }
 
     fn lamp(radiance: f32, pieces: u32) -> Tracer {

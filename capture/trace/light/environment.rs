@@ -6,8 +6,9 @@ use headbox_core::environment::Environment;
 use headbox_scene::scene::Sky;
 
 impl Lighting {
-    /// Renders the sky's radiance under this exposure into faces of `size_px` texels; `reached`
-    /// returns true for the index of a texel (see [`Environment::texels`]) that a miss reached.
+    /// Renders the sky's radiance under this exposure into faces of `size_px` texels. `reached`
+    /// returns true if a ray that missed the scene reached the texel of an index (see
+    /// [`Environment::texels`]).
     pub fn environment_where(
         &self,
         size_px: u32,
@@ -30,7 +31,7 @@ impl Lighting {
         Environment::from_radiance(size_px, side, stored, reached)
     }
 
-    /// Renders the whole sky; of size 0 without a sky.
+    /// Renders the whole sky; empty without a sky.
     pub fn environment(&self) -> Environment {
         let size_px = match &self.sky {
             None => return Environment::default(),

@@ -11,11 +11,11 @@ use glam::{Quat, Vec3};
 use headbox_scene::material::Gloss;
 use std::f32::consts::TAU;
 
-/// Dimension of the lobe's direction, beyond those of paths.
+/// Sampling dimension of the lobe's direction, beyond those of paths.
 const LOBE: u32 = 1 << 29;
 
 impl Lighting {
-    /// Returns the linear radiance along a ray of an eye: of its hit, or of the sky. `sample`
+    /// Returns the linear radiance along a camera ray: of its hit, or of the sky. `sample`
     /// identifies the light sample; without one the result is albedo plus emission.
     pub fn seen(
         &self,
@@ -35,7 +35,7 @@ impl Lighting {
             Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission);
         match (surface.gloss, sample) {
             (Some(gloss), Some(sample)) => {
-                diffuse + self.mirrored(tracer, ray, &point, &gloss, sample)
+                diffuse + self.glossy_radiance(tracer, ray, &point, &gloss, sample)
             }
             _ => diffuse,
         }
@@ -43,7 +43,7 @@ impl Lighting {
 
     /// Returns one sample of the radiance that a glossy surface reflects toward the origin of
     /// `ray`.
-    fn mirrored(
+    fn glossy_radiance(
         &self,
         tracer: &Tracer,
         ray: &Ray,
@@ -53,14 +53,13 @@ impl Lighting {
     ) -> Vec3 {
         let mirrored = ray.direction.normalize().reflect(point.shading_normal);
         let exponent = gloss.exponent.max(0.0);
-        let share = |direction: Vec3| mirrored.dot(direction).max(0.0).powf(exponent);
+        let lobe = |direction: Vec3| mirrored.dot(direction).max(0.0).powf(exponent);
         // The light of `sharp_rays` is irradiance / pi.
         let sharp = self
             .sharp_rays(point, sample)
             .filter(|(ray, _)| !tracer.occluded(ray));
-        let highlights = sharp.map(|(ray, light)| {
-            light * (share(ray.direction.normalize()) * (exponent + 2.0) / 2.0)
-        });
+        let highlights = sharp
+            .map(|(ray, light)| light * (lobe(ray.direction.normalize()) * (exponent + 2.0) / 2.0));
         let mut radiance: Vec3 = highlights.sum();
         let [u, v] = sample.pair(LOBE);
         let direction = Quat::from_rotation_arc(Vec3::Z, mirrored) * lobe_direction(u, v, exponent);
@@ -68,12 +67,7 @@ impl Lighting {
         if cos > 0.0 && direction.dot(point.normal) > 0.0 {
             // Lobe over the density (n + 1) / (2 pi) cos^n.
             let weight = cos * (exponent + 2.0) / (exponent + 1.0);
-            let ray = Ray {
-                origin: point.lifted(),
-                direction,
-                t_min: 0.0,
-                t_max: f32::INFINITY,
-            };
+            let ray = Ray::new(point.ray_origin(), direction);
             radiance += self.diffuse_along(tracer, &ray, sample) * weight;
         }
         Vec3::from_array(gloss.reflectance) * radiance
@@ -87,11 +81,11 @@ impl Lighting {
         };
         let (point, surface) = LitPoint::from_hit(tracer, ray, &hit);
         let [stream, ..] = random4([sample.stream, LOBE, 0x6105, 5]);
-        let there = LightSample {
+        let sample = LightSample {
             stream,
             index: sample.index,
         };
-        let radiosity = Vec3::from_array(self.radiosity_per_albedo(tracer, &point, &there));
+        let radiosity = Vec3::from_array(self.radiosity_per_albedo(tracer, &point, &sample));
         Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission)
     }
 }
@@ -142,12 +136,7 @@ mod tests {
     }
 
     fn mean((tracer, lighting): &(Tracer, Lighting), direction: Vec3, count: u32) -> Vec3 {
-        let ray = Ray {
-            origin: -Vec3::Y - direction,
-            direction,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        };
+        let ray = Ray::new(-Vec3::Y - direction, direction);
         let hit = tracer.closest(&ray).expect("the floor");
         let one = |index| {
             lighting.seen(
@@ -190,11 +179,7 @@ mod tests {
                 reflectance: [0.5, 0.25, 0.0],
                 exponent,
             };
-            let sky = Sky::Gradient(SkyGradient {
-                zenith: [1.0; 3],
-                horizon: [1.0; 3],
-                ground: [1.0; 3],
-            });
+            let sky = Sky::Gradient(SkyGradient::uniform([1.0; 3]));
             let found = mean(&floor(gloss, None, Some(sky)), direction, 4096);
             let mirrored = direction.reflect(Vec3::Y);
             let expected = integral(mirrored, f64::from(exponent), |_| 1.0) as f32;

@@ -29,12 +29,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const CELL_SHARE: f32 = 1.0 / 8.0;
 
 /// Minimum width of a cell as a fraction of the median distance of all training points.
-const NARROWEST_SHARE: f32 = 1.0 / 16.0;
+const MIN_WIDTH_SHARE: f32 = 1.0 / 16.0;
 
 /// Maximum number of training paths of a cell.
 const MAX_TRAINING_PATHS: u32 = 512;
 
-/// Number of training paths after which a cell that gains nothing is abandoned.
+/// Number of training paths after which a cell without a gain is abandoned.
 const INITIAL_TRAINING_PATHS: u32 = 128;
 
 /// Minimum number of training points of a cell.
@@ -49,27 +49,27 @@ const GUIDED_FRACTION: f32 = 0.75;
 /// together. Without a guide rays cost a fifth less.
 const MIN_VARIANCE_REDUCTION: f64 = 0.25;
 
-/// Number of rays from the local origin whose hits, and the hits of one ray from each of these, are
-/// the training points.
-const PLACES: u32 = 4096;
+/// Number of rays from the local origin. Their hits, and the hit of one further ray from each of
+/// these, are the training points.
+const TRAINING_RAYS: u32 = 4096;
 
 /// Incident light distributions, by cells of position and normal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Guide {
     cells: FxHashMap<u64, SquareDensity>,
     /// Minimum width of a cell, metres.
-    narrowest_m: f32,
+    min_width_m: f32,
 }
 
 impl Guide {
     /// Returns the hash key of a point's cell, by position and normal.
     fn cell(&self, point: &LitPoint) -> u64 {
-        let wanted = (point.position.abs().max_element() * CELL_SHARE).max(self.narrowest_m);
-        let (exponent, width_m) = power_of_two_above(wanted);
+        let min_width_m = (point.position.abs().max_element() * CELL_SHARE).max(self.min_width_m);
+        let (exponent, width_m) = power_of_two_above(min_width_m);
         let [x, y, z] = (point.position / width_m)
             .to_array()
             .map(|c| u64::from(floor(c) as i32 as u8));
-        x | y << 8 | z << 16 | u64::from(exponent) << 24 | point.turned() << 32
+        x | y << 8 | z << 16 | u64::from(exponent) << 24 | point.quantised_normal() << 32
     }
 
     /// Returns the density at a point, if its cell is guided.
@@ -93,10 +93,10 @@ pub(super) struct Directions<'a> {
 impl Directions<'_> {
     /// Maps two numbers in [0, 1) to a unit direction and its importance weight: 1 if
     /// cosine-weighted.
-    pub(super) fn draw(&self, pair: [f32; 2]) -> (Vec3, f32) {
+    pub(super) fn sample(&self, pair: [f32; 2]) -> (Vec3, f32) {
         let (pair, weight) = self.guide.map_or((pair, 1.0), |guide| {
             let warped = guide.warp(pair);
-            (warped, 1.0 / guide.at(warped))
+            (warped, 1.0 / guide.density(warped))
         });
         (
             self.turn * Vec3::from_array(cosine_direction(pair[0], pair[1])),
@@ -104,12 +104,12 @@ impl Directions<'_> {
         )
     }
 
-    /// Returns the probability density of a direction, per steradian; `cos`, above 0, is that of
+    /// Returns the probability density of a direction, per steradian; `cos` > 0 is the cosine of
     /// its angle with the shading normal.
     pub(super) fn density(&self, direction: Vec3, cos: f32) -> f32 {
         let guided = self.guide.map_or(1.0, |guide| {
             let local = self.turn.inverse() * direction;
-            guide.at(square_from_disk([local.x, local.y]))
+            guide.density(square_from_disk([local.x, local.y]))
         });
         guided * cos / PI
     }
@@ -124,11 +124,11 @@ impl Lighting {
         }
     }
 
-    /// Trains the guide at the surfaces visible from the tracer's origin and at those visible from
-    /// these, with at most two million paths. Reduces noise in rooms lit through windows; no mean
-    /// changes.
+    /// Trains the guide at surface points visible from the tracer's origin and at points visible
+    /// from these, with at most two million paths. Reduces noise in rooms lit through windows; no
+    /// mean changes.
     pub fn guided(mut self, tracer: &Tracer) -> Self {
-        let seen = |index: u32| {
+        let training_points = |index: u32| {
             let [u, v] = LightSample {
                 stream: 0x6a1d,
                 index,
@@ -136,32 +136,23 @@ impl Lighting {
             .pair(0);
             let z = 1.0 - 2.0 * u;
             let (sin, cos) = (v * TAU).sin_cos();
-            let rim = (1.0 - z * z).max(0.0).sqrt();
-            let direction = Vec3::new(rim * cos, rim * sin, z);
-            let ray = Ray {
-                origin: Vec3::ZERO,
-                direction,
-                t_min: 0.0,
-                t_max: f32::INFINITY,
-            };
+            let radius = (1.0 - z * z).max(0.0).sqrt();
+            let direction = Vec3::new(radius * cos, radius * sin, z);
+            let ray = Ray::new(Vec3::ZERO, direction);
             let point = LitPoint::from_hit(tracer, &ray, &tracer.closest(&ray)?).0;
-            let next = self
-                .before(
-                    tracer,
-                    &point,
-                    &LightSample {
-                        stream: 0x6a1e,
-                        index,
-                    },
-                )
-                .1
-                .map(|arrival| arrival.point);
-            Some([Some(point), next])
+            let sample = LightSample {
+                stream: 0x6a1e,
+                index,
+            };
+            let (_, arrival) = self.before(tracer, &point, &sample);
+            Some([Some(point), arrival.map(|arrival| arrival.point)])
         };
-        let places: Vec<[Option<LitPoint>; 2]> =
-            (0..PLACES).into_par_iter().filter_map(seen).collect();
-        let places: Vec<LitPoint> = places.into_iter().flatten().flatten().collect();
-        self.learn(tracer, &places, &|_, _| ControlFlow::Continue(()));
+        let points: Vec<[Option<LitPoint>; 2]> = (0..TRAINING_RAYS)
+            .into_par_iter()
+            .filter_map(training_points)
+            .collect();
+        let points: Vec<LitPoint> = points.into_iter().flatten().flatten().collect();
+        self.learn(tracer, &points, &|_, _| ControlFlow::Continue(()));
         self
     }
 
@@ -170,106 +161,99 @@ impl Lighting {
     pub fn learn(
         &mut self,
         tracer: &Tracer,
-        places: &[LitPoint],
+        points: &[LitPoint],
         progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
     ) {
         self.guide = Guide::default();
-        let mut distances: Vec<f32> = places
+        let mut distances: Vec<f32> = points
             .iter()
-            .map(|place| place.position.abs().max_element())
+            .map(|point| point.position.abs().max_element())
             .collect();
         let mut guide = Guide {
-            narrowest_m: percentile(&mut distances, 0.5) * NARROWEST_SHARE,
+            min_width_m: percentile(&mut distances, 0.5) * MIN_WIDTH_SHARE,
             ..Guide::default()
         };
         // Shuffles the points of a cell by a fixed order that is independent of position.
-        let filed =
-            |(i, place): (u32, &LitPoint)| (guide.cell(place), i.wrapping_mul(0x9e37_79b9), *place);
-        let mut filed: Vec<(u64, u32, LitPoint)> = (0..).zip(places).map(filed).collect();
-        filed.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
-        let cells: Vec<&[(u64, u32, LitPoint)]> = filed
+        let keyed =
+            |(i, point): (u32, &LitPoint)| (guide.cell(point), i.wrapping_mul(0x9e37_79b9), *point);
+        let mut sorted: Vec<CellPoint> = (0..).zip(points).map(keyed).collect();
+        sorted.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
+        let cells: Vec<&[CellPoint]> = sorted
             .chunk_by(|a, b| a.0 == b.0)
-            .filter(|places| places.len() >= MIN_CELL_POINTS)
+            .filter(|points| points.len() >= MIN_CELL_POINTS)
             .collect();
-        let mut lessons: Vec<CellStatistics> = std::iter::repeat_with(CellStatistics::default)
-            .take(cells.len())
-            .collect();
-        let given = AtomicUsize::new(0);
-        let all = cells.len() * MAX_TRAINING_PATHS as usize;
-        for (many, more) in [
+        let mut statistics: Vec<CellStatistics> =
+            cells.iter().map(|_| CellStatistics::default()).collect();
+        let traced = AtomicUsize::new(0);
+        let max_paths = cells.len() * MAX_TRAINING_PATHS as usize;
+        for (total, added) in [
             (INITIAL_TRAINING_PATHS, INITIAL_TRAINING_PATHS),
             (
                 MAX_TRAINING_PATHS,
                 MAX_TRAINING_PATHS - INITIAL_TRAINING_PATHS,
             ),
         ] {
-            let taught = cells
-                .par_iter()
-                .zip(&mut lessons)
-                .try_for_each(|(places, lessons)| {
-                    self.teach(tracer, places, lessons, many);
-                    // Paths that a cell skips count, too.
-                    progress(
-                        given.fetch_add(more as usize, Ordering::Relaxed) + more as usize,
-                        all,
-                    )
-                });
-            if taught.is_break() {
+            let outcome =
+                cells
+                    .par_iter()
+                    .zip(&mut statistics)
+                    .try_for_each(|(points, statistics)| {
+                        self.train_cell(tracer, points, statistics, total);
+                        // Paths that a cell skips count, too.
+                        let before = traced.fetch_add(added as usize, Ordering::Relaxed);
+                        progress(before + added as usize, max_paths)
+                    });
+            if outcome.is_break() {
                 return;
             }
-            let counted = cells
+            let estimates = cells
                 .iter()
-                .zip(&lessons)
-                .map(|(places, lessons)| (places.len(), lessons.learnt()));
-            if !is_worthwhile(counted) {
+                .zip(&statistics)
+                .map(|(points, statistics)| (points.len(), statistics.estimate()));
+            if !is_worthwhile(estimates) {
                 return; // few paths overestimate the gain, if anything
             }
         }
-        let kept = |(places, lessons): (&&[(u64, u32, LitPoint)], &CellStatistics)| {
-            Some((places[0].0, lessons.learnt().density?))
+        let density = |(points, statistics): (&&[CellPoint], &CellStatistics)| {
+            Some((points[0].0, statistics.estimate().density?))
         };
-        guide.cells = cells.iter().zip(&lessons).filter_map(kept).collect();
+        guide.cells = cells.iter().zip(&statistics).filter_map(density).collect();
         self.guide = guide;
     }
 
-    /// Traces training paths from the points of one cell up to a total of `many`; none if the cell
-    /// has had some and gains nothing.
-    fn teach(
+    /// Traces training paths from the points of one cell up to `total` paths; none if the cell has
+    /// had some without a gain.
+    fn train_cell(
         &self,
         tracer: &Tracer,
-        places: &[(u64, u32, LitPoint)],
-        lessons: &mut CellStatistics,
-        many: u32,
+        points: &[CellPoint],
+        statistics: &mut CellStatistics,
+        total: u32,
     ) {
-        if lessons.by_rays.count > 0 && lessons.learnt().density.is_none() {
+        if statistics.by_rays.count > 0 && statistics.estimate().density.is_none() {
             return;
         }
-        let cell = places[0].0;
+        let cell = points[0].0;
         let [stream, ..] = random4([cell as u32, (cell >> 32) as u32, 0x6a1f, 0]);
-        for index in lessons.by_rays.count..many {
-            let (.., place) = &places[index as usize % places.len()];
-            self.lesson(tracer, place, LightSample { stream, index }, lessons);
+        for index in statistics.by_rays.count..total {
+            let (.., point) = &points[index as usize % points.len()];
+            self.trace_training_path(tracer, point, LightSample { stream, index }, statistics);
         }
     }
 
     /// Traces one training path and records the light along its first ray by direction.
-    fn lesson(
+    fn trace_training_path(
         &self,
         tracer: &Tracer,
-        place: &LitPoint,
+        point: &LitPoint,
         sample: LightSample,
-        lessons: &mut CellStatistics,
+        statistics: &mut CellStatistics,
     ) {
-        let directions = self.directions(place);
+        let directions = self.directions(point);
         let level = |light: Vec3| luminance((light * self.exposure).to_array());
-        lessons.by_points.add(level(self.direct(
-            tracer,
-            place,
-            &sample,
-            0,
-            Some(&directions),
-        )));
-        let mut path = Path::new(place);
+        let direct = self.direct(tracer, point, &sample, 0, Some(&directions));
+        statistics.by_points.add(level(direct));
+        let mut path = Path::new(point);
         if self
             .trace_next_ray(tracer, &mut path, 0, &sample, &directions)
             .is_some()
@@ -277,19 +261,23 @@ impl Lighting {
             self.follow(tracer, &mut path, 1, &sample);
         }
         let [u, v] = sample.pair(FIRST_DIRECTION).map(square::bin);
-        lessons.squares[v * BINS + u] += level(path.sum).powi(2);
-        lessons.counts[v * BINS + u] += 1.0;
-        lessons.by_rays.add(level(path.sum));
+        statistics.squares[v * BINS + u] += level(path.sum).powi(2);
+        statistics.counts[v * BINS + u] += 1.0;
+        statistics.by_rays.add(level(path.sum));
     }
 }
 
-/// Returns true if cells, each with its number of points, gain enough together.
+/// Training point with the key of its cell and its position in a shuffled order.
+type CellPoint = (u64, u32, LitPoint);
+
+/// Returns true if guiding reduces the variance enough over all cells, each with its number of
+/// training points.
 fn is_worthwhile(cells: impl Iterator<Item = (usize, CellEstimate)>) -> bool {
     let mut variance = 0.0;
     let mut saved = 0.0;
-    for (places, learnt) in cells {
-        variance += places as f64 * learnt.variance * learnt.shows;
-        saved += places as f64 * learnt.saved * learnt.shows;
+    for (points, estimate) in cells {
+        variance += points as f64 * estimate.variance * estimate.visibility;
+        saved += points as f64 * estimate.saved * estimate.visibility;
     }
     saved > MIN_VARIANCE_REDUCTION * variance
 }
@@ -319,49 +307,41 @@ impl Default for CellStatistics {
 
 impl CellStatistics {
     /// Estimates the density of first rays and its gain.
-    fn learnt(&self) -> CellEstimate {
+    fn estimate(&self) -> CellEstimate {
         let variance = self.by_rays.variance() + self.by_points.variance();
-        let shows = f64::from(shown_slope(
-            (self.by_rays.mean() + self.by_points.mean()) as f32,
-        ))
-        .powi(2);
-        let squares = blurred(&self.squares);
-        let counts = blurred(&self.counts);
+        let mean = (self.by_rays.mean() + self.by_points.mean()) as f32;
+        let gain = self
+            .guided_densities()
+            .filter(|(saved, _)| *saved > MIN_VARIANCE_REDUCTION * variance);
+        CellEstimate {
+            variance,
+            visibility: f64::from(shown_slope(mean)).powi(2),
+            saved: gain.as_ref().map_or(0.0, |(saved, _)| *saved),
+            density: gain.map(|(_, densities)| SquareDensity::new(&densities)),
+        }
+    }
+
+    /// Returns the variance that guiding removes, and the density in each bin; `None` if no light
+    /// arrived.
+    fn guided_densities(&self) -> Option<(f64, [f32; BINS * BINS])> {
+        let squares = blur(&self.squares);
+        let counts = blur(&self.counts);
         let mean_squares: [f32; BINS * BINS] =
             std::array::from_fn(|i| squares[i] / counts[i].max(1e-3));
         let roots = mean_squares.map(f32::sqrt);
         let mean = roots.iter().sum::<f32>() / roots.len() as f32;
         if mean <= 0.0 || !mean.is_finite() {
-            return CellEstimate {
-                variance,
-                shows,
-                saved: 0.0,
-                density: None,
-            };
+            return None;
         }
         let densities = roots.map(|root| 1.0 - GUIDED_FRACTION + GUIDED_FRACTION * root / mean);
-        let today: f32 = mean_squares.iter().sum();
+        let unguided: f32 = mean_squares.iter().sum();
         let guided: f32 = mean_squares
             .iter()
             .zip(&densities)
             .map(|(square, density)| square / density)
             .sum();
-        let saved = f64::from((today - guided) / (BINS * BINS) as f32);
-        if saved > MIN_VARIANCE_REDUCTION * variance {
-            CellEstimate {
-                variance,
-                shows,
-                saved,
-                density: Some(SquareDensity::new(&densities)),
-            }
-        } else {
-            CellEstimate {
-                variance,
-                shows,
-                saved: 0.0,
-                density: None,
-            }
-        }
+        let saved = f64::from((unguided - guided) / (BINS * BINS) as f32);
+        Some((saved, densities))
     }
 }
 
@@ -371,8 +351,8 @@ struct CellEstimate {
     variance: f64,
     /// Visible fraction of the variance: less in bright areas. Next to a lamp samples vary more
     /// than in the entire room that it lights.
-    shows: f64,
-    /// Variance removed by guiding.
+    visibility: f64,
+    /// Variance removed by guiding; 0 without a density.
     saved: f64,
     /// Density of first rays, if guiding reduces the variance enough.
     density: Option<SquareDensity>,
@@ -403,12 +383,12 @@ impl Moments {
 }
 
 /// Blurs over 3x3 bins, with weights of 1, 2, 1 along each axis (not normalised).
-fn blurred(values: &[f32; BINS * BINS]) -> [f32; BINS * BINS] {
+fn blur(values: &[f32; BINS * BINS]) -> [f32; BINS * BINS] {
     let along = |values: &[f32; BINS * BINS], step: usize| -> [f32; BINS * BINS] {
         std::array::from_fn(|i| {
-            let place = i / step % BINS;
-            let below = if place > 0 { values[i - step] } else { 0.0 };
-            let above = if place + 1 < BINS {
+            let position = i / step % BINS;
+            let below = if position > 0 { values[i - step] } else { 0.0 };
+            let above = if position + 1 < BINS {
                 values[i + step]
             } else {
                 0.0
@@ -422,28 +402,14 @@ fn blurred(values: &[f32; BINS * BINS]) -> [f32; BINS * BINS] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::tests::add_quad;
     use glam::{DVec3, dvec3};
     use headbox_scene::material::Material;
     use headbox_scene::scene::{Scene, Sky, SkyGradient, SkyPicture, Triangle};
     use std::sync::Arc;
 
     fn white_sky() -> Sky {
-        Sky::Gradient(SkyGradient {
-            zenith: [5.0; 3],
-            horizon: [5.0; 3],
-            ground: [5.0; 3],
-        })
-    }
-
-    fn add_quad(scene: &mut Scene, corners: [DVec3; 4], material: u32) {
-        let first = scene.positions.len() as u32;
-        scene.positions.extend(corners);
-        for vertices in [[0, 1, 2], [0, 2, 3]] {
-            scene.triangles.push(Triangle {
-                vertices: vertices.map(|v| first + v),
-                material,
-            });
-        }
+        Sky::Gradient(SkyGradient::uniform([5.0; 3]))
     }
 
     /// Returns a room of 4 m around the origin, closed except for a window of 0.8 m in a corner of
@@ -582,34 +548,32 @@ mod tests {
     #[test]
     fn guide_is_independent_of_thread_count() {
         let tracer = tracer(room(white_sky()));
-        let learnt = |threads: usize| {
+        let guide = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .build()
                 .expect("threads");
             pool.install(|| Lighting::of_scene(&tracer, 1).guided(&tracer).guide)
         };
-        let one = learnt(1);
-        let three = learnt(3);
+        let one = guide(1);
+        let three = guide(3);
         assert!(!one.cells.is_empty() && one == three);
     }
 
     #[test]
     fn few_gaining_cells_are_not_worthwhile() {
-        let shown = |shows: f64| {
-            move |many: usize, variance: f64, saved: f64| {
-                (
-                    many,
-                    CellEstimate {
-                        variance,
-                        shows,
-                        saved,
-                        density: None,
-                    },
-                )
+        let visible = |visibility: f64| {
+            move |points: usize, variance: f64, saved: f64| {
+                let estimate = CellEstimate {
+                    variance,
+                    visibility,
+                    saved,
+                    density: None,
+                };
+                (points, estimate)
             }
         };
-        let cells = shown(1.0);
+        let cells = visible(1.0);
         assert!(
             is_worthwhile([cells(6, 4.0, 2.0), cells(4, 4.0, 0.0)].into_iter()),
             "12 of 40"
@@ -624,27 +588,28 @@ mod tests {
         ));
         // Noise is invisible where light is bright.
         assert!(is_worthwhile(
-            [cells(8, 4.0, 2.0), shown(0.01)(2, 40.0, 0.0)].into_iter()
+            [cells(8, 4.0, 2.0), visible(0.01)(2, 40.0, 0.0)].into_iter()
         ));
         assert!(!is_worthwhile(std::iter::empty()));
     }
 
     #[test]
     fn noise_is_less_visible_in_bright_areas() {
-        let lessons = |light: f64| {
-            let mut lessons = CellStatistics::default();
+        let visible_variance = |light: f64| {
+            let mut statistics = CellStatistics::default();
             for level in [0.5 * light, 1.5 * light] {
-                lessons.by_rays.add(level as f32);
+                statistics.by_rays.add(level as f32);
             }
-            let learnt = lessons.learnt();
-            learnt.variance * learnt.shows
+            let estimate = statistics.estimate();
+            estimate.variance * estimate.visibility
         };
         assert!(
-            lessons(0.9) < 9.1 * lessons(0.3) && lessons(0.3) > lessons(0.1),
+            visible_variance(0.9) < 9.1 * visible_variance(0.3)
+                && visible_variance(0.3) > visible_variance(0.1),
             "grows less than the square of the light"
         );
         assert!(
-            lessons(2.0) < lessons(0.9) && lessons(0.0) == 0.0,
+            visible_variance(2.0) < visible_variance(0.9) && visible_variance(0.0) == 0.0,
             "noise above white is hardly visible"
         );
     }

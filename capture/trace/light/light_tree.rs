@@ -1,13 +1,13 @@
 //! Light tree: samples an emissive triangle approximately in proportion to its contribution at the
-//! lit point (Conty Estevez and Kulla 2018, "Importance Sampling of Many
-//! Lights with Adaptive Tree Splitting"; emission is two-sided here, so that lights have no cones).
+//! lit point (Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree
+//! Splitting"; emission is two-sided here, so that lights have no cones).
 
 use super::LitPoint;
 use glam::Vec3;
 
 /// Minimum of the cosine bound of a light: bounds are rounded, so that no light may get probability
 /// zero.
-const LEAST_COSINE: f32 = 1e-3;
+const MIN_COSINE: f32 = 1e-3;
 
 /// Light to insert into the tree.
 #[derive(Clone, Copy, Debug)]
@@ -16,24 +16,24 @@ pub(super) struct Leaf {
     pub(super) bounds: [Vec3; 2],
     pub(super) power: f32,
     /// Identifier chosen by the caller.
-    pub(super) name: u32,
+    pub(super) id: u32,
 }
 
 /// Maximum number of children of a node.
 const WIDTH: usize = 8;
 
-/// Node with its children's bounds as structure of arrays: their weights are computed together, and
-/// hundreds of lights are a few levels deep.
+/// Node with its children's bounds as structure of arrays, whose weights are computed together. A
+/// tree of hundreds of lights has few levels.
 #[derive(Clone, Debug, PartialEq)]
 struct LightNode {
     /// Centres of the boxes, `[axis][box]`.
-    middle: [[f32; WIDTH]; 3],
+    centre: [[f32; WIDTH]; 3],
     /// Radii of the boxes' bounding spheres.
     radius: [f32; WIDTH],
     power: [f32; WIDTH],
     /// Index of each box's first light, in the order of the tree; `u32::MAX` in unused slots.
     first: [u32; WIDTH],
-    below: [NodeChild; WIDTH],
+    child: [NodeChild; WIDTH],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +50,7 @@ pub(super) struct LightTree {
     /// Nodes, parents before children.
     nodes: Vec<LightNode>,
     /// Identifier of each light and its index in the order of the tree, sorted by identifier.
-    numbers: Vec<(u32, u32)>,
+    order: Vec<(u32, u32)>,
 }
 
 impl LightTree {
@@ -59,25 +59,25 @@ impl LightTree {
         if !leaves.is_empty() {
             tree.push(&mut leaves, 0);
         }
-        tree.numbers = leaves
+        tree.order = leaves
             .iter()
             .zip(0..)
-            .map(|(leaf, number)| (leaf.name, number))
+            .map(|(leaf, number)| (leaf.id, number))
             .collect();
-        tree.numbers.sort_unstable();
+        tree.order.sort_unstable();
         tree
     }
 
-    /// Adds a node for lights, the first of which has the index `first`, and all nodes below it.
-    /// Returns its index.
+    /// Adds a node for lights of consecutive indices from `first` on, and all nodes below it.
+    /// Returns the index of the node.
     fn push(&mut self, leaves: &mut [Leaf], mut first: u32) -> u32 {
         let number = self.nodes.len();
         self.nodes.push(LightNode::EMPTY);
-        for (i, group) in groups(leaves).into_iter().enumerate() {
+        for (i, group) in split_into_groups(leaves).into_iter().enumerate() {
             self.nodes[number].set(i, group, first);
             let count = group.len() as u32;
             if count > 1 {
-                self.nodes[number].below[i] = NodeChild::LightNode(self.push(group, first));
+                self.nodes[number].child[i] = NodeChild::LightNode(self.push(group, first));
             }
             first += count;
         }
@@ -90,52 +90,52 @@ impl LightTree {
 
     /// Samples a light from a number in [0, 1): returns its identifier and its probability, or
     /// `None` if the tree is empty.
-    pub(super) fn draw(&self, point: &LitPoint, mut number: f32) -> Option<(u32, f32)> {
+    pub(super) fn sample(&self, point: &LitPoint, mut number: f32) -> Option<(u32, f32)> {
         let mut index = 0;
         let mut probability = 1.0;
         loop {
             let node = self.nodes.get(index)?;
-            let shares = node.shares(point);
+            let probabilities = node.probabilities(point);
             // Rounding may leave the number beyond the last box of nonzero probability.
             let mut chosen = None;
-            for (i, share) in shares
+            for (i, share) in probabilities
                 .into_iter()
                 .enumerate()
                 .filter(|(_, share)| *share > 0.0)
             {
-                let of_box = probability * share;
-                chosen = Some((i, of_box));
-                if number < of_box {
+                let box_probability = probability * share;
+                chosen = Some((i, box_probability));
+                if number < box_probability {
                     break;
                 }
-                number -= of_box;
+                number -= box_probability;
             }
-            let (i, of_box) = chosen?;
-            number = number.min(of_box * BELOW_ONE);
-            probability = of_box;
-            match node.below[i] {
-                NodeChild::Light(name) => return Some((name, probability)),
-                NodeChild::LightNode(below) => index = below as usize,
+            let (i, box_probability) = chosen?;
+            number = number.min(box_probability * BELOW_ONE);
+            probability = box_probability;
+            match node.child[i] {
+                NodeChild::Light(id) => return Some((id, probability)),
+                NodeChild::LightNode(child) => index = child as usize,
             }
         }
     }
 
-    /// Returns the probability with which [`Self::draw`] samples a light; 0 if there is no such
+    /// Returns the probability with which [`Self::sample`] samples a light; 0 if there is no such
     /// light.
-    pub(super) fn probability(&self, point: &LitPoint, name: u32) -> f32 {
-        let Ok(position) = self.numbers.binary_search_by_key(&name, |&(name, _)| name) else {
+    pub(super) fn probability(&self, point: &LitPoint, id: u32) -> f32 {
+        let Ok(position) = self.order.binary_search_by_key(&id, |&(id, _)| id) else {
             return 0.0;
         };
-        let number = self.numbers[position].1;
+        let number = self.order[position].1;
         let mut index = 0;
         let mut probability = 1.0;
         loop {
             let node = &self.nodes[index];
             let i = node.first.partition_point(|&first| first <= number) - 1;
-            probability *= node.shares(point)[i];
-            match node.below[i] {
+            probability *= node.probabilities(point)[i];
+            match node.child[i] {
                 NodeChild::Light(_) => return probability,
-                NodeChild::LightNode(below) => index = below as usize,
+                NodeChild::LightNode(child) => index = child as usize,
             }
         }
     }
@@ -146,25 +146,17 @@ const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// Splits lights into [`WIDTH`] groups, or into single lights if there are fewer, by repeatedly
 /// splitting the group with the largest box.
-fn groups(leaves: &mut [Leaf]) -> Vec<&mut [Leaf]> {
+fn split_into_groups(leaves: &mut [Leaf]) -> Vec<&mut [Leaf]> {
     let mut groups = vec![leaves];
     while groups.len() < WIDTH {
-        let size = |group: &[Leaf]| {
-            if group.len() > 1 {
-                (1, extent(group).1.max_element())
-            } else {
-                (0, 0.0)
-            }
-        };
-        let sizes = groups.iter().map(|group| size(group)).enumerate();
-        let largest = sizes.max_by(|a, b| {
-            a.1.0
-                .cmp(&b.1.0)
-                .then(a.1.1.total_cmp(&b.1.1))
-                .then(b.0.cmp(&a.0))
-        });
-        let Some((i, (1, _))) = largest else { break };
-        let (left, right) = halves(groups.remove(i));
+        let sizes = groups
+            .iter()
+            .enumerate()
+            .filter(|(_, group)| group.len() > 1)
+            .map(|(i, group)| (i, extent(group).1.max_element()));
+        let largest = sizes.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
+        let Some((i, _)) = largest else { break };
+        let (left, right) = split(groups.remove(i));
         groups.insert(i, right);
         groups.insert(i, left);
     }
@@ -181,13 +173,13 @@ fn extent(leaves: &[Leaf]) -> (Vec3, Vec3) {
     (low, high - low)
 }
 
-/// Splits two or more lights at the middle of the longest edge of their box, so that distant lights
+/// Splits two or more lights at the centre of the longest edge of their box, so that distant lights
 /// are separated early.
-fn halves(leaves: &mut [Leaf]) -> (&mut [Leaf], &mut [Leaf]) {
+fn split(leaves: &mut [Leaf]) -> (&mut [Leaf], &mut [Leaf]) {
     let (low, edges) = extent(leaves);
     let axis = edges.max_position();
     let place = |leaf: &Leaf| leaf.bounds[0][axis] + leaf.bounds[1][axis];
-    leaves.sort_unstable_by(|a, b| place(a).total_cmp(&place(b)).then(a.name.cmp(&b.name)));
+    leaves.sort_unstable_by(|a, b| place(a).total_cmp(&place(b)).then(a.id.cmp(&b.id)));
     let lower = leaves.partition_point(|leaf| place(leaf) < 2.0 * low[axis] + edges[axis]);
     let half = if lower == 0 || lower == leaves.len() {
         leaves.len() / 2
@@ -199,21 +191,21 @@ fn halves(leaves: &mut [Leaf]) -> (&mut [Leaf], &mut [Leaf]) {
 
 impl LightNode {
     const EMPTY: Self = Self {
-        middle: [[0.0; WIDTH]; 3],
+        centre: [[0.0; WIDTH]; 3],
         radius: [0.0; WIDTH],
         power: [0.0; WIDTH],
         first: [u32::MAX; WIDTH],
-        below: [NodeChild::Light(u32::MAX); WIDTH],
+        child: [NodeChild::Light(u32::MAX); WIDTH],
     };
 
-    /// Sets box `i` to the bounds of lights, the first of which has the index `first`.
+    /// Sets box `i` to the bounds of lights of consecutive indices from `first` on.
     fn set(&mut self, i: usize, leaves: &[Leaf], first: u32) {
         let (low, edges) = extent(leaves);
-        (0..3).for_each(|axis| self.middle[axis][i] = low[axis] + edges[axis] / 2.0);
+        (0..3).for_each(|axis| self.centre[axis][i] = low[axis] + edges[axis] / 2.0);
         self.radius[i] = edges.length() / 2.0;
         self.power[i] = leaves.iter().map(|leaf| leaf.power).sum();
         self.first[i] = first;
-        self.below[i] = NodeChild::Light(leaves[0].name);
+        self.child[i] = NodeChild::Light(leaves[0].id);
     }
 
     /// Returns the probability of each box: approximately proportional to its contribution at a
@@ -221,24 +213,24 @@ impl LightNode {
     /// is higher above the horizon than its centre's height plus its radius, so the bound costs
     /// only a square root and a division.
     #[inline]
-    fn shares(&self, point: &LitPoint) -> [f32; WIDTH] {
+    fn probabilities(&self, point: &LitPoint) -> [f32; WIDTH] {
         let position = point.position;
         let normal = point.shading_normal;
-        let mut shares = [0.0; WIDTH];
-        for (i, share) in shares.iter_mut().enumerate() {
-            let x = self.middle[0][i] - position.x;
-            let y = self.middle[1][i] - position.y;
-            let z = self.middle[2][i] - position.z;
+        let mut probabilities = [0.0; WIDTH];
+        for (i, share) in probabilities.iter_mut().enumerate() {
+            let x = self.centre[0][i] - position.x;
+            let y = self.centre[1][i] - position.y;
+            let z = self.centre[2][i] - position.z;
             let distance2 = (x * x + y * y + z * z).max(self.radius[i] * self.radius[i]);
             let distance = distance2.sqrt();
             let height = x * normal.x + y * normal.y + z * normal.z + self.radius[i];
-            *share = self.power[i] * height.max(LEAST_COSINE * distance).min(distance)
+            *share = self.power[i] * height.max(MIN_COSINE * distance).min(distance)
                 / (distance2 * distance);
         }
-        let scale = 1.0 / shares.iter().sum::<f32>();
+        let scale = 1.0 / probabilities.iter().sum::<f32>();
         if scale > 0.0 && scale.is_finite() {
-            shares.iter_mut().for_each(|share| *share *= scale);
-            return shares;
+            probabilities.iter_mut().for_each(|share| *share *= scale);
+            return probabilities;
         }
         // Weights overflow if a point-sized light coincides with the point: fall back to uniform.
         let count = self
@@ -256,13 +248,13 @@ mod tests {
     use crate::sampler::{random4, unit_float};
 
     fn leaves(count: u32) -> Vec<Leaf> {
-        let leaf = |name: u32| {
-            let [x, y, z, power] = random4([name, 5, 6, 7]).map(unit_float);
+        let leaf = |id: u32| {
+            let [x, y, z, power] = random4([id, 5, 6, 7]).map(unit_float);
             let corner = Vec3::new(x, y, z) * 10.0 - 5.0;
             Leaf {
                 bounds: [corner, corner + 0.1],
                 power: power + 0.1,
-                name,
+                id,
             }
         };
         (0..count).map(leaf).collect()
@@ -285,12 +277,12 @@ mod tests {
             let tree = LightTree::new(leaves(count));
             let mut drawn = vec![(0u32, 0.0f32); count as usize];
             for i in 0..DRAWS {
-                let (name, probability) = tree
-                    .draw(&point(), (i as f32 + 0.5) / DRAWS as f32)
+                let (id, probability) = tree
+                    .sample(&point(), (i as f32 + 0.5) / DRAWS as f32)
                     .expect("there are lights");
-                assert_eq!(tree.probability(&point(), name), probability);
-                let (times, of_light) = &mut drawn[name as usize];
-                (*times, *of_light) = (*times + 1, probability);
+                assert_eq!(tree.probability(&point(), id), probability);
+                let (times, expected) = &mut drawn[id as usize];
+                (*times, *expected) = (*times + 1, probability);
             }
             for (times, probability) in &drawn {
                 let off = (*times as f32 / DRAWS as f32 - probability).abs();
@@ -309,7 +301,7 @@ mod tests {
         }
         let none = LightTree::new(Vec::new());
         assert_eq!(
-            (none.draw(&point(), 0.5), none.probability(&point(), 0)),
+            (none.sample(&point(), 0.5), none.probability(&point(), 0)),
             (None, 0.0)
         );
     }
@@ -323,12 +315,12 @@ mod tests {
         all.push(Leaf {
             bounds: [near, near + 0.1],
             power: 0.5,
-            name: 1000,
+            id: 1000,
         });
         let tree = LightTree::new(all);
         let times = (0..1000)
             .filter(|i| {
-                tree.draw(&point(), (*i as f32 + 0.5) / 1000.0)
+                tree.sample(&point(), (*i as f32 + 0.5) / 1000.0)
                     .is_some_and(|it| it.0 == 1000)
             })
             .count();
@@ -338,14 +330,14 @@ mod tests {
 
     #[test]
     fn point_sized_lights_have_probability() {
-        let leaf = |name| Leaf {
+        let leaf = |id| Leaf {
             bounds: [point().position; 2],
             power: 1.0,
-            name,
+            id,
         };
         let tree = LightTree::new((0..5).map(leaf).collect());
         for number in [0.0, 0.3, BELOW_ONE] {
-            let (_, probability) = tree.draw(&point(), number).expect("a light");
+            let (_, probability) = tree.sample(&point(), number).expect("a light");
             assert!(probability > 0.0 && probability <= 1.0);
         }
     }

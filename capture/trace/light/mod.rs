@@ -30,8 +30,9 @@ use glam::Vec3;
 use guide::{Directions, Guide};
 use headbox_core::color::luminance;
 use headbox_core::tone::ToneMap;
-use headbox_scene::scene::{Sky, Sun};
+use headbox_scene::scene::{Sky, Sun, Surface};
 use pilot::{Pilot, PilotPoint, percentile};
+use rayon::prelude::*;
 use sharp::LocalLamp;
 
 /// Number of bounces after which Russian roulette starts.
@@ -89,34 +90,24 @@ pub struct LitPoint {
 impl LitPoint {
     /// Creates the point at a hit of `ray`, on the side that faces the ray's origin; also returns
     /// the surface.
-    pub fn from_hit(
-        tracer: &Tracer,
-        ray: &Ray,
-        hit: &Hit,
-    ) -> (Self, headbox_scene::scene::Surface) {
+    pub fn from_hit(tracer: &Tracer, ray: &Ray, hit: &Hit) -> (Self, Surface) {
         let surface = tracer.surface(hit.primitive, hit.u, hit.v);
         let flip = if surface.normal.dot(ray.direction) > 0.0 {
             -1.0
         } else {
             1.0
         };
-        let position = ray.origin + ray.direction * hit.t;
-        let extent = tracer.extent(hit.primitive);
-        let normal = surface.normal * flip;
-        let shading_normal = surface.shading_normal * flip;
-        (
-            Self {
-                position,
-                normal,
-                shading_normal,
-                extent,
-            },
-            surface,
-        )
+        let point = Self {
+            position: ray.origin + ray.direction * hit.t,
+            normal: surface.normal * flip,
+            shading_normal: surface.shading_normal * flip,
+            extent: tracer.extent(hit.primitive),
+        };
+        (point, surface)
     }
 
-    /// Quantises the normal to 9 bits, for hash keys.
-    fn turned(&self) -> u64 {
+    /// Returns the normal quantised to 9 bits, for hash keys.
+    fn quantised_normal(&self) -> u64 {
         // Rounds twice a component of a unit vector, without the libm call that `round` needs on
         // processors before SSE4.1.
         let halves = |c: f32| {
@@ -132,11 +123,11 @@ impl LitPoint {
 
     /// Returns the origin of rays that leave this point: offset along the normal by more than the
     /// rounding error of the position.
-    fn lifted(&self) -> Vec3 {
+    fn ray_origin(&self) -> Vec3 {
         /// Rounding of a hit position is a few units in the last place (2^-24) of the triangle's
         /// largest coordinate and of the point's own; 2^-18 is a factor of 64 above that.
-        const LIFT: f32 = 1.0 / 262_144.0;
-        self.position + self.normal * (LIFT * self.position.abs().max_element().max(self.extent))
+        const OFFSET: f32 = 1.0 / 262_144.0;
+        self.position + self.normal * (OFFSET * self.position.abs().max_element().max(self.extent))
     }
 }
 
@@ -157,8 +148,7 @@ pub struct LightSample {
 /// fill light.
 const MAX_BOUNCE_RADIANCE: f32 = 4.0;
 
-/// Maximum number of metering iterations until the exposure is one under which no light was
-/// clamped.
+/// Maximum number of metering iterations to find an exposure under which no light was clamped.
 const MAX_METERING_ITERATIONS: u32 = 8;
 
 /// State of a light path.
@@ -328,7 +318,6 @@ impl Lighting {
     }
 
     fn pilot_luminance(&self, tracer: &Tracer, pilot: &[PilotPoint]) -> Vec<f32> {
-        use rayon::prelude::*;
         const SAMPLES: u32 = 8;
         let light = |(i, p): (usize, &PilotPoint)| {
             let mut sum = 0.0;
@@ -434,8 +423,8 @@ impl Lighting {
         sample: &LightSample,
     ) -> Option<f32> {
         // A last ray that samples only the sky is not traced in a scene without one.
-        let goes_on = self.sky.is_some() || !self.samples_only_sky(bounce);
-        let directions = goes_on.then(|| self.directions(&path.point));
+        let is_traced = self.sky.is_some() || !self.samples_only_sky(bounce);
+        let directions = is_traced.then(|| self.directions(&path.point));
         let direct = self.direct(tracer, &path.point, sample, bounce, directions.as_ref());
         path.add(direct, self.brightest(bounce));
         self.trace_next_ray(tracer, path, bounce, sample, &directions?)
@@ -454,17 +443,12 @@ impl Lighting {
         let dimension = bounce * DECISIONS;
         let point = path.point;
         let brightest = self.brightest(bounce);
-        let (direction, weight) = directions.draw(sample.pair(dimension + FIRST_DIRECTION));
+        let (direction, weight) = directions.sample(sample.pair(dimension + FIRST_DIRECTION));
         path.weight *= weight;
         if direction.dot(point.normal) <= 0.0 {
-            return None; // below the true surface: a shading normal that leans too far
+            return None; // below the geometric surface, about a tilted shading normal
         }
-        let ray = Ray {
-            origin: point.lifted(),
-            direction,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        };
+        let ray = Ray::new(point.ray_origin(), direction);
         let hit = if self.samples_only_sky(bounce) {
             // The last ray is only an occlusion test.
             if tracer.occluded(&ray) {
@@ -482,13 +466,15 @@ impl Lighting {
             return None;
         };
         if self.fill.radiance > 0.0 {
-            let open = (hit.t / self.fill.reach_m).min(1.0);
-            path.add(Vec3::splat(self.fill.radiance * open * open), f32::INFINITY);
+            let openness = (hit.t / self.fill.reach_m).min(1.0);
+            path.add(
+                Vec3::splat(self.fill.radiance * openness * openness),
+                f32::INFINITY,
+            );
         }
         let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
-        let by_chance =
-            self.emitter_light_from_hit(tracer, &point, &ray, &hit, &surface, directions);
-        path.add(by_chance, brightest);
+        let emitted = self.emitter_light_from_hit(tracer, &point, &ray, &hit, &surface, directions);
+        path.add(emitted, brightest);
         path.point = next;
         path.throughput *= Vec3::from_array(surface.albedo);
         if bounce >= ROULETTE_BOUNCES {

@@ -37,45 +37,39 @@ impl Pilot {
         let half = headbox.half_size_m as f32;
         let low = (headbox.centre - tracer.origin()).as_vec3() - half;
         let (mut surfaces, mut misses) = (Vec::new(), Vec::new());
-        let [mut surface_windows, mut miss_windows] = [const { Vec::new() }; 2];
+        let (mut windows, mut miss_windows) = (Vec::new(), Vec::new());
         for i in 0..RAYS {
             let window = i % (Self::WINDOWS * Self::WINDOWS);
-            let place = random4([i as u32, 1, 2, 3]).map(unit_float);
+            let [x, y, z, _] = random4([i as u32, 1, 2, 3]).map(unit_float);
             let aim = random4([i as u32, 4, 5, 6]).map(unit_float);
-            let origin = low + Vec3::new(place[0], place[1], place[2]) * (2.0 * half);
+            let origin = low + Vec3::new(x, y, z) * (2.0 * half);
             let in_window =
                 |cell: usize, jitter: f32| (cell as f32 + jitter) / Self::WINDOWS as f32;
             let y = 2.0 * in_window(window / Self::WINDOWS, aim[0]) - 1.0;
             let (sin, cos) =
                 (in_window(window % Self::WINDOWS, aim[1]) * std::f32::consts::TAU).sin_cos();
-            let rim = (1.0 - y * y).max(0.0).sqrt();
-            let direction = Vec3::new(rim * cos, y, rim * sin);
-            let ray = Ray {
-                origin,
-                direction,
-                t_min: 0.0,
-                t_max: f32::INFINITY,
-            };
+            let radius = (1.0 - y * y).max(0.0).sqrt();
+            let direction = Vec3::new(radius * cos, y, radius * sin);
+            let ray = Ray::new(origin, direction);
             let Some(hit) = tracer.closest(&ray) else {
                 misses.push(direction);
                 miss_windows.push(window);
                 continue;
             };
             let (point, surface) = LitPoint::from_hit(tracer, &ray, &hit);
-            let (albedo, emission) = (surface.albedo, surface.emission);
             surfaces.push(PilotPoint {
                 point,
-                albedo,
-                emission,
+                albedo: surface.albedo,
+                emission: surface.emission,
                 distance_m: hit.t,
             });
-            surface_windows.push(window);
+            windows.push(window);
         }
-        surface_windows.append(&mut miss_windows);
+        windows.append(&mut miss_windows);
         Self {
             surfaces,
             misses,
-            windows: surface_windows,
+            windows,
         }
     }
 

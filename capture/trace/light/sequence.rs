@@ -10,20 +10,21 @@
 /// scrambling of the two coordinates. In units of 2^-32.
 #[inline]
 pub(super) fn point(index: u32, [order, first, second]: [u32; 3]) -> [u32; 2] {
-    let index = scrambled(index.reverse_bits(), order).reverse_bits();
-    // The reversed bits of the first Sobol coordinate are those of the index, of the second these.
-    [scrambled(index, first), scrambled(pascal(index), second)].map(u32::reverse_bits)
+    let index = scramble(index.reverse_bits(), order).reverse_bits();
+    // The reversed bits of the Sobol coordinates are the index itself and its product with Pascal's
+    // triangle.
+    [scramble(index, first), scramble(pascal(index), second)].map(u32::reverse_bits)
 }
 
 /// Returns the first coordinate of [`point`].
 #[inline]
 pub(super) fn first(index: u32, [order, first]: [u32; 2]) -> u32 {
-    let index = scrambled(index.reverse_bits(), order).reverse_bits();
-    scrambled(index, first).reverse_bits()
+    let index = scramble(index.reverse_bits(), order).reverse_bits();
+    scramble(index, first).reverse_bits()
 }
 
-/// Bit i of the result is the sum, modulo 2, of the bits j of `index` of which i has no one that j
-/// lacks: Pascal's triangle modulo 2.
+/// Multiplies the bits of `index` by Pascal's triangle modulo 2: bit i of the result is the parity
+/// of the bits j of `index` for which `i & j == i`.
 #[inline]
 fn pascal(mut index: u32) -> u32 {
     index ^= index >> 1 & 0x5555_5555;
@@ -36,7 +37,7 @@ fn pascal(mut index: u32) -> u32 {
 /// Permutes numbers such that each bit depends on those below it (Laine and Karras 2011,
 /// with the constants of Vegdahl 2021).
 #[inline]
-fn scrambled(mut x: u32, seed: u32) -> u32 {
+fn scramble(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3d20_adea);
     x = x.wrapping_add(seed);
     x = x.wrapping_mul(seed >> 16 | 1);

@@ -12,7 +12,7 @@ use std::f32::consts::PI;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LocalLamp {
     intensity: Vec3,
-    /// Direction toward a lamp at infinity; position of any other, metres.
+    /// Unit vector toward a lamp at infinity; position of any other lamp, metres.
     position: Vec3,
     reach: Reach,
 }
@@ -39,7 +39,7 @@ impl LocalLamp {
     /// Returns the shadow ray from a point to the lamp and the lamp's unoccluded contribution;
     /// `None` if that is zero.
     fn ray(&self, point: &LitPoint) -> Option<(Ray, Vec3)> {
-        let origin = point.lifted();
+        let origin = point.ray_origin();
         let (to_lamp, range_m) = match self.reach {
             Reach::Distant { .. } => (self.position, f32::INFINITY),
             Reach::Point { range_m, .. } | Reach::Spot { range_m, .. } => {
@@ -55,7 +55,7 @@ impl LocalLamp {
         }
         let (t_max, falloff) = match self.reach {
             Reach::Distant { .. } => (f32::INFINITY, 1.0),
-            Reach::Point { .. } => (1.0, window(distance, range_m)),
+            Reach::Point { .. } => (1.0, attenuation(distance, range_m)),
             Reach::Spot {
                 axis,
                 cosines: [inner, outer],
@@ -65,7 +65,7 @@ impl LocalLamp {
                 let ramp = (-direction.dot(axis) - outer) / (inner - outer).max(1e-3);
                 (
                     1.0,
-                    ramp.clamp(0.0, 1.0).powi(2) * window(distance, range_m),
+                    ramp.clamp(0.0, 1.0).powi(2) * attenuation(distance, range_m),
                 )
             }
         };
@@ -84,7 +84,7 @@ impl LocalLamp {
 
 /// Returns the distance attenuation of KHR_lights_punctual: the inverse square, windowed to 0 at
 /// the range.
-fn window(distance: f32, range_m: f32) -> f32 {
+fn attenuation(distance: f32, range_m: f32) -> f32 {
     (1.0 - (distance / range_m).powi(4)).clamp(0.0, 1.0) / (distance * distance)
 }
 
@@ -99,12 +99,7 @@ fn sun_ray(sun: &Sun, point: &LitPoint, [u, v]: [f32; 2]) -> Option<(Ray, Vec3)>
     if cos <= 0.0 || to_sun.dot(point.normal) <= 0.0 {
         return None;
     }
-    let ray = Ray {
-        origin: point.lifted(),
-        direction: to_sun,
-        t_min: 0.0,
-        t_max: f32::INFINITY,
-    };
+    let ray = Ray::new(point.ray_origin(), to_sun);
     Some((ray, Vec3::from_array(sun.irradiance) * (cos / PI)))
 }
 
@@ -117,14 +112,14 @@ impl Lighting {
     /// Returns one sample of the part of [`Self::radiosity_per_albedo`] that comes directly from
     /// the sun and from punctual lamps, whose shadows are sharp.
     pub fn sharp_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
-        let brought = |(ray, light): (Ray, Vec3)| {
+        let contribution = |(ray, light): (Ray, Vec3)| {
             if tracer.occluded(&ray) {
                 Vec3::ZERO
             } else {
                 light
             }
         };
-        self.sharp_rays(point, sample).map(brought).sum()
+        self.sharp_rays(point, sample).map(contribution).sum()
     }
 
     /// Returns the shadow rays toward the sun and punctual lamps, with the unoccluded contribution
@@ -142,8 +137,8 @@ impl Lighting {
             .chain(self.lamps.iter().filter_map(|lamp| lamp.ray(point)))
     }
 
-    /// Returns [`Self::sharp_radiosity`] of each request, equal to the bit: neighbouring rays
-    /// toward one light are nearly parallel and are traced in packets.
+    /// Returns [`Self::sharp_radiosity`] of each request, bit-identical, but traced in packets:
+    /// neighbouring rays toward one light are nearly parallel.
     pub fn sharp_radiosities(
         &self,
         tracer: &Tracer,
@@ -197,14 +192,15 @@ impl Lighting {
         let level = |(_, light): &(Ray, Vec3)| luminance(light.to_array());
         let all: f32 = rays().map(|ray| level(&ray)).sum();
         let mut left = sample.single(dimension) * all;
-        let drawn = rays().find(|ray| {
+        let chosen = rays().find(|ray| {
             left -= level(ray);
             left < 0.0
         });
-        let brought = drawn.filter(|(ray, _)| !tracer.occluded(ray));
-        brought.map_or(Vec3::ZERO, |(_, light)| {
-            light * (all / luminance(light.to_array()))
-        })
+        chosen
+            .filter(|(ray, _)| !tracer.occluded(ray))
+            .map_or(Vec3::ZERO, |(_, light)| {
+                light * (all / luminance(light.to_array()))
+            })
     }
 }
 
@@ -216,7 +212,7 @@ fn add_in_packets(
 ) {
     let rays: Vec<(usize, Ray, Vec3)> = rays
         .enumerate()
-        .filter_map(|(i, ray)| ray.map(|(ray, brings)| (i, ray, brings)))
+        .filter_map(|(i, ray)| ray.map(|(ray, unoccluded)| (i, ray, unoccluded)))
         .collect();
     for rays in rays.chunks(PACKET) {
         let mut packet = RayPacket::EMPTY;
@@ -224,9 +220,9 @@ fn add_in_packets(
             .enumerate()
             .for_each(|(lane, (_, ray, _))| packet.set(lane, ray));
         let blocked = tracer.occluded_packet(&packet);
-        for (lane, &(i, _, brings)) in rays.iter().enumerate() {
+        for (lane, &(i, _, unoccluded)) in rays.iter().enumerate() {
             if blocked >> lane & 1 == 0 {
-                light[i] += brings;
+                light[i] += unoccluded;
             }
         }
     }

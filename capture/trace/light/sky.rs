@@ -3,7 +3,7 @@
 //!
 //! Both estimators have the same expectation; samples are weighted by the balance heuristic (Veach
 //! and Guibas 1995, "Optimally combining sampling techniques for Monte Carlo rendering"), so that
-//! neither a small bright spot nor a wide dim half makes noise. A sky that is a gradient has the
+//! neither a small bright spot nor a wide dim area causes noise. A gradient sky is sampled by the
 //! path's rays alone.
 
 use super::guide::Directions;
@@ -40,12 +40,7 @@ impl Lighting {
         if cos <= 0.0 || direction.dot(point.normal) <= 0.0 {
             return Vec3::ZERO;
         }
-        let ray = Ray {
-            origin: point.lifted(),
-            direction,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        };
+        let ray = Ray::new(point.ray_origin(), direction);
         if tracer.occluded(&ray) {
             return Vec3::ZERO;
         }

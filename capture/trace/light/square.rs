@@ -22,23 +22,16 @@ fn share(cumulative: &[f32; BINS], bin: usize) -> f32 {
     cumulative[bin] - if bin == 0 { 0.0 } else { cumulative[bin - 1] }
 }
 
-/// Inverts a cumulative distribution: the bin and the coordinate of a value.
-fn coordinate_of(cumulative: &[f32; BINS], at: f32) -> (usize, f32) {
-    let found = cumulative
-        .partition_point(|&share| share <= at)
+/// Inverts a cumulative distribution at a value: returns the bin and the coordinate.
+fn invert_cdf(cumulative: &[f32; BINS], value: f32) -> (usize, f32) {
+    let bin = cumulative
+        .partition_point(|&share| share <= value)
         .min(BINS - 1);
-    let (below, wide) = (
-        if found == 0 {
-            0.0
-        } else {
-            cumulative[found - 1]
-        },
-        share(cumulative, found),
-    );
+    let below = if bin == 0 { 0.0 } else { cumulative[bin - 1] };
     // The largest fraction whose sum with a bin's index does not round to the next bin.
     const BELOW_NEXT: f32 = 1.0 - BINS as f32 * f32::EPSILON;
-    let inside = ((at - below) / wide).clamp(0.0, BELOW_NEXT);
-    (found, (found as f32 + inside) / BINS as f32)
+    let inside = ((value - below) / share(cumulative, bin)).clamp(0.0, BELOW_NEXT);
+    (bin, (bin as f32 + inside) / BINS as f32)
 }
 
 impl SquareDensity {
@@ -62,13 +55,13 @@ impl SquareDensity {
 
     /// Warps a uniform point to one distributed by the density; stratification is preserved.
     pub(super) fn warp(&self, [u, v]: [f32; 2]) -> [f32; 2] {
-        let (row, y) = coordinate_of(&self.rows, v);
-        let (_, x) = coordinate_of(&self.columns[row], u);
+        let (row, y) = invert_cdf(&self.rows, v);
+        let (_, x) = invert_cdf(&self.columns[row], u);
         [x, y]
     }
 
     /// Returns the density at a point.
-    pub(super) fn at(&self, [x, y]: [f32; 2]) -> f32 {
+    pub(super) fn density(&self, [x, y]: [f32; 2]) -> f32 {
         let row = bin(y);
         share(&self.rows, row) * share(&self.columns[row], bin(x)) * (BINS * BINS) as f32
     }
@@ -113,7 +106,7 @@ mod tests {
                 "bin {i}: {drawn}, not {expected} +- {tolerance}"
             );
             let middle = [i % BINS, i / BINS].map(|c| (c as f32 + 0.5) / BINS as f32);
-            let at = f64::from(density.at(middle));
+            let at = f64::from(density.density(middle));
             let tolerance = 1e-5 * (BINS * BINS) as f64; // sums of shares up to 1 in f32
             assert!(
                 (at - expected * (BINS * BINS) as f64).abs() < tolerance,
@@ -129,7 +122,7 @@ mod tests {
             weights[heavy * BINS] = 1e3;
             let density = SquareDensity::new(&weights);
             // The last number before the end of the dominant row, where few numbers are left.
-            let (row, y) = coordinate_of(&density.rows, density.rows[heavy].next_down());
+            let (row, y) = invert_cdf(&density.rows, density.rows[heavy].next_down());
             assert!(
                 row == heavy && bin(y) == heavy && y < 1.0,
                 "{heavy}: {row}, {y}"
@@ -151,7 +144,7 @@ mod tests {
                 (x - point[0]).abs() < 1e-5 && (y - point[1]).abs() < 1e-5,
                 "{point:?}: {x}, {y}"
             );
-            assert!((density.at(point) - 1.0).abs() < 1e-4);
+            assert!((density.density(point) - 1.0).abs() < 1e-4);
         }
     }
 }

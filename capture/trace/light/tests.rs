@@ -36,16 +36,23 @@ fn tracer() -> Tracer {
     Tracer::new(Arc::new(scene), DVec3::ZERO)
 }
 
+/// Appends the two triangles of a quad.
+pub(super) fn add_quad(scene: &mut Scene, corners: [DVec3; 4], material: u32) {
+    let first = scene.positions.len() as u32;
+    scene.positions.extend(corners);
+    for vertices in [[0, 1, 2], [0, 2, 3]] {
+        scene.triangles.push(Triangle {
+            vertices: vertices.map(|v| first + v),
+            material,
+        });
+    }
+}
+
 fn requests(tracer: &Tracer) -> Vec<(LitPoint, LightSample)> {
     let ray = |i: u32| {
         let direction =
             Vec3::from_array([0, 1, 2].map(|k| unit_float(random4([i, k, 1, 1])[0]) - 0.5));
-        Ray {
-            origin: Vec3::ZERO,
-            direction,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        }
+        Ray::new(Vec3::ZERO, direction)
     };
     let hit = |ray: Ray| {
         tracer

@@ -31,7 +31,7 @@ pub struct Surroundings {
     pub median_m: f64,
     /// Fraction of directions with a surface.
     pub enclosed: f64,
-    /// Fraction of these surfaces that are seen from their back.
+    /// Fraction of these surfaces whose back side is visible.
     pub backs: f64,
 }
 
@@ -42,17 +42,12 @@ pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
     for i in 0..DIRECTIONS {
         let y = 1.0 - 2.0 * (i as f32 + 0.5) / DIRECTIONS as f32;
         let (sin, cos) = (i as f32 * 2.399_963_2).sin_cos(); // the golden angle
-        let rim = (1.0 - y * y).sqrt();
-        let direction = Vec3::new(rim * cos, y, rim * sin);
+        let radius = (1.0 - y * y).sqrt();
+        let direction = Vec3::new(radius * cos, y, radius * sin);
         if let Some(hit) = cast(tracer, world, direction) {
             distances.push(hit.t);
-            backs += u32::from(
-                tracer
-                    .scene()
-                    .geometric_normal(hit.primitive)
-                    .dot(direction)
-                    > 0.0,
-            );
+            let normal = tracer.scene().geometric_normal(hit.primitive);
+            backs += u32::from(normal.dot(direction) > 0.0);
         }
     }
     distances.sort_by(f32::total_cmp);
@@ -69,10 +64,5 @@ pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
 /// Returns the closest hit of a ray from a world position.
 fn cast(tracer: &Tracer, world: DVec3, direction: Vec3) -> Option<Hit> {
     let origin = (world - tracer.origin()).as_vec3();
-    tracer.closest(&Ray {
-        origin,
-        direction,
-        t_min: 0.0,
-        t_max: f32::INFINITY,
-    })
+    tracer.closest(&Ray::new(origin, direction))
 }

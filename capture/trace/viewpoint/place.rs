@@ -22,22 +22,22 @@ const STOREY_M: f64 = 0.5;
 /// Number of seeded candidate positions.
 const TRIES: u32 = 600;
 /// Clearance beyond which a standing position does not improve, metres.
-const AMPLE_M: f64 = 1.0;
+const SUFFICIENT_CLEARANCE_M: f64 = 1.0;
 /// Median distance beyond which a standing position does not improve, metres.
-const ROOMY_M: f64 = 10.0;
-
-/// Minimum clearance and minimum median distance of a standing position, metres.
-const NARROW_M: f64 = 0.2;
-const ARMS_LENGTH_M: f64 = 1.0;
+const SUFFICIENT_MEDIAN_M: f64 = 10.0;
+/// Minimum clearance of a standing position, metres.
+const MIN_CLEARANCE_M: f64 = 0.2;
+/// Minimum median distance of a standing position, metres.
+const MIN_MEDIAN_M: f64 = 1.0;
 /// Number of best positions whose views are compared.
 const SHORTLIST: usize = 64;
 /// Minimum clearance of a free position relative to the scene's diagonal; less is a gap between
 /// objects.
-const CRAMPED: f64 = 0.05;
+const MIN_CLEARANCE_SHARE: f64 = 0.05;
 /// Minimum fraction of directions with surfaces inside a room; fewer means next to objects.
-const WITHIN_WALLS: f64 = 0.75;
-/// Fraction of visible back faces from which the eye is inside a solid.
-const WITHIN_A_SOLID: f64 = 0.99;
+const MIN_ENCLOSED: f64 = 0.75;
+/// Minimum fraction of visible back faces inside a solid.
+const SOLID_BACKS: f64 = 0.99;
 
 /// Maximum distance from the scene, in its diagonals: beyond, it is less than a pixel wide on the
 /// largest face (2/8192 of its depth).
@@ -77,17 +77,17 @@ pub fn place_headbox(
     half_size_m: Option<f64>,
 ) -> Result<Headbox, HeadboxError> {
     let [low, high] = scene.bounds();
-    let scout = || Tracer::new(Arc::clone(scene), (low + high) / 2.0);
+    let tracer = || Tracer::new(Arc::clone(scene), (low + high) / 2.0);
     let suggested = match centre {
         Some(_) => None,
-        None => Some(scene.headbox.unwrap_or_else(|| suggest_headbox(&scout()))),
+        None => Some(scene.headbox.unwrap_or_else(|| suggest_headbox(&tracer()))),
     };
     let centre = centre
         .or(suggested.map(|headbox| headbox.centre))
         .unwrap_or_default();
     let half_size_m = half_size_m
         .or(suggested.map(|headbox| headbox.half_size_m))
-        .unwrap_or_else(|| suggest_half_size(&scout(), centre));
+        .unwrap_or_else(|| suggest_half_size(&tracer(), centre));
     if !centre.is_finite() {
         return Err(HeadboxError::Centre(centre));
     }
@@ -134,12 +134,12 @@ pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
 
 /// Suggests a headbox at the eyes of a person standing on a floor, at the best of some seeded
 /// positions by clearance and view; without room to stand, at a free position in the lower part of
-/// the scene's box; and without one, as for a statue, a tree or a house without ground, in front of
+/// the scene's bounding box; without one (a statue, a tree, a house without ground), in front of
 /// the scene.
 pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
     let centre = standing_place(tracer)
         .or_else(|| free_place(tracer))
-        .unwrap_or_else(|| place_before(tracer));
+        .unwrap_or_else(|| place_in_front(tracer));
     Headbox {
         centre,
         half_size_m: suggest_half_size(tracer, centre),
@@ -152,19 +152,18 @@ fn seeded_place(i: u32, low: DVec3, high: DVec3) -> DVec3 {
     low + (high - low) * DVec3::new(x, y, z)
 }
 
+/// Returns the best free position in the lower part of the scene's bounding box.
 fn free_place(tracer: &Tracer) -> Option<DVec3> {
     let [low, high] = tracer.scene().bounds();
     let diagonal = (high - low).length();
     // The lower part of the box: scenes are usually viewed from near the ground.
-    let (lower, upper) = (0.1, 0.6);
-    let [floor, ceiling] = [lower, upper].map(|share| low.y + (high.y - low.y) * share);
+    let [floor, ceiling] = [0.1, 0.6].map(|share| low.y + (high.y - low.y) * share);
     let (low, high) = (
         DVec3::new(low.x, floor, low.z),
         DVec3::new(high.x, ceiling, high.z),
     );
     let score = |around: Surroundings| {
-        let is_within = around.clearance_m >= CRAMPED * diagonal && around.enclosed >= WITHIN_WALLS;
-        if is_within {
+        if around.clearance_m >= MIN_CLEARANCE_SHARE * diagonal && around.enclosed >= MIN_ENCLOSED {
             around.clearance_m * around.enclosed * around.enclosed
         } else {
             0.0
@@ -197,13 +196,16 @@ fn standing_place(tracer: &Tracer) -> Option<DVec3> {
 
 /// Returns the score of a standing position from its surroundings: 0 in a narrow gap.
 pub(super) fn standing_score(around: Surroundings) -> f64 {
-    if around.clearance_m < NARROW_M || around.median_m < ARMS_LENGTH_M {
+    if around.clearance_m < MIN_CLEARANCE_M || around.median_m < MIN_MEDIAN_M {
         return 0.0;
     }
     // Saturates at the threshold: a room with one open side is best seen from that side, not from
     // its far corner.
-    let within = (around.enclosed / WITHIN_WALLS).min(1.0);
-    around.clearance_m.min(AMPLE_M) * around.median_m.min(ROOMY_M) * within * within
+    let enclosed = (around.enclosed / MIN_ENCLOSED).min(1.0);
+    around.clearance_m.min(SUFFICIENT_CLEARANCE_M)
+        * around.median_m.min(SUFFICIENT_MEDIAN_M)
+        * enclosed
+        * enclosed
 }
 
 /// Returns the position with the highest product of score and interest of its view, among those
@@ -214,25 +216,27 @@ fn find_best(
     score: impl Fn(Surroundings) -> f64,
 ) -> Option<DVec3> {
     let scored = places.map(|place| (look_around(tracer, place), place));
-    let open = scored.filter(|(around, _)| around.backs < WITHIN_A_SOLID);
-    let mut scored: Vec<(f64, DVec3)> =
-        open.map(|(around, place)| (score(around), place)).collect();
-    scored.retain(|(score, _)| *score > 0.0);
+    let mut scored: Vec<(f64, DVec3)> = scored
+        .filter(|(around, _)| around.backs < SOLID_BACKS)
+        .map(|(around, place)| (score(around), place))
+        .filter(|(score, _)| *score > 0.0)
+        .collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     scored.truncate(SHORTLIST);
-    let seen: Vec<(f64, DVec3)> = scored
+    let products: Vec<(f64, DVec3)> = scored
         .into_par_iter()
         .map(|(score, place)| (score * best_view(tracer, place).interest, place))
         .collect();
-    let most = seen.iter().map(|(seen, _)| *seen).fold(0.0, f64::max);
-    seen.into_iter()
-        .find(|(seen, _)| *seen >= most)
+    let greatest = products.iter().map(|(p, _)| *p).fold(0.0, f64::max);
+    products
+        .into_iter()
+        .find(|(product, _)| *product >= greatest)
         .map(|(_, place)| place)
 }
 
 /// Returns a position in front of the scene (+Z) from which it fits into a view of 60 degrees: at
 /// eye height, or at the height of its centre if that is lower.
-fn place_before(tracer: &Tracer) -> DVec3 {
+fn place_in_front(tracer: &Tracer) -> DVec3 {
     let [low, high] = tracer.scene().bounds();
     let (middle, distance) = ((low + high) / 2.0, (high - low).length());
     let eye_y = (low.y + EYE_HEIGHT_M)
@@ -262,18 +266,18 @@ fn is_level_around(tracer: &Tracer, floor: DVec3) -> bool {
     })
 }
 
-/// The height of floor at which most of the places are.
+/// Returns the floor height with the most positions within half a storey's tolerance; the lowest of
+/// equals.
 fn busiest_storey(floors: &[DVec3]) -> Option<f64> {
-    let company = |floor: &DVec3| {
+    let neighbours = |floor: &DVec3| {
         floors
             .iter()
             .filter(|other| (other.y - floor.y).abs() <= STOREY_M / 2.0)
             .count()
     };
-    // Of equals the lowest.
     floors
         .iter()
-        .map(|floor| (company(floor), -floor.y))
+        .map(|floor| (neighbours(floor), -floor.y))
         .max_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)))
         .map(|(_, y)| -y)
 }

@@ -4,14 +4,14 @@ use super::cast;
 use crate::bvh::Tracer;
 use glam::{DVec3, Vec3};
 
-/// Number of horizontal directions that are tried.
+/// Number of candidate horizontal directions.
 const AZIMUTHS: u32 = 16;
 /// Numbers of rays across and up a view.
 const RAYS: [u32; 2] = [24, 16];
 /// Half the width and half the height of a view, as tangents: 62 by 44 degrees.
 const HALF_VIEW: [f64; 2] = [0.6, 0.4];
-/// Fraction of the best interest from which a view counts as equally good; of these, the one
-/// nearest to -Z is chosen, the direction that scene authors usually intend.
+/// Fraction of the best interest from which a view counts as equally good. Of these, the one
+/// nearest to -Z is chosen: the direction that scene authors usually intend.
 const AS_GOOD: f64 = 0.8;
 
 /// A candidate viewing direction.
@@ -24,26 +24,21 @@ pub(super) struct View {
 }
 
 /// Returns the default horizontal viewing direction from a world position, a unit vector in world
-/// axes: the one in whose view depth, orientation and colour change most from ray to ray, weighted
-/// by distance. A blank wall and an empty sky have neither. Every default camera uses it.
+/// axes: the one whose view has the largest changes of depth, orientation and colour from ray to
+/// ray, weighted by distance (none for a blank wall or an empty sky). All default cameras use it.
 pub fn suggest_view(tracer: &Tracer, world: DVec3) -> DVec3 {
     best_view(tracer, world).ahead
 }
 
 /// Returns the view of [`suggest_view`] with its interest.
 pub(super) fn best_view(tracer: &Tracer, world: DVec3) -> View {
-    let views = (0..AZIMUTHS).map(|i| {
+    let view = |i: u32| {
         let angle = f64::from(i) / f64::from(AZIMUTHS) * std::f64::consts::TAU;
         let ahead = DVec3::new(angle.sin(), 0.0, -angle.cos());
-        (
-            i.min(AZIMUTHS - i),
-            View {
-                interest: interest(tracer, world, ahead),
-                ahead,
-            },
-        )
-    });
-    let views: Vec<(u32, View)> = views.collect();
+        let interest = interest(tracer, world, ahead);
+        (i.min(AZIMUTHS - i), View { interest, ahead })
+    };
+    let views: Vec<(u32, View)> = (0..AZIMUTHS).map(view).collect();
     let best = views
         .iter()
         .map(|(_, view)| view.interest)
@@ -51,7 +46,6 @@ pub(super) fn best_view(tracer: &Tracer, world: DVec3) -> View {
     let as_good = views
         .into_iter()
         .filter(|(_, view)| view.interest >= AS_GOOD * best);
-    // The first of equals.
     as_good.min_by_key(|(turn, _)| *turn).map_or(
         View {
             interest: 0.0,

@@ -76,10 +76,5 @@ pub(crate) fn load_packet(rays: &Rays, start: usize) -> RayPacket {
 /// Loads ray `i`, without distance limits.
 pub(crate) fn load_ray(rays: &Rays, i: usize) -> Ray {
     let [ox, oy, oz, dx, dy, dz] = [0, 1, 2, 3, 4, 5].map(|component: usize| rays[component][i]);
-    Ray {
-        origin: Vec3::new(ox, oy, oz),
-        direction: Vec3::new(dx, dy, dz),
-        t_min: 0.0,
-        t_max: f32::INFINITY,
-    }
+    Ray::new(Vec3::new(ox, oy, oz), Vec3::new(dx, dy, dz))
 }
